@@ -184,6 +184,7 @@ SAMPLES: dict[str, Callable[[], Names]] = {
     "docs/start/own_light_field.md": own_light_field,
     "docs/howto/export_to_imagej.md": small_flower,
     "docs/howto/larger_than_memory.md": larger_than_memory,
+    "docs/howto/looking_glass.md": small_flower,
     "docs/howto/matlab_and_numpy.md": matlab_and_numpy,
     "docs/howto/point_cloud.md": small_flower,
     "docs/howto/refocus_in_metres.md": small_flower,

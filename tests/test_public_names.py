@@ -26,6 +26,7 @@ ONE_WAY = {
     "frame": "of many formats; write_picture writes one",
     "html": "a page to look at; it holds pictures, not samples to compute with",
     "lattice": "of JSON and Raytrix XML; Lattice.save and write_raytrix write them",
+    "quilt": "a picture for a display; read_picture reads it",
     "masks": "part of what write_truth writes",
     "mosaic": "read_lightfield reads it",
     "scene_truth": "all that write_truth writes; read_truth is of any data set",

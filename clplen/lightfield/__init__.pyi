@@ -35,6 +35,8 @@ from .model.apertures import hann as hann
 from .model.apertures import kaiser as kaiser
 from .model.apertures import polygon as polygon
 from .model.apertures import regular_polygon as regular_polygon
+from .model.between_views import view_between as view_between
+from .model.between_views import views_between as views_between
 from .model.light_field import LightField as LightField
 from .model.phase_space import PhaseSpace as PhaseSpace
 from .model.phase_space import phase_space as phase_space
