@@ -187,6 +187,7 @@ SAMPLES: dict[str, Callable[[], Names]] = {
     "docs/howto/looking_glass.md": small_flower,
     "docs/howto/matlab_and_numpy.md": matlab_and_numpy,
     "docs/howto/point_cloud.md": small_flower,
+    "docs/howto/nerf_and_splats.md": small_flower,
     "docs/howto/refocus_in_metres.md": small_flower,
     "docs/howto/views_in_wrong_order.md": small_flower,
     "docs/howto/white_image_not_found.md": white_images,

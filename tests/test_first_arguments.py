@@ -142,6 +142,7 @@ UNCHECKED = {
     "scene_energy",
     "suitable_planes",
     "wavefront",
+    "view_cameras",
 }
 WRONG = {
     "None": None,

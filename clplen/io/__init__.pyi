@@ -1,3 +1,5 @@
+from .displays.pose_files import write_colmap as write_colmap
+from .displays.pose_files import write_nerf as write_nerf
 from .displays.quilt import DISPLAYS as DISPLAYS
 from .displays.quilt import QuiltLayout as QuiltLayout
 from .displays.quilt import write_quilt as write_quilt

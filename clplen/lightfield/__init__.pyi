@@ -42,6 +42,8 @@ from .model.phase_space import PhaseSpace as PhaseSpace
 from .model.phase_space import phase_space as phase_space
 from .model.rendering import plane_through as plane_through
 from .model.stored_light_field import StoredLightField as StoredLightField
+from .model.view_cameras import ViewCameras as ViewCameras
+from .model.view_cameras import view_cameras as view_cameras
 from .raw.demosaicing import demosaic as demosaic
 from .raw.lenslet_grid import LensletGrid as LensletGrid
 from .raw.lenslet_grid import LensType as LensType
