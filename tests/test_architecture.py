@@ -51,9 +51,9 @@ ROOMS: dict[str, tuple[set[str], ...]] = {
     ),
     "cameras": ({"scenes"}, {"optics"}, {"exposure"}),
     "analysis": ({"point"}, {"cameras"}, {"report"}),
-    "io": ({"formats"}, {"store"}, {"raw"}, {"lightfields"}, {"results", "page"}),
+    "io": ({"formats"}, {"store"}, {"raw"}, {"lightfields"}, {"results", "page", "displays"}),
     "batch": ({"jobs"}, {"work"}, {"running"}),
-    "cli": ({"shared"}, {"microscopy"}),
+    "cli": ({"shared"}, {"microscopy", "displays"}),
 }
 HEIGHT = {unit: height for height, units in enumerate(STOREYS) for unit in units}
 TOPICS = ("analysis", "batch", "cameras", "io", "lightfield", "microscopy", "plot", "wave")

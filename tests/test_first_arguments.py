@@ -27,6 +27,8 @@ OF_LIGHTFIELDS: dict[str, dict[str, Any]] = {
     "hyperfan": {"low": -0.5, "high": 0.5},
     "phase_space": {"y": 3, "v": 1},
     "refocus": {"disparity": 0.5},
+    "view_between": {"v": 1, "u": 2.5, "disparity": 0.5},
+    "views_between": {"viewpoints": [(1, 2.5)], "disparity": 0.5},
 }
 WAVE = {"wavelength": objects.LAM, "device": "cpu"}
 OTHERS: dict[str, tuple[tuple[Any, ...], dict[str, Any]]] = {
@@ -140,6 +142,7 @@ UNCHECKED = {
     "scene_energy",
     "suitable_planes",
     "wavefront",
+    "view_cameras",
 }
 WRONG = {
     "None": None,

@@ -20,12 +20,15 @@ from clplen import _MOVED
 # What has no counterpart, and why.
 ONE_WAY = {
     "animation": "shown, not computed with",
+    "colmap": "for other programs",
     "disparity": "of many formats and programs; write_depth and write_pfm write them",
     "focused": "read_image reads the picture; its geometry is that of the raw image",
     "focused_depth": "for other programs; its geometry is that of the raw image",
     "frame": "of many formats; write_picture writes one",
     "html": "a page to look at; it holds pictures, not samples to compute with",
     "lattice": "of JSON and Raytrix XML; Lattice.save and write_raytrix write them",
+    "nerf": "for other programs",
+    "quilt": "a picture for a display; read_picture reads it",
     "masks": "part of what write_truth writes",
     "mosaic": "read_lightfield reads it",
     "scene_truth": "all that write_truth writes; read_truth is of any data set",

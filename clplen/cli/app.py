@@ -14,6 +14,8 @@ from clplen.cli.bench import bench
 from clplen.cli.demo import demo
 from clplen.cli.depth import depth
 from clplen.cli.devices import devices
+from clplen.cli.displays.poses import poses
+from clplen.cli.displays.quilt import quilt
 from clplen.cli.epi import epi
 from clplen.cli.info import info
 from clplen.cli.microscopy.deconvolve import deconvolve
@@ -52,6 +54,8 @@ _COMMANDS = (
     epi,
     info,
     microscope,
+    poses,
+    quilt,
     refocus,
     render,
     sampling,

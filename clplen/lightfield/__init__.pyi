@@ -35,11 +35,15 @@ from .model.apertures import hann as hann
 from .model.apertures import kaiser as kaiser
 from .model.apertures import polygon as polygon
 from .model.apertures import regular_polygon as regular_polygon
+from .model.between_views import view_between as view_between
+from .model.between_views import views_between as views_between
 from .model.light_field import LightField as LightField
 from .model.phase_space import PhaseSpace as PhaseSpace
 from .model.phase_space import phase_space as phase_space
 from .model.rendering import plane_through as plane_through
 from .model.stored_light_field import StoredLightField as StoredLightField
+from .model.view_cameras import ViewCameras as ViewCameras
+from .model.view_cameras import view_cameras as view_cameras
 from .raw.demosaicing import demosaic as demosaic
 from .raw.lenslet_grid import LensletGrid as LensletGrid
 from .raw.lenslet_grid import LensType as LensType

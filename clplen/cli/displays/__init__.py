@@ -1,0 +1,1 @@
+"""Commands for displays and other programs; may import shared."""

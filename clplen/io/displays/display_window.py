@@ -1,0 +1,97 @@
+"""The part of every view that a display shows: of its proportions, with one depth in its plane."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike
+from PIL import Image
+
+Array = np.ndarray[Any, Any]
+
+_LEAST = 0.25  # of a view's width or height that has to be left
+
+
+@dataclass(frozen=True)
+class DisplayWindow:
+    """A rectangle of the centre view, which moves from view to view with one depth.
+
+    Attributes
+    ----------
+    centre : tuple of float
+        (y, x) from the upper left corner of the centre view, in its pixels.
+    size : tuple of float
+        Height and width in pixels of a view.
+    """
+
+    centre: tuple[float, float]
+    size: tuple[float, float]
+
+    def shown(self, picture: Array, shift: ArrayLike, pixels: tuple[int, int]) -> Array:
+        """The window of one view at another number of pixels.
+
+        Parameters
+        ----------
+        picture : numpy.ndarray
+            uint8, shape (y, x) or (y, x, 3).
+        shift : array_like
+            (y, x): where the depth that lies in the display's plane stands in this view, from
+            where it stands in the centre view, in pixels.
+        pixels : tuple of int
+            (y, x) of the result.
+
+        Returns
+        -------
+        numpy.ndarray
+            uint8; bicubic, averaged where it becomes smaller.
+        """
+        y, x = np.asarray(self.centre) + np.asarray(shift)
+        height, width = self.size
+        box = (x - width / 2, y - height / 2, x + width / 2, y + height / 2)
+        ends = np.array((picture.shape[1], picture.shape[0]) * 2)
+        left, upper, right, lower = np.clip(box, 0, ends).tolist()
+        image = Image.fromarray(np.ascontiguousarray(picture))
+        method, part = Image.Resampling.BICUBIC, (left, upper, right, lower)
+        return np.asarray(image.resize(pixels[::-1], method, box=part))
+
+
+def display_window(
+    size: tuple[int, ...], shifts: ArrayLike, aspect: float | None = None
+) -> DisplayWindow:
+    """The largest window that lies inside every view.
+
+    Parameters
+    ----------
+    size : tuple of int
+        (y, x) pixels of a view.
+    shifts : array_like
+        Shape (n, 2): of `DisplayWindow.shown`, for every view that will be shown.
+    aspect : float, optional
+        Width over height; None keeps what all views have in common.
+
+    Returns
+    -------
+    DisplayWindow
+
+    Raises
+    ------
+    ValueError
+        If less than a quarter of the height or the width is in all views.
+    """
+    moved = np.asarray(shifts, np.float64)
+    low, high = moved.min(0), moved.max(0)
+    room = np.asarray(size) - (high - low)
+    for name, left, full, reach in zip("yx", room, size, high - low, strict=True):
+        if left < _LEAST * full:
+            raise ValueError(
+                f"The depth in the display's plane moves by {reach:.3g} pixels along {name} from "
+                f"the first view to the last, and a view has {full}: take a smaller part of the "
+                "baseline, or a depth whose disparity is nearer to 0."
+            )
+    height, width = (float(n) for n in room)
+    if aspect is not None:
+        height, width = min(height, width / aspect), min(width, height * aspect)
+    centre = (np.asarray(size) - (high + low)) / 2
+    return DisplayWindow((float(centre[0]), float(centre[1])), (height, width))
