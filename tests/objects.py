@@ -169,6 +169,13 @@ EXAMPLES: dict[str, Callable[[Device], Any]] = {
         snapshots=4,
     ),
     "ColorFilterArray": lambda _: clplen.cameras.ColorFilterArray.quad_bayer("GBRG"),
+    "QuiltLayout": lambda _: clplen.io.QuiltLayout(8, 6, (3360, 3360), 0.75),
+    "ViewCameras": lambda device: clplen.lightfield.view_cameras(
+        clplen.LightField.from_array(samples(3, 5, 24, 32), device=device),
+        baseline=1e-3,
+        focal_length=0.05,
+        pixel_pitch=1e-5,
+    ),
     "PixelArray": lambda _: clplen.cameras.PixelArray(pitch=1.4e-6, fill_factor=0.8),
     "MicrolensArray": lambda _: MLA,
     "Microscope": lambda device: clplen.PlenopticCamera.microscope(**MICROSCOPE, device=device),

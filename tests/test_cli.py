@@ -84,6 +84,8 @@ def test_help_has_an_example_of_each_command():
         "epi",
         "info",
         "microscope",
+        "poses",
+        "quilt",
         "refocus",
         "render",
         "sampling",

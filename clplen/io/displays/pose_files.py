@@ -49,6 +49,7 @@ def write_nerf(
     pictures : numpy.ndarray
         uint8, shape (v, u, y, x) or (v, u, y, x, 3).
     cameras : ViewCameras
+        Of all views.
     points : numpy.ndarray, optional
         Shape (n, 3), as `ViewCameras.points` gives them; written as points.ply, in the world's
         axes, where nerfstudio looks for them. Those that are not finite are left out.
@@ -72,6 +73,7 @@ def write_nerf(
     >>> cameras = clplen.lightfield.view_cameras(
     ...     clplen.LightField.from_array(views), baseline=1.0, focal_length=32.0, pixel_pitch=1.0)
     >>> clplen.io.write_nerf("for_nerf", views, cameras)
+    >>> import json
     >>> with open("for_nerf/transforms.json") as file:
     ...     frames = json.load(file)["frames"]
     >>> frames[4]["file_path"], [row[3] for row in frames[4]["transform_matrix"]]
@@ -132,6 +134,7 @@ def write_colmap(
     pictures : numpy.ndarray
         uint8, shape (v, u, y, x) or (v, u, y, x, 3).
     cameras : ViewCameras
+        Of all views.
     points : numpy.ndarray, optional
         Shape (n, 3), as `ViewCameras.points` gives them; without tracks. Those that are not finite
         are left out.

@@ -160,6 +160,7 @@ def write_quilt(path: PathLike, tiles: Iterable[Array], layout: QuiltLayout) -> 
     tiles : iterable of numpy.ndarray
         uint8, of the tile's shape (y, x) or (y, x, 3), the leftmost viewpoint first.
     layout : QuiltLayout
+        Columns, rows and size.
 
     Returns
     -------

@@ -63,7 +63,7 @@ def view_between(lf: LightField, v: float, u: float, disparity: ArrayLike) -> Im
 
     See Also
     --------
-    LightField.view : faster, for scenes without edges of depth.
+    LightField.view : Faster, for scenes without edges of depth.
 
     Notes
     -----
@@ -86,7 +86,7 @@ def view_between(lf: LightField, v: float, u: float, disparity: ArrayLike) -> Im
 def views_between(
     lf: LightField, viewpoints: Iterable[tuple[float, float]], disparity: ArrayLike
 ) -> Iterator[Image]:
-    """Yield `view_between` of many viewpoints, which share what is computed for recorded views.
+    """Return `view_between` of many viewpoints, which share what recorded views need.
 
     Parameters
     ----------
@@ -97,9 +97,9 @@ def views_between(
     disparity : float or array_like
         As in `view_between`.
 
-    Yields
-    ------
-    Image
+    Returns
+    -------
+    iterator of Image
         float32, shape (y, x[, c]).
 
     Raises

@@ -12,12 +12,13 @@ from clplen.errors import ShapeError
 from clplen.lightfield.model.alpha_law import unit_steps
 from clplen.lightfield.model.sampled_views import SampledViews
 from clplen.lightfield.raw.raw_image import is_telecentric
+from clplen.reprs import OneLine
 
 Array = np.ndarray[Any, Any]
 
 
-@dataclass(frozen=True)
-class ViewCameras:
+@dataclass(frozen=True, repr=False, eq=False)
+class ViewCameras(OneLine):
     """Pinhole cameras with parallel axes, one a view; made by `view_cameras`.
 
     Points are (x, y, z): x right, y down, z along the axes, from the pinhole of the centre view.
@@ -40,6 +41,14 @@ class ViewCameras:
         The distance where disparity is 0; inf if it is infinite.
     size : tuple of int
         (y, x) pixels of a view.
+
+    Examples
+    --------
+    >>> lf = clplen.LightField.from_array(np.ones((3, 5, 24, 32), np.float32))
+    >>> cameras = clplen.lightfield.view_cameras(
+    ...     lf, baseline=1e-3, focal_length=0.05, pixel_pitch=1e-5)
+    >>> cameras.distance([5.0, 2.5]).tolist()
+    [1.0, 2.0]
     """
 
     centres: Array
@@ -130,6 +139,7 @@ def view_cameras(
     Parameters
     ----------
     lf : LightField
+        Or a `StoredLightField`: its shape, spacing and camera are looked at.
     baseline, focal_length, pixel_pitch : float, optional
         The step from view to view of a row, the distance from pinhole to sensor and the pitch of
         the pixels, in metres or any other unit, all three or none.
@@ -139,6 +149,7 @@ def view_cameras(
     Returns
     -------
     ViewCameras
+        One camera for each view.
 
     Raises
     ------
