@@ -92,6 +92,7 @@ def test_help_has_an_example_of_each_command():
         "score",
         "simulate",
         "stack",
+        "stereo",
         "view",
         "worker",
     ]

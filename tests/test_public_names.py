@@ -25,6 +25,7 @@ ONE_WAY = {
     "focused": "read_image reads the picture; its geometry is that of the raw image",
     "focused_depth": "for other programs; its geometry is that of the raw image",
     "frame": "of many formats; write_picture writes one",
+    "glb": "for other programs; write_ply keeps what read_ply reads",
     "html": "a page to look at; it holds pictures, not samples to compute with",
     "lattice": "of JSON and Raytrix XML; Lattice.save and write_raytrix write them",
     "nerf": "for other programs",

@@ -16,6 +16,7 @@ from clplen.cli.depth import depth
 from clplen.cli.devices import devices
 from clplen.cli.displays.poses import poses
 from clplen.cli.displays.quilt import quilt
+from clplen.cli.displays.stereo import stereo
 from clplen.cli.epi import epi
 from clplen.cli.info import info
 from clplen.cli.microscopy.deconvolve import deconvolve
@@ -62,6 +63,7 @@ _COMMANDS = (
     score,
     simulate,
     stack,
+    stereo,
     view,
     worker,
 )

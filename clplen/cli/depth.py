@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from contextlib import contextmanager
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -41,6 +42,7 @@ if TYPE_CHECKING:
 Values = np.ndarray[Any, Any]
 
 _MAPS = (".pfm", ".tif", ".tiff", ".npy")
+_NOTHING = 1e-3  # confidence of a map that tells nothing, but for rounding
 _SURE = 0.5  # confidence above which a pixel counts as sure
 
 
@@ -65,6 +67,13 @@ _SURE = 0.5  # confidence above which a pixel counts as sure
     type=click.Path(path_type=Path),
     help="Confidence from 0 to 1, as .pfm, .tif or .npy.",
 )
+@click.option(
+    "--aperture",
+    type=options.Aperture(),
+    metavar="N|FRACTION|f/N",
+    help="Views to use: their number, a fraction of the full diameter, or an f-number; leaves out "
+    "dark rims.",
+)
 @depth_words
 @options.plane_range
 @metric.lengths
@@ -76,6 +85,7 @@ def depth(
     output: Path,
     cue: str | None,
     confidence: Path | None,
+    aperture: Any,
     ms: Any,
     focused: bool,
     image: Path | None,
@@ -102,7 +112,7 @@ def depth(
     lengths = metric.lengths_of(words)
     picture = output.with_suffix(".png")
     if is_meant(source, {"m": ms, "focused": focused, "image": image}):
-        refuse(cue=cue, disparities=disparities, alphas=alphas, memory=memory)
+        refuse(cue=cue, aperture=aperture, disparities=disparities, alphas=alphas, memory=memory)
         refuse(baseline_mm=lengths.camera if lengths else None)
         maps, more = (confidence,), (output, picture)
         _check_names(source, words, maps, lengths, *more)
@@ -121,7 +131,8 @@ def depth(
         )
         return
     _check_names(source, words, (output, confidence), lengths, picture)
-    with _opened(source, selector, words, memory) as (lf, device):
+    with _opened(source, selector, words, memory) as (opened, device):
+        lf = opened if aperture is None else _through(opened, aperture)
         if lengths is not None:
             metric.check_camera(lf, lengths)
         planes = planes_of(lf, disparities, alphas)
@@ -161,6 +172,15 @@ def _opened(
             yield opened
 
 
+def _through(
+    lf: LightField | StoredLightField, aperture: Any
+) -> LightField | StoredLightField:
+    """The light field with the views of an aperture alone."""
+    from clplen.lightfield.model.rendering import view_weights
+
+    return replace(lf, weights=view_weights(lf, aperture, None))
+
+
 def _found(
     lf: LightField | StoredLightField,
     device: Device,
@@ -192,7 +212,7 @@ def _check_names(
         check_suffix(path, _MAPS)
     outputs += more
     if lengths is not None and lengths.ply is not None:
-        check_suffix(lengths.ply, (".ply",))
+        check_suffix(lengths.ply, (".ply", ".glb"))
         outputs.append(lengths.ply)
     for path in outputs:
         if outputs.count(path) > 1:
@@ -201,10 +221,15 @@ def _check_names(
 
 
 def _summary(found: DepthMap) -> str:
-    """How many pixels are sure, and the range of their disparities."""
+    """The range of the disparities, and how many pixels are sure."""
     sure = found.confidence > _SURE
     share = f"{100 * sure.mean():.0f} % of the pixels are sure (confidence above {_SURE:g})"
-    if not sure.any():
+    known = found.disparity[np.isfinite(found.disparity)]
+    if not known.size or found.confidence.max() <= _NOTHING:
         return f"{share}: what the map holds was not measured, the views show too little detail."
+    low, high = np.percentile(known, [1, 99])
+    text = f"98 % of the disparities lie from {low:.3f} to {high:.3f}; {share}"
+    if not sure.any():
+        return f"{text}: the views show little detail, or differ in brightness."
     low, high = found.disparity[sure].min(), found.disparity[sure].max()
-    return f"{share}, with disparities from {low:.3f} to {high:.3f}."
+    return f"{text}, those from {low:.3f} to {high:.3f}."

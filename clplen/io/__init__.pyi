@@ -3,7 +3,9 @@ from .displays.pose_files import write_nerf as write_nerf
 from .displays.quilt import DISPLAYS as DISPLAYS
 from .displays.quilt import QuiltLayout as QuiltLayout
 from .displays.quilt import write_quilt as write_quilt
+from .displays.stereo import anaglyph as anaglyph
 from .formats.animation import write_animation as write_animation
+from .formats.glb import write_glb as write_glb
 from .formats.npy import read_npy as read_npy
 from .formats.npy import write_npy as write_npy
 from .formats.pfm import read_pfm as read_pfm

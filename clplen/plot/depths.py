@@ -21,7 +21,7 @@ _DISPARITY = "disparity / pixel per view step (nearer: larger)"
 _ROUNDING = 1e-3  # of a confidence
 _DRAWN = 800  # pixels along the longer side that are drawn, at least: more only take memory
 _SURE = 0.5  # confidence from which on a pixel counts as sure, as in `clplen depth`
-_ENOUGH = 0.01  # share of sure pixels that sets the colours
+_FAINTEST = 0.35  # opacity of a pixel of confidence 0
 _GREY = "0.7"
 _MARGIN = 0.1  # inches round a panel
 _LINE, _ROW = 48, 0.2  # letters over one panel, inches a line of them
@@ -196,10 +196,9 @@ def phase_space(
 def depth(found: DepthMap, *, title: str = "") -> Figure:
     """Draw a disparity map and its confidence, with colour bars.
 
-    The colours span the 2nd to the 98th percentile of the sure pixels, of confidence 0.5 or more
-    (where they are less than 1 % of all, of those at least half as sure as the surest). What lies
-    outside is cut in the colours (the arrows of the bar say so), never in the data. Pixels less
-    sure than 0.5 fade to grey in proportion, and those without a disparity are grey. Where the
+    The colours span the 2nd to the 98th percentile of all pixels but those of confidence 0. What
+    lies outside is cut in the colours (the arrows of the bar say so), never in the data. Pixels
+    less sure than 0.5 are paler in proportion, and those without a disparity are grey. Where the
     confidence is 0 throughout (but for rounding), the picture says that there is nothing to tell
     depth by.
 
@@ -322,13 +321,13 @@ def _magnification(m: Array, confidence: Array, title: str) -> Figure:
 
 
 def _map(values: Array, confidence: Array, title: str, label: str) -> Figure:
-    """A map that fades where it is not sure, beside its confidence.
+    """A map that is paler where it is not sure, beside its confidence.
 
     Where no confidence is known, as of a file that holds none, everything counts as sure.
     """
     known = np.isfinite(confidence)
     confidence = np.where(known, confidence, 0.0 if known.any() else 1.0)
-    norm = _range_of_sure(values, confidence)
+    norm = _range_of_known(values, confidence)
     height, width = values.shape
     every = max(1, max(height, width) // _DRAWN)
     drawn_values, drawn_sure = (a[::every, ::every] for a in (values, confidence))
@@ -338,7 +337,7 @@ def _map(values: Array, confidence: Array, title: str, label: str) -> Figure:
     figure = new_figure(9.6, tall)
     left, right = figure.subplots(1, 2)
     left.set_facecolor(_GREY)
-    shown = np.clip(drawn_sure / _SURE, 0, 1)
+    shown = _FAINTEST + (1 - _FAINTEST) * np.clip(drawn_sure / _SURE, 0, 1)
     drawn = left.imshow(drawn_values, cmap="viridis", norm=norm, alpha=shown, **place)
     if confidence.max() > _ROUNDING:
         bar(figure, drawn, left, label, extend=cut(values, norm))
@@ -347,7 +346,7 @@ def _map(values: Array, confidence: Array, title: str, label: str) -> Figure:
         words = "no texture between the planes:\nnothing to tell depth by"
         left.text(0.5, 0.5, words, ha="center", va="center", transform=left.transAxes)
     if (shown < 1).any():
-        words = f"grey: confidence below {_SURE:g} (the greyer, the less)"
+        words = f"pale: confidence below {_SURE:g} (the paler, the less)"
         figure.supxlabel(words, fontsize=8, color="0.3")
     drawn = right.imshow(drawn_sure, cmap=LIGHT, vmin=0, vmax=1, **place)
     drawn.set_visible(bool(known.any()))
@@ -361,11 +360,8 @@ def _map(values: Array, confidence: Array, title: str, label: str) -> Figure:
     return figure
 
 
-def _range_of_sure(disparity: Array, confidence: Array) -> Normalize:
-    """The colours of a disparity map, from its sure pixels."""
-    known = np.isfinite(disparity)
-    sure = known & (confidence >= _SURE)
-    if sure.mean() < _ENOUGH:
-        sure = known & (confidence >= confidence.max() / 2)
-    values = disparity[sure] if sure.any() else np.zeros(1)
+def _range_of_known(disparity: Array, confidence: Array) -> Normalize:
+    """The colours of a disparity map, from all pixels of which something is known."""
+    known = np.isfinite(disparity) & (confidence > _ROUNDING)
+    values = disparity[known] if known.any() else np.zeros(1)
     return Normalize(*np.percentile(values, [2, 98]))

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import warnings
 from collections.abc import Callable
 from pathlib import Path
 
@@ -187,3 +188,21 @@ def test_a_white_image_of_another_microscope(data_folder: Path, tmp_path: Path, 
     write(tmp_path / "white.tif", flat)
     with pytest.raises(FormatError, match=r"another camera: .* 19\.21 px .* 15\.\d+ px"):
         read_raw(frame, device=device, white=tmp_path / "white.tif")
+
+
+def test_a_lattice_in_doubt_is_taken_by_command(tmp_path: Path):
+    """A frame that shows its lenslets, though a scene makes them unequal."""
+    values = np.random.default_rng(2).random((14, 14)).repeat(10, 0).repeat(10, 1)[:132, :]
+    frame = drawn() * (0.2 + values[:, [*range(140), 139]])
+    tifffile.imwrite(tmp_path / "a.tif", np.rint(20000 * frame).astype(np.uint16))
+    words = ["info", str(tmp_path / "a.tif"), "--lattice", "square"]
+    refused = CliRunner().invoke(main, words)
+    assert refused.exit_code == 1
+    assert "--trust-lattice" in refused.stderr
+    words += ["--trust-lattice", "--save-grid", str(tmp_path / "grid.json")]
+    with warnings.catch_warnings():
+        warnings.simplefilter("always")
+        taken = CliRunner().invoke(main, words)
+    assert taken.exit_code == 0, taken.output
+    assert "not to be trusted" in taken.stderr
+    assert (tmp_path / "grid.json").is_file()

@@ -15,7 +15,8 @@ from clplen.batch.jobs.task import Source, Task
 from clplen.errors import ClplenError, FormatError
 from clplen.io import files_of
 
-_BESIDE = ("white", "dark", "grid", "positions")  # words of layout that may name files
+# Words of layout that may name files; a calibration may be a folder.
+_BESIDE = ("white", "dark", "grid", "calibration", "positions")
 _NAMES = "names"  # the one word of positions that is no file
 
 
@@ -127,7 +128,8 @@ def layout_in(words: dict[str, Any], base: str) -> dict[str, Any]:
 
 def _files_of(path: str, layout: dict[str, Any], folder: Path) -> tuple[str, ...]:
     """The files of a light field; where they cannot be told, reading it says why."""
-    beside = [layout[word] for word in _BESIDE if layout.get(word, _NAMES) != _NAMES]
+    named = [layout[word] for word in _BESIDE if layout.get(word, _NAMES) != _NAMES]
+    beside = [name for name in named if not (folder / name).is_dir()]
     try:
         inside = files_of(folder / path, **layout_in(layout, str(folder)))
     except (ClplenError, ValueError, OSError):

@@ -112,6 +112,7 @@ class LayoutTable(Table):
     white: str | None = None
     dark: str | None = None
     grid: str | None = None
+    calibration: str | None = None
     allow_missing: Switch = False
     positions: str | None = None
     srgb: Switch = False
@@ -124,6 +125,7 @@ class LayoutTable(Table):
     devignette: Switch | None = None
     dataset: str | None = None
     max_bytes: Size | None = None
+    trust_lattice: Switch = False
     force: Switch = False
 
 
@@ -328,6 +330,7 @@ output = "results"              # a folder in it for each light field
 # white = "white.png"           # default: none; the white image of raw images
 # dark = "dark.png"             # default: none; their dark frame
 # grid = "lattice.json"         # default: found out; the lattice of the lenslets
+# calibration = "caldata.tar"   # default: none; white images of a Lytro camera
 # allow_missing = false         # true: views may be missing, and get the weight 0
 # positions = "names"           # default: a grid; or a CSV with the columns v, u, y, x
 # srgb = false                  # true: decode to linear light from 0 to 1
@@ -338,6 +341,7 @@ output = "results"              # a folder in it for each light field
 # devignette = true             # default: where there is a white image
 # dataset = "LF"                # default: found out; of a file that holds several arrays
 # max_bytes = "2 GiB"           # default: half of the free memory; that a file may ask for
+# trust_lattice = false         # true: take the lattice found in a raw image, though in doubt
 # force = false                 # true: a white image will do whose lattice is not to be trusted
 
 # [[simulations]]               # light fields of a camera file

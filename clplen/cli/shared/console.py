@@ -29,12 +29,13 @@ if TYPE_CHECKING:
 _TYPED = (
     (r"\ballow_missing=True gives", "--allow-missing gives"),
     (r"\bforce=True", "--force"),
+    (r"\btrust_lattice=True", "--trust-lattice"),
     (r"\bviews=\((\w+), (\w+)\)", r"--views \1 \2"),
     (r"\bpattern=(?=')", "--pattern "),
     (r"\border='(\w+)'", r"--order \1"),
     (
-        r"\b(pattern|views|flip_v|flip_u|swap_uv|allow_missing|order|dataset|positions|srgb|white|calibration|"
-        r"dark|grid|image|step|lattice|bayer|demosaic|devignette|max_bytes)=",
+        r"\b(pattern|views|flip_v|flip_u|swap_uv|allow_missing|order|dataset|positions|srgb|white|"
+        r"calibration|dark|grid|image|step|lattice|bayer|demosaic|devignette|max_bytes)=",
         r"--\1",
     ),
     (r"give spacing=\(dv, du, dy, dx\), or use disparity", "use --disparities"),

@@ -354,13 +354,13 @@ def _summary(found: FocusedDepth) -> str:
 
 def _write_points(ply: Path, opened: Opened, found: FocusedDepth, maps: FocusedMaps) -> str:
     """Points with their colours; what their unit is."""
-    from clplen.io import write_ply
+    from clplen.io.formats.glb import write_points
     from clplen.lightfield.focused.focused_rendering import render_focused
 
     words: dict[str, Any] = {"depth": found, "white": opened.white, "step": maps.grid.step}
     picture = render_focused(opened.raw, method="depth", **words).to_numpy()
     points, comment, unit = _points(opened, maps)
-    write_ply(ply, points, _colours(picture), comment=comment)
+    write_points(ply, points, _colours(picture), comment=comment)
     return unit
 
 

@@ -42,7 +42,7 @@ _OPTIONS = (
     ),
     click.option(
         "--ply",
-        metavar="FILE.ply",
+        metavar="FILE.ply|FILE.glb",
         type=click.Path(path_type=Path),
         help="Points with their colours, in metres; pixels and disparity if nothing tells metres.",
     ),
@@ -118,7 +118,8 @@ def _knows_camera(lf: LightField | StoredLightField) -> bool:
 
 def write(lf: LightField | StoredLightField, found: DepthMap, lengths: Lengths) -> Said:
     """Write distances and points where they are asked for; what to say of them."""
-    from clplen.io import points_of, write_ply
+    from clplen.io import points_of
+    from clplen.io.formats.glb import write_points
     from clplen.lightfield.depth.depth_maps import metric_depth
 
     where, unit = "", "in metres"
@@ -137,7 +138,7 @@ def write(lf: LightField | StoredLightField, found: DepthMap, lengths: Lengths) 
         write_map(lengths.metric, z.astype(np.float32))
         files.append(f", {lengths.metric} the distances in metres{where}")
     if lengths.ply is not None:
-        write_ply(lengths.ply, points, colours_of(lf), comment=words)
+        write_points(lengths.ply, points, colours_of(lf), comment=words)
         files.append(f", {lengths.ply} the points {unit}")
     return Said("" if z is None else distances(z, where), tuple(files))
 

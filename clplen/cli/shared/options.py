@@ -203,6 +203,11 @@ layout = _with_options(
         "what was last used for this camera.",
     ),
     click.option("--grid", type=_PATH, help="Lenslet lattice: our JSON or a Raytrix XML."),
+    click.option(
+        "--trust-lattice",
+        is_flag=True,
+        help="Take the lattice that was found in a raw image, though it is not to be trusted.",
+    ),
     click.option("--step", type=float, help="Pixels a view of a raw image; default: pitch over N."),
     click.option(
         "--lattice",

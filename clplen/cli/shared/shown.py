@@ -31,7 +31,8 @@ _SERIES = (".tif", ".tiff", ".zarr")
 _PICTURES = (".png", ".jpg", ".jpeg", ".bmp", ".pgm", ".ppm", ".tif", ".tiff")
 _MOST_SAMPLES = 40_000_000  # of a page whose light field is read part by part
 _MS = 15  # planes of a focused raw image
-_TELLING = ("views", "pattern", "white", "grid", "order", "positions", "lattice")  # a light field
+# Words that tell that a file is a light field.
+_TELLING = ("views", "pattern", "white", "grid", "calibration", "order", "positions", "lattice")
 
 
 @dataclass(frozen=True)

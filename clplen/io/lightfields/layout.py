@@ -23,7 +23,10 @@ ZIP = b"PK\3\4"  # with which an archive begins
 VIEW_WORDS = ("flip_v", "flip_u", "swap_uv", "positions", "max_bytes")
 NAME_WORDS = (*VIEW_WORDS, "pattern", "views", "order", "allow_missing", "srgb")
 ARRAY_WORDS = (*VIEW_WORDS, "order", "dataset")
-RAW_WORDS = ("white", "dark", "grid", "views", "step", "lattice", "bayer", "demosaic", "devignette")
+RAW_WORDS = (
+    *("white", "dark", "grid", "views", "step", "lattice", "trust_lattice"),
+    *("bayer", "demosaic", "devignette"),
+)
 
 
 @dataclass(frozen=True)
@@ -53,6 +56,7 @@ class Layout:
     devignette: bool | None = None
     dataset: str | None = None
     max_bytes: int | None = None
+    trust_lattice: bool = False
     force: bool = False
 
     def given(self) -> dict[str, Any]:

@@ -23,7 +23,11 @@ from clplen.io.raw.raw_files import read_frame, read_lattice
 from clplen.io.raw.raytrix import read_raytrix
 from clplen.io.raw.sensor_tiff import sensor_tags
 from clplen.lightfield.calibration.lattice_fit import visible_lattice
-from clplen.lightfield.calibration.lattice_trust import require_camera, require_trust
+from clplen.lightfield.calibration.lattice_trust import (
+    is_measured,
+    require_camera,
+    require_trust,
+)
 from clplen.lightfield.calibration.raw_decoding import decode_raw
 from clplen.lightfield.calibration.sensor_frames import subtract_dark
 from clplen.lightfield.model.light_field import LightField
@@ -199,6 +203,7 @@ def _lattice(
     pitch: float | None,
 ) -> tuple[Lattice, str]:
     """The lattice and where it comes from."""
+    trusted = layout.force or layout.trust_lattice
     if layout.grid is not None:
         given = read_lattice(layout.grid, (int(frame.shape[0]), int(frame.shape[1])))
         if white is not None and layout.white is not None:
@@ -206,8 +211,8 @@ def _lattice(
         return given, f"of {layout.grid}"
     if white is not None and layout.white is not None:
         found = _estimated(white, dark, layout.white, layout, pitch)
-        require_trust(found, str(layout.white), force=layout.force, error=FormatError)
-        if not layout.force:
+        require_trust(found, str(layout.white), force=trusted, error=FormatError)
+        if not trusted:
             _require_camera(frame, found, dark, path, layout)
         return found, f"of the white image {layout.white}"
     seen = None if pitch is None else _seen(frame, dark, path, layout, pitch)
@@ -215,9 +220,14 @@ def _lattice(
         return seen, "of the picture itself, without a white image"
     found = _estimated(frame, dark, path, layout, pitch)
     if found.trust == "low":
+        measured = is_measured(found)
+        if measured and layout.trust_lattice:
+            require_trust(found, str(path), force=True, error=FormatError)
+            return found, "of the frame itself, without a white image"
+        take = ", or trust_lattice=True to take what was found" if measured else ""
         raise FormatError(
             f"{path} does not tell where its lenslets are: give white=, a white image of the same "
-            f"camera, or grid=, its lattice ({found.verdict})"
+            f"camera, or grid=, its lattice{take} ({found.verdict})"
         )
     return found, "of the frame itself, without a white image"
 

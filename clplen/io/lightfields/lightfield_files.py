@@ -55,6 +55,7 @@ def read_lightfield(
     devignette: bool | None = None,
     dataset: str | None = None,
     max_bytes: int | None = None,
+    trust_lattice: bool = False,
     force: bool = False,
     progress: bool = False,
 ) -> LightField:
@@ -111,6 +112,9 @@ def read_lightfield(
         Which array of a file that holds several.
     max_bytes : int, optional
         Largest allocation that a file may ask for; default half of the free memory.
+    trust_lattice : bool
+        Whether to take a lattice that was measured and is not to be trusted, of a raw image
+        without a white image too, with a `SamplingWarning`.
     force : bool
         Whether to go on, with a `SamplingWarning`, where the lattice of the white image is not to
         be trusted, or the raw image shows another one.
