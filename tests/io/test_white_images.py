@@ -167,7 +167,7 @@ def test_white_frames_of_a_microscope(device: Device, name: str):
             preparation(11, device=device, white=values, force=True)
 
 
-@pytest.mark.thorough
+@pytest.mark.nightly
 @pytest.mark.parametrize(
     ("frame", "flat"),
     [

@@ -100,7 +100,7 @@ def test_texture_beside_points(device):
     assert np.abs(maps[0].disparity[inside] - 0.6).max() < 0.05
 
 
-@pytest.mark.thorough
+@pytest.mark.nightly
 def test_in_tiles_as_in_memory(device, tmp_path):
     values, places, d = beads(7, count=6, size=(200, 260), views=(3, 5))
     lf = LightField.from_array(values.astype(np.float32), device=device)

@@ -259,7 +259,7 @@ def crosstalk(device, d, *, count=51, alone=False):
     return 1 - inside / row_powers(behind).sum()
 
 
-@pytest.mark.thorough
+@pytest.mark.nightly
 def test_crosstalk(device):
     assert crosstalk(device, 70e-6) > 0.45
     assert crosstalk(device, 150e-6) == pytest.approx(0.107, abs=0.01)
