@@ -9,6 +9,7 @@ import threading
 import time
 from functools import partial
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import batchworks
@@ -237,6 +238,45 @@ def test_a_scheduler_that_is_lost_is_said(tmp_path: Path):
     report = works._report(task, Future("k", "error"))
     assert report.state == "failed"
     assert "it has another version" in report.error
+
+
+class Scheduler:
+    """A client whose scheduler answers, or does not."""
+
+    status = "running"
+
+    def __init__(self, answers: bool) -> None:
+        self.answers = answers
+
+    def nthreads(self) -> dict[str, int]:
+        if not self.answers:
+            raise OSError("the scheduler is gone")
+        return {"worker": 1}
+
+
+@pytest.mark.parametrize("answers", [True, False])
+def test_what_a_living_scheduler_dropped_is_done_again(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, answers: bool
+):
+    """As where a worker dies with results that were not fetched yet."""
+    works = ClusterExecutor(Scheduler(answers), tmp_path, memory=None, sharing=1)
+    states = {"a": iter(("cancelled", "error")), "b": iter(("error",))}
+    asked: list[list[str]] = []
+
+    def ended(tasks: Any, window: Any) -> Any:
+        names = [task.name for task in tasks]
+        asked.append(names)
+        for name in names:
+            yield SimpleNamespace(name=name, parameters={}), Future(name, next(states[name]))
+
+    monkeypatch.setattr(works, "_ended", ended)
+    tasks: Any = [SimpleNamespace(name=name) for name in ("a", "b")]
+    if not answers:
+        with pytest.raises(DeviceError, match="no longer answers"):
+            list(works.run(tasks))
+        return
+    assert [report.name for report in works.run(tasks)] == ["b", "a"]
+    assert asked == [["a", "b"], ["a"]]
 
 
 def test_threads_end(tmp_path: Path, device: Device):

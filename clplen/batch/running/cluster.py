@@ -39,6 +39,7 @@ _IN_FLIGHT = 4 * PIPELINE_DEPTH  # tasks of each worker that the scheduler knows
 _ANSWER = 20.0  # seconds
 _LOOK = 1.0  # seconds after which workers are counted again
 _TLS_OPTIONS = {"--tls-ca-file": "ca_file", "--tls-cert": "cert", "--tls-key": "key"}
+_CANCELLED = ("cancelled", "lost")  # states of a future
 _LATE = (TimeoutError, asyncio.TimeoutError)  # two of them in Python 3.10
 
 
@@ -71,12 +72,12 @@ class ClusterExecutor:
     def run(self, tasks: Iterable[Task]) -> Iterator[Report]:
         """Do tasks, each once, and give their reports as they come.
 
-        A worker that dies takes with it all that it was given: what was lost so is done again
-        alone, so that only what kills its worker fails.
+        A worker that dies takes with it all that it was given, and results that were not fetched
+        yet: what was lost so is done again alone, so that only what kills its worker fails.
         """
         lost: list[Task] = []
         for task, future in self._ended(iter(tasks), self._window):
-            if _was_killed(future):
+            if _was_killed(future) or self._was_dropped(future):
                 lost.append(task)
             else:
                 yield self._report(task, future)
@@ -107,6 +108,16 @@ class ClusterExecutor:
                 self._workers = len(self._client.nthreads())
         return max(1, self._workers) * _IN_FLIGHT
 
+    def _was_dropped(self, future: Any) -> bool:
+        """Whether a task was cancelled by a scheduler that still answers."""
+        if future.status not in _CANCELLED:
+            return False
+        try:
+            self._client.nthreads()
+        except (OSError, *_LATE):
+            return False
+        return bool(self._client.status == "running")
+
     def _submitted(self, task: Task) -> Any:
         from clplen.batch.running.worker import execute_on_worker
 
@@ -121,7 +132,7 @@ class ClusterExecutor:
                 return Report(**future.result())
         except (OSError, *_LATE) as error:
             raise _gone() from error
-        if future.status in ("cancelled", "lost"):
+        if future.status in _CANCELLED:
             raise _gone()
         if _was_killed(future):
             text = "the workers that took it died (too little memory?): see their logs"
