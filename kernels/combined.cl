@@ -6,6 +6,13 @@
  *
  * -DSAMPLE=uchar | ushort | half | float, -DCHANNELS=n, -DRADIUS=n, -DBLOCK=n, -DMATCH_BLOCK=n; -DROWS
  */
+#include "common.cl"
+#include "stored.cl"
 #include "matching.cl"
 #include "support.cl"
 #include "refine.cl"
+#ifdef LANES
+#include "gather_rows.cl"
+#include "match_rows.cl"
+#include "normal_rows.cl"
+#endif

@@ -11,7 +11,7 @@
  * and four along x, from -1 on, which interpolate and scale; reach[p, k] 1 where the shift has a
  * fraction, along y and x.
  *
- * match: an item is MATCH_BLOCK pixels of a row on one plane.
+ * match: an item is MATCH_BLOCK pixels of a row on one plane; left as it is where none is wanted.
  * -DSAMPLE=uchar | ushort | half | float   what the light field stores
  * -DCHANNELS=n, -DMATCH_BLOCK=n
  */
@@ -55,7 +55,7 @@ inline void sheared(float *value, float *column, __global const SAMPLE *view, co
 __attribute__((reqd_work_group_size(1, 1, 1)))
 #endif
 __kernel void match(__global float *restrict out, __global const SAMPLE *restrict L,
-                    __global const int *restrict view, __global const int2 *restrict at,
+                    __global const uchar *restrict wanted, __global const int *restrict view, __global const int2 *restrict at,
                     __global const float4 *restrict part, __global const int2 *restrict reach,
                     __global const int *restrict first, __global const float *restrict pattern,
                     const int patterns, __global const int *restrict reference,
@@ -67,6 +67,11 @@ __kernel void match(__global float *restrict out, __global const SAMPLE *restric
     if (x0 >= nx)
         return;
     const int n = min(MATCH_BLOCK, nx - x0);
+    int any = 0;
+    for (int x = x0; x < x0 + n; ++x)
+        any |= wanted[row_start(0, y, ny, nx) + x];
+    if (!any)
+        return;
     const size_t size = (size_t)ny * nx * CHANNELS;
     float centre[MATCH_BLOCK * CHANNELS], value[MATCH_BLOCK * CHANNELS];
     float column[(MATCH_BLOCK + 3) * CHANNELS];

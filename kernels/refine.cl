@@ -60,7 +60,8 @@ inline void along(float *value, float *slope, __global const SAMPLE *view, const
 }
 
 __kernel void normal(__global float *restrict A, __global float *restrict B,
-                     __global const SAMPLE *restrict L, __global const float *restrict disparity,
+                     __global const SAMPLE *restrict L, __global const uchar *restrict wanted,
+                     __global const float *restrict disparity,
                      __global const int *restrict nearest, __global const float *restrict planes,
                      __global const int *restrict view, __global const float2 *restrict step,
                      __global const int2 *restrict at, __global const float4 *restrict part,
@@ -75,6 +76,8 @@ __kernel void normal(__global float *restrict A, __global float *restrict B,
     const size_t size = (size_t)ny * nx * CHANNELS;
     FOR_X(x, nx) {
         const size_t i = row_start(0, y, ny, nx) + x;
+        if (!wanted[i])
+            continue;
         const int table = nearest[i] * views;
         const int2 here = (int2)(y, x);
         float centre[CHANNELS], value[CHANNELS], slope[CHANNELS];

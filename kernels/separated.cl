@@ -9,6 +9,7 @@
  * A group of items owns `length` samples of LINES rows; its local memory holds them with `halo`
  * samples on either side, row after row. w points at the weight at distance 0 of a table of all
  * distances, with LINES - 1 zeros at either end, so that a row that is read once serves all rows.
+ * -DSAMPLE=uchar | ushort | half | float with -DLANES=16: what `in` stores; float32 otherwise.
  * -DLINES=n; -DROWS: the group is one item, which takes 16 samples at a time. Otherwise LINES is 1.
  * Included only.
  */
@@ -16,6 +17,17 @@
 #define CLPLEN_SEPARATED
 #include "common.cl"
 #include "lanes.cl"
+
+#ifdef SAMPLE
+#include "stored.cl"
+#define SOURCE SAMPLE
+#define SOURCE_AT(in, i) stored(in, i)
+#define SOURCE_16(in) stored_vec(in)
+#else
+#define SOURCE float
+#define SOURCE_AT(in, i) ((in)[i])
+#define SOURCE_16(in) load16(in)
+#endif
 
 #define VECTORS 4
 #define DOWN 2 /* vectors of a row of the LINES that are filtered at a time */
@@ -38,19 +50,19 @@ inline int reflected(int i, const int n)
     return i < n ? i : 2 * n - 1 - i;
 }
 
-inline float column(__global const float *in, const int y, const int i, __global const float *w,
+inline float column(__global const SOURCE *in, const int y, const int i, __global const float *w,
                     const int radius, const int ny, const int n)
 {
     float sum = 0.0f;
     for (int t = -radius; t <= radius; ++t)
-        sum += w[t] * in[row_start(0, reflected(y + t, ny), ny, n) + i];
+        sum += w[t] * SOURCE_AT(in, row_start(0, reflected(y + t, ny), ny, n) + i);
     return sum;
 }
 
 #ifdef ROWS
 /* The same for rows y ... y + LINES - 1, `apart` samples apart in `to`, and 16 DOWN samples from i
  * on. */
-inline void column_chunk(__local float *to, const int apart, __global const float *in, const int y,
+inline void column_chunk(__local float *to, const int apart, __global const SOURCE *in, const int y,
                          const int i, __global const float *w, const int radius, const int ny,
                          const int n)
 {
@@ -58,10 +70,10 @@ inline void column_chunk(__local float *to, const int apart, __global const floa
     EACH_LINE(r) EACH_DOWN(j)
         sum[r][j] = (float16)(0.0f);
     for (int t = -radius; t < LINES + radius; ++t) {
-        __global const float *at = in + row_start(0, reflected(y + t, ny), ny, n) + i;
+        __global const SOURCE *at = in + row_start(0, reflected(y + t, ny), ny, n) + i;
         float16 v[DOWN];
         EACH_DOWN(j)
-            v[j] = load16(at + 16 * j);
+            v[j] = SOURCE_16(at + 16 * j);
         EACH_LINE(r) EACH_DOWN(j)
             sum[r][j] += w[t - r] * v[j];
     }
@@ -78,7 +90,7 @@ inline int reflected_sample(const int i, const int nx, const int channels)
 }
 
 /* column(first - halo) ... column(first + count + halo - 1) of LINES rows, `apart` apart in `to`. */
-inline void columns(__local float *to, const int apart, __global const float *in, const int y,
+inline void columns(__local float *to, const int apart, __global const SOURCE *in, const int y,
                     const int first, const int count, const int halo, __global const float *w,
                     const int radius, const int ny, const int nx, const int channels)
 {

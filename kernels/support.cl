@@ -8,7 +8,8 @@
  *            which need not be equally far; its number, its cost, the second lowest valley and
  *            the mean
  *
- * gather: an item is BLOCK pixels of a row, all planes. valley: FOR_X over x.
+ * gather: an item is BLOCK pixels of a row, all planes, left as they are where none is wanted.
+ * valley: FOR_X over x; what is not wanted is left as it is.
  * -DCHANNELS=n, -DRADIUS=n, -DBLOCK=n; -DROWS: see common.cl
  */
 #include "common.cl"
@@ -21,7 +22,7 @@
 __attribute__((reqd_work_group_size(1, 1, 1)))
 #endif
 __kernel void gather(__global float *restrict out, __global const float *restrict cost,
-                     __global const float *restrict I, __global const float *restrict near,
+                     __global const uchar *restrict wanted, __global const float *restrict I, __global const float *restrict near,
                      __global const float *restrict alike, const int planes, const int ny,
                      const int nx)
 {
@@ -29,6 +30,11 @@ __kernel void gather(__global float *restrict out, __global const float *restric
     if (x0 >= nx)
         return;
     const int n = min(BLOCK, nx - x0);
+    int any = 0;
+    for (int x = x0; x < x0 + n; ++x)
+        any |= wanted[row_start(0, y, ny, nx) + x];
+    if (!any)
+        return;
     float w[SIDE * SIDE * BLOCK], sum[BLOCK], total[BLOCK];
     __global const float *here = I + (row_start(0, y, ny, nx) + x0) * CHANNELS;
     const int above = max(-RADIUS, -y), below = min(RADIUS, ny - 1 - y);
@@ -73,13 +79,15 @@ __kernel void gather(__global float *restrict out, __global const float *restric
 __kernel void valley(__global float *restrict place, __global int *restrict nearest,
                      __global float *restrict least, __global float *restrict second,
                      __global float *restrict mean, __global const float *restrict cost,
-                     __global const float *restrict d,
+                     __global const uchar *restrict wanted, __global const float *restrict d,
                      const int planes, const int ny, const int nx)
 {
     const int y = get_global_id(1);
     const size_t step = (size_t)ny * nx;
     FOR_X(x, nx) {
         const size_t i = row_start(0, y, ny, nx) + x;
+        if (!wanted[i])
+            continue;
         float lowest = INFINITY, next = INFINITY, sum = 0;
         int best = 0;
         for (int p = 0; p < planes; ++p) {

@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 import pyopencl.array as cla
+from scipy.ndimage import maximum_filter
 
 from clplen.lightfield.arrays.smoothing import Smoother, gaussian_taps
 from clplen.lightfield.depth.cue import (
@@ -19,24 +21,32 @@ from clplen.lightfield.depth.cue import (
     nearest_zero,
 )
 from clplen.lightfield.depth.energy_cue import PICTURES, energy_disparity, energy_floats
+from clplen.lightfield.depth.sample_levels import LevelSurvey, SampleLevels, centre_picture
 from clplen.lightfield.depth.sparse_points import (
-    has_sparse_light,
     lit_pixels,
     point_disparity,
     point_planes,
     sparse_pixels,
 )
-from clplen.lightfield.depth.view_detail import REACH, STEPS, is_even, view_detail
+from clplen.lightfield.depth.support_windows import (
+    fit_planes,
+    gather_costs,
+    lowest_valley,
+    normal_equations,
+)
+from clplen.lightfield.depth.view_detail import (
+    REACH,
+    STEPS,
+    is_even,
+    near_outlines,
+    view_detail,
+)
 from clplen.lightfield.depth.view_matching import (
     WINDOW,
     ShiftTables,
-    ViewGroups,
-    depth_kernel,
     group_views,
     match_costs,
-    row_sums,
     shift_tables,
-    support_block,
     thresholds,
 )
 from clplen.lightfield.model.light_field import LightField
@@ -45,14 +55,14 @@ from clplen.lightfield.refocusing.memory_estimate import DEVICE_FLOAT, HOST_FLOA
 
 Map = np.ndarray[Any, np.dtype[np.float32]]
 Vector = np.ndarray[Any, np.dtype[np.float64]]
+Whole = np.ndarray[Any, np.dtype[np.int32]]
 
-_LEVELS = 255.0  # between the darkest and the brightest of the centre view
-_OUTLIERS = 0.2  # per cent of its samples left out at either end
 _NARROW, _WIDE, _WIDENING = 3.0, 6.0, 0.4  # its Gaussian, in pixels, and its growth with noise
 _QUIET = 2.0  # levels of noise up to which it is narrow
 _BESIDE = 0.2  # taps beside the middle when the guiding picture is smoothed
 _ALIKE = 6.0  # levels a channel: pixels that differ more belong to different things
 _NOISE_BLUR = 8.0  # pixels over which noise is taken as even
+_FEW = 1e-3  # of the pixels round one: least share that noise is taken from
 _COST_PER_NOISE = 0.62  # least cost of a channel over the noise of a sample
 _FIT_ALIKE = 8.0
 _SAME_SURFACE = 0.2  # pixels a view step
@@ -62,9 +72,6 @@ _PRIOR = 100.0  # of the matched disparity, in levels^2 a channel for noise of a
 _LOST = 0.8  # of the truncation: where the least cost is higher the views do not agree,
 _SHALLOW = 0.02  # unless what they say is this sure
 _STEP = 0.15  # pixels a view step: planes farther apart get others between them
-_EVEN = 4.0  # times brighter or darker: views that differ more are left as they are
-_RADII = 2  # at which there are views, for a fall of brightness
-_VIGNETTED = 0.02  # fall of brightness from the middle to the rim that is evened
 _REACH = WINDOW + gaussian_taps(_NOISE_BLUR).size - 1 + REACH  # pixels that a pixel needs
 _SPARSE = 24  # float32 values of a pixel while points are looked for
 _MERGED = MAP_BYTES + 13  # bytes of a pixel while confidences are merged
@@ -108,59 +115,6 @@ def combined_disparity(lf: LightField, planes: Vector) -> tuple[Map, Map]:
     survey.add(slice(0, lf.shape[2]), lf)
     result = match_views(lf, planes, survey.finish())
     return result.disparity, merge_confidence(result.confidence, result.lost)
-
-
-@dataclass(frozen=True)
-class SampleLevels:
-    """What the whole light field says of its samples.
-
-    Attributes
-    ----------
-    gain : float
-        Levels a unit of the samples.
-    even : numpy.ndarray
-        float64, shape (K,): what undoes the vignetting of each view that is compared.
-    """
-
-    gain: float
-    even: Vector
-
-
-class LevelSurvey:
-    """Gain and vignetting of a light field, seen in bands of full rows.
-
-    Parameters
-    ----------
-    source : LightField or StoredLightField
-    """
-
-    def __init__(self, source: LightField | StoredLightField) -> None:
-        self._views = group_views(source)
-        self._centre = np.empty(source.shape[2:], np.float32)
-        self._sums = np.empty((source.shape[0] * source.shape[1], source.shape[2]), np.float32)
-
-    def add(self, rows: slice, lf: LightField) -> None:
-        """Look at some rows of all views."""
-        self._centre[rows] = centre_picture(lf, self._views)
-        self._sums[:, rows] = row_sums(lf)
-
-    def finish(self) -> SampleLevels:
-        """Gain and evenness, when all rows were added."""
-        means = self._sums.sum(axis=1, dtype=np.float64) / self._centre.size
-        gains = _vignetting_gains(means[self._views.view], self._views)
-        low, high = _range(self._centre)
-        if has_sparse_light(self._centre):
-            high = float(self._centre.max())
-        return SampleLevels(_LEVELS / (high - low) if high > low else 1.0, gains)
-
-
-def centre_picture(lf: LightField, views: ViewGroups) -> Map:
-    """The picture whose likeness guides: the mean of the views round the middle."""
-    pictures = [
-        share * lf.device.download(lf.data[divmod(int(views.view[k]), lf.shape[1])])
-        for k, share in zip(views.reference, views.share, strict=True)
-    ]
-    return np.sum(pictures, axis=0, dtype=np.float32)
 
 
 def match_views(
@@ -208,100 +162,96 @@ def match_views(
 def _believed(
     lf: LightField, planes: Vector, levels: SampleLevels, centre: Map
 ) -> tuple[PartialDepth, Map]:
-    """What matching finds, by the samples or, where their brightness differs, by their detail."""
+    """What matching finds: of the detail of views, and near outlines of their samples."""
     device = lf.device
-    samples = _matched(lf, planes, levels, centre)
+    ny, nx = lf.shape[2:4]
+    detail_bytes = 2 * math.prod(lf.shape)
+    device.require_memory(
+        lf.data.nbytes + detail_bytes + 8 * ny * nx * (planes.size + 8),
+        "This depth map with its light field",
+    )
+    views = group_views(lf)
+    guide = device.upload(_smoothed(centre * np.float32(levels.gain)))
     gains = np.zeros(lf.weights.size)
-    gains[group_views(lf).view] = levels.gain * levels.even
-    of_detail = SampleLevels(1 / STEPS, np.ones_like(levels.even))
-    detail = _matched(
-        view_detail(lf, gains.reshape(lf.weights.shape)),
-        planes,
-        of_detail,
-        centre * (levels.gain * STEPS),
-    )
-    even = is_even(
-        (samples.least, detail.least),
-        (device.download(samples.disparity), device.download(detail.disparity)),
-        (*lf.shape, 1)[4],
-    )
-    if even.all():
-        return _refined_match(samples), samples.margin
-    found = _refined_match(detail)
-    if not even.any():
-        return found, detail.margin
-    of_samples = _refined_match(samples)
-    fused = PartialDepth(
-        np.where(even, of_samples.disparity, found.disparity),
-        np.where(even, of_samples.confidence, found.confidence),
-        np.where(even, of_samples.lost, found.lost),
-    )
-    return fused, np.where(even, samples.margin, detail.margin)
+    gains[views.view] = levels.gain * levels.even
+    detail = view_detail(lf, gains.reshape(lf.weights.shape))
+    tables = shift_tables(views, planes, np.full(len(views.view), 1 / STEPS), device=device)
+    costs = match_costs(detail, views, tables)
+    noise = _noise(detail, costs, tables)
+    match = _matched(detail, costs, tables, guide, noise)
+    A, B = (device.empty(noise.shape, np.float32) for _ in range(2))
+    near = near_outlines(match.disparity)
+    even = np.zeros_like(near)
+    if near.any():
+        of_samples = shift_tables(views, planes, gains[views.view], device=device)
+        around = np.asarray(maximum_filter(near, 2 * WINDOW + 1))
+        costs = match_costs(lf, views, of_samples, around)
+        of_noise = _noise(lf, costs, of_samples, around)
+        samples = _matched(lf, costs, of_samples, guide, of_noise, near)
+        even = is_even(
+            (samples.least, match.least),
+            (samples.disparity, match.disparity),
+            near,
+            (*lf.shape, 1)[4],
+        )
+        match = samples.where(even, match)
+        noise = np.where(even, of_noise, noise)
+        normal_equations(lf, views, of_samples, match.disparity, match.nearest, even, (A, B))
+    normal_equations(detail, views, tables, match.disparity, match.nearest, ~even, (A, B))
+    return _refined_match(lf, match, guide, noise, (A, B)), match.margin
 
 
 @dataclass(frozen=True)
 class _Match:
-    """The lowest valley of the costs at every pixel, before it is refined.
+    """The lowest valley of the costs at every pixel, before it is refined; shape (y, x).
 
     Attributes
     ----------
-    lf : LightField
-    views : ViewGroups
-    tables : ShiftTables
-    picture : pyopencl.array.Array
-        Whose likeness guides.
-    noise : numpy.ndarray
-        In levels.
-    disparity, nearest : pyopencl.array.Array
+    disparity, nearest : numpy.ndarray
         Of the valley, and the plane next to it.
     least, margin : numpy.ndarray
-        Cost in the valley, and how far it lies below the second one.
+        Cost in the valley, and how far it lies below the second one, 0 to 1.
     """
 
-    lf: LightField
-    views: ViewGroups
-    tables: ShiftTables
-    picture: cla.Array
-    noise: Map
-    disparity: cla.Array
-    nearest: cla.Array
+    disparity: Map
+    nearest: Whole
     least: Map
     margin: Map
 
-
-def _matched(lf: LightField, planes: Vector, levels: SampleLevels, centre: Map) -> _Match:
-    device = lf.device
-    ny, nx = lf.shape[2:4]
-    device.require_memory(
-        lf.data.nbytes + 8 * ny * nx * (planes.size + 8),
-        "This depth map with its light field",
-    )
-    views = group_views(lf)
-    picture = device.upload(_smoothed(centre * np.float32(levels.gain)))
-    tables = shift_tables(views, planes, levels.gain * levels.even, device=device)
-    costs = match_costs(lf, views, tables)
-    noise = _noise(lf, costs, tables)
-    gathered = device.empty(costs.shape, np.float32)
-    _gather(lf, gathered, costs, picture, noise)
-    disparity, nearest, least, margin = _valley(lf, gathered, tables)
-    return _Match(lf, views, tables, picture, noise, disparity, nearest, least, margin)
+    def where(self, mask: Mask, other: _Match) -> _Match:
+        """This match where the mask is set, the other elsewhere."""
+        return _Match(
+            np.where(mask, self.disparity, other.disparity),
+            np.where(mask, self.nearest, other.nearest),
+            np.where(mask, self.least, other.least),
+            np.where(mask, self.margin, other.margin),
+        )
 
 
-def _refined_match(found: _Match) -> PartialDepth:
+def _matched(
+    lf: LightField,
+    costs: cla.Array,
+    tables: ShiftTables,
+    guide: cla.Array,
+    noise: Map,
+    wanted: Mask | None = None,
+) -> _Match:
+    """The valley of costs that were gathered; 0 where it is not wanted."""
+    gathered = lf.device.empty(costs.shape, np.float32)
+    scales = (_distance_scale(noise), _colour_scale(_ALIKE, noise, (*lf.shape, 1)[4]))
+    gather_costs(lf, gathered, costs, guide, scales, wanted)
+    return _Match(*lowest_valley(lf, gathered, tables, wanted))
+
+
+def _refined_match(
+    lf: LightField, match: _Match, guide: cla.Array, noise: Map, normal: tuple[cla.Array, cla.Array]
+) -> PartialDepth:
     """A valley moved by least squares, how sure it is, and where the views do not agree."""
-    channels = (*found.lf.shape, 1)[4]
-    refined, known = _refined(
-        found.lf,
-        found.views,
-        found.tables,
-        found.disparity,
-        found.nearest,
-        found.picture,
-        found.noise,
-    )
-    sure = known * len(found.views.view) / np.maximum(found.noise, 1) ** 2
-    confidence = found.margin * sure / (sure + 1 / _SURE**2)
-    lost = (found.least > _LOST * thresholds(channels)[0]) & (confidence < _SHALLOW)
+    channels, views = (*lf.shape, 1)[4], int(np.count_nonzero(lf.weights > 0))
+    refined, known = _refined(lf, match.disparity, guide, noise, normal)
+    sure = known * views / np.maximum(noise, 1) ** 2
+    confidence = match.margin * sure / (sure + 1 / _SURE**2)
+    lost = (match.least > _LOST * thresholds(channels)[0]) & (confidence < _SHALLOW)
     return PartialDepth(refined, confidence, lost)
 
 
@@ -309,14 +259,6 @@ def merge_confidence(confidence: Map, lost: Mask) -> Map:
     """Confidence of the whole map: what was matched is surer than what is only sharpest."""
     usual = np.median(confidence[~lost]) if lost.any() and not lost.all() else 0.0
     return np.where(lost, confidence * usual, confidence) if usual > _SHALLOW else confidence
-
-
-def _range(centre: Map) -> tuple[float, float]:
-    """The darkest and the brightest sample, without outliers unless there is nothing else."""
-    low, high = np.percentile(centre, (_OUTLIERS, 100 - _OUTLIERS))
-    if not high > low:
-        low, high = centre.min(), centre.max()
-    return float(low), float(high)
 
 
 def _smoothed(picture: Map) -> Map:
@@ -330,28 +272,6 @@ def _smoothed(picture: Map) -> Map:
     return np.ascontiguousarray(picture, np.float32)
 
 
-def _vignetting_gains(means: Vector, views: ViewGroups) -> Vector:
-    """What undoes vignetting: views that get darker, or brighter, from the middle outwards.
-
-    Their brightness is fitted by 1 + b r^2, without views that are far darker or brighter than the
-    middle, as one that failed. What else makes views differ, content that moves
-    across their edges for one, is odd or random over the aperture, and harmless.
-    """
-    target = means[views.reference] @ views.share
-    even = np.ones_like(means)
-    like = (means > target / _EVEN) & (means < target * _EVEN)
-    square = (views.step**2).sum(axis=1)
-    if target <= 0 or np.unique(square[like]).size < _RADII:
-        return even
-    away, ratio = square[like] - square[like].mean(), means[like] / target
-    b = (away @ ratio) / (away @ away)
-    left = ratio - ratio.mean() - b * away
-    is_clear = b**2 * (away @ away) > left @ left and abs(b) * square[like].max() > _VIGNETTED
-    if is_clear:
-        even[like] = 1 / np.maximum(1 + b * square[like], 1 / _EVEN)
-    return even
-
-
 def _dense(planes: Vector) -> Vector:
     """Planes with others between those that lie far apart."""
     steps = np.diff(planes)
@@ -362,14 +282,19 @@ def _dense(planes: Vector) -> Vector:
     return np.concatenate([*between, planes[-1:]])
 
 
-def _noise(lf: LightField, costs: cla.Array, tables: ShiftTables) -> Map:
+def _noise(
+    lf: LightField, costs: cla.Array, tables: ShiftTables, wanted: Mask | None = None
+) -> Map:
     """Standard deviation of the samples in levels, from the least cost round every pixel."""
     device, channels = lf.device, (*lf.shape, 1)[4]
-    least = _valley(lf, costs, tables)[2]
-    blurred = device.empty((1, *least.shape), np.float32)
+    least = lowest_valley(lf, costs, tables, wanted)[2]
+    maps = [least] if wanted is None else [least, wanted.astype(np.float32)]
+    blurred = device.empty((len(maps), *least.shape), np.float32)
     smooth = Smoother(gaussian_taps(_NOISE_BLUR), device=device)
-    smooth(blurred, device.upload(least[None]), start=0, count=1)
-    return np.asarray(device.download(blurred)[0] / (channels * _COST_PER_NOISE), np.float32)
+    smooth(blurred, device.upload(np.stack(maps)), start=0, count=len(maps))
+    mean = device.download(blurred)
+    usual = mean[0] if wanted is None else mean[0] / np.maximum(mean[1], _FEW)
+    return np.asarray(usual / (channels * _COST_PER_NOISE), np.float32)
 
 
 def _colour_scale(level: float, noise: Map, channels: int) -> Map:
@@ -383,110 +308,19 @@ def _distance_scale(noise: Map) -> Map:
     return np.asarray(0.5 / sigma**2, np.float32)
 
 
-def _gather(
-    lf: LightField, out: cla.Array, costs: cla.Array, picture: cla.Array, noise: Map
-) -> None:
-    device, channels = lf.device, (*lf.shape, 1)[4]
-    planes, ny, nx = (int(n) for n in costs.shape)
-    device.launch(
-        depth_kernel(lf, "gather"),
-        (-(-nx // support_block(device)), ny),
-        out,
-        costs,
-        picture,
-        device.upload(_distance_scale(noise)),
-        device.upload(_colour_scale(_ALIKE, noise, channels)),
-        *(np.int32(n) for n in (planes, ny, nx)),
-    )
-
-
-def _valley(
-    lf: LightField, costs: cla.Array, tables: ShiftTables
-) -> tuple[cla.Array, cla.Array, Map, Map]:
-    """Disparity of the least cost, its plane, the cost, and its depth below the second, 0 to 1."""
-    device = lf.device
-    _, ny, nx = (int(n) for n in costs.shape)
-    position, least, second, mean = (device.empty((ny, nx), np.float32) for _ in range(4))
-    nearest = device.empty((ny, nx), np.int32)
-    device.launch_rows(
-        depth_kernel(lf, "valley"),
-        (ny, nx),
-        position,
-        nearest,
-        least,
-        second,
-        mean,
-        costs,
-        tables.planes,
-        *(np.int32(n) for n in (tables.count, ny, nx)),
-    )
-    low, next_low, usual = (device.download(a) for a in (least, second, mean))
-    rise = np.minimum(next_low, usual) - low
-    return position, nearest, low, np.clip(rise / np.maximum(usual, 1e-6), 0, 1)
-
-
 def _refined(
     lf: LightField,
-    views: ViewGroups,
-    tables: ShiftTables,
-    disparity: cla.Array,
-    nearest: cla.Array,
-    picture: cla.Array,
+    disparity: Map,
+    guide: cla.Array,
     noise: Map,
+    normal: tuple[cla.Array, cla.Array],
 ) -> tuple[Map, Map]:
     """Disparity moved by one step of least squares, and what the views know of it, A."""
-    device = lf.device
-    ny, nx, channels = (*lf.shape[2:], 1)[:3]
-    A, B = _normal(lf, views, tables, disparity, nearest)
-    out, known = (device.empty((ny, nx), np.float32) for _ in range(2))
+    channels = (*lf.shape, 1)[4]
     prior = _PRIOR * channels * np.maximum(noise, 1) ** 2
-    device.launch(
-        depth_kernel(lf, "fit"),
-        (-(-nx // support_block(device)), ny),
-        out,
-        known,
-        A,
-        B,
-        disparity,
-        picture,
-        device.upload(_colour_scale(_FIT_ALIKE, noise, channels)),
-        device.upload(_distance_scale(noise)),
-        device.upload(prior.astype(np.float32)),
-        np.float32(0.5 / _SAME_SURFACE**2),
-        np.float32(_RIDGE),
-        np.float32(_MOST_STEP),
-        *(np.int32(n) for n in (ny, nx)),
-    )
-    return device.download(out), device.download(known)
-
-
-def _normal(
-    lf: LightField, views: ViewGroups, tables: ShiftTables, disparity: cla.Array, nearest: cla.Array
-) -> tuple[cla.Array, cla.Array]:
-    """A and B of kernels/refine.cl at every pixel."""
-    device = lf.device
-    ny, nx, channels = (*lf.shape[2:], 1)[:3]
-    A, B = (device.empty((ny, nx), np.float32) for _ in range(2))
-    device.launch_rows(
-        depth_kernel(lf, "normal"),
-        (ny, nx),
-        A,
-        B,
-        lf.data,
-        disparity,
-        nearest,
-        tables.planes,
-        device.upload(views.view),
-        device.upload(views.step.astype(np.float32)),
-        tables.at,
-        tables.part,
-        tables.slopes,
-        tables.reach,
-        *views.upload(device),
-        *(np.int32(n) for n in (len(views.view), ny, nx)),
-        *(np.float32(t) for t in thresholds(channels)),
-    )
-    return A, B
+    scales = (_colour_scale(_FIT_ALIKE, noise, channels), _distance_scale(noise))
+    limits = (0.5 / _SAME_SURFACE**2, _RIDGE, _MOST_STEP)
+    return fit_planes(lf, disparity, guide, (*scales, prior.astype(np.float32)), normal, limits)
 
 
 def combined_memory(source: StoredLightField, planes: Vector) -> MemoryEstimate:

@@ -6,9 +6,10 @@ from dataclasses import replace
 from typing import Any
 
 import numpy as np
-from scipy.ndimage import correlate1d, gaussian_filter, maximum_filter, minimum_filter
+from scipy.ndimage import gaussian_filter, maximum_filter, minimum_filter
 
-from clplen.lightfield.arrays.smoothing import gaussian_taps
+from clplen.lightfield.arrays.smoothing import gaussian_taps, launch_stretches, whole_taps
+from clplen.lightfield.arrays.stored_samples import C_TYPE
 from clplen.lightfield.model.light_field import LightField
 
 Map = np.ndarray[Any, np.dtype[np.float32]]
@@ -16,10 +17,10 @@ Mask = np.ndarray[Any, np.dtype[np.bool_]]
 
 _SIGMA = 2.0  # pixels: what a wider Gaussian leaves is detail
 STEPS = 64  # of a level: detail is kept as uint16, up to 512 levels either way
-_MIDDLE = 2**15
 _OUTLINE = 0.25  # pixels a view step: disparities that differ more within
 _WINDOW = 13  # so many pixels along both axes have an outline between them
 _INSIDE = 0.1  # pixels a view step by which a disparity may leave that span
+_ANY = 1e-3  # of a pixel near an outline: least weight
 _EVENED = 3.0  # pixels: Gaussian over which costs are compared
 # Where costs of the samples are above those of their detail by this factor and these levels a
 # channel, brightness differs between the views: anywhere, and beside outlines.
@@ -45,24 +46,52 @@ def view_detail(lf: LightField, gains: Map) -> LightField:
         uint16, which kernels read faster than float16.
     """
     device = lf.device
+    V, U, ny, nx, channels = (*lf.shape, 1)[:5]
     taps = gaussian_taps(_SIGMA)
-    window = np.concatenate((taps[:0:-1], taps))
+    radius = taps.size - 1
     out = device.empty(lf.data.shape, np.uint16)
-    for v, u in np.ndindex(*lf.shape[:2]):
-        view = device.download(lf.data[v, u]).astype(np.float32)
-        around = correlate1d(view, window, 0, mode="nearest")
-        around = correlate1d(around, window, 1, mode="nearest")
-        detail = np.rint((view - around) * np.float32(STEPS * gains[v, u])) + _MIDDLE
-        out[v, u].set(np.clip(detail, 0, 2 * _MIDDLE - 1).astype(np.uint16), queue=device.queue)
+    launch_stretches(
+        device,
+        ("view_detail.cl", "view_detail"),
+        (V * U, ny, nx * channels),
+        (
+            out,
+            lf.data,
+            device.upload(whole_taps(taps, device)),
+            device.upload((STEPS * gains).astype(np.float32)),
+            *(np.int32(n) for n in (radius, ny, nx)),
+        ),
+        halos=(radius * channels,),
+        channels=channels,
+        SAMPLE=C_TYPE[lf.dtype],
+        CHANNELS=channels,
+        LANES=16,
+    )
     return replace(lf, data=out, raw=None)
 
 
-def is_even(costs: tuple[Map, Map], disparities: tuple[Map, Map], channels: int) -> Mask:
+def near_outlines(disparity: Map) -> Mask:
+    """Pixels within 6 of places where the disparity of detail differs by a quarter and more.
+
+    Parameters
+    ----------
+    disparity : numpy.ndarray
+        Pixels a view step, shape (y, x).
+    """
+    high = maximum_filter(disparity, _WINDOW, mode="nearest")
+    low = minimum_filter(disparity, _WINDOW, mode="nearest")
+    return np.asarray(high - low > _OUTLINE)
+
+
+def is_even(
+    costs: tuple[Map, Map], disparities: tuple[Map, Map], near: Mask, channels: int
+) -> Mask:
     """Where the samples themselves are to be believed, of what samples and their detail say.
 
-    Where brightness is the same in all views, samples agree as well as their detail, and they alone
-    keep outlines sharp. Beside an outline detail mixes both sides; there samples are believed if
-    their disparity lies between those that detail finds around, and costs are not much higher.
+    Detail is right where brightness differs from view to view, and mixes both sides of an outline.
+    Near outlines samples are believed where brightness is the same in all views, so that samples
+    agree as well as their detail; or nearly so well, if their disparity lies between those that
+    detail finds around.
 
     Parameters
     ----------
@@ -70,14 +99,19 @@ def is_even(costs: tuple[Map, Map], disparities: tuple[Map, Map], channels: int)
         Least cost of samples and of detail in levels, shape (y, x).
     disparities : tuple of numpy.ndarray
         Of samples and of detail.
+    near : numpy.ndarray
+        bool, shape (y, x): pixels near outlines, where samples were compared.
     channels : int
     """
-    ours, detail = (gaussian_filter(cost, _EVENED, mode="nearest") for cost in costs)
+    weight = np.maximum(gaussian_filter(near.astype(np.float32), _EVENED, mode="nearest"), _ANY)
+    ours, detail = (
+        gaussian_filter(np.where(near, cost, np.float32(0)), _EVENED, mode="nearest") / weight
+        for cost in costs
+    )
     factor, more = _UNEVEN
     even = ours < factor * detail + more * channels
     high = maximum_filter(disparities[1], _WINDOW, mode="nearest")
     low = minimum_filter(disparities[1], _WINDOW, mode="nearest")
-    beside = (high - low > _OUTLINE) & (disparities[0] > low - _INSIDE)
-    beside &= disparities[0] < high + _INSIDE
+    beside = (disparities[0] > low - _INSIDE) & (disparities[0] < high + _INSIDE)
     factor, more = _UNEVEN_AT_OUTLINES
-    return np.asarray(even | (beside & (ours < factor * detail + more * channels)))
+    return np.asarray(near & (even | (beside & (ours < factor * detail + more * channels))))

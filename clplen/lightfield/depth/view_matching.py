@@ -17,6 +17,7 @@ from clplen.lightfield.model.stored_light_field import StoredLightField
 
 Table = np.ndarray[Any, Any]
 Vector = np.ndarray[Any, np.dtype[np.float64]]
+Mask = np.ndarray[Any, np.dtype[np.bool_]]
 
 GROUPS = 9  # all views, and eight half apertures
 RATIO, MARGIN = 1.2, 0.17  # how much better a half must agree; the margin in levels a channel
@@ -24,6 +25,8 @@ TRUNCATION = 10.0  # levels a channel: worse agreement than this is none
 _DELTA = 1e-4  # pixels: for its derivative
 WINDOW = 7  # pixels: half the window of costs and of planes
 _BLOCK, _SUPPORT_BLOCK = 512, 64  # pixels of a row that an item of a CPU takes: match, others
+VECTOR = 16  # samples that CPUs take at a time
+_VECTORS = 16  # of pixels that an item of match_rows takes
 _ALMOST = 1e-6  # of a view step: on the line between two halves
 
 
@@ -194,7 +197,9 @@ def row_sums(lf: LightField) -> np.ndarray[Any, np.dtype[np.float32]]:
     return lf.device.download(sums)
 
 
-def match_costs(lf: LightField, views: ViewGroups, tables: ShiftTables) -> cla.Array:
+def match_costs(
+    lf: LightField, views: ViewGroups, tables: ShiftTables, wanted: Mask | None = None
+) -> cla.Array:
     """Cost of every plane at every pixel of the centre view.
 
     The mean over the views of the absolute difference to the centre, added over the channels and
@@ -206,6 +211,8 @@ def match_costs(lf: LightField, views: ViewGroups, tables: ShiftTables) -> cla.A
     lf : LightField
     views : ViewGroups
     tables : ShiftTables
+    wanted : numpy.ndarray, optional
+        bool, shape (y, x); default all. Elsewhere the costs are finite and mean nothing.
 
     Returns
     -------
@@ -215,11 +222,20 @@ def match_costs(lf: LightField, views: ViewGroups, tables: ShiftTables) -> cla.A
     device = lf.device
     ny, nx, channels = (*lf.shape[2:], 1)[:3]
     out = device.empty((tables.count, ny, nx), np.float32)
+    if wanted is not None:
+        out.fill(np.float32(thresholds(channels)[0]), queue=device.queue)
+    if in_vectors(lf):
+        kernel = depth_kernel(lf, "match_rows")
+        size = (-(-nx // (VECTOR * _VECTORS)), tables.count, ny)
+    else:
+        kernel = depth_kernel(lf, "match")
+        size = (-(-nx // match_block(device)), ny, tables.count)
     device.launch(
-        depth_kernel(lf, "match"),
-        (-(-nx // match_block(device)), ny, tables.count),
+        kernel,
+        size,
         out,
         lf.data,
+        wanted_pixels(lf, wanted),
         device.upload(views.view),
         tables.at,
         tables.part,
@@ -233,6 +249,7 @@ def match_costs(lf: LightField, views: ViewGroups, tables: ShiftTables) -> cla.A
 
 def depth_kernel(lf: LightField, name: str) -> cl.Kernel:
     """A kernel of kernels/combined.cl; all of them for one kind of light field are one program."""
+    vectors = {"LANES": VECTOR, "MATCH_VECTORS": _VECTORS} if in_vectors(lf) else {}
     return lf.device.kernel(
         "combined.cl",
         name,
@@ -241,7 +258,19 @@ def depth_kernel(lf: LightField, name: str) -> cl.Kernel:
         RADIUS=WINDOW,
         BLOCK=support_block(lf.device),
         MATCH_BLOCK=match_block(lf.device),
+        **vectors,
     )
+
+
+def wanted_pixels(lf: LightField, wanted: Mask | None) -> cla.Array:
+    """A mask of pixels, default all, as the kernels take it."""
+    every = np.ones(lf.shape[2:4], np.uint8)
+    return lf.device.upload(every if wanted is None else wanted.astype(np.uint8))
+
+
+def in_vectors(lf: LightField) -> bool:
+    """Whether samples are compared sixteen at a time."""
+    return lf.device.rows and (*lf.shape, 1)[4] in (1, 3)
 
 
 def support_block(device: Device) -> int:

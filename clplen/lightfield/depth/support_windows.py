@@ -1,0 +1,173 @@
+"""Costs of planes gathered over neighbours that look alike, and disparity refined over them."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import pyopencl.array as cla
+
+from clplen.lightfield.depth.cue import Mask
+from clplen.lightfield.depth.view_matching import (
+    VECTOR,
+    ShiftTables,
+    ViewGroups,
+    depth_kernel,
+    in_vectors,
+    support_block,
+    thresholds,
+    wanted_pixels,
+)
+from clplen.lightfield.model.light_field import LightField
+
+Map = np.ndarray[Any, np.dtype[np.float32]]
+Whole = np.ndarray[Any, np.dtype[np.int32]]
+
+
+def gather_costs(
+    lf: LightField,
+    out: cla.Array,
+    costs: cla.Array,
+    picture: cla.Array,
+    scales: tuple[Map, Map],
+    wanted: Mask | None = None,
+) -> None:
+    """Mean of the costs round a pixel, by nearness and likeness: gather of kernels/support.cl.
+
+    Parameters
+    ----------
+    lf : LightField
+    out, costs : pyopencl.array.Array
+        float32, shape (P, y, x).
+    picture : pyopencl.array.Array
+        float32, shape (y, x[, c]): whose likeness counts.
+    scales : tuple of numpy.ndarray
+        Of squared distances, and of squared differences of the picture, float32, shape (y, x).
+    wanted : numpy.ndarray, optional
+        bool, shape (y, x); default all.
+    """
+    device = lf.device
+    planes, ny, nx = (int(n) for n in costs.shape)
+    block = VECTOR if in_vectors(lf) else support_block(device)
+    device.launch(
+        depth_kernel(lf, "gather_rows" if in_vectors(lf) else "gather"),
+        (-(-nx // block), ny),
+        out,
+        costs,
+        wanted_pixels(lf, wanted),
+        picture,
+        *(device.upload(scale) for scale in scales),
+        *(np.int32(n) for n in (planes, ny, nx)),
+    )
+
+
+def lowest_valley(
+    lf: LightField, costs: cla.Array, tables: ShiftTables, wanted: Mask | None = None
+) -> tuple[Map, Whole, Map, Map]:
+    """Disparity of the least cost, its plane, the cost, and its depth below the second, 0 to 1.
+
+    All are 0 where it is not ``wanted``.
+    """
+    device = lf.device
+    _, ny, nx = (int(n) for n in costs.shape)
+    place, least, second, mean = (device.zeros((ny, nx), np.float32) for _ in range(4))
+    nearest = device.zeros((ny, nx), np.int32)
+    device.launch_rows(
+        depth_kernel(lf, "valley"),
+        (ny, nx),
+        place,
+        nearest,
+        least,
+        second,
+        mean,
+        costs,
+        wanted_pixels(lf, wanted),
+        tables.planes,
+        *(np.int32(n) for n in (tables.count, ny, nx)),
+    )
+    low, next_low, usual = (device.download(a) for a in (least, second, mean))
+    rise = np.minimum(next_low, usual) - low
+    margin = np.clip(rise / np.maximum(usual, 1e-6), 0, 1)
+    return device.download(place), device.download(nearest), low, margin
+
+
+def normal_equations(
+    lf: LightField,
+    views: ViewGroups,
+    tables: ShiftTables,
+    disparity: Map,
+    nearest: Whole,
+    wanted: Mask,
+    out: tuple[cla.Array, cla.Array],
+) -> None:
+    """A and B of kernels/refine.cl at the wanted pixels."""
+    device = lf.device
+    ny, nx, channels = (*lf.shape[2:], 1)[:3]
+    args = (
+        *out,
+        lf.data,
+        wanted_pixels(lf, wanted),
+        device.upload(disparity),
+        device.upload(nearest),
+        tables.planes,
+        device.upload(views.view),
+        device.upload(views.step.astype(np.float32)),
+        tables.at,
+        tables.part,
+        tables.slopes,
+        tables.reach,
+        *views.upload(device),
+        *(np.int32(n) for n in (len(views.view), ny, nx)),
+        *(np.float32(t) for t in thresholds(channels)),
+    )
+    if in_vectors(lf):
+        device.launch(depth_kernel(lf, "normal_rows"), (-(-nx // VECTOR), ny), *args)
+    else:
+        device.launch_rows(depth_kernel(lf, "normal"), (ny, nx), *args)
+
+
+def fit_planes(
+    lf: LightField,
+    disparity: Map,
+    picture: cla.Array,
+    maps: tuple[Map, Map, Map],
+    normal: tuple[cla.Array, cla.Array],
+    limits: tuple[float, float, float],
+) -> tuple[Map, Map]:
+    """Planes through the neighbours' steps: fit of kernels/refine.cl.
+
+    Parameters
+    ----------
+    lf : LightField
+    disparity : numpy.ndarray
+        float32, shape (y, x).
+    picture : pyopencl.array.Array
+        Whose likeness counts.
+    maps : tuple of numpy.ndarray
+        Scales of squared differences of the picture and of squared distances, and the prior.
+    normal : tuple of pyopencl.array.Array
+        A and B of `normal_equations`.
+    limits : tuple of float
+        Scale of squared differences of disparity, ridge, and the largest step.
+
+    Returns
+    -------
+    tuple of numpy.ndarray
+        Disparity, and the sum of A that it rests on.
+    """
+    device = lf.device
+    ny, nx = disparity.shape
+    out, known = (device.empty((ny, nx), np.float32) for _ in range(2))
+    device.launch(
+        depth_kernel(lf, "fit"),
+        (-(-nx // support_block(device)), ny),
+        out,
+        known,
+        *normal,
+        device.upload(disparity),
+        picture,
+        *(device.upload(m) for m in maps),
+        *(np.float32(limit) for limit in limits),
+        *(np.int32(n) for n in (ny, nx)),
+    )
+    return device.download(out), device.download(known)
