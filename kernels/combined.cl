@@ -1,10 +1,11 @@
 /* The kernels of the combined cue of depth in one program, which is built sooner than several.
  *
- *   match     cost of every plane at every pixel: matching.cl
- *   gather, valley    costs gathered over neighbours, and the least one: support.cl
- *   normal, fit       disparity refined by least squares: refine.cl
+ *   match     cost of every plane at every pixel: matching.cl, match_rows.cl
+ *   gather, valley    costs gathered over neighbours, and the least one: support.cl, gather_rows.cl
+ *   normal, fit       disparity refined by least squares: refine.cl, normal_rows.cl
  *
  * -DSAMPLE=uchar | ushort | half | float, -DCHANNELS=n, -DRADIUS=n, -DBLOCK=n, -DMATCH_BLOCK=n; -DROWS
+ * -DLANES=16, -DMATCH_VECTORS=n: the kernels in vectors, too
  */
 #include "common.cl"
 #include "stored.cl"

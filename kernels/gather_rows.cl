@@ -1,7 +1,9 @@
 /* gather of support.cl in vectors of sixteen pixels, for CPUs.
  *
- * An item is 16 pixels of a row, left as they are where none is wanted. The weights of a pixel are found
- * once; each is read once for GATHER_PLANES planes, whose sums stay in registers. Costs beside a
+ *   out[p, y, x] = sum_st w cost[p, y + s, x + t] / sum_st w,   |s|, |t| <= RADIUS
+ *
+ * An item is 16 pixels of a row and the planes that they want (spans.cl). The weights of a pixel are
+ * found once; each is read once for GATHER_PLANES planes, whose sums stay in registers. Costs beside a
  * row are read with weight 0, and are finite.
  *
  * -DCHANNELS=n, -DRADIUS=n
@@ -9,13 +11,24 @@
 #include "common.cl"
 #include "lanes.cl"
 #include "bell.cl"
+#include "spans.cl"
 
 #define SIDE (2 * RADIUS + 1)
 #define GATHER_PLANES 8
 
+/* 16 costs, 0 outside of begin <= x < end. */
+inline float16 inside16(__global const float *cost, const int begin, const int end)
+{
+    union { float16 v; float s[16]; } here;
+    here.v = (float16)(0.0f);
+    for (int x = begin; x < end; ++x)
+        here.s[x] = cost[x];
+    return here.v;
+}
+
 __attribute__((reqd_work_group_size(1, 1, 1)))
 __kernel void gather_rows(__global float *restrict out, __global const float *restrict cost,
-                          __global const uchar *restrict wanted, __global const float *restrict I,
+                          __global const int2 *restrict spans, __global const float *restrict I,
                           __global const float *restrict near, __global const float *restrict alike,
                           const int planes, const int ny, const int nx)
 {
@@ -24,10 +37,8 @@ __kernel void gather_rows(__global float *restrict out, __global const float *re
         return;
     const int n = min(16, nx - x0);
     const long start = (long)row_start(0, y, ny, nx) + x0, step = (long)ny * nx;
-    int any = 0;
-    for (int x = 0; x < n; ++x)
-        any |= wanted[start + x];
-    if (!any)
+    const int2 span = span_of(spans, y, x0, nx);
+    if (span.x > span.y)
         return;
     union { float16 v; float s[16]; } w[SIDE * SIDE], total;
     const int above = max(-RADIUS, -y), below = min(RADIUS, ny - 1 - y);
@@ -50,9 +61,9 @@ __kernel void gather_rows(__global float *restrict out, __global const float *re
             total.v += w[k].v;
         }
     const float16 share = (float16)(1.0f) / total.v;
-    for (int p = 0; p < planes; p += GATHER_PLANES) {
+    for (int p = span.x; p <= span.y; p += GATHER_PLANES) {
         float16 sum[GATHER_PLANES];
-        const int last = min(GATHER_PLANES, planes - p) - 1;
+        const int last = min(GATHER_PLANES, span.y + 1 - p) - 1;
 #pragma unroll
         for (int q = 0; q < GATHER_PLANES; ++q)
             sum[q] = (float16)(0.0f);
@@ -66,16 +77,15 @@ __kernel void gather_rows(__global float *restrict out, __global const float *re
                         sum[q] += w[k].v * load16(cost + from + min(q, last) * step);
                 } else {
                     const int begin = clamp(-t - x0, 0, n), end = clamp(nx - t - x0, begin, n);
-                    for (int q = 0; q <= last; ++q) {
-                        union { float16 v; float s[16]; } here;
-                        here.v = (float16)(0.0f);
-                        for (int x = begin; x < end; ++x)
-                            here.s[x] = cost[from + q * step + x];
-                        sum[q] += w[k].v * here.v;
-                    }
+#pragma unroll
+                    for (int q = 0; q < GATHER_PLANES; ++q)
+                        sum[q] += w[k].v * inside16(cost + from + min(q, last) * step, begin, end);
                 }
             }
-        for (int q = 0; q <= last; ++q) {
+#pragma unroll
+        for (int q = 0; q < GATHER_PLANES; ++q) {
+            if (q > last)
+                continue;
             const float16 mean = sum[q] * share;
             __global float *to = out + (p + q) * step + start;
             if (n == 16) {

@@ -1,13 +1,16 @@
 /* match of matching.cl in vectors of sixteen samples, for CPUs and light fields of one or three channels.
  *
+ *   cost[p, y, x] = min(m_0, ratio min_j m_j + margin)
+ *
  * A sample that interpolation needs is combined along y once for four pixels along x. An item is
- * MATCH_VECTORS vectors of 16 pixels of a row on one plane; axis 0 = those, axis 1 = planes, axis
- * 2 = y, so that the rows of all views that planes share are read from the nearest caches.
- * Vectors at the ends of an item without a wanted pixel are left as they are.
+ * MATCH_VECTORS vectors of 16 pixels of a row on one plane; axis 0 = planes, axis 1 = y, axis 2 =
+ * those, so that the rows of all views that planes share are read from the nearest caches.
+ * Vectors at the ends of an item are left as they are where the plane is not wanted (spans.cl).
  *
  * -DSAMPLE=uchar | ushort | half | float, -DLANES=16, -DCHANNELS=1 | 3, -DMATCH_VECTORS=n
  */
 #include "common.cl"
+#include "spans.cl"
 #include "strips.cl"
 
 #define GROUPS 9
@@ -40,18 +43,9 @@ inline float16 difference(const float16 *value, const float16 *centre)
 #endif
 }
 
-/* Whether one of 16 pixels from x on, a multiple of 16, is wanted. */
-inline int any_wanted(__global const uchar *wanted, const int x, const int end)
-{
-    int any = 0;
-    for (int i = x; i < min(x + 16, end); ++i)
-        any |= wanted[i];
-    return any;
-}
-
 __attribute__((reqd_work_group_size(1, 1, 1)))
 __kernel void match_rows(__global float *restrict out, __global const SAMPLE *restrict L,
-                         __global const uchar *restrict wanted, __global const int *restrict view,
+                         __global const int2 *restrict spans, __global const int *restrict view,
                          __global const int2 *restrict at,
                          __global const float4 *restrict part, __global const int2 *restrict reach,
                          __global const int *restrict first, __global const float *restrict pattern,
@@ -60,12 +54,11 @@ __kernel void match_rows(__global float *restrict out, __global const SAMPLE *re
                          const int views, const int ny, const int nx, const float tau,
                          const float ratio, const float margin)
 {
-    const int p = get_global_id(1), y = get_global_id(2);
-    int x0 = get_global_id(0) * MATCH_CHUNK, end_x = min(x0 + MATCH_CHUNK, nx);
-    wanted += row_start(0, y, ny, nx);
-    while (x0 < end_x && !any_wanted(wanted, x0, end_x))
+    const int p = get_global_id(0), y = get_global_id(1);
+    int x0 = get_global_id(2) * MATCH_CHUNK, end_x = min(x0 + MATCH_CHUNK, nx);
+    while (x0 < end_x && !in_span(spans, y, x0, p, nx))
         x0 += 16;
-    while (x0 < end_x && !any_wanted(wanted, (end_x - 1) & ~15, end_x))
+    while (x0 < end_x && !in_span(spans, y, end_x - 1, p, nx))
         end_x = (end_x - 1) & ~15;
     if (x0 >= end_x)
         return;

@@ -11,11 +11,13 @@
  * and four along x, from -1 on, which interpolate and scale; reach[p, k] 1 where the shift has a
  * fraction, along y and x.
  *
- * match: an item is MATCH_BLOCK pixels of a row on one plane; left as it is where none is wanted.
+ * match: an item is MATCH_BLOCK pixels of a row on one plane; left as it is where the plane
+ * is not wanted (spans.cl).
  * -DSAMPLE=uchar | ushort | half | float   what the light field stores
  * -DCHANNELS=n, -DMATCH_BLOCK=n
  */
 #include "common.cl"
+#include "spans.cl"
 #include "stored.cl"
 
 #define GROUPS 9
@@ -55,7 +57,8 @@ inline void sheared(float *value, float *column, __global const SAMPLE *view, co
 __attribute__((reqd_work_group_size(1, 1, 1)))
 #endif
 __kernel void match(__global float *restrict out, __global const SAMPLE *restrict L,
-                    __global const uchar *restrict wanted, __global const int *restrict view, __global const int2 *restrict at,
+                    __global const int2 *restrict spans, __global const int *restrict view,
+                    __global const int2 *restrict at,
                     __global const float4 *restrict part, __global const int2 *restrict reach,
                     __global const int *restrict first, __global const float *restrict pattern,
                     const int patterns, __global const int *restrict reference,
@@ -68,8 +71,8 @@ __kernel void match(__global float *restrict out, __global const SAMPLE *restric
         return;
     const int n = min(MATCH_BLOCK, nx - x0);
     int any = 0;
-    for (int x = x0; x < x0 + n; ++x)
-        any |= wanted[row_start(0, y, ny, nx) + x];
+    for (int x = x0 & ~15; x < x0 + n; x += 16)
+        any |= in_span(spans, y, x, p, nx);
     if (!any)
         return;
     const size_t size = (size_t)ny * nx * CHANNELS;

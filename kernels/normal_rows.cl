@@ -1,6 +1,8 @@
 /* normal of refine.cl in vectors of sixteen samples, for CPUs and light fields of one or three channels.
  *
- * An item is 16 pixels of a row: one plane next to any of them after the other, for all of them.
+ *   A = mean of w (g - <g>)^2, B = mean of w (g - <g>) (r - <r>) + A (d - plane)
+ *
+ * An item is 16 pixels of a row: one plane next to any wanted one of them after the other, for all.
  *
  * -DSAMPLE=uchar | ushort | half | float, -DLANES=16, -DCHANNELS=1 | 3
  */

@@ -8,12 +8,13 @@
  *            which need not be equally far; its number, its cost, the second lowest valley and
  *            the mean
  *
- * gather: an item is BLOCK pixels of a row, all planes, left as they are where none is wanted.
- * valley: FOR_X over x; what is not wanted is left as it is.
+ * gather: an item is BLOCK pixels of a row, all planes that one of them wants (spans.cl). valley:
+ * FOR_X over x, among the planes spans[y, x] = (first, last); left as it is where last < first.
  * -DCHANNELS=n, -DRADIUS=n, -DBLOCK=n; -DROWS: see common.cl
  */
 #include "common.cl"
 #include "bell.cl"
+#include "spans.cl"
 
 #ifdef RADIUS
 #define SIDE (2 * RADIUS + 1)
@@ -22,18 +23,23 @@
 __attribute__((reqd_work_group_size(1, 1, 1)))
 #endif
 __kernel void gather(__global float *restrict out, __global const float *restrict cost,
-                     __global const uchar *restrict wanted, __global const float *restrict I, __global const float *restrict near,
-                     __global const float *restrict alike, const int planes, const int ny,
+                     __global const int2 *restrict spans, __global const float *restrict I,
+                     __global const float *restrict near, __global const float *restrict alike, const int planes, const int ny,
                      const int nx)
 {
     const int x0 = get_global_id(0) * BLOCK, y = get_global_id(1);
     if (x0 >= nx)
         return;
     const int n = min(BLOCK, nx - x0);
-    int any = 0;
-    for (int x = x0; x < x0 + n; ++x)
-        any |= wanted[row_start(0, y, ny, nx) + x];
-    if (!any)
+    int lowest = planes, highest = -1;
+    for (int x = x0 & ~15; x < x0 + n; x += 16) {
+        const int2 span = span_of(spans, y, x, nx);
+        if (span.x <= span.y) {
+            lowest = min(lowest, span.x);
+            highest = max(highest, span.y);
+        }
+    }
+    if (lowest > highest)
         return;
     float w[SIDE * SIDE * BLOCK], sum[BLOCK], total[BLOCK];
     __global const float *here = I + (row_start(0, y, ny, nx) + x0) * CHANNELS;
@@ -58,7 +64,7 @@ __kernel void gather(__global float *restrict out, __global const float *restric
                 total[x] += to[x];
             }
         }
-    for (int p = 0; p < planes; ++p) {
+    for (int p = lowest; p <= highest; ++p) {
         const size_t row = row_start(p, y, ny, nx) + x0;
         for (int x = 0; x < n; ++x)
             sum[x] = 0;
@@ -79,21 +85,22 @@ __kernel void gather(__global float *restrict out, __global const float *restric
 __kernel void valley(__global float *restrict place, __global int *restrict nearest,
                      __global float *restrict least, __global float *restrict second,
                      __global float *restrict mean, __global const float *restrict cost,
-                     __global const uchar *restrict wanted, __global const float *restrict d,
+                     __global const int2 *restrict spans, __global const float *restrict d,
                      const int planes, const int ny, const int nx)
 {
     const int y = get_global_id(1);
     const size_t step = (size_t)ny * nx;
     FOR_X(x, nx) {
         const size_t i = row_start(0, y, ny, nx) + x;
-        if (!wanted[i])
+        const int2 span = spans[i];
+        if (span.x > span.y)
             continue;
         float lowest = INFINITY, next = INFINITY, sum = 0;
-        int best = 0;
-        for (int p = 0; p < planes; ++p) {
+        int best = span.x;
+        for (int p = span.x; p <= span.y; ++p) {
             const float e = cost[p * step + i];
-            const float before = p > 0 ? cost[(p - 1) * step + i] : INFINITY;
-            const float after = p < planes - 1 ? cost[(p + 1) * step + i] : INFINITY;
+            const float before = p > span.x ? cost[(p - 1) * step + i] : INFINITY;
+            const float after = p < span.y ? cost[(p + 1) * step + i] : INFINITY;
             sum += e;
             if (!(e <= before && e < after))
                 continue;
@@ -105,8 +112,8 @@ __kernel void valley(__global float *restrict place, __global int *restrict near
                 next = fmin(next, e);
             }
         }
-        float found = d[best], bottom = isfinite(lowest) ? lowest : cost[i];
-        if (best > 0 && best < planes - 1) {
+        float found = d[best], bottom = isfinite(lowest) ? lowest : cost[best * step + i];
+        if (best > span.x && best < span.y) {
             const float before = cost[(best - 1) * step + i], after = cost[(best + 1) * step + i];
             const float h0 = d[best] - d[best - 1], h1 = d[best + 1] - d[best];
             const float s0 = (before - lowest) / h0, s1 = (after - lowest) / h1;
@@ -119,6 +126,6 @@ __kernel void valley(__global float *restrict place, __global int *restrict near
         nearest[i] = best;
         least[i] = bottom;
         second[i] = next;
-        mean[i] = sum / planes;
+        mean[i] = sum / (span.y - span.x + 1);
     }
 }

@@ -45,7 +45,7 @@ ROOMS: dict[str, tuple[set[str], ...]] = {
         {"arrays"},
         {"raw"},
         {"model"},
-        {"calibration", "refocusing", "focused"},
+        {"calibration", "refocusing", "focused", "matching"},
         {"depth"},
         {"streaming", "axis_check"},
     ),

@@ -14,7 +14,14 @@ from clplen.lightfield.depth.correspondence_cue import shear_moments
 from clplen.lightfield.depth.energy_cue import LocalEnergy
 from clplen.lightfield.depth.sheared_views import add_colours
 from clplen.lightfield.depth.structure_tensor_cue import epi_tensors
-from clplen.lightfield.depth.view_matching import (
+from clplen.lightfield.matching.plane_spans import all_planes
+from clplen.lightfield.matching.support_windows import (
+    gather_costs,
+    lowest_valley,
+    normal_equations,
+)
+from clplen.lightfield.matching.view_detail import STEPS, view_detail
+from clplen.lightfield.matching.view_matching import (
     WINDOW,
     group_views,
     match_costs,
@@ -174,8 +181,11 @@ class _Scene:
             samples = (samples + np.roll(samples, 1, axis)) / 2
         self.samples = samples.astype(np.float32)
         self.lf = LightField.from_array(self.samples, device=device)
+        twice = np.repeat(self.samples[..., None], 2, axis=-1)
+        self.twice = LightField.from_array(twice, device=device)  # in the form of any channels
         self.sorted = group_views(self.lf)
         self.moved = shift_tables(self.sorted, self.planes, np.ones(4), device=device)
+        self.spans = all_planes(self.size, self.planes.size)
         self.steps = twins.view_steps(self.views).reshape(-1, 2)
 
     def sheared(self, d: float, step: float = 0.0) -> tuple[Any, Any]:
@@ -253,7 +263,30 @@ class _Scene:
 
 def _matching(device: Device) -> Pairs:
     scene = _Scene(device)
-    yield scene.costs(), device.download(match_costs(scene.lf, scene.sorted, scene.moved))
+    costs = scene.costs()
+    for channels, lf in ((1, scene.lf), (2, scene.twice)):
+        found = match_costs(lf, scene.sorted, scene.moved, scene.spans)
+        yield channels * costs, device.download(found)
+    few = np.tile(np.array((1, 2), np.int32), (*scene.spans.shape[:2], 1))
+    found = match_costs(scene.lf, scene.sorted, scene.moved, few)
+    yield costs[1:3], device.download(found)[1:3]
+
+
+def _view_detail(device: Device) -> Pairs:
+    """Views less their Gaussian, in 64ths, reflected at the edges."""
+    scene = _Scene(device)
+    gains = np.array([[1.0, 0.5], [0.25, 1.0]])
+    taps = gaussian_taps(2.0)
+    window = np.concatenate((taps[:0:-1], taps))
+    low = scene.samples.astype(float)
+    for axis in (2, 3):
+        n, reach = low.shape[axis], taps.size - 1
+        index = np.arange(-reach, n + reach) % (2 * n)
+        wide = np.take(low, np.where(index < n, index, 2 * n - 1 - index), axis)
+        parts = (w * np.take(wide, np.arange(n) + k, axis) for k, w in enumerate(window))
+        low = sum(parts, start=np.zeros(low.shape))
+    expected = 2**15 + np.rint(STEPS * gains[..., None, None] * (scene.samples - low))
+    yield expected, view_detail(scene.lf, gains).to_numpy().astype(float)
 
 
 def _bell(q: Any) -> Any:
@@ -272,8 +305,6 @@ def _support(device: Device) -> Pairs:
     cost = twins.reals(10, 4, *scene.size, low=1, high=30)
     picture = twins.reals(11, *scene.size, high=40)
     noise = twins.reals(12, *scene.size, low=0.5, high=4)
-    out = device.empty(cost.shape, np.float32)
-    combined_cue._gather(scene.lf, out, device.upload(cost), device.upload(picture), noise)
     near = combined_cue._distance_scale(noise).astype(float)
     alike = combined_cue._colour_scale(combined_cue._ALIKE, noise, 1).astype(float)
     expected = np.zeros(cost.shape)
@@ -284,14 +315,21 @@ def _support(device: Device) -> Pairs:
             near[y, x] * ((i - y) ** 2 + (j - x) ** 2) + alike[y, x] * (I[i, j] - I[y, x]) ** 2
         )
         expected[:, y, x] = (w * cost[:, i, j]).sum(axis=(1, 2)) / w.sum()
-    yield expected, device.download(out)
+    for lf, guide in ((scene.lf, picture), (scene.twice, np.repeat(picture[..., None], 2, -1))):
+        out = device.empty(cost.shape, np.float32)
+        alike = combined_cue._colour_scale(combined_cue._ALIKE, noise, (*lf.shape, 1)[4])
+        scales = (combined_cue._distance_scale(noise), alike)
+        gather_costs(lf, out, device.upload(cost), device.upload(guide), scales, scene.spans)
+        yield expected, device.download(out)
     vertex = twins.reals(13, *scene.size, low=-0.5, high=0.6).astype(float)
     cost = (2 + (scene.planes[:, None, None] - vertex) ** 2).astype(np.float32)
-    place, nearest, _, _ = combined_cue._valley(scene.lf, device.upload(cost), scene.moved)
+    args = (scene.lf, device.upload(cost), scene.moved)
+    every = np.tile(scene.spans[:1, :1], (*scene.size, 1))
+    place, nearest, _, _ = lowest_valley(*args, every)
     lowest = cost.argmin(axis=0)
-    yield lowest, device.download(nearest)
+    yield lowest, nearest
     middle = (lowest > 0) & (lowest < 3)
-    yield vertex[middle], device.download(place)[middle]
+    yield vertex[middle], place[middle]
 
 
 def _fitted(maps: Any, picture: Any, noise: Any) -> Any:
@@ -323,25 +361,31 @@ def _refine(device: Device) -> Pairs:
     nearest = np.random.default_rng(14).integers(0, 4, scene.size).astype(np.int32)
     off = twins.reals(15, *scene.size, low=-0.1, high=0.1)
     disparity = (scene.planes[nearest] * 0.1 + off).astype(np.float32)
-    given = (device.upload(disparity), device.upload(nearest))
     wanted = scene.normal(disparity.astype(float), nearest)
-    found = combined_cue._normal(scene.lf, scene.sorted, scene.moved, *given)
-    for expected, got in zip(wanted, found, strict=True):
-        yield expected, device.download(got)
+    every = np.ones(scene.size, bool)
+    args = (scene.sorted, scene.moved, disparity, nearest, every)
+    for channels, lf in ((2, scene.twice), (1, scene.lf)):
+        found = device.empty(scene.size, np.float32), device.empty(scene.size, np.float32)
+        normal_equations(lf, *args, found)
+        for expected, got in zip(wanted, found, strict=True):
+            yield channels * expected, device.download(got)
     picture = twins.reals(16, *scene.size, high=40)
     noise = twins.reals(17, *scene.size, low=0.5, high=4)
-    args = (scene.sorted, scene.moved, *given, device.upload(picture), noise)
-    plane, known = combined_cue._refined(scene.lf, *args)
+    plane, known = combined_cue._refined(
+        scene.lf, disparity, device.upload(picture), noise, found
+    )
     maps = (*wanted, disparity.astype(float))
-    wanted = _fitted(maps, picture.astype(float), noise)
-    yield wanted[0], plane
-    yield wanted[1], known
+    fitted = _fitted(maps, picture.astype(float), noise)
+    yield fitted[0], plane
+    yield fitted[1], known
 
 
 MATCHING_CHECKS = (
     Check("matching", "how well views agree on four planes", _matching, 1e-5,
-          ("matching.cl", "combined.cl")),
+          ("matching.cl", "match_rows.cl", "strips.cl", "spans.cl", "combined.cl")),
+    Check("view detail", "views less their Gaussian", _view_detail, 2e-5, ("view_detail.cl",)),
     Check("support", "costs of neighbours that look alike", _support, 2e-5,
-          ("support.cl", "bell.cl")),
-    Check("refine", "least squares over views and neighbours", _refine, 5e-5, ("refine.cl",)),
+          ("support.cl", "gather_rows.cl", "bell.cl")),
+    Check("refine", "least squares over views and neighbours", _refine, 5e-5,
+          ("refine.cl", "normal_rows.cl")),
 )  # fmt: skip

@@ -11,8 +11,8 @@ from clplen.lightfield.arrays.ray_samples import along_rays
 from clplen.lightfield.arrays.shear import shear_sum
 from clplen.lightfield.arrays.stored_samples import extremes, lit_views, plane
 from clplen.lightfield.depth.all_in_focus import _launch
-from clplen.lightfield.depth.view_matching import row_sums
 from clplen.lightfield.focus_and_depth import all_in_focus
+from clplen.lightfield.matching.view_matching import row_sums
 from clplen.lightfield.model.light_field import LightField
 from clplen.lightfield.refocusing.focal_stacks import UPSAMPLE_BASE, FocalStack, magnify, upsampled
 from clplen.lightfield.refocusing.fourier_slice import fourier_stack

@@ -1,4 +1,4 @@
-"""matching.cl, and brightness of views.cl, against float64 twins."""
+"""matching.cl, match_rows.cl, and brightness of views.cl, against float64 twins."""
 
 from __future__ import annotations
 
@@ -6,8 +6,9 @@ import numpy as np
 import pytest
 from reference_matching import bell_taps, centre_shares, costs, membership
 
-from clplen.lightfield.depth import view_matching
-from clplen.lightfield.depth.view_matching import (
+from clplen.lightfield.matching import view_matching
+from clplen.lightfield.matching.plane_spans import all_planes
+from clplen.lightfield.matching.view_matching import (
     group_views,
     match_costs,
     row_sums,
@@ -24,6 +25,7 @@ PLANES = np.array([-3.3, -0.9, -0.25, 0.0, 0.4, 1.0, 2.7, 50.0])  # the last lea
 def short_blocks(monkeypatch):
     """Several blocks a row, the last one not whole."""
     monkeypatch.setattr(view_matching, "_BLOCK", 8)
+    monkeypatch.setattr(view_matching, "_VECTORS", 1)
 
 
 def samples(shape, dtype=np.float32, seed=3):
@@ -55,7 +57,7 @@ def wanted(lf, planes, channels, gain=1.0):
 def found_costs(lf, planes, gain=1.0):
     views = group_views(lf)
     moved = shift_tables(views, planes, gain, device=lf.device)
-    return lf.device.download(match_costs(lf, views, moved))
+    return lf.device.download(match_costs(lf, views, moved, all_planes(lf.shape[2:4], planes.size)))
 
 
 @pytest.mark.parametrize("part", [0, 1e-9, 0.1, 0.25, 0.5, 0.8, 1 - 1e-9])
@@ -112,12 +114,32 @@ def test_integers_and_gain(device, shape, dtype):
     assert np.abs(got - wanted(lf, planes, channels, gain=0.37)).max() <= tolerance(lf, channels)
 
 
+@pytest.mark.parametrize("shape", [(3, 4, 7, 53), (2, 3, 6, 40, 3), (2, 2, 5, 37, 2)])
+def test_only_planes_of_a_span(device, shape):
+    lf = light_field(device, shape)
+    channels, count = (*shape, 1)[4], PLANES.size
+    rng = np.random.default_rng(4)
+    spans = np.sort(rng.integers(0, count, (shape[2], -(-shape[3] // 16), 2)), axis=-1)
+    spans[rng.random(spans.shape[:2]) < 0.3] = (1, 0)
+    spans = spans.astype(np.int32)
+    views = group_views(lf)
+    moved = shift_tables(views, PLANES, 1.0, device=device)
+    got = device.download(match_costs(lf, views, moved, spans))
+    first, last = np.repeat(spans, 16, axis=1)[:, : shape[3]].transpose(2, 0, 1)
+    p = np.arange(count)[:, None, None]
+    there = (p >= first) & (p <= last)
+    assert 0.1 < there.mean() < 0.9
+    off = np.abs(got - wanted(lf, PLANES, channels))
+    assert off[there].max() <= tolerance(lf, channels)
+    assert np.isfinite(got).all()
+
+
 def test_views_are_evened_one_by_one(device):
     lf = light_field(device, (3, 4, 9, 13))
     views, planes = group_views(lf), np.array([-0.8, 0.3, 1.4])
     gain = np.random.default_rng(8).uniform(0.5, 2, 12)
     moved = shift_tables(views, planes, gain[views.view], device=device)
-    got = device.download(match_costs(lf, views, moved))
+    got = device.download(match_costs(lf, views, moved, all_planes(lf.shape[2:4], planes.size)))
     want = wanted(lf, planes, 1, gain=gain[lf.weights.ravel() > 0][:, None, None, None])
     assert np.abs(got - want).max() <= 2 * tolerance(lf, 1)  # samples twice as large
 

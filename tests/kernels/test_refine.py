@@ -8,7 +8,7 @@ from reference_matching import centre_shares, fit, membership, normal
 from tolerance import relative_max
 
 from clplen.lightfield.arrays.stored_samples import C_TYPE
-from clplen.lightfield.depth.view_matching import group_views, shift_tables
+from clplen.lightfield.matching.view_matching import group_views, shift_tables
 from clplen.lightfield.model.alpha_law import unit_steps
 from clplen.lightfield.model.light_field import LightField
 
@@ -32,19 +32,30 @@ def light_field(device, shape, **more):
     return LightField.from_array(views(shape), device=device, weights=weights, **more)
 
 
-def compared(device, lf, start, limits=LIMITS, gain=1.0):
+def compared(device, lf, start, limits=LIMITS, gain=1.0, vectors=False, wanted=None):
     """(A, B) of the kernel and of the twin; start: disparities, numbers of planes, planes."""
     disparity, nearest, planes = start
     ny, nx, channels = (*lf.shape[2:], 1)[:3]
     sorted_ = group_views(lf)
     moved = shift_tables(sorted_, planes, gain, device=device)
-    A, B = (device.empty((ny, nx), np.float32) for _ in "AB")
-    device.launch_rows(
-        device.kernel("refine.cl", "normal", SAMPLE=C_TYPE[lf.dtype], CHANNELS=channels),
-        (ny, nx),
+    A, B = (device.zeros((ny, nx), np.float32) for _ in "AB")
+    kinds = {"SAMPLE": C_TYPE[lf.dtype], "CHANNELS": channels}
+    if vectors and not device.rows:
+        pytest.skip("kernels in vectors are for devices on which an item takes a row")
+    if vectors:
+        kernel = device.kernel("normal_rows.cl", "normal_rows", LANES=16, **kinds)
+        launch, size = device.launch, (-(-nx // 16), ny)
+    else:
+        kernel = device.kernel("refine.cl", "normal", **kinds)
+        launch, size = device.launch_rows, (ny, nx)
+    wanted = np.ones((ny, nx), np.uint8) if wanted is None else wanted
+    launch(
+        kernel,
+        size,
         A,
         B,
         lf.data,
+        device.upload(wanted),
         device.upload(disparity.astype(np.float32)),
         device.upload(nearest.astype(np.int32)),
         moved.planes,
@@ -104,6 +115,34 @@ def test_normal(device, shape):
     lf = light_field(device, shape)
     got, want = compared(device, lf, some_start(shape[2:4]))
     close(want, got)
+
+
+@pytest.mark.parametrize(
+    ("shape", "limits"),
+    [
+        ((3, 3, 9, 13), LIMITS),
+        ((3, 5, 7, 43, 3), LIMITS),
+        ((2, 4, 23, 37), (5.0, 1.2, 0.5)),
+        ((3, 4, 9, 21), (60.0, 0.5, -1.0)),
+        ((5, 1, 6, 35), LIMITS),
+        ((3, 2, 1, 9), LIMITS),
+    ],
+)
+def test_normal_in_vectors(device, shape, limits):
+    lf = light_field(device, shape)
+    got, want = compared(device, lf, some_start(shape[2:4]), limits, vectors=True)
+    close(want, got)
+
+
+@pytest.mark.parametrize("vectors", [False, True])
+def test_normal_of_wanted_pixels(device, vectors):
+    lf = light_field(device, (3, 3, 9, 37))
+    wanted = (np.random.default_rng(3).random((9, 37)) < 0.4).astype(np.uint8)
+    start = some_start((9, 37))
+    every, _ = compared(device, lf, start, vectors=vectors)
+    some, _ = compared(device, lf, start, vectors=vectors, wanted=wanted)
+    for whole, part in zip(every, some, strict=True):
+        np.testing.assert_array_equal(part, whole * wanted)
 
 
 def test_normal_of_views_on_no_grid(device):

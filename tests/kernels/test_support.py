@@ -7,26 +7,39 @@ import pytest
 from reference_matching import gather, valley
 from tolerance import relative_max
 
+from clplen.lightfield.matching.plane_spans import all_planes
+
 EPS = 2.0**-24
 
 
-def gathered(device, cost, picture, near, alike, radius, block):
-    out = device.empty(cost.shape, np.float32)
+VECTORS = 16  # block of gather_rows.cl
+
+
+def gathered(device, cost, picture, near, alike, radius, block, spans=None):
+    out = device.zeros(cost.shape, np.float32)
     planes, ny, nx = cost.shape
     length = block if device.rows else 1
+    channels = picture.shape[2]
+    if block == VECTORS and not device.rows:
+        pytest.skip("kernels in vectors are for devices on which an item takes a row")
+    if block == VECTORS:
+        length = block
+        kernel = device.kernel("gather_rows.cl", "gather_rows", CHANNELS=channels, RADIUS=radius)
+    else:
+        sizes = {"CHANNELS": channels, "RADIUS": radius, "BLOCK": length}
+        kernel = device.kernel("support.cl", "gather", **sizes)
+    spans = all_planes((ny, nx), planes) if spans is None else spans
     device.launch(
-        device.kernel(
-            "support.cl", "gather", CHANNELS=picture.shape[2], RADIUS=radius, BLOCK=length
-        ),
+        kernel,
         (-(-nx // length), ny),
         out,
-        *(device.upload(a) for a in (cost, picture, near, alike)),
+        *(device.upload(a) for a in (cost, spans, picture, near, alike)),
         *(np.int32(n) for n in (planes, ny, nx)),
     )
     return device.download(out)
 
 
-@pytest.mark.parametrize("block", [5, 64])
+@pytest.mark.parametrize("block", [5, VECTORS, 64])
 @pytest.mark.parametrize(
     ("planes", "ny", "nx", "channels", "radius"),
     [
@@ -36,6 +49,7 @@ def gathered(device, cost, picture, near, alike, radius, block):
         (4, 1, 9, 3, 2),
         (2, 13, 1, 1, 3),
         (2, 5, 10, 1, 0),
+        (19, 9, 37, 1, 3),
     ],
 )
 def test_gather(device, planes, ny, nx, channels, radius, block):
@@ -52,6 +66,24 @@ def test_gather(device, planes, ny, nx, channels, radius, block):
     assert relative_max(want, got) <= (8 * (4 + channels) + 2 * terms) * EPS
 
 
+@pytest.mark.parametrize("block", [8, VECTORS])
+def test_gather_of_spans(device, block):
+    """Planes of a span are gathered, the same as all; nothing where no plane is wanted."""
+    random = np.random.default_rng(7)
+    cost = random.uniform(1, 30, (21, 6, 45)).astype(np.float32)
+    picture = random.uniform(0, 40, (6, 45, 1)).astype(np.float32)
+    flat = np.full((6, 45), 0.01, np.float32)
+    spans = np.sort(random.integers(0, 21, (6, 3, 2)), axis=-1).astype(np.int32)
+    spans[1, 1] = spans[4, 2] = (1, 0)
+    every = gathered(device, cost, picture, flat, flat, 3, block)
+    found = gathered(device, cost, picture, flat, flat, 3, block, spans)
+    first, last = np.repeat(spans, 16, axis=1)[:, :45].transpose(2, 0, 1)
+    p = np.arange(21)[:, None, None]
+    there = (p >= first) & (p <= last)
+    np.testing.assert_array_equal(found[there], every[there])
+    assert not found[~there].any()
+
+
 def test_only_what_is_alike_is_gathered(device):
     """A step of the picture: no cost passes it."""
     picture = np.zeros((6, 11, 1), np.float32)
@@ -62,15 +94,17 @@ def test_only_what_is_alike_is_gathered(device):
     np.testing.assert_allclose(got, cost, rtol=1e-6)
 
 
-def lowest(device, cost, planes, file="support.cl", **defines):
+def lowest(device, cost, planes, file="support.cl", spans=None, **defines):
     count, ny, nx = cost.shape
+    every = np.tile(np.array((0, count - 1), np.int32), (ny, nx, 1))
     kinds = (np.float32, np.int32, np.float32, np.float32, np.float32)
-    maps = [device.empty((ny, nx), kind) for kind in kinds]
+    maps = [device.zeros((ny, nx), kind) for kind in kinds]
     device.launch_rows(
         device.kernel(file, "valley", CHANNELS=1, **defines),
         (ny, nx),
         *maps,
         device.upload(cost),
+        device.upload(every if spans is None else spans),
         device.upload(planes.astype(np.float32)),
         *(np.int32(n) for n in (count, ny, nx)),
     )
@@ -92,6 +126,18 @@ def test_valley(device, planes):
     np.testing.assert_array_equal(second, want[3])
     assert len(planes) > 3 or np.isinf(second).any()
     assert relative_max(want[4], mean) <= (len(planes) + 1) * EPS
+
+
+def test_valley_among_the_planes_of_a_span(device):
+    cost = np.random.default_rng(4).uniform(1, 9, (8, 3, 35)).astype(np.float32)
+    spans = np.array([[(0, 7)] * 16 + [(2, 6)] * 16 + [(1, 0)] * 3] * 3, np.int32)
+    found = lowest(device, cost, UNEVEN, spans=spans)
+    whole = lowest(device, cost, UNEVEN)
+    part = lowest(device, cost[2:7], UNEVEN[2:7])
+    for k, (map_, every, some) in enumerate(zip(found, whole, part, strict=True)):
+        np.testing.assert_array_equal(map_[:, :16], every[:, :16])
+        np.testing.assert_array_equal(map_[:, 16:32], some[:, 16:32] + (2 if k == 1 else 0))
+        assert not map_[:, 32:].any()
 
 
 def test_valley_in_the_program_of_its_cue(device):

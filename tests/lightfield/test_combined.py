@@ -10,9 +10,10 @@ import pytest
 from clplen.cameras.scenes.surface_scene import SurfaceScene
 from clplen.cameras.scenes.surfaces import Bars, Plane
 from clplen.cameras.scenes.textures import noise, uniform
-from clplen.lightfield.depth import combined_cue, view_matching
+from clplen.lightfield.depth import combined_cue
 from clplen.lightfield.depth.combined_cue import combined_disparity
 from clplen.lightfield.focus_and_depth import depth_map
+from clplen.lightfield.matching import view_matching
 from clplen.lightfield.model.light_field import LightField
 
 PLANES = np.linspace(-1.5, 1.5, 31)

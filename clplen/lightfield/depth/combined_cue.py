@@ -8,7 +8,6 @@ from typing import Any
 
 import numpy as np
 import pyopencl.array as cla
-from scipy.ndimage import maximum_filter
 
 from clplen.lightfield.arrays.smoothing import Smoother, gaussian_taps
 from clplen.lightfield.depth.cue import (
@@ -28,22 +27,30 @@ from clplen.lightfield.depth.sparse_points import (
     point_planes,
     sparse_pixels,
 )
-from clplen.lightfield.depth.support_windows import (
+from clplen.lightfield.matching.plane_spans import (
+    LikelyPlanes,
+    block_spans,
+    gathered_spans,
+    likely_planes,
+)
+from clplen.lightfield.matching.support_windows import (
     fit_planes,
     gather_costs,
     lowest_valley,
     normal_equations,
 )
-from clplen.lightfield.depth.view_detail import (
+from clplen.lightfield.matching.view_detail import (
     REACH,
     STEPS,
     is_even,
     near_outlines,
     view_detail,
 )
-from clplen.lightfield.depth.view_matching import (
+from clplen.lightfield.matching.view_matching import (
     WINDOW,
     ShiftTables,
+    Spans,
+    ViewGroups,
     group_views,
     match_costs,
     shift_tables,
@@ -175,19 +182,20 @@ def _believed(
     gains = np.zeros(lf.weights.size)
     gains[views.view] = levels.gain * levels.even
     detail = view_detail(lf, gains.reshape(lf.weights.shape))
+    likely = likely_planes(detail, planes, 1 / STEPS)
     tables = shift_tables(views, planes, np.full(len(views.view), 1 / STEPS), device=device)
-    costs = match_costs(detail, views, tables)
-    noise = _noise(detail, costs, tables)
-    match = _matched(detail, costs, tables, guide, noise)
+    costs, around = _costs(detail, views, tables, likely)
+    noise = _noise(detail, costs, tables, around)
+    match = _matched(detail, costs, tables, guide, noise, likely)
     A, B = (device.empty(noise.shape, np.float32) for _ in range(2))
     near = near_outlines(match.disparity)
     even = np.zeros_like(near)
     if near.any():
         of_samples = shift_tables(views, planes, gains[views.view], device=device)
-        around = np.asarray(maximum_filter(near, 2 * WINDOW + 1))
-        costs = match_costs(lf, views, of_samples, around)
+        there = likely.only(near)
+        costs, around = _costs(lf, views, of_samples, there)
         of_noise = _noise(lf, costs, of_samples, around)
-        samples = _matched(lf, costs, of_samples, guide, of_noise, near)
+        samples = _matched(lf, costs, of_samples, guide, of_noise, there)
         even = is_even(
             (samples.least, match.least),
             (samples.disparity, match.disparity),
@@ -228,19 +236,27 @@ class _Match:
         )
 
 
+def _costs(
+    lf: LightField, views: ViewGroups, tables: ShiftTables, likely: LikelyPlanes
+) -> tuple[cla.Array, Spans]:
+    """Costs of the likely planes and of those of neighbours, and the spans of pixels of these."""
+    around = gathered_spans(likely.spans, tables.count)
+    return match_costs(lf, views, tables, block_spans(around, tables.count)), around
+
+
 def _matched(
     lf: LightField,
     costs: cla.Array,
     tables: ShiftTables,
     guide: cla.Array,
     noise: Map,
-    wanted: Mask | None = None,
+    likely: LikelyPlanes,
 ) -> _Match:
-    """The valley of costs that were gathered; 0 where it is not wanted."""
+    """The valley of costs that were gathered; 0 where no plane is tried."""
     gathered = lf.device.empty(costs.shape, np.float32)
     scales = (_distance_scale(noise), _colour_scale(_ALIKE, noise, (*lf.shape, 1)[4]))
-    gather_costs(lf, gathered, costs, guide, scales, wanted)
-    return _Match(*lowest_valley(lf, gathered, tables, wanted))
+    gather_costs(lf, gathered, costs, guide, scales, block_spans(likely.spans, tables.count))
+    return _Match(*lowest_valley(lf, gathered, tables, likely.spans, likely.usual))
 
 
 def _refined_match(
@@ -282,19 +298,16 @@ def _dense(planes: Vector) -> Vector:
     return np.concatenate([*between, planes[-1:]])
 
 
-def _noise(
-    lf: LightField, costs: cla.Array, tables: ShiftTables, wanted: Mask | None = None
-) -> Map:
+def _noise(lf: LightField, costs: cla.Array, tables: ShiftTables, spans: Spans) -> Map:
     """Standard deviation of the samples in levels, from the least cost round every pixel."""
     device, channels = lf.device, (*lf.shape, 1)[4]
-    least = lowest_valley(lf, costs, tables, wanted)[2]
-    maps = [least] if wanted is None else [least, wanted.astype(np.float32)]
-    blurred = device.empty((len(maps), *least.shape), np.float32)
+    least = lowest_valley(lf, costs, tables, spans)[2]
+    there = spans[..., 0] <= spans[..., 1]
+    blurred = device.empty((2, *least.shape), np.float32)
     smooth = Smoother(gaussian_taps(_NOISE_BLUR), device=device)
-    smooth(blurred, device.upload(np.stack(maps)), start=0, count=len(maps))
-    mean = device.download(blurred)
-    usual = mean[0] if wanted is None else mean[0] / np.maximum(mean[1], _FEW)
-    return np.asarray(usual / (channels * _COST_PER_NOISE), np.float32)
+    smooth(blurred, device.upload(np.stack((least, there), dtype=np.float32)), start=0, count=2)
+    mean, share = device.download(blurred)
+    return np.asarray(mean / np.maximum(share, _FEW) / (channels * _COST_PER_NOISE), np.float32)
 
 
 def _colour_scale(level: float, noise: Map, channels: int) -> Map:

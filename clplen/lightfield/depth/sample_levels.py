@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from clplen.lightfield.depth.sparse_points import has_sparse_light
-from clplen.lightfield.depth.view_matching import ViewGroups, group_views, row_sums
+from clplen.lightfield.matching.view_matching import ViewGroups, group_views, row_sums
 from clplen.lightfield.model.light_field import LightField
 from clplen.lightfield.model.stored_light_field import StoredLightField
 

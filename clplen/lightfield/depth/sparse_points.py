@@ -82,18 +82,21 @@ def sparse_pixels(picture: Map) -> Mask:
 
     values = grey(picture)
     values = values - np.median(values)
-    first, second, third, fourth = (_mean(values**n) for n in (1, 2, 3, 4))
-    all_of_it = second - first**2
-    central = fourth - 4 * first * third + 6 * first**2 * second - 3 * first**4
+    square = values * values
+    first, second, third, fourth = map(_mean, (values, square, square * values, square * square))
+    mean_square = first * first
+    all_of_it = second - mean_square
+    central = fourth - 4 * first * third + mean_square * (6 * second - 3 * mean_square)
     noise = _noise_of(values)
-    variance = all_of_it - noise**2  # moments of sums of independent parts
-    central = central - 6 * variance * noise**2 - 3 * noise**4
+    of_noise = noise * noise
+    variance = all_of_it - of_noise  # moments of sums of independent parts
+    central = central - of_noise * (6 * variance + 3 * of_noise)
     above = values - first
     largest = maximum_filter(np.abs(above), 2 * _WINDOW + 1)
     usual = _robust_deviation(above)
     points = (
         (variance > _NOTICED * all_of_it)
-        & (central > _SPARSE * variance**2)
+        & (central > _SPARSE * variance * variance)
         & (above >= _CORE * largest)
         & (above > _ABOVE_NOISE * noise)
         & (usual < np.maximum(_FLAT * largest, _FLAT_NOISE * noise))

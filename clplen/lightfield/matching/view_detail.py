@@ -73,6 +73,8 @@ def view_detail(lf: LightField, gains: Map) -> LightField:
 def near_outlines(disparity: Map) -> Mask:
     """Pixels within 6 of places where the disparity of detail differs by a quarter and more.
 
+    So are those within 6 of the edges, over which the Gaussian of each view reaches.
+
     Parameters
     ----------
     disparity : numpy.ndarray
@@ -80,7 +82,10 @@ def near_outlines(disparity: Map) -> Mask:
     """
     high = maximum_filter(disparity, _WINDOW, mode="nearest")
     low = minimum_filter(disparity, _WINDOW, mode="nearest")
-    return np.asarray(high - low > _OUTLINE)
+    near = np.asarray(high - low > _OUTLINE)
+    for rows in (near, near.T):
+        rows[: _WINDOW // 2] = rows[max(len(rows) - _WINDOW // 2, 0) :] = True
+    return near
 
 
 def is_even(

@@ -1,17 +1,16 @@
-"""Depth of views whose brightness differs, and what their detail is."""
+"""Depth of views whose brightness differs, by the default cue."""
 
 from __future__ import annotations
 
 import hard_scenes
 import numpy as np
 import pytest
-from scipy.ndimage import gaussian_filter
 
 from clplen import LightField, depth_map
 from clplen.compute.device import Device
-from clplen.lightfield.depth.combined_cue import LevelSurvey
-from clplen.lightfield.depth.view_detail import is_even, view_detail
-from clplen.lightfield.depth.view_matching import group_views
+from clplen.lightfield.depth.sample_levels import LevelSurvey
+from clplen.lightfield.matching.view_detail import is_even, near_outlines
+from clplen.lightfield.matching.view_matching import group_views
 
 BORDER = (slice(15, -15), slice(15, -15))
 # BadPix(.07) in per cent that the default may have, twice what it has.
@@ -25,42 +24,27 @@ MOST = {
 }
 
 
-@pytest.mark.parametrize("dtype", [np.uint8, np.uint16, np.float32])
-@pytest.mark.parametrize("colours", [(), (3,)])
-def test_detail_is_what_a_gaussian_leaves(device: Device, dtype: type, colours: tuple[int, ...]):
-    random = np.random.default_rng(3)
-    samples = random.random((2, 3, 21, 34, *colours))
-    if dtype is not np.float32:
-        samples = samples * np.iinfo(dtype).max
-    samples = samples.astype(dtype)
-    lf = LightField.from_array(samples, device=device)
-    gain = 255 / float(samples.max())
-    gains = np.array([[gain, gain, 0], [gain / 2, gain, gain]])
-    found = (view_detail(lf, gains).to_numpy().astype(np.float64) - 2**15) / 64
-    sd = (0, 0, 2, 2, *(0,) * len(colours))
-    values = samples.astype(np.float64)
-    detail = values - gaussian_filter(values, sd, mode="nearest")
-    expected = gains.reshape(2, 3, *(1,) * (values.ndim - 2)) * detail
-    assert found.shape == samples.shape
-    np.testing.assert_allclose(found, expected, atol=0.5 / 64 + 1e-3)  # rounding, float32
-
-
 def test_where_samples_are_believed():
-    """Where costs agree; beside an outline if they lie between its sides."""
+    """Near outlines where costs agree, or lie between the outline's sides; nowhere else."""
     shape = (40, 60)
     costs = np.full(shape, 2.0, np.float32), np.full(shape, 2.0, np.float32)
-    disparities = np.zeros(shape, np.float32), np.zeros(shape, np.float32)
-    assert is_even(costs, disparities, 1).all()
-    brighter = costs[0] + 0.5
-    assert not is_even((brighter, costs[1]), disparities, 1).any()
     sides = np.zeros(shape, np.float32)
     sides[:, 30:] = 1.0
-    even = is_even((brighter, costs[1]), (sides, sides), 1)
-    assert even[:, 25:35].all()
-    assert not even[:, :20].any()
+    near = near_outlines(sides)
+    inside = np.flatnonzero(near[20, 6:-6]) + 6
+    np.testing.assert_array_equal(inside, np.arange(24, 36))
+    for edge in (near[:6], near[-6:], near[:, :6], near[:, -6:]):
+        assert edge.all()
+    assert (is_even(costs, (sides, sides), near, 1) == near).all()
+    brighter = costs[0] + 0.5
+    even = is_even((brighter, costs[1]), (sides, sides), near, 1)
+    assert (even == near).all()
     outside = np.full(shape, 2.0, np.float32)
-    assert not is_even((brighter, costs[1]), (outside, sides), 1).any()
-    assert not is_even((brighter + 2, costs[1]), (sides, sides), 1).any()
+    assert not is_even((brighter, costs[1]), (outside, sides), near, 1).any()
+    assert not is_even((brighter + 2, costs[1]), (sides, sides), near, 1).any()
+    # what samples cost elsewhere is not known, and does not count
+    unknown = np.where(near, costs[0], np.float32(1e6))
+    assert (is_even((unknown, costs[1]), (sides, sides), near, 1) == near).all()
 
 
 @pytest.mark.thorough

@@ -7,16 +7,16 @@ from typing import Any
 import numpy as np
 import pyopencl.array as cla
 
-from clplen.lightfield.depth.cue import Mask
-from clplen.lightfield.depth.view_matching import (
+from clplen.lightfield.matching.view_matching import (
     VECTOR,
+    Mask,
     ShiftTables,
+    Spans,
     ViewGroups,
     depth_kernel,
     in_vectors,
     support_block,
     thresholds,
-    wanted_pixels,
 )
 from clplen.lightfield.model.light_field import LightField
 
@@ -30,7 +30,7 @@ def gather_costs(
     costs: cla.Array,
     picture: cla.Array,
     scales: tuple[Map, Map],
-    wanted: Mask | None = None,
+    spans: Spans,
 ) -> None:
     """Mean of the costs round a pixel, by nearness and likeness: gather of kernels/support.cl.
 
@@ -43,8 +43,9 @@ def gather_costs(
         float32, shape (y, x[, c]): whose likeness counts.
     scales : tuple of numpy.ndarray
         Of squared distances, and of squared differences of the picture, float32, shape (y, x).
-    wanted : numpy.ndarray, optional
-        bool, shape (y, x); default all.
+    spans : numpy.ndarray
+        int32, shape (y, ceil(x/16), 2): the first and last plane for 16 pixels of a row. Costs are
+        read there of all pixels at most 7 away.
     """
     device = lf.device
     planes, ny, nx = (int(n) for n in costs.shape)
@@ -54,7 +55,7 @@ def gather_costs(
         (-(-nx // block), ny),
         out,
         costs,
-        wanted_pixels(lf, wanted),
+        device.upload(spans),
         picture,
         *(device.upload(scale) for scale in scales),
         *(np.int32(n) for n in (planes, ny, nx)),
@@ -62,11 +63,17 @@ def gather_costs(
 
 
 def lowest_valley(
-    lf: LightField, costs: cla.Array, tables: ShiftTables, wanted: Mask | None = None
+    lf: LightField,
+    costs: cla.Array,
+    tables: ShiftTables,
+    spans: Spans,
+    usual: Map | None = None,
 ) -> tuple[Map, Whole, Map, Map]:
-    """Disparity of the least cost, its plane, the cost, and its depth below the second, 0 to 1.
+    """Disparity of the least cost, its plane, the cost, and its depth below the others, 0 to 1.
 
-    All are 0 where it is not ``wanted``.
+    ``spans``, int32, shape (y, x, 2), hold the first and the last plane of a pixel. The others are
+    the second valley, or the ``usual`` cost, at least the mean over the span. All are 0 where no
+    plane is tried.
     """
     device = lf.device
     _, ny, nx = (int(n) for n in costs.shape)
@@ -81,11 +88,13 @@ def lowest_valley(
         second,
         mean,
         costs,
-        wanted_pixels(lf, wanted),
+        device.upload(spans),
         tables.planes,
         *(np.int32(n) for n in (tables.count, ny, nx)),
     )
-    low, next_low, usual = (device.download(a) for a in (least, second, mean))
+    low, next_low = (device.download(a) for a in (least, second))
+    tried = device.download(mean)
+    usual = tried if usual is None else np.maximum(usual, tried)
     rise = np.minimum(next_low, usual) - low
     margin = np.clip(rise / np.maximum(usual, 1e-6), 0, 1)
     return device.download(place), device.download(nearest), low, margin
@@ -106,7 +115,7 @@ def normal_equations(
     args = (
         *out,
         lf.data,
-        wanted_pixels(lf, wanted),
+        device.upload(wanted.astype(np.uint8)),
         device.upload(disparity),
         device.upload(nearest),
         tables.planes,

@@ -18,6 +18,7 @@ from clplen.lightfield.model.stored_light_field import StoredLightField
 Table = np.ndarray[Any, Any]
 Vector = np.ndarray[Any, np.dtype[np.float64]]
 Mask = np.ndarray[Any, np.dtype[np.bool_]]
+Spans = np.ndarray[Any, np.dtype[np.int32]]
 
 GROUPS = 9  # all views, and eight half apertures
 RATIO, MARGIN = 1.2, 0.17  # how much better a half must agree; the margin in levels a channel
@@ -198,7 +199,7 @@ def row_sums(lf: LightField) -> np.ndarray[Any, np.dtype[np.float32]]:
 
 
 def match_costs(
-    lf: LightField, views: ViewGroups, tables: ShiftTables, wanted: Mask | None = None
+    lf: LightField, views: ViewGroups, tables: ShiftTables, spans: Spans
 ) -> cla.Array:
     """Cost of every plane at every pixel of the centre view.
 
@@ -211,8 +212,9 @@ def match_costs(
     lf : LightField
     views : ViewGroups
     tables : ShiftTables
-    wanted : numpy.ndarray, optional
-        bool, shape (y, x); default all. Elsewhere the costs are finite and mean nothing.
+    spans : numpy.ndarray
+        int32, shape (y, ceil(x/16), 2): the first and last plane for 16 pixels of a row. Other
+        costs are finite and mean nothing.
 
     Returns
     -------
@@ -222,11 +224,11 @@ def match_costs(
     device = lf.device
     ny, nx, channels = (*lf.shape[2:], 1)[:3]
     out = device.empty((tables.count, ny, nx), np.float32)
-    if wanted is not None:
+    if (spans != (0, tables.count - 1)).any():
         out.fill(np.float32(thresholds(channels)[0]), queue=device.queue)
     if in_vectors(lf):
         kernel = depth_kernel(lf, "match_rows")
-        size = (-(-nx // (VECTOR * _VECTORS)), tables.count, ny)
+        size = (tables.count, ny, -(-nx // (VECTOR * _VECTORS)))
     else:
         kernel = depth_kernel(lf, "match")
         size = (-(-nx // match_block(device)), ny, tables.count)
@@ -235,7 +237,7 @@ def match_costs(
         size,
         out,
         lf.data,
-        wanted_pixels(lf, wanted),
+        device.upload(spans),
         device.upload(views.view),
         tables.at,
         tables.part,
@@ -260,12 +262,6 @@ def depth_kernel(lf: LightField, name: str) -> cl.Kernel:
         MATCH_BLOCK=match_block(lf.device),
         **vectors,
     )
-
-
-def wanted_pixels(lf: LightField, wanted: Mask | None) -> cla.Array:
-    """A mask of pixels, default all, as the kernels take it."""
-    every = np.ones(lf.shape[2:4], np.uint8)
-    return lf.device.upload(every if wanted is None else wanted.astype(np.uint8))
 
 
 def in_vectors(lf: LightField) -> bool:

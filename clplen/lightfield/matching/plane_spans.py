@@ -1,0 +1,140 @@
+"""Which planes are tried at which pixels: coarse planes and the inner views say where."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+from scipy.ndimage import maximum_filter, minimum_filter
+
+from clplen.lightfield.arrays.smoothing import Smoother, gaussian_taps
+from clplen.lightfield.matching.view_matching import (
+    VECTOR,
+    WINDOW,
+    Mask,
+    Spans,
+    group_views,
+    match_costs,
+    shift_tables,
+)
+from clplen.lightfield.model.alpha_law import unit_steps
+from clplen.lightfield.model.light_field import LightField
+
+Map = np.ndarray[Any, np.dtype[np.float32]]
+Vector = np.ndarray[Any, np.dtype[np.float64]]
+
+_INNER = 0.56  # of the aperture's half width: views that are compared on coarse planes
+_APART = 2  # planes: every second one is coarse
+_FEW_VIEWS, _FEW_PLANES = 25, 12  # up to which all views are compared on all planes at once
+_BLUR = 1.5  # pixels: Gaussian over the coarse costs
+_RISE, _LEVELS = 0.5, 0.6  # of the rise from the least to the mean cost, and levels a channel, up
+# to which a plane is likely
+_PLAIN = 1.5  # levels a channel: where the rise is less, all planes are
+
+
+@dataclass(frozen=True)
+class LikelyPlanes:
+    """Planes that are worth trying.
+
+    Attributes
+    ----------
+    spans : numpy.ndarray
+        int32, shape (y, x, 2): the first and the last one; last < first where there is none.
+    usual : numpy.ndarray or None
+        float32, shape (y, x): mean cost over all planes; None where all planes are tried.
+    """
+
+    spans: Spans
+    usual: Map | None
+
+    def only(self, wanted: Mask) -> LikelyPlanes:
+        """The same for some pixels, and none for the others."""
+        none = np.array((1, 0), np.int32)
+        return replace(self, spans=np.where(wanted[..., None], self.spans, none))
+
+
+def likely_planes(detail: LightField, planes: Vector, gain: float) -> LikelyPlanes:
+    """Planes between the first and the last one on which the inner views agree well.
+
+    The inner views move half as far from plane to plane as all of them, so that every second plane
+    does. Costs are smoothed by a Gaussian of 1.5 pixels; one coarse plane more is tried at either
+    end. Where costs hardly differ, as on plain surfaces, all planes are.
+
+    Parameters
+    ----------
+    detail : LightField
+    planes : numpy.ndarray
+        Disparities, rising.
+    gain : float
+        Levels a unit of the samples.
+
+    Returns
+    -------
+    LikelyPlanes
+    """
+    device, (ny, nx) = detail.device, detail.shape[2:4]
+    if np.count_nonzero(detail.weights > 0) <= _FEW_VIEWS or planes.size <= _FEW_PLANES:
+        every = np.tile(np.array((0, planes.size - 1), np.int32), (ny, nx, 1))
+        return LikelyPlanes(every, None)
+    steps = np.abs(unit_steps(detail))
+    inner = (steps <= _INNER * steps.max(axis=(0, 1))).all(axis=-1)
+    few = replace(detail, weights=np.where(inner, detail.weights, 0))
+    views, coarse = group_views(few), planes[::_APART]
+    tables = shift_tables(views, coarse, np.full(len(views.view), gain), device=device)
+    costs = match_costs(few, views, tables, all_planes((ny, nx), coarse.size))
+    smooth = device.empty(costs.shape, np.float32)
+    Smoother(gaussian_taps(_BLUR), device=device)(smooth, costs, start=0, count=coarse.size)
+    cost = device.download(smooth)
+    least, usual = cost.min(axis=0), cost.mean(axis=0)
+    channels = (*detail.shape, 1)[4]
+    likely = cost <= least + _RISE * (usual - least) + _LEVELS * channels
+    likely |= usual - least < _PLAIN * channels
+    first = likely.argmax(axis=0) - 1
+    last = coarse.size - likely[::-1].argmax(axis=0)
+    spans = np.stack((first, last), axis=-1) * _APART
+    return LikelyPlanes(np.clip(spans, 0, planes.size - 1).astype(np.int32), usual)
+
+
+def all_planes(shape: tuple[int, ...], count: int) -> Spans:
+    """Spans of all planes for blocks of 16 pixels of a row."""
+    ny, nx = shape
+    return np.tile(np.array((0, count - 1), np.int32), (ny, -(-nx // VECTOR), 1))
+
+
+def block_spans(spans: Spans, count: int) -> Spans:
+    """Spans for blocks of 16 pixels of a row, or what is left of them at its end.
+
+    Parameters
+    ----------
+    spans : numpy.ndarray
+        int32, shape (y, x, 2), of the pixels.
+    count : int
+        Of all planes.
+
+    Returns
+    -------
+    numpy.ndarray
+        int32, shape (y, ceil(x/16), 2).
+    """
+    first, last = _without_none(spans, count)
+    starts = np.arange(0, first.shape[1], VECTOR)
+    return np.stack(
+        (np.minimum.reduceat(first, starts, axis=1), np.maximum.reduceat(last, starts, axis=1)),
+        axis=-1,
+    )
+
+
+def gathered_spans(spans: Spans, count: int) -> Spans:
+    """Spans of all pixels at most 7 from those of some spans, whose costs gathering reads."""
+    first, last = _without_none(spans, count)
+    size = 2 * WINDOW + 1
+    around = minimum_filter(first, size, mode="nearest"), maximum_filter(last, size, mode="nearest")
+    return np.stack(around, axis=-1)
+
+
+def _without_none(spans: Spans, count: int) -> tuple[Spans, Spans]:
+    """First and last planes; where there is none, the first is behind all, and the last before."""
+    none = spans[..., 0] > spans[..., 1]
+    first, last = np.where(none, count, spans[..., 0]), np.where(none, -1, spans[..., 1])
+    return first.astype(np.int32), last.astype(np.int32)
