@@ -161,7 +161,7 @@ def test_depth(device, pair, cue):
 @pytest.mark.parametrize("dtype", [np.uint8, np.float32])
 def test_combined_of_what_is_lost_in_noise(device, dtype):
     """More than one tile, with vignetting, pixels that are lost, and others that are not."""
-    values = scene((3, 3), (60, 330), None, np.float32, seed=3)
+    values = scene((3, 3), (60, 700), None, np.float32, seed=3)
     values *= 1 - 0.3 * np.hypot(*np.mgrid[-1:2, -1:2])[..., None, None] / np.sqrt(2)
     if dtype == np.uint8:
         values = (255 * values).astype(np.uint8)

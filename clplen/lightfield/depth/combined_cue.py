@@ -28,6 +28,7 @@ from clplen.lightfield.depth.sparse_points import (
     sparse_pixels,
 )
 from clplen.lightfield.matching.plane_spans import (
+    SPAN_REACH,
     LikelyPlanes,
     block_spans,
     gathered_spans,
@@ -40,7 +41,8 @@ from clplen.lightfield.matching.support_windows import (
     normal_equations,
 )
 from clplen.lightfield.matching.view_detail import (
-    REACH,
+    DETAIL_REACH,
+    OUTLINE_REACH,
     STEPS,
     is_even,
     near_outlines,
@@ -79,7 +81,10 @@ _PRIOR = 100.0  # of the matched disparity, in levels^2 a channel for noise of a
 _LOST = 0.8  # of the truncation: where the least cost is higher the views do not agree,
 _SHALLOW = 0.02  # unless what they say is this sure
 _STEP = 0.15  # pixels a view step: planes farther apart get others between them
-_REACH = WINDOW + gaussian_taps(_NOISE_BLUR).size - 1 + REACH  # pixels that a pixel needs
+# Pixels that a pixel needs: of the fit, of what is even, twice of noise and gathered costs (of
+# detail, and of samples where detail has outlines), of the planes that are tried, and of detail.
+_NOISY = gaussian_taps(_NOISE_BLUR).size - 1 + WINDOW
+_REACH = WINDOW + OUTLINE_REACH + 2 * _NOISY + SPAN_REACH + DETAIL_REACH
 _SPARSE = 24  # float32 values of a pixel while points are looked for
 _MERGED = MAP_BYTES + 13  # bytes of a pixel while confidences are merged
 _SURE = 0.05  # pixels a view step: standard deviation of a confidence of one half
@@ -184,18 +189,13 @@ def _believed(
     detail = view_detail(lf, gains.reshape(lf.weights.shape))
     likely = likely_planes(detail, planes, 1 / STEPS)
     tables = shift_tables(views, planes, np.full(len(views.view), 1 / STEPS), device=device)
-    costs, around = _costs(detail, views, tables, likely)
-    noise = _noise(detail, costs, tables, around)
-    match = _matched(detail, costs, tables, guide, noise, likely)
+    match, noise = _matched(detail, views, tables, guide, likely)
     A, B = (device.empty(noise.shape, np.float32) for _ in range(2))
     near = near_outlines(match.disparity)
     even = np.zeros_like(near)
     if near.any():
         of_samples = shift_tables(views, planes, gains[views.view], device=device)
-        there = likely.only(near)
-        costs, around = _costs(lf, views, of_samples, there)
-        of_noise = _noise(lf, costs, of_samples, around)
-        samples = _matched(lf, costs, of_samples, guide, of_noise, there)
+        samples, of_noise = _matched(lf, views, of_samples, guide, likely.only(near))
         even = is_even(
             (samples.least, match.least),
             (samples.disparity, match.disparity),
@@ -236,27 +236,22 @@ class _Match:
         )
 
 
-def _costs(
-    lf: LightField, views: ViewGroups, tables: ShiftTables, likely: LikelyPlanes
-) -> tuple[cla.Array, Spans]:
-    """Costs of the likely planes and of those of neighbours, and the spans of pixels of these."""
-    around = gathered_spans(likely.spans, tables.count)
-    return match_costs(lf, views, tables, block_spans(around, tables.count)), around
-
-
 def _matched(
     lf: LightField,
-    costs: cla.Array,
+    views: ViewGroups,
     tables: ShiftTables,
     guide: cla.Array,
-    noise: Map,
     likely: LikelyPlanes,
-) -> _Match:
-    """The valley of costs that were gathered; 0 where no plane is tried."""
+) -> tuple[_Match, Map]:
+    """The valley of the costs of likely planes, 0 where none is tried, and the noise in levels."""
+    spans, count = likely.spans, tables.count
+    around = gathered_spans(spans, count)
+    costs = match_costs(lf, views, tables, block_spans(around, count))
+    noise = _noise(lf, costs, tables, around)
     gathered = lf.device.empty(costs.shape, np.float32)
     scales = (_distance_scale(noise), _colour_scale(_ALIKE, noise, (*lf.shape, 1)[4]))
-    gather_costs(lf, gathered, costs, guide, scales, block_spans(likely.spans, tables.count))
-    return _Match(*lowest_valley(lf, gathered, tables, likely.spans, likely.usual))
+    gather_costs(lf, gathered, costs, guide, scales, block_spans(spans, count))
+    return _Match(*lowest_valley(lf, gathered, tables, spans, likely.usual)), noise
 
 
 def _refined_match(

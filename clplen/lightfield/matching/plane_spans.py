@@ -28,9 +28,10 @@ _INNER = 0.56  # of the aperture's half width: views that are compared on coarse
 _APART = 2  # planes: every second one is coarse
 _FEW_VIEWS, _FEW_PLANES = 25, 12  # up to which all views are compared on all planes at once
 _BLUR = 1.5  # pixels: Gaussian over the coarse costs
+SPAN_REACH = gaussian_taps(_BLUR).size - 1  # pixels of costs that spans need
 _RISE, _LEVELS = 0.5, 0.6  # of the rise from the least to the mean cost, and levels a channel, up
 # to which a plane is likely
-_PLAIN = 1.5  # levels a channel: where the rise is less, all planes are
+_PLAIN = 4.0  # levels a channel: where the rise is less, all planes are
 
 
 @dataclass(frozen=True)

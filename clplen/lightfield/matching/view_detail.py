@@ -25,7 +25,8 @@ _EVENED = 3.0  # pixels: Gaussian over which costs are compared
 # Where costs of the samples are above those of their detail by this factor and these levels a
 # channel, brightness differs between the views: anywhere, and beside outlines.
 _UNEVEN, _UNEVEN_AT_OUTLINES = (1.1, 0.1), (1.3, 0.4)
-REACH = gaussian_taps(_SIGMA).size - 1 + max(_WINDOW // 2, gaussian_taps(_EVENED).size - 1)
+DETAIL_REACH = gaussian_taps(_SIGMA).size - 1  # pixels that detail needs,
+OUTLINE_REACH = _WINDOW // 2 + gaussian_taps(_EVENED).size - 1  # and `is_even` of its maps
 
 
 def view_detail(lf: LightField, gains: Map) -> LightField:
