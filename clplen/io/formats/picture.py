@@ -395,7 +395,7 @@ def write_picture(
     if dpi is not None and not (is_finite(dpi) and dpi > 0):
         raise ValueError(f"The dpi of a picture is positive, not {dpi!r}.")
     if suffix in tiff.SUFFIXES:
-        words = {} if dpi is None else {"resolution": (dpi, dpi), "resolutionunit": "INCH"}
+        sizes: Any = {} if dpi is None else {"resolution": (dpi, dpi), "resolutionunit": "INCH"}
         colour = "rgb" if values.ndim == 3 else "minisblack"
         with replacing(path, durable) as temporary:
             tifffile.imwrite(
@@ -405,7 +405,7 @@ def write_picture(
                 description=description,
                 metadata=None,
                 software=MARK,
-                **words,
+                **sizes,
             )
         return
     fits = values.dtype == np.uint8 or (values.dtype == np.uint16 and values.ndim == 2)
@@ -417,5 +417,5 @@ def write_picture(
     about = PngInfo()
     about.add_text("Software", MARK)
     with replacing(path, durable) as temporary:
-        words = {"pnginfo": about} | ({} if dpi is None else {"dpi": (dpi, dpi)})
+        words: Any = {"pnginfo": about} | ({} if dpi is None else {"dpi": (dpi, dpi)})
         imageio.imwrite(temporary, values, plugin="pillow", extension=".png", **words)
