@@ -225,18 +225,10 @@ class _Sheet:
             )
         return size
 
-    def fitted(
-        self, window: DisplayWindow, picture: Values, shift: Values, size: tuple[int, int]
-    ) -> Values:
-        """A view at the size of the print, with no more detail than one sample a lens."""
-        from PIL import Image
-
-        seen = max(round(size[self.axis] / self.pitch), 1)
-        if seen >= window.size[self.axis]:
-            return window.shown(picture, shift, size)
-        fewer = (seen, size[1]) if self.axis == 0 else (size[0], seen)
-        image = Image.fromarray(window.shown(picture, shift, fewer))
-        return np.asarray(image.resize(size[::-1], Image.Resampling.BICUBIC))
+    def samples(self, size: tuple[int, int]) -> tuple[int, int]:
+        """(y, x): what of a print of this size is told apart, one sample a lens."""
+        across = max(round(size[self.axis] / self.pitch), 1)
+        return (size[0], across) if self.axis == 1 else (across, size[1])
 
     def interlaced(self, pictures: Iterator[Values], count: int) -> Values:
         """The print."""
@@ -303,4 +295,4 @@ def _pictures(
     with console.progress_bar(len(viewpoints), "view") as bar:
         for picture, shift in zip(scene.pictures(viewpoints), shifts, strict=True):
             console.advance(bar, "views")
-            yield sheet.fitted(window, picture, shift, size)
+            yield window.shown(picture, shift, size, sheet.samples(size))
