@@ -45,7 +45,7 @@ def test_frames_and_colours(tmp_path: Path) -> None:
     write_animation(tmp_path / "a.mp4", pictures, seconds=0.25)
     about, found = frames_of(tmp_path / "a.mp4")
     assert found.shape == (5, 38, 50, 3)
-    for word in ("h264", "yuv420p", "tv", "bt709", " 4 fps"):
+    for word in ("h264", "yuv420p", "tv", "bt709/bt709/iec61966-2-1", " 4 fps"):
         assert word in about
     assert is_ours(tmp_path / "a.mp4")
     for frame, pair in zip(found.astype(float), colours, strict=True):

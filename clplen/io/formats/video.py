@@ -15,9 +15,12 @@ from clplen.outputs import MARK
 Array = np.ndarray[Any, Any]
 
 _QUALITY = 18  # constant rate factor of x264, 0 to 51: looks like the frames
-# Full sRGB to the limited range of BT.709, which players take where nothing is said, and said.
-_CONVERT = "scale=out_color_matrix=bt709:out_range=tv:flags=bicubic+accurate_rnd+full_chroma_int"
-_COLOURS = ("-colorspace", "bt709", "-color_primaries", "bt709", "-color_trc", "iec61966-2-1")
+# Full sRGB to BT.709 in its limited range, and the file says so.
+_CONVERT = (
+    "scale=out_color_matrix=bt709:out_range=tv:flags=bicubic+accurate_rnd+full_chroma_int,"
+    "format=yuv420p,setparams=range=tv:colorspace=bt709:color_primaries=bt709:"
+    "color_trc=iec61966-2-1"
+)
 
 
 def encoder() -> str:
@@ -71,8 +74,8 @@ def write_mp4(file: Path, frames: Sequence[Array], seconds: float) -> None:
     rate = Fraction(1 / seconds).limit_denominator(1000)
     kind = "gray" if frames[0].ndim == 2 else "rgb24"
     given = ("-f", "rawvideo", "-pix_fmt", kind, "-s", f"{width}x{height}", "-r", str(rate))
-    coded = ("-vcodec", "libx264", "-crf", str(_QUALITY), "-vf", _CONVERT, "-pix_fmt", "yuv420p")
-    about = ("-color_range", "tv", *_COLOURS, "-metadata", f"comment={MARK}")
+    coded = ("-vcodec", "libx264", "-crf", str(_QUALITY), "-vf", _CONVERT)
+    about = ("-metadata", f"comment={MARK}")
     words = (program, "-y", "-v", "error", *given, "-i", "-", "-an", *coded, *about, str(file))
     samples = b"".join(_even(frame).tobytes() for frame in frames)
     done = subprocess.run(words, input=samples, capture_output=True, check=False)
