@@ -15,12 +15,14 @@ from clplen.outputs import MARK
 Array = np.ndarray[Any, Any]
 
 _QUALITY = 18  # constant rate factor of x264, 0 to 51: looks like the frames
-# Full sRGB to BT.709 in its limited range, and the file says so.
+# Full sRGB to BT.709 in its limited range, and the file says so: of the frames in new versions of
+# ffmpeg, of the encoder in old ones.
 _CONVERT = (
     "scale=out_color_matrix=bt709:out_range=tv:flags=bicubic+accurate_rnd+full_chroma_int,"
     "format=yuv420p,setparams=range=tv:colorspace=bt709:color_primaries=bt709:"
     "color_trc=iec61966-2-1"
 )
+_COLOURS = ("-colorspace", "bt709", "-color_primaries", "bt709", "-color_trc", "iec61966-2-1")
 
 
 def encoder() -> str:
@@ -75,7 +77,7 @@ def write_mp4(file: Path, frames: Sequence[Array], seconds: float) -> None:
     kind = "gray" if frames[0].ndim == 2 else "rgb24"
     given = ("-f", "rawvideo", "-pix_fmt", kind, "-s", f"{width}x{height}", "-r", str(rate))
     coded = ("-vcodec", "libx264", "-crf", str(_QUALITY), "-vf", _CONVERT)
-    about = ("-metadata", f"comment={MARK}")
+    about = ("-color_range", "tv", *_COLOURS, "-metadata", f"comment={MARK}")
     words = (program, "-y", "-v", "error", *given, "-i", "-", "-an", *coded, *about, str(file))
     samples = b"".join(_even(frame).tobytes() for frame in frames)
     done = subprocess.run(words, input=samples, capture_output=True, check=False)
