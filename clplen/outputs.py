@@ -1,8 +1,8 @@
 """What a command may write over: the files that clplen wrote, others only by force.
 
 Every writer of this package puts `MARK` into the file's own metadata: the Software tag of TIFF, a
-text chunk of PNG, a comment of GIF and PLY, an attribute of HDF5 and Zarr, an entry of JSON, the
-last line of a text. PFM and NumPy have no place for words, but freedom in how their headers are
+text chunk of PNG, a comment of GIF, MP4 and PLY, an attribute of HDF5 and Zarr, an entry of JSON,
+the last line of a text. PFM and NumPy have no place for words, but freedom in how their headers are
 spelt, which every reader of them takes: the scale of a PFM is written with 20 decimals, and the
 header of a NumPy file is padded to 1024 bytes. CSV has no place at all: the report beside it lists
 it.

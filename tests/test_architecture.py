@@ -70,7 +70,7 @@ GUESTS = {
     "hdf5_safety": {"h5py"},
     "cameras": {"optiland"},
     "microscopy": {"h5py"},
-    "io": {"PIL", "h5py", "imageio", "tifffile", "tqdm", "zarr"},
+    "io": {"PIL", "h5py", "imageio", "imageio_ffmpeg", "tifffile", "tqdm", "zarr"},
     "plot": {"matplotlib"},
     "bench": {"ducc0"},
     "config": {"pydantic", "tomli"},

@@ -83,6 +83,7 @@ def test_help_has_an_example_of_each_command():
         "devices",
         "epi",
         "info",
+        "lenticular",
         "microscope",
         "poses",
         "quilt",

@@ -185,6 +185,7 @@ SAMPLES: dict[str, Callable[[], Names]] = {
     "docs/howto/export_to_imagej.md": small_flower,
     "docs/howto/larger_than_memory.md": larger_than_memory,
     "docs/howto/looking_glass.md": small_flower,
+    "docs/howto/stereo_and_lenticular.md": small_flower,
     "docs/howto/matlab_and_numpy.md": matlab_and_numpy,
     "docs/howto/point_cloud.md": small_flower,
     "docs/howto/nerf_and_splats.md": small_flower,

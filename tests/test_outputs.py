@@ -47,6 +47,7 @@ WRITERS: dict[str, Callable[[Path, LightField], None]] = {
     "picture.png": lambda path, lf: io.write_picture(path, bytes_of(400, 500, 3)),
     "figure.png": lambda path, lf: plot.save(plot.picture(refocus(lf, disparity=0)), path),
     "sweep.gif": lambda path, lf: write_animation(path, [bytes_of(200, 300, 3)] * 2),
+    "sweep.mp4": lambda path, lf: write_animation(path, [bytes_of(200, 300, 3)] * 2),
     "points.ply": lambda path, lf: io.write_ply(path, random(30000, 3)),
     "grid.json": lambda path, lf: LATTICE.save(path),
     "map.pfm": lambda path, lf: io.write_pfm(path, random(300, 400)),

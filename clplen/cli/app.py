@@ -14,6 +14,7 @@ from clplen.cli.bench import bench
 from clplen.cli.demo import demo
 from clplen.cli.depth import depth
 from clplen.cli.devices import devices
+from clplen.cli.displays.lenticular import lenticular
 from clplen.cli.displays.poses import poses
 from clplen.cli.displays.quilt import quilt
 from clplen.cli.displays.stereo import stereo
@@ -54,6 +55,7 @@ _COMMANDS = (
     devices,
     epi,
     info,
+    lenticular,
     microscope,
     poses,
     quilt,

@@ -24,6 +24,7 @@ from clplen.cli.shared.pictures import (
     PICTURES,
     Tone,
     animate,
+    check_film,
     check_output,
     depth_map,
     read_map,
@@ -47,9 +48,9 @@ _ROUND = 0.8  # of the way to the outermost views
     "-o",
     "--output",
     required=True,
-    metavar="OUT.tif|OUT.png|OUT.gif",
+    metavar="OUT.tif|OUT.png|OUT.gif|OUT.mp4",
     type=click.Path(path_type=Path),
-    help="TIFF holds linear float32; PNG and GIF are scaled, to look at.",
+    help="TIFF holds linear float32; PNG, GIF and MP4 are scaled, to look at.",
 )
 @click.option(
     "--viewpoint",
@@ -80,7 +81,13 @@ _ROUND = 0.8  # of the way to the outermost views
 @click.option(
     "--sweep",
     type=click.Choice(["views", "focus"]),
-    help="A GIF that goes round the viewpoints, or through the planes (default 17) and back.",
+    help="A GIF or MP4 that goes round the viewpoints, or through the planes (default 17) and "
+    "back.",
+)
+@click.option(
+    "--seconds",
+    type=click.FloatRange(0.02, 3600),
+    help="For how long each picture of a sweep is shown; default: 0.1.",
 )
 @picture_words
 @options.plane_range
@@ -97,6 +104,7 @@ def render(
     limits: Any,
     curve: Any,
     sweep: str | None,
+    seconds: float | None,
     method: str | None,
     ms: Any,
     patch: float | None,
@@ -115,20 +123,23 @@ def render(
       clplen render flower -o left.tif --viewpoint 4.5 1.3 --disparity -0.65
       clplen render flower -o through.tif --flatten median --disparity -0.65
       clplen render flower -o around.gif --sweep views --disparity -0.65
+      clplen render flower -o through.mp4 --sweep focus --seconds 0.05
       clplen render simulated/raw.h5 -o sharp.tif --method depth
       clplen render shot.xml -o patches.png --method basic --m 0.2
     """
     check_planes(disparities, alphas)
+    if seconds is not None and not sweep:
+        raise click.UsageError("--seconds belongs to --sweep.")
     own = {"method": method, "m": ms, "patch": patch, "view": view}
     if is_meant(source, own | {"focused": focused, "image": image}):
         refuse(viewpoint=viewpoint, flatten=flatten, disparity=disparity, depth_map=depth_file)
         refuse(limits=limits, curve=curve)
         refuse(disparities=disparities, alphas=alphas)
-        check_output(source, output, layout, (".gif",) if sweep else PICTURES)
+        _check_output(source, output, layout, sweep)
         check_kept(source, image, output)
         opened = open_raw(source, selector, layout, image)
         words = {"step": layout["step"], "aperture": fraction(aperture)}
-        said = _of_focused(opened, output, sweep, own | words)
+        said = _of_focused(opened, output, sweep, seconds, own | words)
         click.echo(f"{output}: {said}.")
         return
     _check_words(
@@ -140,11 +151,12 @@ def render(
         raise click.UsageError("--depth-map takes the place of --disparity, and makes no --sweep.")
     shown = Tone(limits, curve)
     shown.check(output)
-    check_output(source, output, layout, (".gif",) if sweep else PICTURES)
+    _check_output(source, output, layout, sweep)
     lf = read(source, selector, layout)
     if sweep:
         frames = _views(lf, disparity) if sweep == "views" else _planes(lf, disparities, alphas)
-        said = animate(output, frames, lf.dtype, srgb=layout["srgb"] or lf.linear)
+        linear = layout["srgb"] or lf.linear
+        said = animate(output, frames, lf.dtype, srgb=linear, seconds=seconds)
     else:
         surface = disparity if depth_file is None else read_map(depth_file, lf)
         picture = _picture(lf, viewpoint, aperture, flatten, surface)
@@ -152,6 +164,15 @@ def render(
         words = {"srgb": linear, "brightness": flatten != "variance", "tone": shown}
         said = write(output, picture, lf, **words)
     click.echo(f"{output}: {said}.")
+
+
+def _check_output(
+    source: Path, output: Path, layout: dict[str, Any], sweep: str | None
+) -> None:
+    if sweep:
+        check_film(source, output, layout)
+    else:
+        check_output(source, output, layout, PICTURES)
 
 
 def _check_words(sweep: str | None, *, choice: bool, planes: bool) -> None:
@@ -191,7 +212,13 @@ def _planes(lf: LightField, disparities: Any, alphas: Any) -> np.ndarray[Any, An
     return np.concatenate((stack, stack[-2:0:-1]))
 
 
-def _of_focused(opened: Opened, output: Path, sweep: str | None, words: dict[str, Any]) -> str:
+def _of_focused(
+    opened: Opened,
+    output: Path,
+    sweep: str | None,
+    seconds: float | None,
+    words: dict[str, Any],
+) -> str:
     """Write a picture of a focused raw image, or a sweep; what was made."""
     from clplen.io import write_focused
     from clplen.lightfield.focused.focused_rendering import render_focused
@@ -206,7 +233,7 @@ def _of_focused(opened: Opened, output: Path, sweep: str | None, words: dict[str
                 "and --view."
             )
         frames = _around(opened, ms, known) if sweep == "views" else _through(opened, ms, known)
-        return animate(output, frames, np.dtype(np.float32))
+        return animate(output, frames, np.dtype(np.float32), seconds=seconds)
     picture = render_focused(opened.raw, method=method or "blended", m=_single(ms), **known)
     size = abs(picture.ratio) * picture.geometry.pitch
     said = f"{method or 'blended'}, m = {picture.m:.4g}, patches of {size:.2f} px"

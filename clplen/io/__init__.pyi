@@ -1,3 +1,6 @@
+from .displays.lenticular import interlace as interlace
+from .displays.lenticular import lens_pitch as lens_pitch
+from .displays.lenticular import pitch_test as pitch_test
 from .displays.pose_files import write_colmap as write_colmap
 from .displays.pose_files import write_nerf as write_nerf
 from .displays.quilt import DISPLAYS as DISPLAYS

@@ -108,7 +108,7 @@ def quilt(
     viewpoints = scene.across(span, chosen.views)
     shifts = scene.shifts(viewpoints)
     window = display_window(scene.lf.shape[2:4], shifts, chosen.aspect)
-    scene.note_parallax(viewpoints, window, chosen.tile[1], "a tile")
+    scene.note_parallax(viewpoints, window, chosen.tile[1], "pixel of a tile")
     write_quilt(target, _tiles(scene, viewpoints, shifts, window, chosen), chosen)
     first, last = viewpoints[0][1], viewpoints[-1][1]
     click.echo(

@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Literal
 
 import click
 import numpy as np
@@ -94,11 +94,17 @@ class Scene:
     black: float
     curve: str | float
 
-    def across(self, span: float, count: int) -> list[tuple[float, float]]:
-        """Viewpoints (v, u) of the middle row, from left to right."""
-        V, U = self.lf.shape[:2]
-        reach = span * (U - 1) / 2
-        return [((V - 1) / 2, (U - 1) / 2 + x) for x in np.linspace(-reach, reach, count)]
+    def across(
+        self, span: float, count: int, *, along: Literal["v", "u"] = "u"
+    ) -> list[tuple[float, float]]:
+        """Viewpoints (v, u) of the middle row from left to right, or of the column, downwards."""
+        axis = "vu".index(along)
+        middle = [(n - 1) / 2 for n in self.lf.shape[:2]]
+        ends = span * middle[axis]
+        return [
+            (middle[0] + (axis == 0) * x, middle[1] + (axis == 1) * x)
+            for x in np.linspace(-ends, ends, count).tolist()
+        ]
 
     def shifts(self, viewpoints: list[tuple[float, float]]) -> Values:
         """Where the depth in the display's plane stands in each, (n, 2) pixels (y, x)."""
@@ -118,25 +124,29 @@ class Scene:
         self,
         viewpoints: list[tuple[float, float]],
         window: DisplayWindow,
-        width: int,
-        between: str,
+        samples: float,
+        unit: str,
+        *,
+        along: Literal["v", "u"] = "u",
     ) -> None:
         """Say where neighbouring views differ by more than the display can show as one.
 
         A display of many views shows a depth without aliasing while it moves by at most a pixel
-        from view to view (Zwicker et al. 2006, EGSR, 73).
+        from view to view (Zwicker et al. 2006, EGSR, 73). It has so many samples across the window
+        along which the viewpoints lie; ``unit`` is what one of them is called.
         """
         from clplen.lightfield.model.between_views import viewpoint_step
 
         steps = np.stack([viewpoint_step(self.lf, *at) for at in viewpoints])
-        step = float(np.abs(np.diff(steps[:, 1])).max()) * width / window.size[1]
+        axis = "vu".index(along)
+        step = float(np.abs(np.diff(steps[:, axis])).max()) * samples / window.size[axis]
         away = np.abs(self.disparity - self.zero)
         moved = step * float(np.percentile(away, _FAR))
         if moved <= 1:
             return
         share = 100 * float(np.mean(step * away > 1))
         note(
-            f"{share:.0f} % of the pixels move by more than 1 pixel of {between} from view to "
+            f"{share:.0f} % of the pixels move by more than 1 {unit} from view to "
             f"view, up to {step * float(away.max()):.1f}, where the display shows double edges: "
             "take a smaller part of the baseline, or more views."
         )
@@ -152,13 +162,18 @@ def open_scene(
     zero: float | None,
     disparities: Any,
     alphas: Any,
+    along: Literal["v", "u"] = "u",
+    check: Callable[[LightField], object] | None = None,
 ) -> Scene:
     """Read a light field and its depth, or compute it.
+
+    ``along`` is the axis along which the viewpoints will lie; ``check`` may refuse the light field
+    before its depth is computed.
 
     Raises
     ------
     click.UsageError
-        If planes are given beside a map, or there is one column of views.
+        If planes are given beside a map, or there is one view along that axis.
     """
     from clplen.io.formats.animation import white_level
     from clplen.lightfield.focus_and_depth import depth_map
@@ -168,11 +183,14 @@ def open_scene(
         raise click.UsageError("--disparities and --alphas are for depth that --disparity gives.")
     lf = read(source, selector, layout)
     V, U = lf.shape[:2]
-    if U < 2:
+    if (V, U)["vu".index(along)] < 2:
+        lines, way = {"u": ("column", "left to right"), "v": ("row", "top to bottom")}[along]
         raise click.UsageError(
-            f"{source} has one column of views, so that nothing moves from left to right: give a "
-            "light field of several columns, or --swap-uv where rows are columns."
+            f"{source} has one {lines} of views, so that nothing moves from {way}: give a light "
+            f"field of several {lines}s, or --swap-uv where rows are columns."
         )
+    if check is not None:
+        check(lf)
     middle = drawable(lf.view((V - 1) / 2, (U - 1) / 2).to_numpy())
     if depth_file is None:
         found = depth_map(lf, **planes_of(lf, disparities, alphas)).disparity

@@ -194,16 +194,32 @@ def write_shown(
     return said + (f"; {above} samples are brighter" if above else "")
 
 
+def check_film(source: Path, output: Path, layout: dict[str, Any]) -> None:
+    """Refuse a film that cannot be written, before its frames are made."""
+    from clplen.io.formats.animation import FILMS
+    from clplen.io.formats.video import encoder
+
+    check_output(source, output, layout, FILMS)
+    if output.suffix.lower() == ".mp4":
+        encoder()
+
+
 def animate(
-    output: Path, frames: np.ndarray[Any, Any], dtype: np.dtype[Any], *, srgb: bool = False
+    output: Path,
+    frames: np.ndarray[Any, Any],
+    dtype: np.dtype[Any],
+    *,
+    srgb: bool = False,
+    seconds: float | None = None,
 ) -> str:
-    """Write pictures (n, y, x[, c]) as a GIF, all scaled alike, and say how."""
+    """Write pictures (n, y, x[, c]) as a GIF or a film, all scaled alike, and say how."""
     from clplen.io.formats.animation import to_eight_bits, white_level, write_animation
 
     white = white_level(frames, dtype, srgb=srgb)
     drawable(frames[0])
     pictures = [drawable(to_eight_bits(frame, white, srgb=srgb)) for frame in frames]
-    write_animation(output, pictures)
+    words = {} if seconds is None else {"seconds": seconds}
+    write_animation(output, pictures, **words)
     return f"{len(pictures)} frames, {scaled(white, 'srgb' if srgb else 'linear')}"
 
 

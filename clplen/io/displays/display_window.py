@@ -29,7 +29,13 @@ class DisplayWindow:
     centre: tuple[float, float]
     size: tuple[float, float]
 
-    def shown(self, picture: Array, shift: ArrayLike, pixels: tuple[int, int]) -> Array:
+    def shown(
+        self,
+        picture: Array,
+        shift: ArrayLike,
+        pixels: tuple[int, int],
+        samples: tuple[int, int] | None = None,
+    ) -> Array:
         """The window of one view at another number of pixels.
 
         Parameters
@@ -41,11 +47,13 @@ class DisplayWindow:
             where it stands in the centre view, in pixels.
         pixels : tuple of int
             (y, x) of the result.
+        samples : tuple of int, optional
+            (y, x): how many of them the display can tell apart, at most; None is all.
 
         Returns
         -------
         numpy.ndarray
-            uint8; bicubic, averaged where it becomes smaller.
+            uint8; bicubic, averaged where it becomes smaller or the display tells less apart.
         """
         y, x = np.asarray(self.centre) + np.asarray(shift)
         height, width = self.size
@@ -54,7 +62,13 @@ class DisplayWindow:
         left, upper, right, lower = np.clip(box, 0, ends).tolist()
         image = Image.fromarray(np.ascontiguousarray(picture))
         method, part = Image.Resampling.BICUBIC, (left, upper, right, lower)
-        return np.asarray(image.resize(pixels[::-1], method, box=part))
+        fewer = pixels
+        if samples is not None:
+            told = zip(pixels, samples, self.size, strict=True)
+            rows, columns = (most if most < min(full, n) else n for n, most, full in told)
+            fewer = (rows, columns)
+        resized = image.resize(fewer[::-1], method, box=part)
+        return np.asarray(resized if fewer == pixels else resized.resize(pixels[::-1], method))
 
 
 def display_window(

@@ -1,4 +1,4 @@
-"""Pictures to look at, never to measure: 8 bits, and animated GIFs."""
+"""Pictures to look at, never to measure: 8 bits, and films as GIF and MP4."""
 
 from __future__ import annotations
 
@@ -11,6 +11,7 @@ import numpy as np
 
 from clplen.files import PathLike, replacing
 from clplen.io.formats.picture import encoded
+from clplen.io.formats.video import encoder, write_mp4
 from clplen.outputs import MARK
 
 # Thresholds of ordered dithering (Bayer 1973), in sixteenths.
@@ -18,28 +19,33 @@ _BAYER = np.array([[0, 8, 2, 10], [12, 4, 14, 6], [3, 11, 1, 9], [15, 7, 13, 5]]
 _STEPS = 31  # of a colour, from black to full
 Array = np.ndarray[Any, Any]
 _MOST = 99.9  # per cent of the values
+FILMS = (".gif", ".mp4")
+_SHORTEST, _LONGEST = 0.02, 3600  # seconds of a picture
 _GLINT = 3  # times that percentile: a larger maximum is cut
 
 
 def write_animation(
     path: PathLike, pictures: Iterable[np.ndarray[Any, Any]], *, seconds: float = 0.1
 ) -> None:
-    """Write pictures as an animated GIF that repeats for ever.
+    """Write pictures as an animated GIF that repeats for ever, or as a film.
 
     Parameters
     ----------
     path : path-like
-        ``.gif``.
+        ``.gif``, or ``.mp4`` with ``pip install "clplen[video]"``.
     pictures : iterable of numpy.ndarray
         Of uint8, all of one shape (y, x) or (y, x, 3), at least one. A GIF keeps 256
         colours a picture: colours are dithered to 32 levels of each first, greys stay.
+        MP4 is H.264 in yuv420p, BT.709; of an odd number of rows or columns the last one stands
+        twice there.
     seconds : float
-        For how long each picture is shown, at least 0.02.
+        For how long each picture is shown, 0.02 to 3600.
 
     Raises
     ------
     ValueError
-        If the suffix is another one, there is no picture, or they differ.
+        If the suffix is another one, there is no picture, they differ, or imageio-ffmpeg is
+        missing.
     OSError
         If the file cannot be written.
 
@@ -52,15 +58,24 @@ def write_animation(
     b'GIF89a'
     """
     frames = list(pictures)
-    if Path(path).suffix.lower() != ".gif":
-        raise ValueError(f"An animation is written as .gif, not as {Path(path).name}.")
+    suffix = Path(path).suffix.lower()
+    if suffix not in FILMS:
+        raise ValueError(f"An animation is written as .gif or .mp4, not as {Path(path).name}.")
     if not frames or len({frame.shape for frame in frames}) != 1:
         raise ValueError("An animation has at least one picture, all of one shape.")
     if any(frame.dtype != np.uint8 or frame.ndim not in (2, 3) for frame in frames):
         raise ValueError("The pictures of an animation are uint8, (y, x) or (y, x, 3).")
-    if not seconds >= 0.02:
-        raise ValueError(f"A picture is shown for at least 0.02 seconds, not {seconds!r}.")
+    if not _SHORTEST <= seconds <= _LONGEST:
+        raise ValueError(
+            f"A picture is shown for at least {_SHORTEST} and at most {_LONGEST} seconds, not "
+            f"{seconds!r}."
+        )
+    if suffix == ".mp4":
+        encoder()  # refused before a file is begun
     with replacing(path) as temporary:
+        if suffix == ".mp4":
+            write_mp4(temporary, frames, seconds)
+            return
         imageio.imwrite(
             temporary,
             np.stack([_dithered(frame) if frame.ndim == 3 else frame for frame in frames]),

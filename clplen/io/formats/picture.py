@@ -17,6 +17,7 @@ import numpy as np
 import tifffile
 from PIL.PngImagePlugin import PngInfo
 
+from clplen.checks import is_finite
 from clplen.errors import FormatError
 from clplen.files import PathLike, replacing
 from clplen.io.formats import tiff
@@ -354,7 +355,12 @@ def _by_pillow(content: bytes, header: Header) -> Array:
 
 
 def write_picture(
-    path: PathLike, values: Array, *, description: str = "", durable: bool = False
+    path: PathLike,
+    values: Array,
+    *,
+    description: str = "",
+    durable: bool = False,
+    dpi: float | None = None,
 ) -> None:
     """Write one picture with its own values.
 
@@ -368,11 +374,13 @@ def write_picture(
         What the values are, in ASCII; kept by TIFF only.
     durable : bool
         Whether to wait until the disk has the file, as in `clplen.files.replacing`.
+    dpi : float, optional
+        Pixels an inch, for printers; positive. PNG keeps whole numbers of pixels a metre.
 
     Raises
     ------
     ValueError
-        If the suffix is another one, or a PNG cannot hold the values.
+        If the suffix is another one, a PNG cannot hold the values, or dpi is not positive.
 
     Examples
     --------
@@ -384,7 +392,10 @@ def write_picture(
     """
     path = Path(path)
     suffix = path.suffix.lower()
+    if dpi is not None and not (is_finite(dpi) and dpi > 0):
+        raise ValueError(f"The dpi of a picture is positive, not {dpi!r}.")
     if suffix in tiff.SUFFIXES:
+        sizes: Any = {} if dpi is None else {"resolution": (dpi, dpi), "resolutionunit": "INCH"}
         colour = "rgb" if values.ndim == 3 else "minisblack"
         with replacing(path, durable) as temporary:
             tifffile.imwrite(
@@ -394,6 +405,7 @@ def write_picture(
                 description=description,
                 metadata=None,
                 software=MARK,
+                **sizes,
             )
         return
     fits = values.dtype == np.uint8 or (values.dtype == np.uint16 and values.ndim == 2)
@@ -405,4 +417,5 @@ def write_picture(
     about = PngInfo()
     about.add_text("Software", MARK)
     with replacing(path, durable) as temporary:
-        imageio.imwrite(temporary, values, plugin="pillow", extension=".png", pnginfo=about)
+        words: Any = {"pnginfo": about} | ({} if dpi is None else {"dpi": (dpi, dpi)})
+        imageio.imwrite(temporary, values, plugin="pillow", extension=".png", **words)

@@ -1,0 +1,298 @@
+"""``clplen lenticular``."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Literal
+
+import click
+import numpy as np
+from click.core import ParameterSource
+
+from clplen.cli.displays.scene import Scene, depth_options, open_scene
+from clplen.cli.shared import console, options
+from clplen.cli.shared.pictures import PICTURES, Tone, check_output, tone
+
+if TYPE_CHECKING:
+    from clplen.io.displays.display_window import DisplayWindow
+
+Values = np.ndarray[Any, Any]
+
+_INCH = 0.0254  # metres
+_MOST_VIEWS = 64  # by default
+_LEAST_LENSES = 4  # of a print
+_OF_TEST = ("output", "lpi", "dpi", "width", "lenses", "pitch_test", "spread", "force", "selector")
+_POSITIVE = click.FloatRange(0, 1e6, min_open=True)
+
+
+@click.command()
+@click.argument("source", metavar="[INPUT]", required=False, type=click.Path(path_type=Path))
+@click.option(
+    "-o",
+    "--output",
+    required=True,
+    metavar="OUT.tif|OUT.png",
+    type=click.Path(path_type=Path),
+    help="8 bits, with its dpi.",
+)
+@click.option("--lpi", type=_POSITIVE, required=True, help="Lenses an inch, by a pitch test.")
+@click.option(
+    "--dpi", type=_POSITIVE, default=720.0, show_default=True, help="Printed pixels an inch."
+)
+@click.option(
+    "--width",
+    type=options.Length("positive"),
+    default="0.15",
+    show_default=True,
+    help="Of the print.",
+)
+@click.option("--height", type=options.Length("positive"), help="Default: as the views have it.")
+@click.option(
+    "--lenses",
+    type=click.Choice(["vertical", "horizontal"]),
+    default="vertical",
+    show_default=True,
+    help="Which way they run: up and down for depth, left and right to tilt the print.",
+)
+@click.option(
+    "--strips",
+    type=int,
+    metavar="N",
+    help=f"Views under a lens; default: its pixels, at most {_MOST_VIEWS}.",
+)
+@click.option(
+    "--distance",
+    type=options.Length("positive"),
+    help="From the eye to the print, with --thickness; default: far away, or the pitch test's.",
+)
+@click.option("--thickness", type=options.Length("positive"), help="Of the sheet.")
+@click.option(
+    "--index",
+    type=click.FloatRange(1, 4),
+    default=1.57,
+    show_default=True,
+    help="Refractive index of the sheet.",
+)
+@click.option(
+    "--span",
+    type=click.FloatRange(0, 1, min_open=True),
+    default=1.0,
+    show_default=True,
+    help="Part of the recorded baseline between the first view and the last.",
+)
+@click.option(
+    "--pitch-test", is_flag=True, help="A print that finds the lpi of the sheet; without INPUT."
+)
+@click.option(
+    "--spread",
+    type=click.FloatRange(0, 20, min_open=True),
+    default=1.0,
+    show_default=True,
+    help="Of the pitch test, per cent to both sides.",
+)
+@depth_options
+@tone
+@options.plane_range
+@options.layout
+@options.device
+def lenticular(
+    source: Path | None,
+    output: Path,
+    lpi: float,
+    dpi: float,
+    width: float,
+    height: float | None,
+    lenses: Any,
+    strips: int | None,
+    distance: float | None,
+    thickness: float | None,
+    index: float,
+    span: float,
+    pitch_test: bool,
+    spread: float,
+    depth_file: Path | None,
+    zero: float | None,
+    limits: Any,
+    curve: Any,
+    disparities: Any,
+    alphas: Any,
+    selector: str | None,
+    **layout: Any,
+) -> None:
+    """Make a print to lie under a lenticular sheet: views as strips under each lens.
+
+    Views between the recorded ones are rendered along the depth of the scene. Print it at its own
+    size, without scaling. A pitch test, seen from where the print will be seen, finds the lpi that
+    the sheet has on this printer; --distance and --thickness are for a nominal lpi.
+
+    \b
+    Example:
+      clplen lenticular --pitch-test -o test.tif --lpi 60 --dpi 720
+      clplen lenticular flower.h5 -o print.tif --lpi 60.06 --dpi 720 --width 15cm
+      clplen lenticular flower.h5 -o near.tif --lpi 60 --width 15cm --distance 0.4 --thickness 0.6mm
+    """
+    from clplen.io import lens_pitch, write_picture
+    from clplen.io.displays.display_window import display_window
+
+    _check_words(source, pitch_test=pitch_test, distance=distance, thickness=thickness)
+    if source is None:
+        console.check_suffix(output, PICTURES)
+        console.check_output(output, layout["force"], ())
+        click.echo(_write_test(output, lpi, dpi, width, spread, lenses))
+        return
+    pitch = lens_pitch(lpi, dpi, distance=distance, thickness=thickness or 0.0, index=index)
+    sides = [None if side is None else round(side / _INCH * dpi) for side in (width, height)]
+    sheet = _Sheet(lenses, pitch, sides[0] or 1, sides[1])
+    count = sheet.strips(strips)
+    check_output(source, output, layout, PICTURES)
+    scene = open_scene(
+        source,
+        selector,
+        layout,
+        Tone(limits, curve),
+        depth_file=depth_file,
+        zero=zero,
+        disparities=disparities,
+        alphas=alphas,
+        along=sheet.along,
+        check=lambda lf: sheet.check(lf.shape[2:4]),
+    )
+    viewpoints = scene.across(span, count, along=sheet.along)
+    shifts = scene.shifts(viewpoints)
+    aspect = None if sheet.height is None else sheet.width / sheet.height
+    window = display_window(scene.lf.shape[2:4], shifts, aspect)
+    size = sheet.check(window.size)
+    scene.note_parallax(viewpoints, window, size[sheet.axis] / pitch, "lens", along=sheet.along)
+    pictures = _pictures(scene, viewpoints, shifts, sheet, window, size)
+    write_picture(output, sheet.interlaced(pictures, count), dpi=dpi)
+    first, last = (at[sheet.axis] for at in (viewpoints[0], viewpoints[-1]))
+    click.echo(
+        f"{output}: {size[1]} x {size[0]} pixels, {size[1] / dpi * 2.54:.2f} x "
+        f"{size[0] / dpi * 2.54:.2f} cm at {dpi:g} dpi; {count} views from {sheet.along} = "
+        f"{first:g} to {last:g} under each lens of {pitch:.6g} pixels; disparity {scene.zero:.3g} "
+        "lies in the plane of the print."
+    )
+
+
+@dataclass(frozen=True)
+class _Sheet:
+    """A print under lenses of a pitch in pixels; no height is that of the views."""
+
+    lenses: str
+    pitch: float
+    width: int
+    height: int | None
+
+    @property
+    def along(self) -> Literal["v", "u"]:
+        """The axis of the viewpoints."""
+        return "u" if self.lenses == "vertical" else "v"
+
+    @property
+    def axis(self) -> int:
+        """The same of pairs (v, u) and (y, x)."""
+        return "vu".index(self.along)
+
+    def strips(self, asked: int | None) -> int:
+        """How many views lie under a lens."""
+        most = math.floor(self.pitch)
+        if asked is None:
+            return min(most, _MOST_VIEWS)
+        if not 2 <= asked <= most:
+            raise click.UsageError(
+                f"--strips is 2 to {most}, the pixels under a lens of {self.pitch:.4g}, not "
+                f"{asked}."
+            )
+        return asked
+
+    def check(self, shown: tuple[float, ...]) -> tuple[int, int]:
+        """(y, x) pixels of a print of a window (height, width); refused if it is none."""
+        from clplen.io.displays.lenticular import check_print
+
+        height = self.height
+        if height is None:
+            height = max(round(self.width * shown[0] / shown[1]), 1)
+        size = (height, self.width)
+        check_print(size, 3)
+        if size[self.axis] < _LEAST_LENSES * self.pitch:
+            raise click.UsageError(
+                f"A print of {size[1]} x {size[0]} pixels lies under "
+                f"{size[self.axis] / self.pitch:.2g} lenses of {self.pitch:.4g} pixels: give a "
+                f"larger one, of at least {_LEAST_LENSES}."
+            )
+        return size
+
+    def samples(self, size: tuple[int, int]) -> tuple[int, int]:
+        """(y, x): what of a print of this size is told apart, one sample a lens."""
+        across = max(round(size[self.axis] / self.pitch), 1)
+        return (size[0], across) if self.axis == 1 else (across, size[1])
+
+    def interlaced(self, pictures: Iterator[Values], count: int) -> Values:
+        """The print."""
+        from clplen.io import interlace
+
+        return interlace(pictures, self.pitch, count=count, lenses=self.lenses)
+
+
+def _check_words(
+    source: Path | None, *, pitch_test: bool, distance: float | None, thickness: float | None
+) -> None:
+    """Refuse words that do not go together."""
+    if not pitch_test:
+        if source is None:
+            raise click.UsageError("Give the light field to print, or --pitch-test.")
+        if (distance is None) != (thickness is None):
+            raise click.UsageError(
+                "--distance and --thickness together say how far strips move under a lens: give "
+                "both, or none."
+            )
+    context = click.get_current_context()
+    given = {
+        parameter.name: "INPUT" if parameter.name == "source" else parameter.opts[0]
+        for parameter in context.command.params
+        if context.get_parameter_source(parameter.name or "") == ParameterSource.COMMANDLINE
+    }
+    others = [word for name, word in given.items() if name not in _OF_TEST]
+    if pitch_test and others:
+        raise click.UsageError(
+            f"{others[0]} is not for --pitch-test, which takes --lpi, --dpi, --width, --lenses "
+            "and --spread."
+        )
+    if not pitch_test and "spread" in given:
+        raise click.UsageError("--spread is for --pitch-test.")
+
+
+def _write_test(
+    output: Path, lpi: float, dpi: float, width: float, spread: float, lenses: str
+) -> str:
+    """Write a pitch test, and say what is in it."""
+    from clplen.io import pitch_test, write_picture
+
+    picture = pitch_test(lpi, dpi, width, spread=spread)
+    if lenses == "horizontal":
+        picture = np.rot90(picture)
+    write_picture(output, picture, dpi=dpi)
+    height, across = (n / dpi * 2.54 for n in picture.shape)
+    low, high = (lpi * (1 + part * spread / 100) for part in (-1, 1))
+    return (
+        f"{output}: {picture.shape[1]} x {picture.shape[0]} pixels, {across:.2f} x {height:.2f} cm "
+        f"at {dpi:g} dpi; bars of {low:.5g} to {high:.5g} lpi. Print it without scaling and lay "
+        "the sheet on it: the even band tells the lpi."
+    )
+
+
+def _pictures(
+    scene: Scene,
+    viewpoints: list[tuple[float, float]],
+    shifts: Values,
+    sheet: _Sheet,
+    window: DisplayWindow,
+    size: tuple[int, int],
+) -> Iterator[Values]:
+    with console.progress_bar(len(viewpoints), "view") as bar:
+        for picture, shift in zip(scene.pictures(viewpoints), shifts, strict=True):
+            console.advance(bar, "views")
+            yield window.shown(picture, shift, size, sheet.samples(size))

@@ -1,0 +1,92 @@
+"""H.264 films as MP4, by the ffmpeg that the package imageio-ffmpeg brings."""
+
+from __future__ import annotations
+
+import subprocess
+from collections.abc import Sequence
+from fractions import Fraction
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from clplen.outputs import MARK
+
+Array = np.ndarray[Any, Any]
+
+_QUALITY = 18  # constant rate factor of x264, 0 to 51: looks like the frames
+# Full sRGB to BT.709 in its limited range, and the file says so: of the frames in new versions of
+# ffmpeg, of the encoder in old ones.
+_CONVERT = (
+    "scale=out_color_matrix=bt709:out_range=tv:flags=bicubic+accurate_rnd+full_chroma_int,"
+    "format=yuv420p,setparams=range=tv:colorspace=bt709:color_primaries=bt709:"
+    "color_trc=iec61966-2-1"
+)
+_COLOURS = ("-colorspace", "bt709", "-color_primaries", "bt709", "-color_trc", "iec61966-2-1")
+
+
+def encoder() -> str:
+    """Return the path of ffmpeg.
+
+    Returns
+    -------
+    str
+
+    Raises
+    ------
+    ValueError
+        If the package is not installed, or finds no ffmpeg.
+    """
+    try:
+        import imageio_ffmpeg
+    except ImportError as error:
+        raise ValueError(
+            'MP4 needs the package imageio-ffmpeg: pip install "clplen[video]", or write .gif.'
+        ) from error
+    try:
+        return str(imageio_ffmpeg.get_ffmpeg_exe())
+    except RuntimeError as error:
+        raise ValueError(
+            "imageio-ffmpeg finds no ffmpeg on this computer: install ffmpeg, or write .gif."
+        ) from error
+
+
+def write_mp4(file: Path, frames: Sequence[Array], seconds: float) -> None:
+    """Write frames as H.264 in yuv420p.
+
+    Parameters
+    ----------
+    file : pathlib.Path
+        ``.mp4``.
+    frames : sequence of numpy.ndarray
+        uint8, all of one shape (y, x) or (y, x, 3). Of an odd number of rows or columns the last
+        one stands twice, because yuv420p has even sizes.
+    seconds : float
+        For how long each is shown.
+
+    Raises
+    ------
+    ValueError
+        If there is no ffmpeg.
+    OSError
+        If ffmpeg fails.
+    """
+    program = encoder()
+    height, width = (n + n % 2 for n in frames[0].shape[:2])
+    rate = Fraction(1 / seconds).limit_denominator(1000)
+    kind = "gray" if frames[0].ndim == 2 else "rgb24"
+    given = ("-f", "rawvideo", "-pix_fmt", kind, "-s", f"{width}x{height}", "-r", str(rate))
+    coded = ("-vcodec", "libx264", "-crf", str(_QUALITY), "-vf", _CONVERT)
+    about = ("-color_range", "tv", *_COLOURS, "-metadata", f"comment={MARK}")
+    words = (program, "-y", "-v", "error", *given, "-i", "-", "-an", *coded, *about, str(file))
+    samples = b"".join(_even(frame).tobytes() for frame in frames)
+    done = subprocess.run(words, input=samples, capture_output=True, check=False)
+    if done.returncode:
+        said = done.stderr.decode(errors="replace").strip().splitlines() or ["no reason given"]
+        raise OSError(f"ffmpeg wrote no film ({said[-1]}): write .gif, or another size.")
+
+
+def _even(frame: Array) -> Array:
+    """A frame whose last row and column stand twice where their number is odd."""
+    y, x = frame.shape[:2]
+    return np.pad(frame, ((0, y % 2), (0, x % 2), (0, 0))[: frame.ndim], mode="edge")
