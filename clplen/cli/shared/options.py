@@ -221,8 +221,8 @@ layout = _with_options(
     ),
     click.option(
         "--demosaic",
-        type=click.Choice(["after", "before"]),
-        help="Interpolate colours after slicing (default) or before.",
+        type=click.Choice(["within", "after", "before"]),
+        help="Colours from the pixels of each lenslet (default), or interpolated after slicing or before.",
     ),
     click.option(
         "--devignette/--no-devignette",

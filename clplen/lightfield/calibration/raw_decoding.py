@@ -18,6 +18,7 @@ from clplen.lightfield.calibration import sensor_frames
 from clplen.lightfield.calibration.lattice_trust import is_measured
 from clplen.lightfield.calibration.sensor_frames import Frame, Mosaic
 from clplen.lightfield.model.light_field import LightField
+from clplen.lightfield.raw.colour_fit import fit_colours, noise_of
 from clplen.lightfield.raw.decode import resample
 from clplen.lightfield.raw.demosaicing import (
     COLOURS,
@@ -33,7 +34,7 @@ from clplen.lightfield.raw.raw_image import RawImage, Spacing
 
 _FLOOR = 0.05  # of the white image's bright pixels: what is darker is divided by that
 _BRIGHT = 0.995  # quantile of the white image that counts as bright
-_DEMOSAIC = ("after", "before")
+_DEMOSAIC = ("within", "after", "before")
 _LEAST = 1e-5  # of the white level: less than any view has that a lenslet lights
 
 
@@ -57,7 +58,7 @@ def decode_raw(
     step: float | None = None,
     devignette: bool | None = None,
     bayer: Mosaic | None = None,
-    demosaic: str = "after",
+    demosaic: str = "within",
     complete: bool = True,
     pixel_pitch: float | None = None,
     white_balance: tuple[float, float, float] | None = None,
@@ -95,8 +96,10 @@ def decode_raw(
     bayer : {"RGGB", "BGGR", "GRBG", "GBRG"} or sequence of str, optional
         Colour filters of the pixels (0, 0), (0, 1), (1, 0), (1, 1); or the rows of another tile of
         R, G and B, such as ``("RRGG", "RRGG", "GGBB", "GGBB")`` of a quad Bayer mosaic.
-    demosaic : {"after", "before"}
-        "after" slices each colour by itself and fills what it misses from the same view of
+    demosaic : {"within", "after", "before"}
+        "within" fits each colour of each view by a quadratic to the pixels of that colour under the
+        same lenslet, the smoother the less of their differences noise explains not; it mixes no
+        lenslets. "after" slices each colour by itself and fills what it misses from the same view of
         neighbouring lenslets (linear interpolation), which mixes no directions; "before"
         interpolates the colours on the sensor first.
     complete : bool
@@ -155,7 +158,7 @@ def decode_raw(
     if bayer is None:
         data, level = _grey(kept, pixels, grid, device)
     else:
-        data, level = _coloured(pixels, grid, demosaic, device)
+        data, level = _coloured(kept, pixels, grid, demosaic, device)
         if matrix is not None:
             _mix_colours(data, matrix, device)
     weights = np.ones(grid.shape[:2], np.float32) if level is None else _weights(level, device)
@@ -179,7 +182,7 @@ def _check(
         raise ValueError(f"pixel_pitch is positive, in metres, not {pixel_pitch!r}.")
     units.PITCH.check(pixel_pitch or 0.0, "pixel_pitch")
     if demosaic not in _DEMOSAIC:
-        raise ValueError(f"demosaic is 'after' or 'before', not {demosaic!r}.")
+        raise ValueError(f"demosaic is 'within', 'after' or 'before', not {demosaic!r}.")
     if bayer is not None:
         tile_of(bayer)
     if devignette and white is None:
@@ -301,10 +304,12 @@ def _grey(
 
 
 def _coloured(
-    pixels: _Pixels, grid: LensletGrid, demosaic: str, device: Device
+    kept: RawImage, pixels: _Pixels, grid: LensletGrid, demosaic: str, device: Device
 ) -> tuple[cla.Array, cla.Array | None]:
     bayer = pixels.tile
     assert bayer is not None
+    if demosaic == "within":
+        return _fitted(kept, pixels, bayer, grid, device)
     white = np.ones_like(pixels.picture) if pixels.white is None else pixels.white
     level = None if pixels.white is None else sliced(white, grid, device)
     if demosaic == "after":
@@ -318,6 +323,18 @@ def _coloured(
         views = sliced(picture, grid, device)
         _divide(data, views, sliced(flat, grid, device), 3, channel, device)
     return data, level
+
+
+def _fitted(
+    kept: RawImage, pixels: _Pixels, bayer: Tile, grid: LensletGrid, device: Device
+) -> tuple[cla.Array, cla.Array | None]:
+    white = np.ones_like(pixels.picture) if pixels.white is None else pixels.white
+    flat = RawImage(device.upload(white), device, math.nan, grid, grid)
+    noise = noise_of(pixels.picture, pixels.white, bayer)
+    data = fit_colours(
+        kept.data, flat.data, grid, bayer, noise=noise, floor=_FLOOR, device=device
+    )
+    return data, None if pixels.white is None else resample(flat, grid)
 
 
 def _divide(
