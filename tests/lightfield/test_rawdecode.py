@@ -306,8 +306,9 @@ def test_colours_of_a_mosaic(device, bayer, demosaic, kind):
     assert lf.shape == want.shape
     bright = np.array([0.5, 1, 0.7]) * np.quantile(even[..., 1], 0.995)
     error = (lf.to_numpy() / bright - want) / want.mean()
-    # red changes by up to .05 a pixel and .2 a lenslet; "after" takes what it misses from there
-    limit = {"within": 0.005, "after": 0.04, "before": 0.012}[demosaic]
+    # red changes by up to .05 a pixel and .2 a lenslet; "after" takes what it misses from there;
+    # white levels, quantiles of one colour, are right to 1 %
+    limit = {"within": 0.012, "after": 0.04, "before": 0.012}[demosaic]
     assert np.sqrt((error**2).mean()) < limit
     assert np.abs(error).max() < 6 * limit
     assert lf.weights.max() == 1
