@@ -89,10 +89,11 @@ def edges(array: Array2D) -> list[Layer]:
     """Patches of saturated colours with sharp borders before a grey ground, at three depths."""
     y, x = places(array)
     palette = np.array(
-        [[0.9, 0.05, 0.05], [0.05, 0.7, 0.1], [0.06, 0.08, 0.85], [0.9, 0.8, 0.05], [0.02, 0.7, 0.75],
-         [0.8, 0.1, 0.7], [0.9, 0.9, 0.9], [0.04, 0.04, 0.04]]
+        [[0.9, 0.05, 0.05], [0.05, 0.7, 0.1], [0.06, 0.08, 0.85], [0.9, 0.8, 0.05],
+         [0.02, 0.7, 0.75], [0.8, 0.1, 0.7], [0.9, 0.9, 0.9], [0.04, 0.04, 0.04]]
     )  # fmt: skip
-    far = palette[(np.floor((x + 0.3 * y) / 4.3) + 3 * np.floor((y - 0.2 * x) / 5.1)).astype(int) % 8]
+    patch = np.floor((x + 0.3 * y) / 4.3) + 3 * np.floor((y - 0.2 * x) / 5.1)
+    far = palette[patch.astype(int) % 8]
     middle = palette[(np.floor((0.8 * x - 0.6 * y) / 3.7)).astype(int) % 3]
     near = palette[3 + (np.floor((0.6 * x + 0.8 * y) / 2.9)).astype(int) % 4]
     return [
