@@ -2,16 +2,16 @@
 
     python benchmarks/accuracy_color_mosaics.py [--device pocl] [--scene edges] [--array square]
 
-Three scenes (saturated patches with sharp borders; fine threads of many colours; slow gradients with
-highlights), each at several disparities and with what hides what, behind a hexagonal array of 14.29
-pixels (GRBG, turned by .6 degrees) and a square one of 13.37 (RGGB, -1.1 degrees): full colour at every
-pixel of the sensor, vignetted, mosaicked, with photon and read noise of a full well of 5000 electrons,
-10 bits, and a white image of four such frames. Compared are the views that lie a pixel inside a lenslet,
-two pixels off their borders, each colour scaled by one number to fit the truth: PSNR of linear light and
-of sRGB (peak 1), and the mean CIEDE2000 difference. "bilinear" divides the mosaic by the white image,
-interpolates the colours on the sensor, and slices them by the same lattice, linearly or by cubic splines
-(whichever is better, in each number); rows of hexagonal lattices are interpolated by the same cubic as
-clplen's.
+Three scenes (saturated patches with sharp borders; fine threads of many colours; slow gradients
+with highlights), each at several disparities and with what hides what, behind a hexagonal array
+of 14.29 pixels (GRBG, turned by .6 degrees) and a square one of 13.37 (RGGB, -1.1 degrees): full
+colour at every pixel of the sensor, vignetted, mosaicked, with photon and read noise of a full
+well of 5000 electrons, 10 bits, and a white image of four such frames. Compared are the views
+that lie a pixel inside a lenslet, two pixels off their borders, each colour scaled by one number
+to fit the truth: PSNR of linear light and of sRGB (peak 1), and the mean CIEDE2000 difference.
+"bilinear" divides the mosaic by the white image, interpolates the colours on the sensor, and
+slices them by the same lattice, linearly or by cubic splines (whichever is better, in each
+number); rows of hexagonal lattices are interpolated by the same cubic as clplen's.
 """
 
 from __future__ import annotations

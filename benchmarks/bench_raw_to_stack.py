@@ -1,14 +1,15 @@
-"""From the raw picture of an Illum to a stack, beside the same stages by hand with NumPy and SciPy.
+"""From the raw picture of an Illum to a stack, beside the same stages by hand with NumPy and
+SciPy.
 
     python benchmarks/bench_raw_to_stack.py [--quick] [--folder DIR] [--repeats 3] [--profile]
 
-A picture of 5368 x 7728 pixels of 10 bits (GRBG) behind hexagonal lenslets 14.29 pixels apart is drawn
-with its white image and written as Lytro files. A process each reads it, divides by the white image,
-interpolates the colours, decodes all views onto a rectangular lattice, applies the colour matrix and
-writes 11 refocused pictures as a TIFF of float32; its seconds and its largest memory are printed. Both
-are told the lattice. By hand means what one writes after LFToolbox: whole-array NumPy, bilinear
-demosaicing by `scipy.ndimage.convolve`, `map_coordinates` for views and rows, and
-`scipy.ndimage.shift` for each view and plane.
+A picture of 5368 x 7728 pixels of 10 bits (GRBG) behind hexagonal lenslets 14.29 pixels apart is
+drawn with its white image and written as Lytro files. A process each reads it, divides by the
+white image, interpolates the colours, decodes all views onto a rectangular lattice, applies the
+colour matrix and writes 11 refocused pictures as a TIFF of float32; its seconds and its largest
+memory are printed. Both are told the lattice. By hand means what one writes after LFToolbox:
+whole-array NumPy, bilinear demosaicing by `scipy.ndimage.convolve`, `map_coordinates` for views
+and rows, and `scipy.ndimage.shift` for each view and plane.
 """
 
 from __future__ import annotations

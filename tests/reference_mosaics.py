@@ -1,8 +1,8 @@
 """Mosaics of coloured scenes behind lenslets, whose views are known, float64.
 
 A scene is a stack of layers, far to near; a ray at the place p from the centre c of its lenslet
-meets a layer of disparity d at c + d (unit/step) p, all in pixels of the sensor. Textures are blurred
-by the disc of a lenslet, as its opening does.
+meets a layer of disparity d at c + d (unit/step) p, all in pixels of the sensor. Textures are
+blurred by the disc of a lenslet, as its opening does.
 """
 
 from __future__ import annotations

@@ -344,7 +344,9 @@ def test_lenslets_an_even_number_of_pixels_apart(device):
     lattice = Lattice("square", (30.0, 40.0), (10.0, 0.0), (0.0, 10.0))
     frame = mosaic(np.broadcast_to(np.array([7.0, 3.0, 1.0]), (61, 81, 3)), "GRBG")
     frame[1::2, 1::2] = 5  # the other green
-    lf = decode_raw(frame, lattice, device=device, views=(9, 9), step=1, bayer="GRBG", demosaic="after")
+    lf = decode_raw(
+        frame, lattice, device=device, views=(9, 9), step=1, bayer="GRBG", demosaic="after"
+    )
     views = lf.to_numpy()
     np.testing.assert_allclose(views[..., 0], 7, rtol=1e-6)
     np.testing.assert_allclose(views[..., 2], 1, rtol=1e-6)

@@ -222,7 +222,7 @@ layout = _with_options(
     click.option(
         "--demosaic",
         type=click.Choice(["within", "after", "before"]),
-        help="Colours from the pixels of each lenslet (default), or interpolated after slicing or before.",
+        help="Fit colours within lenslets (default), or interpolate after or before slicing.",
     ),
     click.option(
         "--devignette/--no-devignette",

@@ -97,9 +97,9 @@ def decode_raw(
         Colour filters of the pixels (0, 0), (0, 1), (1, 0), (1, 1); or the rows of another tile of
         R, G and B, such as ``("RRGG", "RRGG", "GGBB", "GGBB")`` of a quad Bayer mosaic.
     demosaic : {"within", "after", "before"}
-        "within" fits each colour of each view by a quadratic to the pixels of that colour under the
-        same lenslet, the smoother the less of their differences noise explains not; it mixes no
-        lenslets. "after" slices each colour by itself and fills what it misses from the same view of
+        "within" fits each colour of a view by a quadratic to the pixels of that colour under the
+        same lenslet, smoother where noise explains their differences; it mixes no lenslets.
+        "after" slices each colour by itself and fills what it misses from the same view of
         neighbouring lenslets (linear interpolation), which mixes no directions; "before"
         interpolates the colours on the sensor first.
     complete : bool
