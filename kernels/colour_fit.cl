@@ -13,7 +13,8 @@
  * with edge_m = E_m/|E_m|^2, E_m the step to a neighbour, and p_m = edge_m . (X - middle).
  *
  *   fit_colours   out[u, i, k, c] for row i and lenslet k
- *   to_columns    L[u, i, k, c] = out[u, i] interpolated to column k, as `decode.cl` does
+ *   to_columns    L[u, i, k, c] = sum_d matrix[c, d] out[u, i, ., d] interpolated to column k, as
+ *                 `decode.cl` does
  *
  * Mapping: FOR_X of common.cl over blocks of LANES lenslets, over columns in `to_columns`; axis 1 = i;
  * axis 2 = u. tile = the first pixel of every colour's list of places, then (y, x) of the places.
@@ -195,9 +196,10 @@ __kernel void fit_colours(__global float *restrict out, __global const float *re
 
 __kernel void to_columns(__global float *restrict L, __global const float *restrict in,
                          __global const int *restrict near_at,
-                         __global const float *restrict near_part, const int rows,
-                         const int lenslets, const int columns, const long start,
-                         const long stride_u, const long stride_y, const long stride_x)
+                         __global const float *restrict near_part,
+                         __global const float *restrict matrix, const int rows, const int lenslets,
+                         const int columns, const long start, const long stride_u,
+                         const long stride_y, const long stride_x)
 {
     const int i = get_global_id(1);
     const int u = get_global_id(2);
@@ -216,6 +218,7 @@ __kernel void to_columns(__global float *restrict L, __global const float *restr
                 sum[c] += w[n] * in[(size_t)lenslet * 3 + c];
         }
         for (int c = 0; c < 3; ++c)
-            L[k * stride_x + c] = sum[c];
+            L[k * stride_x + c] = matrix[3 * c] * sum[0] + matrix[3 * c + 1] * sum[1] +
+                                  matrix[3 * c + 2] * sum[2];
     }
 }

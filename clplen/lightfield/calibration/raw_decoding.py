@@ -149,7 +149,8 @@ def decode_raw(
     divide = white is not None if devignette is None else devignette
     chosen = lattice.views() if views is None else (int(views[0]), int(views[1]))
     grid = lattice.grid(chosen, step=step, complete=complete, square=True)
-    arrays = (1 if white is None else 3) if bayer is None else 10  # of one channel, at once
+    # of one channel, at once
+    arrays = (1 if white is None else 3) if bayer is None else 4 if demosaic == "within" else 10
     device.require_memory(4 * arrays * math.prod(grid.shape), "Decoding this light field")
     pixels = _cleaned(frame, white if divide else None, dark, bayer)
     if white_balance is not None and pixels.tile is not None:
@@ -158,9 +159,7 @@ def decode_raw(
     if bayer is None:
         data, level = _grey(kept, pixels, grid, device)
     else:
-        data, level = _coloured(kept, pixels, grid, demosaic, device)
-        if matrix is not None:
-            _mix_colours(data, matrix, device)
+        data, level = _coloured(kept, pixels, grid, demosaic, matrix)
     weights = np.ones(grid.shape[:2], np.float32) if level is None else _weights(level, device)
     return LightField(data, device, kept.spacing, weights, raw=kept)
 
@@ -304,12 +303,20 @@ def _grey(
 
 
 def _coloured(
-    kept: RawImage, pixels: _Pixels, grid: LensletGrid, demosaic: str, device: Device
+    kept: RawImage, pixels: _Pixels, grid: LensletGrid, demosaic: str, matrix: Frame | None
 ) -> tuple[cla.Array, cla.Array | None]:
-    bayer = pixels.tile
-    assert bayer is not None
+    assert pixels.tile is not None
     if demosaic == "within":
-        return _fitted(kept, pixels, bayer, grid, device)
+        return _fitted(kept, pixels, pixels.tile, grid, matrix)
+    data, level = _interpolated(pixels, pixels.tile, grid, demosaic, kept.device)
+    if matrix is not None:
+        _mix_colours(data, matrix, kept.device)
+    return data, level
+
+
+def _interpolated(
+    pixels: _Pixels, bayer: Tile, grid: LensletGrid, demosaic: str, device: Device
+) -> tuple[cla.Array, cla.Array | None]:
     white = np.ones_like(pixels.picture) if pixels.white is None else pixels.white
     level = None if pixels.white is None else sliced(white, grid, device)
     if demosaic == "after":
@@ -326,15 +333,17 @@ def _coloured(
 
 
 def _fitted(
-    kept: RawImage, pixels: _Pixels, bayer: Tile, grid: LensletGrid, device: Device
+    kept: RawImage, pixels: _Pixels, bayer: Tile, grid: LensletGrid, matrix: Frame | None
 ) -> tuple[cla.Array, cla.Array | None]:
+    device = kept.device
     white = np.ones_like(pixels.picture) if pixels.white is None else pixels.white
     flat = RawImage(device.upload(white), device, math.nan, grid, grid)
     noise = noise_of(pixels.picture, pixels.white, bayer)
     data = fit_colours(
-        kept.data, flat.data, grid, bayer, noise=noise, floor=_FLOOR, device=device
+        kept.data, flat.data, grid, bayer, noise=noise, floor=_FLOOR, device=device, matrix=matrix
     )
-    return data, None if pixels.white is None else resample(flat, grid)
+    # the mean of a view is the same before its rows are interpolated, but at their ends
+    return data, None if pixels.white is None else resample(flat, replace(grid, columns=None))
 
 
 def _divide(
@@ -353,5 +362,6 @@ def _divide(
 
 def _weights(level: cla.Array, device: Device) -> np.ndarray[Any, np.dtype[np.float32]]:
     """Mean white level of every view, the brightest 1."""
-    mean = np.maximum(device.download(level).mean(axis=(2, 3), dtype=np.float64), 0)
+    rows = (device.download(row) for row in level)  # of views: no copy of all
+    mean = np.maximum([row.mean(axis=(1, 2), dtype=np.float64) for row in rows], 0)
     return np.asarray(mean / mean.max(), np.float32)

@@ -33,6 +33,7 @@ def fit_colours(
     noise: float,
     floor: float,
     device: Device,
+    matrix: Frame | None = None,
 ) -> cla.Array:
     """Views of a mosaic, each colour fitted by a quadratic to its pixels under the lenslet.
 
@@ -48,12 +49,15 @@ def fit_colours(
     floor : float
         Of the white image: what is darker counts as this.
     device : Device
+    matrix : numpy.ndarray, optional
+        float32, shape (3, 3): ``matrix @ rgb`` becomes of each sample's colours.
 
     Returns
     -------
     pyopencl.array.Array
         float32, shape (V, U, y, x, 3): ``picture`` over ``white``.
     """
+    mixed = device.upload(np.eye(3, dtype=np.float32) if matrix is None else matrix)
     out = device.empty((*grid.shape, 3), np.float32)
     (V, U), (rows, lenslets), (ny, nx) = grid.views, grid.count, picture.shape
     columns = lenslets if grid.columns is None else grid.columns[0]
@@ -85,7 +89,7 @@ def fit_colours(
         device.launch_rows(
             spread,
             (U, rows, columns),
-            *(out, alone, *tables.near),
+            *(out, alone, *tables.near, mixed),
             *(np.int32(n) for n in (rows, lenslets, columns)),
             *(np.int64(n) for n in (v * stride_v, stride_u, stride_y, stride_x)),
         )
