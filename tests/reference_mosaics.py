@@ -11,7 +11,9 @@ from dataclasses import dataclass
 
 import numpy as np
 from reference_lattice import Drawn, lattice
-from scipy.ndimage import map_coordinates
+from scipy.ndimage import convolve, map_coordinates
+
+from clplen.lightfield import Lattice, LensletGrid
 
 Array = np.ndarray
 
@@ -22,6 +24,8 @@ READ_NOISE = 3.0  # electrons
 BLACK, TOP = 64, 1023  # digital numbers of no light and of the full well
 SENSITIVITY = np.array([0.55, 1.0, 0.7])  # of red, green and blue pixels to white light
 GAP = 0.02  # of the light falls between the lenslets
+BORDER = 2  # pixels of a view that are not compared
+KERNEL = np.array([[1, 2, 1], [2, 4, 2], [1, 2, 1]]) / 4  # bilinear
 
 
 @dataclass(frozen=True)
@@ -202,3 +206,91 @@ def captured(array: Array2D, scene: list[Layer], *, noise: bool = True) -> tuple
     if not noise:
         return BLACK + light * (TOP - BLACK), BLACK + 0.9 * white * (TOP - BLACK)
     return recorded(light, 1), recorded(0.9 * white, 2, frames=4)
+
+
+# Views of the mosaic, true and by hand ------------------------------------------------------------
+
+
+def lattice_of(array: Array2D) -> Lattice:
+    """The lenslets as the package describes them."""
+    true = array.true
+    row = true.second - (true.first / 2 if array.kind == "hexagonal" else 0)
+    (y, x), (down, right), (a, b) = (map(float, pair) for pair in (true.origin, row, true.first))
+    return Lattice(array.kind, (y, x), (down, right), (a, b), array.shape)
+
+
+def offsets(grid: LensletGrid) -> Array:
+    """Where views lie from the middle of a lenslet, (V, U, 1, 1, 2)."""
+    (V, U) = grid.views
+    v = (np.arange(V) - (V - 1) / 2)[:, None, None, None, None]
+    u = (np.arange(U) - (U - 1) / 2)[:, None, None, None]
+    return np.asarray(v * np.array(grid.row_view_step) + u * np.array(grid.column_view_step))
+
+
+def truth(array: Array2D, scene: list[Layer], grid: LensletGrid) -> Array:
+    """The views of a scene, without noise."""
+    lattice = lattice_of(array)
+    steps = [np.array(s) / np.hypot(*s) * array.unit for s in (lattice.row, lattice.column)]
+    i, k = np.indices(grid.shape[2:])[..., None]
+    return seen(array, scene, np.array(grid.first) + i * steps[0] + k * steps[1], offsets(grid))
+
+
+def by_hand(raw: Array, white: Array, array: Array2D, grid: LensletGrid, order: int) -> Array:
+    """Views by bilinear demosaicing of the raw picture over its white image."""
+    light, level = raw - float(BLACK), white - float(BLACK)
+    for n in range(4):
+        place = (slice(n // 2, None, 2), slice(n % 2, None, 2))
+        level[place] /= np.quantile(level[place], 0.995)
+    light = light / np.maximum(level, 0.05)
+    views = []
+    for c in range(3):
+        only = mosaic(np.broadcast_to(np.eye(3)[c], (*array.shape, 3)), array.bayer)
+        plane = convolve(light * only, KERNEL) / convolve(only, KERNEL)
+        views.append(_rectangular(_sliced(plane, grid, order), grid))
+    return np.stack(views, axis=-1)
+
+
+def _sliced(plane: Array, grid: LensletGrid, order: int) -> Array:
+    """Every lenslet sampled about its own centre, (V, U, rows, lenslets)."""
+    i, k = np.indices(grid.count)[..., None]
+    k = k + np.where(i % 2, grid.odd_row_shift, 0)
+    centres = np.array(grid.first) + i * np.array(grid.row_step) + k * np.array(grid.column_step)
+    return map_coordinates(plane, np.moveaxis(centres + offsets(grid), -1, 0), order=order)
+
+
+def _rectangular(views: Array, grid: LensletGrid) -> Array:
+    """Rows of lenslets interpolated to the columns wanted (Keys 1981)."""
+    if grid.columns is None:
+        return views
+    (n, step), last = grid.columns, grid.count[1] - 1
+    out = np.zeros((*views.shape[:3], n))
+    for row in range(views.shape[2]):
+        x = np.arange(n) * step - (grid.odd_row_shift if row % 2 else 0)
+        for a in range(-1, 3):
+            p = np.floor(x).astype(int) + a
+            t = np.abs(x - p)
+            near, far = (1.5 * t - 2.5) * t * t + 1, ((-0.5 * t + 2.5) * t - 4) * t + 2
+            out[:, :, row] += np.where(t < 1, near, far) * views[:, :, row, np.clip(p, 0, last)]
+    return out
+
+
+def encoded(linear: Array) -> Array:
+    """sRGB (IEC 61966-2-1) of linear light."""
+    x = np.clip(linear, 0, 1)
+    return np.where(x <= 0.0031308, 12.92 * x, 1.055 * x ** (1 / 2.4) - 0.055)
+
+
+def scores(views: Array, true: Array, array: Array2D, grid: LensletGrid) -> list[float]:
+    """PSNR of linear light and of sRGB, and the mean CIEDE2000 difference."""
+    from skimage.color import deltaE_ciede2000, rgb2lab
+
+    inside = np.hypot(*np.moveaxis(offsets(grid), -1, 0))[:, :, 0, 0] <= array.pitch / 2 - 1
+    got, want = (
+        part[inside][:, BORDER:-BORDER, BORDER:-BORDER].astype(np.float64)
+        for part in (views, true)
+    )
+    got = got * ((got * want).sum((0, 1, 2)) / (got * got).sum((0, 1, 2)))
+    pair = encoded(got), encoded(want)
+    squares = ((got - want) ** 2).mean(), ((pair[0] - pair[1]) ** 2).mean()
+    apart = deltaE_ciede2000(*(rgb2lab(picture) for picture in pair)).mean()
+    return [*(-10 * float(np.log10(s)) for s in squares), float(apart)]
