@@ -7,15 +7,18 @@ A picture of 5368 x 7728 pixels of 10 bits (GRBG) behind hexagonal lenslets 14.2
 drawn with its white image and written as Lytro files. A process each reads it, divides by the
 white image, interpolates the colours, decodes all views onto a rectangular lattice, applies the
 colour matrix and writes 11 refocused pictures as a TIFF of float32; its seconds and its largest
-memory are printed. Both are told the lattice. By hand means what one writes after LFToolbox:
-whole-array NumPy, bilinear demosaicing by `scipy.ndimage.convolve`, `map_coordinates` for views
-and rows, and `scipy.ndimage.shift` for each view and plane.
+memory are printed. Both are told the lattice; clplen compares it with that of the white image,
+which its first run finds and keeps, as it builds its kernels. By hand means what one writes after
+LFToolbox: whole-array NumPy, bilinear demosaicing by `scipy.ndimage.convolve`, `map_coordinates`
+for views and rows, and `scipy.ndimage.shift` for each view and plane.
 """
 
 from __future__ import annotations
 
 import json
+import os
 import resource
+import shutil
 import subprocess
 import sys
 import tempfile
@@ -128,7 +131,6 @@ def by_clplen(folder: Path, stages: Stages) -> Array:
 
     device = Device.open()
     stages.done("device")
-    # the white image is taken as it is: `force` leaves out that it may be of another camera
     lf = read_lightfield(
         folder / "picture.LFR", white=folder / "white.LFR", grid=folder / "grid.json",
         device=device, force=True,
@@ -227,6 +229,7 @@ def run(way: str, folder: Path) -> dict[str, Any]:
     text = subprocess.run(
         [sys.executable, __file__, "--only", way, "--folder", str(folder)],
         capture_output=True, text=True, check=True,
+        env=os.environ | {"XDG_CACHE_HOME": str(folder / "cache")},
     ).stdout  # fmt: skip
     found: dict[str, Any] = json.loads(text.splitlines()[-1])
     return found
@@ -267,6 +270,7 @@ def main(
         folder.mkdir(parents=True, exist_ok=True)
         if not (folder / "picture.LFR").is_file():
             write_pictures(folder, SIZES["quick" if quick else "whole"])
+        shutil.rmtree(folder / "cache", ignore_errors=True)
         totals: dict[str, float] = {}
         for way, times in (("clplen", repeats + 1), ("by hand", 1)):
             for number in range(times):
