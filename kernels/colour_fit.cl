@@ -7,7 +7,7 @@
  *   n = raw/w,  w = max(white, floor),  e = s/(K max(V - 1.5 s, s/1000)),  s = noise mean K/W,  K = sum_q k
  *
  * T is the period of the mosaic, V the variance of n and s the part of it that is noise, whose variance
- * is noise n/w. Where noise explains the variance, e is large and c is the mean (ridge regression;
+ * is noise[colour] n/w. Where noise explains the variance, e is large and c is the mean (ridge regression;
  * Takeda, Farsiu and Milanfar 2007 for fits of neighbourhoods). No pixel: 0.
  * Under the same lenslet: abs(p_m + edge_m . (q - X)) <= 1/2 for its three (two) pairs of sides m,
  * with edge_m = E_m/|E_m|^2, E_m the step to a neighbour, and p_m = edge_m . (X - middle).
@@ -74,8 +74,8 @@ __kernel void fit_colours(__global float *restrict out, __global const float *re
                           __global const int2 *restrict view_at,
                           __global const float2 *restrict view_part,
                           __global const float *restrict sides, __global const float *restrict edges,
-                          __global const int *restrict tile, const float floor_, const float noise,
-                          const int ny, const int nx, const int rows, const int lenslets)
+                          __global const int *restrict tile, __global const float *restrict noise,
+                          const float floor_, const int ny, const int nx, const int rows, const int lenslets)
 {
     const int i = get_global_id(1);
     const int u = get_global_id(2);
@@ -172,7 +172,7 @@ __kernel void fit_colours(__global float *restrict out, __global const float *re
             const lane total = fmax(m, (lane)(1e-20f));
             const lane mean = b / total;
             const lane variance = square / total - mean * mean;
-            const lane random = noise * fmax(about + mean, (lane)(0)) * count / total;
+            const lane random = noise[colour] * fmax(about + mean, (lane)(0)) * count / total;
             const lane detail = fmax(variance - 1.5f * random, 1e-3f * random + 1e-30f);
             const lane doubt = random / (fmax(count, (lane)(1e-20f)) * detail);
             const lane g = total * (A1 + B1 * doubt);

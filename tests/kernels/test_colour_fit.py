@@ -71,7 +71,7 @@ def twin(frame, white, grid, tile, noise, floor):
         inner = min(near, key=lambda place: float(place @ place))
         for c, colour in enumerate("RGB"):
             out[v, u, i, k, c] = fitted(
-                frame, white, at, inner, grid, tile, colour, noise, floor
+                frame, white, at, inner, grid, tile, colour, noise[c], floor
             )
     if grid.columns is None:
         return out
@@ -95,7 +95,7 @@ def twin(frame, white, grid, tile, noise, floor):
         (SQUARE, ("RGB", "GBG", "BRG")),
     ],
 )
-@pytest.mark.parametrize("noise", [0.0, 0.004])
+@pytest.mark.parametrize("noise", [(0.0, 0.0, 0.0), (0.004, 0.001, 0.02)])
 def test_colours_are_fitted_within_lenslets(device, grid, tile, noise):
     random = np.random.default_rng(5)
     shape = (47, 59) if grid is HEXAGONAL else (37, 55) if grid is SQUARE else (25, 41)

@@ -19,7 +19,7 @@ def test_colours_are_nearer_to_the_truth_than_bilinear_ones(device):
     raw, white = captured(array, scene)
     lf = decode_raw(
         raw.astype(np.float32) - BLACK, lattice_of(array), device=device, white=white - BLACK,
-        bayer=array.bayer, views=(9, 9), step=1, demosaic="before",
+        bayer=array.bayer, views=(9, 9), step=1,
     )  # fmt: skip
     grid = lf.raw.sub_images
     true = truth(array, scene, grid)

@@ -40,11 +40,15 @@ _LEAST = 1e-5  # of the white level: less than any view has that a lenslet light
 
 @dataclass(frozen=True)
 class _Pixels:
-    """A cleaned frame, and what each of its pixels would be in even light (None: not known)."""
+    """A cleaned frame, and what each of its pixels would be in even light (None: not known).
+
+    Its red, green and blue pixels were multiplied by ``factors``.
+    """
 
     picture: Frame
     white: Frame | None
     tile: Tile | None
+    factors: tuple[float, float, float] = (1.0, 1.0, 1.0)
 
 
 def decode_raw(
@@ -154,7 +158,8 @@ def decode_raw(
     device.require_memory(4 * arrays * math.prod(grid.shape), "Decoding this light field")
     pixels = _cleaned(frame, white if divide else None, dark, bayer)
     if white_balance is not None and pixels.tile is not None:
-        pixels = replace(pixels, picture=_balanced(pixels.picture, pixels.tile, white_balance))
+        balanced = _balanced(pixels.picture, pixels.tile, white_balance)
+        pixels = replace(pixels, picture=balanced, factors=white_balance)
     kept = _raw_image(pixels.picture, grid, device, pixel_pitch, lattice)
     if bayer is None:
         data, level = _grey(kept, pixels, grid, device)
@@ -338,7 +343,8 @@ def _fitted(
     device = kept.device
     white = np.ones_like(pixels.picture) if pixels.white is None else pixels.white
     flat = RawImage(device.upload(white), device, math.nan, grid, grid)
-    noise = noise_of(pixels.picture, pixels.white, bayer)
+    green = noise_of(pixels.picture, pixels.white, bayer)
+    noise = [green * factor / pixels.factors[1] for factor in pixels.factors]
     data = fit_colours(
         kept.data, flat.data, grid, bayer, noise=noise, floor=_FLOOR, device=device, matrix=matrix
     )

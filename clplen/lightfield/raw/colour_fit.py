@@ -11,7 +11,7 @@ import pyopencl.array as cla
 
 from clplen.compute.device import Device
 from clplen.lightfield.raw.decode import grid_tables
-from clplen.lightfield.raw.demosaicing import COLOURS, Frame, positions_of, tile_of
+from clplen.lightfield.raw.demosaicing import BAYER, COLOURS, Frame, positions_of, tile_of
 from clplen.lightfield.raw.lenslet_grid import LensletGrid
 
 Values = np.ndarray[Any, np.dtype[np.float64]]
@@ -21,7 +21,7 @@ _BLOCK = 48  # pixels a side of the blocks of which the plainest tell the noise
 _PLAIN = 0.1  # quantile of the blocks
 _MIDDLE = 0.4549  # median of the chi-square distribution with one degree of freedom
 _LIT = 0.3  # of the white level, above which pixels tell the noise
-_LINES = 2048  # blocks' rows of pixels that are looked at
+_LINES = 768  # rows of pixels that are looked at
 
 
 def fit_colours(
@@ -30,7 +30,7 @@ def fit_colours(
     grid: LensletGrid,
     bayer: str | Sequence[Sequence[str]],
     *,
-    noise: float,
+    noise: float | Sequence[float],
     floor: float,
     device: Device,
     matrix: Frame | None = None,
@@ -44,8 +44,9 @@ def fit_colours(
     grid : LensletGrid
     bayer : str or sequence of str
         As for `tile_of`.
-    noise : float
-        Variance of a bright pixel's noise over its value, as `noise_of` tells.
+    noise : float or sequence of float
+        Variance of a bright pixel's noise over its value, as `noise_of` tells; one, or one of each
+        of red, green and blue.
     floor : float
         Of the white image: what is darker counts as this.
     device : Device
@@ -72,7 +73,8 @@ def fit_colours(
         "colour_fit.cl", "to_columns", LANES=lanes, DOWN=period[0], ACROSS=period[1]
     )
     edges, sides = _cell(grid, period)
-    edge_table, tile_table = device.upload(edges), device.upload(_places(tile))
+    levels = np.array(np.broadcast_to(noise, 3), np.float32)
+    edge_table, tile_table, noises = map(device.upload, (edges, _places(tile), levels))
     steps = [int(n) // out.dtype.itemsize for n in out.strides]
     order = (1, 0, 3, 2) if grid.exchanged else (0, 1, 2, 3)
     stride_v, stride_u, stride_y, stride_x = (steps[axis] for axis in order)
@@ -82,8 +84,7 @@ def fit_colours(
             fit,
             (U, rows, -(-lenslets // lanes)),
             *(alone, picture, white, *tables.rows, *tables.columns, *tables.views(v)),
-            *(device.upload(sides[v]), edge_table, tile_table),
-            *(np.float32(floor), np.float32(noise)),
+            *(device.upload(sides[v]), edge_table, tile_table, noises, np.float32(floor)),
             *(np.int32(n) for n in (ny, nx, rows, lenslets)),
         )
         device.launch_rows(
@@ -153,7 +154,7 @@ def noise_of(picture: Frame, white: Frame | None, bayer: str | Sequence[Sequence
         In the unit of the picture; 0 where nothing tells, as with other mosaics than Bayer's.
     """
     tile = tile_of(bayer)
-    if sorted(itertools.chain(*tile)) != ["B", "G", "G", "R"] or tile[0][0] == tile[1][0]:
+    if "".join(itertools.chain(*tile)) not in BAYER:
         return 0.0
     ny = picture.shape[0] // _BLOCK
     medians: list[float] = []
