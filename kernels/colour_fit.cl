@@ -122,6 +122,7 @@ __kernel void fit_colours(__global float *restrict out, __global const float *re
                     const lane p0 = sides[3 * u] + ty * edges[0];
                     const lane p1 = sides[3 * u + 1] + ty * edges[1];
                     const lane p2 = sides[3 * u + 2] + ty * edges[2];
+                    lane s0 = 0, s1 = 0, s2 = 0, s3 = 0, s4 = 0, r0 = 0, rx = 0, rxx = 0;
 #pragma unroll
                     for (int h = 0; h < 4; ++h) {
                         const whole x = first_x + h * ACROSS;
@@ -139,34 +140,43 @@ __kernel void fit_colours(__global float *restrict out, __global const float *re
                         const lane w = fmax(EACH(WHITE, pixel), (lane)(floor_));
                         const lane light = EACH(RAW, pixel) - about * w;
                         const lane kw = k * w, kr = k * light;
-                        const lane wy = kw * ty, wx = kw * tx;
-                        const lane wyy = wy * ty, wyx = wy * tx, wxx = wx * tx;
-                        const lane ry = kr * ty, rx = kr * tx;
+                        const lane w1 = kw * tx, r1 = kr * tx;
+                        const lane w2 = w1 * tx;
+                        const lane w3 = w2 * tx;
                         count += k;
-                        m += kw;
-                        my += wy;
-                        mx += wx;
-                        myy += wyy;
-                        myx += wyx;
-                        mxx += wxx;
-                        const lane yy = ty * ty, xx = tx * tx;
-                        myyy += wy * yy;
-                        myyx += wyy * tx;
-                        myxx += wxx * ty;
-                        mxxx += wx * xx;
-                        myyyy += wyy * yy;
-                        myyyx += wyx * yy;
-                        myyxx += wyy * xx;
-                        myxxx += wyx * xx;
-                        mxxxx += wxx * xx;
-                        b += kr;
-                        by += ry;
-                        bx += rx;
-                        byy += ry * ty;
-                        byx += ry * tx;
-                        bxx += rx * tx;
                         square += kr * light / w;
+                        s0 += kw;
+                        s1 += w1;
+                        s2 += w2;
+                        s3 += w3;
+                        s4 += w3 * tx;
+                        r0 += kr;
+                        rx += r1;
+                        rxx += r1 * tx;
                     }
+                    const lane y2 = ty * ty;
+                    const lane y3 = y2 * ty;
+                    m += s0;
+                    my += ty * s0;
+                    mx += s1;
+                    myy += y2 * s0;
+                    myx += ty * s1;
+                    mxx += s2;
+                    myyy += y3 * s0;
+                    myyx += y2 * s1;
+                    myxx += ty * s2;
+                    mxxx += s3;
+                    myyyy += y2 * y2 * s0;
+                    myyyx += y3 * s1;
+                    myyxx += y2 * s2;
+                    myxxx += ty * s3;
+                    mxxxx += s4;
+                    b += r0;
+                    by += ty * r0;
+                    bx += rx;
+                    byy += y2 * r0;
+                    byx += ty * rx;
+                    bxx += rxx;
                 }
             }
             const lane total = fmax(m, (lane)(1e-20f));
