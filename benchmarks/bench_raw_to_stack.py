@@ -6,11 +6,12 @@ SciPy.
 A picture of 5368 x 7728 pixels of 10 bits (GRBG) behind hexagonal lenslets 14.29 pixels apart is
 drawn with its white image and written as Lytro files. A process each reads it, divides by the
 white image, interpolates the colours, decodes all views onto a rectangular lattice, applies the
-colour matrix and writes 11 refocused pictures as a TIFF of float32; its seconds and its largest
-memory are printed. Both are told the lattice; clplen compares it with that of the white image,
-which its first run finds and keeps, as it builds its kernels. By hand means what one writes after
-LFToolbox: whole-array NumPy, bilinear demosaicing by `scipy.ndimage.convolve`, `map_coordinates`
-for views and rows, and `scipy.ndimage.shift` for each view and plane.
+colour matrix and writes 11 refocused pictures as a TIFF of float32; its seconds, those of all
+processors together and its largest memory are printed. Both are told the lattice; clplen compares
+it with that of the white image, which its first run finds and keeps, as it builds its kernels. By
+hand means what one writes after LFToolbox: whole-array NumPy, bilinear demosaicing by
+`scipy.ndimage.convolve`, `map_coordinates` for views and rows, and `scipy.ndimage.shift` for each
+view and plane.
 """
 
 from __future__ import annotations
@@ -247,8 +248,9 @@ def told(way: str, folder: Path, profile: bool) -> None:
         pstats.Stats(watcher).sort_stats("tottime").print_stats(30)
     else:
         WAYS[way](folder, stages)
-    peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 2**20
-    click.echo(json.dumps({"stages": stages.seconds, "peak": peak}))
+    used = resource.getrusage(resource.RUSAGE_SELF)
+    found = {"stages": stages.seconds, "peak": used.ru_maxrss / 2**20}
+    click.echo(json.dumps(found | {"cpu": used.ru_utime + used.ru_stime}))
 
 
 @click.command(help=__doc__)
@@ -280,9 +282,8 @@ def main(
                 if not first:
                     totals[way] = min(total, totals.get(way, np.inf))
                 text = ", ".join(f"{name} {s:.2f}" for name, s in found["stages"].items())
-                click.echo(
-                    f"{way}{' (first)' * first}: {total:.1f} s, {found['peak']:.2f} GiB: {text}"
-                )
+                cost = f"{total:.1f} s, CPU {found['cpu']:.1f} s, {found['peak']:.2f} GiB"
+                click.echo(f"{way}{' (first)' * first}: {cost}: {text}")
         click.echo(f"by hand over clplen: {totals['by hand'] / totals['clplen']:.1f}")
 
 

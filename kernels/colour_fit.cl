@@ -16,8 +16,8 @@
  *   to_columns    L[u, i, k, c] = sum_d matrix[c, d] out[u, i, ., d] interpolated to column k, as
  *                 `decode.cl` does
  *
- * Mapping: FOR_X of common.cl over blocks of LANES lenslets, over columns in `to_columns`; axis 1 = i;
- * axis 2 = u. tile = the first pixel of every colour's list of places, then (y, x) of the places.
+ * Mapping: FOR_X of common.cl over blocks of LANES lenslets; axis 1 = u; axis 2 = i, so that items in a
+ * row read the same lines of the sensor. In `to_columns` over columns; axis 1 = i; axis 2 = u. tile = the first pixel of every colour's list of places, then (y, x) of the places.
  * -DLANES=1 | 16   lenslets at a time
  * -DDOWN= -DACROSS=   rows and columns of the mosaic's tile
  * -DROWS: see common.cl.
@@ -77,8 +77,8 @@ __kernel void fit_colours(__global float *restrict out, __global const float *re
                           __global const int *restrict tile, __global const float *restrict noise,
                           const float floor_, const int ny, const int nx, const int rows, const int lenslets)
 {
-    const int i = get_global_id(1);
-    const int u = get_global_id(2);
+    const int u = get_global_id(1);
+    const int i = get_global_id(2);
     const int2 at = row_at[i] + view_at[u];
     const float2 part = row_part[i] + view_part[u];
     out += row_start(u, i, rows, lenslets) * 3;

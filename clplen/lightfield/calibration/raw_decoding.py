@@ -368,6 +368,6 @@ def _divide(
 
 def _weights(level: cla.Array, device: Device) -> np.ndarray[Any, np.dtype[np.float32]]:
     """Mean white level of every view, the brightest 1."""
-    rows = (device.download(row) for row in level)  # of views: no copy of all
+    rows = (device.download(level[v]) for v in range(int(level.shape[0])))  # no copy of all
     mean = np.maximum([row.mean(axis=(1, 2), dtype=np.float64) for row in rows], 0)
     return np.asarray(mean / mean.max(), np.float32)

@@ -82,7 +82,7 @@ def fit_colours(
     for v in range(V):
         device.launch_rows(
             fit,
-            (U, rows, -(-lenslets // lanes)),
+            (rows, U, -(-lenslets // lanes)),
             *(alone, picture, white, *tables.rows, *tables.columns, *tables.views(v)),
             *(device.upload(sides[v]), edge_table, tile_table, noises, np.float32(floor)),
             *(np.int32(n) for n in (ny, nx, rows, lenslets)),
