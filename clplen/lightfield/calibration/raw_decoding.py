@@ -343,7 +343,8 @@ def _fitted(
     device = kept.device
     white = np.ones_like(pixels.picture) if pixels.white is None else pixels.white
     flat = RawImage(device.upload(white), device, math.nan, grid, grid)
-    green = noise_of(pixels.picture, pixels.white, bayer)
+    # without a white image, nothing tells vignetting from noise
+    green = 0.0 if pixels.white is None else noise_of(pixels.picture, pixels.white, bayer)
     noise = [green * factor / pixels.factors[1] for factor in pixels.factors]
     data = fit_colours(
         kept.data, flat.data, grid, bayer, noise=noise, floor=_FLOOR, device=device, matrix=matrix
