@@ -13,6 +13,7 @@ from clplen.lightfield.focused import focused_spots
 from clplen.lightfield.focused.focused_geometry import FocusedGeometry
 from clplen.lightfield.focused.focused_matching import Matcher
 from clplen.lightfield.focused.focused_rendering import render_focused
+from clplen.lightfield.raw.colour_fit import fit_colours
 from clplen.lightfield.raw.decode import resample
 from clplen.lightfield.raw.demosaicing import views_of_colours
 from clplen.lightfield.raw.lenslet_grid import LensletGrid
@@ -87,6 +88,46 @@ def _divided(device: Device) -> Pairs:
     grid = LensletGrid((4, 5), (3, 3), (6.3, 7.4), (10.3, 0.2), (-0.1, 10.7))
     got = views_of_colours(frame, flat, grid, "RGGB", device=device)
     yield _colours_of(frame, flat, grid), device.download(got)
+
+
+def _fitted(device: Device) -> Pairs:
+    """Quadratics through the pixels of each colour of a Bayer mosaic under one lenslet."""
+    frame, flat = twins.reals(7, 39, 47, low=0.5), twins.reals(8, 39, 47, low=0.5)
+    grid = LensletGrid((3, 3), (2, 3), (10.3, 11.4), (9.6, 0.2), (-0.1, 10.7))
+    matrix = np.array([[1, 0.25, 0], [0, 1, -0.5], [0.5, 0, 1]], np.float32)
+    data, white = device.upload(frame), device.upload(flat)
+    got = fit_colours(
+        data, white, grid, "RGGB", noise=0.01, floor=0.05, device=device, matrix=matrix
+    )
+    expected = np.zeros(got.shape)
+    names = np.array(["RG", "GB"], "S2").view("S1").reshape(2, 2)
+    colours = np.tile(names, (20, 24))[:39, :47]
+    centres = np.moveaxis(_centres(grid), 0, -1)
+    for v, u, i, k, c in np.ndindex(*got.shape):
+        offset = np.array([v - 0.5, u - 1.0])
+        own = colours == b"RGB"[c : c + 1]
+        expected[v, u, i, k, c] = _fit(frame / flat.astype(float), flat * own, grid,
+                                       centres[i, k], offset)  # fmt: skip
+    yield expected @ matrix.astype(float).T, device.download(got)
+
+
+def _fit(n: Any, w: Any, grid: LensletGrid, centre: Any, offset: Any) -> float:
+    """The constant of the quadratic that is nearest to values n of weights w (`colour_fit.cl`)."""
+    away = np.moveaxis(np.indices(n.shape), 0, -1) - centre
+    t = (away - offset) / 4
+    k = np.maximum(1 - (t**2).sum(-1), 0) ** 4 * (w > 0)
+    for edge in (np.array(grid.row_step), np.array(grid.column_step)):
+        k *= np.abs(away @ edge) <= edge @ edge / 2
+    own = k > 0
+    (y, x), k, n, w = t[own].T, k[own], n[own], (k * w)[own]
+    terms = np.stack([0 * y + 1, y, x, y * y, x * x, y * x])
+    mean = (w * n).sum() / w.sum()
+    random = 0.01 * mean * k.sum() / w.sum()
+    detail = (w * n * n).sum() / w.sum() - mean**2 - 1.5 * random
+    doubt = random / (k.sum() * max(detail, random / 1000))
+    pull = np.repeat([0, 0.0016 + 0.39 * doubt, 0.0003 + 0.046 * doubt], (1, 2, 3))
+    matrix = (terms * w) @ terms.T + np.diag(pull) * w.sum()
+    return float(np.linalg.solve(matrix, terms @ (w * n))[0])
 
 
 def _colours_of(frame: Any, flat: Any, grid: LensletGrid) -> Any:
@@ -265,6 +306,8 @@ CHECKS = (
     Check("upright", "square array along the sensor, to views", _upright, 1e-5, ("upright.cl",)),
     Check("devignette", "over the white image, colours of a mosaic", _divided, 1e-5,
           ("devignette.cl",)),
+    Check("colour_fit", "colours of a mosaic, fitted within lenslets", _fitted, 1e-4,
+          ("colour_fit.cl",)),
     Check("focused_render", "focused camera: patches, blended", _focused, 2e-5,
           ("focused_render.cl", "focused.cl")),
     Check("focused_depth", "focused camera: costs, a step, spots", _focused_depth, 1e-4,

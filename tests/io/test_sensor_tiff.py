@@ -102,7 +102,10 @@ def test_from_exposure_to_views_in_colour(
     else:
         lattice = tmp_path / "lattice.json"
         lattice_of(raw).save(lattice)
-        views = read_lightfield(path, grid=lattice, views=(9, 9), step=1, device=device).to_numpy()
+        # without a white image, the dark rims of pupils 9 pixels wide bend what is fitted within
+        views = read_lightfield(
+            path, grid=lattice, views=(9, 9), step=1, demosaic="after", device=device
+        ).to_numpy()
     wanted = colours_of(exposed)
     if suffix == ".tif":  # lenslets whose views all lie on the picture
         cut = (np.array(wanted.shape[2:4]) - views.shape[2:4]) // 2

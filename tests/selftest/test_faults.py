@@ -30,6 +30,7 @@ FAULTS = {
     "builtins.cl": ("KEEP_ALL(store, fmin(a, b))", "KEEP_ALL(store, fmax(a, b))"),
     "ceiling.cl": ("* (vec)(m) + x", "* (vec)(m) - x"),
     "coherence.cl": ("d0 + off", "d0 - off"),
+    "colour_fit.cl": ("myxx += wxx * ty;", "myxx += wyy * ty;"),
     "colours.cl": ("sum += in", "sum -= in"),
     "combined.cl": ('#include "matching.cl"', '#include "multiply.cl"'),
     "common.cl": ("a.x * b.y + a.y * b.x", "a.x * b.y - a.y * b.x"),

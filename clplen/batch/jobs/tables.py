@@ -121,7 +121,7 @@ class LayoutTable(Table):
         None
     )
     bayer: Literal["RGGB", "BGGR", "GRBG", "GBRG"] | None = None
-    demosaic: Literal["after", "before"] | None = None
+    demosaic: Literal["within", "after", "before"] | None = None
     devignette: Switch | None = None
     dataset: str | None = None
     max_bytes: Size | None = None
@@ -337,7 +337,7 @@ output = "results"              # a folder in it for each light field
 # step = 1.0                    # default: found out; pixels a view of a raw image
 # lattice = "square"            # default: found out; or "hexagonal"
 # bayer = "RGGB"                # default: none; or "BGGR", "GRBG" or "GBRG"
-# demosaic = "after"            # default: after; or "before" slicing
+# demosaic = "within"           # default: within lenslets; or "after" or "before" slicing
 # devignette = true             # default: where there is a white image
 # dataset = "LF"                # default: found out; of a file that holds several arrays
 # max_bytes = "2 GiB"           # default: half of the free memory; that a file may ask for

@@ -221,8 +221,8 @@ layout = _with_options(
     ),
     click.option(
         "--demosaic",
-        type=click.Choice(["after", "before"]),
-        help="Interpolate colours after slicing (default) or before.",
+        type=click.Choice(["within", "after", "before"]),
+        help="Fit colours within lenslets (default), or interpolate after or before slicing.",
     ),
     click.option(
         "--devignette/--no-devignette",

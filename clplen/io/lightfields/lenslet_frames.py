@@ -160,7 +160,7 @@ def decode_frame(
             step=layout.step,
             devignette=layout.devignette,
             bayer=layout.bayer,
-            demosaic=layout.demosaic or "after",
+            demosaic=layout.demosaic or "within",
             white_balance=capture.factors() if layout.bayer else None,
             colour_matrix=capture.matrix if layout.bayer else None,
             pixel_pitch=capture.pixel_pitch,

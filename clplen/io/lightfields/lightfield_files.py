@@ -103,9 +103,9 @@ def read_lightfield(
         Of the lenslets of a raw image; None finds out.
     bayer : {"RGGB", "BGGR", "GRBG", "GBRG"}, optional
         Colour filters of a raw image.
-    demosaic : {"after", "before"}, optional
-        Whether colours are interpolated after slicing, which mixes no directions (the default),
-        or before.
+    demosaic : {"within", "after", "before"}, optional
+        Whether colours are fitted to the pixels under each lenslet (the default), or interpolated
+        after slicing, which mixes no directions, or before.
     devignette : bool, optional
         Whether a raw image is divided by its white image, where there is one (default).
     dataset : str, optional

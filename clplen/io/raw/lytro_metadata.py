@@ -83,7 +83,7 @@ class LytroMetadata:
         """
         if self.black is None:
             return None
-        tile = np.array(_levels_of(self.black, bayer)).reshape(2, 2)
+        tile = np.array(_levels_of(self.black, bayer), np.float32).reshape(2, 2)
         ny, nx = shape
         whole = np.tile(tile, (-(-ny // 2), -(-nx // 2)))[:ny, :nx]
         return np.ascontiguousarray(whole, np.float32)

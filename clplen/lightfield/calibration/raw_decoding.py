@@ -18,6 +18,7 @@ from clplen.lightfield.calibration import sensor_frames
 from clplen.lightfield.calibration.lattice_trust import is_measured
 from clplen.lightfield.calibration.sensor_frames import Frame, Mosaic
 from clplen.lightfield.model.light_field import LightField
+from clplen.lightfield.raw.colour_fit import fit_colours, noise_of
 from clplen.lightfield.raw.decode import resample
 from clplen.lightfield.raw.demosaicing import (
     COLOURS,
@@ -33,17 +34,21 @@ from clplen.lightfield.raw.raw_image import RawImage, Spacing
 
 _FLOOR = 0.05  # of the white image's bright pixels: what is darker is divided by that
 _BRIGHT = 0.995  # quantile of the white image that counts as bright
-_DEMOSAIC = ("after", "before")
+_DEMOSAIC = ("within", "after", "before")
 _LEAST = 1e-5  # of the white level: less than any view has that a lenslet lights
 
 
 @dataclass(frozen=True)
 class _Pixels:
-    """A cleaned frame, and what each of its pixels would be in even light (None: not known)."""
+    """A cleaned frame, and what each of its pixels would be in even light (None: not known).
+
+    Its red, green and blue pixels were multiplied by ``factors``.
+    """
 
     picture: Frame
     white: Frame | None
     tile: Tile | None
+    factors: tuple[float, float, float] = (1.0, 1.0, 1.0)
 
 
 def decode_raw(
@@ -57,7 +62,7 @@ def decode_raw(
     step: float | None = None,
     devignette: bool | None = None,
     bayer: Mosaic | None = None,
-    demosaic: str = "after",
+    demosaic: str = "within",
     complete: bool = True,
     pixel_pitch: float | None = None,
     white_balance: tuple[float, float, float] | None = None,
@@ -95,7 +100,9 @@ def decode_raw(
     bayer : {"RGGB", "BGGR", "GRBG", "GBRG"} or sequence of str, optional
         Colour filters of the pixels (0, 0), (0, 1), (1, 0), (1, 1); or the rows of another tile of
         R, G and B, such as ``("RRGG", "RRGG", "GGBB", "GGBB")`` of a quad Bayer mosaic.
-    demosaic : {"after", "before"}
+    demosaic : {"within", "after", "before"}
+        "within" fits each colour of a view by a quadratic to the pixels of that colour under the
+        same lenslet, smoother where noise explains their differences; it mixes no lenslets.
         "after" slices each colour by itself and fills what it misses from the same view of
         neighbouring lenslets (linear interpolation), which mixes no directions; "before"
         interpolates the colours on the sensor first.
@@ -146,18 +153,18 @@ def decode_raw(
     divide = white is not None if devignette is None else devignette
     chosen = lattice.views() if views is None else (int(views[0]), int(views[1]))
     grid = lattice.grid(chosen, step=step, complete=complete, square=True)
-    arrays = (1 if white is None else 3) if bayer is None else 10  # of one channel, at once
+    # of one channel, at once
+    arrays = (1 if white is None else 3) if bayer is None else 4 if demosaic == "within" else 10
     device.require_memory(4 * arrays * math.prod(grid.shape), "Decoding this light field")
     pixels = _cleaned(frame, white if divide else None, dark, bayer)
     if white_balance is not None and pixels.tile is not None:
-        pixels = replace(pixels, picture=_balanced(pixels.picture, pixels.tile, white_balance))
+        balanced = _balanced(pixels.picture, pixels.tile, white_balance)
+        pixels = replace(pixels, picture=balanced, factors=white_balance)
     kept = _raw_image(pixels.picture, grid, device, pixel_pitch, lattice)
     if bayer is None:
         data, level = _grey(kept, pixels, grid, device)
     else:
-        data, level = _coloured(pixels, grid, demosaic, device)
-        if matrix is not None:
-            _mix_colours(data, matrix, device)
+        data, level = _coloured(kept, pixels, grid, demosaic, matrix)
     weights = np.ones(grid.shape[:2], np.float32) if level is None else _weights(level, device)
     return LightField(data, device, kept.spacing, weights, raw=kept)
 
@@ -179,7 +186,7 @@ def _check(
         raise ValueError(f"pixel_pitch is positive, in metres, not {pixel_pitch!r}.")
     units.PITCH.check(pixel_pitch or 0.0, "pixel_pitch")
     if demosaic not in _DEMOSAIC:
-        raise ValueError(f"demosaic is 'after' or 'before', not {demosaic!r}.")
+        raise ValueError(f"demosaic is 'within', 'after' or 'before', not {demosaic!r}.")
     if bayer is not None:
         tile_of(bayer)
     if devignette and white is None:
@@ -301,10 +308,20 @@ def _grey(
 
 
 def _coloured(
-    pixels: _Pixels, grid: LensletGrid, demosaic: str, device: Device
+    kept: RawImage, pixels: _Pixels, grid: LensletGrid, demosaic: str, matrix: Frame | None
 ) -> tuple[cla.Array, cla.Array | None]:
-    bayer = pixels.tile
-    assert bayer is not None
+    assert pixels.tile is not None
+    if demosaic == "within":
+        return _fitted(kept, pixels, pixels.tile, grid, matrix)
+    data, level = _interpolated(pixels, pixels.tile, grid, demosaic, kept.device)
+    if matrix is not None:
+        _mix_colours(data, matrix, kept.device)
+    return data, level
+
+
+def _interpolated(
+    pixels: _Pixels, bayer: Tile, grid: LensletGrid, demosaic: str, device: Device
+) -> tuple[cla.Array, cla.Array | None]:
     white = np.ones_like(pixels.picture) if pixels.white is None else pixels.white
     level = None if pixels.white is None else sliced(white, grid, device)
     if demosaic == "after":
@@ -318,6 +335,22 @@ def _coloured(
         views = sliced(picture, grid, device)
         _divide(data, views, sliced(flat, grid, device), 3, channel, device)
     return data, level
+
+
+def _fitted(
+    kept: RawImage, pixels: _Pixels, bayer: Tile, grid: LensletGrid, matrix: Frame | None
+) -> tuple[cla.Array, cla.Array | None]:
+    device = kept.device
+    white = np.ones_like(pixels.picture) if pixels.white is None else pixels.white
+    flat = RawImage(device.upload(white), device, math.nan, grid, grid)
+    # without a white image, nothing tells vignetting from noise
+    green = 0.0 if pixels.white is None else noise_of(pixels.picture, pixels.white, bayer)
+    noise = [green * factor / pixels.factors[1] for factor in pixels.factors]
+    data = fit_colours(
+        kept.data, flat.data, grid, bayer, noise=noise, floor=_FLOOR, device=device, matrix=matrix
+    )
+    # the mean of a view is the same before its rows are interpolated, but at their ends
+    return data, None if pixels.white is None else resample(flat, replace(grid, columns=None))
 
 
 def _divide(
@@ -336,5 +369,6 @@ def _divide(
 
 def _weights(level: cla.Array, device: Device) -> np.ndarray[Any, np.dtype[np.float32]]:
     """Mean white level of every view, the brightest 1."""
-    mean = np.maximum(device.download(level).mean(axis=(2, 3), dtype=np.float64), 0)
+    rows = (device.download(level[v]) for v in range(int(level.shape[0])))  # no copy of all
+    mean = np.maximum([row.mean(axis=(1, 2), dtype=np.float64) for row in rows], 0)
     return np.asarray(mean / mean.max(), np.float32)

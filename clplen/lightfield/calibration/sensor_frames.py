@@ -59,7 +59,8 @@ def subtract_dark(frame: Any, dark: Any) -> Frame:
             f"The dark frame has shape {taken.shape}, the picture {picture.shape}: give the dark "
             "frame of this camera."
         )
-    return picture - taken.astype(np.float32)
+    picture -= taken.astype(np.float32, copy=False)
+    return picture
 
 
 Mosaic = str | Sequence[Sequence[str]]  # of filters, as `tile_of` takes it
@@ -104,6 +105,8 @@ def hot_pixels(dark: Any) -> Mask:
     """
     given = np.asarray(dark)
     values = np.asarray(given, np.float32)
+    if values.min() == values.max():  # a black level
+        return np.zeros(values.shape, bool)
     middle = np.median(values)
     spread = 1.4826 * float(np.median(np.abs(values - middle)))
     if given.dtype.kind != "f":

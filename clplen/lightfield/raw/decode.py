@@ -5,6 +5,7 @@ On CPUs a lattice along the sensor's rows and columns has a kernel of its own.
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -191,6 +192,45 @@ def _row_tables(grid: LensletGrid, device: Device) -> tuple[cla.Array, cla.Array
 def _column_tables(grid: LensletGrid, device: Device) -> tuple[cla.Array, cla.Array]:
     """How far each lenslet lies from the first of its row."""
     return _tables(np.arange(grid.count[1])[:, None] * np.asarray(grid.column_step), device)
+
+
+@dataclass(frozen=True)
+class GridTables:
+    """Places of a grid's samples as the kernels read them: integers and fractions of pixels.
+
+    Attributes
+    ----------
+    rows, columns, near : tuple of pyopencl.array.Array
+        Of the rows of lenslets, of the lenslets of a row, and of the columns wanted.
+    steps : tuple of numpy.ndarray
+        Where views lie, down and to the right, float64, shapes (V, 2) and (U, 2).
+    device : Device
+    """
+
+    rows: tuple[cla.Array, cla.Array]
+    columns: tuple[cla.Array, cla.Array]
+    near: tuple[cla.Array, cla.Array]
+    steps: tuple[Vector, Vector]
+    device: Device
+
+    def views(self, v: int) -> tuple[cla.Array, cla.Array]:
+        """Of the views of row v."""
+        down, right = self.steps
+        return _tables(down[v] + right, self.device)
+
+
+def grid_tables(grid: LensletGrid, device: Device) -> GridTables:
+    """Where the samples of a grid lie."""
+    V, U = grid.views
+    down = np.arange(V)[:, None] * np.asarray(grid.row_view_step)
+    right = np.arange(U)[:, None] * np.asarray(grid.column_view_step)
+    return GridTables(
+        _row_tables(grid, device),
+        _column_tables(grid, device),
+        _near_tables(grid, device),
+        (down, right),
+        device,
+    )
 
 
 def _near_tables(grid: LensletGrid, device: Device) -> tuple[cla.Array, cla.Array]:

@@ -1,0 +1,186 @@
+"""Colours of the views of a mosaic, fitted to the pixels under one lenslet (`colour_fit.cl`)."""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+import pyopencl.array as cla
+
+from clplen.compute.device import Device
+from clplen.lightfield.raw.decode import grid_tables
+from clplen.lightfield.raw.demosaicing import BAYER, COLOURS, Frame, positions_of, tile_of
+from clplen.lightfield.raw.lenslet_grid import LensletGrid
+
+Values = np.ndarray[Any, np.dtype[np.float64]]
+
+_LANES = 16
+_BLOCK = 48  # pixels a side of the blocks of which the plainest tell the noise
+_PLAIN = 0.1  # quantile of the blocks
+_MIDDLE = 0.4549  # median of the chi-square distribution with one degree of freedom
+_LIT = 0.3  # of the white level, above which pixels tell the noise
+_LINES = 768  # rows of pixels that are looked at
+
+
+def fit_colours(
+    picture: cla.Array,
+    white: cla.Array,
+    grid: LensletGrid,
+    bayer: str | Sequence[Sequence[str]],
+    *,
+    noise: float | Sequence[float],
+    floor: float,
+    device: Device,
+    matrix: Frame | None = None,
+) -> cla.Array:
+    """Views of a mosaic, each colour fitted by a quadratic to its pixels under the lenslet.
+
+    Parameters
+    ----------
+    picture, white : pyopencl.array.Array
+        Raw pixels, and what every pixel would be in even light; float32, shape (ny, nx).
+    grid : LensletGrid
+    bayer : str or sequence of str
+        As for `tile_of`.
+    noise : float or sequence of float
+        Variance of a bright pixel's noise over its value, as `noise_of` tells; one, or one of each
+        of red, green and blue.
+    floor : float
+        Of the white image: what is darker counts as this.
+    device : Device
+    matrix : numpy.ndarray, optional
+        float32, shape (3, 3): ``matrix @ rgb`` becomes of each sample's colours.
+
+    Returns
+    -------
+    pyopencl.array.Array
+        float32, shape (V, U, y, x, 3): ``picture`` over ``white``.
+    """
+    mixed = device.upload(np.eye(3, dtype=np.float32) if matrix is None else matrix)
+    out = device.empty((*grid.shape, 3), np.float32)
+    (V, U), (rows, lenslets), (ny, nx) = grid.views, grid.count, picture.shape
+    columns = lenslets if grid.columns is None else grid.columns[0]
+    tile = tile_of(bayer)
+    tables = grid_tables(grid, device)
+    period = (len(tile), len(tile[0]))
+    lanes = _LANES if device.rows else 1
+    fit = device.kernel(
+        "colour_fit.cl", "fit_colours", LANES=lanes, DOWN=period[0], ACROSS=period[1]
+    )
+    spread = device.kernel(
+        "colour_fit.cl", "to_columns", LANES=lanes, DOWN=period[0], ACROSS=period[1]
+    )
+    edges, sides = _cell(grid, period)
+    levels = np.array(np.broadcast_to(noise, 3), np.float32)
+    edge_table, tile_table, noises = map(device.upload, (edges, _places(tile), levels))
+    steps = [int(n) // out.dtype.itemsize for n in out.strides]
+    order = (1, 0, 3, 2) if grid.exchanged else (0, 1, 2, 3)
+    stride_v, stride_u, stride_y, stride_x = (steps[axis] for axis in order)
+    alone = device.empty((U, rows, lenslets, 3), np.float32)
+    for v in range(V):
+        device.launch_rows(
+            fit,
+            (rows, U, -(-lenslets // lanes)),
+            *(alone, picture, white, *tables.rows, *tables.columns, *tables.views(v)),
+            *(device.upload(sides[v]), edge_table, tile_table, noises, np.float32(floor)),
+            *(np.int32(n) for n in (ny, nx, rows, lenslets)),
+        )
+        device.launch_rows(
+            spread,
+            (U, rows, columns),
+            *(out, alone, *tables.near, mixed),
+            *(np.int32(n) for n in (rows, lenslets, columns)),
+            *(np.int64(n) for n in (v * stride_v, stride_u, stride_y, stride_x)),
+        )
+    return out
+
+
+def _places(tile: Any) -> Any:
+    """Where the list of a colour's pixels begins, and (y, x) of all, int32: see the kernel."""
+    places = [positions_of(tile, colour) for colour in COLOURS]
+    ends = np.cumsum([2, *(len(one) for one in places)])
+    pairs = np.array(list(itertools.chain(*places))).ravel()
+    return np.concatenate([ends, pairs]).astype(np.int32)
+
+
+def _cell(grid: LensletGrid, period: tuple[int, int]) -> tuple[Frame, Frame]:
+    """The sides of a lenslet's cell, and where the views lie between them.
+
+    Returns
+    -------
+    edges : numpy.ndarray
+        float32, shape (2, 3): (y, x) of each normal for steps of twice the period of a mosaic.
+    sides : numpy.ndarray
+        float32, shape (V, U, 3): places of views between opposite sides, from -1/2 to 1/2.
+    """
+    column = np.array(grid.column_step)
+    other = np.array(grid.row_step) + grid.odd_row_shift * column
+    third = other - np.rint(other @ column / (column @ column) + 1e-9) * column
+    steps = np.array([column, other, third])
+    if grid.odd_row_shift:
+        steps[2] = other - np.sign(grid.odd_row_shift) * column
+    normals = steps / (steps**2).sum(1)[:, None]
+    V, U = grid.views
+    v, u = np.arange(V) - (V - 1) / 2, np.arange(U) - (U - 1) / 2
+    offset = np.add.outer(v, 0 * u)[..., None] * np.array(grid.row_view_step)
+    offset = offset + np.add.outer(0 * v, u)[..., None] * np.array(grid.column_view_step)
+    places = [offset - i * column - k * other for i in range(-2, 3) for k in range(-2, 3)]
+    nearest = np.argmin([(place**2).sum(-1) for place in places], axis=0)
+    offset = np.take_along_axis(np.array(places), nearest[None, ..., None], 0)[0]
+    edges = (normals * (2 * np.array(period))).T
+    return np.ascontiguousarray(edges, np.float32), np.asarray(offset @ normals.T, np.float32)
+
+
+def noise_of(picture: Frame, white: Frame | None, bayer: str | Sequence[Sequence[str]]) -> float:
+    """Variance of the noise of a pixel over its value, as photons make it.
+
+    The four green pixels about a red or blue one tell it: those above and below less those on
+    either side, in the plainest tenth of blocks of 48 pixels.
+
+    Parameters
+    ----------
+    picture : numpy.ndarray
+        Raw pixels, float32, shape (ny, nx).
+    white : numpy.ndarray or None
+        The white level of every pixel, 1 where it is bright; only bright pixels count.
+    bayer : str or sequence of str
+        As for `tile_of`.
+
+    Returns
+    -------
+    float
+        In the unit of the picture; 0 where nothing tells, as with other mosaics than Bayer's.
+    """
+    tile = tile_of(bayer)
+    if "".join(itertools.chain(*tile)) not in BAYER:
+        return 0.0
+    ny = picture.shape[0] // _BLOCK
+    medians: list[float] = []
+    for row in range(0, ny, max(1, ny * _BLOCK // _LINES)):
+        lines = slice(row * _BLOCK, (row + 1) * _BLOCK)
+        values = picture[lines]
+        ratio = _against_photons(values, None if white is None else white[lines], tile)
+        width = ratio.shape[1] // _BLOCK * _BLOCK
+        blocks = ratio[:, :width].reshape(len(ratio), -1, _BLOCK).swapaxes(0, 1)
+        for block in blocks.reshape(len(blocks), -1):
+            told = block[np.isfinite(block)]
+            if told.size >= _BLOCK:
+                medians.append(float(np.median(told)))
+    return float(np.quantile(medians, _PLAIN)) / _MIDDLE if medians else 0.0
+
+
+def _against_photons(values: Frame, white: Frame | None, tile: Any) -> Frame:
+    """Square of what the four greens differ by, over their sum; NaN where nothing tells."""
+    lit = np.ones_like(values) if white is None else white
+    n = values / np.maximum(lit, _LIT)
+    four = (np.s_[:-2, 1:-1], np.s_[2:, 1:-1], np.s_[1:-1, :-2], np.s_[1:-1, 2:])
+    above, below, left, right = (n[side] for side in four)
+    variance = sum(np.maximum(n[side], 0) / np.maximum(lit[side], _LIT) for side in four)
+    known = np.logical_and.reduce([lit[side] > _LIT for side in four]) & (variance > 0)
+    y, x = np.indices(known.shape)
+    greens = np.array([[name == "G" for name in row] for row in tile])
+    known &= ~greens[(y + 1) % 2, (x + 1) % 2]
+    square = (above + below - left - right) ** 2
+    return np.asarray(np.where(known, square / np.where(known, variance, 1), np.nan), np.float32)
