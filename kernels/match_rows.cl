@@ -16,21 +16,6 @@
 #define GROUPS 9
 #define MATCH_CHUNK (16 * MATCH_VECTORS)
 
-/* Pixels from x0 on, `vectors` times sixteen, of a view moved by `at`, clamped at its edges. */
-inline void moved_chunk(float16 *value, const int vectors, __global const SAMPLE *view, const int y,
-                        const int x0, const int2 at, const float4 down, const float4 across,
-                        const int ny, const int nx)
-{
-    const strip s = strip_of(view, y + at.x - 1, down, ny, nx);
-    const int first = (x0 + at.y - 1) * CHANNELS;
-    float16 a = strip_load(s, first);
-    for (int j = 0; j < vectors * CHANNELS; ++j) {
-        const float16 b = strip_load(s, first + 16 * (j + 1));
-        value[j] = across_taps(across, a, b);
-        a = b;
-    }
-}
-
 /* Differences to the centre at 16 pixels, added over the channels. */
 inline float16 difference(const float16 *value, const float16 *centre)
 {
@@ -41,6 +26,37 @@ inline float16 difference(const float16 *value, const float16 *centre)
     const float16 c = magnitude(value[2] - centre[2]);
     return CHANNEL_0(a, b, c) + CHANNEL_1(a, b, c) + CHANNEL_2(a, b, c);
 #endif
+}
+
+/* A view moved by `at` to pixels from x0 on, `vectors` times sixteen, clamped at its edges. */
+typedef struct {
+    strip rows;
+    int first;
+    float4 across;
+    float16 last; /* what the next vector starts with */
+} moved;
+
+inline moved moved_view(__global const SAMPLE *view, const int y, const int x0, const int2 at,
+                        const float4 down, const float4 across, const int ny, const int nx)
+{
+    moved m;
+    m.rows = strip_of(view, y + at.x - 1, down, ny, nx);
+    m.first = (x0 + at.y - 1) * CHANNELS;
+    m.across = across;
+    m.last = strip_load(m.rows, m.first);
+    return m;
+}
+
+/* The next 16 pixels. */
+inline void next_pixels(float16 *value, moved *m)
+{
+#pragma unroll
+    for (int j = 0; j < CHANNELS; ++j) {
+        m->first += 16;
+        const float16 b = strip_load(m->rows, m->first);
+        value[j] = across_taps(m->across, m->last, b);
+        m->last = b;
+    }
 }
 
 __attribute__((reqd_work_group_size(1, 1, 1)))
@@ -65,27 +81,31 @@ __kernel void match_rows(__global float *restrict out, __global const SAMPLE *re
     const int n = end_x - x0, vectors = (n + 15) / 16;
     const size_t size = (size_t)ny * nx * CHANNELS;
     const float16 most_cost = (float16)(tau);
-    float16 centre[MATCH_VECTORS * CHANNELS], value[MATCH_VECTORS * CHANNELS];
+    float16 centre[MATCH_VECTORS * CHANNELS], value[CHANNELS];
     float16 sums[GROUPS * MATCH_VECTORS], seen[GROUPS * MATCH_VECTORS];
     float16 part_sum[MATCH_VECTORS], part_seen[MATCH_VECTORS];
-    float most[GROUPS];
+    float most[GROUPS], seen_whole[GROUPS];
 
     for (int j = 0; j < vectors * CHANNELS; ++j)
         centre[j] = (float16)(0.0f);
     for (int r = 0; r < references; ++r) {
         const int k = p * views + reference[r];
-        moved_chunk(value, vectors, L + view[reference[r]] * size, y, x0, at[k], part[2 * k],
-                    part[2 * k + 1], ny, nx);
-        for (int j = 0; j < vectors * CHANNELS; ++j)
-            centre[j] += (float16)(share[r]) * value[j];
+        moved m = moved_view(L + view[reference[r]] * size, y, x0, at[k], part[2 * k],
+                             part[2 * k + 1], ny, nx);
+        for (int i = 0; i < vectors; ++i) {
+            next_pixels(value, &m);
+            for (int c = 0; c < CHANNELS; ++c)
+                centre[i * CHANNELS + c] += (float16)(share[r]) * value[c];
+        }
     }
     for (int i = 0; i < GROUPS * MATCH_VECTORS; ++i)
         sums[i] = seen[i] = (float16)(0.0f);
     for (int j = 0; j < GROUPS; ++j)
-        most[j] = 0;
+        most[j] = seen_whole[j] = 0;
 
     for (int g = 0; g < patterns; ++g) {
         float whole = 0; /* views that see all pixels of the chunk */
+        int some = 0;    /* whether a view sees some of them */
         for (int i = 0; i < vectors; ++i)
             part_sum[i] = part_seen[i] = (float16)(0.0f);
         for (int v = first[g]; v < first[g + 1]; ++v) {
@@ -95,40 +115,48 @@ __kernel void match_rows(__global float *restrict out, __global const SAMPLE *re
             const int end = clamp(nx - at[k].y - reach[k].y - x0, begin, n);
             if (row < 0 || row + reach[k].x >= ny || begin == end)
                 continue;
-            moved_chunk(value, vectors, L + view[v] * size, y, x0, at[k], part[2 * k], part[2 * k + 1], ny,
-                        nx);
-            const int all = begin == 0 && end == n;
-            whole += all;
-            for (int i = 0; i < vectors; ++i) {
-                const float16 e = difference(value + i * CHANNELS, centre + i * CHANNELS);
-                const float16 cost = e < most_cost ? e : most_cost;
-                if (all) {
-                    part_sum[i] += cost;
-                } else {
-                    const int16 x = LANE + (int16)(16 * i);
-                    const int16 sees = x >= (int16)(begin) & x < (int16)(end);
-                    part_sum[i] += sees ? cost : (float16)(0.0f);
-                    part_seen[i] += sees ? (float16)(1.0f) : (float16)(0.0f);
+            moved m = moved_view(L + view[v] * size, y, x0, at[k], part[2 * k], part[2 * k + 1],
+                                 ny, nx);
+            if (begin == 0 && end == n) {
+                whole += 1;
+                for (int i = 0; i < vectors; ++i) {
+                    next_pixels(value, &m);
+                    const float16 e = difference(value, centre + i * CHANNELS);
+                    part_sum[i] += e < most_cost ? e : most_cost;
                 }
+                continue;
+            }
+            some = 1;
+            for (int i = 0; i < vectors; ++i) {
+                next_pixels(value, &m);
+                const float16 e = difference(value, centre + i * CHANNELS);
+                const int16 x = LANE + (int16)(16 * i);
+                const int16 sees = x >= (int16)(begin) & x < (int16)(end);
+                part_sum[i] += sees ? (e < most_cost ? e : most_cost) : (float16)(0.0f);
+                part_seen[i] += sees ? (float16)(1.0f) : (float16)(0.0f);
             }
         }
         for (int j = 0; j < GROUPS; ++j) {
             const float w = pattern[g * GROUPS + j];
             most[j] += w * (first[g + 1] - first[g]);
-            if (w != 0)
-                for (int i = 0; i < vectors; ++i) {
-                    sums[j * MATCH_VECTORS + i] += (float16)(w) * part_sum[i];
-                    seen[j * MATCH_VECTORS + i] += (float16)(w) * (part_seen[i] + (float16)(whole));
-                }
+            if (w == 0)
+                continue;
+            seen_whole[j] += w * whole;
+            for (int i = 0; i < vectors; ++i)
+                sums[j * MATCH_VECTORS + i] += (float16)(w) * part_sum[i];
+            if (some)
+                for (int i = 0; i < vectors; ++i)
+                    seen[j * MATCH_VECTORS + i] += (float16)(w) * part_seen[i];
         }
     }
 
     out += row_start(p, y, ny, nx) + x0;
     for (int i = 0; i < vectors; ++i) {
         const float16 none = (float16)(0.0f);
-        float16 least = seen[i] > none ? sums[i] / seen[i] : most_cost;
+        const float16 every = seen[i] + (float16)(seen_whole[0]);
+        float16 least = every > none ? sums[i] / every : most_cost;
         for (int j = 1; j < GROUPS; ++j) {
-            const float16 count = seen[j * MATCH_VECTORS + i];
+            const float16 count = seen[j * MATCH_VECTORS + i] + (float16)(seen_whole[j]);
             const float16 mean = (float16)(ratio) * sums[j * MATCH_VECTORS + i] / count + (float16)(margin);
             const int16 counts = count > none & count >= (float16)(0.5f * most[j]) & mean < least;
             least = counts ? mean : least;
