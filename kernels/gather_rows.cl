@@ -53,7 +53,7 @@ __kernel void gather_rows(__global float *restrict out, __global const float *re
                 const long i = start + x, j = i + s * nx + t;
                 float q = 0;
                 for (int c = 0; c < CHANNELS; ++c) {
-                    const float d = I[j * CHANNELS + c] - I[i * CHANNELS + c];
+                    const float d = I[c * step + j] - I[c * step + i];
                     q += d * d;
                 }
                 w[k].s[x] = bell(near[i] * (s * s + t * t) + q * alike[i]);

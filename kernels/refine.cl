@@ -170,7 +170,8 @@ __kernel void fit(__global float *restrict out, __global float *restrict known,
     if (x0 >= nx)
         return;
     const int n = min(BLOCK, nx - x0);
-    const size_t i = row_start(0, y, ny, nx) + x0;
+    const size_t i = row_start(0, y, ny, nx) + x0, size = (size_t)ny * nx;
+    float same[BLOCK];
     float m[10 * BLOCK]; /* sums of w: 1, s, t, s^2, s t, t^2, v, v s, v t; of what is known */
     for (int x = 0; x < 10 * BLOCK; ++x)
         m[x] = 0;
@@ -179,17 +180,22 @@ __kernel void fit(__global float *restrict out, __global float *restrict known,
             const int begin = clamp(-t - x0, 0, n), end = clamp(nx - t - x0, begin, n);
             const float square = s * s + t * t;
             const long k = (long)i + s * nx + t;
-            for (int x = begin; x < end; ++x) {
-                float q = near[i + x] * square, same = 0;
-                for (int c = 0; c < CHANNELS; ++c) {
-                    const float e = I[(k + x) * CHANNELS + c] - I[(i + x) * CHANNELS + c];
-                    same += e * e;
+            for (int x = begin; x < end; ++x)
+                same[x] = 0;
+            for (int c = 0; c < CHANNELS; ++c) {
+                __global const float *here = I + c * size + i, *there = I + c * size + k;
+                for (int x = begin; x < end; ++x) {
+                    const float e = there[x] - here[x];
+                    same[x] += e * e;
                 }
+            }
+            for (int x = begin; x < end; ++x) {
                 const float rise = disparity[k + x] - disparity[i + x];
-                const float share = bell(q + same * alike[i + x] + level * rise * rise);
+                const float share = bell(near[i + x] * square + same[x] * alike[i + x]
+                                         + level * rise * rise);
                 const float a = A[k + x] + prior[k + x];
                 const float w = share * a;
-                const float v = w * (rise + clamp(-B[k + x] / a, -most, most));
+                const float v = w * rise + share * clamp(-B[k + x], -most * a, most * a);
                 m[x] += w;
                 m[BLOCK + x] += w * s;
                 m[2 * BLOCK + x] += w * t;

@@ -1,7 +1,7 @@
 /* Costs gathered over the neighbours that look alike (Yoon and Kweon 2006, adaptive support).
  *
  *   out[p, y, x] = sum_st w cost[p, y + s, x + t] / sum_st w,   |s|, |t| <= RADIUS
- *   w = bell((s^2 + t^2) near[y, x] + sum_c (I[y + s, x + t, c] - I[y, x, c])^2 alike[y, x])
+ *   w = bell((s^2 + t^2) near[y, x] + sum_c (I[c, y + s, x + t] - I[c, y, x])^2 alike[y, x])
  *   bell(q) = max(1 - q/8, 0)^8, close to exp(-q), and 0 beyond 8
  *
  *   valley   the plane of least cost, refined by the parabola through it and its neighbours,
@@ -42,7 +42,8 @@ __kernel void gather(__global float *restrict out, __global const float *restric
     if (lowest > highest)
         return;
     float w[SIDE * SIDE * BLOCK], sum[BLOCK], total[BLOCK];
-    __global const float *here = I + (row_start(0, y, ny, nx) + x0) * CHANNELS;
+    __global const float *here = I + row_start(0, y, ny, nx) + x0;
+    const size_t size = (size_t)ny * nx;
     const int above = max(-RADIUS, -y), below = min(RADIUS, ny - 1 - y);
 
     for (int x = 0; x < n; ++x)
@@ -51,13 +52,13 @@ __kernel void gather(__global float *restrict out, __global const float *restric
         for (int t = -RADIUS; t <= RADIUS; ++t) {
             float *to = w + ((s + RADIUS) * SIDE + t + RADIUS) * BLOCK;
             const int begin = clamp(-t - x0, 0, n), end = clamp(nx - t - x0, begin, n);
-            __global const float *there = here + (s * nx + t) * CHANNELS;
+            __global const float *there = here + s * nx + t;
             __global const float *close = near + row_start(0, y, ny, nx) + x0;
             __global const float *same = alike + row_start(0, y, ny, nx) + x0;
             for (int x = begin; x < end; ++x) {
                 float q = 0;
                 for (int c = 0; c < CHANNELS; ++c) {
-                    const float d = there[x * CHANNELS + c] - here[x * CHANNELS + c];
+                    const float d = there[c * size + x] - here[c * size + x];
                     q += d * d;
                 }
                 to[x] = bell(close[x] * (s * s + t * t) + q * same[x]);

@@ -315,7 +315,7 @@ def _support(device: Device) -> Pairs:
             near[y, x] * ((i - y) ** 2 + (j - x) ** 2) + alike[y, x] * (I[i, j] - I[y, x]) ** 2
         )
         expected[:, y, x] = (w * cost[:, i, j]).sum(axis=(1, 2)) / w.sum()
-    for lf, guide in ((scene.lf, picture), (scene.twice, np.repeat(picture[..., None], 2, -1))):
+    for lf, guide in ((scene.lf, picture), (scene.twice, np.repeat(picture[None], 2, 0))):
         out = device.empty(cost.shape, np.float32)
         alike = combined_cue._colour_scale(combined_cue._ALIKE, noise, (*lf.shape, 1)[4])
         scales = (combined_cue._distance_scale(noise), alike)

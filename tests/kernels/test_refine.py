@@ -194,7 +194,7 @@ def fitted(device, maps, picture, scales, prior, *, ridge, most, radius):
         (-(-shape[1] // block), shape[0]),
         out,
         known,
-        *(device.upload(a) for a in (*maps, picture, alike, near, prior)),
+        *(device.upload(a) for a in (*maps, np.moveaxis(picture, 2, 0).copy(), alike, near, prior)),
         *(np.float32(t) for t in (level, ridge, most)),
         *(np.int32(n) for n in shape),
     )

@@ -33,7 +33,7 @@ def gathered(device, cost, picture, near, alike, radius, block, spans=None):
         kernel,
         (-(-nx // length), ny),
         out,
-        *(device.upload(a) for a in (cost, spans, picture, near, alike)),
+        *(device.upload(a) for a in (cost, spans, np.moveaxis(picture, 2, 0).copy(), near, alike)),
         *(np.int32(n) for n in (planes, ny, nx)),
     )
     return device.download(out)

@@ -183,7 +183,7 @@ def _believed(
         "This depth map with its light field",
     )
     views = group_views(lf)
-    guide = device.upload(_smoothed(centre * np.float32(levels.gain)))
+    guide = device.upload(_guide(centre * np.float32(levels.gain)))
     gains = np.zeros(lf.weights.size)
     gains[views.view] = levels.gain * levels.even
     detail = view_detail(lf, gains.reshape(lf.weights.shape))
@@ -270,6 +270,12 @@ def merge_confidence(confidence: Map, lost: Mask) -> Map:
     """Confidence of the whole map: what was matched is surer than what is only sharpest."""
     usual = np.median(confidence[~lost]) if lost.any() and not lost.all() else 0.0
     return np.where(lost, confidence * usual, confidence) if usual > _SHALLOW else confidence
+
+
+def _guide(picture: Map) -> Map:
+    """The picture whose likeness guides, smoothed, colours first."""
+    smooth = _smoothed(picture)
+    return smooth if smooth.ndim == 2 else np.ascontiguousarray(np.moveaxis(smooth, -1, 0))
 
 
 def _smoothed(picture: Map) -> Map:

@@ -40,7 +40,7 @@ def gather_costs(
     out, costs : pyopencl.array.Array
         float32, shape (P, y, x).
     picture : pyopencl.array.Array
-        float32, shape (y, x[, c]): whose likeness counts.
+        float32, shape ([c,] y, x): whose likeness counts.
     scales : tuple of numpy.ndarray
         Of squared distances, and of squared differences of the picture, float32, shape (y, x).
     spans : numpy.ndarray
@@ -151,7 +151,7 @@ def fit_planes(
     disparity : numpy.ndarray
         float32, shape (y, x).
     picture : pyopencl.array.Array
-        Whose likeness counts.
+        float32, shape ([c,] y, x): whose likeness counts.
     maps : tuple of numpy.ndarray
         Scales of squared differences of the picture and of squared distances, and the prior.
     normal : tuple of pyopencl.array.Array
