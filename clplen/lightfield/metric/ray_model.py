@@ -2,13 +2,12 @@
 
 After Dansereau, Pizarro and Williams (CVPR 2013): [s, t, u, v, 1] = H [i, j, k, l, 1] with the
 position (s, t) and the distorted direction (u, v), whose radial distortion is about (b_u, b_v).
-Fourteen parameters tell H and the distortion. Those of x and y are told apart by the last index:
+Fifteen parameters tell H and the distortion:
 
-    s = H11 i' + H13 k'    u = H31 i' + H33 k' + u0    i' = i - (U - 1)/2    k' = k - (nx - 1)/2
+    s = H11 i' + e_x H33 k'    u = H31 i' + H33 k' + u0    i' = i - (U - 1)/2, k' = k - (nx - 1)/2
 
-and t, v alike of j' and l'. The plane of (s, t) can lie anywhere along the axis, as the poses of
-boards move along; it is where rows and columns of pixels see their views as pinholes, in the mean:
-H13 = e H33 and H24 = -e H44.
+and t, v alike of j' and l', so that the middle pixel of the middle view has s = t = 0. With e_x = 0
+each view is a pinhole along x, else one at the distance -e_x from the plane of (s, t).
 """
 
 from __future__ import annotations
@@ -21,7 +20,7 @@ Array = np.ndarray[Any, np.dtype[np.float64]]
 Shape = tuple[int, int, int, int]
 
 PARAMETERS = (
-    *("H11", "H22", "H31", "H42", "H33", "H44", "u0", "v0", "e"),
+    *("H11", "H22", "H31", "H42", "H33", "H44", "u0", "v0", "e_x", "e_y"),
     *("b_u", "b_v", "k1", "k2", "k3"),
 )
 _ROUNDS = 12  # of Newton's method, at most
@@ -92,16 +91,28 @@ def _solved(matrix: Array, right: Array) -> Array:
 
 def matrix_of(parameters: Array, shape: Shape) -> Array:
     """H, shape (5, 5), of the parameters of a light field of a shape (V, U, y, x)."""
-    H11, H22, H31, H42, H33, H44, u0, v0, e = parameters[:9]
     H = np.eye(5)
-    rows = ((H11, e * H33, H31, H33, u0), (H22, -e * H44, H42, H44, v0))
-    for axis, (step, tilt, converge, pitch, middle) in enumerate(rows):
+    for axis in range(2):
+        step, converge, pitch, middle, far = parameters[axis:10:2]
+        tilt = far * pitch
         view, pixel = middles(shape)[axis]
         H[axis, axis], H[axis, axis + 2] = step, tilt
         H[axis + 2, axis], H[axis + 2, axis + 2] = converge, pitch
         H[axis, 4] = -step * view - tilt * pixel
         H[axis + 2, 4] = middle - converge * view - pitch * pixel
     return H
+
+
+def parameters_of(H: Array, distortion: Array, shape: Shape) -> Array:
+    """The inverse of `matrix_of`, with the distortion."""
+    found = np.empty(15)
+    for axis in range(2):
+        view, pixel = middles(shape)[axis]
+        step, tilt, converge, pitch = H[axis::2, axis::2][:2, :2].ravel()
+        middle = H[axis + 2, 4] + converge * view + pitch * pixel
+        found[axis:10:2] = step, converge, pitch, middle, tilt / pitch
+    found[10:] = distortion
+    return found
 
 
 def middles(shape: Shape) -> tuple[tuple[float, float], tuple[float, float]]:
@@ -126,11 +137,10 @@ def pixels_of(parameters: Array, views: Array, points: Array) -> tuple[Array, Ar
     -------
     tuple of numpy.ndarray
         (k', l') from the middle pixel, shape (m, n, 2); its derivatives by the parameters, shape
-        (m, n, 2, 14), and by the points, shape (m, n, 2, 3).
+        (m, n, 2, 15), and by the points, shape (m, n, 2, 3).
     """
     step, converge, pitch, middle = parameters[:8].reshape(4, 2)
-    e = parameters[8] * np.array([1.0, -1.0])
-    distortion = parameters[9:]
+    e, distortion = parameters[8:10], parameters[10:]
     views = views[:, None]
     start = step * views - points[:, :2] - e * (converge * views + middle)
     Z = points[:, 2:]
@@ -161,19 +171,19 @@ def _derivatives(
     converge, pitch, middle, e = words
     turn = slope @ np.linalg.inv(inner)  # of the distorted direction by minus the condition
     shape = direction.shape[:2]
-    condition = np.zeros((*shape, 2, 17))  # its derivatives by 14 parameters and the point
+    condition = np.zeros((*shape, 2, 18))  # its derivatives by 15 parameters and the point
     for axis in range(2):
         far = views[..., axis]
         condition[..., axis, axis] = far
         condition[..., axis, 2 + axis] = -e[axis] * far
         condition[..., axis, 6 + axis] = -e[axis]
         leaned = image[..., axis] - converge[axis] * far - middle[axis]
-        condition[..., axis, 8] = (1.0, -1.0)[axis] * leaned
-        condition[..., axis, 14 + axis] = -1.0
-    condition[..., 9:14] = e[:, None] * by_distortion
-    condition[..., 16] = direction
+        condition[..., axis, 8 + axis] = leaned
+        condition[..., axis, 15 + axis] = -1.0
+    condition[..., 10:15] = e[:, None] * by_distortion
+    condition[..., 17] = direction
     whole = -turn @ condition
-    whole[..., 9:14] += by_distortion
+    whole[..., 10:15] += by_distortion
     for axis in range(2):
         far = views[..., axis]
         whole[..., axis, 2 + axis] -= far
@@ -181,4 +191,4 @@ def _derivatives(
         leaned = image[..., axis] - converge[axis] * far - middle[axis]
         whole[..., axis, 4 + axis] -= leaned / pitch[axis]
     whole /= pitch[:, None]
-    return whole[..., :14], whole[..., 14:]
+    return whole[..., :15], whole[..., 15:]
