@@ -42,10 +42,13 @@ class KnownCamera:
                       for row in self.matrix[:4])
         bu, bv, k1, k2, k3 = self.distortion
         x, y = x0, y0 = u - bu, v - bv
-        for _ in range(25 if any((k1, k2, k3)) else 0):
+        for _ in range(50):
             r = x * x + y * y
             scale = 1 + r * (k1 + r * (k2 + r * k3))
+            moved = np.abs(x0 / scale - x).max()
             x, y = x0 / scale, y0 / scale
+            if moved < 1e-12:
+                break
         return np.stack([s, t, x + bu, y + bv])
 
 
