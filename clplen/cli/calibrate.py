@@ -75,8 +75,8 @@ def calibrate(
     """Find the intrinsics of a light-field camera from light fields of a checkerboard.
 
     Each INPUT is a light field of the board in another pose: at least 3, better 10, tilted by 20 to
-    40 degrees to all sides, over the distances that are measured later. Other commands take OUT.json
-    as --intrinsics: they rectify the views, and 'clplen depth' gives metres.
+    40 degrees to all sides, over the distances that are measured later. Other commands take
+    OUT.json as --intrinsics: they rectify the views, and 'clplen depth' gives metres.
 
     \b
     Example:

@@ -24,7 +24,7 @@ from clplen.io.lightfields.view_positions import NAMES
 from clplen.io.lightfields.zarr_lightfields import ZARR, write_zarr
 from clplen.io.store import hdf5_files, zarr_files
 from clplen.lightfield.metric.intrinsics import Intrinsics
-from clplen.lightfield.metric.rectification import rectify
+from clplen.lightfield.metric.rectification import rectify_views
 from clplen.lightfield.model.light_field import LightField
 from clplen.lightfield.model.stored_light_field import StoredLightField
 
@@ -120,8 +120,8 @@ def read_lightfield(
         Whether to take a lattice that was measured and is not to be trusted, of a raw image
         without a white image too, with a `SamplingWarning`.
     intrinsics : path-like, optional
-        Of the camera, as `write_intrinsics` writes them: the views are rectified (`rectify` of
-        `clplen.lightfield`).
+        Of the camera, as `write_intrinsics` writes them: the views are rectified
+        (`clplen.lightfield.rectify_views`).
     force : bool
         Whether to go on, with a `SamplingWarning`, where the lattice of the white image is not to
         be trusted, or the raw image shows another one.
@@ -159,7 +159,7 @@ def read_lightfield(
     device = as_device(device)
     lf, took = kind.read(path, device=device, layout=layout, progress=progress)
     logger.info("read %s", took)
-    return lf if camera is None else rectify(lf, camera)
+    return lf if camera is None else rectify_views(lf, camera)
 
 
 def _without_intrinsics(layout: Layout) -> tuple[Layout, Intrinsics | None]:
@@ -216,7 +216,8 @@ def open_lightfield(
             stored, took = held.enter_context(opened)
         else:
             lf, took = kind.read(path, device=device, layout=words)
-            stored = StoredLightField.from_light_field(lf if camera is None else rectify(lf, camera))
+            lf = lf if camera is None else rectify_views(lf, camera)
+            stored = StoredLightField.from_light_field(lf)
         logger.info("opened %s", took)
         yield stored
 
@@ -253,8 +254,8 @@ def files_of(path: PathLike, **layout: Any) -> list[Path]:
     path = Path(path)
     words = Layout(**layout)
     named = (words.white, words.dark, words.grid, words.calibration, words.positions)
-    named = (*named, words.intrinsics)
-    beside = [Path(file) for file in named if file is not None and str(file) != NAMES]
+    given = [file for file in (*named, words.intrinsics) if file is not None]
+    beside = [Path(file) for file in given if str(file) != NAMES]
     if not path.is_dir() or kind_of(path) is not FOLDER:
         return [path, *beside]
     return [*(path / name for name in find_views(path, words)[2].values()), *beside]

@@ -39,7 +39,7 @@ class Sighting:
     @property
     def seen(self) -> Array:
         """Views that see any of it, shape (V, U)."""
-        return np.isfinite(self.pixels).all(-1).any(-1)
+        return np.asarray(np.isfinite(self.pixels).all(-1).any(-1))
 
 
 @dataclass(frozen=True)
@@ -87,7 +87,7 @@ def adjusted(
     """
     spread = _spread_of(shape)
     values = np.concatenate([np.linalg.pinv(spread) @ parameters, poses.ravel()])
-    known = [np.isfinite(board.pixels).all(-1) for board in sightings]
+    known = [np.asarray(np.isfinite(board.pixels).all(-1)) for board in sightings]
     problem = _Problem(sightings, known, spread)
     values = _minimum(problem, values, robust=True)
     off = problem.residuals(values)

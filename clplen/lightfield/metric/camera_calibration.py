@@ -90,6 +90,11 @@ def calibrate(
             f"spacing is the side of a square in metres, positive and finite, not {spacing!r}."
         )
     opencv()
+    if isinstance(light_fields, LightField) or not isinstance(light_fields, Iterable):
+        raise TypeError(
+            "calibrate takes a list of light fields, one for each pose of the board, not one of "
+            f"type {type(light_fields).__name__}."
+        )
     found: list[Array] = []
     shape: Shape | None = None
     if isinstance(light_fields, Sequence):
@@ -192,10 +197,11 @@ def _first_values(sightings: list[Sighting], shape: Shape) -> tuple[Array, Array
     V, U, ny, nx = shape
     (_, k), (_, l) = middles(shape)  # noqa: E741
     flat = [board.flat.astype(np.float32) for board in sightings]
-    seen = [_middle(board).astype(np.float32) + np.float32((k, l)) for board in sightings]
+    seen = [_middle(board).astype(np.float32) + np.array([k, l], np.float32) for board in sightings]
     flags = cv2.CALIB_ZERO_TANGENT_DIST | cv2.CALIB_FIX_K2 | cv2.CALIB_FIX_K3
+    points = [corners.reshape(-1, 1, 2).copy() for corners in seen]
     _, camera, bent, turns, places = cv2.calibrateCamera(
-        flat, [points.reshape(-1, 1, 2).copy() for points in seen], (nx, ny), None, None, flags=flags
+        flat, points, (nx, ny), None, None, flags=flags
     )
     parameters = np.zeros(15)
     parameters[4:6] = 1 / camera[0, 0], 1 / camera[1, 1]

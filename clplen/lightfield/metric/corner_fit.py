@@ -1,8 +1,8 @@
 """Corners of checkerboards to hundredths of a pixel.
 
 About a corner the picture is m + c S(d1/w) S(d2/w): two edges with the distances d1, d2 to them, S
-an error function from -1 to 1. Place, two directions, m, c and the width w of the edges are found by least
-squares (Levenberg-Marquardt), of all corners of a view together.
+an error function from -1 to 1. Place, two directions, m, c and the width w of the edges are found
+by least squares (Levenberg-Marquardt), of all corners of a view together.
 """
 
 from __future__ import annotations
@@ -42,16 +42,17 @@ def fitted_corners(view: Array, corners: Array, board: tuple[int, int]) -> Array
         The same shape; NaN where nothing was found within 1.5 pixels.
     """
     grid = corners.reshape(*board, 2)
-    down, across = (np.gradient(grid, axis=axis).reshape(-1, 2) for axis in (0, 1))
+    down, across = (np.asarray(np.gradient(grid, axis=axis)).reshape(-1, 2) for axis in (0, 1))
     nearest = np.minimum(np.linalg.norm(down, axis=1), np.linalg.norm(across, axis=1))
     radius = int(np.clip(_SHARE * nearest.min(), *_WINDOW))
-    y, x = np.mgrid[-radius : radius + 1, -radius : radius + 1].reshape(2, -1)
+    side = np.arange(-radius, radius + 1)
+    y, x = np.repeat(side, len(side)), np.tile(side, len(side))
     inside = np.hypot(y, x) <= radius + 0.5
     offsets = np.stack([y, x], -1)[inside].astype(np.float64)
     base = np.rint(corners)
     places = base[:, None] + offsets
     rim = np.array(view.shape) - 1
-    known = ((places >= 0) & (places <= rim)).all(-1)
+    known = np.asarray(((places >= 0) & (places <= rim)).all(-1))
     index = np.clip(places, 0, rim).astype(int)
     samples = gaussian_filter(view.astype(np.float64), _BLUR)[index[..., 0], index[..., 1]]
     start = _start(samples, known, corners - base, down, across)

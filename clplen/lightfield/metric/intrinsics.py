@@ -32,12 +32,14 @@ class Intrinsics(OneLine):
     """Rays of the pixels of a light-field camera; made by `calibrate`.
 
     Pixel (k, l) of view (i, j) sees along a ray [s, t, u, v, 1] = H [i, j, k, l, 1] (Dansereau,
-    Pizarro and Williams 2013): i is the column and j the row of the view, k the column and l the row
-    of the pixel, so that it is the sample L[j, i, l, k]. (s, t) is where the ray meets the plane of
-    the views, x right and y down, in metres; (u, v) its direction, x and y per z. Rays are distorted:
-    with r the distance of the true direction from b, (u, v) = b + (1 + k1 r^2 + k2 r^4 + k3 r^6)
-    (true - b). The middle of the middle view has s = t = 0, and z counts from the plane of the
-    views: H13/H33 = -H24/H44.
+    Pizarro and Williams 2013): i is the column and j the row of the view, k the column and l the
+    row of the pixel, so that it is the sample L[j, i, l, k]. (s, t) is where the ray meets the
+    plane of the views, x right and y down, in metres; (u, v) its direction, x and y per z. Rays are
+    distorted: with r the distance of the true direction from b, (u, v) = b + (1 + k1 r^2 + k2 r^4 +
+    k3 r^6) (true - b). The middle of the middle view has s = t = 0, and z counts from the plane of
+    the views. That plane may lie anywhere along the axis, as the poses of boards move along:
+    `calibrate` puts it where the pixels of a view meet, H13 = H24 = 0, or in the middle where rows
+    and columns meet apart, H13/H33 = -H24/H44.
 
     Attributes
     ----------
@@ -180,7 +182,8 @@ class Intrinsics(OneLine):
             s, t in metres and the true direction u, v; shape (..., 4), float64. A point of the ray
             at a distance z is (s + z u, t + z v, z). NaN where the distortion folds back.
         """
-        index = np.stack(np.broadcast_arrays(*(np.asarray(a, np.float64) for a in (i, j, k, l))), -1)
+        places = (np.asarray(a, np.float64) for a in (i, j, k, l))
+        index = np.stack(np.broadcast_arrays(*places), -1)
         rays = index @ self.matrix[:4, :4].T + self.matrix[:4, 4]
         rays[..., 2:] = undistorted(rays[..., 2:], self.distortion)
         return rays
@@ -209,7 +212,7 @@ class Intrinsics(OneLine):
         safe = np.where(behind[:, None], [0.0, 0.0, 1.0], at)
         pixels = pixels_of(self._parameters, np.stack([column - i, row - j], -1), safe)[0]
         pixels[:, behind] = np.nan
-        return (pixels + (k, l))[..., ::-1].reshape(V, U, len(at), 2)
+        return (pixels + np.array([k, l]))[..., ::-1].reshape(V, U, len(at), 2)
 
     def disparity(self, z: ArrayLike) -> Array:
         """Return the disparity along x of points on the axis.
@@ -241,8 +244,8 @@ class Intrinsics(OneLine):
         Parameters
         ----------
         disparity : array_like
-            Pixels a view step along x, nearer is larger. Of light fields that are distorted it holds
-            about the axis; of those by `rectify`, whose intrinsics are `rectified`, everywhere.
+            Pixels a view step along x, nearer is larger. Of distorted light fields it holds about
+            the axis; of those by `rectify_views`, whose intrinsics are `rectified`, everywhere.
 
         Returns
         -------
@@ -259,7 +262,7 @@ class Intrinsics(OneLine):
 
     @property
     def rectified(self) -> Intrinsics:
-        """Intrinsics of what `rectify` makes of a light field of this camera.
+        """Intrinsics of what `rectify_views` makes of a light field of this camera.
 
         No distortion, square pixels, pinholes on an even grid (H13 = H24 = 0), the axis through the
         middle of the pictures, and disparity 0 at one distance for rows and columns, `focus`.

@@ -1,4 +1,4 @@
-"""`rectify`: views without distortion, as of pinholes on an even grid."""
+"""`rectify_views`: views without distortion, as of pinholes on an even grid."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ _BETWEEN = 0.01  # views; a ray that is nearer to a view is taken from it alone
 _UNEVEN = 0.02  # pixels at disparity 2 that rows and columns of views may differ by, on a grid
 
 
-def rectify(
+def rectify_views(
     light_field: LightField | ArrayLike,
     intrinsics: Intrinsics,
     *,
@@ -67,7 +67,7 @@ def rectify(
     >>> H[:4, 4] = -H.diagonal()[:4] * (1, 1, 23.5, 15.5)
     >>> camera = clplen.lightfield.Intrinsics(H, [0, 0, -0.3, 0, 0], (3, 3, 32, 48))
     >>> views = np.random.default_rng(0).random((3, 3, 32, 48), np.float32)
-    >>> flat = clplen.lightfield.rectify(views, camera)
+    >>> flat = clplen.lightfield.rectify_views(views, camera)
     >>> flat.shape, bool(np.allclose(flat.to_numpy()[..., 15:17, 23:25], views[..., 15:17, 23:25],
     ...                              atol=1e-3))
     ((3, 3, 32, 48), True)
@@ -114,8 +114,9 @@ def _places(intrinsics: Intrinsics, view: tuple[int, int]) -> tuple[Array, Array
     views = (flat[:2] * at - e * (direction - middle)) / (step - e * converge)
     views = np.where(np.abs(views - at).max((0, 1)) < _BETWEEN, at, views)
     pixels = (direction - converge * views - middle) / pitch
-    rims = np.array([middle for _, middle in middles(shape)])
-    return tuple(np.moveaxis((a + b)[..., ::-1], -1, 0) for a, b in ((views, centres), (pixels, rims)))
+    views = views + centres
+    pixels = pixels + np.array([middle for _, middle in middles(shape)])
+    return np.moveaxis(views[..., ::-1], -1, 0), np.moveaxis(pixels[..., ::-1], -1, 0)
 
 
 class _Source:
@@ -141,7 +142,8 @@ class _Source:
                     total += share[..., None] * self._of_view(v, u, pixels)
                     known += share
         if not known.any():
-            return self._of_view(*nearest, pixels).reshape(*views.shape[1:], *self.colours)
+            alone = self._of_view(nearest[0], nearest[1], pixels)
+            return alone.reshape(*views.shape[1:], *self.colours)
         with np.errstate(invalid="ignore"):
             mean = np.where(known[..., None] > 0, total / known[..., None], 0)
         return np.asarray(mean.reshape(*views.shape[1:], *self.colours))
