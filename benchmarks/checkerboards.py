@@ -6,7 +6,9 @@ away by iteration.
 
 from __future__ import annotations
 
+import os
 from collections.abc import Sequence
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from typing import Any
 
@@ -128,12 +130,17 @@ def photographed(
     random = np.random.default_rng(seed)
     offsets = (np.arange(samples) + 0.5) / samples - 0.5
     picture = np.zeros(camera.shape, np.float32)
-    for j, i in np.ndindex(V, U):
+
+    def one(view: tuple[int, int]) -> None:
+        j, i = view
         for down in offsets:
             for across in offsets:
                 l, k = np.ogrid[:ny, :nx]  # noqa: E741
                 rays = camera.rays(i, j, k + across, l + down)
                 picture[j, i] += _shade(rays, pose, board, spacing, samples)
+
+    with ThreadPoolExecutor(os.cpu_count()) as pool:
+        list(pool.map(one, np.ndindex(V, U)))
     picture /= samples**2
     picture += noise * random.standard_normal(picture.shape, np.float32)
     return picture
