@@ -13,10 +13,11 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
+from scipy.ndimage import gaussian_filter
 from scipy.spatial.transform import Rotation
 
 Array = np.ndarray[Any, Any]
-_SAMPLES = 2  # a pixel and axis, each averaged over its own share of the pixel
+_SAMPLES = 2  # a pixel and axis, each averaged over its share of the pixel
 
 
 @dataclass(frozen=True)
@@ -122,34 +123,33 @@ def photographed(
     spacing: float,
     *,
     noise: float = 0.01,
+    blur: float = 0.6,
     seed: int = 0,
     samples: int = _SAMPLES,
 ) -> Array:
-    """The board as the camera sees it: float32, shape (V, U, y, x), black .1 and white .9."""
+    """The board as the camera sees it: float32, shape (V, U, y, x), black .1 and white .9.
+
+    Samples of a part of a pixel each are blurred by the lens, a Gaussian of ``blur`` pixels, and
+    summed over the pixels.
+    """
     V, U, ny, nx = camera.shape
     random = np.random.default_rng(seed)
-    offsets = (np.arange(samples) + 0.5) / samples - 0.5
-    picture = np.zeros(camera.shape, np.float32)
+    fine = [(np.arange(n * samples) + 0.5) / samples - 0.5 for n in (ny, nx)]
+    picture = np.empty(camera.shape, np.float32)
 
     def one(view: tuple[int, int]) -> None:
-        j, i = view
-        for down in offsets:
-            for across in offsets:
-                l, k = np.ogrid[:ny, :nx]  # noqa: E741
-                rays = camera.rays(i, j, k + across, l + down)
-                picture[j, i] += _shade(rays, pose, board, spacing, samples)
+        rays = camera.rays(view[1], view[0], fine[1][None, :], fine[0][:, None])
+        seen = gaussian_filter(_shade(rays, pose, board, spacing), blur * samples, mode="nearest")
+        picture[view] = seen.reshape(ny, samples, nx, samples).mean((1, 3))
 
     with ThreadPoolExecutor(os.cpu_count()) as pool:
         list(pool.map(one, np.ndindex(V, U)))
-    picture /= samples**2
     picture += noise * random.standard_normal(picture.shape, np.float32)
     return picture
 
 
-def _shade(
-    rays: Array, pose: Pose, board: tuple[int, int], spacing: float, samples: int
-) -> Array:
-    """What rays (s, t, u, v), a pixel over `samples` wide each, see of the board."""
+def _shade(rays: Array, pose: Pose, board: tuple[int, int], spacing: float) -> Array:
+    """What rays (s, t, u, v), each of a sample as wide as their distance, see of the board."""
     s, t, u, v = rays
     R, middle = pose.rotation, pose.middle
     normal = R[:, 2]
@@ -162,7 +162,7 @@ def _shade(
     shade = np.full(x.shape, 0.9)
     pattern, cover = np.ones_like(x), np.ones_like(x)
     for a, count in ((x, board[1] + 1), (y, board[0] + 1)):
-        width = np.hypot(*np.gradient(a)) / samples
+        width = np.hypot(*np.gradient(a))
         pattern *= (_triangle(a + width / 2) - _triangle(a - width / 2)) / width
         low, high = np.clip(a - width / 2, 0, count), np.clip(a + width / 2, 0, count)
         cover *= (high - low) / width
