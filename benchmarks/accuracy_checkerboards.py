@@ -181,10 +181,11 @@ def _of_map(
 def table(rows: list[tuple[str, ...]]) -> str:
     """Columns side by side, the first to the left."""
     wide = [max(map(len, column)) for column in zip(*rows, strict=True)]
-    return "\n".join(
-        "  ".join([row[0].ljust(wide[0]), *(c.rjust(n) for c, n in zip(row[1:], wide[1:], strict=True))])
-        for row in rows
-    )
+    lines = []
+    for first, *rest in rows:
+        cells = [text.rjust(n) for text, n in zip(rest, wide[1:], strict=True)]
+        lines.append("  ".join([first.ljust(wide[0]), *cells]))
+    return "\n".join(lines)
 
 
 @click.command(help=f"\b\n{__doc__}")

@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from clplen.lightfield.metric.ray_model import Shape, pixels_of
+from clplen.lightfield.metric.ray_model import Shape, pixels_and_slopes, pixels_of
 
 Array = np.ndarray[Any, Any]
 
@@ -186,7 +186,9 @@ class _Problem:
         """Computed minus found corners of each board, shape (V, U, n, 2); NaN where not kept."""
         boards = []
         for number, (board, kept) in enumerate(zip(self.sightings, self.kept, strict=True)):
-            pixel = self._pixels(number, values)[0]
+            points, _ = placed(board.flat, self._pose(number, values))
+            with np.errstate(all="ignore"):  # of steps that are tried, and refused by their cost
+                pixel = pixels_of(self._parameters(values), self.views[number], points)
             off = np.full(board.pixels.shape, np.nan)
             off[board.seen] = pixel - board.pixels[board.seen]
             off[~kept] = np.nan
@@ -195,7 +197,7 @@ class _Problem:
 
     def cost(self, residuals: list[Array], values: Array, *, robust: bool) -> float:
         """The sum that is made least."""
-        parameters = self.spread @ values[: self.spread.shape[1]]
+        parameters = self._parameters(values)
         total = float(((parameters[10:12] * _PRIOR) ** 2).sum())
         if not (parameters[4:6] > 0).all():
             return np.inf
@@ -232,13 +234,18 @@ class _Problem:
 
     def _pixels(self, number: int, values: Array) -> tuple[Array, Array, Array]:
         """Pixels of a board's corners in the views that see it, and their derivatives."""
-        count = self.spread.shape[1]
-        first = count + 6 * number
-        points, by_pose = placed(self.sightings[number].flat, values[first : first + 6])
-        parameters = self.spread @ values[:count]
-        with np.errstate(all="ignore"):  # of steps that are tried, and refused by their cost
-            pixel, by_parameters, by_points = pixels_of(parameters, self.views[number], points)
+        points, by_pose = placed(self.sightings[number].flat, self._pose(number, values))
+        pixel, by_parameters, by_points = pixels_and_slopes(
+            self._parameters(values), self.views[number], points
+        )
         return pixel, by_parameters, by_points @ by_pose
+
+    def _parameters(self, values: Array) -> Array:
+        return np.asarray(self.spread @ values[: self.spread.shape[1]])
+
+    def _pose(self, number: int, values: Array) -> Array:
+        first = self.spread.shape[1] + 6 * number
+        return values[first : first + 6]
 
 
 def _huber(squares: Array) -> Array:

@@ -210,7 +210,7 @@ class Intrinsics(OneLine):
         row, column = np.mgrid[:V, :U].reshape(2, -1)
         behind = ~(at[:, 2] > 0)
         safe = np.where(behind[:, None], [0.0, 0.0, 1.0], at)
-        pixels = pixels_of(self._parameters, np.stack([column - i, row - j], -1), safe)[0]
+        pixels = pixels_of(self._parameters, np.stack([column - i, row - j], -1), safe)
         pixels[:, behind] = np.nan
         return (pixels + np.array([k, l]))[..., ::-1].reshape(V, U, len(at), 2)
 

@@ -121,7 +121,14 @@ def middles(shape: Shape) -> tuple[tuple[float, float], tuple[float, float]]:
     return ((U - 1) / 2, (nx - 1) / 2), ((V - 1) / 2, (ny - 1) / 2)
 
 
-def pixels_of(parameters: Array, views: Array, points: Array) -> tuple[Array, Array, Array]:
+def pixels_of(parameters: Array, views: Array, points: Array) -> Array:
+    """Where views see points, as `pixels_and_slopes`, which has derivatives, too."""
+    return _met(parameters, views[:, None], points)[0]
+
+
+def pixels_and_slopes(
+    parameters: Array, views: Array, points: Array
+) -> tuple[Array, Array, Array]:
     """Where views see points, and the derivatives.
 
     Parameters
@@ -139,9 +146,19 @@ def pixels_of(parameters: Array, views: Array, points: Array) -> tuple[Array, Ar
         (k', l') from the middle pixel, shape (m, n, 2); its derivatives by the parameters, shape
         (m, n, 2, 15), and by the points, shape (m, n, 2, 3).
     """
-    step, converge, pitch, middle = parameters[:8].reshape(4, 2)
-    e, distortion = parameters[8:10], parameters[10:]
-    views = views[:, None]
+    pixel, direction, at = _met(parameters, views[:, None], points)
+    by_parameters, by_points = _derivatives(
+        views[:, None], direction, at, tuple(parameters[2:10].reshape(4, 2))
+    )
+    return pixel, by_parameters, by_points
+
+
+def _met(
+    parameters: Array, views: Array, points: Array
+) -> tuple[Array, Array, tuple[Array, Array, Array, Array]]:
+    """Pixels and true directions of the rays that meet points, and what their derivatives need."""
+    step, converge, pitch, middle, e = parameters[:10].reshape(5, 2)
+    distortion = parameters[10:]
     start = step * views - points[:, :2] - e * (converge * views + middle)
     Z = points[:, 2:]
     direction = -(step * views - points[:, :2]) / Z
@@ -153,18 +170,14 @@ def pixels_of(parameters: Array, views: Array, points: Array) -> tuple[Array, Ar
             break
         direction = direction - _solved(inner, off)
     pixel = (image - converge * views - middle) / pitch
-    by_parameters, by_points = _derivatives(
-        views, direction, Z, (image, slope, by_distortion, inner), (converge, pitch, middle, e)
-    )
-    return pixel, by_parameters, by_points
+    return pixel, direction, (image, slope, by_distortion, inner)
 
 
 def _derivatives(
     views: Array,
     direction: Array,
-    Z: Array,
     at: tuple[Array, Array, Array, Array],
-    words: tuple[Array, Array, Array, Array],
+    words: tuple[Array, ...],
 ) -> tuple[Array, Array]:
     """Derivatives of the pixel by parameters and points, of the condition that holds for a ray."""
     image, slope, by_distortion, inner = at

@@ -1,4 +1,4 @@
-"""Rays and pixels of a light-field camera: beside a solver that knows no formulae, and differences."""
+"""Rays and pixels of a light-field camera: beside a general solver, and differences."""
 
 from __future__ import annotations
 
@@ -14,14 +14,17 @@ from clplen.lightfield.metric.ray_model import (
     distorted,
     matrix_of,
     parameters_of,
+    pixels_and_slopes,
     pixels_of,
     undistorted,
 )
 
 SHAPE = (5, 4, 48, 65)
 KNOWN = np.array(
-    [2e-3, 2.1e-3, -2e-3, -1.9e-3, 3.6e-3, 3.5e-3, 0.01, -0.02, 0.01, -0.02]
-    + [0.003, -0.002, -0.2, 0.05, 0.01]
+    [
+        *(2e-3, 2.1e-3, -2e-3, -1.9e-3, 3.6e-3, 3.5e-3, 0.01, -0.02, 0.01, -0.02),
+        *(0.003, -0.002, -0.2, 0.05, 0.01),
+    ]
 )
 
 
@@ -39,7 +42,6 @@ def test_pixels_are_those_whose_rays_meet_the_points(camera: Intrinsics, points:
     pixels = camera.project(points)
     assert pixels.shape == (5, 4, 7, 2)
     for v, u, n in ((0, 0, 0), (4, 1, 3), (2, 3, 6)):
-        X, Y, Z = points[n]
 
         def missed(at: np.ndarray, v: int = v, u: int = u, n: int = n) -> np.ndarray:
             s, t, a, b, _ = camera.matrix @ (u, v, at[1], at[0], 1.0)
@@ -60,17 +62,17 @@ def test_rays_are_the_inverse_of_pixels(camera: Intrinsics, points: np.ndarray):
 
 def test_derivatives_are_those_of_differences(points: np.ndarray):
     views = np.array([[-1.5, 2.0], [0.5, -1.0], [1.5, 0.0]])
-    _, by_parameters, by_points = pixels_of(KNOWN, views, points)
+    _, by_parameters, by_points = pixels_and_slopes(KNOWN, views, points)
     for n, name in enumerate(PARAMETERS):
         step = np.zeros(15)
         step[n] = 1e-5 * max(abs(KNOWN[n]), 1e-2)
-        up, down = (pixels_of(KNOWN + way * step, views, points)[0] for way in (1, -1))
+        up, down = (pixels_of(KNOWN + way * step, views, points) for way in (1, -1))
         found = (up - down) / (2 * step[n])
         scale = np.abs(found).max()
         np.testing.assert_allclose(by_parameters[..., n], found, atol=2e-4 * scale, err_msg=name)
     for n in range(3):
         step = 1e-6 * np.eye(3)[n]
-        up, down = (pixels_of(KNOWN, views, points + way * step)[0] for way in (1, -1))
+        up, down = (pixels_of(KNOWN, views, points + way * step) for way in (1, -1))
         np.testing.assert_allclose(by_points[..., n], (up - down) / 2e-6, rtol=1e-5, atol=1e-4)
 
 

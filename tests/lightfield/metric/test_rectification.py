@@ -44,9 +44,9 @@ def test_views_are_those_of_the_rectified_camera():
     assert found.positions is None
     off = np.abs(inner(found.to_numpy() - wanted))
     assert off.max() < 0.02  # of .8 between black and white
-    assert off.mean() < 5e-4
+    assert off.mean() < 2.5e-3  # the blur of the lens is that of other pixels
     raw = photographed(camera, POSE, (4, 6), 0.02, noise=0.0, blur=1.2)
-    assert np.abs(inner(raw - wanted)).mean() > 0.02
+    assert np.abs(inner(raw - wanted)).mean() > 0.04
 
 
 def test_rays_between_views_are_interpolated():
