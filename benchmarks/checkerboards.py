@@ -182,5 +182,5 @@ def poses_at(distances: Sequence[float], seed: int = 3, *, tilt: float = 35.0) -
         way = 2.4 * number  # the golden angle: ways spread over the circle
         strength = tilt * (0.6 + 0.4 * random.random())
         turn = (strength * np.cos(way), strength * np.sin(way), random.uniform(-15, 15))
-        made.append(Pose(z, turn, tuple(random.uniform(-0.06, 0.06, 2) * z)))
+        made.append(Pose(z, turn, tuple(random.uniform(-0.03, 0.03, 2) * z)))
     return made

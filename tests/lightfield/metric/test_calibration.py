@@ -24,7 +24,7 @@ CAMERA = made_camera(
 )
 POSES = poses_at([0.3, 0.4, 0.55, 0.35])
 LYTRO = made_camera(
-    (9, 7, 300, 400),
+    (5, 4, 300, 400),
     steps=(4.0e-4, 3.6e-4),
     converge=(-1.9e-3, -1.7e-3),
     pitch=(1.8e-3, 1.75e-3),
