@@ -199,7 +199,8 @@ def main(selector: str | None, names: tuple[str, ...], quick: bool) -> None:
         start = time.perf_counter()
         found = calibrated(known[name], device)
         took = time.perf_counter() - start
-        click.echo(f"\n{name}: {found}; pictures and calibration {took:.0f} s")
+        used = int(np.isfinite(found.board_rms).sum())
+        click.echo(f"\n{name}: {found}; {used} boards, pictures and calibration {took:.0f} s")
         rows = [(key, f"{value:+.4f}") for key, value in errors(found, known[name]).items()]
         click.echo(table([("intrinsics", "error"), *rows]))
         rows = [

@@ -84,6 +84,7 @@ def calibrate(
       clplen depth scene.h5 -o depth.pfm --intrinsics camera.json --metric z.pfm --ply scene.ply
     """
     from clplen.io import files_of, write_intrinsics
+    from clplen.io.lightfields.lightfield_files import kind_of
     from clplen.lightfield.metric.board_corners import checked_board, opencv
     from clplen.lightfield.metric.camera_calibration import calibrate as calibrated
 
@@ -93,7 +94,9 @@ def calibrate(
         opencv()
     except ModuleNotFoundError as error:
         raise click.ClickException(str(error)) from error
-    inputs = [file for source in sources if source.exists() for file in files_of(source, **layout)]
+    for source in sources:
+        kind_of(source)  # refuses what is missing before anything is read
+    inputs = [file for source in sources for file in files_of(source, **layout)]
     check_output(output, layout["force"], inputs, " of the light fields")
     with progress_bar(len(sources), "board") as bar:
         lazy = _LightFields(sources, selector, layout, bar)

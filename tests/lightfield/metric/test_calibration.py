@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import sys
-import warnings
 
 import numpy as np
 import pytest
@@ -15,14 +14,14 @@ from clplen.lightfield.metric.camera_calibration import intrinsics_of
 
 BOARD, SPACING = (5, 7), 0.02
 CAMERA = made_camera(
-    (3, 5, 121, 160),
+    (3, 4, 97, 128),
     steps=(2.0e-3, 1.9e-3),
-    converge=(-2.5e-3, -2.2e-3),
-    pitch=(3.6e-3, 3.5e-3),
+    converge=(-3.1e-3, -2.8e-3),
+    pitch=(4.5e-3, 4.4e-3),
     centre=(0.01, -0.02),
     distortion=(0.003, -0.002, -0.2, 0.05, 0.0),
 )
-POSES = poses_at([0.3, 0.4, 0.55, 0.35])
+POSES = poses_at([0.38, 0.45, 0.55, 0.42])
 LYTRO = made_camera(
     (5, 4, 300, 400),
     steps=(4.0e-4, 3.6e-4),
@@ -87,7 +86,7 @@ def test_intrinsics_of_traced_pictures(pictures: list[np.ndarray]):
         assert abs(H[at] - K[at]) < 5 * found.deviations[at] + 2e-4 * abs(K[at]), at
     assert 0.003 < found.rms < 0.015
     assert found.board_rms.shape == (4,)
-    assert found.view_rms.shape == (3, 5)
+    assert found.view_rms.shape == (3, 4)
     assert np.sqrt((found.board_rms**2).mean()) == pytest.approx(found.rms, rel=0.05)
     fresh = Pose(0.45, (10, -20, 4), (0.01, 0.0))
     points = corners_in_space(fresh, BOARD, SPACING)
@@ -98,9 +97,9 @@ def test_intrinsics_of_traced_pictures(pictures: list[np.ndarray]):
 
 def test_rows_and_columns_of_a_board_may_be_swapped(pictures: list[np.ndarray]):
     corners = [find_corners(views[:, 1:4], BOARD[::-1]) for views in pictures[:3]]
-    shape = (3, 3, 121, 160)
+    shape = (3, 3, 97, 128)
     swapped = intrinsics_of(corners, shape, BOARD[::-1], SPACING)
-    assert 1 / swapped.matrix[2, 2] == pytest.approx(1 / 3.6e-3, rel=3e-3)
+    assert 1 / swapped.matrix[2, 2] == pytest.approx(1 / 4.5e-3, rel=3e-3)
 
 
 @pytest.mark.parametrize("camera", [CAMERA, LYTRO], ids=["array", "lytro"])
@@ -108,7 +107,7 @@ def test_exact_corners_give_the_exact_camera(camera: KnownCamera):
     poses = poses_at([0.3, 0.42, 0.6, 0.9, 1.5])
     found = intrinsics_of(exact(camera, poses), camera.shape, BOARD, SPACING)
     scale = np.abs(camera.matrix).max(1, keepdims=True)
-    np.testing.assert_allclose(found.matrix / scale, camera.matrix / scale, atol=1e-5)
+    np.testing.assert_allclose(found.matrix / scale, camera.matrix / scale, atol=5e-5)
     np.testing.assert_allclose(found.distortion, camera.distortion, atol=0.02)
     assert found.rms < 1e-4
 
@@ -143,7 +142,7 @@ def test_deviations_are_those_of_many_calibrations():
     for at in ((0, 0), (2, 2), (3, 3), (2, 0), (2, 4)):
         each = np.array([found.matrix[at] for found in made])
         if at == (2, 4):  # of the middle direction
-            each = each + np.array([f.matrix[2, 0] * 2 + f.matrix[2, 2] * 79.5 for f in made])
+            each = each + np.array([f.matrix[2, 0] * 1.5 + f.matrix[2, 2] * 63.5 for f in made])
         assert 0.5 < each.std(ddof=1) / made[0].deviations[at] < 1.8, at
 
 
@@ -168,24 +167,22 @@ def test_boards_that_are_held_alike_are_warned_of():
     alike = [Pose(z, (20.0 + z, 5.0, 0.0)) for z in (0.3, 0.4, 0.5)]
     random = np.random.default_rng(2)
     corners = [board + random.normal(size=board.shape) * 0.02 for board in exact(CAMERA, alike)]
+    corners = [board[:, 1:4] for board in corners]
     with pytest.warns(SamplingWarning, match="The boards are held much alike, within 0"):
-        intrinsics_of(corners, CAMERA.shape, BOARD, SPACING)
-    with warnings.catch_warnings():
-        warnings.simplefilter("error")
-        intrinsics_of(exact(CAMERA, POSES), CAMERA.shape, BOARD, SPACING)
+        intrinsics_of(corners, (3, 3, 97, 128), BOARD, SPACING)
 
 
 def test_boards_that_few_views_show_are_named():
     corners = exact(CAMERA, [*POSES, Pose(0.5, (25, 20, 0))])
-    corners[2][:, 1:] = np.nan
+    corners[2][:, 1:] = corners[2][0] = np.nan
     names = [f"b{n}.h5" for n in range(5)]
-    with pytest.warns(SamplingWarning, match=r"board 3 of 5 \(b2.h5\): found in 3 of 15 views"):
+    with pytest.warns(SamplingWarning, match=r"board 3 of 5 \(b2.h5\): found in 2 of 12 views"):
         found = intrinsics_of(corners, CAMERA.shape, BOARD, SPACING, names)
     assert np.isnan(found.board_rms).tolist() == [False, False, True, False, False]
     for lost in (0, 1):
         corners[lost][:] = np.nan
     with pytest.raises(ValueError, match=r"too few light fields, 2 where at least 3 are needed "
-                       r"\(board 1 of 5: found in 0 of 15 views; .*board counts inner corners"):
+                       r"\(board 1 of 5: found in 0 of 12 views; .*board counts inner corners"):
         intrinsics_of(corners, CAMERA.shape, BOARD, SPACING)
 
 
