@@ -10,7 +10,10 @@ from checkerboards import KnownCamera, Pose, corners_in_space, made_camera, phot
 
 from clplen.errors import SamplingWarning, ShapeError
 from clplen.lightfield import Intrinsics, calibrate, find_corners
+from clplen.lightfield.metric.bundle_adjustment import Sighting, _Problem, _spread_of
 from clplen.lightfield.metric.camera_calibration import intrinsics_of
+from clplen.lightfield.metric.corner_fit import fitted_corners
+from clplen.lightfield.metric.ray_model import parameters_of
 
 BOARD, SPACING = (5, 7), 0.02
 CAMERA = made_camera(
@@ -42,6 +45,11 @@ def exact(camera: KnownCamera, poses: list[Pose]) -> list[np.ndarray]:
     return [truth(camera).project(corners_in_space(pose, BOARD, SPACING)) for pose in poses]
 
 
+def upright(found: np.ndarray, wanted: np.ndarray) -> np.ndarray:
+    """What corners are off by; a board looks the same upside down."""
+    return min((found - wanted, found[:, :, ::-1] - wanted), key=lambda off: np.abs(off).sum())
+
+
 @pytest.fixture(scope="module")
 def pictures() -> list[np.ndarray]:
     return [photographed(CAMERA, pose, BOARD, SPACING, seed=n) for n, pose in enumerate(POSES)]
@@ -49,17 +57,13 @@ def pictures() -> list[np.ndarray]:
 
 def test_corners_are_found_to_a_hundredth_of_a_pixel(pictures: list[np.ndarray]):
     for views, wanted in zip(pictures[1:3], exact(CAMERA, POSES)[1:3], strict=True):
-        found = find_corners(views[:2, :3], BOARD)
-        wanted = wanted[:2, :3]
-        if np.abs(found - wanted).mean() > 1:
-            found = found[:, :, ::-1]  # the board looks the same upside down
-        off = found - wanted
+        off = upright(find_corners(views[:2, :3], BOARD), wanted[:2, :3])
         assert np.sqrt((off**2).mean()) < 0.015
         assert abs(off.mean()) < 0.003
 
 
 def test_views_without_the_board_are_left_out_and_colours_averaged(pictures: list[np.ndarray]):
-    views = np.stack([pictures[0][:2, :3]] * 3, -1) * (0.5, 1.0, 1.5)
+    views = np.stack([pictures[0][:2, :3]] * 3, -1) * (0.0, 1.0, 2.0) + (0.3, 0.0, 0.0)
     views[0, 1] = 0.3
     found = find_corners(views, BOARD)
     assert np.isnan(found[0, 1]).all()
@@ -68,6 +72,43 @@ def test_views_without_the_board_are_left_out_and_colours_averaged(pictures: lis
     np.testing.assert_allclose(
         found[rest], find_corners(pictures[0][:2, :3], BOARD)[rest], atol=2e-3
     )
+
+
+def test_corners_of_a_sharp_lens_whose_edges_are_narrower_than_pixels():
+    pose = Pose(0.45, (0.0, 0.0, 1.0), (0.003, 0.004))
+    views = photographed(CAMERA, pose, BOARD, SPACING, blur=0.0, noise=0.0)[:2, :2]
+    off = upright(find_corners(views, BOARD), exact(CAMERA, [pose])[0][:2, :2])
+    assert np.sqrt((off**2).mean()) < 0.025
+
+
+def test_a_corner_that_is_far_from_its_start_is_none(pictures: list[np.ndarray]):
+    start = exact(CAMERA, POSES)[0][1, 1]
+    found = fitted_corners(pictures[0][1, 1], start + 0.4, BOARD)
+    np.testing.assert_allclose(found, start, atol=0.05)
+    start[3] += (2.5, -2.0)
+    assert np.isnan(fitted_corners(pictures[0][1, 1], start, BOARD)[3]).all()
+
+
+@pytest.mark.parametrize("robust", [False, True])
+def test_the_normal_equations_have_the_gradient_of_the_sum(robust: bool):
+    corners = exact(CAMERA, POSES[:2])
+    row, column = np.mgrid[: BOARD[0], : BOARD[1]].reshape(2, -1)
+    flat = np.stack([column, row, 0 * row], -1) * SPACING
+    boards = [Sighting(flat, board[..., ::-1] - (63.5, 48)) for board in corners]
+    known = [np.isfinite(board.pixels).all(-1) for board in boards]
+    problem = _Problem(boards, known, _spread_of(CAMERA.shape))
+    start = parameters_of(CAMERA.matrix, np.array(CAMERA.distortion), CAMERA.shape)
+    poses = [0.1, -0.2, 0.1, -0.05, -0.04, 0.4, 0.2, 0.1, -0.1, -0.06, -0.03, 0.5]
+    values = np.concatenate([np.linalg.pinv(problem.spread) @ start, poses])
+
+    def total(at: np.ndarray) -> float:
+        return problem.cost(problem.residuals(at), at, robust=robust)
+
+    gradient = 2 * problem.normal(values, robust=robust)[1]
+    for n in (0, 3, 4, 7, 8, 9, 11, 14, 19, 25):
+        step = np.eye(len(values))[n] * 1e-6 * max(abs(values[n]), 1e-2)
+        slope = (total(values + step) - total(values - step)) / (2 * step[n])
+        assert gradient[n] == pytest.approx(slope, rel=1e-4), n
 
 
 def test_a_square_board_is_numbered_alike_in_all_views():
@@ -139,7 +180,7 @@ def test_deviations_are_those_of_many_calibrations():
         )
         for _ in range(12)
     ]  # fmt: skip
-    for at in ((0, 0), (2, 2), (3, 3), (2, 0), (2, 4)):
+    for at in ((0, 0), (2, 2), (3, 3), (2, 0), (0, 2), (2, 4)):
         each = np.array([found.matrix[at] for found in made])
         if at == (2, 4):  # of the middle direction
             each = each + np.array([f.matrix[2, 0] * 1.5 + f.matrix[2, 2] * 63.5 for f in made])
