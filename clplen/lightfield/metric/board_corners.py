@@ -7,6 +7,7 @@ from concurrent.futures import ThreadPoolExecutor
 from typing import Any
 
 import numpy as np
+from scipy.ndimage import median_filter
 
 from clplen.checks import is_integer
 from clplen.compute.device import DeviceLike
@@ -17,7 +18,6 @@ from clplen.lightfield.model.stored_light_field import as_lightfield
 Array = np.ndarray[Any, Any]
 
 _LEAST = 3  # rows or columns of corners
-_PERCENTILES = (1, 99)  # of the samples, which become black and white
 
 
 def find_corners(
@@ -124,7 +124,8 @@ def opencv() -> Any:
 def _of_view(view: Array, board: tuple[int, int]) -> Array | None:
     """Corners of one view, shape (rows columns, 2); None if the board is not seen as a whole."""
     cv2 = opencv()
-    black, white = np.percentile(view, _PERCENTILES)
+    calm = median_filter(view, 3)  # a board may be small, and a single pixel hot
+    black, white = calm.min(), calm.max()
     if not white > black:
         return None
     grey = np.clip((view - black) * (255 / (white - black)), 0, 255).astype(np.uint8)

@@ -81,6 +81,15 @@ def test_corners_of_a_sharp_lens_whose_edges_are_narrower_than_pixels():
     assert np.sqrt((off**2).mean()) < 0.025
 
 
+def test_a_small_board_is_found_beside_hot_pixels():
+    pose = Pose(0.45, (5.0, -10.0, 8.0), (-0.04, 0.02))
+    views = photographed(CAMERA, pose, BOARD, 0.0125)[:1, :2]  # squares of 6 pixels
+    wide = np.pad(views, ((0, 0), (0, 0), (300, 3), (5, 350)), constant_values=0.9)
+    wide[:, :, 7, 9] = 50.0
+    wanted = truth(CAMERA).project(corners_in_space(pose, BOARD, 0.0125))[:1, :2] + (300, 5)
+    assert np.sqrt((upright(find_corners(wide, BOARD), wanted) ** 2).mean()) < 0.02
+
+
 def test_a_corner_that_is_far_from_its_start_is_none(pictures: list[np.ndarray]):
     start = exact(CAMERA, POSES)[0][1, 1]
     found = fitted_corners(pictures[0][1, 1], start + 0.4, BOARD)
