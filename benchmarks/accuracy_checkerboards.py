@@ -5,7 +5,8 @@
 Light fields of a board of 6 x 9 corners and 18 mm in ten poses from .3 to 2 m, traced ray by ray
 with 1 % of noise (`checkerboards.py`), through two cameras: one like a Lytro, whose
 views converge at a fifth of a metre and whose rows and columns of pixels meet 6 mm apart, and an
-array of parallel cameras; both with radial distortion. The first table holds the intrinsics. The second one holds distances of boards that the calibration did not
+array of parallel cameras; both with radial distortion. The first table holds the intrinsics.
+The second one holds distances of boards that the calibration did not
 see, at .3 to 2 m: from rays through their corners, and from `depth_map` of rectified views, which
 searches half a distance against infinity on either side.
 """
