@@ -26,6 +26,7 @@ from clplen.errors import FormatError, ShapeError
 from clplen.io import (
     read_depth,
     read_disparity,
+    read_intrinsics,
     read_lightfield,
     read_masks,
     read_opd_maps,
@@ -37,6 +38,7 @@ from clplen.io import (
     read_truth,
     read_zemax_opd,
     write_depth,
+    write_intrinsics,
     write_lightfield,
     write_opd_maps,
     write_ply,
@@ -52,6 +54,7 @@ from clplen.io.raw.raytrix import FocusType, RaytrixCalibration, write_raytrix
 from clplen.io.results.hci import read_parameters
 from clplen.io.results.volume_files import read_volume, write_volume
 from clplen.lightfield.depth.depth_maps import DepthMap
+from clplen.lightfield.metric.intrinsics import Intrinsics
 from clplen.lightfield.model.light_field import LightField
 from clplen.lightfield.raw.lenslet_lattice import Lattice
 from clplen.lightfield.refocusing.focal_stacks import FocalStack
@@ -284,6 +287,13 @@ def _grid(folder: Path, _: Device) -> Path:
     return folder / "a.json"
 
 
+def _intrinsics(folder: Path, _: Device) -> Path:
+    H = np.diag([1e-3, 1e-3, 2e-3, 2e-3, 1.0])
+    H[:4, 4] = -H.diagonal()[:4] * (2, 2, 23.5, 15.5)
+    write_intrinsics(folder / "a.json", Intrinsics(H, np.full(5, 0.01), (5, 5, 32, 48), 0.02))
+    return folder / "a.json"
+
+
 def _calinfo(folder: Path, _: Device) -> Path:
     names = ("HSpacing", "VSpacing", "HOffset", "VOffset", "Rot", "FirstPosShiftRow")
     model = dict(zip(names, (10.0, 8.66, 3.1, 4.2, 0.001, 2), strict=True))
@@ -398,6 +408,7 @@ PARSERS = {
     "ply": Parser(_ply, lambda path, _: read_ply(path)),
     "mosaic": Parser(_mosaic, _lightfield(views=(2, 3), order="yvxu")),
     "grid": Parser(_grid, lambda path, _: Lattice.load(path)),
+    "intrinsics": Parser(_intrinsics, lambda path, _: read_intrinsics(path)),
     "calinfo": Parser(_calinfo, lambda path, _: Lattice.load(path)),
     "parameters": Parser(_parameters, lambda path, _: read_parameters(path)),
     "positions": Parser(_positions, lambda path, _: read_positions(path, (2, 3))),

@@ -102,6 +102,12 @@ def depth() -> clplen.DepthMap:
     return clplen.DepthMap(*(samples(16, 16) for _ in range(4)))
 
 
+def intrinsics() -> clplen.lightfield.Intrinsics:
+    H = np.diag([1e-3, 1e-3, 2e-3, 2e-3, 1.0])
+    H[:4, 4] = -H.diagonal()[:4] * (2, 2, 15.5, 15.5)
+    return clplen.lightfield.Intrinsics(H, np.full(5, 0.01), (5, 5, 32, 32), rms=0.02)
+
+
 def texture() -> clplen.cameras.Texture:
     return clplen.cameras.Texture(samples(16, 16))
 
@@ -158,6 +164,7 @@ EXAMPLES: dict[str, Callable[[Device], Any]] = {
     "Lens": lambda _: clplen.wave.Lens(0.1),
     "LensletMap": lambda _: clplen.wave.LensletMap(1e-6 * samples(9, 8), pitch=2e-5, glass=1.5),
     "LensletSurface": lambda _: clplen.wave.LensletSurface(2.9e-4, "N-BK7", aspheric=(1e7,)),
+    "Intrinsics": lambda _: intrinsics(),
     "LensletGrid": lambda device: raw(device).sub_images,
     "LensletScatter": lambda _: clplen.cameras.LensletScatter(0.01),
     "Levels": lambda _: clplen.lightfield.Levels(64.0, 1023.0, 10),

@@ -45,7 +45,7 @@ ROOMS: dict[str, tuple[set[str], ...]] = {
         {"arrays"},
         {"raw"},
         {"model"},
-        {"calibration", "refocusing", "focused", "matching"},
+        {"calibration", "refocusing", "focused", "matching", "metric"},
         {"depth"},
         {"streaming", "axis_check"},
     ),
@@ -68,6 +68,7 @@ ANYWHERE = {"numpy", "scipy", "pyopencl", "lazy_loader"}
 GUESTS = {
     "compute": {"ducc0", "pyvkfft"},
     "hdf5_safety": {"h5py"},
+    "lightfield": {"cv2"},
     "cameras": {"optiland"},
     "microscopy": {"h5py"},
     "io": {"PIL", "h5py", "imageio", "imageio_ffmpeg", "tifffile", "tqdm", "zarr"},

@@ -78,6 +78,7 @@ def test_help_has_an_example_of_each_command():
         "analyse",
         "batch",
         "bench",
+        "calibrate",
         "demo",
         "depth",
         "devices",

@@ -16,6 +16,9 @@ from clplen.compute.device import Device
 
 L = objects.samples(5, 5, 32, 32)
 # Further arguments of the functions of a light field, and what their results have in numbers.
+FLAT = np.diag([1e-3, 1e-3, 2e-3, 2e-3, 1.0])
+FLAT[:4, 4] = -FLAT.diagonal()[:4] * (2, 2, 15.5, 15.5)
+INTRINSICS = clplen.lightfield.Intrinsics(FLAT, np.full(5, 0.01), (5, 5, 32, 32))
 OF_LIGHTFIELDS: dict[str, dict[str, Any]] = {
     "check_light_field": {},
     "shift_views": {"steps": np.zeros((5, 5, 2))},
@@ -26,6 +29,7 @@ OF_LIGHTFIELDS: dict[str, dict[str, Any]] = {
     "fourier_stack": {"disparities": [-1, 0, 1]},
     "hyperfan": {"low": -0.5, "high": 0.5},
     "phase_space": {"y": 3, "v": 1},
+    "rectify_views": {"intrinsics": INTRINSICS},
     "refocus": {"disparity": 0.5},
     "view_between": {"v": 1, "u": 2.5, "disparity": 0.5},
     "views_between": {"viewpoints": [(1, 2.5)], "disparity": 0.5},
@@ -37,6 +41,7 @@ OTHERS: dict[str, tuple[tuple[Any, ...], dict[str, Any]]] = {
     "axicon": ((0.01,), {}),
     "compare": ((), {}),
     "correct_aberrations": (({4: 1e-7},), {}),
+    "find_corners": (((3, 4),), {"device": "cpu"}),
     "focused_depth": ((), {}),
     "focused_maps": ((None,), {}),
     "focused_stack": ((), {"ms": [0.1, 0.2]}),
@@ -70,6 +75,7 @@ OTHERS: dict[str, tuple[tuple[Any, ...], dict[str, Any]]] = {
 PLAIN = {
     "annulus",
     "bricks",
+    "calibrate",
     "cell_energies",
     "checker",
     "circular_mtf",

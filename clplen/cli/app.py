@@ -11,6 +11,7 @@ from clplen import __version__
 from clplen.cli.analyse import analyse
 from clplen.cli.batch import batch, worker
 from clplen.cli.bench import bench
+from clplen.cli.calibrate import calibrate
 from clplen.cli.demo import demo
 from clplen.cli.depth import depth
 from clplen.cli.devices import devices
@@ -50,6 +51,7 @@ _COMMANDS = (
     analyse,
     batch,
     bench,
+    calibrate,
     demo,
     depth,
     devices,

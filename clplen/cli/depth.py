@@ -101,6 +101,7 @@ def depth(
     Example:
       clplen depth flower -o flower.pfm --pattern "IMG_0001_{n}_{u}_{v}.png" --disparities -1:0:41
       clplen depth simulated/raw.h5 -o depth.ome.tif --metric z.pfm
+      clplen depth scene.h5 -o depth.pfm --intrinsics camera.json --metric z.pfm
 
     Of a raw image of a focused camera: m = b/a, on its picture; .h5 holds it of every sub-image too
     and .ome.tif the virtual depth, distances and confidence.
@@ -113,7 +114,7 @@ def depth(
     picture = output.with_suffix(".png")
     if is_meant(source, {"m": ms, "focused": focused, "image": image}):
         refuse(cue=cue, aperture=aperture, disparities=disparities, alphas=alphas, memory=memory)
-        refuse(baseline_mm=lengths.camera if lengths else None)
+        refuse(intrinsics=words["intrinsics"], baseline_mm=lengths.camera if lengths else None)
         maps, more = (confidence,), (output, picture)
         _check_names(source, words, maps, lengths, *more)
         check_suffix(output, SUFFIXES)

@@ -9,6 +9,8 @@ from .displays.quilt import write_quilt as write_quilt
 from .displays.stereo import anaglyph as anaglyph
 from .formats.animation import write_animation as write_animation
 from .formats.glb import write_glb as write_glb
+from .formats.intrinsics_files import read_intrinsics as read_intrinsics
+from .formats.intrinsics_files import write_intrinsics as write_intrinsics
 from .formats.npy import read_npy as read_npy
 from .formats.npy import write_npy as write_npy
 from .formats.pfm import read_pfm as read_pfm

@@ -27,6 +27,10 @@ from .focused.focused_rendering import focused_stack as focused_stack
 from .focused.focused_rendering import render_focused as render_focused
 from .focused.focused_spots import SpotFit as SpotFit
 from .focused.focused_spots import point_m as point_m
+from .metric.board_corners import find_corners as find_corners
+from .metric.camera_calibration import calibrate as calibrate
+from .metric.intrinsics import Intrinsics as Intrinsics
+from .metric.rectification import rectify_views as rectify_views
 from .model.apertures import annulus as annulus
 from .model.apertures import disc as disc
 from .model.apertures import gaussian as gaussian

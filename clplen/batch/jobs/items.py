@@ -16,7 +16,7 @@ from clplen.errors import ClplenError, FormatError
 from clplen.io import files_of
 
 # Words of layout that may name files; a calibration may be a folder.
-_BESIDE = ("white", "dark", "grid", "calibration", "positions")
+_BESIDE = ("white", "dark", "grid", "calibration", "positions", "intrinsics")
 _NAMES = "names"  # the one word of positions that is no file
 
 

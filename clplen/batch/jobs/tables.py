@@ -126,6 +126,7 @@ class LayoutTable(Table):
     dataset: str | None = None
     max_bytes: Size | None = None
     trust_lattice: Switch = False
+    intrinsics: str | None = None
     force: Switch = False
 
 
@@ -342,6 +343,7 @@ output = "results"              # a folder in it for each light field
 # dataset = "LF"                # default: found out; of a file that holds several arrays
 # max_bytes = "2 GiB"           # default: half of the free memory; that a file may ask for
 # trust_lattice = false         # true: take the lattice found in a raw image, though in doubt
+# intrinsics = "camera.json"    # default: none; of 'clplen calibrate', to rectify the views
 # force = false                 # true: a white image will do whose lattice is not to be trusted
 
 # [[simulations]]               # light fields of a camera file

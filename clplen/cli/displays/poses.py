@@ -10,6 +10,7 @@ import numpy as np
 
 from clplen.cli.shared import options
 from clplen.cli.shared.console import note, read
+from clplen.cli.shared.metric import lengths_of_intrinsics
 from clplen.cli.shared.pictures import Tone, drawable, read_map, tone
 
 if TYPE_CHECKING:
@@ -96,7 +97,7 @@ def poses(
 
     _check_free(output)
     given = dict(zip(_LENGTHS, (baseline_mm, focal_length_mm, pixel_um, focus_m), strict=True))
-    metric = _metric(given, focal_px, infinity)
+    metric = _metric(given, focal_px, infinity, layout["intrinsics"])
     lf = read(source, selector, layout)
     cameras, unit = _cameras(lf, metric, focal_px, infinity)
     words: dict[str, Any] = {"keep": lf.weights > 0}
@@ -134,10 +135,18 @@ def _check_free(output: Path) -> None:
 
 
 def _metric(
-    given: dict[str, float | None], focal_px: float | None, infinity: float | None
+    given: dict[str, float | None],
+    focal_px: float | None,
+    infinity: float | None,
+    intrinsics: Path | None,
 ) -> dict[str, float]:
     """Lengths in metres; none where none is given."""
     known = {name: value * _LENGTHS[name] for name, value in given.items() if value is not None}
+    if intrinsics is not None:
+        if known:
+            raise click.UsageError("Give lengths or --intrinsics, which tell them, not both.")
+        told = lengths_of_intrinsics(intrinsics)
+        known = {name: value for name, value in told.items() if value is not None}
     if not known:
         return known
     names = zip(_LENGTHS, _OPTIONS[:3], strict=False)

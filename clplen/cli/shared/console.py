@@ -35,7 +35,7 @@ _TYPED = (
     (r"\border='(\w+)'", r"--order \1"),
     (
         r"\b(pattern|views|flip_v|flip_u|swap_uv|allow_missing|order|dataset|positions|srgb|white|"
-        r"calibration|dark|grid|image|step|lattice|bayer|demosaic|devignette|max_bytes)=",
+        r"calibration|dark|grid|image|step|lattice|bayer|demosaic|devignette|max_bytes|intrinsics)=",
         r"--\1",
     ),
     (r"give spacing=\(dv, du, dy, dx\), or use disparity", "use --disparities"),

@@ -77,12 +77,21 @@ def lengths(command: Any) -> Any:
 
 
 def lengths_of(words: dict[str, Any]) -> Lengths | None:
-    """The options of metres, taken out of `words`; None if none is given."""
+    """The options of metres, taken out of `words`; None if none is given.
+
+    ``intrinsics``, which stay there, tell lengths too.
+    """
     names = {**_NEEDED, **_ALSO}
     given = {key: value for key in names if (value := words.pop(key)) is not None}
-    if not given:
+    intrinsics = words.get("intrinsics")
+    if not given and intrinsics is None:
         return None
     some = [name for name in _LENGTHS if name in given]
+    if some and intrinsics is not None:
+        raise click.UsageError(
+            f"{names[some[0]]} is not needed with --intrinsics, which tell all lengths: leave it "
+            "out."
+        )
     missing = [name for key, name in _NEEDED.items() if key not in given]
     if some and missing:
         raise click.UsageError(
@@ -100,7 +109,16 @@ def lengths_of(words: dict[str, Any]) -> Lengths | None:
             "pixel_pitch": given["pixel_um"] * 1e-6,
             "focus_distance": given.get("focus_m"),
         }
+    if intrinsics is not None:
+        camera = lengths_of_intrinsics(intrinsics)
     return Lengths(camera, given.get("metric"), given.get("ply"))
+
+
+def lengths_of_intrinsics(path: Path) -> dict[str, Any]:
+    """Lengths of light fields that are rectified by a file of intrinsics."""
+    from clplen.io import read_intrinsics
+
+    return read_intrinsics(path).lengths
 
 
 def check_camera(lf: LightField | StoredLightField, lengths: Lengths) -> None:
@@ -108,7 +126,7 @@ def check_camera(lf: LightField | StoredLightField, lengths: Lengths) -> None:
     if lengths.metric is not None and lengths.camera is None and not _knows_camera(lf):
         raise click.UsageError(
             "--metric needs lengths, as this light field knows no camera: give --baseline-mm, "
-            "--focal-length-mm and --pixel-um."
+            "--focal-length-mm and --pixel-um, or --intrinsics."
         )
 
 

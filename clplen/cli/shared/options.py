@@ -208,6 +208,12 @@ layout = _with_options(
         is_flag=True,
         help="Take the lattice that was found in a raw image, though it is not to be trusted.",
     ),
+    click.option(
+        "--intrinsics",
+        metavar="FILE",
+        type=_PATH,
+        help="Of the camera, by 'clplen calibrate': takes the distortion of the views away.",
+    ),
     click.option("--step", type=float, help="Pixels a view of a raw image; default: pitch over N."),
     click.option(
         "--lattice",

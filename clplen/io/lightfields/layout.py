@@ -57,6 +57,7 @@ class Layout:
     dataset: str | None = None
     max_bytes: int | None = None
     trust_lattice: bool = False
+    intrinsics: PathLike | None = None
     force: bool = False
 
     def given(self) -> dict[str, Any]:

@@ -5,13 +5,14 @@ from __future__ import annotations
 import logging
 from collections.abc import Iterator
 from contextlib import ExitStack, contextmanager
-from dataclasses import fields
+from dataclasses import fields, replace
 from pathlib import Path
 from typing import Any
 
 from clplen.compute.device import DeviceLike, as_device
 from clplen.errors import FormatError
 from clplen.files import PathLike
+from clplen.io.formats.intrinsics_files import read_intrinsics
 from clplen.io.lightfields.array_files import MATLAB, NUMPY
 from clplen.io.lightfields.hdf5_lightfields import HDF5, write_hdf5
 from clplen.io.lightfields.layout import Kind, Layout
@@ -22,6 +23,8 @@ from clplen.io.lightfields.view_folders import ARCHIVE, FOLDER, find_views, writ
 from clplen.io.lightfields.view_positions import NAMES
 from clplen.io.lightfields.zarr_lightfields import ZARR, write_zarr
 from clplen.io.store import hdf5_files, zarr_files
+from clplen.lightfield.metric.intrinsics import Intrinsics
+from clplen.lightfield.metric.rectification import rectify_views
 from clplen.lightfield.model.light_field import LightField
 from clplen.lightfield.model.stored_light_field import StoredLightField
 
@@ -56,6 +59,7 @@ def read_lightfield(
     dataset: str | None = None,
     max_bytes: int | None = None,
     trust_lattice: bool = False,
+    intrinsics: PathLike | None = None,
     force: bool = False,
     progress: bool = False,
 ) -> LightField:
@@ -115,6 +119,9 @@ def read_lightfield(
     trust_lattice : bool
         Whether to take a lattice that was measured and is not to be trusted, of a raw image
         without a white image too, with a `SamplingWarning`.
+    intrinsics : path-like, optional
+        Of the camera, as `write_intrinsics` writes them: the views are rectified
+        (`clplen.lightfield.rectify_views`).
     force : bool
         Whether to go on, with a `SamplingWarning`, where the lattice of the white image is not to
         be trusted, or the raw image shows another one.
@@ -147,11 +154,19 @@ def read_lightfield(
     layout = Layout(**{field.name: words[field.name] for field in fields(Layout)})
     path = Path(path)
     kind = kind_of(path)
+    layout, camera = _without_intrinsics(layout)
     layout.require(kind.words, kind.name)
     device = as_device(device)
     lf, took = kind.read(path, device=device, layout=layout, progress=progress)
     logger.info("read %s", took)
-    return lf
+    return lf if camera is None else rectify_views(lf, camera)
+
+
+def _without_intrinsics(layout: Layout) -> tuple[Layout, Intrinsics | None]:
+    """The words that a reader takes, and the camera, read before anything else is."""
+    if layout.intrinsics is None:
+        return layout, None
+    return replace(layout, intrinsics=None), read_intrinsics(layout.intrinsics)
 
 
 @contextmanager
@@ -161,7 +176,8 @@ def open_lightfield(
     """Open a light field of any kind without reading it all, for the ``stream_`` functions.
 
     Arrays (HDF5, Zarr, NumPy, MATLAB 7.3), folders and archives of views are read part by part
-    while the file is open. What is one raw picture, and MATLAB up to 7.2, is read as a whole.
+    while the file is open. What is one raw picture, MATLAB up to 7.2, and what is rectified by
+    ``intrinsics`` is read as a whole.
 
     Parameters
     ----------
@@ -189,16 +205,18 @@ def open_lightfield(
     ...     stored.shape, stored.read(np.s_[2:3, 0:5, 0:16, 0:48]).shape
     ((5, 5, 32, 48), (1, 5, 16, 48))
     """
-    words, path = Layout(**layout), Path(path)
+    path = Path(path)
     kind = kind_of(path)
+    words, camera = _without_intrinsics(Layout(**layout))
     words.require(kind.words, kind.name)
     device = as_device(device)
     with ExitStack() as held:
-        if kind.open_parts is not None:
+        if kind.open_parts is not None and camera is None:
             opened = kind.open_parts(path, device=device, layout=words)
             stored, took = held.enter_context(opened)
         else:
             lf, took = kind.read(path, device=device, layout=words)
+            lf = lf if camera is None else rectify_views(lf, camera)
             stored = StoredLightField.from_light_field(lf)
         logger.info("opened %s", took)
         yield stored
@@ -218,7 +236,7 @@ def files_of(path: PathLike, **layout: Any) -> list[Path]:
     -------
     list of pathlib.Path
         The file itself, or the pictures of a folder, view by view; then the files that words of
-        layout name: white, dark, grid, calibration and positions.
+        layout name: white, dark, grid, calibration, positions and intrinsics.
 
     Raises
     ------
@@ -236,7 +254,8 @@ def files_of(path: PathLike, **layout: Any) -> list[Path]:
     path = Path(path)
     words = Layout(**layout)
     named = (words.white, words.dark, words.grid, words.calibration, words.positions)
-    beside = [Path(file) for file in named if file is not None and str(file) != NAMES]
+    given = [file for file in (*named, words.intrinsics) if file is not None]
+    beside = [Path(file) for file in given if str(file) != NAMES]
     if not path.is_dir() or kind_of(path) is not FOLDER:
         return [path, *beside]
     return [*(path / name for name in find_views(path, words)[2].values()), *beside]

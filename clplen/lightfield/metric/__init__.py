@@ -1,0 +1,1 @@
+"""Light fields in metres: corners of checkerboards, intrinsics of a camera, rectified views."""

@@ -1,0 +1,207 @@
+"""Rays of the pixels of a light-field camera, and the pixels of points, with derivatives.
+
+After Dansereau, Pizarro and Williams (CVPR 2013): [s, t, u, v, 1] = H [i, j, k, l, 1] with the
+position (s, t) and the distorted direction (u, v), whose radial distortion is about (b_u, b_v).
+Fifteen parameters tell H and the distortion:
+
+    s = H11 i' + e_x H33 k'    u = H31 i' + H33 k' + u0    i' = i - (U - 1)/2, k' = k - (nx - 1)/2
+
+and t, v alike of j' and l', so that the middle pixel of the middle view has s = t = 0. With e_x = 0
+each view is a pinhole along x, else one at the distance -e_x from the plane of (s, t).
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+Array = np.ndarray[Any, np.dtype[np.float64]]
+Shape = tuple[int, int, int, int]
+
+PARAMETERS = (
+    *("H11", "H22", "H31", "H42", "H33", "H44", "u0", "v0", "e_x", "e_y"),
+    *("b_u", "b_v", "k1", "k2", "k3"),
+)
+_ROUNDS = 12  # of Newton's method, at most
+_EXACT = 1e-13  # slope
+
+
+def distorted(direction: Array, distortion: Array) -> tuple[Array, Array, Array]:
+    """Directions as the camera distorts them.
+
+    Parameters
+    ----------
+    direction : numpy.ndarray
+        Slopes (u, v), shape (..., 2).
+    distortion : numpy.ndarray
+        b_u, b_v, k1, k2, k3.
+
+    Returns
+    -------
+    tuple of numpy.ndarray
+        b + (1 + k1 r^2 + k2 r^4 + k3 r^6) (direction - b) with r = abs(direction - b), shape
+        (..., 2); its derivatives by the direction, shape (..., 2, 2), and by the distortion, shape
+        (..., 2, 5).
+    """
+    b, (k1, k2, k3) = distortion[:2], distortion[2:]
+    off = direction - b
+    r2 = (off**2).sum(-1)
+    scale = 1 + r2 * (k1 + r2 * (k2 + r2 * k3))
+    slope = 2 * (k1 + r2 * (2 * k2 + 3 * r2 * k3))  # of the scale by r^2, twice
+    by_direction = slope[..., None, None] * off[..., :, None] * off[..., None, :]
+    by_direction[..., 0, 0] += scale
+    by_direction[..., 1, 1] += scale
+    by_distortion = np.empty((*off.shape, 5))
+    by_distortion[..., :2] = np.eye(2) - by_direction
+    powers = r2[..., None] ** np.arange(1, 4)
+    by_distortion[..., 2:] = off[..., :, None] * powers[..., None, :]
+    return b + scale[..., None] * off, by_direction, by_distortion
+
+
+def undistorted(direction: Array, distortion: Array) -> Array:
+    """The inverse of `distorted`, by Newton's method; NaN where it does not converge."""
+    found = np.array(direction)
+    wrong = np.zeros(found.shape[:-1], bool)
+    for _ in range(_ROUNDS):
+        image, slope, _by = distorted(found, distortion)
+        off = image - direction
+        wrong = ~(np.abs(off).max(-1) < _EXACT)
+        if not wrong.any():
+            break
+        found = found - _solved(slope, off)
+    determinant = np.linalg.det(distorted(found, distortion)[1])
+    wrong = ~(np.abs(distorted(found, distortion)[0] - direction).max(-1) < 1e-9)
+    found[wrong | (determinant <= 0)] = np.nan  # beyond where the distortion folds back
+    return found
+
+
+def _solved(matrix: Array, right: Array) -> Array:
+    """Solutions of 2 x 2 systems; not finite where there are none."""
+    (a, b), (c, d) = (
+        (matrix[..., 0, 0], matrix[..., 0, 1]),
+        (matrix[..., 1, 0], matrix[..., 1, 1]),
+    )
+    with np.errstate(divide="ignore", invalid="ignore"):
+        share = 1 / (a * d - b * c)
+        x = (d * right[..., 0] - b * right[..., 1]) * share
+        y = (a * right[..., 1] - c * right[..., 0]) * share
+    return np.stack([x, y], -1)
+
+
+def matrix_of(parameters: Array, shape: Shape) -> Array:
+    """H, shape (5, 5), of the parameters of a light field of a shape (V, U, y, x)."""
+    H = np.eye(5)
+    for axis in range(2):
+        step, converge, pitch, middle, far = parameters[axis:10:2]
+        tilt = far * pitch
+        view, pixel = middles(shape)[axis]
+        H[axis, axis], H[axis, axis + 2] = step, tilt
+        H[axis + 2, axis], H[axis + 2, axis + 2] = converge, pitch
+        H[axis, 4] = -step * view - tilt * pixel
+        H[axis + 2, 4] = middle - converge * view - pitch * pixel
+    return H
+
+
+def parameters_of(H: Array, distortion: Array, shape: Shape) -> Array:
+    """The inverse of `matrix_of`, with the distortion."""
+    found = np.empty(15)
+    for axis in range(2):
+        view, pixel = middles(shape)[axis]
+        step, tilt, converge, pitch = H[axis::2, axis::2][:2, :2].ravel()
+        middle = H[axis + 2, 4] + converge * view + pitch * pixel
+        found[axis:10:2] = step, converge, pitch, middle, tilt / pitch
+    found[10:] = distortion
+    return found
+
+
+def middles(shape: Shape) -> tuple[tuple[float, float], tuple[float, float]]:
+    """The middle view and pixel along x, (i, k), and along y, (j, l)."""
+    V, U, ny, nx = shape
+    return ((U - 1) / 2, (nx - 1) / 2), ((V - 1) / 2, (ny - 1) / 2)
+
+
+def pixels_of(parameters: Array, views: Array, points: Array) -> Array:
+    """Where views see points, as `pixels_and_slopes`, which has derivatives, too."""
+    return _met(parameters, views[:, None], points)[0]
+
+
+def pixels_and_slopes(
+    parameters: Array, views: Array, points: Array
+) -> tuple[Array, Array, Array]:
+    """Where views see points, and the derivatives.
+
+    Parameters
+    ----------
+    parameters : numpy.ndarray
+        `PARAMETERS`.
+    views : numpy.ndarray
+        (i', j') of views from the middle one, shape (m, 2).
+    points : numpy.ndarray
+        (X, Y, Z) in metres, shape (n, 3); Z > 0 is before the camera.
+
+    Returns
+    -------
+    tuple of numpy.ndarray
+        (k', l') from the middle pixel, shape (m, n, 2); its derivatives by the parameters, shape
+        (m, n, 2, 15), and by the points, shape (m, n, 2, 3).
+    """
+    pixel, direction, at = _met(parameters, views[:, None], points)
+    by_parameters, by_points = _derivatives(
+        views[:, None], direction, at, tuple(parameters[2:10].reshape(4, 2))
+    )
+    return pixel, by_parameters, by_points
+
+
+def _met(
+    parameters: Array, views: Array, points: Array
+) -> tuple[Array, Array, tuple[Array, Array, Array, Array]]:
+    """Pixels and true directions of the rays that meet points, and what their derivatives need."""
+    step, converge, pitch, middle, e = parameters[:10].reshape(5, 2)
+    distortion = parameters[10:]
+    start = step * views - points[:, :2] - e * (converge * views + middle)
+    Z = points[:, 2:]
+    direction = -(step * views - points[:, :2]) / Z
+    for _ in range(_ROUNDS if e.any() else 1):
+        image, slope, by_distortion = distorted(direction, distortion)
+        off = Z * direction + e * image + start  # 0 where the ray meets the point
+        inner = e[:, None] * slope + Z[..., None] * np.eye(2)
+        if not e.any() or np.abs(off).max() < _EXACT * np.abs(Z).max():
+            break
+        direction = direction - _solved(inner, off)
+    pixel = (image - converge * views - middle) / pitch
+    return pixel, direction, (image, slope, by_distortion, inner)
+
+
+def _derivatives(
+    views: Array,
+    direction: Array,
+    at: tuple[Array, Array, Array, Array],
+    words: tuple[Array, ...],
+) -> tuple[Array, Array]:
+    """Derivatives of the pixel by parameters and points, of the condition that holds for a ray."""
+    image, slope, by_distortion, inner = at
+    converge, pitch, middle, e = words
+    turn = slope @ np.linalg.inv(inner)  # of the distorted direction by minus the condition
+    shape = direction.shape[:2]
+    condition = np.zeros((*shape, 2, 18))  # its derivatives by 15 parameters and the point
+    for axis in range(2):
+        far = views[..., axis]
+        condition[..., axis, axis] = far
+        condition[..., axis, 2 + axis] = -e[axis] * far
+        condition[..., axis, 6 + axis] = -e[axis]
+        leaned = image[..., axis] - converge[axis] * far - middle[axis]
+        condition[..., axis, 8 + axis] = leaned
+        condition[..., axis, 15 + axis] = -1.0
+    condition[..., 10:15] = e[:, None] * by_distortion
+    condition[..., 17] = direction
+    whole = -turn @ condition
+    whole[..., 10:15] += by_distortion
+    for axis in range(2):
+        far = views[..., axis]
+        whole[..., axis, 2 + axis] -= far
+        whole[..., axis, 6 + axis] -= 1
+        leaned = image[..., axis] - converge[axis] * far - middle[axis]
+        whole[..., axis, 4 + axis] -= leaned / pitch[axis]
+    whole /= pitch[:, None]
+    return whole[..., :15], whole[..., 15:]

@@ -1,0 +1,116 @@
+"""Files of intrinsics: what is written is read, and what is wrong is one sentence."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from clplen.errors import FormatError
+from clplen.io import read_intrinsics, write_intrinsics
+from clplen.lightfield import Intrinsics
+
+
+def camera() -> Intrinsics:
+    """With numbers that no two of are the same."""
+    H = np.diag([1.1e-3, 1.2e-3, 2.1e-3, 2.2e-3, 1.0])
+    H[0, 2], H[1, 3], H[2, 0], H[3, 1] = 1e-6, -2e-6, -1e-3, -1.3e-3
+    H[0, 4] = -H[0, 0] * 1.5 - H[0, 2] * 23.5
+    H[1, 4] = -H[1, 1] * 1 - H[1, 3] * 15
+    H[2, 4], H[3, 4] = -0.05, -0.04
+    views = np.arange(12.0).reshape(3, 4) / 100
+    views[1, 2] = np.nan
+    boards = np.array([0.01, np.nan, 0.02])
+    return Intrinsics(
+        H, np.array([0.1, 0.2, 0.3, 0.4, 0.5]), (3, 4, 31, 48), 0.02, (6, 9), 0.025, boards, views,
+        np.eye(5) / 7,
+    )  # fmt: skip
+
+
+def test_what_is_written_is_read(tmp_path: Path):
+    wanted = camera()
+    write_intrinsics(tmp_path / "camera.json", wanted)
+    found = read_intrinsics(tmp_path / "camera.json")
+    for name in ("matrix", "distortion", "board_rms", "view_rms", "deviations"):
+        np.testing.assert_array_equal(getattr(found, name), getattr(wanted, name), err_msg=name)
+    for name in ("shape", "rms", "board", "spacing"):
+        assert getattr(found, name) == getattr(wanted, name)
+    words = json.loads((tmp_path / "camera.json").read_text())
+    assert words["version"] == 1
+    assert words["units"]["spacing"] == "metres"
+    bare = Intrinsics(wanted.matrix, wanted.distortion, wanted.shape)
+    write_intrinsics(tmp_path / "bare.json", bare)
+    assert np.isnan(read_intrinsics(tmp_path / "bare.json").rms)
+
+
+def without(name: str) -> Callable[[dict[str, Any]], None]:
+    return lambda words: words.pop(name)
+
+
+def put(name: str, value: Any) -> Callable[[dict[str, Any]], None]:
+    return lambda words: words.update({name: value})
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        (put("version", 2), "is of version 2, and version 1 is known"),
+        (put("format", "other"), "is no file of intrinsics"),
+        (without("matrix"), "has no 'matrix': the file is incomplete"),
+        (without("views"), "has no 'views'"),
+        (put("matrix", [[1.0] * 5] * 4), r"matrix has shape \(5, 5\), not \(4, 5\)"),
+        (put("matrix", [[1.0], [1.0, 2.0]]), "its matrix is an array of numbers"),
+        (put("matrix", "H"), "its matrix is an array of numbers"),
+        (put("matrix", None), "its matrix is empty"),
+        (put("matrix", [[None] * 5] * 5), "matrix holds numbers that are NaN"),
+        (put("distortion", [0, 0, 0, 0, 0]), "its distortion is b_u, b_v, k1, k2, k3"),
+        (put("distortion", dict.fromkeys(("b_u", "b_v", "k1", "k2", "k3"), "x")), "its b_u is a f"),
+        (put("views", [3]), r"its views are two whole numbers, not \[3\]"),
+        (put("pixels", [0, 48]), "its pixels are two whole numbers from 1 on"),
+        (put("pixels", [31, 50]), "is needed: H holds 12 numbers"),
+        (put("spacing", -1), "its spacing is positive"),
+        (put("rms", "small"), "its rms is a number"),
+        (put("view_rms", [[0.1]]), r"view_rms has shape \(3, 4\)"),
+    ],
+)
+def test_what_is_wrong_is_one_sentence(
+    tmp_path: Path, change: Callable[[dict[str, Any]], None], message: str
+):
+    path = tmp_path / "camera.json"
+    write_intrinsics(path, camera())
+    words = json.loads(path.read_text())
+    change(words)
+    path.write_text(json.dumps(words))
+    with pytest.raises(FormatError, match=message) as caught:
+        read_intrinsics(path)
+    assert str(path) in str(caught.value)
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        ('{"format": NaN}', "holds NaN, which is no number"),
+        ('{"format": -Infinity}', "holds -Infinity"),
+        ("{", "is no JSON"),
+        ("[1]", "is no file of intrinsics"),
+        ("[" * 100_000, "is no JSON"),
+        ("\x00\xff", "is no JSON"),
+    ],
+)
+def test_what_is_no_file_of_intrinsics(tmp_path: Path, text: str, message: str):
+    path = tmp_path / "camera.json"
+    path.write_bytes(text.encode("latin-1"))
+    with pytest.raises(FormatError, match=message):
+        read_intrinsics(path)
+
+
+def test_a_missing_file(tmp_path: Path):
+    with pytest.raises(FormatError, match=r"The intrinsics .*none.json cannot be read"):
+        read_intrinsics(tmp_path / "none.json")
+    with pytest.raises(TypeError, match="intrinsics is an Intrinsics"):
+        write_intrinsics(tmp_path / "none.json", np.eye(5))  # type: ignore[arg-type]
+    assert not (tmp_path / "none.json").exists()
