@@ -214,6 +214,7 @@ def test_a_bright_picture_shows_its_lattice(tmp_path: Path, device: Device, capl
     with caplog.at_level("INFO", "clplen.io"):
         lf = read_lightfield(path, device=device)
     assert "of the picture itself, without a white image" in caplog.text
+    assert "vignetting" in caplog.text
     assert lf.raw.lattice.neighbour == pytest.approx(10, abs=0.01)
 
 

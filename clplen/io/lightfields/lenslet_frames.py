@@ -28,6 +28,7 @@ from clplen.lightfield.calibration.lattice_trust import (
     require_camera,
     require_trust,
 )
+from clplen.lightfield.calibration.picture_flat import flat_of_picture
 from clplen.lightfield.calibration.raw_decoding import decode_raw
 from clplen.lightfield.calibration.sensor_frames import subtract_dark
 from clplen.lightfield.model.light_field import LightField
@@ -37,6 +38,8 @@ Frame = np.ndarray[Any, Any]
 
 _NEAR = 0.05  # of the pitch that a file tells, by which the lattice of a picture may differ
 _APART = 0.15  # pitches rms, by which the lattices of grid= and white= may differ
+
+_ITSELF = "of the picture itself, without a white image"
 
 
 @dataclass(frozen=True)
@@ -149,6 +152,13 @@ def decode_frame(
         if white is not None and capture.white_black is not None and dark is not None:
             white = subtract_dark(white, capture.white_black) + dark
     lattice, whence = _lattice(frame, white, dark, path, layout, capture.pitch)
+    if white is None and whence == _ITSELF and layout.devignette is not False:
+        white = flat_of_picture(frame, lattice, dark=dark, bayer=layout.bayer)
+        whence += (
+            ", which is too dark to tell their vignetting"
+            if white is None
+            else ", and their vignetting from it"
+        )
     with naming(path):
         lf = decode_raw(
             frame,
@@ -217,7 +227,7 @@ def _lattice(
         return found, f"of the white image {layout.white}"
     seen = None if pitch is None else _seen(frame, dark, path, layout, pitch)
     if seen is not None:
-        return seen, "of the picture itself, without a white image"
+        return seen, _ITSELF
     found = _estimated(frame, dark, path, layout, pitch)
     if found.trust == "low":
         measured = is_measured(found)
