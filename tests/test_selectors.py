@@ -107,6 +107,12 @@ CALLS: dict[str, Callable[[Path, Any], Any]] = {
     ),
     "read_lightfield": lambda path, d: clplen.read_lightfield(path / "l.h5", device=d),
     "read_raw": lambda path, d: clplen.io.read_raw(path / "raw.h5", device=d),
+    "lightfield.find_corners": lambda _, d: clplen.lightfield.find_corners(
+        objects.samples(3, 3, 40, 40), (3, 4), device=d
+    ),
+    "lightfield.rectify_views": lambda _, d: clplen.lightfield.rectify_views(
+        objects.samples(5, 5, 32, 32), objects.intrinsics(), device=d
+    ),
     "microscopy.rectify": lambda _, d: clplen.microscopy.rectify(
         FRAME[:41, :41], LATTICE, device=d
     ),
@@ -181,6 +187,7 @@ OTHERS = {
     "batch.JobSpec.with_settings",
     "batch.Report",
     "batch.run_job",
+    "lightfield.calibrate",  # needs pictures of boards, and opens them as find_corners does
     "wave.SpatialModel.field",
 }
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import textwrap
 from functools import cached_property
 from threading import Lock
 from typing import Any, Literal
@@ -25,6 +26,7 @@ Precision = Literal["single", "double"]
 
 _PLAN_SHARE = 4  # plans may hold a quarter of the device's memory
 _TABLE_BYTES = 2**24  # of small tables that are kept
+_NOTE = 70  # characters of the note that the representation shows
 
 
 class Device(Launcher):
@@ -151,7 +153,8 @@ class Device(Launcher):
 
     def __repr__(self) -> str:
         parts = [self.name, self.driver, self.precision, f"FFT {self.fft.name}"]
-        parts += [note for note in (self.note, self.tuning.note) if note]
+        notes = (textwrap.shorten(self.note, _NOTE, placeholder=" ..."), self.tuning.note)
+        parts += [note for note in notes if note]
         return f"<Device {', '.join(parts)}>"
 
     def ensure_usable(self) -> None:
