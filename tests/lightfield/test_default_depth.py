@@ -9,7 +9,7 @@ import pytest
 from clplen import LightField, depth_map
 from clplen.compute.device import Device
 from clplen.lightfield.depth.sample_levels import LevelSurvey
-from clplen.lightfield.matching.view_detail import is_even, near_outlines
+from clplen.lightfield.matching.view_detail import Surroundings, is_even
 from clplen.lightfield.matching.view_matching import group_views
 
 BORDER = (slice(15, -15), slice(15, -15))
@@ -30,21 +30,21 @@ def test_where_samples_are_believed():
     costs = np.full(shape, 2.0, np.float32), np.full(shape, 2.0, np.float32)
     sides = np.zeros(shape, np.float32)
     sides[:, 30:] = 1.0
-    near = near_outlines(sides)
+    around = Surroundings.of(sides)
+    near = around.near
     inside = np.flatnonzero(near[20, 6:-6]) + 6
     np.testing.assert_array_equal(inside, np.arange(24, 36))
     for edge in (near[:6], near[-6:], near[:, :6], near[:, -6:]):
         assert edge.all()
-    assert (is_even(costs, (sides, sides), near, 1) == near).all()
+    assert (is_even(costs, sides, around, 1) == near).all()
     brighter = costs[0] + 0.5
-    even = is_even((brighter, costs[1]), (sides, sides), near, 1)
-    assert (even == near).all()
+    assert (is_even((brighter, costs[1]), sides, around, 1) == near).all()
     outside = np.full(shape, 2.0, np.float32)
-    assert not is_even((brighter, costs[1]), (outside, sides), near, 1).any()
-    assert not is_even((brighter + 2, costs[1]), (sides, sides), near, 1).any()
+    assert not is_even((brighter, costs[1]), outside, around, 1).any()
+    assert not is_even((brighter + 2, costs[1]), sides, around, 1).any()
     # what samples cost elsewhere is not known, and does not count
     unknown = np.where(near, costs[0], np.float32(1e6))
-    assert (is_even((unknown, costs[1]), (sides, sides), near, 1) == near).all()
+    assert (is_even((unknown, costs[1]), sides, around, 1) == near).all()
 
 
 @pytest.mark.thorough

@@ -44,8 +44,8 @@ from clplen.lightfield.matching.view_detail import (
     DETAIL_REACH,
     OUTLINE_REACH,
     STEPS,
+    Surroundings,
     is_even,
-    near_outlines,
     view_detail,
 )
 from clplen.lightfield.matching.view_matching import (
@@ -191,17 +191,14 @@ def _believed(
     tables = shift_tables(views, planes, np.full(len(views.view), 1 / STEPS), device=device)
     match, noise = _matched(detail, views, tables, guide, likely)
     A, B = (device.empty(noise.shape, np.float32) for _ in range(2))
-    near = near_outlines(match.disparity)
-    even = np.zeros_like(near)
-    if near.any():
+    around = Surroundings.of(match.disparity)
+    even = np.zeros_like(around.near)
+    if around.near.any():
         of_samples = shift_tables(views, planes, gains[views.view], device=device)
-        samples, of_noise = _matched(lf, views, of_samples, guide, likely.only(near))
-        even = is_even(
-            (samples.least, match.least),
-            (samples.disparity, match.disparity),
-            near,
-            (*lf.shape, 1)[4],
-        )
+        there = likely.only(around, planes)
+        samples, of_noise = _matched(lf, views, of_samples, guide, there)
+        costs = (samples.least, match.least)
+        even = is_even(costs, samples.disparity, around, (*lf.shape, 1)[4])
         match = samples.where(even, match)
         noise = np.where(even, of_noise, noise)
         normal_equations(lf, views, of_samples, match.disparity, match.nearest, even, (A, B))

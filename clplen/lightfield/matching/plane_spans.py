@@ -9,10 +9,10 @@ import numpy as np
 from scipy.ndimage import maximum_filter, minimum_filter
 
 from clplen.lightfield.arrays.smoothing import Smoother, gaussian_taps
+from clplen.lightfield.matching.view_detail import Surroundings
 from clplen.lightfield.matching.view_matching import (
     VECTOR,
     WINDOW,
-    Mask,
     Spans,
     group_views,
     match_costs,
@@ -31,6 +31,8 @@ _BLUR = 1.5  # pixels: Gaussian over the coarse costs
 SPAN_REACH = gaussian_taps(_BLUR).size - 1  # pixels of costs that spans need
 _RISE, _LEVELS = 0.5, 0.6  # of the rise from the least to the mean cost, and levels a channel, up
 # to which a plane is likely
+_BESIDE = 0.3  # pixels a view step beyond what detail finds, out to which samples are compared
+_NOWHERE = np.array((1, 0), np.int32)
 _PLAIN = 4.0  # levels a channel: where the rise is less, all planes are
 
 
@@ -49,10 +51,13 @@ class LikelyPlanes:
     spans: Spans
     usual: Map | None
 
-    def only(self, wanted: Mask) -> LikelyPlanes:
-        """The same for some pixels, and none for the others."""
-        none = np.array((1, 0), np.int32)
-        return replace(self, spans=np.where(wanted[..., None], self.spans, none))
+    def only(self, around: Surroundings, planes: Vector) -> LikelyPlanes:
+        """Those near what was found around, at pixels near outlines; none at the others."""
+        first = np.searchsorted(planes, around.low - _BESIDE)
+        last = np.searchsorted(planes, around.high + _BESIDE) - 1
+        near = np.stack((first, last), axis=-1)
+        near = np.clip(near, self.spans[..., :1], self.spans[..., 1:]).astype(np.int32)
+        return replace(self, spans=np.where(around.near[..., None], near, _NOWHERE))
 
 
 def likely_planes(detail: LightField, planes: Vector, gain: float) -> LikelyPlanes:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -71,26 +71,40 @@ def view_detail(lf: LightField, gains: Map) -> LightField:
     return replace(lf, data=out, raw=None)
 
 
-def near_outlines(disparity: Map) -> Mask:
-    """Pixels within 6 of places where the disparity of detail differs by a quarter and more.
+@dataclass(frozen=True)
+class Surroundings:
+    """What detail finds about each pixel, within 6 pixels.
 
-    So are those within 6 of the edges, over which the Gaussian of each view reaches.
-
-    Parameters
+    Attributes
     ----------
-    disparity : numpy.ndarray
-        Pixels a view step, shape (y, x).
+    low, high : numpy.ndarray
+        The least and the largest disparity, float32, shape (y, x).
+    near : numpy.ndarray
+        bool: where they differ by a quarter of a pixel and more, as beside an outline; and within 6
+        pixels of the edges, over which the Gaussian of each view reaches.
     """
-    high = maximum_filter(disparity, _WINDOW, mode="nearest")
-    low = minimum_filter(disparity, _WINDOW, mode="nearest")
-    near = np.asarray(high - low > _OUTLINE)
-    for rows in (near, near.T):
-        rows[: _WINDOW // 2] = rows[max(len(rows) - _WINDOW // 2, 0) :] = True
-    return near
+
+    low: Map
+    high: Map
+    near: Mask
+
+    @classmethod
+    def of(cls, disparity: Map) -> Surroundings:
+        """Those of a disparity map, shape (y, x)."""
+        high = maximum_filter(disparity, _WINDOW, mode="nearest")
+        low = minimum_filter(disparity, _WINDOW, mode="nearest")
+        near = np.asarray(high - low > _OUTLINE)
+        for rows in (near, near.T):
+            rows[: _WINDOW // 2] = rows[max(len(rows) - _WINDOW // 2, 0) :] = True
+        return cls(low, high, near)
+
+    def between(self, disparity: Map) -> Mask:
+        """Where a disparity lies between those around, or next to them."""
+        return np.asarray((disparity > self.low - _INSIDE) & (disparity < self.high + _INSIDE))
 
 
 def is_even(
-    costs: tuple[Map, Map], disparities: tuple[Map, Map], near: Mask, channels: int
+    costs: tuple[Map, Map], disparity: Map, around: Surroundings, channels: int
 ) -> Mask:
     """Where the samples themselves are to be believed, of what samples and their detail say.
 
@@ -103,12 +117,13 @@ def is_even(
     ----------
     costs : tuple of numpy.ndarray
         Least cost of samples and of detail in levels, shape (y, x).
-    disparities : tuple of numpy.ndarray
-        Of samples and of detail.
-    near : numpy.ndarray
-        bool, shape (y, x): pixels near outlines, where samples were compared.
+    disparity : numpy.ndarray
+        Of samples.
+    around : Surroundings
+        Of detail; near outlines samples were compared.
     channels : int
     """
+    near = around.near
     weight = np.maximum(gaussian_filter(near.astype(np.float32), _EVENED, mode="nearest"), _ANY)
     ours, detail = (
         gaussian_filter(np.where(near, cost, np.float32(0)), _EVENED, mode="nearest") / weight
@@ -116,8 +131,6 @@ def is_even(
     )
     factor, more = _UNEVEN
     even = ours < factor * detail + more * channels
-    high = maximum_filter(disparities[1], _WINDOW, mode="nearest")
-    low = minimum_filter(disparities[1], _WINDOW, mode="nearest")
-    beside = (disparities[0] > low - _INSIDE) & (disparities[0] < high + _INSIDE)
     factor, more = _UNEVEN_AT_OUTLINES
-    return np.asarray(near & (even | (beside & (ours < factor * detail + more * channels))))
+    nearly = ours < factor * detail + more * channels
+    return np.asarray(near & (even | (nearly & around.between(disparity))))
