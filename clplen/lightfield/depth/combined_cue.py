@@ -87,6 +87,7 @@ _NOISY = gaussian_taps(_NOISE_BLUR).size - 1 + WINDOW
 _REACH = WINDOW + OUTLINE_REACH + 2 * _NOISY + SPAN_REACH + DETAIL_REACH
 _SPARSE = 24  # float32 values of a pixel while points are looked for
 _MERGED = MAP_BYTES + 13  # bytes of a pixel while confidences are merged
+_ROUNDING = 1e-9  # pixels^-2: what is known of a blank light field
 _SURE = 0.05  # pixels a view step: standard deviation of a confidence of one half
 
 
@@ -258,6 +259,7 @@ def _refined_match(
     channels, views = (*lf.shape, 1)[4], int(np.count_nonzero(lf.weights > 0))
     refined, known = _refined(lf, match.disparity, guide, noise, normal)
     sure = known * views / np.maximum(noise, 1) ** 2
+    sure = np.where(sure > _ROUNDING, sure, 0)
     confidence = match.margin * sure / (sure + 1 / _SURE**2)
     lost = (match.least > _LOST * thresholds(channels)[0]) & (confidence < _SHALLOW)
     return PartialDepth(refined, confidence, lost)
