@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 from pathlib import Path
 
 import imageio.v3 as imageio
@@ -79,6 +80,9 @@ def test_a_folder_that_is_read_right(tmp_path, device):
     assert found["Dark views"] == found["Constant views"] == "none"
     assert found["Spacing"] == "not known"
     assert found["View axes"].startswith("The view axes fit as they are read")
+    low, high = re.findall(r"[+-]\d\.\d\d", found["Disparities"])
+    assert found["Disparities"] == f"99 % of the pixels from {low} to {high}"
+    assert 0.8 < float(low) < 1 < float(high) < 1.2
     orders = found["Orders"].splitlines()
     assert len(orders) == 9
     assert sum(line.startswith("*") for line in orders) == 2

@@ -425,9 +425,9 @@ def _of_orders(report: LightFieldReport, read_with: tuple[str, ...], sentence: s
     from clplen.lightfield.axis_check.lightfield_report import combine_layout_words
 
     rows = []
-    if report.verdict in ("fits", "unclear"):
-        low, high = report.orders[0].span
-        rows.append(("Disparities", f"nine tenths of the detail from {low:+.2f} to {high:+.2f}"))
+    low, high = report.disparities
+    if math.isfinite(low):
+        rows.append(("Disparities", f"99 % of the pixels from {low:+.2f} to {high:+.2f}"))
     rows.append(("View axes", sentence))
     if report.orders:
         rows.append(("Orders", "  sharpness  disparity"))
