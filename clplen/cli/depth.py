@@ -19,6 +19,7 @@ from clplen.cli.shared.console import (
     note_end,
     planes_of,
     read,
+    share_at_ends,
     stored,
     tile_progress,
     tried_disparities,
@@ -43,6 +44,7 @@ Values = np.ndarray[Any, Any]
 
 _MAPS = (".pfm", ".tif", ".tiff", ".npy")
 _NOTHING = 1e-3  # confidence of a map that tells nothing, but for rounding
+_AT_ENDS = 0.01  # of the pixels: how many may lie at the first or last plane unsaid
 _SURE = 0.5  # confidence above which a pixel counts as sure
 
 
@@ -146,15 +148,18 @@ def depth(
         metric.write_map(confidence, found.confidence)
     plot.save(plot.depth(found, title=f"disparity of {source.name}"), picture)
     known = found.disparity[np.isfinite(found.disparity)]
-    note_end(
-        tried_disparities(lf, planes),
-        known,
-        "for more than half of the pixels the sharpest plane is",
-    )
+    tried = tried_disparities(lf, planes)
+    noted = note_end(tried, known, "for more than half of the pixels the sharpest plane is")
     sure = "" if confidence is None else f", {confidence} holds their confidence"
     shown = f"{picture} shows them" + (" with their confidence" if confidence is None else "")
     click.echo(f"{output} holds the disparities, {shown}{sure}{''.join(said.files)}.")
     click.echo(_summary(found))
+    share = share_at_ends(tried, known)
+    if share > _AT_ENDS and not noted:
+        click.echo(
+            f"{100 * share:.0f} % of the pixels lie at the first or last plane: give a wider "
+            "--disparities."
+        )
     if said.distances:
         click.echo(said.distances)
 

@@ -235,6 +235,15 @@ def note_end(disparities: Any, found: Any, what: str = "the sharpest plane is") 
     return True
 
 
+def share_at_ends(disparities: Any, found: Any) -> float:
+    """Share of some disparities that are nearer to the first or last plane than to the others."""
+    planes = np.sort(np.asarray(disparities, np.float64))
+    if planes.size < 3 or not np.size(found):
+        return 0.0
+    low, high = planes[:2].mean(), planes[-2:].mean()
+    return float(np.mean((found < low) | (found > high)))
+
+
 def sharpest_of(stack: FocalStack, lf: LightField) -> int | str:
     """Which plane is the sharpest, or why none is: there is one view, or nothing to be sharp."""
     from clplen.lightfield.depth.depth_maps import sharpness_curve
