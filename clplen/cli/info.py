@@ -177,7 +177,7 @@ def info(
     volume = volume_in(source) if plain else None
     values = map_in(source) if plain and volume is None else None
     if contents is not None:
-        rows, data = _of_processed(source, contents, save_pictures)
+        rows, data = _of_processed(source, contents, save_pictures, layout["force"])
     elif focused is not None:
         rows, data = _of_focused(source, *focused)
     elif volume is not None:
@@ -206,7 +206,7 @@ def info(
 
 
 def _of_processed(
-    source: Path, contents: list[tuple[str, int]], folder: Path | None
+    source: Path, contents: list[tuple[str, int]], folder: Path | None, force: bool
 ) -> tuple[Rows, dict[str, Any]]:
     from clplen.io import save_lytro_pictures
 
@@ -214,7 +214,7 @@ def _of_processed(
     rows = [("File", f"{source}, {kind}")]
     rows += [("" if n else "Sections", f"{title}: {size:,} bytes") for n, (title, size) in
              enumerate(contents)]  # fmt: skip
-    saved = [] if folder is None else save_lytro_pictures(source, folder)
+    saved = [] if folder is None else save_lytro_pictures(source, folder, force=force)
     if saved:
         rows.append(("Saved", ", ".join(map(str, saved))))
     else:
