@@ -17,6 +17,7 @@ from clplen.cli.shared.console import (
     check_planes,
     check_suffix,
     note_end,
+    note_nearly_black,
     planes_of,
     read,
     share_at_ends,
@@ -109,6 +110,7 @@ def depth(
     """
     from clplen import plot
     from clplen.io import write_depth
+    from clplen.lightfield.model.light_field import LightField
 
     check_planes(disparities, alphas)
     lengths = metric.lengths_of(words)
@@ -134,6 +136,8 @@ def depth(
         return
     _check_names(source, words, (output, confidence), lengths, picture)
     with _opened(source, selector, words, memory) as (opened, device):
+        if isinstance(opened, LightField):
+            note_nearly_black(opened, aperture)
         lf = opened if aperture is None else _through(opened, aperture)
         if lengths is not None:
             metric.check_camera(lf, lengths)
