@@ -102,7 +102,7 @@ def even_of(samples: np.ndarray, device: Device) -> np.ndarray:
 
 @pytest.mark.parametrize("name", ["one view", "the middle", "rows by turns"])
 def test_exposures_of_views_are_evened(device: Device, name: str):
-    """As they are, 35 % of the pixels are bad where the middle is darker, 18 % with rows by turns."""
+    """As they are, 35 % of the pixels are bad with a dark middle, 18 % with rows by turns."""
     scene = next(hard_scenes.hard_scenes((60, 72), device=device, only="faint walls"))
     gains = exposures(name)
     uneven = scene.samples * gains[..., None, None]
