@@ -62,6 +62,31 @@ def test_a_failure_is_said_and_told_by_the_status(job: Path):
     assert "5 items: 4 done, 1 failed." in status.output
 
 
+def test_a_damaged_file_of_a_series_is_done_alone_when_it_is_whole(job: Path):
+    """The others are done the first time, in which one sentence names the damaged one."""
+    files = sorted((job.parent / "in").iterdir())
+    damaged, whole = files[1], files[1].read_bytes()
+    damaged.write_bytes(whole[: len(whole) // 2])
+    first = clplen("batch", job)
+    assert first.exit_code == 1
+    said = [line for line in first.output.splitlines() if "failed: " in line]
+    assert len(said) == 1
+    assert said[0].startswith(f"{damaged.stem} failed: ")
+    assert str(damaged) in said[0]
+    assert "Traceback" not in first.output
+    made = {path: path.stat().st_ino for path in (job.parent / "out").glob("*/*")}
+    assert {path.parent.name for path in made if path.suffix == ".tif"} == {
+        file.stem for file in files if file != damaged
+    }
+    damaged.write_bytes(whole)
+    again = clplen("batch", job)
+    assert again.exit_code == 0, again.output
+    assert {path: path.stat().st_ino for path in made} == made
+    new = set((job.parent / "out").glob("*/*")) - set(made)
+    assert {path.parent.name for path in new} == {damaged.stem}
+    assert any(path.suffix == ".tif" for path in new)
+
+
 @pytest.mark.parametrize(
     ("arguments", "said"),
     [

@@ -11,6 +11,8 @@ import pytest
 import tifffile
 from click.testing import CliRunner, Result
 
+import clplen
+from clplen.cameras import Plane, noise, rectangle
 from clplen.cameras.plenoptic_camera import PlenopticCamera
 from clplen.cli import main
 from clplen.compute.device import Device
@@ -211,3 +213,23 @@ def test_an_aperture_leaves_out_views(device: Device, tmp_path: Path, views: Pat
     wanted = depth_map(inner, disparities=planes, cue="energy").disparity
     np.testing.assert_array_equal(np.load(out), wanted)
     assert not np.array_equal(wanted, depth_map(lf, disparities=planes, cue="energy").disparity)
+
+
+def test_the_summary_says_how_much_lies_at_the_ends_of_the_planes(device: Device, tmp_path: Path):
+    """A strip at disparity 2.6, a fifth of the views, beyond the planes of the default."""
+    ground = Plane(-0.4, (0.0, 0.01), texture=noise(3))
+    near = Plane(2.6, texture=noise(4), outline=rectangle((0.0, 20.0), (40.0, 10.0)))
+    said = "of the pixels lie at the first or last plane: give a wider --disparities."
+    for surfaces, wide, share in (([ground, near], (), True), ([ground, near], (-1, 3), False),
+                                  ([ground], (), False)):  # fmt: skip
+        lf, truth = clplen.SurfaceScene(surfaces).light_field((5, 5), (64, 90), device=device)
+        write_lightfield(tmp_path / "a.h5", lf)
+        planes = ("--disparities", f"{wide[0]}:{wide[1]}:33") if wide else ()
+        text = done(run(device, tmp_path / "a.h5", "-o", tmp_path / "d.npy", *planes))
+        lines = [line for line in text.splitlines() if line.endswith(said)]
+        assert len(lines) == share, text
+        if share:
+            d = np.load(tmp_path / "d.npy")
+            ends = np.mean((d < -1.9375) | (d > 1.9375))
+            assert lines == [f"{100 * ends:.0f} % {said}"]
+            assert abs(ends - np.mean(truth.disparity > 2)) < 0.07

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 from pathlib import Path
 
 import imageio.v3 as imageio
@@ -79,6 +80,9 @@ def test_a_folder_that_is_read_right(tmp_path, device):
     assert found["Dark views"] == found["Constant views"] == "none"
     assert found["Spacing"] == "not known"
     assert found["View axes"].startswith("The view axes fit as they are read")
+    low, high = re.findall(r"[+-]\d\.\d\d", found["Disparities"])
+    assert found["Disparities"] == f"99 % of the pixels from {low} to {high}"
+    assert 0.8 < float(low) < 1 < float(high) < 1.2
     orders = found["Orders"].splitlines()
     assert len(orders) == 9
     assert sum(line.startswith("*") for line in orders) == 2
@@ -204,3 +208,42 @@ def test_what_is_wrong_is_one_sentence(tmp_path, device):
     result = run("info", folder, "--save-grid", tmp_path / "g.json", "--device", device.place)
     assert result.exit_code == 2
     assert "--save-grid is for raw images" in result.stderr
+
+
+def test_brightness_of_views(tmp_path, device):
+    """One line for views that differ, one for those that hold hardly any light."""
+    a = views((3, 5))
+    a[1, 1] = (0.7 * a[1, 1]).astype(np.uint8)
+    folder = folder_of(tmp_path / "views", a, "a_{v}_{u}.png")
+    found = table(run("info", folder, "--device", device.place))
+    means = a.mean(axis=(2, 3)) / np.median(a.mean(axis=(2, 3)))
+    low, high = means.min(), means.max()
+    assert abs(100 * (1 - low / high) - 30) < 6
+    assert found["Brightness"] == (
+        f"of views differs by {100 * (1 - low / high):.0f} %: their means are {low:.2f} to "
+        f"{high:.2f} of the median"
+    )
+    assert "Nearly black" not in found
+    a[0, 0] = a[2, 4] = 0
+    a[0, 0, 5, 5] = a[2, 4, ::9] = 9  # no views that are black throughout
+    found = table(run("info", folder_of(tmp_path / "dim", a, "a_{v}_{u}.png"), "--device",
+                      device.place))  # fmt: skip
+    assert found["Nearly black"].replace("\n", " ") == (
+        "2 of 15, below 2 % of the median: (0, 0), (2, 4); --aperture of depth, refocus and render "
+        "leaves them out"
+    )
+    assert found["Left out"].startswith("0 of 15")
+    for command in (["depth", "-o", tmp_path / "d.npy"], ["refocus", "-o", tmp_path / "r.png"]):
+        words = ["--disparity", 1] if command[0] == "refocus" else ["--disparities", "0:2:9"]
+        words = [command[0], tmp_path / "dim", *command[1:], *words, "--device", device.place]
+        result = run(*words)
+        assert result.exit_code == 0, result.output
+        said = (
+            "Note: 2 of 15 views are nearly black (below 2 % of the median brightness) and count "
+            "like the others: --aperture "
+        )
+        line = next(line for line in result.stderr.splitlines() if line.startswith(said))
+        across = line.removeprefix(said).removesuffix(" leaves them out.")
+        again = run(*words, "--aperture", across)
+        assert again.exit_code == 0, again.output
+        assert "nearly black" not in again.stderr

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import os
 from collections.abc import Callable
 from pathlib import Path
@@ -10,8 +11,19 @@ import numpy as np
 import pytest
 import tifffile
 from click.testing import CliRunner, Result
+from lytro_files import content, contents_of
 
-from clplen import LightField, focal_stack, io, plot, refocus
+from clplen import (
+    LightField,
+    MicrolensArray,
+    PlenopticCamera,
+    PointSources,
+    RawImage,
+    focal_stack,
+    io,
+    plot,
+    refocus,
+)
 from clplen.cli import main
 from clplen.compute.device import Device
 from clplen.demo import FILES
@@ -214,16 +226,89 @@ def test_commands_replace_their_own_files_only(
     assert is_ours(output)
 
 
-def test_the_picture_beside_a_depth_map(tmp_path: Path, lf: LightField, device: Device):
-    """-o flower.pfm writes flower.png too, which may be a photograph of the flower."""
-    io.write_lightfield(tmp_path / "light.h5", lf)
-    (tmp_path / "flower.png").write_text(NOTES)
-    words = ["depth", tmp_path / "light.h5", "-o", tmp_path / "flower.pfm", "--disparities"]
-    result = run(*words, "-1:1:3", "--device", device.place)
+# What depth writes beside the map: its option, and the name of the file.
+BESIDE = [
+    ("", "flower.png"),
+    ("--confidence", "sure.npy"),
+    ("--confidence", "sure.tif"),
+    ("--metric", "metres.pfm"),
+    ("--ply", "points.ply"),
+    ("--ply", "points.glb"),
+]
+
+
+@pytest.mark.parametrize("kind", ["views", "focused"])
+@pytest.mark.parametrize(("option", "name"), BESIDE)
+def test_depth_replaces_no_file_of_others_beside_the_map(
+    tmp_path: Path, lf: LightField, device: Device, monkeypatch, kind: str, option: str, name: str
+):
+    monkeypatch.chdir(tmp_path)
+    if kind == "views":
+        io.write_lightfield("in.h5", lf)
+        monkeypatch.setattr("clplen.io.read_lightfield", lambda *_, **__: pytest.fail("computed"))
+    else:
+        io.write_raw("in.h5", focused_raw(device))
+        monkeypatch.setattr("clplen.io.read_raw", lambda *_, **__: pytest.fail("computed"))
+    Path(name).write_text(NOTES)
+    lengths = ["--baseline-mm", 2, "--focal-length-mm", 50, "--pixel-um", 10]
+    words = ["depth", "in.h5", "-o", "flower.pfm", "--device", device.place]
+    words += [option, name] if option else []
+    words += lengths if option == "--metric" and kind == "views" else []
+    result = run(*words)
     assert result.exit_code == 1, result.output
-    assert "flower.png is there already" in result.output
-    assert (tmp_path / "flower.png").read_text() == NOTES
-    assert not (tmp_path / "flower.pfm").exists()
+    said = " ".join(result.output.split())
+    assert said == (
+        f"Error: {name} is there already, and clplen did not write it: name another output, or "
+        "--force replaces it."
+    )
+    assert sorted(os.listdir()) == sorted(["in.h5", name])
+    assert Path(name).read_text() == NOTES
+
+
+def focused_raw(device: Device) -> RawImage:
+    camera = PlenopticCamera.type2(
+        m=0.2,
+        focal_length=30e-3,
+        mla=MicrolensArray(150e-6, 10e-3, count=(3, 4), fill="full"),
+        wavelength=532e-9,
+        pixels_per_lenslet=6,
+        device=device,
+    )
+    return camera.expose(PointSources((0, 0, 1e-3)), model="rays")
+
+
+def test_saved_pictures_replace_no_files_of_others(tmp_path: Path):
+    """Pictures of the maker bear no mark: what is there must be the same, or clplen's map."""
+    pictures = [b"\xff\xd8\xff" + bytes([number] * 40) for number in range(2)]
+    depth = np.arange(12, dtype="<f4").tobytes()
+    sections = [content(data) for data in (*pictures, depth)]
+    names = [name.decode() for _, name, _ in sections]
+    images = [{"imageRef": name} for name in names[:2]]
+    maps = {"depthMap": {"imageRef": names[2], "width": 4, "height": 3}}
+    stack = {"type": "refocusStack", "vendorContent": {"imageArray": images, **maps}}
+    table = json.dumps({"picture": {"accelerationArray": [stack]}}).encode()
+    (tmp_path / "a-stk.lfp").write_bytes(contents_of([(b"M", content(table)[1], table), *sections]))
+    folder = tmp_path / "pictures"
+    words = ["info", tmp_path / "a-stk.lfp", "--save-pictures", folder]
+    for _ in range(2):
+        result = run(*words)
+        assert result.exit_code == 0, result.output
+    files = {path.name: path.read_bytes() for path in folder.iterdir()}
+    maps = [name for name in files if name.endswith(".pfm")]
+    assert len(files) == 3
+    assert len(maps) == 1
+    np.testing.assert_array_equal(io.read_pfm(folder / maps[0]).ravel(), np.arange(12))
+    for name in files:
+        for path in folder.iterdir():
+            path.unlink()
+        (folder / name).write_text(NOTES)
+        result = run(*words)
+        assert result.exit_code == 1, result.output
+        assert f"{name} is there already, and clplen did not write it" in result.output
+        assert "--force replaces it" in result.output
+        assert {path.name: path.read_text() for path in folder.iterdir()} == {name: NOTES}
+    assert run(*words, "--force").exit_code == 0
+    assert {path.name: path.read_bytes() for path in folder.iterdir()} == files
 
 
 @pytest.mark.parametrize("words", [["simulate", "camera.toml", "-o"], ["demo", "-o"]])

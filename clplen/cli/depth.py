@@ -17,8 +17,10 @@ from clplen.cli.shared.console import (
     check_planes,
     check_suffix,
     note_end,
+    note_nearly_black,
     planes_of,
     read,
+    share_at_ends,
     stored,
     tile_progress,
     tried_disparities,
@@ -43,6 +45,7 @@ Values = np.ndarray[Any, Any]
 
 _MAPS = (".pfm", ".tif", ".tiff", ".npy")
 _NOTHING = 1e-3  # confidence of a map that tells nothing, but for rounding
+_AT_ENDS = 0.01  # of the pixels: how many may lie at the first or last plane unsaid
 _SURE = 0.5  # confidence above which a pixel counts as sure
 
 
@@ -108,6 +111,7 @@ def depth(
     """
     from clplen import plot
     from clplen.io import write_depth
+    from clplen.lightfield.model.light_field import LightField
 
     check_planes(disparities, alphas)
     lengths = metric.lengths_of(words)
@@ -133,6 +137,8 @@ def depth(
         return
     _check_names(source, words, (output, confidence), lengths, picture)
     with _opened(source, selector, words, memory) as (opened, device):
+        if isinstance(opened, LightField):
+            note_nearly_black(opened, aperture)
         lf = opened if aperture is None else _through(opened, aperture)
         if lengths is not None:
             metric.check_camera(lf, lengths)
@@ -147,15 +153,18 @@ def depth(
         metric.write_map(confidence, found.confidence)
     plot.save(plot.depth(found, title=f"disparity of {source.name}"), picture)
     known = found.disparity[np.isfinite(found.disparity)]
-    note_end(
-        tried_disparities(lf, planes),
-        known,
-        "for more than half of the pixels the sharpest plane is",
-    )
+    tried = tried_disparities(lf, planes)
+    noted = note_end(tried, known, "for more than half of the pixels the sharpest plane is")
     sure = "" if confidence is None else f", {confidence} holds their confidence"
     shown = f"{picture} shows them" + (" with their confidence" if confidence is None else "")
     click.echo(f"{output} holds the disparities, {shown}{sure}{''.join(said.files)}.")
     click.echo(_summary(found))
+    share = share_at_ends(tried, known)
+    if share > _AT_ENDS and not noted:
+        click.echo(
+            f"{100 * share:.0f} % of the pixels lie at the first or last plane: give a wider "
+            "--disparities."
+        )
     if said.distances:
         click.echo(said.distances)
 

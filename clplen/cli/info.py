@@ -15,7 +15,7 @@ import numpy as np
 from clplen.cli.microscopy.microscope import described
 from clplen.cli.shared import options
 from clplen.cli.shared.console import capture_messages, check_outputs, read, to_option_names
-from clplen.lightfield.axis_check.lightfield_report import LightFieldReport
+from clplen.cli.shared.light_field_rows import Rows, of_orders, of_samples, typed
 
 if TYPE_CHECKING:
     from clplen.lightfield.model.light_field import LightField
@@ -100,11 +100,8 @@ def of_volume(
     return rows, data | about
 
 
-Rows = list[tuple[str, str]]
-
 _HDF5 = (".h5", ".hdf5")
 _COLUMNS = 100  # of text beside the labels
-_LISTED = 12  # views that a line lists
 _FOCUSED = "focused camera (plenoptic 2.0): see 'clplen render', 'stack' and 'depth'"
 _AXIS_WORDS = ("swap_uv", "flip_v", "flip_u")
 
@@ -177,7 +174,7 @@ def info(
     volume = volume_in(source) if plain else None
     values = map_in(source) if plain and volume is None else None
     if contents is not None:
-        rows, data = _of_processed(source, contents, save_pictures)
+        rows, data = _of_processed(source, contents, save_pictures, layout["force"])
     elif focused is not None:
         rows, data = _of_focused(source, *focused)
     elif volume is not None:
@@ -206,7 +203,7 @@ def info(
 
 
 def _of_processed(
-    source: Path, contents: list[tuple[str, int]], folder: Path | None
+    source: Path, contents: list[tuple[str, int]], folder: Path | None, force: bool
 ) -> tuple[Rows, dict[str, Any]]:
     from clplen.io import save_lytro_pictures
 
@@ -214,7 +211,7 @@ def _of_processed(
     rows = [("File", f"{source}, {kind}")]
     rows += [("" if n else "Sections", f"{title}: {size:,} bytes") for n, (title, size) in
              enumerate(contents)]  # fmt: skip
-    saved = [] if folder is None else save_lytro_pictures(source, folder)
+    saved = [] if folder is None else save_lytro_pictures(source, folder, force=force)
     if saved:
         rows.append(("Saved", ", ".join(map(str, saved))))
     else:
@@ -372,7 +369,7 @@ def _of_lightfield(
     data: dict[str, Any] = {"file": source, "kind": kind, "read": took}
     rows = [("File", f"{source}, {kind}"), ("Read", took)]
     rows += [("Also", text) for text in said[:-1]]
-    rows += _of_samples(report)
+    rows += of_samples(report)
     data |= asdict(report)
     lattice = _lattice(lf, source, layout)
     if save_grid is not None:
@@ -389,58 +386,12 @@ def _of_lightfield(
     read_with = tuple(word for word in _AXIS_WORDS if layout[word])
 
     def spelled(words: tuple[str, ...]) -> str:
-        return _typed(combine_layout_words(read_with, words)) or "no word on the axes"
+        return typed(combine_layout_words(read_with, words)) or "no word on the axes"
 
     data["sentence"] = report.sentence(spelled)
     for order, entry in zip(report.orders, data["orders"], strict=True):
-        entry["words"] = _typed(combine_layout_words(read_with, order.words)).split()
-    return rows + _of_orders(report, read_with, data["sentence"]), data
-
-
-def _of_samples(report: LightFieldReport) -> Rows:
-    V, U, ny, nx = report.shape[:4]
-    views, channels = V * U, report.shape[4:]
-    rows = [
-        ("Views", f"{V} x {U} (V x U) of {ny} x {nx} pixels, {(channels or (1,))[0]} channels"),
-        ("Samples", f"{report.dtype}, {report.low:g} to {report.high:g}"),
-    ]
-    for label, flat in (("Dark views", report.dark), ("Constant views", report.constant)):
-        listed = ", ".join(f"({v}, {u})" for v, u in flat[:_LISTED])
-        more = f" and {len(flat) - _LISTED} more" if len(flat) > _LISTED else ""
-        rows.append((label, f"{len(flat)} of {views}: {listed}{more}" if flat else "none"))
-    rows.append(("Left out", f"{report.left_out} of {views} views have weight 0"))
-    spacing = "not known"
-    if report.spacing is not None:
-        spacing = ", ".join(
-            f"{name} {1e6 * step:g} um"
-            for name, step in zip(("dv", "du", "dy", "dx"), report.spacing, strict=True)
-        )
-    rows.append(("Spacing", spacing))
-    if report.scattered:
-        rows.append(("Positions", "each view has its own"))
-    return rows
-
-
-def _of_orders(report: LightFieldReport, read_with: tuple[str, ...], sentence: str) -> Rows:
-    from clplen.lightfield.axis_check.lightfield_report import combine_layout_words
-
-    rows = []
-    if report.verdict in ("fits", "unclear"):
-        low, high = report.orders[0].span
-        rows.append(("Disparities", f"nine tenths of the detail from {low:+.2f} to {high:+.2f}"))
-    rows.append(("View axes", sentence))
-    if report.orders:
-        rows.append(("Orders", "  sharpness  disparity"))
-    for order in sorted(report.orders, key=lambda order: -order.sharpness):
-        words = _typed(combine_layout_words(read_with, order.words)) or "(no word on the axes)"
-        mark = "*" if order in report.best and report.verdict != "none" else " "
-        text = f"{mark} {order.sharpness:9.3f}  {order.disparity:+9.2f}  {words}"
-        rows.append(("", text + ("" if order.words else "  as read")))
-    return rows
-
-
-def _typed(words: tuple[str, ...]) -> str:
-    return " ".join("--" + word.replace("_", "-") for word in words)
+        entry["words"] = typed(combine_layout_words(read_with, order.words)).split()
+    return rows + of_orders(report, read_with, data["sentence"]), data
 
 
 def _lattice(lf: LightField, source: Path, layout: dict[str, Any]) -> Lattice | None:

@@ -13,6 +13,7 @@ from clplen.cli.shared.console import (
     check_planes,
     note,
     note_end,
+    note_nearly_black,
     planes_of,
     read,
     sharpest_of,
@@ -124,6 +125,7 @@ def refocus(
         raise click.UsageError("--aperture goes neither with --tilt nor with --upsample.")
     check_output(source, output, layout, PICTURES)
     lf = read(source, selector, layout)
+    note_nearly_black(lf, aperture)
     if depth_file is not None:
         if upsample != 1 or interpolation == "fourier":
             raise click.UsageError("--depth-map goes neither with --upsample nor with fourier.")

@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import logging
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -15,7 +16,7 @@ from reference_lattice import white
 
 from clplen.cli import main
 from clplen.compute.device import Device
-from clplen.errors import FormatError, ShapeError
+from clplen.errors import FormatError, SamplingWarning, ShapeError
 from clplen.io import read_lightfield
 from clplen.lightfield.calibration.lattice_fit import estimate_lattice
 from clplen.lightfield.calibration.raw_decoding import decode_raw
@@ -154,6 +155,41 @@ def test_pictures_that_do_not_belong(folder: Path, values: dict[str, np.ndarray]
     tifffile.imwrite(folder / "colour.tif", np.stack([values["raw"]] * 3, -1))
     with pytest.raises(FormatError, match="3 channels; a raw lenslet image has one"):
         read_lightfield(folder / "colour.tif", device=device, **words_of(folder, "white"))
+
+
+def test_pictures_that_stand_in_for_one_another(folder: Path, device: Device):
+    """A frame, its white image and its dark frame in every wrong place that brightness tells."""
+    def read(frame: str, white: str, black: str, **words: Any) -> Any:
+        given = {"white": folder / f"{white}.tif", "dark": folder / f"{black}.tif"}
+        return read_lightfield(folder / f"{frame}.tif", device=device, **given, **words)
+
+    read("raw", "white", "dark")
+    for swapped, said in {
+        ("dark", "white", "raw"): r"dark\.tif is darker than its dark frame .*raw\.tif: are they",
+        ("raw", "white", "raw"): r"dark frame .*raw\.tif is the same picture as .*raw\.tif",
+        ("raw", "dark", "white"): r"dark\.tif is no brighter than the dark frame .*white\.tif",
+    }.items():
+        with pytest.raises(FormatError, match=said) as error:
+            read(*swapped)
+        assert "\n" not in str(error.value)
+    with pytest.warns(SamplingWarning, match=r"white\.tif are the same picture"):
+        read("white", "white", "dark")
+    with pytest.warns(SamplingWarning, match="not to be trusted"):
+        assert read("dark", "white", "raw", force=True)
+
+
+def test_a_dim_frame_over_a_drifting_offset_is_read(tmp_path: Path, device: Device):
+    """Its mean lies below that of the dark frame; a few bright places tell that it is none."""
+    random = np.random.default_rng(6)
+    white = frames()["white"]
+    frame = 97 + 4 * random.standard_normal(SHAPE)
+    frame[40:70, 40:70] += 60
+    dark = 100 + 4 * random.standard_normal(SHAPE)
+    assert frame.mean() < 0.99 * dark.mean()
+    for name, values in {"white": white, "frame": frame, "dark": dark}.items():
+        tifffile.imwrite(tmp_path / f"{name}.tif", values.clip(0, 65535).round().astype(np.uint16))
+    words = {"white": tmp_path / "white.tif", "dark": tmp_path / "dark.tif"}
+    assert read_lightfield(tmp_path / "frame.tif", device=device, **words)
 
 
 @pytest.mark.parametrize("other", ["a hexagonal one", "another pitch", "moved"])

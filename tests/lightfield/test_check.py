@@ -207,3 +207,20 @@ def test_flower_by_the_guess(device, data_folder):
     report = check_light_field(columns_first)
     assert report.verdict == "wrong"
     assert "swap_uv=True (at -0.65)" in str(report)
+
+
+def test_nearly_black_views_and_the_brightness_of_the_others(device):
+    """Below 2 % of the median of the views that count; a black view and one without weight do
+    not."""
+    a = scene((5, 7))
+    gain = np.ones((5, 7))
+    gain[0, 0], gain[0, 6], gain[4, 6], gain[2, 2], gain[1, 1] = 0.015, 0, 0.025, 0.7, 0.001
+    weights = np.ones((5, 7))
+    weights[0, 6] = weights[1, 1] = 0
+    found = checked(device, a * gain[..., None, None].astype(np.float32), weights=weights)
+    assert found.nearly_black == ((0, 0),)
+    means = a.mean(axis=(2, 3), dtype=np.float64) * gain
+    median = np.median(means[weights > 0])
+    np.testing.assert_allclose(found.brightness, (means[4, 6] / median, means.max() / median), 1e-4)
+    assert not checked(device, a).nearly_black
+    assert np.isnan(checked(device, np.zeros((3, 3, 20, 20), np.uint8)).brightness).all()

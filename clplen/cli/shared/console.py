@@ -235,6 +235,37 @@ def note_end(disparities: Any, found: Any, what: str = "the sharpest plane is") 
     return True
 
 
+def note_nearly_black(lf: LightField, aperture: Any) -> None:
+    """Say that some of the views that an aperture takes hold hardly any light, if they do."""
+    from clplen.lightfield.axis_check.view_brightness import (
+        NEARLY_BLACK,
+        clear_aperture,
+        nearly_black_views,
+        relative_brightness,
+    )
+    from clplen.lightfield.model.apertures import aperture_weights
+
+    dim = nearly_black_views(lf, relative_brightness(lf))
+    dim &= aperture_weights(lf, aperture, None) > 0
+    if not dim.any():
+        return
+    across = clear_aperture(lf, dim)
+    note(
+        f"{dim.sum()} of {dim.size} views are nearly black (below {100 * NEARLY_BLACK:g} % of the "
+        "median brightness) and count like the others"
+        + (f": --aperture {across} leaves them out." if across else ".")
+    )
+
+
+def share_at_ends(disparities: Any, found: Any) -> float:
+    """Share of some disparities that are nearer to the first or last plane than to the others."""
+    planes = np.sort(np.asarray(disparities, np.float64))
+    if planes.size < 3 or not np.size(found):
+        return 0.0
+    low, high = planes[:2].mean(), planes[-2:].mean()
+    return float(np.mean((found < low) | (found > high)))
+
+
 def sharpest_of(stack: FocalStack, lf: LightField) -> int | str:
     """Which plane is the sharpest, or why none is: there is one view, or nothing to be sharp."""
     from clplen.lightfield.depth.depth_maps import sharpness_curve

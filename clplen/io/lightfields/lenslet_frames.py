@@ -12,7 +12,8 @@ from typing import Any, NoReturn
 import numpy as np
 
 from clplen.compute.device import Device
-from clplen.errors import FormatError
+from clplen.deprecation import warn_caller
+from clplen.errors import FormatError, SamplingWarning
 from clplen.files import PathLike, naming
 from clplen.io.formats.picture import linear
 from clplen.io.lightfields.layout import Kind, Layout
@@ -37,6 +38,8 @@ from clplen.lightfield.raw.lenslet_lattice import Lattice
 Frame = np.ndarray[Any, Any]
 
 _NEAR = 0.05  # of the pitch that a file tells, by which the lattice of a picture may differ
+_BRIGHT = 99  # per cent of the pixels that are darker
+_DARKER = 0.99  # of the dark frame's mean
 _APART = 0.15  # pitches rms, by which the lattices of grid= and white= may differ
 
 _ITSELF = "of the picture itself, without a white image"
@@ -141,11 +144,7 @@ def decode_frame(
     if white is None:
         white = _beside(layout.white, "white image", shape, path, layout)
     dark = _beside(layout.dark, "dark frame", shape, path, layout)
-    if white is not None and dark is not None and white.mean() <= dark.mean():
-        raise FormatError(
-            f"The white image {layout.white} is no brighter than the dark frame {layout.dark}: are "
-            "they exchanged?"
-        )
+    _check_roles(frame, white, dark, path, layout)
     layout = replace(layout, bayer=layout.bayer or capture.bayer)
     if dark is None:
         dark = capture.black
@@ -202,6 +201,38 @@ def _beside(
             f"another camera or another crop; give the {what} of this one."
         )
     return linear(picture) if layout.srgb else picture
+
+
+def _check_roles(
+    frame: Frame, white: Frame | None, dark: Frame | None, path: Path, layout: Layout
+) -> None:
+    """Refuse pictures that stand in for one another, where their brightness leaves no doubt.
+
+    A frame without any light, or of which a drifting offset left a little less than the dark frame,
+    is none of them: it must be darker in the mean by 1 % and in its brightest 1 % of pixels.
+    """
+    if white is not None and dark is not None and white.mean() <= dark.mean():
+        raise FormatError(
+            f"The white image {layout.white} is no brighter than the dark frame {layout.dark}: are "
+            "they exchanged?"
+        )
+    if dark is not None and not layout.force:
+        if np.array_equal(frame, dark):
+            raise FormatError(
+                f"The dark frame {layout.dark} is the same picture as {path}, so that nothing is "
+                "left: give a dark frame, taken without light."
+            )
+        bright = [np.percentile(picture, _BRIGHT) for picture in (frame, dark)]
+        if frame.mean() < _DARKER * dark.mean() and bright[0] < bright[1]:
+            raise FormatError(
+                f"{path} is darker than its dark frame {layout.dark}: are they exchanged?"
+            )
+    if white is not None and np.array_equal(frame, white):
+        warn_caller(
+            f"{path} and its white image {layout.white} are the same picture, so that the views "
+            "show nothing but 1: give the frame of a scene.",
+            SamplingWarning,
+        )
 
 
 def _lattice(

@@ -17,6 +17,9 @@ from clplen.errors import FormatError
 from clplen.files import PathLike, replacing
 from clplen.io.formats.pfm import write_pfm
 from clplen.io.raw.lytro_container import Section, open_sections
+from clplen.outputs import check_output
+
+Map = np.ndarray[Any, np.dtype[np.float32]]
 
 _JPEG = b"\xff\xd8\xff"
 _H264 = b"\0\0\0\1"
@@ -33,7 +36,7 @@ class _Part:
     described: dict[str, Any]
 
 
-def save_lytro_pictures(path: PathLike, folder: PathLike) -> list[Path]:
+def save_lytro_pictures(path: PathLike, folder: PathLike, *, force: bool = False) -> list[Path]:
     """Save what a processed Lytro container holds.
 
     JPEG pictures and H.264 films are saved as they are; maps of depth and confidence as PFM.
@@ -43,7 +46,9 @@ def save_lytro_pictures(path: PathLike, folder: PathLike) -> list[Path]:
     path : path-like
         A container, such as ``IMG_0001-stk.lfp``.
     folder : path-like
-        Made where it is missing; files of the same names are replaced.
+        Made where it is missing.
+    force : bool
+        Whether to replace files of the same names that hold something else.
 
     Returns
     -------
@@ -55,7 +60,8 @@ def save_lytro_pictures(path: PathLike, folder: PathLike) -> list[Path]:
     FormatError
         If the container is damaged, or holds nothing of the kind.
     OSError
-        If a file cannot be written.
+        If a file cannot be written, or one of its name is there that holds something else; then
+        none is written.
 
     Examples
     --------
@@ -63,33 +69,47 @@ def save_lytro_pictures(path: PathLike, folder: PathLike) -> list[Path]:
     [PosixPath('pictures/picture_00.jpg'), PosixPath('pictures/picture_01.jpg')]
     """
     path, folder = Path(path), Path(folder)
-    table, sections = open_sections(path)
-    saved: list[Path] = []
+    found = list(_contents(path, *open_sections(path)))
+    if not found:
+        raise FormatError(f"{path} holds neither pictures nor maps.")
+    for name, content in found:
+        _check_free(folder / name, content, force)
+    folder.mkdir(parents=True, exist_ok=True)
+    for name, content in found:
+        if isinstance(content, bytes):
+            with replacing(folder / name) as temporary:
+                temporary.write_bytes(content)
+        else:
+            write_pfm(folder / name, content)
+    return [folder / name for name, _ in found]
+
+
+def _contents(
+    path: Path, table: dict[str, Any], sections: list[Section]
+) -> Iterator[tuple[str, bytes | Map]]:
+    """Names of files with what they will hold."""
     counts: dict[str, int] = {}
     for part in _parts(table, sections):
         with path.open("rb") as file:
             file.seek(part.section.start)
             data = file.read(part.section.length)
         name, suffix, values = _recognised(part, data)
-        if not name:
-            continue
-        folder.mkdir(parents=True, exist_ok=True)
-        number = counts[name] = counts.get(name, -1) + 1
-        target = folder / f"{name}_{number:02d}{suffix}"
-        if values is not None:
-            write_pfm(target, values)
-        else:
-            with replacing(target) as temporary:
-                temporary.write_bytes(data)
-        saved.append(target)
-    if not saved:
-        raise FormatError(f"{path} holds neither pictures nor maps.")
-    return saved
+        if name:
+            number = counts[name] = counts.get(name, -1) + 1
+            yield f"{name}_{number:02d}{suffix}", data if values is None else values
+
+
+def _check_free(target: Path, content: bytes | Map, force: bool) -> None:
+    """Refuse to replace what is neither clplen's nor the same; pictures bear no mark."""
+    if not target.parent.is_dir():
+        return
+    same = isinstance(content, bytes) and target.is_file() and target.read_bytes() == content
+    check_output(target, force=force or (same and not target.is_symlink()))
 
 
 def _recognised(
     part: _Part, data: bytes
-) -> tuple[str, str, np.ndarray[Any, np.dtype[np.float32]] | None]:
+) -> tuple[str, str, Map | None]:
     """Name, suffix and, of a map, values of a section; no name for what is none of them."""
     if data.startswith(_JPEG):
         return "picture", ".jpg", None

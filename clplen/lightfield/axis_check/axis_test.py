@@ -173,8 +173,8 @@ class _Pictures:
         self._device, self._data, self._weights = lf.device, lf.device.upload(data), weights
         self._measure = LocalEnergy(_HIGH_PASS, data.shape[2:], device=lf.device)
         self._energy = lf.device.empty((_AT_ONCE, *data.shape[2:]), np.float32)
-        steps = max(max(weights.shape) - 1, 1) / 2
-        self._limit = min(FARTHEST, _SHARED * min(data.shape[2:]) / steps)
+        steps = _outermost(weights.shape)
+        self._limit = search_limit(weights.shape, data.shape[2:])
         border = math.ceil(self._limit * steps) + _BORDER
         self._inside = tuple(
             slice(edge, n - edge) for n in data.shape[2:] for edge in [min(border, n // 4)]
@@ -230,7 +230,7 @@ def _middle(lf: LightField) -> tuple[Any, Any, Real]:
     weights = np.array(lf.weights[v, u])
     views = [(i, k) for i in range(V)[v] for k in range(U)[u]]
     grey = [
-        _grey(lf.device.download(plane(lf.data, {0: i, 1: k}, (2, 3), lf.device))[y, x])
+        grey_picture(lf.device.download(plane(lf.data, {0: i, 1: k}, (2, 3), lf.device))[y, x])
         for i, k in views
     ]
     return np.array(grey).reshape(*weights.shape, *grey[0].shape), weights, places
@@ -241,7 +241,18 @@ def _odd(n: int) -> int:
     return min(n, _MOST_VIEWS - (n - _MOST_VIEWS) % 2)
 
 
-def _grey(picture: Any) -> Any:
+def search_limit(views: tuple[int, ...], size: tuple[int, ...]) -> float:
+    """Largest disparity that is tried; at most a third of a picture in the outermost view."""
+    return min(FARTHEST, _SHARED * min(size) / _outermost(views))
+
+
+def _outermost(views: tuple[int, ...]) -> float:
+    """View steps from the middle to the outermost view."""
+    return max(max(views) - 1, 1) / 2
+
+
+def grey_picture(picture: Any) -> Any:
+    """Luma of three colours, or the mean of other channels."""
     if picture.ndim == 2:
         return picture
     share = _LUMA if picture.shape[2] == 3 else np.full(picture.shape[2], 1 / picture.shape[2])

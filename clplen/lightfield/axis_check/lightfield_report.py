@@ -11,6 +11,8 @@ import numpy as np
 from clplen.compute.device import DeviceLike
 from clplen.lightfield.arrays.stored_samples import extremes
 from clplen.lightfield.axis_check.axis_test import FARTHEST, AxisTest, Order, axis_test
+from clplen.lightfield.axis_check.disparity_range import UNKNOWN, disparity_range
+from clplen.lightfield.axis_check.view_brightness import nearly_black_views, relative_brightness
 from clplen.lightfield.model.light_field import LightField
 from clplen.lightfield.model.stored_light_field import as_lightfield
 from clplen.lightfield.raw.raw_image import Spacing
@@ -56,6 +58,13 @@ class LightFieldReport(OneLine):
         others are; "unclear": as sharp as others; "none": there is no evidence.
     reason : {"", "one view", "no detail", "in focus", "not in focus"}
         Why there is no evidence.
+    disparities : tuple of float
+        (low, high) between which 99 % of the pixels lie, by area, in pixels a view step; nan where
+        the light field as read is not in focus, or where it is not known.
+    nearly_black : tuple
+        (v, u) of the views with a weight whose mean is below 2 % of the median of the views.
+    brightness : tuple of float
+        Mean of the darkest and of the brightest other view over that median; nan if all are black.
 
     Examples
     --------
@@ -80,6 +89,9 @@ class LightFieldReport(OneLine):
     factor: float
     verdict: str
     reason: str
+    disparities: tuple[float, float]
+    nearly_black: tuple[View, ...]
+    brightness: tuple[float, float]
 
     def __str__(self) -> str:
         return self.sentence()
@@ -147,6 +159,8 @@ def check_light_field(
     no chance: in all a quarter of one view's detail, or four standard errors over the blocks.
     Reversing both axes only mirrors the disparities, nearer for farther, which no sharpness shows.
 
+    The range of the disparities is that of a depth map of all of the views at reduced size.
+
     Parameters
     ----------
     lf : LightField
@@ -180,8 +194,12 @@ def check_light_field(
     low, high = extremes(lf.data, lf.device)
     dark = (low == 0) & (high == 0)
     views = lf.shape[0] * lf.shape[1]
+    brightness = relative_brightness(lf)
+    dim = nearly_black_views(lf, brightness)
+    even = brightness[(lf.weights > 0) & ~dim]
     test = axis_test(lf, farthest=farthest) if views > 1 else AxisTest((), 0, frozenset(), np.nan)
     verdict, reason = _verdict(test) if views > 1 else ("none", "one view")
+    in_focus = verdict in ("fits", "unclear") or reason == "in focus"
     return LightFieldReport(
         shape=lf.shape,
         dtype=str(lf.dtype),
@@ -197,6 +215,9 @@ def check_light_field(
         factor=test.factor,
         verdict=verdict,
         reason=reason,
+        disparities=disparity_range(lf, farthest=farthest) if in_focus else UNKNOWN,
+        nearly_black=_listed(dim),
+        brightness=(float(even.min()), float(even.max())) if even.size else (np.nan, np.nan),
     )
 
 

@@ -262,7 +262,7 @@ def _refined_match(
     sure = np.where(sure > _ROUNDING, sure, 0)
     confidence = match.margin * sure / (sure + 1 / _SURE**2)
     lost = (match.least > _LOST * thresholds(channels)[0]) & (confidence < _SHALLOW)
-    return PartialDepth(refined, confidence, lost)
+    return PartialDepth(refined, confidence.astype(np.float32), lost)
 
 
 def merge_confidence(confidence: Map, lost: Mask) -> Map:

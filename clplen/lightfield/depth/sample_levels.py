@@ -19,6 +19,9 @@ _LEVELS = 255.0  # between the darkest and the brightest of the centre view
 _OUTLIERS = 0.2  # per cent of its samples left out at either end
 _EVEN = 4.0  # times brighter or darker: views that differ more are left as they are
 _RADII = 2  # at which there are views, for a fall of brightness
+_EXPOSED = 0.1  # of its brightness: views that stand out by more were exposed otherwise
+_SPARE = 2  # views a parameter that a fit over the aperture takes at least
+_ROUNDS = 20  # of a fit by least absolute values
 _VIGNETTED = 0.02  # fall of brightness from the middle to the rim that is evened
 
 
@@ -31,7 +34,7 @@ class SampleLevels:
     gain : float
         Levels a unit of the samples.
     even : numpy.ndarray
-        float64, shape (K,): what undoes the vignetting of each view that is compared.
+        float64, shape (K,): what undoes vignetting and exposure of each view that is compared.
     """
 
     gain: float
@@ -59,7 +62,9 @@ class LevelSurvey:
     def finish(self) -> SampleLevels:
         """Gain and evenness, when all rows were added."""
         means = self._sums.sum(axis=1, dtype=np.float64) / self._centre.size
-        gains = _vignetting_gains(means[self._views.view], self._views)
+        means = means[self._views.view]
+        gains = _vignetting_gains(means, self._views)
+        gains *= _exposure_gains(means * gains, self._views)
         low, high = _range(self._centre)
         if has_sparse_light(self._centre):
             high = float(self._centre.max())
@@ -103,3 +108,32 @@ def _vignetting_gains(means: Vector, views: ViewGroups) -> Vector:
     if is_clear:
         even[like] = 1 / np.maximum(1 + b * square[like], 1 / _EVEN)
     return even
+
+
+def _exposure_gains(means: Vector, views: ViewGroups) -> Vector:
+    """What undoes exposures that jump from view to view: single views, or rows by turns.
+
+    The logarithm of the brightness is fitted by a plane and a fall, 1, v, u and r^2, with the least
+    absolute residuals: content that moves across the edges of the views changes their means that
+    smoothly. If a residual is above 10 %, all are undone, with the middle left as it is. Views that
+    are far darker or brighter than the median are left alone.
+    """
+    even = np.ones_like(means)
+    middle = np.median(means)
+    like = (means > middle / _EVEN) & (means < middle * _EVEN)
+    step = views.step[like]
+    basis = np.stack([np.ones(len(step)), *step.T, (step**2).sum(axis=1)], axis=-1)
+    rank = np.linalg.matrix_rank(basis) if len(step) else 0
+    if middle <= 0 or not like[views.reference].all() or len(step) <= _SPARE * rank:
+        return even
+    logarithm = np.log(means[like])
+    left = logarithm - np.median(logarithm)
+    for _ in range(_ROUNDS):
+        weight = 1 / np.sqrt(np.maximum(np.abs(left), 1e-3))
+        fit = np.linalg.lstsq(basis * weight[:, None], logarithm * weight, rcond=None)[0]
+        left = logarithm - basis @ fit
+    if np.abs(left).max() < _EXPOSED:
+        return even
+    even[like] = np.exp(-left)
+    target, evened = ((means * gain)[views.reference] @ views.share for gain in (1, even))
+    return even * target / evened
