@@ -223,9 +223,9 @@ def match_costs(
     """
     device = lf.device
     ny, nx, channels = (*lf.shape[2:], 1)[:3]
-    out = device.empty((tables.count, ny, nx), np.float32)
-    if (spans != (0, tables.count - 1)).any():
-        out.fill(np.float32(thresholds(channels)[0]), queue=device.queue)
+    everywhere = bool((spans == (0, tables.count - 1)).all())
+    make = device.empty if everywhere else device.zeros
+    out = make((tables.count, ny, nx), np.float32)
     if in_vectors(lf):
         kernel = depth_kernel(lf, "match_rows")
         size = (tables.count, ny, -(-nx // (VECTOR * _VECTORS)))
