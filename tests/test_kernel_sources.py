@@ -288,6 +288,7 @@ def captured(device: Device) -> None:
     lattice = Lattice("square", (14.3, 15.1), (6.2, 0.1), (-0.1, 6.1))
     for bayer in (None, "GRBG"):
         decode_raw(frame, lattice, device=device, white=frame + 1, bayer=bayer)
+        decode_raw(frame, lattice, device=device, white=frame + 1, bayer=bayer, demosaic="after")
 
 
 def focused(device: Device) -> None:

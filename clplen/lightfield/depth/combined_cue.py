@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 import pyopencl.array as cla
+from scipy.ndimage import maximum_filter
 
 from clplen.lightfield.arrays.smoothing import Smoother, gaussian_taps
 from clplen.lightfield.depth.cue import (
@@ -166,7 +167,10 @@ def match_views(
     if sparse[inside].any():
         of_points, clear = point_disparity(lf, planes)
         disparity = np.where(sparse, of_points, disparity)
-        confidence = np.where(sparse, clear * lit_pixels(centre), confidence)
+        # over the black beside a point its detail spreads
+        beside = maximum_filter(sparse, 2 * DETAIL_REACH + 1)
+        lit = np.where(beside, lit_pixels(centre), 1)
+        confidence = np.where(sparse, clear, confidence) * lit
         lost = lost & ~sparse
     disparity = np.clip(disparity, planes[0], planes[-1]).astype(np.float32)
     return PartialDepth(disparity, confidence.astype(np.float32), lost)
