@@ -65,6 +65,8 @@ SCENES: dict[str, Surfaces] = {
     ],
 }  # fmt: skip
 
+QUICK = ("wide", "narrow, far", "detail in front only")
+
 
 def light_field(surfaces: list[Any], views: tuple[int, int], size: tuple[int, int], device: Device):
     """With noise of half a per cent, and the truth."""
@@ -75,7 +77,13 @@ def light_field(surfaces: list[Any], views: tuple[int, int], size: tuple[int, in
     return lf, np.asarray(truth.disparity)
 
 
-@pytest.mark.parametrize("name", [name for name in SCENES if name != "sphere"])
+@pytest.mark.parametrize(
+    "name",
+    [
+        name if name in QUICK else pytest.param(name, marks=pytest.mark.nightly)  # seconds each
+        for name in SCENES
+    ],
+)
 def test_the_range_holds_the_scene_by_area(device: Device, name: str):
     """Not by detail; scenes wide and narrow, of both signs; the truth reaches beyond +-2, too."""
     lf, truth = light_field(SCENES[name](80.0), (7, 5), (131, 160), device)
