@@ -1,0 +1,115 @@
+"""Linear maps between arrays of a device: what adjoints, solvers and engines of gradients share."""
+
+from __future__ import annotations
+
+import math
+from typing import TYPE_CHECKING, Any, Protocol
+
+import numpy as np
+import pyopencl.array as cla
+
+from clplen.errors import ShapeError
+from clplen.types import Array
+
+if TYPE_CHECKING:
+    from scipy.sparse.linalg import LinearOperator
+
+
+class MapDevice(Protocol):
+    """What a linear map needs of its device to take arrays of the host."""
+
+    def upload(self, values: Array) -> cla.Array: ...
+
+    def download(self, array: cla.Array) -> Array: ...
+
+
+class LinearMap(Protocol):
+    """A linear map A and its adjoint A', <A x, y> = <x, A' y> with <a, b> = sum conj(a) b.
+
+    Of real arrays the adjoint is the transpose. Both directions take and return arrays of the
+    device, C-contiguous, of `dtype`, with any number of leading axes, each index of which is
+    mapped by itself; neither changes its argument.
+
+    Attributes
+    ----------
+    device : Device
+    in_shape, out_shape : tuple of int
+        Without leading axes.
+    dtype : numpy.dtype
+        Of both sides.
+    """
+
+    @property
+    def device(self) -> Any: ...
+
+    @property
+    def in_shape(self) -> tuple[int, ...]: ...
+
+    @property
+    def out_shape(self) -> tuple[int, ...]: ...
+
+    @property
+    def dtype(self) -> np.dtype[Any]: ...
+
+    def forward_data(self, data: cla.Array) -> cla.Array:
+        """A x, shape (..., *out_shape) of (..., *in_shape)."""
+
+    def adjoint_data(self, data: cla.Array) -> cla.Array:
+        """A' y, shape (..., *in_shape) of (..., *out_shape)."""
+
+
+def linear_operator(linear: LinearMap) -> LinearOperator:
+    """A linear map for solvers of SciPy, whose vectors are raveled arrays without leading axes.
+
+    Parameters
+    ----------
+    linear : LinearMap
+
+    Returns
+    -------
+    scipy.sparse.linalg.LinearOperator
+        Shape (outputs, inputs), of the map's dtype.
+    """
+    from scipy.sparse.linalg import LinearOperator
+
+    def forward(x: Array) -> Array:
+        return mapped(linear, np.reshape(x, linear.in_shape)).ravel()
+
+    def adjoint(y: Array) -> Array:
+        return mapped(linear, np.reshape(y, linear.out_shape), adjoint=True).ravel()
+
+    shape = (math.prod(linear.out_shape), math.prod(linear.in_shape))
+    return LinearOperator(shape, matvec=forward, rmatvec=adjoint, dtype=linear.dtype)
+
+
+def mapped(linear: LinearMap, values: Any, *, adjoint: bool = False) -> Array:
+    """An array of the host through a map, or through its adjoint, on the host again.
+
+    Parameters
+    ----------
+    linear : LinearMap
+    values : array_like
+        Shape (..., *in_shape), of the adjoint (..., *out_shape).
+    adjoint : bool
+
+    Returns
+    -------
+    numpy.ndarray
+        Of the map's dtype.
+
+    Raises
+    ------
+    ShapeError
+        If the values have another shape.
+    """
+    array = np.asarray(values)
+    wanted = linear.out_shape if adjoint else linear.in_shape
+    if array.shape[array.ndim - len(wanted) :] != tuple(wanted):
+        raise ShapeError(
+            f"{'The adjoint of this map' if adjoint else 'This map'} takes arrays of shape "
+            f"(..., {', '.join(map(str, wanted))}), not {array.shape}."
+        )
+    data = linear.device.upload(np.ascontiguousarray(array, linear.dtype))
+    return np.asarray(
+        linear.device.download((linear.adjoint_data if adjoint else linear.forward_data)(data))
+    )
