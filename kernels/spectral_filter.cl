@@ -3,9 +3,15 @@
  *   u[b, ky, kx] *= H[min(ky, Ly - ky), min(kx, Lx - kx)]
  *
  * Mapping: FOR_X of common.cl over the spectrum, FFT order. -DROWS, -DDOUBLE: see common.cl;
- * -DLANES: sixteen samples at a time (with -DROWS, in float32).
+ * -DLANES: sixteen samples at a time (with -DROWS, in float32); -DCONJUGATE: times conj(H).
  */
 #include "common.cl"
+
+#ifdef CONJUGATE
+#define FACTOR(H) ((cplx)((H).x, -(H).y))
+#else
+#define FACTOR(H) (H)
+#endif
 #ifdef LANES
 #include "lanes_complex.cl"
 
@@ -18,6 +24,9 @@ inline void lanes(__global float *u, __global const float *H, const int mirror)
         re = re.sfedcba9876543210;
         im = im.sfedcba9876543210;
     }
+#ifdef CONJUGATE
+    im = -im;
+#endif
     times16(u, u, re, im);
 }
 #endif
@@ -35,12 +44,12 @@ __kernel void filter_spectrum(__global cplx *restrict u, __global const cplx *re
         const int from = mirror ? nx - x - 15 : x;
         if (x <= nx / 2 && x + 15 > nx / 2)
             for (int k = x; k < x + 16; ++k)
-                u[row + k] = cmul(u[row + k], H[quadrant + min(k, nx - k)]);
+                u[row + k] = cmul(u[row + k], FACTOR(H[quadrant + min(k, nx - k)]));
         else
             lanes((__global float *)(u + row + x), (__global const float *)(H + quadrant + from),
                   mirror);
     }
 #endif
     FROM_X(x, nx)
-        u[row + x] = cmul(u[row + x], H[quadrant + min(x, nx - x)]);
+        u[row + x] = cmul(u[row + x], FACTOR(H[quadrant + min(x, nx - x)]));
 }

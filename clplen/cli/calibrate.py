@@ -47,9 +47,7 @@ class Board(click.ParamType):
 @click.argument(
     "sources", metavar="INPUT...", nargs=-1, required=True, type=click.Path(path_type=Path)
 )
-@click.option(
-    "-o", "--output", required=True, metavar="OUT.json", type=click.Path(path_type=Path)
-)
+@click.option("-o", "--output", required=True, metavar="OUT.json", type=click.Path(path_type=Path))
 @click.option(
     "--board",
     required=True,
@@ -129,9 +127,7 @@ def summary(found: Intrinsics, names: list[str]) -> list[str]:
     f_y, f_x = found.focal
     D = np.zeros((5, 5)) if found.deviations is None else found.deviations
     V, U, ny, nx = found.shape
-    wide = [
-        2 * np.degrees(np.arctan(n * pitch / 2)) for n, pitch in ((nx, H[2, 2]), (ny, H[3, 3]))
-    ]
+    wide = [2 * np.degrees(np.arctan(n * pitch / 2)) for n, pitch in ((nx, H[2, 2]), (ny, H[3, 3]))]
     inverse = 1 / found.focus
     far = f"{found.focus:.4g} m" if inverse else "infinity"
     lines = [

@@ -182,9 +182,7 @@ def _opened(
             yield opened
 
 
-def _through(
-    lf: LightField | StoredLightField, aperture: Any
-) -> LightField | StoredLightField:
+def _through(lf: LightField | StoredLightField, aperture: Any) -> LightField | StoredLightField:
     """The light field with the views of an aperture alone."""
     from clplen.lightfield.model.rendering import view_weights
 

@@ -166,9 +166,7 @@ def render(
     click.echo(f"{output}: {said}.")
 
 
-def _check_output(
-    source: Path, output: Path, layout: dict[str, Any], sweep: str | None
-) -> None:
+def _check_output(source: Path, output: Path, layout: dict[str, Any], sweep: str | None) -> None:
     if sweep:
         check_film(source, output, layout)
     else:

@@ -16,8 +16,9 @@ from clplen.plot.base import Array
 from clplen.reprs import OneLine
 from clplen.units import metres
 from clplen.wave.elements.lenslets import MicrolensArray
-from clplen.wave.systems.components import Lens, Part, Space, Stop, label_of, length_of
+from clplen.wave.systems.components import Lens, Part, Stop, label_of, length_of
 from clplen.wave.systems.optical_system import OpticalSystem
+from clplen.wave.systems.space import Space
 
 _FILL = 0.7  # of the largest opening that objects and images may fill
 _FEW, _MANY = 9, 21  # rays between the marginal ones of a bundle that meets lenslets

@@ -27,8 +27,9 @@ from clplen.plot.rays import (
     spans,
 )
 from clplen.wave.elements.lenslets import MicrolensArray
-from clplen.wave.systems.components import ConvergingLight, Lens, Part, Space, Stop, length_of
+from clplen.wave.systems.components import ConvergingLight, Lens, Part, Stop, length_of
 from clplen.wave.systems.optical_system import OpticalSystem
+from clplen.wave.systems.space import Space
 
 _AXIAL, _OBLIQUE, _GLASS, _RIM, _LIGHT = "#0072b2", "#cc3311", "#d7e8f4", "#33536b", "#e69f00"
 _WIDTH, _LEFT, _RIGHT, _HEIGHT = 7.8, 0.68, 0.22, 2.7  # inches: figure, margins, drawing

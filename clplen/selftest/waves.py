@@ -11,6 +11,7 @@ from clplen.compute.device import Device
 from clplen.compute.fft.blocks import Spectrum, multiplied, window
 from clplen.selftest import twins
 from clplen.selftest.check import EPS, Check, Pairs
+from clplen.wave.field.adjoints import conjugate, inner_product, intensity_gradient
 from clplen.wave.field.field import Field, Grid, row_powers
 from clplen.wave.field.intensity import Statistics, Window, accumulate, add_scaled
 from clplen.wave.field.transmission import multiply, multiply_separable, multiply_sphere
@@ -54,8 +55,9 @@ def _filter(device: Device) -> Pairs:
     y, x = np.arange(ny), np.arange(nx)
     whole = H[np.minimum(y, ny - y)[:, None], np.minimum(x, nx - x)]
     spectrum = Spectrum(device.upload(H), (ny, nx))
-    got = multiplied(device.upload(u), spectrum, device, copy=False)
-    yield u.astype(np.complex128) * whole, device.download(got)
+    for one, factors in ((spectrum, whole), (spectrum.conjugate(), whole.conj())):
+        got = multiplied(device.upload(u), one, device, copy=False)
+        yield u.astype(np.complex128) * factors, device.download(got)
 
 
 def _intensity(device: Device) -> Pairs:
@@ -101,6 +103,26 @@ def _transfer_of(z: float, highest: float, phase: str) -> Callable[[Device], Pai
         yield wy[:, None] * wx * H, device.download(factor.on_device(device, phase).values)
 
     return pairs
+
+
+def _slope(device: Device) -> Pairs:
+    """Derivative of the transfer function by z, propagating and evanescent."""
+    fy, fx = (np.linspace(0, 1.2 / LAM, n) for n in (9, 37))
+    ones, z, k = (np.ones(9), np.ones(37)), 1e-7, 2 * np.pi / LAM
+    factor = Transfer((17, 73), (fy, fx), ones, z, LAM, is_slope=True)
+    root = np.sqrt(1 - LAM**2 * (fy[:, None] ** 2 + fx**2) + 0j)
+    slope = 1j * k * (root - 1) * np.exp(1j * k * z * (root - 1))
+    yield slope / k, device.download(factor.on_device(device, "tables").values) / k
+
+
+def _adjoint(device: Device) -> Pairs:
+    u, field = _field(device)
+    w = np.abs(twins.waves(8, 2, *GRID.shape)).astype(np.float32)
+    yield u.conj(), conjugate(field).to_numpy()
+    yield 2 * w * u, intensity_gradient(field, w).to_numpy()
+    _, other = _field(device, count=2)
+    other = intensity_gradient(other, w)
+    yield (np.vdot(u, 2 * w * u),), np.array([inner_product(field, other)])
 
 
 def _impulse_response(device: Device) -> Pairs:
@@ -164,6 +186,10 @@ CHECKS = (
           _transfer_of(2.0, 0.3, "twofloat"), 1e-5, ("twofloat.cl",)),
     Check("transfer, near", "the same over 0.3 um, evanescent waves",
           _transfer_of(3e-7, 1.6, "twofloat"), 1e-5, ("transfer.cl",)),
+    Check("transfer, slope", "derivative of the transfer function by the distance",
+          _slope, 1e-5, ("transfer_slope.cl",)),
+    Check("adjoint", "conjugates, inner products, gradients of intensities", _adjoint, 16 * EPS,
+          ("adjoint.cl",)),
     Check("sommerfeld", "impulse response of free space", _impulse_response, 1e-5,
           ("sommerfeld.cl",)),
     Check("sphere", "light from a point", _sphere, 1e-5, ("sphere.cl",)),

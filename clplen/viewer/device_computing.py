@@ -215,9 +215,7 @@ def _state(asked: Any, shape: tuple[int, ...]) -> dict[str, Any]:
     }
 
 
-def _region(
-    asked: Any, shape: tuple[int, ...]
-) -> tuple[tuple[int, int], tuple[int, int]]:
+def _region(asked: Any, shape: tuple[int, ...]) -> tuple[tuple[int, int], tuple[int, int]]:
     """Rows and columns of the whole light field."""
     if asked is None:
         return (0, shape[2]), (0, shape[3])

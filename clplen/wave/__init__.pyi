@@ -39,13 +39,14 @@ from .elements.zernike import osa as osa
 from .elements.zernike import phase_plate as phase_plate
 from .elements.zernike import wavefront as wavefront
 from .elements.zernike import zernike as zernike
+from .field.adjoints import intensity_gradient as intensity_gradient
 from .field.field import Field as Field
 from .field.field import Grid as Grid
 from .field.intensity import MeanIntensity as MeanIntensity
+from .propagation.energy_budget import Energy as Energy
 from .propagation.free_space import propagate as propagate
 from .propagation.free_space import propagate_wavelengths as propagate_wavelengths
 from .propagation.plan_report import PlanReport as PlanReport
-from .propagation.propagator import Energy as Energy
 from .propagation.propagator import Propagator as Propagator
 from .spectrum.lineshapes import SpectralSamples as SpectralSamples
 from .spectrum.spectral_distribution import SpectralDistribution as SpectralDistribution
@@ -54,7 +55,6 @@ from .systems.components import ConvergingLight as ConvergingLight
 from .systems.components import Element as Element
 from .systems.components import Lens as Lens
 from .systems.components import Part as Part
-from .systems.components import Space as Space
 from .systems.components import Stop as Stop
 from .systems.components import label_of as label_of
 from .systems.components import text_of as text_of
@@ -64,3 +64,7 @@ from .systems.pupil_filter import Pupil as Pupil
 from .systems.pupil_filter import coherent_edge as coherent_edge
 from .systems.pupil_filter import incoherent_edge as incoherent_edge
 from .systems.pupil_filter import otf as otf
+from .systems.space import Space as Space
+from .systems.system_operator import SystemGradient as SystemGradient
+from .systems.system_operator import SystemOperator as SystemOperator
+from .systems.system_operator import SystemPullback as SystemPullback

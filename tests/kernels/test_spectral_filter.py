@@ -11,7 +11,8 @@ from clplen.compute.fft.blocks import lanes_defines
 @pytest.mark.parametrize(
     "shape", [(5, 7), (8, 6), (1, 9), (6, 1), (7, 67), (4, 64), (2, 65), (3, 79)]
 )
-def test_mirrors_the_quadrant(wave, shape):
+@pytest.mark.parametrize("conjugate", [False, True])
+def test_mirrors_the_quadrant(wave, shape, conjugate):
     rng = np.random.default_rng(3)
     u = rng.normal(size=(2, *shape)) + 1j * rng.normal(size=(2, *shape))
     quarter = tuple(n // 2 + 1 for n in shape)
@@ -23,7 +24,8 @@ def test_mirrors_the_quadrant(wave, shape):
         ]
     )
     data = wave.upload(u.astype(wave.complex))
-    kernel = wave.kernel("spectral_filter.cl", "filter_spectrum", **lanes_defines(wave))
+    form = {"CONJUGATE": True} if conjugate else {}
+    kernel = wave.kernel("spectral_filter.cl", "filter_spectrum", **lanes_defines(wave), **form)
     wave.launch_rows(
         kernel,
         data.shape,
@@ -32,4 +34,5 @@ def test_mirrors_the_quadrant(wave, shape):
         np.int32(shape[0]),
         np.int32(shape[1]),
     )
+    full = full.conj() if conjugate else full
     assert relative_max(u * full, wave.download(data)) <= 8 * np.finfo(wave.real).eps

@@ -23,6 +23,7 @@ KERNELS = sorted(file.name for file in FOLDER.glob("*.cl"))
 # A sign, an axis, a tap or a factor of each file: what stands there, and what is put in its place.
 FAULTS = {
     "abbe.cl": ("const int x = i + first[b].y;", "const int x = i + first[b].x;"),
+    "adjoint.cl": ("2 * w[row + x] * u[row + x]", "w[row + x] * u[row + x]"),
     "allinfocus.cl": ("(1.0f - t) * first + t * next", "t * first + (1.0f - t) * next"),
     "along_rays.cl": ("w[0] = 1.0f - t;", "w[0] = 1.0f + t;"),
     "aperture.cl": ("-ys[y], R, hx", "-ys[y] + hy, R, hx"),
@@ -101,6 +102,7 @@ FAULTS = {
     "surfaces.cl": ("s[GY] * ray.y + s[GX] * ray.x", "s[GX] * ray.y + s[GY] * ray.x"),
     "tensor.cl": ("b.smooth - a.smooth", "a.smooth - b.smooth"),
     "total_variation.cl": ("* own - other", "* own + other"),
+    "transfer_slope.cl": ("-k * turns", "k * turns"),
     "transfer.cl": ("tr * ci + ti * cr", "tr * ci - ti * cr"),
     "twofloat.cl": ("return -t;", "return t;"),
     "upright.cl": ("+ wd * d[x]", ""),

@@ -8,9 +8,10 @@ from tolerance import fft_tolerance, relative_max
 
 from clplen import Field, Grid
 from clplen.wave.coherence.abbe import incoherent_image
-from clplen.wave.systems.components import Lens, Space
+from clplen.wave.systems.components import Lens
 from clplen.wave.systems.optical_system import OpticalSystem
 from clplen.wave.systems.pupil_filter import Pupil, coherent_edge, incoherent_edge, otf, transfer_of
+from clplen.wave.systems.space import Space
 
 LAM = 550e-9
 SHAPES = [(15, 22), (23, 31), (1, 17), (19, 1), (16, 16)]

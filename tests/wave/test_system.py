@@ -22,8 +22,9 @@ from clplen import (
     propagate,
     thin_lens,
 )
-from clplen.wave.systems.components import ConvergingLight, Element, Lens, Space, Stop
+from clplen.wave.systems.components import ConvergingLight, Element, Lens, Stop
 from clplen.wave.systems.optical_system import OpticalSystem, imaging_system
+from clplen.wave.systems.space import Space
 
 LAM = 550e-9
 GRID = Grid((53, 46), (4e-6, 5e-6), origin=(2e-6, -3e-6))

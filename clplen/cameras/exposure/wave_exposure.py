@@ -159,9 +159,7 @@ def expose_waves(
     light.check(len(slides))
     # sources whose light is shared by wavelength, whatever pixel it falls on, and the others
     plain = [s for s in emitters if filters_of(optics) is None and not has_spectrum(s)]
-    spectral = [
-        (s, spectral_lines(optics, s, light.coherence)) for s in emitters if s not in plain
-    ]
+    spectral = [(s, spectral_lines(optics, s, light.coherence)) for s in emitters if s not in plain]
     lines = light.lines(optics.wavelength) if plain or slides else []
     colours = [replace(optics, wavelength=wavelength) for wavelength, _ in lines]
     if slides and optics.pixels is not None:

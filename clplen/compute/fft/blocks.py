@@ -81,6 +81,8 @@ class Spectrum:
         self.shape = shape
         self.is_quadrant = tuple(values.shape) != (shape[::-1] if turned else shape)
         self.values, self.turned, self.lit = values, turned, lit
+        self.is_conjugated = False
+        self._owner = self
         self._copy: Array | None = None
         self._lock = Guard()
 
@@ -93,17 +95,31 @@ class Spectrum:
         turned = values.T.astype(device.complex, order="C")
         return cls(device.upload(turned), shape, turned=True, lit=turned.any(axis=1))
 
+    def conjugate(self) -> Spectrum:
+        """The conjugate factors, which share this spectrum's memory."""
+        twin = Spectrum(self.values, self.shape, turned=self.turned, lit=self.lit)
+        twin.is_conjugated, twin._owner = not self.is_conjugated, self._owner
+        return twin
+
     @contextmanager
     def on_host(self, device: FieldDevice) -> Iterator[Factors]:
         """The same on the host: a CPU device's own memory, else a copy made once."""
         if device.is_cpu:
             with device.on_host(self.values, write=False) as values:
-                yield Factors(values if self.turned else values.T, self.shape, self.lit)
+                yield self._factors(values)
             return
+        yield self._factors(self._owner.host_copy(device))
+
+    def host_copy(self, device: FieldDevice) -> Array:
+        """The values of a device that is no CPU, copied once."""
         with self._lock:
             if self._copy is None:
                 self._copy = device.download(self.values)
-        yield Factors(self._copy if self.turned else self._copy.T, self.shape, self.lit)
+            return self._copy
+
+    def _factors(self, values: Array) -> Factors:
+        turned = values if self.turned else values.T
+        return Factors(turned, self.shape, self.lit, self.is_conjugated)
 
 
 def run(
@@ -222,11 +238,13 @@ def multiplied(
     """Spectra (..., my, mx) times their factors; in place unless ``copy``."""
     out = window(work, work.shape, device) if copy else work
     ny, nx = (np.int32(n) for n in spectrum.shape)
+    form = {"CONJUGATE": True} if spectrum.is_conjugated else {}
     if spectrum.is_quadrant:
-        kernel = device.kernel("spectral_filter.cl", "filter_spectrum", **lanes_defines(device))
+        defines = lanes_defines(device) | form
+        kernel = device.kernel("spectral_filter.cl", "filter_spectrum", **defines)
         device.launch_rows(kernel, out.shape, out, spectrum.values, ny, nx)
     else:
-        kernel = device.kernel("multiply.cl", "multiply", **device.wave_defines())
+        kernel = device.kernel("multiply.cl", "multiply", **device.wave_defines(), **form)
         device.launch_rows(kernel, out.shape, out, out, spectrum.values, ny, nx)
     return out
 

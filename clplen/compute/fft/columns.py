@@ -102,11 +102,14 @@ class Factors:
         (my, mx).
     lit : numpy.ndarray, optional
         bool, one for each stored column: False where all its factors are zero. None: all True.
+    is_conjugated : bool
+        Whether the factors are the conjugates of ``values``.
     """
 
     values: Array
     shape: tuple[int, int]
     lit: Array | None = None
+    is_conjugated: bool = False
 
     @property
     def is_mirrored(self) -> bool:
@@ -124,7 +127,11 @@ class Factors:
         """Some of the stored columns, unfolded along y: (columns, my)."""
         stored = self.values[chosen]
         rows = stored.shape[1]
-        out[:, :rows] = stored
+        if self.is_conjugated:
+            np.conjugate(stored, out=out[:, :rows])
+            stored = out[:, :rows]
+        else:
+            out[:, :rows] = stored
         out[:, rows:] = stored[:, 1 : self.shape[0] - rows + 1][:, ::-1]
 
 

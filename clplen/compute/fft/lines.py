@@ -6,6 +6,7 @@ transform, one Fresnel step. `run` in blocks.py applies them to arrays.
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, replace
 from typing import Any, Literal
 
@@ -56,6 +57,34 @@ class Line:
         }
         return replace(self, **tables)
 
+    def adjoint(self) -> tuple[Line, float]:
+        """The adjoint but for a factor, and the factor.
+
+        The adjoint of a DFT is the inverse DFT times its length, and that of a circular
+        convolution the one with the conjugate spectrum. A map that multiplies anyway takes the
+        factor.
+        """
+        kinds: dict[Kind, Kind] = {"forward": "inverse", "inverse": "forward"}
+        pre, kernel, post = (
+            None if table is None else table.conj() for table in (self.pre, self.kernel, self.post)
+        )
+        turned = Line(
+            self.m,
+            self.n,
+            self.length,
+            kinds.get(self.kind, self.kind),
+            place=self.start,
+            start=self.place,
+            pre=post,
+            kernel=kernel,
+            post=pre,
+        )
+        powers = {"forward": 1, "inverse": -1}
+        factor = float(self.length) ** powers.get(self.kind, 0)
+        if turned.post is None:
+            return turned, factor
+        return replace(turned, post=turned.post * factor), 1.0
+
 
 @dataclass(frozen=True, eq=False)
 class Separable:
@@ -75,6 +104,22 @@ class Separable:
         made = {line: line.astype(dtype) for line in {*self.y, *self.x}}
         return Separable(tuple(made[a] for a in self.y), tuple(made[a] for a in self.x))
 
+    def adjoint(self) -> tuple[Separable, float]:
+        """The adjoint but for a factor, and the factor; a map that is repeated stays one."""
+        made = {line: line.adjoint() for line in {*self.y, *self.x}}
+        y, x = (tuple(made[one][0] for one in lines[::-1]) for lines in (self.y, self.x))
+        return Separable(y, x), math.prod(made[one][1] for one in (*self.y, *self.x))
+
+    def times(self, factor: float) -> Separable:
+        """The same maps times a number, which the last one along an axis takes."""
+        if factor == 1:
+            return self
+        name = "x" if self.x and self.x[-1].kind != "none" else "y"
+        *before, last = getattr(self, name)
+        post = np.ones(last.m, np.complex128) if last.post is None else last.post
+        scaled = replace(last, post=post * factor)
+        return replace(self, **{name: (*before, scaled)})
+
     def shape_after(self, shape: tuple[int, int]) -> tuple[int, int]:
         """Shape that an array of a shape has afterwards."""
         ny, nx = shape
@@ -87,6 +132,22 @@ class Separable:
             max((line.length for line in self.y), default=ny),
             max((line.length for line in self.x), default=nx),
         )
+
+
+def adjoint_maps(into: Separable, back: Separable) -> tuple[Separable, Separable]:
+    """The maps before and after a product, of the adjoint of a product between two maps.
+
+    Parameters
+    ----------
+    into, back : Separable
+        Before and after the product; both the adjoint's change places.
+    """
+    before, one = back.adjoint()
+    after, other = into.adjoint()
+    factor = one * other
+    if abs(factor - 1) < 1e-12:
+        return before, after
+    return (before, after.times(factor)) if after.x or after.y else (before.times(factor), after)
 
 
 def still(n: int) -> Line:

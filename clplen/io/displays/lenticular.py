@@ -204,8 +204,7 @@ def interlace(
             raise ValueError(f"The views of a lenticular print are uint8, not {view.dtype}.")
         if view.shape != made.shape or seen >= count:
             raise ShapeError(
-                f"This print has {count} views of shape {made.shape}; view {seen} has "
-                f"{view.shape}."
+                f"This print has {count} views of shape {made.shape}; view {seen} has {view.shape}."
             )
         own = owner == seen
         if lenses == "vertical":

@@ -114,9 +114,7 @@ def _described(parts: list[Array], comment: str) -> dict[str, Any]:
     views: list[dict[str, int]] = []
     for part in parts:
         size = part.nbytes
-        views.append(
-            {"buffer": 0, "byteOffset": start, "byteLength": size, "target": _VERTICES}
-        )
+        views.append({"buffer": 0, "byteOffset": start, "byteLength": size, "target": _VERTICES})
         start += size
     accessors: list[dict[str, Any]] = [
         {"bufferView": 0, "componentType": _FLOAT, "count": count, "type": "VEC3",

@@ -104,9 +104,7 @@ def _chosen(path: Path, metadata: LytroMetadata, layout: Layout) -> WhiteImage |
     place = find_calibration(metadata, layout.calibration)
     if place is None:
         return None
-    found = choose_white_image(
-        metadata, read_white_images(place), picture=path, calibration=place
-    )
+    found = choose_white_image(metadata, read_white_images(place), picture=path, calibration=place)
     if layout.calibration is not None:
         remember_calibration(metadata, place)
     return found
@@ -144,6 +142,4 @@ def _is_described(path: Path, head: bytes) -> bool:
 
 _WORDS = (*VIEW_WORDS, *RAW_WORDS, "calibration")
 LYTRO = Kind("a Lytro container", _WORDS, read_lytro, magic=lytro_container.MAGIC[:8])
-DESCRIBED = Kind(
-    "a raw image described by JSON", _WORDS, read_lytro, recognises=_is_described
-)
+DESCRIBED = Kind("a raw image described by JSON", _WORDS, read_lytro, recognises=_is_described)

@@ -275,5 +275,3 @@ def script(*more: str) -> str:
 def _json(about: dict[str, Any]) -> str:
     """JSON that ends no script element and holds no NaN."""
     return json.dumps(about, allow_nan=False).replace("<", "\\u003c")
-
-

@@ -255,9 +255,7 @@ def _span(depth: DepthMap) -> tuple[float, float]:
     return float(low), float(high)
 
 
-def _focus(
-    lf: LightField, depth: DepthMap | None, n: int
-) -> tuple[float, tuple[float, float]]:
+def _focus(lf: LightField, depth: DepthMap | None, n: int) -> tuple[float, tuple[float, float]]:
     """The disparity to begin with, and the range to look through; depth is that of finer views."""
     planes = np.asarray(default_disparities(lf), np.float64)
     if depth is not None:

@@ -107,9 +107,7 @@ def _check_free(target: Path, content: bytes | Map, force: bool) -> None:
     check_output(target, force=force or (same and not target.is_symlink()))
 
 
-def _recognised(
-    part: _Part, data: bytes
-) -> tuple[str, str, Map | None]:
+def _recognised(part: _Part, data: bytes) -> tuple[str, str, Map | None]:
     """Name, suffix and, of a map, values of a section; no name for what is none of them."""
     if data.startswith(_JPEG):
         return "picture", ".jpg", None

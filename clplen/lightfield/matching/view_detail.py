@@ -103,9 +103,7 @@ class Surroundings:
         return np.asarray((disparity > self.low - _INSIDE) & (disparity < self.high + _INSIDE))
 
 
-def is_even(
-    costs: tuple[Map, Map], disparity: Map, around: Surroundings, channels: int
-) -> Mask:
+def is_even(costs: tuple[Map, Map], disparity: Map, around: Surroundings, channels: int) -> Mask:
     """Where the samples themselves are to be believed, of what samples and their detail say.
 
     Detail is right where brightness differs from view to view, and mixes both sides of an outline.

@@ -198,9 +198,7 @@ def row_sums(lf: LightField) -> np.ndarray[Any, np.dtype[np.float32]]:
     return lf.device.download(sums)
 
 
-def match_costs(
-    lf: LightField, views: ViewGroups, tables: ShiftTables, spans: Spans
-) -> cla.Array:
+def match_costs(lf: LightField, views: ViewGroups, tables: ShiftTables, spans: Spans) -> cla.Array:
     """Cost of every plane at every pixel of the centre view.
 
     The mean over the views of the absolute difference to the centre, added over the channels and

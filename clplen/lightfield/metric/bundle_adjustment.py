@@ -68,9 +68,7 @@ class Adjusted:
     left_out: int
 
 
-def adjusted(
-    sightings: list[Sighting], shape: Shape, parameters: Array, poses: Array
-) -> Adjusted:
+def adjusted(sightings: list[Sighting], shape: Shape, parameters: Array, poses: Array) -> Adjusted:
     """Improve first values until the squares of the residuals are least.
 
     Parameters

@@ -140,4 +140,3 @@ def _signed(samples: Array, known: Array, offsets: Array, q: Array) -> Array:
     q = q.copy()
     q[:, 5] *= np.where(fit < 0, -1, 1)
     return q
-

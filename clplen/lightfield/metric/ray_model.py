@@ -126,9 +126,7 @@ def pixels_of(parameters: Array, views: Array, points: Array) -> Array:
     return _met(parameters, views[:, None], points)[0]
 
 
-def pixels_and_slopes(
-    parameters: Array, views: Array, points: Array
-) -> tuple[Array, Array, Array]:
+def pixels_and_slopes(parameters: Array, views: Array, points: Array) -> tuple[Array, Array, Array]:
     """Where views see points, and the derivatives.
 
     Parameters

@@ -18,9 +18,10 @@ from clplen.wave.coherence.spatial_models import SpatialModel
 from clplen.wave.field.field import Field, Grid
 from clplen.wave.spectrum.spectrum import Spectrum
 from clplen.wave.spectrum.spectrum_tables import check_wavelength
-from clplen.wave.systems.components import ConvergingLight, Lens, Part, Space, Stop
+from clplen.wave.systems.components import ConvergingLight, Lens, Part, Stop
 from clplen.wave.systems.optical_system import OpticalSystem
 from clplen.wave.systems.pupil_filter import Pupil
+from clplen.wave.systems.space import Space
 
 AIRY = 0.61  # radius of the Airy disc times the coherent cut-off frequency
 

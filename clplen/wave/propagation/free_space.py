@@ -15,7 +15,8 @@ from clplen.errors import SamplingError
 from clplen.wave.field.field import Field, Grid, require_field
 from clplen.wave.field.intensity import MeanIntensity, PartialCoherence, average_of
 from clplen.wave.propagation.description import BORDER, Request, request
-from clplen.wave.propagation.propagator import Propagator, run_plans
+from clplen.wave.propagation.plan_runs import run_plans
+from clplen.wave.propagation.propagator import Propagator
 
 
 @dataclass(frozen=True)

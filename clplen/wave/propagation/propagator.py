@@ -2,16 +2,18 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass, replace
-from typing import Any
+from dataclasses import replace
+from functools import cached_property
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import pyopencl.array as cla
 
 from clplen.compute.device import Device, DeviceLike, as_device, require_same_device
 from clplen.compute.drivers.forked import Guard
-from clplen.compute.fft.blocks import Spectrum, add, multiplied, run, window
+from clplen.compute.fft.blocks import Spectrum
+from clplen.compute.fft.lines import Separable, adjoint_maps
+from clplen.compute.linear_map import linear_operator
 from clplen.deprecation import warn_caller
 from clplen.errors import SamplingError, SamplingWarning, ShapeError
 from clplen.wave.field.field import Field, Grid
@@ -24,45 +26,19 @@ from clplen.wave.propagation.description import (
     request,
     table_samples,
 )
+from clplen.wave.propagation.distance_slope import fresnel_slopes
+from clplen.wave.propagation.energy_budget import Energy, energy_budget
 from clplen.wave.propagation.methods import corrected, describe
 from clplen.wave.propagation.one_step import SeriesFactor, series_spectra
 from clplen.wave.propagation.plan_report import PlanReport, report
-from clplen.wave.propagation.transfer_function import factor_on_device
+from clplen.wave.propagation.plan_runs import Way, require_memory, run_plans, sum_of_ways
+from clplen.wave.propagation.transfer_function import Sommerfeld, Transfer, factor_on_device
+from clplen.wave.propagation.windowed_kernel import WindowedKernel
+
+if TYPE_CHECKING:
+    from scipy.sparse.linalg import LinearOperator
 
 PHASES = ("tables", "fp64", "twofloat")
-SHARING = 8  # plans that share the field's transform at a time: more hold memory and gain nothing
-
-
-@dataclass(frozen=True)
-class Energy:
-    """Where the energy of a propagated field goes, in the unit of `Field.power`.
-
-    Attributes
-    ----------
-    into : float
-        Of the field that was propagated.
-    window : float
-        That arrives in the window of the grid.
-    outside : float
-        That arrives beside it, in the padding.
-    cut : float
-        Outside the band of the transfer function, or evanescent.
-
-    Examples
-    --------
-    >>> grid = clplen.Grid((32, 32), 10e-6)
-    >>> clear = clplen.wave.plane_wave(grid, wavelength=500e-9)
-    >>> square = clplen.wave.rectangular_aperture(clear, 105e-6)
-    >>> plan = clplen.Propagator(grid, 0.01, wavelength=500e-9, method="cblas")
-    >>> energy = plan.energy(square)
-    >>> [f"{part / energy.into:.1%}" for part in (energy.window, energy.outside, energy.cut)]
-    ['98.0%', '2.0%', '0.0%']
-    """
-
-    into: float
-    window: float
-    outside: float
-    cut: float
 
 
 class Propagator:
@@ -206,7 +182,8 @@ class Propagator:
 
     def __getstate__(self) -> dict[str, Any]:
         """Without what is on the device, which is made again at first use."""
-        return {k: v for k, v in self.__dict__.items() if k not in ("_spectrum", "_terms", "_lock")}
+        made = ("_spectrum", "_terms", "_lock", "_adjoint_ways", "_slope")
+        return {k: v for k, v in self.__dict__.items() if k not in made}
 
     def __setstate__(self, state: dict[str, Any]) -> None:
         self.__dict__.update(state | {"_spectrum": None, "_terms": None, "_lock": Guard()})
@@ -268,6 +245,129 @@ class Propagator:
         self._check(field)
         return run_plans(field, [self])[0]
 
+    def adjoint(self, field: Field) -> Field:
+        """The adjoint of the plan: what its sum over samples gives from the output to the input.
+
+        ``<A u, v> = <u, A' v>`` with ``<a, b> = sum conj(a) b``, exact to rounding whatever the
+        method. It is no propagation back where the plan cuts, or where the pitches differ.
+
+        Parameters
+        ----------
+        field : Field
+            On `out_grid`, shape (..., my, mx).
+
+        Returns
+        -------
+        Field
+            On `grid`, shape (..., ny, nx).
+
+        Raises
+        ------
+        DeviceError
+            If field and plan live on two devices, or the window does not fit the device.
+        ShapeError
+            If the field's grid or wavelength is not that of the plan's output.
+        """
+        self._check(field, self.out_grid, "output")
+        return replace(field, data=self.adjoint_data(field.data), grid=self.grid)
+
+    def distance_slope(self, field: Field) -> Field:
+        """The derivative of the propagated field by z, per metre.
+
+        That of the plan's sum in its own window and band, which another distance may change; the
+        carrier exp(ikz) is dropped as in the field.
+
+        Parameters
+        ----------
+        field : Field
+            On `grid`, shape (..., ny, nx).
+
+        Returns
+        -------
+        Field
+            On `out_grid`.
+
+        Raises
+        ------
+        SamplingError
+            For fresnel-ir, fresnel-1fft and fresnel-multistep.
+        """
+        self._check(field)
+        if not self._slope:  # nothing varies
+            shape = (*field.shape[:-2], *self.out_grid.shape)
+            return replace(field, data=self.device.zeros(shape, self.dtype), grid=self.out_grid)
+        data = sum_of_ways(field.data, self._slope, self.device)
+        return replace(field, data=data, grid=self.out_grid)
+
+    def as_linear_operator(self) -> LinearOperator:
+        """The plan for solvers of SciPy; vectors are raveled fields of one batch index."""
+        return linear_operator(self)
+
+    @property
+    def in_shape(self) -> tuple[int, int]:
+        """(ny, nx) of `grid`."""
+        return self.grid.shape
+
+    @property
+    def out_shape(self) -> tuple[int, int]:
+        """(my, mx) of `out_grid`."""
+        return self.out_grid.shape
+
+    @property
+    def dtype(self) -> np.dtype[Any]:
+        """complex64, or complex128 on a device of double precision."""
+        return self.device.complex
+
+    def forward_data(self, data: cla.Array) -> cla.Array:
+        """The plan on samples of the device, shape (..., ny, nx)."""
+        return run_plans(Field(data, self.grid, self.wavelength, self.device), [self])[0].data
+
+    def adjoint_data(self, data: cla.Array) -> cla.Array:
+        """`adjoint` on samples of the device, shape (..., my, mx)."""
+        if self.description.kind == "nothing":
+            return data
+        if 0 in data.shape:
+            return self.device.empty((*data.shape[:-2], *self.in_shape), self.dtype)
+        require_memory(tuple(data.shape[:-2]), [self])
+        spectra: list[Spectrum | None] = [spectrum.conjugate() for spectrum in self.spectra]
+        return sum_of_ways(
+            data,
+            [
+                (into, spectrum, back)
+                for (into, back), spectrum in zip(
+                    self._adjoint_ways, spectra or [None], strict=True
+                )
+            ],
+            self.device,
+        )
+
+    @cached_property
+    def _adjoint_ways(self) -> list[tuple[Separable, Separable]]:
+        """Maps before and after the conjugate factor, of every term; before, if there is none."""
+        description = self.description
+        if description.factor is None:
+            return [adjoint_maps(Separable(), description.into)]
+        ways = description.terms or ((description.into, description.back),)
+        return [adjoint_maps(into, back) for into, back in ways]
+
+    @cached_property
+    def _slope(self) -> list[Way]:
+        """Maps and factors of the terms of `distance_slope`."""
+        made = self.description
+        if made.kind == "nothing" or made.kind == "series":
+            made = _in_precision(corrected(self.request, made.why), self.device)
+        if self.method == "fresnel-tf":
+            into = fresnel_slopes(made.into, self.grid.pitch, self.wavelength)
+            return [(one.astype(self.dtype), None, Separable()) for one in into]
+        if not isinstance(made.factor, Transfer | Sommerfeld | WindowedKernel):
+            raise SamplingError(
+                f"The derivative by z is for as, blas, cblas, rs, one-step and fresnel-tf, not "
+                f"{self.method!r}: make the plan with method='auto'."
+            )
+        factor = replace(made.factor, is_slope=True)
+        phase = made.factor.phase_route(self.device)
+        return [(made.into, factor_on_device(factor, self.device, phase), made.back)]
+
     def energy(self, field: Field) -> Energy:
         """Where the energy of a field goes, each part computed by itself.
 
@@ -288,106 +388,20 @@ class Propagator:
             the Fresnel methods, or another output pitch or centre.
         """
         self._check(field)
-        return _energy(field, self._by_fft(), self.phase)
+        return energy_budget(field, self.description, self.phase)
 
-    def _by_fft(self) -> Description:
-        """The description whose sum is done by FFTs of a window of the field's own samples."""
-        description = self.description
-        if description.kind == "nothing" or self.method in ("as", "blas"):
-            return description
-        if self.method != "cblas" or not self.request.is_aligned:
-            raise SamplingError(
-                "energy() is for as, blas and cblas on the field's own pitch and centre, whose "
-                f"window holds all the light; this plan is {self.method!r} onto {self.out_grid}: "
-                "make one with method='cblas' and without out_grid."
-            )
-        return corrected(description.request, self.why, "fft")
-
-    def _check(self, field: Field) -> None:
+    def _check(self, field: Field, grid: Grid | None = None, where: str = "input") -> None:
         if not isinstance(field, Field):
             raise TypeError(
                 f"A plan takes a Field, as Field.from_array makes it, not a {type(field).__name__}."
             )
         require_same_device(field.device, self.device)
-        if field.grid != self.grid or field.wavelength != self.wavelength:
+        wanted = self.grid if grid is None else grid
+        if field.grid != wanted or field.wavelength != self.wavelength:
             raise ShapeError(
-                f"The plan is for {self.grid} at {self.wavelength:g} m, the field has {field.grid} "
-                f"at {field.wavelength:g} m."
+                f"The {where} of the plan is on {wanted} at {self.wavelength:g} m, the field is on "
+                f"{field.grid} at {field.wavelength:g} m."
             )
-
-
-def run_plans(field: Field, plans: Sequence[Propagator]) -> list[Field]:
-    """A field by several plans; those that begin with the same transform share it.
-
-    Parameters
-    ----------
-    field : Field
-        On the grid of all plans.
-    plans : sequence of Propagator
-
-    Returns
-    -------
-    list of Field
-        One a plan, in their order.
-    """
-    groups: dict[Any, list[int]] = {}
-    for index, plan in enumerate(plans):
-        into, shares = plan.description.into, plan.description.kind == "fft"
-        key = ("fft", into.widest(field.grid.shape)) if shares else index
-        groups.setdefault(key, []).append(index)
-    results: dict[int, Field] = {}
-    for members in groups.values():
-        for start in range(0, len(members), SHARING):
-            indices = members[start : start + SHARING]
-            fields = _run_group(field, [plans[index] for index in indices])
-            results.update(zip(indices, fields, strict=True))
-    return [results[index] for index in range(len(plans))]
-
-
-def _run_group(field: Field, plans: Sequence[Propagator]) -> list[Field]:
-    """A field by plans that begin alike."""
-    first = plans[0].description
-    if first.kind == "nothing":
-        return [field for _ in plans]
-    if 0 in field.shape:
-        shape = (*field.shape[:-2], *first.out_grid.shape)
-        empty = field.device.empty(shape, field.device.complex)
-        return [replace(field, data=empty, grid=plan.out_grid) for plan in plans]
-    _require_memory(field, plans)
-    if first.terms:
-        data = _sum_of_terms(field, plans[0])
-        return [replace(field, data=data, grid=first.out_grid)]
-    spectra = [plan.spectrum for plan in plans if plan.spectrum is not None]
-    back = [plan.description.back for plan in plans] if spectra else []
-    outputs = run(field.data, first.into, spectra, back, field.device)
-    return [
-        replace(field, data=data, grid=plan.out_grid)
-        for plan, data in zip(plans, outputs, strict=True)
-    ]
-
-
-def _sum_of_terms(field: Field, plan: Propagator) -> cla.Array:
-    """A field through each term of a plan, added up."""
-    total = None
-    for (into, back), factor in zip(plan.description.terms, plan.spectra, strict=True):
-        (data,) = run(field.data, into, [factor], [back], field.device)
-        if total is None:
-            total = data
-        else:
-            add(total, data, field.device)
-    assert total is not None
-    return total
-
-
-def _require_memory(field: Field, plans: Sequence[Propagator]) -> None:
-    first = plans[0].description
-    count = int(np.prod(field.shape[:-2], dtype=np.int64))
-    out = int(np.prod(first.out_grid.shape, dtype=np.int64))
-    samples = first.work_samples
-    if field.device.fft.name == "vkfft":
-        samples = 2 * int(np.prod(first.window, dtype=np.int64))
-    nbytes = count * (samples + len(plans) * (samples + out)) * field.device.complex.itemsize
-    field.device.require_memory(nbytes + sum(plan.nbytes for plan in plans), "This propagation")
 
 
 def _in_precision(description: Description, device: Device) -> Description:
@@ -399,57 +413,3 @@ def _in_precision(description: Description, device: Device) -> Description:
         return replace(description, into=terms[0][0], back=terms[0][1], terms=terms)
     into, back = (maps.astype(device.complex) for maps in (description.into, description.back))
     return replace(description, into=into, back=back)
-
-
-def _energy(field: Field, description: Description, phase: str) -> Energy:
-    """Each part computed by itself, of a propagation by FFTs of a window of the field's samples.
-
-    Parameters
-    ----------
-    field : Field
-        Shape (..., ny, nx); a batch is added up.
-    description : Description
-    phase : str
-        How the phase of its factor is formed.
-    """
-    device, grid = field.device, field.grid
-    if description.factor is None:
-        power = float(np.sum(field.power()))
-        return Energy(into=power, window=power, outside=0.0, cut=0.0)
-    shape = (*field.shape[:-2], *description.factor.shape)
-    nbytes = int(np.prod(shape, dtype=np.int64)) * device.complex.itemsize
-    device.require_memory(4 * nbytes, "This energy budget")
-    spectrum = description.factor.on_device(device, phase)
-    area = grid.pitch[0] * grid.pitch[1]
-    samples = spectrum.shape[0] * spectrum.shape[1]
-    work = window(field.data, shape, device)
-    device.fft.forward(work, device)
-    before = _power(work, device)
-    multiplied(work, spectrum, device, copy=False)
-    after = _power(work, device)
-    device.fft.inverse(work, device)
-    inside = window(work, (*field.shape[:-2], *description.out_grid.shape), device)
-    return Energy(
-        into=float(np.sum(field.power())),
-        window=_power(inside, device) * area,
-        outside=_power_outside(work, description.out_grid.shape, device) * area,
-        cut=(before - after) / samples * area,
-    )
-
-
-def _power(data: cla.Array, device: Device) -> float:
-    """Sum of abs(u)^2 in float64."""
-    with device.on_host(data, write=False) as values:
-        return float(np.vdot(values, values.astype(np.complex128)).real)
-
-
-def _power_outside(data: cla.Array, shape: tuple[int, int], device: Device) -> float:
-    """Sum of abs(u)^2 outside the central window of a shape, in float64."""
-    with device.on_host(data, write=False) as values:
-        outside = values.astype(np.complex128)
-    rows, columns = (
-        slice(n // 2 - m // 2, n // 2 - m // 2 + m)
-        for n, m in zip(outside.shape[-2:], shape, strict=True)
-    )
-    outside[..., rows, columns] = 0
-    return float(np.vdot(outside, outside).real)

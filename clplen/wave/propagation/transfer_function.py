@@ -13,13 +13,17 @@ import pyopencl.array as cla
 from clplen.compute.device import Device
 from clplen.compute.fft.blocks import Spectrum, lanes_defines, window
 from clplen.wave.field.transmission import phasor, split
+from clplen.wave.propagation.distance_slope import (
+    LARGEST_HANKEL,
+    multiply_kernel_slope,
+    multiply_transfer_slope,
+)
 
 Shape = tuple[int, int]
 Pitch = tuple[float, float]
 Samples = np.ndarray[Any, Any]
 
 LARGEST_KERNEL_RESIDUAL = 10.0  # turns; above, float32 tables lose more than 2.5e-5 of the maximum
-LARGEST_HANKEL = 1e8  # argument; above, two terms of the asymptotic series are exact in float64
 
 
 def kernel_residual_turns(shape: Shape, pitch: Pitch, z: float, wavelength: float) -> float:
@@ -52,7 +56,14 @@ def residual_phase_route(residual: float, device: Device) -> str:
 
 
 def impulse_response(
-    shape: Shape, pitch: Pitch, z: float, wavelength: float, device: Device, phase: str
+    shape: Shape,
+    pitch: Pitch,
+    z: float,
+    wavelength: float,
+    device: Device,
+    phase: str,
+    *,
+    slope: bool = False,
 ) -> cla.Array:
     """Samples of the Rayleigh-Sommerfeld I kernel times the sample area, in circular order.
 
@@ -75,6 +86,8 @@ def impulse_response(
     phase : {"tables", "fp64", "twofloat"}
         How the phase is formed, as `kernel_phase_route` says. Line sources are made on the host in
         float64 whatever it is.
+    slope : bool
+        The derivative by z in place of h, per metre.
 
     Returns
     -------
@@ -96,9 +109,18 @@ def impulse_response(
     _check(z, device, phase)
     if 1 in shape:
         line = _line_response(shape, pitch, abs(z), wavelength)
-        return device.upload((line if z > 0 else line.conj()).astype(device.complex))
+        samples = device.upload((line if z > 0 else line.conj()).astype(device.complex))
+        if slope:
+            y, x = (
+                None if n == 1 else np.fft.fftfreq(n) * n * d
+                for n, d in zip(shape, pitch, strict=True)
+            )
+            multiply_kernel_slope(samples, y, x, z, wavelength, device)
+        return samples
     y, x = (np.arange(n // 2 + 1) * d for n, d in zip(shape, pitch, strict=True))
     quadrant = kernel_samples(y, x, pitch, z, wavelength, device, phase)
+    if slope:
+        multiply_kernel_slope(quadrant, y, x, z, wavelength, device)
     h = device.empty(shape, device.complex)
     kernel = device.kernel("sommerfeld.cl", "unfold", **_defines(device, phase))
     device.launch_rows(kernel, shape, h, quadrant, *(np.int32(n) for n in shape))
@@ -254,6 +276,8 @@ class Transfer:
         middle, (my//2 + 1,) and (mx//2 + 1,), where H is even.
     z, wavelength : float
         In metres.
+    is_slope : bool
+        Whether it is the derivative by z at these frequencies and weights, per metre.
     """
 
     shape: tuple[int, int]
@@ -261,6 +285,7 @@ class Transfer:
     weights: tuple[Vector, Vector]
     z: float
     wavelength: float
+    is_slope: bool = False
 
     @property
     def stored(self) -> tuple[int, int]:
@@ -327,6 +352,8 @@ class Transfer:
             carrier.view(device.real),
             *(np.int32(n) for n in self.stored),
         )
+        if self.is_slope:
+            multiply_transfer_slope(H, self.frequencies, self.wavelength, device)
         return Spectrum(H, self.shape)
 
     def turned(self) -> Transfer:
@@ -351,12 +378,15 @@ class Sommerfeld:
         (dy, dx) in metres.
     z, wavelength : float
         In metres.
+    is_slope : bool
+        Whether it is the derivative by z, per metre.
     """
 
     shape: tuple[int, int]
     pitch: Pair
     z: float
     wavelength: float
+    is_slope: bool = False
 
     @property
     def stored(self) -> tuple[int, int]:
@@ -383,7 +413,9 @@ class Sommerfeld:
         device : Device
         phase : {"tables", "fp64", "twofloat"}
         """
-        h = impulse_response(self.shape, self.pitch, self.z, self.wavelength, device, phase)
+        h = impulse_response(
+            self.shape, self.pitch, self.z, self.wavelength, device, phase, slope=self.is_slope
+        )
         device.fft.forward(h, device)
         return Spectrum(window(h, self.stored, device, place=(0, 0)), self.shape)
 

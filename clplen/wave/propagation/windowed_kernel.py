@@ -18,6 +18,7 @@ from clplen.compute.device import Device
 from clplen.compute.fft.blocks import Spectrum, multiply_tables, window
 from clplen.compute.fft.lines import smooth_length
 from clplen.wave.propagation.band import AxisSpan
+from clplen.wave.propagation.distance_slope import multiply_kernel_slope
 from clplen.wave.propagation.transfer_function import (
     kernel_samples,
     residual_phase_route,
@@ -108,11 +109,14 @@ class WindowedKernel:
         (y, x).
     z, wavelength : float
         In metres.
+    is_slope : bool
+        Whether it is the derivative by z in this window, per metre.
     """
 
     axes: tuple[KernelAxis, KernelAxis]
     z: float
     wavelength: float
+    is_slope: bool = False
 
     @property
     def shape(self) -> tuple[int, int]:
@@ -148,6 +152,8 @@ class WindowedKernel:
         pitch = (y.width / y.displacements.size, x.width / x.displacements.size)
         dy, dx = (None if axis.is_still else axis.displacements for axis in self.axes)
         h = kernel_samples(dy, dx, pitch, self.z, self.wavelength, device, phase)
+        if self.is_slope:
+            multiply_kernel_slope(h, dy, dx, self.z, self.wavelength, device)
         multiply_tables(h, _risen(y), _risen(x), device)
         device.fft.forward(h, device)
         values = h if self.shape == self.stored else window(h, self.shape, device)

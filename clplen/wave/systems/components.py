@@ -14,15 +14,13 @@ from clplen import units
 from clplen.checks import Aliasing
 from clplen.deprecation import renamed_argument, renamed_attribute, warn_caller
 from clplen.errors import SamplingWarning
-from clplen.reprs import OneLine
 from clplen.units import metres
 from clplen.wave.elements.edges import Edges, check_edges
 from clplen.wave.elements.hard_apertures import aperture
 from clplen.wave.elements.lens import Form, thin_lens
 from clplen.wave.elements.lenslets import MicrolensArray
+from clplen.wave.field.adjoints import pointwise_adjoint
 from clplen.wave.field.field import Field, Grid
-from clplen.wave.propagation.description import SELF_PADDED
-from clplen.wave.propagation.free_space import propagate
 
 Shape = Literal["circular", "square"]
 
@@ -51,69 +49,6 @@ class Part(Protocol):
 
     def apply(self, field: Field) -> Field:
         """The field behind the part."""
-
-
-@dataclass(frozen=True, repr=False)
-class Space(OneLine):
-    """Free space, by `propagate`.
-
-    Parameters
-    ----------
-    z : float
-        Distance in metres; negative propagates back.
-    method : str
-        As in `propagate`.
-    pad : float
-        As in `propagate`: the window over that of the field.
-    out_grid : Grid, optional
-        Of the field at the end, as in `propagate`; None: that of the field, of fresnel-1fft that of
-        its pitch.
-
-    Raises
-    ------
-    ValueError
-        For a distance that is not one finite number.
-
-    Examples
-    --------
-    >>> grid = clplen.Grid((64, 64), 10e-6)
-    >>> wave = clplen.wave.gaussian_beam(grid, 100e-6, wavelength=500e-9)
-    >>> space = clplen.wave.Space(0.05)
-    >>> space.describe(), space.length
-    ('50 mm, method auto', 0.05)
-    >>> space.apply(wave).shape
-    (64, 64)
-    """
-
-    z: float
-    _: KW_ONLY
-    method: str = "auto"
-    pad: float = 2
-    out_grid: Grid | None = None
-    label = "space"
-
-    def __post_init__(self) -> None:
-        if not (isinstance(self.z, Real) and math.isfinite(self.z)):
-            raise ValueError(f"A distance is one finite number of metres, not {self.z!r}.")
-
-    @property
-    def length(self) -> float:
-        """The distance in metres."""
-        return float(self.z)
-
-    def apply(self, field: Field) -> Field:
-        """The field at the end of the distance."""
-        return propagate(field, self.z, method=self.method, pad=self.pad, out_grid=self.out_grid)
-
-    def describe(self) -> str:
-        """Distance, method and, where it counts, padding; the new grid, if any."""
-        text = f"{metres(self.z)}, method {self.method}"
-        if self.method not in SELF_PADDED:
-            text += f", pad {self.pad:g}"
-        if self.out_grid is None:
-            return text
-        (ny, nx), (dy, dx) = self.out_grid.shape, self.out_grid.pitch
-        return f"{text}, to {ny} x {nx} samples of {metres(dy)} x {metres(dx)}"
 
 
 @renamed_argument(old="f", new="focal_length")
@@ -184,6 +119,10 @@ class Lens:
             field, self.focal_length, diameter=self.diameter, form=self.form, aliasing=self.aliasing
         )
 
+    def adjoint(self, field: Field) -> Field:
+        """The adjoint of `apply`: the field times the conjugate transmission."""
+        return pointwise_adjoint(self.apply, field)
+
     def describe(self) -> str:
         """Focal length, diameter and form."""
         bound = "unbounded" if self.diameter is None else f"D = {metres(self.diameter)}"
@@ -251,6 +190,10 @@ class Stop:
             field, self.diameter, shape=self.shape, centre=self.centre, edges=self.edges
         )
 
+    def adjoint(self, field: Field) -> Field:
+        """The adjoint of `apply`: the field times the conjugate transmission."""
+        return pointwise_adjoint(self.apply, field)
+
     def describe(self) -> str:
         """Shape, diameter, edges unless by area and, off the axis, the centre."""
         text = f"{self.shape}, D = {metres(self.diameter)}"
@@ -303,6 +246,10 @@ class ConvergingLight:
         """The lit object."""
         return thin_lens(field, self.z, aliasing=self.aliasing)
 
+    def adjoint(self, field: Field) -> Field:
+        """The adjoint of `apply`: the field times the conjugate transmission."""
+        return pointwise_adjoint(self.apply, field)
+
     def describe(self) -> str:
         """Where the light converges."""
         return f"focus {metres(self.z)} on"
@@ -320,6 +267,9 @@ class Element:
         A word for figures and tables.
     length : float
         What it takes of the axis in metres.
+    adjoint_function : callable, optional
+        The adjoint of a linear ``function`` that keeps the grid, for gradients; takes a `Field` and
+        returns one.
 
     Examples
     --------
@@ -333,6 +283,7 @@ class Element:
     name: str
     _: KW_ONLY
     length: float = 0.0
+    adjoint_function: Callable[[Field], Field] | None = None
 
     @property
     def label(self) -> str:
@@ -351,6 +302,21 @@ class Element:
         if not isinstance(out, Field):
             raise TypeError(f"The element {self.name!r} returns a Field, not {type(out).__name__}.")
         return out
+
+    def adjoint(self, field: Field) -> Field:
+        """What the adjoint function returns.
+
+        Raises
+        ------
+        TypeError
+            If there is none.
+        """
+        if self.adjoint_function is None:
+            raise TypeError(
+                f"The element {self.name!r} is a function without an adjoint: give "
+                "Element(adjoint_function=), too."
+            )
+        return self.adjoint_function(field)
 
     def describe(self) -> str:
         """Its length, if any."""

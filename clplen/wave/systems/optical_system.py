@@ -10,11 +10,12 @@ from typing import Any, ClassVar, overload
 
 from clplen import units
 from clplen.checks import Aliasing
+from clplen.compute.device import DeviceLike, as_device
 from clplen.deprecation import renamed_argument
 from clplen.reprs import OneLine
 from clplen.results import Plottable
 from clplen.units import metres
-from clplen.wave.field.field import Field
+from clplen.wave.field.field import Field, Grid, require_field, require_grid
 from clplen.wave.field.intensity import MeanIntensity, Object, PartialCoherence, average_of
 from clplen.wave.propagation.propagator import Propagator
 from clplen.wave.systems.components import (
@@ -22,12 +23,13 @@ from clplen.wave.systems.components import (
     Element,
     Lens,
     Part,
-    Space,
     label_of,
     length_of,
     require_positive,
     text_of,
 )
+from clplen.wave.systems.space import Space
+from clplen.wave.systems.system_operator import SystemOperator, SystemPullback
 
 
 @dataclass(frozen=True, init=False, repr=False)
@@ -144,6 +146,51 @@ class OpticalSystem(OneLine, Plottable):
         for part, z in zip(self.parts, self.positions, strict=True):
             field = part.apply(field)
             yield z + length_of(part), part, field
+
+    def operator(
+        self, grid: Grid, *, wavelength: float, device: DeviceLike | None = None
+    ) -> SystemOperator:
+        """The system as a linear map of fields on a grid, with its adjoint.
+
+        Parameters
+        ----------
+        grid : Grid
+            In front of the first part.
+        wavelength : float
+            In metres.
+        device : Device or str, optional
+            Default ``Device.open()``.
+        """
+        require_grid(grid)
+        return SystemOperator(self.parts, grid, float(wavelength), as_device(device))
+
+    def adjoint(self, field: Field, *, grid: Grid | None = None) -> Field:
+        """The adjoint, <S u, v> = <u, S' v>, from behind the last part to before the first.
+
+        Parameters
+        ----------
+        field : Field
+            Behind the last part, shape (..., my, mx).
+        grid : Grid, optional
+            In front of the first part; by default that of the field.
+
+        Raises
+        ------
+        ShapeError
+            If the system maps that grid to another one than the field's.
+        TypeError
+            If a part has no adjoint.
+        """
+        require_field(field)
+        start = field.grid if grid is None else grid
+        own = self.operator(start, wavelength=field.wavelength, device=field.device)
+        return own.adjoint(field)
+
+    def vjp(self, field: Field, *, parameters: Iterable[int] = ()) -> tuple[Field, SystemPullback]:
+        """The field behind the system, and what takes gradients back: see `SystemOperator.vjp`."""
+        require_field(field)
+        own = self.operator(field.grid, wavelength=field.wavelength, device=field.device)
+        return own.vjp(field, parameters=parameters)
 
     @property
     def positions(self) -> tuple[float, ...]:

@@ -22,8 +22,9 @@ from clplen.wave.propagation.description import request
 from clplen.wave.propagation.free_space import FreeSpace
 from clplen.wave.propagation.methods import describe
 from clplen.wave.propagation.transfer_function import Transfer
-from clplen.wave.systems.components import Space, require_positive
+from clplen.wave.systems.components import require_positive
 from clplen.wave.systems.optical_system import OpticalSystem
+from clplen.wave.systems.space import Space
 
 Values = np.ndarray[Any, Any]
 Rim = Literal["circular", "square", "slit"]
@@ -144,13 +145,19 @@ class Pupil(OneLine):
 
     def apply(self, field: Field) -> Field:
         """The image of a field (or of each of a batch)."""
+        return field.with_data(_filtered(field, self._spectrum(field), field.device))
+
+    def adjoint(self, field: Field) -> Field:
+        """The adjoint of `apply`: the filter with the conjugate transfer function."""
+        return field.with_data(_filtered(field, self._spectrum(field).conjugate(), field.device))
+
+    def _spectrum(self, field: Field) -> Spectrum:
         device = field.device
-        spectrum = device.plans.get(
+        return device.plans.get(
             ("pupil", self, field.grid, field.wavelength),
             lambda: Spectrum.of(self.transfer(field.grid, field.wavelength), device),
             lambda _: math.prod(field.grid.shape) * device.complex.itemsize,
         )
-        return field.with_data(_filtered(field, spectrum, device))
 
     def describe(self) -> str:
         """Shape, diameter and distance."""

@@ -1,0 +1,108 @@
+"""Conjugates, inner products and gradients of intensities, of fields on a device."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+
+import numpy as np
+
+from clplen.compute.arrays import Image
+from clplen.compute.device import require_same_device
+from clplen.errors import ShapeError
+from clplen.types import Array
+from clplen.wave.field.field import Field, require_field
+
+
+def conjugate(field: Field) -> Field:
+    """The complex conjugate of a field."""
+    device, (ny, nx) = field.device, field.grid.shape
+    out = device.empty(field.shape, device.complex)
+    kernel = device.kernel("adjoint.cl", "conjugate", **device.wave_defines())
+    device.launch_rows(kernel, field.shape, out, field.data, np.int32(ny), np.int32(nx))
+    return field.with_data(out)
+
+
+def pointwise_adjoint(element: Callable[[Field], Field], field: Field) -> Field:
+    """The adjoint of an element that multiplies a field, t u: conj(t) v = conj(t conj(v))."""
+    return conjugate(element(conjugate(field)))
+
+
+def inner_product(a: Field, b: Field) -> complex:
+    """<a, b> = sum conj(a) b over all samples, without their area; sums in float64.
+
+    Parameters
+    ----------
+    a, b : Field
+        Of one shape.
+
+    Raises
+    ------
+    ShapeError
+        If the shapes differ.
+    """
+    require_same_device(a.device, b.device)
+    if a.shape != b.shape:
+        raise ShapeError(
+            f"An inner product is of two fields of one shape, not {a.shape}, {b.shape}."
+        )
+    device, (ny, nx) = a.device, a.grid.shape
+    rows = device.empty(a.shape[:-1], device.complex)
+    kernel = device.kernel("adjoint.cl", "row_inner", **device.wave_defines())
+    size = (ny, math.prod(a.shape[:-2]))
+    device.launch(kernel, size, rows, a.data, b.data, np.int32(ny), np.int32(nx))
+    return complex(device.download(rows).sum(dtype=np.complex128))
+
+
+def intensity_gradient(field: Field, cotangent: Image | Array) -> Field:
+    """Return the gradient of a loss by a field, from that by the field's intensity.
+
+    With I = abs(u)^2, dL/dRe u + i dL/dIm u = 2 (dL/dI) u.
+
+    Parameters
+    ----------
+    field : Field
+        Shape (..., ny, nx).
+    cotangent : Image or array_like
+        dL/dI, real, of the field's shape.
+
+    Returns
+    -------
+    Field
+        Of the field's shape.
+
+    Raises
+    ------
+    ShapeError
+        If the shapes differ.
+    DeviceError
+        If an image lives on another device.
+
+    Examples
+    --------
+    >>> grid = clplen.Grid((32, 32), 10e-6)
+    >>> wave = clplen.wave.plane_wave(grid, wavelength=500e-9)
+    >>> slope = wave.intensity().to_numpy() - 2  # of sum (I - 2)^2/2
+    >>> gradient = clplen.wave.intensity_gradient(wave, slope)
+    >>> f"{gradient.to_numpy()[0, 0]:.1f}"
+    '-2.0-0.0j'
+    """
+    require_field(field)
+    device, (ny, nx) = field.device, field.grid.shape
+    if isinstance(cotangent, Image):
+        require_same_device(cotangent.device, device)
+    shape = cotangent.shape if isinstance(cotangent, Image) else np.shape(cotangent)
+    if tuple(shape) != field.shape:
+        raise ShapeError(
+            f"The gradient by the intensity has the shape of the field, {field.shape}, not "
+            f"{tuple(shape)}."
+        )
+    if isinstance(cotangent, Image):
+        weights = cotangent.data
+    else:
+        weights = device.upload(np.ascontiguousarray(cotangent, device.real))
+    out = device.empty(field.shape, device.complex)
+    kernel = device.kernel("adjoint.cl", "intensity_slope", **device.wave_defines())
+    arguments = (out, weights, field.data, np.int32(ny), np.int32(nx))
+    device.launch_rows(kernel, field.shape, *arguments)
+    return field.with_data(out)

@@ -1,0 +1,263 @@
+"""An optical system as a linear map of fields on one grid: adjoint, gradients through it."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import pyopencl.array as cla
+
+from clplen.compute.device import Device, require_same_device
+from clplen.compute.linear_map import linear_operator
+from clplen.errors import ShapeError
+from clplen.wave.field.field import Field, Grid, require_field
+from clplen.wave.systems.components import Part, label_of
+from clplen.wave.systems.space import Space
+
+if TYPE_CHECKING:
+    from scipy.sparse.linalg import LinearOperator
+
+
+@dataclass(frozen=True, eq=False)
+class SystemGradient:
+    """The gradient of a loss by what a system is given and what it is made of.
+
+    Attributes
+    ----------
+    field : Field
+        By the field in front of the system: dL/dRe u + i dL/dIm u.
+    parameters : dict of int to dict
+        By the parameters of the parts that were asked for, by number and name.
+
+    Examples
+    --------
+    >>> wave = clplen.wave.plane_wave(clplen.Grid((32, 32), 10e-6), wavelength=500e-9)
+    >>> system = clplen.OpticalSystem([clplen.wave.Lens(0.1, diameter=300e-6), 0.05])
+    >>> image, pullback = system.vjp(wave, parameters=[1])
+    >>> gradient = pullback(clplen.wave.intensity_gradient(image, np.ones(image.shape)))
+    >>> gradient.field.shape, list(gradient.parameters[1])
+    ((32, 32), ['z'])
+    """
+
+    field: Field
+    parameters: dict[int, dict[str, Any]]
+
+
+class SystemOperator:
+    """An optical system for fields on one grid and of one wavelength. Made by `OpticalSystem`.
+
+    Parameters
+    ----------
+    parts : tuple of Part
+        In the order in which a field meets them.
+    grid : Grid
+        In front of the first part.
+    wavelength : float
+        In metres.
+    device : Device
+
+    Attributes
+    ----------
+    grids : tuple of Grid
+        In front of each part, and behind the last.
+
+    Examples
+    --------
+    >>> grid = clplen.Grid((32, 48), 10e-6)
+    >>> system = clplen.OpticalSystem([clplen.wave.Lens(0.1, diameter=300e-6), 0.05])
+    >>> operator = system.operator(grid, wavelength=500e-9)
+    >>> matrix = operator.as_linear_operator()
+    >>> matrix.shape
+    (1536, 1536)
+    >>> u, v = np.ones(1536, "c8"), np.linspace(0, 1, 1536).astype("c8")
+    >>> bool(np.isclose(np.vdot(v, matrix @ u), np.vdot(matrix.H @ v, u), rtol=1e-5))
+    True
+    """
+
+    def __init__(
+        self, parts: tuple[Part, ...], grid: Grid, wavelength: float, device: Device
+    ) -> None:
+        self.parts, self.grid, self.wavelength, self.device = parts, grid, wavelength, device
+        grids = [grid]
+        for part in parts:
+            behind = grids[-1]
+            if isinstance(part, Space):
+                behind = part.plan(behind, wavelength, device).out_grid
+            grids.append(behind)
+        self.grids = tuple(grids)
+
+    def __repr__(self) -> str:
+        return f"<SystemOperator of {len(self.parts)} parts, {self.grid} to {self.grids[-1]}>"
+
+    def __call__(self, field: Field) -> Field:
+        """The field behind the last part."""
+        self._check(field, self.grid, "in front of")
+        for part in self.parts:
+            field = part.apply(field)
+        return field
+
+    def adjoint(self, field: Field) -> Field:
+        """The adjoint, from behind the last part to in front of the first.
+
+        Parameters
+        ----------
+        field : Field
+            On the last of ``grids``, shape (..., my, mx).
+
+        Returns
+        -------
+        Field
+            On the first, shape (..., ny, nx).
+
+        Raises
+        ------
+        ShapeError
+            If the grid or the wavelength is another.
+        TypeError
+            If a part has no adjoint.
+        """
+        self._check(field, self.grids[-1], "behind")
+        for number in range(len(self.parts))[::-1]:
+            field = self._adjoint_of(number, field)
+        return field
+
+    def vjp(self, field: Field, *, parameters: Iterable[int] = ()) -> tuple[Field, SystemPullback]:
+        """The field behind the system, and what takes gradients back through it.
+
+        Parameters
+        ----------
+        field : Field
+            In front of the first part, shape (..., ny, nx).
+        parameters : iterable of int
+            Numbers of the parts whose parameters have gradients, from 0.
+
+        Returns
+        -------
+        Field
+            Behind the last part.
+        SystemPullback
+            Takes the gradient by that field; it holds one field for each of ``parameters``.
+
+        Raises
+        ------
+        IndexError
+            If there is no such part.
+        TypeError
+            If a part has no parameters with gradients.
+        """
+        self._check(field, self.grid, "in front of")
+        wanted = sorted({self._number(one) for one in parameters})
+        kept: dict[int, Field] = {}
+        for number, part in enumerate(self.parts):
+            if number in wanted:
+                kept[number] = field
+            field = part.apply(field)
+        return field, SystemPullback(self, kept)
+
+    def as_linear_operator(self) -> LinearOperator:
+        """The system for solvers of SciPy; vectors are raveled fields."""
+        return linear_operator(self)
+
+    @property
+    def in_shape(self) -> tuple[int, int]:
+        """(ny, nx) of the first grid."""
+        return self.grids[0].shape
+
+    @property
+    def out_shape(self) -> tuple[int, int]:
+        """(my, mx) of the last grid."""
+        return self.grids[-1].shape
+
+    @property
+    def dtype(self) -> np.dtype[Any]:
+        """complex64, or complex128 on a device of double precision."""
+        return self.device.complex
+
+    def forward_data(self, data: cla.Array) -> cla.Array:
+        """The system on samples of the device, shape (..., ny, nx)."""
+        return self(Field(data, self.grid, self.wavelength, self.device)).data
+
+    def adjoint_data(self, data: cla.Array) -> cla.Array:
+        """`adjoint` on samples of the device, shape (..., my, mx)."""
+        return self.adjoint(Field(data, self.grids[-1], self.wavelength, self.device)).data
+
+    def _adjoint_of(self, number: int, field: Field) -> Field:
+        part = self.parts[number]
+        if isinstance(part, Space):
+            return part.adjoint(field, self.grids[number])
+        adjoint = getattr(part, "adjoint", None)
+        if adjoint is None:
+            raise TypeError(
+                f"Part {number}, {label_of(part)}, has no adjoint: give it a method adjoint(field)."
+            )
+        return replace(adjoint(field), grid=self.grids[number])
+
+    def _number(self, number: int) -> int:
+        count = len(self.parts)
+        if not -count <= number < count:
+            raise IndexError(f"The system has parts 0 to {count - 1}, not {number}.")
+        number %= count
+        if not hasattr(self.parts[number], "gradient"):
+            raise TypeError(
+                f"Part {number}, {label_of(self.parts[number])}, has no parameters with gradients: "
+                "leave it out of parameters=, or give it a method gradient(field, cotangent)."
+            )
+        return number
+
+    def _check(self, field: Field, grid: Grid, where: str) -> None:
+        require_field(field)
+        require_same_device(field.device, self.device)
+        if field.grid != grid or field.wavelength != self.wavelength:
+            raise ShapeError(
+                f"The field {where} the system is on {grid} at {self.wavelength:g} m, not on "
+                f"{field.grid} at {field.wavelength:g} m."
+            )
+
+
+class SystemPullback:
+    """Takes the gradient of a loss back through a system. Made by `SystemOperator.vjp`.
+
+    Parameters
+    ----------
+    operator : SystemOperator
+    kept : dict of int to Field
+        The fields in front of the parts whose parameters have gradients.
+
+    Examples
+    --------
+    >>> wave = clplen.wave.plane_wave(clplen.Grid((32, 32), 10e-6), wavelength=500e-9)
+    >>> image, pullback = clplen.OpticalSystem([0.01]).vjp(wave, parameters=[0])
+    >>> pullback.nbytes  # of the field that it holds
+    8192
+    >>> gradient = pullback(image)  # of the power, half of it
+    >>> gradient.field.shape
+    (32, 32)
+    """
+
+    def __init__(self, operator: SystemOperator, kept: dict[int, Field]) -> None:
+        self._operator, self._kept = operator, kept
+
+    @property
+    def nbytes(self) -> int:
+        """Bytes of the fields that it holds on the device."""
+        return sum(int(field.data.nbytes) for field in self._kept.values())
+
+    def __call__(self, cotangent: Field) -> SystemGradient:
+        """The gradients by the field in front and by the parameters.
+
+        Parameters
+        ----------
+        cotangent : Field
+            By the field behind the system, of its shape.
+        """
+        operator = self._operator
+        operator._check(cotangent, operator.grids[-1], "behind")
+        made: dict[int, dict[str, Any]] = {}
+        for number in range(len(operator.parts))[::-1]:
+            if number in self._kept:
+                part: Any = operator.parts[number]
+                made[number] = part.gradient(self._kept[number], cotangent)
+            cotangent = operator._adjoint_of(number, cotangent)
+        return SystemGradient(cotangent, made)
