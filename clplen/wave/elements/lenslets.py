@@ -18,10 +18,12 @@ from clplen.deprecation import renamed_argument, renamed_attribute
 from clplen.errors import SamplingError, ShapeError
 from clplen.reprs import OneLine, one_line
 from clplen.wave.elements.lens import check_lens_sampling
+from clplen.wave.elements.lenslet_gradients import array_gradient, lenslet_moments
 from clplen.wave.elements.lenslet_surface import LensletMap, LensletSurface
 from clplen.wave.elements.rims import rim_weights
 from clplen.wave.elements.zernike import zernike_gradient, zernike_monomials
 from clplen.wave.field.field import Field, Grid, require_field
+from clplen.wave.field.field_gradients import transmission_gradient
 from clplen.wave.field.transmission import multiply, whole_and_part
 
 SMALLEST_PITCH = 2  # samples a lenslet
@@ -261,6 +263,47 @@ class MicrolensArray(OneLine):
         as_steep = half / self.steepest_slope(field.wavelength)
         check_lens_sampling(field.grid, as_steep, half, field.wavelength, aliasing)
         return multiply(field, self.transmission(field.grid, field.wavelength, field.device))
+
+    def gradient(self, field: Field, cotangent: Field) -> dict[str, Any]:
+        """The gradient of a loss with respect to the array, from that of the field behind it.
+
+        It is exact for the transmission as sampled, the covered share of every sample included.
+
+        Parameters
+        ----------
+        field : Field
+            In front of the array, shape (..., ny, nx).
+        cotangent : Field
+            dL/dRe + i dL/dIm of the field behind the array, of the shape of ``field``.
+
+        Returns
+        -------
+        dict of str to float or numpy.ndarray
+            "pitch" (the diameter stays), "diameter", "rotation"; "offset" (y, x); "focal_length",
+            all kinds together, and "focal_lengths" of each kind; "centres" and
+            "lenslet_focal_lengths", as if every lenslet had its own: shapes (ny, nx, 2), (y, x),
+            and (ny, nx). All per metre or radian, float64. An array whose diameter follows its
+            pitch has the sum of "pitch" and "diameter".
+
+        Raises
+        ------
+        ShapeError
+            If the cotangent has another shape.
+        ValueError
+            For lenslets with a surface, a map or clear gaps.
+
+        Notes
+        -----
+        Where cells without gaps touch, the share counts as the sum of both, not at most 1: "pitch"
+        is the gradient towards larger and "diameter" that towards smaller ones.
+        """
+        if not self.is_thin:
+            raise ValueError(
+                "Gradients are those of thin lenslets; this array has a surface, a map or clear "
+                "gaps: describe it by focal lengths and LensletErrors."
+            )
+        found = transmission_gradient(field, cotangent)
+        return array_gradient(self, found, field.grid, field.wavelength, field.device)
 
     def steepest_slope(self, wavelength: float) -> float:
         """The steepest slope that a lenslet adds to rays: d/(2 f) of a thin lens.
@@ -619,6 +662,53 @@ class LensletErrors(OneLine):
             *(np.int32(n) for n in (*mla.count, *grid.shape)),
         )
         return out
+
+    def gradient(self, mla: MicrolensArray, field: Field, cotangent: Field) -> dict[str, Any]:
+        """The gradient of a loss with respect to the errors.
+
+        Parameters
+        ----------
+        mla : MicrolensArray
+            The array that has them.
+        field : Field
+            In front of the errors: it is multiplied by `phase`.
+        cotangent : Field
+            dL/dRe + i dL/dIm of the field behind them, of the shape of ``field``.
+
+        Returns
+        -------
+        dict
+            "terms", {(n, m): float}; "focal_lengths", shape (ny, nx), "tilt" and "position", shape
+            (ny, nx, 2), numpy.ndarray of float64.
+
+        Raises
+        ------
+        ShapeError
+            If the cotangent has another shape.
+        """
+        require_field(field)
+        grid, device, lam = field.grid, field.device, field.wavelength
+        behind = multiply(field, self.phase(mla, grid, lam, device))
+        of_log = transmission_gradient(behind, cotangent)
+        order = max((n for n, _ in self.terms), default=0)
+        moments = 2 * np.pi * lenslet_moments(mla, of_log, grid, device, max(order, 2))
+        powers = (2 * mla.pitch / self.circle) ** np.add.outer(*[np.arange(order + 1)] * 2)
+        common = moments.sum(axis=(0, 1))[: order + 1, : order + 1] * powers / lam
+        terms = {
+            (n, m): float((common[: n + 1, : n + 1] * zernike_monomials(n, m)).sum())
+            for n, m in self.terms
+        }
+        whole, slope = moments[..., 0, 0, None], mla.pitch * moments[..., (1, 0), (0, 1)]
+        square = mla.pitch**2 * (moments[..., 0, 2] + moments[..., 2, 0])
+        bent = 1 / (2 * lam * self.focal_lengths)[..., None]
+        towards = 2 * slope - self.position * whole
+        by_bent = (self.position * towards).sum(axis=-1) - square
+        return {
+            "terms": terms,
+            "focal_lengths": -by_bent * bent[..., 0] / self.focal_lengths,
+            "tilt": slope / lam,
+            "position": 2 * bent * (slope - self.position * whole),
+        }
 
     def _polynomial(self, order: int, pitch: float, wavelength: float) -> Values:
         """Turns c[i, k] of b^i a^k, b and a in pitches."""
