@@ -1,7 +1,7 @@
 """Gradients with respect to the lenslets of an array: sums over each one's samples, and the rest.
 
-The device sums over the samples of every lenslet (kernels/lenslet_gradient.cl, lenslet_moments.cl); what follows from
-these sums by the chain rule is computed here in float64.
+The device sums over the samples of every lenslet (kernels/lenslet_gradient.cl and
+lenslet_moments.cl); what follows from these sums by the chain rule is computed here in float64.
 """
 
 from __future__ import annotations

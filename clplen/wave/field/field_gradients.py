@@ -141,8 +141,9 @@ def log_moments(behind: Field, cotangent: Field, y: Array, x: Array, order: int 
     found = transmission_gradient(behind, cotangent)
     unit = float(np.abs(x).max()) or 1.0
     sums = device.empty((order + 1, ny), device.complex)
+    defines = device.wave_defines() | {"ORDER": order}
     device.launch(
-        device.kernel("transmission_gradient.cl", "row_moments", **device.wave_defines(), ORDER=order),
+        device.kernel("transmission_gradient.cl", "row_moments", **defines),
         (ny,),
         sums,
         found,
