@@ -194,44 +194,57 @@ def test_adjoint_of_a_system(wave):
     assert operator.dtype == wave.complex
 
 
+def made_of(z, focal_length, offset, grid):
+    mla = clplen.MicrolensArray(40e-6, 2e-3, count=(3, 5), fill="full", offset=offset)
+    out = clplen.Grid((27, 33), (4e-6, 5e-6), origin=(8e-6, -15e-6))
+    last = Space(z[1], method="rs", out_grid=out)
+    return clplen.OpticalSystem([Space(z[0]), Lens(focal_length), mla, last])
+
+
 def test_gradients_through_a_system_against_differences(precise):
     grid = clplen.Grid((31, 48), (4e-6, 5e-6))
-    target = np.random.default_rng(1).random((31, 48))
+    target = np.random.default_rng(1).random((27, 33))
     values = smooth(grid, 4)
 
-    def loss(z, u):
-        made = clplen.OpticalSystem([Space(z[0]), Lens(0.02), Space(z[1])])
+    def loss(changed=None, by=0.0, u=values):
+        p = {"z0": 4e-3, "z1": 2e-3, "f": 0.02, "oy": 3e-6, "ox": -2e-6}
+        if changed:
+            p[changed] += by
+        made = made_of((p["z0"], p["z1"]), p["f"], (p["oy"], p["ox"]), grid)
         field = clplen.Field.from_array(u, grid, wavelength=LAM, device=precise)
-        image, pullback = made.vjp(field, parameters=[0, -1])
+        image, pullback = made.vjp(field, parameters=[0, 1, 2, -1])
         wrong = image.intensity().to_numpy() - target
-        return (wrong**2).sum(), pullback(intensity_gradient(image, 2 * wrong)), pullback
+        return (wrong**2).sum(), pullback, intensity_gradient(image, 2 * wrong)
 
-    z = np.array([4e-3, 9e-3])
-    _, gradient, pullback = loss(z, values)
-    assert pullback.nbytes == 2 * 16 * 31 * 48
-    h = 4e-7
-    for which, number in enumerate((0, 2)):
-        step = h * np.eye(2)[which]
-        expected = (loss(z + step, values)[0] - loss(z - step, values)[0]) / (2 * h)
-        assert gradient.parameters[number]["z"] == pytest.approx(expected, rel=1e-6)
+    _, pullback, cotangent = loss()
+    assert pullback.nbytes == 4 * 16 * 31 * 48
+    gradient = pullback(cotangent)
+    found = {
+        "z0": gradient.parameters[0]["z"],
+        "z1": gradient.parameters[3]["z"],
+        "f": gradient.parameters[1]["focal_length"],
+        "oy": gradient.parameters[2]["offset"][0],
+        "ox": gradient.parameters[2]["offset"][1],
+    }
+    for name, h in (("z0", 4e-7), ("z1", 4e-7), ("f", 1e-6), ("oy", 1e-10), ("ox", 1e-10)):
+        steps = [(loss(name, a * h)[0] - loss(name, -a * h)[0]) / (2 * a * h) for a in (1, 0.5)]
+        assert found[name] == pytest.approx((4 * steps[1] - steps[0]) / 3, rel=1e-6), name
     direction = waves(7, 31, 48)
-    expected = (
-        loss(z, values + 1e-6 * direction)[0] - loss(z, values - 1e-6 * direction)[0]
-    ) / 2e-6
+    above, below = (loss(u=values + h * direction)[0] for h in (1e-6, -1e-6))
     got = (np.conj(gradient.field.to_numpy()) * direction).sum().real
-    assert got == pytest.approx(expected, rel=1e-6)
+    assert got == pytest.approx((above - below) / 2e-6, rel=1e-6)
 
 
 def test_gradients_in_single_precision(device):
     grid = clplen.Grid((31, 48), (4e-6, 5e-6))
-    target = np.random.default_rng(1).random((31, 48))
-    made = clplen.OpticalSystem([Space(4e-3), Lens(0.02), Space(9e-3)])
-    found = []
+    target = np.random.default_rng(1).random((27, 33))
+    made, found = made_of((4e-3, 2e-3), 0.02, (3e-6, -2e-6), grid), []
     for one in (device, clplen.Device.open(device.place, precision="double")):
         field = clplen.Field.from_array(smooth(grid, 4), grid, wavelength=LAM, device=one)
-        image, pullback = made.vjp(field, parameters=[0, 2])
-        gradient = pullback(intensity_gradient(image, image.intensity().to_numpy() - target))
-        found.append((gradient.parameters[0]["z"], gradient.parameters[2]["z"]))
+        image, pullback = made.vjp(field, parameters=[0, 1, 2, 3])
+        got = pullback(intensity_gradient(image, image.intensity().to_numpy() - target)).parameters
+        parts = (got[0]["z"], got[1]["focal_length"], *got[2]["offset"], got[3]["z"])
+        found.append(parts)
     np.testing.assert_allclose(found[0], found[1], rtol=1e-3)
 
 

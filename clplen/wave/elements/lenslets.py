@@ -21,6 +21,7 @@ from clplen.wave.elements.lens import check_lens_sampling
 from clplen.wave.elements.lenslet_gradients import array_gradient
 from clplen.wave.elements.lenslet_surface import LensletMap, LensletSurface
 from clplen.wave.elements.rims import rim_weights
+from clplen.wave.field.adjoints import pointwise_adjoint
 from clplen.wave.field.field import Field, Grid, require_field
 from clplen.wave.field.field_gradients import transmission_gradient
 from clplen.wave.field.transmission import multiply, whole_and_part
@@ -262,6 +263,10 @@ class MicrolensArray(OneLine):
         as_steep = half / self.steepest_slope(field.wavelength)
         check_lens_sampling(field.grid, as_steep, half, field.wavelength, aliasing)
         return multiply(field, self.transmission(field.grid, field.wavelength, field.device))
+
+    def adjoint(self, field: Field) -> Field:
+        """The adjoint of `apply`: the field times the conjugate transmission."""
+        return pointwise_adjoint(lambda one: self.apply(one, aliasing="allow"), field)
 
     def gradient(self, field: Field, cotangent: Field) -> dict[str, Any]:
         """The gradient of a loss with respect to the array, from that of the field behind it.

@@ -17,7 +17,7 @@ from clplen.errors import SamplingWarning
 from clplen.units import metres
 from clplen.wave.elements.edges import Edges, check_edges
 from clplen.wave.elements.hard_apertures import aperture
-from clplen.wave.elements.lens import Form, thin_lens
+from clplen.wave.elements.lens import Form, thin_lens, thin_lens_gradient
 from clplen.wave.elements.lenslets import MicrolensArray
 from clplen.wave.field.adjoints import pointwise_adjoint
 from clplen.wave.field.field import Field, Grid
@@ -122,6 +122,12 @@ class Lens:
     def adjoint(self, field: Field) -> Field:
         """The adjoint of `apply`: the field times the conjugate transmission."""
         return pointwise_adjoint(self.apply, field)
+
+    def gradient(self, field: Field, cotangent: Field) -> dict[str, float]:
+        """The gradient of a loss by "focal_length", per metre: see `thin_lens_gradient`."""
+        return thin_lens_gradient(
+            field, cotangent, self.focal_length, diameter=self.diameter, form=self.form
+        )
 
     def describe(self) -> str:
         """Focal length, diameter and form."""
@@ -249,6 +255,10 @@ class ConvergingLight:
     def adjoint(self, field: Field) -> Field:
         """The adjoint of `apply`: the field times the conjugate transmission."""
         return pointwise_adjoint(self.apply, field)
+
+    def gradient(self, field: Field, cotangent: Field) -> dict[str, float]:
+        """The gradient of a loss by the distance of the focus, "z", per metre."""
+        return {"z": thin_lens_gradient(field, cotangent, self.z)["focal_length"]}
 
     def describe(self) -> str:
         """Where the light converges."""
