@@ -6,6 +6,7 @@ from .coherence.coherence_plan import CoherencePlan as CoherencePlan
 from .coherence.degree import measured_degree as measured_degree
 from .coherence.degree import speckle_contrast as speckle_contrast
 from .coherence.extended_source import ExtendedSource as ExtendedSource
+from .coherence.mean_gradient import MeanPullback as MeanPullback
 from .coherence.phase_masks import RandomPhaseMask as RandomPhaseMask
 from .coherence.spatial_models import IncoherentLight as IncoherentLight
 from .coherence.spatial_models import SpatialModel as SpatialModel

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from dataclasses import KW_ONLY, dataclass, replace
 from itertools import count as whole_numbers
 from itertools import islice
@@ -15,9 +15,17 @@ from clplen.compute.device import DeviceLike, as_device
 from clplen.errors import ShapeError
 from clplen.files import PathLike
 from clplen.reprs import OneLine
-from clplen.wave.coherence.averaging import Averaging, Progress, average, fingerprint, verify
+from clplen.wave.coherence.averaging import (
+    DEFAULT,
+    Averaging,
+    Progress,
+    average,
+    fingerprint,
+    verify,
+)
 from clplen.wave.coherence.coherence_plan import CoherencePlan, check_reach, plan_coherence
 from clplen.wave.coherence.exact_mean import require_image, sum_over_source, weighted, without_noise
+from clplen.wave.coherence.mean_gradient import MeanPullback, mean_vjp
 from clplen.wave.coherence.spatial_models import LARGEST_INDEX, SpatialModel, check_seed
 from clplen.wave.elements.beams import plane_wave
 from clplen.wave.field.field import Field, Grid
@@ -25,6 +33,7 @@ from clplen.wave.field.intensity import MeanIntensity, Object, Region, Window
 from clplen.wave.field.transmission import multiply
 from clplen.wave.spectrum.lineshapes import Table
 from clplen.wave.spectrum.spectrum import Spectrum
+from clplen.wave.systems.components import Part
 from clplen.wave.systems.optical_system import OpticalSystem
 
 System = Callable[[Field], Field]
@@ -240,6 +249,48 @@ class Coherence(OneLine):
             if exact is not None:
                 return exact
         return self._monte_carlo(system, objects, shares, how)
+
+    def vjp(
+        self,
+        system: OpticalSystem | Part,
+        field: Field,
+        *,
+        snapshots: int = DEFAULT,
+        parameters: Iterable[int] = (),
+        method: Method = "auto",
+    ) -> tuple[MeanIntensity, MeanPullback]:
+        """The mean intensity behind a system, and what takes gradients back through it.
+
+        Parameters
+        ----------
+        system : OpticalSystem or Part
+            Its parts have adjoints.
+        field : Field
+            The object's transmission, shape (ny, nx), the same at every wavelength.
+        snapshots : int
+            Of `average`. Gradients are those of the mean of these snapshots.
+        parameters : iterable of int
+            Numbers of the parts whose parameters have gradients, from 0.
+        method : {"auto", "monte-carlo", "abbe"}
+            As in `average`.
+
+        Returns
+        -------
+        MeanIntensity
+            As `average` returns it.
+        MeanPullback
+            Takes the gradient by that intensity. It holds the field behind the system of each
+            snapshot, up to a quarter of the device's memory, and none with ``parameters`` or where
+            the sum is exact; those are computed again.
+
+        Raises
+        ------
+        ShapeError
+            For a batch of objects.
+        """
+        return mean_vjp(
+            self, system, field, snapshots=snapshots, parameters=parameters, method=method
+        )
 
     @classmethod
     def plan(cls, system: Any, *, snr: float, **options: Any) -> CoherencePlan[Coherence]:
