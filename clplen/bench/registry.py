@@ -21,6 +21,7 @@ _MODULES = {
     "transfers": "lightfields",
     "propagation": "waves",
     "fields": "waves",
+    "gradients": "gradients",
     "depth": "lightfields",
     "camera": "exposures",
     "microscope": "microscope",
