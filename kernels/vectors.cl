@@ -33,9 +33,19 @@ inline vec load_own(const float *from)
     return ((const loose_vec *)from)->v;
 }
 
+inline vec load_local(__local const float *from)
+{
+    return ((__local const loose_vec *)from)->v;
+}
+
 inline void store(__global float *to, const vec value)
 {
     ((__global loose_vec *)to)->v = value;
+}
+
+inline void store_local(__local float *to, const vec value)
+{
+    ((__local loose_vec *)to)->v = value;
 }
 
 inline void store_own(float *to, const vec value)
