@@ -45,15 +45,15 @@ typedef struct {
 } moved;
 
 /* Samples of 16 pixels of a moved view and their derivative by disparity, sample by sample. */
-inline void along_row(pixels *value, pixels *slope, const moved m)
+inline void along_row(pixels *value, pixels *slope, const moved *m)
 {
     float sum[WIDE + LANES], change[WIDE + LANES];
-    const int samples = m.nx * CHANNELS, first = (m.place.y - 1) * CHANNELS;
-    const float4 a = m.down, b = m.down_slope;
+    const int samples = m->nx * CHANNELS, first = (m->place.y - 1) * CHANNELS;
+    const float4 a = m->down, b = m->down_slope;
     __global const SAMPLE *row[4];
 #pragma unroll
     for (int t = 0; t < 4; ++t)
-        row[t] = m.view + (size_t)BOUND(m.place.x + t - 1, 0, m.ny - 1) * samples;
+        row[t] = m->view + (size_t)BOUND(m->place.x + t - 1, 0, m->ny - 1) * samples;
     if (first >= 0 && first + WIDE <= samples) {
 #pragma unroll
         for (int j = 0; j < WIDE; j += LANES) {
@@ -67,7 +67,7 @@ inline void along_row(pixels *value, pixels *slope, const moved m)
         }
     } else {
         for (int j = 0; j < WIDE; ++j) {
-            const int x = BOUND(m.place.y - 1 + j / CHANNELS, 0, m.nx - 1);
+            const int x = BOUND(m->place.y - 1 + j / CHANNELS, 0, m->nx - 1);
             const int i = x * CHANNELS + j % CHANNELS;
             const float p = stored(row[0], i), q = stored(row[1], i);
             const float r = stored(row[2], i), s = stored(row[3], i);
@@ -75,8 +75,8 @@ inline void along_row(pixels *value, pixels *slope, const moved m)
             change[j] = b.x * p + b.y * q + b.z * r + b.w * s;
         }
     }
-    const float4 c = m.across, d = (float4)(m.step.x) * m.across;
-    const float4 e = (float4)(m.step.y) * m.across_slope;
+    const float4 c = m->across, d = (float4)(m->step.x) * m->across;
+    const float4 e = (float4)(m->step.y) * m->across_slope;
 #pragma unroll
     for (int j = 0; j < CHANNELS * PARTS; ++j) {
         vec f = (vec)(0.0f), g = (vec)(0.0f);
@@ -107,23 +107,23 @@ inline void by_channel(pixels *value)
 }
 
 /* The same for pixel x alone, channel by channel. */
-inline void along_pixel(pixels *value, pixels *slope, const int x, const moved m)
+inline void along_pixel(pixels *value, pixels *slope, const int x, const moved *m)
 {
-    const int row = m.place.x, column = m.place.y + x;
-    const int inside = column >= 1 && column + 2 < m.nx;
+    const int row = m->place.x, column = m->place.y + x;
+    const int inside = column >= 1 && column + 2 < m->nx;
     float4 sum[CHANNELS], change[CHANNELS], q[CHANNELS];
 #pragma unroll
     for (int c = 0; c < CHANNELS; ++c)
         sum[c] = change[c] = (float4)(0.0f);
 #pragma unroll
     for (int t = 0; t < 4; ++t) {
-        const float a = t == 0 ? m.down.x : t == 1 ? m.down.y : t == 2 ? m.down.z : m.down.w;
-        const float b = t == 0   ? m.down_slope.x
-                        : t == 1 ? m.down_slope.y
-                        : t == 2 ? m.down_slope.z
-                                 : m.down_slope.w;
+        const float a = t == 0 ? m->down.x : t == 1 ? m->down.y : t == 2 ? m->down.z : m->down.w;
+        const float b = t == 0   ? m->down_slope.x
+                        : t == 1 ? m->down_slope.y
+                        : t == 2 ? m->down_slope.z
+                                 : m->down_slope.w;
         __global const SAMPLE *from
-            = m.view + (size_t)BOUND(row + t - 1, 0, m.ny - 1) * m.nx * CHANNELS;
+            = m->view + (size_t)BOUND(row + t - 1, 0, m->ny - 1) * m->nx * CHANNELS;
         if (inside) {
             from += (column - 1) * CHANNELS;
 #pragma unroll
@@ -132,7 +132,7 @@ inline void along_pixel(pixels *value, pixels *slope, const int x, const moved m
         } else {
             union { float4 v[CHANNELS]; float s[4 * CHANNELS]; } edge;
             for (int i = 0; i < 4 * CHANNELS; ++i)
-                edge.s[i] = stored(from, BOUND(column - 1 + i / CHANNELS, 0, m.nx - 1) * CHANNELS
+                edge.s[i] = stored(from, BOUND(column - 1 + i / CHANNELS, 0, m->nx - 1) * CHANNELS
                                              + i % CHANNELS);
             for (int c = 0; c < CHANNELS; ++c)
                 q[c] = edge.v[c];
@@ -154,9 +154,9 @@ inline void along_pixel(pixels *value, pixels *slope, const int x, const moved m
 #endif
 #pragma unroll
     for (int c = 0; c < CHANNELS; ++c) {
-        const float4 f = m.across * sum[c];
-        const float4 g = (float4)(m.step.x) * m.across * change[c]
-                         + (float4)(m.step.y) * m.across_slope * sum[c];
+        const float4 f = m->across * sum[c];
+        const float4 g = (float4)(m->step.x) * m->across * change[c]
+                         + (float4)(m->step.y) * m->across_slope * sum[c];
         value[c].s[x] = (f.x + f.y) + (f.z + f.w);
         slope[c].s[x] = (g.x + g.y) + (g.z + g.w);
     }
@@ -234,7 +234,7 @@ __kernel void normal_rows(__global float *restrict A, __global float *restrict B
         const int k = want.plane[d] * views + (v); \
         const moved m = MOVED(k, v); \
         pixels on_value[CHANNELS], on_slope[CHANNELS]; \
-        along_row(on_value, on_slope, m); \
+        along_row(on_value, on_slope, &m); \
         by_channel(on_value); \
         by_channel(on_slope); \
         const int row = m.place.x >= 0 && m.place.x + reach[k].x < ny ? -1 : 0; \
@@ -252,7 +252,7 @@ __kernel void normal_rows(__global float *restrict A, __global float *restrict B
             continue; \
         const int k = want.of[x] * views + (v); \
         const moved m = MOVED(k, v); \
-        along_pixel(value, slope, x, m); \
+        along_pixel(value, slope, x, &m); \
         sees.s[x] = m.place.x >= 0 && m.place.x + reach[k].x < ny && m.place.y + x >= 0 \
                             && m.place.y + x + reach[k].y < nx \
                         ? -1 \
