@@ -3,9 +3,10 @@
  *   out[p, y, x] = sum_st w cost[p, y + s, x + t] / sum_st w,   |s|, |t| <= RADIUS
  *
  * An item is 16 pixels of a row and the planes that they want (spans.cl); axis 0 = y, so that
- * neighbouring rows are read from the nearest caches. The weights of LANES pixels are found once; each
- * is read once for GATHER_PLANES planes, whose sums stay in registers. Costs beside a row are read with
- * weight 0, and are finite.
+ * neighbouring rows are read from the nearest caches. Weights are found once; each is read once for
+ * GATHER_PLANES planes, whose sums stay in registers. Costs that these need are copied first: where
+ * planes are a power of two apart, caches hold few of them at a time. Costs beside a row are read
+ * with weight 0, and are finite.
  *
  * -DLANES=4 | 8 | 16, -DCHANNELS=n, -DRADIUS=n
  */
@@ -16,6 +17,24 @@
 
 #define SIDE (2 * RADIUS + 1)
 #define GATHER_PLANES 8
+#define ITEM_VECTORS (16 / LANES)
+#define COPIED ((16 + 2 * RADIUS + LANES - 1) / LANES * LANES) /* costs of a row and plane */
+#define EACH_PLANE(q) _Pragma("unroll") for (int q = 0; q < GATHER_PLANES; ++q)
+
+/* Rows above to below of the costs round an item, from pixel `at` of row 0 and plane p on; planes
+ * after the last one are like it. */
+inline void copy_costs(float *to, __global const float *cost, const long at, const int p,
+                       const int last, const int above, const int below, const int nx,
+                       const long step, const long size)
+{
+    for (int s = above; s <= below; ++s)
+        EACH_PLANE(q) {
+            const long from = LESS(p + q, last) * step + at + (long)s * nx;
+            float *row = to + ((s + RADIUS) * GATHER_PLANES + q) * COPIED;
+            for (int i = 0; i < COPIED; i += LANES)
+                store_own(row + i, load_within(cost, from + i, size));
+        }
+}
 
 /* The weights of the neighbours of LANES pixels of row y from x0 on, and their sum. */
 inline vec weigh(vec *w, __global const float *I, __global const float *near,
@@ -57,49 +76,34 @@ __kernel void gather_rows(__global float *restrict out, __global const float *re
     const int2 span = span_of(spans, y, first, nx);
     if (span.x > span.y)
         return;
-    vec w[SIDE * SIDE];
+    vec w[ITEM_VECTORS * SIDE * SIDE], share[ITEM_VECTORS];
+    float copied[SIDE * GATHER_PLANES * COPIED];
     const int above = -LESS(RADIUS, y), below = LESS(RADIUS, ny - 1 - y);
-    for (int x0 = first; x0 < LESS(first + 16, nx); x0 += LANES) {
-        const long start = (long)y * nx + x0;
-        const vec share = (vec)(1.0f) / weigh(w, I, near, alike, x0, y, ny, nx);
-        for (int p = span.x; p <= span.y; p += GATHER_PLANES) {
+    const int vectors = (LESS(16, nx - first) + LANES - 1) / LANES;
+    const long start = (long)y * nx + first;
+    for (int v = 0; v < vectors; ++v)
+        share[v] = (vec)(1.0f) / weigh(w + v * SIDE * SIDE, I, near, alike, first + v * LANES, y, ny, nx);
+    for (int p = span.x; p <= span.y; p += GATHER_PLANES) {
+        copy_costs(copied, cost, start - RADIUS, p, span.y, above, below, nx, step, planes * step);
+        for (int v = 0; v < vectors; ++v) {
             vec sum[GATHER_PLANES];
-            long plane[GATHER_PLANES]; /* the last one again and again at the end of a span */
-#pragma unroll
-            for (int q = 0; q < GATHER_PLANES; ++q) {
+            EACH_PLANE(q)
                 sum[q] = (vec)(0.0f);
-                plane[q] = LESS(p + q, span.y) * step + start;
+            for (int s = above + RADIUS; s <= below + RADIUS; ++s) {
+                const vec *weight = w + (v * SIDE + s) * SIDE;
+                const float *from = copied + s * GATHER_PLANES * COPIED + v * LANES;
+                for (int t = 0; t < SIDE; ++t)
+                    EACH_PLANE(q)
+                        sum[q] += weight[t] * load_own(from + q * COPIED + t);
             }
-            const int inner = plane[0] + above * nx - RADIUS >= 0
-                              && plane[GATHER_PLANES - 1] + below * nx + RADIUS + LANES <= planes * step;
-            for (int s = above; s <= below; ++s) {
-                const vec *weight = w + (s + RADIUS) * SIDE + RADIUS;
-                if (inner) {
-                    __global const float *from[GATHER_PLANES];
-#pragma unroll
-                    for (int q = 0; q < GATHER_PLANES; ++q)
-                        from[q] = cost + plane[q] + s * nx;
-                    for (int t = -RADIUS; t <= RADIUS; ++t)
-#pragma unroll
-                        for (int q = 0; q < GATHER_PLANES; ++q)
-                            sum[q] += weight[t] * load(from[q] + t);
-                } else {
-                    for (int t = -RADIUS; t <= RADIUS; ++t)
-#pragma unroll
-                        for (int q = 0; q < GATHER_PLANES; ++q)
-                            sum[q] += weight[t]
-                                      * load_within(cost, plane[q] + s * nx + t, planes * step);
-                }
-            }
-#pragma unroll
-            for (int q = 0; q < GATHER_PLANES; ++q) {
-                __global float *to = out + plane[q];
+            EACH_PLANE(q) {
+                __global float *to = out + (p + q) * step + start + v * LANES;
                 if (p + q > span.y)
                     continue;
-                if (x0 + LANES <= nx)
-                    store(to, sum[q] * share);
+                if (first + (v + 1) * LANES <= nx)
+                    store(to, sum[q] * share[v]);
                 else
-                    store_some(to, sum[q] * share, nx - x0);
+                    store_some(to, sum[q] * share[v], nx - first - v * LANES);
             }
         }
     }
