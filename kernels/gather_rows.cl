@@ -27,13 +27,22 @@ inline void copy_costs(float *to, __global const float *cost, const long at, con
                        const int last, const int above, const int below, const int nx,
                        const long step, const long size)
 {
-    for (int s = above; s <= below; ++s)
-        EACH_PLANE(q) {
-            const long from = LESS(p + q, last) * step + at + (long)s * nx;
-            float *row = to + ((s + RADIUS) * GATHER_PLANES + q) * COPIED;
-            for (int i = 0; i < COPIED; i += LANES)
-                store_own(row + i, load_within(cost, from + i, size));
+    EACH_PLANE(q) {
+        const long first = LESS(p + q, last) * step + at;
+        const int inner = first + (long)above * nx >= 0 && first + (long)below * nx + COPIED <= size;
+        float *row = to + ((above + RADIUS) * GATHER_PLANES + q) * COPIED;
+        for (int s = above; s <= below; ++s, row += GATHER_PLANES * COPIED) {
+            __global const float *from = cost + first + (long)s * nx;
+            if (inner) {
+#pragma unroll
+                for (int i = 0; i < COPIED; i += LANES)
+                    store_own(row + i, load(from + i));
+            } else {
+                for (int i = 0; i < COPIED; i += LANES)
+                    store_own(row + i, load_within(cost, first + (long)s * nx + i, size));
+            }
         }
+    }
 }
 
 /* The weights of the neighbours of LANES pixels of row y from x0 on, and their sum. */
