@@ -95,7 +95,8 @@ def lowest_valley(
         *(np.int32(n) for n in (tables.count, ny, nx)),
     )
     if in_vectors(lf):
-        device.launch(depth_kernel(lf, "valley_rows"), (-(-nx // vector_lanes(device)[0]), ny), *args)
+        blocks = -(-nx // vector_lanes(device)[0])
+        device.launch(depth_kernel(lf, "valley_rows"), (blocks, ny), *args)
     else:
         device.launch_rows(depth_kernel(lf, "valley"), (ny, nx), *args)
     low, next_low = (device.download(a) for a in (least, second))
