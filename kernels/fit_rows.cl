@@ -47,7 +47,7 @@ __kernel void fit_rows(__global float *restrict out, __global float *restrict kn
             vec share = bells(q);
             if (!inner) {
                 const ivec x = LANE + (ivec)(x0 + t);
-                share = x >= (ivec)(0) & x < (ivec)(nx) ? share : none;
+                share = ((x >= (ivec)(0)) & (x < (ivec)(nx))) ? share : none;
             }
             const vec limit = (vec)(most) * a, weight = share * a;
             vec step = -LOAD(B);

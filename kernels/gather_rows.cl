@@ -66,7 +66,7 @@ inline vec weigh(vec *w, __global const float *I, __global const float *near,
             vec weight = bells(close * (vec)((float)(s * s + t * t)) + q * same);
             if (!inner) {
                 const ivec x = LANE + (ivec)(x0 + t);
-                weight = x >= (ivec)(0) & x < (ivec)(nx) ? weight : (vec)(0.0f);
+                weight = ((x >= (ivec)(0)) & (x < (ivec)(nx))) ? weight : (vec)(0.0f);
             }
             w[(s + RADIUS) * SIDE + t + RADIUS] = weight;
             total += weight;

@@ -56,7 +56,7 @@ inline vec least_mean(const vec *sums, const vec *unseen, const int some, const 
     for (int j = 1; j < GROUPS; ++j) {
         const vec count = (vec)(seen[j]) - (some ? unseen[j * ALL_VECTORS] : none);
         const vec mean = (vec)(ratio) * sums[j * ALL_VECTORS] / count + (vec)(margin);
-        const ivec counts = count > none & count >= (vec)(0.5f * most[j]) & mean < least;
+        const ivec counts = (count > none) & (count >= (vec)(0.5f * most[j])) & (mean < least);
         least = counts ? mean : least;
     }
     return least;
@@ -103,7 +103,7 @@ inline void add_part(vec *sum, vec *unseen, const float *from, const float4 acro
             continue;
         }
         const ivec x = LANE + (ivec)(LANES * i);
-        const ivec sees = x >= (ivec)(begin) & x < (ivec)(end);
+        const ivec sees = (x >= (ivec)(begin)) & (x < (ivec)(end));
         sum[i] += sees ? e : none;
         unseen[i] += sees ? none : one;
     }

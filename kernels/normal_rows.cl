@@ -240,7 +240,7 @@ __kernel void normal_rows(__global float *restrict A, __global float *restrict B
         const int row = m.place.x >= 0 && m.place.x + reach[k].x < ny ? -1 : 0; \
         for (int i = 0; i < PARTS; ++i) { \
             const ivec x = LANE + (ivec)(m.place.y + i * LANES), mark = want.chosen[d].v[i]; \
-            sees.v[i] |= mark & (ivec)(row) & x >= (ivec)(0) & x + (ivec)(reach[k].y) < (ivec)(nx); \
+            sees.v[i] |= mark & (ivec)(row) & (x >= (ivec)(0)) & (x + (ivec)(reach[k].y) < (ivec)(nx)); \
             for (int c = 0; c < CHANNELS; ++c) { \
                 value[c].v[i] = mark ? on_value[c].v[i] : value[c].v[i]; \
                 slope[c].v[i] = mark ? on_slope[c].v[i] : slope[c].v[i]; \
@@ -316,7 +316,7 @@ __kernel void normal_rows(__global float *restrict A, __global float *restrict B
         for (int j = 1; j < GROUPS; ++j) {
             const vec *group = groups + (j * PARTS + i) * TERMS;
             const vec mean = (vec)(ratio) * group[1] / group[0] + (vec)(margin);
-            const ivec better = group[0] > none & group[0] >= (vec)(0.5f * most[j]) & mean < least;
+            const ivec better = (group[0] > none) & (group[0] >= (vec)(0.5f * most[j])) & (mean < least);
             least = better ? mean : least;
             for (int t = 0; t < TERMS; ++t)
                 sum[t] = better ? group[t] : sum[t];

@@ -28,7 +28,7 @@ inline vec wanted_cost(__global const float *cost, const int p, const ivec first
                        const long step, const int n)
 {
     const vec e = n >= LANES ? load(cost + p * step) : load_some(cost + p * step, n);
-    return (ivec)(p) >= first & (ivec)(p) <= last ? e : (vec)(INFINITY);
+    return (((ivec)(p) >= first) & ((ivec)(p) <= last)) ? e : (vec)(INFINITY);
 }
 
 __attribute__((reqd_work_group_size(1, 1, 1)))
@@ -62,11 +62,11 @@ __kernel void valley_rows(__global float *restrict place, __global int *restrict
     for (int p = low; p <= high; ++p) {
         const vec following
             = p < high ? wanted_cost(cost, p + 1, first.v, last.v, step, n) : beyond;
-        const ivec is_valley = e <= previous & e < following;
-        const ivec lower = is_valley & e < lowest.v, higher = is_valley & e >= lowest.v;
+        const ivec is_valley = (e <= previous) & (e < following);
+        const ivec lower = is_valley & (e < lowest.v), higher = is_valley & (e >= lowest.v);
         sum.v += e < beyond ? e : (vec)(0.0f);
         begin.v = (ivec)(p) == first.v ? e : begin.v;
-        next.v = lower ? lowest.v : higher & e < next.v ? e : next.v;
+        next.v = lower ? lowest.v : (higher & (e < next.v)) ? e : next.v;
         before.v = lower ? previous : before.v;
         after.v = lower ? following : after.v;
         best.v = lower ? (ivec)(p) : best.v;

@@ -108,7 +108,7 @@ FAULTS = {
     "upsample.cl": ("base * (a ? ty.w : ty.z)", "base * (a ? ty.z : ty.w)"),
     "valley_rows.cl": ("(s0 * h1 - s1 * h0)", "(s0 * h1 + s1 * h0)"),
     "vectors.cl": ("(ivec)(0x7fffffff)", "(ivec)(0x7f7fffff)"),
-    "view_detail.cl": ("vec bound = value > low ? value", "vec bound = value > low ? -value"),
+    "view_detail.cl": ("rint(value) + MIDDLE", "MIDDLE - rint(value)"),
     "views.cl": ("low = fmin(low", "low = fmax(low"),
     "window.cl": ("from_y = y + shift_y", "from_y = y - shift_y"),
 }  # fmt: skip
