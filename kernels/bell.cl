@@ -2,10 +2,13 @@
  *
  *   bell(q) = max(1 - q/8, 0)^8, close to exp(-q), and 0 beyond 8
  *
- * Included only.
+ * -DLANES=4 | 8 | 16: bells, of a vector (vectors.cl), too. Included only.
  */
 #ifndef CLPLEN_BELL
 #define CLPLEN_BELL
+#ifdef LANES
+#include "vectors.cl"
+#endif
 
 inline float bell(const float q)
 {
@@ -14,5 +17,16 @@ inline float bell(const float q)
     const float r4 = r2 * r2;
     return r4 * r4;
 }
+
+#ifdef LANES
+inline vec bells(const vec q)
+{
+    const vec rest = (vec)(1.0f) - q * (vec)(0.125f);
+    const vec r = rest > (vec)(0.0f) ? rest : (vec)(0.0f);
+    const vec r2 = r * r;
+    const vec r4 = r2 * r2;
+    return r4 * r4;
+}
+#endif
 
 #endif

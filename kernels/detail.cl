@@ -10,7 +10,7 @@
  * is reflected.
  * Mapping: a group of items owns `length` samples, whole pixels, of LINES rows (separated.cl), axis
  * 1 = y / LINES, axis 2 = p. -DCHANNELS=n; -DLUMA: 3 channels, weights of Rec. ITU-R BT.709.
- * -DLINES=n; -DROWS: the group is one item.
+ * -DLINES=n, -DLANES=4 | 8 | 16; -DROWS: the group is one item.
  */
 #include "separated.cl"
 
@@ -41,17 +41,17 @@ inline void row_energy(__global float *out, __local const float *kept, __local c
                        __global const float *even, __global const float *low, const int radius,
                        const int count, __local float *detail)
 {
-    float16 A[VECTORS], B[VECTORS];
+    vec A[VECTORS], B[VECTORS];
     FOR_CHUNKS(i, 0, count, CHUNK) {
         across_chunk(A, kept + i, even, 2, CHANNELS);
         across_chunk(B, blurred + i, low, radius, CHANNELS);
         UNROLLED(j) {
-            const float16 d = A[j] - B[j];
-            const float16 clear = d * d > ROUNDING * B[j] * B[j] ? d : (float16)(0.0f);
+            const vec d = A[j] - B[j];
+            const vec clear = d * d > ROUNDING * B[j] * B[j] ? d : (vec)(0.0f);
 #if CHANNELS == 1
-            store16(out + i + 16 * j, clear * clear);
+            store(out + i + LANES * j, clear * clear);
 #else
-            store16_local(detail + i + 16 * j, clear);
+            store_local(detail + i + LANES * j, clear);
 #endif
         }
     }

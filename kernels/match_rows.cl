@@ -1,61 +1,111 @@
-/* match of matching.cl in vectors of sixteen samples, for CPUs and light fields of one or three channels.
+/* match of matching.cl in vectors, for CPUs and light fields of one or three channels.
  *
  *   cost[p, y, x] = min(m_0, ratio min_j m_j + margin)
  *
- * A sample that interpolation needs is combined along y once for four pixels along x. An item is
- * MATCH_VECTORS vectors of 16 pixels of a row on one plane; axis 0 = planes, axis 1 = y, axis 2 =
- * those, so that the rows of all views that planes share are read from the nearest caches.
- * Vectors at the ends of an item are left as they are where the plane is not wanted (spans.cl).
+ * An item is MATCH_HEIGHT rows of 16 MATCH_VECTORS pixels on one plane; axis 0 = planes, axis 1 =
+ * rows, axis 2 = pixels, so that the rows of all views that planes share are read from the nearest
+ * caches. Its part of a view is combined along y once (strips.cl), and then interpolated along x
+ * and compared row by row. 16 pixels at the ends of an item are left as they are where no row wants
+ * the plane (spans.cl).
  *
- * -DSAMPLE=uchar | ushort | half | float, -DLANES=16, -DCHANNELS=1 | 3, -DMATCH_VECTORS=n
+ * -DSAMPLE=uchar | ushort | half | float, -DLANES=4 | 8 | 16, -DCHANNELS=1 | 3, -DMATCH_VECTORS=n
  */
 #include "common.cl"
 #include "spans.cl"
-#include "strips.cl"
 
 #define GROUPS 9
+#define MATCH_HEIGHT 4
 #define MATCH_CHUNK (16 * MATCH_VECTORS)
+#define ROW_VECTORS (MATCH_CHUNK / LANES)
+#define ALL_VECTORS (MATCH_HEIGHT * ROW_VECTORS)
+#define PATTERNS 18 /* whose sums are added to those of the groups at a time */
+#define STRIP_HEIGHT MATCH_HEIGHT
+#define STRIP_PITCH ((MATCH_CHUNK + 4) * CHANNELS)
+#include "strips.cl"
 
-/* Differences to the centre at 16 pixels, added over the channels. */
-inline float16 difference(const float16 *value, const float16 *centre)
+/* Differences to the centre at LANES pixels, added over the channels, tau at the most. */
+inline vec difference(const float *strip, const float4 across, const vec *centre, const float tau)
 {
-#if CHANNELS == 1
-    return magnitude(value[0] - centre[0]);
-#else
-    const float16 a = magnitude(value[0] - centre[0]), b = magnitude(value[1] - centre[1]);
-    const float16 c = magnitude(value[2] - centre[2]);
-    return CHANNEL_0(a, b, c) + CHANNEL_1(a, b, c) + CHANNEL_2(a, b, c);
+    vec e = magnitude(across_taps(across, strip) - centre[0]);
+#if CHANNELS == 3
+    const vec a = e, b = magnitude(across_taps(across, strip + LANES) - centre[1]);
+    const vec c = magnitude(across_taps(across, strip + 2 * LANES) - centre[2]);
+    e = CHANNEL_0(a, b, c) + CHANNEL_1(a, b, c) + CHANNEL_2(a, b, c);
 #endif
+    return e < (vec)(tau) ? e : (vec)(tau);
 }
 
-/* A view moved by `at` to pixels from x0 on, `vectors` times sixteen, clamped at its edges. */
-typedef struct {
-    strip rows;
-    int first;
-    float4 across;
-    float16 last; /* what the next vector starts with */
-} moved;
-
-inline moved moved_view(__global const SAMPLE *view, const int y, const int x0, const int2 at,
-                        const float4 down, const float4 across, const int ny, const int nx)
+/* Whether one of some rows wants 16 pixels from x on. */
+inline int wants(__global const int2 *spans, const int y, const int rows, const int x, const int p,
+                 const int nx)
 {
-    moved m;
-    m.rows = strip_of(view, y + at.x - 1, down, ny, nx);
-    m.first = (x0 + at.y - 1) * CHANNELS;
-    m.across = across;
-    m.last = strip_load(m.rows, m.first);
-    return m;
+    int any = 0;
+    for (int r = 0; r < rows; ++r)
+        any |= in_span(spans, y + r, x, p, nx);
+    return any;
 }
 
-/* The next 16 pixels. */
-inline void next_pixels(float16 *value, moved *m)
+/* The least mean of a group, or of all views, at LANES pixels. */
+inline vec least_mean(const vec *sums, const vec *unseen, const int some, const float *seen,
+                      const float *most, const float tau,
+                      const float ratio, const float margin)
 {
-#pragma unroll
-    for (int j = 0; j < CHANNELS; ++j) {
-        m->first += 16;
-        const float16 b = strip_load(m->rows, m->first);
-        value[j] = across_taps(m->across, m->last, b);
-        m->last = b;
+    const vec none = (vec)(0.0f);
+    const vec every = (vec)(seen[0]) - (some ? unseen[0] : none);
+    vec least = every > none ? sums[0] / every : (vec)(tau);
+    for (int j = 1; j < GROUPS; ++j) {
+        const vec count = (vec)(seen[j]) - (some ? unseen[j * ALL_VECTORS] : none);
+        const vec mean = (vec)(ratio) * sums[j * ALL_VECTORS] / count + (vec)(margin);
+        const ivec counts = (count > none) & (count >= (vec)(0.5f * most[j])) & (mean < least);
+        least = counts ? mean : least;
+    }
+    return least;
+}
+
+/* sums[j] += sum of pattern[g, j] part[g] over some patterns g. */
+inline void add_patterns(vec *sums, const vec *part, __global const float *pattern,
+                         const int patterns)
+{
+    for (int j = 0; j < GROUPS; ++j) {
+        int count = 0;
+        const vec *from[PATTERNS];
+        float w[PATTERNS];
+        for (int g = 0; g < patterns; ++g)
+            if (pattern[g * GROUPS + j] != 0) {
+                from[count] = part + g * ALL_VECTORS;
+                w[count++] = pattern[g * GROUPS + j];
+            }
+        for (long i = 0; i < ALL_VECTORS; i += 4) {
+            vec *to = sums + j * ALL_VECTORS + i;
+            vec a = to[0], b = to[1], c = to[2], d = to[3];
+            for (int g = 0; g < count; ++g) {
+                const vec *more = from[g] + i;
+                a += (vec)(w[g]) * more[0];
+                b += (vec)(w[g]) * more[1];
+                c += (vec)(w[g]) * more[2];
+                d += (vec)(w[g]) * more[3];
+            }
+            to[0] = a, to[1] = b, to[2] = c, to[3] = d;
+        }
+    }
+}
+
+/* Costs of the pixels of a view from begin to end, and those that do not see the others, of a row. */
+inline void add_part(vec *sum, vec *unseen, const float *from, const float4 across,
+                     const vec *centre, const int begin, const int end, const int vectors,
+                     const float tau)
+{
+    const vec none = (vec)(0.0f), one = (vec)(1.0f);
+    for (int i = 0; i < vectors; ++i) {
+        const vec e = difference(from + i * LANES * CHANNELS, across, centre + i * CHANNELS, tau);
+        if (begin <= i * LANES && end >= (i + 1) * LANES) {
+            sum[i] += e;
+            continue;
+        }
+        const ivec x = LANE + (ivec)(LANES * i);
+        const ivec sees = (x >= (ivec)(begin)) & (x < (ivec)(end));
+        sum[i] += sees ? e : none;
+        unseen[i] += sees ? none : one;
     }
 }
 
@@ -70,104 +120,103 @@ __kernel void match_rows(__global float *restrict out, __global const SAMPLE *re
                          const int views, const int ny, const int nx, const float tau,
                          const float ratio, const float margin)
 {
-    const int p = get_global_id(0), y = get_global_id(1);
-    int x0 = get_global_id(2) * MATCH_CHUNK, end_x = min(x0 + MATCH_CHUNK, nx);
-    while (x0 < end_x && !in_span(spans, y, x0, p, nx))
+    const int p = get_global_id(0), y = get_global_id(1) * MATCH_HEIGHT;
+    const int rows = LESS(MATCH_HEIGHT, ny - y);
+    int x0 = get_global_id(2) * MATCH_CHUNK, end_x = LESS(x0 + MATCH_CHUNK, nx);
+    while (x0 < end_x && !wants(spans, y, rows, x0, p, nx))
         x0 += 16;
-    while (x0 < end_x && !in_span(spans, y, end_x - 1, p, nx))
+    while (x0 < end_x && !wants(spans, y, rows, end_x - 1, p, nx))
         end_x = (end_x - 1) & ~15;
     if (x0 >= end_x)
         return;
-    const int n = end_x - x0, vectors = (n + 15) / 16;
+    const int n = end_x - x0, vectors = (n + LANES - 1) / LANES;
     const size_t size = (size_t)ny * nx * CHANNELS;
-    const float16 most_cost = (float16)(tau);
-    float16 centre[MATCH_VECTORS * CHANNELS], value[CHANNELS];
-    float16 sums[GROUPS * MATCH_VECTORS], seen[GROUPS * MATCH_VECTORS];
-    float16 part_sum[MATCH_VECTORS], part_seen[MATCH_VECTORS];
-    float most[GROUPS], seen_whole[GROUPS];
+    float strips[STRIP_HEIGHT * STRIP_PITCH];
+    vec centre[ALL_VECTORS * CHANNELS], sums[GROUPS * ALL_VECTORS], unseen[GROUPS * ALL_VECTORS];
+    vec parts[PATTERNS * ALL_VECTORS], part_unseen[ALL_VECTORS];
+    float most[GROUPS], seen[GROUPS];
+    int some = 0; /* whether a view sees only some of the pixels: unseen counts the others */
 
-    for (int j = 0; j < vectors * CHANNELS; ++j)
-        centre[j] = (float16)(0.0f);
-    for (int r = 0; r < references; ++r) {
-        const int k = p * views + reference[r];
-        moved m = moved_view(L + view[reference[r]] * size, y, x0, at[k], part[2 * k],
-                             part[2 * k + 1], ny, nx);
-        for (int i = 0; i < vectors; ++i) {
-            next_pixels(value, &m);
-            for (int c = 0; c < CHANNELS; ++c)
-                centre[i * CHANNELS + c] += (float16)(share[r]) * value[c];
-        }
+    for (int j = 0; j < ALL_VECTORS * CHANNELS; ++j)
+        centre[j] = (vec)(0.0f);
+    for (int q = 0; q < references; ++q) {
+        const int k = p * views + reference[q];
+        const float4 across = part[2 * k + 1];
+        strip(strips, L + view[reference[q]] * size, y + at[k].x - 1,
+              (x0 + at[k].y - 1) * CHANNELS, (n + 3) * CHANNELS, part[2 * k], ny, nx);
+        for (int r = 0; r < rows; ++r)
+            for (int i = 0; i < vectors * CHANNELS; ++i)
+                centre[r * ROW_VECTORS * CHANNELS + i]
+                    += (vec)(share[q]) * across_taps(across, strips + r * STRIP_PITCH + i * LANES);
     }
-    for (int i = 0; i < GROUPS * MATCH_VECTORS; ++i)
-        sums[i] = seen[i] = (float16)(0.0f);
+    for (int i = 0; i < GROUPS * ALL_VECTORS; ++i)
+        sums[i] = (vec)(0.0f);
     for (int j = 0; j < GROUPS; ++j)
-        most[j] = seen_whole[j] = 0;
+        most[j] = seen[j] = 0;
 
     for (int g = 0; g < patterns; ++g) {
-        float whole = 0; /* views that see all pixels of the chunk */
-        int some = 0;    /* whether a view sees some of them */
-        for (int i = 0; i < vectors; ++i)
-            part_sum[i] = part_seen[i] = (float16)(0.0f);
+        float whole = 0; /* views that see a pixel */
+        int here = 0;    /* whether one of them does not see all */
+        vec *part_sum = parts + g % PATTERNS * ALL_VECTORS;
+        for (int i = 0; i < ALL_VECTORS; ++i)
+            part_sum[i] = (vec)(0.0f);
         for (int v = first[g]; v < first[g + 1]; ++v) {
-            const int k = p * views + v;
-            const int row = y + at[k].x;
-            const int begin = clamp(-at[k].y - x0, 0, n);
-            const int end = clamp(nx - at[k].y - reach[k].y - x0, begin, n);
-            if (row < 0 || row + reach[k].x >= ny || begin == end)
+            const int k = p * views + v, top = y + at[k].x, left = x0 + at[k].y;
+            const float4 across = part[2 * k + 1];
+            const int above = BOUND(-top, 0, rows), below = BOUND(ny - top - reach[k].x, above, rows);
+            const int begin = BOUND(-left, 0, n), end = BOUND(nx - left - reach[k].y, begin, n);
+            if (above == below || begin == end)
                 continue;
-            moved m = moved_view(L + view[v] * size, y, x0, at[k], part[2 * k], part[2 * k + 1],
-                                 ny, nx);
-            if (begin == 0 && end == n) {
-                whole += 1;
-                for (int i = 0; i < vectors; ++i) {
-                    next_pixels(value, &m);
-                    const float16 e = difference(value, centre + i * CHANNELS);
-                    part_sum[i] += e < most_cost ? e : most_cost;
+            strip(strips, L + view[v] * size, top - 1, (left - 1) * CHANNELS, (n + 3) * CHANNELS,
+                  part[2 * k], ny, nx);
+            whole += 1;
+            if (above == 0 && below == rows && begin == 0 && end == n) {
+                for (int r = 0; r < rows; ++r) {
+                    const float *from = strips + r * STRIP_PITCH;
+                    const vec *middle = centre + r * ROW_VECTORS * CHANNELS;
+                    vec *to = part_sum + r * ROW_VECTORS;
+                    for (int i = 0; i < vectors; ++i)
+                        to[i] += difference(from + i * LANES * CHANNELS, across,
+                                            middle + i * CHANNELS, tau);
                 }
                 continue;
             }
-            some = 1;
-            for (int i = 0; i < vectors; ++i) {
-                next_pixels(value, &m);
-                const float16 e = difference(value, centre + i * CHANNELS);
-                const int16 x = LANE + (int16)(16 * i);
-                const int16 sees = x >= (int16)(begin) & x < (int16)(end);
-                part_sum[i] += sees ? (e < most_cost ? e : most_cost) : (float16)(0.0f);
-                part_seen[i] += sees ? (float16)(1.0f) : (float16)(0.0f);
-            }
+            for (int i = 0; i < GROUPS * ALL_VECTORS && !some; ++i)
+                unseen[i] = (vec)(0.0f);
+            for (int i = 0; i < ALL_VECTORS && !here; ++i)
+                part_unseen[i] = (vec)(0.0f);
+            some = here = 1;
+            for (int r = 0; r < rows; ++r)
+                if (r >= above && r < below)
+                    add_part(part_sum + r * ROW_VECTORS, part_unseen + r * ROW_VECTORS,
+                             strips + r * STRIP_PITCH, across, centre + r * ROW_VECTORS * CHANNELS,
+                             begin, end, vectors, tau);
+                else
+                    for (int i = 0; i < vectors; ++i)
+                        part_unseen[r * ROW_VECTORS + i] += (vec)(1.0f);
         }
         for (int j = 0; j < GROUPS; ++j) {
             const float w = pattern[g * GROUPS + j];
             most[j] += w * (first[g + 1] - first[g]);
             if (w == 0)
                 continue;
-            seen_whole[j] += w * whole;
-            for (int i = 0; i < vectors; ++i)
-                sums[j * MATCH_VECTORS + i] += (float16)(w) * part_sum[i];
-            if (some)
-                for (int i = 0; i < vectors; ++i)
-                    seen[j * MATCH_VECTORS + i] += (float16)(w) * part_seen[i];
+            seen[j] += w * whole;
+            if (here)
+                for (int i = 0; i < ALL_VECTORS; ++i)
+                    unseen[j * ALL_VECTORS + i] += (vec)(w) * part_unseen[i];
         }
+        if (g % PATTERNS == PATTERNS - 1 || g == patterns - 1)
+            add_patterns(sums, parts, pattern + (g - g % PATTERNS) * GROUPS, g % PATTERNS + 1);
     }
-
-    out += row_start(p, y, ny, nx) + x0;
-    for (int i = 0; i < vectors; ++i) {
-        const float16 none = (float16)(0.0f);
-        const float16 every = seen[i] + (float16)(seen_whole[0]);
-        float16 least = every > none ? sums[i] / every : most_cost;
-        for (int j = 1; j < GROUPS; ++j) {
-            const float16 count = seen[j * MATCH_VECTORS + i] + (float16)(seen_whole[j]);
-            const float16 mean = (float16)(ratio) * sums[j * MATCH_VECTORS + i] / count + (float16)(margin);
-            const int16 counts = count > none & count >= (float16)(0.5f * most[j]) & mean < least;
-            least = counts ? mean : least;
+    for (int r = 0; r < rows; ++r)
+        for (int i = 0; i < vectors; ++i) {
+            const int k = r * ROW_VECTORS + i, rest = n - LANES * i;
+            const vec least = least_mean(sums + k, unseen + k, some, seen, most, tau,
+                                         ratio, margin);
+            __global float *to = out + row_start(p, y + r, ny, nx) + x0 + LANES * i;
+            if (rest >= LANES)
+                store(to, least);
+            else
+                store_some(to, least, rest);
         }
-        if (16 * i + 16 <= n) {
-            store16(out + 16 * i, least);
-        } else {
-            union { float16 v; float s[16]; } last;
-            last.v = least;
-            for (int x = 0; 16 * i + x < n; ++x)
-                out[16 * i + x] = last.s[x];
-        }
-    }
 }

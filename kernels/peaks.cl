@@ -12,15 +12,13 @@
  * no place.
  *
  * Pixels lie one after the other, `size` in a plane; arrays are padded by 15 floats.
- * Mapping: an item owns a pixel; -DROWS: `length` pixels, 16 at a time.
+ * Mapping: an item owns a pixel; -DROWS: `length` pixels, LANES at a time, -DLANES=4 | 8 | 16.
  */
-#include "lanes.cl"
-
 #ifdef ROWS
-#define STEP 16
-typedef float16 vec;
-#define LOAD(from) load16(from)
-#define STORE(to, value) store16(to, value)
+#include "vectors.cl"
+#define STEP LANES
+#define LOAD(from) load(from)
+#define STORE(to, value) store(to, value)
 #else
 #define STEP 1
 typedef float vec;

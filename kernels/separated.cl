@@ -9,29 +9,28 @@
  * A group of items owns `length` samples of LINES rows; its local memory holds them with `halo`
  * samples on either side, row after row. w points at the weight at distance 0 of a table of all
  * distances, with LINES - 1 zeros at either end, so that a row that is read once serves all rows.
- * -DSAMPLE=uchar | ushort | half | float with -DLANES=16: what `in` stores; float32 otherwise.
- * -DLINES=n; -DROWS: the group is one item, which takes 16 samples at a time. Otherwise LINES is 1.
+ * -DSAMPLE=uchar | ushort | half | float: what `in` stores; float32 otherwise. -DLANES=4 | 8 | 16
+ * -DLINES=n; -DROWS: the group is one item, which takes LANES samples at a time. Otherwise LINES is 1.
  * Included only.
  */
 #ifndef CLPLEN_SEPARATED
 #define CLPLEN_SEPARATED
 #include "common.cl"
-#include "lanes.cl"
+#include "vectors.cl"
 
 #ifdef SAMPLE
-#include "stored.cl"
 #define SOURCE SAMPLE
 #define SOURCE_AT(in, i) stored(in, i)
-#define SOURCE_16(in) stored_vec(in)
+#define SOURCE_VEC(in) stored_vec(in)
 #else
 #define SOURCE float
 #define SOURCE_AT(in, i) ((in)[i])
-#define SOURCE_16(in) load16(in)
+#define SOURCE_VEC(in) load(in)
 #endif
 
 #define VECTORS 4
 #define DOWN 2 /* vectors of a row of the LINES that are filtered at a time */
-#define CHUNK (16 * VECTORS)
+#define CHUNK (LANES * VECTORS)
 #define UNROLLED(j) _Pragma("unroll") for (int j = 0; j < VECTORS; ++j)
 #define EACH_LINE(r) _Pragma("unroll") for (int r = 0; r < LINES; ++r)
 #define EACH_DOWN(j) _Pragma("unroll") for (int j = 0; j < DOWN; ++j)
@@ -60,25 +59,25 @@ inline float column(__global const SOURCE *in, const int y, const int i, __globa
 }
 
 #ifdef ROWS
-/* The same for rows y ... y + LINES - 1, `apart` samples apart in `to`, and 16 DOWN samples from i
+/* The same for rows y ... y + LINES - 1, `apart` samples apart in `to`, and LANES DOWN samples from i
  * on. */
 inline void column_chunk(__local float *to, const int apart, __global const SOURCE *in, const int y,
                          const int i, __global const float *w, const int radius, const int ny,
                          const int n)
 {
-    float16 sum[LINES][DOWN];
+    vec sum[LINES][DOWN];
     EACH_LINE(r) EACH_DOWN(j)
-        sum[r][j] = (float16)(0.0f);
+        sum[r][j] = (vec)(0.0f);
     for (int t = -radius; t < LINES + radius; ++t) {
         __global const SOURCE *at = in + row_start(0, reflected(y + t, ny), ny, n) + i;
-        float16 v[DOWN];
+        vec v[DOWN];
         EACH_DOWN(j)
-            v[j] = SOURCE_16(at + 16 * j);
+            v[j] = SOURCE_VEC(at + LANES * j);
         EACH_LINE(r) EACH_DOWN(j)
             sum[r][j] += w[t - r] * v[j];
     }
     EACH_LINE(r) EACH_DOWN(j)
-        store16_local(to + r * apart + 16 * j, sum[r][j]);
+        store_local(to + r * apart + LANES * j, sum[r][j]);
 }
 #endif
 
@@ -98,11 +97,11 @@ inline void columns(__local float *to, const int apart, __global const SOURCE *i
     const int start = first - halo;
 #ifdef ROWS
     const int begin = max(start, 0), end = min(first + count + halo, n);
-    FOR_CHUNKS(i, begin, end, 16 * DOWN)
+    FOR_CHUNKS(i, begin, end, LANES * DOWN)
         column_chunk(to + i - start, apart, in, y, i, w, radius, ny, n);
     for (int r = 0; r < LINES; ++r) {
         __local float *line = to + r * apart;
-        if (end - begin < 16 * DOWN)
+        if (end - begin < LANES * DOWN)
             for (int i = begin; i < end; ++i)
                 line[i - start] = column(in, y + r, i, w, radius, ny, n);
         for (int i = start; i < begin; ++i)
@@ -127,15 +126,15 @@ inline float across(__local const float *at, __global const float *w, const int 
 
 #ifdef ROWS
 /* The same for CHUNK samples from `at` on. */
-inline void across_chunk(float16 sum[VECTORS], __local const float *at, __global const float *w,
+inline void across_chunk(vec sum[VECTORS], __local const float *at, __global const float *w,
                          const int radius, const int channels)
 {
     UNROLLED(j)
-        sum[j] = w[0] * load16_local(at + 16 * j);
+        sum[j] = w[0] * load_local(at + LANES * j);
     for (int t = 1; t <= radius; ++t) {
         __local const float *before = at - t * channels, *after = at + t * channels;
         UNROLLED(j)
-            sum[j] += w[t] * (load16_local(before + 16 * j) + load16_local(after + 16 * j));
+            sum[j] += w[t] * (load_local(before + LANES * j) + load_local(after + LANES * j));
     }
 }
 #endif

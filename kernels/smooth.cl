@@ -4,7 +4,7 @@
  *
  * Beyond the edges the map is reflected.
  * Mapping: a group of items owns `length` samples of LINES rows (separated.cl), axis 1 = y / LINES,
- * axis 2 = p. -DLINES=n; -DROWS: the group is one item.
+ * axis 2 = p. -DLINES=n, -DLANES=4 | 8 | 16; -DROWS: the group is one item.
  */
 #include "separated.cl"
 
@@ -22,11 +22,11 @@ __kernel void smooth(__global float *restrict out, __global const float *restric
     line += radius;
     for (int r = 0; r < min(LINES, ny - y); ++r, out += nx, line += apart) {
 #ifdef ROWS
-        float16 sum[VECTORS];
+        vec sum[VECTORS];
         FOR_CHUNKS(i, 0, count, CHUNK) {
             across_chunk(sum, line + i, w, radius, 1);
             UNROLLED(j)
-                store16(out + i + 16 * j, sum[j]);
+                store(out + i + LANES * j, sum[j]);
         }
         if (count >= CHUNK)
             continue;

@@ -6,7 +6,7 @@
  * Beyond the edges the view is reflected.
  * Mapping: a group of items owns `length` samples, whole pixels, of LINES rows (separated.cl), axis
  * 1 = y / LINES, axis 2 = k, a view. -DSAMPLE=uchar | ushort | half | float, -DCHANNELS=n, -DLINES=n,
- * -DLANES=16; -DROWS: the group is one item.
+ * -DLANES=4 | 8 | 16; -DROWS: the group is one item.
  */
 #include "separated.cl"
 
@@ -16,6 +16,21 @@ inline ushort stored_detail(const float value)
 {
     return (ushort)clamp(rint(value) + MIDDLE, 0.0f, 2 * MIDDLE - 1);
 }
+
+#ifdef ROWS
+typedef struct __attribute__((packed)) { JOIN(ushort, LANES) v; } loose_detail;
+
+/* The same for a vector: adding 1.5 2^23 rounds to whole numbers, which its last bits hold. */
+inline void store_detail(__global ushort *to, const vec value)
+{
+    const vec low = (vec)(-MIDDLE), high = (vec)(MIDDLE - 1);
+    vec bound = value > low ? value : low;
+    bound = bound < high ? bound : high;
+    const ivec whole = JOIN(as_int, LANES)(bound + (vec)(12582912.0f));
+    ((__global loose_detail *)to)->v
+        = JOIN(convert_ushort, LANES)((whole ^ (ivec)(0x8000)) & (ivec)(0xffff));
+}
+#endif
 
 __kernel void view_detail(__global ushort *restrict out, __global const SAMPLE *restrict L,
                           __global const float *restrict w, __global const float *restrict scale,
@@ -36,16 +51,12 @@ __kernel void view_detail(__global ushort *restrict out, __global const SAMPLE *
     line += halo;
     for (int r = 0; r < min(LINES, ny - y); ++r, out += n, L += n, line += apart) {
 #ifdef ROWS
-        float16 low[VECTORS];
+        vec low[VECTORS];
         FOR_CHUNKS(i, 0, count, CHUNK) {
             across_chunk(low, line + i, w, radius, CHANNELS);
-            UNROLLED(j) {
-                const float16 detail = scale[k] * (stored_vec(L + i + 16 * j) - low[j]);
-                union { float16 v; float s[16]; } whole;
-                whole.v = detail;
-                for (int x = 0; x < 16; ++x)
-                    out[i + 16 * j + x] = stored_detail(whole.s[x]);
-            }
+            UNROLLED(j)
+                store_detail(out + i + LANES * j,
+                             (vec)(scale[k]) * (stored_vec(L + i + LANES * j) - low[j]));
         }
         if (count >= CHUNK)
             continue;

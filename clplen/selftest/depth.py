@@ -382,10 +382,10 @@ def _refine(device: Device) -> Pairs:
 
 MATCHING_CHECKS = (
     Check("matching", "how well views agree on four planes", _matching, 1e-5,
-          ("matching.cl", "match_rows.cl", "strips.cl", "spans.cl", "combined.cl")),
+          ("matching.cl", "match_rows.cl", "strips.cl", "spans.cl", "combined.cl", "vectors.cl")),
     Check("view detail", "views less their Gaussian", _view_detail, 2e-5, ("view_detail.cl",)),
     Check("support", "costs of neighbours that look alike", _support, 2e-5,
-          ("support.cl", "gather_rows.cl", "bell.cl")),
+          ("support.cl", "gather_rows.cl", "valley_rows.cl", "bell.cl")),
     Check("refine", "least squares over views and neighbours", _refine, 5e-5,
-          ("refine.cl", "normal_rows.cl")),
+          ("refine.cl", "normal_rows.cl", "fit_rows.cl")),
 )  # fmt: skip

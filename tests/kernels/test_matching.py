@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from reference_matching import bell_taps, centre_shares, costs, membership
@@ -102,6 +104,29 @@ def test_match(device, shape):
     assert got.dtype == np.float32
     assert got.shape == (planes.size, *shape[2:4])
     assert np.abs(got - want).max() <= tolerance(lf, channels) < 2e-3 * thresholds(channels)[0]
+
+
+@pytest.mark.parametrize("lanes", [4, 8, 16])
+@pytest.mark.parametrize("shape", [(3, 3, 9, 53), (3, 5, 7, 37, 3), (5, 5, 6, 19)])
+def test_vectors_of_other_lengths(device, monkeypatch, shape, lanes):
+    monkeypatch.setattr(view_matching, "vector_lanes", lambda device: (lanes, 8))
+    lf = light_field(device, shape)
+    channels, planes = (*shape, 1)[4], PLANES[:6]
+    got = found_costs(lf, planes)
+    want = wanted(lf, planes, channels)
+    assert np.abs(got - want).max() <= tolerance(lf, channels)
+    # the same where every view has its pattern, more than are added at a time
+    views = group_views(lf)
+    counts = np.diff(views.first)
+    apart = replace(
+        views,
+        first=np.arange(len(views.view) + 1, dtype=np.int32),
+        pattern=np.repeat(views.pattern, counts, axis=0),
+    )
+    moved = shift_tables(apart, planes, 1.0, device=device)
+    spans = all_planes(lf.shape[2:4], planes.size)
+    got = device.download(match_costs(lf, apart, moved, spans))
+    assert np.abs(got - want).max() <= tolerance(lf, channels)
 
 
 @pytest.mark.parametrize("dtype", [np.uint8, np.uint16, np.float16])

@@ -1,4 +1,4 @@
-"""refine.cl against float64 twins."""
+"""refine.cl, normal_rows.cl and fit_rows.cl against float64 twins."""
 
 from __future__ import annotations
 
@@ -32,7 +32,12 @@ def light_field(device, shape, **more):
     return LightField.from_array(views(shape), device=device, weights=weights, **more)
 
 
-def compared(device, lf, start, limits=LIMITS, gain=1.0, vectors=False, wanted=None):
+def skip_without_rows(device):
+    if not device.rows:
+        pytest.skip("kernels in vectors are for devices on which an item takes a row")
+
+
+def compared(device, lf, start, limits=LIMITS, gain=1.0, lanes=0, wanted=None):
     """(A, B) of the kernel and of the twin; start: disparities, numbers of planes, planes."""
     disparity, nearest, planes = start
     ny, nx, channels = (*lf.shape[2:], 1)[:3]
@@ -40,10 +45,9 @@ def compared(device, lf, start, limits=LIMITS, gain=1.0, vectors=False, wanted=N
     moved = shift_tables(sorted_, planes, gain, device=device)
     A, B = (device.zeros((ny, nx), np.float32) for _ in "AB")
     kinds = {"SAMPLE": C_TYPE[lf.dtype], "CHANNELS": channels}
-    if vectors and not device.rows:
-        pytest.skip("kernels in vectors are for devices on which an item takes a row")
-    if vectors:
-        kernel = device.kernel("normal_rows.cl", "normal_rows", LANES=16, **kinds)
+    if lanes:
+        skip_without_rows(device)
+        kernel = device.kernel("normal_rows.cl", "normal_rows", LANES=lanes, **kinds)
         launch, size = device.launch, (-(-nx // 16), ny)
     else:
         kernel = device.kernel("refine.cl", "normal", **kinds)
@@ -81,11 +85,11 @@ def compared(device, lf, start, limits=LIMITS, gain=1.0, vectors=False, wanted=N
 PLANES = np.array([-1.5, -0.625, 0.0, 0.4, 1.25])
 
 
-def some_start(shape, seed=6):
+def some_start(shape, seed=6, planes=PLANES):
     """Any plane at every pixel, and a disparity near it."""
     random = np.random.default_rng(seed)
-    nearest = random.integers(0, len(PLANES), shape)
-    return PLANES[nearest] + random.uniform(-0.2, 0.2, shape), nearest, PLANES
+    nearest = random.integers(0, len(planes), shape)
+    return planes[nearest] + random.uniform(-0.2, 0.2, shape), nearest, planes
 
 
 def on_plane(shape, d, more=0.0):
@@ -128,19 +132,22 @@ def test_normal(device, shape):
         ((3, 2, 1, 9), LIMITS),
     ],
 )
-def test_normal_in_vectors(device, shape, limits):
+@pytest.mark.parametrize("lanes", [4, 8, 16])
+@pytest.mark.parametrize("planes", [5, 13])  # moved plane by plane, and pixel by pixel
+def test_normal_in_vectors(device, shape, limits, planes, lanes):
     lf = light_field(device, shape)
-    got, want = compared(device, lf, some_start(shape[2:4]), limits, vectors=True)
+    start = some_start(shape[2:4], planes=np.linspace(-1.5, 1.25, planes))
+    got, want = compared(device, lf, start, limits, lanes=lanes)
     close(want, got)
 
 
-@pytest.mark.parametrize("vectors", [False, True])
-def test_normal_of_wanted_pixels(device, vectors):
+@pytest.mark.parametrize("lanes", [0, 4, 8, 16])
+def test_normal_of_wanted_pixels(device, lanes):
     lf = light_field(device, (3, 3, 9, 37))
     wanted = (np.random.default_rng(3).random((9, 37)) < 0.4).astype(np.uint8)
     start = some_start((9, 37))
-    every, _ = compared(device, lf, start, vectors=vectors)
-    some, _ = compared(device, lf, start, vectors=vectors, wanted=wanted)
+    every, _ = compared(device, lf, start, lanes=lanes)
+    some, _ = compared(device, lf, start, lanes=lanes, wanted=wanted)
     for whole, part in zip(every, some, strict=True):
         np.testing.assert_array_equal(part, whole * wanted)
 
@@ -184,13 +191,19 @@ def test_a_step_leads_to_the_plane(device):
         np.testing.assert_allclose((-B / A)[:, 4:-4], 0.125, rtol=1e-4)
 
 
-def fitted(device, maps, picture, scales, prior, *, ridge, most, radius):
+def fitted(device, maps, picture, scales, prior, *, ridge, most, radius, lanes=0):
     shape = maps[0].shape
     out, known = (device.empty(shape, np.float32) for _ in "ok")
     alike, near, level = scales
-    block = BLOCK if device.rows else 1
+    sizes = {"CHANNELS": picture.shape[2], "RADIUS": radius}
+    if lanes:
+        skip_without_rows(device)
+        kernel, block = device.kernel("fit_rows.cl", "fit_rows", LANES=lanes, **sizes), lanes
+    else:
+        block = BLOCK if device.rows else 1
+        kernel = device.kernel("refine.cl", "fit", BLOCK=block, **sizes)
     device.launch(
-        device.kernel("refine.cl", "fit", CHANNELS=picture.shape[2], RADIUS=radius, BLOCK=block),
+        kernel,
         (-(-shape[1] // block), shape[0]),
         out,
         known,
@@ -203,9 +216,10 @@ def fitted(device, maps, picture, scales, prior, *, ridge, most, radius):
 
 @pytest.mark.parametrize(
     ("ny", "nx", "channels", "radius"),
-    [(9, 13, 1, 2), (7, 11, 3, 3), (5, 17, 2, 8), (1, 9, 3, 2), (13, 1, 1, 3), (4, 6, 1, 0)],
+    [(9, 43, 1, 2), (7, 11, 3, 3), (5, 17, 2, 8), (1, 9, 3, 2), (13, 1, 1, 3), (4, 6, 1, 0)],
 )
-def test_fit(device, ny, nx, channels, radius):
+@pytest.mark.parametrize("lanes", [0, 4, 8, 16])
+def test_fit(device, ny, nx, channels, radius, lanes):
     random = np.random.default_rng(ny)
 
     def between(low, high, *more):
@@ -216,7 +230,7 @@ def test_fit(device, ny, nx, channels, radius):
     scales = (between(1e-4, 2e-3), between(0.02, 0.3), 5.0)
     prior = between(50, 400)
     options = {"ridge": 0.3, "most": 0.1, "radius": radius}
-    got = fitted(device, maps, picture, scales, prior, **options)
+    got = fitted(device, maps, picture, scales, prior, lanes=lanes, **options)
     assert (np.abs(maps[1]) > options["most"] * (maps[0] + prior)).any()  # some steps are cut
     wide = [a.astype(float) for a in (*maps, picture, scales[0], scales[1], prior)]
     want = fit(tuple(wide[:3]), wide[3], (*wide[4:6], scales[2]), wide[6], **options)

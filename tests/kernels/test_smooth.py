@@ -1,4 +1,4 @@
-"""smooth.cl (with separated.cl and lanes.cl) against a float64 twin."""
+"""smooth.cl (with separated.cl and vectors.cl) against a float64 twin."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""support.cl against float64 twins."""
+"""support.cl, gather_rows.cl and valley_rows.cl against float64 twins."""
 
 from __future__ import annotations
 
@@ -12,7 +12,12 @@ from clplen.lightfield.matching.plane_spans import all_planes
 EPS = 2.0**-24
 
 
-VECTORS = 16  # block of gather_rows.cl
+VECTORS = (-4, -8, -16)  # for blocks: lanes of gather_rows.cl
+
+
+def skip_without_rows(device):
+    if not device.rows:
+        pytest.skip("kernels in vectors are for devices on which an item takes a row")
 
 
 def gathered(device, cost, picture, near, alike, radius, block, spans=None):
@@ -20,18 +25,18 @@ def gathered(device, cost, picture, near, alike, radius, block, spans=None):
     planes, ny, nx = cost.shape
     length = block if device.rows else 1
     channels = picture.shape[2]
-    if block == VECTORS and not device.rows:
-        pytest.skip("kernels in vectors are for devices on which an item takes a row")
-    if block == VECTORS:
-        length = block
-        kernel = device.kernel("gather_rows.cl", "gather_rows", CHANNELS=channels, RADIUS=radius)
+    sizes = {"CHANNELS": channels, "RADIUS": radius}
+    if block < 0:
+        skip_without_rows(device)
+        kernel = device.kernel("gather_rows.cl", "gather_rows", LANES=-block, **sizes)
+        size = (ny, -(-nx // 16))
     else:
-        sizes = {"CHANNELS": channels, "RADIUS": radius, "BLOCK": length}
-        kernel = device.kernel("support.cl", "gather", **sizes)
+        kernel = device.kernel("support.cl", "gather", BLOCK=length, **sizes)
+        size = (-(-nx // length), ny)
     spans = all_planes((ny, nx), planes) if spans is None else spans
     device.launch(
         kernel,
-        (-(-nx // length), ny),
+        size,
         out,
         *(device.upload(a) for a in (cost, spans, np.moveaxis(picture, 2, 0).copy(), near, alike)),
         *(np.int32(n) for n in (planes, ny, nx)),
@@ -39,7 +44,7 @@ def gathered(device, cost, picture, near, alike, radius, block, spans=None):
     return device.download(out)
 
 
-@pytest.mark.parametrize("block", [5, VECTORS, 64])
+@pytest.mark.parametrize("block", [5, *VECTORS, 64])
 @pytest.mark.parametrize(
     ("planes", "ny", "nx", "channels", "radius"),
     [
@@ -66,7 +71,7 @@ def test_gather(device, planes, ny, nx, channels, radius, block):
     assert relative_max(want, got) <= (8 * (4 + channels) + 2 * terms) * EPS
 
 
-@pytest.mark.parametrize("block", [8, VECTORS])
+@pytest.mark.parametrize("block", [8, *VECTORS])
 def test_gather_of_spans(device, block):
     """Planes of a span are gathered, the same as all; nothing where no plane is wanted."""
     random = np.random.default_rng(7)
@@ -94,30 +99,36 @@ def test_only_what_is_alike_is_gathered(device):
     np.testing.assert_allclose(got, cost, rtol=1e-6)
 
 
-def lowest(device, cost, planes, file="support.cl", spans=None, **defines):
+def lowest(device, cost, planes, file="support.cl", spans=None, lanes=0, **defines):
     count, ny, nx = cost.shape
+    if lanes:
+        skip_without_rows(device)
     every = np.tile(np.array((0, count - 1), np.int32), (ny, nx, 1))
     kinds = (np.float32, np.int32, np.float32, np.float32, np.float32)
     maps = [device.zeros((ny, nx), kind) for kind in kinds]
-    device.launch_rows(
-        device.kernel(file, "valley", CHANNELS=1, **defines),
-        (ny, nx),
+    args = (
         *maps,
         device.upload(cost),
         device.upload(every if spans is None else spans),
         device.upload(planes.astype(np.float32)),
         *(np.int32(n) for n in (count, ny, nx)),
     )
+    if lanes:
+        kernel = device.kernel("valley_rows.cl", "valley_rows", LANES=lanes)
+        device.launch(kernel, (-(-nx // lanes), ny), *args)
+    else:
+        device.launch_rows(device.kernel(file, "valley", CHANNELS=1, **defines), (ny, nx), *args)
     return [device.download(one) for one in maps]
 
 
 UNEVEN = np.array([-1.5, -1.25, -0.5, 0.0, 0.125, 1.0, 1.5, 3.0])
 
 
+@pytest.mark.parametrize("lanes", [0, 4, 8, 16])
 @pytest.mark.parametrize("planes", [UNEVEN, UNEVEN[:3], np.linspace(-2, 2, 17)])
-def test_valley(device, planes):
+def test_valley(device, planes, lanes):
     cost = np.random.default_rng(4).uniform(1, 9, (len(planes), 11, 13)).astype(np.float32)
-    place, number, least, second, mean = lowest(device, cost, planes)
+    place, number, least, second, mean = lowest(device, cost, planes, lanes=lanes)
     want = valley(cost.astype(float), planes)
     # the parabola lies within half a step; its rises are exact to a rounding, and so is their ratio
     assert np.abs(place - want[0]).max() <= 16 * EPS * np.abs(planes).max()
@@ -128,16 +139,31 @@ def test_valley(device, planes):
     assert relative_max(want[4], mean) <= (len(planes) + 1) * EPS
 
 
-def test_valley_among_the_planes_of_a_span(device):
+@pytest.mark.parametrize("lanes", [0, 4, 8, 16])
+def test_valley_among_the_planes_of_a_span(device, lanes):
     cost = np.random.default_rng(4).uniform(1, 9, (8, 3, 35)).astype(np.float32)
     spans = np.array([[(0, 7)] * 16 + [(2, 6)] * 16 + [(1, 0)] * 3] * 3, np.int32)
-    found = lowest(device, cost, UNEVEN, spans=spans)
-    whole = lowest(device, cost, UNEVEN)
-    part = lowest(device, cost[2:7], UNEVEN[2:7])
+    found = lowest(device, cost, UNEVEN, spans=spans, lanes=lanes)
+    whole = lowest(device, cost, UNEVEN, lanes=lanes)
+    part = lowest(device, cost[2:7], UNEVEN[2:7], lanes=lanes)
     for k, (map_, every, some) in enumerate(zip(found, whole, part, strict=True)):
         np.testing.assert_array_equal(map_[:, :16], every[:, :16])
         np.testing.assert_array_equal(map_[:, 16:32], some[:, 16:32] + (2 if k == 1 else 0))
         assert not map_[:, 32:].any()
+
+
+@pytest.mark.parametrize("lanes", [4, 8, 16])
+def test_valleys_of_neighbours_with_their_own_spans(device, lanes):
+    """A span for each pixel, many of one plane; the same as pixel by pixel, by the plain kernel."""
+    random = np.random.default_rng(9)
+    cost = random.integers(1, 5, (8, 6, 45)).astype(np.float32)  # plateaus, too
+    spans = np.sort(random.integers(0, 8, (6, 45, 2)), axis=-1).astype(np.int32)
+    spans[random.random((6, 45)) < 0.2] = (1, 0)
+    got = lowest(device, cost, UNEVEN, spans=spans, lanes=lanes)
+    want = lowest(device, cost, UNEVEN, spans=spans)
+    np.testing.assert_array_equal(got[1], want[1])
+    for one, other in zip(got, want, strict=True):
+        np.testing.assert_allclose(one, other, rtol=8 * EPS, atol=8 * EPS * 8)
 
 
 def test_valley_in_the_program_of_its_cue(device):

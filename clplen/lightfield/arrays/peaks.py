@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 
 from clplen.compute.device import Device
+from clplen.lightfield.arrays.shear import vector_lanes
 
 Map = np.ndarray[Any, np.dtype[np.float32]]
 Vector = np.ndarray[Any, np.dtype[np.float64]]
@@ -43,7 +44,9 @@ class PeakTracker:
         self._shape = shape
         self._size = shape[0] * shape[1]
         self._device = device
-        self._defines = {"LOWEST": True} if lowest else {}
+        self._defines: dict[str, Any] = {"LOWEST": True} if lowest else {}
+        if device.rows:
+            self._defines["LANES"] = vector_lanes(device)[0]
         self._state = [device.empty((self._padded(1),), np.float32) for _ in range(4)]
         self._start, self._fresh = start, True
         self.curve = device.empty((self._padded(most + 2),), np.float32)

@@ -9,6 +9,7 @@ import pyopencl as cl
 import pyopencl.array as cla
 
 from clplen.compute.device import Device
+from clplen.lightfield.arrays.shear import vector_lanes
 
 Vector = np.ndarray[Any, np.dtype[np.float64]]
 
@@ -83,14 +84,14 @@ def launch_stretches(
     channels : int
         Samples of a pixel.
     **defines
-        Of the kernel, beside ``LINES``.
+        Of the kernel, beside ``LINES`` and ``LANES``.
     """
     batch, ny, samples = shape
     most = max(_STRETCH[device.rows] // channels, 1) * channels
     length = min(most, samples)
     group, lines = 1 if device.rows else _GROUP, _LINES[device.rows]
     device.launch(
-        device.kernel(*name, LINES=lines, **defines),
+        device.kernel(*name, LINES=lines, LANES=vector_lanes(device)[0], **defines),
         (-(-samples // length) * group, -(-ny // lines), batch),
         *args,
         np.int32(length),

@@ -96,8 +96,10 @@ def likely_planes(detail: LightField, planes: Vector, gain: float) -> LikelyPlan
     channels = (*detail.shape, 1)[4]
     likely = cost <= least + _RISE * (usual - least) + _LEVELS * channels
     likely |= usual - least < _PLAIN * channels
-    first = likely.argmax(axis=0) - 1
-    last = coarse.size - likely[::-1].argmax(axis=0)
+    first, last = (np.zeros((ny, nx), np.int32) for _ in range(2))
+    for p in range(coarse.size):
+        np.copyto(last, p + 1, where=likely[p])
+        np.copyto(first, coarse.size - p - 2, where=likely[coarse.size - p - 1])
     spans = np.stack((first, last), axis=-1) * _APART
     return LikelyPlanes(np.clip(spans, 0, planes.size - 1).astype(np.int32), usual)
 

@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 import pyopencl.array as cla
 
+from clplen.lightfield.arrays.shear import vector_lanes
 from clplen.lightfield.matching.view_matching import (
     VECTOR,
     Mask,
@@ -49,10 +50,13 @@ def gather_costs(
     """
     device = lf.device
     planes, ny, nx = (int(n) for n in costs.shape)
-    block = VECTOR if in_vectors(lf) else support_block(device)
+    if in_vectors(lf):
+        kernel, size = depth_kernel(lf, "gather_rows"), (ny, -(-nx // VECTOR))
+    else:
+        kernel, size = depth_kernel(lf, "gather"), (-(-nx // support_block(device)), ny)
     device.launch(
-        depth_kernel(lf, "gather_rows" if in_vectors(lf) else "gather"),
-        (-(-nx // block), ny),
+        kernel,
+        size,
         out,
         costs,
         device.upload(spans),
@@ -79,9 +83,7 @@ def lowest_valley(
     _, ny, nx = (int(n) for n in costs.shape)
     place, least, second, mean = (device.zeros((ny, nx), np.float32) for _ in range(4))
     nearest = device.zeros((ny, nx), np.int32)
-    device.launch_rows(
-        depth_kernel(lf, "valley"),
-        (ny, nx),
+    args = (
         place,
         nearest,
         least,
@@ -92,6 +94,11 @@ def lowest_valley(
         tables.planes,
         *(np.int32(n) for n in (tables.count, ny, nx)),
     )
+    if in_vectors(lf):
+        blocks = -(-nx // vector_lanes(device)[0])
+        device.launch(depth_kernel(lf, "valley_rows"), (blocks, ny), *args)
+    else:
+        device.launch_rows(depth_kernel(lf, "valley"), (ny, nx), *args)
     low, next_low = (device.download(a) for a in (least, second))
     tried = device.download(mean)
     usual = tried if usual is None else np.maximum(usual, tried)
@@ -167,9 +174,13 @@ def fit_planes(
     device = lf.device
     ny, nx = disparity.shape
     out, known = (device.empty((ny, nx), np.float32) for _ in range(2))
+    if in_vectors(lf):
+        kernel, block = depth_kernel(lf, "fit_rows"), vector_lanes(device)[0]
+    else:
+        kernel, block = depth_kernel(lf, "fit"), support_block(device)
     device.launch(
-        depth_kernel(lf, "fit"),
-        (-(-nx // support_block(device)), ny),
+        kernel,
+        (-(-nx // block), ny),
         out,
         known,
         *normal,

@@ -66,7 +66,6 @@ def view_detail(lf: LightField, gains: Map) -> LightField:
         channels=channels,
         SAMPLE=C_TYPE[lf.dtype],
         CHANNELS=channels,
-        LANES=16,
     )
     return replace(lf, data=out, raw=None)
 

@@ -10,6 +10,7 @@ import pyopencl as cl
 import pyopencl.array as cla
 
 from clplen.compute.device import Device
+from clplen.lightfield.arrays.shear import vector_lanes
 from clplen.lightfield.arrays.stored_samples import C_TYPE
 from clplen.lightfield.model.alpha_law import row_ratio, unit_steps
 from clplen.lightfield.model.light_field import LightField
@@ -26,8 +27,8 @@ TRUNCATION = 10.0  # levels a channel: worse agreement than this is none
 _DELTA = 1e-4  # pixels: for its derivative
 WINDOW = 7  # pixels: half the window of costs and of planes
 _BLOCK, _SUPPORT_BLOCK = 512, 64  # pixels of a row that an item of a CPU takes: match, others
-VECTOR = 16  # samples that CPUs take at a time
-_VECTORS = 16  # of pixels that an item of match_rows takes
+VECTOR = 16  # pixels of a row that are looked at together
+_VECTORS, _HEIGHT = 8, 4  # of pixels, and rows, that an item of match_rows takes
 _ALMOST = 1e-6  # of a view step: on the line between two halves
 
 
@@ -226,7 +227,7 @@ def match_costs(lf: LightField, views: ViewGroups, tables: ShiftTables, spans: S
     out = make((tables.count, ny, nx), np.float32)
     if in_vectors(lf):
         kernel = depth_kernel(lf, "match_rows")
-        size = (tables.count, ny, -(-nx // (VECTOR * _VECTORS)))
+        size = (tables.count, -(-ny // _HEIGHT), -(-nx // (VECTOR * _VECTORS)))
     else:
         kernel = depth_kernel(lf, "match")
         size = (-(-nx // match_block(device)), ny, tables.count)
@@ -249,7 +250,8 @@ def match_costs(lf: LightField, views: ViewGroups, tables: ShiftTables, spans: S
 
 def depth_kernel(lf: LightField, name: str) -> cl.Kernel:
     """A kernel of kernels/combined.cl; all of them for one kind of light field are one program."""
-    vectors = {"LANES": VECTOR, "MATCH_VECTORS": _VECTORS} if in_vectors(lf) else {}
+    lanes = vector_lanes(lf.device)[0]
+    vectors = {"LANES": lanes, "MATCH_VECTORS": _VECTORS} if in_vectors(lf) else {}
     return lf.device.kernel(
         "combined.cl",
         name,
@@ -263,7 +265,7 @@ def depth_kernel(lf: LightField, name: str) -> cl.Kernel:
 
 
 def in_vectors(lf: LightField) -> bool:
-    """Whether samples are compared sixteen at a time."""
+    """Whether samples are compared in vectors."""
     return lf.device.rows and (*lf.shape, 1)[4] in (1, 3)
 
 
