@@ -8,7 +8,9 @@
  *
  * The share is that of lenslet_coverage.cl, whose strips and clipped polygons are differentiated: a
  * disc's strip grows at the ends that lie in the cell; a side of a cell moves with its normal, by
- * its length in the sample's cell. A side on the border of two samples' cells counts half in each.
+ * its length in the sample's cell. A side on the border of two samples' cells counts half in each, and
+ * a sample as near to several lenslets of a kind has the mean slope of their phases: derivatives there
+ * are means of those one way and the other.
  * Lengths in pitches, x, y and angle of the aperture in the sensor's axes. boxes, parts, out: see
  * lenslet_sums.cl.
  *
@@ -25,9 +27,11 @@
 #ifdef DOUBLE
 typedef double4 real4;
 #define NOTHING 1e-9 /* of half a cell: rounding of places */
+#define ALIKE 1e-10  /* squared distances, in pitches */
 #else
 typedef float4 real4;
 #define NOTHING 1e-4f
+#define ALIKE 3e-7f
 #endif
 
 #ifdef FULL
@@ -97,6 +101,31 @@ inline real4 polygon_change(real cx, real cy, real a, int sides, real turn, real
     return change / (4 * hx * hy);
 }
 
+/* How many lenslets of a kind are as near to a sample as the nearest one, which is one of them. */
+inline int alike(Lenslet l, real r2, int rows, int columns)
+{
+    int count = 0;
+    for (int i = -1; i <= 1; ++i) {
+        const int row = l.row + i;
+        if (row < 0 || row >= rows)
+            continue;
+#ifdef HEXAGONAL
+        const real shift = ((row & 1) - (l.row & 1)) * (real)0.5f;
+#else
+        const real shift = 0;
+#endif
+        for (int k = -1; k <= 1; ++k) {
+            const int column = l.column + k;
+            if (column < 0 || column >= columns
+                || lens_type(row, column) != lens_type(l.row, l.column))
+                continue;
+            const real a = l.a - k - shift, b = l.b - i * ROW_HEIGHT;
+            count += a * a + b * b - r2 <= ALIKE;
+        }
+    }
+    return count;
+}
+
 __kernel void lenslet_gradient(__global real *restrict out, __global const cplx *restrict G,
                                __global const real2 *restrict a_of_y,
                                __global const real2 *restrict b_of_y,
@@ -113,6 +142,11 @@ __kernel void lenslet_gradient(__global real *restrict out, __global const cplx 
     const int4 box = boxes[item / parts];
     const int row = item / parts / columns, column = item / parts % columns;
     const real room = radius - (hx + hy);
+#ifdef HEXAGONAL
+    const real shift = (row & 1) * (real)0.5f;
+#else
+    const real shift = 0;
+#endif
     real total[SUMS], lost[SUMS], line[SUMS];
     for (int k = 0; k < SUMS; ++k)
         total[k] = lost[k] = 0;
@@ -124,19 +158,16 @@ __kernel void lenslet_gradient(__global real *restrict out, __global const cplx 
             const Lenslet l = nearest(a, b, rows, columns);
             if (abs(l.row - row) > 1 || abs(l.column - column) > 1)
                 continue; /* no neighbour of the nearest one adds to its sample: coverage() */
-            const bool own = l.row == row && l.column == column;
-            const real r2 = l.a * l.a + l.b * l.b;
-            const cplx c = cmul(cis_turns(turns[lens_type(l.row, l.column)] * r2),
-                                G[row_start(0, y, 0, nx) + x]);
+            const real da = ((a.x - column) + a.y) - shift;
+            const real db = ((b.x - row) + b.y) * ROW_HEIGHT;
+            const real r2 = l.a * l.a + l.b * l.b, d2 = da * da + db * db;
+            const int kind = lens_type(l.row, l.column);
+            const cplx c = cmul(cis_turns(turns[kind] * r2), G[row_start(0, y, 0, nx) + x]);
+            real part = l.row == row && l.column == column; /* of the sample's phase */
+            if (r2 > (real)0.2499f && d2 - r2 <= ALIKE && lens_type(row, column) == kind)
+                part = (real)1 / alike(l, r2, rows, columns);
             real amplitude = 1;
             if (!(room > 0 && r2 < room * room)) {
-#ifdef HEXAGONAL
-                const real shift = (row & 1) * (real)0.5f;
-#else
-                const real shift = 0;
-#endif
-                const real da = ((a.x - column) + a.y) - shift;
-                const real db = ((b.x - row) + b.y) * ROW_HEIGHT;
                 const real cx = -(da * turn.x - db * turn.y), cy = -(da * turn.y + db * turn.x);
                 const real4 change = IS_FULL
                     ? polygon_change(cx, cy, radius, SIDES, angle, hx, hy)
@@ -145,14 +176,14 @@ __kernel void lenslet_gradient(__global real *restrict out, __global const cplx 
                 line[4] += c.x * change.y;
                 line[5] += c.x * change.z;
                 line[6] += c.x * change.w;
-                if (own && !(IS_FULL && radius >= (real)0.5f && is_inner(l, rows, columns)))
+                if (part > 0 && !(IS_FULL && radius >= (real)0.5f && is_inner(l, rows, columns)))
                     amplitude = coverage(l, radius, IS_FULL, turn, angle, hx, hy, rows, columns);
             }
-            if (own) {
-                const real p = amplitude * c.y;
-                line[0] += p * l.a;
-                line[1] += p * l.b;
-                line[2] += p * r2;
+            if (part > 0) {
+                const real p = part * amplitude * c.y;
+                line[0] += p * da;
+                line[1] += p * db;
+                line[2] += p * d2;
             }
         }
         add_line(total, lost, line);
