@@ -40,6 +40,26 @@ typedef float4 real4;
 #define IS_FULL false
 #endif
 
+/* How the chords of a cell's strips change with a disc's places along and across them and its radius. */
+inline real4 strips_change(real along, real across, real R, real ha, real hs)
+{
+    real4 change = (real4)(0);
+    for (int i = 0; i < STRIPS; ++i) {
+        const real t = across + hs * ((2 * i + 1) / (real)STRIPS - 1);
+        const real square = R * R - t * t;
+        if (square <= 0)
+            continue;
+        const real half_chord = sqrt(square);
+        if (fmin(along + half_chord, ha) <= fmax(along - half_chord, -ha))
+            continue;
+        const int right = along + half_chord < ha, left = along - half_chord > -ha;
+        change.x += right - left;
+        change.y -= (right + left) * t / half_chord;
+        change.w += (right + left) * R / half_chord;
+    }
+    return change / (2 * ha * STRIPS);
+}
+
 /* How the share of a cell changes with a disc's (x, y, angle, radius): see disc_coverage. */
 inline real4 disc_change(real cx, real cy, real R, real hx, real hy)
 {
@@ -47,27 +67,14 @@ inline real4 disc_change(real cx, real cy, real R, real hx, real hy)
     const real nx = fmax(ax - hx, (real)0), ny = fmax(ay - hy, (real)0);
     if ((ax + hx) * (ax + hx) + (ay + hy) * (ay + hy) <= R * R || nx * nx + ny * ny >= R * R)
         return (real4)(0);
-    const bool along_x = ax * hy >= ay * hx;
-    const real along = along_x ? ax : ay, across = along_x ? ay : ax;
-    const real ha = along_x ? hx : hy, hs = along_x ? hy : hx;
-    real by_along = 0, by_across = 0, by_radius = 0;
-    for (int i = 0; i < STRIPS; ++i) {
-        const real t = across + hs * ((2 * i + 1) / (real)STRIPS - 1);
-        const real square = R * R - t * t;
-        if (square <= 0)
-            continue;
-        const real half_chord = sqrt(square);
-        const bool right = along + half_chord < ha, left = along - half_chord > -ha;
-        if (fmin(along + half_chord, ha) <= fmax(along - half_chord, -ha))
-            continue;
-        const int ends = (int)right + (int)left;
-        by_along += (int)right - (int)left;
-        by_across -= ends * t / half_chord;
-        by_radius += ends * R / half_chord;
-    }
-    const real by_x = along_x ? by_along : by_across, by_y = along_x ? by_across : by_along;
-    return (real4)(cx < 0 ? -by_x : by_x, cy < 0 ? -by_y : by_y, 0, by_radius)
-        / (2 * ha * STRIPS);
+    const real lean = ax * hy - ay * hx; /* 0: strips turn when the disc moves */
+    const real level = fabs(lean) <= ALIKE * hy ? (real)0.5f : lean > 0 ? (real)1 : (real)0;
+    real4 change = (real4)(0);
+    if (level > 0)
+        change += level * strips_change(ax, ay, R, hx, hy);
+    if (level < 1)
+        change += (1 - level) * strips_change(ay, ax, R, hy, hx).yxzw;
+    return change * (real4)(cx < 0 ? -1 : 1, cy < 0 ? -1 : 1, 1, 1);
 }
 
 /* The part of a line p + s d that lies in [-h, h] along one axis; the share of it that counts. */

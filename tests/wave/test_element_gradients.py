@@ -160,11 +160,18 @@ def test_sides_of_cells_on_the_borders_of_samples(device, precise):
         agree(slope(loss, 1e-12), double["offset"][axis], single["offset"][axis])
 
 
-@pytest.mark.parametrize("lattice", ["square", "hexagonal"])
-def test_samples_between_two_lenslets(device, precise, lattice):
-    """Moved one way their phase is that of the one, the other way of the other: the mean slope."""
+@pytest.mark.parametrize(
+    ("lattice", "fill", "count"),
+    [("square", "full", (2, 4)), ("hexagonal", "full", (2, 4)), ("square", "circular", (3, 3))],
+)
+def test_lattices_on_the_samples(device, precise, lattice, fill, count):
+    """Derivatives are means of those one way and the other.
+
+    Samples between two lenslets have the phase of the one or of the other when an array moves, and
+    cells on the diagonal of a disc strips along x or along y.
+    """
     grid = Grid((47, 53), DX)
-    values = {"pitch": 10 * DX, "focal_length": 3e-3, "count": (2, 4), "fill": "full"}
+    values = {"pitch": 10 * DX, "focal_length": 3e-3, "count": count, "fill": fill}
     values |= {"lattice": lattice, "offset": (0.0, 0.0), "rotation": 0.0}
     double, single = (
         MicrolensArray(**values).gradient(field(U, d, grid), field(G, d, grid))
