@@ -137,6 +137,21 @@ def test_arrays_of_lenslets(device, precise, kind):
     assert double["lenslet_focal_lengths"].sum() == pytest.approx(double["focal_length"])
 
 
+@pytest.mark.parametrize(("name", "sign"), [("pitch", 1), ("diameter", -1)])
+def test_touching_cells_part(precise, name, sign):
+    """One-sided: the pitch grows or the diameter shrinks, and gaps open."""
+    values = array(**ARRAYS["touching"]) | {"diameter": P}
+    found = MicrolensArray(**values).gradient(field(U, precise), field(G, precise))[name]
+
+    def loss(s):
+        mla = MicrolensArray(**values | {name: values[name] + sign * s})
+        return (MEAN * precise.download(mla.transmission(GRID, LAM, precise))).sum().real
+
+    h = 4e-12  # extrapolated from three values
+    expected = sign * (4 * loss(h / 2) - loss(h) - 3 * loss(0)) / h
+    assert abs(found - expected) <= DOUBLE * abs(expected)
+
+
 def test_sides_of_cells_on_the_borders_of_samples(device, precise):
     """Moved one way they cover more of one sample, the other way less of its neighbour."""
     grid = Grid((47, 53), DX)
