@@ -56,7 +56,7 @@ FAULTS = {
     "lattice_spectra.cl": ("to[0] = p.x + p.z;", "to[0] = p.x - p.z;"),
     "lens_types.cl": ("column - (row >> 1) + TYPE_STEP * row", "column + TYPE_STEP * row"),
     "lenslet_errors.cl": ("e.y * l.a + e.z * l.b", "e.y * l.b + e.z * l.a"),
-    "lenslet_gradient.cl": ("by_across -= ends", "by_across += ends"),
+    "lenslet_gradient.cl": ("change.y -= (right", "change.y += (right"),
     "lenslet_moments.cl": ("value *= l.a;", "value *= l.b;"),
     "lenslet_sums.cl": ("const real term = line[k] - lost[k];", "const real term = -line[k];"),
     "transmission_gradient.cl": ("(cplx)(v.x, -v.y)", "v"),
