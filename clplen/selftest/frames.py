@@ -80,7 +80,7 @@ def _divided(device: Device) -> Pairs:
     """Over the white level, and the colours of a Bayer mosaic from neighbouring lenslets."""
     raw, white = twins.reals(3, 2, 3, 5, 7), twins.reals(4, 2, 3, 5, 7, low=0.2)
     out = device.zeros((2, 3, 5, 7, 3), np.float32)
-    raw_decoding._divide(out, device.upload(raw), device.upload(white), 3, 1, device)
+    raw_decoding.divide_views(out, device.upload(raw), device.upload(white), 3, 1, device)
     expected = np.zeros(out.shape)
     expected[..., 1] = raw / np.maximum(white.astype(float), raw_decoding._FLOOR)
     yield expected, device.download(out)

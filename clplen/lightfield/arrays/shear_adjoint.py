@@ -141,7 +141,7 @@ def _uploaded(views: Views, device: Device) -> list[cla.Array]:
 
 def _spread_blocks(out: cla.Array, shares: cla.Array, views: Views, device: Device) -> bool:
     """Rows of all views of one v an item; False where local memory does not suffice."""
-    lanes, vectors = vector_lanes(device)
+    lanes = vector_lanes(device)[0]
     chosen = _block(views, device)
     if chosen is None:
         return False
@@ -150,7 +150,7 @@ def _spread_blocks(out: cla.Array, shares: cla.Array, views: Views, device: Devi
     kernel = device.kernel(
         "shear_adjoint.cl", "spread_blocks", SAMPLE="float", **_lane_defines(device), **defines
     )
-    V, U = views.weights.shape
+    V = len(views.weights)
     columns = -(-views.samples // (width - views.channels))
     for first in range(0, views.planes, step):
         part = views.part(first, step)
@@ -184,7 +184,7 @@ def _block(views: Views, device: Device) -> tuple[int, int, int] | None:
             continue
         launches = -(-views.planes // most)
         columns = -(-views.samples // (width - views.channels))
-        # vectors read, multiplied and added: those of a view, of a plane's row, of the start of a row
+        # samples of the views, of a plane's row, and what the start of a row is worth
         cost = columns * (U * (width + 2 * lanes + launches * width / views.planes)
                           + 3 * pitch + 20 * lanes)  # fmt: skip
         if cost < least:

@@ -146,15 +146,14 @@ def _spread_any(
     (V, U), (rows, count) = grid.views, grid.count
     sampled, strides = _of_lenslets(views, grid, strides, device, linear)
     tables = grid_tables(grid, device)
-    lattice, reach = _bounds_of_lenslets(grid)
-    near_views = _bounds_of_views(grid)
+    bounds = (*_bounds_of_lenslets(grid), np.array([0, grid.odd_row_shift]))
     device.launch_rows(
         device.kernel("decode_adjoint.cl", "pixels", **_form(linear)),
         (ny, nx),
         *(raw, sampled),
         *(*tables.rows, *tables.columns),
         *(table for steps in tables.steps for table in split_places(steps, device)),
-        *(np.float32(a) for a in (lattice, reach, (0, grid.odd_row_shift), *near_views)),
+        *(a.astype(np.float32) for a in (*bounds, *_bounds_of_views(grid))),
         *(np.int32(n) for n in (ny, nx, rows, count, V, U)),
         *(np.int64(n) for n in strides),
     )
@@ -169,19 +168,15 @@ def _of_lenslets(
     if places.shape[1] == count and (places == np.arange(count)).all():
         return views, strides
     device.require_memory(4 * V * U * rows * count, "The samples of these lenslets")
-    start, index, weight = [], [], []
-    for parity in (0, 1):
-        lenslet, column, share = _near_lenslets(places[parity], count, linear)
-        part = _sparse(lenslet, column, share, count)
-        start.append(part[0] + sum(a.size for a in index))
-        index.append(part[1])
-        weight.append(part[2])
+    even, odd = (_sparse(*_near_lenslets(row, count, linear), count) for row in places)
+    starts = even[0], odd[0] + np.int32(even[1].size)
+    tables = starts, (even[1], odd[1]), (even[2], odd[2])
     sampled = device.empty((V, U, rows, count), np.float32)
     device.launch_rows(
         device.kernel("decode_adjoint.cl", "lenslets", **_form(linear)),
         (V * U, rows, count),
         *(sampled, views),
-        *(device.upload(np.concatenate(parts)) for parts in (start, index, weight)),
+        *(device.upload(np.concatenate(parts)) for parts in tables),
         *(np.int32(n) for n in (U, rows, count)),
         *(np.int64(n) for n in strides),
     )

@@ -15,7 +15,7 @@ from clplen.compute.device import Device, DeviceLike
 from clplen.lightfield.arrays.ray_samples import INTERPOLATIONS, along_rays
 from clplen.lightfield.arrays.shear import shear_sum
 from clplen.lightfield.arrays.stored_samples import C_TYPE
-from clplen.lightfield.model.alpha_law import shifts, unit_steps
+from clplen.lightfield.model.alpha_law import AlphaLaw, shifts, unit_steps
 from clplen.lightfield.model.apertures import Weights
 from clplen.lightfield.model.light_field import LightField
 from clplen.lightfield.model.rendering import view_weights
@@ -300,7 +300,7 @@ def stack_memory(
 
 
 def stack_planes(
-    lf: LightField | StoredLightField,
+    lf: AlphaLaw,
     *,
     alphas: ArrayLike | None,
     disparities: ArrayLike | None,
@@ -346,9 +346,7 @@ def _exactly_one(**given: Any) -> Any:
     return values[0]
 
 
-def _planes(
-    lf: LightField | StoredLightField, given: Any, are_alphas: bool
-) -> tuple[Vector, Vector]:
+def _planes(lf: AlphaLaw, given: Any, are_alphas: bool) -> tuple[Vector, Vector]:
     """(disparities, alphas) of planes given as one of them."""
     values = np.asarray(given, np.float64)
     if not np.isfinite(values).all():
