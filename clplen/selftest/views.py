@@ -191,7 +191,7 @@ CHECKS = (
     Check("views", "questions to float16 samples, slices", _samples, 1e-6,
           ("views.cl", "stored.cl")),
     Check("shear", "colours refocused on three planes, float16", _refocus, ROUNDING,
-          ("shear.cl", "shear_rows.cl", "stored.cl")),
+          ("shear.cl", "shear_rows.cl", "shear_norm.cl", "stored.cl")),
     Check("along_rays", "mean on a surface, median on a plane", _along_rays, ROUNDING,
           ("along_rays.cl",)),
     Check("fourier", "refocused by phase ramps and by slices", _fourier, 2e-5, ("fourier.cl",)),

@@ -36,6 +36,7 @@ FAULTS = {
     "common.cl": ("a.x * b.y + a.y * b.x", "a.x * b.y - a.y * b.x"),
     "coverage.cl": ("R * R - t * t", "R * R + t * t"),
     "decode.cl": ("wy.s1 * along(raw + (size_t)y.s1 * nx, x, wx) +", ""),
+    "decode_adjoint.cl": ("sum += wy * weight_of", "sum -= wy * weight_of"),
     "detail.cl": ("sum += d[c] * d[c];", "sum += d[c];"),
     "devignette.cl": ("fmax(white[at + x], least)", "fmin(white[at + x], least)"),
     "finite.cl": ("== EXPONENT", "!= EXPONENT"),
@@ -85,6 +86,8 @@ FAULTS = {
     "separated.cl": ("w[0] * load16_local", "w[1] * load16_local"),
     "shear.cl": ("const int r = t - down[v * planes + p];",
                  "const int r = t - down[v * planes + p] + 1;"),
+    "shear_adjoint.cl": ("row >= 1 && row <= ny ? blend[at]", "row > 1 && row <= ny ? blend[at]"),
+    "shear_norm.cl": ("above ? 1.0f - blend : below", "above ? blend : below"),
     "shear_rows.cl": ("next = (vec)(taps[k].y)", "next = (vec)(taps[k].x)"),
     "sheared.cl": ("a + rows.across * (b - a)", "a + rows.across * (a - b)"),
     "sieve.cl": ("reflected(y + s, ny)", "reflected(y, ny)"),
@@ -107,6 +110,7 @@ FAULTS = {
     "upsample.cl": ("base * (a ? ty.w : ty.z)", "base * (a ? ty.z : ty.w)"),
     "view_detail.cl": ("rint(value) + MIDDLE", "MIDDLE - rint(value)"),
     "views.cl": ("low = fmin(low", "low = fmax(low"),
+    "warp.cl": ("step.x * slope_y + step.y * slope_x", "step.y * slope_y + step.x * slope_x"),
     "window.cl": ("from_y = y + shift_y", "from_y = y - shift_y"),
 }  # fmt: skip
 

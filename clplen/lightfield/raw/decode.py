@@ -180,6 +180,17 @@ def _check(raw: RawImage, grid: LensletGrid) -> None:
             "A colour picture of lenslets is not sliced into views, but one of shape (ny, nx): "
             "decode its colours one by one, or give the raw frame with bayer=."
         )
+    check_grid(grid)
+    bad = count_bad(raw.data, raw.device)
+    if bad:
+        raise ValueError(
+            f"The raw image has {bad} pixels that are NaN or infinite, which interpolation would "
+            "spread: replace them before decoding, for example by the mean of their neighbours."
+        )
+
+
+def check_grid(grid: LensletGrid) -> None:
+    """Refuse a grid without lenslets or views, or with numbers that are not finite."""
     if min(*grid.count, *grid.shape) < 1:
         raise ShapeError(
             "A lenslet grid has at least one lenslet and one view along each axis, not "
@@ -190,12 +201,6 @@ def _check(raw: RawImage, grid: LensletGrid) -> None:
     numbers += (1.0,) if grid.columns is None else grid.columns
     if not np.isfinite(numbers).all():
         raise ValueError(f"The numbers of a lenslet grid are finite, not {grid}.")
-    bad = count_bad(raw.data, raw.device)
-    if bad:
-        raise ValueError(
-            f"The raw image has {bad} pixels that are NaN or infinite, which interpolation would "
-            "spread: replace them before decoding, for example by the mean of their neighbours."
-        )
 
 
 def _row_tables(grid: LensletGrid, device: Device) -> tuple[cla.Array, cla.Array]:

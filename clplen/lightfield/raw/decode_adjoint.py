@@ -14,6 +14,7 @@ from clplen.compute.device import Device
 from clplen.errors import ShapeError
 from clplen.lightfield.raw.decode import (
     FRACTION,
+    check_grid,
     grid_tables,
     is_upright,
     near_places,
@@ -62,10 +63,13 @@ def resample_adjoint(
     Raises
     ------
     ShapeError
-        If the views have another shape.
+        If the views have another shape, or the grid has no lenslet or no view.
+    ValueError
+        If a number of the grid is not finite.
     DeviceError
         If the memory of the device does not suffice.
     """
+    check_grid(grid)
     if tuple(views.shape) != grid.shape or views.dtype != np.float32:
         raise ShapeError(
             f"The views of this grid are float32 of shape {grid.shape}, not {tuple(views.shape)} "
