@@ -70,7 +70,7 @@ class ViewGeometry(AlphaLaw):
 class RenderOperator(LinearStep):
     """A picture as a linear map of the light field: `LightField.render`, and its adjoint.
 
-    The picture is sum_vu w[v, u] L[v, u] with weights that add up to 1, and the adjoint spreads it
+    The picture is sum_vu w[v, u] L[v, u] with weights of sum 1, and the adjoint spreads it
     to the views, w[v, u] times the picture each. ``viewpoint`` alone is `LightField.view`.
 
     Parameters
@@ -78,8 +78,10 @@ class RenderOperator(LinearStep):
     lf : LightField or tuple of int
         Whose geometry and weights are taken, not its samples; or the shape (v, u, y, x[, c]) of
         views of weight 1.
-    aperture, viewpoint, total
+    aperture, viewpoint : optional
         As of `LightField.render`.
+    total : bool
+        As of `LightField.render`: w is not divided by its sum.
     device : Device or str, optional
         Where a shape is computed; default ``Device.open()``. A light field brings its own.
 
