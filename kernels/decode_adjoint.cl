@@ -11,10 +11,13 @@
  *   across     line[j, b] = sum_t weight[t] L[j, index[t]],  j = (v, i): a lattice along the sensor
  *   upwards    raw[a, b]  = sum_t weight[t] line[index[t], b]
  *
- *   pixels     the equation above, of any lattice. Which lenslets and views come near a pixel follows
- *              from the bounds of i, k, v and u, solved from (y, x) = (a, b).
+ *   pixels     the equation above, of any lattice
  *
  * Mapping: FOR_X of common.cl over a row of what is made; axis 1 = its rows; axis 2 = view (lenslets).
+ * pixels with -DROWS: an item = `height` rows of the raw image, axis 0, to which it adds the samples
+ * that come near, lenslet by lenslet; the samples of a lenslet lie `tall` rows (from, to) from its first
+ * view. Else an item = a pixel, axes 0 and 1: which lenslets and views come near follows from bounds of
+ * i, k, v and u, solved from (y, x) = (a, b).
  * -DLINEAR: the triangle in place of Keys' kernel. -DROWS: see common.cl.
  */
 #include "common.cl"
@@ -84,6 +87,28 @@ inline float keys_at(float t, int m)
 #endif
 }
 
+#ifdef ROWS
+/* value h(a - y) h(b - x) for the pixels from `at` on, of which some may lie outside rows or columns. */
+inline void add_taps(__global float *restrict raw, float value, int2 at, float2 part, int2 rows,
+                     int nx)
+{
+    const float4 wx = (float4)(keys_at(part.s1, 0), keys_at(part.s1, 1), keys_at(part.s1, 2),
+                               keys_at(part.s1, 3));
+    const bool inside = at.s1 >= 0 && at.s1 + 3 < nx;
+    for (int m = max(0, rows.s0 - at.s0); m < min(4, rows.s1 - at.s0); ++m) {
+        __global float *to = raw + (size_t)(at.s0 + m) * nx;
+        const float4 share = value * keys_at(part.s0, m) * wx;
+        if (inside)
+            vstore4(vload4(0, to + at.s1) + share, 0, to + at.s1);
+        else {
+            float alone[4];
+            vstore4(share, 0, alone);
+            for (int n = max(0, -at.s1); n < min(4, nx - at.s1); ++n)
+                to[at.s1 + n] += alone[n];
+        }
+    }
+}
+#else
 /* The weight that a sample at `at` + part, part in [0, 4), has for a pixel of an axis. */
 inline float weight_of(int at, float part, int pixel)
 {
@@ -99,6 +124,8 @@ inline int2 bounds(float place, float2 low_high, int count)
                   (int)clamp(last, -1.0f, (float)(count - 1)));
 }
 
+#endif
+
 __kernel void pixels(__global float *restrict raw, __global const float *restrict L,
                      __global const int2 *restrict row_at, __global const float2 *restrict row_part,
                      __global const int2 *restrict column_at,
@@ -108,14 +135,40 @@ __kernel void pixels(__global float *restrict raw, __global const float *restric
                      __global const int2 *restrict right_at,
                      __global const float2 *restrict right_part, const float4 lattice,
                      const float4 reach, const float2 shift, const float4 views,
-                     const float4 near_views, const int ny, const int nx, const int rows,
-                     const int count, const int V, const int U, const long stride_v,
-                     const long stride_u, const long stride_y, const long stride_x)
+                     const float4 near_views, const float2 tall, const int height, const int ny,
+                     const int nx, const int rows, const int count, const int V, const int U,
+                     const long stride_v, const long stride_u, const long stride_y,
+                     const long stride_x)
 {
+#ifdef ROWS
+    const int top = get_global_id(0) * height;
+    const int2 band = (int2)(top, min(top + height, ny));
+    for (size_t j = (size_t)band.s0 * nx; j < (size_t)band.s1 * nx; ++j)
+        raw[j] = 0;
+    for (int i = 0; i < rows; ++i) {
+        for (int k = 0; k < count; ++k) {
+            const int2 at = row_at[i] + column_at[k];
+            if (at.s0 + tall.s1 < band.s0 || at.s0 + tall.s0 >= band.s1)
+                continue;
+            for (int v = 0; v < V; ++v) {
+                for (int u = 0; u < U; ++u) {
+                    float2 part = row_part[i] + down_part[v] + right_part[u];
+                    part += column_part[k];
+                    const int2 carry = convert_int2(part);
+                    const int2 first = at + down_at[v] + right_at[u] + carry - 1;
+                    if (first.s0 + 3 >= band.s0 && first.s0 < band.s1)
+                        add_taps(raw, L[v * stride_v + u * stride_u + i * stride_y + k * stride_x],
+                                 first, part - convert_float2(carry), band, nx);
+                }
+            }
+        }
+    }
+#else
     const int a = get_global_id(1);
     const int2 first_at = row_at[0] + column_at[0] + down_at[0] + right_at[0];
     const float2 first_part = row_part[0] + column_part[0] + down_part[0] + right_part[0];
-    FOR_X(b, nx) {
+    const int b = get_global_id(0);
+    if (b < nx) {
         const float2 q = convert_float2((int2)(a, b) - first_at) - first_part;
         const int2 i_range = bounds(lattice.s0 * q.s0 + lattice.s1 * q.s1, reach.s01, rows);
         float sum = 0;
@@ -143,4 +196,5 @@ __kernel void pixels(__global float *restrict raw, __global const float *restric
         }
         raw[(size_t)a * nx + b] = sum;
     }
+#endif
 }

@@ -36,7 +36,7 @@ FAULTS = {
     "common.cl": ("a.x * b.y + a.y * b.x", "a.x * b.y - a.y * b.x"),
     "coverage.cl": ("R * R - t * t", "R * R + t * t"),
     "decode.cl": ("wy.s1 * along(raw + (size_t)y.s1 * nx, x, wx) +", ""),
-    "decode_adjoint.cl": ("sum += wy * weight_of", "sum -= wy * weight_of"),
+    "decode_adjoint.cl": ("raw[at + b] += w * from[b]", "raw[at + b] -= w * from[b]"),
     "detail.cl": ("sum += d[c] * d[c];", "sum += d[c];"),
     "devignette.cl": ("fmax(white[at + x], least)", "fmin(white[at + x], least)"),
     "finite.cl": ("== EXPONENT", "!= EXPONENT"),

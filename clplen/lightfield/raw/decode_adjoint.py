@@ -28,6 +28,7 @@ Table = np.ndarray[Any, Any]
 _SLACK = 0.01  # lenslets or views that rounding may move the bounds of what a pixel sees
 _FAR = 1e6  # more than all lenslets or views
 _PIXELS = 2.0  # reach of cubic convolution
+_BAND = 64  # rows of the raw image that a CPU's work-item makes
 
 
 def resample_adjoint(
@@ -151,14 +152,14 @@ def _spread_any(
     sampled, strides = _of_lenslets(views, grid, strides, device, linear)
     tables = grid_tables(grid, device)
     bounds = (*_bounds_of_lenslets(grid), np.array([0, grid.odd_row_shift]))
-    device.launch_rows(
+    device.launch(
         device.kernel("decode_adjoint.cl", "pixels", **_form(linear)),
-        (ny, nx),
+        (-(-ny // _BAND), 1) if device.rows else (nx, ny),
         *(raw, sampled),
         *(*tables.rows, *tables.columns),
         *(table for steps in tables.steps for table in split_places(steps, device)),
-        *(a.astype(np.float32) for a in (*bounds, *_bounds_of_views(grid))),
-        *(np.int32(n) for n in (ny, nx, rows, count, V, U)),
+        *(a.astype(np.float32) for a in (*bounds, *_bounds_of_views(grid), _tall(grid))),
+        *(np.int32(n) for n in (_BAND, ny, nx, rows, count, V, U)),
         *(np.int64(n) for n in strides),
     )
 
@@ -238,3 +239,12 @@ def _bounds_of_views(grid: LensletGrid) -> tuple[Table, Table]:
         return np.zeros(4), np.array([-_FAR, _FAR, -_FAR, _FAR])
     reach = _PIXELS * np.abs(inverse).sum(axis=1) + _SLACK
     return inverse.ravel(), np.stack((-reach, reach), axis=1).ravel()
+
+
+def _tall(grid: LensletGrid) -> Table:
+    """Rows (from, to) from the first view of a lenslet to pixels that its views are spread to."""
+    V, U = grid.views
+    ends = np.add.outer(
+        (0, (V - 1) * grid.row_view_step[0]), (0, (U - 1) * grid.column_view_step[0])
+    )
+    return np.array([ends.min() - _PIXELS - 1, ends.max() + _PIXELS + 2])
