@@ -116,7 +116,7 @@ inline float weight_of(int at, float part, int pixel)
     return m < 0 || m > 3 ? 0.0f : keys_at(part - (float)carry, m);
 }
 
-/* Whole numbers n of [0, count) for which n - low >= place >= n - high. */
+/* First and last whole number of [0, count) from place + low to place + high. */
 inline int2 bounds(float place, float2 low_high, int count)
 {
     const float first = ceil(place + low_high.x), last = floor(place + low_high.y);

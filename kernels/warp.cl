@@ -16,20 +16,27 @@
  * of_picture with -DROWS: an item = `height` rows, to which it adds what falls there, axis 0; else an
  * item = a sample s = X channels + c, axis 0, and Y, axis 1, which looks for what falls on it. All
  * disparities lie within `least` and `most`.
- * -DROWS: see common.cl.
+ * -DCHANNELS=1 | 3: their number, where it is one of these. -DROWS: see common.cl.
  */
 #include "common.cl"
 
+#ifdef CHANNELS
+#define COUNT CHANNELS
+#else
+#define COUNT channels
+#endif
+
 /* The pixel before a position i + shift on an axis of n, and the fraction to the next one; and whether
- * the picture goes on there. */
+ * the picture goes on there. By comparisons, with which PoCL vectorises a row (clamp and floor it does
+ * not); a shift that is NaN leads off the picture. */
 inline int place(int i, float shift, int n, float *part, int *within)
 {
-    const float offset = clamp(shift, (float)(-n), (float)n);
-    const float whole = floor(offset);
-    const int at = i + (int)whole;
+    const float offset = shift > -n ? (shift < n ? shift : n) : -n;
+    const int below = (int)offset, whole = below - (offset < below);
+    const int at = i + whole;
     *within = at >= 0 && at < n - 1;
     *part = *within ? offset - whole : 0.0f;
-    return clamp(at, 0, n - 1);
+    return at < 0 ? 0 : at < n ? at : n - 1;
 }
 
 __kernel void views(__global float *restrict L, __global const float *restrict P,
@@ -38,18 +45,18 @@ __kernel void views(__global float *restrict L, __global const float *restrict P
 {
     const int y = get_global_id(1), view = get_global_id(2);
     const float2 step = steps[view];
-    __global float *to = L + row_start(view, y, ny, nx * channels);
+    __global float *to = L + row_start(view, y, ny, nx * COUNT);
     FOR_X(x, nx) {
         const float shift = d[(size_t)y * nx + x];
         float b, a;
         int down, right;
         const int i = place(y, shift * step.x, ny, &b, &down);
         const int j = place(x, shift * step.y, nx, &a, &right);
-        __global const float *from = P + ((size_t)i * nx + j) * channels;
-        const size_t below = down ? (size_t)nx * channels : 0;
-        const size_t beside = right ? channels : 0;
-        for (int c = 0; c < channels; ++c)
-            to[x * channels + c] = (1.0f - b) * ((1.0f - a) * from[c] + a * from[beside + c])
+        __global const float *from = P + ((size_t)i * nx + j) * COUNT;
+        const size_t below = down ? (size_t)nx * COUNT : 0;
+        const size_t beside = right ? COUNT : 0;
+        for (int c = 0; c < COUNT; ++c)
+            to[x * COUNT + c] = (1.0f - b) * ((1.0f - a) * from[c] + a * from[beside + c])
                 + b * ((1.0f - a) * from[below + c] + a * from[below + beside + c]);
     }
 }
@@ -69,11 +76,11 @@ __kernel void of_disparity(__global float *restrict out, __global const float *r
             int down, right;
             const int i = place(y, shift * step.x, ny, &b, &down);
             const int j = place(x, shift * step.y, nx, &a, &right);
-            __global const float *from = P + ((size_t)i * nx + j) * channels;
-            __global const float *of = g + row_start(view, y, ny, nx * channels) + x * channels;
-            const size_t below = down ? (size_t)nx * channels : 0;
-            const size_t beside = right ? channels : 0;
-            for (int c = 0; c < channels; ++c) {
+            __global const float *from = P + ((size_t)i * nx + j) * COUNT;
+            __global const float *of = g + row_start(view, y, ny, nx * COUNT) + x * COUNT;
+            const size_t below = down ? (size_t)nx * COUNT : 0;
+            const size_t beside = right ? COUNT : 0;
+            for (int c = 0; c < COUNT; ++c) {
                 const float p00 = from[c], p01 = from[beside + c];
                 const float p10 = from[below + c], p11 = from[below + beside + c];
                 const float slope_y = (1.0f - a) * (p10 - p00) + a * (p11 - p01);
@@ -102,14 +109,14 @@ __kernel void of_picture(__global float *restrict out, __global const float *res
 {
 #ifdef ROWS
     const int first = get_global_id(0) * height, last = min(first + height, ny) - 1;
-    const size_t width = (size_t)nx * channels;
+    const size_t width = (size_t)nx * COUNT;
     for (size_t s = first * width; s < (last + 1) * width; ++s)
         out[s] = 0.0f;
     for (int view = 0; view < count; ++view) {
         const float2 step = steps[view];
         const int2 rows = sources(first, last, step.x, least, most, ny);
         for (int y = rows.s0; y <= rows.s1; ++y) {
-            __global const float *of = g + row_start(view, y, ny, nx * channels);
+            __global const float *of = g + row_start(view, y, ny, nx * COUNT);
             for (int x = 0; x < nx; ++x) {
                 const float shift = d[(size_t)y * nx + x];
                 float b, a;
@@ -122,12 +129,12 @@ __kernel void of_picture(__global float *restrict out, __global const float *res
                     if (k < first || k > last)
                         continue;
                     const float w = k == i ? 1.0f - b : b;
-                    __global float *to = out + ((size_t)k * nx + j) * channels;
-                    for (int c = 0; c < channels; ++c) {
-                        const float value = w * of[x * channels + c];
+                    __global float *to = out + ((size_t)k * nx + j) * COUNT;
+                    for (int c = 0; c < COUNT; ++c) {
+                        const float value = w * of[x * COUNT + c];
                         to[c] += (1.0f - a) * value;
                         if (right)
-                            to[channels + c] += a * value;
+                            to[COUNT + c] += a * value;
                     }
                 }
             }
@@ -135,9 +142,9 @@ __kernel void of_picture(__global float *restrict out, __global const float *res
     }
 #else
     const int s = get_global_id(0), Y = get_global_id(1);
-    if (s >= nx * channels)
+    if (s >= nx * COUNT)
         return;
-    const int X = s / channels, c = s % channels;
+    const int X = s / COUNT, c = s % COUNT;
     float sum = 0.0f;
     for (int view = 0; view < count; ++view) {
         const float2 step = steps[view];
@@ -153,9 +160,9 @@ __kernel void of_picture(__global float *restrict out, __global const float *res
                 const float wy = i == Y ? 1.0f - b : down && i + 1 == Y ? b : 0.0f;
                 const float wx = j == X ? 1.0f - a : right && j + 1 == X ? a : 0.0f;
                 if (wy != 0.0f && wx != 0.0f)
-                    sum += wy * wx * g[row_start(view, y, ny, nx * channels) + x * channels + c];
+                    sum += wy * wx * g[row_start(view, y, ny, nx * COUNT) + x * COUNT + c];
             }
     }
-    out[(size_t)Y * nx * channels + s] = sum;
+    out[(size_t)Y * nx * COUNT + s] = sum;
 #endif
 }

@@ -147,7 +147,7 @@ class ViewWarp:
         out = device.empty(self.shape, np.float32)
         count, ny, nx, channels = self._sizes
         device.launch_rows(
-            device.kernel("warp.cl", "views"),
+            device.kernel("warp.cl", "views", **self._form),
             (count, ny, nx),
             *(out, picture, disparity, self._steps()),
             *(np.int32(n) for n in (ny, nx, channels)),
@@ -164,7 +164,7 @@ class ViewWarp:
         sizes = [np.int32(n) for n in (count, ny, nx, channels)]
         of_disparity = device.empty((ny, nx), np.float32)
         device.launch_rows(
-            device.kernel("warp.cl", "of_disparity"),
+            device.kernel("warp.cl", "of_disparity", **self._form),
             (ny, nx),
             *(of_disparity, gradient, picture, disparity, steps),
             *sizes,
@@ -172,7 +172,7 @@ class ViewWarp:
         of_picture = device.empty(self.shape[2:], np.float32)
         values = device.download(disparity)
         device.launch(
-            device.kernel("warp.cl", "of_picture"),
+            device.kernel("warp.cl", "of_picture", **self._form),
             (-(-ny // _BAND), 1) if device.rows else (nx * channels, ny),
             *(of_picture, gradient, disparity, steps),
             *sizes,
@@ -186,6 +186,11 @@ class ViewWarp:
         """(views, ny, nx, channels)."""
         V, U, ny, nx, channels = (*self.shape, 1)[:5]
         return V * U, ny, nx, channels
+
+    @property
+    def _form(self) -> dict[str, int]:
+        channels = self._sizes[3]
+        return {"CHANNELS": channels} if channels in (1, 3) else {}
 
     def _steps(self) -> cla.Array:
         return self.device.upload(self.steps.reshape(-1, 2).astype(np.float32))
