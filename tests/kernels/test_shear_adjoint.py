@@ -132,15 +132,15 @@ def test_planes_of_several_launches_are_added(device, monkeypatch):
 
 def test_it_is_the_transpose_of_shear_sum(device):
     """Entry by entry, with samples that only some views hold."""
-    shape, weights = (2, 3, 4, 5), view_weights((2, 3))
+    shape, weights = (2, 2, 3, 4), view_weights((2, 2))
     moves = shifts(shape, (-1.4, 0.6))
-    size, pixels = int(np.prod(shape)), 2 * 4 * 5
+    size, pixels = int(np.prod(shape)), 2 * 3 * 4
     forward, backward = np.empty((pixels, size)), np.empty((size, pixels))
     for k, unit in enumerate(np.eye(size, dtype=np.float32)):
         data = device.upload(unit.reshape(shape))
         forward[:, k] = device.download(shear_sum(data, weights, *moves, device=device)).ravel()
     for k, unit in enumerate(np.eye(pixels, dtype=np.float32)):
-        backward[:, k] = spread(device, unit.reshape(2, 4, 5), shape, weights, *moves).ravel()
+        backward[:, k] = spread(device, unit.reshape(2, 3, 4), shape, weights, *moves).ravel()
     assert np.count_nonzero(forward) > size
     np.testing.assert_allclose(backward, forward.T, rtol=1e-6, atol=1e-7)
 
