@@ -325,8 +325,9 @@ def microscopic(device: Device) -> None:
 
 def adjoints(device: Device) -> None:
     """Every kernel of the adjoints of light fields."""
-    planes = StackOperator((2, 3, 9, 20, 3), disparities=[-0.4, 0.3], device=device)
-    planes.adjoint(planes.forward(np.ones(planes.in_shape)))
+    lf = LightField.from_array(np.ones((2, 3, 9, 20, 3)), device=device, spacing=(2, 2, 1, 1))
+    planes = StackOperator(lf, disparities=[-0.4, 0.3], rescale=True)
+    planes.adjoint(planes.forward(lf))
     turned = LensletGrid((3, 4), (3, 2), (6.2, 5.1), (7.1, 0.3), (-0.2, 8.1), 0.5)
     for grid in (turned, LensletGrid((3, 4), (3, 2), (6.2, 5.1), (7.1, 0.0), (0.0, 8.1))):
         raw = RawImage(device.zeros((30, 36), np.float32), device, np.nan, grid, grid)

@@ -114,6 +114,19 @@ def test_forward_is_focal_stack_bit_for_bit(device):
     np.testing.assert_array_equal(got[0], one)
 
 
+def test_rescaled_stacks_are_those_of_refocus(device):
+    lf = light_field((3, 4, 11, 13, 3), device, spacing=(-1e-4, -1e-4, 2e-6, 2e-6))
+    linear = StackOperator(lf, alphas=[0.98, 1.01], rescale=True)
+    got = linear.forward(lf.to_numpy())
+    for picture, alpha in zip(got, linear.alphas, strict=True):
+        want = clplen.refocus(lf, alpha=alpha, rescale=True).to_numpy()
+        np.testing.assert_array_equal(picture, want)
+    assert mismatch(linear) <= EXACT
+    assert "disparities -0.5 to 1, rescaled" in repr(linear)
+    with pytest.raises(ValueError, match="rescale=True needs a positive alpha"):
+        StackOperator((2, 2, 5, 7), disparities=[0.1], rescale=True, device=device)
+
+
 def test_the_adjoint_of_a_stack_is_a_light_field(device):
     positions = scattered((3, 4))
     lf = light_field((3, 4, 5, 7), device, positions=positions)

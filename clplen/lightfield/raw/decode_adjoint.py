@@ -128,11 +128,25 @@ def _by_pixel(first: Table, weights: Table, n: int) -> tuple[Table, Table, Table
     pixel = first + np.arange(len(weights))[:, None]
     sample = np.broadcast_to(np.arange(first.size), pixel.shape)
     kept = (weights != 0) & (pixel >= 0) & (pixel < n)
-    return _sparse(pixel[kept], sample[kept], weights[kept], n)
+    return sparse_rows(pixel[kept], sample[kept], weights[kept], n)
 
 
-def _sparse(row: Table, index: Table, weight: Table, n: int) -> tuple[Table, Table, Table]:
-    """(start, index, weight) of a matrix of n rows; at least one entry, for the device's sake."""
+def sparse_rows(row: Table, index: Table, weight: Table, n: int) -> tuple[Table, Table, Table]:
+    """A sparse matrix by its rows, as kernels read it.
+
+    Parameters
+    ----------
+    row, index, weight : numpy.ndarray
+        Of every entry: its row, its column and what stands there.
+    n : int
+        Rows.
+
+    Returns
+    -------
+    tuple of numpy.ndarray
+        (start, index, weight): row r has the entries start[r] to start[r + 1]; int32, int32 and
+        float32. One entry follows that belongs to no row, since a device takes no empty array.
+    """
     order = np.lexsort((index, row))
     start = np.searchsorted(row[order], np.arange(n + 1))
     index, weight = (np.append(a[order], 0) for a in (index, weight))
@@ -173,7 +187,7 @@ def _of_lenslets(
     if places.shape[1] == count and (places == np.arange(count)).all():
         return views, strides
     device.require_memory(4 * V * U * rows * count, "The samples of these lenslets")
-    even, odd = (_sparse(*_near_lenslets(row, count, linear), count) for row in places)
+    even, odd = (sparse_rows(*_near_lenslets(row, count, linear), count) for row in places)
     starts = even[0], odd[0] + np.int32(even[1].size)
     tables = starts, (even[1], odd[1]), (even[2], odd[2])
     sampled = device.empty((V, U, rows, count), np.float32)

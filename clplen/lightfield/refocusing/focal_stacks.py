@@ -21,6 +21,7 @@ from clplen.lightfield.model.light_field import LightField
 from clplen.lightfield.model.rendering import view_weights
 from clplen.lightfield.model.stored_light_field import StoredLightField, as_lightfield
 from clplen.lightfield.raw.raw_image import CameraModel, Spacing, is_telecentric
+from clplen.lightfield.refocusing.magnification import magnify
 from clplen.lightfield.refocusing.memory_estimate import (
     DEVICE_FLOAT,
     HOST_FLOAT,
@@ -29,43 +30,6 @@ from clplen.lightfield.refocusing.memory_estimate import (
 )
 from clplen.lightfield.refocusing.phase_ramps import fourier_refocus
 from clplen.results import Plottable, Savable
-
-
-def magnify(picture: cla.Array, alpha: float, *, device: Device) -> cla.Array:
-    """A picture on the synthetic plane: alpha^2 R(alpha x') about the middle, linear, 0 outside.
-
-    Parameters
-    ----------
-    picture : pyopencl.array.Array
-        float32, shape (y, x[, c]).
-    alpha : float
-        F/F' > 0.
-    device : Device
-
-    Returns
-    -------
-    pyopencl.array.Array
-        float32, the picture's shape.
-    """
-    ny, nx, *channels = (int(n) for n in picture.shape)
-    count = channels[0] if channels else 1
-    out = device.empty(picture.shape, np.float32)
-    tables = []
-    for n in (ny, nx):
-        position = (n - 1) / 2 + alpha * (np.arange(n) - (n - 1) / 2)
-        whole = np.floor(np.clip(position, -2, n))
-        tables += [whole.astype(np.int32), (position - whole).astype(np.float32)]
-    device.launch_rows(
-        device.kernel("magnify.cl", "magnify"),
-        (ny, nx * count),
-        out,
-        picture,
-        *(device.upload(table) for table in tables),
-        np.float32(alpha**2),
-        *(np.int32(n) for n in (ny, nx, count)),
-    )
-    return out
-
 
 Vector = np.ndarray[Any, np.dtype[np.float64]]
 
@@ -214,11 +178,8 @@ def refocus(
     if np.ndim(given):
         picture = _on_surface(lf, lf.weights, disparities, interpolation)
         return Image(picture, lf.device)
-    if rescale and not alphas[0] > 0:
-        raise ValueError(
-            "rescale=True needs a positive alpha = F/F', and so the spacing of views and pixels in "
-            f"metres; here alpha is {alphas[0]}."
-        )
+    if rescale:
+        require_alphas(alphas)
     if upsample != 1:
         return Image(upsampled(lf, float(disparities[0]), upsample, lf.weights), lf.device)
     picture = _mean_of_views(lf, disparities, lf.weights, interpolation).reshape(lf.shape[2:])
@@ -333,6 +294,22 @@ def _check_options(ndim: int, rescale: bool, interpolation: str, upsample: int) 
     if upsample != 1 and (rescale or interpolation != "linear"):
         raise ValueError(
             "upsample puts samples at their own places: leave out rescale and interpolation."
+        )
+
+
+def require_alphas(alphas: Vector) -> None:
+    """Refuse to rescale planes whose alpha is not known or not positive.
+
+    Raises
+    ------
+    ValueError
+        With the first such alpha.
+    """
+    wrong = alphas[~(alphas > 0)]
+    if wrong.size:
+        raise ValueError(
+            "rescale=True needs a positive alpha = F/F', and so the spacing of views and pixels in "
+            f"metres; here alpha is {wrong[0]}."
         )
 
 

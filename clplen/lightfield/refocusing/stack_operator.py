@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import Any
 
 import numpy as np
@@ -16,7 +17,9 @@ from clplen.lightfield.model.alpha_law import shifts
 from clplen.lightfield.model.light_field import LightField
 from clplen.lightfield.model.render_operator import ViewGeometry
 from clplen.lightfield.model.rendering import view_weights
-from clplen.lightfield.refocusing.focal_stacks import FocalStack, stack_planes
+from clplen.lightfield.raw.raw_image import is_telecentric
+from clplen.lightfield.refocusing.focal_stacks import FocalStack, require_alphas, stack_planes
+from clplen.lightfield.refocusing.magnification import magnify, magnify_adjoint
 
 
 class StackOperator(LinearStep):
@@ -37,6 +40,8 @@ class StackOperator(LinearStep):
         Planes, as of `focal_stack`; exactly one of the two.
     aperture : optional
         As of `LightField.render`.
+    rescale : bool
+        Every picture as it is on its synthetic plane, as of `refocus`.
     device : Device or str, optional
         Where a shape is computed; default ``Device.open()``. A light field brings its own.
 
@@ -78,6 +83,7 @@ class StackOperator(LinearStep):
         disparities: ArrayLike | None = None,
         alphas: ArrayLike | None = None,
         aperture: Any = None,
+        rescale: bool = False,
         device: DeviceLike | None = None,
     ) -> None:
         self._geometry = ViewGeometry.of(lf, device)
@@ -89,16 +95,34 @@ class StackOperator(LinearStep):
         self.in_shape = self._geometry.shape
         self.out_shape = (self.disparities.size, *self.in_shape[2:])
         self._shifts = shifts(self._geometry, self.disparities)
+        self._resize = rescale and not is_telecentric(self._geometry)
+        if self._resize:
+            require_alphas(self.alphas)
+        self._resize = self._resize and self._geometry.decode != "naive"
 
     def _about(self) -> str:
         d = self.disparities
-        return f", disparities {d.min():g} to {d.max():g}"
+        resized = ", rescaled" if self._resize else ""
+        return f", disparities {d.min():g} to {d.max():g}{resized}"
+
+    def _resized(self, pictures: cla.Array, change: Callable[..., cla.Array]) -> cla.Array:
+        """Every picture magnified, or the adjoint of that; themselves without ``rescale``."""
+        if not self._resize:
+            return pictures
+        out = self.device.empty(pictures.shape, np.float32)
+        for index, alpha in enumerate(self.alphas):
+            plane = pictures[index].copy(queue=self.device.queue)
+            picture = change(plane, float(alpha), device=self.device)
+            self.device.copy_into(out, picture, index * int(picture.nbytes))
+        return out
 
     def _forward(self, data: cla.Array) -> cla.Array:
-        return shear_sum(data, self.weights, *self._shifts, device=self.device)
+        stack = shear_sum(data, self.weights, *self._shifts, device=self.device)
+        return self._resized(stack, magnify)
 
     def _adjoint(self, data: cla.Array) -> cla.Array:
-        return shear_adjoint(data, self.in_shape, self.weights, *self._shifts, device=self.device)
+        stack = self._resized(data, magnify_adjoint)
+        return shear_adjoint(stack, self.in_shape, self.weights, *self._shifts, device=self.device)
 
     def _made(self, data: cla.Array, adjoint: bool) -> Any:
         geometry = self._geometry
