@@ -1,9 +1,13 @@
-/* One magnification of a picture about its middle.
+/* One magnification of a picture about its middle, and its adjoint.
  *
- *   out[y, x, c] = gain sum_ab t(a - py) t(b - px) in[a, b, c],   t(s) = max(1 - |s|, 0)
+ *   magnify   out[y, x, c] = gain sum_ab t(a - py) t(b - px) in[a, b, c],   t(s) = max(1 - |s|, 0)
  *
  * at the position (py, px) = (row_at + row_part, column_at + column_part) of the picture, from
  * tables of integers and fractions made in float64; samples off the picture count 0.
+ *
+ *   spread    out[a, b, c] = gain sum_yx t(a - py[y]) t(b - px[x]) in[y, x, c]
+ *
+ * from the entries first[a] to first[a + 1] of tables (index, weight) of y, and the same of x.
  *
  * Mapping: FOR_X of common.cl over the columns times the channels. -DROWS: see common.cl.
  */
@@ -37,5 +41,29 @@ __kernel void magnify(__global float *restrict out, __global const float *restri
         const float p = column_part[x];
         out[y * width + s] = gain * (above * between(first + c, k, p, nx, channels) +
                                      below * between(second + c, k, p, nx, channels));
+    }
+}
+
+__kernel void spread(__global float *restrict out, __global const float *restrict in,
+                     __global const int *restrict row_first, __global const int *restrict row_index,
+                     __global const float *restrict row_weight,
+                     __global const int *restrict column_first,
+                     __global const int *restrict column_index,
+                     __global const float *restrict column_weight, const float gain, const int nx,
+                     const int channels)
+{
+    const int a = get_global_id(1);
+    const size_t width = (size_t)nx * channels;
+    FOR_X(s, nx * channels) {
+        const int b = s / channels, c = s % channels;
+        float sum = 0.0f;
+        for (int i = row_first[a]; i < row_first[a + 1]; ++i) {
+            __global const float *line = in + row_index[i] * width + c;
+            float along = 0.0f;
+            for (int k = column_first[b]; k < column_first[b + 1]; ++k)
+                along += column_weight[k] * line[column_index[k] * channels];
+            sum += row_weight[i] * along;
+        }
+        out[a * width + s] = gain * sum;
     }
 }

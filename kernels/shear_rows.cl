@@ -6,10 +6,12 @@
  * CHUNK = LANES VECTORS samples of R_v are summed in registers. Every sum takes the views in the same
  * order and so has the same bits: from copied rows, and with -DDIRECT from the light field itself.
  * -DSAMPLE=, -DCLAMP, -DLANES=, -DVECTORS=, -DAHEAD, -DDIRECT, -DCHANNELS=: see shear.cl.
- * Included only, behind `norm_column`, `row_weight` and `all_inside`.
+ * Included only.
  */
 #ifndef CLPLEN_SHEAR_ROWS
 #define CLPLEN_SHEAR_ROWS
+
+#include "shear_norm.cl"
 
 #define CHUNK (LANES * VECTORS)
 #define LINE_BYTES 64
@@ -93,12 +95,12 @@ static void add_rows(__local float *upper, __local float *lower, const vec *R, c
 }
 
 #ifndef DIRECT
-/* A chunk of one of several planes, from copied rows of the views. */
-static void sum_chunk(__local float *upper, __local float *lower, __local const float *views,
-                      __local float *second, const int n, const int pitch, const int channels,
-                      __global const int *slide, __global const float2 *taps, const float blend)
+/* A chunk of R_v for one of several planes, from copied rows of the views. */
+static void chunk_of(vec *a, __local const float *views, __local float *second, const int n,
+                     const int pitch, const int channels, __global const int *slide,
+                     __global const float2 *taps)
 {
-    vec a[VECTORS], b[VECTORS];
+    vec b[VECTORS];
 #pragma unroll
     for (int i = 0; i < VECTORS; ++i)
         a[i] = b[i] = (vec)(0.0f);
@@ -127,6 +129,15 @@ static void sum_chunk(__local float *upper, __local float *lower, __local const 
     for (int i = 0; i < VECTORS; ++i)
         a[i] += load(second + i * LANES + channels);
 #endif
+}
+
+/* The same, added to the picture. */
+static void sum_chunk(__local float *upper, __local float *lower, __local const float *views,
+                      __local float *second, const int n, const int pitch, const int channels,
+                      __global const int *slide, __global const float2 *taps, const float blend)
+{
+    vec a[VECTORS];
+    chunk_of(a, views, second, n, pitch, channels, slide, taps);
     add_rows(upper, lower, a, VECTORS, blend);
 }
 

@@ -144,6 +144,7 @@ EXAMPLES: dict[str, Callable[[Device], Any]] = {
     "DeconvolutionResult": lambda _: clplen.microscopy.DeconvolutionResult(
         samples(2, 9, 9), samples(3), 3, (0.0,)
     ),
+    "DecodeOperator": lambda device: clplen.lightfield.DecodeOperator(raw(device)),
     "DepthMap": lambda _: depth(),
     "Device": lambda device: device,
     "Element": lambda _: clplen.wave.Element(abs, "any"),
@@ -206,6 +207,7 @@ EXAMPLES: dict[str, Callable[[Device], Any]] = {
     "Pupil": lambda _: clplen.wave.Pupil(3e-3, 0.1),
     "RandomPhaseMask": lambda _: clplen.wave.RandomPhaseMask(66e-6),
     "RawImage": raw,
+    "RenderOperator": lambda device: clplen.lightfield.RenderOperator(lightfield(device)),
     "Sampling": lambda device: clplen.analysis.sampling_of(camera(device)),
     "Sensor": lambda _: clplen.Sensor(1e4, shot_noise=True),
     "SlantedEdge": lambda _: edge(),
@@ -213,6 +215,9 @@ EXAMPLES: dict[str, Callable[[Device], Any]] = {
     "Spectrum": lambda _: clplen.Spectrum.mercury(),
     "Sphere": lambda _: clplen.cameras.Sphere(
         (0.0, 0.0), 3.0, disparity=0.5, height=0.5, texture=texture()
+    ),
+    "StackOperator": lambda device: clplen.lightfield.StackOperator(
+        lightfield(device), disparities=[0, 0.5]
     ),
     "StackTiles": stream,
     "Stop": lambda _: clplen.wave.Stop(1e-3),
@@ -224,6 +229,7 @@ EXAMPLES: dict[str, Callable[[Device], Any]] = {
         samples(9, 9), samples(9, 9), np.zeros((9, 9), np.int32), {"all": np.ones((9, 9), bool)}
     ),
     "TwoPoints": lambda _: clplen.analysis.TwoPoints.incoherent(psf(), axis=1),
+    "ViewWarp": lambda device: clplen.lightfield.ViewWarp(lightfield(device)),
 }
 EXAMPLES |= {
     "AbbeImage": lambda device: clplen.wave.AbbeImage(EXAMPLES["Image"](device), 3, 0.1),

@@ -40,7 +40,7 @@ from clplen.cameras import PixelArray, Plane
 from clplen.cameras.optics.camera_aberrations import Aberrations, LensletScatter
 from clplen.cameras.scenes.scene_sources import PicturePlane
 from clplen.compute.device import Device
-from clplen.lightfield import Lattice
+from clplen.lightfield import DecodeOperator, Lattice, LensletGrid, StackOperator, ViewWarp
 from clplen.lightfield.arrays.stored_samples import extremes
 from clplen.lightfield.depth.depth_maps import sharpness_curve
 from clplen.lightfield.focus_and_depth import all_in_focus
@@ -332,6 +332,19 @@ def microscopic(device: Device) -> None:
                    accelerate=True, prior=prior)  # fmt: skip
 
 
+def adjoints(device: Device) -> None:
+    """Every kernel of the adjoints of light fields."""
+    lf = LightField.from_array(np.ones((2, 3, 9, 20, 3)), device=device, spacing=(2, 2, 1, 1))
+    planes = StackOperator(lf, disparities=[-0.4, 0.3], rescale=True)
+    planes.adjoint(planes.forward(lf))
+    turned = LensletGrid((3, 4), (3, 2), (6.2, 5.1), (7.1, 0.3), (-0.2, 8.1), 0.5)
+    for grid in (turned, LensletGrid((3, 4), (3, 2), (6.2, 5.1), (7.1, 0.0), (0.0, 8.1))):
+        raw = RawImage(device.zeros((30, 36), np.float32), device, np.nan, grid, grid)
+        DecodeOperator(raw).adjoint(np.ones(grid.shape))
+    model = ViewWarp((2, 3, 9, 7), device=device)
+    model.vjp(np.ones((9, 7)), np.zeros((9, 7)), model.forward(np.ones((9, 7)), np.zeros((9, 7))))
+
+
 def work(device: Device) -> None:
     """A small workload that reaches every kernel of one mapping, through public functions."""
     ceilings.multiply_add(device, rounds=3).run()
@@ -347,6 +360,7 @@ def work(device: Device) -> None:
         focused(device)
         microscopic(device)
         views(device)
+        adjoints(device)
         scene = SurfaceScene(Plane(0.5))
         scene.light_field((2, 3), (6, 9), device=device)
         raw.camera.expose(scene, model="rays")

@@ -1,5 +1,6 @@
 from .axis_check.lightfield_report import LightFieldReport as LightFieldReport
 from .axis_check.lightfield_report import check_light_field as check_light_field
+from .calibration.decode_operator import DecodeOperator as DecodeOperator
 from .calibration.lattice_fit import estimate_lattice as estimate_lattice
 from .calibration.raw_decoding import decode_raw as decode_raw
 from .depth.alpha_estimate import AlphaEstimate as AlphaEstimate
@@ -44,6 +45,7 @@ from .model.between_views import views_between as views_between
 from .model.light_field import LightField as LightField
 from .model.phase_space import PhaseSpace as PhaseSpace
 from .model.phase_space import phase_space as phase_space
+from .model.render_operator import RenderOperator as RenderOperator
 from .model.rendering import plane_through as plane_through
 from .model.stored_light_field import StoredLightField as StoredLightField
 from .model.view_cameras import ViewCameras as ViewCameras
@@ -62,6 +64,8 @@ from .refocusing.focal_stacks import refocus as refocus
 from .refocusing.fourier_slice import fourier_stack as fourier_stack
 from .refocusing.hyperfan_filter import hyperfan as hyperfan
 from .refocusing.phase_ramps import shift_views as shift_views
+from .refocusing.stack_operator import StackOperator as StackOperator
+from .refocusing.view_warp import ViewWarp as ViewWarp
 from .streaming.streamed_results import StackTiles as StackTiles
 from .streaming.streamed_results import stream_all_in_focus as stream_all_in_focus
 from .streaming.streamed_results import stream_depth as stream_depth

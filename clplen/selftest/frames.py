@@ -43,7 +43,7 @@ def _sampled(raw: Any, y: Any, x: Any, kernel: Any = twins.keys, *, clamp: bool 
     return np.einsum("pi,ij,pj->p", my, raw.astype(float), mx, optimize=True).reshape(shape)
 
 
-def _centres(grid: LensletGrid) -> Any:
+def lenslet_centres(grid: LensletGrid) -> Any:
     """(y, x) of the lenslets' centres, shape (2, rows, columns)."""
     i, k = np.indices(grid.count)
     k = k + np.where(i % 2, grid.odd_row_shift, 0)
@@ -56,7 +56,7 @@ def _centres(grid: LensletGrid) -> Any:
 def _views_of(raw: Any, grid: LensletGrid, kernel: Any = twins.keys) -> Any:
     """L[v, u, i, k] at the true centres."""
     V, U = grid.views
-    y, x = _centres(grid)
+    y, x = lenslet_centres(grid)
     down, right = np.arange(V) - (V - 1) / 2, np.arange(U) - (U - 1) / 2
     return _sampled(raw, y + down[:, None, None, None], x + right[:, None, None], kernel)
 
@@ -80,7 +80,7 @@ def _divided(device: Device) -> Pairs:
     """Over the white level, and the colours of a Bayer mosaic from neighbouring lenslets."""
     raw, white = twins.reals(3, 2, 3, 5, 7), twins.reals(4, 2, 3, 5, 7, low=0.2)
     out = device.zeros((2, 3, 5, 7, 3), np.float32)
-    raw_decoding._divide(out, device.upload(raw), device.upload(white), 3, 1, device)
+    raw_decoding.divide_views(out, device.upload(raw), device.upload(white), 3, 1, device)
     expected = np.zeros(out.shape)
     expected[..., 1] = raw / np.maximum(white.astype(float), raw_decoding._FLOOR)
     yield expected, device.download(out)
@@ -102,7 +102,7 @@ def _fitted(device: Device) -> Pairs:
     expected = np.zeros(got.shape)
     names = np.array(["RG", "GB"], "S2").view("S1").reshape(2, 2)
     colours = np.tile(names, (20, 24))[:39, :47]
-    centres = np.moveaxis(_centres(grid), 0, -1)
+    centres = np.moveaxis(lenslet_centres(grid), 0, -1)
     for v, u, i, k, c in np.ndindex(*got.shape):
         offset = np.array([v - 0.5, u - 1.0])
         own = colours == b"RGB"[c : c + 1]
@@ -134,7 +134,7 @@ def _colours_of(frame: Any, flat: Any, grid: LensletGrid) -> Any:
     """Normalised convolution over neighbouring lenslets, and a little of a colour's own pixels."""
     found = np.zeros((*grid.views, *grid.count, 3))
     places = (((0, 0),), ((0, 1), (1, 0)), ((1, 1),))
-    y, x = _centres(grid)
+    y, x = lenslet_centres(grid)
     at_y = y + (np.arange(3) - 1)[:, None, None, None]
     at_x = x + (np.arange(3) - 1)[:, None, None]
     for channel, colour in enumerate(places):

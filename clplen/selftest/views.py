@@ -14,9 +14,10 @@ from clplen.lightfield.depth.all_in_focus import _launch
 from clplen.lightfield.focus_and_depth import all_in_focus
 from clplen.lightfield.matching.view_matching import row_sums
 from clplen.lightfield.model.light_field import LightField
-from clplen.lightfield.refocusing.focal_stacks import UPSAMPLE_BASE, FocalStack, magnify, upsampled
+from clplen.lightfield.refocusing.focal_stacks import UPSAMPLE_BASE, FocalStack, upsampled
 from clplen.lightfield.refocusing.fourier_slice import fourier_stack
 from clplen.lightfield.refocusing.hyperfan_filter import hyperfan
+from clplen.lightfield.refocusing.magnification import magnify, magnify_adjoint
 from clplen.lightfield.refocusing.phase_ramps import fourier_refocus
 from clplen.selftest import twins
 from clplen.selftest.check import Check, Pairs
@@ -148,6 +149,8 @@ def _magnified(device: Device) -> Pairs:
     )
     expected = alpha**2 * np.einsum("ij,jkc,lk->ilc", my, a.astype(float), mx)
     yield expected, device.download(magnify(device.upload(a), alpha, device=device))
+    spread = alpha**2 * np.einsum("ij,ikc,kl->jlc", my, a.astype(float), mx)
+    yield spread, device.download(magnify_adjoint(device.upload(a), alpha, device=device))
 
 
 def _parametrised(device: Device) -> Pairs:
@@ -191,13 +194,14 @@ CHECKS = (
     Check("views", "questions to float16 samples, slices", _samples, 1e-6,
           ("views.cl", "stored.cl")),
     Check("shear", "colours refocused on three planes, float16", _refocus, ROUNDING,
-          ("shear.cl", "shear_rows.cl", "stored.cl")),
+          ("shear.cl", "shear_rows.cl", "shear_norm.cl", "stored.cl")),
     Check("along_rays", "mean on a surface, median on a plane", _along_rays, ROUNDING,
           ("along_rays.cl",)),
     Check("fourier", "refocused by phase ramps and by slices", _fourier, 2e-5, ("fourier.cl",)),
     Check("hyperfan", "disparities passed by a 4-D filter", _hyperfan, ROUNDING, ("hyperfan.cl",)),
     Check("upsample", "refocused on a grid twice as fine", _upsampled, ROUNDING, ("upsample.cl",)),
-    Check("magnify", "a picture magnified about its middle", _magnified, 1e-6, ("magnify.cl",)),
+    Check("magnify", "a picture magnified about its middle, and back", _magnified, 1e-6,
+          ("magnify.cl",)),
     Check("parametrise", "positions on the lens to directions", _parametrised, ROUNDING,
           ("parametrise.cl",)),
     Check("allinfocus", "between planes, and blended by energy", _all_in_focus, 2e-6,

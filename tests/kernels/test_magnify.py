@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from reference_lightfield import magnify as twin
 
-from clplen.lightfield.refocusing.focal_stacks import magnify
+from clplen.lightfield.refocusing.magnification import magnify, magnify_adjoint
 
 # Units of 2^-24 of the largest value: three roundings in each of the two linear steps, one for
 # the gain, and positions whose fractions are off by half a unit at a slope of at most 2 per axis.
@@ -21,6 +21,19 @@ def test_against_twin(device, shape, alpha):
     want = twin(image.astype(np.float64), alpha)
     assert got.shape == shape
     assert np.abs(got - want).max() <= TOLERANCE * alpha**2
+
+
+@pytest.mark.parametrize("shape", [(13, 17), (7, 12, 3), (1, 5)])
+@pytest.mark.parametrize("alpha", [0.31, 1.0, 1.1724, 2.5])
+def test_spread_is_the_transpose(device, shape, alpha):
+    """Of the twin: a pixel is shown by at most 1/alpha + 2 pixels along each axis."""
+    values = np.random.default_rng(5).random(shape).astype(np.float32)
+    got = device.download(magnify_adjoint(device.upload(values), alpha, device=device))
+    units = np.eye(values.size).reshape(-1, *shape)
+    want = [np.vdot(twin(unit, alpha), values.astype(np.float64)) for unit in units]
+    largest = np.abs(want).max()
+    tolerance = (3 + 2 * (1 / alpha + 2)) * TOLERANCE * largest
+    assert np.abs(got - np.reshape(want, shape)).max() <= tolerance
 
 
 def test_one_is_a_copy(device):

@@ -37,6 +37,7 @@ FAULTS = {
     "common.cl": ("a.x * b.y + a.y * b.x", "a.x * b.y - a.y * b.x"),
     "coverage.cl": ("R * R - t * t", "R * R + t * t"),
     "decode.cl": ("wy.s1 * along(raw + (size_t)y.s1 * nx, x, wx) +", ""),
+    "decode_adjoint.cl": ("raw[at + b] += w * from[b]", "raw[at + b] -= w * from[b]"),
     "detail.cl": ("sum += d[c] * d[c];", "sum += d[c];"),
     "devignette.cl": ("fmax(white[at + x], least)", "fmin(white[at + x], least)"),
     "finite.cl": ("== EXPONENT", "!= EXPONENT"),
@@ -91,6 +92,8 @@ FAULTS = {
     "separated.cl": ("w[0] * load_local", "w[1] * load_local"),
     "shear.cl": ("const int r = t - down[v * planes + p];",
                  "const int r = t - down[v * planes + p] + 1;"),
+    "shear_adjoint.cl": ("row >= 1 && row <= ny ? blend[at]", "row > 1 && row <= ny ? blend[at]"),
+    "shear_norm.cl": ("above ? 1.0f - blend : below", "above ? blend : below"),
     "shear_rows.cl": ("next = (vec)(taps[k].y)", "next = (vec)(taps[k].x)"),
     "sheared.cl": ("a + rows.across * (b - a)", "a + rows.across * (a - b)"),
     "sieve.cl": ("reflected(y + s, ny)", "reflected(y, ny)"),
@@ -116,6 +119,7 @@ FAULTS = {
     "vectors.cl": ("(ivec)(0x7fffffff)", "(ivec)(0x7f7fffff)"),
     "view_detail.cl": ("rint(value) + MIDDLE", "MIDDLE - rint(value)"),
     "views.cl": ("low = fmin(low", "low = fmax(low"),
+    "warp.cl": ("step.x * slope_y + step.y * slope_x", "step.y * slope_y + step.x * slope_x"),
     "window.cl": ("from_y = y + shift_y", "from_y = y - shift_y"),
 }  # fmt: skip
 

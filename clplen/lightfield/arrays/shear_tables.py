@@ -158,3 +158,22 @@ def _used(views: Views, columns: Table) -> Table:
     for u in range(w.shape[1]):  # in one order for every pixel, which a product of matrices is not
         used += w[:, u, None] * inside[..., u, :].reshape(views.planes, -1, columns.size)
     return np.concatenate((used, used.sum(axis=1, keepdims=True)), axis=1)
+
+
+def spread_tables(views: Views) -> list[Table]:
+    """count, order, span, slide, taps, down and blend of shear_adjoint.cl."""
+    w = views.weights
+    order = np.argsort(w == 0, axis=1, kind="stable")
+    right, beside = (_in_order(a, order) for a in (views.right, views.beside))
+    used = np.take_along_axis(w, order, 1)
+    high = right.max(axis=2)
+    span = np.stack((-1 - high, np.ptp(right, axis=2)), axis=-1).swapaxes(0, 1)
+    whole = [np.count_nonzero(w, axis=1), order, span * views.channels]
+    slide = (high[..., None] - right) * views.channels
+    taps = np.stack((used * beside, used * (1 - beside)), axis=-1)
+    return [
+        *(a.astype(np.int32) for a in (*whole, np.moveaxis(slide, 0, 2))),
+        np.moveaxis(taps, 0, 2).astype(np.float32),
+        views.down.T.astype(np.int32),
+        views.below.T.astype(np.float32),
+    ]

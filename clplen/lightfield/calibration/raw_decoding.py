@@ -303,7 +303,7 @@ def _grey(
         return data, None
     level = sliced(pixels.white, grid, device)
     even = device.empty(grid.shape, np.float32)
-    _divide(even, data, level, 1, 0, device)
+    divide_views(even, data, level, 1, 0, device)
     return even, level
 
 
@@ -333,7 +333,7 @@ def _interpolated(
     )
     for channel, (picture, flat) in enumerate(planes):
         views = sliced(picture, grid, device)
-        _divide(data, views, sliced(flat, grid, device), 3, channel, device)
+        divide_views(data, views, sliced(flat, grid, device), 3, channel, device)
     return data, level
 
 
@@ -353,7 +353,17 @@ def _fitted(
     return data, None if pixels.white is None else resample(flat, replace(grid, columns=None))
 
 
-def _divide(
+def white_samples(
+    white: ArrayLike, dark: ArrayLike | None, grid: LensletGrid, device: Device
+) -> cla.Array:
+    """Views of a white image, 1 where it is bright, as `decode_raw` divides by them."""
+    flat = sensor_frames.as_frame(white, "white image")
+    level = _cleaned(flat, flat, dark, None).white
+    assert level is not None
+    return sliced(level, grid, device)
+
+
+def divide_views(
     out: cla.Array, views: cla.Array, level: cla.Array, channels: int, channel: int, device: Device
 ) -> None:
     """One channel of the light field: views over their white level."""

@@ -111,16 +111,29 @@ def carry_disparity(disparity: DisparityMap, step: DisparityMap) -> DisparityMap
 def view(lf: DeviceViews, v: float, u: float, *, disparity: Any, interpolation: str) -> Image:
     """See `LightField.view`."""
     if disparity is None:
-        return _view(lf, (v, u))
+        return render(lf, aperture=None, viewpoint=(v, u), total=False)
     return _view_along_rays(lf, (v, u), disparity, interpolation)
 
 
 def render(lf: DeviceViews, *, aperture: Any, viewpoint: Any, total: bool) -> Image:
     """See `LightField.render`."""
+    return _sum(lf, render_weights(lf, aperture, viewpoint, total))
+
+
+def render_weights(
+    lf: SampledViews, aperture: Any, viewpoint: Any, total: bool
+) -> np.ndarray[Any, Any]:
+    """Weights of the views in a picture that `LightField.render` makes; see there.
+
+    Returns
+    -------
+    numpy.ndarray
+        Shape (V, U), of sum 1 unless the total is asked for.
+    """
     if aperture is None and viewpoint is not None and not total:
-        return _view(lf, viewpoint)
+        return _to_one(_nearest(lf, viewpoint)[1])
     weights = view_weights(lf, aperture, viewpoint)
-    return _sum(lf, weights) if total else _mean(lf, weights)
+    return weights if total else _to_one(weights)
 
 
 def view_weights(lf: SampledViews, aperture: Any, viewpoint: Any) -> Weights:
@@ -168,11 +181,7 @@ def epi(lf: DeviceViews, *, y: int | None, x: int | None, v: int | None, u: int 
     return Image(plane(lf.data, fixed, axes, lf.device), lf.device)
 
 
-def _view(lf: DeviceViews, viewpoint: Any) -> Image:
-    return _mean(lf, _nearest(lf, viewpoint)[1])
-
-
-def _nearest(lf: DeviceViews, viewpoint: Any) -> tuple[Weights, Weights]:
+def _nearest(lf: SampledViews, viewpoint: Any) -> tuple[Weights, Weights]:
     """Bilinear weights of the four views round a viewpoint, and those that are used."""
     nearest = aperture_weights(lf, None, viewpoint)
     weights = nearest * lf.weights
@@ -196,8 +205,9 @@ def _view_along_rays(lf: DeviceViews, viewpoint: Any, disparity: Any, interpolat
     return Image(picture, lf.device)
 
 
-def _mean(lf: DeviceViews, weights: Weights) -> Image:
-    return _sum(lf, weights / weights.sum(dtype=np.float64))
+def _to_one(weights: Weights) -> np.ndarray[Any, Any]:
+    """Weights over their sum."""
+    return np.asarray(weights / weights.sum(dtype=np.float64))
 
 
 def _sum(lf: DeviceViews, weights: np.ndarray[Any, Any]) -> Image:

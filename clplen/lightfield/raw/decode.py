@@ -19,6 +19,7 @@ from clplen.lightfield.raw.lenslet_grid import LensletGrid
 from clplen.lightfield.raw.raw_image import RawImage
 
 Vector = np.ndarray[Any, np.dtype[np.float64]]
+Table = np.ndarray[Any, Any]
 
 FRACTION = 2.0**24  # positions are multiples of 2^-24 pixel, which float32 holds exactly
 _MARGIN = 4  # zeros at either end of a line of pixels
@@ -44,9 +45,7 @@ def resample_upright(views: cla.Array, raw: RawImage, grid: LensletGrid, *, line
     """Fill the views of such a grid, as `clplen.lightfield.raw.decode.resample` describes."""
     device, (ny, nx) = raw.device, raw.shape
     (V, U), (rows, columns) = grid.views, grid.count
-    y = _positions(grid.first[0], V, grid.row_view_step[0], rows, grid.row_step[0])
-    x = _positions(grid.first[1], U, grid.column_view_step[1], columns, grid.column_step[1])
-    (above, down), (left, across) = (_taps(at, n, linear) for at, n in ((y, ny), (x, nx)))
+    (above, down), (left, across) = taps_along(grid, (ny, nx), linear)
     strides = [int(n) // views.dtype.itemsize for n in views.strides]
     order = (1, 0, 3, 2) if grid.exchanged else (0, 1, 2, 3)
     device.launch(
@@ -62,6 +61,31 @@ def resample_upright(views: cla.Array, raw: RawImage, grid: LensletGrid, *, line
     )
 
 
+def taps_along(
+    grid: LensletGrid, shape: tuple[int, int], linear: bool
+) -> tuple[tuple[Table, Table], tuple[Table, Table]]:
+    """Pixels and weights along y, view by view and row by row, and along x, of such a grid.
+
+    Parameters
+    ----------
+    grid : LensletGrid
+        Along the sensor's rows and columns: see `is_upright`.
+    shape : tuple of int
+        (ny, nx) of the raw image.
+    linear : bool
+        As of `resample`.
+
+    Returns
+    -------
+    tuple
+        Of each axis the first of four pixels, int32, and their weights, float32, shape (4, ...).
+    """
+    (V, U), (rows, columns), (ny, nx) = grid.views, grid.count, shape
+    y = _positions(grid.first[0], V, grid.row_view_step[0], rows, grid.row_step[0])
+    x = _positions(grid.first[1], U, grid.column_view_step[1], columns, grid.column_step[1])
+    return _taps(y, ny, linear), _taps(x, nx, linear)
+
+
 def _positions(first: float, views: int, view_step: float, count: int, step: float) -> Vector:
     """Along one axis, view by view, shape (views count,): see `_row_tables` in decode.py."""
     corner = first - (views - 1) / 2 * view_step
@@ -69,7 +93,7 @@ def _positions(first: float, views: int, view_step: float, count: int, step: flo
     return np.add.outer(*(np.round(part * FRACTION) / FRACTION for part in parts)).ravel()
 
 
-def _taps(position: Vector, n: int, linear: bool) -> tuple[Any, Any]:
+def _taps(position: Vector, n: int, linear: bool) -> tuple[Table, Table]:
     """First of four pixels of an axis of n, int32, and their weights, float32, shape (4, ...).
 
     Keys (1981), eq. 15, a = -1/2, or linear; 0 off the sensor.
@@ -141,8 +165,8 @@ def resample(raw: RawImage, grid: LensletGrid, *, linear: bool = False) -> cla.A
         raw.data,
         *_row_tables(grid, device),
         *_column_tables(grid, device),
-        *_tables(np.arange(V)[:, None] * np.asarray(grid.row_view_step), device),
-        *_tables(np.arange(U)[:, None] * np.asarray(grid.column_view_step), device),
+        *split_places(np.arange(V)[:, None] * np.asarray(grid.row_view_step), device),
+        *split_places(np.arange(U)[:, None] * np.asarray(grid.column_view_step), device),
         *_near_tables(grid, device),
         *(np.int32(n) for n in (ny, nx, rows, lenslets, columns)),
         *(np.int64(strides[axis]) for axis in order),
@@ -156,6 +180,17 @@ def _check(raw: RawImage, grid: LensletGrid) -> None:
             "A colour picture of lenslets is not sliced into views, but one of shape (ny, nx): "
             "decode its colours one by one, or give the raw frame with bayer=."
         )
+    check_grid(grid)
+    bad = count_bad(raw.data, raw.device)
+    if bad:
+        raise ValueError(
+            f"The raw image has {bad} pixels that are NaN or infinite, which interpolation would "
+            "spread: replace them before decoding, for example by the mean of their neighbours."
+        )
+
+
+def check_grid(grid: LensletGrid) -> None:
+    """Refuse a grid without lenslets or views, or with numbers that are not finite."""
     if min(*grid.count, *grid.shape) < 1:
         raise ShapeError(
             "A lenslet grid has at least one lenslet and one view along each axis, not "
@@ -166,12 +201,6 @@ def _check(raw: RawImage, grid: LensletGrid) -> None:
     numbers += (1.0,) if grid.columns is None else grid.columns
     if not np.isfinite(numbers).all():
         raise ValueError(f"The numbers of a lenslet grid are finite, not {grid}.")
-    bad = count_bad(raw.data, raw.device)
-    if bad:
-        raise ValueError(
-            f"The raw image has {bad} pixels that are NaN or infinite, which interpolation would "
-            "spread: replace them before decoding, for example by the mean of their neighbours."
-        )
 
 
 def _row_tables(grid: LensletGrid, device: Device) -> tuple[cla.Array, cla.Array]:
@@ -184,14 +213,14 @@ def _row_tables(grid: LensletGrid, device: Device) -> tuple[cla.Array, cla.Array
         - (U - 1) / 2 * np.asarray(grid.column_view_step)
     )
     shift = np.where(i % 2, grid.odd_row_shift, 0.0)
-    return _tables(
+    return split_places(
         corner + i * np.asarray(grid.row_step) + shift * np.asarray(grid.column_step), device
     )
 
 
 def _column_tables(grid: LensletGrid, device: Device) -> tuple[cla.Array, cla.Array]:
     """How far each lenslet lies from the first of its row."""
-    return _tables(np.arange(grid.count[1])[:, None] * np.asarray(grid.column_step), device)
+    return split_places(np.arange(grid.count[1])[:, None] * np.asarray(grid.column_step), device)
 
 
 @dataclass(frozen=True)
@@ -216,7 +245,7 @@ class GridTables:
     def views(self, v: int) -> tuple[cla.Array, cla.Array]:
         """Of the views of row v."""
         down, right = self.steps
-        return _tables(down[v] + right, self.device)
+        return split_places(down[v] + right, self.device)
 
 
 def grid_tables(grid: LensletGrid, device: Device) -> GridTables:
@@ -235,12 +264,17 @@ def grid_tables(grid: LensletGrid, device: Device) -> GridTables:
 
 def _near_tables(grid: LensletGrid, device: Device) -> tuple[cla.Array, cla.Array]:
     """Between which lenslets of even and odd rows the columns lie, and at which fraction."""
+    return split_places(near_places(grid), device)
+
+
+def near_places(grid: LensletGrid) -> Vector:
+    """Where the columns lie among the lenslets of even and of odd rows, shape (2, columns)."""
     count, step = (grid.count[1], 1.0) if grid.columns is None else grid.columns
     shifts = np.array([0.0, grid.odd_row_shift])  # of a row's own lenslets, in columns
-    return _tables(np.arange(count) * step - shifts[:, None], device)
+    return np.asarray(np.arange(count) * step - shifts[:, None])
 
 
-def _tables(
+def split_places(
     positions: np.ndarray[Any, np.dtype[np.float64]], device: Device
 ) -> tuple[cla.Array, cla.Array]:
     """Integers and fractions of positions, int32 and float32."""

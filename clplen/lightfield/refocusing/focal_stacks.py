@@ -15,12 +15,13 @@ from clplen.compute.device import Device, DeviceLike
 from clplen.lightfield.arrays.ray_samples import INTERPOLATIONS, along_rays
 from clplen.lightfield.arrays.shear import shear_sum
 from clplen.lightfield.arrays.stored_samples import C_TYPE
-from clplen.lightfield.model.alpha_law import shifts, unit_steps
+from clplen.lightfield.model.alpha_law import AlphaLaw, shifts, unit_steps
 from clplen.lightfield.model.apertures import Weights
 from clplen.lightfield.model.light_field import LightField
 from clplen.lightfield.model.rendering import view_weights
 from clplen.lightfield.model.stored_light_field import StoredLightField, as_lightfield
 from clplen.lightfield.raw.raw_image import CameraModel, Spacing, is_telecentric
+from clplen.lightfield.refocusing.magnification import magnify
 from clplen.lightfield.refocusing.memory_estimate import (
     DEVICE_FLOAT,
     HOST_FLOAT,
@@ -29,43 +30,6 @@ from clplen.lightfield.refocusing.memory_estimate import (
 )
 from clplen.lightfield.refocusing.phase_ramps import fourier_refocus
 from clplen.results import Plottable, Savable
-
-
-def magnify(picture: cla.Array, alpha: float, *, device: Device) -> cla.Array:
-    """A picture on the synthetic plane: alpha^2 R(alpha x') about the middle, linear, 0 outside.
-
-    Parameters
-    ----------
-    picture : pyopencl.array.Array
-        float32, shape (y, x[, c]).
-    alpha : float
-        F/F' > 0.
-    device : Device
-
-    Returns
-    -------
-    pyopencl.array.Array
-        float32, the picture's shape.
-    """
-    ny, nx, *channels = (int(n) for n in picture.shape)
-    count = channels[0] if channels else 1
-    out = device.empty(picture.shape, np.float32)
-    tables = []
-    for n in (ny, nx):
-        position = (n - 1) / 2 + alpha * (np.arange(n) - (n - 1) / 2)
-        whole = np.floor(np.clip(position, -2, n))
-        tables += [whole.astype(np.int32), (position - whole).astype(np.float32)]
-    device.launch_rows(
-        device.kernel("magnify.cl", "magnify"),
-        (ny, nx * count),
-        out,
-        picture,
-        *(device.upload(table) for table in tables),
-        np.float32(alpha**2),
-        *(np.int32(n) for n in (ny, nx, count)),
-    )
-    return out
-
 
 Vector = np.ndarray[Any, np.dtype[np.float64]]
 
@@ -214,11 +178,8 @@ def refocus(
     if np.ndim(given):
         picture = _on_surface(lf, lf.weights, disparities, interpolation)
         return Image(picture, lf.device)
-    if rescale and not alphas[0] > 0:
-        raise ValueError(
-            "rescale=True needs a positive alpha = F/F', and so the spacing of views and pixels in "
-            f"metres; here alpha is {alphas[0]}."
-        )
+    if rescale:
+        require_alphas(alphas)
     if upsample != 1:
         return Image(upsampled(lf, float(disparities[0]), upsample, lf.weights), lf.device)
     picture = _mean_of_views(lf, disparities, lf.weights, interpolation).reshape(lf.shape[2:])
@@ -300,7 +261,7 @@ def stack_memory(
 
 
 def stack_planes(
-    lf: LightField | StoredLightField,
+    lf: AlphaLaw,
     *,
     alphas: ArrayLike | None,
     disparities: ArrayLike | None,
@@ -336,6 +297,22 @@ def _check_options(ndim: int, rescale: bool, interpolation: str, upsample: int) 
         )
 
 
+def require_alphas(alphas: Vector) -> None:
+    """Refuse to rescale planes whose alpha is not known or not positive.
+
+    Raises
+    ------
+    ValueError
+        With the first such alpha.
+    """
+    wrong = alphas[~(alphas > 0)]
+    if wrong.size:
+        raise ValueError(
+            "rescale=True needs a positive alpha = F/F', and so the spacing of views and pixels in "
+            f"metres; here alpha is {wrong[0]}."
+        )
+
+
 def _exactly_one(**given: Any) -> Any:
     """The one that is given of two options."""
     values = [value for value in given.values() if value is not None]
@@ -346,9 +323,7 @@ def _exactly_one(**given: Any) -> Any:
     return values[0]
 
 
-def _planes(
-    lf: LightField | StoredLightField, given: Any, are_alphas: bool
-) -> tuple[Vector, Vector]:
+def _planes(lf: AlphaLaw, given: Any, are_alphas: bool) -> tuple[Vector, Vector]:
     """(disparities, alphas) of planes given as one of them."""
     values = np.asarray(given, np.float64)
     if not np.isfinite(values).all():

@@ -1,0 +1,218 @@
+"""The adjoint of refocusing: pictures of planes spread back to the views they are means of."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import pyopencl as cl
+import pyopencl.array as cla
+
+from clplen.compute.device import Device
+from clplen.errors import DeviceError, KernelBuildError, ShapeError
+from clplen.lightfield.arrays.shear import vector_lanes
+from clplen.lightfield.arrays.shear_tables import (
+    Table,
+    Views,
+    split_views,
+    spread_tables,
+    weight_norms,
+)
+
+_MOST_PLANES = 64  # of one launch
+_NORM_FLOATS = 1 << 23  # of the weights that samples use, in one launch
+_LOCAL_BYTES = 512 * 1024  # of one work-item: stays in a second-level cache
+_LOCAL_RESERVE = 1024  # what an OpenCL runtime may keep for itself
+_WIDEST = 16  # chunks of a block
+_HEIGHT = 4  # rows of a GPU's work-item
+_FORM = "shear adjoint blocks"
+
+
+def shear_adjoint(
+    pictures: cla.Array,
+    shape: tuple[int, ...],
+    weights: Table,
+    shift_y: Table,
+    shift_x: Table,
+    *,
+    device: Device,
+    total: bool = False,
+) -> cla.Array:
+    """The transpose of `shear_sum`, with its normalised edges.
+
+    Every picture is divided by the weights that `shear_sum` divides by, and each view is the sum of
+    the pictures moved back by its shifts, interpolated linearly and 0 outside, times its weight.
+    The result has the same bits in every run.
+
+    Parameters
+    ----------
+    pictures : pyopencl.array.Array
+        float32, shape (P, y, x) or (P, y, x, c), C-contiguous.
+    shape : tuple of int
+        (v, u, y, x) or (v, u, y, x, c) of the light field.
+    weights, shift_y, shift_x : numpy.ndarray
+        As given to `shear_sum`.
+    device : Device
+        Where the pictures live.
+    total : bool
+        As given to `shear_sum`: nothing is divided.
+
+    Returns
+    -------
+    pyopencl.array.Array
+        float32, of the light field's shape; views of weight 0 are 0.
+
+    Raises
+    ------
+    ShapeError
+        If the shapes do not fit together.
+    ValueError
+        If a weight or shift is not finite.
+    DeviceError
+        If the light field needs more memory than the device has.
+    """
+    views = split_views(shape, weights, shift_y, shift_x, "normalised")
+    if tuple(pictures.shape) != (views.planes, *shape[2:]) or pictures.dtype != np.float32:
+        raise ShapeError(
+            f"The pictures of {views.planes} planes are float32 of shape "
+            f"{(views.planes, *shape[2:])}, not {tuple(pictures.shape)} ({pictures.dtype})."
+        )
+    light_field = 4 * int(np.prod(shape, dtype=np.int64))
+    needed = light_field + (0 if total else int(pictures.nbytes))
+    device.require_memory(needed, "The light field of these pictures")
+    shares = pictures if total else _divided(pictures, views, device)
+    out = device.empty(shape, np.float32)
+    if device.rows and _FORM not in device.tuning.set_aside:
+        try:
+            if _spread_blocks(out, shares, views, device):
+                return out
+        except (KernelBuildError, DeviceError) as error:
+            if isinstance(error.__cause__, cl.MemoryError):
+                raise
+            device.tuning.leave(_FORM, error)
+    _spread_samples(out, shares, views, device)
+    return out
+
+
+def _lane_defines(device: Device) -> dict[str, Any]:
+    lanes, vectors = vector_lanes(device)
+    return {"LANES": lanes, "VECTORS": vectors}
+
+
+def _divided(pictures: cla.Array, views: Views, device: Device) -> cla.Array:
+    """Pictures over the weights of the samples that each pixel is made of."""
+    shares = device.empty(pictures.shape, np.float32)
+    defines = _lane_defines(device) if device.rows else {}
+    kernel = device.kernel("shear_adjoint.cl", "divide", SAMPLE="float", **defines)
+    V = len(views.weights)
+    step = max(1, _NORM_FLOATS // ((V + 1) * views.samples))
+    for first in range(0, views.planes, step):
+        part = views.part(first, step)
+
+        def made(part: Views = part) -> tuple[list[cla.Array], tuple[int, int, int]]:
+            norm = weight_norms(part, part.samples)
+            down, below = part.down.T.astype(np.int32), part.below.T.astype(np.float32)
+            tables = [device.upload(table) for table in (norm.table, down, below)]
+            return tables, (norm.table.shape[2], norm.near, norm.far)
+
+        tables, numbers = device.tables.get(("shear norm", part.key), made, _table_bytes)
+        sizes = (V, views.ny, views.samples, part.planes, first, *numbers)
+        device.launch_rows(
+            kernel,
+            (part.planes, views.ny, views.samples),
+            *(shares, pictures, *tables),
+            *(np.int32(n) for n in sizes),
+        )
+    return shares
+
+
+def _table_bytes(made: tuple[list[cla.Array], Any]) -> int:
+    return sum(2 * int(table.nbytes) for table in made[0])
+
+
+def _uploaded(views: Views, device: Device) -> list[cla.Array]:
+    """Tables of some planes on the device, those of recent calls again."""
+
+    def made() -> tuple[list[cla.Array], None]:
+        return [device.upload(table) for table in spread_tables(views)], None
+
+    return device.tables.get(("shear adjoint", views.key), made, _table_bytes)[0]
+
+
+def _spread_blocks(out: cla.Array, shares: cla.Array, views: Views, device: Device) -> bool:
+    """Rows of all views of one v an item; False where local memory does not suffice."""
+    lanes = vector_lanes(device)[0]
+    chosen = _block(views, device)
+    if chosen is None:
+        return False
+    width, pitch, step = chosen
+    defines = {"CHANNELS": views.channels} if views.channels in (1, 3) else {}
+    kernel = device.kernel(
+        "shear_adjoint.cl", "spread_blocks", SAMPLE="float", **_lane_defines(device), **defines
+    )
+    V = len(views.weights)
+    columns = -(-views.samples // (width - views.channels))
+    for first in range(0, views.planes, step):
+        part = views.part(first, step)
+        second = width + max(views.channels, lanes) + lanes
+        device.launch(
+            kernel,
+            (columns, views.ny, V),
+            *(out, shares, *_uploaded(part, device)),
+            *_numbers(part, first),
+            *(np.int32(n) for n in (width, pitch)),
+            *(cl.LocalMemory(4 * n) for n in (part.planes * pitch, second)),
+            group=(1, 1, 1),
+            operations=_operations(part),
+        )
+    return True
+
+
+def _block(views: Views, device: Device) -> tuple[int, int, int] | None:
+    """(width, pitch, planes of a launch) of the least expected cost."""
+    lanes, vectors = vector_lanes(device)
+    chunk, U = lanes * vectors, views.weights.shape[1]
+    room = min(_LOCAL_BYTES, int(device.cl_device.local_mem_size) - _LOCAL_RESERVE) // 4
+    extra = int(np.ptp(views.right, axis=-1).max()) * views.channels
+    first = views.channels // chunk + 1
+    last = max(first, min(_WIDEST, -(-(views.samples + views.channels) // chunk)))
+    best, least = None, np.inf
+    for width in range(first * chunk, last * chunk + 1, chunk):
+        pitch = -(-(width + max(extra, views.channels)) // lanes) * lanes
+        most = min(_MOST_PLANES, (room - width - views.channels - 2 * lanes) // pitch)
+        if most < 1:
+            continue
+        launches = -(-views.planes // most)
+        columns = -(-views.samples // (width - views.channels))
+        # samples of the views, of a plane's row, and what the start of a row is worth
+        cost = columns * (U * (width + 2 * lanes + launches * width / views.planes)
+                          + 3 * pitch + 20 * lanes)  # fmt: skip
+        if cost < least:
+            best, least = (width, pitch, -(-views.planes // launches)), cost
+    return best
+
+
+def _spread_samples(out: cla.Array, shares: cla.Array, views: Views, device: Device) -> None:
+    """A sample of some rows of a view an item."""
+    kernel = device.kernel("shear_adjoint.cl", "spread_samples", SAMPLE="float", HEIGHT=_HEIGHT)
+    V, U = views.weights.shape
+    for first in range(0, views.planes, _MOST_PLANES):
+        part = views.part(first, _MOST_PLANES)
+        device.launch(
+            kernel,
+            (views.samples, -(-views.ny // _HEIGHT), V * U),
+            *(out, shares, *_uploaded(part, device)),
+            *_numbers(part, first),
+            operations=_operations(part),
+        )
+
+
+def _numbers(views: Views, first: int) -> list[Any]:
+    """What both forms take after the tables."""
+    sizes = (views.weights.shape[1], views.ny, views.samples, views.channels, views.planes, first)
+    return [np.int32(n) for n in (*sizes, int(first > 0))]
+
+
+def _operations(views: Views) -> float:
+    """Additions and multiplications: two of each for every sample of a view."""
+    return 4.0 * np.count_nonzero(views.weights) * views.planes * views.ny * views.samples

@@ -1,0 +1,146 @@
+"""Rendering as a linear map, and what such maps know of a light field."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import pyopencl.array as cla
+
+from clplen.checks import is_integer
+from clplen.compute.arrays import Image
+from clplen.compute.device import Device, DeviceLike, as_device
+from clplen.lightfield.arrays.linear_step import LinearStep
+from clplen.lightfield.arrays.shear import shear_sum
+from clplen.lightfield.arrays.shear_adjoint import shear_adjoint
+from clplen.lightfield.model.alpha_law import AlphaLaw
+from clplen.lightfield.model.light_field import LightField
+from clplen.lightfield.model.rendering import render_weights
+from clplen.lightfield.model.sample_checks import check_shape
+from clplen.lightfield.raw.raw_image import CameraModel, Spacing
+
+
+@dataclass(frozen=True, eq=False)
+class ViewGeometry(AlphaLaw):
+    """A light field without its samples; attributes as in `LightField`."""
+
+    shape: tuple[int, ...]
+    device: Device
+    spacing: Spacing | None
+    weights: np.ndarray[Any, np.dtype[np.float32]]
+    camera: CameraModel | None = None
+    positions: np.ndarray[Any, np.dtype[np.float64]] | None = None
+    decode: str = "calibrated"
+    parametrisation: str = "two-plane"
+
+    @classmethod
+    def of(cls, lf: Any, device: DeviceLike | None) -> ViewGeometry:
+        """That of a light field, or of a shape: views on a grid, all of weight 1.
+
+        Raises
+        ------
+        TypeError
+            If it is neither.
+        ShapeError
+            If it is no shape of a light field.
+        """
+        if isinstance(lf, LightField):
+            return cls(
+                lf.shape, lf.device, lf.spacing, lf.weights, lf.camera, lf.positions, lf.decode,
+                lf.parametrisation,
+            )  # fmt: skip
+        if not isinstance(lf, tuple | list) or not all(is_integer(n) and n >= 0 for n in lf):
+            raise TypeError(
+                "A linear map of light fields is made of a LightField or of a shape "
+                f"(v, u, y, x[, c]), not of type {type(lf).__name__}."
+            )
+        shape = tuple(int(n) for n in lf)
+        check_shape(shape)
+        return cls(shape, as_device(device), None, np.ones(shape[:2], np.float32))
+
+    def light_field(self, data: cla.Array) -> LightField:
+        """Samples on the device as a light field like this."""
+        return LightField(
+            data, self.device, self.spacing, self.weights, self.camera, decode=self.decode,
+            positions=self.positions, parametrisation=self.parametrisation,
+        )  # fmt: skip
+
+
+class RenderOperator(LinearStep):
+    """A picture as a linear map of the light field: `LightField.render`, and its adjoint.
+
+    The picture is sum_vu w[v, u] L[v, u] with weights of sum 1, and the adjoint spreads it
+    to the views, w[v, u] times the picture each. ``viewpoint`` alone is `LightField.view`.
+
+    Parameters
+    ----------
+    lf : LightField or tuple of int
+        Whose geometry and weights are taken, not its samples; or the shape (v, u, y, x[, c]) of
+        views of weight 1.
+    aperture, viewpoint : optional
+        As of `LightField.render`.
+    total : bool
+        As of `LightField.render`: w is not divided by its sum.
+    device : Device or str, optional
+        Where a shape is computed; default ``Device.open()``. A light field brings its own.
+
+    Attributes
+    ----------
+    weights : numpy.ndarray
+        float64, shape (V, U): w.
+    in_shape, out_shape : tuple of int
+        (v, u, y, x[, c]) and (y, x[, c]).
+    device : Device
+
+    Raises
+    ------
+    ValueError, ShapeError, TypeError
+        As `LightField.render`, or if it is made of something else.
+
+    Examples
+    --------
+    >>> between = clplen.lightfield.RenderOperator((3, 3, 16, 24), viewpoint=(1, 0.5))
+    >>> between.weights[1].tolist()
+    [0.5, 0.5, 0.0]
+    >>> views = between.adjoint(np.ones((16, 24)))
+    >>> views.shape, float(views.sum())
+    ((3, 3, 16, 24), 384.0)
+    """
+
+    _takes = (LightField, Image)
+
+    def __init__(
+        self,
+        lf: LightField | tuple[int, ...],
+        *,
+        aperture: Any = None,
+        viewpoint: tuple[float, float] | None = None,
+        total: bool = False,
+        device: DeviceLike | None = None,
+    ) -> None:
+        self._geometry = ViewGeometry.of(lf, device)
+        self.device = self._geometry.device
+        self.in_shape = self._geometry.shape
+        self.out_shape = self.in_shape[2:]
+        self.weights = np.asarray(
+            render_weights(self._geometry, aperture, viewpoint, total), np.float64
+        )
+        V, U = self.weights.shape
+        self._still = (np.zeros((1, V)), np.zeros((1, U)))
+
+    def _about(self) -> str:
+        return f", {np.count_nonzero(self.weights)} views of weight {self.weights.sum():g}"
+
+    def _forward(self, data: cla.Array) -> cla.Array:
+        picture = shear_sum(data, self.weights, *self._still, device=self.device, total=True)
+        return picture.reshape(self.out_shape)
+
+    def _adjoint(self, data: cla.Array) -> cla.Array:
+        return shear_adjoint(
+            data.reshape((1, *self.out_shape)), self.in_shape, self.weights, *self._still,
+            device=self.device, total=True,
+        )  # fmt: skip
+
+    def _made(self, data: cla.Array, adjoint: bool) -> Any:
+        return self._geometry.light_field(data) if adjoint else Image(data, self.device)

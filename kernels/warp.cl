@@ -1,0 +1,168 @@
+/* Views from a picture and a disparity of every pixel, and the gradients of a loss through them.
+ *
+ *   L[view, y, x, c] = P(y + d[y, x] s_y, x + d[y, x] s_x)[c],   (s_y, s_x) = steps[view]
+ *
+ * interpolated linearly; a position off the picture is that of its edge. With g the gradient of the
+ * loss with respect to L,
+ *
+ *   of_disparity[y, x]    = sum_view,c g[view, y, x, c] (s_y dP/dy + s_x dP/dx)[c]
+ *   of_picture[Y, X, c]   = sum_view,y,x g[view, y, x, c] t(py - Y) t(px - X),  t(r) = max(1 - |r|, 0)
+ *
+ * at the position (py, px) of (y, x). Along an axis that leads off the picture the slope of P is 0; at
+ * a whole position it is that towards the next pixel. Sums go in one order, so that all runs have the
+ * same bits.
+ *
+ * Mapping: views and of_disparity, FOR_X of common.cl over x, axis 1 = y, axis 2 = view (views).
+ * of_picture with -DROWS: an item = `height` rows, to which it adds what falls there, axis 0; else an
+ * item = a sample s = X channels + c, axis 0, and Y, axis 1, which looks for what falls on it. All
+ * disparities lie within `least` and `most`.
+ * -DCHANNELS=1 | 3: their number, where it is one of these. -DROWS: see common.cl.
+ */
+#include "common.cl"
+
+#ifdef CHANNELS
+#define COUNT CHANNELS
+#else
+#define COUNT channels
+#endif
+
+/* The pixel before a position i + shift on an axis of n, and the fraction to the next one; and whether
+ * the picture goes on there. By comparisons, with which PoCL vectorises a row (clamp and floor it does
+ * not); a shift that is NaN leads off the picture. */
+inline int place(int i, float shift, int n, float *part, int *within)
+{
+    const float offset = shift > -n ? (shift < n ? shift : n) : -n;
+    const int below = (int)offset, whole = below - (offset < below);
+    const int at = i + whole;
+    *within = at >= 0 && at < n - 1;
+    *part = *within ? offset - whole : 0.0f;
+    return at < 0 ? 0 : at < n ? at : n - 1;
+}
+
+__kernel void views(__global float *restrict L, __global const float *restrict P,
+                    __global const float *restrict d, __global const float2 *restrict steps,
+                    const int ny, const int nx, const int channels)
+{
+    const int y = get_global_id(1), view = get_global_id(2);
+    const float2 step = steps[view];
+    __global float *to = L + row_start(view, y, ny, nx * COUNT);
+    FOR_X(x, nx) {
+        const float shift = d[(size_t)y * nx + x];
+        float b, a;
+        int down, right;
+        const int i = place(y, shift * step.x, ny, &b, &down);
+        const int j = place(x, shift * step.y, nx, &a, &right);
+        __global const float *from = P + ((size_t)i * nx + j) * COUNT;
+        const size_t below = down ? (size_t)nx * COUNT : 0;
+        const size_t beside = right ? COUNT : 0;
+        for (int c = 0; c < COUNT; ++c)
+            to[x * COUNT + c] = (1.0f - b) * ((1.0f - a) * from[c] + a * from[beside + c])
+                + b * ((1.0f - a) * from[below + c] + a * from[below + beside + c]);
+    }
+}
+
+__kernel void of_disparity(__global float *restrict out, __global const float *restrict g,
+                           __global const float *restrict P, __global const float *restrict d,
+                           __global const float2 *restrict steps, const int count, const int ny,
+                           const int nx, const int channels)
+{
+    const int y = get_global_id(1);
+    FOR_X(x, nx) {
+        const float shift = d[(size_t)y * nx + x];
+        float sum = 0.0f;
+        for (int view = 0; view < count; ++view) {
+            const float2 step = steps[view];
+            float b, a;
+            int down, right;
+            const int i = place(y, shift * step.x, ny, &b, &down);
+            const int j = place(x, shift * step.y, nx, &a, &right);
+            __global const float *from = P + ((size_t)i * nx + j) * COUNT;
+            __global const float *of = g + row_start(view, y, ny, nx * COUNT) + x * COUNT;
+            const size_t below = down ? (size_t)nx * COUNT : 0;
+            const size_t beside = right ? COUNT : 0;
+            for (int c = 0; c < COUNT; ++c) {
+                const float p00 = from[c], p01 = from[beside + c];
+                const float p10 = from[below + c], p11 = from[below + beside + c];
+                const float slope_y = (1.0f - a) * (p10 - p00) + a * (p11 - p01);
+                const float slope_x = (1.0f - b) * (p01 - p00) + b * (p11 - p10);
+                sum += of[c] * (step.x * slope_y + step.y * slope_x);
+            }
+        }
+        out[(size_t)y * nx + x] = sum;
+    }
+}
+
+/* Rows (or columns) of n whose positions may come next to those from `low` to `high`. What lies beyond
+ * an edge comes to it. */
+inline int2 sources(int low, int high, float step, float least, float most, int n)
+{
+    const float a = clamp(fmin(step * least, step * most), (float)(-n), (float)n);
+    const float b = clamp(fmax(step * least, step * most), (float)(-n), (float)n);
+    return (int2)(low == 0 ? 0 : max(low - 2 - (int)floor(b), 0),
+                  high == n - 1 ? n - 1 : min(high + 1 - (int)floor(a), n - 1));
+}
+
+__kernel void of_picture(__global float *restrict out, __global const float *restrict g,
+                         __global const float *restrict d, __global const float2 *restrict steps,
+                         const int count, const int ny, const int nx, const int channels,
+                         const float least, const float most, const int height)
+{
+#ifdef ROWS
+    const int first = get_global_id(0) * height, last = min(first + height, ny) - 1;
+    const size_t width = (size_t)nx * COUNT;
+    for (size_t s = first * width; s < (last + 1) * width; ++s)
+        out[s] = 0.0f;
+    for (int view = 0; view < count; ++view) {
+        const float2 step = steps[view];
+        const int2 rows = sources(first, last, step.x, least, most, ny);
+        for (int y = rows.s0; y <= rows.s1; ++y) {
+            __global const float *of = g + row_start(view, y, ny, nx * COUNT);
+            for (int x = 0; x < nx; ++x) {
+                const float shift = d[(size_t)y * nx + x];
+                float b, a;
+                int down, right;
+                const int i = place(y, shift * step.x, ny, &b, &down);
+                if (i > last || i + 1 < first)
+                    continue;
+                const int j = place(x, shift * step.y, nx, &a, &right);
+                for (int k = i; k <= i + down; ++k) {
+                    if (k < first || k > last)
+                        continue;
+                    const float w = k == i ? 1.0f - b : b;
+                    __global float *to = out + ((size_t)k * nx + j) * COUNT;
+                    for (int c = 0; c < COUNT; ++c) {
+                        const float value = w * of[x * COUNT + c];
+                        to[c] += (1.0f - a) * value;
+                        if (right)
+                            to[COUNT + c] += a * value;
+                    }
+                }
+            }
+        }
+    }
+#else
+    const int s = get_global_id(0), Y = get_global_id(1);
+    if (s >= nx * COUNT)
+        return;
+    const int X = s / COUNT, c = s % COUNT;
+    float sum = 0.0f;
+    for (int view = 0; view < count; ++view) {
+        const float2 step = steps[view];
+        const int2 rows = sources(Y, Y, step.x, least, most, ny);
+        const int2 columns = sources(X, X, step.y, least, most, nx);
+        for (int y = rows.s0; y <= rows.s1; ++y)
+            for (int x = columns.s0; x <= columns.s1; ++x) {
+                const float shift = d[(size_t)y * nx + x];
+                float b, a;
+                int down, right;
+                const int i = place(y, shift * step.x, ny, &b, &down);
+                const int j = place(x, shift * step.y, nx, &a, &right);
+                const float wy = i == Y ? 1.0f - b : down && i + 1 == Y ? b : 0.0f;
+                const float wx = j == X ? 1.0f - a : right && j + 1 == X ? a : 0.0f;
+                if (wy != 0.0f && wx != 0.0f)
+                    sum += wy * wx * g[row_start(view, y, ny, nx * COUNT) + x * COUNT + c];
+            }
+    }
+    out[(size_t)Y * nx * COUNT + s] = sum;
+#endif
+}
