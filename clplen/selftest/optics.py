@@ -27,8 +27,9 @@ from clplen.wave.coherence.extended_source import plane_waves
 from clplen.wave.coherence.phase_masks import RandomPhaseMask
 from clplen.wave.coherence.spatial_models import IncoherentLight, key_of, philox
 from clplen.wave.elements.hard_apertures import disc
+from clplen.wave.elements.lenslet_errors import LensletErrors
 from clplen.wave.elements.lenslet_surface import LensletMap, LensletSurface
-from clplen.wave.elements.lenslets import LensletErrors, MicrolensArray
+from clplen.wave.elements.lenslets import MicrolensArray
 from clplen.wave.field.field import Field, Grid
 
 LAM = 532e-9

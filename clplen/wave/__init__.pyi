@@ -9,6 +9,9 @@ from .coherence.extended_source import ExtendedSource as ExtendedSource
 from .coherence.phase_masks import RandomPhaseMask as RandomPhaseMask
 from .coherence.spatial_models import IncoherentLight as IncoherentLight
 from .coherence.spatial_models import SpatialModel as SpatialModel
+from .elements.beam_gradients import gaussian_beam_gradient as gaussian_beam_gradient
+from .elements.beam_gradients import spherical_wave_gradient as spherical_wave_gradient
+from .elements.beam_gradients import tilt_gradient as tilt_gradient
 from .elements.beams import gaussian_beam as gaussian_beam
 from .elements.beams import plane_wave as plane_wave
 from .elements.beams import spherical_wave as spherical_wave
@@ -25,10 +28,13 @@ from .elements.lens import LensSampling as LensSampling
 from .elements.lens import lens_sampling as lens_sampling
 from .elements.lens import lenslet_sampling as lenslet_sampling
 from .elements.lens import thin_lens as thin_lens
+from .elements.lens import thin_lens_gradient as thin_lens_gradient
+from .elements.lenslet_errors import LensletErrors as LensletErrors
 from .elements.lenslet_surface import LensletMap as LensletMap
 from .elements.lenslet_surface import LensletSurface as LensletSurface
-from .elements.lenslets import LensletErrors as LensletErrors
 from .elements.lenslets import MicrolensArray as MicrolensArray
+from .elements.plates import PhasePlate as PhasePlate
+from .elements.plates import ZernikePlate as ZernikePlate
 from .elements.transparency import TargetElement as TargetElement
 from .elements.transparency import siemens_star as siemens_star
 from .elements.transparency import transparency as transparency
@@ -41,6 +47,7 @@ from .elements.zernike import wavefront as wavefront
 from .elements.zernike import zernike as zernike
 from .field.field import Field as Field
 from .field.field import Grid as Grid
+from .field.field_gradients import polar_gradient as polar_gradient
 from .field.intensity import MeanIntensity as MeanIntensity
 from .propagation.free_space import propagate as propagate
 from .propagation.free_space import propagate_wavelengths as propagate_wavelengths

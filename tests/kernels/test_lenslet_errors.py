@@ -5,7 +5,8 @@ import math
 import numpy as np
 import pytest
 
-from clplen.wave.elements.lenslets import LensletErrors, MicrolensArray
+from clplen.wave.elements.lenslet_errors import LensletErrors
+from clplen.wave.elements.lenslets import MicrolensArray
 from clplen.wave.field.field import Grid
 
 DX, LAM, P = 5e-6, 532e-9, 9.37 * 5e-6

@@ -26,12 +26,8 @@ from clplen.lightfield.model.stored_light_field import as_lightfield
 from clplen.lightfield.raw.raw_image import CameraModel
 from clplen.lightfield.refocusing.phase_ramps import shift_views
 from clplen.reprs import OneLine
-from clplen.wave.elements.lenslets import (
-    HIGHEST_ORDER,
-    LensletErrors,
-    MicrolensArray,
-    circumscribed,
-)
+from clplen.wave.elements.lenslet_errors import HIGHEST_ORDER, LensletErrors
+from clplen.wave.elements.lenslets import MicrolensArray, circumscribed
 from clplen.wave.elements.zernike import noll, zernike_gradient
 
 Values = np.ndarray[Any, np.dtype[np.float64]]

@@ -99,7 +99,25 @@ def square_samples(mask: Vector) -> Vector:
     return mask
 
 
+def square_samples_adjoint(samples: Vector) -> Vector:
+    """The transpose of `square_samples`, of the same shape."""
+    for axis, n in enumerate(samples.shape):
+        if n > 1:
+            last = np.moveaxis(samples, axis, -1)
+            mixed, beyond = _convolved(last)
+            mixed[..., 0] += last @ beyond
+            mixed[..., -1] += last @ beyond[::-1]
+            samples = np.moveaxis(mixed, -1, axis)
+    return samples
+
+
 def _square_along_last(mask: Vector) -> Vector:
+    mixed, beyond = _convolved(mask)
+    return np.asarray(mixed + mask[..., :1] * beyond + mask[..., -1:] * beyond[::-1])
+
+
+def _convolved(mask: Vector) -> tuple[Vector, Vector]:
+    """A mask along its last axis with w, which is even, and what the border adds to each sample."""
     from scipy import fft  # here, because importing it takes a while
 
     n = mask.shape[-1]
@@ -111,8 +129,7 @@ def _square_along_last(mask: Vector) -> Vector:
         mixed = fft.ifft(fft.fft(mask, length) * fft.fft(weight))[..., :n]
     else:
         mixed = fft.irfft(fft.rfft(mask, length) * fft.rfft(weight), length)[..., :n]
-    beyond = 0.5 - to_border[n:]  # weight of all pixels beyond the left border
-    return np.asarray(mixed + mask[..., :1] * beyond + mask[..., -1:] * beyond[::-1])
+    return mixed, 0.5 - to_border[n:]  # weight of all pixels beyond the left border
 
 
 def sine_integral(samples: Vector) -> Vector:

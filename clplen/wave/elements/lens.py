@@ -13,6 +13,7 @@ from clplen.checks import Aliasing, act_on_aliasing, check_aliasing, check_diame
 from clplen.deprecation import renamed_argument
 from clplen.wave.elements.hard_apertures import disc
 from clplen.wave.field.field import Field, Grid, require_field, require_grid
+from clplen.wave.field.field_gradients import log_moments, transmission_gradient
 from clplen.wave.field.transmission import (
     multiply_separable,
     multiply_sphere,
@@ -96,6 +97,68 @@ def thin_lens(
     if diameter is None:
         return bent
     return disc(bent, diameter / 2, (0.0, 0.0), out=bent.data)
+
+
+def thin_lens_gradient(
+    field: Field,
+    cotangent: Field,
+    focal_length: float,
+    *,
+    diameter: float | None = None,
+    form: Form = "paraxial",
+) -> dict[str, float]:
+    """Return the gradient of a loss with respect to the focal length of a thin lens.
+
+    The lens is t = A exp(i p) as `thin_lens` has it, and dL/df = sum Im(conj(u t) g) dp/df with
+    dp/df = pi r^2/(lam f^2), or k (1 - abs(f)/sqrt(r^2 + f^2)) for the stigmatic form.
+
+    Parameters
+    ----------
+    field : Field
+        The field u in front of the lens, shape (..., ny, nx).
+    cotangent : Field
+        Gradient g = dL/dRe + i dL/dIm with respect to the field behind the lens, of the shape of
+        ``field``.
+    focal_length : float
+        In metres, as in `thin_lens`.
+    diameter : float, optional
+        Of its aperture, as in `thin_lens`.
+    form : {"paraxial", "stigmatic"}
+        Which of the two phases.
+
+    Returns
+    -------
+    dict of str to float
+        "focal_length", per metre; 0 for a lens of infinite focal length.
+
+    Raises
+    ------
+    ShapeError
+        If the shapes differ.
+    ValueError
+        For a focal length, diameter or form that `thin_lens` refuses.
+
+    Examples
+    --------
+    >>> grid = clplen.Grid((64, 64), 10e-6)
+    >>> wave = clplen.wave.gaussian_beam(grid, 150e-6, wavelength=500e-9)
+    >>> target = clplen.thin_lens(wave, 0.05).to_numpy()
+    >>> error = clplen.thin_lens(wave, 0.06).to_numpy() - target  # L = sum abs(error)^2/2
+    >>> cotangent = clplen.Field.from_array(error, grid, wavelength=500e-9)
+    >>> slope = clplen.wave.thin_lens_gradient(wave, cotangent, 0.06)["focal_length"]
+    >>> slope > 0  # a shorter focal length lessens the loss
+    True
+    """
+    behind = thin_lens(field, focal_length, diameter=diameter, form=form, aliasing="allow")
+    f, lam, (y, x) = focal_length, field.wavelength, offsets(field.grid)
+    if form == "paraxial" or math.isinf(f):
+        second = log_moments(behind, cotangent, y, x).imag
+        return {"focal_length": float(math.pi / (lam * f**2) * (second[2, 0] + second[0, 2]))}
+    r2 = y[:, None] ** 2 + x**2
+    far = np.sqrt(r2 + f**2)
+    by_phase = field.device.download(transmission_gradient(behind, cotangent)).imag
+    steps = 2 * math.pi / lam * r2 / (far * (far + abs(f)))
+    return {"focal_length": float((by_phase.astype(np.float64) * steps).sum())}
 
 
 def check_lens_sampling(

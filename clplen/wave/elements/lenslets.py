@@ -1,4 +1,4 @@
-"""Microlens arrays in closed form at real coordinates, and the errors of their lenslets."""
+"""Microlens arrays in closed form at real coordinates."""
 
 from __future__ import annotations
 
@@ -18,10 +18,11 @@ from clplen.deprecation import renamed_argument, renamed_attribute
 from clplen.errors import SamplingError, ShapeError
 from clplen.reprs import OneLine, one_line
 from clplen.wave.elements.lens import check_lens_sampling
+from clplen.wave.elements.lenslet_gradients import array_gradient
 from clplen.wave.elements.lenslet_surface import LensletMap, LensletSurface
 from clplen.wave.elements.rims import rim_weights
-from clplen.wave.elements.zernike import zernike_gradient, zernike_monomials
 from clplen.wave.field.field import Field, Grid, require_field
+from clplen.wave.field.field_gradients import transmission_gradient
 from clplen.wave.field.transmission import multiply, whole_and_part
 
 SMALLEST_PITCH = 2  # samples a lenslet
@@ -261,6 +262,47 @@ class MicrolensArray(OneLine):
         as_steep = half / self.steepest_slope(field.wavelength)
         check_lens_sampling(field.grid, as_steep, half, field.wavelength, aliasing)
         return multiply(field, self.transmission(field.grid, field.wavelength, field.device))
+
+    def gradient(self, field: Field, cotangent: Field) -> dict[str, Any]:
+        """The gradient of a loss with respect to the array, from that of the field behind it.
+
+        It is exact for the transmission as sampled, the covered share of every sample included.
+
+        Parameters
+        ----------
+        field : Field
+            In front of the array, shape (..., ny, nx).
+        cotangent : Field
+            dL/dRe + i dL/dIm of the field behind the array, of the shape of ``field``.
+
+        Returns
+        -------
+        dict of str to float or numpy.ndarray
+            "pitch" (the diameter stays), "diameter", "rotation"; "offset" (y, x); "focal_length",
+            all kinds together, and "focal_lengths" of each kind; "centres" and
+            "lenslet_focal_lengths", as if every lenslet had its own: shapes (ny, nx, 2), (y, x),
+            and (ny, nx). All per metre or radian, float64. An array whose diameter follows its
+            pitch has the sum of "pitch" and "diameter".
+
+        Raises
+        ------
+        ShapeError
+            If the cotangent has another shape.
+        ValueError
+            For lenslets with a surface, a map or clear gaps.
+
+        Notes
+        -----
+        Where cells without gaps touch, the share counts as the sum of both, not at most 1: "pitch"
+        is the gradient towards larger and "diameter" that towards smaller ones.
+        """
+        if not self.is_thin:
+            raise ValueError(
+                "Gradients are those of thin lenslets; this array has a surface, a map or clear "
+                "gaps: describe it by focal lengths and LensletErrors."
+            )
+        found = transmission_gradient(field, cotangent)
+        return array_gradient(self, found, field.grid, field.wavelength, field.device)
 
     def steepest_slope(self, wavelength: float) -> float:
         """The steepest slope that a lenslet adds to rays: d/(2 f) of a thin lens.
@@ -555,108 +597,3 @@ def _focal_lengths(f: float | Sequence[float], lattice: str) -> tuple[float, ...
             "neighbours would be alike."
         )
     return values
-
-
-Orders = tuple[int, int]
-HIGHEST_ORDER = 8  # of a lenslet's Zernike terms; float32 polynomials keep 4e-4 rad a wave there
-
-
-@dataclass(frozen=True, eq=False, repr=False)
-class LensletErrors(OneLine):
-    """Departures of the lenslets of one array, along its own columns (x) and rows (y).
-
-    Attributes
-    ----------
-    terms : dict of (int, int) to float
-        Zernike polynomials (n, m) of every lenslet, in metres rms over a circle about its centre.
-    circle : float
-        Diameter of that circle in metres.
-    focal_lengths : numpy.ndarray
-        Of each lenslet, in metres, shape (ny, nx).
-    tilt : numpy.ndarray
-        (y, x) of the slope that each adds to rays, in radians, shape (ny, nx, 2).
-    position : numpy.ndarray
-        (y, x) of each vertex from the centre of its aperture, in metres, shape (ny, nx, 2).
-
-    Examples
-    --------
-    >>> mla = clplen.MicrolensArray(100e-6, 2e-3, count=4)
-    >>> scatter = clplen.cameras.LensletScatter(tilt=1e-3, seed=1)
-    >>> made = clplen.cameras.Aberrations(lenslets={11: 20e-9}, scatter=scatter)
-    >>> errors = made.lenslet_errors(mla)
-    >>> errors.terms, errors.tilt.shape
-    ({(4, 0): 2e-08}, (4, 4, 2))
-    """
-
-    terms: dict[Orders, float]
-    circle: float
-    focal_lengths: Values
-    tilt: Values
-    position: Values
-
-    def phase(
-        self, mla: MicrolensArray, grid: Grid, wavelength: float, device: DeviceLike | None = None
-    ) -> cla.Array:
-        """exp(i phase) that multiplies the transmission of an array, shape of the grid.
-
-        The vertex of a lenslet lies beside the centre of its aperture, which stays: of
-        -pi abs(r - s)^2/(lam f) its transmission has the term with r^2 and the focal length of its
-        kind.
-        """
-        device = as_device(device)
-        real = device.real
-        order = max((n for n, _ in self.terms), default=0)
-        defines = device.wave_defines() | {"ORDER": order}
-        defines |= {"HEXAGONAL": True} if mla.lattice == "hexagonal" else {}
-        out = device.empty(grid.shape, device.complex)
-        device.launch_rows(
-            device.kernel("lenslet_errors.cl", "lenslet_errors", **defines),
-            grid.shape,
-            out,
-            *(device.upload(table) for table in mla.lattice_tables(grid, device)),
-            device.upload(self._polynomial(order, mla.pitch, wavelength).astype(real)),
-            device.upload(self._own(mla, wavelength).astype(real)),
-            *(np.int32(n) for n in (*mla.count, *grid.shape)),
-        )
-        return out
-
-    def _polynomial(self, order: int, pitch: float, wavelength: float) -> Values:
-        """Turns c[i, k] of b^i a^k, b and a in pitches."""
-        coefficients = np.zeros((order + 1, order + 1))
-        powers = (2 * pitch / self.circle) ** np.arange(order + 1)
-        for (n, m), metres in self.terms.items():
-            coefficients[: n + 1, : n + 1] += metres / wavelength * zernike_monomials(n, m)
-        return coefficients * np.outer(powers, powers)
-
-    def _own(self, mla: MicrolensArray, wavelength: float) -> Values:
-        """Turns (constant, along a, along b, quadratic) of each lenslet, in pitches."""
-        designed = np.asarray(mla.focal_lengths)[mla.types()]
-        bent = 1 / (2 * wavelength * self.focal_lengths)
-        slope = self.tilt / wavelength + 2 * bent[..., None] * self.position
-        columns = (
-            -bent * (self.position**2).sum(axis=-1),
-            slope[..., 1] * mla.pitch,
-            slope[..., 0] * mla.pitch,
-            (1 / (2 * wavelength * designed) - bent) * mla.pitch**2,
-        )
-        return np.stack(columns, axis=-1)
-
-    def bend(self, lenslet: Any, y: Any, x: Any) -> tuple[Any, Any]:
-        """Slopes (y, x) that lenslets add to rays, in place of -(y, x)/f.
-
-        Parameters
-        ----------
-        lenslet : numpy.ndarray
-            Which of them: row times columns plus column.
-        y, x : numpy.ndarray
-            From the centre of its aperture, along the array's rows and columns, in metres.
-        """
-        f = self.focal_lengths.ravel()[lenslet]
-        tilt, position = (values.reshape(-1, 2)[lenslet] for values in (self.tilt, self.position))
-        down = tilt[..., 0] - (y - position[..., 0]) / f
-        right = tilt[..., 1] - (x - position[..., 1]) / f
-        radius = self.circle / 2
-        for (n, m), metres in self.terms.items():
-            steps = zernike_gradient(n, m, y / radius, x / radius)
-            down, right = down + metres / radius * steps[0], right + metres / radius * steps[1]
-        return down, right

@@ -18,6 +18,7 @@ from clplen.wave.elements.edges import (
     check_edges,
     sine_integral,
     square_samples,
+    square_samples_adjoint,
 )
 from clplen.wave.elements.hard_apertures import interval_coverage, polygon_coverage
 from clplen.wave.field.field import Field, Grid, require_field, require_grid
@@ -95,23 +96,69 @@ def transparency(
     [0.0, 0.0, 1.0, 0.0, 1.0, 0.0, 0.0]
     """
     require_field(field)
+    picture = picture_of(amplitude, phase)
+    return apply_transmission(field, sampled_picture(picture, field.grid, pitch, centre, edges))
+
+
+def sampled_picture(
+    picture: Picture,
+    grid: Grid,
+    pitch: float | tuple[float, float] | None,
+    centre: tuple[float, float],
+    edges: Edges | None,
+) -> Picture:
+    """The transmission of every sample of a grid behind a picture, as of `transparency`.
+
+    It is linear in the picture.
+
+    Raises
+    ------
+    ShapeError, ValueError
+        As `transparency`.
+    """
+    _check_placed(picture.shape, grid, pitch, centre, edges)
+    if pitch is None:
+        return square_samples(picture) if edges == "pixels" else picture
+    weights = _weights(_place(picture.shape, pitch, centre), grid, edges or "area")
+    return (weights[1] @ (weights[0] @ picture).T).T
+
+
+def sampled_picture_adjoint(
+    samples: Picture,
+    shape: tuple[int, int],
+    grid: Grid,
+    pitch: float | tuple[float, float] | None,
+    centre: tuple[float, float],
+    edges: Edges | None,
+) -> Picture:
+    """The transpose of `sampled_picture`: from the samples of a grid to the pixels of a picture."""
+    if pitch is None:
+        return square_samples_adjoint(samples) if edges == "pixels" else samples
+    weights = _weights(_place(shape, pitch, centre), grid, edges or "area")
+    return (weights[1].T @ (weights[0].T @ samples).T).T
+
+
+def _check_placed(
+    shape: tuple[int, ...],
+    grid: Grid,
+    pitch: float | tuple[float, float] | None,
+    centre: tuple[float, float],
+    edges: Edges | None,
+) -> None:
     if edges is not None:
         check_edges(edges)
-    picture = _picture(amplitude, phase)
-    if pitch is None:
-        if tuple(centre) != (0.0, 0.0):
-            raise ValueError(
-                f"A picture without pitch lies on the field's samples: its centre {centre!r} "
-                "needs a pitch in metres."
-            )
-        if picture.shape != field.grid.shape:
-            raise ShapeError(
-                f"The picture has shape {picture.shape}, the field {field.grid.shape}: they must "
-                "agree, or give the pitch of the picture in metres."
-            )
-        return apply_transmission(field, square_samples(picture) if edges == "pixels" else picture)
-    pixels = _place(picture, pitch, centre)
-    return apply_transmission(field, _resample(picture, pixels, field.grid, edges or "area"))
+    if pitch is not None:
+        return
+    if tuple(centre) != (0.0, 0.0):
+        raise ValueError(
+            f"A picture without pitch lies on the field's samples: its centre {centre!r} "
+            "needs a pitch in metres."
+        )
+    if shape != grid.shape:
+        raise ShapeError(
+            f"The picture has shape {shape}, the field {grid.shape}: they must "
+            "agree, or give the pitch of the picture in metres."
+        )
 
 
 def apply_transmission(field: Field, transmission: Picture) -> Field:
@@ -120,7 +167,7 @@ def apply_transmission(field: Field, transmission: Picture) -> Field:
     return multiply(field, device.upload(transmission.astype(device.complex, copy=False)))
 
 
-def _picture(amplitude: Any, phase: Any) -> Picture:
+def picture_of(amplitude: Any, phase: Any) -> Picture:
     """The complex (or real, without phase) transmission of the pixels in double precision."""
     if amplitude is None and phase is None:
         raise ValueError("A transparency has an amplitude, a phase or both; neither was given.")
@@ -149,7 +196,7 @@ def _picture(amplitude: Any, phase: Any) -> Picture:
 
 
 def _place(
-    picture: Picture, pitch: float | tuple[float, float], centre: tuple[float, float]
+    shape: tuple[int, ...], pitch: float | tuple[float, float], centre: tuple[float, float]
 ) -> Grid:
     """The pixels as a grid, with messages that speak of a picture."""
     spacing = np.broadcast_to(np.asarray(pitch, np.float64), (2,))
@@ -157,12 +204,11 @@ def _place(
         raise ValueError(f"A picture's pitch is positive and finite, in metres, not {pitch!r}.")
     units.PITCH.check(pitch, "A picture's pitch")
     check_centre(centre, "a picture")
-    shape = (picture.shape[0], picture.shape[1])
-    return Grid(shape, (float(spacing[0]), float(spacing[1])), origin=centre)
+    return Grid((shape[0], shape[1]), (float(spacing[0]), float(spacing[1])), origin=centre)
 
 
-def _resample(picture: Picture, pixels: Grid, grid: Grid, edges: Edges) -> Picture:
-    """What every sample of ``grid`` takes of the picture, 0 outside the picture."""
+def _weights(pixels: Grid, grid: Grid, edges: Edges) -> list[Any]:
+    """What every row and every column of ``grid`` takes of those of the pixels, 0 outside them."""
     make = {"samples": _middle_weights, "area": _overlap_weights, "pixels": _band_weights}[edges]
     for axis in (0, 1):
         if grid.shape[axis] == 1 and pixels.shape[axis] != 1:
@@ -170,10 +216,9 @@ def _resample(picture: Picture, pixels: Grid, grid: Grid, edges: Edges) -> Pictu
                 f"Nothing varies along axis {axis} of the field, but the picture has "
                 f"{pixels.shape[axis]} pixels there: give it one."
             )
-    weights = [
+    return [
         make(grid, pixels, axis) if grid.shape[axis] > 1 else np.ones((1, 1)) for axis in (0, 1)
     ]
-    return (weights[1] @ (weights[0] @ picture).T).T
 
 
 def _middle_weights(grid: Grid, pixels: Grid, axis: int) -> Any:

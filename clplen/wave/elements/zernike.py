@@ -288,7 +288,7 @@ def phase_plate(
     '-1.088'
     """
     require_field(field)
-    terms = _terms(coefficients, indexing)
+    terms = plate_terms(coefficients, indexing)
     if not (math.isfinite(diameter) and diameter > 0):
         raise ValueError(f"The diameter of a plate is positive, in metres, not {diameter!r}.")
     units.DIAMETER.check(diameter, "The diameter of a plate")
@@ -342,21 +342,43 @@ def wavefront(
     """
     if not (is_finite(diameter) and diameter > 0):
         raise ValueError(f"A diameter is a positive number of metres, not {diameter!r}.")
+    on_plate, rho, theta = plate_places(grid, diameter, centre)
+    path = np.zeros(grid.shape)
+    for (n, m), metres in terms.items():
+        path[on_plate] += metres * zernike(n, m, rho, theta)
+    return path, on_plate
+
+
+def plate_places(
+    grid: Grid, diameter: float, centre: tuple[float, float]
+) -> tuple[Values, Values, Values]:
+    """Which cells reach into the disc of a plate, and (rho, theta) there, where its path is taken.
+
+    Parameters
+    ----------
+    grid : Grid
+    diameter : float
+        Of the disc, in metres.
+    centre : tuple of float
+        (y, x) in metres.
+    """
     y, x = offsets(grid, centre)
     on_plate = _cells_of_disc(grid, y, x, diameter / 2)
     rows, columns = np.nonzero(on_plate)
     rho = np.minimum(np.hypot(y[rows], x[columns]) / (diameter / 2), 1)
-    theta = np.arctan2(y[rows], x[columns])
-    path = np.zeros(grid.shape)
-    for (n, m), metres in terms.items():
-        path[rows, columns] += metres * zernike(n, m, rho, theta)
-    return path, on_plate
+    return on_plate, rho, np.arctan2(y[rows], x[columns])
 
 
-def _terms(
+def plate_terms(
     coefficients: Mapping[int, float], indexing: Literal["noll", "osa"]
 ) -> dict[tuple[int, int], float]:
-    """(n, m) to metres."""
+    """Orders (n, m) to metres, of coefficients {index: metres}.
+
+    Raises
+    ------
+    TypeError, ValueError
+        As `phase_plate`.
+    """
     if indexing not in ("noll", "osa"):
         raise ValueError(f"indexing is 'noll' or 'osa', not {indexing!r}.")
     if not isinstance(coefficients, Mapping):

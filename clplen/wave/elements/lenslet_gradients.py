@@ -1,0 +1,212 @@
+"""Gradients with respect to the lenslets of an array: sums over each one's samples, and the rest.
+
+The device sums over the samples of every lenslet (kernels/lenslet_gradient.cl and
+lenslet_moments.cl); what follows from these sums by the chain rule is computed here in float64.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import Any, Protocol
+
+import numpy as np
+import pyopencl.array as cla
+
+from clplen.compute.device import Device
+from clplen.types import Float64Array
+from clplen.wave.field.field import Grid
+
+_ITEMS = 2**14  # that keep a GPU busy
+
+
+class LensletLattice(Protocol):
+    """What the gradients need of a `MicrolensArray`."""
+
+    @property
+    def pitch(self) -> float: ...
+    @property
+    def row_pitch(self) -> float: ...
+    @property
+    def focal_lengths(self) -> tuple[float, ...]: ...
+    @property
+    def count(self) -> tuple[int, int]: ...
+    @property
+    def lattice(self) -> str: ...
+    @property
+    def fill(self) -> str: ...
+    @property
+    def diameter(self) -> float: ...
+    @property
+    def offset(self) -> tuple[float, float]: ...
+    @property
+    def rotation(self) -> float: ...
+    @property
+    def type_step(self) -> int: ...
+
+    def types(self) -> np.ndarray: ...
+    def centres(self) -> np.ndarray: ...
+    def lattice_tables(self, grid: Grid, device: Any = None) -> list[np.ndarray]: ...
+
+
+def array_gradient(
+    mla: LensletLattice, of_transmission: cla.Array, grid: Grid, wavelength: float, device: Device
+) -> dict[str, Any]:
+    """Gradient with respect to an array of thin lenslets.
+
+    Parameters
+    ----------
+    mla : LensletLattice
+    of_transmission : pyopencl.array.Array
+        From `transmission_gradient`, of the field in front of the array.
+    grid : Grid
+    wavelength : float
+        In metres.
+    device : Device
+
+    Returns
+    -------
+    dict of str to float or numpy.ndarray
+        As `MicrolensArray.gradient` returns it.
+    """
+    sums = _array_sums(mla, of_transmission, grid, wavelength, device)
+    lengths = np.asarray(mla.focal_lengths)[mla.types()]
+    cos, sin = math.cos(mla.rotation), math.sin(mla.rotation)
+    # phase -pi r^2/(lam f): its slopes along the array's columns and rows, then along x and y
+    right, down = 2 * np.pi * mla.pitch / (wavelength * lengths) * np.moveaxis(sums[..., :2], -1, 0)
+    centres = np.stack([right * sin + down * cos, right * cos - down * sin], axis=-1)
+    centres += sums[..., 4:2:-1] / mla.pitch
+    each = np.pi * mla.pitch**2 / (wavelength * lengths**2) * sums[..., 2]
+    away = mla.centres() - mla.offset
+    turned = centres[..., 0] * away[..., 1] - centres[..., 1] * away[..., 0]
+    return {
+        "pitch": float((centres * away).sum() / mla.pitch),
+        "diameter": float(sums[..., 6].sum() / (2 * mla.pitch)),
+        "focal_length": float(each.sum()),
+        "focal_lengths": np.bincount(
+            mla.types().ravel(), each.ravel(), minlength=len(mla.focal_lengths)
+        ),
+        "offset": centres.sum(axis=(0, 1)),
+        "rotation": float(turned.sum() + sums[..., 5].sum()),
+        "centres": centres,
+        "lenslet_focal_lengths": each,
+    }
+
+
+def _array_sums(
+    mla: LensletLattice, of_transmission: cla.Array, grid: Grid, wavelength: float, device: Device
+) -> Float64Array:
+    """The seven sums of `lenslet_gradient`, shape (rows, columns, 7)."""
+    real = device.real.type
+    defines = dict(device.wave_defines())
+    defines |= {"HEXAGONAL": True} if mla.lattice == "hexagonal" else {}
+    defines |= {"FULL": True} if mla.fill == "full" else {}
+    defines |= {"TYPES": len(mla.focal_lengths), "TYPE_STEP": mla.type_step}
+    turns = mla.pitch**2 / (2 * wavelength * np.asarray(mla.focal_lengths))
+    parts, columns = _parts(mla, device), mla.count[1]
+    out = device.empty((*mla.count, parts, 7), device.real)
+    device.launch(
+        device.kernel("lenslet_gradient.cl", "lenslet_gradient", **defines),
+        (mla.count[0] * columns * parts,),
+        out,
+        of_transmission,
+        *(device.upload(table) for table in mla.lattice_tables(grid, device)),
+        device.upload(_aperture_boxes(mla, grid)),
+        device.upload(turns.astype(device.real)),
+        real(mla.diameter / mla.pitch / 2),
+        np.array([math.cos(mla.rotation), math.sin(mla.rotation)], device.real),
+        real(mla.rotation),
+        real(grid.pitch[0] / mla.pitch / 2),
+        real(grid.pitch[1] / mla.pitch / 2),
+        *(np.int32(n) for n in (parts, *mla.count, grid.shape[1])),
+    )
+    return np.asarray(device.download(out).sum(axis=2, dtype=np.float64))
+
+
+def lenslet_moments(
+    mla: LensletLattice, of_log: cla.Array, grid: Grid, device: Device, order: int
+) -> Float64Array:
+    """Moments of the gradient with respect to the phase over the samples of each lenslet.
+
+    Parameters
+    ----------
+    mla : LensletLattice
+    of_log : pyopencl.array.Array
+        From `transmission_gradient`, of the field behind the element.
+    grid : Grid
+    device : Device
+    order : int
+        The highest power.
+
+    Returns
+    -------
+    numpy.ndarray
+        float64, shape (rows, columns, order + 1, order + 1): sums times b^i a^k, i + k <= order,
+        with (b, a) from the nearest lenslet's centre along the array's rows and columns, in
+        pitches.
+    """
+    parts = _parts(mla, device)
+    power = np.array([(i, k) for i in range(order + 1) for k in range(order + 1 - i)])
+    out = device.empty((*mla.count, parts, len(power)), device.real)
+    defines = dict(device.wave_defines()) | {"ORDER": order}
+    defines |= {"HEXAGONAL": True} if mla.lattice == "hexagonal" else {}
+    device.launch(
+        device.kernel("lenslet_moments.cl", "lenslet_moments", **defines),
+        (mla.count[0] * mla.count[1] * parts,),
+        out,
+        of_log,
+        *(device.upload(table) for table in mla.lattice_tables(grid, device)),
+        device.upload(_nearest_boxes(mla, grid)),
+        *(np.int32(n) for n in (parts, *mla.count, grid.shape[1])),
+    )
+    moments = np.zeros((*mla.count, order + 1, order + 1))
+    moments[..., power[:, 0], power[:, 1]] = device.download(out).sum(axis=2, dtype=np.float64)
+    return moments
+
+
+def _parts(mla: LensletLattice, device: Device) -> int:
+    """Work-items of a lenslet."""
+    return 1 if device.rows else max(1, min(16, _ITEMS // (mla.count[0] * mla.count[1])))
+
+
+def _aperture_boxes(mla: LensletLattice, grid: Grid) -> np.ndarray:
+    """Rows and columns of the samples that a lenslet's aperture reaches, or whose phase it gives.
+
+    A sample of which any aperture covers a part is no farther from its nearest lenslet than the
+    radius of an aperture and half a sample's diagonal.
+    """
+    corner = (2 / math.sqrt(3) if mla.lattice == "hexagonal" else math.sqrt(2)) / 2
+    far = mla.diameter * (corner if mla.fill == "full" else 0.5) + math.hypot(*grid.pitch)
+    centres = mla.centres().reshape(-1, 2)
+    return _boxes(centres - far, centres + far, grid)
+
+
+def _nearest_boxes(mla: LensletLattice, grid: Grid) -> np.ndarray:
+    """Rows and columns of the samples whose nearest lenslet is one of an array.
+
+    Those of a lenslet lie in a rectangle along the array's axes, which on the border of the array
+    goes on to the end of the window: half a column and half a row about its centre, in a hexagonal
+    lattice one and a half rows (of the row a sample lies in and its neighbours, one is taken).
+    """
+    (rows, columns), hexagonal = mla.count, mla.lattice == "hexagonal"
+    i, k = (n.ravel() for n in np.indices(mla.count))
+    middle = k - (columns - 1) / 2 + (i % 2 / 2 if hexagonal else 0)
+    beside = 1 if hexagonal else 0  # rows that the first and the last may lose to their neighbours
+    endless = math.hypot(*grid.extent) + math.hypot(*grid.origin) + math.hypot(*mla.offset)
+    endless += math.hypot(rows * mla.row_pitch, columns * mla.pitch)
+    left = np.where(k == 0, -endless, (middle - 0.5) * mla.pitch)
+    right = np.where(k == columns - 1, endless, (middle + 0.5) * mla.pitch)
+    height = i - (rows - 1) / 2
+    top = np.where(i <= beside, -endless, (height - 0.5 - beside) * mla.row_pitch)
+    bottom = np.where(i >= rows - 1 - beside, endless, (height + 0.5 + beside) * mla.row_pitch)
+    y, x = np.stack([top, top, bottom, bottom]), np.stack([left, right, left, right])
+    cos, sin = math.cos(mla.rotation), math.sin(mla.rotation)
+    corners = np.stack([x * sin + y * cos, x * cos - y * sin], axis=-1) + mla.offset
+    return _boxes(corners.min(axis=0) - grid.pitch, corners.max(axis=0) + grid.pitch, grid)
+
+
+def _boxes(low: Float64Array, high: Float64Array, grid: Grid) -> np.ndarray:
+    """(first row, end, first column, end) of the samples between places (y, x), int32."""
+    start, step = np.array([grid.y[0], grid.x[0]]), np.array(grid.pitch)
+    first = np.clip(np.ceil((low - start) / step), 0, grid.shape)
+    end = np.clip(np.floor((high - start) / step) + 1, first, grid.shape)
+    return np.ascontiguousarray(np.stack([first, end], axis=-1).reshape(-1, 4), np.int32)

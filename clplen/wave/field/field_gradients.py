@@ -1,0 +1,156 @@
+"""Gradients of a loss through what multiplies a field, from the cotangent of the product.
+
+The gradient of a real loss L with respect to complex samples is dL/dRe + i dL/dIm.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import pyopencl.array as cla
+
+from clplen.checks import require
+from clplen.compute.device import require_same_device
+from clplen.errors import ShapeError
+from clplen.types import Array
+from clplen.wave.field.field import Field, require_field
+
+
+def polar_gradient(field: Field, cotangent: Field) -> dict[str, Array]:
+    """Return the gradient of a loss with respect to the amplitude and the phase of a field.
+
+    With u = a exp(i p) and the gradient g with respect to u, dL/da = Re(conj(u) g)/a and
+    dL/dp = Im(conj(u) g).
+
+    Parameters
+    ----------
+    field : Field
+        The field u, shape (..., ny, nx).
+    cotangent : Field
+        g = dL/dRe u + i dL/dIm u, of the shape of ``field``.
+
+    Returns
+    -------
+    dict of str to numpy.ndarray
+        "amplitude" and "phase", float64, of the shape of ``field``; where u is 0, its phase is
+        taken to be 0.
+
+    Raises
+    ------
+    ShapeError
+        If the shapes differ.
+    DeviceError
+        If the fields live on two devices.
+
+    Examples
+    --------
+    >>> grid = clplen.Grid((1, 2), 10e-6)
+    >>> field = clplen.Field.from_array([[1, 2j]], grid, wavelength=500e-9)
+    >>> cotangent = clplen.Field.from_array([[3 + 4j, 3 + 4j]], grid, wavelength=500e-9)
+    >>> found = clplen.wave.polar_gradient(field, cotangent)
+    >>> found["amplitude"].tolist(), found["phase"].tolist()
+    ([[3.0, 4.0]], [[4.0, -6.0]])
+    """
+    check_cotangent(field, cotangent)
+    u, g = (f.to_numpy().astype(np.complex128) for f in (field, cotangent))
+    amplitude = np.abs(u)
+    unit = np.divide(u, amplitude, out=np.ones_like(u), where=amplitude > 0)
+    turned = np.conj(unit) * g
+    return {"amplitude": turned.real, "phase": amplitude * turned.imag}
+
+
+def check_cotangent(field: Any, cotangent: Any) -> None:
+    """Refuse a cotangent that is no field of the shape and on the device of a field.
+
+    Raises
+    ------
+    TypeError
+        If one of them is no field.
+    ShapeError
+        If the shapes differ.
+    DeviceError
+        If they live on two devices.
+    """
+    require_field(field)
+    require(Field, cotangent, "cotangent", "Field.from_array")
+    require_same_device(field.device, cotangent.device)
+    if field.shape != cotangent.shape:
+        raise ShapeError(
+            f"The field has shape {field.shape}, its cotangent {cotangent.shape}: they must agree."
+        )
+
+
+def transmission_gradient(field: Field, cotangent: Field) -> cla.Array:
+    """Gradient with respect to what multiplies a field: the sum of conj(u) g over a batch.
+
+    Parameters
+    ----------
+    field : Field
+        In front of the element; behind it, the result is conj(t) times the gradient, of which
+        Re and Im are those with respect to the logarithm of the amplitude and to the phase.
+    cotangent : Field
+        Of the field behind the element, of the shape of ``field``.
+
+    Returns
+    -------
+    pyopencl.array.Array
+        Complex, shape (ny, nx).
+
+    Raises
+    ------
+    TypeError, ShapeError, DeviceError
+        As `check_cotangent`.
+    """
+    check_cotangent(field, cotangent)
+    device, (ny, nx) = field.device, field.grid.shape
+    out = device.empty((ny, nx), device.complex)
+    device.launch_rows(
+        device.kernel("transmission_gradient.cl", "transmission_gradient", **device.wave_defines()),
+        (ny, nx),
+        out,
+        field.data,
+        cotangent.data,
+        np.int32(np.prod(field.shape[:-2], dtype=np.int64)),
+        np.int32(ny),
+        np.int32(nx),
+    )
+    return out
+
+
+def log_moments(behind: Field, cotangent: Field, y: Array, x: Array, order: int = 2) -> Array:
+    """Moments of the gradient with respect to the logarithm of a transmission.
+
+    Parameters
+    ----------
+    behind : Field
+        The field behind the element.
+    cotangent : Field
+        Of this field.
+    y, x : numpy.ndarray
+        Places of the samples in metres, shapes (ny,) and (nx,).
+    order : int
+        The highest power.
+
+    Returns
+    -------
+    numpy.ndarray
+        complex128, shape (order + 1, order + 1): sums of conj(u t) g y^j x^k.
+    """
+    device, (ny, nx) = behind.device, behind.grid.shape
+    found = transmission_gradient(behind, cotangent)
+    unit = float(np.abs(x).max()) or 1.0
+    sums = device.empty((order + 1, ny), device.complex)
+    defines = device.wave_defines() | {"ORDER": order}
+    device.launch(
+        device.kernel("transmission_gradient.cl", "row_moments", **defines),
+        (ny,),
+        sums,
+        found,
+        device.upload((x / unit).astype(device.real)),
+        np.int32(ny),
+        np.int32(nx),
+    )
+    rows = device.download(sums).astype(np.complex128)
+    powers = np.asarray(y, np.float64) ** np.arange(order + 1)[:, None]
+    return np.asarray(powers @ rows.T * unit ** np.arange(order + 1))

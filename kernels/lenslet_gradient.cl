@@ -1,0 +1,162 @@
+/* Gradients with respect to the lenslets of an array: sums over the samples of each.
+ *
+ * lenslets.cl multiplies by t = A exp(i p), p = -2 pi turns (a^2 + b^2) of the nearest lenslet; G is the
+ * gradient with respect to t (transmission_gradient.cl), c = exp(-i p) G. The sums are
+ *
+ *   A Im(c) (a, b, a^2 + b^2)                         of samples whose nearest lenslet it is
+ *   Re(c) d(share)/d(x, y, angle, radius)             of all that its aperture covers in part
+ *
+ * The share is that of lenslet_coverage.cl, whose strips and clipped polygons are differentiated: a
+ * disc's strip grows at the ends that lie in the cell; a side of a cell moves with its normal, by
+ * its length in the sample's cell. A side on the border of two samples' cells counts half in each.
+ * Lengths in pitches, x, y and angle of the aperture in the sensor's axes. boxes, parts, out: see
+ * lenslet_sums.cl.
+ *
+ * -DHEXAGONAL, -DFULL, -DTYPES=n, -DTYPE_STEP=s   see lenslets.cl
+ * -DDOUBLE                                        see common.cl
+ *
+ * Mapping: one item a part of a lenslet, axis 0.
+ */
+#include "lens_types.cl"
+#include "lenslet_coverage.cl"
+#define SUMS 7
+#include "lenslet_sums.cl"
+
+#ifdef DOUBLE
+typedef double4 real4;
+#define NOTHING 1e-9 /* of half a cell: rounding of places */
+#else
+typedef float4 real4;
+#define NOTHING 1e-4f
+#endif
+
+#ifdef FULL
+#define IS_FULL true
+#else
+#define IS_FULL false
+#endif
+
+/* How the share of a cell changes with a disc's (x, y, angle, radius): see disc_coverage. */
+inline real4 disc_change(real cx, real cy, real R, real hx, real hy)
+{
+    const real ax = fabs(cx), ay = fabs(cy);
+    const real nx = fmax(ax - hx, (real)0), ny = fmax(ay - hy, (real)0);
+    if ((ax + hx) * (ax + hx) + (ay + hy) * (ay + hy) <= R * R || nx * nx + ny * ny >= R * R)
+        return (real4)(0);
+    const bool along_x = ax * hy >= ay * hx;
+    const real along = along_x ? ax : ay, across = along_x ? ay : ax;
+    const real ha = along_x ? hx : hy, hs = along_x ? hy : hx;
+    real by_along = 0, by_across = 0, by_radius = 0;
+    for (int i = 0; i < STRIPS; ++i) {
+        const real t = across + hs * ((2 * i + 1) / (real)STRIPS - 1);
+        const real square = R * R - t * t;
+        if (square <= 0)
+            continue;
+        const real half_chord = sqrt(square);
+        const bool right = along + half_chord < ha, left = along - half_chord > -ha;
+        if (fmin(along + half_chord, ha) <= fmax(along - half_chord, -ha))
+            continue;
+        const int ends = (int)right + (int)left;
+        by_along += (int)right - (int)left;
+        by_across -= ends * t / half_chord;
+        by_radius += ends * R / half_chord;
+    }
+    const real by_x = along_x ? by_along : by_across, by_y = along_x ? by_across : by_along;
+    return (real4)(cx < 0 ? -by_x : by_x, cy < 0 ? -by_y : by_y, 0, by_radius)
+        / (2 * ha * STRIPS);
+}
+
+/* The part of a line p + s d that lies in [-h, h] along one axis; the share of it that counts. */
+inline real clip(real p, real d, real h, real reach, real2 *part)
+{
+    if (fabs(d) * reach <= NOTHING * h) {
+        const real beyond = fabs(p) - h;
+        return beyond > NOTHING * h ? (real)0 : beyond < -NOTHING * h ? (real)1 : (real)0.5f;
+    }
+    const real first = (-h - p) / d, last = (h - p) / d;
+    (*part).x = fmax((*part).x, fmin(first, last));
+    (*part).y = fmin((*part).y, fmax(first, last));
+    return 1;
+}
+
+/* The same of a regular polygon of inradius a: see polygon_coverage. */
+inline real4 polygon_change(real cx, real cy, real a, int sides, real turn, real hx, real hy)
+{
+    const real reach = a * tan(TWO_PI / 2 / sides);
+    real4 change = (real4)(0);
+    for (int side = 0; side < sides; ++side) {
+        real nx;
+        const real ny = sincos(turn + TWO_PI * side / sides, &nx);
+        real2 part = (real2)(-reach, reach);
+        real share = clip(cx + a * nx, -ny, hx, reach, &part);
+        share *= clip(cy + a * ny, nx, hy, reach, &part);
+        const real length = share * (part.y - part.x);
+        if (length > 0)
+            change += length * (real4)(nx, ny, -(part.x + part.y) / 2, 1);
+    }
+    return change / (4 * hx * hy);
+}
+
+__kernel void lenslet_gradient(__global real *restrict out, __global const cplx *restrict G,
+                               __global const real2 *restrict a_of_y,
+                               __global const real2 *restrict b_of_y,
+                               __global const real2 *restrict a_of_x,
+                               __global const real2 *restrict b_of_x,
+                               __global const int4 *restrict boxes,
+                               __global const real *restrict turns, const real radius,
+                               const real2 turn, const real angle, const real hy, const real hx,
+                               const int parts, const int rows, const int columns, const int nx)
+{
+    const int item = get_global_id(0);
+    if (item >= rows * columns * parts)
+        return;
+    const int4 box = boxes[item / parts];
+    const int row = item / parts / columns, column = item / parts % columns;
+    const real room = radius - (hx + hy);
+    real total[SUMS], lost[SUMS], line[SUMS];
+    for (int k = 0; k < SUMS; ++k)
+        total[k] = lost[k] = 0;
+    for (int y = box.x + item % parts; y < box.y; y += parts) {
+        for (int k = 0; k < SUMS; ++k)
+            line[k] = 0;
+        for (int x = box.z; x < box.w; ++x) {
+            const real2 a = a_of_y[y] + a_of_x[x], b = b_of_y[y] + b_of_x[x];
+            const Lenslet l = nearest(a, b, rows, columns);
+            if (abs(l.row - row) > 1 || abs(l.column - column) > 1)
+                continue; /* no neighbour of the nearest one adds to its sample: coverage() */
+            const bool own = l.row == row && l.column == column;
+            const real r2 = l.a * l.a + l.b * l.b;
+            const cplx c = cmul(cis_turns(turns[lens_type(l.row, l.column)] * r2),
+                                G[row_start(0, y, 0, nx) + x]);
+            real amplitude = 1;
+            if (!(room > 0 && r2 < room * room)) {
+#ifdef HEXAGONAL
+                const real shift = (row & 1) * (real)0.5f;
+#else
+                const real shift = 0;
+#endif
+                const real da = ((a.x - column) + a.y) - shift;
+                const real db = ((b.x - row) + b.y) * ROW_HEIGHT;
+                const real cx = -(da * turn.x - db * turn.y), cy = -(da * turn.y + db * turn.x);
+                const real4 change = IS_FULL
+                    ? polygon_change(cx, cy, radius, SIDES, angle, hx, hy)
+                    : disc_change(cx, cy, radius, hx, hy);
+                line[3] += c.x * change.x;
+                line[4] += c.x * change.y;
+                line[5] += c.x * change.z;
+                line[6] += c.x * change.w;
+                if (own && !(IS_FULL && radius >= (real)0.5f && is_inner(l, rows, columns)))
+                    amplitude = coverage(l, radius, IS_FULL, turn, angle, hx, hy, rows, columns);
+            }
+            if (own) {
+                const real p = amplitude * c.y;
+                line[0] += p * l.a;
+                line[1] += p * l.b;
+                line[2] += p * r2;
+            }
+        }
+        add_line(total, lost, line);
+    }
+    for (int k = 0; k < SUMS; ++k)
+        out[(size_t)item * SUMS + k] = total[k];
+}
