@@ -3,17 +3,29 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 import pyopencl.array as cla
 
 from clplen.cameras.camera_base import Plenoptic
-from clplen.cameras.exposure.point_gradients import array_fields, point_gradients
-from clplen.cameras.exposure.scene_parts import SceneLine, ScenePart, ray_parts, wave_parts
+from clplen.cameras.exposure.pixel_signals import PixelSignals
+from clplen.cameras.exposure.point_gradients import (
+    ExposureGradient,
+    array_fields,
+    point_gradients,
+)
+from clplen.cameras.exposure.scene_parts import (
+    SceneLine,
+    ScenePart,
+    microscope_parts,
+    ray_parts,
+    wave_parts,
+)
 from clplen.cameras.exposure.source_images import SourceImages
 from clplen.cameras.exposure.wave_exposure import Method
+from clplen.cameras.light_field_microscope import Microscope
 from clplen.cameras.optics.pixel_array import PixelArray
 from clplen.cameras.scenes.occluders import Occluder
 from clplen.cameras.scenes.scene_sources import Source, as_occluders, as_sources
@@ -21,7 +33,6 @@ from clplen.checks import is_finite, require
 from clplen.compute.device import Device
 from clplen.compute.linear_map import linear_operator, mapped
 from clplen.errors import ShapeError
-from clplen.reprs import OneLine
 from clplen.wave.coherence.coherence import Coherence
 from clplen.wave.field.field import Field
 
@@ -33,34 +44,6 @@ Values = np.ndarray[Any, Any]
 MEMORY = 2**28  # bytes of images that are kept
 
 
-@dataclass(frozen=True, eq=False, repr=False)
-class ExposureGradient(OneLine):
-    """Derivatives of a loss of a raw image by what a scene is made of.
-
-    Attributes
-    ----------
-    values : numpy.ndarray
-        By the energies, shape of the operator's ``in_shape``: its adjoint of the cotangent.
-    positions : numpy.ndarray
-        By (x, y, dz) of every point, a metre, float64, shape (n, 3). Points are in the order of
-        ``operator.positions``.
-
-    Examples
-    --------
-    >>> camera = clplen.PlenopticCamera.type1(
-    ...     focal_length=0.12, mla=clplen.MicrolensArray(150e-6, 10e-3, count=5),
-    ...     wavelength=532e-9, pixels_per_lenslet=15, aperture_diameter=0.5e-3)
-    >>> operator = clplen.cameras.ExposureOperator(camera, clplen.PointSources((0, 0, -1e-3)))
-    >>> image = operator.forward([1.0])
-    >>> gradient = operator.gradient([1.0], 2 * image)  # of the sum of the squares
-    >>> gradient.values.shape, gradient.positions.shape
-    ((1,), (1, 3))
-    """
-
-    values: Values
-    positions: Values
-
-
 class ExposureOperator:
     """The map from energies of points and pictures to the raw image, linear, with its adjoint.
 
@@ -70,8 +53,8 @@ class ExposureOperator:
 
     Parameters
     ----------
-    camera : Plenoptic1 or Plenoptic2
-        As `PlenopticCamera.type1` and `PlenopticCamera.type2` make them.
+    camera : Plenoptic1, Plenoptic2 or Microscope
+        As `PlenopticCamera` makes them. A microscope exposes points only.
     scene : PointSources, PicturePlane, or list of them and of Occluder
         Where the light comes from; its own energies do not count, but samples of a picture that
         are 0 stay dark.
@@ -92,7 +75,7 @@ class ExposureOperator:
     sources : tuple of PointSources and PicturePlane
         The members of the scene that send light.
     method : str
-        "points", "local" or "rays": how the image of a point is computed.
+        "points", "local", "rays" or "microscope": how the image of a point is computed.
     device : Device
         That of the camera.
     in_shape : tuple of int
@@ -127,7 +110,7 @@ class ExposureOperator:
 
     def __init__(
         self,
-        camera: Plenoptic,
+        camera: Plenoptic | Microscope,
         scene: Source | Sequence[Source | Occluder],
         *,
         model: Literal["waves", "rays"] = "waves",
@@ -135,24 +118,33 @@ class ExposureOperator:
         coherence: Coherence | None = None,
         memory: int = MEMORY,
     ) -> None:
-        require(Plenoptic, camera, "camera", "PlenopticCamera.type1 or type2")
+        if not isinstance(camera, Microscope):
+            require(Plenoptic, camera, "camera", "PlenopticCamera.type1")
         if not (is_finite(memory) and memory >= 0):
             raise ValueError(f"memory is a number of bytes from 0 on, not {memory!r}.")
         if model not in ("waves", "rays"):
             raise ValueError(f"model is 'waves' or 'rays', not {model!r}.")
         self.camera, self.memory = camera, memory
         self.sources, occluders = as_sources(scene), as_occluders(scene)
-        if model == "rays":
-            _refuse_for_rays(camera, occluders, coherence, method)
-            self._parts = ray_parts(camera.optics, self.sources)
+        if isinstance(camera, Microscope):
+            if occluders or (model, method) != ("waves", "auto"):
+                raise ValueError(
+                    "Occluders, model and method are for plenoptic cameras; a microscope has one "
+                    "way: leave them out."
+                )
+            self._parts = microscope_parts(self.sources, camera.lines(coherence), camera)
         else:
             optics = replace(camera.optics, occluders=occluders)
-            self._parts = wave_parts(optics, self.sources, coherence, method)
+            parts = ray_parts if model == "rays" else wave_parts
+            self._parts = parts(optics, self.sources, coherence, method)
         self.method = self._parts[0].route
         self.device: Device = camera.device
         one = self._parts[0].shape if len(self._parts) == 1 else None
         self.in_shape: tuple[int, ...] = one or (sum(part.size for part in self._parts),)
         self.out_shape: tuple[int, ...] = camera.grid.shape
+        pixels = camera.pixels if model == "waves" else None  # rays know none
+        filters = int(self._parts[0].lines[0].weights.shape[1])
+        self._signals = PixelSignals(pixels or PixelArray(), filters, camera.grid.shape)
         self._kept: list[tuple[int, SceneLine, SourceImages]] | None = None
 
     def __getstate__(self) -> dict[str, Any]:
@@ -252,13 +244,13 @@ class ExposureOperator:
         if count == 0:
             return device.empty((*leading, *self.out_shape), self.dtype)
         values = device.download(data).astype(np.float64).reshape(count, -1)
-        totals = device.zeros((self._filters * count, *self.out_shape), device.real)
+        totals = device.zeros((self._signals.filters * count, *self.out_shape), device.real)
         for part, line, images in self._images():
             energies = self._part_of(values, part)[:, images.which]
             signal = np.einsum("bnc,cf->fbn", energies, line.weights)
             images.add(totals, signal.reshape(-1, len(images.which)))
         device.finish()
-        return self._read(totals).reshape(*leading, *self.out_shape)
+        return self._signals.read(totals, device).reshape(*leading, *self.out_shape)
 
     def adjoint_data(self, data: cla.Array) -> cla.Array:
         """`adjoint` of arrays of the device.
@@ -278,9 +270,9 @@ class ExposureOperator:
         found = [np.zeros((count, part.size)) for part in self._parts]
         if count == 0:
             return self.device.empty((*leading, *self.in_shape), self.dtype)
-        pictures = self._behind_filters(data.reshape(count, *self.out_shape))
+        pictures = self._signals.read_adjoint(data.reshape(count, *self.out_shape), self.device)
         for part, line, images in self._images():
-            inner = images.inner(pictures).reshape(self._filters, count, -1)
+            inner = images.inner(pictures).reshape(self._signals.filters, count, -1)
             own = found[part].reshape(count, -1, self._parts[part].channels)
             places = self._parts[part].places[images.which]
             own[:, places] += np.einsum("fbn,cf->bnc", inner, line.weights)
@@ -354,12 +346,50 @@ class ExposureOperator:
             signal = (energies[index] @ line.weights).T
             yield from array_fields(line.optics, self._parts[index].points, signal, pictures)
 
+    def lenslet_gradient(self, values: Any, cotangent: Any) -> dict[str, Any]:
+        """Derivatives of a loss by the array of lenslets.
+
+        All lengths behind the array stay, also where the focal length changes.
+
+        Parameters
+        ----------
+        values : array_like
+            Energies, of ``in_shape``.
+        cotangent : array_like
+            Derivatives of the loss by the pixels of the raw image, shape (ny, nx).
+
+        Returns
+        -------
+        dict of str to float or numpy.ndarray
+            As of `MicrolensArray.gradient`: "pitch", "diameter", "offset", "rotation",
+            "focal_length" and so on.
+
+        Raises
+        ------
+        ValueError
+            If the images of points are computed by rays or in windows of their own, or the
+            lenslets depart from thin lenses.
+        ShapeError
+            If the arrays have another shape.
+        """
+        camera = self.camera
+        if isinstance(camera, Plenoptic) and camera.aberrations.bends_lenslets:
+            raise ValueError(
+                "Gradients by the array are those of thin lenslets, and the aberrations of this "
+                "camera bend them: use lenslet_fields, or a camera without lenslets= and scatter=."
+            )
+        found: dict[str, Any] = {}
+        for before, behind in self.lenslet_fields(values, cotangent):
+            gradient = camera.mla.gradient(before, behind)
+            found = {name: found.get(name, 0.0) + part for name, part in gradient.items()}
+        return found
+
     def _at(self, values: Any, cotangent: Any, what: str) -> tuple[list[Values], Values]:
         """Energies (n, channels) of each part, and the cotangent behind each filter."""
         if self.method != "points":
             raise ValueError(
-                f"{what} are known of method='points', not of {self.method!r}: give method="
-                "'points', with a camera whose pixels sample the light."
+                f"{what} are known of plenoptic cameras with method='points', not of "
+                f"{self.method!r}: give that, with a camera whose pixels sample the light."
             )
         energies, raw = np.asarray(values, np.float64), np.asarray(cotangent, np.float64)
         if energies.shape != self.in_shape or raw.shape != self.out_shape:
@@ -369,7 +399,7 @@ class ExposureOperator:
             )
         parts = range(len(self._parts))
         flat = [self._part_of(energies.reshape(1, -1), part)[0] for part in parts]
-        return flat, self._masked(raw[None])[:, 0]
+        return flat, self._signals.adjoint(raw[None])[:, 0]
 
     def _lines(self) -> Iterator[tuple[int, SceneLine]]:
         for index, part in enumerate(self._parts):
@@ -403,62 +433,3 @@ class ExposureOperator:
         whole = np.zeros((part.size // part.channels, part.channels))
         whole[part.places] = values
         return whole.ravel()
-
-    @property
-    def _pixels(self) -> PixelArray:
-        """What happens in the pixels; nothing in those that rays know."""
-        return (self.camera.pixels if self.method != "rays" else None) or PixelArray()
-
-    @property
-    def _filters(self) -> int:
-        """Colours of pixels that the light is added up for."""
-        return int(self._parts[0].lines[0].weights.shape[1])
-
-    def _shares(self) -> Values:
-        """1 on the pixels behind each filter, shape (filters, ny, nx)."""
-        filters, (ny, nx) = self._pixels.filters, self.out_shape
-        if filters is None or self._filters == 1:
-            return np.ones((1, ny, nx))
-        down, across = filters.index.shape
-        index = np.tile(filters.index, (-(-ny // down), -(-nx // across)))[:ny, :nx]
-        return np.asarray(index == np.arange(self._filters)[:, None, None], np.float64)
-
-    def _read(self, totals: cla.Array) -> cla.Array:
-        """Signals of pixels of the light behind each filter, shape (filters batch, ny, nx)."""
-        if self._filters == 1 and self._pixels.crosstalk is None:
-            return totals
-        light = self.device.download(totals).reshape(self._filters, -1, *self.out_shape)
-        signal = np.einsum("fyx,fbyx->byx", self._shares(), light.astype(np.float64))
-        read = np.stack([self._pixels.read(one) for one in signal])
-        return self.device.upload(np.ascontiguousarray(read, self.dtype))
-
-    def _masked(self, raw: Values) -> Values:
-        """The transpose of `_read` on the host, shape (filters, batch, ny, nx)."""
-        light = np.stack([self._pixels.read_adjoint(one) for one in raw])
-        return np.asarray(self._shares()[:, None] * light)
-
-    def _behind_filters(self, data: cla.Array) -> cla.Array:
-        """The transpose of `_read`."""
-        if self._filters == 1 and self._pixels.crosstalk is None:
-            return data
-        light = self._masked(self.device.download(data).astype(np.float64))
-        return self.device.upload(
-            np.ascontiguousarray(light.reshape(-1, *self.out_shape), self.dtype)
-        )
-
-
-def _refuse_for_rays(
-    camera: Plenoptic, occluders: Sequence[Occluder], coherence: Coherence | None, method: str
-) -> None:
-    """Refuse what rays of points do not know."""
-    if camera.pixels is not None and camera.pixels.filters is not None:
-        raise ValueError(
-            "Rays know no wavelengths, and the pixels of this camera have colour filters: use "
-            "model='waves', or pixels without filters=."
-        )
-    if occluders:
-        raise ValueError("Rays of points and pictures know no occlusion: use model='waves'.")
-    if coherence is not None or method != "auto":
-        raise ValueError(
-            "coherence and method are for model='waves': rays are incoherent and of one kind."
-        )

@@ -58,6 +58,14 @@ def fast(device: Device, **change: Any) -> Any:
     )  # fmt: skip
 
 
+def microscope(device: Device, **change: Any) -> Any:
+    array = MicrolensArray(60e-6, 1.5e-3, count=(3, 5), fill="full")
+    return PlenopticCamera.microscope(
+        magnification=10, na=0.2, wavelength=525e-9, pixels_per_lenslet=11, mla=array,
+        device=device, **change,
+    )  # fmt: skip
+
+
 def colours(device: Device) -> Any:
     """A camera with crosstalk behind a Bayer mosaic."""
     leaks = ((0.0, 0.02, 0.0), (0.01, 0.9, 0.03), (0.0, 0.0, 0.0))
@@ -76,6 +84,7 @@ def scene_of(name: str) -> Any:
         "points": points,
         "picture": picture,
         "list": [points, picture],
+        "beads": [PointSources([(5e-6, -3e-6, 2e-5), (0, 2e-6, 0)], power=[1.0, 0.3])],
         "far": [farther, PicturePlane(image, 2e-3)],
         "hidden": [farther, Occluder([[0.0, 1.0]], 1e-2, z=-0.5)],
         "channels": [PicturePlane(np.stack([image, image[::-1]], -1), 3e-4, spectra=[red, blue])],
@@ -106,6 +115,8 @@ CASES: dict[str, Any] = {
     "white": (lambda d: camera_of(d), "points",
               {"coherence": Coherence(None, Spectrum.lines([500e-9, 600e-9], [1, 2]))}),
     "colours": (colours, "channels", {"method": "points"}),
+    "microscope": (microscope, "beads", {}),
+    "microscope, integrating": (lambda d: microscope(d, pixels=PixelArray()), "beads", {}),
     "rays": (lambda d: camera_of(d), "list", {"model": "rays"}),
     "rays, focused": (lambda d: camera_of(d, "focused"), "picture",
                       {"model": "rays"}),
@@ -222,26 +233,36 @@ def test_gradients_in_single_precision(device: Device, precise: Device, case: st
         assert relative_max(expected, got) <= 1e-3
 
 
-def test_fields_at_the_lenslets(precise: Device) -> None:
-    """Sums of Re(conj(g) u dt) are the change of a loss by the transmission of the array."""
-    for case in ("field lens", "integrating"):
-        camera, points, how = point_case(case, precise)
-        operator = ExposureOperator(camera, points, **how)
-        cotangent = np.random.default_rng(5).random(operator.out_shape)
-        step, slope = 1e-9, 0.0
+@pytest.mark.parametrize("case", ["hexagonal", "field lens", "integrating", "colours"])
+def test_gradients_by_the_array(precise: Device, case: str) -> None:
+    camera, points, how = point_case(case, precise)
+    whole = camera.mla.pitch
+    array = {"count": (5, 7), "lattice": camera.mla.lattice, "diameter": 0.93 * whole}
+    given = {"pitch": whole, "focal_length": 10e-3, "rotation": 0.01, "offset": (2e-6, -3e-6)}
 
-        def with_offset(by: float, camera: Any = camera) -> Any:
-            mla = camera.mla.replaced(rotation=camera.mla.rotation, offset=(by, 0.0))
-            return replace(camera, mla=mla)
+    def made(**change: Any) -> ExposureOperator:
+        mla = MicrolensArray(**(given | array | change))
+        stays = Aberrations(sensor_shift=10e-3 - mla.focal_length)  # the sensor where it is
+        return ExposureOperator(replace(camera, mla=mla, aberrations=stays), points, **how)
 
-        high, low = (with_offset(by).mla for by in (step, -step))
-        for u, g in operator.lenslet_fields(points.power, cotangent):
-            change = [m.transmission(u.grid, u.wavelength, precise).get() for m in (high, low)]
-            turned = np.conj(g.to_numpy()) * u.to_numpy() * (change[0] - change[1])
-            slope += turned.real.sum() / (2 * step)
-        moved = [ExposureOperator(with_offset(by), points, **how) for by in (step, -step)]
-        losses = [(one.forward(points.power) * cotangent).sum() for one in moved]
-        assert slope == pytest.approx((losses[0] - losses[1]) / (2 * step), rel=1e-5)
+    operator = made()
+    image = operator.forward(points.power)
+    cotangent = image - 0.5 * image.max() * np.random.default_rng(5).random(image.shape)
+    gradient = operator.lenslet_gradient(points.power, cotangent)
+
+    def slope(name: str, step: float, axis: int = 0) -> float:
+        value = np.asarray(given[name], float)
+        by = np.array([step, 0.0])[[axis, 1 - axis]] if value.ndim else step
+        parts = []
+        for h in (by, by / 2):
+            ends = [made(**{name: value + sign * h}).forward(points.power) for sign in (1, -1)]
+            parts.append(((ends[0] - ends[1]) * cotangent).sum() / (2 * np.max(h)))
+        return float((4 * parts[1] - parts[0]) / 3)
+
+    for name, step in (("pitch", 1e-12), ("rotation", 1e-8), ("focal_length", 1e-8)):
+        assert gradient[name] == pytest.approx(slope(name, step), rel=1e-6)
+    expected = [slope("offset", 1e-12, axis) for axis in (0, 1)]
+    assert relative_max(expected, gradient["offset"]) <= 1e-6
 
 
 def test_powers_of_points_are_found(device: Device) -> None:
@@ -290,9 +311,16 @@ def test_arguments(device: Device) -> None:
         ExposureOperator(camera, points, memory=-1)
     with pytest.raises(TypeError, match="camera is a Plenoptic"):
         ExposureOperator(points, points)
+    bent = ExposureOperator(camera.with_aberrations(BENT), points, method="points")
+    with pytest.raises(ValueError, match="Gradients by the array are those of thin lenslets"):
+        bent.lenslet_gradient(points.power, np.zeros(bent.out_shape))
     local = ExposureOperator(camera, points, method="local")
-    with pytest.raises(ValueError, match="known of method='points', not of 'local'"):
+    with pytest.raises(ValueError, match="with method='points', not of 'local'"):
         local.gradient(points.power, np.zeros(local.out_shape))
+    with pytest.raises(ValueError, match="A microscope exposes PointSources"):
+        ExposureOperator(microscope(device), scene_of("picture"))
+    with pytest.raises(ValueError, match="model and method are for plenoptic cameras"):
+        ExposureOperator(microscope(device), scene_of("beads"), method="local")
     operator = ExposureOperator(camera, points)
     with pytest.raises(ShapeError, match="Gradients take energies of shape"):
         operator.gradient(np.ones(2), np.zeros(operator.out_shape))

@@ -22,12 +22,41 @@ from clplen.cameras.optics.wave_optics import WaveOptics, disc_table
 from clplen.cameras.scenes.scene_sources import PointSources
 from clplen.compute.device import Device
 from clplen.compute.fft.blocks import window
+from clplen.reprs import OneLine
 from clplen.wave.elements.lens import thin_lens
 from clplen.wave.field.field import Field
 
 Values = np.ndarray[Any, np.dtype[np.float64]]
 
 SHARE = 2  # fields that are kept beside those of an exposure
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class ExposureGradient(OneLine):
+    """Derivatives of a loss of a raw image by what a scene is made of.
+
+    Attributes
+    ----------
+    values : numpy.ndarray
+        By the energies, shape of the operator's ``in_shape``: its adjoint of the cotangent.
+    positions : numpy.ndarray
+        By (x, y, dz) of every point, a metre, float64, shape (n, 3). Points are in the order of
+        ``operator.positions``.
+
+    Examples
+    --------
+    >>> camera = clplen.PlenopticCamera.type1(
+    ...     focal_length=0.12, mla=clplen.MicrolensArray(150e-6, 10e-3, count=5),
+    ...     wavelength=532e-9, pixels_per_lenslet=15, aperture_diameter=0.5e-3)
+    >>> operator = clplen.cameras.ExposureOperator(camera, clplen.PointSources((0, 0, -1e-3)))
+    >>> image = operator.forward([1.0])
+    >>> gradient = operator.gradient([1.0], 2 * image)  # of the sum of the squares
+    >>> gradient.values.shape, gradient.positions.shape
+    ((1,), (1, 3))
+    """
+
+    values: Values
+    positions: Values
 
 
 @dataclass(frozen=True, eq=False)

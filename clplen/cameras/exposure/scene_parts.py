@@ -90,6 +90,8 @@ class ScenePart:
 
     def images(self, line: SceneLine, all_points: int) -> Iterator[SourceImages]:
         """Images of the points at one of the wavelengths, some at a time."""
+        if self.route == "microscope":
+            return line.optics.images(self.points)
         if self.route == "rays":
             return ray_images(line.optics, self.points, rays_of_each(all_points))
         makers = {"points": point_images, "local": local_images}
@@ -125,7 +127,9 @@ def wave_parts(
     return parts
 
 
-def ray_parts(optics: WaveOptics, sources: Sequence[Source]) -> list[ScenePart]:
+def ray_parts(
+    optics: WaveOptics, sources: Sequence[Source], coherence: Coherence | None, method: Method
+) -> list[ScenePart]:
     """Points and self-luminous pictures exposed by rays.
 
     Raises
@@ -134,6 +138,17 @@ def ray_parts(optics: WaveOptics, sources: Sequence[Source]) -> list[ScenePart]:
         As `Plenoptic.expose`.
     """
     _refuse_slides(sources)
+    if filters_of(optics) is not None:
+        raise ValueError(
+            "Rays know no wavelengths, and the pixels of this camera have colour filters: use "
+            "model='waves', or pixels without filters=."
+        )
+    if optics.occluders:
+        raise ValueError("Rays of points and pictures know no occlusion: use model='waves'.")
+    if coherence is not None or method != "auto":
+        raise ValueError(
+            "coherence and method are for model='waves': rays are incoherent and of one kind."
+        )
     parts = []
     for source in sources:
         points = source if isinstance(source, PointSources) else source.points()
@@ -142,6 +157,32 @@ def ray_parts(optics: WaveOptics, sources: Sequence[Source]) -> list[ScenePart]:
         count = channels or source.image.shape[-1]  # type: ignore[union-attr]
         parts.append(ScenePart.of(source, [SceneLine(optics, np.ones((count, 1)))], "rays"))
     return parts
+
+
+def microscope_parts(
+    sources: Sequence[Any], lines: Sequence[tuple[float, float]], camera: Any
+) -> list[ScenePart]:
+    """Points exposed by a `Microscope`, at wavelengths with their shares of the energy.
+
+    Raises
+    ------
+    SamplingError
+        If a point is imaged beyond the array.
+    ValueError
+        If a source is a picture.
+    """
+    if not all(isinstance(source, PointSources) for source in sources):
+        raise ValueError(
+            "A microscope exposes PointSources, no pictures: give points, or project a volume "
+            "(clplen.microscopy.Projector)."
+        )
+    found = [
+        SceneLine(replace(camera, wavelength=wavelength), np.array([[share]]))
+        for wavelength, share in lines
+    ]
+    for source in sources:
+        camera.window(source)
+    return [ScenePart.of(source, found, "microscope") for source in sources]
 
 
 def _refuse_slides(sources: Sequence[Source]) -> None:

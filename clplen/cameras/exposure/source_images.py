@@ -173,13 +173,13 @@ def images_of(optics: WaveOptics, fields: PointFields) -> DeviceImages:
     """The images of fields on all of the sensor."""
     device, count = fields.at_sensor.device, len(fields.which)
     active = 0.0 if optics.pixels is None else optics.pixels.active
-    if active == 0:
-        data, scale = fields.at_sensor.intensity().data, 1.0
-    else:
+    if active:
         fine, sums, scale = pixel_samples(fields.at_sensor, active)
-        data, _, _ = _patches(fine, [sums] * count, device)
+        gains = scale / fields.energy
+        return images_on_patches(fields.which, fine, [sums] * count, gains, device)
     places, shapes = np.zeros((count, 2), np.int64), np.tile(optics.grid.shape, (count, 1))
-    return DeviceImages(fields.which, data, scale / fields.energy, places, shapes, device)
+    data = fields.at_sensor.intensity().data
+    return DeviceImages(fields.which, data, 1 / fields.energy, places, shapes, device)
 
 
 def point_images(optics: WaveOptics, points: PointSources) -> Iterator[DeviceImages]:
@@ -200,16 +200,27 @@ def window_images(
     which: Sequence[int], windows: Windows, fields: cla.Array, sums: list[tuple[PixelSums, float]]
 ) -> DeviceImages:
     """The images of windows, of their `window_samples`."""
-    device = windows.optics.device
-    data, places, shapes = _patches(fields, [pixels for pixels, _ in sums], device)
     gains = np.array([gain for _, gain in sums])
-    return DeviceImages(np.asarray(which, np.int64), data, gains, places, shapes, device)
+    pixels = [one for one, _ in sums]
+    return images_on_patches(which, fields, pixels, gains, windows.optics.device)
 
 
-def _patches(
-    fields: cla.Array, sums: Sequence[PixelSums], device: Device
-) -> tuple[cla.Array, Counts, Counts]:
-    """Sums over pixels of each field on a patch of its own: data, places and shapes of these."""
+def images_on_patches(
+    which: Any, fields: cla.Array, sums: Sequence[PixelSums], gains: Values, device: Device
+) -> DeviceImages:
+    """Images of fields by the sums of each over the pixels of a patch of its own.
+
+    Parameters
+    ----------
+    which : array_like
+        Which points of a scene, indices, shape (n,).
+    fields : pyopencl.array.Array
+        Complex, shape (n, ny, nx).
+    sums : sequence of PixelSums
+    gains : numpy.ndarray
+        Factors to the energy 1, shape (n,).
+    device : Device
+    """
     places, shapes = (
         np.array([getattr(one, name) for one in sums], np.int64) for name in ("place", "shape")
     )
@@ -217,4 +228,5 @@ def _patches(
     tall = device.zeros((len(sums) * height, width), device.real)  # below each other, as one
     for number, one in enumerate(sums):
         replace(one, place=(number * height, 0)).put(tall, fields, number, 1.0, device)
-    return tall.reshape(len(sums), height, width), places, shapes
+    data = tall.reshape(len(sums), height, width)
+    return DeviceImages(np.asarray(which, np.int64), data, gains, places, shapes, device)
