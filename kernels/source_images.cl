@@ -28,6 +28,17 @@ typedef double4 real4;
 typedef float4 real4;
 #endif
 
+#define CHAINS 8 /* sums side by side, which compilers join in vectors */
+
+/* term added to *sum with what was lost before (Kahan). */
+inline void keep(real term, real *sum, real *lost)
+{
+    const real exact = term - *lost;
+    const real next = *sum + exact;
+    *lost = (next - *sum) - exact;
+    *sum = next;
+}
+
 __kernel void add_images(__global real *restrict out, __global const real *restrict images,
                          __global const real *restrict w, const int first, const int count,
                          const int of_all, const int oy, const int ox, const int out_ny,
@@ -54,18 +65,21 @@ __kernel void image_rows(__global real *restrict out, __global const real *restr
     const int b = get_global_id(2);
     if (y >= ny)
         return;
-    real sum = 0, lost = 0;
+    real sums[CHAINS] = {0}, lost[CHAINS] = {0};
     if (y < shapes[n].x) {
         const size_t from = row_start(n, y, ny, nx);
         const size_t at = row_start(b, places[n].x + y, out_ny, out_nx) + places[n].y;
-        for (int x = 0; x < shapes[n].y; ++x) {
-            const real term = images[from + x] * Y[at + x] - lost;
-            const real next = sum + term;
-            lost = (next - sum) - term;
-            sum = next;
-        }
+        const int width = shapes[n].y;
+        int x = 0;
+        for (; x + CHAINS <= width; x += CHAINS)
+            for (int i = 0; i < CHAINS; ++i)
+                keep(images[from + x + i] * Y[at + x + i], sums + i, lost + i);
+        for (; x < width; ++x)
+            keep(images[from + x] * Y[at + x], sums, lost);
     }
-    out[((size_t)b * count + n) * ny + y] = sum;
+    for (int i = 1; i < CHAINS; ++i)
+        keep(sums[i], sums, lost);
+    out[((size_t)b * count + n) * ny + y] = sums[0];
 }
 
 __kernel void cotangent(__global cplx *restrict h, __global const cplx *restrict u,
@@ -103,15 +117,6 @@ inline real disc_slope(real v, real per_step, __global const real2 *restrict tab
     const real slope = a.y
         + t * (2 * (3 * rise - 2 * a.y - b.y) + 3 * t * (a.y + b.y - 2 * rise));
     return place < last ? slope * per_step : 0;
-}
-
-/* term added to *sum with what was lost before (Kahan). */
-inline void keep(real term, real *sum, real *lost)
-{
-    const real exact = term - *lost;
-    const real next = *sum + exact;
-    *lost = (next - *sum) - exact;
-    *sum = next;
 }
 
 /* source: (z, scale, less, -) of each point; down, right: of its foot to rows and columns. */

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+import math
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
 from typing import TYPE_CHECKING, Any, Literal
 
@@ -11,19 +12,14 @@ import pyopencl.array as cla
 
 from clplen.cameras.camera_base import Plenoptic
 from clplen.cameras.exposure.pixel_signals import PixelSignals
-from clplen.cameras.exposure.point_gradients import (
-    ExposureGradient,
-    array_fields,
-    point_gradients,
-)
+from clplen.cameras.exposure.point_gradients import ExposureGradient, array_fields, point_gradients
 from clplen.cameras.exposure.scene_parts import (
-    SceneLine,
-    ScenePart,
+    SceneImages,
     microscope_parts,
     ray_parts,
     wave_parts,
 )
-from clplen.cameras.exposure.source_images import SourceImages
+from clplen.cameras.exposure.source_images import PointFields, images_of, point_fields
 from clplen.cameras.exposure.wave_exposure import Method
 from clplen.cameras.light_field_microscope import Microscope
 from clplen.cameras.optics.pixel_array import PixelArray
@@ -132,11 +128,13 @@ class ExposureOperator:
                     "Occluders, model and method are for plenoptic cameras; a microscope has one "
                     "way: leave them out."
                 )
-            self._parts = microscope_parts(self.sources, camera.lines(coherence), camera)
+            parts = microscope_parts(self.sources, camera.lines(coherence), camera)
         else:
             optics = replace(camera.optics, occluders=occluders)
-            parts = ray_parts if model == "rays" else wave_parts
-            self._parts = parts(optics, self.sources, coherence, method)
+            found = ray_parts if model == "rays" else wave_parts
+            parts = found(optics, self.sources, coherence, method)
+        self._parts = tuple(parts)
+        self._images = SceneImages(self._parts, memory)
         self.method = self._parts[0].route
         self.device: Device = camera.device
         one = self._parts[0].shape if len(self._parts) == 1 else None
@@ -145,11 +143,6 @@ class ExposureOperator:
         pixels = camera.pixels if model == "waves" else None  # rays know none
         filters = int(self._parts[0].lines[0].weights.shape[1])
         self._signals = PixelSignals(pixels or PixelArray(), filters, camera.grid.shape)
-        self._kept: list[tuple[int, SceneLine, SourceImages]] | None = None
-
-    def __getstate__(self) -> dict[str, Any]:
-        """Without the images on the device, which are made again when needed."""
-        return self.__dict__ | {"_kept": None}
 
     def __repr__(self) -> str:
         return (
@@ -165,7 +158,7 @@ class ExposureOperator:
     @property
     def nbytes(self) -> int:
         """Bytes of the images that are kept now."""
-        return sum(images.nbytes for _, _, images in self._kept or [])
+        return self._images.nbytes
 
     @property
     def positions(self) -> Values:
@@ -245,8 +238,8 @@ class ExposureOperator:
             return device.empty((*leading, *self.out_shape), self.dtype)
         values = device.download(data).astype(np.float64).reshape(count, -1)
         totals = device.zeros((self._signals.filters * count, *self.out_shape), device.real)
-        for part, line, images in self._images():
-            energies = self._part_of(values, part)[:, images.which]
+        for part, line, images in self._images:
+            energies = self._images.energies(values, part)[:, images.which]
             signal = np.einsum("bnc,cf->fbn", energies, line.weights)
             images.add(totals, signal.reshape(-1, len(images.which)))
         device.finish()
@@ -271,7 +264,7 @@ class ExposureOperator:
         if count == 0:
             return self.device.empty((*leading, *self.in_shape), self.dtype)
         pictures = self._signals.read_adjoint(data.reshape(count, *self.out_shape), self.device)
-        for part, line, images in self._images():
+        for part, line, images in self._images:
             inner = images.inner(pictures).reshape(self._signals.filters, count, -1)
             own = found[part].reshape(count, -1, self._parts[part].channels)
             places = self._parts[part].places[images.which]
@@ -303,15 +296,60 @@ class ExposureOperator:
         ShapeError
             If the arrays have another shape.
         """
-        energies, pictures = self._at(values, cotangent, "Gradients by places")
+        return self._gradient(self._energies(values), cotangent, {})
+
+    def vjp(self, values: Any) -> tuple[Values, Callable[[Any], ExposureGradient]]:
+        """The raw image and, for each cotangent of it, the `gradient` at these energies.
+
+        Fields of all points are kept on the device for it, so that an image and a gradient take
+        the time of two images.
+
+        Parameters
+        ----------
+        values : array_like
+            Energies, of ``in_shape``.
+
+        Returns
+        -------
+        numpy.ndarray, callable
+            `forward` of the energies, and a function that takes the derivatives of a loss by its
+            pixels, shape (ny, nx), and returns an `ExposureGradient`.
+
+        Raises
+        ------
+        ValueError, ShapeError
+            As `gradient`.
+        DeviceError
+            If the fields do not fit the device.
+        """
+        energies, device = self._energies(values), self.device
+        count = sum(len(part.points) * len(part.lines) for part in self._parts)
+        nbytes = math.prod(self.out_shape) * np.dtype(device.complex).itemsize * count
+        device.require_memory(nbytes, "The fields of all points of this exposure")
+        totals = device.zeros((self._signals.filters, *self.out_shape), device.real)
+        kept: dict[int, list[PointFields]] = {}
+        for number, (index, line) in enumerate(self._images.lines()):
+            kept[number] = []
+            for fields in point_fields(line.optics, self._parts[index].points):
+                signal = (energies[index][fields.which] @ line.weights).T
+                images_of(line.optics, fields).add(totals, signal)
+                kept[number].append(replace(fields, at_array=None))
+        image = device.download(self._signals.read(totals, device))[0]
+        return image, lambda cotangent: self._gradient(energies, cotangent, kept)
+
+    def _gradient(
+        self, energies: list[Values], cotangent: Any, kept: dict[int, list[PointFields]]
+    ) -> ExposureGradient:
+        """The gradient from energies (n, channels) of each part, with fields of each line."""
+        pictures = self._pictures(cotangent)
         by_value = [np.zeros((part.places.size, part.channels)) for part in self._parts]
         by_place = [np.zeros((len(part.points), 3)) for part in self._parts]
-        for index, line in self._lines():
-            part, signal = self._parts[index], (energies[index] @ line.weights).T
-            found = point_gradients(line.optics, part.points, signal, pictures)
+        for number, (index, line) in enumerate(self._images.lines()):
+            points, signal = self._parts[index].points, (energies[index] @ line.weights).T
+            found = point_gradients(line.optics, points, signal, pictures, kept.get(number))
             by_value[index] += found.energies.T @ line.weights.T
             by_place[index] += found.positions
-        flat = [self._spread(part, v) for part, v in zip(self._parts, by_value, strict=True)]
+        flat = [part.spread(value) for part, value in zip(self._parts, by_value, strict=True)]
         gradient = np.concatenate(flat).reshape(self.in_shape).astype(self.dtype)
         return ExposureGradient(gradient, np.concatenate(by_place))
 
@@ -341,8 +379,8 @@ class ExposureOperator:
         ShapeError
             If the arrays have another shape.
         """
-        energies, pictures = self._at(values, cotangent, "Fields at the lenslets")
-        for index, line in self._lines():
+        energies, pictures = self._energies(values), self._pictures(cotangent)
+        for index, line in self._images.lines():
             signal = (energies[index] @ line.weights).T
             yield from array_fields(line.optics, self._parts[index].points, signal, pictures)
 
@@ -384,52 +422,28 @@ class ExposureOperator:
             found = {name: found.get(name, 0.0) + part for name, part in gradient.items()}
         return found
 
-    def _at(self, values: Any, cotangent: Any, what: str) -> tuple[list[Values], Values]:
-        """Energies (n, channels) of each part, and the cotangent behind each filter."""
+    def _energies(self, values: Any) -> list[Values]:
+        """Energies (n, channels) of each part, for gradients by fields."""
         if self.method != "points":
             raise ValueError(
-                f"{what} are known of plenoptic cameras with method='points', not of "
-                f"{self.method!r}: give that, with a camera whose pixels sample the light."
+                "Gradients by places and lenslets are known of plenoptic cameras with "
+                f"method='points', not of {self.method!r}: give that, with a camera whose pixels "
+                "sample the light."
             )
-        energies, raw = np.asarray(values, np.float64), np.asarray(cotangent, np.float64)
-        if energies.shape != self.in_shape or raw.shape != self.out_shape:
+        energies = np.asarray(values, np.float64)
+        if energies.shape != self.in_shape:
             raise ShapeError(
-                f"Gradients take energies of shape {self.in_shape} and a cotangent of shape "
-                f"{self.out_shape}, not {energies.shape} and {raw.shape}."
+                f"Gradients take energies of shape {self.in_shape}, not {energies.shape}."
             )
-        parts = range(len(self._parts))
-        flat = [self._part_of(energies.reshape(1, -1), part)[0] for part in parts]
-        return flat, self._signals.adjoint(raw[None])[:, 0]
+        flat = energies.reshape(1, -1)
+        return [self._images.energies(flat, index)[0] for index in range(len(self._parts))]
 
-    def _lines(self) -> Iterator[tuple[int, SceneLine]]:
-        for index, part in enumerate(self._parts):
-            for line in part.lines:
-                yield index, line
-
-    def _images(self) -> Iterator[tuple[int, SceneLine, SourceImages]]:
-        """Images of all points at all wavelengths: those that are kept, or made anew."""
-        if self._kept is not None:
-            yield from self._kept
-            return
-        kept: list[tuple[int, SceneLine, SourceImages]] | None = []
-        count, nbytes = sum(len(part.points) for part in self._parts), 0
-        for index, line in self._lines():
-            for images in self._parts[index].images(line, count):
-                nbytes += images.nbytes
-                if kept is not None:
-                    kept = None if nbytes > self.memory else [*kept, (index, line, images)]
-                yield index, line, images
-        self._kept = kept
-
-    def _part_of(self, values: Values, index: int) -> Values:
-        """Energies (batch, n, channels) of the points of a part, of all values (batch, size)."""
-        first = sum(part.size for part in self._parts[:index])
-        part = self._parts[index]
-        return part.energies(values[:, first : first + part.size])
-
-    @staticmethod
-    def _spread(part: ScenePart, values: Values) -> Values:
-        """Values (n, channels) of the points of a part among all of its values, raveled."""
-        whole = np.zeros((part.size // part.channels, part.channels))
-        whole[part.places] = values
-        return whole.ravel()
+    def _pictures(self, cotangent: Any) -> Values:
+        """Derivatives by the light behind each filter, shape (filters, ny, nx)."""
+        raw = np.asarray(cotangent, np.float64)
+        if raw.shape != self.out_shape:
+            raise ShapeError(
+                f"Gradients take a cotangent of the raw image's shape {self.out_shape}, not "
+                f"{raw.shape}."
+            )
+        return self._signals.adjoint(raw[None])[:, 0]

@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from scipy.optimize import minimize
 from scipy.sparse.linalg import lsqr
 from tolerance import relative_max
 
@@ -85,7 +86,7 @@ def scene_of(name: str) -> Any:
         "picture": picture,
         "list": [points, picture],
         "beads": [PointSources([(5e-6, -3e-6, 2e-5), (0, 2e-6, 0)], power=[1.0, 0.3])],
-        "far": [farther, PicturePlane(image, 2e-3)],
+        "far": [farther, PicturePlane(image[:1], 2e-3)],
         "hidden": [farther, Occluder([[0.0, 1.0]], 1e-2, z=-0.5)],
         "channels": [PicturePlane(np.stack([image, image[::-1]], -1), 3e-4, spectra=[red, blue])],
     }[name]
@@ -114,7 +115,8 @@ CASES: dict[str, Any] = {
     "hidden": (lambda d: fast(d, pixels=PixelArray(fill_factor=0.0)), "hidden", {}),
     "white": (lambda d: camera_of(d), "points",
               {"coherence": Coherence(None, Spectrum.lines([500e-9, 600e-9], [1, 2]))}),
-    "colours": (colours, "channels", {"method": "points"}),
+    "colours": (colours, "channels",
+                {"method": "points", "coherence": Coherence(None, wavelengths=2)}),
     "microscope": (microscope, "beads", {}),
     "microscope, integrating": (lambda d: microscope(d, pixels=PixelArray()), "beads", {}),
     "rays": (lambda d: camera_of(d), "list", {"model": "rays"}),
@@ -214,6 +216,9 @@ def test_gradients_by_places(precise: Device, case: str) -> None:
     cotangent = image - 0.5 * image.max() * np.random.default_rng(3).random(image.shape)
     gradient = operator.gradient(points.power, cotangent)
     np.testing.assert_allclose(gradient.values, operator.adjoint(cotangent), rtol=1e-12)
+    found, pull = operator.vjp(points.power)
+    np.testing.assert_allclose(found, image, rtol=1e-12)
+    np.testing.assert_allclose(pull(cotangent).positions, gradient.positions, rtol=1e-12)
     expected = slopes(camera, points, cotangent, **how)
     for axis in range(3):
         assert relative_max(expected[:, axis], gradient.positions[:, axis]) <= 1e-6
@@ -276,17 +281,14 @@ def test_powers_of_points_are_found(device: Device) -> None:
 
 
 def test_the_place_of_a_point_is_found(precise: Device) -> None:
-    """By Gauss and Newton's steps, columns of the Jacobian by gradients against basis images."""
-    from scipy.optimize import minimize
-
     camera = camera_of(precise)
     target = camera.expose(PointSources(POINTS[:1])).to_numpy().astype(np.float64)
     units = np.array([1e-5, 1e-5, 1e-3])
 
     def loss(place: np.ndarray) -> tuple[float, np.ndarray]:
-        operator = ExposureOperator(camera, PointSources(place * units))
-        rest = (operator.forward([1.0]) - target) / target.max()
-        slope = operator.gradient([1.0], 2 * rest / target.max()).positions[0]
+        image, pull = ExposureOperator(camera, PointSources(place * units)).vjp([1.0])
+        rest = (image - target) / target.max()
+        slope = pull(2 * rest / target.max()).positions[0]
         return float((rest**2).sum()), slope * units
 
     start = (POINTS[0] + (1e-5, -1e-5, 2e-3)) / units
@@ -324,5 +326,7 @@ def test_arguments(device: Device) -> None:
     operator = ExposureOperator(camera, points)
     with pytest.raises(ShapeError, match="Gradients take energies of shape"):
         operator.gradient(np.ones(2), np.zeros(operator.out_shape))
+    with pytest.raises(ShapeError, match="cotangent of the raw image's shape"):
+        operator.gradient(points.power, np.zeros((2, 3)))
     with pytest.raises(ShapeError, match="This map takes arrays of shape"):
         operator.forward(np.ones(2))

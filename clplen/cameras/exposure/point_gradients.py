@@ -9,7 +9,7 @@ the steps themselves in the other order. At the main lens dL/dp = sum Re(h de/dp
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from typing import Any
 
@@ -90,7 +90,11 @@ def check_differentiable(optics: WaveOptics) -> None:
 
 
 def point_gradients(
-    optics: WaveOptics, points: PointSources, energies: Values, pictures: Values
+    optics: WaveOptics,
+    points: PointSources,
+    energies: Values,
+    pictures: Values,
+    fields_of: Iterable[PointFields] | None = None,
 ) -> PointGradients:
     """Derivatives of a loss by the energies and the places of points.
 
@@ -102,6 +106,8 @@ def point_gradients(
         Of each point behind each filter, shape (filters, n).
     pictures : numpy.ndarray
         dL/dI of the pixels behind each filter, 0 elsewhere, shape (filters, ny, nx).
+    fields_of : iterable of PointFields, optional
+        Fields of all points that were computed already.
 
     Returns
     -------
@@ -118,7 +124,9 @@ def point_gradients(
     by_energy = np.zeros(energies.shape)
     by_place = np.zeros((len(points), 3))
     pads = optics.padding(points.positions)
-    for fields in point_fields(optics, points, share=SHARE):
+    if fields_of is None:
+        fields_of = point_fields(optics, points, share=SHARE)
+    for fields in fields_of:
         which = fields.which
         by_energy[:, which] = images_of(optics, fields).inner(on_pixels)
         behind = _behind_array(optics, fields, energies[:, which], pictures, pads[1])
@@ -145,6 +153,7 @@ def array_fields(
         energy = energies[:, fields.which]
         behind = _behind_array(optics, fields, energy, pictures, to_sensor)
         before = fields.at_array
+        assert before is not None  # `point_fields` gives it
         if optics.field_lens:
             before = thin_lens(before, optics.array_distance)
         yield before, behind.with_data(_conjugate(behind.data, behind.device))
@@ -200,7 +209,9 @@ def _by_place(
 ) -> Values:
     """dL/d(x, y, dz) of points from h right before the array, shape (n, 3)."""
     device, places = optics.device, points.positions[fields.which]
-    spherical = optics.spherical_waves(places, full_grid=False)
+    spherical = fields.spherical
+    if points.diameter:
+        spherical = optics.spherical_waves(places, full_grid=False)
     grid = spherical.grid
     h = optics.propagator(optics.array_distance, "blas", pad)(h)
     at_lens = h.data

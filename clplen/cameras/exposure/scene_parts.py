@@ -88,6 +88,12 @@ class ScenePart:
         """Of the points and channels, shape (batch, n, channels), of values (batch, size)."""
         return values.reshape(len(values), -1, self.channels)[:, self.places]
 
+    def spread(self, values: Values) -> Values:
+        """Values (n, channels) of the points among all of the member's, raveled, 0 elsewhere."""
+        whole = np.zeros((self.size // self.channels, self.channels))
+        whole[self.places] = values
+        return whole.ravel()
+
     def images(self, line: SceneLine, all_points: int) -> Iterator[SourceImages]:
         """Images of the points at one of the wavelengths, some at a time."""
         if self.route == "microscope":
@@ -96,6 +102,57 @@ class ScenePart:
             return ray_images(line.optics, self.points, rays_of_each(all_points))
         makers = {"points": point_images, "local": local_images}
         return makers[self.route](line.optics, self.points)
+
+
+class SceneImages:
+    """Images of all points of a scene at all wavelengths, which are kept where they fit.
+
+    Parameters
+    ----------
+    parts : tuple of ScenePart
+    memory : int
+        Bytes of images that may be kept; where they take more, they are made anew each time.
+    """
+
+    def __init__(self, parts: tuple[ScenePart, ...], memory: int) -> None:
+        self.parts, self.memory = parts, memory
+        self._kept: list[tuple[int, SceneLine, SourceImages]] | None = None
+
+    def __getstate__(self) -> dict[str, Any]:
+        """Without images on a device, which are made again when needed."""
+        return self.__dict__ | {"_kept": None}
+
+    def __iter__(self) -> Iterator[tuple[int, SceneLine, SourceImages]]:
+        """Parts by their numbers, wavelengths, and images of some of the points."""
+        if self._kept is not None:
+            yield from self._kept
+            return
+        kept: list[tuple[int, SceneLine, SourceImages]] | None = []
+        count, nbytes = sum(len(part.points) for part in self.parts), 0
+        for index, line in self.lines():
+            for images in self.parts[index].images(line, count):
+                nbytes += images.nbytes
+                if kept is not None:
+                    kept = None if nbytes > self.memory else [*kept, (index, line, images)]
+                yield index, line, images
+        self._kept = kept
+
+    def lines(self) -> Iterator[tuple[int, SceneLine]]:
+        """Parts by their numbers, and their wavelengths."""
+        for index, part in enumerate(self.parts):
+            for line in part.lines:
+                yield index, line
+
+    def energies(self, values: Values, index: int) -> Values:
+        """Energies (batch, n, channels) of a part's points, of all values (batch, size)."""
+        first = sum(part.size for part in self.parts[:index])
+        part = self.parts[index]
+        return part.energies(values[:, first : first + part.size])
+
+    @property
+    def nbytes(self) -> int:
+        """Bytes of the images that are kept now."""
+        return sum(images.nbytes for _, _, images in self._kept or [])
 
 
 def wave_parts(

@@ -130,15 +130,18 @@ class PointFields:
     ----------
     which : numpy.ndarray
         Which points, int64, shape (n,).
+    spherical : Field
+        Of the points behind the main lens, without its wavefront.
     energy : numpy.ndarray
         Of each field at the main lens, shape (n,).
     at_array, at_sensor : Field
-        Shape (n, ny, nx): before the field lens and the lenslets, and on the sensor.
+        Shape (n, ny, nx): before the field lens and the lenslets (or None), and on the sensor.
     """
 
     which: Counts
+    spherical: Field
     energy: Values
-    at_array: Field
+    at_array: Field | None
     at_sensor: Field
 
 
@@ -162,11 +165,12 @@ def point_fields(
     optics.device.require_memory((2 * widest + 3 * share) * nbytes * count, "This exposure")
     for start in range(0, len(points), step):
         which = np.arange(start, min(start + step, len(points)))
-        pupil, energy = optics.pupil_and_energy(
-            points.positions[which], points.diameter, full_grid=False
-        )
+        positions = points.positions[which]
+        spherical = optics.spherical_waves(positions, points.diameter, full_grid=False)
+        pupil, energy = optics.bent_and_energy(spherical, optics.image_of(positions)[:, ::-1])
         at_array = optics.array_field(pupil, pad=to_array)
-        yield PointFields(which, energy, at_array, optics.sensor_field(at_array, pad=to_sensor))
+        at_sensor = optics.sensor_field(at_array, pad=to_sensor)
+        yield PointFields(which, spherical, energy, at_array, at_sensor)
 
 
 def images_of(optics: WaveOptics, fields: PointFields) -> DeviceImages:

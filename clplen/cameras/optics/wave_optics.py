@@ -241,7 +241,10 @@ class WaveOptics(FixedOptics):
             As of `pupil`; shape (n,), sums of the squares that all of the aperture would pass.
         """
         spherical = self.spherical_waves(positions, diameter, full_grid)
-        images = self.image_of(positions)[:, ::-1]
+        return self.bent_and_energy(spherical, self.image_of(positions)[:, ::-1])
+
+    def bent_and_energy(self, spherical: Field, images: Values) -> tuple[Field, Values]:
+        """As `pupil_and_energy`, of `spherical_waves` and their images (y, x), shape (n, 2)."""
         if not self.aberrations.vignettes:
             behind = self.behind_main_lens(spherical, images)
             return behind, row_powers(behind).sum(axis=-1)
