@@ -329,9 +329,10 @@ def _source_images(device: Device) -> Pairs:
     yield k * np.array([(q * dx / r).sum(), (q * dy / r).sum()]), got[:2]
     yield k * np.array([(q * by_z).sum()]), got[2:]
     conjugates = twins.waves(5, 1, 6, 9)
-    out = device.empty(conjugates.shape, device.complex)
-    put_cotangents(out, device.upload(conjugates), seen[:1, :6, :9], np.ones((1, 1)), device)
-    yield 2 * conjugates.conj() * seen[:1, :6, :9], device.download(out)
+    back = device.empty(conjugates.shape, device.complex)
+    own = np.ascontiguousarray(seen[:1, :6, :9])
+    put_cotangents(back, device.upload(conjugates), device.upload(own), np.ones((1, 1)), device)
+    yield 2 * conjugates.conj() * own, device.download(back)
 
 
 CHECKS = (

@@ -59,7 +59,7 @@ def test_cotangents_of_intensities(wave: Device) -> None:
     u = (random.normal(size=(3, 7, 9, 2)) @ (1, 1j)).astype(wave.complex)
     pictures, weights = random.normal(size=(2, 7, 9)), random.random((2, 3))
     h = wave.empty(u.shape, wave.complex)
-    put_cotangents(h, wave.upload(u), pictures, weights, wave)
+    put_cotangents(h, wave.upload(u), wave.upload(pictures.astype(wave.real)), weights, wave)
     expected = 2 * u.conj() * np.einsum("fn,fyx->nyx", weights, pictures)
     assert relative_max(expected, wave.download(h)) <= 8 * np.finfo(wave.real).eps
 

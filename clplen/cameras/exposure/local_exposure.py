@@ -223,15 +223,31 @@ def pixel_samples(fields: Field, active: float) -> tuple[cla.Array, PixelSums, f
     pyopencl.array.Array, PixelSums, float
         Samples of the fields, the sums over them, and the factor to the unit of ``fields``.
     """
-    device, (ny, nx) = fields.device, fields.grid.shape
+    device = fields.device
+    sums, _ = sample_sums(active, fields.grid.shape)
     if active == 0:
-        return fields.data, PixelSums((0, 0), 1, 0.0, (0, 0), (ny, nx)), 1.0
-    room, shape = _surround(active, (ny, nx))
+        return fields.data, sums, 1.0
+    room, shape = _surround(active, fields.grid.shape)
     wide = window(fields.data, (*fields.shape[:-2], *shape), device, place=(room, room))
     device.fft.forward(wide, device)
-    first, width = FINER_INTENSITY * room, FINER_INTENSITY * active
-    sums = PixelSums((first, first), FINER_INTENSITY, width, (0, 0), (ny, nx))
     return refined(wide, FINER_INTENSITY, device), sums, float(FINER_INTENSITY**2)
+
+
+def sample_sums(active: float, shape: tuple[int, int]) -> tuple[PixelSums, tuple[int, int]]:
+    """The sums over the samples of `pixel_samples`, and the shape of these.
+
+    Parameters
+    ----------
+    active : float
+    shape : tuple of int
+        (ny, nx) of the sensor.
+    """
+    if active == 0:
+        return PixelSums((0, 0), 1, 0.0, (0, 0), shape), shape
+    room, (ny, nx) = _surround(active, shape)
+    first, width = FINER_INTENSITY * room, FINER_INTENSITY * active
+    sums = PixelSums((first, first), FINER_INTENSITY, width, (0, 0), shape)
+    return sums, (FINER_INTENSITY * ny, FINER_INTENSITY * nx)
 
 
 def transposed_samples(

@@ -16,15 +16,15 @@ from typing import Any
 import numpy as np
 import pyopencl.array as cla
 
-from clplen.cameras.exposure.local_exposure import pixel_samples, transposed_samples
-from clplen.cameras.exposure.source_images import PointFields, images_of, point_fields
+from clplen.cameras.exposure.local_exposure import pixel_samples, sample_sums, transposed_samples
+from clplen.cameras.exposure.source_images import DeviceImages, PointFields, point_fields
 from clplen.cameras.optics.wave_optics import WaveOptics, disc_table
 from clplen.cameras.scenes.scene_sources import PointSources
 from clplen.compute.device import Device
 from clplen.compute.fft.blocks import window
 from clplen.reprs import OneLine
 from clplen.wave.elements.lens import thin_lens
-from clplen.wave.field.field import Field
+from clplen.wave.field.field import Field, Grid
 
 Values = np.ndarray[Any, np.dtype[np.float64]]
 
@@ -119,8 +119,7 @@ def point_gradients(
         If the aberrations have no derivative in closed form.
     """
     check_differentiable(optics)
-    device = optics.device
-    on_pixels = device.upload(np.ascontiguousarray(pictures, device.real))
+    counts = _on_samples(optics, pictures)
     by_energy = np.zeros(energies.shape)
     by_place = np.zeros((len(points), 3))
     pads = optics.padding(points.positions)
@@ -128,8 +127,10 @@ def point_gradients(
         fields_of = point_fields(optics, points, share=SHARE)
     for fields in fields_of:
         which = fields.which
-        by_energy[:, which] = images_of(optics, fields).inner(on_pixels)
-        behind = _behind_array(optics, fields, energies[:, which], pictures, pads[1])
+        samples, _, scale = pixel_samples(fields.at_sensor, _active(optics))
+        by_energy[:, which] = _inner(fields, samples, scale, counts)
+        weights = energies[:, which] * (scale / fields.energy)
+        behind = _behind_array(optics, fields, samples, weights, counts, pads[1])
         lost = (energies[:, which] * by_energy[:, which]).sum(axis=0) / fields.energy
         by_place[which] = _by_place(optics, points, fields, _before(optics, behind), pads[0], lost)
     return PointGradients(by_energy, by_place)
@@ -149,9 +150,11 @@ def array_fields(
         lenslets.
     """
     to_sensor = optics.padding(points.positions)[1]
+    counts = _on_samples(optics, pictures)
     for fields in point_fields(optics, points, share=SHARE):
-        energy = energies[:, fields.which]
-        behind = _behind_array(optics, fields, energy, pictures, to_sensor)
+        samples, _, scale = pixel_samples(fields.at_sensor, _active(optics))
+        weights = energies[:, fields.which] * (scale / fields.energy)
+        behind = _behind_array(optics, fields, samples, weights, counts, to_sensor)
         before = fields.at_array
         assert before is not None  # `point_fields` gives it
         if optics.field_lens:
@@ -159,24 +162,48 @@ def array_fields(
         yield before, behind.with_data(_conjugate(behind.data, behind.device))
 
 
-def _behind_array(
-    optics: WaveOptics, fields: PointFields, energies: Values, pictures: Values, pad: int
-) -> Field:
-    """h right behind the lenslets as thin lenses, of energies shape (filters, n)."""
-    device, field = optics.device, fields.at_sensor
-    active = 0.0 if optics.pixels is None else optics.pixels.active
-    fine, sums, scale = pixel_samples(field, active)
-    shape = (int(fine.shape[-2]), int(fine.shape[-1]))
+def _active(optics: WaveOptics) -> float:
+    return 0.0 if optics.pixels is None else optics.pixels.active
+
+
+def _on_samples(optics: WaveOptics, pictures: Values) -> cla.Array:
+    """What the samples of `pixel_samples` count, of pictures (filters, ny, nx) of the pixels."""
+    device, active = optics.device, _active(optics)
+    sums, shape = sample_sums(active, optics.grid.shape)
     counts = pictures if active == 0 else np.stack([sums.spread(one, shape) for one in pictures])
-    h = device.empty(fine.shape, device.complex)
-    put_cotangents(h, fine, counts, energies * (scale / fields.energy), device)
-    h = transposed_samples(h, active, field.grid.shape, device)
+    return device.upload(np.ascontiguousarray(counts, device.real))
+
+
+def _inner(fields: PointFields, samples: cla.Array, scale: float, counts: cla.Array) -> Values:
+    """Sums over pixels of pictures times images, shape (filters, n)."""
+    device, sensor = fields.at_sensor.device, fields.at_sensor
+    shape = (int(samples.shape[-2]), int(samples.shape[-1]))
+    light = Field(samples, Grid(shape, sensor.grid.pitch), sensor.wavelength, device).intensity()
+    places = np.zeros((len(fields.which), 2), np.int64)
+    shapes = np.tile(shape, (len(fields.which), 1))
+    gains = scale / fields.energy
+    return DeviceImages(fields.which, light.data, gains, places, shapes, device).inner(counts)
+
+
+def _behind_array(
+    optics: WaveOptics,
+    fields: PointFields,
+    samples: cla.Array,
+    weights: Values,
+    counts: cla.Array,
+    pad: int,
+) -> Field:
+    """h right behind the lenslets as thin lenses, of weights (filters, n) of the samples."""
+    device, field = optics.device, fields.at_sensor
+    h = device.empty(samples.shape, device.complex)
+    put_cotangents(h, samples, counts, weights, device)
+    h = transposed_samples(h, _active(optics), field.grid.shape, device)
     back = optics.propagator(optics.sensor_distance, "as", pad)(field.with_data(h))
     return optics.behind_lenslets(back)
 
 
 def put_cotangents(
-    h: cla.Array, fields: cla.Array, pictures: Values, weights: Values, device: Device
+    h: cla.Array, fields: cla.Array, pictures: cla.Array, weights: Values, device: Device
 ) -> None:
     """h[n] = 2 conj(fields[n]) sum_f weights[f, n] pictures[f].
 
@@ -184,16 +211,15 @@ def put_cotangents(
     ----------
     h, fields : pyopencl.array.Array
         Complex, shape (n, ny, nx).
-    pictures : numpy.ndarray
-        Shape (filters, ny, nx).
+    pictures : pyopencl.array.Array
+        Real, shape (filters, ny, nx).
     weights : numpy.ndarray
         Shape (filters, n).
     device : Device
     """
     device.launch_rows(
         device.kernel("source_images.cl", "cotangent", **device.wave_defines()),
-        h.shape, h, fields,
-        *(device.upload(np.ascontiguousarray(v, device.real)) for v in (pictures, weights)),
+        h.shape, h, fields, pictures, device.upload(np.ascontiguousarray(weights, device.real)),
         *(np.int32(n) for n in (*weights.shape, *h.shape[-2:])),
     )  # fmt: skip
 
