@@ -2,6 +2,7 @@
  * Fourier transforms.
  *
  *   refine         out[b, ky, kx]  = in[b, ky', kx'], a spectrum in a larger window, 0 beyond
+ *   coarsen        out[b, ky', kx'] = in[b, ky, kx], the transpose of refine
  *   pattern        z[y, x]         = gain |u[b, y, x]|^2, 0 outside u
  *   comb           c[y, x]         = sum_rs K(y - y_r) K(x - x_rs) w[r, s]
  *   add_product    sum[y, x]      += a[y, x] b[y, x]
@@ -37,6 +38,17 @@ __kernel void refine(__global cplx *restrict out, __global const cplx *restrict 
         const int from_x = narrower(x, nx, in_nx);
         out[row + x] = from_y >= 0 && from_x >= 0 ? in[from + from_x] : (cplx)(0);
     }
+}
+
+__kernel void coarsen(__global cplx *restrict out, __global const cplx *restrict in, const int ny,
+                      const int nx, const int in_ny, const int in_nx)
+{
+    const int y = get_global_id(1);
+    const int b = get_global_id(2);
+    const size_t row = row_start(b, y, ny, nx);
+    const size_t from = row_start(b, y < ny - ny / 2 ? y : y + in_ny - ny, in_ny, in_nx);
+    FOR_X(x, nx)
+        out[row + x] = in[from + (x < nx - nx / 2 ? x : x + in_nx - nx)];
 }
 
 __kernel void pattern(__global cplx *restrict z, __global const cplx *restrict u, const real gain,

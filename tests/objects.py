@@ -184,6 +184,10 @@ EXAMPLES: dict[str, Callable[[Device], Any]] = {
         focal_length=0.05,
         pixel_pitch=1e-5,
     ),
+    "ExposureGradient": lambda _: clplen.cameras.ExposureGradient(np.ones(2), np.eye(2, 3)),
+    "ExposureOperator": lambda device: clplen.cameras.ExposureOperator(
+        camera(device), clplen.PointSources((0.0, 0.0, 0.0))
+    ),
     "PixelArray": lambda _: clplen.cameras.PixelArray(pitch=1.4e-6, fill_factor=0.8),
     "MicrolensArray": lambda _: MLA,
     "Microscope": lambda device: clplen.PlenopticCamera.microscope(**MICROSCOPE, device=device),

@@ -36,7 +36,7 @@ from clplen import (
     thin_lens,
 )
 from clplen.bench import ceilings
-from clplen.cameras import PixelArray, Plane
+from clplen.cameras import ExposureOperator, PixelArray, Plane
 from clplen.cameras.optics.camera_aberrations import Aberrations, LensletScatter
 from clplen.cameras.scenes.scene_sources import PicturePlane
 from clplen.compute.device import Device
@@ -226,7 +226,22 @@ def exposed(device: Device, lattice: str) -> RawImage:
     camera = PlenopticCamera.type1(
         focal_length=0.03, mla=mla, wavelength=WAVELENGTH, pixels_per_lenslet=12, device=device
     )
-    return camera.expose(PointSources([(0, 0, 0), (2e-4, 0, 5e-3)], diameter=1e-5))
+    points = PointSources([(0, 0, 0), (2e-4, 0, 5e-3)], diameter=1e-5)
+    differentiated(camera, points)
+    return camera.expose(points)
+
+
+def differentiated(camera: Any, points: PointSources) -> None:
+    """Every kernel of the adjoint of an exposure, and of its gradients."""
+    bent = camera.with_aberrations(Aberrations(main_lens_field={4: (1e-6, 0)}))
+    integrating = replace(bent, pixels=PixelArray())
+    for one, scene in ((integrating, points), (camera, PointSources((0, 0, 0)))):
+        operator = ExposureOperator(one, scene, method="points")
+        energies = np.ones(operator.in_shape)
+        image = operator.forward(energies)
+        operator.adjoint(image)
+        operator.gradient(energies, image)
+        next(operator.lenslet_fields(energies, image))
 
 
 def windowed(device: Device) -> None:

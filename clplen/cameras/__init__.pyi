@@ -1,4 +1,6 @@
 from .camera_base import scene_energy as scene_energy
+from .exposure.point_gradients import ExposureGradient as ExposureGradient
+from .exposure_operator import ExposureOperator as ExposureOperator
 from .focused_camera import Plenoptic2 as Plenoptic2
 from .light_field_microscope import Microscope as Microscope
 from .optics.camera_aberrations import Aberrations as Aberrations

@@ -12,14 +12,19 @@ so that there is no F and no alpha: a plane has the disparity d = -M^2 z dx/(n f
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from typing import Any, ClassVar
 
 import numpy as np
 import pyopencl.array as cla
 
-from clplen.cameras.exposure.local_exposure import add_windows, batches
+from clplen.cameras.exposure.local_exposure import add_windows, batches, window_samples
+from clplen.cameras.exposure.source_images import (
+    DeviceImages,
+    images_on_patches,
+    window_images,
+)
 from clplen.cameras.optics.lenslet_camera import Kind, lenslet_grid
 from clplen.cameras.optics.microscope_optics import (
     MicroscopeOptics,
@@ -30,6 +35,7 @@ from clplen.cameras.optics.microscope_windows import (
     MicroscopeWindows,
     microscope_window_shape,
 )
+from clplen.cameras.optics.pixel_array import PixelSums
 from clplen.cameras.scenes.scene_sources import PointSources
 from clplen.compute.fft.lines import smooth_length
 from clplen.errors import SamplingError
@@ -214,19 +220,50 @@ class Microscope(MicroscopeOptics):
     ) -> Vector:
         """Energy on pixels that integrate, from a window of its own for each point."""
         total = self.device.zeros(self.grid.shape, self.device.real)
-        shapes = [
-            microscope_window_shape(self, place, points.diameter) for place in points.positions
-        ]
         done = 0
-        for same in batches(shapes, self.device):
-            shape, chosen = shapes[same[0]], points.chosen(same)
-            windows = MicroscopeWindows.of(self, shape, chosen)
-            add_windows(windows, chosen.power, total)
-            transforms.append((3 * len(same), (shape.samples, shape.samples)))
+        for same, windows in self._windows(points):
+            add_windows(windows, points.power[same], total)
+            samples = windows.shape.samples
+            transforms.append((3 * len(same), (samples, samples)))
             done += len(same)
             if progress is not None:
                 progress(done, len(points))
         return self.device.download(total).astype(np.float64)
+
+    def images(self, points: PointSources) -> Iterator[DeviceImages]:
+        """Images of single points on the pixels, without crosstalk, some at a time.
+
+        Parameters
+        ----------
+        points : PointSources
+            Their power does not count: each has the energy 1 in the pupil.
+
+        Yields
+        ------
+        DeviceImages
+        """
+        if self.pixels is not None:
+            for same, windows in self._windows(points):
+                yield window_images(same, windows, *window_samples(windows))
+            return
+        window = self.window(points)
+        first = [(big - n) // 2 for big, n in zip(window.shape, self.grid.shape, strict=True)]
+        middle = PixelSums((first[0], first[1]), 1, 0.0, (0, 0), self.grid.shape)
+        step = self.batch(window)
+        for start in range(0, len(points), step):
+            which = range(start, min(start + step, len(points)))
+            fields = self.sensor_fields(points.chosen(list(which)), window).data
+            yield images_on_patches(
+                which, fields, [middle] * len(which), np.ones(len(which)), self.device
+            )
+
+    def _windows(self, points: PointSources) -> Iterator[tuple[list[int], MicroscopeWindows]]:
+        """Windows of points in batches that travel together, with their indices."""
+        shapes = [
+            microscope_window_shape(self, place, points.diameter) for place in points.positions
+        ]
+        for same in batches(shapes, self.device):
+            yield same, MicroscopeWindows.of(self, shapes[same[0]], points.chosen(same))
 
     def sensor_fields(self, points: PointSources, window: Grid | None = None) -> Field:
         """Fields of points on the sensor, each of energy 1 in the pupil.

@@ -7,7 +7,9 @@ from typing import Any
 import numpy as np
 
 from clplen.cameras.exposure import isoplanatic
+from clplen.cameras.exposure.point_gradients import point_rows, put_cotangents
 from clplen.cameras.exposure.ray_exposure import SAMPLES, sample_rays
+from clplen.cameras.exposure.source_images import DeviceImages
 from clplen.cameras.optics.local_window import LocalWindows, window_shape
 from clplen.cameras.optics.objective import Objective
 from clplen.cameras.optics.pixel_array import PixelSums, pixel_weights
@@ -297,6 +299,42 @@ def _pixels(device: Device) -> Pairs:
     yield expected, device.download(total)
 
 
+def _source_images(device: Device) -> Pairs:
+    """Sums of images on patches, the transpose of these, and how a point's field changes."""
+    images, seen = twins.reals(1, 3, 5, 7), twins.reals(2, 2, 11, 13)
+    energies, gains = twins.reals(3, 2, 3).astype(float), np.array([0.5, 2.0, 1.5])
+    places, shapes = np.array([(1, 2), (1, 2), (6, 6)]), np.array([(5, 7), (5, 7), (4, 6)])
+    source = DeviceImages(np.arange(3), device.upload(images), gains, places, shapes, device)
+    whole = np.zeros((3, 11, 13))
+    for image, gain, out, (y, x), (down, across) in zip(
+        images, gains, whole, places, shapes, strict=True
+    ):
+        out[y : y + down, x : x + across] = gain * image[:down, :across]
+    totals = device.upload(seen)
+    source.add(totals, energies)
+    yield seen + np.einsum("bn,nyx->byx", energies, whole), device.download(totals)
+    yield np.einsum("byx,nyx->bn", seen, whole), source.inner(device.upload(seen))
+    optics = PlenopticCamera.type1(
+        focal_length=0.12, mla=MicrolensArray(150e-6, 10e-3, count=5), wavelength=LAM,
+        pixels_per_lenslet=8, aperture_diameter=0.5e-3, device=device,
+    ).optics  # fmt: skip
+    point = np.array([(3e-3, -2e-3, -0.05)])
+    e0 = optics.spherical_waves(point, full_grid=False)
+    h = twins.waves(4, *e0.shape)
+    got = point_rows(optics, e0, device.upload(h), point, 0.0, np.zeros(1))[0, :3]
+    dy, dx, z = e0.grid.y[:, None] + 2e-3, e0.grid.x - 3e-3, optics.object_distance - 0.05
+    r, q = np.sqrt(dy**2 + dx**2 + z**2), (h.astype(complex) * e0.to_numpy())[0].imag
+    by_z = (dy**2 + dx**2) / (r * (r + z))
+    k = 2 * np.pi / LAM
+    yield k * np.array([(q * dx / r).sum(), (q * dy / r).sum()]), got[:2]
+    yield k * np.array([(q * by_z).sum()]), got[2:]
+    conjugates = twins.waves(5, 1, 6, 9)
+    back = device.empty(conjugates.shape, device.complex)
+    own = np.ascontiguousarray(seen[:1, :6, :9])
+    put_cotangents(back, device.upload(conjugates), device.upload(own), np.ones((1, 1)), device)
+    yield 2 * conjugates.conj() * own, device.download(back)
+
+
 CHECKS = (
     Check("aperture", "covered share of each cell by a disc", _aperture, STRIPS,
           ("aperture.cl", "coverage.cl")),
@@ -311,6 +349,8 @@ CHECKS = (
     Check("local window", "a point's light about its chief ray", _local_window, 1e-3,
           ("local_window.cl", "rim_weights.cl", "disc_pattern.cl")),
     Check("pixels", "intensities integrated over pixels", _pixels, 1e-5, ("pixels.cl",)),
+    Check("source images", "sums of images, their transpose, slopes", _source_images, 3e-5,
+          ("source_images.cl",)),
     Check("source", "point sources in a lens", _point_sources, STRIPS, ("source.cl",)),
     Check("objective", "points behind a microscope's objective", _objective, 1e-5,
           ("objective.cl",)),

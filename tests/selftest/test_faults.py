@@ -100,6 +100,7 @@ FAULTS = {
     "smooth.cl": ("w += radius + LINES - 1", "w += radius + LINES - 2"),
     "sommerfeld.cl": ("(cplx)(near, -1)", "(cplx)(near, 1)"),
     "source.cl": ("fabs(xs[x]) - hx < R", "fabs(xs[x]) - hx < R / 2"),
+    "source_images.cl": ("keep(dy * (turned", "keep(dx * (turned"),
     "spectral_filter.cl": ("re = re.sfedcba9876543210;", ""),
     "spans.cl": ("p <= span.y", "p < span.y"),
     "sphere.cl": ("tr *= per_z / root;", "tr *= per_z;"),

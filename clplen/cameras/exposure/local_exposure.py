@@ -101,8 +101,28 @@ def add_local(
         If the windows do not fit the device.
     """
     energies = points.power if energies is None else energies
-    shapes = [_shape(optics, position, points.diameter) for position in points.positions]
     done, transforms = 0, []
+    for same, windows, region in window_batches(optics, points):
+        add_windows(windows, energies[same], total, region)
+        del region  # its memory, before the next one is made
+        transforms.append((3 * len(same), (windows.shape.samples, windows.shape.samples)))
+        done += len(same)
+        if progress is not None:
+            progress(done, len(points))
+    return Exposure("local", _merged(transforms), 0.0)
+
+
+def window_batches(
+    optics: WaveOptics, points: PointSources
+) -> Iterator[tuple[list[int], LocalWindows, Region | None]]:
+    """Windows of points in batches that travel together: indices, windows, and the array there.
+
+    Raises
+    ------
+    DeviceError
+        If the windows do not fit the device.
+    """
+    shapes = [_shape(optics, position, points.diameter) for position in points.positions]
     together = list(batches(shapes, optics.device))
     region: Region | None = None
     for number, same in enumerate(together):
@@ -111,12 +131,7 @@ def add_local(
         if region is None or not region.holds(shape, windows.centres):
             region = None  # its memory first
             region = _region(optics, points, shapes, together[number:])
-        add_windows(windows, energies[same], total, region)
-        transforms.append((3 * len(same), (shape.samples, shape.samples)))
-        done += len(same)
-        if progress is not None:
-            progress(done, len(points))
-    return Exposure("local", _merged(transforms), 0.0)
+        yield same, windows, region
 
 
 def _region(
@@ -188,22 +203,89 @@ def add_integrated(total: cla.Array, fields: Field, weights: Any, active: float)
     active : float
         Side of the active square over the pitch; 0 takes the intensity in its middle.
     """
-    device, (ny, nx) = fields.device, fields.grid.shape
+    fine, sums, scale = pixel_samples(fields, active)
+    for number, weight in enumerate(np.atleast_1d(weights)):
+        sums.put(total, fine, number, scale * weight, fields.device)
+
+
+def pixel_samples(fields: Field, active: float) -> tuple[cla.Array, PixelSums, float]:
+    """Fields sampled so finely that pixels integrate their intensity.
+
+    Parameters
+    ----------
+    fields : Field
+        Shape (n, ny, nx), on the sensor's samples.
+    active : float
+        Side of the active square over the pitch; 0 takes the intensity in its middle.
+
+    Returns
+    -------
+    pyopencl.array.Array, PixelSums, float
+        Samples of the fields, the sums over them, and the factor to the unit of ``fields``.
+    """
+    device = fields.device
+    sums, _ = sample_sums(active, fields.grid.shape)
     if active == 0:
-        each = PixelSums((0, 0), 1, 0.0, (0, 0), (ny, nx))
-        for number, weight in enumerate(np.atleast_1d(weights)):
-            each.put(total, fields.data, number, weight, device)
-        return
-    reach = len(pixel_weights(FINER_INTENSITY * active)) // 2
-    room = -(-reach // FINER_INTENSITY)
-    shape = tuple(smooth_length(n + 2 * room) for n in (ny, nx))
+        return fields.data, sums, 1.0
+    room, shape = _surround(active, fields.grid.shape)
     wide = window(fields.data, (*fields.shape[:-2], *shape), device, place=(room, room))
     device.fft.forward(wide, device)
-    fine = refined(wide, FINER_INTENSITY, device)
-    first = FINER_INTENSITY * room
-    sums = PixelSums((first, first), FINER_INTENSITY, FINER_INTENSITY * active, (0, 0), (ny, nx))
-    for number, weight in enumerate(np.atleast_1d(weights)):
-        sums.put(total, fine, number, FINER_INTENSITY**2 * weight, device)
+    return refined(wide, FINER_INTENSITY, device), sums, float(FINER_INTENSITY**2)
+
+
+def sample_sums(active: float, shape: tuple[int, int]) -> tuple[PixelSums, tuple[int, int]]:
+    """The sums over the samples of `pixel_samples`, and the shape of these.
+
+    Parameters
+    ----------
+    active : float
+    shape : tuple of int
+        (ny, nx) of the sensor.
+    """
+    if active == 0:
+        return PixelSums((0, 0), 1, 0.0, (0, 0), shape), shape
+    room, (ny, nx) = _surround(active, shape)
+    first, width = FINER_INTENSITY * room, FINER_INTENSITY * active
+    sums = PixelSums((first, first), FINER_INTENSITY, width, (0, 0), shape)
+    return sums, (FINER_INTENSITY * ny, FINER_INTENSITY * nx)
+
+
+def transposed_samples(
+    fine: cla.Array, active: float, shape: tuple[int, int], device: Device
+) -> cla.Array:
+    """The transpose of the fine samples of `pixel_samples` as a map of the fields.
+
+    Parameters
+    ----------
+    fine : pyopencl.array.Array
+        Complex, of the shape of those samples; changed.
+    active : float
+    shape : tuple of int
+        (ny, nx) of the sensor.
+    device : Device
+
+    Returns
+    -------
+    pyopencl.array.Array
+        Complex, shape (n, ny, nx).
+    """
+    if active == 0:
+        return fine
+    room, wide = _surround(active, shape)
+    device.fft.inverse(fine, device)
+    out = device.empty((*fine.shape[:-2], *wide), device.complex)
+    kernel = device.kernel("patterns.cl", "coarsen", **device.wave_defines())
+    device.launch_rows(kernel, out.shape, out, fine, *map(np.int32, (*wide, *fine.shape[-2:])))
+    device.fft.forward(out, device)
+    return window(out, (*fine.shape[:-2], *shape), device, place=(-room, -room))
+
+
+def _surround(active: float, shape: tuple[int, int]) -> tuple[int, tuple[int, int]]:
+    """Samples beside the sensor that its pixels' sums take in, and the window with them."""
+    reach = len(pixel_weights(FINER_INTENSITY * active)) // 2
+    room = -(-reach // FINER_INTENSITY)
+    ny, nx = (smooth_length(n + 2 * room) for n in shape)
+    return room, (ny, nx)
 
 
 def _shape(optics: WaveOptics, position: Any, diameter: float) -> WindowShape:
@@ -228,15 +310,35 @@ def add_windows(
     region : Region, optional
         Of the array, which holds the windows.
     """
+    fields, sums = window_samples(windows, region)
+    for number, (pixels, gain) in enumerate(sums):
+        pixels.put(total, fields, number, gain * power[number], windows.optics.device)
+
+
+def window_samples(
+    windows: Windows, region: Region | None = None
+) -> tuple[cla.Array, list[tuple[PixelSums, float]]]:
+    """Fields of windows on the sensor, and the pixels that they fill.
+
+    Parameters
+    ----------
+    windows : Windows
+    region : Region, optional
+        Of the array, which holds the windows.
+
+    Returns
+    -------
+    pyopencl.array.Array, list of (PixelSums, float)
+        Complex, shape (n, samples, samples); for each the sums over pixels and the factor to a
+        point's energy 1.
+    """
     optics, device = windows.optics, windows.optics.device
     active = 0.0 if optics.pixels is None else optics.pixels.active
     fields = windows.array_fields()
     fields = windows.sensor_spectra(windows.behind_array(fields, region))
     more = FINER_INTENSITY if active and windows.shape.rim is None else 1
     fields = refined(fields, more, device)
-    for number in range(len(power)):
-        sums, gain = _sums(windows, number, more, active)
-        sums.put(total, fields, number, gain * power[number], device)
+    return fields, [_sums(windows, n, more, active) for n in range(len(windows.energy))]
 
 
 def refined(spectra: cla.Array, more: int, device: Device) -> cla.Array:

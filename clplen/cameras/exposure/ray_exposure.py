@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -26,6 +26,7 @@ from clplen.lightfield.raw.lenslet_grid import LensletGrid
 from clplen.lightfield.raw.raw_image import RawImage
 
 Vector = np.ndarray[Any, np.dtype[np.float64]]
+Counts = np.ndarray[Any, np.dtype[np.int64]]
 
 SAMPLES = 64  # rays of a pixel and a lenslet
 MOST_RAYS = 2**16  # of one point
@@ -78,10 +79,12 @@ def expose_rays(optics: RayOptics, scene: SurfaceScene | Sequence[Source]) -> Ra
     points = [s if isinstance(s, PointSources) else s.points() for s in scene]
     for source in points:
         check_in_view(optics, source.positions)
-    share = ALL_RAYS // max(1, sum(len(source) for source in points))
-    count = min(MOST_RAYS, max(LEAST_RAYS, share))
+    count = rays_of_each(sum(len(source) for source in points))
     for source in points:
-        _add_points(image, optics, source, count)
+        for rays in point_rays(optics, source, count):
+            energy = source.power[rays.which, None] * rays.shares
+            hit = rays.pixels >= 0
+            image += np.bincount(rays.pixels[hit], energy[hit], image.size).reshape(image.shape)
     return raw_image(optics, optics.device.upload(image.astype(np.float32)), paraxial=True)
 
 
@@ -232,8 +235,40 @@ def _pixel_tables(optics: RayOptics, grid: LensletGrid) -> tuple[cla.Array, ...]
 # Points: rays from each of them to the sensor
 
 
-def _add_points(image: Vector, optics: RayOptics, source: PointSources, count: int) -> None:
-    """Add the rays of points, ``count`` each, to an image."""
+def rays_of_each(points: int) -> int:
+    """How many rays each of the points of a scene sends."""
+    return min(MOST_RAYS, max(LEAST_RAYS, ALL_RAYS // max(1, points)))
+
+
+@dataclass(frozen=True, eq=False)
+class Rays:
+    """Rays of some points and where they meet the sensor.
+
+    Attributes
+    ----------
+    which : numpy.ndarray
+        Which points, int64, shape (n,).
+    pixels : numpy.ndarray
+        Of the sensor, row by row, -1 for rays that meet none, int64, shape (n, count).
+    shares : numpy.ndarray
+        Of the point's energy that each carries, shape (n, count).
+    """
+
+    which: Counts
+    pixels: Counts
+    shares: Vector
+
+
+def point_rays(optics: RayOptics, source: PointSources, count: int) -> Iterator[Rays]:
+    """The rays of points in batches.
+
+    Parameters
+    ----------
+    optics : RayOptics
+    source : PointSources
+    count : int
+        Rays of each.
+    """
     spread = _spread(count, 4)
     turns = _spread(len(source), 4)
     places = optics.on_array(source.positions)[:, ::-1]  # (y, x)
@@ -250,9 +285,9 @@ def _add_points(image: Vector, optics: RayOptics, source: PointSources, count: i
         moved = _disc(sample[..., 2:]) * (source.diameter / 2 * scale[part])[:, None, None]
         x = places[part, None] + moved + u * (1 - beta[part])[:, None, None]
         x += optics.array_distance * wavefront.slopes
-        energy = np.broadcast_to((source.power[part] / count)[:, None], u.shape[:2])
-        energy = energy * wavefront.passed
-        _deposit(image, optics, x.reshape(-1, 2), u.reshape(-1, 2), energy.ravel())
+        shares = np.broadcast_to(wavefront.passed, u.shape[:2]) / count
+        pixels = _pixels(optics, x.reshape(-1, 2), u.reshape(-1, 2)).reshape(u.shape[:2])
+        yield Rays(np.arange(len(source))[part], pixels, shares)
 
 
 @dataclass(frozen=True)
@@ -298,8 +333,8 @@ def _main_lens(optics: RayOptics, on_disc: Vector, images: Vector) -> _MainLens:
     return _MainLens(np.stack(found), np.array(centres), passed)
 
 
-def _deposit(image: Vector, optics: RayOptics, x: Vector, u: Vector, energy: Vector) -> None:
-    """Add rays from u on the lens to x on the array to the pixels that they meet, in place."""
+def _pixels(optics: RayOptics, x: Vector, u: Vector) -> Counts:
+    """Pixels that rays from u on the lens to x on the array meet, -1 for none, shape (n,)."""
     bend, passes = _lenslet_bend(optics, x)
     slope = ((0.0 if optics.field_lens else x) - u) / optics.array_distance
     at = x + optics.sensor_distance * (slope + bend)
@@ -307,8 +342,7 @@ def _deposit(image: Vector, optics: RayOptics, x: Vector, u: Vector, energy: Vec
     place = np.rint((at - optics.grid.origin) / optics.grid.pitch).astype(np.int64)
     place += (ny // 2, nx // 2)
     passes &= ((place >= 0) & (place < (ny, nx))).all(axis=-1)
-    index = place[passes] @ (nx, 1)
-    image += np.bincount(index, energy[passes], ny * nx).reshape(ny, nx)
+    return np.where(passes, place @ (nx, 1), -1)
 
 
 def _lenslet_bend(optics: RayOptics, x: Vector) -> tuple[Vector, Any]:

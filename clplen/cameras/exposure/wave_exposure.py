@@ -168,15 +168,15 @@ def expose_waves(
             "leave pixels= of the camera out, with pixels that sample the light, or use "
             "mode='emission'."
         )
-    _check_occluders(optics, method, has_slides=bool(slides))
-    local = _is_local(optics, method)
+    check_occluders(optics, method, has_slides=bool(slides))
+    local = is_local(optics, method)
     for source in (*slides, *plain):
         for colour in colours:
-            _check_positions(colour, source, local=local, slide=source in slides)
+            check_positions(colour, source, local=local, slide=source in slides)
     for source, parts in spectral:
         for end in (parts[0], parts[-1]):  # the longest and the shortest wavelength
             colour = replace(optics, wavelength=end.wavelength)
-            _check_positions(colour, source, local=local, slide=False)
+            check_positions(colour, source, local=local, slide=False)
     total: cla.Array | None = None
     reports = []
     for number, slide in enumerate(slides):
@@ -207,7 +207,7 @@ def expose_waves(
     return replace(raw_image(optics, data), exposure=report)
 
 
-def _check_occluders(optics: WaveOptics, method: Method, *, has_slides: bool) -> None:
+def check_occluders(optics: WaveOptics, method: Method, *, has_slides: bool) -> None:
     """Refuse screens that no lens sees, and ways of the light that know none."""
     if optics.occluders and (has_slides or method not in ("auto", "local")):
         way = "slides" if has_slides else f"method={method!r}"
@@ -223,7 +223,7 @@ def _check_occluders(optics: WaveOptics, method: Method, *, has_slides: bool) ->
             )
 
 
-def _check_positions(optics: WaveOptics, source: Source, *, local: bool, slide: bool) -> None:
+def check_positions(optics: WaveOptics, source: Source, *, local: bool, slide: bool) -> None:
     """Refuse points that the camera cannot show at its wavelength."""
     points = source if isinstance(source, PointSources) else source.corners()
     check_in_view(optics, points.positions)
@@ -260,7 +260,7 @@ def _emit(
             reports.append(_add_picture(optics, source, plan, total, progress))
         else:
             points = source if isinstance(source, PointSources) else source.points()
-            add = add_local if _is_local(optics, method) else _add_points
+            add = add_local if is_local(optics, method) else _add_points
             reports.append(add(optics, points, total, progress))
     optics.device.finish()
     return total, _joined(reports)
@@ -284,7 +284,7 @@ def _add_line(
             return _add_channels(optics, source, line, total, method, progress)
         points = source.points()
         powers = source.image.reshape(source.energy.size, -1)[source.energy.ravel() > 0]
-    add = add_local if _is_local(optics, method) else _add_points
+    add = add_local if is_local(optics, method) else _add_points
     return add(optics, points, total, progress, energies_by_pixel(filters, powers, line))
 
 
@@ -314,7 +314,7 @@ def _add_channels(
     return _joined(reports)
 
 
-def _is_local(optics: WaveOptics, method: Method) -> bool:
+def is_local(optics: WaveOptics, method: Method) -> bool:
     """Whether points have windows of their own."""
     own = optics.pixels is not None or bool(optics.occluders)
     return method == "local" or (method == "auto" and own)
@@ -331,7 +331,7 @@ def _layout(optics: WaveOptics, source: Source, method: Method) -> Layout | None
         return None
     plan = layout(optics, source)
     count = int(np.count_nonzero(source.image))
-    transforms = local_transforms if _is_local(optics, method) else _point_transforms
+    transforms = local_transforms if is_local(optics, method) else _point_transforms
     exact = _operations(transforms(optics, source.corners(), count))
     saved = exact > max(AFFORDABLE, WORTH * _operations(plan.transforms(optics.grid.shape)))
     return plan if saved or method == "isoplanatic" else None
@@ -383,7 +383,7 @@ def _add_points(
     energies = points.power if energies is None else energies
     to_array, to_sensor = optics.padding(points.positions)
     widest = max(to_array, to_sensor) ** 2
-    step = _batch(optics, widest)
+    step = batch_size(optics, widest)
     field_bytes = math.prod(optics.grid.shape) * optics.device.complex.itemsize
     optics.device.require_memory(
         (2 * widest + 2) * field_bytes * min(step, len(points)), "This exposure"
@@ -405,7 +405,7 @@ def _add_points(
     return Exposure("points", _point_transforms(optics, points, len(points)), 0.0)
 
 
-def _batch(optics: WaveOptics, widest: int) -> int:
+def batch_size(optics: WaveOptics, widest: int) -> int:
     field_bytes = math.prod(optics.grid.shape) * optics.device.complex.itemsize
     return max(1, int(BATCH_BYTES / (field_bytes * widest)))
 
@@ -418,7 +418,7 @@ def _add_picture(
     progress: Progress | None,
 ) -> Exposure:
     """A picture from its patterns, its error from its probes' two images."""
-    step = _batch(optics, max(*plan.padding, plan.finer) ** 2)
+    step = batch_size(optics, max(*plan.padding, plan.finer) ** 2)
     optics.device.require_memory(plan.memory(optics, step), "This exposure")
     chosen = _probes(plane, plan)
     probes = np.zeros(plane.image.shape)

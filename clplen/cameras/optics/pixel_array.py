@@ -163,10 +163,30 @@ class PixelArray(OneLine):
         """
         if self.crosstalk is None:
             return image
-        from scipy import ndimage  # a slow import
+        return _correlated(image, np.asarray(self.crosstalk)[::-1, ::-1])
 
-        kernel = np.asarray(self.crosstalk)[::-1, ::-1]
-        return np.asarray(ndimage.correlate(image, kernel, mode="constant"))
+    def read_adjoint(self, image: Values) -> Values:
+        """The transpose of `read`: what of an image each pixel without crosstalk has a share in.
+
+        Parameters
+        ----------
+        image : numpy.ndarray
+            Shape (ny, nx).
+
+        Returns
+        -------
+        numpy.ndarray
+            Of the same shape.
+        """
+        if self.crosstalk is None:
+            return image
+        return _correlated(image, np.asarray(self.crosstalk))
+
+
+def _correlated(image: Values, kernel: Values) -> Values:
+    from scipy import ndimage  # a slow import
+
+    return np.asarray(ndimage.correlate(image, kernel, mode="constant"))
 
 
 def _shares(crosstalk: Any) -> tuple[tuple[float, ...], ...]:
@@ -291,3 +311,30 @@ class PixelSums:
             device.upload(tile),
             *(np.int32(n) for n in (*tile.shape, *self.place, total.shape[-1], down, across)),
         )  # fmt: skip
+
+    def spread(self, image: Values, shape: tuple[int, int]) -> Values:
+        """The transpose of `put` as a map of abs(U)^2, with gain 1.
+
+        Parameters
+        ----------
+        image : numpy.ndarray
+            Shape of the sensor.
+        shape : tuple of int
+            (ny, nx) of the field.
+
+        Returns
+        -------
+        numpy.ndarray
+            What each sample of abs(U)^2 counts, float64, of that shape.
+        """
+        weights, (down, across) = pixel_weights(self.width), self.shape
+        y, x = self.place
+        found = np.asarray(image, np.float64)[y : y + down, x : x + across]
+        for axis in (0, 1):
+            along = np.moveaxis(found, axis, 0)
+            wide = np.zeros((shape[axis], *along.shape[1:]))
+            first = self.first[axis] - len(weights) // 2
+            for j, weight in enumerate(weights):
+                wide[first + j :: self.step][: self.shape[axis]] += weight * along
+            found = np.moveaxis(wide, 0, axis)
+        return np.ascontiguousarray(found)

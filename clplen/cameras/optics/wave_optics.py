@@ -226,7 +226,7 @@ class WaveOptics(FixedOptics):
             Shape (n, ny, nx); not normalised.
         """
         images = self.image_of(positions)[:, ::-1]
-        return self.behind_main_lens(self._spherical(positions, diameter, full_grid), images)
+        return self.behind_main_lens(self.spherical_waves(positions, diameter, full_grid), images)
 
     def pupil_and_energy(
         self, positions: Values, diameter: float = 0.0, *, full_grid: bool = True
@@ -240,16 +240,21 @@ class WaveOptics(FixedOptics):
         Field, numpy.ndarray
             As of `pupil`; shape (n,), sums of the squares that all of the aperture would pass.
         """
-        spherical = self._spherical(positions, diameter, full_grid)
-        images = self.image_of(positions)[:, ::-1]
+        spherical = self.spherical_waves(positions, diameter, full_grid)
+        return self.bent_and_energy(spherical, self.image_of(positions)[:, ::-1])
+
+    def bent_and_energy(self, spherical: Field, images: Values) -> tuple[Field, Values]:
+        """As `pupil_and_energy`, of `spherical_waves` and their images (y, x), shape (n, 2)."""
         if not self.aberrations.vignettes:
             behind = self.behind_main_lens(spherical, images)
             return behind, row_powers(behind).sum(axis=-1)
         bent = self._bent(spherical, images)
         return self._vignetted(bent, images), row_powers(bent).sum(axis=-1)
 
-    def _spherical(self, positions: Values, diameter: float, full_grid: bool) -> Field:
-        """Fields of points behind the main lens without its wavefront."""
+    def spherical_waves(
+        self, positions: Values, diameter: float = 0.0, full_grid: bool = True
+    ) -> Field:
+        """Fields of points behind the main lens without its wavefront; as `pupil`."""
         return pupil_fields(
             positions,
             diameter,
@@ -295,7 +300,7 @@ class WaveOptics(FixedOptics):
         """
         if self.field_lens:
             at_array = thin_lens(at_array, self.array_distance)
-        behind = self._behind_lenslets(self.mla.apply(at_array))
+        behind = self.behind_lenslets(self.mla.apply(at_array))
         return self.propagator(self.sensor_distance, "as", pad)(behind)
 
     def padding(self, positions: Values) -> tuple[int, int]:
@@ -462,12 +467,20 @@ class WaveOptics(FixedOptics):
             return self._times(pupil, None, "wavefront", lambda y, x: self._plate(pupil, y, x))
         if self.aberrations.main_lens_opd is not None:
             return self._times(pupil, images, "wavefront", lambda y, x: self._plate(pupil, y, x))
-        middle = self._turns(pupil, 0.0, 0.0)
-        down, right = (self._turns(pupil, *image) - middle for image in ((1.0, 0.0), (0.0, 1.0)))
+        middle, down, right = self.field_turns(pupil)
         dtype = pupil.device.complex
         return self._times(
             pupil, images, "", lambda y, x: phasor(middle + y * down + x * right, dtype)
         )
+
+    def field_turns(self, pupil: Field) -> tuple[Values, Values, Values]:
+        """The wavefront by Zernike terms of a point on the axis, in turns, and what it gains.
+
+        By a metre of the image along y, and along x.
+        """
+        middle = self._turns(pupil, 0.0, 0.0)
+        down, right = (self._turns(pupil, *image) - middle for image in ((1.0, 0.0), (0.0, 1.0)))
+        return middle, down, right
 
     def _vignetted(self, pupil: Field, images: Values | None) -> Field:
         """Fields behind the main lens less the light that OPD maps keep back."""
@@ -552,7 +565,7 @@ class WaveOptics(FixedOptics):
         ideal = self.mla.transmission(grid, self.wavelength, self.device, rim=rim)
         if not self.aberrations.bends_lenslets:
             return ideal
-        return self._behind_lenslets(Field(ideal, grid, self.wavelength, self.device)).data
+        return self.behind_lenslets(Field(ideal, grid, self.wavelength, self.device)).data
 
     def _plate(self, pupil: Field, y: float, x: float) -> Values:
         """exp(2 pi i W/lam) for an image at (y, x), 0 beyond a pupil that is shifted."""
@@ -588,7 +601,7 @@ class WaveOptics(FixedOptics):
         rows, columns = np.nonzero(near[0][:, None] ** 2 + near[1] ** 2 < reach**2)
         return rows, columns, y[rows] / radius, x[columns] / radius
 
-    def _behind_lenslets(self, field: Field) -> Field:
+    def behind_lenslets(self, field: Field) -> Field:
         """Fields right behind the array with what its lenslets depart by from thin lenses.
 
         Parameters

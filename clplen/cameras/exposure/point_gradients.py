@@ -1,0 +1,313 @@
+"""Light that runs back through a camera: how a raw image changes with the places of points.
+
+A loss L of the raw image has the derivatives Y = dL/dI by its pixels. Of a point of energy p with
+the field u on the sensor, from e behind the main lens, the light h = 2 p Y conj(u) runs back by the
+transposed steps: free space between equal windows and all plates are symmetric, so that these are
+the steps themselves in the other order. At the main lens dL/dp = sum Re(h de/dp), e in closed form.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Iterator
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import pyopencl.array as cla
+
+from clplen.cameras.exposure.local_exposure import pixel_samples, sample_sums, transposed_samples
+from clplen.cameras.exposure.source_images import DeviceImages, PointFields, point_fields
+from clplen.cameras.optics.wave_optics import WaveOptics, disc_table
+from clplen.cameras.scenes.scene_sources import PointSources
+from clplen.compute.device import Device
+from clplen.compute.fft.blocks import window
+from clplen.reprs import OneLine
+from clplen.wave.elements.lens import thin_lens
+from clplen.wave.field.field import Field, Grid
+
+Values = np.ndarray[Any, np.dtype[np.float64]]
+
+SHARE = 2  # fields that are kept beside those of an exposure
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class ExposureGradient(OneLine):
+    """Derivatives of a loss of a raw image by what a scene is made of.
+
+    Attributes
+    ----------
+    values : numpy.ndarray
+        By the energies, shape of the operator's ``in_shape``: its adjoint of the cotangent.
+    positions : numpy.ndarray
+        By (x, y, dz) of every point, a metre, float64, shape (n, 3). Points are in the order of
+        ``operator.positions``.
+
+    Examples
+    --------
+    >>> camera = clplen.PlenopticCamera.type1(
+    ...     focal_length=0.12, mla=clplen.MicrolensArray(150e-6, 10e-3, count=5),
+    ...     wavelength=532e-9, pixels_per_lenslet=15, aperture_diameter=0.5e-3)
+    >>> operator = clplen.cameras.ExposureOperator(camera, clplen.PointSources((0, 0, -1e-3)))
+    >>> image = operator.forward([1.0])
+    >>> gradient = operator.gradient([1.0], 2 * image)  # of the sum of the squares
+    >>> gradient.values.shape, gradient.positions.shape
+    ((1,), (1, 3))
+    """
+
+    values: Values
+    positions: Values
+
+
+@dataclass(frozen=True, eq=False)
+class PointGradients:
+    """Derivatives by the energies and the places of points.
+
+    Attributes
+    ----------
+    energies : numpy.ndarray
+        By the energy of each point behind each filter, shape (filters, n).
+    positions : numpy.ndarray
+        By (x, y, dz), a metre, shape (n, 3).
+    """
+
+    energies: Values
+    positions: Values
+
+
+def check_differentiable(optics: WaveOptics) -> None:
+    """Refuse cameras whose field of a point has no derivative in closed form.
+
+    Raises
+    ------
+    ValueError
+    """
+    if optics.aberrations.varies and optics.aberrations.main_lens_opd is not None:
+        raise ValueError(
+            "Gradients by places know no OPD maps that change over the field: give a camera whose "
+            "main_lens_opd is the same everywhere, or Zernike terms."
+        )
+
+
+def point_gradients(
+    optics: WaveOptics,
+    points: PointSources,
+    energies: Values,
+    pictures: Values,
+    fields_of: Iterable[PointFields] | None = None,
+) -> PointGradients:
+    """Derivatives of a loss by the energies and the places of points.
+
+    Parameters
+    ----------
+    optics : WaveOptics
+    points : PointSources
+    energies : numpy.ndarray
+        Of each point behind each filter, shape (filters, n).
+    pictures : numpy.ndarray
+        dL/dI of the pixels behind each filter, 0 elsewhere, shape (filters, ny, nx).
+    fields_of : iterable of PointFields, optional
+        Fields of all points that were computed already.
+
+    Returns
+    -------
+    PointGradients
+
+    Raises
+    ------
+    ValueError
+        If the aberrations have no derivative in closed form.
+    """
+    check_differentiable(optics)
+    counts = _on_samples(optics, pictures)
+    by_energy = np.zeros(energies.shape)
+    by_place = np.zeros((len(points), 3))
+    pads = optics.padding(points.positions)
+    if fields_of is None:
+        fields_of = point_fields(optics, points, share=SHARE)
+    for fields in fields_of:
+        which = fields.which
+        samples, _, scale = pixel_samples(fields.at_sensor, _active(optics))
+        by_energy[:, which] = _inner(fields, samples, scale, counts)
+        weights = energies[:, which] * (scale / fields.energy)
+        behind = _behind_array(optics, fields, samples, weights, counts, pads[1])
+        lost = (energies[:, which] * by_energy[:, which]).sum(axis=0) / fields.energy
+        by_place[which] = _by_place(optics, points, fields, _before(optics, behind), pads[0], lost)
+    return PointGradients(by_energy, by_place)
+
+
+def array_fields(
+    optics: WaveOptics, points: PointSources, energies: Values, pictures: Values
+) -> Iterator[tuple[Field, Field]]:
+    """Fields right before the lenslets, and the gradients of a loss by those right behind them.
+
+    Parameters are those of `point_gradients`.
+
+    Yields
+    ------
+    tuple of Field
+        Shape (n, ny, nx) both: u of some of the points, and dL/dRe u + i dL/dIm u behind ideal
+        lenslets.
+    """
+    to_sensor = optics.padding(points.positions)[1]
+    counts = _on_samples(optics, pictures)
+    for fields in point_fields(optics, points, share=SHARE):
+        samples, _, scale = pixel_samples(fields.at_sensor, _active(optics))
+        weights = energies[:, fields.which] * (scale / fields.energy)
+        behind = _behind_array(optics, fields, samples, weights, counts, to_sensor)
+        before = fields.at_array
+        assert before is not None  # `point_fields` gives it
+        if optics.field_lens:
+            before = thin_lens(before, optics.array_distance)
+        yield before, behind.with_data(_conjugate(behind.data, behind.device))
+
+
+def _active(optics: WaveOptics) -> float:
+    return 0.0 if optics.pixels is None else optics.pixels.active
+
+
+def _on_samples(optics: WaveOptics, pictures: Values) -> cla.Array:
+    """What the samples of `pixel_samples` count, of pictures (filters, ny, nx) of the pixels."""
+    device, active = optics.device, _active(optics)
+    sums, shape = sample_sums(active, optics.grid.shape)
+    counts = pictures if active == 0 else np.stack([sums.spread(one, shape) for one in pictures])
+    return device.upload(np.ascontiguousarray(counts, device.real))
+
+
+def _inner(fields: PointFields, samples: cla.Array, scale: float, counts: cla.Array) -> Values:
+    """Sums over pixels of pictures times images, shape (filters, n)."""
+    device, sensor = fields.at_sensor.device, fields.at_sensor
+    shape = (int(samples.shape[-2]), int(samples.shape[-1]))
+    light = Field(samples, Grid(shape, sensor.grid.pitch), sensor.wavelength, device).intensity()
+    places = np.zeros((len(fields.which), 2), np.int64)
+    shapes = np.tile(shape, (len(fields.which), 1))
+    gains = scale / fields.energy
+    return DeviceImages(fields.which, light.data, gains, places, shapes, device).inner(counts)
+
+
+def _behind_array(
+    optics: WaveOptics,
+    fields: PointFields,
+    samples: cla.Array,
+    weights: Values,
+    counts: cla.Array,
+    pad: int,
+) -> Field:
+    """h right behind the lenslets as thin lenses, of weights (filters, n) of the samples."""
+    device, field = optics.device, fields.at_sensor
+    h = device.empty(samples.shape, device.complex)
+    put_cotangents(h, samples, counts, weights, device)
+    h = transposed_samples(h, _active(optics), field.grid.shape, device)
+    back = optics.propagator(optics.sensor_distance, "as", pad)(field.with_data(h))
+    return optics.behind_lenslets(back)
+
+
+def put_cotangents(
+    h: cla.Array, fields: cla.Array, pictures: cla.Array, weights: Values, device: Device
+) -> None:
+    """h[n] = 2 conj(fields[n]) sum_f weights[f, n] pictures[f].
+
+    Parameters
+    ----------
+    h, fields : pyopencl.array.Array
+        Complex, shape (n, ny, nx).
+    pictures : pyopencl.array.Array
+        Real, shape (filters, ny, nx).
+    weights : numpy.ndarray
+        Shape (filters, n).
+    device : Device
+    """
+    device.launch_rows(
+        device.kernel("source_images.cl", "cotangent", **device.wave_defines()),
+        h.shape, h, fields, pictures, device.upload(np.ascontiguousarray(weights, device.real)),
+        *(np.int32(n) for n in (*weights.shape, *h.shape[-2:])),
+    )  # fmt: skip
+
+
+def _before(optics: WaveOptics, behind: Field) -> Field:
+    """h right before the field lens and the lenslets."""
+    before = optics.mla.apply(behind)
+    return thin_lens(before, optics.array_distance) if optics.field_lens else before
+
+
+def _by_place(
+    optics: WaveOptics, points: PointSources, fields: PointFields, h: Field, pad: int, lost: Values
+) -> Values:
+    """dL/d(x, y, dz) of points from h right before the array, shape (n, 3)."""
+    device, places = optics.device, points.positions[fields.which]
+    spherical = fields.spherical
+    if points.diameter:
+        spherical = optics.spherical_waves(places, full_grid=False)
+    grid = spherical.grid
+    h = optics.propagator(optics.array_distance, "blas", pad)(h)
+    at_lens = h.data
+    if grid.shape != h.grid.shape:
+        at_lens = window(at_lens, (len(places), *grid.shape), device)
+    images = optics.image_of(places)[:, ::-1]
+    behind = optics.behind_main_lens(spherical.with_data(at_lens), images)
+    sums = point_rows(optics, spherical, behind.data, places, points.diameter, lost)
+    if not optics.aberrations.varies:
+        return sums[:, :3]
+    z = optics.object_distance + places[:, 2]
+    scale = -optics.image_distance / z  # image (y, x) = (y, x) scale
+    by_y, by_x = sums[:, 3], sums[:, 4]
+    sums[:, 0] += by_x * scale
+    sums[:, 1] += by_y * scale
+    sums[:, 2] -= (by_y * images[:, 0] + by_x * images[:, 1]) / z
+    return sums[:, :3]
+
+
+def point_rows(
+    optics: WaveOptics, e0: Field, h: cla.Array, places: Values, diameter: float, lost: Values
+) -> Values:
+    """Derivatives of Re sum h e by places of points, of h behind the main lens.
+
+    Parameters
+    ----------
+    optics : WaveOptics
+    e0 : Field
+        Of the points without their size, without wavefront, shape (n, ny, nx).
+    h : pyopencl.array.Array
+        Complex, same shape.
+    places : numpy.ndarray
+        (x, y, dz) in metres, shape (n, 3).
+    diameter : float
+        Of each point, in metres.
+    lost : numpy.ndarray
+        By how much the loss falls where the energy of e grows, shape (n,).
+
+    Returns
+    -------
+    numpy.ndarray
+        By x, y, dz, and by the image (y, x) that a wavefront depends on, float64, shape (n, 5).
+    """
+    device, grid = optics.device, e0.grid
+    real, (count, ny, nx) = device.real, e0.shape
+    z = optics.object_distance + places[:, 2]
+    scale = np.pi * diameter / (optics.wavelength * z)
+    down, right = grid.y - places[:, 1:2], grid.x - places[:, 0:1]
+    farthest = math.hypot(np.abs(down).max(), np.abs(right).max())
+    table, per_step = disc_table(float(scale.max() * farthest), device)
+    defines = device.wave_defines() | ({"SIZE": True} if diameter else {})
+    plate = np.zeros((1, 1, 2))
+    if optics.aberrations.varies:
+        defines |= {"FIELD": True}
+        plate = np.stack(optics.field_turns(e0)[1:], axis=-1)
+    source = np.stack([z, scale, lost, np.zeros_like(z)], axis=-1)
+    out = device.empty((count, ny, 5), real)
+    device.launch(
+        device.kernel("source_images.cl", "point_rows", **defines),
+        (ny, count), out, h, e0.data,
+        *(device.upload(np.ascontiguousarray(v, real)) for v in (source, down, right, table)),
+        np.int32(len(table) - 1), real.type(per_step),
+        device.upload(np.ascontiguousarray(plate, real)),
+        real.type(2 * np.pi / optics.wavelength), np.int32(ny), np.int32(nx),
+    )  # fmt: skip
+    return device.download(out).sum(axis=1, dtype=np.float64)
+
+
+def _conjugate(data: cla.Array, device: Device) -> cla.Array:
+    out = device.empty(data.shape, device.complex)
+    kernel = device.kernel("source_images.cl", "conjugate", **device.wave_defines())
+    device.launch_rows(kernel, data.shape, out, data, *(np.int32(n) for n in data.shape[-2:]))
+    return out

@@ -1,0 +1,263 @@
+"""Scenes as linear maps see them: points with the wavelengths that they are exposed by."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+
+from clplen.cameras.exposure.ray_exposure import rays_of_each
+from clplen.cameras.exposure.ray_images import ray_images
+from clplen.cameras.exposure.source_images import SourceImages, local_images, point_images
+from clplen.cameras.exposure.spectral_exposure import filters_of, has_spectrum, spectral_lines
+from clplen.cameras.exposure.wave_exposure import (
+    Light,
+    Method,
+    check_occluders,
+    check_positions,
+    is_local,
+)
+from clplen.cameras.optics.ray_optics import check_in_view
+from clplen.cameras.optics.wave_optics import WaveOptics
+from clplen.cameras.scenes.scene_sources import PicturePlane, PointSources, Source
+from clplen.wave.coherence.averaging import Averaging
+from clplen.wave.coherence.coherence import Coherence
+
+Values = np.ndarray[Any, np.dtype[np.float64]]
+Counts = np.ndarray[Any, np.dtype[np.int64]]
+
+
+@dataclass(frozen=True, eq=False)
+class SceneLine:
+    """One wavelength by which some points are exposed.
+
+    Attributes
+    ----------
+    optics : WaveOptics or Microscope
+        At that wavelength.
+    weights : numpy.ndarray
+        Signal of a unit of energy of each channel behind each filter, shape (channels, filters).
+    """
+
+    optics: Any
+    weights: Values
+
+
+@dataclass(frozen=True, eq=False)
+class ScenePart:
+    """A member of a scene.
+
+    Attributes
+    ----------
+    points : PointSources
+        Of it; for pictures those of the samples that send light.
+    places : numpy.ndarray
+        Which of the member's values each point has, before its channels, int64, shape (n,).
+    shape : tuple of int
+        Of the member's values, channels last where there are several.
+    channels : int
+    lines : tuple of SceneLine
+    route : {"points", "local", "rays", "microscope"}
+    """
+
+    points: PointSources
+    places: Counts
+    shape: tuple[int, ...]
+    channels: int
+    lines: tuple[SceneLine, ...]
+    route: str
+
+    @classmethod
+    def of(cls, source: Source, lines: Sequence[SceneLine], route: str) -> ScenePart:
+        """The part that a source makes."""
+        if isinstance(source, PointSources):
+            count = len(source)
+            return cls(source, np.arange(count), (count,), 1, tuple(lines), route)
+        lit = np.flatnonzero(source.energy)
+        channels = source.image.shape[2] if source.image.ndim == 3 else 1
+        return cls(source.points(), lit, source.image.shape, channels, tuple(lines), route)
+
+    @property
+    def size(self) -> int:
+        """Values of it."""
+        return int(np.prod(self.shape))
+
+    def energies(self, values: Values) -> Values:
+        """Of the points and channels, shape (batch, n, channels), of values (batch, size)."""
+        return values.reshape(len(values), -1, self.channels)[:, self.places]
+
+    def spread(self, values: Values) -> Values:
+        """Values (n, channels) of the points among all of the member's, raveled, 0 elsewhere."""
+        whole = np.zeros((self.size // self.channels, self.channels))
+        whole[self.places] = values
+        return whole.ravel()
+
+    def images(self, line: SceneLine, all_points: int) -> Iterator[SourceImages]:
+        """Images of the points at one of the wavelengths, some at a time."""
+        if self.route == "microscope":
+            return line.optics.images(self.points)
+        if self.route == "rays":
+            return ray_images(line.optics, self.points, rays_of_each(all_points))
+        makers = {"points": point_images, "local": local_images}
+        return makers[self.route](line.optics, self.points)
+
+
+class SceneImages:
+    """Images of all points of a scene at all wavelengths, which are kept where they fit.
+
+    Parameters
+    ----------
+    parts : tuple of ScenePart
+    memory : int
+        Bytes of images that may be kept; where they take more, they are made anew each time.
+    """
+
+    def __init__(self, parts: tuple[ScenePart, ...], memory: int) -> None:
+        self.parts, self.memory = parts, memory
+        self._kept: list[tuple[int, SceneLine, SourceImages]] | None = None
+
+    def __getstate__(self) -> dict[str, Any]:
+        """Without images on a device, which are made again when needed."""
+        return self.__dict__ | {"_kept": None}
+
+    def __iter__(self) -> Iterator[tuple[int, SceneLine, SourceImages]]:
+        """Parts by their numbers, wavelengths, and images of some of the points."""
+        if self._kept is not None:
+            yield from self._kept
+            return
+        kept: list[tuple[int, SceneLine, SourceImages]] | None = []
+        count, nbytes = sum(len(part.points) for part in self.parts), 0
+        for index, line in self.lines():
+            for images in self.parts[index].images(line, count):
+                nbytes += images.nbytes
+                if kept is not None:
+                    kept = None if nbytes > self.memory else [*kept, (index, line, images)]
+                yield index, line, images
+        self._kept = kept
+
+    def lines(self) -> Iterator[tuple[int, SceneLine]]:
+        """Parts by their numbers, and their wavelengths."""
+        for index, part in enumerate(self.parts):
+            for line in part.lines:
+                yield index, line
+
+    def energies(self, values: Values, index: int) -> Values:
+        """Energies (batch, n, channels) of a part's points, of all values (batch, size)."""
+        first = sum(part.size for part in self.parts[:index])
+        part = self.parts[index]
+        return part.energies(values[:, first : first + part.size])
+
+    @property
+    def nbytes(self) -> int:
+        """Bytes of the images that are kept now."""
+        return sum(images.nbytes for _, _, images in self._kept or [])
+
+
+def wave_parts(
+    optics: WaveOptics, sources: Sequence[Source], coherence: Coherence | None, method: Method
+) -> list[ScenePart]:
+    """Points and self-luminous pictures exposed by waves.
+
+    Raises
+    ------
+    SamplingError, ValueError, DeviceError
+        As `Plenoptic.expose`.
+    """
+    if method not in ("auto", "points", "local"):
+        raise ValueError(
+            f"The method of a linear map is 'auto', 'points' or 'local', not {method!r}: patterns "
+            "that repeat are for one exposure."
+        )
+    _refuse_slides(sources)
+    light = Light(coherence, True, Averaging(None, None, None, None))
+    light.check(0)
+    check_occluders(optics, method, has_slides=False)
+    local = is_local(optics, method)
+    parts = []
+    for source in sources:
+        found = _lines(optics, source, light)
+        for line in (found[0], found[-1]):
+            check_positions(line.optics, source, local=local, slide=False)
+        parts.append(ScenePart.of(source, found, "local" if local else "points"))
+    return parts
+
+
+def ray_parts(
+    optics: WaveOptics, sources: Sequence[Source], coherence: Coherence | None, method: Method
+) -> list[ScenePart]:
+    """Points and self-luminous pictures exposed by rays.
+
+    Raises
+    ------
+    SamplingError, ValueError
+        As `Plenoptic.expose`.
+    """
+    _refuse_slides(sources)
+    if filters_of(optics) is not None:
+        raise ValueError(
+            "Rays know no wavelengths, and the pixels of this camera have colour filters: use "
+            "model='waves', or pixels without filters=."
+        )
+    if optics.occluders:
+        raise ValueError("Rays of points and pictures know no occlusion: use model='waves'.")
+    if coherence is not None or method != "auto":
+        raise ValueError(
+            "coherence and method are for model='waves': rays are incoherent and of one kind."
+        )
+    parts = []
+    for source in sources:
+        points = source if isinstance(source, PointSources) else source.points()
+        check_in_view(optics, points.positions)
+        channels = 1 if isinstance(source, PointSources) or source.spectra is None else None
+        count = channels or source.image.shape[-1]  # type: ignore[union-attr]
+        parts.append(ScenePart.of(source, [SceneLine(optics, np.ones((count, 1)))], "rays"))
+    return parts
+
+
+def microscope_parts(
+    sources: Sequence[Any], lines: Sequence[tuple[float, float]], camera: Any
+) -> list[ScenePart]:
+    """Points exposed by a `Microscope`, at wavelengths with their shares of the energy.
+
+    Raises
+    ------
+    SamplingError
+        If a point is imaged beyond the array.
+    ValueError
+        If a source is a picture.
+    """
+    if not all(isinstance(source, PointSources) for source in sources):
+        raise ValueError(
+            "A microscope exposes PointSources, no pictures: give points, or project a volume "
+            "(clplen.microscopy.Projector)."
+        )
+    found = [
+        SceneLine(replace(camera, wavelength=wavelength), np.array([[share]]))
+        for wavelength, share in lines
+    ]
+    for source in sources:
+        camera.window(source)
+    return [ScenePart.of(source, found, "microscope") for source in sources]
+
+
+def _refuse_slides(sources: Sequence[Source]) -> None:
+    if any(isinstance(source, PicturePlane) and source.is_slide for source in sources):
+        raise ValueError(
+            "The raw image of a slide is not linear in its transmittance: use PointSources, or "
+            "pictures with mode='emission'."
+        )
+
+
+def _lines(optics: WaveOptics, source: Source, light: Light) -> list[SceneLine]:
+    """The wavelengths of a source, from the longest to the shortest or the other way."""
+    if filters_of(optics) is None and not has_spectrum(source):
+        return [
+            SceneLine(replace(optics, wavelength=wavelength), np.array([[share]]))
+            for wavelength, share in light.lines(optics.wavelength)
+        ]
+    return [
+        SceneLine(replace(optics, wavelength=line.wavelength), line.weights)
+        for line in spectral_lines(optics, source, light.coherence)
+    ]

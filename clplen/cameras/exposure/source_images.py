@@ -1,0 +1,236 @@
+"""Images of single points on the sensor: sums of them, and the transpose of these sums."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
+from itertools import groupby
+from typing import Any, Protocol
+
+import numpy as np
+import pyopencl.array as cla
+
+from clplen.cameras.exposure.local_exposure import pixel_samples, window_batches, window_samples
+from clplen.cameras.exposure.wave_exposure import batch_size
+from clplen.cameras.optics.local_window import Windows
+from clplen.cameras.optics.pixel_array import PixelSums
+from clplen.cameras.optics.wave_optics import WaveOptics
+from clplen.cameras.scenes.scene_sources import PointSources
+from clplen.compute.device import Device
+from clplen.wave.field.field import Field
+
+Values = np.ndarray[Any, np.dtype[np.float64]]
+Counts = np.ndarray[Any, np.dtype[np.int64]]
+
+
+class SourceImages(Protocol):
+    """Images of some of the points of a scene, each of energy 1."""
+
+    @property
+    def which(self) -> Counts:
+        """Which points, indices, shape (n,)."""
+
+    @property
+    def nbytes(self) -> int:
+        """Bytes that they take."""
+
+    def add(self, totals: cla.Array, energies: Values) -> None:
+        """totals[b] += sum over the points of energies[b, n] times the image of point n.
+
+        Parameters
+        ----------
+        totals : pyopencl.array.Array
+            Real, shape (batch, ny, nx); changed.
+        energies : numpy.ndarray
+            Shape (batch, n).
+        """
+
+    def inner(self, pictures: cla.Array) -> Values:
+        """The sum over pixels of every image times every picture, the transpose of `add`.
+
+        Parameters
+        ----------
+        pictures : pyopencl.array.Array
+            Real, shape (batch, ny, nx).
+
+        Returns
+        -------
+        numpy.ndarray
+            float64, shape (batch, n).
+        """
+
+
+@dataclass(frozen=True, eq=False)
+class DeviceImages:
+    """Images on patches of the sensor, on a device; see `SourceImages`.
+
+    Attributes
+    ----------
+    which : numpy.ndarray
+        Which points of a scene, int64, shape (n,).
+    data : pyopencl.array.Array
+        Real, shape (n, height, width).
+    gains : numpy.ndarray
+        Factors to the energy 1, shape (n,).
+    places : numpy.ndarray
+        Pixel (y, x) of the sensor that is the first of each image, int64, shape (n, 2).
+    shapes : numpy.ndarray
+        (height, width) of what counts of each image, int64, shape (n, 2).
+    device : Device
+    """
+
+    which: Counts
+    data: cla.Array
+    gains: Values
+    places: Counts
+    shapes: Counts
+    device: Device
+
+    @property
+    def nbytes(self) -> int:
+        """Bytes on the device."""
+        return int(self.data.nbytes)
+
+    def add(self, totals: cla.Array, energies: Values) -> None:
+        """As of `SourceImages`."""
+        device, batch = self.device, len(energies)
+        kernel = device.kernel("source_images.cl", "add_images", **device.wave_defines())
+        weights = device.upload((energies * self.gains).astype(device.real))
+        frames = [tuple(map(int, (*p, *s))) for p, s in zip(self.places, self.shapes, strict=True)]
+        for frame, members in groupby(range(len(frames)), key=lambda n: frames[n]):
+            same, (oy, ox, down, across) = list(members), frame
+            if min(down, across) < 1:
+                continue
+            numbers = (same[0], len(same), len(frames), oy, ox, *totals.shape[-2:])
+            sizes = (*self.data.shape[-2:], across)
+            device.launch_rows(
+                kernel, (batch, down, across), totals, self.data, weights,
+                *(np.int32(n) for n in (*numbers, *sizes)),
+            )  # fmt: skip
+
+    def inner(self, pictures: cla.Array) -> Values:
+        """As of `SourceImages`."""
+        device, (count, height, width) = self.device, self.data.shape
+        batch = pictures.shape[0]
+        rows = device.empty((batch, count, height), device.real)
+        device.launch(
+            device.kernel("source_images.cl", "image_rows", **device.wave_defines()),
+            (height, count, batch), rows, self.data, pictures,
+            *(device.upload(pairs.astype(np.int32)) for pairs in (self.places, self.shapes)),
+            *(np.int32(n) for n in (count, *pictures.shape[-2:], height, width)),
+        )  # fmt: skip
+        return device.download(rows).sum(axis=-1, dtype=np.float64) * self.gains
+
+
+@dataclass(frozen=True, eq=False)
+class PointFields:
+    """Fields of some points on the sensor's samples, and what they came by.
+
+    Attributes
+    ----------
+    which : numpy.ndarray
+        Which points, int64, shape (n,).
+    spherical : Field
+        Of the points behind the main lens, without its wavefront.
+    energy : numpy.ndarray
+        Of each field at the main lens, shape (n,).
+    at_array, at_sensor : Field
+        Shape (n, ny, nx): before the field lens and the lenslets (or None), and on the sensor.
+    """
+
+    which: Counts
+    spherical: Field
+    energy: Values
+    at_array: Field | None
+    at_sensor: Field
+
+
+def point_fields(
+    optics: WaveOptics, points: PointSources, *, share: int = 1
+) -> Iterator[PointFields]:
+    """Fields as large as the sensor, in batches that travel through the camera together.
+
+    Parameters
+    ----------
+    optics : WaveOptics
+    points : PointSources
+    share : int
+        Batches are this many times smaller than those of an exposure.
+    """
+    to_array, to_sensor = optics.padding(points.positions)
+    widest = max(to_array, to_sensor) ** 2
+    step = batch_size(optics, share * widest)
+    nbytes = optics.grid.shape[0] * optics.grid.shape[1] * optics.device.complex.itemsize
+    count = min(step, len(points))
+    optics.device.require_memory((2 * widest + 3 * share) * nbytes * count, "This exposure")
+    for start in range(0, len(points), step):
+        which = np.arange(start, min(start + step, len(points)))
+        positions = points.positions[which]
+        spherical = optics.spherical_waves(positions, points.diameter, full_grid=False)
+        pupil, energy = optics.bent_and_energy(spherical, optics.image_of(positions)[:, ::-1])
+        at_array = optics.array_field(pupil, pad=to_array)
+        at_sensor = optics.sensor_field(at_array, pad=to_sensor)
+        yield PointFields(which, spherical, energy, at_array, at_sensor)
+
+
+def images_of(optics: WaveOptics, fields: PointFields) -> DeviceImages:
+    """The images of fields on all of the sensor."""
+    device, count = fields.at_sensor.device, len(fields.which)
+    active = 0.0 if optics.pixels is None else optics.pixels.active
+    if active:
+        fine, sums, scale = pixel_samples(fields.at_sensor, active)
+        gains = scale / fields.energy
+        return images_on_patches(fields.which, fine, [sums] * count, gains, device)
+    places, shapes = np.zeros((count, 2), np.int64), np.tile(optics.grid.shape, (count, 1))
+    data = fields.at_sensor.intensity().data
+    return DeviceImages(fields.which, data, 1 / fields.energy, places, shapes, device)
+
+
+def point_images(optics: WaveOptics, points: PointSources) -> Iterator[DeviceImages]:
+    """Images by fields as large as the sensor."""
+    for fields in point_fields(optics, points):
+        yield images_of(optics, fields)
+
+
+def local_images(optics: WaveOptics, points: PointSources) -> Iterator[DeviceImages]:
+    """Images by windows of single points."""
+    for same, windows, region in window_batches(optics, points):
+        images = window_images(same, windows, *window_samples(windows, region))
+        del windows, region  # its memory, before the next one is made
+        yield images
+
+
+def window_images(
+    which: Sequence[int], windows: Windows, fields: cla.Array, sums: list[tuple[PixelSums, float]]
+) -> DeviceImages:
+    """The images of windows, of their `window_samples`."""
+    gains = np.array([gain for _, gain in sums])
+    pixels = [one for one, _ in sums]
+    return images_on_patches(which, fields, pixels, gains, windows.optics.device)
+
+
+def images_on_patches(
+    which: Any, fields: cla.Array, sums: Sequence[PixelSums], gains: Values, device: Device
+) -> DeviceImages:
+    """Images of fields by the sums of each over the pixels of a patch of its own.
+
+    Parameters
+    ----------
+    which : array_like
+        Which points of a scene, indices, shape (n,).
+    fields : pyopencl.array.Array
+        Complex, shape (n, ny, nx).
+    sums : sequence of PixelSums
+    gains : numpy.ndarray
+        Factors to the energy 1, shape (n,).
+    device : Device
+    """
+    places, shapes = (
+        np.array([getattr(one, name) for one in sums], np.int64) for name in ("place", "shape")
+    )
+    height, width = (max(1, int(n)) for n in shapes.max(axis=0))
+    tall = device.zeros((len(sums) * height, width), device.real)  # below each other, as one
+    for number, one in enumerate(sums):
+        replace(one, place=(number * height, 0)).put(tall, fields, number, 1.0, device)
+    data = tall.reshape(len(sums), height, width)
+    return DeviceImages(np.asarray(which, np.int64), data, gains, places, shapes, device)

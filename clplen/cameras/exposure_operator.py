@@ -1,0 +1,449 @@
+"""A camera's map from the energies of a scene to the raw image, and its exact adjoint."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import replace
+from typing import TYPE_CHECKING, Any, Literal
+
+import numpy as np
+import pyopencl.array as cla
+
+from clplen.cameras.camera_base import Plenoptic
+from clplen.cameras.exposure.pixel_signals import PixelSignals
+from clplen.cameras.exposure.point_gradients import ExposureGradient, array_fields, point_gradients
+from clplen.cameras.exposure.scene_parts import (
+    SceneImages,
+    microscope_parts,
+    ray_parts,
+    wave_parts,
+)
+from clplen.cameras.exposure.source_images import PointFields, images_of, point_fields
+from clplen.cameras.exposure.wave_exposure import Method
+from clplen.cameras.light_field_microscope import Microscope
+from clplen.cameras.optics.pixel_array import PixelArray
+from clplen.cameras.scenes.occluders import Occluder
+from clplen.cameras.scenes.scene_sources import Source, as_occluders, as_sources
+from clplen.checks import is_finite, require
+from clplen.compute.device import Device
+from clplen.compute.linear_map import linear_operator, mapped
+from clplen.errors import ShapeError
+from clplen.wave.coherence.coherence import Coherence
+from clplen.wave.field.field import Field
+
+if TYPE_CHECKING:
+    from scipy.sparse.linalg import LinearOperator
+
+Values = np.ndarray[Any, Any]
+
+MEMORY = 2**28  # bytes of images that are kept
+
+
+class ExposureOperator:
+    """The map from energies of points and pictures to the raw image, linear, with its adjoint.
+
+    Points and the samples of self-luminous pictures are incoherent, so that their images add up.
+    The forward map is what ``camera.expose`` computes, without noise. It is a `LinearMap` of its
+    device: float32, or float64 on a device of double precision.
+
+    Parameters
+    ----------
+    camera : Plenoptic1, Plenoptic2 or Microscope
+        As `PlenopticCamera` makes them. A microscope exposes points only.
+    scene : PointSources, PicturePlane, or list of them and of Occluder
+        Where the light comes from; its own energies do not count, but samples of a picture that
+        are 0 stay dark.
+    model : {"waves", "rays"}
+        Wave optics or geometrical rays, as in ``expose``.
+    method : {"auto", "points", "local"}
+        As in ``expose``; "auto" is never "isoplanatic", which is not exact.
+    coherence : Coherence, optional
+        Its spectrum is that of sources without one.
+    memory : int
+        Bytes of images that may be kept. Where the images of all points take less, they are
+        computed once, by the first call; else by each call anew.
+
+    Attributes
+    ----------
+    camera, memory
+        As given.
+    sources : tuple of PointSources and PicturePlane
+        The members of the scene that send light.
+    method : str
+        "points", "local", "rays" or "microscope": how the image of a point is computed.
+    device : Device
+        That of the camera.
+    in_shape : tuple of int
+        (n,) of points, that of the image of a picture; of a list all their values one after the
+        other.
+    out_shape : tuple of int
+        (ny, nx) of the sensor.
+    dtype : numpy.dtype
+        Of both sides.
+
+    Raises
+    ------
+    SamplingError, ValueError, DeviceError
+        As ``expose``; for slides, which are not linear.
+    TypeError
+        If the camera or the scene is none.
+
+    Examples
+    --------
+    >>> camera = clplen.PlenopticCamera.type1(
+    ...     focal_length=0.12, mla=clplen.MicrolensArray(150e-6, 10e-3, count=5),
+    ...     wavelength=532e-9, pixels_per_lenslet=15, aperture_diameter=0.5e-3)
+    >>> points = clplen.PointSources([(0, 0, 0), (2e-4, 0, -5e-3)])
+    >>> operator = clplen.cameras.ExposureOperator(camera, points)
+    >>> operator
+    <ExposureOperator of (2,) to (75, 75), points, ...>
+    >>> image = operator.forward([1.0, 0.5])
+    >>> from scipy.sparse.linalg import lsqr
+    >>> np.round(lsqr(operator.as_linear_operator(), image.ravel())[0], 3).tolist()
+    [1.0, 0.5]
+    """
+
+    def __init__(
+        self,
+        camera: Plenoptic | Microscope,
+        scene: Source | Sequence[Source | Occluder],
+        *,
+        model: Literal["waves", "rays"] = "waves",
+        method: Method = "auto",
+        coherence: Coherence | None = None,
+        memory: int = MEMORY,
+    ) -> None:
+        if not isinstance(camera, Microscope):
+            require(Plenoptic, camera, "camera", "PlenopticCamera.type1")
+        if not (is_finite(memory) and memory >= 0):
+            raise ValueError(f"memory is a number of bytes from 0 on, not {memory!r}.")
+        if model not in ("waves", "rays"):
+            raise ValueError(f"model is 'waves' or 'rays', not {model!r}.")
+        self.camera, self.memory = camera, memory
+        self.sources, occluders = as_sources(scene), as_occluders(scene)
+        if isinstance(camera, Microscope):
+            if occluders or (model, method) != ("waves", "auto"):
+                raise ValueError(
+                    "Occluders, model and method are for plenoptic cameras; a microscope has one "
+                    "way: leave them out."
+                )
+            parts = microscope_parts(self.sources, camera.lines(coherence), camera)
+        else:
+            optics = replace(camera.optics, occluders=occluders)
+            found = ray_parts if model == "rays" else wave_parts
+            parts = found(optics, self.sources, coherence, method)
+        self._parts = tuple(parts)
+        self._images = SceneImages(self._parts, memory)
+        self.method = self._parts[0].route
+        self.device: Device = camera.device
+        one = self._parts[0].shape if len(self._parts) == 1 else None
+        self.in_shape: tuple[int, ...] = one or (sum(part.size for part in self._parts),)
+        self.out_shape: tuple[int, ...] = camera.grid.shape
+        pixels = camera.pixels if model == "waves" else None  # rays know none
+        filters = int(self._parts[0].lines[0].weights.shape[1])
+        self._signals = PixelSignals(pixels or PixelArray(), filters, camera.grid.shape)
+
+    def __repr__(self) -> str:
+        return (
+            f"<ExposureOperator of {self.in_shape} to {self.out_shape}, {self.method}, "
+            f"{self.device.name}>"
+        )
+
+    @property
+    def dtype(self) -> np.dtype[Any]:
+        """Of both sides."""
+        return np.dtype(self.device.real)
+
+    @property
+    def nbytes(self) -> int:
+        """Bytes of the images that are kept now."""
+        return self._images.nbytes
+
+    @property
+    def positions(self) -> Values:
+        """(x, y, dz) in metres of all points that send light, shape (n, 3)."""
+        return np.concatenate([part.points.positions for part in self._parts])
+
+    def forward(self, values: Any) -> Values:
+        """The raw images of scenes.
+
+        Parameters
+        ----------
+        values : array_like
+            Energies, shape (..., *in_shape).
+
+        Returns
+        -------
+        numpy.ndarray
+            Shape (..., ny, nx).
+
+        Raises
+        ------
+        ShapeError
+            If the values have another shape.
+        DeviceError
+            If the fields do not fit the device.
+        """
+        return mapped(self, values)
+
+    def adjoint(self, raw: Any) -> Values:
+        """The transpose: what of raw images the images of each point have in common with them.
+
+        Parameters
+        ----------
+        raw : RawImage or array_like
+            Shape (..., ny, nx).
+
+        Returns
+        -------
+        numpy.ndarray
+            Shape (..., *in_shape).
+
+        Raises
+        ------
+        ShapeError
+            If the images have another shape.
+        DeviceError
+            If the fields do not fit the device.
+        """
+        return mapped(self, raw, adjoint=True)
+
+    def as_linear_operator(self) -> LinearOperator:
+        """This map for the solvers of SciPy.
+
+        Returns
+        -------
+        scipy.sparse.linalg.LinearOperator
+            Of raveled energies and images.
+        """
+        return linear_operator(self)
+
+    def forward_data(self, data: cla.Array) -> cla.Array:
+        """`forward` of arrays of the device.
+
+        Parameters
+        ----------
+        data : pyopencl.array.Array
+            Shape (..., *in_shape), of ``dtype``.
+
+        Returns
+        -------
+        pyopencl.array.Array
+            Shape (..., ny, nx).
+        """
+        leading = data.shape[: data.ndim - len(self.in_shape)]
+        count, device = int(np.prod(leading, dtype=np.int64)), self.device
+        if count == 0:
+            return device.empty((*leading, *self.out_shape), self.dtype)
+        values = device.download(data).astype(np.float64).reshape(count, -1)
+        totals = device.zeros((self._signals.filters * count, *self.out_shape), device.real)
+        for part, line, images in self._images:
+            energies = self._images.energies(values, part)[:, images.which]
+            signal = np.einsum("bnc,cf->fbn", energies, line.weights)
+            images.add(totals, signal.reshape(-1, len(images.which)))
+        device.finish()
+        return self._signals.read(totals, device).reshape(*leading, *self.out_shape)
+
+    def adjoint_data(self, data: cla.Array) -> cla.Array:
+        """`adjoint` of arrays of the device.
+
+        Parameters
+        ----------
+        data : pyopencl.array.Array
+            Shape (..., ny, nx), of ``dtype``.
+
+        Returns
+        -------
+        pyopencl.array.Array
+            Shape (..., *in_shape).
+        """
+        leading = data.shape[:-2]
+        count = int(np.prod(leading, dtype=np.int64))
+        found = [np.zeros((count, part.size)) for part in self._parts]
+        if count == 0:
+            return self.device.empty((*leading, *self.in_shape), self.dtype)
+        pictures = self._signals.read_adjoint(data.reshape(count, *self.out_shape), self.device)
+        for part, line, images in self._images:
+            inner = images.inner(pictures).reshape(self._signals.filters, count, -1)
+            own = found[part].reshape(count, -1, self._parts[part].channels)
+            places = self._parts[part].places[images.which]
+            own[:, places] += np.einsum("fbn,cf->bnc", inner, line.weights)
+        values = np.concatenate(found, axis=1).reshape(*leading, *self.in_shape)
+        return self.device.upload(np.ascontiguousarray(values, self.dtype))
+
+    def gradient(self, values: Any, cotangent: Any) -> ExposureGradient:
+        """Derivatives of a loss by the energies and the places of the points.
+
+        Light runs back through the camera once for each point, for all three coordinates.
+
+        Parameters
+        ----------
+        values : array_like
+            Energies, of ``in_shape``.
+        cotangent : array_like
+            Derivatives of the loss by the pixels of the raw image, shape (ny, nx).
+
+        Returns
+        -------
+        ExposureGradient
+
+        Raises
+        ------
+        ValueError
+            If the images of points are computed by rays or in windows of their own, whose places
+            move in steps, or aberrations have no derivative in closed form.
+        ShapeError
+            If the arrays have another shape.
+        """
+        return self._gradient(self._energies(values), cotangent, {})
+
+    def vjp(self, values: Any) -> tuple[Values, Callable[[Any], ExposureGradient]]:
+        """The raw image and, for each cotangent of it, the `gradient` at these energies.
+
+        Fields of all points are kept on the device for it, so that an image and a gradient take
+        the time of two images.
+
+        Parameters
+        ----------
+        values : array_like
+            Energies, of ``in_shape``.
+
+        Returns
+        -------
+        numpy.ndarray, callable
+            `forward` of the energies, and a function that takes the derivatives of a loss by its
+            pixels, shape (ny, nx), and returns an `ExposureGradient`.
+
+        Raises
+        ------
+        ValueError, ShapeError
+            As `gradient`.
+        DeviceError
+            If the fields do not fit the device.
+        """
+        energies, device = self._energies(values), self.device
+        count = sum(len(part.points) * len(part.lines) for part in self._parts)
+        nbytes = math.prod(self.out_shape) * np.dtype(device.complex).itemsize * count
+        device.require_memory(nbytes, "The fields of all points of this exposure")
+        totals = device.zeros((self._signals.filters, *self.out_shape), device.real)
+        kept: dict[int, list[PointFields]] = {}
+        for number, (index, line) in enumerate(self._images.lines()):
+            kept[number] = []
+            for fields in point_fields(line.optics, self._parts[index].points):
+                signal = (energies[index][fields.which] @ line.weights).T
+                images_of(line.optics, fields).add(totals, signal)
+                kept[number].append(replace(fields, at_array=None))
+        image = device.download(self._signals.read(totals, device))[0]
+        return image, lambda cotangent: self._gradient(energies, cotangent, kept)
+
+    def _gradient(
+        self, energies: list[Values], cotangent: Any, kept: dict[int, list[PointFields]]
+    ) -> ExposureGradient:
+        """The gradient from energies (n, channels) of each part, with fields of each line."""
+        pictures = self._pictures(cotangent)
+        by_value = [np.zeros((part.places.size, part.channels)) for part in self._parts]
+        by_place = [np.zeros((len(part.points), 3)) for part in self._parts]
+        for number, (index, line) in enumerate(self._images.lines()):
+            points, signal = self._parts[index].points, (energies[index] @ line.weights).T
+            found = point_gradients(line.optics, points, signal, pictures, kept.get(number))
+            by_value[index] += found.energies.T @ line.weights.T
+            by_place[index] += found.positions
+        flat = [part.spread(value) for part, value in zip(self._parts, by_value, strict=True)]
+        gradient = np.concatenate(flat).reshape(self.in_shape).astype(self.dtype)
+        return ExposureGradient(gradient, np.concatenate(by_place))
+
+    def lenslet_fields(self, values: Any, cotangent: Any) -> Iterator[tuple[Field, Field]]:
+        """Fields before the lenslets, and the gradients of a loss by those right behind them.
+
+        What a gradient by a parameter of the array needs: with the transmission t of the array,
+        dL/dp is the sum over all fields of Re(conj(g) u dt/dp).
+
+        Parameters
+        ----------
+        values : array_like
+            Energies, of ``in_shape``.
+        cotangent : array_like
+            Derivatives of the loss by the pixels of the raw image, shape (ny, nx).
+
+        Yields
+        ------
+        tuple of Field
+            u and g = dL/dRe + i dL/dIm of some of the points, shape (n, ny, nx) on the camera's
+            grid, at one of their wavelengths. Every point of the scene comes once a wavelength.
+
+        Raises
+        ------
+        ValueError
+            If the images of points are computed by rays or in windows of their own.
+        ShapeError
+            If the arrays have another shape.
+        """
+        energies, pictures = self._energies(values), self._pictures(cotangent)
+        for index, line in self._images.lines():
+            signal = (energies[index] @ line.weights).T
+            yield from array_fields(line.optics, self._parts[index].points, signal, pictures)
+
+    def lenslet_gradient(self, values: Any, cotangent: Any) -> dict[str, Any]:
+        """Derivatives of a loss by the array of lenslets.
+
+        All lengths behind the array stay, also where the focal length changes.
+
+        Parameters
+        ----------
+        values : array_like
+            Energies, of ``in_shape``.
+        cotangent : array_like
+            Derivatives of the loss by the pixels of the raw image, shape (ny, nx).
+
+        Returns
+        -------
+        dict of str to float or numpy.ndarray
+            As of `MicrolensArray.gradient`: "pitch", "diameter", "offset", "rotation",
+            "focal_length" and so on.
+
+        Raises
+        ------
+        ValueError
+            If the images of points are computed by rays or in windows of their own, or the
+            lenslets depart from thin lenses.
+        ShapeError
+            If the arrays have another shape.
+        """
+        camera = self.camera
+        if isinstance(camera, Plenoptic) and camera.aberrations.bends_lenslets:
+            raise ValueError(
+                "Gradients by the array are those of thin lenslets, and the aberrations of this "
+                "camera bend them: use lenslet_fields, or a camera without lenslets= and scatter=."
+            )
+        found: dict[str, Any] = {}
+        for before, behind in self.lenslet_fields(values, cotangent):
+            gradient = camera.mla.gradient(before, behind)
+            found = {name: found.get(name, 0.0) + part for name, part in gradient.items()}
+        return found
+
+    def _energies(self, values: Any) -> list[Values]:
+        """Energies (n, channels) of each part, for gradients by fields."""
+        if self.method != "points":
+            raise ValueError(
+                "Gradients by places and lenslets are known of plenoptic cameras with "
+                f"method='points', not of {self.method!r}: give that, with a camera whose pixels "
+                "sample the light."
+            )
+        energies = np.asarray(values, np.float64)
+        if energies.shape != self.in_shape:
+            raise ShapeError(
+                f"Gradients take energies of shape {self.in_shape}, not {energies.shape}."
+            )
+        flat = energies.reshape(1, -1)
+        return [self._images.energies(flat, index)[0] for index in range(len(self._parts))]
+
+    def _pictures(self, cotangent: Any) -> Values:
+        """Derivatives by the light behind each filter, shape (filters, ny, nx)."""
+        raw = np.asarray(cotangent, np.float64)
+        if raw.shape != self.out_shape:
+            raise ShapeError(
+                f"Gradients take a cotangent of the raw image's shape {self.out_shape}, not "
+                f"{raw.shape}."
+            )
+        return self._signals.adjoint(raw[None])[:, 0]
