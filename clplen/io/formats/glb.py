@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 
+from clplen.checks import host_array
 from clplen.errors import ShapeError
 from clplen.files import PathLike, replacing
 from clplen.io.formats.picture import linear
@@ -66,7 +67,7 @@ def write_glb(
     """
     if Path(path).suffix.lower() != ".glb":
         raise ValueError(f"Binary glTF is written as .glb, not as {Path(path).name}.")
-    points = np.asarray(points)
+    points = host_array(points, "Points")
     if points.ndim != 2 or points.shape[1] != 3:
         raise ShapeError(f"Points have shape (n, 3), not {points.shape}.")
     if colours is not None and colours.shape != points.shape:
@@ -114,9 +115,7 @@ def _described(parts: list[Array], comment: str) -> dict[str, Any]:
     views: list[dict[str, int]] = []
     for part in parts:
         size = part.nbytes
-        views.append(
-            {"buffer": 0, "byteOffset": start, "byteLength": size, "target": _VERTICES}
-        )
+        views.append({"buffer": 0, "byteOffset": start, "byteLength": size, "target": _VERTICES})
         start += size
     accessors: list[dict[str, Any]] = [
         {"bufferView": 0, "componentType": _FLOAT, "count": count, "type": "VEC3",
