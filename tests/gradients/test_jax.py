@@ -138,6 +138,14 @@ def test_numbers_that_are_not_finite_are_named_where_they_arise(device, size, ca
         jax.block_until_ready(loss(jnp.ones(size)))
 
 
+def test_one_core_is_warned_of(device, monkeypatch) -> None:
+    monkeypatch.setattr("os.sched_getaffinity", lambda _: {0}, raising=False)
+    operator = Copied((5,), np.float32, device)
+    with pytest.warns(RuntimeWarning, match=r"On one core .*jax_cpu_enable_async_dispatch") as seen:
+        gradients.apply(operator, jnp.ones(5))
+    assert seen[0].filename == __file__
+
+
 def square(x: Any, scale: Any, device: Device) -> Any:
     """scale |x|^2 as a step."""
     return gradients.apply_step(
