@@ -91,6 +91,7 @@ def test_a_real_tensor_goes_through_a_complex_map(precise) -> None:
     [
         lambda x: x.mT,
         lambda x: x.conj().mT,
+        lambda x: x.mT.contiguous().conj(),
         lambda x: x.flip(0).mT,
         lambda x: x.mT.expand(2, *x.mT.shape),
         lambda x: torch.view_as_complex(torch.view_as_real(x)).mT,
