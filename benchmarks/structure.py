@@ -22,7 +22,8 @@ from collections.abc import Iterator
 from pathlib import Path
 
 TOPICS = ("analysis", "batch", "cameras", "io", "lightfield", "microscopy", "plot", "wave")
-SCRIPTS = (*TOPICS, "bench", "demo")  # what examples and benchmarks may import
+BRIDGES = ("jax", "torch")  # topics that need another library
+SCRIPTS = (*TOPICS, *BRIDGES, "bench", "demo")  # what examples and benchmarks may import
 SMALL = 80  # lines
 CALLS = r"""
 import json, os, sys, tempfile, threading
@@ -151,7 +152,7 @@ def public_names(file: Path) -> list[str]:
     if stub.exists():
         nodes = [n for n in ast.parse(stub.read_text()).body if isinstance(n, ast.ImportFrom)]
         names = [alias.asname or alias.name for node in nodes for alias in node.names]
-        return [name for name in names if name not in TOPICS]
+        return [name for name in names if name not in (*TOPICS, *BRIDGES)]
     for node in ast.parse(file.read_text()).body if file.exists() else ():
         if isinstance(node, ast.Assign) and ast.unparse(node.targets[0]) == "__all__":
             return list(ast.literal_eval(node.value))
@@ -161,7 +162,7 @@ def public_names(file: Path) -> list[str]:
 def private_imports(root: Path, modules: set[str]) -> list[str]:
     """Names that examples and benchmarks import and that are not public."""
     package = root / "clplen"
-    public = {"clplen": {*public_names(package / "__init__.py"), *TOPICS, "demo"}}
+    public = {"clplen": {*public_names(package / "__init__.py"), *TOPICS, *BRIDGES, "demo"}}
     for topic in SCRIPTS:
         folder = package / topic
         file = folder / "__init__.py" if folder.is_dir() else package / f"{topic}.py"

@@ -10,6 +10,7 @@ analysis      what a camera resolves; cameras compared
 io            files in and out
 plot          figures
 batch         many light fields: jobs, their items, workers
+torch, jax    operators with gradients in programs of PyTorch and JAX, where these are installed
 
 Names and topics are imported when they are asked for; the stub beside this file lists them.
 """
@@ -24,8 +25,9 @@ from clplen.deprecation import warn_caller
 
 __version__ = "0.1.0"
 TOPICS = ("analysis", "batch", "cameras", "io", "lightfield", "microscopy", "plot", "wave")
+BRIDGES = ("jax", "torch")  # topics that need another library
 _find, __dir__, _names = attach_stub(__name__, __file__)
-__all__ = [name for name in _names if name not in TOPICS]
+__all__ = [name for name in _names if name not in TOPICS + BRIDGES]
 # Names that stood here once, and their topics.
 _MOVED = {
     "Aberrations": "cameras",

@@ -2,9 +2,11 @@ from . import analysis as analysis
 from . import batch as batch
 from . import cameras as cameras
 from . import io as io
+from . import jax as jax
 from . import lightfield as lightfield
 from . import microscopy as microscopy
 from . import plot as plot
+from . import torch as torch
 from . import wave as wave
 from .cameras.plenoptic_camera import PlenopticCamera as PlenopticCamera
 from .cameras.scenes.scene_sources import PicturePlane as PicturePlane

@@ -52,6 +52,73 @@ def positive_integer(value: Any, what: str) -> int:
     return int(value)
 
 
+def host_array(values: Any, what: str) -> Array:
+    """What is given as an array, on the host: of NumPy or of another library, without a copy.
+
+    Arrays of other libraries come by ``__array__`` (PyTorch on the host, JAX, xarray, results of
+    clplen) or, where they have none, by DLPack.
+
+    Parameters
+    ----------
+    values : array_like
+    what : str
+        What they are, as the subject of a message.
+
+    Returns
+    -------
+    numpy.ndarray
+
+    Raises
+    ------
+    TypeError
+        If they are no array, have gradients, which would be lost, lie in the memory of a GPU, or
+        are of a type that NumPy does not have.
+    """
+    if getattr(values, "requires_grad", False) is True:
+        raise TypeError(
+            f"{what} is given as a tensor with requires_grad, whose gradient would end here: give "
+            "tensor.detach(), or keep the gradient with clplen.torch."
+        )
+    place = _place_elsewhere(values)
+    if place:
+        raise TypeError(
+            f"{what} is an array in host memory, not on {place}: bring it there first, with "
+            "tensor.cpu() of PyTorch or cupy.asnumpy(array) of CuPy."
+        )
+    if hasattr(values, "resolve_conj"):  # tensors of which only a mark says that they are conj(x)
+        values = values.resolve_conj().resolve_neg()
+    is_foreign = hasattr(values, "__dlpack__") and not hasattr(values, "__array__")
+    try:
+        result = np.from_dlpack(values) if is_foreign else np.asarray(values)
+    except ValueError:
+        raise TypeError(f"{what} is one array of numbers, not rows of unequal lengths.") from None
+    except (TypeError, RuntimeError, BufferError) as error:
+        kind = getattr(values, "dtype", type(values).__name__)
+        raise TypeError(
+            f"{what} is an array that NumPy can take, not of {kind} ({error}): convert it, to "
+            "float32 for instance."
+        ) from error
+    if result.dtype.kind == "V" and result.dtype.names is None:
+        raise TypeError(f"{what} is of {result.dtype}, which NumPy lacks: convert it to float32.")
+    return result
+
+
+_ON_HOST = (1, 3)  # DLPack's kDLCPU, and kDLCUDAHost: memory of the host that a GPU reaches
+
+
+def _place_elsewhere(values: Any) -> str:
+    """The name of the memory where an array of another library lies; empty for the host's."""
+    kind = getattr(getattr(values, "device", None), "type", None)  # of PyTorch
+    if isinstance(kind, str) and hasattr(values, "data_ptr"):
+        return "" if kind == "cpu" else str(values.device)
+    if isinstance(values, np.ndarray | np.generic) or not hasattr(values, "__dlpack_device__"):
+        return "a CUDA GPU" if hasattr(values, "__cuda_array_interface__") else ""
+    if hasattr(values, "__array__") and not hasattr(values, "__cuda_array_interface__"):
+        return ""  # as JAX, which brings it to the host itself
+    kind, number = values.__dlpack_device__()
+    return "" if kind in _ON_HOST else f"device {number} of DLPack's kind {int(kind)} (2 is CUDA)"
+
+
 def real_array(values: Any, what: str, dtype: Any = np.float32) -> Array:
     """An array of real numbers; those that ``dtype`` cannot hold are infinite.
 
@@ -60,10 +127,7 @@ def real_array(values: Any, what: str, dtype: Any = np.float32) -> Array:
     TypeError
         For anything else.
     """
-    try:
-        result = np.asarray(values)
-    except ValueError:
-        raise TypeError(f"{what} is one array of numbers, not rows of unequal lengths.") from None
+    result = host_array(values, what)
     if result.dtype.kind == "c":
         raise TypeError(f"{what} holds real numbers, not {result.dtype}: take the intensity.")
     if result.dtype.kind not in "biuf":

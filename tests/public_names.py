@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-import importlib
+import importlib.util
 import inspect
 from typing import Any
 
@@ -15,6 +15,15 @@ def topic_names() -> dict[str, Any]:
     """From ``topic.name`` to the object."""
     found = {}
     for topic in TOPICS:
+        module = importlib.import_module(f"clplen.{topic}")
+        found |= {f"{topic}.{name}": getattr(module, name) for name in module.__all__}
+    return found
+
+
+def bridge_names() -> dict[str, Any]:
+    """From ``torch.name`` to the object, of topics whose library is installed."""
+    found = {}
+    for topic in filter(importlib.util.find_spec, clplen.BRIDGES):
         module = importlib.import_module(f"clplen.{topic}")
         found |= {f"{topic}.{name}": getattr(module, name) for name in module.__all__}
     return found

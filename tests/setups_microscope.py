@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 
 from clplen import Device, MicrolensArray, PlenopticCamera
+from clplen.microscopy.images import PointImages
 from clplen.microscopy.projector import Projector
 from clplen.microscopy.psf import point_images
 
@@ -23,6 +24,15 @@ def projector_of(device: Device, planes: Any, lenslets: int = 9) -> Projector:
     )  # fmt: skip
     shape = (lenslets, lenslets)
     return Projector(point_images(camera, planes, cut=5e-3), shape, device=device)
+
+
+def any_projector(device: Device, shape: tuple[int, int] = (3, 5)) -> Projector:
+    """Of point images of random numbers: 2 planes, 2 voxels and 3 pixels along a lenslet."""
+    rng = np.random.default_rng(1)
+    planes = tuple(rng.random((3, 9, 9)).astype(np.float32) for _ in range(2))
+    about = {"na": 0.5, "medium_index": 1.0, "magnification": 20.0, "lenslet_pitch": 125e-6}
+    images = PointImages(about, np.array([0.0, 1e-5]), 2, 3, planes, np.ones(2))
+    return Projector(images, shape, device=device)
 
 
 def axes(projector: Projector) -> tuple[Vector, Vector, Vector]:

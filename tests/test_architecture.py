@@ -29,7 +29,7 @@ STOREYS: tuple[set[str], ...] = (
     {"cameras"},
     {"clplen"},
     {"analysis", "io", "microscopy"},
-    {"plot", "config"},
+    {"plot", "config", "torch", "jax"},
     {"viewer"},
     {"batch", "demo"},
     {"bench"},
@@ -57,6 +57,7 @@ ROOMS: dict[str, tuple[set[str], ...]] = {
 }
 HEIGHT = {unit: height for height, units in enumerate(STOREYS) for unit in units}
 TOPICS = ("analysis", "batch", "cameras", "io", "lightfield", "microscopy", "plot", "wave")
+BRIDGES = ("jax", "torch")  # topics that need another library, of the same name
 SCRIPTS = (*TOPICS, "bench")  # what scripts of benchmarks may name, too
 ENTRIES = ("cli", "config", "selftest")  # folders whose names other storeys take
 LARGEST_FOLDER = 17  # modules
@@ -73,6 +74,8 @@ GUESTS = {
     "microscopy": {"h5py"},
     "io": {"PIL", "h5py", "imageio", "imageio_ffmpeg", "tifffile", "tqdm", "zarr"},
     "plot": {"matplotlib"},
+    "torch": {"torch"},
+    "jax": {"jax"},
     "bench": {"ducc0"},
     "config": {"pydantic", "tomli"},
     "viewer": {"anywidget", "traitlets"},
@@ -218,7 +221,7 @@ def test_no_module_only_passes_names_on() -> None:
 def test_only_lists_of_public_names_have_code_in_init() -> None:
     for init in PACKAGE.rglob("__init__.py"):
         code = ast.parse(init.read_text()).body[1:]
-        is_list = init.parent == PACKAGE or init.parent.name in SCRIPTS + ENTRIES
+        is_list = init.parent == PACKAGE or init.parent.name in SCRIPTS + ENTRIES + BRIDGES
         assert not code or is_list, f"{init.relative_to(ROOT)} has code"
 
 
@@ -236,10 +239,17 @@ def public_names(topic: str) -> set[str]:
     return set(importlib.import_module(topic).__all__)
 
 
+def stub_names(topic: str) -> set[str]:
+    """The names of a topic whose library may not be installed, as its stub lists them."""
+    tree = ast.parse((PACKAGE / topic / "__init__.pyi").read_text())
+    return {a.name for n in tree.body if isinstance(n, ast.ImportFrom) for a in n.names}
+
+
 def deep_imports(text: str, topics: tuple[str, ...] = TOPICS) -> list[str]:
     """Imports of a script that are neither of the top nor of a topic's public names."""
     public = {f"clplen.{topic}": public_names(f"clplen.{topic}") for topic in topics}
-    public["clplen"] = {*public_names("clplen"), *topics, "demo"}
+    public |= {f"clplen.{bridge}": stub_names(bridge) for bridge in BRIDGES}
+    public["clplen"] = {*public_names("clplen"), *topics, *BRIDGES, "demo"}
     public["clplen.demo"] = public_names("clplen.demo")
     deep = []
     for node in ast.walk(ast.parse(text)):
@@ -374,7 +384,7 @@ def touched(*_):
 
 pyopencl.get_platforms = pyopencl.create_some_context = touched
 import clplen
-absent = "matplotlib h5py tifffile imageio click tqdm pydantic ducc0 pyvkfft".split()
+absent = "matplotlib h5py tifffile imageio click tqdm pydantic ducc0 pyvkfft torch jax".split()
 print(*(name for name in absent if name in sys.modules))
 """
 ALONE = "from time import process_time as t; a = t(); import clplen; print(t() - a)"

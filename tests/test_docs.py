@@ -172,6 +172,12 @@ def matlab_and_numpy() -> Names:
     return {}
 
 
+def train_with_torch() -> Names:
+    pytest.importorskip("torch", reason='PyTorch: pip install "clplen[torch]"')
+    pytest.importorskip("jax", reason='JAX: pip install "clplen[jax]"')
+    return {}
+
+
 def white_images() -> Names:
     return frames(15.4, 18)
 
@@ -190,6 +196,7 @@ SAMPLES: dict[str, Callable[[], Names]] = {
     "docs/howto/point_cloud.md": small_flower,
     "docs/howto/nerf_and_splats.md": small_flower,
     "docs/howto/refocus_in_metres.md": small_flower,
+    "docs/howto/train_with_torch.md": train_with_torch,
     "docs/howto/views_in_wrong_order.md": small_flower,
     "docs/howto/white_image_not_found.md": white_images,
 }  # fmt: skip

@@ -10,13 +10,13 @@ from typing import Any
 
 import numpy as np
 import pytest
-from public_names import public_objects
+from public_names import bridge_names, public_objects
 
 import clplen
 
 OBJECTS = {
     f"clplen.{name}": value
-    for name, value in public_objects().items()
+    for name, value in (public_objects() | bridge_names()).items()
     if inspect.isclass(value) or inspect.isroutine(value)
 }
 # numpydoc's checks that are on. Off are those of taste: an extended summary (ES01), a section See

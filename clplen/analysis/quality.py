@@ -16,6 +16,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from clplen.cameras.scenes.ground_truth import Truth
+from clplen.checks import host_array
 from clplen.errors import ShapeError
 from clplen.reprs import OneLine
 
@@ -186,8 +187,8 @@ def score(
     >>> f"{scores.badpix_07:.1f} % bad, MSE x 100 = {scores.mse:.2f}"
     '11.1 % bad, MSE x 100 = 0.25'
     """
-    known = np.asarray(getattr(truth, "disparity", truth), np.float64)
-    found = np.asarray(result, np.float64)
+    known = np.asarray(host_array(getattr(truth, "disparity", truth), "The truth"), np.float64)
+    found = np.asarray(host_array(result, "The result"), np.float64)
     if known.ndim != 2 or found.ndim != 2:
         raise ShapeError(
             f"Disparity maps have shape (y, x); the result has {found.shape}, the truth "
@@ -315,7 +316,7 @@ def _inside(shape: tuple[int, ...], border: int) -> Mask:
 
 def _mask(values: ArrayLike, shape: tuple[int, ...], name: str) -> Mask:
     """Where an array is not 0."""
-    mask = np.asarray(values)
+    mask = host_array(values, f"The mask {name}")
     if mask.shape != shape:
         raise ShapeError(f"The mask {name} has shape {mask.shape}; the truth has {shape}.")
     return mask != 0

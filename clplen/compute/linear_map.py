@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any, Protocol
 import numpy as np
 import pyopencl.array as cla
 
+from clplen.checks import host_array
 from clplen.errors import ShapeError
 from clplen.types import Array
 
@@ -102,14 +103,29 @@ def mapped(linear: LinearMap, values: Any, *, adjoint: bool = False) -> Array:
     ShapeError
         If the values have another shape.
     """
-    array = np.asarray(values)
-    wanted = linear.out_shape if adjoint else linear.in_shape
-    if array.shape[array.ndim - len(wanted) :] != tuple(wanted):
-        raise ShapeError(
-            f"{'The adjoint of this map' if adjoint else 'This map'} takes arrays of shape "
-            f"(..., {', '.join(map(str, wanted))}), not {array.shape}."
-        )
+    array = host_array(values, "What a linear map takes")
+    leading_axes(linear, array.shape, adjoint=adjoint)
     data = linear.device.upload(np.ascontiguousarray(array, linear.dtype))
     return np.asarray(
         linear.device.download((linear.adjoint_data if adjoint else linear.forward_data)(data))
     )
+
+
+def leading_axes(
+    linear: LinearMap, shape: tuple[int, ...], *, adjoint: bool = False
+) -> tuple[int, ...]:
+    """The leading axes of an array that a map takes, or its adjoint.
+
+    Raises
+    ------
+    ShapeError
+        If the other axes are not those of the map.
+    """
+    wanted = tuple(linear.out_shape if adjoint else linear.in_shape)
+    lead = len(shape) - len(wanted)
+    if lead < 0 or tuple(shape[lead:]) != wanted:
+        raise ShapeError(
+            f"{'The adjoint of this map' if adjoint else 'This map'} takes arrays of shape "
+            f"(..., {', '.join(map(str, wanted))}), not {tuple(shape)}."
+        )
+    return tuple(int(n) for n in shape[:lead])

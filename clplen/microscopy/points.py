@@ -17,6 +17,7 @@ import numpy as np
 from scipy.ndimage import gaussian_filter, maximum_filter
 from scipy.spatial import cKDTree
 
+from clplen.checks import host_array
 from clplen.deprecation import renamed_argument
 from clplen.errors import ShapeError
 from clplen.lightfield.refocusing.focal_stacks import FocalStack
@@ -180,7 +181,7 @@ def match_points(first: Vector, second: Vector, *, tolerance: Sequence[float]) -
 
 
 def _checked(stack: Any) -> Vector:
-    values = np.asarray(stack)
+    values = host_array(stack, "A stack")
     shape = values.shape
     few = values.ndim != 3 or shape[0] in (0, 2) or min(shape[1:]) < 3
     if few or values.dtype.kind not in "buif":

@@ -16,7 +16,7 @@ from typing import Any
 import numpy as np
 from scipy.ndimage import binary_dilation
 
-from clplen.checks import positive_integer, real_array, require
+from clplen.checks import host_array, positive_integer, real_array, require
 from clplen.compute.device import Device, DeviceLike, as_device
 from clplen.errors import ShapeError
 from clplen.lightfield.calibration.lattice_fit import estimate_lattice
@@ -463,7 +463,7 @@ def preparation(
 
 def samples(frame: Any) -> Vector:
     """Those of an array or of a `RawImage`."""
-    return np.asarray(frame.to_numpy() if hasattr(frame, "to_numpy") else frame)
+    return host_array(frame.to_numpy() if hasattr(frame, "to_numpy") else frame, "A frame")
 
 
 def _sensitivity(level: Vector, n: int) -> Vector:

@@ -237,6 +237,35 @@ class Projector:
         lead = np.shape(frame)[:-2]
         return self.device.download(volumes).reshape(*lead, *self.volume_shape)
 
+    adjoint = backward  # the name of every linear map
+
+    @property
+    def in_shape(self) -> tuple[int, int, int]:
+        """Shape of what `forward_data` takes, that of a volume."""
+        return self.volume_shape
+
+    @property
+    def out_shape(self) -> tuple[int, int]:
+        """Shape of what it gives, that of a frame."""
+        return self.frame_shape
+
+    @property
+    def dtype(self) -> np.dtype[Any]:
+        """Of volumes and frames, float32."""
+        return np.dtype(np.float32)
+
+    def forward_data(self, data: cla.Array) -> cla.Array:
+        """H x of volumes on the device with any leading axes, without clamping: a linear map."""
+        lead = data.shape[:-3]
+        frames = self.project(data.reshape(-1, *self.volume_shape), clamp=False)
+        return frames.reshape(*lead, *self.frame_shape)
+
+    def adjoint_data(self, data: cla.Array) -> cla.Array:
+        """H' y of frames on the device with any leading axes."""
+        lead = data.shape[:-2]
+        volumes = self.back_project(data.reshape(-1, *self.frame_shape))
+        return volumes.reshape(*lead, *self.volume_shape)
+
     def as_linear_operator(self) -> LinearOperator:
         """H for solvers of SciPy: vectors are raveled volumes and frames, float32, no clamping."""
         from scipy.sparse.linalg import LinearOperator

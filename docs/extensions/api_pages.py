@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-import importlib
+import ast
+import importlib.util
 import inspect
 import textwrap
 import types
@@ -19,7 +20,7 @@ def unique_names() -> dict[str, list[str]]:
     """The public names of each topic; a name on top is not repeated below."""
     names = {"clplen": [f"clplen.{name}" for name in clplen.__all__]}
     known = {id(getattr(clplen, name)) for name in clplen.__all__}
-    for topic in clplen.TOPICS:
+    for topic in (*clplen.TOPICS, *filter(importlib.util.find_spec, clplen.BRIDGES)):
         module = importlib.import_module(f"clplen.{topic}")
         found = {name: getattr(module, name) for name in module.__all__}
         names[f"clplen.{topic}"] = [
@@ -67,6 +68,19 @@ def topic_page(module: str, paths: list[str]) -> str:
     return "\n".join(lines)
 
 
+def absent_page(topic: str) -> str:
+    """The page of a topic whose library is not installed, from its files."""
+    folder = Path(clplen.__file__).parent / topic
+    about = ast.get_docstring(ast.parse((folder / "__init__.py").read_text())) or ""
+    tree = ast.parse((folder / "__init__.pyi").read_text())
+    names = [a.name for n in tree.body if isinstance(n, ast.ImportFrom) for a in n.names]
+    title = f"``clplen.{topic}``"
+    words = ", ".join(f"``{name}``" for name in sorted(names))
+    lines = [title, "=" * len(title), "", about.partition("\n")[0], ""]
+    lines += [f"This site was built without {topic}. ``help()`` of Python shows {words}.", ""]
+    return "\n".join(lines)
+
+
 def _is_class(value: Any) -> bool:
     return inspect.isclass(value) and not isinstance(value, types.GenericAlias)
 
@@ -81,6 +95,9 @@ def write_pages(app: Sphinx, _config: object) -> None:
     names = unique_names()
     for module, paths in names.items():
         write_page(folder / f"{module}.rst", topic_page(module, paths))
+    for topic in clplen.BRIDGES:
+        if f"clplen.{topic}" not in names:
+            write_page(folder / f"clplen.{topic}.rst", absent_page(topic))
     known = {folder / "generated" / f"{path}.rst" for paths in names.values() for path in paths}
     remove_others(folder / "generated", known)
 

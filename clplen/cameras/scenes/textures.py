@@ -8,7 +8,7 @@ from typing import Any, ClassVar
 
 import numpy as np
 
-from clplen.checks import is_finite
+from clplen.checks import host_array, is_finite
 from clplen.compute.arrays import HostArray
 from clplen.errors import ShapeError
 from clplen.reprs import OneLine
@@ -73,7 +73,7 @@ class Texture(OneLine, HostArray):
     def __init__(
         self, samples: Any, scale: float = 1.0, *, centre: tuple[float, float] = (0.0, 0.0)
     ) -> None:
-        values = np.asarray(samples, np.float32)
+        values = np.asarray(host_array(samples, "A texture"), np.float32)
         if values.ndim == 2:
             values = values[..., None]
         if values.ndim != 3 or values.shape[2] not in (1, 3) or 0 in values.shape:
@@ -248,7 +248,7 @@ def picture(image: Any, *, scale: float = 1.0, smoothing: float = SMOOTHING) -> 
     ('0.471', '0.471')
     """
     _require_positive("The scale of a picture", scale)
-    values = np.asarray(image)
+    values = host_array(image, "A picture")
     if values.dtype.kind in "ui":
         values = values / np.iinfo(values.dtype).max
     if values.ndim not in (2, 3) or not values.size:

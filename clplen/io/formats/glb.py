@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 
+from clplen.checks import host_array
 from clplen.errors import ShapeError
 from clplen.files import PathLike, replacing
 from clplen.io.formats.picture import linear
@@ -66,7 +67,7 @@ def write_glb(
     """
     if Path(path).suffix.lower() != ".glb":
         raise ValueError(f"Binary glTF is written as .glb, not as {Path(path).name}.")
-    points = np.asarray(points)
+    points = host_array(points, "Points")
     if points.ndim != 2 or points.shape[1] != 3:
         raise ShapeError(f"Points have shape (n, 3), not {points.shape}.")
     if colours is not None and colours.shape != points.shape:

@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 
+from clplen.checks import host_array
 from clplen.errors import FormatError, ShapeError
 from clplen.files import PathLike, replacing
 from clplen.lightfield.depth.depth_maps import metric_depth
@@ -59,7 +60,7 @@ def write_ply(
     """
     if Path(path).suffix.lower() != ".ply":
         raise ValueError(f"A point cloud is written as .ply, not as {Path(path).name}.")
-    points = np.asarray(points)
+    points = host_array(points, "Points")
     if points.ndim != 2 or points.shape[1] != 3:
         raise ShapeError(f"Points have shape (n, 3), not {points.shape}.")
     if colours is not None and colours.shape != points.shape:

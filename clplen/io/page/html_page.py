@@ -13,6 +13,7 @@ from typing import Any, Protocol, runtime_checkable
 
 import numpy as np
 
+from clplen.checks import host_array
 from clplen.compute.arrays import Image
 from clplen.errors import ShapeError
 from clplen.files import PathLike, replacing
@@ -190,7 +191,7 @@ def item_of(
         voxel = None if thing.voxel is None else (_step(thing.planes), *thing.voxel)
         words = {"planes": planes, "voxel": voxel, "table": "magma"}
         return volume_item(volume.reshape(-1, *volume.shape[-3:]), content, **small, **words)
-    values = np.asarray(thing)
+    values = host_array(thing, "What a page shows")
     if values.dtype.kind not in "uifb":
         raise TypeError(
             f"A page shows light fields, stacks, depth maps, volumes and pictures, not "

@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 from tqdm import tqdm
 
+from clplen.checks import host_array
 from clplen.compute.arrays import Image
 from clplen.compute.device import DeviceLike, as_device
 from clplen.errors import FormatError
@@ -370,7 +371,7 @@ def write_image(
     """
     if not is_series(path):
         raise ValueError(f"A picture is written as .tif or .zarr, not as {Path(path).name}.")
-    values = np.asarray(image.to_numpy() if hasattr(image, "to_numpy") else image, np.float32)
+    values = np.asarray(host_array(image, "A picture"), np.float32)
     if values.ndim not in (2, 3):
         raise ValueError(f"A picture has shape (y, x) or (y, x, c), not {values.shape}.")
     write_series(

@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 import pyopencl.array as cla
 
+from clplen.checks import host_array
 from clplen.compute.device import Device
 from clplen.errors import ShapeError
 from clplen.lightfield.arrays.stored_samples import C_TYPE
@@ -116,7 +117,7 @@ def checked_disparity(disparity: Any, size: tuple[int, int]) -> Table:
     ValueError
         If one is not finite.
     """
-    d = np.asarray(disparity, np.float64)
+    d = np.asarray(host_array(disparity, "A disparity"), np.float64)
     if d.shape not in ((), size):
         raise ShapeError(
             f"A disparity is one number or one of every pixel, shape {size}, not {d.shape}."
@@ -151,7 +152,7 @@ def _split(steps: Table, d: Table) -> tuple[Table, Table]:
 def _mask_of(mask: Any, rays: tuple[int, ...]) -> Table:
     if mask is None:
         return np.zeros(1, np.uint8)
-    known = np.asarray(mask)
+    known = host_array(mask, "A mask")
     if known.shape != rays:
         raise ShapeError(f"A mask has one value a ray, shape {rays}, not {known.shape}.")
     return (known != 0).astype(np.uint8)

@@ -24,6 +24,7 @@ from typing import Any
 
 import numpy as np
 
+from clplen.checks import host_array
 from clplen.deprecation import warn_caller
 from clplen.errors import SamplingWarning
 from clplen.lightfield.calibration.lattice_fit import visible_lattice
@@ -135,7 +136,7 @@ def require_camera(
 
 def _central_crop(picture: Any, bayer: Mosaic | None) -> Any:
     """The middle of a picture, its corner at the first pixel of a tile of colour filters."""
-    values = np.asarray(picture)
+    values = host_array(picture, "A picture")
     tile = (2, 2) if bayer is None else np.shape(tile_of(bayer))
     start = [
         max(0, (n - _MIDDLE) // (2 * t) * t) for n, t in zip(values.shape[:2], tile, strict=True)

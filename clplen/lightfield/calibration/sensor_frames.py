@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 
+from clplen.checks import host_array
 from clplen.errors import ShapeError
 from clplen.lightfield.raw.demosaicing import tile_of
 
@@ -27,7 +28,7 @@ def as_frame(values: Any, what: str) -> Any:
     ValueError
         If it is complex, or a pixel is NaN or infinite.
     """
-    array = np.asarray(values)
+    array = host_array(values, f"The {what}")
     if array.ndim != 2 or array.size == 0:
         raise ShapeError(f"The {what} has shape {array.shape}, not (ny, nx): give raw pixels.")
     if array.dtype.kind not in "buif":
@@ -50,7 +51,7 @@ def subtract_dark(frame: Any, dark: Any) -> Frame:
     ShapeError
         If the dark frame is of another shape.
     """
-    picture = np.array(frame, np.float32)
+    picture = np.array(host_array(frame, "The frame"), np.float32)
     if dark is None:
         return picture
     taken = as_frame(dark, "dark frame")
@@ -103,7 +104,7 @@ def hot_pixels(dark: Any) -> Mask:
 
     These are one level at least of integers, and the plain one of others if they are 0.
     """
-    given = np.asarray(dark)
+    given = host_array(dark, "The dark frame")
     values = np.asarray(given, np.float32)
     if values.min() == values.max():  # a black level
         return np.zeros(values.shape, bool)

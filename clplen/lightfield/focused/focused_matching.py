@@ -15,6 +15,7 @@ from typing import Any
 
 import numpy as np
 
+from clplen.checks import host_array
 from clplen.errors import ShapeError
 from clplen.lightfield.focused.focused_geometry import (
     FocusedGeometry,
@@ -202,7 +203,7 @@ class Matcher:
 
 def _evened(raw: RawImage, white: Any) -> RawImage:
     """The raw image divided by a white image."""
-    level = np.asarray(white, np.float32)
+    level = np.asarray(host_array(white, "The white image"), np.float32)
     if level.shape != raw.shape:
         raise ShapeError(
             f"The white image has shape {level.shape}, the raw image {raw.shape}: give the white "

@@ -13,6 +13,7 @@ import numpy as np
 import pyopencl.array as cla
 from numpy.typing import ArrayLike
 
+from clplen.checks import host_array
 from clplen.compute.arrays import count_bad
 from clplen.errors import ShapeError
 from clplen.lightfield.focused.focused_depth import FocusedDepth, focused_depth, reference_m
@@ -340,7 +341,7 @@ def _grey_white(white: Any) -> Any:
 
 def _checked_white(raw: RawImage, white: Any) -> cla.Array:
     """The white image as the kernels take it: as many channels as the raw image, none below 0."""
-    values = np.asarray(white, np.float32)
+    values = np.asarray(host_array(white, "The white image"), np.float32)
     if values.shape not in (raw.shape, tuple(raw.data.shape)):
         raise ShapeError(
             f"The white image has shape {values.shape}, the raw image {tuple(raw.data.shape)}: "

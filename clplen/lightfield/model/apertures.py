@@ -16,6 +16,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
+from clplen.checks import host_array
 from clplen.errors import ShapeError
 from clplen.lightfield.model.sampled_views import SampledViews
 
@@ -235,7 +236,7 @@ def picture(
     radius : float or tuple of float
         Half the picture's height and width in view steps.
     """
-    values = np.asarray(image, np.float64)
+    values = host_array(image, "A picture as aperture").astype(np.float64)
     if values.ndim != 2 or values.size == 0:
         raise ShapeError(f"A picture as aperture has shape (rows, columns), not {values.shape}.")
     if not (np.isfinite(values).all() and (values >= 0).all()):
@@ -573,7 +574,7 @@ def _f_number_diameter(lf: SampledViews, text: str) -> Pair:
 
 
 def _checked_array(aperture: Any, views: tuple[int, int]) -> Vector:
-    weights = np.asarray(aperture, np.float64)
+    weights = host_array(aperture, "An aperture").astype(np.float64)
     if weights.shape != views:
         raise ShapeError(f"The aperture has shape {weights.shape}, the views {views}.")
     if not (np.isfinite(weights).all() and (weights >= 0).all()):

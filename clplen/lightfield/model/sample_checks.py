@@ -7,6 +7,7 @@ from typing import Any, Protocol
 import numpy as np
 import pyopencl.array as cla
 
+from clplen.checks import host_array
 from clplen.compute.arrays import count_bad
 from clplen.compute.device import Device
 from clplen.errors import DeviceError, ShapeError
@@ -58,7 +59,7 @@ def storage_dtype(dtype: np.dtype[Any]) -> np.dtype[Any]:
 def _adopt(a: Any, device: Device) -> cla.Array:
     if isinstance(a, cla.Array):
         return _adopt_device(a, device)
-    values = np.asarray(a)
+    values = host_array(a, "A light field")
     dtype = storage_dtype(values.dtype)
     device.require_memory(values.size * dtype.itemsize, "This light field")
     return device.upload(values.astype(dtype, copy=False))

@@ -321,7 +321,7 @@ def as_lightfield(
     Parameters
     ----------
     source : LightField or array_like
-        An array, of NumPy or with ``__array__``, is L[v, u, y, x(, c)].
+        An array, of NumPy or with ``__array__`` or ``__dlpack__``, is L[v, u, y, x(, c)].
     streams : str, optional
         The function that takes a stored light field.
     device : Device or str, optional
@@ -352,7 +352,8 @@ def as_lightfield(
     if isinstance(source, StoredLightField):
         other = f"take {streams}, or .load(device)" if streams else "take .load(device)"
         raise TypeError(f"This light field is stored, not on a device: {other} where it fits.")
-    is_array = hasattr(type(source), "__array__") and not isinstance(source, HostArray)
+    has_samples = any(hasattr(type(source), name) for name in ("__array__", "__dlpack__"))
+    is_array = has_samples and not isinstance(source, HostArray)
     if is_array or isinstance(source, cla.Array):
         return LightField.from_array(source, device=as_device(device))
     raise TypeError(

@@ -8,6 +8,7 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import ArrayLike
 
+from clplen.checks import host_array
 from clplen.compute.arrays import HostArray, Image
 from clplen.errors import ShapeError
 from clplen.wave.field.field import Field, Grid, require_field
@@ -239,7 +240,7 @@ def speckle_contrast(image: Image | Array, *, region: Any = None) -> float:
     >>> f"{clplen.wave.speckle_contrast(pictures.mean(axis=0)):.1f}"  # 1/sqrt(25)
     '0.2'
     """
-    values = image.to_numpy() if isinstance(image, Image) else np.asarray(image)
+    values = host_array(image, "An image")
     chosen = (values if region is None else values[region]).astype(np.float64)
     if chosen.size == 0:
         raise ValueError(f"The region {region!r} holds no sample of an image of {values.shape}.")

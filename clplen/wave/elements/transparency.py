@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from clplen import units
-from clplen.checks import Aliasing, act_on_aliasing, check_centre
+from clplen.checks import Aliasing, act_on_aliasing, check_centre, host_array
 from clplen.errors import ShapeError
 from clplen.wave.elements.edges import (
     NOTHING,
@@ -172,7 +172,9 @@ def picture_of(amplitude: Any, phase: Any) -> Picture:
     if amplitude is None and phase is None:
         raise ValueError("A transparency has an amplitude, a phase or both; neither was given.")
     parts = {"amplitude": amplitude, "phase": phase}
-    arrays = {name: np.asarray(part) for name, part in parts.items() if part is not None}
+    arrays = {
+        name: host_array(part, f"The {name}") for name, part in parts.items() if part is not None
+    }
     for name, part in arrays.items():
         if part.ndim != 2 or 0 in part.shape:
             raise ShapeError(f"The {name} of a picture has shape (ny, nx), not {part.shape}.")

@@ -1,0 +1,2 @@
+from .operators import apply as apply
+from .steps import apply_step as apply_step
