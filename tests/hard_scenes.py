@@ -81,9 +81,7 @@ def _shading(samples: Array, random: np.random.Generator) -> Array:
     V, U, ny, nx = samples.shape
     v, u = np.meshgrid(np.linspace(-1, 1, V), np.linspace(-1, 1, U), indexing="ij")
     along = _smooth(random, (2, ny, nx), 8)
-    return samples + 2 * LEVEL * (
-        v[..., None, None] * along[0] + u[..., None, None] * along[1]
-    )
+    return samples + 2 * LEVEL * (v[..., None, None] * along[0] + u[..., None, None] * along[1])
 
 
 def _haze(samples: Array, random: np.random.Generator) -> Array:

@@ -47,6 +47,11 @@ def samples(*shape: int) -> np.ndarray[Any, Any]:
     return np.random.default_rng(1).random(shape, np.float32)
 
 
+def system() -> Any:
+    """A short distance and a weak lens."""
+    return clplen.OpticalSystem([clplen.wave.Space(1e-4), clplen.wave.Lens(0.1)])
+
+
 def point_images() -> PointImages:
     """Of two planes, three voxels and three pixels a lenslet."""
     stored = tuple(samples(3, 9, 9) for _ in range(2))
@@ -236,6 +241,10 @@ EXAMPLES: dict[str, Callable[[Device], Any]] = {
     "ViewWarp": lambda device: clplen.lightfield.ViewWarp(lightfield(device)),
 }
 EXAMPLES |= {
+    "MeanPullback": lambda device: clplen.Coherence().vjp(system(), field(device))[1],
+    "SystemGradient": lambda device: system().vjp(field(device))[1](field(device)),
+    "SystemOperator": lambda device: system().operator(GRID, wavelength=LAM, device=device),
+    "SystemPullback": lambda device: system().vjp(field(device), parameters=[1])[1],
     "AbbeImage": lambda device: clplen.wave.AbbeImage(EXAMPLES["Image"](device), 3, 0.1),
     "Bars": lambda _: clplen.cameras.Bars((0.0, 0.0), 9.0, count=3, period=2.0, width=1.0),
     "DeconvolutionSettings": lambda _: clplen.batch.DeconvolutionSettings(),

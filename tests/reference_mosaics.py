@@ -286,8 +286,7 @@ def scores(views: Array, true: Array, array: Array2D, grid: LensletGrid) -> list
 
     inside = np.hypot(*np.moveaxis(offsets(grid), -1, 0))[:, :, 0, 0] <= array.pitch / 2 - 1
     got, want = (
-        part[inside][:, BORDER:-BORDER, BORDER:-BORDER].astype(np.float64)
-        for part in (views, true)
+        part[inside][:, BORDER:-BORDER, BORDER:-BORDER].astype(np.float64) for part in (views, true)
     )
     got = got * ((got * want).sum((0, 1, 2)) / (got * got).sum((0, 1, 2)))
     pair = encoded(got), encoded(want)

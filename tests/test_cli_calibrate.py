@@ -218,7 +218,7 @@ def test_corners_of_a_fresh_board_in_metres(calibrated: tuple[Intrinsics, str]):
     )
     j, i = np.mgrid[:3, :3][:, :, :, None]
     rays = found.rays(i, j, corners[..., 1], corners[..., 0]).reshape(9, -1, 4)
-    z = -np.polyfit(rays[:, 0, 0], rays[..., 2], 1)[0] ** -1  # u = u0 - s/z
+    z = -(np.polyfit(rays[:, 0, 0], rays[..., 2], 1)[0] ** -1)  # u = u0 - s/z
     true = corners_in_space(pose, BOARD, SPACING)[:, 2]
     off = min((z, z[::-1]), key=lambda z: np.abs(z - true).sum()) / true - 1
     assert abs(off.mean()) < 0.005

@@ -50,9 +50,7 @@ def view_at(x: Fraction, pitch: Fraction, count: int, axis: Fraction) -> int:
     ("pitch", "count", "axis"),
     [(7.0, 7, None), (7.3, 7, None), (11.9375, 5, None), (2.0, 2, 0.0), (6.0, 3, 2.25)],
 )
-def test_strips_against_a_loop(
-    pitch: float, count: int, axis: float | None, lenses: str
-) -> None:
+def test_strips_against_a_loop(pitch: float, count: int, axis: float | None, lenses: str) -> None:
     views = np.random.default_rng(7).integers(1, 256, (count, 23, 31, 3)).astype(np.uint8)
     found = interlace(views, pitch, lenses=lenses, centre=axis)
     wanted = np.zeros_like(found)

@@ -180,11 +180,25 @@ def test_refusals(tmp_path: Path, device: Device) -> None:
         (("-o", "q.png", "--size", "96"), 2, "WIDTHxHEIGHT"),
         (("-o", "q.png", "--size", "96x40"), 1, "12 x 6 each"),
         (("-o", "q.png", "--aspect", 0), 1, "0.1 to 10, not 0"),
-        (("-o", "q_qs5x9a1.777.png",), 1, "tells of another layout than qs8x6a0.75"),
+        (
+            (
+                "-o",
+                "q_qs5x9a1.777.png",
+            ),
+            1,
+            "tells of another layout than qs8x6a0.75",
+        ),
         (("-o", "q.png", "--span", 1.5), 2, "0<x<=1"),
         (("-o", "q.png", "--zero-parallax", 9, *known), 1, "moves by 45 pixels along x"),
         (("-o", "q.png", *known, "--disparities", "0:1:3"), 2, "--disparity"),
-        (("-o", "none/q.png",), 1, "no folder none"),
+        (
+            (
+                "-o",
+                "none/q.png",
+            ),
+            1,
+            "no folder none",
+        ),
     ):
         where = tmp_path / str(words[1])
         text = refused(run(device, "quilt", source, "-o", where, *words[2:]), code)

@@ -80,9 +80,7 @@ def test_stacks_volumes_maps_and_pictures(tmp_path, light_field):
     write_pfm(tmp_path / "map.pfm", depth.disparity)
     np.save(tmp_path / "array.npy", RNG.random((4, 9, 11)))
     imageio.imwrite(tmp_path / "picture.png", VIEWS[0, 0])
-    tifffile.imwrite(
-        tmp_path / "pages.tif", RNG.random((3, 9, 11)), photometric="minisblack"
-    )
+    tifffile.imwrite(tmp_path / "pages.tif", RNG.random((3, 9, 11)), photometric="minisblack")
     names = ("stack.tif", "volume.tif", "depth.ome.tif", "map.pfm", "array.npy", "picture.png",
              "pages.tif")  # fmt: skip
     page = tmp_path / "page.html"

@@ -53,6 +53,7 @@ OTHERS: dict[str, tuple[tuple[Any, ...], dict[str, Any]]] = {
     "plane_wave": ((), WAVE),
     "point_images": (([1e-5],), {}),
     "point_m": ((), {}),
+    "intensity_gradient": ((np.ones((8, 8)),), {}),
     "polar_gradient": ((None,), {}),
     "polygonal_aperture": (([(0, 0), (0, 1e-6), (1e-6, 0)],), {}),
     "propagate": ((1e-4,), {}),

@@ -15,9 +15,7 @@ from clplen.compute.device import Device
 def microscope(device: Device, across: int, **change: Any) -> Any:
     mla = MicrolensArray(125e-6, 2.5e-3, count=(13, 11), fill="full")
     values: dict[str, Any] = {"magnification": 40, "na": 0.95, "wavelength": 520e-9, "mla": mla}
-    return PlenopticCamera.microscope(
-        pixels_per_lenslet=across, device=device, **(values | change)
-    )
+    return PlenopticCamera.microscope(pixels_per_lenslet=across, device=device, **(values | change))
 
 
 @pytest.mark.parametrize(

@@ -64,7 +64,6 @@ def test_parameters(folder: Path):
     assert isinstance(read_parameters(folder).num_cams_x, int)
 
 
-
 def test_disparity_and_depth(folder: Path):
     parameters = read_parameters(folder)
     depth = np.array([[5.0, 7.5, 9.0], [30.0, np.inf, 4.0]])

@@ -159,6 +159,7 @@ def test_pictures_that_do_not_belong(folder: Path, values: dict[str, np.ndarray]
 
 def test_pictures_that_stand_in_for_one_another(folder: Path, device: Device):
     """A frame, its white image and its dark frame in every wrong place that brightness tells."""
+
     def read(frame: str, white: str, black: str, **words: Any) -> Any:
         given = {"white": folder / f"{white}.tif", "dark": folder / f"{black}.tif"}
         return read_lightfield(folder / f"{frame}.tif", device=device, **given, **words)

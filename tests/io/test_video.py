@@ -84,9 +84,7 @@ def test_a_sweep(tmp_path: Path, device: Device) -> None:
     np.testing.assert_allclose(found.mean((1, 2, 3)), across, atol=STEP)
 
 
-def test_without_the_extra(
-    tmp_path: Path, device: Device, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_without_the_extra(tmp_path: Path, device: Device, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setitem(sys.modules, "imageio_ffmpeg", None)
     grey = np.zeros((8, 8), np.uint8)
     with pytest.raises(ValueError, match=r'pip install "clplen\[video\]", or write \.gif'):

@@ -58,7 +58,7 @@ class _Recorded(OpticalSystem):
         return out
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class MeanPullback:
     """Takes the gradient of a loss back to the object and the system.
 
@@ -96,6 +96,12 @@ class MeanPullback:
     snapshots: int
     parameters: tuple[int, ...]
     kept: tuple[Field, ...]
+
+    def __repr__(self) -> str:
+        return (
+            f"<MeanPullback {self.method}, {self.snapshots} snapshots, {len(self.kept)} kept in "
+            f"{self.nbytes} bytes>"
+        )
 
     @property
     def nbytes(self) -> int:

@@ -20,7 +20,7 @@ if TYPE_CHECKING:
     from scipy.sparse.linalg import LinearOperator
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class SystemGradient:
     """The gradient of a loss by what a system is given and what it is made of.
 
@@ -43,6 +43,10 @@ class SystemGradient:
 
     field: Field
     parameters: dict[int, dict[str, Any]]
+
+    def __repr__(self) -> str:
+        parts = ", ".join(map(str, self.parameters)) or "no part"
+        return f"<SystemGradient by a field {self.field.shape} and parameters of {parts}>"
 
 
 class SystemOperator:
@@ -89,7 +93,10 @@ class SystemOperator:
         self.grids = tuple(grids)
 
     def __repr__(self) -> str:
-        return f"<SystemOperator of {len(self.parts)} parts, {self.grid} to {self.grids[-1]}>"
+        return (
+            f"<SystemOperator of {len(self.parts)} parts, {self.in_shape} to {self.out_shape}, "
+            f"{self.device.name}>"
+        )
 
     def __call__(self, field: Field) -> Field:
         """The field behind the last part."""
@@ -238,6 +245,9 @@ class SystemPullback:
 
     def __init__(self, operator: SystemOperator, kept: dict[int, Field]) -> None:
         self._operator, self._kept = operator, kept
+
+    def __repr__(self) -> str:
+        return f"<SystemPullback through {len(self._operator.parts)} parts, {self.nbytes} bytes>"
 
     @property
     def nbytes(self) -> int:

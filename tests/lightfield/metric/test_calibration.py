@@ -200,9 +200,7 @@ def test_deviations_are_those_of_many_calibrations():
 def test_views_in_one_line(axis: int):
     """Along y nothing is known of a row of views, and the same step is taken."""
     shape = ((1, 5), (5, 1))[axis] + (120, 160)
-    line = made_camera(
-        shape, steps=(2e-3, 2e-3), converge=(-1e-3, -1e-3), pitch=(3.6e-3, 3.6e-3)
-    )
+    line = made_camera(shape, steps=(2e-3, 2e-3), converge=(-1e-3, -1e-3), pitch=(3.6e-3, 3.6e-3))
     found = intrinsics_of(exact(line, poses_at([0.3, 0.4, 0.6])), shape, BOARD, SPACING)
     np.testing.assert_allclose(found.matrix, line.matrix, atol=1e-8)
 
@@ -231,8 +229,11 @@ def test_boards_that_few_views_show_are_named():
     assert np.isnan(found.board_rms).tolist() == [False, False, True, False, False]
     for lost in (0, 1):
         corners[lost][:] = np.nan
-    with pytest.raises(ValueError, match=r"too few light fields, 2 where at least 3 are needed "
-                       r"\(board 1 of 5: found in 0 of 12 views; .*board counts inner corners"):
+    with pytest.raises(
+        ValueError,
+        match=r"too few light fields, 2 where at least 3 are needed "
+        r"\(board 1 of 5: found in 0 of 12 views; .*board counts inner corners",
+    ):
         intrinsics_of(corners, CAMERA.shape, BOARD, SPACING)
 
 
