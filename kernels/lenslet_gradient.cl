@@ -8,7 +8,9 @@
  *
  * The share is that of lenslet_coverage.cl, whose strips and clipped polygons are differentiated: a
  * disc's strip grows at the ends that lie in the cell; a side of a cell moves with its normal, by
- * its length in the sample's cell. A side on the border of two samples' cells counts half in each.
+ * its length in the sample's cell. A side on the border of two samples' cells counts half in each, and
+ * a sample as near to several lenslets of a kind has the mean slope of their phases: derivatives there
+ * are means of those one way and the other.
  * Lengths in pitches, x, y and angle of the aperture in the sensor's axes. boxes, parts, out: see
  * lenslet_sums.cl.
  *
@@ -25,9 +27,11 @@
 #ifdef DOUBLE
 typedef double4 real4;
 #define NOTHING 1e-9 /* of half a cell: rounding of places */
+#define ALIKE 1e-10  /* squared distances, in pitches */
 #else
 typedef float4 real4;
 #define NOTHING 1e-4f
+#define ALIKE 3e-7f
 #endif
 
 #ifdef FULL
@@ -36,6 +40,26 @@ typedef float4 real4;
 #define IS_FULL false
 #endif
 
+/* How the chords of a cell's strips change with a disc's places along and across them and its radius. */
+inline real4 strips_change(real along, real across, real R, real ha, real hs)
+{
+    real4 change = (real4)(0);
+    for (int i = 0; i < STRIPS; ++i) {
+        const real t = across + hs * ((2 * i + 1) / (real)STRIPS - 1);
+        const real square = R * R - t * t;
+        if (square <= 0)
+            continue;
+        const real half_chord = sqrt(square);
+        if (fmin(along + half_chord, ha) <= fmax(along - half_chord, -ha))
+            continue;
+        const int right = along + half_chord < ha, left = along - half_chord > -ha;
+        change.x += right - left;
+        change.y -= (right + left) * t / half_chord;
+        change.w += (right + left) * R / half_chord;
+    }
+    return change / (2 * ha * STRIPS);
+}
+
 /* How the share of a cell changes with a disc's (x, y, angle, radius): see disc_coverage. */
 inline real4 disc_change(real cx, real cy, real R, real hx, real hy)
 {
@@ -43,27 +67,14 @@ inline real4 disc_change(real cx, real cy, real R, real hx, real hy)
     const real nx = fmax(ax - hx, (real)0), ny = fmax(ay - hy, (real)0);
     if ((ax + hx) * (ax + hx) + (ay + hy) * (ay + hy) <= R * R || nx * nx + ny * ny >= R * R)
         return (real4)(0);
-    const bool along_x = ax * hy >= ay * hx;
-    const real along = along_x ? ax : ay, across = along_x ? ay : ax;
-    const real ha = along_x ? hx : hy, hs = along_x ? hy : hx;
-    real by_along = 0, by_across = 0, by_radius = 0;
-    for (int i = 0; i < STRIPS; ++i) {
-        const real t = across + hs * ((2 * i + 1) / (real)STRIPS - 1);
-        const real square = R * R - t * t;
-        if (square <= 0)
-            continue;
-        const real half_chord = sqrt(square);
-        const bool right = along + half_chord < ha, left = along - half_chord > -ha;
-        if (fmin(along + half_chord, ha) <= fmax(along - half_chord, -ha))
-            continue;
-        const int ends = (int)right + (int)left;
-        by_along += (int)right - (int)left;
-        by_across -= ends * t / half_chord;
-        by_radius += ends * R / half_chord;
-    }
-    const real by_x = along_x ? by_along : by_across, by_y = along_x ? by_across : by_along;
-    return (real4)(cx < 0 ? -by_x : by_x, cy < 0 ? -by_y : by_y, 0, by_radius)
-        / (2 * ha * STRIPS);
+    const real lean = ax * hy - ay * hx; /* 0: strips turn when the disc moves */
+    const real level = fabs(lean) <= ALIKE * hy ? (real)0.5f : lean > 0 ? (real)1 : (real)0;
+    real4 change = (real4)(0);
+    if (level > 0)
+        change += level * strips_change(ax, ay, R, hx, hy);
+    if (level < 1)
+        change += (1 - level) * strips_change(ay, ax, R, hy, hx).yxzw;
+    return change * (real4)(cx < 0 ? -1 : 1, cy < 0 ? -1 : 1, 1, 1);
 }
 
 /* The part of a line p + s d that lies in [-h, h] along one axis; the share of it that counts. */
@@ -97,6 +108,31 @@ inline real4 polygon_change(real cx, real cy, real a, int sides, real turn, real
     return change / (4 * hx * hy);
 }
 
+/* How many lenslets of a kind are as near to a sample as the nearest one, which is one of them. */
+inline int alike(Lenslet l, real r2, int rows, int columns)
+{
+    int count = 0;
+    for (int i = -1; i <= 1; ++i) {
+        const int row = l.row + i;
+        if (row < 0 || row >= rows)
+            continue;
+#ifdef HEXAGONAL
+        const real shift = ((row & 1) - (l.row & 1)) * (real)0.5f;
+#else
+        const real shift = 0;
+#endif
+        for (int k = -1; k <= 1; ++k) {
+            const int column = l.column + k;
+            if (column < 0 || column >= columns
+                || lens_type(row, column) != lens_type(l.row, l.column))
+                continue;
+            const real a = l.a - k - shift, b = l.b - i * ROW_HEIGHT;
+            count += a * a + b * b - r2 <= ALIKE;
+        }
+    }
+    return count;
+}
+
 __kernel void lenslet_gradient(__global real *restrict out, __global const cplx *restrict G,
                                __global const real2 *restrict a_of_y,
                                __global const real2 *restrict b_of_y,
@@ -113,6 +149,11 @@ __kernel void lenslet_gradient(__global real *restrict out, __global const cplx 
     const int4 box = boxes[item / parts];
     const int row = item / parts / columns, column = item / parts % columns;
     const real room = radius - (hx + hy);
+#ifdef HEXAGONAL
+    const real shift = (row & 1) * (real)0.5f;
+#else
+    const real shift = 0;
+#endif
     real total[SUMS], lost[SUMS], line[SUMS];
     for (int k = 0; k < SUMS; ++k)
         total[k] = lost[k] = 0;
@@ -124,19 +165,16 @@ __kernel void lenslet_gradient(__global real *restrict out, __global const cplx 
             const Lenslet l = nearest(a, b, rows, columns);
             if (abs(l.row - row) > 1 || abs(l.column - column) > 1)
                 continue; /* no neighbour of the nearest one adds to its sample: coverage() */
-            const bool own = l.row == row && l.column == column;
-            const real r2 = l.a * l.a + l.b * l.b;
-            const cplx c = cmul(cis_turns(turns[lens_type(l.row, l.column)] * r2),
-                                G[row_start(0, y, 0, nx) + x]);
+            const real da = ((a.x - column) + a.y) - shift;
+            const real db = ((b.x - row) + b.y) * ROW_HEIGHT;
+            const real r2 = l.a * l.a + l.b * l.b, d2 = da * da + db * db;
+            const int kind = lens_type(l.row, l.column);
+            const cplx c = cmul(cis_turns(turns[kind] * r2), G[row_start(0, y, 0, nx) + x]);
+            real part = l.row == row && l.column == column; /* of the sample's phase */
+            if (r2 > (real)0.2499f && d2 - r2 <= ALIKE && lens_type(row, column) == kind)
+                part = (real)1 / alike(l, r2, rows, columns);
             real amplitude = 1;
             if (!(room > 0 && r2 < room * room)) {
-#ifdef HEXAGONAL
-                const real shift = (row & 1) * (real)0.5f;
-#else
-                const real shift = 0;
-#endif
-                const real da = ((a.x - column) + a.y) - shift;
-                const real db = ((b.x - row) + b.y) * ROW_HEIGHT;
                 const real cx = -(da * turn.x - db * turn.y), cy = -(da * turn.y + db * turn.x);
                 const real4 change = IS_FULL
                     ? polygon_change(cx, cy, radius, SIDES, angle, hx, hy)
@@ -145,14 +183,14 @@ __kernel void lenslet_gradient(__global real *restrict out, __global const cplx 
                 line[4] += c.x * change.y;
                 line[5] += c.x * change.z;
                 line[6] += c.x * change.w;
-                if (own && !(IS_FULL && radius >= (real)0.5f && is_inner(l, rows, columns)))
+                if (part > 0 && !(IS_FULL && radius >= (real)0.5f && is_inner(l, rows, columns)))
                     amplitude = coverage(l, radius, IS_FULL, turn, angle, hx, hy, rows, columns);
             }
-            if (own) {
-                const real p = amplitude * c.y;
-                line[0] += p * l.a;
-                line[1] += p * l.b;
-                line[2] += p * r2;
+            if (part > 0) {
+                const real p = part * amplitude * c.y;
+                line[0] += p * da;
+                line[1] += p * db;
+                line[2] += p * d2;
             }
         }
         add_line(total, lost, line);

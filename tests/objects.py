@@ -196,6 +196,8 @@ EXAMPLES: dict[str, Callable[[Device], Any]] = {
     "OpticalSystem": lambda _: clplen.OpticalSystem(
         [clplen.wave.Space(0.1), clplen.wave.Lens(0.05), clplen.wave.Pupil(3e-3, 0.1)]
     ),
+    "PhasePlate": lambda _: clplen.wave.PhasePlate(samples(9, 8), pitch=2e-5),
+    "ZernikePlate": lambda _: clplen.wave.ZernikePlate({4: 5e-8}, diameter=2e-4),
     "PhaseSpace": lambda device: clplen.lightfield.phase_space(lightfield(device), y=3, v=1),
     "Occluder": lambda _: clplen.cameras.Occluder(np.eye(5), 1e-3),
     "PicturePlane": lambda _: clplen.PicturePlane(samples(64, 64), 1e-3),

@@ -54,7 +54,13 @@ from clplen.microscopy.deconvolution import deconvolve
 from clplen.microscopy.projector import Projector
 from clplen.microscopy.psf import point_images
 from clplen.selftest.basics import built_in_values
-from clplen.wave import LensletMap, LensletSurface, RandomPhaseMask, Space
+from clplen.wave import (
+    LensletMap,
+    LensletSurface,
+    RandomPhaseMask,
+    Space,
+    thin_lens_gradient,
+)
 from clplen.wave.coherence.abbe import abbe_image
 from clplen.wave.coherence.extended_source import ExtendedSource
 from clplen.wave.elements.beams import spherical_wave
@@ -190,9 +196,12 @@ def waves(device: Device) -> None:
     bad = Aberrations(lenslets={4: 20e-9}, scatter=LensletScatter(focal_length=0.1))
     for lattice in ("square", "hexagonal"):
         for fill in ("circular", "full"):
-            MicrolensArray(80e-6, 10e-3, count=2, lattice=lattice, fill=fill).apply(field)
+            array = MicrolensArray(80e-6, 10e-3, count=2, lattice=lattice, fill=fill)
+            array.gradient(field, array.apply(field))
         array = MicrolensArray(80e-6, 10e-3, count=2, lattice=lattice)
         bad.lenslet_errors(array).phase(array, grid, WAVELENGTH, device)
+        bad.lenslet_errors(array).gradient(array, field, field)
+    thin_lens_gradient(field, field, 0.1)
     coherent(device)
 
 

@@ -22,7 +22,7 @@ from typing import IO, Any
 
 from clplen.compute.device import Device
 from clplen.errors import ClplenError
-from clplen.selftest import basics, depth, frames, optics, views, waves
+from clplen.selftest import basics, depth, frames, gradients, optics, views, waves
 from clplen.selftest.check import Check, CheckResult, run_check, sentence_of
 from clplen.selftest.report import DeviceReport, device_facts, environment
 
@@ -32,6 +32,7 @@ CHECKS: tuple[Check, ...] = (
     *basics.CHECKS,
     *waves.CHECKS,
     *optics.CHECKS,
+    *gradients.CHECKS,
     *views.CHECKS,
     *depth.CHECKS,
     *depth.MATCHING_CHECKS,

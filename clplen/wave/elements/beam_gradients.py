@@ -51,7 +51,7 @@ def tilt_gradient(field: Field, cotangent: Field, direction: Pair) -> dict[str, 
     >>> cotangent = clplen.Field.from_array(right, grid, wavelength=500e-9)
     >>> found = clplen.wave.tilt_gradient(wave, cotangent, (0.0, 0.001))["direction"]
     >>> [round(float(value) / 1e6, 1) for value in found]  # 2 pi/lam 64 sum abs(x)
-    [-0.0, 8.2]
+    [0.0, 8.2]
     """
     moments = log_moments(tilt(field, direction), cotangent, *offsets(field.grid), order=1).imag
     k = 2 * math.pi / field.wavelength
@@ -94,7 +94,7 @@ def spherical_wave_gradient(
     >>> error = here.to_numpy() - there.to_numpy()  # L = sum abs(error)^2/2
     >>> cotangent = clplen.Field.from_array(error, grid, wavelength=500e-9)
     >>> found = clplen.wave.spherical_wave_gradient(cotangent, 0.1)
-    >>> found["source"][1] < 0  # the source has to move to larger x
+    >>> bool(found["source"][1] < 0)  # the source has to move to larger x
     True
     """
     require_field(cotangent)

@@ -185,19 +185,22 @@ def _nearest_boxes(mla: LensletLattice, grid: Grid) -> np.ndarray:
 
     Those of a lenslet lie in a rectangle along the array's axes, which on the border of the array
     goes on to the end of the window: half a column and half a row about its centre, in a hexagonal
-    lattice one and a half rows (of the row a sample lies in and its neighbours, one is taken).
+    lattice two thirds of a row, and one and a half rows at the ends of rows (of the row that a
+    sample lies in and its neighbours, one is taken).
     """
     (rows, columns), hexagonal = mla.count, mla.lattice == "hexagonal"
     i, k = (n.ravel() for n in np.indices(mla.count))
     middle = k - (columns - 1) / 2 + (i % 2 / 2 if hexagonal else 0)
-    beside = 1 if hexagonal else 0  # rows that the first and the last may lose to their neighbours
+    # rows that the first and the last may lose to their neighbours
+    beside = ((k == 0) | (k == columns - 1)).astype(np.int64) if hexagonal else np.zeros_like(k)
+    half = np.where(beside > 0, 1.5, 2 / 3 if hexagonal else 0.5)
     endless = math.hypot(*grid.extent) + math.hypot(*grid.origin) + math.hypot(*mla.offset)
     endless += math.hypot(rows * mla.row_pitch, columns * mla.pitch)
     left = np.where(k == 0, -endless, (middle - 0.5) * mla.pitch)
     right = np.where(k == columns - 1, endless, (middle + 0.5) * mla.pitch)
     height = i - (rows - 1) / 2
-    top = np.where(i <= beside, -endless, (height - 0.5 - beside) * mla.row_pitch)
-    bottom = np.where(i >= rows - 1 - beside, endless, (height + 0.5 + beside) * mla.row_pitch)
+    top = np.where(i <= beside, -endless, (height - half) * mla.row_pitch)
+    bottom = np.where(i >= rows - 1 - beside, endless, (height + half) * mla.row_pitch)
     y, x = np.stack([top, top, bottom, bottom]), np.stack([left, right, left, right])
     cos, sin = math.cos(mla.rotation), math.sin(mla.rotation)
     corners = np.stack([x * sin + y * cos, x * cos - y * sin], axis=-1) + mla.offset

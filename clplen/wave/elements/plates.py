@@ -184,11 +184,13 @@ class ZernikePlate(OneLine):
     Examples
     --------
     >>> wave = clplen.wave.plane_wave(clplen.Grid((64, 64), 10e-6), wavelength=500e-9)
-    >>> plate = clplen.wave.ZernikePlate({4: 50e-9}, diameter=0.4e-3)  # defocus, 0.1 waves rms
-    >>> behind = plate.apply(wave)
-    >>> found = plate.gradient(wave, behind)["coefficients"]  # of L = sum abs(u)^2/2
-    >>> list(found), f"{abs(found[4]):.0f}"  # a phase changes no power
-    ([4], '0')
+    >>> plate = clplen.wave.ZernikePlate({1: 0.0, 4: 50e-9}, diameter=0.4e-3)
+    >>> behind = plate.apply(wave)  # defocus of 0.1 waves rms
+    >>> cotangent = clplen.Field.from_array(
+    ...     1j * behind.to_numpy(), wave.grid, wavelength=500e-9)  # of the sum of all phases
+    >>> found = plate.gradient(wave, cotangent)["coefficients"]
+    >>> f"{found[1] * 500e-9 / (2 * np.pi):.0f} samples"  # of the disc, those on its rim too
+    '1345 samples'
     """
 
     coefficients: Mapping[int, float]
@@ -220,7 +222,7 @@ class ZernikePlate(OneLine):
     def _multiplied(self, field: Field, sign: int) -> Field:
         return phase_plate(
             field,
-            {j: sign * metres for j, metres in self.coefficients.items()},
+            {j: sign * c for j, c in self.coefficients.items()},
             diameter=self.diameter,
             indexing=self.indexing,
             centre=self.centre,
