@@ -32,6 +32,7 @@ class TextureOperator:
     Parameters
     ----------
     camera : Plenoptic1 or Plenoptic2
+        As `PlenopticCamera.type1` and `PlenopticCamera.type2` make them.
     scene : SurfaceScene
         Its textures say where samples lie; those of several surfaces may be one.
 
