@@ -18,6 +18,9 @@
  * part. samples[j] = (xi_y, xi_x, eta_y, eta_x): place in the lenslet, in pitches of rows and
  * columns, and in the pixel, in pixels; a multiple of eight of them.
  *
+ * -DADJOINT: the transpose of raw as a map of the textures' coefficients: out are pixels that are
+ * read, and what each coefficient counts is added to texels, in any order.
+ *
  * bounds[i]   rows y0 <= k <= y1 and columns x0 <= k <= x1 of lenslets that see surface i
  *
  * Mapping: FOR_X of common.cl. -DROWS: see common.cl. -DHEXAGONAL, -DTYPES=, -DTYPE_STEP=: see
@@ -26,10 +29,52 @@
 #include "lens_types.cl"
 #include "surfaces.cl"
 
+#ifdef ADJOINT
+#define PIXELS __global const float
+#define TEXELS volatile __global float
+#else
+#define PIXELS __global float
+#define TEXELS __global const float
+#endif
+
+#ifdef ADJOINT
+/* *to += term, whoever else adds to it. */
+inline void add_atomic(volatile __global float *to, float term)
+{
+    union { uint bits; float value; } before, after;
+    do {
+        before.value = *to;
+        after.value = before.value + term;
+    } while (atomic_cmpxchg((volatile __global uint *)to, before.bits, after.bits) != before.bits);
+}
+
+/* The transpose of `shine` as a map of the coefficients: `share` of them where the ray (y, x, a, b)
+ * meets surface i at d. */
+inline void gather(const Scene *scene, int i, float4 ray, float d, float share,
+                   volatile __global float *texels)
+{
+    __global const float *s = scene->shape + i * SHAPE;
+    __global const int *w = scene->which + i * WHICH;
+    const float Y = ray.x + d * ray.z, X = ray.y + d * ray.w;
+    const float ty = Y * s[PER_PIXEL] + s[OY], tx = X * s[PER_PIXEL] + s[OX];
+    const float fy = floor(ty), fx = floor(tx);
+    const float4 wy4 = spline(ty - fy), wx4 = spline(tx - fx);
+    const float wy[4] = {wy4.x, wy4.y, wy4.z, wy4.w}, wx[4] = {wx4.x, wx4.y, wx4.z, wx4.w};
+    const float light = share * fmax(0.0f, 1 + s[SHADE_Y] * Y + s[SHADE_X] * X);
+    for (int j = 0; j < 4; ++j)
+        for (int k = 0; k < 4; ++k) {
+            const int row = wrapped((int)fy - 1 + j, w[NY]), at = wrapped((int)fx - 1 + k, w[NX]);
+            for (int c = 0; c < scene->channels; ++c)
+                add_atomic(texels + w[TEXTURE] + (row * w[NX] + at) * scene->channels + c,
+                           light * wy[j] * wx[k]);
+        }
+}
+#endif
+
 /* Sum over the samples of what lenslet (i, k) shows at (down, right) pixels from its sub-image. */
 inline float lenslet(const Scene *scene, ulong mask, __global const float4 *samples, int count,
                      float2 place, float2 at, float2 blur, float radius, float aspect,
-                     float background)
+                     float background, float weight, TEXELS *texels)
 {
     float sum = 0;
     for (int j = 0; j < count; j += 8) {
@@ -49,6 +94,12 @@ inline float lenslet(const Scene *scene, ulong mask, __global const float4 *samp
         const Rays rays = {y.lanes, x.lanes, a.lanes, b.lanes};
         seen.lanes = nearest(scene, mask, rays, &d.lanes);
         seen.lanes = select((int8)(-2), seen.lanes, passes);
+#ifdef ADJOINT
+        for (int k = 0; k < 8; ++k)
+            if (seen.lane[k] >= 0)
+                gather(scene, seen.lane[k], (float4)(y.lane[k], x.lane[k], a.lane[k], b.lane[k]),
+                       d.lane[k], weight / (count * scene->channels), texels);
+#else
         for (int k = 0; k < 8; ++k) {
             float light[3] = {0, 0, 0};
             if (seen.lane[k] >= 0)
@@ -58,13 +109,14 @@ inline float lenslet(const Scene *scene, ulong mask, __global const float4 *samp
                 light[0] = background * scene->channels;
             sum += light[0] + light[1] + light[2];
         }
+#endif
     }
     return sum / (count * scene->channels);
 }
 
-__kernel void expose(__global float *restrict out, __global const float *restrict shape,
+__kernel void expose(PIXELS *restrict out, __global const float *restrict shape,
                      __global const int *restrict which, __global const float4 *restrict edges,
-                     __global const float *restrict spots, __global const float *restrict texels,
+                     __global const float *restrict spots, TEXELS *texels,
                      __global const int4 *restrict bounds, __global const int2 *restrict row_at,
                      __global const float2 *restrict row_part, __global const int2 *restrict column_at,
                      __global const float2 *restrict column_part, __global const float4 *restrict samples,
@@ -74,13 +126,22 @@ __kernel void expose(__global float *restrict out, __global const float *restric
                      const int count, const int rows, const int columns, const int n, const int ny,
                      const int nx, const int channels)
 {
+#ifdef ADJOINT
+    const Scene scene = {shape, which, edges, spots, 0, channels};
+#else
     const Scene scene = {shape, which, edges, spots, texels, channels};
+#endif
     const int y = get_global_id(1);
     const float2 limit = radius + 1 + widest;
     FOR_X(x, nx) {
         const float2 part = row_part[y] + column_part[x];
         const int2 near = row_at[y] + column_at[x] + convert_int2(rint(part));
         const float2 rest = part - rint(part);
+#ifdef ADJOINT
+        const float weight = out[y * nx + x];
+#else
+        const float weight = 1;
+#endif
         float sum = 0;
         for (int i = max(0, near.x - reach); i <= min(rows - 1, near.x + reach); ++i) {
             const float shift = (i & 1) * odd_shift;
@@ -94,9 +155,11 @@ __kernel void expose(__global float *restrict out, __global const float *restric
                                     && k <= bounds[one].w) << one;
                 const float2 place = {i - 0.5f * (rows - 1), k + shift - 0.5f * (columns - 1)};
                 sum += lenslet(&scene, mask, samples, count, place, at, blur[lens_type(i, k)], radius,
-                               aspect, background);
+                               aspect, background, weight, texels);
             }
         }
+#ifndef ADJOINT
         out[y * nx + x] = sum;
+#endif
     }
 }

@@ -193,6 +193,9 @@ EXAMPLES: dict[str, Callable[[Device], Any]] = {
     "ExposureOperator": lambda device: clplen.cameras.ExposureOperator(
         camera(device), clplen.PointSources((0.0, 0.0, 0.0))
     ),
+    "TextureOperator": lambda device: clplen.cameras.TextureOperator(
+        camera(device), clplen.SurfaceScene(clplen.cameras.Plane(0.1, texture=texture()))
+    ),
     "PixelArray": lambda _: clplen.cameras.PixelArray(pitch=1.4e-6, fill_factor=0.8),
     "MicrolensArray": lambda _: MLA,
     "Microscope": lambda device: clplen.PlenopticCamera.microscope(**MICROSCOPE, device=device),

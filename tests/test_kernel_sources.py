@@ -36,7 +36,7 @@ from clplen import (
     thin_lens,
 )
 from clplen.bench import ceilings
-from clplen.cameras import ExposureOperator, PixelArray, Plane
+from clplen.cameras import ExposureOperator, PixelArray, Plane, TextureOperator
 from clplen.cameras.optics.camera_aberrations import Aberrations, LensletScatter
 from clplen.cameras.scenes.scene_sources import PicturePlane
 from clplen.compute.device import Device
@@ -379,6 +379,8 @@ def work(device: Device) -> None:
         scene = SurfaceScene(Plane(0.5))
         scene.light_field((2, 3), (6, 9), device=device)
         raw.camera.expose(scene, model="rays")
+        textures = TextureOperator(raw.camera, scene)
+        textures.adjoint(np.ones(textures.out_shape))
 
 
 @pytest.fixture(scope="module")

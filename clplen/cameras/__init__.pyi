@@ -36,3 +36,4 @@ from .scenes.textures import picture as picture
 from .scenes.textures import stripes as stripes
 from .scenes.textures import uniform as uniform
 from .standard_camera import Plenoptic1 as Plenoptic1
+from .texture_operator import TextureOperator as TextureOperator

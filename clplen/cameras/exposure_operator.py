@@ -21,7 +21,7 @@ from clplen.cameras.exposure.scene_parts import (
 )
 from clplen.cameras.exposure.source_images import PointFields, images_of, point_fields
 from clplen.cameras.exposure.wave_exposure import Method
-from clplen.cameras.light_field_microscope import Microscope
+from clplen.cameras.light_field_microscope import Microscope, microscope_images
 from clplen.cameras.optics.pixel_array import PixelArray
 from clplen.cameras.scenes.occluders import Occluder
 from clplen.cameras.scenes.scene_sources import Source, as_occluders, as_sources
@@ -128,7 +128,8 @@ class ExposureOperator:
                     "Occluders, model and method are for plenoptic cameras; a microscope has one "
                     "way: leave them out."
                 )
-            parts = microscope_parts(self.sources, camera.lines(coherence), camera)
+            lines = camera.lines(coherence)
+            parts = microscope_parts(self.sources, lines, camera, microscope_images)
         else:
             optics = replace(camera.optics, occluders=occluders)
             found = ray_parts if model == "rays" else wave_parts

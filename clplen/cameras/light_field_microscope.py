@@ -230,33 +230,6 @@ class Microscope(MicroscopeOptics):
                 progress(done, len(points))
         return self.device.download(total).astype(np.float64)
 
-    def images(self, points: PointSources) -> Iterator[DeviceImages]:
-        """Images of single points on the pixels, without crosstalk, some at a time.
-
-        Parameters
-        ----------
-        points : PointSources
-            Their power does not count: each has the energy 1 in the pupil.
-
-        Yields
-        ------
-        DeviceImages
-        """
-        if self.pixels is not None:
-            for same, windows in self._windows(points):
-                yield window_images(same, windows, *window_samples(windows))
-            return
-        window = self.window(points)
-        first = [(big - n) // 2 for big, n in zip(window.shape, self.grid.shape, strict=True)]
-        middle = PixelSums((first[0], first[1]), 1, 0.0, (0, 0), self.grid.shape)
-        step = self.batch(window)
-        for start in range(0, len(points), step):
-            which = range(start, min(start + step, len(points)))
-            fields = self.sensor_fields(points.chosen(list(which)), window).data
-            yield images_on_patches(
-                which, fields, [middle] * len(which), np.ones(len(which)), self.device
-            )
-
     def _windows(self, points: PointSources) -> Iterator[tuple[list[int], MicroscopeWindows]]:
         """Windows of points in batches that travel together, with their indices."""
         shapes = [
@@ -352,3 +325,27 @@ def wider(n: int, least: float) -> int:
     while smooth_length(length) != length:
         length += 2
     return length
+
+
+def microscope_images(camera: Microscope, points: PointSources) -> Iterator[DeviceImages]:
+    """Images of single points on the pixels, without crosstalk, some at a time.
+
+    Parameters
+    ----------
+    camera : Microscope
+    points : PointSources
+        Their power does not count: each has the energy 1 in the pupil.
+    """
+    if camera.pixels is not None:
+        for same, windows in camera._windows(points):
+            yield window_images(same, windows, *window_samples(windows))
+        return
+    window = camera.window(points)
+    first = [(big - n) // 2 for big, n in zip(window.shape, camera.grid.shape, strict=True)]
+    middle = PixelSums((first[0], first[1]), 1, 0.0, (0, 0), camera.grid.shape)
+    step = camera.batch(window)
+    for start in range(0, len(points), step):
+        which = list(range(start, min(start + step, len(points))))
+        fields = camera.sensor_fields(points.chosen(which), window).data
+        sums, gains = [middle] * len(which), np.ones(len(which))
+        yield images_on_patches(which, fields, sums, gains, camera.device)

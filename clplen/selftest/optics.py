@@ -8,8 +8,8 @@ import numpy as np
 
 from clplen.cameras.exposure import isoplanatic
 from clplen.cameras.exposure.point_gradients import point_rows, put_cotangents
-from clplen.cameras.exposure.ray_exposure import SAMPLES, sample_rays
 from clplen.cameras.exposure.source_images import DeviceImages
+from clplen.cameras.exposure.surface_rays import SAMPLES, sample_rays
 from clplen.cameras.optics.local_window import LocalWindows, window_shape
 from clplen.cameras.optics.objective import Objective
 from clplen.cameras.optics.pixel_array import PixelSums, pixel_weights

@@ -20,7 +20,7 @@ from clplen import (
     SurfaceScene,
 )
 from clplen.cameras import Plane, Sphere
-from clplen.cameras.exposure.ray_exposure import sample_rays
+from clplen.cameras.exposure.surface_rays import sample_rays
 from clplen.cameras.scenes.surfaces import rectangle
 from clplen.cameras.scenes.textures import noise, uniform
 from clplen.cameras.standard_camera import Plenoptic1

@@ -9,8 +9,8 @@ import pytest
 import reference_scene as reference
 
 from clplen import MicrolensArray, PlenopticCamera, SurfaceScene
-from clplen.cameras import Plane, Sphere, Texture
-from clplen.cameras.exposure.ray_exposure import SAMPLES, sample_rays
+from clplen.cameras import Plane, Sphere, Texture, TextureOperator
+from clplen.cameras.exposure.surface_rays import SAMPLES, sample_rays
 from clplen.cameras.scenes.surfaces import Ellipse
 from clplen.compute.device import Device
 from clplen.compute.drivers import selection
@@ -87,3 +87,18 @@ def check(camera: Any) -> None:
     # the other side, each a 64th of a pixel.
     assert np.sort(error.ravel())[-8] < 1e-5
     assert error.max() < 1.5 / 64
+
+
+def test_the_adjoint_is_the_transpose(device: Device) -> None:
+    mla = MicrolensArray(150e-6, 10e-3, count=(2, 3), lattice="hexagonal")
+    camera = PlenopticCamera.type1(
+        focal_length=0.01, mla=mla, wavelength=700e-9, pixels_per_lenslet=6.3, device=device,
+        aperture_diameter=0.26e-3,
+    )  # fmt: skip
+    operator = TextureOperator(camera, SCENE)
+    random = np.random.default_rng(9)
+    x, y = (random.random(s).astype(np.float32) for s in (operator.in_shape, operator.out_shape))
+    image, back = operator.forward(x), operator.adjoint(y)
+    left, right = (float((p * q.astype(float)).sum()) for p, q in ((image, y), (x, back)))
+    assert left > 0
+    assert abs(left - right) <= 1e-6 * left

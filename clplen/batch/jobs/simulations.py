@@ -16,7 +16,7 @@ from clplen.batch.jobs.sweep import Setting, combinations, label, with_values
 from clplen.batch.jobs.tables import EVERY, SceneTable, SimulationTable
 from clplen.batch.jobs.task import Source
 from clplen.cameras.camera_base import Plenoptic
-from clplen.cameras.exposure.ray_exposure import view_reach
+from clplen.cameras.exposure.surface_rays import view_reach
 from clplen.cameras.light_field_microscope import Microscope
 from clplen.cameras.scenes.gallery import SCENES, SampleScene, sample_scenes
 from clplen.cameras.scenes.scene_sources import PointSources

@@ -8,27 +8,22 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
-import pyopencl.array as cla
 
+from clplen.cameras.exposure.surface_rays import SurfaceRays, well_spread
 from clplen.cameras.optics.camera_aberrations import slopes
 from clplen.cameras.optics.ray_optics import RayOptics, check_in_view, raw_image, view_step
 from clplen.cameras.scenes.ground_truth import Truth
 from clplen.cameras.scenes.scene_sources import PicturePlane, PointSources, Source
 from clplen.cameras.scenes.surface_scene import (
-    FAR,
-    MARGIN,
     SurfaceScene,
     SurfaceTables,
     centre_truth,
-    surface_tables,
 )
-from clplen.lightfield.raw.lenslet_grid import LensletGrid
 from clplen.lightfield.raw.raw_image import RawImage
 
 Vector = np.ndarray[Any, np.dtype[np.float64]]
 Counts = np.ndarray[Any, np.dtype[np.int64]]
 
-SAMPLES = 64  # rays of a pixel and a lenslet
 MOST_RAYS = 2**16  # of one point
 LEAST_RAYS = 2**8
 ALL_RAYS = 2**23  # of a scene of points, shared among them
@@ -93,69 +88,10 @@ def expose_rays(optics: RayOptics, scene: SurfaceScene | Sequence[Source]) -> Ra
 
 def _surfaces(optics: RayOptics, scene: SurfaceScene) -> RawImage:
     """The raw image and the truth of a scene of surfaces."""
-    device, mla = optics.device, optics.mla
-    if optics.aberrations.bends_main_lens or optics.aberrations.bends_lenslets:
-        raise ValueError(
-            "Rays of a SurfaceScene know no wavefronts of the lenses: of the camera's aberrations "
-            "keep sensor_shift only, or expose points and pictures."
-        )
-    if not mla.is_thin:
-        raise ValueError(
-            "Rays of a SurfaceScene know thin lenslets only: expose points and pictures, or use a "
-            f"MicrolensArray of focal_length={mla.focal_length:.6g} without surface, map and gap."
-        )
-    raw = raw_image(optics, device.empty(optics.grid.shape, np.float32), paraxial=True)
-    step = view_step(optics)
-    radius, aspect = optics.aperture_diameter / 2 / step, mla.pitch / mla.row_pitch
-    blurs = _gains(optics)[:, None] * (mla.row_pitch / step, mla.pitch / step)
-    blur = np.abs(blurs).max(axis=0)
-    scene.check_views(*view_reach(optics))
-    tables = surface_tables(scene, device)
-    grid = raw.sub_images
-    size = (math.hypot(*grid.row_step), math.hypot(*grid.column_step))  # pixels a sub-image
-    samples = sample_rays(mla, count=SAMPLES)
-    reach = math.ceil((radius + 1 + float(blur.max())) / min(size) + 0.5)
-    defines = {"TYPES": len(blurs), "TYPE_STEP": mla.type_step}
-    defines |= {"HEXAGONAL": True} if mla.lattice == "hexagonal" else {}
-    numbers = (radius, aspect, grid.odd_row_shift, scene.background)
-    counts = (reach, len(samples), *mla.count, tables.count, *optics.grid.shape, scene.channels)
-    device.launch_rows(
-        device.kernel("rays.cl", "expose", **defines),
-        optics.grid.shape,
-        raw.data,
-        *tables.all(),
-        device.upload(lenslet_bounds(scene, mla.count, view_reach(optics)[1], aspect)),
-        *_pixel_tables(optics, grid),
-        device.upload(samples),
-        np.array(size, np.float32),
-        device.upload(blurs.astype(np.float32)),
-        blur.astype(np.float32),
-        *(np.float32(number) for number in numbers),
-        *(np.int32(number) for number in counts),
-    )
-    return replace(raw, truth=_truth(optics, tables))
-
-
-def view_reach(optics: RayOptics) -> tuple[float, float]:
-    """How far from the centre view rays through a camera go, (down, right), in view steps.
-
-    Those of a pixel and a lenslet that pass the main lens, and those beside it, which are traced.
-    """
-    mla, step = optics.mla, view_step(optics)
-    lenslet = mla.pitch / step * max(1.0, float(np.abs(_gains(optics)).max()))
-    widest = optics.aperture_diameter / 2 / step + 1 + lenslet
-    return widest * mla.pitch / mla.row_pitch, widest
-
-
-def _gains(optics: RayOptics) -> Vector:
-    """g of each kind of lenslets: how u on the main lens moves with the place in a lenslet.
-
-    From the pixel e of a sub-image u = g xi - z2 e/z3, g = 1 + z2/z3 - z2/f, 1 less with a field
-    lens; 1 for a 1.0 camera and -F/a for a 2.0 optics.
-    """
-    z2, z3 = optics.array_distance, optics.sensor_distance
-    bent = z2 * (1 / z3 - 1 / np.array(optics.mla.focal_lengths))
-    return np.asarray(bent if optics.field_lens else 1 + bent)
+    rays = SurfaceRays.of(optics, scene)
+    raw = raw_image(optics, optics.device.empty(optics.grid.shape, np.float32), paraxial=True)
+    rays.expose(raw.data, rays.tables.texels)
+    return replace(raw, truth=_truth(optics, rays.tables))
 
 
 def _truth(optics: RayOptics, tables: SurfaceTables) -> Truth:
@@ -164,72 +100,6 @@ def _truth(optics: RayOptics, tables: SurfaceTables) -> Truth:
     beta = 1 - found.disparity * (optics.mla.pitch / view_step(optics))
     alpha = beta * (optics.image_distance / optics.array_distance)
     return replace(found, z=np.asarray(optics.dz(alpha), np.float32))
-
-
-def sample_rays(mla: Any, *, count: int) -> np.ndarray[Any, np.dtype[np.float32]]:
-    """PatternGrid in a lenslet and in a pixel, well spread over both, each with its mirror image.
-
-    The additive recurrence of the generalised golden ratio in four dimensions (Roberts 2018),
-    those within the lenslet's aperture; the mirror images make linear terms cancel.
-
-    Parameters
-    ----------
-    mla : MicrolensArray
-    count : int
-        Even.
-
-    Returns
-    -------
-    numpy.ndarray
-        float32, shape (count, 4): (y, x) in the lenslet in row pitches and pitches, (y, x) in the
-        pixel along the lattice's axes in pixels, all from their centres.
-    """
-    points = _spread(64 * count, 4) - 0.5
-    tall = 2 / math.sqrt(3) if mla.lattice == "hexagonal" and mla.fill == "full" else 1.0
-    y, x = points[:, 0] * tall * mla.diameter, points[:, 1] * mla.diameter
-    half = mla.diameter / 2
-    if mla.fill == "circular":
-        inside = y**2 + x**2 <= half**2
-    elif mla.lattice == "hexagonal":
-        inside = np.abs(x) / 2 + np.abs(y) * math.sqrt(3) / 2 <= half
-    else:
-        inside = np.ones(len(points), bool)
-    cos, sin = math.cos(mla.rotation), math.sin(mla.rotation)
-    down, right = points[:, 2] * cos - points[:, 3] * sin, points[:, 2] * sin + points[:, 3] * cos
-    columns = (y / mla.row_pitch, x / mla.pitch, down, right)
-    chosen = np.stack(columns, axis=-1)[inside][: count // 2]
-    return np.concatenate([chosen, -chosen]).astype(np.float32)
-
-
-def lenslet_bounds(
-    scene: SurfaceScene, count: tuple[int, int], widest: float, aspect: float
-) -> np.ndarray[Any, np.dtype[np.int32]]:
-    """Rows and columns of lenslets that may see each surface, (y0, y1, x0, x1), shape (n, 4)."""
-    found = np.empty((len(scene.surfaces), 4))
-    for i, one in enumerate(scene.surfaces):
-        points = one.bounds()
-        if points is None:
-            found[i] = (-FAR, FAR) * 2
-            continue
-        for axis, reach in ((0, widest * aspect), (1, widest)):
-            middle = (count[axis] - 1) / 2
-            spread = np.abs(points[:, 2]).max() * reach + MARGIN
-            low, high = points[:, axis].min() - spread, points[:, axis].max() + spread
-            found[i, 2 * axis : 2 * axis + 2] = (low + middle, high + middle)
-    return np.clip(found, -FAR, FAR).astype(np.int32)
-
-
-def _pixel_tables(optics: RayOptics, grid: LensletGrid) -> tuple[cla.Array, ...]:
-    """(row, column) among the sub-images that y and x of a pixel add, as whole and part."""
-    to_index = np.linalg.inv(np.column_stack([grid.row_step, grid.column_step]))
-    ny, nx = optics.grid.shape
-    rows = (np.arange(ny)[:, None] - grid.first[0]) * to_index[:, 0]
-    columns = (np.arange(nx)[:, None] - grid.first[1]) * to_index[:, 1]
-    found = []
-    for places in (rows, columns):
-        whole = np.rint(places)
-        found += [whole.astype(np.int32), (places - whole).astype(np.float32)]
-    return tuple(optics.device.upload(table) for table in found)
 
 
 # Points: rays from each of them to the sensor
@@ -269,8 +139,8 @@ def point_rays(optics: RayOptics, source: PointSources, count: int) -> Iterator[
     count : int
         Rays of each.
     """
-    spread = _spread(count, 4)
-    turns = _spread(len(source), 4)
+    spread = well_spread(count, 4)
+    turns = well_spread(len(source), 4)
     places = optics.on_array(source.positions)[:, ::-1]  # (y, x)
     scale = np.abs(optics.array_scale(source.positions[:, 2]))
     beta = np.atleast_1d(optics.array_alpha(source.positions[:, 2]))
@@ -403,12 +273,3 @@ def _disc(square: Vector) -> Vector:
     """From the unit square to the unit disc, areas kept, shape (..., 2)."""
     radius, angle = np.sqrt(square[..., 0]), 2 * np.pi * square[..., 1]
     return np.stack([radius * np.cos(angle), radius * np.sin(angle)], axis=-1)
-
-
-def _spread(count: int, dimensions: int) -> Vector:
-    """Points of the unit cube, well spread (Roberts 2018), shape (count, dimensions)."""
-    root = 2.0
-    for _ in range(64):
-        root = (1 + root) ** (1 / (dimensions + 1))
-    steps = root ** -np.arange(1, dimensions + 1)
-    return (0.5 + np.arange(1, count + 1)[:, None] * steps) % 1

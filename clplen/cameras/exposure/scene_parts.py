@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -27,6 +27,7 @@ from clplen.wave.coherence.coherence import Coherence
 
 Values = np.ndarray[Any, np.dtype[np.float64]]
 Counts = np.ndarray[Any, np.dtype[np.int64]]
+Maker = Callable[[Any, PointSources], Iterator[SourceImages]]
 
 
 @dataclass(frozen=True, eq=False)
@@ -60,6 +61,8 @@ class ScenePart:
     channels : int
     lines : tuple of SceneLine
     route : {"points", "local", "rays", "microscope"}
+    maker : callable, optional
+        Of images of the points, of the optics of a line and the points; of a microscope.
     """
 
     points: PointSources
@@ -68,13 +71,20 @@ class ScenePart:
     channels: int
     lines: tuple[SceneLine, ...]
     route: str
+    maker: Maker | None = None
 
     @classmethod
-    def of(cls, source: Source, lines: Sequence[SceneLine], route: str) -> ScenePart:
+    def of(
+        cls,
+        source: Source,
+        lines: Sequence[SceneLine],
+        route: str,
+        maker: Maker | None = None,
+    ) -> ScenePart:
         """The part that a source makes."""
         if isinstance(source, PointSources):
             count = len(source)
-            return cls(source, np.arange(count), (count,), 1, tuple(lines), route)
+            return cls(source, np.arange(count), (count,), 1, tuple(lines), route, maker)
         lit = np.flatnonzero(source.energy)
         channels = source.image.shape[2] if source.image.ndim == 3 else 1
         return cls(source.points(), lit, source.image.shape, channels, tuple(lines), route)
@@ -96,8 +106,8 @@ class ScenePart:
 
     def images(self, line: SceneLine, all_points: int) -> Iterator[SourceImages]:
         """Images of the points at one of the wavelengths, some at a time."""
-        if self.route == "microscope":
-            return line.optics.images(self.points)
+        if self.maker is not None:
+            return self.maker(line.optics, self.points)
         if self.route == "rays":
             return ray_images(line.optics, self.points, rays_of_each(all_points))
         makers = {"points": point_images, "local": local_images}
@@ -217,7 +227,7 @@ def ray_parts(
 
 
 def microscope_parts(
-    sources: Sequence[Any], lines: Sequence[tuple[float, float]], camera: Any
+    sources: Sequence[Any], lines: Sequence[tuple[float, float]], camera: Any, maker: Maker
 ) -> list[ScenePart]:
     """Points exposed by a `Microscope`, at wavelengths with their shares of the energy.
 
@@ -239,7 +249,7 @@ def microscope_parts(
     ]
     for source in sources:
         camera.window(source)
-    return [ScenePart.of(source, found, "microscope") for source in sources]
+    return [ScenePart.of(source, found, "microscope", maker) for source in sources]
 
 
 def _refuse_slides(sources: Sequence[Source]) -> None:

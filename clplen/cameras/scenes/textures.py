@@ -102,12 +102,28 @@ class Texture(OneLine, HostArray):
 
         By division of the spectrum by (2 + cos w)/3 along each axis (Unser 1999, box 2).
         """
-        ny, nx = self.samples.shape[:2]
-        spectrum = np.fft.rfft2(self.samples.astype(np.float64), axes=(0, 1))
-        for axis, f in ((0, np.fft.fftfreq(ny)), (1, np.fft.rfftfreq(nx))):
-            spectrum /= np.expand_dims((2 + np.cos(2 * np.pi * f)) / 3, (1 - axis, 2))
-        values = np.fft.irfft2(spectrum, s=(ny, nx), axes=(0, 1)).astype(np.float32)
+        values = spline_coefficients(self.samples).astype(np.float32)
         return np.ascontiguousarray(np.broadcast_to(values, (*values.shape[:2], channels)))
+
+
+def spline_coefficients(samples: Any) -> Any:
+    """Of the periodic cubic B-spline through samples, a symmetric linear map.
+
+    Parameters
+    ----------
+    samples : array_like
+        Shape (ny, nx, channels).
+
+    Returns
+    -------
+    numpy.ndarray
+        float64, same shape.
+    """
+    ny, nx = np.shape(samples)[:2]
+    spectrum = np.fft.rfft2(np.asarray(samples, np.float64), axes=(0, 1))
+    for axis, f in ((0, np.fft.fftfreq(ny)), (1, np.fft.rfftfreq(nx))):
+        spectrum /= np.expand_dims((2 + np.cos(2 * np.pi * f)) / 3, (1 - axis, 2))
+    return np.fft.irfft2(spectrum, s=(ny, nx), axes=(0, 1))
 
 
 def uniform(level: float | tuple[float, float, float] = 0.5) -> Texture:

@@ -1,0 +1,210 @@
+"""The map from the textures of a scene of surfaces to a raw image by rays, and its adjoint."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import pyopencl.array as cla
+
+from clplen.cameras.camera_base import Plenoptic
+from clplen.cameras.exposure.surface_rays import SurfaceRays
+from clplen.cameras.scenes.surface_scene import SurfaceScene
+from clplen.cameras.scenes.textures import Texture, spline_coefficients
+from clplen.checks import require
+from clplen.compute.device import Device
+from clplen.compute.linear_map import linear_operator, mapped
+
+if TYPE_CHECKING:
+    from scipy.sparse.linalg import LinearOperator
+
+Values = np.ndarray[Any, Any]
+
+
+class TextureOperator:
+    """The map from samples of textures to the raw image that rays take, linear, with its adjoint.
+
+    Which surface a ray sees does not depend on textures, so that the raw image is linear in their
+    samples: it is what ``camera.expose(scene, model="rays")`` gives without background and spots.
+    It is a `LinearMap`.
+
+    Parameters
+    ----------
+    camera : Plenoptic1 or Plenoptic2
+        As `PlenopticCamera.type1` and `PlenopticCamera.type2` make them.
+    scene : SurfaceScene
+        Its textures say where samples lie; those of several surfaces may be one.
+
+    Attributes
+    ----------
+    camera, scene
+        As given.
+    textures : tuple of Texture
+        Each once, in the order of the surfaces.
+    device : Device
+        That of the camera.
+    in_shape : tuple of int
+        Of one texture (ny, nx, channels), of several all their samples one after the other.
+    out_shape : tuple of int
+        (ny, nx) of the sensor.
+    dtype : numpy.dtype
+        float32.
+
+    Raises
+    ------
+    ValueError
+        As ``expose`` by rays.
+    TypeError
+        If the camera or the scene is none.
+
+    Examples
+    --------
+    >>> camera = clplen.PlenopticCamera.type1(
+    ...     focal_length=0.12, mla=clplen.MicrolensArray(150e-6, 10e-3, count=5),
+    ...     wavelength=532e-9, pixels_per_lenslet=15, aperture_diameter=0.5e-3)
+    >>> wall = clplen.cameras.Plane(0.1, texture=clplen.cameras.noise(1, 8))
+    >>> operator = clplen.cameras.TextureOperator(camera, clplen.SurfaceScene(wall))
+    >>> operator
+    <TextureOperator of (8, 8, 1) to (75, 75), ...>
+    >>> raw = operator.forward(wall.texture.samples)
+    >>> operator.adjoint(raw).shape
+    (8, 8, 1)
+    """
+
+    def __init__(self, camera: Plenoptic, scene: SurfaceScene) -> None:
+        require(Plenoptic, camera, "camera", "PlenopticCamera.type1")
+        require(SurfaceScene, scene, "scene", "SurfaceScene")
+        self.camera, self.scene = camera, scene
+        unique = {id(one.texture): one.texture for one in scene.surfaces}
+        self.textures: tuple[Texture, ...] = tuple(unique.values())
+        self.device: Device = camera.device
+        one = self.textures[0].samples.shape if len(self.textures) == 1 else None
+        self.in_shape: tuple[int, ...] = one or (sum(t.samples.size for t in self.textures),)
+        self.out_shape: tuple[int, ...] = camera.grid.shape
+        self.dtype: np.dtype[Any] = np.dtype(np.float32)
+        self._rays: SurfaceRays | None = None
+        self._rays_ready()
+
+    def __getstate__(self) -> dict[str, Any]:
+        """Without tables on the device, which are made again when needed."""
+        return self.__dict__ | {"_rays": None}
+
+    def __repr__(self) -> str:
+        return f"<TextureOperator of {self.in_shape} to {self.out_shape}, {self.device.name}>"
+
+    def forward(self, samples: Any) -> Values:
+        """The raw images of scenes with other textures.
+
+        Parameters
+        ----------
+        samples : array_like
+            Shape (..., *in_shape).
+
+        Returns
+        -------
+        numpy.ndarray
+            float32, shape (..., ny, nx).
+
+        Raises
+        ------
+        ShapeError
+            If the samples have another shape.
+        """
+        return mapped(self, samples)
+
+    def adjoint(self, raw: Any) -> Values:
+        """The transpose: what each sample of the textures counts for raw images.
+
+        Parameters
+        ----------
+        raw : RawImage or array_like
+            Shape (..., ny, nx).
+
+        Returns
+        -------
+        numpy.ndarray
+            float32, shape (..., *in_shape).
+
+        Raises
+        ------
+        ShapeError
+            If the images have another shape.
+        """
+        return mapped(self, raw, adjoint=True)
+
+    def as_linear_operator(self) -> LinearOperator:
+        """This map for the solvers of SciPy.
+
+        Returns
+        -------
+        scipy.sparse.linalg.LinearOperator
+            Of raveled samples and images.
+        """
+        return linear_operator(self)
+
+    def forward_data(self, data: cla.Array) -> cla.Array:
+        """`forward` of arrays of the device.
+
+        Parameters
+        ----------
+        data : pyopencl.array.Array
+            float32, shape (..., *in_shape).
+
+        Returns
+        -------
+        pyopencl.array.Array
+            Shape (..., ny, nx).
+        """
+        leading = data.shape[: data.ndim - len(self.in_shape)]
+        device, channels = self.device, self.scene.channels
+        values = device.download(data).reshape(-1, sum(t.samples.size for t in self.textures))
+        images = np.empty((len(values), *self.out_shape), np.float32)
+        raw = device.empty(self.out_shape, np.float32)
+        for image, samples in zip(images, values, strict=True):
+            texels, first = [], 0
+            for texture in self.textures:
+                own = samples[first : first + texture.samples.size]
+                found = spline_coefficients(own.reshape(texture.samples.shape))
+                texels.append(np.broadcast_to(found, (*found.shape[:2], channels)).ravel())
+                first += texture.samples.size
+            coefficients = device.upload(np.concatenate(texels).astype(np.float32))
+            self._rays_ready().expose(raw, coefficients)
+            image[:] = device.download(raw)
+        return device.upload(images.reshape(*leading, *self.out_shape))
+
+    def adjoint_data(self, data: cla.Array) -> cla.Array:
+        """`adjoint` of arrays of the device.
+
+        Parameters
+        ----------
+        data : pyopencl.array.Array
+            float32, shape (..., ny, nx).
+
+        Returns
+        -------
+        pyopencl.array.Array
+            Shape (..., *in_shape).
+        """
+        device, channels = self.device, self.scene.channels
+        images = device.download(data).reshape(-1, *self.out_shape)
+        sizes = [t.samples.shape[0] * t.samples.shape[1] * channels for t in self.textures]
+        found = []
+        for image in images:
+            texels = device.zeros((sum(sizes),), np.float32)
+            self._rays_ready().adjoint(device.upload(image), texels)
+            parts = np.split(device.download(texels), np.cumsum(sizes)[:-1])
+            for texture, part in zip(self.textures, parts, strict=True):
+                ny, nx, own = texture.samples.shape
+                spread = spline_coefficients(part.reshape(ny, nx, channels))
+                counts = spread if own == channels else spread.sum(axis=2, keepdims=True)
+                found.append(counts.ravel())
+        values = np.concatenate(found) if found else np.zeros(0)
+        return device.upload(values.astype(np.float32).reshape(*data.shape[:-2], *self.in_shape))
+
+    def _rays_ready(self) -> SurfaceRays:
+        """The rays with their tables on the device."""
+        if self._rays is None:
+            plain = SurfaceScene([replace(one, spots=()) for one in self.scene.surfaces])
+            self._rays = SurfaceRays.of(self.camera.optics, plain)
+        return self._rays
