@@ -29,10 +29,10 @@ def apply(
     operator : LinearMap
         A map A with its adjoint A', such as a `clplen.Projector`.
     x : jax.Array
-        Of the operator's dtype, shape (..., *in_shape): each index of the leading axes is mapped by
-        itself. A real array is taken by a complex operator too.
+        Of the operator's dtype, shape ``(..., *in_shape)``: each index of the leading axes is
+        mapped by itself. A real array is taken by a complex operator too.
     adjoint : bool
-        Whether A' is applied in place of A, to shape (..., *out_shape).
+        Whether A' is applied in place of A, to shape ``(..., *out_shape)``.
     check_finite : bool
         Whether NaN and infinity are refused, of ``x``, of the result and of gradients, with the
         name of the operator where they arise.
