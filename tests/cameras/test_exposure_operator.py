@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import pickle
+from collections.abc import Sequence
 from dataclasses import replace
 from typing import Any
 
@@ -208,7 +209,13 @@ def point_case(case: str, device: Device) -> tuple[Any, PointSources, dict[str, 
 GRADIENTS = ("odd", "focused", "field lens", "bent", "integrating", "white", "colours")
 
 
-@pytest.mark.parametrize("case", GRADIENTS)
+def often(cases: Sequence[str], *chosen: str) -> list[Any]:
+    """All cases, those that are not chosen among the long tests."""
+    rest = pytest.mark.thorough
+    return [case if case in chosen else pytest.param(case, marks=rest) for case in cases]
+
+
+@pytest.mark.parametrize("case", often(GRADIENTS, "odd", "focused", "bent", "integrating"))
 def test_gradients_by_places(precise: Device, case: str) -> None:
     camera, points, how = point_case(case, precise)
     operator = ExposureOperator(camera, points, **how)
@@ -224,7 +231,7 @@ def test_gradients_by_places(precise: Device, case: str) -> None:
         assert relative_max(expected[:, axis], gradient.positions[:, axis]) <= 1e-6
 
 
-@pytest.mark.parametrize("case", GRADIENTS)
+@pytest.mark.parametrize("case", often(GRADIENTS, "odd", "bent", "integrating"))
 def test_gradients_in_single_precision(device: Device, precise: Device, case: str) -> None:
     found = []
     for one in (device, precise):
@@ -238,7 +245,9 @@ def test_gradients_in_single_precision(device: Device, precise: Device, case: st
         assert relative_max(expected, got) <= 1e-3
 
 
-@pytest.mark.parametrize("case", ["hexagonal", "field lens", "integrating", "colours"])
+@pytest.mark.parametrize(
+    "case", often(["hexagonal", "field lens", "integrating", "colours"], "hexagonal", "integrating")
+)
 def test_gradients_by_the_array(precise: Device, case: str) -> None:
     camera, points, how = point_case(case, precise)
     whole = camera.mla.pitch
