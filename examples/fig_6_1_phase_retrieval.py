@@ -38,6 +38,7 @@ pictures, paths = (part.subplots(1, 3, sharey=True) for part in (left, right))
 for axes, picture, dz in zip(pictures, counts, model.DEFOCUS, strict=True):
     word = f"{dz * 1e3:+.1f} mm" if dz else "in focus"
     drawn = model.draw_picture(axes, picture, norm_of(counts, "root"), word)
+pictures[0].set_ylabel("y / um")
 bar(left, drawn, list(pictures), "counts")
 for axes, c, word in zip(paths, (true, found, 10 * (found - true)),
                          ("true wavefront", "found", "difference x 10"), strict=True):
