@@ -49,6 +49,6 @@ model.draw_terms(terms, true, found, covariances[known.index(SHOWN)])
 for photons, colour in COLOURS.items():
     model.draw_way(ways, first[photons], true, colour, photons)
 model.draw_errors(curve, camera, true, errors)
-figure.supxlabel("f = 30 mm, f/25, 532 nm, pixels of 6.5 um; above: 10^4 photons in all; "
+figure.supxlabel("f = 30 mm, f/25, 532 nm, pixels of 6.5 um; above: ten thousand photons in all; "
                  "pictures by an independent float64 simulation")
 run.save(figure)
