@@ -255,7 +255,8 @@ class ZernikePlate(OneLine):
         of_phase = of_log.imag[on_plate].astype(np.float64)
         orders, k = (noll if self.indexing == "noll" else osa), 2 * math.pi / field.wavelength
         found = {
-            j: k * float(of_phase @ zernike(*orders(j), rho, theta)) for j in self.coefficients
+            j: k * float((of_phase * zernike(*orders(j), rho, theta)).sum())
+            for j in self.coefficients
         }
         return {"coefficients": found}
 
