@@ -17,6 +17,7 @@ NAMES = ("pitch", "rotation", "offset y", "offset x", "f_mu")
 UNITS = np.array([1e-3 * PITCH, 1e-3, 0.01 * PITCH, 0.01 * PITCH, 0.01 * F_MU])  # of the array
 PLACE = np.array([1e-5, 1e-5, 1e-3])  # units of x, y, dz of a point
 PLACES = np.array([(-5e-4, -4e-4, -0.05), (4e-4, -5e-4, 0.04), (1e-4, 5e-4, -0.03)])
+WEAK, FIRST = (4, 7, 11, 15), 8  # unknowns that stay at first, for so many iterations
 BACKGROUND = 0.5  # photons a pixel
 
 
@@ -88,7 +89,12 @@ class Calibration:
         fisher = slopes @ (slopes / (mean + floor).ravel()).T
         return np.linalg.cholesky(np.linalg.inv(fisher))
 
-    def fit(self, counts: Any, start: Any, free: Any, iterations: int = 30) -> Any:
+    def fit(self, counts: Any, start: Any, free: Any) -> Any:
+        """All iterates, at first without f_mu and dz, which would stray while the rest is wrong."""
+        path = self._descent(counts, start, np.setdiff1d(free, WEAK), FIRST)
+        return np.concatenate([path, self._descent(counts, path[-1], free, 30)[1:]])
+
+    def _descent(self, counts: Any, start: Any, free: Any, iterations: int) -> Any:
         """L-BFGS in s of the unknowns start + C s, whose curvatures are about 1; all iterates."""
         scale = np.eye(len(start))[:, free] @ self.steps(start, free, floor=10.0)
         path = [start]
