@@ -49,6 +49,6 @@ for column, (name, volume) in zip(panels.T[1:], {"truth": true, **found}.items()
 priors.draw_missing(panels[:, 2 + len(found):])
 priors.draw_errors(panels[1, 0], counts, errors, found, true)
 bar(figure, drawn, list(panels[:, 4]), "square root of the voxel / largest true")
-figure.supxlabel(f"largest voxels along z and y; the network has seen {MANY} other volumes of such "
+figure.supxlabel(f"largest voxels along z and y; the network has seen {many} other volumes of such "
                  "beads and filaments, the others none")
 run.save(figure)
