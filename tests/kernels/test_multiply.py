@@ -28,6 +28,8 @@ def test_multiply(wave, shape):
     got = multiply(field, wave.upload(t.astype(wave.complex))).to_numpy()
     assert relative_max(u * t, got) <= 8 * np.finfo(wave.real).eps
     assert relative_max(u, field.to_numpy()) <= np.finfo(wave.real).eps  # input untouched
+    back = multiply(field, wave.upload(t.astype(wave.complex)), conjugate=True).to_numpy()
+    assert relative_max(u * t.conj(), back) <= 8 * np.finfo(wave.real).eps
 
 
 @pytest.mark.parametrize("wave", ["single", "double"], indirect=True)

@@ -9,7 +9,7 @@ import pytest
 
 import clplen
 from clplen.errors import SamplingError, ShapeError
-from clplen.wave import Element, Lens, Pupil, Space, Stop, intensity_gradient
+from clplen.wave import ConvergingLight, Element, Lens, Pupil, Space, Stop, intensity_gradient
 from clplen.wave.field.adjoints import inner_product
 from clplen.wave.propagation.transfer_function import Transfer
 
@@ -192,6 +192,21 @@ def test_adjoint_of_a_system(wave):
     operator = made.operator(grid, wavelength=LAM, device=wave)
     assert operator.as_linear_operator().shape == (29 * 40, 31 * 48)
     assert operator.dtype == wave.complex
+
+
+@pytest.mark.parametrize(
+    "part",
+    [
+        Lens(0.02), Lens(-0.03, diameter=130e-6), Lens(0.02, form="stigmatic"), Lens(np.inf),
+        ConvergingLight(0.03), Stop(90e-6, centre=(8e-6, -5e-6)),
+        clplen.MicrolensArray(40e-6, 1e-3, count=(3, 5), rotation=0.1, lattice="hexagonal"),
+    ],
+    ids=repr,
+)  # fmt: skip
+def test_adjoint_of_an_element(precise, part):
+    grid = clplen.Grid((31, 48), (4e-6, 5e-6))
+    u = clplen.Field.from_array(waves(5, 2, 31, 48), grid, wavelength=LAM, device=precise)
+    assert mismatch(part.apply, part.adjoint, u, grid) <= 1e-12
 
 
 def made_of(z, focal_length, offset, grid):

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, replace
 from typing import Any, Protocol
@@ -16,7 +17,7 @@ from clplen.types import Array
 from clplen.wave.coherence.abbe import Points
 from clplen.wave.coherence.spatial_models import SpatialModel
 from clplen.wave.elements.beams import plane_wave
-from clplen.wave.field.adjoints import conjugate, intensity_gradient
+from clplen.wave.field.adjoints import intensity_gradient
 from clplen.wave.field.field import Field, require_field
 from clplen.wave.field.intensity import MeanIntensity
 from clplen.wave.field.transmission import multiply, multiply_separable
@@ -119,39 +120,44 @@ class MeanPullback:
         weights = np.asarray(cotangent, np.float64)
         if self.method == "incoherent":
             return SystemGradient(self._incoherent(weights), {})
+        device, scaled = self.object.device, dict[float, Image]()
         total: Field | None = None
         parameters: dict[int, dict[str, Any]] = {}
         for number, (lit, weight) in enumerate(self._lights()):
-            own = replace(self.object, wavelength=lit.wavelength)
-            front = multiply(own, lit.data)
-            found = self._one(front, weight * weights, number)
-            back = multiply(found.field, conjugate(lit).data)
+            if weight not in scaled:
+                values = np.ascontiguousarray(weight * weights, device.real)
+                scaled[weight] = Image(device.upload(values), device)
+            found = self._one(lit, scaled[weight], number)
+            back = multiply(found.field, lit.data, conjugate=True)
             if total is None:
                 total = back
             else:
-                add(total.data, back.data, back.device)
+                add(total.data, back.data, device)
             for part, named in found.parameters.items():
                 parameters[part] = _added(parameters.get(part), named)
         assert total is not None
         return SystemGradient(replace(total, wavelength=self.object.wavelength), parameters)
 
-    def _one(self, front: Field, weights: Array, number: int) -> SystemGradient:
-        """The gradient through one coherent image."""
+    def _one(self, lit: Field, weights: Image, number: int) -> SystemGradient:
+        """The gradient by the lit object, through one coherent image."""
         if number < len(self.kept) and not self.parameters:
-            behind = self.kept[number]
-            cotangent = intensity_gradient(behind, weights)
-            return SystemGradient(self.system.adjoint(cotangent, grid=front.grid), {})
-        behind, pullback = self.system.vjp(front, parameters=self.parameters)
+            cotangent = intensity_gradient(self.kept[number], weights)
+            return SystemGradient(self.system.adjoint(cotangent, grid=lit.grid), {})
+        own = replace(self.object, wavelength=lit.wavelength)
+        behind, pullback = self.system.vjp(multiply(own, lit.data), parameters=self.parameters)
         return pullback(intensity_gradient(behind, weights))
 
     def _lights(self) -> Iterator[tuple[Field, float]]:
-        """What illuminates the object in each coherent image, and the image's weight."""
+        """What illuminates the object in each coherent image, and the image's weight.
+
+        Of the points of a source the light has their weight.
+        """
         lines = self.light.lines(self.object.wavelength)
         grid, device = self.object.grid, self.object.device
         if self.method == "abbe":
             for wavelength, share in lines:
-                for wave, weight in self._source(wavelength):
-                    yield wave, share * weight
+                for wave in self._source(wavelength):
+                    yield wave, share
             return
         for index in range(self.snapshots if self.method == "monte-carlo" else 1):
             for line, (wavelength, share) in enumerate(lines):
@@ -159,8 +165,8 @@ class MeanPullback:
                 lit = self.light.light(grid, wavelength=wavelength, device=device, index=number)
                 yield lit, share / self.snapshots if self.method == "monte-carlo" else share
 
-    def _source(self, wavelength: float) -> Iterator[tuple[Field, float]]:
-        """Plane waves of the source's points whose light passes the system."""
+    def _source(self, wavelength: float) -> Iterator[Field]:
+        """Plane waves, by their weight, of the source's points whose light passes the system."""
         grid, device = self.object.grid, self.object.device
         assert self.light.spatial is not None
         source = self.light.spatial.power_spectrum(grid, wavelength=wavelength)
@@ -173,7 +179,7 @@ class MeanPullback:
                 np.exp(2j * np.pi * (k * np.arange(n) % n) / n).astype(device.complex)
                 for k, n in zip((row, column), grid.shape, strict=True)
             )
-            yield multiply_separable(clear, ty, tx), float(weight)
+            yield multiply_separable(clear, ty, tx * device.real.type(math.sqrt(weight)))
 
     def _incoherent(self, weights: Array) -> Field:
         """2 t times the weights filtered by the mirrored point image."""

@@ -21,7 +21,6 @@ from clplen.wave.elements.lens import check_lens_sampling
 from clplen.wave.elements.lenslet_gradients import array_gradient
 from clplen.wave.elements.lenslet_surface import LensletMap, LensletSurface
 from clplen.wave.elements.rims import rim_weights
-from clplen.wave.field.adjoints import pointwise_adjoint
 from clplen.wave.field.field import Field, Grid, require_field
 from clplen.wave.field.field_gradients import transmission_gradient
 from clplen.wave.field.transmission import multiply, whole_and_part
@@ -266,7 +265,9 @@ class MicrolensArray(OneLine):
 
     def adjoint(self, field: Field) -> Field:
         """The adjoint of `apply`: the field times the conjugate transmission."""
-        return pointwise_adjoint(lambda one: self.apply(one, aliasing="allow"), field)
+        require_field(field)
+        transmission = self.transmission(field.grid, field.wavelength, field.device)
+        return multiply(field, transmission, conjugate=True)
 
     def gradient(self, field: Field, cotangent: Field) -> dict[str, Any]:
         """The gradient of a loss with respect to the array, from that of the field behind it.

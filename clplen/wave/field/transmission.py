@@ -50,11 +50,15 @@ def multiply_separable(field: Field, ty: np.ndarray, tx: np.ndarray) -> Field:
     return field.with_data(out)
 
 
-def multiply(field: Field, transmission: cla.Array) -> Field:
-    """``field`` (or each of a batch) times a complex transmission of shape (ny, nx)."""
+def multiply(field: Field, transmission: cla.Array, *, conjugate: bool = False) -> Field:
+    """``field`` (or each of a batch) times a complex transmission of shape (ny, nx).
+
+    Or times its conjugate, which is the adjoint.
+    """
     device, (ny, nx) = field.device, field.grid.shape
     out = device.empty(field.shape, device.complex)
-    kernel = device.kernel("multiply.cl", "multiply", **device.wave_defines())
+    defines = device.wave_defines() | ({"CONJUGATE": True} if conjugate else {})
+    kernel = device.kernel("multiply.cl", "multiply", **defines)
     device.launch_rows(
         kernel, field.shape, out, field.data, transmission, np.int32(ny), np.int32(nx)
     )

@@ -120,8 +120,10 @@ class Lens:
         )
 
     def adjoint(self, field: Field) -> Field:
-        """The adjoint of `apply`: the field times the conjugate transmission."""
-        return pointwise_adjoint(self.apply, field)
+        """The adjoint of `apply`: the lens of the negative focal length."""
+        return thin_lens(
+            field, -self.focal_length, diameter=self.diameter, form=self.form, aliasing="allow"
+        )
 
     def gradient(self, field: Field, cotangent: Field) -> dict[str, float]:
         """The gradient of a loss by "focal_length", per metre: see `thin_lens_gradient`."""
@@ -253,8 +255,8 @@ class ConvergingLight:
         return thin_lens(field, self.z, aliasing=self.aliasing)
 
     def adjoint(self, field: Field) -> Field:
-        """The adjoint of `apply`: the field times the conjugate transmission."""
-        return pointwise_adjoint(self.apply, field)
+        """The adjoint of `apply`: light that diverges as it converged."""
+        return thin_lens(field, -self.z, aliasing="allow")
 
     def gradient(self, field: Field, cotangent: Field) -> dict[str, float]:
         """The gradient of a loss by the distance of the focus, "z", per metre."""
