@@ -93,7 +93,7 @@ inline real clip(real p, real d, real h, real reach, real2 *part)
 /* The same of a regular polygon of inradius a: see polygon_coverage. */
 inline real4 polygon_change(real cx, real cy, real a, int sides, real turn, real hx, real hy)
 {
-    const real reach = a * tan(TWO_PI / 2 / sides);
+    const real reach = a * (sides == 6 ? 1 / sqrt((real)3) : (real)1);
     real4 change = (real4)(0);
     for (int side = 0; side < sides; ++side) {
         real nx;

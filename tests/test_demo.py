@@ -13,6 +13,8 @@ from clplen.compute.device import Device
 from clplen.io import read_lightfield
 from clplen.lightfield.model.light_field import LightField
 
+pytestmark = pytest.mark.thorough  # CI runs the demonstration itself, too
+
 COUNT = 77  # the smallest window in which A needs no padding
 FILES = {
     "alpha.png",

@@ -202,6 +202,16 @@ SAMPLES: dict[str, Callable[[], Names]] = {
 }  # fmt: skip
 
 
+# Pages whose blocks take more than five seconds on a slow CPU.
+LONG = (
+    "README.md",
+    "docs/calibration.md",
+    "docs/focused.md",
+    "docs/rendering.md",
+    "docs/start/own_light_field.md",
+)
+
+
 @pytest.fixture
 def reader(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     monkeypatch.chdir(tmp_path)
@@ -220,7 +230,14 @@ def has(page: str, mark: str) -> bool:
     return any(block.mark == mark for block in docpages.blocks(page))
 
 
-@pytest.mark.parametrize("page", [page for page in docpages.PAGES if not has(page, "thorough")])
+@pytest.mark.parametrize(
+    "page",
+    [
+        pytest.param(page, marks=pytest.mark.thorough if page in LONG else ())
+        for page in docpages.PAGES
+        if not has(page, "thorough")
+    ],
+)
 def test_the_blocks_of_a_page(reader: Path, page: str):
     run(page, ("",))
 

@@ -74,6 +74,18 @@ CALLS: dict[str, Callable[[Path, Any], Any]] = {
         GRID, device=d, **SNAPSHOT
     ),
     "LightField": bare("LightField"),
+    "OpticalSystem.operator": lambda _, d: objects.system().operator(GRID, device=d, **WAVE),
+    "lightfield.RenderOperator": lambda _, d: clplen.lightfield.RenderOperator(
+        (3, 3, 8, 8), device=d
+    ),
+    "lightfield.StackOperator": lambda _, d: clplen.lightfield.StackOperator(
+        (3, 3, 8, 8), disparities=[0, 0.5], device=d
+    ),
+    "lightfield.ViewWarp": lambda _, d: clplen.lightfield.ViewWarp((3, 3, 8, 8), device=d),
+    "wave.Space.plan": lambda _, d: clplen.wave.Space(1e-4).plan(GRID, LAM, d),
+    "wave.SystemOperator": lambda _, d: clplen.wave.SystemOperator(
+        objects.system().parts, GRID, LAM, d
+    ),
     "LightField.from_array": lambda _, d: clplen.LightField.from_array(
         objects.samples(3, 3, 8, 8), device=d
     ),
@@ -177,6 +189,7 @@ HOLDERS = {
     "lightfield.FocusedImage",
     "lightfield.FocusedStack",
     "microscopy.Preparation",
+    "wave.SystemOperator",
 }
 # Their `device` is a selector for other processes, the name of what was used, or a protocol's.
 OTHERS = {

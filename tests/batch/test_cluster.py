@@ -279,6 +279,7 @@ def test_what_a_living_scheduler_dropped_is_done_again(
     assert asked == [["a", "b"], ["a"]]
 
 
+@pytest.mark.thorough
 def test_threads_end(tmp_path: Path, device: Device):
     """Nothing of a cluster is left."""
     before = {thread.name for thread in threading.enumerate()}

@@ -79,6 +79,7 @@ def test_a_coherent_slide_step_by_step(camera, dz, koehler):
     assert np.abs(expected - expected.T).max() > 0.2 * expected.max()
 
 
+@pytest.mark.thorough
 def test_incoherent_light_makes_a_slide_shine(camera):
     plane = slide(camera)
     shining = PicturePlane(plane.image, plane.width)

@@ -129,6 +129,7 @@ def refused(tmp_path: Path, place: Path, match: str, **words: object) -> None:
         read_lightfield(path, calibration=place)
 
 
+@pytest.mark.thorough
 def test_calibrations_that_do_not_fit(tmp_path: Path):
     place = write_folder(tmp_path / "c", twelve())
     refused(

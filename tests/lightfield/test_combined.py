@@ -59,7 +59,7 @@ def test_slanted(device):
     assert (e > 0.07).mean() < 0.01
 
 
-@pytest.mark.parametrize("channels", ["grey", "colour"])
+@pytest.mark.parametrize("channels", ["grey", pytest.param("colour", marks=pytest.mark.thorough)])
 def test_behind_a_bar(device, monkeypatch, channels):
     """Half apertures see past the bar what the whole aperture does not."""
     surfaces = BAR.surfaces
@@ -261,6 +261,7 @@ def test_same_bits_again(device):
         np.testing.assert_array_equal(a, b)
 
 
+@pytest.mark.thorough
 def test_blocks_do_not_show(device, monkeypatch):
     lf, _ = BAR.light_field((3, 5), (30, 41), device=device)
     want = combined_disparity(lf, PLANES)[0]

@@ -160,6 +160,7 @@ np.savez(sys.argv[3], result.to_numpy(), result.standard_error.to_numpy(), resul
 """
 
 
+@pytest.mark.thorough
 def test_killed_at_a_random_snapshot_and_resumed(device, tmp_path):
     environment = {**os.environ, "PYTHONPATH": str(Path(__file__).parents[2])}
     command = [sys.executable, "-W", "ignore", "-c", CHILD, device.place]

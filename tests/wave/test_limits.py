@@ -12,7 +12,7 @@ from fields import LAM, band_limited, field_of, go
 from tolerance import err_db
 
 from clplen import Grid, Propagator, SamplingError, propagate
-from clplen.wave.propagation import propagator
+from clplen.wave.propagation import plan_runs
 from clplen.wave.propagation.band import guarded_band
 from clplen.wave.propagation.description import Request
 from clplen.wave.propagation.methods import describe
@@ -284,7 +284,7 @@ def test_many_distances_run_eight_at_a_time(device, monkeypatch):
     z = list(np.linspace(1e-4, 2e-4, 19))
     z[5], z[9] = z[9], z[5]
     expected = [propagate(field, one, method="as").to_numpy() for one in z]
-    counts, asked, run, require = [], [], propagator.run, device.require_memory
+    counts, asked, run, require = [], [], plan_runs.run, device.require_memory
 
     def counted(data, into, spectra, *rest):
         counts.append(len(spectra))
@@ -294,7 +294,7 @@ def test_many_distances_run_eight_at_a_time(device, monkeypatch):
         asked.append(nbytes)
         require(nbytes, what)
 
-    monkeypatch.setattr(propagator, "run", counted)
+    monkeypatch.setattr(plan_runs, "run", counted)
     monkeypatch.setattr(device, "require_memory", remembered)
     propagate(field, z[:8], method="as")
     assert counts == [8]

@@ -22,7 +22,12 @@ MASK = RandomPhaseMask((24e-6, 26e-6))
         (clplen.Coherence(MASK), IMAGING, "monte-carlo"),
         (clplen.Coherence(MASK, SPECTRUM, wavelengths=2), IMAGING, "monte-carlo"),
         (clplen.Coherence(MASK), FILTER, "abbe"),
-        (clplen.Coherence(MASK, SPECTRUM, wavelengths=2), FILTER, "abbe"),
+        pytest.param(
+            clplen.Coherence(MASK, SPECTRUM, wavelengths=2),
+            FILTER,
+            "abbe",
+            marks=pytest.mark.thorough,
+        ),
         (clplen.Coherence(IncoherentLight()), FILTER, "incoherent"),
         (clplen.Coherence(None, SPECTRUM, wavelengths=3), IMAGING, "coherent"),
     ],

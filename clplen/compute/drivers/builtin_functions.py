@@ -49,6 +49,7 @@ _SCALAR: dict[str, Function] = {
     "dot": lambda a, b: a * b + b + a + 4,
     "as_float, as_uint": lambda a, b: -a,
     "vload_half": lambda a, b: int(a),
+    "atomic_cmpxchg": lambda a, b: a,
     "functions of float2": lambda a, b: (
         math.floor(b) + round(a) + math.sqrt(a) + min(max(b, 0.0), 1.0)
     ),

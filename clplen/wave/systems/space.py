@@ -6,7 +6,7 @@ import math
 from dataclasses import KW_ONLY, dataclass
 from numbers import Real
 
-from clplen.compute.device import Device
+from clplen.compute.device import DeviceLike
 from clplen.reprs import OneLine
 from clplen.units import metres
 from clplen.wave.field.adjoints import inner_product
@@ -68,7 +68,7 @@ class Space(OneLine):
         """The field at the end of the distance."""
         return propagate(field, self.z, method=self.method, pad=self.pad, out_grid=self.out_grid)
 
-    def plan(self, grid: Grid, wavelength: float, device: Device) -> Propagator:
+    def plan(self, grid: Grid, wavelength: float, device: DeviceLike | None = None) -> Propagator:
         """The plan for fields on a grid, which the device keeps."""
         return plan(
             grid, self.z, wavelength=wavelength, method=self.method, pad=self.pad,

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import pyopencl.array as cla
 
-from clplen.compute.device import Device, require_same_device
+from clplen.compute.device import DeviceLike, as_device, require_same_device
 from clplen.compute.linear_map import linear_operator
 from clplen.errors import ShapeError
 from clplen.wave.field.field import Field, Grid, require_field
@@ -60,7 +60,7 @@ class SystemOperator:
         In front of the first part.
     wavelength : float
         In metres.
-    device : Device
+    device : Device or str
 
     Attributes
     ----------
@@ -81,14 +81,15 @@ class SystemOperator:
     """
 
     def __init__(
-        self, parts: tuple[Part, ...], grid: Grid, wavelength: float, device: Device
+        self, parts: tuple[Part, ...], grid: Grid, wavelength: float, device: DeviceLike
     ) -> None:
-        self.parts, self.grid, self.wavelength, self.device = parts, grid, wavelength, device
+        self.parts, self.grid, self.wavelength = parts, grid, wavelength
+        self.device = as_device(device, optional=False)
         grids = [grid]
         for part in parts:
             behind = grids[-1]
             if isinstance(part, Space):
-                behind = part.plan(behind, wavelength, device).out_grid
+                behind = part.plan(behind, wavelength, self.device).out_grid
             grids.append(behind)
         self.grids = tuple(grids)
 
