@@ -172,7 +172,7 @@ class ExposureOperator:
         Parameters
         ----------
         values : array_like
-            Energies, shape (..., *in_shape).
+            Energies, shape ``(..., *in_shape)``.
 
         Returns
         -------
@@ -199,7 +199,7 @@ class ExposureOperator:
         Returns
         -------
         numpy.ndarray
-            Shape (..., *in_shape).
+            Shape ``(..., *in_shape)``.
 
         Raises
         ------
@@ -226,7 +226,7 @@ class ExposureOperator:
         Parameters
         ----------
         data : pyopencl.array.Array
-            Shape (..., *in_shape), of ``dtype``.
+            Shape ``(..., *in_shape)``, of ``dtype``.
 
         Returns
         -------
@@ -257,7 +257,7 @@ class ExposureOperator:
         Returns
         -------
         pyopencl.array.Array
-            Shape (..., *in_shape).
+            Shape ``(..., *in_shape)``.
         """
         leading = data.shape[:-2]
         count = int(np.prod(leading, dtype=np.int64))

@@ -99,7 +99,7 @@ class TextureOperator:
         Parameters
         ----------
         samples : array_like
-            Shape (..., *in_shape).
+            Shape ``(..., *in_shape)``.
 
         Returns
         -------
@@ -124,7 +124,7 @@ class TextureOperator:
         Returns
         -------
         numpy.ndarray
-            float32, shape (..., *in_shape).
+            float32, shape ``(..., *in_shape)``.
 
         Raises
         ------
@@ -149,7 +149,7 @@ class TextureOperator:
         Parameters
         ----------
         data : pyopencl.array.Array
-            float32, shape (..., *in_shape).
+            float32, shape ``(..., *in_shape)``.
 
         Returns
         -------
@@ -184,7 +184,7 @@ class TextureOperator:
         Returns
         -------
         pyopencl.array.Array
-            Shape (..., *in_shape).
+            Shape ``(..., *in_shape)``.
         """
         device, channels = self.device, self.scene.channels
         images = device.download(data).reshape(-1, *self.out_shape)

@@ -65,7 +65,7 @@ def run_linear(
     ----------
     linear : LinearMap
     values : numpy.ndarray
-        Of the map's dtype, shape (..., *in_shape), of the adjoint (..., *out_shape).
+        Of the map's dtype, shape ``(..., *in_shape)``, of the adjoint ``(..., *out_shape)``.
     adjoint : bool
     of_gradient : bool
         Whether the values are a gradient, for messages.

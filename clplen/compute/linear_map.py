@@ -53,10 +53,10 @@ class LinearMap(Protocol):
     def dtype(self) -> np.dtype[Any]: ...
 
     def forward_data(self, data: cla.Array) -> cla.Array:
-        """A x, shape (..., *out_shape) of (..., *in_shape)."""
+        """A x, shape ``(..., *out_shape)`` of ``(..., *in_shape)``."""
 
     def adjoint_data(self, data: cla.Array) -> cla.Array:
-        """A' y, shape (..., *in_shape) of (..., *out_shape)."""
+        """A' y, shape ``(..., *in_shape)`` of ``(..., *out_shape)``."""
 
 
 def linear_operator(linear: LinearMap) -> LinearOperator:
@@ -90,7 +90,7 @@ def mapped(linear: LinearMap, values: Any, *, adjoint: bool = False) -> Array:
     ----------
     linear : LinearMap
     values : array_like
-        Shape (..., *in_shape), of the adjoint (..., *out_shape).
+        Shape ``(..., *in_shape)``, of the adjoint ``(..., *out_shape)``.
     adjoint : bool
 
     Returns

@@ -102,11 +102,11 @@ class LinearStep:
         return self._through(y, True)
 
     def forward_data(self, data: cla.Array) -> cla.Array:
-        """A x on the device, shape (..., *out_shape) of (..., *in_shape), float32."""
+        """A x on the device, shape ``(..., *out_shape)`` of ``(..., *in_shape)``, float32."""
         return self._each(data, self.in_shape, self.out_shape, self._forward)
 
     def adjoint_data(self, data: cla.Array) -> cla.Array:
-        """A' y on the device, shape (..., *in_shape) of (..., *out_shape), float32."""
+        """A' y on the device, shape ``(..., *in_shape)`` of ``(..., *out_shape)``, float32."""
         return self._each(data, self.out_shape, self.in_shape, self._adjoint)
 
     def as_linear_operator(self) -> LinearOperator:
