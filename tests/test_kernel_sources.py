@@ -64,8 +64,11 @@ from clplen.wave import (
 from clplen.wave.coherence.abbe import abbe_image
 from clplen.wave.coherence.extended_source import ExtendedSource
 from clplen.wave.elements.beams import spherical_wave
+from clplen.wave.field.adjoints import intensity_gradient
 from clplen.wave.field.transmission import multiply_sphere
 from clplen.wave.propagation.transfer_function import impulse_response
+from clplen.wave.systems.components import Stop
+from clplen.wave.systems.optical_system import OpticalSystem
 from clplen.wave.systems.pupil_filter import Pupil
 
 TESTS = Path(__file__).parent
@@ -202,6 +205,9 @@ def waves(device: Device) -> None:
         bad.lenslet_errors(array).phase(array, grid, WAVELENGTH, device)
         bad.lenslet_errors(array).gradient(array, field, field)
     thin_lens_gradient(field, field, 0.1)
+    system = OpticalSystem([Space(1e-4, method="as"), Stop(5e-5)])
+    image, pullback = system.vjp(field, parameters=[0])
+    pullback(intensity_gradient(image, np.ones(image.shape)))
     coherent(device)
 
 
