@@ -41,11 +41,14 @@
 /* *to += term, whoever else adds to it. */
 inline void add_atomic(volatile __global float *to, float term)
 {
-    union { uint bits; float value; } before, after;
+    volatile __global uint *bits = (volatile __global uint *)to;
+    union { float value; uint bits; } before, after;
+    uint seen = atomic_cmpxchg(bits, 0, 0); /* reads */
     do {
-        before.value = *to;
+        before.bits = seen;
         after.value = before.value + term;
-    } while (atomic_cmpxchg((volatile __global uint *)to, before.bits, after.bits) != before.bits);
+        seen = atomic_cmpxchg(bits, before.bits, after.bits);
+    } while (seen != before.bits);
 }
 
 /* The transpose of `shine` as a map of the coefficients: `share` of them where the ray (y, x, a, b)
