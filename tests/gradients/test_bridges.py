@@ -43,7 +43,7 @@ def test_without_the_library_one_sentence_names_the_extra(
 def test_a_bridge_is_an_attribute_with_the_names_of_its_stub(topic: str) -> None:
     pytest.importorskip(topic, reason=f'{LIBRARIES[topic]}: pip install "clplen[{topic}]"')
     bridge = getattr(clplen, topic)
-    assert sorted(bridge.__all__) == ["apply", "apply_step"]
+    assert sorted(bridge.__all__) == ["apply", "apply_step", "propagate"]
     assert all(callable(getattr(bridge, name)) for name in bridge.__all__)
     files = {file.stem for file in (PACKAGE / topic).glob("*.py")}
     assert not files & set(bridge.__all__)
