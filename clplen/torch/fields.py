@@ -36,8 +36,12 @@ def propagate(
         Of the field.
     wavelength : float
         In metres.
-    method, pad, out_grid
+    method : str
         As in `clplen.propagate`.
+    pad : float
+        As in `clplen.propagate`.
+    out_grid : Grid, optional
+        Of the result, as in `clplen.propagate`.
     device : Device or str, optional
         Default ``Device.open()``.
 

@@ -61,6 +61,7 @@ class SystemOperator:
     wavelength : float
         In metres.
     device : Device or str
+        That holds the fields.
 
     Attributes
     ----------
@@ -230,6 +231,7 @@ class SystemPullback:
     Parameters
     ----------
     operator : SystemOperator
+        The system.
     kept : dict of int to Field
         The fields in front of the parts whose parameters have gradients.
 
