@@ -15,6 +15,7 @@
  * lenslet_sums.cl.
  *
  * -DHEXAGONAL, -DFULL, -DTYPES=n, -DTYPE_STEP=s   see lenslets.cl
+ * -DSAMPLE=float2                                 G of float32 where sums are of float64
  * -DDOUBLE                                        see common.cl
  *
  * Mapping: one item a part of a lenslet, axis 0.
@@ -32,6 +33,10 @@ typedef double4 real4;
 typedef float4 real4;
 #define NOTHING 1e-4f
 #define ALIKE 3e-7f
+#endif
+
+#ifndef SAMPLE
+#define SAMPLE cplx
 #endif
 
 #ifdef FULL
@@ -133,7 +138,7 @@ inline int alike(Lenslet l, real r2, int rows, int columns)
     return count;
 }
 
-__kernel void lenslet_gradient(__global real *restrict out, __global const cplx *restrict G,
+__kernel void lenslet_gradient(__global real *restrict out, __global const SAMPLE *restrict G,
                                __global const real2 *restrict a_of_y,
                                __global const real2 *restrict b_of_y,
                                __global const real2 *restrict a_of_x,
@@ -169,7 +174,8 @@ __kernel void lenslet_gradient(__global real *restrict out, __global const cplx 
             const real db = ((b.x - row) + b.y) * ROW_HEIGHT;
             const real r2 = l.a * l.a + l.b * l.b, d2 = da * da + db * db;
             const int kind = lens_type(l.row, l.column);
-            const cplx c = cmul(cis_turns(turns[kind] * r2), G[row_start(0, y, 0, nx) + x]);
+            const SAMPLE sample = G[row_start(0, y, 0, nx) + x];
+            const cplx c = cmul(cis_turns(turns[kind] * r2), (cplx)(sample.x, sample.y));
             real part = l.row == row && l.column == column; /* of the sample's phase */
             if (r2 > (real)0.2499f && d2 - r2 <= ALIKE && lens_type(row, column) == kind)
                 part = (real)1 / alike(l, r2, rows, columns);

@@ -205,6 +205,23 @@ def test_lattices_on_the_samples(device, precise, lattice, fill, count):
     agree(slope(lambda s: loss(rotation=s), 1e-8), double["rotation"], single["rotation"])
 
 
+@pytest.mark.parametrize(("lattice", "rotation"), [("hexagonal", 0.3), ("square", -0.2)])
+def test_rims_of_many_lenslets_in_single_precision(device, precise, lattice, rotation):
+    """Of so many samples some lie so near to a rim that float32 would mistake them."""
+    if not device.has_fp64:
+        pytest.skip(f"{device.name} has no float64")
+    grid = Grid((256, 256), DX)
+    mla = MicrolensArray(
+        16 * DX, 4e-3, count=(16, 15), lattice=lattice, rotation=rotation, offset=(3e-6, -7e-6)
+    )  # fmt: skip
+    u, g = waves(5, *grid.shape), waves(6, *grid.shape)
+    u, g = u.astype(np.complex64), g.astype(np.complex64)
+    double, single = (mla.gradient(field(u, d, grid), field(g, d, grid)) for d in (precise, device))
+    for name, expected in double.items():
+        error = np.abs(np.asarray(single[name]) - expected).max()
+        assert error <= 1e-5 * np.abs(np.asarray(expected)).max(), name
+
+
 def test_lenslets_that_are_not_thin_have_no_gradient(device):
     mla = MicrolensArray(P, surface=LensletSurface(2e-3, 1.5), count=3)
     with pytest.raises(ValueError, match="thin lenslets"):

@@ -461,7 +461,7 @@ class MicrolensArray(OneLine):
             device.kernel("made_lenslets.cl", "made_lenslets", **defines),
             grid.shape,
             out,
-            *(device.upload(t) for t in self._lattice_tables(grid, real)),
+            *(device.upload(t) for t in self.lattice_tables(grid, device, dtype=real)),
             device.upload(shapes.astype(real)),
             device.upload(maps.astype(real)),
             real.type(self.diameter / self.pitch / 2),
@@ -493,11 +493,14 @@ class MicrolensArray(OneLine):
                 shape[2] = rim + sum(e * u ** (2 + i) for i, e in enumerate(higher))
         return found
 
-    def lattice_tables(self, grid: Grid, device: DeviceLike | None = None) -> list[np.ndarray]:
-        """What y and x add to the column and row coordinate: a(y), b(y), a(x), b(x)."""
-        return self._lattice_tables(grid, as_device(device).real)
+    def lattice_tables(
+        self, grid: Grid, device: DeviceLike | None = None, *, dtype: Any = None
+    ) -> list[np.ndarray]:
+        """What y and x add to the column and row coordinate: a(y), b(y), a(x), b(x).
 
-    def _lattice_tables(self, grid: Grid, real: np.dtype[Any]) -> list[np.ndarray]:
+        Of ``dtype``, default that of the device's fields.
+        """
+        real = as_device(device).real if dtype is None else np.dtype(dtype)
         y, x = grid.y - self.offset[0], grid.x - self.offset[1]
         cos, sin = math.cos(self.rotation), math.sin(self.rotation)
         column = (self.count[1] - 1) / 2
