@@ -205,9 +205,12 @@ SAMPLES: dict[str, Callable[[], Names]] = {
 # Pages whose blocks take more than five seconds on a slow CPU.
 LONG = (
     "README.md",
+    "docs/batch.md",
     "docs/calibration.md",
     "docs/focused.md",
+    "docs/propagation.md",
     "docs/rendering.md",
+    "docs/scenes.md",
     "docs/start/own_light_field.md",
 )
 

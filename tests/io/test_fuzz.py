@@ -72,6 +72,7 @@ def test_every_tag_of_a_tiff(tmp_path: Path, one_device: Device, name: str):
                 tried(name, one_device, good, mutations.mutated(data, [damage]))
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("name", ["zarr-zip", "zip"])
 def test_every_field_of_a_zip(tmp_path: Path, one_device: Device, name: str):
     pytest.importorskip("zarr")

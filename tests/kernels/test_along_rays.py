@@ -10,7 +10,12 @@ from tolerance import relative_max
 
 from clplen.lightfield.arrays.ray_samples import INTERPOLATIONS, STATISTICS, along_rays
 
-TYPES = (np.uint8, np.uint16, np.float16, np.float32)
+TYPES = (
+    np.uint8,
+    np.float32,
+    pytest.param(np.uint16, marks=pytest.mark.thorough),
+    pytest.param(np.float16, marks=pytest.mark.thorough),
+)
 # Coordinates in float32 are right to 1e-6 of a pixel; neighbours differ by at most the maximum.
 TOLERANCE = 1e-5
 

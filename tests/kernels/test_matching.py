@@ -106,6 +106,7 @@ def test_match(device, shape):
     assert np.abs(got - want).max() <= tolerance(lf, channels) < 2e-3 * thresholds(channels)[0]
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("lanes", [4, 8, 16])
 @pytest.mark.parametrize("shape", [(3, 3, 9, 53), (3, 5, 7, 37, 3), (5, 5, 6, 19)])
 def test_vectors_of_other_lengths(device, monkeypatch, shape, lanes):
@@ -129,8 +130,15 @@ def test_vectors_of_other_lengths(device, monkeypatch, shape, lanes):
     assert np.abs(got - want).max() <= tolerance(lf, channels)
 
 
-@pytest.mark.parametrize("dtype", [np.uint8, np.uint16, np.float16])
-@pytest.mark.parametrize("shape", [(3, 3, 7, 13), (2, 3, 9, 11, 3)])
+@pytest.mark.parametrize(
+    ("shape", "dtype"),
+    [
+        ((3, 3, 7, 13), np.uint8),
+        ((2, 3, 9, 11, 3), np.uint16),
+        pytest.param((3, 3, 7, 13), np.float16, marks=pytest.mark.thorough),
+        pytest.param((2, 3, 9, 11, 3), np.uint8, marks=pytest.mark.thorough),
+    ],
+)
 def test_integers_and_gain(device, shape, dtype):
     lf = LightField.from_array(samples(shape, dtype), device=device)
     planes = np.array([-0.6, 0.0, 1.25])

@@ -47,7 +47,15 @@ def sample(a, weights, v, u, kind):
 
 
 @pytest.mark.parametrize("kind", ["linear", "cubic"])
-@pytest.mark.parametrize("dtype", ["uint8", "uint16", "float16", "float32"])
+@pytest.mark.parametrize(
+    "dtype",
+    [
+        "uint8",
+        "float32",
+        pytest.param("uint16", marks=pytest.mark.thorough),
+        pytest.param("float16", marks=pytest.mark.thorough),
+    ],
+)
 @pytest.mark.parametrize("shape", SHAPES)
 def test_against_twin(device, shape, dtype, kind):
     rng = np.random.default_rng(3)

@@ -110,7 +110,14 @@ def check(device, shape, dtype="float32", disparities=None, **options):
     assert relative_max(want, got) <= tolerance(shape) < 1e-5
 
 
-@pytest.mark.parametrize("shape", [(2, 3, 3, 40), (3, 2, 3, 14, 3), (2, 2, 3, 5, 20)])
+@pytest.mark.parametrize(
+    "shape",
+    [
+        (2, 3, 3, 40),
+        pytest.param((3, 2, 3, 14, 3), marks=pytest.mark.thorough),
+        pytest.param((2, 2, 3, 5, 20), marks=pytest.mark.thorough),
+    ],
+)
 @pytest.mark.parametrize("disparities", [(-1.37, 0.5), (2.2,)])
 def test_weights_of_samples_that_all_views_hold(device, shape, disparities):
     """Those weights are kept once for the whole middle of a row."""

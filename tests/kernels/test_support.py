@@ -12,7 +12,12 @@ from clplen.lightfield.matching.plane_spans import all_planes
 EPS = 2.0**-24
 
 
-VECTORS = (-4, -8, -16)  # for blocks: lanes of gather_rows.cl
+VECTORS = (  # for blocks: lanes of gather_rows.cl
+    -8,
+    pytest.param(-4, marks=pytest.mark.thorough),
+    pytest.param(-16, marks=pytest.mark.thorough),
+)
+OTHER_LANES = [pytest.param(lanes, marks=pytest.mark.thorough) for lanes in (4, 16)]
 
 
 def skip_without_rows(device):
@@ -124,7 +129,7 @@ def lowest(device, cost, planes, file="support.cl", spans=None, lanes=0, **defin
 UNEVEN = np.array([-1.5, -1.25, -0.5, 0.0, 0.125, 1.0, 1.5, 3.0])
 
 
-@pytest.mark.parametrize("lanes", [0, 4, 8, 16])
+@pytest.mark.parametrize("lanes", [0, 8, *OTHER_LANES])
 @pytest.mark.parametrize("planes", [UNEVEN, UNEVEN[:3], np.linspace(-2, 2, 17)])
 def test_valley(device, planes, lanes):
     cost = np.random.default_rng(4).uniform(1, 9, (len(planes), 11, 13)).astype(np.float32)
@@ -139,7 +144,7 @@ def test_valley(device, planes, lanes):
     assert relative_max(want[4], mean) <= (len(planes) + 1) * EPS
 
 
-@pytest.mark.parametrize("lanes", [0, 4, 8, 16])
+@pytest.mark.parametrize("lanes", [0, 8, *OTHER_LANES])
 def test_valley_among_the_planes_of_a_span(device, lanes):
     cost = np.random.default_rng(4).uniform(1, 9, (8, 3, 35)).astype(np.float32)
     spans = np.array([[(0, 7)] * 16 + [(2, 6)] * 16 + [(1, 0)] * 3] * 3, np.int32)
@@ -152,7 +157,7 @@ def test_valley_among_the_planes_of_a_span(device, lanes):
         assert not map_[:, 32:].any()
 
 
-@pytest.mark.parametrize("lanes", [4, 8, 16])
+@pytest.mark.parametrize("lanes", [8, *OTHER_LANES])
 def test_valleys_of_neighbours_with_their_own_spans(device, lanes):
     """A span for each pixel, many of one plane; the same as pixel by pixel, by the plain kernel."""
     random = np.random.default_rng(9)

@@ -19,7 +19,15 @@ def compare(lf, L, d, weights, steps):
         np.testing.assert_allclose(found[3 * k : 3 * k + 3], want, atol=1e-5 * want.max() + 1e-30)
 
 
-@pytest.mark.parametrize("dtype", [np.uint8, np.uint16, np.float16, np.float32])
+@pytest.mark.parametrize(
+    "dtype",
+    [
+        np.uint8,
+        np.float32,
+        pytest.param(np.uint16, marks=pytest.mark.thorough),
+        pytest.param(np.float16, marks=pytest.mark.thorough),
+    ],
+)
 @pytest.mark.parametrize("shape", [(3, 2, 5, 37), (1, 5, 6, 19, 3), (4, 1, 7, 5), (5, 4, 2, 40, 2)])
 @pytest.mark.parametrize("d", [0.35, -1.8])
 def test_tensors(device, shape, dtype, d):

@@ -325,6 +325,7 @@ def distance(found: Lattice, point: tuple[float, float]) -> float:
     return float(np.hypot(*(found.centres() - point).T).min())
 
 
+@pytest.mark.thorough
 def test_vesicle(data_folder: Path):
     folder = data_folder / "lfm_guv"
     flat, dark = (
@@ -339,6 +340,7 @@ def test_vesicle(data_folder: Path):
     assert scene.trust == "low"  # a bright vesicle, no white image
 
 
+@pytest.mark.thorough
 def test_beads(data_folder: Path):
     found = estimate_lattice(tifffile.imread(data_folder / "lfm_beads" / "img_bg.tif"))
     assert found.trust == "high"
