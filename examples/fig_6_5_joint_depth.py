@@ -8,7 +8,7 @@ from clplen import all_in_focus, depth_map
 from clplen.analysis import score
 from clplen.plot import bar, new_figure
 
-ELECTRONS, WEIGHTS = 300.0, (60.0, 80.0)  # of a white pixel; of the total variations
+WEIGHTS = 60.0, 80.0  # of the total variations of picture and disparity
 NAMES = ("truth", "before", "refined")
 
 run = begin(__doc__, __file__, quick="a smaller picture")
@@ -16,7 +16,7 @@ size = 80 if run.quick else 128
 scene = joint.wall_and_ball(size)
 clean, truth = scene.light_field((1, 1), (size, size), device=run.device)
 exact = clean.to_numpy()[0, 0], np.asarray(truth.disparity, float)
-raw, white = joint.taken(scene, size, ELECTRONS, run.device)
+raw, white = joint.taken(scene, size, run.device)
 lf, level = joint.decoded(raw, white)
 depth = depth_map(lf, disparities=np.linspace(-1.4, 0.8, 23))
 start = pixels(all_in_focus(lf, depth=depth)), np.asarray(depth.disparity, float)
@@ -30,7 +30,7 @@ error = {name: [joint.rms(one, exact[1]) for _, one in path] for name, path in p
 known = joint.psnr(pixels(all_in_focus(lf, depth=exact[1])), exact[0])
 before, found = paths["raw pixels"][0], paths["raw pixels"][-1]
 psnr, rms = ([values[name][-1] for name in paths] for values in (quality, error))
-number("error refined over error before", rms[0] / joint.rms(before[1], exact[1]), 0.7, 0.15, ".2f")
+number("error refined over error before", rms[0] / joint.rms(before[1], exact[1]), 0.6, 0.15, ".2f")
 number("PSNR gained / dB", psnr[0] - joint.psnr(before[0], exact[0]), 5.5, 1.5, ".2f")
 number("PSNR over that on the decoded light field / dB", psnr[0] - psnr[1], 0.5, 0.5, ".2f")
 for name, one in zip(("before", *paths), (before, *(path[-1] for path in paths.values())),

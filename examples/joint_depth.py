@@ -15,6 +15,8 @@ from clplen.lightfield import DecodeOperator, RawWarp, ViewWarp
 
 ROUND = 0.02  # total variation is rounded below slopes of so much a pixel
 BORDER = 6  # pixels that are not judged
+ELECTRONS = 300.0  # of a white pixel
+FULL = 0.95  # of those: pixels with less see from elsewhere than their centre, and do not count
 DARK = 0.3  # of the brightest: views and samples below are not used
 READ = 2.0  # electrons, standard deviation of a pixel's read noise
 
@@ -26,8 +28,8 @@ def wall_and_ball(size: int) -> SurfaceScene:
     return SurfaceScene([wall, ball])
 
 
-def taken(scene: SurfaceScene, size: int, electrons: float, device: Any) -> tuple[RawImage, Any]:
-    """A raw image of so many electrons a white pixel, and a white image without noise.
+def taken(scene: SurfaceScene, size: int, device: Any) -> tuple[RawImage, Any]:
+    """A raw image in electrons, and a white image without noise.
 
     The array is turned, and its pitch is no whole number of pixels.
     """
@@ -38,8 +40,8 @@ def taken(scene: SurfaceScene, size: int, electrons: float, device: Any) -> tupl
         device=device,
     )  # fmt: skip
     flat = SurfaceScene(Plane(0.0, texture=uniform(1.0)))
-    white = camera.expose(flat, model="rays").to_numpy() * electrons
-    noisy = Sensor(exposure=electrons, shot_noise=True, read_noise=READ)
+    white = camera.expose(flat, model="rays").to_numpy() * ELECTRONS
+    noisy = Sensor(exposure=ELECTRONS, shot_noise=True, read_noise=READ)
     return noisy.record(camera.expose(scene, model="rays")), white
 
 
@@ -80,7 +82,7 @@ class JointFit:
     target : numpy.ndarray
         Raw image, or samples of a light field.
     trust : numpy.ndarray
-        One over the variance of its noise.
+        One over the variance of its noise; 0 where a sample does not count.
     weights : tuple of float
         Of the total variation of picture and disparity.
     """
@@ -95,14 +97,16 @@ class JointFit:
         """Of raw pixels, whose photon noise is that of `start`."""
         model = RawWarp(raw, white=white)
         variance = np.maximum(model.forward(*start).to_numpy(), 0) + READ**2
-        return cls(model, np.where(model.used, raw.to_numpy(), 0), 1 / variance, weights)
+        trust = (white > FULL * ELECTRONS) / variance
+        return cls(model, raw.to_numpy(), trust, weights)
 
     @classmethod
     def to_views(cls, lf: LightField, white: Any, start: Any, weights: Any) -> JointFit:
         """Of samples of the decoded light field, as if each were a pixel."""
         model = ViewWarp(lf)
         electrons = np.maximum(model.forward(*start).to_numpy(), 0) * white
-        return cls(model, lf.to_numpy(), white**2 / (electrons + READ**2), weights)
+        trust = (white > FULL * ELECTRONS) * white**2 / (electrons + READ**2)
+        return cls(model, lf.to_numpy(), trust, weights)
 
     def loss(self, values: Any) -> tuple[float, Any]:
         """Of picture and disparity, one behind the other, and its gradient."""

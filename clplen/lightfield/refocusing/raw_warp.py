@@ -271,7 +271,7 @@ def _lenslet_pixels(grid: LensletGrid, shape: tuple[int, int], ratio: float) -> 
     tall, wide = down.max(initial=0) - low[0] + 1, right.max(initial=0) - low[1] + 1
     index = np.full((tall * wide, *grid.count), -1, np.int32)
     index[(down - low[0]) * wide + right - low[1], i, k] = y * shape[1] + x
-    offsets = np.stack(np.mgrid[:tall, :wide], axis=-1).reshape(-1, 2) + low
+    offsets = np.indices((tall, wide)).reshape(2, -1).T + low
     to_views = np.linalg.inv(np.array([grid.row_view_step, grid.column_view_step]).T)
     scale = np.array([1.0, ratio] if grid.exchanged else [ratio, 1.0])
     return _LensletPixels(index, offsets @ to_views.T * scale, (at - centres) @ to_views.T * scale)
