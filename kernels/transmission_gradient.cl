@@ -1,7 +1,8 @@
 /* Gradient of a loss with respect to what multiplies a field, and its moments over the plane.
  *
  *   transmission_gradient   G[y, x] = sum_b conj(u[b, y, x]) g[b, y, x]
- *   row_moments             m[k, y] = sum_x G[y, x] w[x]^k, k = 0 ... ORDER, compensated (Kahan 1965)
+ *   row_moments             m[k, y] = sum_x G[y, x] w[x]^k, k = 0 ... ORDER, from one reading of u and g,
+ *                           eight sums side by side, compensated (Kahan 1965)
  *
  * g: cotangent of u t, dL/dRe + i dL/dIm. With u t in place of u, G is that of log t. w: places along
  * x in a unit in which they are about 1.
@@ -30,27 +31,71 @@ __kernel void transmission_gradient(__global cplx *restrict out, __global const 
 }
 
 #ifdef ORDER
-__kernel void row_moments(__global cplx *restrict out, __global const cplx *restrict G,
-                          __global const real *restrict w, const int ny, const int nx)
+#ifdef DOUBLE
+typedef double8 real8;
+typedef double16 real16;
+#else
+typedef float8 real8;
+typedef float16 real16;
+#endif
+
+/* Eight sums, and what rounding has added to them. */
+typedef struct {
+    real8 sum, lost;
+} sums;
+
+inline void add(sums *s, real8 value)
+{
+    const real8 term = value - s->lost;
+    const real8 next = s->sum + term;
+    s->lost = (next - s->sum) - term;
+    s->sum = next;
+}
+
+inline real total(real8 s)
+{
+    const real8 other = s.s45670123, four = s + other;
+    const real8 two = four + four.s23016745;
+    return two.s0 + two.s1;
+}
+
+__kernel void row_moments(__global cplx *restrict out, __global const cplx *restrict u,
+                          __global const cplx *restrict g, __global const real *restrict w,
+                          const int count, const int ny, const int nx)
 {
     const int y = get_global_id(0);
     if (y >= ny)
         return;
-    const size_t row = row_start(0, y, ny, nx);
-    cplx sum[ORDER + 1], lost[ORDER + 1];
+    sums re[ORDER + 1], im[ORDER + 1];
     for (int k = 0; k <= ORDER; ++k)
-        sum[k] = lost[k] = (cplx)(0);
-    for (int x = 0; x < nx; ++x) {
-        cplx value = G[row + x];
-        for (int k = 0; k <= ORDER; ++k) {
-            const cplx term = value - lost[k];
-            const cplx next = sum[k] + term;
-            lost[k] = (next - sum[k]) - term;
-            sum[k] = next;
-            value *= w[x];
+        re[k].sum = re[k].lost = im[k].sum = im[k].lost = (real8)(0);
+    for (int b = 0; b < count; ++b) {
+        const size_t row = row_start(b, y, ny, nx);
+        int x = 0;
+        for (; x + 8 <= nx; x += 8) {
+            const real16 p = vload16(0, (__global const real *)(u + row + x));
+            const real16 q = vload16(0, (__global const real *)(g + row + x));
+            const real8 at = vload8(0, w + x);
+            real8 along = p.even * q.even + p.odd * q.odd;
+            real8 across = p.even * q.odd - p.odd * q.even;
+            for (int k = 0; k <= ORDER; ++k) {
+                add(&re[k], along);
+                add(&im[k], across);
+                along *= at;
+                across *= at;
+            }
+        }
+        for (; x < nx; ++x) { /* the end of the row */
+            const cplx p = u[row + x];
+            cplx value = cmul((cplx)(p.x, -p.y), g[row + x]);
+            for (int k = 0; k <= ORDER; ++k) {
+                add(&re[k], (real8)(value.x, 0, 0, 0, 0, 0, 0, 0));
+                add(&im[k], (real8)(value.y, 0, 0, 0, 0, 0, 0, 0));
+                value *= w[x];
+            }
         }
     }
     for (int k = 0; k <= ORDER; ++k)
-        out[k * ny + y] = sum[k];
+        out[k * ny + y] = (cplx)(total(re[k].sum), total(im[k].sum));
 }
 #endif

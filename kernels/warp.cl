@@ -1,4 +1,4 @@
-/* Views from a picture and a disparity of every pixel, and the gradients of a loss through them.
+/* Views, or a raw image, from a picture and a disparity, and the gradients of a loss through them.
  *
  *   L[view, y, x, c] = P(y + d[y, x] s_y, x + d[y, x] s_x)[c],   (s_y, s_x) = steps[view]
  *
@@ -12,11 +12,17 @@
  * a whole position it is that towards the next pixel. Sums go in one order, so that all runs have the
  * same bits.
  *
+ * -DLENSLETS: L is the raw image. (y, x) is a lenslet, with a disparity of its own, and lies at
+ * across[y % 2][x] + part[y % 2][x] of row y of the picture, which is `wide` pixels wide; views are its
+ * pixels, of which `view` is L[index[view, y, x]], none where that is below 0. It is
+ * white[index] P(...), with s = steps[view] + own[y, x]; the elements of `own` lie within own_least and
+ * own_most, and columns of the picture are `spacing` columns of lenslets apart.
+ *
  * Mapping: views and of_disparity, FOR_X of common.cl over x, axis 1 = y, axis 2 = view (views).
  * of_picture with -DROWS: an item = `height` rows, to which it adds what falls there, axis 0; else an
  * item = a sample s = X channels + c, axis 0, and Y, axis 1, which looks for what falls on it. All
  * disparities lie within `least` and `most`.
- * -DCHANNELS=1 | 3: their number, where it is one of these. -DROWS: see common.cl.
+ * -DCHANNELS=1 | 3: their number, where it is one of these; 1 with -DLENSLETS. -DROWS: see common.cl.
  */
 #include "common.cl"
 
@@ -24,6 +30,35 @@
 #define COUNT CHANNELS
 #else
 #define COUNT channels
+#endif
+
+#ifdef LENSLETS
+#define TABLES \
+    , __global const int *restrict index, __global const float *restrict white, \
+        __global const float2 *restrict own, __global const int *restrict across, \
+        __global const float *restrict part, const int wide
+#define BOUNDS , const float2 own_least, const float2 own_most, const float spacing
+#define SAMPLE(view, y, x) index[row_start(view, y, ny, nx) + x]
+#define IS_SEEN(at) ((at) >= 0)
+#define WHITE(at) white[at]
+#define STEP(y, x) (step + own[(size_t)(y) * nx + x])
+#define BACK (step + own_least)
+#define AHEAD (step + own_most)
+#define COLUMN(y, x) across[(y & 1) * nx + x]
+#define PART(y, x, move) (part[(y & 1) * nx + x] + move)
+#define WIDE wide
+#else
+#define TABLES
+#define BOUNDS
+#define SAMPLE(view, y, x) (row_start(view, y, ny, nx * COUNT) + x * COUNT)
+#define IS_SEEN(at) 1
+#define WHITE(at) 1.0f
+#define STEP(y, x) step
+#define BACK step
+#define AHEAD step
+#define COLUMN(y, x) x
+#define PART(y, x, move) move
+#define WIDE nx
 #endif
 
 /* The pixel before a position i + shift on an axis of n, and the fraction to the next one; and whether
@@ -41,128 +76,159 @@ inline int place(int i, float shift, int n, float *part, int *within)
 
 __kernel void views(__global float *restrict L, __global const float *restrict P,
                     __global const float *restrict d, __global const float2 *restrict steps,
-                    const int ny, const int nx, const int channels)
+                    const int ny, const int nx, const int channels TABLES)
 {
     const int y = get_global_id(1), view = get_global_id(2);
     const float2 step = steps[view];
-    __global float *to = L + row_start(view, y, ny, nx * COUNT);
     FOR_X(x, nx) {
-        const float shift = d[(size_t)y * nx + x];
-        float b, a;
-        int down, right;
-        const int i = place(y, shift * step.x, ny, &b, &down);
-        const int j = place(x, shift * step.y, nx, &a, &right);
-        __global const float *from = P + ((size_t)i * nx + j) * COUNT;
-        const size_t below = down ? (size_t)nx * COUNT : 0;
-        const size_t beside = right ? COUNT : 0;
-        for (int c = 0; c < COUNT; ++c)
-            to[x * COUNT + c] = (1.0f - b) * ((1.0f - a) * from[c] + a * from[beside + c])
-                + b * ((1.0f - a) * from[below + c] + a * from[below + beside + c]);
+        const long at = SAMPLE(view, y, x);
+        if (IS_SEEN(at)) {
+            const float shift = d[(size_t)y * nx + x];
+            const float move_y = shift * STEP(y, x).x, move_x = shift * STEP(y, x).y;
+            float b, a;
+            int down, right;
+            const int i = place(y, move_y, ny, &b, &down);
+            const int j = place(COLUMN(y, x), PART(y, x, move_x), WIDE, &a, &right);
+            __global const float *from = P + ((size_t)i * WIDE + j) * COUNT;
+            const size_t below = down ? (size_t)WIDE * COUNT : 0;
+            const size_t beside = right ? COUNT : 0;
+            for (int c = 0; c < COUNT; ++c)
+                L[at + c] = WHITE(at)
+                    * ((1.0f - b) * ((1.0f - a) * from[c] + a * from[beside + c])
+                       + b * ((1.0f - a) * from[below + c] + a * from[below + beside + c]));
+        }
     }
 }
 
 __kernel void of_disparity(__global float *restrict out, __global const float *restrict g,
                            __global const float *restrict P, __global const float *restrict d,
                            __global const float2 *restrict steps, const int count, const int ny,
-                           const int nx, const int channels)
+                           const int nx, const int channels TABLES)
 {
     const int y = get_global_id(1);
     FOR_X(x, nx) {
         const float shift = d[(size_t)y * nx + x];
         float sum = 0.0f;
         for (int view = 0; view < count; ++view) {
+            const long at = SAMPLE(view, y, x);
+            if (!IS_SEEN(at))
+                continue;
             const float2 step = steps[view];
+            const float turn_y = STEP(y, x).x, turn_x = STEP(y, x).y;
+            const float move_y = shift * turn_y, move_x = shift * turn_x;
             float b, a;
             int down, right;
-            const int i = place(y, shift * step.x, ny, &b, &down);
-            const int j = place(x, shift * step.y, nx, &a, &right);
-            __global const float *from = P + ((size_t)i * nx + j) * COUNT;
-            __global const float *of = g + row_start(view, y, ny, nx * COUNT) + x * COUNT;
-            const size_t below = down ? (size_t)nx * COUNT : 0;
+            const int i = place(y, move_y, ny, &b, &down);
+            const int j = place(COLUMN(y, x), PART(y, x, move_x), WIDE, &a, &right);
+            __global const float *from = P + ((size_t)i * WIDE + j) * COUNT;
+            const size_t below = down ? (size_t)WIDE * COUNT : 0;
             const size_t beside = right ? COUNT : 0;
             for (int c = 0; c < COUNT; ++c) {
                 const float p00 = from[c], p01 = from[beside + c];
                 const float p10 = from[below + c], p11 = from[below + beside + c];
                 const float slope_y = (1.0f - a) * (p10 - p00) + a * (p11 - p01);
                 const float slope_x = (1.0f - b) * (p01 - p00) + b * (p11 - p10);
-                sum += of[c] * (step.x * slope_y + step.y * slope_x);
+                sum += WHITE(at) * g[at + c] * (turn_y * slope_y + turn_x * slope_x);
             }
         }
         out[(size_t)y * nx + x] = sum;
     }
 }
 
-/* Rows (or columns) of n whose positions may come next to those from `low` to `high`. What lies beyond
- * an edge comes to it. */
-inline int2 sources(int low, int high, float step, float least, float most, int n)
+/* Rows (or columns) of n whose positions may come next to those from `low` to `high`, moved by
+ * disparities times steps between `back` and `ahead`. What lies beyond an edge comes to it. */
+inline int2 sources(int low, int high, float back, float ahead, float least, float most, int n)
 {
-    const float a = clamp(fmin(step * least, step * most), (float)(-n), (float)n);
-    const float b = clamp(fmax(step * least, step * most), (float)(-n), (float)n);
+    const float2 ends = (float2)(least, most);
+    const float2 one = back * ends, other = ahead * ends;
+    const float near = fmin(fmin(one.x, one.y), fmin(other.x, other.y));
+    const float far = fmax(fmax(one.x, one.y), fmax(other.x, other.y));
+    const float a = clamp(near, (float)(-n), (float)n), b = clamp(far, (float)(-n), (float)n);
     return (int2)(low == 0 ? 0 : max(low - 2 - (int)floor(b), 0),
                   high == n - 1 ? n - 1 : min(high + 1 - (int)floor(a), n - 1));
 }
 
+#ifdef LENSLETS
+/* Columns of nx lenslets that lie within columns of the picture, of which there are n. */
+inline int2 lenslets(int2 columns, float spacing, int nx, int n)
+{
+    const int first = (int)floor((columns.s0 - 1) * spacing) - 1;
+    const int last = (int)ceil((columns.s1 + 1) * spacing) + 1;
+    return (int2)(columns.s0 == 0 ? 0 : max(first, 0),
+                  columns.s1 == n - 1 ? nx - 1 : min(last, nx - 1));
+}
+#endif
+
 __kernel void of_picture(__global float *restrict out, __global const float *restrict g,
                          __global const float *restrict d, __global const float2 *restrict steps,
                          const int count, const int ny, const int nx, const int channels,
-                         const float least, const float most, const int height)
+                         const float least, const float most, const int height TABLES BOUNDS)
 {
 #ifdef ROWS
     const int first = get_global_id(0) * height, last = min(first + height, ny) - 1;
-    const size_t width = (size_t)nx * COUNT;
+    const size_t width = (size_t)WIDE * COUNT;
     for (size_t s = first * width; s < (last + 1) * width; ++s)
         out[s] = 0.0f;
     for (int view = 0; view < count; ++view) {
         const float2 step = steps[view];
-        const int2 rows = sources(first, last, step.x, least, most, ny);
-        for (int y = rows.s0; y <= rows.s1; ++y) {
-            __global const float *of = g + row_start(view, y, ny, nx * COUNT);
+        const int2 rows = sources(first, last, BACK.x, AHEAD.x, least, most, ny);
+        for (int y = rows.s0; y <= rows.s1; ++y)
             for (int x = 0; x < nx; ++x) {
+                const long at = SAMPLE(view, y, x);
+                if (!IS_SEEN(at))
+                    continue;
                 const float shift = d[(size_t)y * nx + x];
+                const float move_y = shift * STEP(y, x).x, move_x = shift * STEP(y, x).y;
                 float b, a;
                 int down, right;
-                const int i = place(y, shift * step.x, ny, &b, &down);
+                const int i = place(y, move_y, ny, &b, &down);
                 if (i > last || i + 1 < first)
                     continue;
-                const int j = place(x, shift * step.y, nx, &a, &right);
+                const int j = place(COLUMN(y, x), PART(y, x, move_x), WIDE, &a, &right);
                 for (int k = i; k <= i + down; ++k) {
                     if (k < first || k > last)
                         continue;
-                    const float w = k == i ? 1.0f - b : b;
-                    __global float *to = out + ((size_t)k * nx + j) * COUNT;
+                    const float w = WHITE(at) * (k == i ? 1.0f - b : b);
+                    __global float *to = out + ((size_t)k * WIDE + j) * COUNT;
                     for (int c = 0; c < COUNT; ++c) {
-                        const float value = w * of[x * COUNT + c];
+                        const float value = w * g[at + c];
                         to[c] += (1.0f - a) * value;
                         if (right)
                             to[COUNT + c] += a * value;
                     }
                 }
             }
-        }
     }
 #else
     const int s = get_global_id(0), Y = get_global_id(1);
-    if (s >= nx * COUNT)
+    if (s >= WIDE * COUNT)
         return;
     const int X = s / COUNT, c = s % COUNT;
     float sum = 0.0f;
     for (int view = 0; view < count; ++view) {
         const float2 step = steps[view];
-        const int2 rows = sources(Y, Y, step.x, least, most, ny);
-        const int2 columns = sources(X, X, step.y, least, most, nx);
+        const int2 rows = sources(Y, Y, BACK.x, AHEAD.x, least, most, ny);
+        int2 columns = sources(X, X, BACK.y, AHEAD.y, least, most, WIDE);
+#ifdef LENSLETS
+        columns = lenslets(columns, spacing, nx, wide);
+#endif
         for (int y = rows.s0; y <= rows.s1; ++y)
             for (int x = columns.s0; x <= columns.s1; ++x) {
+                const long at = SAMPLE(view, y, x);
+                if (!IS_SEEN(at))
+                    continue;
                 const float shift = d[(size_t)y * nx + x];
+                const float move_y = shift * STEP(y, x).x, move_x = shift * STEP(y, x).y;
                 float b, a;
                 int down, right;
-                const int i = place(y, shift * step.x, ny, &b, &down);
-                const int j = place(x, shift * step.y, nx, &a, &right);
+                const int i = place(y, move_y, ny, &b, &down);
+                const int j = place(COLUMN(y, x), PART(y, x, move_x), WIDE, &a, &right);
                 const float wy = i == Y ? 1.0f - b : down && i + 1 == Y ? b : 0.0f;
                 const float wx = j == X ? 1.0f - a : right && j + 1 == X ? a : 0.0f;
                 if (wy != 0.0f && wx != 0.0f)
-                    sum += wy * wx * g[row_start(view, y, ny, nx * COUNT) + x * COUNT + c];
+                    sum += wy * wx * WHITE(at) * g[at + c];
             }
     }
-    out[(size_t)Y * nx * COUNT + s] = sum;
+    out[(size_t)Y * WIDE * COUNT + s] = sum;
 #endif
 }

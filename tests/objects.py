@@ -219,6 +219,7 @@ EXAMPLES: dict[str, Callable[[Device], Any]] = {
     "Pupil": lambda _: clplen.wave.Pupil(3e-3, 0.1),
     "RandomPhaseMask": lambda _: clplen.wave.RandomPhaseMask(66e-6),
     "RawImage": raw,
+    "RawWarp": lambda device: clplen.lightfield.RawWarp(raw(device)),
     "RenderOperator": lambda device: clplen.lightfield.RenderOperator(lightfield(device)),
     "Sampling": lambda device: clplen.analysis.sampling_of(camera(device)),
     "Sensor": lambda _: clplen.Sensor(1e4, shot_noise=True),

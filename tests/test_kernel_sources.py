@@ -40,7 +40,14 @@ from clplen.cameras import ExposureOperator, PixelArray, Plane, TextureOperator
 from clplen.cameras.optics.camera_aberrations import Aberrations, LensletScatter
 from clplen.cameras.scenes.scene_sources import PicturePlane
 from clplen.compute.device import Device
-from clplen.lightfield import DecodeOperator, Lattice, LensletGrid, StackOperator, ViewWarp
+from clplen.lightfield import (
+    DecodeOperator,
+    Lattice,
+    LensletGrid,
+    RawWarp,
+    StackOperator,
+    ViewWarp,
+)
 from clplen.lightfield.arrays.stored_samples import extremes
 from clplen.lightfield.depth.depth_maps import sharpness_curve
 from clplen.lightfield.focus_and_depth import all_in_focus
@@ -364,6 +371,9 @@ def adjoints(device: Device) -> None:
         DecodeOperator(raw).adjoint(np.ones(grid.shape))
     model = ViewWarp((2, 3, 9, 7), device=device)
     model.vjp(np.ones((9, 7)), np.zeros((9, 7)), model.forward(np.ones((9, 7)), np.zeros((9, 7))))
+    raw = RawImage(device.zeros((30, 36), np.float32), device, np.nan, turned, turned)
+    pixels, flat = RawWarp(raw), np.ones((3, 4))
+    pixels.vjp(flat, flat, pixels.forward(flat, flat))
 
 
 def work(device: Device) -> None:

@@ -64,6 +64,7 @@ from .refocusing.focal_stacks import refocus as refocus
 from .refocusing.fourier_slice import fourier_stack as fourier_stack
 from .refocusing.hyperfan_filter import hyperfan as hyperfan
 from .refocusing.phase_ramps import shift_views as shift_views
+from .refocusing.raw_warp import RawWarp as RawWarp
 from .refocusing.stack_operator import StackOperator as StackOperator
 from .refocusing.view_warp import ViewWarp as ViewWarp
 from .streaming.streamed_results import StackTiles as StackTiles

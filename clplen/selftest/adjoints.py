@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -10,6 +12,8 @@ from clplen.compute.device import Device
 from clplen.lightfield.arrays.shear_adjoint import shear_adjoint
 from clplen.lightfield.raw.decode_adjoint import resample_adjoint
 from clplen.lightfield.raw.lenslet_grid import LensletGrid
+from clplen.lightfield.raw.raw_image import RawImage
+from clplen.lightfield.refocusing.raw_warp import RawWarp
 from clplen.lightfield.refocusing.view_warp import ViewWarp
 from clplen.selftest import twins
 from clplen.selftest.check import Check, Pairs
@@ -92,10 +96,51 @@ def _warped(device: Device) -> Pairs:
     yield of_disparity, found[1]
 
 
+def _warped_raw(device: Device) -> Pairs:
+    """A raw image of turned, shifted lenslets, and the gradients, by a matrix of its pixels."""
+    shape, grid = (61, 83), replace(TURNED, first=(13.217, 9.703))  # no pixel halfway
+    rows, columns = grid.count
+    picture, d = twins.reals(3, rows, columns), twins.reals(5, rows, columns, low=-0.9, high=0.7)
+    white, g = twins.reals(7, *shape, low=0.2, high=1.7), twins.reals(4, *shape)
+    raw = RawImage(device.zeros(shape, np.float32), device, math.nan, grid, grid)
+    model = RawWarp(raw, white=white)
+    beyond = replace(
+        grid,
+        count=(rows + 4, columns + 4),
+        first=tuple(np.array(grid.first) - 2 * np.add(grid.row_step, grid.column_step)),
+    )
+    centres = lenslet_centres(beyond).reshape(2, -1, 1)
+    pixels = np.indices(shape).reshape(2, 1, -1)
+    own = ((pixels - centres) ** 2).sum(axis=0).argmin(axis=0)
+    i, k = np.array(np.unravel_index(own, beyond.count)) - 2
+    on = (i >= 0) & (i < rows) & (k >= 0) & (k < columns)
+    v, u = (pixels - centres[:, own].reshape(2, 1, -1))[:, 0, on]
+    i, k = i[on], k[on] + grid.odd_row_shift * (i[on] % 2)
+    of_lenslet = (np.eye(rows)[i], twins.interpolation(k, columns, clamp=True))
+    disparity = np.einsum("pi,ij,pj->p", of_lenslet[0], d.astype(float), of_lenslet[1])
+    at = [i + v * disparity, k + u * disparity]
+    my, mx = (twins.interpolation(p, n, clamp=True) for p, n in zip(at, grid.count, strict=True))
+    factor, slope = white.ravel()[on].astype(float), 0.0
+    seen = np.zeros(shape)
+    seen.ravel()[on] = factor * np.einsum("pi,ij,pj->p", my, picture.astype(float), mx)
+    yield seen, model.forward(picture, d).to_numpy()
+    factor = factor * g.ravel()[on]
+    for n, (size, turn) in enumerate(zip(grid.count, (v, u), strict=True)):
+        ways, inside = [my, mx], (at[n] > 0) & (at[n] < size - 1)
+        whole = np.clip(np.floor(at[n]).astype(int), 0, size - 2)
+        ways[n] = (inside * turn)[:, None] * (np.eye(size)[whole + 1] - np.eye(size)[whole])
+        slope = slope + np.einsum("pi,ij,pj->p", ways[0], picture.astype(float), ways[1])
+    of_picture, of_disparity = model.vjp(picture, d, g)
+    yield np.einsum("pi,p,pj->ij", my, factor, mx), of_picture
+    yield np.einsum("pi,p,pj->ij", of_lenslet[0], factor * slope, of_lenslet[1]), of_disparity
+
+
 CHECKS = (
     Check("shear_adjoint", "colours of three planes spread to the views", _spread, ROUNDING,
           ("shear_adjoint.cl", "shear_norm.cl")),
     Check("decode_adjoint", "views of two lattices back to the sensor", _decoded, ROUNDING,
           ("decode_adjoint.cl",)),
     Check("warp", "views of a picture, and their gradients", _warped, ROUNDING, ("warp.cl",)),
+    Check("raw_warp", "pixels of lenslets, and their gradients", _warped_raw, ROUNDING,
+          ("warp.cl",)),
 )  # fmt: skip

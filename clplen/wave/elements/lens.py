@@ -13,7 +13,11 @@ from clplen.checks import Aliasing, act_on_aliasing, check_aliasing, check_diame
 from clplen.deprecation import renamed_argument
 from clplen.wave.elements.hard_apertures import disc
 from clplen.wave.field.field import Field, Grid, require_field, require_grid
-from clplen.wave.field.field_gradients import log_moments, transmission_gradient
+from clplen.wave.field.field_gradients import (
+    check_cotangent,
+    log_moments,
+    transmission_gradient,
+)
 from clplen.wave.field.transmission import (
     multiply_separable,
     multiply_sphere,
@@ -149,16 +153,39 @@ def thin_lens_gradient(
     >>> slope > 0  # a shorter focal length lessens the loss
     True
     """
-    behind = thin_lens(field, focal_length, diameter=diameter, form=form, aliasing="allow")
+    check_cotangent(field, cotangent)
+    cotangent = field.with_data(cotangent.data)
+    before = thin_lens(cotangent, -focal_length, diameter=diameter, form=form, aliasing="allow")
+    return {"focal_length": focal_length_slope(field, before, focal_length, form)}
+
+
+def focal_length_slope(field: Field, before: Field, focal_length: float, form: Form) -> float:
+    """dL/df of a thin lens, from the gradients by the field in front of it.
+
+    That is conj(t) g = `before`, so that conj(u t) g of `thin_lens_gradient` is conj(u) times it:
+    the field u and this one are read once.
+
+    Parameters
+    ----------
+    field, before : Field
+        In front of the lens, and the gradient by it.
+    focal_length, form
+        As of `thin_lens_gradient`.
+
+    Returns
+    -------
+    float
+        Per metre.
+    """
     f, lam, (y, x) = focal_length, field.wavelength, offsets(field.grid)
     if form == "paraxial" or math.isinf(f):
-        second = log_moments(behind, cotangent, y, x).imag
-        return {"focal_length": float(math.pi / (lam * f**2) * (second[2, 0] + second[0, 2]))}
+        second = log_moments(field, before, y, x).imag
+        return float(math.pi / (lam * f**2) * (second[2, 0] + second[0, 2]))
     r2 = y[:, None] ** 2 + x**2
     far = np.sqrt(r2 + f**2)
-    by_phase = field.device.download(transmission_gradient(behind, cotangent)).imag
+    by_phase = field.device.download(transmission_gradient(field, before)).imag
     steps = 2 * math.pi / lam * r2 / (far * (far + abs(f)))
-    return {"focal_length": float((by_phase.astype(np.float64) * steps).sum())}
+    return float((by_phase.astype(np.float64) * steps).sum())
 
 
 def check_lens_sampling(

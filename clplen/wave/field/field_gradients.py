@@ -137,8 +137,8 @@ def log_moments(behind: Field, cotangent: Field, y: Array, x: Array, order: int 
     numpy.ndarray
         complex128, shape (order + 1, order + 1): sums of conj(u t) g y^j x^k.
     """
+    check_cotangent(behind, cotangent)
     device, (ny, nx) = behind.device, behind.grid.shape
-    found = transmission_gradient(behind, cotangent)
     unit = float(np.abs(x).max()) or 1.0
     sums = device.empty((order + 1, ny), device.complex)
     defines = device.wave_defines() | {"ORDER": order}
@@ -146,8 +146,10 @@ def log_moments(behind: Field, cotangent: Field, y: Array, x: Array, order: int 
         device.kernel("transmission_gradient.cl", "row_moments", **defines),
         (ny,),
         sums,
-        found,
+        behind.data,
+        cotangent.data,
         device.upload((x / unit).astype(device.real)),
+        np.int32(np.prod(behind.shape[:-2], dtype=np.int64)),
         np.int32(ny),
         np.int32(nx),
     )

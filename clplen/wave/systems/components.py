@@ -17,7 +17,12 @@ from clplen.errors import SamplingWarning
 from clplen.units import metres
 from clplen.wave.elements.edges import Edges, check_edges
 from clplen.wave.elements.hard_apertures import aperture
-from clplen.wave.elements.lens import Form, thin_lens, thin_lens_gradient
+from clplen.wave.elements.lens import (
+    Form,
+    focal_length_slope,
+    thin_lens,
+    thin_lens_gradient,
+)
 from clplen.wave.elements.lenslets import MicrolensArray
 from clplen.wave.field.adjoints import pointwise_adjoint
 from clplen.wave.field.field import Field, Grid
@@ -130,6 +135,12 @@ class Lens:
         return thin_lens_gradient(
             field, cotangent, self.focal_length, diameter=self.diameter, form=self.form
         )
+
+    def pullback(self, field: Field, cotangent: Field) -> tuple[Field, dict[str, float]]:
+        """`adjoint` of the gradient behind the lens and `gradient`, which is made of it."""
+        before = self.adjoint(cotangent)
+        slope = focal_length_slope(field, before, self.focal_length, self.form)
+        return before, {"focal_length": slope}
 
     def describe(self) -> str:
         """Focal length, diameter and form."""

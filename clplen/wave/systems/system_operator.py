@@ -13,7 +13,7 @@ from clplen.compute.device import DeviceLike, as_device, require_same_device
 from clplen.compute.linear_map import linear_operator
 from clplen.errors import ShapeError
 from clplen.wave.field.field import Field, Grid, require_field
-from clplen.wave.systems.components import Part, label_of
+from clplen.wave.systems.components import Lens, Part, label_of
 from clplen.wave.systems.space import Space
 
 if TYPE_CHECKING:
@@ -269,8 +269,11 @@ class SystemPullback:
         operator._check(cotangent, operator.grids[-1], "behind")
         made: dict[int, dict[str, Any]] = {}
         for number in range(len(operator.parts))[::-1]:
+            part: Any = operator.parts[number]
+            if number in self._kept and isinstance(part, Lens):
+                cotangent, made[number] = part.pullback(self._kept[number], cotangent)
+                continue
             if number in self._kept:
-                part: Any = operator.parts[number]
                 made[number] = part.gradient(self._kept[number], cotangent)
             cotangent = operator._adjoint_of(number, cotangent)
         return SystemGradient(cotangent, made)
