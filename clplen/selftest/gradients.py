@@ -82,7 +82,7 @@ def _focal_lengths(device: Device) -> Pairs:
     expected = _sums(mla, index, bent * np.pi * r2 / (LAM * f**2))
     yield expected, mla.gradient(field, behind)["lenslet_focal_lengths"]
     thin = np.minimum(share, 1) * np.exp(-1j * np.pi * r2 / (LAM * f))
-    changed = device.download(mla.jacobian(GRID, LAM, device)["focal_length"])[0]
+    changed = mla.jacobian(GRID, LAM, device)["focal_lengths"].sum(axis=0)
     yield 1j * np.pi * r2 / (LAM * f**2) * thin, changed
     cells = MicrolensArray(PITCH, LENGTHS[0], count=(1, 2), fill="full", diameter=0.8 * PITCH)
     y, x, _ = _places(cells)

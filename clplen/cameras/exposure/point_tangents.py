@@ -41,7 +41,7 @@ class PointTangents:
         By (x, y, dz), a metre, shape (3, n, ny, nx), or (0, n, ny, nx) where not asked for.
     shared : dict of str to numpy.ndarray
         By what all points have in common, shapes (k, n, ny, nx): of the lenslets as
-        `MicrolensArray.jacobian`, of the sensor "shift" (k = 1) and "tilt" (y, x).
+        `MicrolensArray.jacobian` and "focal_length"; of the sensor "shift" (k = 1), "tilt" (y, x).
     """
 
     which: np.ndarray[Any, Any]
@@ -201,11 +201,11 @@ def _by_lenslets(optics: WaveOptics, before: Field, pixels: _Pixels, pad: int) -
     found, device = {}, optics.device
     for name, changes in optics.mla.jacobian(before.grid, before.wavelength, device).items():
         each = []
-        for change in device.download(changes):
+        for change in changes:
             behind = optics.behind_lenslets(multiply(before, device.upload(change)))
             each.append(pixels.change(optics.to_sensor(behind, pad=pad)))
         found[name] = np.stack(each)
-    return found
+    return found | {"focal_length": found["focal_lengths"].sum(axis=0, keepdims=True)}
 
 
 def _by_sensor(optics: WaveOptics, before: Field, pixels: _Pixels, pad: int) -> dict[str, Values]:

@@ -139,8 +139,8 @@ class Aberrations(OneLine):
     sensor_tilt : tuple of float
         Slopes (y, x) of the sensor against the array, about the optical axis: the pixel at (y, x)
         lies y and x times these farther from the array. The pixels' pitch is that of their
-        projection along the axis, cos(angle) of the tilted one. Points, slides and rays of points;
-        by waves with ``method="points"``.
+        projection along the axis, cos(angle) of the tilted one. By waves it needs
+        ``method="points"``; rays of a `SurfaceScene` know none.
 
     Attributes
     ----------

@@ -145,9 +145,9 @@ def array_rates(mla: LensletLattice, wavelength: float) -> dict[str, Float64Arra
     Returns
     -------
     dict of str to numpy.ndarray
-        "pitch", "diameter", "focal_length", "rotation": shape (1, ny, nx, 7); "offset" (y, x):
-        (2, ny, nx, 7); "focal_lengths": one a kind. `array_gradient` is their sum times the seven
-        sums of each lenslet.
+        "pitch", "diameter", "rotation": shape (1, ny, nx, 7); "offset" (y, x): (2, ny, nx, 7);
+        "focal_lengths": one a kind. `array_gradient` is their sum times the seven sums of each
+        lenslet.
     """
     lengths = np.asarray(mla.focal_lengths)[mla.types()]
     away, pitch = mla.centres() - mla.offset, mla.pitch
@@ -169,7 +169,6 @@ def array_rates(mla: LensletLattice, wavelength: float) -> dict[str, Float64Arra
     return {
         "pitch": rates(away[..., 0] / pitch, away[..., 1] / pitch)[None],
         "diameter": rates(radius=1 / (2 * pitch))[None],
-        "focal_length": rates(square=square)[None],
         "focal_lengths": np.stack([rates(square=square * kind) for kind in kinds]),
         "offset": np.stack([rates(down=1.0), rates(right=1.0)]),
         "rotation": rates(away[..., 1], -away[..., 0], angle=1.0)[None],

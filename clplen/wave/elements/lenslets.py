@@ -312,7 +312,7 @@ class MicrolensArray(OneLine):
 
     def jacobian(
         self, grid: Grid, wavelength: float, device: DeviceLike | None = None
-    ) -> dict[str, cla.Array]:
+    ) -> dict[str, np.ndarray]:
         """Derivatives of `transmission` with respect to the array, the forward mode of `gradient`.
 
         Parameters
@@ -325,10 +325,10 @@ class MicrolensArray(OneLine):
 
         Returns
         -------
-        dict of str to pyopencl.array.Array
-            "pitch" (the diameter stays), "diameter", "rotation", "focal_length" (all kinds
-            together), shape (1, ny, nx); "offset" (y, x), shape (2, ny, nx); "focal_lengths" of
-            each kind, shape (kinds, ny, nx). Complex, per metre or radian.
+        dict of str to numpy.ndarray
+            "pitch" (the diameter stays), "diameter", "rotation", shape (1, ny, nx); "offset" (y,
+            x), shape (2, ny, nx); "focal_lengths" of each kind, shape (kinds, ny, nx), whose sum is
+            that by all kinds together. Complex, per metre or radian.
 
         Raises
         ------
@@ -336,11 +336,11 @@ class MicrolensArray(OneLine):
             For lenslets with a surface, a map or clear gaps.
         """
         self._require_thin()
-        opened = as_device(device)
-        return {
-            name: array_tangents(self, rates, grid, wavelength, opened)
-            for name, rates in array_rates(self, wavelength).items()
-        }
+        opened, rates = as_device(device), array_rates(self, wavelength)
+        together = np.concatenate(list(rates.values()))
+        changes = opened.download(array_tangents(self, together, grid, wavelength, opened))
+        ends = np.cumsum([len(one) for one in rates.values()])[:-1]
+        return dict(zip(rates, np.split(changes, ends), strict=True))
 
     def _require_thin(self) -> None:
         if not self.is_thin:
