@@ -1,4 +1,4 @@
-"""A camera calibrated from one raw image of points: the wave model, its likelihood, its descent."""
+"""A camera calibrated from one raw image of points: the wave model, its Jacobian, Gauss-Newton."""
 
 from __future__ import annotations
 
@@ -7,17 +7,18 @@ from typing import Any
 
 import numpy as np
 from common import BLUE, GREEN, ORANGE, RED
-from scipy.optimize import minimize
+from scipy.optimize import least_squares
 
 from clplen import MicrolensArray, PlenopticCamera, PointSources, SurfaceScene, estimate_lattice
 from clplen.cameras import Aberrations, ExposureOperator, Plane, Plenoptic1, uniform
 
 PITCH, F_MU = 150e-6, 10e-3
-NAMES = ("pitch", "rotation", "offset y", "offset x", "f_mu")
-UNITS = np.array([1e-3 * PITCH, 1e-3, 0.01 * PITCH, 0.01 * PITCH, 0.01 * F_MU])  # of the array
+NAMES = ("pitch", "rotation", "offset y", "offset x", "f_mu", "tilt y", "tilt x")
+UNITS = np.array([1e-3 * PITCH, 1e-3, 0.01 * PITCH, 0.01 * PITCH, 0.01 * F_MU, 0.01, 0.01])
+ARRAY = len(NAMES)  # unknowns of array and sensor
+EXPECTED = np.r_[2, 4, 15, 15, 2, 2, 2, [1, 1, 1, 0.1] * 3]  # how far off a start usually is
 PLACE = np.array([1e-5, 1e-5, 1e-3])  # units of x, y, dz of a point
-PLACES = np.array([(-5e-4, -4e-4, -0.05), (4e-4, -5e-4, 0.04), (1e-4, 5e-4, -0.03)])
-WEAK, FIRST = (4, 7, 11, 15), 8  # unknowns that stay at first, for so many iterations
+PLACES = np.array([(-8e-4, -6e-4, -0.05), (7e-4, -8e-4, 0.04), (1e-4, 8e-4, -0.03)])
 BACKGROUND = 0.5  # photons a pixel
 
 
@@ -30,16 +31,17 @@ def design(device: Any, count: int, pixels: int, diameter: float) -> Plenoptic1:
 
 
 def built(camera: Plenoptic1, array: Any) -> Plenoptic1:
-    """The camera with its array off the design by so many UNITS; pixels and sensor stay."""
-    pitch, rotation, y, x, f_mu = np.array([PITCH, 0, 0, 0, F_MU]) + UNITS * array
+    """The camera off its design by so many UNITS; pixels and the middle of the sensor stay."""
+    pitch, rotation, y, x, f_mu = (np.array([PITCH, 0, 0, 0, F_MU, 0, 0]) + UNITS * array)[:5]
     mla = MicrolensArray(pitch, f_mu, count=camera.mla.count, fill="full", offset=(y, x),
                          rotation=rotation)
-    return replace(camera, mla=mla, aberrations=Aberrations(sensor_shift=F_MU - f_mu))
+    sensor = Aberrations(sensor_shift=F_MU - f_mu, sensor_tilt=tuple(UNITS[5:] * array[5:]))
+    return replace(camera, mla=mla, aberrations=sensor)
 
 
 @dataclass(frozen=True)
 class Calibration:
-    """Unknowns: the array (5), then x, y, dz and the energy in units of `photons` of every point.
+    """Unknowns: array and sensor (7), then x, y, dz and the energy in `photons` of every point.
 
     Attributes
     ----------
@@ -54,9 +56,9 @@ class Calibration:
 
     def operator(self, unknowns: Any) -> tuple[ExposureOperator, Any]:
         """The exposure and the energies."""
-        points = unknowns[5:].reshape(-1, 4)
+        points = unknowns[ARRAY:].reshape(-1, 4)
         scene = PointSources(points[:, :3] * PLACE, diameter=10e-6)
-        exposure = ExposureOperator(built(self.camera, unknowns[:5]), scene, method="points")
+        exposure = ExposureOperator(built(self.camera, unknowns[:ARRAY]), scene, method="points")
         return exposure, points[:, 3] * self.photons
 
     def mean(self, unknowns: Any) -> Any:
@@ -64,55 +66,71 @@ class Calibration:
         exposure, energies = self.operator(unknowns)
         return exposure.forward(energies).astype(float) + BACKGROUND
 
-    def loss(self, unknowns: Any, counts: Any) -> tuple[float, Any]:
-        """The negative logarithm of Poisson's likelihood, and its gradient by adjoints."""
+    def slopes(self, unknowns: Any) -> tuple[Any, Any]:
+        """Photons of every pixel, and their derivatives by the unknowns, (unknowns, ny, nx)."""
         exposure, energies = self.operator(unknowns)
-        mean = exposure.forward(energies).astype(float) + BACKGROUND
-        slope = 1 - counts / mean
-        by_array = exposure.lenslet_gradient(energies, slope)
-        by_points = exposure.gradient(energies, slope)
-        along = np.r_[by_array["pitch"] + by_array["diameter"], by_array["rotation"],
-                      by_array["offset"], by_array["focal_length"]]  # the diameter is the pitch
-        points = np.c_[by_points.positions * PLACE, by_points.values * self.photons]
-        return float((mean - counts * np.log(mean)).sum()), np.r_[along * UNITS, points.ravel()]
+        found = exposure.jacobian(energies, by=("values", "positions", "lenslets", "sensor"))
+        array, sensor = found.lenslets, found.sensor
+        width = array["pitch"] + array["diameter"]  # the diameter is the pitch
+        f_mu = array["focal_length"]  # all lengths behind the array stay
+        first = np.stack([width, array["rotation"], *array["offset"], f_mu, *sensor["tilt"]])
+        points = np.concatenate([found.positions * PLACE[:, None, None],
+                                 found.values[:, None] * self.photons], axis=1)
+        columns = points.reshape(-1, *first.shape[1:])
+        return found.image + BACKGROUND, np.r_[first * UNITS[:, None, None], columns]
 
-    def steps(self, start: Any, free: Any, floor: float = 0.0) -> Any:
-        """C with C C' the inverse of Fisher's matrix, from one difference an unknown that is free.
-
-        ``floor`` photons a pixel are added to the variance, which is not that of the counts where
-        the start is wrong.
-        """
-        mean = self.mean(start)
-        by = np.where(free < 5, 0.1, 0.05)
-        slopes = np.array([(self.mean(start + h * unit) - mean).ravel() / h
-                           for h, unit in zip(by, np.eye(len(start))[free], strict=True)])
-        fisher = slopes @ (slopes / (mean + floor).ravel()).T
-        return np.linalg.cholesky(np.linalg.inv(fisher))
+    def bounds(self, unknowns: Any, free: Any) -> Any:
+        """Least standard deviations of the unknowns that are free (Cramer and Rao)."""
+        mean, slopes = self.slopes(unknowns)
+        columns = slopes[free].reshape(len(free), -1)
+        return np.sqrt(np.diag(np.linalg.inv(columns @ (columns / mean.ravel()).T)))
 
     def fit(self, counts: Any, start: Any, free: Any) -> Any:
-        """All iterates, at first without f_mu and dz, which would stray while the rest is wrong."""
-        path = self._descent(counts, start, np.setdiff1d(free, WEAK), FIRST)
-        return np.concatenate([path, self._descent(counts, path[-1], free, 30)[1:]])
+        """All iterates of Gauss-Newton in a trust region, to the largest likelihood of Poisson.
 
-    def _descent(self, counts: Any, start: Any, free: Any, iterations: int) -> Any:
-        """L-BFGS in s of the unknowns start + C s, whose curvatures are about 1; all iterates."""
-        scale = np.eye(len(start))[:, free] @ self.steps(start, free, floor=10.0)
-        path = [start]
+        The squares of the residuals add up to the deviance, 2 sum(mean - n + n log(n/mean)). The
+        first region is that of errors that are EXPECTED; four times these bound the unknowns.
+        """
+        path = []
 
-        def scaled(s: Any) -> tuple[float, Any]:
-            value, slope = self.loss(start + scale @ s, counts)
-            return value, scale.T @ slope
+        def at(steps: Any) -> Any:
+            unknowns = start.copy()
+            unknowns[free] += steps
+            return unknowns
 
-        minimize(scaled, np.zeros(len(free)), jac=True, method="L-BFGS-B",
-                 callback=lambda s: path.append(start + scale @ s),
-                 options={"maxiter": iterations, "ftol": 1e-9})
+        def jacobian(steps: Any) -> Any:
+            path.append(at(steps))
+            mean, slopes = self.slopes(path[-1])
+            return (slopes[free] * root_slope(mean, counts)).reshape(len(free), -1).T
+
+        scale = EXPECTED[free]
+        least_squares(lambda steps: root(self.mean(at(steps)), counts).ravel(),
+                      np.zeros(len(free)), jacobian, bounds=(-4 * scale, 4 * scale),
+                      x_scale=scale, xtol=1e-4, ftol=1e-7)
         return np.array(path)
 
 
+def root(mean: Any, counts: Any) -> Any:
+    """Roots of the deviance of each pixel, with the sign of mean - counts."""
+    logs = counts * np.log(np.where(counts > 0, counts, 1) / mean)
+    return np.sign(mean - counts) * np.sqrt(2 * np.maximum(mean - counts + logs, 0))
+
+
+def root_slope(mean: Any, counts: Any) -> Any:
+    """The derivative of `root` by the mean, 1/sqrt(mean) where it is the count."""
+    residual = root(mean, counts)
+    near = abs(residual) < 1e-4
+    return np.where(near, mean**-0.5, (1 - counts / mean) / np.where(near, 1, residual))
+
+
 def lattice_errors(camera: Plenoptic1, true: Any, photons: float) -> Any:
-    """In UNITS, of pitch, rotation, offset by `estimate_lattice` on a white image by rays."""
+    """In UNITS, of pitch, rotation, offset by `estimate_lattice` on a white image by rays.
+
+    Of an untilted sensor, since rays of a wall know no other.
+    """
     wall = SurfaceScene([Plane(0.0, texture=uniform(1.0))])
-    white = built(camera, true).expose(wall, model="rays").to_numpy().astype(float)
+    flat = np.r_[true[:5], 0, 0]
+    white = built(camera, flat).expose(wall, model="rays").to_numpy().astype(float)
     white *= photons * camera.mla.count[0] * camera.mla.count[1] / white.sum()
     found = estimate_lattice(np.random.default_rng(2).poisson(white))
     step = camera.grid.pitch[0] / (1 + F_MU / camera.image_distance)  # a pixel, on the array
@@ -125,20 +143,20 @@ def lattice_errors(camera: Plenoptic1, true: Any, photons: float) -> Any:
 
 def middle(values: Any) -> Any:
     """The lit part of a raw image."""
-    y, x = (size // 5 for size in values.shape)
+    y, x = (size // 8 for size in values.shape)
     return values[y:-y, x:-x]
 
 
 def draw_errors(panels: Any, path: Any, least: Any, white: Any) -> None:
-    """Of the array over the iterations, and the last beside bounds and `lattice_errors`."""
-    colours = (BLUE, GREEN, ORANGE, RED, "0.4")
+    """Of array and sensor over the iterations, and the last beside bounds and `lattice_errors`."""
+    colours = (BLUE, GREEN, ORANGE, RED, "0.4", "#cc79a7", "#56b4e9")
     for k, (name, colour) in enumerate(zip(NAMES, colours, strict=True)):
-        panels[0].semilogy(path[:, k], color=colour, label=name)
+        panels[0].semilogy(path[:, k], ".-", color=colour, label=name)
         panels[1].semilogy(k, path[-1, k], "o", color=colour)
-    panels[0].set(xlabel="iterations", title="error", xticks=range(0, len(path), 4))
+    panels[0].set(xlabel="iterations", title="error", xticks=range(0, len(path), 2))
     panels[0].legend(fontsize=7)
-    panels[1].semilogy(range(5), least, "_", color="k", ms=20, label="Cramer-Rao, 1 sigma")
+    panels[1].semilogy(range(ARRAY), least, "_", color="k", ms=20, label="Cramer-Rao, 1 sigma")
     panels[1].semilogy(range(4), white, "x", color="k", label="from a white image")
-    panels[1].set(xticks=range(5), xlim=(-0.5, 4.5), ylim=(1e-3, 1), title="last error")
+    panels[1].set(xticks=range(ARRAY), xlim=(-0.5, ARRAY - 0.5), ylim=(1e-3, 3), title="last error")
     panels[1].set_xticklabels(NAMES, rotation=40)
     panels[1].legend(fontsize=7, loc="upper left")

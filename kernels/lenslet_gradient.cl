@@ -1,10 +1,14 @@
-/* Gradients with respect to the lenslets of an array: sums over the samples of each.
+/* Derivatives with respect to the lenslets of an array: sums over the samples of each, and the
+ * transpose of these sums, which is how the transmission changes.
  *
  * lenslets.cl multiplies by t = A exp(i p), p = -2 pi turns (a^2 + b^2) of the nearest lenslet; G is the
  * gradient with respect to t (transmission_gradient.cl), c = exp(-i p) G. The sums are
  *
  *   A Im(c) (a, b, a^2 + b^2)                         of samples whose nearest lenslet it is
  *   Re(c) d(share)/d(x, y, angle, radius)             of all that its aperture covers in part
+ *
+ * lenslet_tangent: dt[p] = exp(i p) sum over lenslets of rates[p, lenslet, 0..6] times what is summed
+ * above, i of the first three and 1 of the other four in place of Im(c) and Re(c).
  *
  * The share is that of lenslet_coverage.cl, whose strips and clipped polygons are differentiated: a
  * disc's strip grows at the ends that lie in the cell; a side of a cell moves with its normal, by
@@ -15,10 +19,10 @@
  * lenslet_sums.cl.
  *
  * -DHEXAGONAL, -DFULL, -DTYPES=n, -DTYPE_STEP=s   see lenslets.cl
- * -DSAMPLE=float2                                 G of float32 where sums are of float64
+ * -DSAMPLE=float2                                 G and dt of float32 where sums are of float64
  * -DDOUBLE                                        see common.cl
  *
- * Mapping: one item a part of a lenslet, axis 0.
+ * Mapping: one item a part of a lenslet, axis 0; lenslet_tangent: FOR_X of common.cl, dt is 0 before.
  */
 #include "lens_types.cl"
 #include "lenslet_coverage.cl"
@@ -203,4 +207,73 @@ __kernel void lenslet_gradient(__global real *restrict out, __global const SAMPL
     }
     for (int k = 0; k < SUMS; ++k)
         out[(size_t)item * SUMS + k] = total[k];
+}
+
+/* dt[p] += exp(i phase) (share + i turn) of a lenslet, for all count sets of rates of `of_all` lenslets. */
+inline void add_rates(__global SAMPLE *restrict dt, __global const real *restrict rates,
+                      const int lenslet, const int of_all, const int count, const size_t plane,
+                      const cplx phase, const real phase_a, const real phase_b,
+                      const real phase_square, const real4 change)
+{
+    for (int p = 0; p < count; ++p) {
+        __global const real *r = rates + ((size_t)p * of_all + lenslet) * SUMS;
+        const real turn = r[0] * phase_a + r[1] * phase_b + r[2] * phase_square;
+        const real share = r[3] * change.x + r[4] * change.y + r[5] * change.z + r[6] * change.w;
+        const cplx dt_of_one = cmul(phase, (cplx)(share, turn));
+        dt[p * plane] += (SAMPLE)(dt_of_one.x, dt_of_one.y);
+    }
+}
+
+__kernel void lenslet_tangent(__global SAMPLE *restrict dt, __global const real *restrict rates,
+                              __global const real2 *restrict a_of_y,
+                              __global const real2 *restrict b_of_y,
+                              __global const real2 *restrict a_of_x,
+                              __global const real2 *restrict b_of_x,
+                              __global const real *restrict turns, const real radius,
+                              const real2 turn, const real angle, const real hy, const real hx,
+                              const int count, const int rows, const int columns, const int ny,
+                              const int nx)
+{
+    const int y = get_global_id(1);
+    const size_t line = row_start(0, y, ny, nx), plane = (size_t)ny * nx;
+    const real room = radius - (hx + hy);
+    FOR_X(x, nx) {
+        const real2 a = a_of_y[y] + a_of_x[x], b = b_of_y[y] + b_of_x[x];
+        const Lenslet l = nearest(a, b, rows, columns);
+        const real r2 = l.a * l.a + l.b * l.b;
+        const int kind = lens_type(l.row, l.column);
+        const cplx phase = cis_turns(-turns[kind] * r2);
+        const bool rim = !(room > 0 && r2 < room * room);
+        real amplitude = 1;
+        if (rim && !(IS_FULL && radius >= (real)0.5f && is_inner(l, rows, columns)))
+            amplitude = coverage(l, radius, IS_FULL, turn, angle, hx, hy, rows, columns);
+        const real shared = r2 > (real)0.2499f ? (real)1 / alike(l, r2, rows, columns) : (real)1;
+        const int far = rim || shared < 1 ? 1 : 0;
+        for (int row = max(l.row - far, 0); row <= min(l.row + far, rows - 1); ++row) {
+#ifdef HEXAGONAL
+            const real shift = (row & 1) * (real)0.5f;
+#else
+            const real shift = 0;
+#endif
+            const real db = ((b.x - row) + b.y) * ROW_HEIGHT;
+            const int first = max(l.column - far, 0), last = min(l.column + far, columns - 1);
+            for (int column = first; column <= last; ++column) {
+                const real da = ((a.x - column) + a.y) - shift;
+                const real d2 = da * da + db * db;
+                real part = row == l.row && column == l.column;
+                if (r2 > (real)0.2499f && d2 - r2 <= ALIKE && lens_type(row, column) == kind)
+                    part = shared;
+                real4 change = (real4)(0);
+                if (rim) {
+                    const real cx = -(da * turn.x - db * turn.y);
+                    const real cy = -(da * turn.y + db * turn.x);
+                    change = IS_FULL ? polygon_change(cx, cy, radius, SIDES, angle, hx, hy)
+                                     : disc_change(cx, cy, radius, hx, hy);
+                }
+                const real lit = part * amplitude;
+                add_rates(dt + line + x, rates, row * columns + column, rows * columns, count, plane,
+                          phase, lit * da, lit * db, lit * d2, change);
+            }
+        }
+    }
 }

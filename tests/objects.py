@@ -190,6 +190,9 @@ EXAMPLES: dict[str, Callable[[Device], Any]] = {
         pixel_pitch=1e-5,
     ),
     "ExposureGradient": lambda _: clplen.cameras.ExposureGradient(np.ones(2), np.eye(2, 3)),
+    "ExposureJacobian": lambda _: clplen.cameras.ExposureJacobian(
+        np.ones((2, 3)), np.ones((1, 2, 3))
+    ),
     "ExposureOperator": lambda device: clplen.cameras.ExposureOperator(
         camera(device), clplen.PointSources((0.0, 0.0, 0.0))
     ),

@@ -112,7 +112,7 @@ def test_the_example_shows_every_key_and_its_default(tmp_path: Path, device: Dev
             says = tomllib.loads(f"value = {value}")["value"]
             assert np.array_equal(np.atleast_1d(says), np.atleast_1d(default)), key
             found.append(key)
-    assert len(found) == 34, found
+    assert len(found) == 35, found
 
 
 def test_pixels_by_their_pitch(tmp_path: Path, device: Device) -> None:

@@ -255,6 +255,7 @@ def differentiated(camera: Any, points: PointSources) -> None:
         operator.adjoint(image)
         operator.gradient(energies, image)
         next(operator.lenslet_fields(energies, image))
+        operator.jacobian(energies, by="lenslets")
 
 
 def windowed(device: Device) -> None:

@@ -1,4 +1,5 @@
 from .camera_base import scene_energy as scene_energy
+from .exposure.exposure_jacobian import ExposureJacobian as ExposureJacobian
 from .exposure.point_gradients import ExposureGradient as ExposureGradient
 from .exposure_operator import ExposureOperator as ExposureOperator
 from .focused_camera import Plenoptic2 as Plenoptic2

@@ -14,6 +14,7 @@ from clplen.cameras.optics.camera_aberrations import Aberrations
 from clplen.cameras.optics.lenslet_camera import Described, Kind
 from clplen.cameras.optics.pixel_array import PixelArray
 from clplen.cameras.optics.ray_optics import RayOptics, check_in_view, is_sampled, raw_image
+from clplen.cameras.optics.tilted_sensor import reach_of
 from clplen.cameras.optics.wave_optics import WaveOptics
 from clplen.cameras.scenes.occluders import Occluder
 from clplen.cameras.scenes.scene_sources import (
@@ -76,6 +77,12 @@ class Plenoptic(Described, RayOptics):
             raise ValueError(
                 f"sensor_shift = {aberrations.sensor_shift:g} m puts the sensor at "
                 f"{camera.sensor_distance:g} m, not behind the array."
+            )
+        nearer = reach_of(camera.grid, aberrations.sensor_tilt)
+        if not camera.sensor_distance > nearer:
+            raise ValueError(
+                f"sensor_tilt = {aberrations.sensor_tilt} brings pixels {nearer:g} m nearer to the "
+                f"array, which is {camera.sensor_distance:g} m away: give smaller slopes."
             )
         on_axis = max(1.0, self.array_distance / self.image_distance)
         if self.pixels is None and not is_sampled(camera, 0.0, on_axis):

@@ -11,6 +11,11 @@ import numpy as np
 import pyopencl.array as cla
 
 from clplen.cameras.camera_base import Plenoptic
+from clplen.cameras.exposure.exposure_jacobian import (
+    ExposureJacobian,
+    check_groups,
+    exposure_jacobian,
+)
 from clplen.cameras.exposure.pixel_signals import PixelSignals
 from clplen.cameras.exposure.point_gradients import ExposureGradient, array_fields, point_gradients
 from clplen.cameras.exposure.scene_parts import (
@@ -411,17 +416,90 @@ class ExposureOperator:
         ShapeError
             If the arrays have another shape.
         """
+        self._require_thin_lenslets()
+        found: dict[str, Any] = {}
+        for before, behind in self.lenslet_fields(values, cotangent):
+            gradient = self.camera.mla.gradient(before, behind)
+            found = {name: found.get(name, 0.0) + part for name, part in gradient.items()}
+        return found
+
+    def jacobian(
+        self, values: Any, *, by: str | Sequence[str] = ("values", "positions")
+    ) -> ExposureJacobian:
+        """Derivatives of every pixel, for Gauss-Newton and for bounds (Cramer and Rao's).
+
+        The forward mode of `gradient`, `lenslet_gradient` and `sensor_gradient`: J' times a
+        cotangent is what these return. Light runs through the camera once more for each coordinate
+        of a place, and from the lenslets on for each parameter of the array and for the sensor. All
+        lengths behind the array stay, also where the focal length of the lenslets changes.
+
+        Parameters
+        ----------
+        values : array_like
+            Energies, of ``in_shape``.
+        by : str or sequence of str
+            Of "values" (energies), "positions", "lenslets" and "sensor": what the derivatives are
+            by. 8 bytes a pixel are kept on the host for each energy, 24 for each point's place, 56
+            and more for the lenslets and 24 for the sensor; on the device no more than a
+            `gradient` takes.
+
+        Returns
+        -------
+        ExposureJacobian
+
+        Raises
+        ------
+        ValueError
+            If the images of points are computed by rays or in windows of their own, aberrations
+            have no derivative in closed form, or the lenslets depart from thin lenses.
+        ShapeError
+            If the energies have another shape.
+        MemoryError
+            If the derivatives do not fit the host.
+        DeviceError
+            If the fields do not fit the device.
+        """
+        energies, names = self._energies(values), check_groups(by)
+        if "lenslets" in names:
+            self._require_thin_lenslets()
+        found = exposure_jacobian(self._images, self._signals, energies, names)
+        if found.values is None:
+            return found
+        return replace(found, values=found.values.reshape(*self.in_shape, *self.out_shape))
+
+    def sensor_gradient(self, values: Any, cotangent: Any) -> dict[str, Any]:
+        """Derivatives of a loss by where the sensor lies behind the array.
+
+        Parameters
+        ----------
+        values : array_like
+            Energies, of ``in_shape``.
+        cotangent : array_like
+            Derivatives of the loss by the pixels of the raw image, shape (ny, nx).
+
+        Returns
+        -------
+        dict of str to float or numpy.ndarray
+            "shift" and "tilt" (y, x), by the sensor_shift (a metre) and the sensor_tilt of
+            `Aberrations`.
+
+        Raises
+        ------
+        ValueError, ShapeError
+            As `gradient`.
+        """
+        energies, raw = self._energies(values), self._raw(cotangent)
+        found = exposure_jacobian(self._images, self._signals, energies, ("sensor",)).sensor
+        shift, tilt = ((found[name] * raw).sum(axis=(-2, -1)) for name in ("shift", "tilt"))
+        return {"shift": float(shift), "tilt": tilt}
+
+    def _require_thin_lenslets(self) -> None:
         camera = self.camera
         if isinstance(camera, Plenoptic) and camera.aberrations.bends_lenslets:
             raise ValueError(
                 "Gradients by the array are those of thin lenslets, and the aberrations of this "
                 "camera bend them: use lenslet_fields, or a camera without lenslets= and scatter=."
             )
-        found: dict[str, Any] = {}
-        for before, behind in self.lenslet_fields(values, cotangent):
-            gradient = camera.mla.gradient(before, behind)
-            found = {name: found.get(name, 0.0) + part for name, part in gradient.items()}
-        return found
 
     def _energies(self, values: Any) -> list[Values]:
         """Energies (n, channels) of each part, for gradients by fields."""
@@ -441,10 +519,14 @@ class ExposureOperator:
 
     def _pictures(self, cotangent: Any) -> Values:
         """Derivatives by the light behind each filter, shape (filters, ny, nx)."""
+        return self._signals.adjoint(self._raw(cotangent)[None])[:, 0]
+
+    def _raw(self, cotangent: Any) -> Values:
+        """A cotangent of the raw image, checked."""
         raw = np.asarray(cotangent, np.float64)
         if raw.shape != self.out_shape:
             raise ShapeError(
                 f"Gradients take a cotangent of the raw image's shape {self.out_shape}, not "
                 f"{raw.shape}."
             )
-        return self._signals.adjoint(raw[None])[:, 0]
+        return raw

@@ -61,6 +61,7 @@ class AberrationsTable(Table):
     position_scatter_um: NotNegative = 0.0
     scatter_seed: Seed = 0
     sensor_shift_um: Finite = 0.0
+    sensor_tilt_mrad: Pair = (0.0, 0.0)
 
     def build(self, wavelength: float) -> Aberrations:
         """The aberrations, in SI units; waves are of this length in metres."""
@@ -80,6 +81,7 @@ class AberrationsTable(Table):
                 self.scatter_seed,
             ),
             sensor_shift=self.sensor_shift_um / 1e6,
+            sensor_tilt=(self.sensor_tilt_mrad[0] / 1e3, self.sensor_tilt_mrad[1] / 1e3),
         )
 
 

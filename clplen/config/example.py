@@ -67,6 +67,7 @@ fill = "square"                 # or "circular" (default); "full": a cell of any
 # position_scatter_um = 0.0     # vertices from the centres of their apertures, each axis
 # scatter_seed = 0
 # sensor_shift_um = 0.0         # by how much farther from the array the sensor lies
+# sensor_tilt_mrad = [0.0, 0.0] # by how much farther a millimetre along Y and along X, in um
 
 [scene]
 # x, y, z of each point: from the axis point of the focused plane, z > 0 farther from the lens

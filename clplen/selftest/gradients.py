@@ -68,7 +68,7 @@ def _lenslet_errors(device: Device) -> Pairs:
 
 
 def _focal_lengths(device: Device) -> Pairs:
-    """Focal lengths of round lenslets, and the width of square ones, whose sides all move."""
+    """Focal lengths of round lenslets, there and back, and the width of square ones."""
     mla = _array(count=(2, 2))
     field, behind, weight = _fields(device)
     y, x, index = _places(mla)
@@ -81,6 +81,9 @@ def _focal_lengths(device: Device) -> Pairs:
     bent = np.minimum(share, 1) * (weight * np.exp(1j * np.pi * r2 / (LAM * f))).imag
     expected = _sums(mla, index, bent * np.pi * r2 / (LAM * f**2))
     yield expected, mla.gradient(field, behind)["lenslet_focal_lengths"]
+    thin = np.minimum(share, 1) * np.exp(-1j * np.pi * r2 / (LAM * f))
+    changed = mla.jacobian(GRID, LAM, device)["focal_lengths"].sum(axis=0)
+    yield 1j * np.pi * r2 / (LAM * f**2) * thin, changed
     cells = MicrolensArray(PITCH, LENGTHS[0], count=(1, 2), fill="full", diameter=0.8 * PITCH)
     y, x, _ = _places(cells)
     lit = (weight * np.exp(1j * np.pi * (y**2 + x**2) / (LAM * LENGTHS[0]))).real

@@ -7,7 +7,13 @@ import numpy as np
 import pytest
 
 from clplen.wave.elements.hard_apertures import polygon_coverage
-from clplen.wave.elements.lenslet_gradients import array_gradient, lenslet_moments
+from clplen.wave.elements.lenslet_gradients import (
+    array_gradient,
+    array_rates,
+    array_sums,
+    array_tangents,
+    lenslet_moments,
+)
 from clplen.wave.elements.lenslets import MicrolensArray
 from clplen.wave.field.field import Grid
 
@@ -159,3 +165,47 @@ def test_no_sample_is_left_out(device, lattice, count, rotation):
     found = lenslet_moments(mla, ones, GRID, device, 0)
     assert found.sum() == np.prod(GRID.shape)
     assert (np.rint(found) == found).all()
+
+
+@pytest.mark.parametrize("name", ARRAYS)
+def test_tangents_are_the_transpose(device, precise, name):
+    """Re <G, dt> is the gradient: for rates of every lenslet, and for the array's parameters."""
+    mla, values = ARRAYS[name], loss_gradient()
+    random = np.random.default_rng(4)
+    steps = array_rates(mla, LAM)
+    mixed = random.normal(size=(2, *mla.count, 7))
+    mixed[1, ..., :2], mixed[1, 1:] = 0, 0  # of the first row, without moves
+    for where, tolerance in ((precise, 1e-12), (device, 1e-5)):
+        of_transmission = where.upload(values.astype(where.complex))
+        sums = array_sums(mla, of_transmission, GRID, LAM, where)
+        found = array_gradient(mla, of_transmission, GRID, LAM, where)
+        for key, rates in (*steps.items(), ("mixed", mixed)):
+            expected = (rates * sums).sum(axis=(1, 2, 3))
+            scale = np.abs(rates * sums).sum(axis=(1, 2, 3))
+            if key != "mixed":
+                assert (np.abs(np.ravel(found[key]) - expected) <= 1e-12 * scale).all(), key
+            changed = where.download(array_tangents(mla, rates, GRID, LAM, where))
+            got = (values.conj() * changed).real.sum(axis=(1, 2))
+            assert (np.abs(got - expected) <= tolerance * scale).all(), key
+
+
+@pytest.mark.parametrize("name", ARRAYS)
+def test_tangents_sample_by_sample(precise, name):
+    """Central differences of the twin where lenslets move apart and grow."""
+    mla = ARRAYS[name]
+    index, _, _ = parts(mla)
+    rates = array_rates(mla, LAM)
+    lengths = np.asarray(mla.focal_lengths)[mla.types()].ravel()
+    centres, away = mla.centres().reshape(-1, 2), (mla.centres() - mla.offset).reshape(-1, 2)
+
+    def of_pitch(step):
+        moved = centres + step / mla.pitch * away
+        return transmission(mla, index, moved, lengths, mla.diameter, mla.rotation)
+
+    def of_diameter(step):
+        return transmission(mla, index, centres, lengths, mla.diameter + step, mla.rotation)
+
+    for key, twin in (("pitch", of_pitch), ("diameter", of_diameter)):
+        expected = (twin(2e-12) - twin(-2e-12)) / 4e-12
+        found = precise.download(array_tangents(mla, rates[key], GRID, LAM, precise))[0]
+        assert np.abs(found - expected).max() <= 1e-5 * np.abs(expected).max(), key

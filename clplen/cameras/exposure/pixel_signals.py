@@ -42,9 +42,15 @@ class PixelSignals:
         if self.is_identity:
             return light
         values = device.download(light).reshape(self.filters, -1, *self.shape)
-        signal = np.einsum("fyx,fbyx->byx", self._masks(), values.astype(np.float64))
-        read = np.stack([self.pixels.read(one) for one in signal])
+        read = self.read_values(values.astype(np.float64))
         return device.upload(np.ascontiguousarray(read, device.real))
+
+    def read_values(self, light: Values) -> Values:
+        """`read` of the host: shape (batch, ny, nx), of light (filters, batch, ny, nx)."""
+        if self.is_identity:
+            return light[0]
+        signal = np.einsum("fyx,fbyx->byx", self._masks(), light)
+        return np.stack([self.pixels.read(one) for one in signal])
 
     def adjoint(self, images: Values) -> Values:
         """The transpose of `read`, of the host: shape (filters, batch, ny, nx)."""

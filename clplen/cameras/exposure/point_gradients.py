@@ -127,7 +127,7 @@ def point_gradients(
         fields_of = point_fields(optics, points, share=SHARE)
     for fields in fields_of:
         which = fields.which
-        samples, _, scale = pixel_samples(fields.at_sensor, _active(optics))
+        samples, _, scale = pixel_samples(fields.at_sensor, active_of(optics))
         by_energy[:, which] = _inner(fields, samples, scale, counts)
         weights = energies[:, which] * (scale / fields.energy)
         behind = _behind_array(optics, fields, samples, weights, counts, pads[1])
@@ -152,7 +152,7 @@ def array_fields(
     to_sensor = optics.padding(points.positions)[1]
     counts = _on_samples(optics, pictures)
     for fields in point_fields(optics, points, share=SHARE):
-        samples, _, scale = pixel_samples(fields.at_sensor, _active(optics))
+        samples, _, scale = pixel_samples(fields.at_sensor, active_of(optics))
         weights = energies[:, fields.which] * (scale / fields.energy)
         behind = _behind_array(optics, fields, samples, weights, counts, to_sensor)
         before = fields.at_array
@@ -162,13 +162,13 @@ def array_fields(
         yield before, behind.with_data(_conjugate(behind.data, behind.device))
 
 
-def _active(optics: WaveOptics) -> float:
+def active_of(optics: WaveOptics) -> float:
     return 0.0 if optics.pixels is None else optics.pixels.active
 
 
 def _on_samples(optics: WaveOptics, pictures: Values) -> cla.Array:
     """What the samples of `pixel_samples` count, of pictures (filters, ny, nx) of the pixels."""
-    device, active = optics.device, _active(optics)
+    device, active = optics.device, active_of(optics)
     sums, shape = sample_sums(active, optics.grid.shape)
     counts = pictures if active == 0 else np.stack([sums.spread(one, shape) for one in pictures])
     return device.upload(np.ascontiguousarray(counts, device.real))
@@ -197,9 +197,8 @@ def _behind_array(
     device, field = optics.device, fields.at_sensor
     h = device.empty(samples.shape, device.complex)
     put_cotangents(h, samples, counts, weights, device)
-    h = transposed_samples(h, _active(optics), field.grid.shape, device)
-    back = optics.propagator(optics.sensor_distance, "as", pad)(field.with_data(h))
-    return optics.behind_lenslets(back)
+    h = transposed_samples(h, active_of(optics), field.grid.shape, device)
+    return optics.behind_lenslets(optics.from_sensor(field.with_data(h), pad=pad))
 
 
 def put_cotangents(

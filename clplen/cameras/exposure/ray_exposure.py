@@ -207,7 +207,9 @@ def _pixels(optics: RayOptics, x: Vector, u: Vector) -> Counts:
     """Pixels that rays from u on the lens to x on the array meet, -1 for none, shape (n,)."""
     bend, passes = _lenslet_bend(optics, x)
     slope = ((0.0 if optics.field_lens else x) - u) / optics.array_distance
-    at = x + optics.sensor_distance * (slope + bend)
+    slope, tilt = slope + bend, optics.aberrations.sensor_tilt
+    farther = (x @ tilt + optics.sensor_distance * (slope @ tilt)) / (1 - slope @ tilt)
+    at = x + (optics.sensor_distance + farther[:, None]) * slope  # farther = at @ tilt
     ny, nx = optics.grid.shape
     place = np.rint((at - optics.grid.origin) / optics.grid.pitch).astype(np.int64)
     place += (ny // 2, nx // 2)

@@ -51,13 +51,19 @@ class SurfaceRays:
         Raises
         ------
         ValueError
-            If lenses have wavefronts of their own, or a plane is seen edge-on.
+            If lenses have wavefronts of their own, the sensor is tilted, or a plane is seen
+            edge-on.
         """
         device, mla = optics.device, optics.mla
         if optics.aberrations.bends_main_lens or optics.aberrations.bends_lenslets:
             raise ValueError(
                 "Rays of a SurfaceScene know no wavefronts of the lenses: of the camera's "
                 "aberrations keep sensor_shift only, or expose points and pictures."
+            )
+        if any(optics.aberrations.sensor_tilt):
+            raise ValueError(
+                "Rays of a SurfaceScene know no tilted sensor: leave out sensor_tilt of the "
+                "camera's aberrations, or expose points and pictures."
             )
         if not mla.is_thin:
             raise ValueError(

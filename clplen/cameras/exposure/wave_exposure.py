@@ -317,7 +317,13 @@ def _add_channels(
 def is_local(optics: WaveOptics, method: Method) -> bool:
     """Whether points have windows of their own."""
     own = optics.pixels is not None or bool(optics.occluders)
-    return method == "local" or (method == "auto" and own)
+    local = method == "local" or (method == "auto" and own)
+    if local and any(optics.aberrations.sensor_tilt):
+        raise ValueError(
+            "Windows of single points know no tilted sensor: use method='points', or leave out "
+            "sensor_tilt of the camera's aberrations."
+        )
+    return local
 
 
 def _layout(optics: WaveOptics, source: Source, method: Method) -> Layout | None:
@@ -354,6 +360,8 @@ def _no_isoplanatic(optics: WaveOptics, plane: PicturePlane) -> str:
         return "The lenslets have a map each; method='isoplanatic' needs equal ones"
     if not optics.aberrations.scatter.is_none:
         return "The lenslets scatter; method='isoplanatic' needs equal ones"
+    if any(optics.aberrations.sensor_tilt):
+        return "The sensor is tilted, as method='isoplanatic' cannot know"
     if optics.aberrations.varies:
         return "The main lens' wavefront changes over the field, as method='isoplanatic' cannot"
     return ""

@@ -36,6 +36,7 @@ Pair = tuple[float, float]
 Terms = tuple[tuple[int, float], ...]
 FieldTerms = tuple[tuple[int, Pair], ...]
 WIDEST = 4.0  # rms: where the normal distribution of what scatters is cut off
+LARGEST_TILT = 0.1  # of the sensor, as a slope
 LARGEST_FOCAL_SCATTER = 0.2  # of f: four times it leaves f positive
 
 
@@ -135,6 +136,11 @@ class Aberrations(OneLine):
         How the lenslets scatter about their design. None: they do not.
     sensor_shift : float
         By how much farther from the array the sensor lies than designed, in metres.
+    sensor_tilt : tuple of float
+        Slopes (y, x) of the sensor against the array, about the optical axis: the pixel at (y, x)
+        lies y and x times these farther from the array. The pixels' pitch is that of their
+        projection along the axis, cos(angle) of the tilted one. By waves it needs
+        ``method="points"``; rays of a `SurfaceScene` know none.
 
     Attributes
     ----------
@@ -148,6 +154,8 @@ class Aberrations(OneLine):
         As given, or one of zeros.
     sensor_shift : float
         As given, in metres.
+    sensor_tilt : tuple of float
+        As given.
 
     Raises
     ------
@@ -175,6 +183,7 @@ class Aberrations(OneLine):
     lenslet_circle: float | None
     scatter: LensletScatter
     sensor_shift: float
+    sensor_tilt: Pair
 
     def __init__(
         self,
@@ -186,6 +195,7 @@ class Aberrations(OneLine):
         lenslet_circle: float | None = None,
         scatter: LensletScatter | None = None,
         sensor_shift: float = 0.0,
+        sensor_tilt: Pair = (0.0, 0.0),
     ) -> None:
         if lenslet_circle is not None and not (
             math.isfinite(lenslet_circle) and lenslet_circle > 0
@@ -194,6 +204,16 @@ class Aberrations(OneLine):
         units.LENSLET_PITCH.check(lenslet_circle or 0.0, "lenslet_circle")
         if not math.isfinite(sensor_shift):
             raise ValueError(f"sensor_shift is finite, in metres, not {sensor_shift!r}.")
+        if np.shape(sensor_tilt) != (2,) or not np.isfinite(sensor_tilt).all():
+            raise ValueError(
+                f"sensor_tilt is slopes (y, x) of the sensor, two finite numbers, not "
+                f"{sensor_tilt!r}."
+            )
+        if max(map(abs, sensor_tilt)) > LARGEST_TILT:
+            raise ValueError(
+                f"sensor_tilt is at most {LARGEST_TILT} along y and x, where a projected pitch is "
+                f"that of the pixels to .5 %, not {sensor_tilt!r}."
+            )
         if not isinstance(scatter, LensletScatter | None):
             raise TypeError(f"scatter is a LensletScatter, not {type(scatter).__name__}.")
         if not isinstance(main_lens_opd, OPDMaps | None):
@@ -206,6 +226,7 @@ class Aberrations(OneLine):
             "lenslet_circle": None if lenslet_circle is None else float(lenslet_circle),
             "scatter": LensletScatter() if scatter is None else scatter,
             "sensor_shift": float(sensor_shift),
+            "sensor_tilt": (float(sensor_tilt[0]), float(sensor_tilt[1])),
         }
         for name, value in values.items():
             object.__setattr__(self, name, value)
@@ -366,6 +387,7 @@ def rows(aberrations: Aberrations, wavelength: float) -> tuple[Row, ...]:
         Row("scatter of tilt", scatter.tilt, "rad", "rms over the lenslets, each axis"),
         Row("scatter of position", scatter.position, "m", "rms over the lenslets, each axis"),
         Row("sensor shift", aberrations.sensor_shift, "m", "away from the array"),
+        Row("sensor tilt", math.hypot(*aberrations.sensor_tilt), "rad", "slope against the array"),
     ]
     return tuple(row for row in found if row.value)
 

@@ -312,6 +312,27 @@ class PixelSums:
             *(np.int32(n) for n in (*tile.shape, *self.place, total.shape[-1], down, across)),
         )  # fmt: skip
 
+    def sums(self, values: Values) -> Values:
+        """What `put` adds of real samples in place of abs(U)^2, with gain 1, on the host.
+
+        Parameters
+        ----------
+        values : numpy.ndarray
+            Samples of the field's grid, shape (n, ny, nx).
+
+        Returns
+        -------
+        numpy.ndarray
+            Pixels of the patch, float64, shape (n, *shape).
+        """
+        weights, found = pixel_weights(self.width), np.asarray(values, np.float64)
+        for axis in (0, 1):
+            first, along = self.first[axis] - len(weights) // 2, np.moveaxis(found, axis + 1, 0)
+            taps = [along[first + j :: self.step][: self.shape[axis]] for j in range(len(weights))]
+            summed = sum(weight * tap for weight, tap in zip(weights, taps, strict=True))
+            found = np.moveaxis(np.asarray(summed), 0, axis + 1)
+        return np.ascontiguousarray(found)
+
     def spread(self, image: Values, shape: tuple[int, int]) -> Values:
         """The transpose of `put` as a map of abs(U)^2, with gain 1.
 

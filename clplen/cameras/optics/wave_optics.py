@@ -14,9 +14,10 @@ import numpy as np
 import pyopencl.array as cla
 
 from clplen.cameras.optics.ray_optics import FixedOptics, check_in_view, check_sampling, is_sampled
+from clplen.cameras.optics.tilted_sensor import SensorPlanes, sensor_planes
 from clplen.cameras.scenes.occluders import Occluder
 from clplen.compute.device import Device
-from clplen.compute.fft.blocks import window
+from clplen.compute.fft.blocks import add, window
 from clplen.compute.fft.lines import smooth_length
 from clplen.errors import DeviceError, ShapeError
 from clplen.wave.elements.hard_apertures import disc_coverage
@@ -300,8 +301,80 @@ class WaveOptics(FixedOptics):
         """
         if self.field_lens:
             at_array = thin_lens(at_array, self.array_distance)
-        behind = self.behind_lenslets(self.mla.apply(at_array))
-        return self.propagator(self.sensor_distance, "as", pad)(behind)
+        return self.to_sensor(self.behind_lenslets(self.mla.apply(at_array)), pad=pad)
+
+    def to_sensor(self, behind: Field, *, pad: int = 1) -> Field:
+        """Fields right behind the lenslets propagated to the pixels of the sensor.
+
+        Parameters
+        ----------
+        behind : Field
+            Shape (..., ny, nx).
+        pad : int
+            Zero padding, see `padding`.
+
+        Returns
+        -------
+        Field
+            Same shape.
+        """
+        if not any(self.aberrations.sensor_tilt):
+            return self.propagator(self.sensor_distance, "as", pad)(behind)
+        planes = self.sensor_planes()
+        return self._interpolated(behind, planes, planes.weights, pad)
+
+    def sensor_slope(self, behind: Field, *, pad: int = 1) -> Field:
+        """The derivative of `to_sensor` by the distance of the sensor, a metre.
+
+        Parameters are those of `to_sensor`. With a tilt, every pixel is at its own distance.
+        """
+        planes = self.sensor_planes()
+        return self._interpolated(behind, planes, planes.slopes, pad)
+
+    def from_sensor(self, field: Field, *, pad: int = 1) -> Field:
+        """The transpose of `to_sensor`.
+
+        Parameters
+        ----------
+        field : Field
+            Shape (..., ny, nx), on the sensor.
+        pad : int
+            As of `to_sensor`.
+        """
+        if not any(self.aberrations.sensor_tilt):
+            return self.propagator(self.sensor_distance, "as", pad)(field)
+        planes, total = self.sensor_planes(), None
+        for z, weight in zip(planes.distances, planes.weights, strict=True):
+            back = self.propagator(z, "as", pad)(multiply(field, weight))
+            total = self._added(total, back)
+        assert total is not None
+        return total
+
+    def sensor_planes(self) -> SensorPlanes:
+        """The planes between which fields on a tilted sensor are interpolated."""
+        tilt, device = self.aberrations.sensor_tilt, self.device
+        key = (self.grid, self.sensor_distance, tilt, self.wavelength)
+        return device.plans.get(
+            ("sensor planes", *key),
+            lambda: sensor_planes(*key, device),
+            lambda planes: planes.nbytes,
+        )
+
+    def _interpolated(
+        self, behind: Field, planes: SensorPlanes, weights: tuple[cla.Array, ...], pad: int
+    ) -> Field:
+        total = None
+        for z, weight in zip(planes.distances, weights, strict=True):
+            one = multiply(self.propagator(z, "as", pad)(behind), weight)
+            total = self._added(total, one)
+        assert total is not None
+        return total
+
+    def _added(self, total: Field | None, one: Field) -> Field:
+        if total is None:
+            return one
+        add(total.data, one.data, self.device)
+        return total
 
     def padding(self, positions: Values) -> tuple[int, int]:
         """Padding of the ways to the array and to the sensor: 1 where no light leaves the window.

@@ -2,6 +2,7 @@
 
 The device sums over the samples of every lenslet (kernels/lenslet_gradient.cl and
 lenslet_moments.cl); what follows from these sums by the chain rule is computed here in float64.
+Forward, the same rates of all lenslets become the change of the transmission.
 """
 
 from __future__ import annotations
@@ -70,7 +71,7 @@ def array_gradient(
     dict of str to float or numpy.ndarray
         As `MicrolensArray.gradient` returns it.
     """
-    sums = _array_sums(mla, of_transmission, grid, wavelength, device)
+    sums = array_sums(mla, of_transmission, grid, wavelength, device)
     lengths = np.asarray(mla.focal_lengths)[mla.types()]
     cos, sin = math.cos(mla.rotation), math.sin(mla.rotation)
     # phase -pi r^2/(lam f): its slopes along the array's columns and rows, then along x and y
@@ -94,41 +95,137 @@ def array_gradient(
     }
 
 
-def _array_sums(
+def array_sums(
     mla: LensletLattice, of_transmission: cla.Array, grid: Grid, wavelength: float, device: Device
 ) -> Float64Array:
-    """The seven sums of `lenslet_gradient`, shape (rows, columns, 7).
-
-    In float64 where there is any: in float32 a sample whose cell a rim just touches falls on the
-    other side of it, which costs a lenslet's own place up to 1e-2.
-    """
-    wide = device.precision == "double" or device.has_fp64
-    dtype = np.dtype(np.float64 if wide else np.float32)
-    real = dtype.type
-    defines: dict[str, Any] = {"DOUBLE": True} if wide else {}
-    defines |= {"SAMPLE": "double2" if device.precision == "double" else "float2"}
-    defines |= {"HEXAGONAL": True} if mla.lattice == "hexagonal" else {}
-    defines |= {"FULL": True} if mla.fill == "full" else {}
-    defines |= {"TYPES": len(mla.focal_lengths), "TYPE_STEP": mla.type_step}
-    turns = mla.pitch**2 / (2 * wavelength * np.asarray(mla.focal_lengths))
+    """The seven sums of lenslet_gradient.cl, shape (rows, columns, 7); see `array_gradient`."""
     parts, columns = _parts(mla, device), mla.count[1]
-    out = device.empty((*mla.count, parts, 7), dtype)
+    out = device.empty((*mla.count, parts, 7), _real(device))
     device.launch(
-        device.kernel("lenslet_gradient.cl", "lenslet_gradient", **defines),
+        device.kernel("lenslet_gradient.cl", "lenslet_gradient", **_defines(mla, device)),
         (mla.count[0] * columns * parts,),
         out,
         of_transmission,
-        *(device.upload(table) for table in mla.lattice_tables(grid, device, dtype=dtype)),
+        *_tables(mla, grid, device),
         device.upload(_aperture_boxes(mla, grid)),
+        *_apertures(mla, grid, wavelength, device),
+        *(np.int32(n) for n in (parts, *mla.count, grid.shape[1])),
+    )
+    return np.asarray(device.download(out).sum(axis=2, dtype=np.float64))
+
+
+def _real(device: Device) -> np.dtype[Any]:
+    """Of sums and places: float64 where there is any.
+
+    In float32 a sample whose cell a rim just touches falls on the other side of it, which costs a
+    lenslet's own place up to 1e-2.
+    """
+    wide = device.precision == "double" or device.has_fp64
+    return np.dtype(np.float64 if wide else np.float32)
+
+
+def _defines(mla: LensletLattice, device: Device) -> dict[str, Any]:
+    defines: dict[str, Any] = {"DOUBLE": True} if _real(device) == np.float64 else {}
+    defines |= {"SAMPLE": "double2" if device.precision == "double" else "float2"}
+    defines |= {"HEXAGONAL": True} if mla.lattice == "hexagonal" else {}
+    defines |= {"FULL": True} if mla.fill == "full" else {}
+    return defines | {"TYPES": len(mla.focal_lengths), "TYPE_STEP": mla.type_step}
+
+
+def _tables(mla: LensletLattice, grid: Grid, device: Device) -> list[cla.Array]:
+    """The arguments a_of_y, b_of_y, a_of_x and b_of_x of lenslet_gradient.cl."""
+    tables = mla.lattice_tables(grid, device, dtype=_real(device))
+    return [device.upload(table) for table in tables]
+
+
+def _apertures(mla: LensletLattice, grid: Grid, wavelength: float, device: Device) -> list[Any]:
+    """The arguments turns, radius, turn, angle, hy and hx of lenslet_gradient.cl."""
+    dtype = _real(device)
+    real = dtype.type
+    turns = mla.pitch**2 / (2 * wavelength * np.asarray(mla.focal_lengths))
+    return [
         device.upload(turns.astype(dtype)),
         real(mla.diameter / mla.pitch / 2),
         np.array([math.cos(mla.rotation), math.sin(mla.rotation)], dtype),
         real(mla.rotation),
         real(grid.pitch[0] / mla.pitch / 2),
         real(grid.pitch[1] / mla.pitch / 2),
-        *(np.int32(n) for n in (parts, *mla.count, grid.shape[1])),
+    ]
+
+
+def array_rates(mla: LensletLattice, wavelength: float) -> dict[str, Float64Array]:
+    """How each lenslet changes with the parameters of an array, in terms of lenslet_gradient.cl.
+
+    Parameters
+    ----------
+    mla : LensletLattice
+    wavelength : float
+        In metres.
+
+    Returns
+    -------
+    dict of str to numpy.ndarray
+        "pitch", "diameter", "rotation": shape (1, ny, nx, 7); "offset" (y, x): (2, ny, nx, 7);
+        "focal_lengths": one a kind. `array_gradient` is their sum times the seven sums of each
+        lenslet.
+    """
+    lengths = np.asarray(mla.focal_lengths)[mla.types()]
+    away, pitch = mla.centres() - mla.offset, mla.pitch
+    cos, sin = math.cos(mla.rotation), math.sin(mla.rotation)
+    bent = 2 * np.pi * pitch / (wavelength * lengths)
+
+    def rates(down: Any = 0.0, right: Any = 0.0, **sums: Any) -> Float64Array:
+        """Of centres that move by (down, right), and of a change of some of the sums alone."""
+        found = np.zeros((*mla.count, 7))
+        found[..., 0] = bent * (down * sin + right * cos)
+        found[..., 1] = bent * (down * cos - right * sin)
+        found[..., 3], found[..., 4] = right / pitch, down / pitch
+        for name, value in sums.items():
+            found[..., {"square": 2, "angle": 5, "radius": 6}[name]] = value
+        return found
+
+    square = np.pi * pitch**2 / (wavelength * lengths**2)
+    kinds = [mla.types() == kind for kind in range(len(mla.focal_lengths))]
+    return {
+        "pitch": rates(away[..., 0] / pitch, away[..., 1] / pitch)[None],
+        "diameter": rates(radius=1 / (2 * pitch))[None],
+        "focal_lengths": np.stack([rates(square=square * kind) for kind in kinds]),
+        "offset": np.stack([rates(down=1.0), rates(right=1.0)]),
+        "rotation": rates(away[..., 1], -away[..., 0], angle=1.0)[None],
+    }
+
+
+def array_tangents(
+    mla: LensletLattice, rates: Float64Array, grid: Grid, wavelength: float, device: Device
+) -> cla.Array:
+    """Derivatives of the transmission of an array, the transpose of `array_gradient`.
+
+    Parameters
+    ----------
+    mla : LensletLattice
+    rates : numpy.ndarray
+        As of `array_rates`, shape (n, ny, nx, 7) of the lenslets.
+    grid : Grid
+    wavelength : float
+        In metres.
+    device : Device
+
+    Returns
+    -------
+    pyopencl.array.Array
+        Complex, shape (n, ny, nx) of the grid.
+    """
+    out = device.zeros((len(rates), *grid.shape), device.complex)
+    device.launch_rows(
+        device.kernel("lenslet_gradient.cl", "lenslet_tangent", **_defines(mla, device)),
+        grid.shape,
+        out,
+        device.upload(np.ascontiguousarray(rates, _real(device))),
+        *_tables(mla, grid, device),
+        *_apertures(mla, grid, wavelength, device),
+        *(np.int32(n) for n in (len(rates), *mla.count, *grid.shape)),
     )
-    return np.asarray(device.download(out).sum(axis=2, dtype=np.float64))
+    return out
 
 
 def lenslet_moments(

@@ -18,7 +18,11 @@ from clplen.deprecation import renamed_argument, renamed_attribute
 from clplen.errors import SamplingError, ShapeError
 from clplen.reprs import OneLine, one_line
 from clplen.wave.elements.lens import check_lens_sampling
-from clplen.wave.elements.lenslet_gradients import array_gradient
+from clplen.wave.elements.lenslet_gradients import (
+    array_gradient,
+    array_rates,
+    array_tangents,
+)
 from clplen.wave.elements.lenslet_surface import LensletMap, LensletSurface
 from clplen.wave.elements.rims import rim_weights
 from clplen.wave.field.field import Field, Grid, require_field
@@ -302,13 +306,48 @@ class MicrolensArray(OneLine):
         Where cells without gaps touch, the share counts as the sum of both, not at most 1: "pitch"
         is the gradient towards larger and "diameter" that towards smaller ones.
         """
+        self._require_thin()
+        found = transmission_gradient(field, cotangent)
+        return array_gradient(self, found, field.grid, field.wavelength, field.device)
+
+    def jacobian(
+        self, grid: Grid, wavelength: float, device: DeviceLike | None = None
+    ) -> dict[str, np.ndarray]:
+        """Derivatives of `transmission` with respect to the array, the forward mode of `gradient`.
+
+        Parameters
+        ----------
+        grid : Grid
+        wavelength : float
+            In metres.
+        device : Device or str, optional
+            None is ``Device.open()``.
+
+        Returns
+        -------
+        dict of str to numpy.ndarray
+            "pitch" (the diameter stays), "diameter", "rotation", shape (1, ny, nx); "offset" (y,
+            x), shape (2, ny, nx); "focal_lengths" of each kind, shape (kinds, ny, nx), whose sum is
+            that by all kinds together. Complex, per metre or radian.
+
+        Raises
+        ------
+        ValueError
+            For lenslets with a surface, a map or clear gaps.
+        """
+        self._require_thin()
+        opened, rates = as_device(device), array_rates(self, wavelength)
+        together = np.concatenate(list(rates.values()))
+        changes = opened.download(array_tangents(self, together, grid, wavelength, opened))
+        ends = np.cumsum([len(one) for one in rates.values()])[:-1]
+        return dict(zip(rates, np.split(changes, ends), strict=True))
+
+    def _require_thin(self) -> None:
         if not self.is_thin:
             raise ValueError(
                 "Gradients are those of thin lenslets; this array has a surface, a map or clear "
                 "gaps: describe it by focal lengths and LensletErrors."
             )
-        found = transmission_gradient(field, cotangent)
-        return array_gradient(self, found, field.grid, field.wavelength, field.device)
 
     def steepest_slope(self, wavelength: float) -> float:
         """The steepest slope that a lenslet adds to rays: d/(2 f) of a thin lens.
