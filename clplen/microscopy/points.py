@@ -120,14 +120,14 @@ def find_points(
     """
     if axes is None and isinstance(stack, FocalStack):
         axes = (stack.disparities, None, None)
-    values = _checked(stack.to_numpy() if isinstance(stack, FocalStack) else stack)
+    values = checked_stack(stack.to_numpy() if isinstance(stack, FocalStack) else stack)
     planes, across = size
     if not (planes >= 0 and across >= 0.5 and snr > 0 and min(distance) > 0):
         raise ValueError(
             "size is at least 0 planes and 0.5 samples, snr and distance are positive, not "
             f"{size!r}, {snr!r}, {distance!r}."
         )
-    places = _places(axes, values.shape)
+    places = coordinates_of(axes, values.shape)
     raised = _smoothed(values, planes, across) - _smoothed(values, planes, WIDER * across)
     middle = np.median(raised, axis=(1, 2), keepdims=True)
     noise = DEVIATION * np.median(np.abs(raised - middle), axis=(1, 2))
@@ -180,7 +180,7 @@ def match_points(first: Vector, second: Vector, *, tolerance: Sequence[float]) -
     return np.stack([np.flatnonzero(mutual), there[mutual]], axis=1)
 
 
-def _checked(stack: Any) -> Vector:
+def checked_stack(stack: Any) -> Vector:
     values = host_array(stack, "A stack")
     shape = values.shape
     few = values.ndim != 3 or shape[0] in (0, 2) or min(shape[1:]) < 3
@@ -198,7 +198,7 @@ def _checked(stack: Any) -> Vector:
     return values.astype(np.float64)
 
 
-def _places(axes: Sequence[Any] | None, shape: tuple[int, ...]) -> list[Vector]:
+def coordinates_of(axes: Sequence[Any] | None, shape: tuple[int, ...]) -> list[Vector]:
     """Coordinates of the samples along each axis."""
     given = (None, None, None) if axes is None else axes
     if len(given) != 3:
