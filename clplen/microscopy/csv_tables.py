@@ -19,6 +19,7 @@ from clplen.files import PathLike, replacing
 
 Vector = np.ndarray[Any, Any]
 
+UNITS = ("m", "voxel")
 _SUFFIX = ".csv"
 _LARGEST = 1 << 31  # bytes of a table that is read
 
@@ -133,7 +134,12 @@ def whole_numbers(path: PathLike, values: Vector, name: str) -> Vector:
     return values.astype(np.int64)
 
 
-def unit_of(path: PathLike, names: Sequence[str]) -> str:
+def position_columns(unit: str) -> tuple[str, str, str]:
+    """Names of the columns of z, y and x in a unit, "m" or "voxel"."""
+    return (f"z_{unit}", f"y_{unit}", f"x_{unit}")
+
+
+def unit_of(path: PathLike) -> str:
     """The unit of a table's positions by its header: "m" or "voxel".
 
     Raises
@@ -146,10 +152,32 @@ def unit_of(path: PathLike, names: Sequence[str]) -> str:
         raise FormatError(f"There is no table {path}.")
     with path.open("rb") as file:
         header = file.readline(1 << 16).decode("utf-8-sig", errors="replace")
-    found = [unit for unit in names if f"z_{unit}" in header]
+    names = [name.strip().strip('"') for name in header.split(",")]
+    found = [unit for unit in UNITS if f"z_{unit}" in names]
     if not found:
         raise FormatError(
-            f"{path} is no table of positions: its header names no column "
-            f"{' or '.join(f'z_{unit}' for unit in names)}."
+            f"{path} is no table of positions: its header has no column "
+            f"{' or '.join(f'z_{unit}' for unit in UNITS)}."
         )
     return found[0]
+
+
+def read_positions(path: PathLike) -> tuple[Vector, str]:
+    """Positions (z, y, x) of a table of points or regions, and their unit.
+
+    Returns
+    -------
+    numpy.ndarray, str
+        float64, shape (n, 3); "m" or "voxel".
+
+    Raises
+    ------
+    FormatError
+        As `read_table`, and if a position is missing.
+    """
+    unit = unit_of(path)
+    table = read_table(path, "positions", position_columns(unit))
+    positions = np.stack(list(table.values()), axis=1)
+    if not np.isfinite(positions).all():
+        raise FormatError(f"{path}: a point has no position.")
+    return positions, unit

@@ -11,7 +11,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 from scipy.ndimage import gaussian_filter, maximum_filter
@@ -20,7 +20,15 @@ from scipy.spatial import cKDTree
 from clplen.checks import host_array
 from clplen.deprecation import renamed_argument
 from clplen.errors import ShapeError
+from clplen.files import PathLike
 from clplen.lightfield.refocusing.focal_stacks import FocalStack
+from clplen.microscopy.csv_tables import (
+    UNITS,
+    position_columns,
+    read_positions,
+    read_table,
+    write_table,
+)
 
 Vector = np.ndarray[Any, Any]
 
@@ -64,6 +72,56 @@ class Points:
 
     def __repr__(self) -> str:
         return f"<Points: {len(self)}>"
+
+    def to_csv(self, path: PathLike, *, unit: Literal["m", "voxel"] = "m") -> None:
+        """Write a table: point, z_m, y_m, x_m (or z_voxel, ...), peak, snr, width_z_m, ...
+
+        Parameters
+        ----------
+        path : path-like
+            ``.csv``.
+        unit : {"m", "voxel"}
+            Of the positions, for the names of the columns.
+
+        Raises
+        ------
+        ValueError
+            If the ending or the unit is another one.
+        OSError
+            If the file cannot be written.
+        """
+        if unit not in UNITS:
+            raise ValueError(f'The unit of points is "m" or "voxel", not {unit!r}.')
+        names = position_columns(unit)
+        columns = {"point": np.arange(len(self)), **dict(zip(names, self.positions.T, strict=True))}
+        columns |= {"peak": self.peaks, "snr": self.snr}
+        widths = (f"width_{name}" for name in names)
+        write_table(path, columns | dict(zip(widths, self.widths.T, strict=True)))
+
+    @classmethod
+    def from_csv(cls, path: PathLike) -> Points:
+        """Read a table that `to_csv` wrote.
+
+        Parameters
+        ----------
+        path : path-like
+            A table with its columns, in any order.
+
+        Returns
+        -------
+        Points
+            In the unit of the table.
+
+        Raises
+        ------
+        FormatError
+            If it is missing or damaged, or lacks a column or a position.
+        """
+        positions, unit = read_positions(path)
+        widths = [f"width_{name}" for name in position_columns(unit)]
+        table = read_table(path, "points", ("peak", "snr", *widths))
+        across = np.stack([table[name] for name in widths], axis=1)
+        return cls(positions, table["peak"], table["snr"], across)
 
 
 def find_points(
@@ -181,6 +239,12 @@ def match_points(first: Vector, second: Vector, *, tolerance: Sequence[float]) -
 
 
 def checked_stack(stack: Any) -> Vector:
+    """Samples (planes, y, x) that are finite, float64.
+
+    Raises
+    ------
+    ShapeError, ValueError
+    """
     values = host_array(stack, "A stack")
     shape = values.shape
     few = values.ndim != 3 or shape[0] in (0, 2) or min(shape[1:]) < 3
@@ -199,7 +263,13 @@ def checked_stack(stack: Any) -> Vector:
 
 
 def coordinates_of(axes: Sequence[Any] | None, shape: tuple[int, ...]) -> list[Vector]:
-    """Coordinates of the samples along each axis."""
+    """Coordinates of the samples along each axis, float64.
+
+    Raises
+    ------
+    ShapeError, ValueError
+        If one does not fit the shape, or neither rises nor falls.
+    """
     given = (None, None, None) if axes is None else axes
     if len(given) != 3:
         raise ShapeError(f"axes are those of planes, y and x, not {len(given)}.")

@@ -11,12 +11,14 @@ from __future__ import annotations
 import itertools
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 from scipy.ndimage import gaussian_filter
 
 from clplen.errors import ShapeError
+from clplen.files import PathLike
+from clplen.microscopy.csv_tables import UNITS, position_columns, write_table
 from clplen.microscopy.points import DEVIATION, checked_stack, coordinates_of
 from clplen.reprs import OneLine
 
@@ -65,6 +67,30 @@ class Regions(OneLine):
 
     def __len__(self) -> int:
         return len(self.positions)
+
+    def to_csv(self, path: PathLike, *, unit: Literal["m", "voxel"] = "m") -> None:
+        """Write a table: region, z_m, y_m, x_m, volume_m3 (or z_voxel, ...), mean, peak, snr.
+
+        Parameters
+        ----------
+        path : path-like
+            ``.csv``.
+        unit : {"m", "voxel"}
+            Of the positions, for the names of the columns.
+
+        Raises
+        ------
+        ValueError
+            If the ending or the unit is another one.
+        OSError
+            If the file cannot be written.
+        """
+        if unit not in UNITS:
+            raise ValueError(f'The unit of regions is "m" or "voxel", not {unit!r}.')
+        columns = {"region": np.arange(1, len(self) + 1)}
+        columns |= dict(zip(position_columns(unit), self.positions.T, strict=True))
+        columns[f"volume_{unit}3"] = self.volumes
+        write_table(path, columns | {"mean": self.means, "peak": self.peaks, "snr": self.snr})
 
 
 def find_regions(

@@ -11,13 +11,19 @@ import numpy as np
 from clplen.checks import is_integer
 from clplen.errors import FormatError, ShapeError
 from clplen.files import PathLike
-from clplen.microscopy.csv_tables import read_table, unit_of, whole_numbers, write_table
+from clplen.microscopy.csv_tables import (
+    UNITS,
+    position_columns,
+    read_positions,
+    read_table,
+    whole_numbers,
+    write_table,
+)
 from clplen.microscopy.linking import link
 
 Vector = np.ndarray[Any, Any]
 Motion = Literal["random", "straight"]
 
-_UNITS = ("m", "voxel")
 _MICRONS = 1e6
 _REMEMBERED = 3  # steps of which a velocity is the mean
 
@@ -85,7 +91,7 @@ class Tracks:
                 f"Tracks of {count} points have positions of shape ({count}, 3) and a frame, a "
                 f"peak and an snr each, not shapes {np.shape(self.positions)} and {shapes}."
             )
-        if self.unit not in _UNITS:
+        if self.unit not in UNITS:
             raise ValueError(f'The unit of tracks is "m" or "voxel", not {self.unit!r}.')
 
     def __len__(self) -> int:
@@ -123,7 +129,7 @@ class Tracks:
         OSError
             If the file cannot be written.
         """
-        places = {f"{axis}_{self.unit}": self.positions[:, k] for k, axis in enumerate("zyx")}
+        places = dict(zip(position_columns(self.unit), self.positions.T, strict=True))
         head = {"track": self.ids, "frame": self.frames}
         write_table(path, {**head, **places, "peak": self.peaks, "snr": self.snr})
 
@@ -146,13 +152,9 @@ class Tracks:
         FormatError
             If it is missing or damaged, lacks a column, or has a frame twice in a track.
         """
-        unit = unit_of(path, _UNITS)
-        names = ("track", "frame", *(f"{axis}_{unit}" for axis in "zyx"), "peak", "snr")
-        table = read_table(path, "tracks", names)
-        ids, frames = (whole_numbers(path, table[name], name) for name in names[:2])
-        positions = np.stack([table[name] for name in names[2:5]], axis=1)
-        if not np.isfinite(positions).all():
-            raise FormatError(f"{path}: a point has no position.")
+        positions, unit = read_positions(path)
+        table = read_table(path, "tracks", ("track", "frame", "peak", "snr"))
+        ids, frames = (whole_numbers(path, table[name], name) for name in ("track", "frame"))
         order = np.lexsort((frames, ids))
         twice = (np.diff(ids[order]) == 0) & (np.diff(frames[order]) == 0)
         if twice.any():
@@ -166,7 +168,7 @@ def track_points(
     found: Iterable[Found],
     *,
     step: float | Sequence[float],
-    memory: int = 0,
+    gaps: int = 0,
     motion: Motion = "random",
     shortest: int = 1,
     unit: Literal["m", "voxel"] = "voxel",
@@ -176,7 +178,7 @@ def track_points(
     The points of a frame are assigned to the tracks at once, so that the sum of the squares of all
     steps is least, where a link that is not made counts as a largest step (Crocker and Grier 1996,
     J. Colloid Interface Sci. 179, 298). Points that continue no track begin their own; a track
-    ends where it misses more frames than ``memory``.
+    ends where it misses more frames than ``gaps``.
 
     Parameters
     ----------
@@ -187,7 +189,7 @@ def track_points(
         Largest step from frame to frame, in units of the positions: one number, or the half axes
         (z, y, x) of an ellipsoid. After k missed frames sqrt(k + 1) times that: the distance of
         random motion grows as the square root of time.
-    memory : int
+    gaps : int
         Frames that a track may miss.
     motion : {"random", "straight"}
         Where a point is expected: at its last place, or as far on as the mean of its last three
@@ -223,10 +225,10 @@ def track_points(
     >>> np.round(tracks.positions[:, 1] * 1e6, 2).tolist()
     [4.0, 4.5, 5.0, 5.5]
     """
-    half_axes = _checked(step, memory, motion, shortest)
-    if unit not in _UNITS:
+    half_axes = _checked(step, gaps, motion, shortest)
+    if unit not in UNITS:
         raise ValueError(f'The unit of tracks is "m" or "voxel", not {unit!r}.')
-    linker = _Linker(half_axes, memory, motion)
+    linker = _Linker(half_axes, gaps, motion)
     rows, frame = [], -1
     for frame, each in enumerate(found):
         positions = _positions(each, frame)
@@ -251,13 +253,13 @@ def track_points(
     )
 
 
-def _checked(step: Any, memory: int, motion: str, shortest: int) -> Vector:
+def _checked(step: Any, gaps: int, motion: str, shortest: int) -> Vector:
     """The half axes (z, y, x) of the largest step."""
     half_axes = np.asarray(step, np.float64)
     if half_axes.shape not in ((), (3,)) or not (np.isfinite(half_axes) & (half_axes > 0)).all():
         raise ValueError(f"A step is one positive number or three (z, y, x), not {step!r}.")
-    if not (is_integer(memory) and memory >= 0):
-        raise ValueError(f"memory is a whole number of frames from 0 on, not {memory!r}.")
+    if not (is_integer(gaps) and gaps >= 0):
+        raise ValueError(f"gaps is a whole number of frames from 0 on, not {gaps!r}.")
     if motion not in ("random", "straight"):
         raise ValueError(f'A motion is "random" or "straight", not {motion!r}.')
     if not (is_integer(shortest) and shortest >= 1):
@@ -281,8 +283,8 @@ def _positions(found: Any, frame: int) -> Vector:
 class _Linker:
     """The tracks that may go on, in units of the largest step."""
 
-    def __init__(self, half_axes: Vector, memory: int, motion: str) -> None:
-        self.memory = memory
+    def __init__(self, half_axes: Vector, gaps: int, motion: str) -> None:
+        self.gaps = gaps
         self.is_straight = motion == "straight"
         self.count = 0
         self.ids = np.empty(0, np.int64)
@@ -306,7 +308,7 @@ class _Linker:
         self.count += int(np.count_nonzero(new))
         alone = np.ones(len(self.ids), bool)
         alone[pairs[:, 0]] = False
-        alone &= passed <= self.memory
+        alone &= passed <= self.gaps
         self.ids = np.concatenate([ids, self.ids[alone]])
         self.last = np.concatenate([found, self.last[alone]])
         self.missed = np.concatenate([np.zeros(len(found), np.int64), passed[alone]])
