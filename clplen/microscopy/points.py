@@ -197,7 +197,7 @@ def find_points(
     return Points(
         np.array(positions, np.float64).reshape(-1, 3),
         above[index],
-        raised[index] / np.maximum(noise, np.finfo(np.float64).tiny)[index[0]],
+        over_noise(raised[index], noise[index[0]]),
         np.array(widths, np.float64).reshape(-1, 3),
     )
 
@@ -284,6 +284,12 @@ def coordinates_of(axes: Sequence[Any] | None, shape: tuple[int, ...]) -> list[V
             raise ValueError(f"Coordinates along an axis rise or fall all the way, not {axis!r}.")
         found.append(places)
     return found
+
+
+def over_noise(heights: Vector, noise: Vector | float) -> Vector:
+    """Heights over the noise, infinite where there is none."""
+    with np.errstate(over="ignore"):
+        return np.asarray(heights / np.maximum(noise, np.finfo(np.float64).tiny))
 
 
 def _smoothed(values: Vector, planes: float, across: float) -> Vector:

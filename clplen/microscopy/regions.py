@@ -19,7 +19,7 @@ from scipy.ndimage import gaussian_filter
 from clplen.errors import ShapeError
 from clplen.files import PathLike
 from clplen.microscopy.csv_tables import UNITS, position_columns, write_table
-from clplen.microscopy.points import DEVIATION, checked_stack, coordinates_of
+from clplen.microscopy.points import DEVIATION, checked_stack, coordinates_of, over_noise
 from clplen.reprs import OneLine
 
 Vector = np.ndarray[Any, Any]
@@ -377,6 +377,6 @@ def _measured(
         volumes,
         np.bincount(number, values[where], count) / np.bincount(number, minlength=count),
         peaks,
-        heights / max(noise, float(np.finfo(np.float64).tiny)),
+        over_noise(heights, noise),
         threshold,
     )
