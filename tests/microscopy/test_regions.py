@@ -57,7 +57,7 @@ def test_cells_that_touch_are_told_apart():
     assert len(one) == 2  # what touches is one
     assert ((one.labels > 0) == (regions.labels > 0)).all()
     many = find_regions(volume, size=(0, 0), threshold=found_at, split=1, least=1)
-    assert len(many) > 30  # each maximum of the noise is one
+    assert len(many) > 6  # each maximum of the noise is one
 
 
 def test_the_threshold():
