@@ -122,7 +122,7 @@ def orthogonal_views(
         scale_bar(panel, 1 / _MICRONS)
         _name(panel, names)
     words = "largest along z, y and x" if places is None else f"slices at {_said(places)}"
-    panels[0].set_title(title or words)
+    panels[0].set_title(title or words, loc="left")
     label = f"value of a voxel{said(scale)}"
     every = np.concatenate([part.ravel() for part in parts])
     figure.colorbar(drawn, cax=beside, label=label, extend=cut(every, norm))  # type: ignore[arg-type]
