@@ -57,11 +57,11 @@ from .results.stack_files import read_stack as read_stack
 from .results.stack_files import write_depth as write_depth
 from .results.stack_files import write_image as write_image
 from .results.stack_files import write_stack as write_stack
+from .results.stored_volumes import StoredVolumes as StoredVolumes
+from .results.stored_volumes import open_volumes as open_volumes
 from .results.volume_files import is_volume as is_volume
 from .results.volume_files import read_volume as read_volume
 from .results.volume_files import write_volume as write_volume
-from .results.volume_series import VolumeSeries as VolumeSeries
-from .results.volume_series import open_volumes as open_volumes
 from .store.digest import digest as digest
 from .store.digest import size_of as size_of
 from .store.picture_blocks import Tiles as Tiles

@@ -8,13 +8,13 @@ from typing import TYPE_CHECKING, Any
 import click
 import numpy as np
 
-from clplen.cli.microscopy import series as inputs
-from clplen.cli.microscopy.series import axes_of, opened, paths_of, progressing
+from clplen.cli.microscopy import volume_inputs as inputs
+from clplen.cli.microscopy.volume_inputs import axes_of, opened, paths_of, progressing
 from clplen.cli.shared import options
 from clplen.cli.shared.console import check_output, check_suffix, note
 
 if TYPE_CHECKING:
-    from clplen.io import VolumeSeries
+    from clplen.io import StoredVolumes
 
 _PATH = click.Path(path_type=Path)
 
@@ -128,7 +128,7 @@ def _check(labels: Path | None, points: Path | None, radius_um: float | None) ->
 
 
 def _labels(
-    series: VolumeSeries,
+    series: StoredVolumes,
     labels: Path | None,
     points: Path | None,
     radius_um: float | None,

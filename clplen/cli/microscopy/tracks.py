@@ -9,13 +9,13 @@ from typing import TYPE_CHECKING, Any, Literal
 import click
 import numpy as np
 
-from clplen.cli.microscopy import series as inputs
-from clplen.cli.microscopy.series import axes_of, opened, paths_of, progressing, volume_at
+from clplen.cli.microscopy import volume_inputs as inputs
+from clplen.cli.microscopy.volume_inputs import axes_of, opened, paths_of, progressing, volume_at
 from clplen.cli.shared import options
 from clplen.cli.shared.console import check_output, check_suffix, note
 
 if TYPE_CHECKING:
-    from clplen.io import VolumeSeries
+    from clplen.io import StoredVolumes
 
 _PATH = click.Path(path_type=Path)
 _CSV = (".csv",)
@@ -226,7 +226,7 @@ def track(
         note("more than half of the tracks have one frame only: is --step-um too short?")
 
 
-def _found(series: VolumeSeries, axes: Any, is_region: bool, how: dict[str, Any]) -> Iterator[Any]:
+def _found(series: StoredVolumes, axes: Any, is_region: bool, how: dict[str, Any]) -> Iterator[Any]:
     """The points or regions of each volume."""
     from clplen.microscopy import find_points, find_regions
 
@@ -240,7 +240,7 @@ def _found(series: VolumeSeries, axes: Any, is_region: bool, how: dict[str, Any]
             raise click.ClickException(f"Volume {time}: {error}") from error
 
 
-def _none(kind: str, series: VolumeSeries, snr: float) -> str:
+def _none(kind: str, series: StoredVolumes, snr: float) -> str:
     return (
         f"{series.files[0].path} holds no {kind} above {snr:g} times the noise: lower --snr, or "
         "give the --size of one."

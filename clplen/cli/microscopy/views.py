@@ -9,13 +9,13 @@ from typing import TYPE_CHECKING, Any, Literal
 import click
 import numpy as np
 
-from clplen.cli.microscopy import series as inputs
-from clplen.cli.microscopy.series import opened, paths_of, progressing, volume_at, voxel_of
+from clplen.cli.microscopy import volume_inputs as inputs
+from clplen.cli.microscopy.volume_inputs import opened, paths_of, progressing, volume_at, voxel_of
 from clplen.cli.shared import options
 from clplen.cli.shared.console import check_output, check_suffix
 
 if TYPE_CHECKING:
-    from clplen.io import VolumeSeries
+    from clplen.io import StoredVolumes
     from clplen.microscopy import Tracks
 
 _PATH = click.Path(path_type=Path)
@@ -133,14 +133,14 @@ def _tracks(path: Path | None) -> Tracks | None:
     return None if path is None else Tracks.from_csv(path)
 
 
-def _size(series: VolumeSeries, words: dict[str, Any]) -> str:
+def _size(series: StoredVolumes, words: dict[str, Any]) -> str:
     um = " x ".join(f"{1e6 * n * side:.4g}" for n, side in
                     zip(series.shape[1:], words["voxel"], strict=True))  # fmt: skip
     return f"{um} um (z, y, x)"
 
 
 def _draw_montage(
-    output: Path, series: VolumeSeries, axis: Literal["z", "y", "x"], words: dict[str, Any]
+    output: Path, series: StoredVolumes, axis: Literal["z", "y", "x"], words: dict[str, Any]
 ) -> None:
     """The projections of all times, of which one volume is in memory at a time."""
     from clplen.plot import maximum_projection, save
@@ -151,7 +151,7 @@ def _draw_montage(
     click.echo(f"{output}: {len(flat)} projections along {axis} of {_size(series, words)}.")
 
 
-def _film(output: Path, series: VolumeSeries, seconds: float, words: dict[str, Any]) -> None:
+def _film(output: Path, series: StoredVolumes, seconds: float, words: dict[str, Any]) -> None:
     """A picture a time, all on one scale of values."""
     from clplen.io import write_animation
     from clplen.io.formats.video import encoder
@@ -168,7 +168,7 @@ def _film(output: Path, series: VolumeSeries, seconds: float, words: dict[str, A
     click.echo(f"{output}: a film of {len(series)} volumes of {_size(series, words)}.")
 
 
-def _pictures(series: VolumeSeries, words: dict[str, Any]) -> Iterator[Any]:
+def _pictures(series: StoredVolumes, words: dict[str, Any]) -> Iterator[Any]:
     """Each volume, drawn as uint8 (y, x, 3)."""
     from clplen.plot import orthogonal_views, rendered
 

@@ -12,7 +12,7 @@ import numpy as np
 from clplen.cli.shared.console import note, progress_bar
 
 if TYPE_CHECKING:
-    from clplen.io import VolumeSeries
+    from clplen.io import StoredVolumes
 
 Values = np.ndarray[Any, Any]
 _PATH = click.Path(path_type=Path)
@@ -100,14 +100,14 @@ distance = click.option(
 )  # fmt: skip
 
 
-def opened(paths: tuple[Path, ...]) -> VolumeSeries:
+def opened(paths: tuple[Path, ...]) -> StoredVolumes:
     """The volumes of some files, not read yet."""
     from clplen.io import open_volumes
 
     return open_volumes(paths)
 
 
-def axes_of(series: VolumeSeries, voxel_um: tuple[float, float, float] | None) -> Any:
+def axes_of(series: StoredVolumes, voxel_um: tuple[float, float, float] | None) -> Any:
     """Coordinates of planes, rows and columns in metres."""
     _, *shape = series.shape
     if voxel_um is not None:
@@ -123,7 +123,7 @@ def axes_of(series: VolumeSeries, voxel_um: tuple[float, float, float] | None) -
     return series.axes
 
 
-def voxel_of(series: VolumeSeries, voxel_um: tuple[float, float, float] | None) -> Any:
+def voxel_of(series: StoredVolumes, voxel_um: tuple[float, float, float] | None) -> Any:
     """(dz, dy, dx) in metres; planes that are not equidistant are drawn as if they were."""
     if series.shape[1] == 1 and voxel_um is None and series.voxel is not None:
         return (series.voxel[0], *series.voxel)  # of one plane nothing tells its thickness
@@ -134,7 +134,7 @@ def voxel_of(series: VolumeSeries, voxel_um: tuple[float, float, float] | None) 
     return sides
 
 
-def volume_at(series: VolumeSeries, time: int | str | None) -> Values:
+def volume_at(series: StoredVolumes, time: int | str | None) -> Values:
     """One volume of a series, or the mean or the largest of each voxel over time."""
     count = len(series)
     if isinstance(time, int) or time is None:
@@ -159,7 +159,7 @@ def volume_at(series: VolumeSeries, time: int | str | None) -> Values:
     return total / count if time == "mean" else total
 
 
-def progressing(series: VolumeSeries) -> Iterator[Values]:
+def progressing(series: StoredVolumes) -> Iterator[Values]:
     """The volumes one after the other, with a progress bar."""
     with progress_bar(len(series), "volume") as bar:
         for volume in series:
@@ -167,6 +167,6 @@ def progressing(series: VolumeSeries) -> Iterator[Values]:
             bar.update()
 
 
-def paths_of(series: VolumeSeries) -> list[Path]:
+def paths_of(series: StoredVolumes) -> list[Path]:
     """The files that are read."""
     return [file.path for file in series.files]

@@ -88,7 +88,7 @@ class _File:
 
 
 @dataclass(frozen=True, repr=False)
-class VolumeSeries:
+class StoredVolumes:
     """Volumes of several times, of which one is in memory at a time.
 
     ``len(series)`` is the number of times, ``series[t]`` reads a volume (planes, y, x), and a loop
@@ -111,7 +111,7 @@ class VolumeSeries:
     ...     clplen.io.write_volume(f"t{t}.ome.tif", volume, planes=planes, voxel=(5e-7, 5e-7))
     >>> series = clplen.io.open_volumes(["t0.ome.tif", "t1.ome.tif", "t2.ome.tif"])
     >>> series
-    <VolumeSeries: 3 times, (z, y, x) = (5, 16, 24)>
+    <StoredVolumes: 3 times, (z, y, x) = (5, 16, 24)>
     >>> [float(volume.mean()) for volume in series], float(series[-1][0, 0, 0])
     ([0.0, 1.0, 2.0], 2.0)
     """
@@ -138,7 +138,7 @@ class VolumeSeries:
     def __repr__(self) -> str:
         times = self.shape[0]
         count = f"{times} time" + "s" * (times != 1)
-        return f"<VolumeSeries: {count}, (z, y, x) = {self.shape[1:]}>"
+        return f"<StoredVolumes: {count}, (z, y, x) = {self.shape[1:]}>"
 
     def __len__(self) -> int:
         return self.shape[0]
@@ -161,7 +161,7 @@ class VolumeSeries:
 
 def open_volumes(
     paths: PathLike | Sequence[PathLike], *, max_bytes: int | None = None
-) -> VolumeSeries:
+) -> StoredVolumes:
     """Open volumes of one or several times, without reading them.
 
     Parameters
@@ -175,7 +175,7 @@ def open_volumes(
 
     Returns
     -------
-    VolumeSeries
+    StoredVolumes
 
     Raises
     ------
@@ -189,7 +189,7 @@ def open_volumes(
     --------
     >>> np.save("series.npy", np.zeros((7, 5, 16, 24), np.float32))
     >>> clplen.io.open_volumes("series.npy")
-    <VolumeSeries: 7 times, (z, y, x) = (5, 16, 24)>
+    <StoredVolumes: 7 times, (z, y, x) = (5, 16, 24)>
     """
     several = [paths] if isinstance(paths, str) or hasattr(paths, "__fspath__") else list(paths)
     if not several:
@@ -197,7 +197,7 @@ def open_volumes(
     files = tuple(_described(Path(path), max_bytes) for path in several)
     for file in files[1:]:
         _compare(files[0], file)
-    return VolumeSeries(files, files[0].planes, files[0].voxel)
+    return StoredVolumes(files, files[0].planes, files[0].voxel)
 
 
 def _described(path: Path, max_bytes: int | None) -> _File:
