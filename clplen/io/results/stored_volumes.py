@@ -29,7 +29,7 @@ _CLOSE = 1e-6  # of a voxel: other sizes are other sizes
 
 
 @dataclass(frozen=True)
-class _File:
+class StoredFile:
     """What a file holds."""
 
     path: Path
@@ -97,7 +97,7 @@ class StoredVolumes:
     Attributes
     ----------
     files : tuple
-        What is read.
+        What each file holds.
     planes : numpy.ndarray or None
         z of each plane in metres, where the files say it.
     voxel : tuple of float or None
@@ -200,7 +200,7 @@ def open_volumes(
     return StoredVolumes(files, files[0].planes, files[0].voxel)
 
 
-def _described(path: Path, max_bytes: int | None) -> _File:
+def _described(path: Path, max_bytes: int | None) -> StoredFile:
     """What a file holds, without its samples."""
     if not path.exists():
         raise FormatError(f"There is no volume {path}.")
@@ -224,7 +224,7 @@ def _described(path: Path, max_bytes: int | None) -> _File:
     elif count == 1:
         planes = np.zeros(1)
     is_array = path.suffix.lower() in npy.SUFFIXES
-    return _File(path, axes, sides, planes, None if is_array else pixel_of(path), max_bytes)
+    return StoredFile(path, axes, sides, planes, None if is_array else pixel_of(path), max_bytes)
 
 
 def _axes(path: Path) -> tuple[dict[str, int], tuple[int, int], str]:
@@ -276,7 +276,7 @@ def _npy(path: Path) -> AbstractContextManager[Any]:
     return nullcontext(map_npy(path, what="a volume"))
 
 
-def _compare(first: _File, other: _File) -> None:
+def _compare(first: StoredFile, other: StoredFile) -> None:
     """Refuse volumes that do not fit onto each other."""
     if first.shape != other.shape:
         raise FormatError(
