@@ -235,6 +235,7 @@ LONG = (
     "README.md",
     "docs/calibration.md",
     "docs/focused.md",
+    "docs/microscope_tracks.md",
     "docs/rendering.md",
     "docs/start/own_light_field.md",
 )
