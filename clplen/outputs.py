@@ -4,8 +4,8 @@ Every writer of this package puts `MARK` into the file's own metadata: the Softw
 text chunk of PNG, a comment of GIF, MP4 and PLY, an attribute of HDF5 and Zarr, an entry of JSON,
 the last line of a text. PFM and NumPy have no place for words, but freedom in how their headers are
 spelt, which every reader of them takes: the scale of a PFM is written with 20 decimals, and the
-header of a NumPy file is padded to 1024 bytes. CSV has no place at all: the report beside it lists
-it.
+header of a NumPy file is padded to 1024 bytes, and the names of the columns in a table of points,
+regions, tracks or traces are quoted. Other CSV has no place at all: the report beside it lists it.
 """
 
 from __future__ import annotations
@@ -26,6 +26,9 @@ PFM_SCALE = f"{-1:.20f}"  # little endian, values as they are
 NPY_HEADER = 1024  # bytes with the padding; other programs pad to the next multiple of 64
 _HEADERS = (
     re.compile(rb"P[Ff]\n\d+ \d+\n" + PFM_SCALE.encode() + rb"\n"),
+    re.compile(
+        rb'"(?:point|region|track)",(?:"frame",)?"(?:z_m|z_voxel|mean)"(?:,"[a-z][a-z0-9_]*")+\r\n'
+    ),
     re.compile(rb"\x93NUMPY\x01\0" + re.escape((NPY_HEADER - 10).to_bytes(2, "little"))),
 )
 _ZARR = (".zattrs", "zarr.json")  # where the attributes of a Zarr's root stand

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from functools import lru_cache, partial
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -11,6 +12,7 @@ import numpy as np
 import clplen
 from clplen.analysis.cameras.comparison import Comparison
 from clplen.compute.device import Device
+from clplen.io.results.stored_volumes import StoredFile
 from clplen.lightfield.focused.focused_picture import PictureGrid
 from clplen.lightfield.raw.lenslet_lattice import Lattice
 from clplen.microscopy.images import PointImages
@@ -111,6 +113,12 @@ def intrinsics() -> clplen.lightfield.Intrinsics:
     H = np.diag([1e-3, 1e-3, 2e-3, 2e-3, 1.0])
     H[:4, 4] = -H.diagonal()[:4] * (2, 2, 15.5, 15.5)
     return clplen.lightfield.Intrinsics(H, np.full(5, 0.01), (5, 5, 32, 32), rms=0.02)
+
+
+def stored_volumes() -> clplen.io.StoredVolumes:
+    """Two times of 3 x 9 x 9 voxels, in a file that is not there."""
+    file = StoredFile(Path("a.npy"), {"t": 2, "z": 3}, (9, 9), None, (1e-6, 1e-6), None)
+    return clplen.io.StoredVolumes((file,), None, (1e-6, 1e-6))
 
 
 def texture() -> clplen.cameras.Texture:
@@ -238,6 +246,7 @@ EXAMPLES: dict[str, Callable[[Device], Any]] = {
     "StackTiles": stream,
     "Stop": lambda _: clplen.wave.Stop(1e-3),
     "StoredLightField": lambda _: clplen.StoredLightField.from_array(samples(3, 3, 32, 32)),
+    "StoredVolumes": lambda _: stored_volumes(),
     "StreamPlan": lambda device: stream(device).plan,
     "SurfaceScene": lambda _: clplen.SurfaceScene([clplen.cameras.Plane(0.5, texture=texture())]),
     "Texture": lambda _: texture(),
@@ -315,6 +324,9 @@ EXAMPLES |= {
     "Polygon": lambda _: clplen.cameras.Polygon([(0.0, 0.0), (0.0, 2.0), (2.0, 0.0)]),
     "Preparation": lambda device: clplen.microscopy.preparation(10, device=device),
     "Prepared": lambda _: clplen.microscopy.Prepared(samples(9, 9), samples(9, 9), 0, 0),
+    "Regions": lambda _: clplen.microscopy.Regions(
+        np.zeros((3, 9, 9), np.int32), samples(5, 3), *(samples(5) for _ in range(4)), 0.5
+    ),
     "Rays": lambda device: clplen.plot.rays_through(EXAMPLES["OpticalSystem"](device)),
     "RaytrixCalibration": lambda _: clplen.io.RaytrixCalibration(
         (0.0, 0.0), 20.0, (1.0, 0.0), (0.5, 0.87)
@@ -329,6 +341,12 @@ EXAMPLES |= {
     "SpotFit": lambda _: clplen.lightfield.SpotFit(0.25, 0.0, (0.0, 0.0), 9, 0.1),
     "StackTable": lambda _: clplen.batch.StackTable(disparities=[-1, 0, 1]),
     "Summary": lambda _: clplen.batch.Summary(3, 1, {"a": "no file"}),
+    "Traces": lambda _: clplen.microscopy.Traces(
+        np.arange(1, 4), *(samples(3, 50) for _ in range(4))
+    ),
+    "Tracks": lambda _: clplen.microscopy.Tracks(
+        np.zeros(50, int), np.arange(50), samples(50, 3), samples(50), samples(50), "m"
+    ),
     "Table": lambda _: clplen.analysis.Table(("camera", "pixels"), (("one", 3),)),
     "TargetElement": lambda _: clplen.wave.usaf1951_elements(groups=[0])[0],
     "Task": lambda _: clplen.batch.Task("a", "out", {"file": "a.h5"}, {"stack": {}}),

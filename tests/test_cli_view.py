@@ -109,6 +109,73 @@ def test_an_ome_tiff_of_several_times(tmp_path):
     assert items(tmp_path / "page.html")[0]["shape"] == [2, 3, 9, 11]
 
 
+UM = {
+    "PhysicalSizeZ": 2.0, "PhysicalSizeY": 0.4, "PhysicalSizeX": 0.5, "PhysicalSizeZUnit": "µm",
+    "PhysicalSizeYUnit": "µm", "PhysicalSizeXUnit": "µm",
+}  # fmt: skip
+
+
+def test_tracks_over_a_series(tmp_path):
+    series, page = tmp_path / "series.ome.tif", tmp_path / "page.html"
+    values = RNG.random((3, 4, 10, 12)).astype(np.float32)
+    tifffile.imwrite(series, values, metadata={"axes": "TZYX", **UM})
+    index = np.array([(1.0, 2, 3), (1.5, 3, 5), (3, 9, 11)])
+    tracks = clplen.microscopy.Tracks(
+        np.array([0, 0, 1]), np.array([0, 1, 2]), index * (2e-6, 4e-7, 5e-7), np.ones(3),
+        np.ones(3), "m",
+    )  # fmt: skip
+    tracks.to_csv(tmp_path / "tracks.csv")
+    good("view", series, "--tracks", tmp_path / "tracks.csv", "-o", page)
+    (item,) = items(page)
+    assert item["shape"] == [3, 4, 10, 12]
+    assert item["spacing"] == pytest.approx([2e-6, 4e-7, 5e-7])
+    assert item["planes"]["values"] == pytest.approx([0, 2e-6, 4e-6, 6e-6])
+    assert item["python"] == f"data = clplen.io.open_volumes({str(series)!r})"
+    marks = item["tracks"]
+    assert (marks["ids"], marks["frames"]) == ([0, 0, 1], [0, 1, 2])
+    assert np.column_stack([marks[axis] for axis in "zyx"]) == pytest.approx(index)
+    good("view", series, "--tracks", tmp_path / "tracks.csv", "-o", page, "--downscale", 2)
+    marks = items(page)[0]["tracks"]
+    assert marks["y"] == pytest.approx((index[:, 1] - 0.5) / 2)  # 0 and 1 become pixel 0
+    assert marks["z"] == pytest.approx(index[:, 0])
+    tifffile.imwrite(tmp_path / "bare.ome.tif", values, metadata={"axes": "TZYX"})
+    bare = ("view", tmp_path / "bare.ome.tif", "--tracks", tmp_path / "tracks.csv", "-o", page)
+    assert "does not say where its planes lie" in run(*bare).output
+    (tmp_path / "voxels.csv").write_text(
+        "track,frame,z_voxel,y_voxel,x_voxel,peak,snr\n0,0,1,1,1,1,1\n"
+    )
+    done = run("view", series, "--tracks", tmp_path / "voxels.csv", "-o", page)
+    assert "positions in voxels" in done.output
+    assert done.exit_code == 1
+
+
+def test_planes_that_fall_have_their_tracks(tmp_path):
+    planes = np.array([6e-6, 1e-6, -2e-6])
+    write_volume(tmp_path / "v.ome.tif", RNG.random((3, 9, 9)), planes=planes, voxel=(1e-6, 1e-6))
+    z = np.array([3.5e-6, -2e-6])
+    tracks = clplen.microscopy.Tracks(
+        np.zeros(2, int), np.arange(2), np.stack([z, z * 0, z * 0], 1), z, z, "m"
+    )
+    tracks.to_csv(tmp_path / "t.csv")
+    page = tmp_path / "page.html"
+    good("view", tmp_path / "v.ome.tif", "--tracks", tmp_path / "t.csv", "-o", page)
+    assert items(page)[0]["tracks"]["z"] == pytest.approx([0.5, 2.0])
+
+
+def test_a_series_in_ome_zarr(tmp_path):
+    zarr = pytest.importorskip("zarr")
+    values = RNG.random((3, 1, 4, 9, 11)).astype(np.float32)
+    group = zarr.open_group(tmp_path / "s.ome.zarr", mode="w", zarr_format=2)
+    group.create_array("0", shape=values.shape, dtype="<f4", chunks=(1, 1, 1, 9, 11))[...] = values
+    axes = [{"name": name} for name in "tczyx"]
+    moves = [{"type": "scale", "scale": [1.0] * 5}]
+    group.attrs["multiscales"] = [
+        {"axes": axes, "datasets": [{"path": "0", "coordinateTransformations": moves}]}
+    ]
+    good("view", tmp_path / "s.ome.zarr", "-o", tmp_path / "page.html")
+    assert items(tmp_path / "page.html")[0]["shape"] == [3, 4, 9, 11]
+
+
 def test_volumes_as_the_times_of_one_series(tmp_path):
     for n in range(3):
         np.save(tmp_path / f"{n}.npy", (n + 1) * RNG.random((4, 9, 11)))

@@ -130,6 +130,34 @@ def microscope() -> Names:
     return {}
 
 
+def microscope_tracks() -> Names:
+    """Beads that move, and cells of which one lights up."""
+    rng = np.random.default_rng(1)
+    shape, frames = (12, 40, 48), 8
+    index = np.indices(shape)
+    um = {"PhysicalSizeZ": 1.0, "PhysicalSizeY": 0.5, "PhysicalSizeX": 0.5}
+    units = {f"{name}Unit": "µm" for name in um}
+
+    def spot(centre: Any, sigma: float) -> Any:
+        far = [((i - c) / sigma) ** 2 for i, c in zip(index, centre, strict=True)]
+        return np.exp(-sum(far) / 2)
+
+    def write(name: str, volumes: list[Any]) -> None:
+        values = np.array(volumes) + rng.normal(0, 1, (frames, *shape))
+        about = {"axes": "TZYX", **um, **units}
+        tifffile.imwrite(name, values.astype(np.float32), metadata=about)
+
+    beads = [(4, 10, 12), (7, 28, 30)]
+    write("series.ome.tif", [
+        sum(50 * spot((z, y + t, x + t), 1.3) for z, y, x in beads) for t in range(frames)
+    ])  # fmt: skip
+    cells = [spot((5, 14, 12), 3.0), spot((6, 25, 34), 3.0)]
+    write("cells.ome.tif", [
+        5 + 40 * cells[0] + (40 + 20 * (t > 4)) * cells[1] for t in range(frames)
+    ])  # fmt: skip
+    return {}
+
+
 FOCUSED = """
 [camera]
 kind = "plenoptic2"
@@ -186,7 +214,7 @@ SAMPLES: dict[str, Callable[[], Names]] = {
     "README.md": readme,
     **{f"docs/{made.__name__}.md": made
        for made in (aberrations, batch, calibration, conventions, focused, formats, microscope,
-                    rendering, viewer)},
+                    microscope_tracks, rendering, viewer)},
     "docs/start/own_light_field.md": own_light_field,
     "docs/howto/export_to_imagej.md": small_flower,
     "docs/howto/larger_than_memory.md": larger_than_memory,
@@ -208,6 +236,7 @@ LONG = (
     "docs/batch.md",
     "docs/calibration.md",
     "docs/focused.md",
+    "docs/microscope_tracks.md",
     "docs/propagation.md",
     "docs/rendering.md",
     "docs/scenes.md",
@@ -264,4 +293,4 @@ def test_blocks_say_why_they_do_not_run():
         text = (docpages.ROOT / page).read_text(encoding="utf-8")
         assert not re.findall(r"^    (?:clplen |import |from \w+ import ).*", text, re.MULTILINE)
         left_out += [block for block in docpages.blocks(page) if block.mark == "not run"]
-    assert len(left_out) == 13, left_out
+    assert len(left_out) == 14, left_out

@@ -124,6 +124,7 @@ PLAIN = {
     "demosaic",
     "estimate_lattice",
     "find_points",
+    "find_regions",
     "imaging_system",
     "match_points",
     "metric_depth",
@@ -134,8 +135,11 @@ PLAIN = {
     "rectify",
     "sample_scenes",
     "slanted_edge",
+    "sphere_labels",
     "speckle_contrast",
     "strehl_of_rms",
+    "track_points",
+    "traces",
     "wavefront_strehl",
 }
 # These do not look at what they are given: a camera, a field, a grid, a projector.

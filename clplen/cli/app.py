@@ -23,6 +23,9 @@ from clplen.cli.epi import epi
 from clplen.cli.info import info
 from clplen.cli.microscopy.deconvolve import deconvolve
 from clplen.cli.microscopy.microscope import microscope
+from clplen.cli.microscopy.traces import traces
+from clplen.cli.microscopy.tracks import points, regions, track
+from clplen.cli.microscopy.views import views
 from clplen.cli.refocus import refocus
 from clplen.cli.render import render
 from clplen.cli.sampling import sampling
@@ -71,6 +74,7 @@ _COMMANDS = (
     view,
     worker,
 )
-microscope.add_command(deconvolve)
+for command in (deconvolve, points, regions, track, traces, views):
+    microscope.add_command(command)
 for command in _COMMANDS:
     main.add_command(command)

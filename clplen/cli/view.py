@@ -51,6 +51,13 @@ _LARGE = 60e6  # bytes of a page that some mail servers and browsers refuse
 )
 @click.option("--time", is_flag=True, help="The inputs are the times of one series.")
 @click.option(
+    "--tracks",
+    "tracks_file",
+    metavar="TRACKS.csv",
+    type=click.Path(path_type=Path),
+    help="Of 'clplen microscope track', drawn over the volumes.",
+)
+@click.option(
     "--most-views",
     type=click.IntRange(min=1),
     nargs=2,
@@ -85,6 +92,7 @@ def view(
     compare: bool,
     truth: Path | None,
     time: bool,
+    tracks_file: Path | None,
     most_views: tuple[int, int] | None,
     downscale: int,
     quality: int | None,
@@ -115,7 +123,7 @@ def view(
     if output is not None:
         _check_served(port=port, keep=keep, no_browser=no_browser)
         check_suffix(output, (".html", ".htm"))
-        check_output(output, layout["force"], sources)
+        check_output(output, layout["force"], [*sources, *filter(None, [tracks_file])])
     content = Content()
     shown = Shown(
         content,
@@ -127,7 +135,8 @@ def view(
         memory,
     )
     with shown.held:
-        _show(shown, sources, output, title, compare, truth, time, (port, keep, no_browser))
+        served = (port, keep, no_browser)
+        _show(shown, sources, output, title, compare, truth, time, tracks_file, served)
 
 
 def _show(
@@ -138,6 +147,7 @@ def _show(
     compare: bool,
     truth: Path | None,
     time: bool,
+    tracks_file: Path | None,
     served: tuple[int, bool, bool],
 ) -> None:
     """Write the page of the inputs, or serve it."""
@@ -148,6 +158,8 @@ def _show(
         "title": name,
         "items": [series_of_times(found, name)] if time else found,
     }
+    if tracks_file is not None:
+        _add_tracks(content, tracks_file, shown.options.downscale)
     if compare:
         content.about |= {"compare": True, "scores": _scores(sources, truth)}
     if output is not None:
@@ -155,6 +167,18 @@ def _show(
     else:
         port, keep, no_browser = served
         _serve(content, shown, port=port, keep=keep, opens=not no_browser)
+
+
+def _add_tracks(content: Content, path: Path, downscale: int) -> None:
+    """Draw tracks over all volumes."""
+    from clplen.io.page.track_item import add_tracks
+    from clplen.microscopy import Tracks
+
+    tracks = Tracks.from_csv(path)
+    if tracks.unit != "m":
+        raise click.ClickException(f"{path} has positions in voxels: give a table in metres.")
+    for item in content.about["items"]:
+        add_tracks(item, tracks.frames, tracks.ids, tracks.positions, downscale=downscale)
 
 
 def _check_words(count: int, compare: bool, time: bool, truth: Path | None) -> None:

@@ -57,6 +57,8 @@ from .results.stack_files import read_stack as read_stack
 from .results.stack_files import write_depth as write_depth
 from .results.stack_files import write_image as write_image
 from .results.stack_files import write_stack as write_stack
+from .results.stored_volumes import StoredVolumes as StoredVolumes
+from .results.stored_volumes import open_volumes as open_volumes
 from .results.volume_files import is_volume as is_volume
 from .results.volume_files import read_volume as read_volume
 from .results.volume_files import write_volume as write_volume

@@ -1,3 +1,5 @@
+from .activity import Traces as Traces
+from .activity import traces as traces
 from .deconvolution import DeconvolutionResult as DeconvolutionResult
 from .deconvolution import deconvolve as deconvolve
 from .deconvolution import degenerate_planes as degenerate_planes
@@ -13,3 +15,8 @@ from .prepare import preparation as preparation
 from .prepare import rectify as rectify
 from .projector import Projector as Projector
 from .psf import point_images as point_images
+from .regions import Regions as Regions
+from .regions import find_regions as find_regions
+from .regions import sphere_labels as sphere_labels
+from .tracks import Tracks as Tracks
+from .tracks import track_points as track_points

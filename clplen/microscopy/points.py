@@ -11,7 +11,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 from scipy.ndimage import gaussian_filter, maximum_filter
@@ -20,7 +20,15 @@ from scipy.spatial import cKDTree
 from clplen.checks import host_array
 from clplen.deprecation import renamed_argument
 from clplen.errors import ShapeError
+from clplen.files import PathLike
 from clplen.lightfield.refocusing.focal_stacks import FocalStack
+from clplen.microscopy.csv_tables import (
+    UNITS,
+    position_columns,
+    read_positions,
+    read_table,
+    write_table,
+)
 
 Vector = np.ndarray[Any, Any]
 
@@ -64,6 +72,56 @@ class Points:
 
     def __repr__(self) -> str:
         return f"<Points: {len(self)}>"
+
+    def to_csv(self, path: PathLike, *, unit: Literal["m", "voxel"] = "m") -> None:
+        """Write a table: point, z_m, y_m, x_m (or z_voxel, ...), peak, snr, width_z_m, ...
+
+        Parameters
+        ----------
+        path : path-like
+            ``.csv``.
+        unit : {"m", "voxel"}
+            Of the positions, for the names of the columns.
+
+        Raises
+        ------
+        ValueError
+            If the ending or the unit is another one.
+        OSError
+            If the file cannot be written.
+        """
+        if unit not in UNITS:
+            raise ValueError(f'The unit of points is "m" or "voxel", not {unit!r}.')
+        names = position_columns(unit)
+        columns = {"point": np.arange(len(self)), **dict(zip(names, self.positions.T, strict=True))}
+        columns |= {"peak": self.peaks, "snr": self.snr}
+        widths = (f"width_{name}" for name in names)
+        write_table(path, columns | dict(zip(widths, self.widths.T, strict=True)))
+
+    @classmethod
+    def from_csv(cls, path: PathLike) -> Points:
+        """Read a table that `to_csv` wrote.
+
+        Parameters
+        ----------
+        path : path-like
+            A table with its columns, in any order.
+
+        Returns
+        -------
+        Points
+            In the unit of the table.
+
+        Raises
+        ------
+        FormatError
+            If it is missing or damaged, or lacks a column or a position.
+        """
+        positions, unit = read_positions(path)
+        widths = [f"width_{name}" for name in position_columns(unit)]
+        table = read_table(path, "points", ("peak", "snr", *widths))
+        across = np.stack([table[name] for name in widths], axis=1)
+        return cls(positions, table["peak"], table["snr"], across)
 
 
 def find_points(
@@ -120,14 +178,14 @@ def find_points(
     """
     if axes is None and isinstance(stack, FocalStack):
         axes = (stack.disparities, None, None)
-    values = _checked(stack.to_numpy() if isinstance(stack, FocalStack) else stack)
+    values = checked_stack(stack.to_numpy() if isinstance(stack, FocalStack) else stack)
     planes, across = size
     if not (planes >= 0 and across >= 0.5 and snr > 0 and min(distance) > 0):
         raise ValueError(
             "size is at least 0 planes and 0.5 samples, snr and distance are positive, not "
             f"{size!r}, {snr!r}, {distance!r}."
         )
-    places = _places(axes, values.shape)
+    places = coordinates_of(axes, values.shape)
     raised = _smoothed(values, planes, across) - _smoothed(values, planes, WIDER * across)
     middle = np.median(raised, axis=(1, 2), keepdims=True)
     noise = DEVIATION * np.median(np.abs(raised - middle), axis=(1, 2))
@@ -139,7 +197,7 @@ def find_points(
     return Points(
         np.array(positions, np.float64).reshape(-1, 3),
         above[index],
-        raised[index] / np.maximum(noise, np.finfo(np.float64).tiny)[index[0]],
+        over_noise(raised[index], noise[index[0]]),
         np.array(widths, np.float64).reshape(-1, 3),
     )
 
@@ -180,7 +238,13 @@ def match_points(first: Vector, second: Vector, *, tolerance: Sequence[float]) -
     return np.stack([np.flatnonzero(mutual), there[mutual]], axis=1)
 
 
-def _checked(stack: Any) -> Vector:
+def checked_stack(stack: Any) -> Vector:
+    """Samples (planes, y, x) that are finite, float64.
+
+    Raises
+    ------
+    ShapeError, ValueError
+    """
     values = host_array(stack, "A stack")
     shape = values.shape
     few = values.ndim != 3 or shape[0] in (0, 2) or min(shape[1:]) < 3
@@ -198,8 +262,14 @@ def _checked(stack: Any) -> Vector:
     return values.astype(np.float64)
 
 
-def _places(axes: Sequence[Any] | None, shape: tuple[int, ...]) -> list[Vector]:
-    """Coordinates of the samples along each axis."""
+def coordinates_of(axes: Sequence[Any] | None, shape: tuple[int, ...]) -> list[Vector]:
+    """Coordinates of the samples along each axis, float64.
+
+    Raises
+    ------
+    ShapeError, ValueError
+        If one does not fit the shape, or neither rises nor falls.
+    """
     given = (None, None, None) if axes is None else axes
     if len(given) != 3:
         raise ShapeError(f"axes are those of planes, y and x, not {len(given)}.")
@@ -214,6 +284,12 @@ def _places(axes: Sequence[Any] | None, shape: tuple[int, ...]) -> list[Vector]:
             raise ValueError(f"Coordinates along an axis rise or fall all the way, not {axis!r}.")
         found.append(places)
     return found
+
+
+def over_noise(heights: Vector, noise: Vector | float) -> Vector:
+    """Heights over the noise, infinite where there is none."""
+    with np.errstate(over="ignore"):
+        return np.asarray(heights / np.maximum(noise, np.finfo(np.float64).tiny))
 
 
 def _smoothed(values: Vector, planes: float, across: float) -> Vector:

@@ -7,6 +7,7 @@ from .base import coordinates as coordinates
 from .base import for_display as for_display
 from .base import new_figure as new_figure
 from .base import norm_of as norm_of
+from .base import rendered as rendered
 from .base import save as save
 from .comparisons import comparison as comparison
 from .depths import alpha_curve as alpha_curve
@@ -30,5 +31,9 @@ from .points import psf as psf
 from .rays import Rays as Rays
 from .rays import rays_through as rays_through
 from .rays import trace as trace
+from .scale_bars import round_length as round_length
+from .scale_bars import scale_bar as scale_bar
 from .systems import system as system
+from .volume_views import maximum_projection as maximum_projection
+from .volume_views import orthogonal_views as orthogonal_views
 from .volumes import volume as volume

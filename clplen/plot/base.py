@@ -8,6 +8,7 @@ from typing import Any, Literal, get_args
 import matplotlib
 import numpy as np
 from matplotlib.axes import Axes
+from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.colors import LogNorm, Normalize, PowerNorm
 from matplotlib.figure import Figure
 
@@ -70,6 +71,32 @@ def save(figure: Figure, path: PathLike, *, dpi: int = 150) -> None:
     about = {"Software" if ending == ".png" else "Creator": MARK}
     with replacing(path) as temporary:
         figure.savefig(temporary, dpi=dpi, format=ending[1:], metadata=about)
+
+
+def rendered(figure: Figure, *, dpi: int = 100) -> Array:
+    """Return a figure as a picture, for films.
+
+    Parameters
+    ----------
+    figure : matplotlib.figure.Figure
+        As the functions of `clplen.plot` return it.
+    dpi : int
+        Dots an inch.
+
+    Returns
+    -------
+    numpy.ndarray
+        uint8, shape (y, x, 3), what `clplen.io.write_animation` takes.
+
+    Examples
+    --------
+    >>> clplen.plot.rendered(clplen.plot.new_figure(2.0, 1.5), dpi=50).shape
+    (75, 100, 3)
+    """
+    figure.set_dpi(dpi)
+    canvas = FigureCanvasAgg(figure)
+    canvas.draw()
+    return np.asarray(canvas.buffer_rgba())[..., :3].copy()
 
 
 def new_figure(width: float, height: float) -> Figure:

@@ -172,14 +172,16 @@ class Shown:
         about = describe_series(source) if suffix in _SERIES else {}
         if {"disparity", "confidence"} <= set(about):
             return self._map(source)
-        return self._series(source, about) if {"disparities", "planes_um"} & set(about) else None
+        if "disparities" in about:
+            return self._series(source, about)
+        return self._volumes(source) if "planes_um" in about else None
 
     def _undescribed(self, source: Path) -> Item | None:
         """Pictures of other programs; None if there are none."""
         suffix = source.suffix.lower()
         try:
             if suffix in _SERIES:
-                return self._series(source, {})
+                return self._volumes_in_time(source) or self._series(source, {})
             return self._picture(source) if suffix in _PICTURES else None
         except (ClplenError, ValueError):
             return None
@@ -201,11 +203,6 @@ class Shown:
             plain = ("disparity", "", np.array(about["disparities"], np.float64))
             words["planes"] = plain if None in alphas else ratio
             call = "read_stack"
-        elif "planes_um" in about:
-            z = np.asarray(about["planes_um"], np.float64) * 1e-6
-            words |= {"planes": ("z", "m", z), "table": "magma"}
-            if voxel is not None:
-                voxel = (_step(z), *voxel[1:])
         times = len(values) if series.axes[:2] == "tz" else times_in(source)
         count = times if values.ndim == 4 and series.axes[:2] == "tz" else 1
         if count == 1 and times > 1 and len(values) % times == 0:
@@ -213,6 +210,39 @@ class Shown:
         elif count == 1:
             values = values[None]
         item = volume_item(values, self.content, voxel=voxel, **words, **self._words(source))
+        item["python"] = f"data = clplen.io.{call}({str(source)!r})"
+        return item
+
+    def _volumes_in_time(self, source: Path) -> Item | None:
+        """Volumes of several times, or of one channel; None if there are none."""
+        from clplen.io import open_volumes
+
+        try:
+            series = open_volumes(source, max_bytes=self.layout["max_bytes"])
+        except (ClplenError, ValueError):
+            return None
+        is_one = len(series) > 1 or (series.shape[1] > 1 and series.planes is not None)
+        return self._volumes(source) if is_one else None
+
+    def _volumes(self, source: Path) -> Item:
+        """Volumes with the places of their voxels, of one time or several."""
+        from clplen.io import open_volumes
+        from clplen.io.formats.untrusted import require_bytes
+        from clplen.io.page.volume_item import volume_item
+
+        series = open_volumes(source, max_bytes=self.layout["max_bytes"])
+        total = 8 * math.prod(series.shape)
+        limit = self.layout["max_bytes"]
+        require_bytes(total, path=source, what="the series", stored=total, ratio=1, max_bytes=limit)
+        values = np.stack(list(series))
+        words: dict[str, Any] = {"dtype": values.dtype, "table": "magma"}
+        if series.planes is not None and len(series.planes) > 1:
+            words["planes"] = ("z", "m", series.planes)
+        if series.voxel is not None:
+            step = None if series.planes is None else _step(series.planes)
+            words["voxel"] = (step, *series.voxel)
+        item = volume_item(values, self.content, **words, **self._words(source))
+        call = "read_volume" if len(series) == 1 else "open_volumes"
         item["python"] = f"data = clplen.io.{call}({str(source)!r})"
         return item
 

@@ -6,7 +6,9 @@ import logging
 import math
 import re
 import zlib
+from collections.abc import Iterable, Iterator
 from io import BytesIO
+from mmap import ACCESS_READ, mmap
 from pathlib import Path
 from typing import Any
 
@@ -26,6 +28,7 @@ _PALETTE = 3
 _TILE = 16 << 20  # bytes by which a tile may be larger than its picture
 logger = logging.getLogger("clplen.io")
 SUFFIXES = (".tif", ".tiff")
+_IMAGEJ = {"T": "frames", "Z": "slices", "C": "channels"}  # the slowest first
 _LONGEST = 1 << 16  # characters of an OME description in which <Pixels> is looked for
 
 
@@ -82,27 +85,88 @@ def decode_tiff_stack(content: bytes, path: Path, *, max_bytes: int | None) -> n
         As `decode_tiff`, and if pages are of several shapes or types.
     """
     with tifffile.TiffFile(BytesIO(content), is_ome=False, is_imagej=False) as file:
-        pages: list[Any] = list(file.pages)
-        kinds = {(page.shape, page.dtype) for page in pages}
-        if len(kinds) > 1:
-            raise ValueError(f"its {len(pages)} pages are of {len(kinds)} shapes or types")
-        _check(pages[0], content, path, max_bytes)
-        require_bytes(
-            len(pages) * pages[0].nbytes,
-            path=path,
-            what="the stack",
-            stored=len(content),
-            ratio=_RATIO[pages[0].compression] * _unpacked(pages[0]),
-            max_bytes=max_bytes,
-        )
-        first = _values(pages[0], content, path, max_bytes)
-        stack = np.empty((len(pages), *first.shape), first.dtype)
-        for number, page in enumerate(pages):
-            stack[number] = _values(page, content, path, max_bytes) if number else first
+        return _stack(list(file.pages), content, path, max_bytes)
+
+
+def read_tiff_stacks(
+    path: Path, groups: Iterable[Iterable[int]], *, max_bytes: int | None = None
+) -> Iterator[np.ndarray[Any, Any]]:
+    """Several stacks of pages of one TIFF file, one after the other.
+
+    Parameters
+    ----------
+    path : pathlib.Path
+    groups : iterable of iterable of int
+        Numbers of the pages of each stack, from 0.
+    max_bytes : int, optional
+        Largest allocation, of one stack; default half of the free memory.
+
+    Yields
+    ------
+    numpy.ndarray
+        As `decode_tiff_stack` returns it.
+
+    Raises
+    ------
+    FormatError, ValueError
+        As `decode_tiff_stack`.
+    """
+    with (
+        path.open("rb") as file,
+        mmap(file.fileno(), 0, access=ACCESS_READ) as content,
+        tifffile.TiffFile(file, is_ome=False, is_imagej=False) as opened,
+    ):
+        for group in groups:
+            yield _stack([opened.pages[number] for number in group], content, path, max_bytes)
+
+
+def stack_axes(path: Path) -> dict[str, int]:
+    """Lengths of the axes T, C and Z of the pages of a TIFF, the slowest first.
+
+    Parameters
+    ----------
+    path : pathlib.Path
+
+    Returns
+    -------
+    dict
+        As OME or ImageJ describe them; of other files Z is the number of pages.
+    """
+    with tifffile.TiffFile(path, is_ome=False, is_imagej=False) as file:
+        count, text = len(file.pages), file.pages.first.description[:_LONGEST]
+    found = _axes(text, count)
+    if not found and text.startswith("ImageJ="):
+        sizes = dict(re.findall(r"^(frames|slices|channels)=(\d{1,9})", text, re.M))
+        found = {axis: int(sizes.get(name, 1)) for axis, name in _IMAGEJ.items()}
+    return found if math.prod(found.values()) == count and found else {"T": 1, "Z": count, "C": 1}
+
+
+def _stack(
+    pages: list[Any], content: bytes | mmap, path: Path, max_bytes: int | None
+) -> np.ndarray[Any, Any]:
+    """The samples of pages that are alike, (pages, y, x) or (pages, y, x, c)."""
+    kinds = {(page.shape, page.dtype) for page in pages}
+    if len(kinds) > 1:
+        raise ValueError(f"its {len(pages)} pages are of {len(kinds)} shapes or types")
+    _check(pages[0], content, path, max_bytes)
+    require_bytes(
+        len(pages) * pages[0].nbytes,
+        path=path,
+        what="the stack",
+        stored=len(content),
+        ratio=_RATIO[pages[0].compression] * _unpacked(pages[0]),
+        max_bytes=max_bytes,
+    )
+    first = _values(pages[0], content, path, max_bytes)
+    stack = np.empty((len(pages), *first.shape), first.dtype)
+    for number, page in enumerate(pages):
+        stack[number] = _values(page, content, path, max_bytes) if number else first
     return stack
 
 
-def _values(page: Any, content: bytes, path: Path, max_bytes: int | None) -> np.ndarray[Any, Any]:
+def _values(
+    page: Any, content: bytes | mmap, path: Path, max_bytes: int | None
+) -> np.ndarray[Any, Any]:
     """The samples of a page, (y, x) or (y, x, c)."""
     _check(page, content, path, max_bytes)
     try:
@@ -110,13 +174,13 @@ def _values(page: Any, content: bytes, path: Path, max_bytes: int | None) -> np.
     except ValueError as error:
         if page.compression not in _BY_PILLOW or "imagecodecs" not in str(error):
             raise
-        values = imageio.imread(content, plugin="pillow", index=page.index)
+        values = imageio.imread(bytes(content), plugin="pillow", index=page.index)
         if values.shape != page.shape or values.dtype != page.dtype:
             raise ValueError("a compression that needs imagecodecs: install that") from error
     return np.asarray(values.transpose(1, 2, 0) if page.axes == "SYX" else values)
 
 
-def _check(page: Any, content: bytes, path: Path, max_bytes: int | None) -> None:
+def _check(page: Any, content: bytes | mmap, path: Path, max_bytes: int | None) -> None:
     """Refuse what is no single picture, or would need more memory than it says."""
     if page.compression not in _RATIO:
         raise ValueError(f"compression {page.compression}; write it with deflate or none")
@@ -146,7 +210,7 @@ def _unpacked(page: Any) -> float:
     return max(1.0, 8 * page.dtype.itemsize / page.bitspersample)
 
 
-def _check_deflated(page: Any, content: bytes) -> None:
+def _check_deflated(page: Any, content: bytes | mmap) -> None:
     """Refuse a strip or tile that is larger than declared: tifffile would inflate all of it."""
     whole = page.chunks if page.is_tiled else (page.rowsperstrip, *page.shape[1:])
     largest = min(math.prod(whole) * page.dtype.itemsize, page.nbytes + _TILE)

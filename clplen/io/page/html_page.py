@@ -29,7 +29,7 @@ from clplen.outputs import MARK
 # In the order in which one needs the other.
 _SCRIPTS = (
     "law", "lookup_tables", "tone", "source", "renderer", "controls", "stage", "display",
-    "commands", "search", "device", "light_field", "volume", "compare", "viewer",
+    "commands", "search", "device", "light_field", "track_marks", "volume", "compare", "viewer",
 )  # fmt: skip
 _SUFFIXES = (".html", ".htm")
 _IMPORT = re.compile(r"^import (\{[^}]*\}) from \"\./(\w+)\.js\";", re.M)

@@ -180,7 +180,7 @@ def _pixel(path: Path) -> tuple[float, float] | None:
     try:
         if path.suffix.lower() == zarr_files.SUFFIX:
             with opened_store(path, _INSTEAD) as group:
-                (scales, *_) = group.attrs["multiscales"]
+                scales = multiscales(group)
                 units = [axis.get("unit") for axis in scales["axes"][-2:]]
                 (moves, *_) = (data["coordinateTransformations"] for data in scales["datasets"])
                 sizes = moves[0]["scale"][-2:]
@@ -202,3 +202,60 @@ def times_in(path: PathLike) -> int:
         return max(1, int(pixels.get("SizeT", "1")))
     except Exception:  # what other programs wrote, or nothing
         return 1
+
+
+def plane_step(path: PathLike) -> tuple[float, float] | None:
+    """z of plane 0 and the distance of planes in metres, where a file says them in micrometres.
+
+    Parameters
+    ----------
+    path : path-like
+        OME-TIFF, whose first plane is then at 0, or OME-Zarr.
+    """
+    path = Path(path)
+    try:
+        if path.suffix.lower() == zarr_files.SUFFIX:
+            with opened_store(path, _INSTEAD) as group:
+                scales = multiscales(group)
+                names = [str(axis["name"]) for axis in scales["axes"]]
+                unit = scales["axes"][names.index("z")].get("unit")
+                moves = scales["datasets"][0]["coordinateTransformations"]
+                step = next(move["scale"] for move in moves if "scale" in move)[names.index("z")]
+                shifts = [move["translation"] for move in moves if "translation" in move]
+                first = float(shifts[0][names.index("z")]) if shifts else 0.0
+        else:
+            pixels = next(item for item in _ome(path).iter() if item.tag.endswith("Pixels"))
+            unit, step = pixels.get("PhysicalSizeZUnit", "µm"), pixels.attrib["PhysicalSizeZ"]
+            first = 0.0
+        found = (1e-6 * first, 1e-6 * float(step))
+    except Exception:  # what other programs wrote, or nothing
+        return None
+    known = unit in _MICROMETRES and 0 < found[1] < math.inf and math.isfinite(found[0])
+    return found if known else None
+
+
+def pixel_of(path: PathLike) -> tuple[float, float] | None:
+    """The size (dy, dx) of a pixel in metres, where a file says it in micrometres.
+
+    Parameters
+    ----------
+    path : path-like
+        OME-TIFF or OME-Zarr.
+    """
+    return _pixel(Path(path))
+
+
+def multiscales(group: Any) -> dict[str, Any]:
+    """The first description of an OME-Zarr's pyramid, of OME-NGFF 0.4 or 0.5.
+
+    Parameters
+    ----------
+    group : zarr.Group
+
+    Raises
+    ------
+    KeyError, IndexError, TypeError
+        If there is none.
+    """
+    attributes = dict(group.attrs)
+    return dict(attributes.get("ome", attributes)["multiscales"][0])

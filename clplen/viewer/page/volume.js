@@ -6,6 +6,7 @@ import { showBar } from "./light_field.js";
 import { MOST, unpack16 } from "./source.js";
 import { CanvasStage, SectionStage } from "./stage.js";
 import { lookup } from "./tone.js";
+import { trackMarks } from "./track_marks.js";
 
 const LEAST_DEPTH = 0.12; // height of a section along z, as a share of the picture's, at least
 const MOST_DEPTH = 0.94; // of the room for it, at most
@@ -167,19 +168,21 @@ export class VolumeView {
     return this.shown;
   }
 
-  /** Lines of the cross as the stage across an axis shows them. */
+  /** Lines of the cross, and tracks, as the stage across an axis shows them. */
   cross(axis) {
     const { state, thickness, Z, ny, nx } = this;
-    if (Z === 1) return {};
+    const place = (name, value) => (name === "z" ? (value + 0.5) * thickness - 0.5 : value);
+    const { tracks } = this.item;
+    const marks = tracks ? trackMarks(tracks, state, axis, place) : { lines: [], circles: [] };
+    if (Z === 1) return marks;
     const along = { z: (state.z + 0.5) * thickness - 0.5, y: state.y, x: state.x };
     const [rows, columns] = { z: ["y", "x"], y: ["z", "x"], x: ["y", "z"] }[axis];
     const size = { z: Z * thickness, y: ny, x: nx };
-    return {
-      lines: [
-        [along[rows], -0.5, along[rows], size[columns] - 0.5],
-        [-0.5, along[columns], size[rows] - 0.5, along[columns]],
-      ],
-    };
+    marks.lines.push(
+      [along[rows], -0.5, along[rows], size[columns] - 0.5],
+      [-0.5, along[columns], size[rows] - 0.5, along[columns]],
+    );
+    return marks;
   }
 
   // ---- what the user does

@@ -1,0 +1,162 @@
+"""``clplen microscope traces``."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import click
+import numpy as np
+
+from clplen.cli.microscopy import volume_inputs as inputs
+from clplen.cli.microscopy.volume_inputs import axes_of, opened, paths_of, progressing
+from clplen.cli.shared import options
+from clplen.cli.shared.console import check_output, check_suffix, note
+
+if TYPE_CHECKING:
+    from clplen.io import StoredVolumes
+
+_PATH = click.Path(path_type=Path)
+
+
+class Ring(click.ParamType):
+    """INNER,OUTER in micrometres; as metres."""
+
+    name = "INNER,OUTER"
+
+    def convert(self, value: Any, param: Any, ctx: Any) -> tuple[float, float]:
+        try:
+            inner, outer = (float(part) / 1e6 for part in str(value).split(","))
+        except ValueError:
+            inner = outer = np.nan
+        if not 0 <= inner < outer < np.inf:
+            self.fail(f"{value!r} is not {self.name} in micrometres, as 2,10.", param, ctx)
+        return inner, outer
+
+
+@click.command()
+@inputs.volumes
+@click.option("-o", "--output", required=True, metavar="TRACES.csv", type=_PATH)
+@click.option("--labels", metavar="LABELS", type=_PATH, help="Of 'clplen microscope regions'.")
+@click.option(
+    "--points", metavar="POINTS.csv", type=_PATH,
+    help="Spheres about these points or regions instead.",
+)  # fmt: skip
+@click.option("--radius-um", type=options.FINITE, help="Of the spheres.")
+@click.option(
+    "--window", type=click.IntRange(1), default=300, show_default=True,
+    help="Frames of the window in which F0 is a percentile.",
+)  # fmt: skip
+@click.option(
+    "--percentile", type=click.FloatRange(0, 100), default=8.0, show_default=True, help="Of F0."
+)
+@click.option("--ring-um", type=Ring(), help="Take the light of a ring at this distance away.")
+@click.option(
+    "--neuropil", type=click.FloatRange(0, 1), default=0.7, show_default=True,
+    help="How much of the light of the ring is also in the region.",
+)  # fmt: skip
+@inputs.voxel
+@options.force_output
+def traces(
+    volumes: tuple[Path, ...],
+    output: Path,
+    labels: Path | None,
+    points: Path | None,
+    radius_um: float | None,
+    window: int,
+    percentile: float,
+    ring_um: tuple[float, float] | None,
+    neuropil: float,
+    voxel_um: tuple[float, float, float] | None,
+    force: bool,
+) -> None:
+    """Measure the brightness of regions over a series: F, F0 and dF/F.
+
+    F0 is a low percentile of F in a window about each frame; dF/F = (F - F0)/F0. VOLUME is one file
+    with times, or several, one after the other.
+
+    \b
+    Example:
+      clplen microscope regions series.ome.tif --time mean -o cells.csv --labels labels.ome.tif
+      clplen microscope traces series.ome.tif --labels labels.ome.tif -o traces.csv --window 200
+    """
+    from clplen import microscopy
+
+    check_suffix(output, (".csv",))
+    _check(labels, points, radius_um)
+    series = opened(volumes)
+    if len(series) < 2:
+        raise click.UsageError(
+            f"{volumes[0]} holds one volume: traces run over several, give a series or more files."
+        )
+    axes = axes_of(series, voxel_um) if points or ring_um or voxel_um else None
+    inside = [path for path in (labels, points) if path is not None]
+    check_output(output, force, [*paths_of(series), *inside])
+    numbers = _labels(series, labels, points, radius_um, axes)
+    found = microscopy.traces(
+        progressing(series),
+        numbers,
+        window=window,
+        percentile=percentile,
+        ring=ring_um,
+        axes=axes,
+        neuropil=neuropil,
+    )
+    found.to_csv(output)
+    known = np.isfinite(found.dff).all(axis=1)
+    if not known.all():
+        note(
+            f"F0 is not positive in {np.count_nonzero(~known)} of {len(found)} regions, whose dF/F "
+            "is empty there: is --neuropil too large, or an offset taken away twice?"
+        )
+    largest = f"{np.nanmax(found.dff):.3g}" if np.isfinite(found.dff).any() else "unknown"
+    click.echo(
+        f"{output} holds {len(found)} regions in {found.means.shape[1]} frames; largest dF/F "
+        f"{largest}."
+    )
+    if window > len(series):
+        note(f"--window {window} is longer than the series, whose {len(series)} frames give F0.")
+
+
+def _check(labels: Path | None, points: Path | None, radius_um: float | None) -> None:
+    if (labels is None) == (points is None):
+        raise click.UsageError("Give --labels LABELS, or --points POINTS.csv with --radius-um.")
+    if (points is None) != (radius_um is None):
+        raise click.UsageError("--points and --radius-um go together.")
+    if radius_um is not None and radius_um <= 0:
+        raise click.UsageError(f"--radius-um is positive, not {radius_um:g}.")
+
+
+def _labels(
+    series: StoredVolumes,
+    labels: Path | None,
+    points: Path | None,
+    radius_um: float | None,
+    axes: Any,
+) -> Any:
+    """Which region each voxel belongs to."""
+    from clplen.microscopy import sphere_labels
+    from clplen.microscopy.csv_tables import read_positions
+
+    if labels is not None:
+        found = opened((labels,))
+        if found.shape[1:] != series.shape[1:]:
+            raise click.ClickException(
+                f"{labels} has shape {found.shape[1:]}, the volumes {series.shape[1:]}: give "
+                "labels of this series."
+            )
+        return found[0]
+    assert points is not None
+    assert radius_um is not None
+    positions, unit = read_positions(points)
+    if unit != "m":
+        raise click.ClickException(f"{points} has positions in voxels: give a table in metres.")
+    if not len(positions):
+        raise click.ClickException(f"{points} holds no point.")
+    numbers = sphere_labels(positions, radius_um / 1e6, axes)
+    missing = len(positions) - len(np.unique(numbers[numbers > 0]))
+    if missing == len(positions):
+        raise click.ClickException(f"No point of {points} lies in the volumes.")
+    if missing:
+        note(f"{missing} of {len(positions)} points have no voxel of their own: left out.")
+    return numbers

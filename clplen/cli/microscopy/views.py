@@ -1,0 +1,176 @@
+"""``clplen microscope views``."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Literal
+
+import click
+import numpy as np
+
+from clplen.cli.microscopy import volume_inputs as inputs
+from clplen.cli.microscopy.volume_inputs import opened, paths_of, progressing, volume_at, voxel_of
+from clplen.cli.shared import options
+from clplen.cli.shared.console import check_output, check_suffix
+
+if TYPE_CHECKING:
+    from clplen.io import StoredVolumes
+    from clplen.microscopy import Tracks
+
+_PATH = click.Path(path_type=Path)
+_FIGURES = (".png", ".pdf", ".svg")
+_FILMS = (".gif", ".mp4")
+
+
+class Slices(click.ParamType):
+    """Z,Y,X of a voxel, from 0."""
+
+    name = "Z,Y,X"
+
+    def convert(self, value: Any, param: Any, ctx: Any) -> tuple[int, ...]:
+        parts = str(value).split(",")
+        if len(parts) != 3 or not all(part.strip().isdecimal() for part in parts):
+            self.fail(f"{value!r} is not {self.name} of a voxel, for example 10,40,40.", param, ctx)
+        return tuple(int(part) for part in parts)
+
+
+@click.command()
+@inputs.volumes
+@click.option(
+    "-o", "--output", required=True, metavar="VIEWS.png|.pdf|.svg|.gif|.mp4", type=_PATH,
+    help="GIF and MP4 are films of all times.",
+)  # fmt: skip
+@click.option("--slices", type=Slices(), help="Slices through this voxel, instead of projections.")
+@click.option(
+    "--montage", type=click.Choice(["z", "y", "x"]),
+    help="Projections along this axis, of all times side by side.",
+)  # fmt: skip
+@inputs.time
+@click.option("--tracks", "tracks_file", metavar="TRACKS.csv", type=_PATH, help="Drawn over them.")
+@click.option(
+    "--scale", type=click.Choice(["linear", "log", "root"]), default="linear", show_default=True,
+    help="Of the colours.",
+)  # fmt: skip
+@click.option(
+    "--seconds", type=float, default=0.2, show_default=True, help="Of a picture of a film."
+)
+@inputs.voxel
+@options.force_output
+def views(
+    volumes: tuple[Path, ...],
+    output: Path,
+    slices: tuple[int, int, int] | None,
+    montage: Literal["z", "y", "x"] | None,
+    time: int | str | None,
+    tracks_file: Path | None,
+    scale: Literal["linear", "log", "root"],
+    seconds: float,
+    voxel_um: tuple[float, float, float] | None,
+    force: bool,
+) -> None:
+    """Draw volumes from three sides: maximum projections or slices, with scale bars.
+
+    All sides have one scale of lengths, by the size of a voxel.
+
+    \b
+    Example:
+      clplen microscope views beads.ome.tif -o beads.png
+      clplen microscope views series.ome.tif -o series.gif --tracks tracks.csv
+      clplen microscope views series.ome.tif -o series.png --montage z
+    """
+    is_film = output.suffix.lower() in _FILMS
+    check_suffix(output, (*_FIGURES, *_FILMS))
+    _check(is_film, slices, montage, time, tracks_file)
+    series = opened(volumes)
+    if slices is not None and any(k >= n for k, n in zip(slices, series.shape[1:], strict=True)):
+        raise click.UsageError(
+            f"--slices {','.join(map(str, slices))} lies outside of the volume, whose shape is "
+            f"(z, y, x) = {series.shape[1:]}; numbers are from 0 on."
+        )
+    read = [*paths_of(series), *([] if tracks_file is None else [tracks_file])]
+    check_output(output, force, read)
+    words: dict[str, Any] = {"voxel": voxel_of(series, voxel_um), "scale": scale}
+    if montage is not None:
+        _draw_montage(output, series, montage, words)
+        return
+    words |= {"at": slices, "tracks": _tracks(tracks_file)}
+    words["origin"] = 0.0 if series.planes is None else float(series.planes[0])
+    if is_film:
+        _film(output, series, seconds, words)
+        return
+    from clplen.plot import orthogonal_views, save
+
+    volume = volume_at(series, time)
+    frame = (time if isinstance(time, int) else None) if len(series) > 1 else None
+    save(orthogonal_views(volume, frame=frame, **words), output)
+    click.echo(
+        f"{output}: {'slices' if slices else 'maximum projections'} of {_size(series, words)}."
+    )
+
+
+def _check(
+    is_film: bool,
+    slices: Any,
+    montage: str | None,
+    time: int | str | None,
+    tracks_file: Path | None,
+) -> None:
+    if montage is not None and (is_film or slices or time is not None or tracks_file):
+        raise click.UsageError(
+            "--montage draws projections of all times as one picture, without --slices, --time and "
+            "--tracks."
+        )
+    if is_film and time is not None:
+        raise click.UsageError("A film shows all times: leave --time out, or write .png.")
+    if slices is not None and tracks_file is not None:
+        raise click.UsageError("--tracks are drawn over projections, not over --slices.")
+
+
+def _tracks(path: Path | None) -> Tracks | None:
+    from clplen.microscopy import Tracks
+
+    return None if path is None else Tracks.from_csv(path)
+
+
+def _size(series: StoredVolumes, words: dict[str, Any]) -> str:
+    um = " x ".join(f"{1e6 * n * side:.4g}" for n, side in
+                    zip(series.shape[1:], words["voxel"], strict=True))  # fmt: skip
+    return f"{um} um (z, y, x)"
+
+
+def _draw_montage(
+    output: Path, series: StoredVolumes, axis: Literal["z", "y", "x"], words: dict[str, Any]
+) -> None:
+    """The projections of all times, of which one volume is in memory at a time."""
+    from clplen.plot import maximum_projection, save
+
+    along = {"z": 0, "y": 1, "x": 2}[axis]
+    flat = [volume.max(axis=along, keepdims=True) for volume in progressing(series)]
+    save(maximum_projection(np.stack(flat), axis=axis, shown=len(flat), **words), output)
+    click.echo(f"{output}: {len(flat)} projections along {axis} of {_size(series, words)}.")
+
+
+def _film(output: Path, series: StoredVolumes, seconds: float, words: dict[str, Any]) -> None:
+    """A picture a time, all on one scale of values."""
+    from clplen.io import write_animation
+    from clplen.io.formats.video import encoder
+
+    if output.suffix.lower() == ".mp4":
+        encoder()
+    low, high = np.inf, -np.inf
+    for volume in progressing(series):
+        known = volume[np.isfinite(volume)]
+        low, high = min(low, known.min(initial=low)), max(high, known.max(initial=high))
+    least = high / 1000 if words["scale"] == "log" else min(float(low), 0.0)
+    words["limits"] = (least, float(high) if high > least else least + 1)
+    write_animation(output, _pictures(series, words), seconds=seconds)
+    click.echo(f"{output}: a film of {len(series)} volumes of {_size(series, words)}.")
+
+
+def _pictures(series: StoredVolumes, words: dict[str, Any]) -> Iterator[Any]:
+    """Each volume, drawn as uint8 (y, x, 3)."""
+    from clplen.plot import orthogonal_views, rendered
+
+    for time, volume in enumerate(progressing(series)):
+        yield rendered(orthogonal_views(volume, frame=time, title=f"frame {time}", **words))

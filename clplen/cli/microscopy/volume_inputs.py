@@ -1,0 +1,172 @@
+"""Volumes and series as inputs of commands: options, places of voxels, one time of several."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import click
+import numpy as np
+
+from clplen.cli.shared.console import note, progress_bar
+
+if TYPE_CHECKING:
+    from clplen.io import StoredVolumes
+
+Values = np.ndarray[Any, Any]
+_PATH = click.Path(path_type=Path)
+
+
+class Microns(click.ParamType):
+    """Positive lengths in micrometres, Z,Y,X; as metres."""
+
+    name = "Z,Y,X"
+
+    def __init__(self, *, one: bool = False) -> None:
+        self.one = one
+        if one:
+            self.name = "LENGTH|Z,Y,X"
+
+    def convert(self, value: Any, param: Any, ctx: Any) -> Any:
+        if isinstance(value, tuple | float):
+            return value
+        try:
+            um = [float(part) for part in str(value).split(",")]
+        except ValueError:
+            um = []
+        if len(um) not in ((1, 3) if self.one else (3,)) or not all(0 < n < np.inf for n in um):
+            self.fail(
+                f"{value!r} is not {self.name} in micrometres, for example "
+                f"{'3 or ' if self.one else ''}2,0.5,0.5.",
+                param,
+                ctx,
+            )
+        lengths = tuple(n / 1e6 for n in um)
+        return lengths if len(lengths) == 3 else lengths[0]
+
+
+class Pair(click.ParamType):
+    """Two numbers PLANES,VOXELS: along z, and along y and x."""
+
+    name = "PLANES,VOXELS"
+
+    def convert(self, value: Any, param: Any, ctx: Any) -> tuple[float, float]:
+        if isinstance(value, tuple):
+            return value
+        try:
+            along, across = (float(part) for part in str(value).split(","))
+        except ValueError:
+            along = across = np.nan
+        if not (0 <= along < np.inf and 0 <= across < np.inf):
+            self.fail(f"{value!r} is not {self.name}, for example 1,1.5.", param, ctx)
+        return along, across
+
+
+class Time(click.ParamType):
+    """A number of a volume from 0, mean or max."""
+
+    name = "N|mean|max"
+
+    def convert(self, value: Any, param: Any, ctx: Any) -> int | str:
+        if value in ("mean", "max") or isinstance(value, int):
+            return value
+        if not str(value).isdecimal():
+            self.fail(f"{value!r} is no time: give {self.name}, the first being 0.", param, ctx)
+        return int(value)
+
+
+volumes = click.argument("volumes", metavar="VOLUME...", nargs=-1, required=True, type=_PATH)
+voxel = click.option(
+    "--voxel-um",
+    type=Microns(),
+    help="Size of a voxel, where the file does not say it, or says it wrong.",
+)
+time = click.option(
+    "--time",
+    type=Time(),
+    help="Which volume of a series: number from 0, or mean or max over time; default the first.",
+)
+size = click.option(
+    "--size", type=Pair(), default=(1.0, 1.0), show_default="1,1",
+    help="Sigma of the smoothing: best that of a point, its width at half height over 2.35.",
+)  # fmt: skip
+snr = click.option(
+    "--snr", type=float, default=6.0, show_default=True, help="Least height over noise."
+)
+distance = click.option(
+    "--distance", type=Pair(), default=(2.0, 3.0), show_default="2,3",
+    help="No dimmer point is taken that near to another.",
+)  # fmt: skip
+
+
+def opened(paths: tuple[Path, ...]) -> StoredVolumes:
+    """The volumes of some files, not read yet."""
+    from clplen.io import open_volumes
+
+    return open_volumes(paths)
+
+
+def axes_of(series: StoredVolumes, voxel_um: tuple[float, float, float] | None) -> Any:
+    """Coordinates of planes, rows and columns in metres."""
+    _, *shape = series.shape
+    if voxel_um is not None:
+        z, y, x = (step * np.arange(n) for step, n in zip(voxel_um, shape, strict=True))
+        return z if series.planes is None else z + series.planes[0], y, x
+    if series.axes is None:
+        what = (
+            "how far its planes are apart" if series.planes is None else "how large its voxels are"
+        )
+        raise click.UsageError(
+            f"{series.files[0].path} does not say {what}: give --voxel-um Z,Y,X."
+        )
+    return series.axes
+
+
+def voxel_of(series: StoredVolumes, voxel_um: tuple[float, float, float] | None) -> Any:
+    """(dz, dy, dx) in metres; planes that are not equidistant are drawn as if they were."""
+    if series.shape[1] == 1 and voxel_um is None and series.voxel is not None:
+        return (series.voxel[0], *series.voxel)  # of one plane nothing tells its thickness
+    steps = [np.abs(np.diff(axis)) for axis in axes_of(series, voxel_um)]
+    sides = tuple(float(step.mean()) if step.size else 1e-6 for step in steps)
+    if steps[0].size and np.ptp(steps[0]) > 1e-3 * sides[0]:
+        note("planes are not equidistant: they are drawn as if they were.")
+    return sides
+
+
+def volume_at(series: StoredVolumes, time: int | str | None) -> Values:
+    """One volume of a series, or the mean or the largest of each voxel over time."""
+    count = len(series)
+    if isinstance(time, int) or time is None:
+        number = time or 0
+        if number >= count:
+            raise click.UsageError(
+                f"--time {number} is not there: the volumes have {count} times, from 0 on."
+            )
+        if time is None and count > 1:
+            note(f"volume 0 of {count} is taken: --time N, mean or max takes another.")
+        return series[number]
+    total: Values | None = None
+    for volume in progressing(series):
+        values = volume.astype(np.float64)
+        if total is None:
+            total = values
+        elif time == "mean":
+            total += values
+        else:
+            np.maximum(total, values, out=total)
+    assert total is not None
+    return total / count if time == "mean" else total
+
+
+def progressing(series: StoredVolumes) -> Iterator[Values]:
+    """The volumes one after the other, with a progress bar."""
+    with progress_bar(len(series), "volume") as bar:
+        for volume in series:
+            yield volume
+            bar.update()
+
+
+def paths_of(series: StoredVolumes) -> list[Path]:
+    """The files that are read."""
+    return [file.path for file in series.files]

@@ -1,0 +1,61 @@
+"""Tracks over the volumes of a page."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from clplen.errors import FormatError
+
+Values = np.ndarray[Any, Any]
+
+
+def add_tracks(
+    item: dict[str, Any], frames: Values, ids: Values, positions: Values, *, downscale: int = 1
+) -> None:
+    """Add tracks to what describes a volume.
+
+    Parameters
+    ----------
+    item : dict
+        As `volume_item` made it.
+    frames, ids : numpy.ndarray
+        Whole numbers, shape (n,), sorted by track and frame.
+    positions : numpy.ndarray
+        (z, y, x) in metres, shape (n, 3); y and x from the middle of voxel 0.
+    downscale : int
+        Voxels along y and x of one of the page.
+
+    Raises
+    ------
+    FormatError
+        If the item is no volume, or does not know where its voxels lie.
+    """
+    planes, spacing = item.get("planes"), item.get("spacing")
+    if item["kind"] != "volume":
+        raise FormatError(f"Tracks go with a volume: {item['name']} is a {item['kind']}.")
+    is_flat = item["shape"][1] == 1
+    if spacing is None or not (is_flat or (planes is not None and planes["unit"] == "m")):
+        raise FormatError(
+            f"{item['name']} does not say where its planes lie and how large its voxels are, which "
+            "tracks in metres need."
+        )
+    z, y, x = positions.T
+    plane = np.zeros_like(z) if planes is None or is_flat else _plane(z, planes["values"])
+    middle = (downscale - 1) / (2 * downscale)
+    rows, columns = (at / step - middle for at, step in zip((y, x), spacing[1:], strict=True))
+    item["tracks"] = {
+        "ids": ids.tolist(),
+        "frames": frames.tolist(),
+        **{
+            axis: np.round(values, 3).tolist()
+            for axis, values in zip("zyx", (plane, rows, columns), strict=True)
+        },
+    }
+
+
+def _plane(z: Values, planes: list[float]) -> Values:
+    """The place of z among planes, linear between them."""
+    order = np.argsort(planes)
+    return np.interp(z, np.array(planes)[order], order.astype(float))

@@ -1,0 +1,297 @@
+"""How bright the regions of a series are over time: F, F0 and dF/F."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from scipy.ndimage import distance_transform_edt
+
+from clplen.checks import host_array, is_finite, is_integer
+from clplen.errors import ShapeError
+from clplen.files import PathLike
+from clplen.microscopy.csv_tables import read_table, whole_numbers, write_table
+from clplen.microscopy.points import coordinates_of
+from clplen.reprs import OneLine
+
+Vector = np.ndarray[Any, Any]
+
+PERCENTILE = 8.0  # Dombeck et al. 2007
+NEUROPIL = 0.7  # Chen et al. 2013
+_COLUMNS = ("region", "frame", "mean", "surround", "baseline", "dff")
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Traces(OneLine):
+    """Brightness of regions over time.
+
+    Attributes
+    ----------
+    regions : numpy.ndarray
+        int64, shape (n,): their labels.
+    means : numpy.ndarray
+        float64, shape (n, frames): mean of the voxels of a region.
+    surround : numpy.ndarray
+        float64, shape (n, frames): median of the ring about it; NaN where there is none.
+    baseline : numpy.ndarray
+        float64, shape (n, frames): F0.
+    dff : numpy.ndarray
+        float64, shape (n, frames): (F - F0)/F0; NaN where F0 is not positive.
+
+    Raises
+    ------
+    ShapeError
+        If the arrays do not fit each other.
+
+    Examples
+    --------
+    >>> labels = np.zeros((3, 8, 8), int)
+    >>> labels[1, 2:5, 2:5] = 4
+    >>> series = [np.where(labels == 4, 10.0 + 5 * (t == 3), 1.0) for t in range(6)]
+    >>> traces = clplen.microscopy.traces(series, labels, window=5)
+    >>> traces.regions.tolist(), traces.dff.round(2).tolist()
+    ([4], [[0.0, 0.0, 0.0, 0.5, 0.0, 0.0]])
+    """
+
+    regions: Vector
+    means: Vector
+    surround: Vector
+    baseline: Vector
+    dff: Vector
+
+    def __post_init__(self) -> None:
+        shapes = {np.shape(one) for one in (self.means, self.surround, self.baseline, self.dff)}
+        if len(shapes) != 1 or np.shape(self.means)[:1] != np.shape(self.regions):
+            raise ShapeError(
+                f"Traces of {len(self.regions)} regions have shape ({len(self.regions)}, frames), "
+                f"not {sorted(shapes)}."
+            )
+
+    def __len__(self) -> int:
+        return len(self.regions)
+
+    def to_csv(self, path: PathLike) -> None:
+        """Write a row for each region and frame: region, frame, mean, surround, baseline, dff.
+
+        Parameters
+        ----------
+        path : path-like
+            ``.csv``.
+
+        Raises
+        ------
+        ValueError
+            If the ending is another one.
+        OSError
+            If the file cannot be written.
+        """
+        count, frames = self.means.shape
+        numbers = (np.repeat(self.regions, frames), np.tile(np.arange(frames), count))
+        values = (self.means, self.surround, self.baseline, self.dff)
+        columns = (*numbers, *(one.ravel() for one in values))
+        write_table(path, dict(zip(_COLUMNS, columns, strict=True)))
+
+    @classmethod
+    def from_csv(cls, path: PathLike) -> Traces:
+        """Read a table that `to_csv` wrote.
+
+        Parameters
+        ----------
+        path : path-like
+            A table with its columns, in any order.
+
+        Returns
+        -------
+        Traces
+
+        Raises
+        ------
+        FormatError
+            If it is missing or damaged, or lacks a column.
+        ShapeError
+            If a region lacks a frame.
+        """
+        table = read_table(path, "traces", _COLUMNS)
+        ids, frames = (whole_numbers(path, table[name], name) for name in _COLUMNS[:2])
+        order = np.lexsort((frames, ids))
+        regions = np.unique(ids)
+        count = len(ids) // max(len(regions), 1)
+        whole = np.array_equal(ids[order], np.repeat(regions, count))
+        if not (whole and np.array_equal(frames[order], np.tile(np.arange(count), len(regions)))):
+            raise ShapeError(f"{path}: every region has all frames from 0 on once, not this table.")
+        means, surround, baseline, dff = (
+            table[name][order].reshape(len(regions), count) for name in _COLUMNS[2:]
+        )
+        return cls(regions, means, surround, baseline, dff)
+
+
+def traces(
+    series: Iterable[Any],
+    labels: Any,
+    *,
+    window: int = 300,
+    percentile: float = PERCENTILE,
+    ring: tuple[float, float] | None = None,
+    axes: Sequence[Any] | None = None,
+    neuropil: float = NEUROPIL,
+) -> Traces:
+    """Measure the brightness of regions over a series, and dF/F.
+
+    F is the mean of a region in each volume; with a ring, less r times the median of the ring (Chen
+    et al. 2013, Nature 499, 295: r = 0.7 for the neuropil about a cell). F0 is a low percentile of
+    F in a window about each frame, cut at both ends of the series (Dombeck et al. 2007, Neuron 56,
+    43: the 8th in +-15 s), and dF/F = (F - F0)/F0. Light that is not the region's, such as an
+    offset of the camera or haze, makes F0 too large and dF/F too small: the ring takes it away.
+
+    Of a trace of noise alone with standard deviation s the 8th percentile lies 1.41 s below the
+    mean, so that dF/F at rest is 1.41 s/F0, not 0: give ``percentile=50`` where activity is rare.
+
+    Parameters
+    ----------
+    series : iterable of array_like
+        Volumes (planes, y, x) of one shape, one time after the other; an array (t, planes, y, x),
+        or what reads one at a time, such as `clplen.io.open_volumes`.
+    labels : Regions or array_like
+        Whole numbers, shape (planes, y, x): which region a voxel belongs to, 0 for none, as
+        `find_regions` and `sphere_labels` give them.
+    window : int
+        Frames of the window of F0.
+    percentile : float
+        Of F0, from 0 to 100.
+    ring : tuple of float, optional
+        (inner, outer) distance from the region's voxels in units of the axes; voxels of any region
+        are left out. The median over its voxels counts.
+    axes : sequence, optional
+        Equidistant coordinates of planes, rows and columns for the ring, or None for 0, 1, ...
+    neuropil : float
+        r, from 0 to 1: how much of the light of the ring is also in the region.
+
+    Returns
+    -------
+    Traces
+
+    Raises
+    ------
+    ShapeError
+        If labels or a volume have another shape.
+    ValueError
+        If a sample in a region is not finite, there is no region or only one volume, a ring has no
+        voxel, or a number is out of range.
+
+    Examples
+    --------
+    >>> z, y, x = np.indices((5, 16, 16))
+    >>> cell = np.exp(-((z - 2) ** 2 + (y - 8) ** 2 + (x - 8) ** 2) / 4)
+    >>> series = [2 + 10 * cell * (1 + 0.5 * (t in (4, 5))) for t in range(9)]
+    >>> labels = clplen.microscopy.find_regions(series[0])
+    >>> found = clplen.microscopy.traces(series, labels, window=9, ring=(3, 5), neuropil=1)
+    >>> found.dff.round(2).tolist()
+    [[0.0, 0.0, 0.0, 0.0, 0.5, 0.5, 0.0, 0.0, 0.0]]
+    """
+    _check(window, percentile, ring, neuropil)
+    numbers = _whole(getattr(labels, "labels", labels))
+    regions = np.unique(numbers[numbers > 0])
+    if not len(regions):
+        raise ValueError("There is no region: all labels are 0.")
+    inside = [np.flatnonzero(numbers == region) for region in regions]
+    about = [] if ring is None else _rings(numbers, regions, ring, axes)
+    bright, dark = [], []
+    for frame, volume in enumerate(series):
+        values = host_array(volume, "A volume")
+        if values.shape != numbers.shape or values.dtype.kind not in "buif":
+            raise ShapeError(
+                f"Volumes have the shape {numbers.shape} of the labels, not {values.dtype} of "
+                f"{values.shape} as in frame {frame}."
+            )
+        flat = values.reshape(-1)
+        bright.append([float(flat[part].mean(dtype=np.float64)) for part in inside])
+        dark.append([float(np.median(flat[part])) for part in about])
+        if not np.isfinite([*bright[-1], *dark[-1]]).all():
+            raise ValueError(f"A region or ring has samples that are not finite in frame {frame}.")
+    if len(bright) < 2:
+        raise ValueError(f"A trace has at least 2 frames, not {len(bright)}.")
+    means = np.array(bright).T
+    surround = np.array(dark).T if about else np.full(means.shape, np.nan)
+    light = means
+    if about:
+        light = means - neuropil * surround
+    baseline = rolling_percentile(light, window, percentile)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        dff = np.where(baseline > 0, (light - baseline) / baseline, np.nan)
+    return Traces(regions.astype(np.int64), means, surround, baseline, dff)
+
+
+def rolling_percentile(values: Vector, window: int, percentile: float) -> Vector:
+    """Percentile in a window about each sample of the last axis, cut at its ends.
+
+    Parameters
+    ----------
+    values : numpy.ndarray
+        Finite, shape (n, frames).
+    window : int
+        Frames; of an even number one more lies before.
+    percentile : float
+        From 0 to 100, linear between samples.
+
+    Returns
+    -------
+    numpy.ndarray
+        float64, same shape.
+    """
+    frames = values.shape[1]
+    found = np.empty(values.shape)
+    for k in range(frames):
+        part = values[:, max(k - window // 2, 0) : k - window // 2 + window]
+        found[:, k] = np.percentile(part, percentile, axis=1)
+    return found
+
+
+def _check(window: int, percentile: float, ring: Any, neuropil: float) -> None:
+    if not (is_integer(window) and window >= 1):
+        raise ValueError(f"A window is a whole number of frames from 1 on, not {window!r}.")
+    if not (is_finite(percentile) and 0 <= percentile <= 100):
+        raise ValueError(f"A percentile is a number from 0 to 100, not {percentile!r}.")
+    if not (is_finite(neuropil) and 0 <= neuropil <= 1):
+        raise ValueError(f"neuropil is a share from 0 to 1, not {neuropil!r}.")
+    if ring is not None and not (
+        np.shape(ring) == (2,) and all(map(is_finite, ring)) and 0 <= ring[0] < ring[1]
+    ):
+        raise ValueError(f"A ring is (inner, outer) with 0 <= inner < outer, not {ring!r}.")
+
+
+def _whole(labels: Any) -> Vector:
+    """Labels as int64, (planes, y, x)."""
+    values = host_array(labels, "Labels")
+    if values.ndim != 3 or values.dtype.kind not in "buif" or not values.size:
+        raise ShapeError(f"Labels have shape (planes, y, x), not {values.dtype} of {values.shape}.")
+    if values.dtype.kind == "f" and not (np.isfinite(values) & (values == np.floor(values))).all():
+        raise ValueError("Labels are whole numbers: this volume holds brightness, not regions.")
+    return values.astype(np.int64)
+
+
+def _rings(
+    numbers: Vector, regions: Vector, ring: tuple[float, float], axes: Sequence[Any] | None
+) -> list[Vector]:
+    """Indices of the voxels about each region that belong to none."""
+    places = coordinates_of(axes, numbers.shape)
+    steps = [float(np.abs(np.diff(place)).mean()) if len(place) > 1 else 1.0 for place in places]
+    is_free = numbers == 0
+    rings = []
+    for region in regions:
+        where = np.nonzero(numbers == region)
+        box = tuple(
+            slice(max(int(k.min() - ring[1] / step), 0), int(k.max() + ring[1] / step) + 2)
+            for k, step in zip(where, steps, strict=True)
+        )
+        far = distance_transform_edt(numbers[box] != region, sampling=steps)
+        local = np.nonzero((far > ring[0]) & (far <= ring[1]) & is_free[box])
+        if not len(local[0]):
+            raise ValueError(
+                f"The ring of region {region} from {ring[0]:g} to {ring[1]:g} has no voxel outside "
+                "of regions: give a wider one, in units of the axes."
+            )
+        whole = tuple(k + part.start for k, part in zip(local, box, strict=True))
+        rings.append(np.ravel_multi_index(whole, numbers.shape))
+    return rings

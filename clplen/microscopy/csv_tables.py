@@ -1,0 +1,183 @@
+"""Tables of numbers as CSV, of which clplen knows its own again by the spelling of the header.
+
+The header is a line of quoted names, the cells are plain numbers: every reader of CSV takes it, and
+no cell can be a formula of a spreadsheet.
+"""
+
+from __future__ import annotations
+
+import csv
+import math
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from clplen.errors import FormatError
+from clplen.files import PathLike, replacing
+
+Vector = np.ndarray[Any, Any]
+
+UNITS = ("m", "voxel")
+_SUFFIX = ".csv"
+_LARGEST = 1 << 31  # bytes of a table that is read
+
+
+def write_table(path: PathLike, columns: dict[str, Vector]) -> None:
+    """Write columns of numbers, whole or not at all.
+
+    Parameters
+    ----------
+    path : path-like
+        ``.csv``.
+    columns : dict
+        Name and values of each column, all of one length; NaN is an empty cell. Whole numbers are
+        written as such, others with nine digits.
+
+    Raises
+    ------
+    ValueError
+        If the ending is another one.
+    OSError
+        If the file cannot be written.
+    """
+    if Path(path).suffix.lower() != _SUFFIX:
+        raise ValueError(f"A table is written as .csv, not as {Path(path).name}.")
+    texts = [_texts(np.asarray(values)) for values in columns.values()]
+    with replacing(path) as temporary, temporary.open("w", newline="", encoding="utf-8") as file:
+        file.write(",".join(f'"{name}"' for name in columns) + "\r\n")
+        csv.writer(file).writerows(zip(*texts, strict=True))
+
+
+def _texts(values: Vector) -> list[str]:
+    if values.dtype.kind in "iu":
+        return [str(value) for value in values.tolist()]
+    return ["" if math.isnan(value) else f"{value:.9g}" for value in values.tolist()]
+
+
+def read_table(path: PathLike, what: str, names: Sequence[str]) -> dict[str, Vector]:
+    """Read columns of numbers by their names; others are left out.
+
+    Parameters
+    ----------
+    path : path-like
+        As `write_table` writes it, or of another program.
+    what : str
+        What the rows are, for messages: "tracks".
+    names : sequence of str
+        Columns that are there.
+
+    Returns
+    -------
+    dict
+        float64 of each name; an empty cell is NaN.
+
+    Raises
+    ------
+    FormatError
+        If it is missing, no text, lacks a column, or a cell is no number.
+    """
+    path = Path(path)
+    if not path.is_file():
+        raise FormatError(f"There is no table of {what} {path}.")
+    if path.stat().st_size > _LARGEST:
+        raise FormatError(f"{path} has more than {_LARGEST:,} bytes: no table of {what}.")
+    try:
+        with path.open(newline="", encoding="utf-8-sig") as file:
+            rows = [row for row in csv.reader(file) if row]
+    except (UnicodeDecodeError, csv.Error) as error:
+        raise FormatError(f"{path} is no table of {what}: it is no CSV text ({error}).") from error
+    header = [name.strip() for name in rows[0]] if rows else []
+    missing = [name for name in names if name not in header]
+    if missing:
+        raise FormatError(
+            f"{path} is no table of {what}: it has no column {missing[0]!r}, its columns are "
+            f"{', '.join(map(repr, header[:8])) or 'none'}."
+        )
+    places = [header.index(name) for name in names]
+    cells = [
+        [_number(path, number, row, place, header) for place in places]
+        for number, row in enumerate(rows[1:], 2)
+    ]
+    table = np.array(cells, np.float64).reshape(-1, len(names))
+    return {name: table[:, k].copy() for k, name in enumerate(names)}
+
+
+def _number(path: Path, line: int, row: list[str], place: int, header: list[str]) -> float:
+    if len(row) != len(header):
+        raise FormatError(
+            f"{path}, line {line} has {len(row)} cells, the header {len(header)}: it is damaged."
+        )
+    text = row[place].strip()
+    try:
+        return float(text) if text else math.nan
+    except ValueError:
+        raise FormatError(
+            f"{path}, line {line}: {text[:40]!r} in the column {header[place]!r} is no number."
+        ) from None
+
+
+def whole_numbers(path: PathLike, values: Vector, name: str) -> Vector:
+    """A column of numbers from 0 on without fractions, as int64.
+
+    Raises
+    ------
+    FormatError
+        If one is none.
+    """
+    bad = ~(np.isfinite(values) & (values >= 0) & (values == np.floor(values)) & (values < 2**53))
+    if bad.any():
+        raise FormatError(
+            f"{path}: {values[bad][0]:g} in the column {name!r} is no whole number from 0 on."
+        )
+    return values.astype(np.int64)
+
+
+def position_columns(unit: str) -> tuple[str, str, str]:
+    """Names of the columns of z, y and x in a unit, "m" or "voxel"."""
+    return (f"z_{unit}", f"y_{unit}", f"x_{unit}")
+
+
+def unit_of(path: PathLike) -> str:
+    """The unit of a table's positions by its header: "m" or "voxel".
+
+    Raises
+    ------
+    FormatError
+        If it names neither ``z_m`` nor ``z_voxel``, or there is no such file.
+    """
+    path = Path(path)
+    if not path.is_file():
+        raise FormatError(f"There is no table {path}.")
+    with path.open("rb") as file:
+        header = file.readline(1 << 16).decode("utf-8-sig", errors="replace")
+    names = [name.strip().strip('"') for name in header.split(",")]
+    found = [unit for unit in UNITS if f"z_{unit}" in names]
+    if not found:
+        raise FormatError(
+            f"{path} is no table of positions: its header has no column "
+            f"{' or '.join(f'z_{unit}' for unit in UNITS)}."
+        )
+    return found[0]
+
+
+def read_positions(path: PathLike) -> tuple[Vector, str]:
+    """Positions (z, y, x) of a table of points or regions, and their unit.
+
+    Returns
+    -------
+    numpy.ndarray, str
+        float64, shape (n, 3); "m" or "voxel".
+
+    Raises
+    ------
+    FormatError
+        As `read_table`, and if a position is missing.
+    """
+    unit = unit_of(path)
+    table = read_table(path, "positions", position_columns(unit))
+    positions = np.stack(list(table.values()), axis=1)
+    if not np.isfinite(positions).all():
+        raise FormatError(f"{path}: a point has no position.")
+    return positions, unit

@@ -1,0 +1,382 @@
+"""Bright regions of a volume, such as cells: where they lie, how large and how bright they are.
+
+The volume is smoothed and cut at a threshold. Each voxel above it belongs to the maximum that
+steepest ascent leads to (the catchment basins of the watershed of the negative volume; Meyer 1994,
+Signal Processing 38, 113). Basins whose saddle is nearly as high as the lower of their maxima are
+one region.
+"""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any, Literal
+
+import numpy as np
+from scipy.ndimage import gaussian_filter
+
+from clplen.errors import ShapeError
+from clplen.files import PathLike
+from clplen.microscopy.csv_tables import UNITS, position_columns, write_table
+from clplen.microscopy.points import DEVIATION, checked_stack, coordinates_of, over_noise
+from clplen.reprs import OneLine
+
+Vector = np.ndarray[Any, Any]
+
+_BINS = 256  # of the histogram of a threshold
+_ROUNDING = 1e-9
+_AROUND = [step for step in itertools.product((-1, 0, 1), repeat=3) if any(step)]
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Regions(OneLine):
+    """What `find_regions` found, the largest first.
+
+    Attributes
+    ----------
+    labels : numpy.ndarray
+        int32, shape of the volume: number of the region from 1, 0 between them.
+    positions : numpy.ndarray
+        float64, shape (n, 3): centroid (z, y, x) of the voxels, in units of the axes.
+    volumes : numpy.ndarray
+        float64, shape (n,): in units of the axes cubed; voxels without axes.
+    means, peaks : numpy.ndarray
+        float64, shape (n,): mean and largest sample of the volume as given.
+    snr : numpy.ndarray
+        float64, shape (n,): largest smoothed sample above the median, over the noise.
+    threshold : float
+        Of the smoothed volume.
+
+    Examples
+    --------
+    >>> z, y, x = np.indices((12, 32, 32))
+    >>> cell = np.exp(-(((z - 5) / 2) ** 2 + ((y - 8) / 4) ** 2 + ((x - 20) / 4) ** 2))
+    >>> regions = clplen.microscopy.find_regions(cell)
+    >>> len(regions), regions.positions.tolist()
+    (1, [[5.0, 8.0, 20.0]])
+    """
+
+    labels: Vector
+    positions: Vector
+    volumes: Vector
+    means: Vector
+    peaks: Vector
+    snr: Vector
+    threshold: float
+
+    def __len__(self) -> int:
+        return len(self.positions)
+
+    def to_csv(self, path: PathLike, *, unit: Literal["m", "voxel"] = "m") -> None:
+        """Write a table: region, z_m, y_m, x_m, volume_m3 (or z_voxel, ...), mean, peak, snr.
+
+        Parameters
+        ----------
+        path : path-like
+            ``.csv``.
+        unit : {"m", "voxel"}
+            Of the positions, for the names of the columns.
+
+        Raises
+        ------
+        ValueError
+            If the ending or the unit is another one.
+        OSError
+            If the file cannot be written.
+        """
+        if unit not in UNITS:
+            raise ValueError(f'The unit of regions is "m" or "voxel", not {unit!r}.')
+        columns = {"region": np.arange(1, len(self) + 1)}
+        columns |= dict(zip(position_columns(unit), self.positions.T, strict=True))
+        columns[f"volume_{unit}3"] = self.volumes
+        write_table(path, columns | {"mean": self.means, "peak": self.peaks, "snr": self.snr})
+
+
+def find_regions(
+    volume: Any,
+    *,
+    axes: Sequence[Any] | None = None,
+    size: tuple[float, float] = (1.0, 1.0),
+    threshold: float | None = None,
+    snr: float = 6.0,
+    split: float = 0.9,
+    least: int = 8,
+) -> Regions:
+    """Find bright regions in a volume, and tell those that touch apart.
+
+    Parameters
+    ----------
+    volume : array_like
+        Real and finite, shape (planes, y, x).
+    axes : sequence, optional
+        Coordinates of planes, rows and columns, each rising or falling, or None for 0, 1, ...
+    size : tuple of float
+        (planes, samples of y and x), sigma of the smoothing: well below that of a region.
+    threshold : float, optional
+        Of the smoothed volume. Default: that of Otsu 1979 (IEEE Trans. Syst. Man Cybern. 9, 62;
+        the variance between both parts is largest), but at least ``snr`` times the noise above the
+        median, the noise being 1.4826 times the median absolute deviation.
+    snr : float
+        Of the default threshold.
+    split : float
+        Two maxima belong to two regions if the saddle between them is lower than this share of the
+        lower of both, each above the median; 0 splits nothing that touches, 1 splits all maxima.
+    least : int
+        Voxels of a region, at least.
+
+    Returns
+    -------
+    Regions
+
+    Raises
+    ------
+    ShapeError
+        If the volume is not (planes, y, x) of 1 or at least 3 planes and at least 3 rows and
+        columns, or an axis does not fit it.
+    ValueError
+        If a sample is NaN or infinite, an axis neither rises nor falls, or a number is out of
+        range.
+
+    Examples
+    --------
+    >>> z, y, x = np.indices((12, 32, 32))
+    >>> def cell(row, column):
+    ...     return np.exp(-(((z - 5) / 2) ** 2 + ((y - row) / 4) ** 2 + ((x - column) / 4) ** 2))
+    >>> side = 0.5e-6 * np.arange(32)
+    >>> axes = (2e-6 * np.arange(12), side, side)  # metres
+    >>> regions = clplen.microscopy.find_regions(cell(10, 10) + cell(10, 19), axes=axes)
+    >>> np.round(np.sort(regions.positions[:, 2]) * 1e6, 1).tolist()
+    [5.1, 9.4]
+    """
+    values = checked_stack(volume)
+    planes, across = size
+    if not (planes >= 0 and across >= 0 and snr > 0 and 0 <= split <= 1 and least >= 1):
+        raise ValueError(
+            "size is not negative, snr positive, split from 0 to 1 and least from 1 on, not "
+            f"{size!r}, {snr!r}, {split!r}, {least!r}."
+        )
+    if threshold is not None and not np.isfinite(threshold):
+        raise ValueError(f"A threshold is a finite number, not {threshold!r}.")
+    places = coordinates_of(axes, values.shape)
+    smooth = np.asarray(gaussian_filter(values, (planes, across, across), mode="nearest"))
+    middle = float(np.median(smooth))
+    noise = float(DEVIATION * np.median(np.abs(smooth - middle)))
+    if threshold is None:
+        threshold = max(_otsu(smooth), middle + snr * noise)
+    labels = _basins(smooth, float(threshold), middle, split)
+    labels = _renumbered(labels, np.bincount(labels.ravel()), least)
+    return _measured(labels, values, smooth - middle, noise, places, float(threshold))
+
+
+def sphere_labels(positions: Any, radius: float, axes: Sequence[Any]) -> Vector:
+    """Label the voxels in spheres about points, each voxel of the nearest one.
+
+    Parameters
+    ----------
+    positions : array_like
+        (z, y, x), shape (n, 3), in units of the axes.
+    radius : float
+        In the same units, positive.
+    axes : sequence
+        Coordinates of planes, rows and columns, each rising or falling.
+
+    Returns
+    -------
+    numpy.ndarray
+        int32, shape (planes, rows, columns): number of the point from 1, 0 in no sphere. The voxel
+        nearest to a point inside the volume is always in its sphere.
+
+    Raises
+    ------
+    ShapeError
+        If there are no positions (n, 3), or not three axes.
+    ValueError
+        If the radius is not positive, a position not finite, or an axis neither rises nor falls.
+
+    Examples
+    --------
+    >>> side = 0.5e-6 * np.arange(32)
+    >>> axes = (2e-6 * np.arange(9), side, side)
+    >>> labels = clplen.microscopy.sphere_labels([(8e-6, 5e-6, 5e-6)], 1e-6, axes)
+    >>> [int(np.count_nonzero(plane)) for plane in labels]
+    [0, 0, 0, 0, 13, 0, 0, 0, 0]
+    """
+    centres = np.asarray(positions, np.float64)
+    if centres.ndim != 2 or centres.shape[1] != 3 or not len(centres):
+        raise ShapeError(f"Positions are (z, y, x) of at least one point, not {centres.shape}.")
+    if not (np.isfinite(radius) and radius > 0):
+        raise ValueError(f"A radius is positive, not {radius!r}.")
+    if not np.isfinite(centres).all():
+        raise ValueError("A position is not finite.")
+    shape = tuple(len(np.asarray(axis)) for axis in axes)
+    places = coordinates_of(axes, shape)
+    nearest = np.full(shape, np.inf)
+    labels = np.zeros(shape, np.int32)
+    reach = radius * (1 + _ROUNDING)  # samples on the surface count
+    for number, centre in enumerate(centres, 1):
+        off = [np.abs(place - at) for place, at in zip(places, centre, strict=True)]
+        middle = [int(one.argmin()) for one in off]
+        parts = [_around(one <= reach, k) for one, k in zip(off, middle, strict=True)]
+        z, y, x = (one[part] for one, part in zip(off, parts, strict=True))
+        box = tuple(parts)
+        far = np.sqrt(z[:, None, None] ** 2 + y[:, None] ** 2 + x**2)
+        is_inside = far <= reach
+        at_hand = zip(off, places, middle, strict=True)
+        if all(one[k] <= _half_step(place, k) for one, place, k in at_hand):
+            is_inside[tuple(k - part.start for k, part in zip(middle, parts, strict=True))] = True
+        is_nearest = is_inside & (far < nearest[box])
+        nearest[box][is_nearest] = far[is_nearest]
+        labels[box][is_nearest] = number
+    return labels
+
+
+def _around(is_near: Vector, middle: int) -> slice:
+    """The samples that are near, with the one in the middle."""
+    near = np.flatnonzero(is_near)
+    first, last = (near[0], near[-1]) if len(near) else (middle, middle)
+    return slice(min(int(first), middle), max(int(last), middle) + 1)
+
+
+def _half_step(place: Vector, k: int) -> float:
+    """Half of the wider distance of a sample from its neighbours."""
+    steps = np.abs(np.diff(place))
+    near = steps[max(k - 1, 0) : k + 1]
+    return float(near.max()) / 2 * (1 + _ROUNDING) if len(near) else np.inf
+
+
+def _otsu(values: Vector) -> float:
+    """The threshold by which the variance between both parts is largest."""
+    counts, edges = np.histogram(values, _BINS)
+    middles = (edges[1:] + edges[:-1]) / 2
+    below = np.cumsum(counts)[:-1]
+    above = below[-1] + counts[-1] - below
+    sums = np.cumsum(counts * middles)
+    means = sums[:-1] / np.maximum(below, 1), (sums[-1] - sums[:-1]) / np.maximum(above, 1)
+    between = below * above.astype(np.float64) * (means[1] - means[0]) ** 2
+    return float(edges[1 + int(between.argmax())])
+
+
+def _basins(smooth: Vector, threshold: float, middle: float, split: float) -> Vector:
+    """Number of the region of each voxel, int32 from 1; 0 below the threshold."""
+    labels = np.zeros(smooth.shape, np.int32)
+    padded = np.pad(smooth, 1, constant_values=-np.inf)
+    inside = np.flatnonzero(padded > threshold)
+    if not len(inside):
+        return labels
+    flat = padded.ravel()
+    strides = np.array([padded.shape[1] * padded.shape[2], padded.shape[2], 1])
+    around = [int(np.dot(step, strides)) for step in _AROUND]
+    index = np.full(flat.shape, -1, np.int64)
+    index[inside] = np.arange(len(inside))
+    basin = _ascended(flat, inside, around, index)
+    joined = _joined(flat, inside, around, index, basin, middle, split)
+    places = inside // strides[0], inside // strides[1] % padded.shape[1], inside % padded.shape[2]
+    labels[tuple(place - 1 for place in places)] = joined + 1
+    return labels
+
+
+def _ascended(flat: Vector, inside: Vector, around: list[int], index: Vector) -> Vector:
+    """Which maximum each voxel climbs to, numbered from the highest on.
+
+    Of voxels as high as each other the one that comes first in memory counts as higher.
+    """
+    rank = np.empty(len(inside), np.int64)
+    order = np.lexsort((-inside, flat[inside]))
+    rank[order] = np.arange(len(inside))
+    highest = np.arange(len(inside))
+    for step in around:
+        other = index[inside + step]
+        is_higher = (other >= 0) & (rank[other] > rank[highest])
+        highest[is_higher] = other[is_higher]
+    while (highest[highest] != highest).any():
+        highest = highest[highest]
+    tops = np.unique(highest)
+    number = np.empty(len(inside), np.int64)
+    number[tops[np.argsort(-rank[tops])]] = np.arange(len(tops))
+    return number[highest]
+
+
+def _joined(
+    flat: Vector,
+    inside: Vector,
+    around: list[int],
+    index: Vector,
+    basin: Vector,
+    middle: float,
+    split: float,
+) -> Vector:
+    """Basins of which the saddle is nearly as high as the lower maximum as one, the highest first.
+
+    The pairs are taken from the highest saddle down, so that each is compared with what lies above
+    it (Edelsbrunner, Letscher and Zomorodian 2002, Discrete Comput. Geom. 28, 511: persistence).
+    """
+    height = flat[inside]
+    tops = np.full(basin.max() + 1, -np.inf)
+    np.maximum.at(tops, basin, height)
+    edges, saddles = [], []
+    for step in around:
+        other = index[inside + step]
+        here = np.flatnonzero((other >= 0) & (basin < basin[other]))
+        edges.append(np.stack([basin[here], basin[other[here]]], axis=1))
+        saddles.append(np.minimum(height[here], height[other[here]]))
+    pairs, saddle = np.concatenate(edges), np.concatenate(saddles)
+    parent = np.arange(len(tops))
+
+    def root(one: int) -> int:
+        while parent[one] != one:
+            parent[one] = parent[parent[one]]
+            one = int(parent[one])
+        return one
+
+    pairs, at = np.unique(pairs, axis=0, return_inverse=True)
+    highest = np.full(len(pairs), -np.inf)
+    np.maximum.at(highest, at.reshape(-1), saddle)
+    for k in np.argsort(-highest, kind="stable"):
+        first, second = sorted((root(int(pairs[k, 0])), root(int(pairs[k, 1]))))
+        if first != second and highest[k] - middle >= split * (tops[second] - middle):
+            parent[second] = first
+    return np.array([root(one) for one in range(len(tops))])[basin]
+
+
+def _renumbered(labels: Vector, counts: Vector, least: int) -> Vector:
+    """Regions that are large enough, numbered from the largest on."""
+    numbers = np.flatnonzero(counts >= least)
+    numbers = numbers[numbers > 0]
+    numbers = numbers[np.argsort(-counts[numbers], kind="stable")]
+    fresh = np.zeros(len(counts), np.int32)
+    fresh[numbers] = np.arange(1, len(numbers) + 1)
+    return fresh[labels]
+
+
+def _measured(
+    labels: Vector,
+    values: Vector,
+    raised: Vector,
+    noise: float,
+    places: list[Vector],
+    threshold: float,
+) -> Regions:
+    """What is known of each region."""
+    where = np.nonzero(labels)
+    number = labels[where] - 1
+    count = int(labels.max(initial=0))
+    sides = [np.abs(np.gradient(place)) if len(place) > 1 else np.ones(1) for place in places]
+    weights = np.prod([side[k] for side, k in zip(sides, where, strict=True)], axis=0)
+    volumes = np.bincount(number, weights, count)
+    centres = [
+        np.bincount(number, weights * place[k], count) / volumes
+        for place, k in zip(places, where, strict=True)
+    ]
+    peaks, heights = np.full(count, -np.inf), np.full(count, -np.inf)
+    np.maximum.at(peaks, number, values[where])
+    np.maximum.at(heights, number, raised[where])
+    return Regions(
+        labels,
+        np.stack(centres, axis=1).reshape(-1, 3),
+        volumes,
+        np.bincount(number, values[where], count) / np.bincount(number, minlength=count),
+        peaks,
+        over_noise(heights, noise),
+        threshold,
+    )

@@ -1,0 +1,99 @@
+"""Scale bars of a round length."""
+
+from __future__ import annotations
+
+import math
+
+from matplotlib.axes import Axes
+from matplotlib.patheffects import withStroke
+
+_SHARE = 0.25  # of the picture's width that a bar takes, at most
+_INSET = 0.05  # of the picture, between its edge and the bar
+_UNITS = ((1.0, "m"), (1e-3, "mm"), (1e-6, "µm"), (1e-9, "nm"), (1e-12, "pm"))
+
+
+def round_length(width: float) -> float:
+    """Return the longest of 1, 2 or 5 times a power of ten that fits into a quarter of a width.
+
+    Parameters
+    ----------
+    width : float
+        Positive, in any unit.
+
+    Returns
+    -------
+    float
+        In the same unit.
+
+    Raises
+    ------
+    ValueError
+        If the width is not positive.
+
+    Examples
+    --------
+    >>> clplen.plot.round_length(90e-6), clplen.plot.round_length(7.9e-3)
+    (2e-05, 0.001)
+    """
+    if not 0 < width < math.inf:
+        raise ValueError(f"A width is positive, not {width!r}.")
+    longest = _SHARE * width * (1 + 1e-9)
+    power = math.floor(math.log10(longest))
+    factor = next(n for n in (5, 2, 1) if n * 10.0**power <= longest or n == 1)
+    return float(f"{factor}e{power}")
+
+
+def length_text(length: float) -> str:
+    """A length in metres with the unit that makes it 1 to 999."""
+    size, unit = next((one for one in _UNITS if length >= one[0] * (1 - 1e-9)), _UNITS[-1])
+    return f"{length / size:.3g} {unit}"
+
+
+def scale_bar(axes: Axes, unit: float, *, label: bool = True) -> float:
+    """Draw a bar of a round length into the lower right corner of a picture.
+
+    Parameters
+    ----------
+    axes : matplotlib.axes.Axes
+        Of a picture whose limits are set; the bar lies along x.
+    unit : float
+        Metres of a unit of the axes.
+    label : bool
+        Whether the length stands above the bar.
+
+    Returns
+    -------
+    float
+        The length in metres.
+
+    Examples
+    --------
+    >>> figure = clplen.plot.new_figure(4.0, 3.0)
+    >>> axes = figure.add_subplot()
+    >>> drawn = axes.imshow(np.eye(16), extent=(0, 40, 40, 0))  # micrometres
+    >>> clplen.plot.scale_bar(axes, 1e-6)
+    1e-05
+    """
+    left, right = axes.get_xlim()
+    bottom, top = axes.get_ylim()
+    length = round_length(abs(right - left) * unit)
+    end = right - _INSET * (right - left)
+    start = end - math.copysign(length / unit, right - left)
+    y = bottom + _INSET * (top - bottom)
+    edge = [withStroke(linewidth=4.5, foreground="black")]
+    axes.plot(
+        [start, end], [y, y], color="white", lw=3, solid_capstyle="butt", path_effects=edge,
+        scalex=False, scaley=False,
+    )  # fmt: skip
+    if label:
+        axes.annotate(
+            length_text(length),
+            ((start + end) / 2, y),
+            (0, 4),
+            textcoords="offset points",
+            ha="center",
+            va="bottom",
+            color="white",
+            path_effects=[withStroke(linewidth=1.5, foreground="black")],
+        )
+    return length

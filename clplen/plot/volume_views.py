@@ -1,0 +1,315 @@
+"""Maximum projections and orthogonal slices of volumes, with scale bars."""
+
+from __future__ import annotations
+
+from typing import Any, Literal
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.collections import LineCollection
+from matplotlib.figure import Figure
+from matplotlib.patheffects import withStroke
+
+from clplen.checks import is_finite, is_integer, real_array
+from clplen.errors import ShapeError
+from clplen.microscopy.tracks import Tracks
+from clplen.plot.base import (
+    LIGHT,
+    Array,
+    Scale,
+    bar,
+    cut,
+    for_display,
+    new_figure,
+    norm_of,
+    said,
+    styled,
+)
+from clplen.plot.scale_bars import scale_bar
+
+Voxel = tuple[float, float, float]
+
+_MICRONS = 1e6
+_WIDTH = 6.4  # inches of the pictures
+_GAP = 0.03  # of the width, between them
+_HIGHEST = 9.0  # inches
+_COLUMNS = 5  # of a montage
+_FOR_BAR, _FOR_TITLE = 1.1, 0.5  # inches
+_TRACK = "#56b4e9"
+_AXES = {"z": 0, "y": 1, "x": 2}
+
+
+@styled
+def orthogonal_views(
+    volume: Any,
+    *,
+    voxel: Voxel,
+    at: tuple[int, int, int] | None = None,
+    scale: Scale = "linear",
+    limits: tuple[float, float] | None = None,
+    tracks: Tracks | None = None,
+    frame: int | None = None,
+    origin: float = 0.0,
+    title: str = "",
+) -> Figure:
+    """Draw a volume from three sides: along z, and along x and y beside and below it.
+
+    All three have one scale of lengths, so that a cube looks like one, and one scale of values.
+    Each has a scale bar of a round length.
+
+    Parameters
+    ----------
+    volume : array_like
+        Real, shape (planes, y, x).
+    voxel : tuple of float
+        (dz, dy, dx) in metres, positive.
+    at : tuple of int, optional
+        (plane, row, column) of slices, which lines mark; default maximum projections.
+    scale : {"linear", "log", "root"}
+        Of the values.
+    limits : tuple of float, optional
+        Values at both ends of the colours; default those of the volume.
+    tracks : Tracks, optional
+        Drawn over projections; in metres, or in voxels as their unit says.
+    frame : int, optional
+        Number of the volume: tracks are drawn up to it, with a circle where they are; default the
+        whole tracks.
+    origin : float
+        z of plane 0 in metres, of tracks in metres.
+    title : str
+        Over the picture along z; default what is drawn.
+
+    Returns
+    -------
+    matplotlib.figure.Figure
+        Three pictures and a colour bar.
+
+    Raises
+    ------
+    ShapeError
+        If the volume has another number of axes, or no sample.
+    ValueError
+        If a voxel is not positive, a slice outside of the volume, a scale unknown, or no sample is
+        finite.
+
+    Examples
+    --------
+    >>> volume = np.random.default_rng(1).random((5, 16, 24), np.float32)
+    >>> figure = clplen.plot.orthogonal_views(volume, voxel=(2e-6, 0.5e-6, 0.5e-6))
+    >>> [text.get_text() for axes in figure.axes[:3] for text in axes.texts]
+    ['2 µm', 'x, y', '2 µm', 'z, y', '2 µm', 'x, z']
+    """
+    values, sides = _checked(volume, voxel)
+    places = None if at is None else _slices(at, values.shape)
+    parts = _projections(values) if places is None else _sections(values, places)
+    deep, high, wide = (n * side for n, side in zip(values.shape, sides, strict=True))
+    figure, panels, beside = _three(deep, high, wide)
+    norm = _norm(parts, scale, limits)
+    drawn = None
+    extents = ((0, wide, high, 0), (0, deep, high, 0), (0, wide, deep, 0))
+    for panel, part, extent in zip(panels, (parts[0], parts[2].T, parts[1]), extents, strict=True):
+        drawn = panel.imshow(for_display(part, norm), cmap=LIGHT, norm=norm, extent=extent)
+        panel.set_axis_off()
+        if places is None and tracks is not None:
+            axes = {panels[0]: "yx", panels[1]: "yz", panels[2]: "zx"}[panel]
+            _draw_tracks(panel, tracks, axes, sides, origin, frame)
+    if places is not None:
+        z, y, x = ((k + 0.5) * side for k, side in zip(places, sides, strict=True))
+        for panel, (down, right) in zip(panels, ((y, x), (y, z), (z, x)), strict=True):
+            panel.axhline(down, color="white", lw=0.5, alpha=0.6)
+            panel.axvline(right, color="white", lw=0.5, alpha=0.6)
+    for panel, names in zip(panels, ("x, y", "z, y", "x, z"), strict=True):
+        scale_bar(panel, 1 / _MICRONS)
+        _name(panel, names)
+    words = "largest along z, y and x" if places is None else f"slices at {_said(places)}"
+    panels[0].set_title(title or words, loc="left")
+    label = f"value of a voxel{said(scale)}"
+    every = np.concatenate([part.ravel() for part in parts])
+    figure.colorbar(drawn, cax=beside, label=label, extend=cut(every, norm))  # type: ignore[arg-type]
+    return figure
+
+
+@styled
+def maximum_projection(
+    volumes: Any,
+    *,
+    voxel: Voxel,
+    axis: Literal["z", "y", "x"] = "z",
+    scale: Scale = "linear",
+    shown: int = 15,
+    title: str = "",
+) -> Figure:
+    """Draw the largest samples along an axis, of one volume or of those of a series.
+
+    Parameters
+    ----------
+    volumes : array_like
+        Real, shape (planes, y, x) or (t, planes, y, x).
+    voxel : tuple of float
+        (dz, dy, dx) in metres, positive.
+    axis : {"z", "y", "x"}
+        Along which they are looked for.
+    scale : {"linear", "log", "root"}
+        Of the values.
+    shown : int
+        At most so many times of a series, in even steps.
+    title : str
+        Over the picture of one volume; times have their number.
+
+    Returns
+    -------
+    matplotlib.figure.Figure
+        A picture a time, at most five in a row, the first with a scale bar, and a colour bar.
+
+    Raises
+    ------
+    ShapeError
+        If the volumes have another number of axes, or no sample.
+    ValueError
+        If a voxel is not positive, an axis or a scale unknown, or no sample is finite.
+
+    Examples
+    --------
+    >>> series = np.random.default_rng(1).random((3, 5, 16, 24), np.float32)
+    >>> figure = clplen.plot.maximum_projection(series, voxel=(2e-6, 0.5e-6, 0.5e-6))
+    >>> [axes.get_title() for axes in figure.axes[:3]]
+    ['frame 0', 'frame 1', 'frame 2']
+    """
+    if axis not in _AXES:
+        raise ValueError(f'An axis is "z", "y" or "x", not {axis!r}.')
+    if not (is_integer(shown) and shown >= 1):
+        raise ValueError(f"shown is a whole number from 1 on, not {shown!r}.")
+    values = real_array(volumes, "A volume")
+    series = values[None] if values.ndim == 3 else values
+    if series.ndim != 4 or not series.size:
+        raise ShapeError(
+            f"Volumes have shape (planes, y, x) or (t, planes, y, x), not {values.shape}."
+        )
+    along = _AXES[axis]
+    sides = np.delete(_checked(series[0], voxel)[1], along)
+    times = np.unique(np.linspace(0, len(series) - 1, min(shown, len(series))).round().astype(int))
+    parts = [series[t].max(axis=along) for t in times]
+    columns = min(_COLUMNS, len(parts))
+    rows = -(-len(parts) // columns)
+    high, wide = (n * side for n, side in zip(parts[0].shape, sides, strict=True))
+    width = _WIDTH / max(columns, 2)
+    tall = min(width * high / wide, _HIGHEST / rows)
+    figure = new_figure(columns * tall * wide / high + 1.2, rows * (tall + 0.3) + 0.1)
+    panels = figure.subplots(rows, columns, squeeze=False).ravel()
+    norm = _norm(parts, scale, None)
+    drawn = None
+    for panel in panels:
+        panel.set_axis_off()
+    for panel, part, t in zip(panels, parts, times, strict=False):
+        drawn = panel.imshow(
+            for_display(part, norm), cmap=LIGHT, norm=norm, extent=(0, wide, high, 0)
+        )
+        panel.set_title(title or f"largest along {axis}" if len(times) == 1 else f"frame {t}")
+    scale_bar(panels[0], 1 / _MICRONS)
+    label = f"value of a voxel{said(scale)}"
+    bar(figure, drawn, list(panels), label, extend=cut(np.array(parts), norm))
+    return figure
+
+
+def _checked(volume: Any, voxel: Voxel) -> tuple[Array, Array]:
+    """A volume, and the sides of its voxels in micrometres."""
+    values = real_array(volume, "A volume")
+    if values.ndim != 3 or not values.size:
+        raise ShapeError(f"A volume has shape (planes, y, x), not {values.shape}.")
+    if np.shape(voxel) != (3,) or not all(is_finite(side) and side > 0 for side in voxel):
+        raise ValueError(f"A voxel is (dz, dy, dx) in metres, positive, not {voxel!r}.")
+    return values, np.asarray(voxel, np.float64) * _MICRONS
+
+
+def _slices(at: tuple[int, int, int], shape: tuple[int, ...]) -> tuple[int, ...]:
+    if np.shape(at) != (3,) or not all(
+        is_integer(k) and 0 <= k < n for k, n in zip(at, shape, strict=True)
+    ):
+        raise ValueError(f"Slices lie at (plane, row, column) of {shape}, from 0 on, not {at!r}.")
+    return tuple(int(k) for k in at)
+
+
+def _projections(values: Array) -> list[Array]:
+    """The largest samples along z, y and x."""
+    return [values.max(axis=axis) for axis in range(3)]
+
+
+def _sections(values: Array, at: tuple[int, ...]) -> list[Array]:
+    """The slices across z, y and x."""
+    return [np.take(values, k, axis=axis) for axis, k in enumerate(at)]
+
+
+def _norm(parts: list[Array], scale: Scale, limits: tuple[float, float] | None) -> Any:
+    values = np.concatenate([part.ravel() for part in parts])
+    if not np.isfinite(values).any():
+        raise ValueError("No sample of the volume is finite: there is nothing to draw.")
+    norm = norm_of(values, scale)
+    if limits is not None:
+        norm.vmin, norm.vmax = limits
+    return norm
+
+
+def _three(deep: float, high: float, wide: float) -> tuple[Figure, list[Axes], Axes]:
+    """A figure with panels along z, x and y on one scale of lengths, and room for a colour bar.
+
+    They are placed by hand, since a layout would stretch them.
+    """
+    gap = _GAP * max(deep + wide, deep + high)
+    inch = min(_WIDTH / (wide + gap + deep), _HIGHEST / (high + gap + deep))
+    width, height = ((one + gap + deep) * inch for one in (wide, high))
+    total = (width + _FOR_BAR, height + _FOR_TITLE)
+    figure = new_figure(*total)
+    figure.set_layout_engine("none")
+
+    def panel(x: float, y: float, across: float, down: float) -> Axes:
+        """A rectangle in inches."""
+        box = (x / total[0], y / total[1], across / total[0], down / total[1])
+        return figure.add_axes(box)
+
+    lower, middle, upper = 0.1, 0.1 + wide * inch, 0.1 + deep * inch
+    step = gap * inch
+    panels = [
+        panel(0.1, upper + step, wide * inch, high * inch),
+        panel(middle + step, upper + step, deep * inch, high * inch),
+        panel(0.1, lower, wide * inch, deep * inch),
+    ]
+    return figure, panels, panel(width + 0.2, upper + step, 0.12, high * inch)
+
+
+def _name(panel: Axes, names: str) -> None:
+    """Which axes lie across and down, in the upper left corner."""
+    edge = [withStroke(linewidth=1.5, foreground="black")]
+    panel.annotate(
+        names, (0, 1), (4, -4), xycoords="axes fraction", textcoords="offset points", va="top",
+        color="white", path_effects=edge,
+    )  # fmt: skip
+
+
+def _draw_tracks(
+    panel: Axes, tracks: Tracks, axes: str, sides: Array, origin: float, frame: int | None
+) -> None:
+    """Lines of tracks as seen along an axis, and circles where they are in a frame."""
+    places = tracks.positions * _MICRONS
+    if tracks.unit == "voxel":
+        places = tracks.positions * sides
+    else:
+        places = places - (origin * _MICRONS, 0, 0)
+    places = places + sides / 2  # the middle of voxel 0
+    down, right = (places[:, _AXES[axis]] for axis in axes)
+    seen = np.ones(len(places), bool) if frame is None else tracks.frames <= frame
+    lines = [
+        np.stack([right, down], axis=1)[seen & (tracks.ids == one)] for one in np.unique(tracks.ids)
+    ]
+    panel.add_collection(
+        LineCollection([line for line in lines if len(line) > 1], colors=_TRACK, linewidths=0.9),
+        autolim=False,
+    )
+    if frame is not None:
+        now = tracks.frames == frame
+        panel.plot(
+            right[now], down[now], "o", mfc="none", mec=_TRACK, ms=5, scalex=False, scaley=False
+        )
+
+
+def _said(at: tuple[int, ...]) -> str:
+    return ", ".join(f"{axis} = {k}" for axis, k in zip("zyx", at, strict=True))
