@@ -187,4 +187,4 @@ def test_images_transformed_one_by_one_give_the_same(device, images, monkeypatch
     monkeypatch.setattr(projectors, "FIELD_BYTES", 1)
     apart = Projector(images[1], (5, 5), device=device)
     assert apart._phases == 1
-    assert np.array_equal(apart.forward(f), expected)
+    assert relative_max(expected, apart.forward(f)) < 1e-6
