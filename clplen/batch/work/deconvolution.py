@@ -197,14 +197,13 @@ class Deconvolver:
             As of `deconvolve`.
         """
         counts, background = self._light(frame)
-        if start is not None:
-            start = self._begin.volumes(start, 1)
+        begun = None if start is None else self._begin.volumes(start, 1)
         return deconvolve(
             counts,
             self.projector_for(frame.counts.shape),
             background=background,
             white=frame.white,
-            start=start,
+            start=None if begun is None else begun[0],
             progress=progress,
             watch=watch,
             **self._options,
