@@ -244,7 +244,7 @@ def replacing(path: PathLike, durable: bool = False) -> Iterator[Path]:
     target = check_writable(path)
     temporary = _beside(target)
     try:
-        with _said_of(target), unfinished(temporary):
+        with said_of(target), unfinished(temporary):
             yield temporary
             if durable:
                 _sync(temporary)
@@ -256,8 +256,14 @@ def replacing(path: PathLike, durable: bool = False) -> Iterator[Path]:
 
 
 @contextmanager
-def _said_of(target: Path) -> Iterator[None]:
-    """Say in one sentence what a disk refused."""
+def said_of(target: Path) -> Iterator[None]:
+    """Say in one sentence what a disk refused.
+
+    Parameters
+    ----------
+    target : pathlib.Path
+        The file or folder that is written.
+    """
     try:
         yield
     except FileExistsError:
@@ -316,7 +322,7 @@ def filling(path: PathLike, durable: bool = False, replace: bool = False) -> Ite
     _check_takes_files(target.parent, target)
     temporary = _beside(target)
     try:
-        with _said_of(target), unfinished(temporary):
+        with said_of(target), unfinished(temporary):
             temporary.mkdir()
             yield temporary
             if durable:

@@ -64,10 +64,25 @@ __kernel void interleave(__global float *restrict a, __global const float2 *rest
     const int y = get_global_id(1), b = get_global_id(2), pairs = (w * w + 1) / 2;
     const int ly = y / w, my = y % w;
     const size_t to = row_start(picture(b, planes, start, all), y, rows * w, columns * w);
+#ifdef ROWS
+    for (int mx = 0; mx < w; ++mx) { /* without a division for each sample */
+        const int m = my * w + mx, r = min(m, w * w - 1 - m);
+        __global const float2 *from = C + row_start(b * pairs + r, ly, ny, nx);
+        __global float *out = a + to + mx;
+        if (m == r) {
+            for (int lx = 0; lx < columns; ++lx)
+                out[lx * w] = fmax(from[lx].x, least);
+        } else {
+            for (int lx = 0; lx < columns; ++lx)
+                out[lx * w] = fmax(from[lx].y, least);
+        }
+    }
+#else
     FOR_X(x, columns * w) {
         const int lx = x / w, m = my * w + x % w;
         const int r = min(m, w * w - 1 - m);
         const float2 c = C[row_start(b * pairs + r, ly, ny, nx) + lx];
         a[to + x] = fmax(m == r ? c.x : c.y, least);
     }
+#endif
 }

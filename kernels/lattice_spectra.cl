@@ -12,8 +12,8 @@
  * where at (-y, x) the pairs are exchanged by the mirror y -> -y, beta with its sign. All of it is
  * orthogonal, so that the adjoint of a projection is its transpose. unpack is the inverse.
  *
- * assemble makes the matrix of a projection from the spectra of its point images, C[t, r] for the
- * voxel of pair t: with H = A and G = conj(B) = those of the voxel's mirror image,
+ * assemble makes the matrix of a projection from the spectra of its point images, C[t - start, r] for
+ * the voxel of pair t: with H = A and G = conj(B) = those of the voxel's mirror image,
  *
  *   alpha' = Re(H + G) alpha - Im(H - G) beta,   beta' = Im(H + G) alpha + Re(H - G) beta
  *
@@ -84,6 +84,18 @@ __kernel void pack(__global float *restrict D, __global const float2 *restrict C
     }
 }
 
+/* C of a pair at a frequency, from its rows alpha and beta; far: from those of the opposite one. */
+inline float2 unpacked(__global const float *from, float scale, float sign, bool far)
+{
+    const float2 alpha = (float2)(from[0], from[WIDTH]) * scale;
+    float2 beta = (float2)(0, 0);
+    if (sign != 0)
+        beta = (float2)(from[4 * WIDTH], from[5 * WIDTH]) * sign;
+    const float2 A = (float2)(alpha.x - beta.y, alpha.y + beta.x);
+    const float2 B = (float2)(alpha.x + beta.y, alpha.y - beta.x);
+    return far ? (float2)(A.x + B.y, B.x - A.y) : (float2)(A.x - B.y, A.y + B.x);
+}
+
 __kernel void unpack(__global float2 *restrict C, __global const float *restrict D, const int w,
                      const int planes, const int ny, const int nx)
 {
@@ -92,39 +104,39 @@ __kernel void unpack(__global float2 *restrict C, __global const float *restrict
     const int hx = nx / 2 + 1, blocks = ((ny / 2 + 1) * hx + WIDTH - 1) / WIDTH;
     const int turned = mirrored(r, w), s = turned < 0 ? -1 - turned : turned;
     const bool single = 2 * r == V - 1;
-    const size_t to = row_start(batch, y, ny, nx);
-    FOR_X(x, nx) {
-        const bool far = x > nx / 2;
-        const int fy = far ? (ny - y) % ny : y, fx = far ? nx - x : x;
+    const float scale = single ? 1 : HALF_ROOT;
+    const size_t to = row_start(batch, y, ny, nx), apart = (size_t)planes * V * 4 * WIDTH;
+    for (int side = 0; side < 2; ++side) { /* columns 0 to nx/2, and those beyond */
+        const bool far = side;
+        const int fy = far ? (ny - y) % ny : y;
         const bool below = fy > ny / 2;
-        const int q = (below ? ny - fy : fy) * hx + fx;
-        const size_t row = ((size_t)b * blocks + q / WIDTH) * planes * V + plane * V +
-                           2 * (below ? s : r);
-        __global const float *from = D + (row * 4 + (below ? 2 : 0)) * WIDTH + q % WIDTH;
-        const float scale = single ? 1 : HALF_ROOT;
-        const float2 alpha = (float2)(from[0], from[WIDTH]) * scale;
-        const float sign = below && turned < 0 ? -scale : scale;
-        float2 beta = (float2)(0, 0);
-        if (!single)
-            beta = (float2)(from[4 * WIDTH], from[5 * WIDTH]) * sign;
-        float2 A = (float2)(alpha.x - beta.y, alpha.y + beta.x);
-        float2 B = (float2)(alpha.x + beta.y, alpha.y - beta.x);
-        if (far) {
-            A.y = -A.y;
-            B.y = -B.y;
+        const float sign = single ? 0 : below && turned < 0 ? -scale : scale;
+        const int first = (below ? ny - fy : fy) * hx;
+        const size_t row = (size_t)b * blocks * planes * V + plane * V + 2 * (below ? s : r);
+        __global const float *from = D + (row * 4 + (below ? 2 : 0)) * WIDTH;
+        const int start = far ? hx : 0, stop = far ? nx : hx;
+#ifdef ROWS
+        for (int x = start; x < stop; ++x) {
+#else
+        const int x = get_global_id(0);
+        if (x >= start && x < stop) {
+#endif
+            const int q = first + (far ? nx - x : x);
+            C[to + x] = unpacked(from + q / WIDTH * apart + q % WIDTH, scale, sign, far);
         }
-        C[to + x] = (float2)(A.x - B.y, A.y + B.x);
     }
 }
 
-__kernel void assemble(__global float *restrict R, __global const float2 *restrict C, const int w,
-                       const int v, const int first, const int columns, const int ny, const int nx)
+__kernel void assemble(__global float *restrict R, __global const float2 *restrict C,
+                       const int start, const int w, const int v, const int first,
+                       const int columns, const int ny, const int nx)
 {
-    const int r = get_global_id(1), t = get_global_id(2), V = w * w, pairs = (V + 1) / 2;
+    const int r = get_global_id(1), place = get_global_id(2), t = start + place;
+    const int V = w * w, pairs = (V + 1) / 2;
     const int hx = nx / 2 + 1, count = (ny / 2 + 1) * hx, blocks = (count + WIDTH - 1) / WIDTH;
     const bool middle = 2 * r == V - 1, centre = 2 * t == v * v - 1;
     const float scale = (middle ? HALF_ROOT : 1) * (centre ? HALF_ROOT : 1);
-    __global const float2 *from = C + row_start(t * pairs + r, 0, ny, nx);
+    __global const float2 *from = C + row_start(place * pairs + r, 0, ny, nx);
     FOR_X(q, blocks * WIDTH) {
         float4 p = (float4)(0);
         if (q < count) {

@@ -246,8 +246,10 @@ def test_a_stack_of_frames_is_a_series(
     done(run("deconvolve", tmp_path / "t.tif", *words, "-o", out))
     made = [read_volume(tmp_path / f"t_{number:04d}.ome.tif")[0] for number in (0, 1)]
     np.testing.assert_allclose(made[1], made[0][..., ::-1], rtol=1e-3, atol=1e-3 * made[0].max())
-    result = run("deconvolve", tmp_path / "t.tif", *words, "-o", tmp_path / "v.tif")
-    assert "2 frames need as many volumes" in said(result, 2)
+    result = done(run("deconvolve", tmp_path / "t.tif", *words, "-o", tmp_path / "v.tif"))
+    assert "holds 2 volumes" in result.output
+    together = tifffile.imread(tmp_path / "v.tif")
+    np.testing.assert_allclose(together, made, rtol=1e-4, atol=1e-5 * made[0].max())
 
 
 def test_a_killed_series_loses_no_finished_frame(
@@ -417,7 +419,6 @@ def test_background_is_that_of_a_pixel_of_the_camera(device: Device) -> None:
 
 
 BAD: list[tuple[list[str], str, int]] = [
-    (["a.tif", "b.tif", "-o", "v.tif"], "put {name} into the output, as in {name}.ome.tif", 2),
     (["a.tif", "-o", "v.png"], "The output ends in .tif or .tiff or .zarr", 2),
     (["a.tif", "-o", "a.tif"], "is one of the files that are read", 2),
     (["a.tif", "-o", "a.tif/v.tif"], "is to be a folder, but there is a file", 1),

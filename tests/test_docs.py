@@ -215,6 +215,7 @@ SAMPLES: dict[str, Callable[[], Names]] = {
     **{f"docs/{made.__name__}.md": made
        for made in (aberrations, batch, calibration, conventions, focused, formats, microscope,
                     microscope_tracks, rendering, viewer)},
+    "docs/microscope_series.md": microscope,
     "docs/start/own_light_field.md": own_light_field,
     "docs/howto/export_to_imagej.md": small_flower,
     "docs/howto/larger_than_memory.md": larger_than_memory,

@@ -37,16 +37,25 @@ _SPREAD = 20  # lenslets that the widest image reaches to, at most
 def _needs(size: str) -> int:
     """Matrices of all planes, and transfer functions of those of the plain form."""
     planes, count = numbers(size, (2,), FORM)
-    window = smooth_length(max(count + _SPREAD, 2 * _SPREAD + 1))
-    matrices = 5 * planes * (window // 2 + 2) ** 2 * (PIXELS * VOXELS) ** 2
-    return matrices + 5 * PLAIN * VOXELS**2 * (window * PIXELS) ** 2
+    plain = 5 * PLAIN * VOXELS**2 * (_window(count) * PIXELS) ** 2
+    return matrices_of(planes, count) + plain
+
+
+def _window(count: int) -> int:
+    """Lattice points of a transform of so many lenslets."""
+    return smooth_length(max(count + _SPREAD, 2 * _SPREAD + 1))
+
+
+def matrices_of(planes: int, count: int) -> int:
+    """Bytes of the matrices of so many planes and lenslets, at most."""
+    return 5 * planes * (_window(count) // 2 + 2) ** 2 * (PIXELS * VOXELS) ** 2
 
 
 def measure_microscope(device: Device, size: str, repeats: int) -> Report:
     """Times of one projection and one back-projection over those of the plain form."""
     planes, count = numbers(size, (2,), FORM)
     start = perf_counter()
-    images = _images(device, planes)
+    images = images_of(device, planes)
     made = perf_counter() - start
     projector = Projector(images, (count, count), device=device)
     rng = np.random.default_rng(1)
@@ -88,7 +97,7 @@ def _goal(times: list[Times], share: float) -> Goal:
     return Goal("plain over forward and backward", ratio, GOAL, "at least")
 
 
-def _images(device: Device, planes: int) -> PointImages:
+def images_of(device: Device, planes: int) -> PointImages:
     """A 60x/1.2 water objective, lenslets of 100 um and 2.5 mm, planes within 10 um."""
     camera = PlenopticCamera.microscope(
         magnification=60,

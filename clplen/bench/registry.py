@@ -25,6 +25,7 @@ _MODULES = {
     "depth": "lightfields",
     "camera": "exposures",
     "microscope": "microscope",
+    "series": "series",
     "demo": "exposures",
     "start": "start",
 }

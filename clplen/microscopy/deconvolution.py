@@ -225,7 +225,7 @@ def deconvolve(
     iterations = positive_integer(iterations, "iterations")
     frame = real_array(frame, "A frame")
     lead = frame.shape[:-2]
-    volumes = VOLUMES + OF_AHEAD * accelerate + OF_PRIOR * bool(prior)
+    volumes = volumes_held(accelerate, prior)
     projector.require_memory(math.prod(lead), volumes=volumes, pictures=PICTURES)
     advice = "subtract less of the dark frame, or give such pixels a white level of 0 and any count"
     counts = _positive(frame, projector.frame_shape, "A frame", advice)
@@ -267,6 +267,11 @@ def deconvolve(
         images.planes,
         (images.side, images.side),
     )
+
+
+def volumes_held(accelerate: bool, prior: str | None) -> int:
+    """Volumes of a frame that are on the device."""
+    return VOLUMES + OF_AHEAD * accelerate + OF_PRIOR * bool(prior)
 
 
 def degenerate_planes(projector: Projector) -> tuple[float, ...]:

@@ -32,6 +32,7 @@ Vector = np.ndarray[Any, Any]
 WIDTH = 16  # frequencies of a block: see lattice_spectra.cl
 HEIGHT = 5  # rows of a matrix in registers
 GROUP_BYTES = 2**28  # of matrices of some planes together
+FIELD_BYTES = 2**25  # of spectra of point images together
 SHARE = 2  # matrices are kept where they take less than this part of the memory
 
 
@@ -167,7 +168,7 @@ class Projector:
         matrices = self.nbytes if self.resident else 2 * group  # the next one is made beside it
         rows = n * n + together * v * v
         spectra = 4 * WIDTH * 4 * self._blocks * rows
-        fields = 4 * math.prod(self._window) * max(frames * rows, n * n * (v * v + 1) // 2)
+        fields = 4 * math.prod(self._window) * max(frames * rows, 2 * n * n * self._phases)
         kept = volumes * math.prod(self.volume_shape) + pictures * math.prod(self.frame_shape)
         self.device.require_memory(
             matrices + fields + frames * (spectra + 4 * kept),
@@ -305,6 +306,7 @@ class Projector:
                 kernel, self._size(-(-n * n // HEIGHT)), total, matrix, spectra,
                 *(np.int32(k) for k in sizes), operations=8.0 * frames * matrix.size,
             )  # fmt: skip
+            del matrix  # where it is not kept its memory is that of the next one
         out = device.empty((frames, *self.frame_shape), np.float32)
         self._unpacked(out, total, n, FRAME, 1, 0.0 if clamp else -math.inf)
         return out
@@ -335,6 +337,7 @@ class Projector:
                 kernel, self._size(group.count), found, matrix, spectra,
                 *(np.int32(k) for k in sizes), operations=8.0 * count * matrix.size,
             )  # fmt: skip
+            del matrix
             self._unpacked(out, found, v, group, self.volume_shape[0], -math.inf)
         return out
 
@@ -416,6 +419,7 @@ class Projector:
                 if self.resident:
                     self._kept[group] = matrix
             yield group, matrix
+            del matrix
 
     def _assembled(self, group: _Group) -> cla.Array:
         """The matrices of some planes from their point images."""
@@ -424,17 +428,26 @@ class Projector:
         matrix = device.empty((self._blocks, n * n, columns, WIDTH), np.float32)
         kernel = device.kernel("lattice_spectra.cl", "assemble")
         phases = [divmod(t, v) for t in range((v * v + 1) // 2)]
-        for place in range(group.count):
-            plane = group.first + place
-            r = self.images.radii[plane]
-            pictures = np.stack([self.images.image(plane, phase) for phase in phases])
+        together = self._phases
+        for plane in range(group.first, group.first + group.count):
+            r, column = self.images.radii[plane], (plane - group.first) * v * v
             across = (2 * r + 1, 2 * r + 1)
-            stack = (len(phases), 0, len(phases))
-            fields = self._fields(device.upload(pictures), n, len(phases), stack, across, r)
-            sizes = (n, v, place * v * v, columns, *self._window)
-            size = (1 if device.rows else self._blocks * WIDTH, pairs, len(phases))
-            device.launch(kernel, size, matrix, fields, *(np.int32(k) for k in sizes))
+            for start in range(0, len(phases), together):
+                some = phases[start : start + together]
+                pictures = np.stack([self.images.image(plane, phase) for phase in some])
+                stack = (len(some), 0, len(some))
+                fields = self._fields(device.upload(pictures), n, len(some), stack, across, r)
+                sizes = (start, n, v, column, columns, *self._window)
+                size = (1 if device.rows else self._blocks * WIDTH, pairs, len(some))
+                device.launch(kernel, size, matrix, fields, *(np.int32(k) for k in sizes))
         return matrix
+
+    @property
+    def _phases(self) -> int:
+        """Voxels of a lenslet whose images are transformed together."""
+        v, n = self.images.voxels, self.images.pixels
+        one = 8 * math.prod(self._window) * ((n * n + 1) // 2)
+        return max(1, min((v * v + 1) // 2, FIELD_BYTES // one))
 
 
 def _room(device: Device) -> int:

@@ -12,12 +12,14 @@ import pytest
 
 from clplen.batch.jobs.tables import DeconvolveTable
 from clplen.batch.work import deconvolution
-from clplen.batch.work.deconvolution import DeconvolutionSettings, Deconvolver
-from clplen.cli.microscopy.deconvolve import _jobs, _Page
+from clplen.batch.work.deconvolution import DeconvolutionSettings, Deconvolver, provenance
+from clplen.cli.microscopy.deconvolve import _jobs
+from clplen.cli.microscopy.pages import Page
 from clplen.compute.device import Device
 from clplen.lightfield.raw.lenslet_lattice import Lattice
 from clplen.microscopy.images import PointImages
 from clplen.microscopy.prepare import Preparation
+from clplen.microscopy.starts import Start
 
 ALL = DeconvolutionSettings(7, 3.0, 2.0, 900.0, True, 0.25, True, "tv", 0.5)
 N = 4
@@ -140,14 +142,16 @@ def test_what_a_volume_depends_on(tmp_path: Path, monkeypatch: pytest.MonkeyPatc
 
     def job(how: DeconvolutionSettings = ALL, page: int = 0, **changed: Any) -> str:
         given: dict[str, Any] = {"images": images(), "white": files[1], "dark": files[2]}
-        given |= {"warm_start": False} | changed
-        pages = [_Page(files[0], number) for number in range(2)]
-        return repr(_jobs(pages, how=how, **given)[page])
+        given |= changed
+        begin = Start(given.pop("start", None), given["images"], motion=1e-6)
+        pages = [Page(files[0], number) for number in range(2)]
+        return repr(_jobs(pages, provenance(how=how, **given), begin)[page])
 
     found = [job(how) for how in hows]
     found += [job(images=images(2.0)), job(white=files[2]), job(white=None), job(dark=files[1])]
-    found += [job(dark=None), job(page=1), job(page=1, warm_start=True)]
-    found.append(job(page=1, warm_start=True, dark=None))  # all before it are others
+    found += [job(dark=None), job(page=1)]
+    found += [job(page=1, start=name) for name in ("previous", "decayed", "limited")]
+    found.append(job(page=1, start="previous", dark=None))  # all before it are others
     files[0].write_bytes(b"changed")
     found.append(job())
     monkeypatch.setattr("clplen.__version__", "another")
@@ -155,7 +159,9 @@ def test_what_a_volume_depends_on(tmp_path: Path, monkeypatch: pytest.MonkeyPatc
     assert len(set(found)) == len(found)
     later = [
         _jobs(
-            [_Page(files[0], 0), _Page(files[0], number)], images(), ALL, None, None, True
+            [Page(files[0], 0), Page(files[0], number)],
+            provenance(images(), ALL, None, None),
+            Start("previous", images()),
         )[1]["start"]
         for number in (1, 2)
     ]  # fmt: skip

@@ -7,6 +7,7 @@ from tolerance import relative_max
 
 from clplen import MicrolensArray, PlenopticCamera, PointSources, ShapeError
 from clplen.errors import DeviceError
+from clplen.microscopy import projector as projectors
 from clplen.microscopy.images import PointImages, unique_phases
 from clplen.microscopy.projector import Projector
 from clplen.microscopy.psf import _symmetric, point_images
@@ -176,3 +177,14 @@ def test_what_is_not_projected(device, images, change, error, words):
     volume = given.pop("volume")
     with pytest.raises(error, match=words):
         Projector(**given, device=device).forward(volume)
+
+
+def test_images_transformed_one_by_one_give_the_same(device, images, monkeypatch):
+    together = Projector(images[1], (5, 5), device=device)
+    f = volumes(together)
+    expected = together.forward(f)
+    assert together._phases > 1
+    monkeypatch.setattr(projectors, "FIELD_BYTES", 1)
+    apart = Projector(images[1], (5, 5), device=device)
+    assert apart._phases == 1
+    assert relative_max(expected, apart.forward(f)) < 1e-6

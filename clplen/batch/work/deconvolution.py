@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import logging
-from collections.abc import Callable, Iterator
+from collections import deque
+from collections.abc import Callable, Iterable, Iterator
 from dataclasses import asdict, dataclass
 from functools import cached_property, partial
 from pathlib import Path
@@ -30,10 +31,11 @@ from clplen.microscopy.deconvolution import DeconvolutionResult, deconvolve
 from clplen.microscopy.images import PointImages
 from clplen.microscopy.prepare import Prepared, preparation
 from clplen.microscopy.projector import Projector
+from clplen.microscopy.rolling import rolling_minimum
+from clplen.microscopy.series import SeriesFrame, batch_for, found_in_batches
+from clplen.microscopy.starts import Start
 
 Values = np.ndarray[Any, Any]
-
-FLOOR = 1e-3  # of the mean voxel: a warm start leaves none at 0, where it would stay
 
 
 @dataclass(frozen=True)
@@ -93,6 +95,8 @@ class Deconvolver:
     force : bool
         Whether to go on where the lattice of the white frame is not to be trusted, as of
         `preparation`.
+    begin : Start, optional
+        What a frame begins with, made of the volume before it; default that volume.
 
     Raises
     ------
@@ -122,9 +126,11 @@ class Deconvolver:
         dark: PathLike | None = None,
         memory: int | None = None,
         force: bool = False,
+        begin: Start | None = None,
     ) -> None:
         device = as_device(device)
         self.images, self.how, self.device, self._memory = images, how, device, memory
+        self._begin = begin or Start("previous", images)
         self._white, self._dark = white, dark
         beside = {
             name: read_picture(path) for name, path in (("white", white), ("dark", dark)) if path
@@ -148,22 +154,26 @@ class Deconvolver:
         """Of the voxels on the raw frame; see `Preparation.place`."""
         return self._prepare.place(self.images.voxels)
 
-    def diagnose(self, frame: Prepared, found: DeconvolutionResult | None = None) -> list[str]:
+    def diagnose(
+        self, frame: Prepared, found: DeconvolutionResult | None = None, low: Values | None = None
+    ) -> list[str]:
         """Sentences on a frame, or on its volume; see `clplen.batch.work.diagnostics`."""
         if found is None:
             return diagnostics.diagnose_frame(self._prepare, frame, self.how.background)
-        _, background = self._light(frame)
+        _, background = self._light(frame, low)
         gain, variance = self.how.gain, self._prepare.variance
         level = self._prepare.level
         return diagnostics.diagnose_volume(
             found.residuals, frame, background * gain, level, self._prepare.pixels, gain * variance
         )
 
-    def _light(self, frame: Prepared) -> tuple[Values, Values]:
-        """Photons of a frame, and those from nowhere in the volume."""
+    def _light(self, frame: Prepared, low: Values | None = None) -> tuple[Values, Values]:
+        """Photons of a frame, and those from nowhere in the volume: at least ``low`` counts."""
         how = self.how
         counts = frame.counts / np.float32(how.gain)
         background = np.full_like(counts, how.background * self._prepare.area / how.gain)
+        if low is not None:
+            background = np.maximum(background, low / np.float32(how.gain))
         if how.haze:
             background += self._prepare.haze(counts - background, frame.white)
         return counts, background
@@ -186,27 +196,71 @@ class Deconvolver:
         progress, watch : callable, optional
             As of `deconvolve`.
         """
-        how = self.how
         counts, background = self._light(frame)
-        if start is not None:
-            start = np.maximum(start, np.float32(FLOOR * start.mean(dtype=np.float64)))
+        begun = None if start is None else self._begin.volumes(start, 1)
         return deconvolve(
             counts,
-            self._projector_for(frame.counts.shape),
-            iterations=how.iterations,
+            self.projector_for(frame.counts.shape),
             background=background,
             white=frame.white,
-            start=start,
-            residual=how.residual,
-            variance=self._prepare.variance,
-            accelerate=how.accelerate,
-            prior=how.prior,
-            strength=how.strength,
+            start=None if begun is None else begun[0],
             progress=progress,
             watch=watch,
+            **self._options,
         )
 
-    def _projector_for(self, shape: tuple[int, ...]) -> Projector:
+    @property
+    def _options(self) -> dict[str, Any]:
+        """Those of `deconvolve` that all frames share."""
+        how = self.how
+        return {
+            "iterations": how.iterations,
+            "residual": how.residual,
+            "variance": self._prepare.variance,
+            "accelerate": how.accelerate,
+            "prior": how.prior,
+            "strength": how.strength,
+        }
+
+    def batch(self, shape: tuple[int, ...], wanted: int | None = None) -> int:
+        """Frames of a shape that are found together; see `clplen.microscopy.deconvolve_series`."""
+        how = self.how
+        projector = self.projector_for(shape)
+        return batch_for(projector, wanted, accelerate=how.accelerate, prior=how.prior)
+
+    def series(
+        self,
+        frames: Iterable[tuple[Prepared, Values | None]],
+        shape: tuple[int, ...],
+        batch: int,
+        *,
+        before: Values | None = None,
+        progress: Callable[[int, int], None] | None = None,
+        watch: Callable[[Values], None] | None = None,
+    ) -> Iterator[DeconvolutionResult]:
+        """The volumes behind frames, some at a time.
+
+        Parameters
+        ----------
+        frames : iterable of (Prepared, numpy.ndarray or None)
+            Frames, and counts that are at least background, as of `lowest`.
+        shape : tuple of int
+            Of the counts of all frames.
+        batch : int
+            How many are found together.
+        before : numpy.ndarray, optional
+            Volume of the frame before the first one.
+        progress, watch : callable, optional
+            As of `deconvolve`, of each batch.
+        """
+        lit = (SeriesFrame(*self._light(frame, low), frame.white) for frame, low in frames)
+        return found_in_batches(
+            lit, self.projector_for(shape), batch, self._begin, before=before,
+            progress=progress, watch=watch, **self._options,
+        )  # fmt: skip
+
+    def projector_for(self, shape: tuple[int, ...]) -> Projector:
+        """The projector of frames of a shape; that of the frame before where it is the same."""
         lenslets = (shape[0] // self.images.pixels, shape[1] // self.images.pixels)
         if self._projector is None or self._projector.shape != lenslets:
             self._projector = None  # its matrices go before others come
@@ -214,6 +268,26 @@ class Deconvolver:
                 self.images, lenslets, device=self.device, memory=self._memory
             )
         return self._projector
+
+
+def lowest(frames: Iterable[Prepared], window: int) -> Iterator[tuple[Prepared, Values]]:
+    """Frames with the minimum of each pixel over the frames about them; see `rolling_minimum`.
+
+    Parameters
+    ----------
+    frames : iterable of Prepared
+    window : int
+        Frames over which it is taken.
+    """
+    held: deque[Prepared] = deque()
+
+    def counts() -> Iterator[Values]:
+        for frame in frames:
+            held.append(frame)
+            yield frame.counts
+
+    for _, low in rolling_minimum(counts(), window):
+        yield held.popleft(), low
 
 
 def provenance(
@@ -368,7 +442,7 @@ def _frame(path: Path | None, raw: RawImage | None) -> Any:
 
 
 def _cached_deconvolver(
-    resources: Resources, files: dict[str, str], how: DeconvolutionSettings, *, force: bool = False
+    resources: Resources, files: dict[str, Any], how: DeconvolutionSettings, *, force: bool = False
 ) -> Deconvolver:
     """That of the item before, where it has the same files and words."""
     key = (how, force, *((name, path, fingerprint(Path(path))) for name, path in files.items()))

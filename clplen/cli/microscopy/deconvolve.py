@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import math
 from dataclasses import dataclass
+from functools import partial
 from hashlib import sha256
 from itertools import pairwise
 from pathlib import Path
@@ -12,6 +13,8 @@ from typing import TYPE_CHECKING, Any, Literal
 
 import click
 
+from clplen.cli.microscopy import series_file
+from clplen.cli.microscopy.pages import Page, pages_of
 from clplen.cli.shared import options
 from clplen.cli.shared.console import (
     check_output,
@@ -26,6 +29,7 @@ if TYPE_CHECKING:
     from clplen.batch.work.deconvolution import DeconvolutionSettings, Deconvolver
     from clplen.microscopy.images import PointImages
     from clplen.microscopy.prepare import Prepared
+    from clplen.microscopy.starts import Start
 
 _PATH = click.Path(path_type=Path)
 _NAME = "{name}"
@@ -95,7 +99,26 @@ class Residual(click.ParamType):
     "--saturation", type=options.FINITE,
     help="Level from which on pixels are left out; default: the largest of an integer type.",
 )  # fmt: skip
-@click.option("--warm-start", is_flag=True, help="Begin each frame with the volume before it.")
+@click.option("--warm-start", is_flag=True, help="As --start previous.")
+@click.option(
+    "--start", type=click.Choice(["none", "previous", "decayed", "limited"]),
+    help="Begin with the volume before: itself, with half its contrast, or as wide as things move.",
+)  # fmt: skip
+@click.option(
+    "--motion-um", type=options.FINITE,
+    help="How far things move from frame to frame, for --start limited; default half a voxel.",
+)  # fmt: skip
+@click.option(
+    "--batch", type=click.IntRange(1), help="Frames of a series that are found together.",
+)  # fmt: skip
+@click.option(
+    "--rolling-background", type=click.IntRange(2), metavar="N",
+    help="Of a series: the minimum of each pixel over N frames is background.",
+)  # fmt: skip
+@click.option(
+    "--preview", metavar="FILE.png", type=_PATH,
+    help="Of a series: the latest frame, refocused on three planes.",
+)  # fmt: skip
 @click.option("--memory", type=options.Size(), help="Bytes for matrices (512MiB, 4GB).")
 @options.force
 @options.device
@@ -115,13 +138,20 @@ def deconvolve(
     strength: float | None,
     saturation: float | None,
     warm_start: bool,
+    start: str | None,
+    motion_um: float | None,
+    batch: int | None,
+    rolling_background: int | None,
+    preview: Path | None,
     memory: int | None,
     force: bool,
     selector: str | None,
 ) -> None:
     """Find the volume behind raw frames of a light-field microscope, one each.
 
-    FRAME is a picture, or a TIFF of a whole time series: of ts.tif {name} is ts_0000, ts_0001, ...
+    FRAME is a picture, or a TIFF of a whole time series. Several frames go to one file, which is
+    written while it runs and goes on if it was ended; or, with {name} in the output, to one each
+    (of ts.tif {name} is ts_0000, ts_0001, ...).
 
     The white frame tells the lattice of lenslets, with which frames are rectified, and how
     sensitive pixels are. Each volume is written whole before the next frame begins; those that are
@@ -131,9 +161,11 @@ def deconvolve(
     \b
     Example:
       clplen microscope deconvolve guv.tif -c psf.h5 --white white.tif -o guv.ome.zarr
+      clplen microscope deconvolve t*.tif -c psf.h5 --white white.tif -o series.ome.zarr
       clplen microscope deconvolve t*.tif -c psf.h5 --white white.tif -o "out/{name}.ome.tif"
     """
-    from clplen.batch.work.deconvolution import DeconvolutionSettings, Deconvolver, read_psf
+    from clplen.batch.work.deconvolution import DeconvolutionSettings, provenance, read_psf
+    from clplen.microscopy.starts import Start
 
     if background < 0:
         raise click.UsageError(f"--background is not negative, not {background:g}.")
@@ -145,10 +177,10 @@ def deconvolve(
         raise click.UsageError("--strength is of a --prior: give tv or gaussian.")
     if memory is not None and memory < _LEAST_MEMORY:
         raise click.UsageError(f"--memory is at least 1MiB, not {memory} bytes: did you mean 1GB?")
+    name = _start_name(start, warm_start, motion_um)
     _tell_what_is_missing(gain, residual, prior, white, dark)
-    pages = [page for path in frames for page in _pages(path)]
-    outputs = _outputs(pages, output, [source, white, dark], force)
-    images = read_psf(source)
+    pages = [page for path in frames for page in pages_of(path)]
+    others = [path for path in (source, white, dark) if path is not None]
     how = DeconvolutionSettings(
         iterations=iterations,
         background=background,
@@ -160,27 +192,71 @@ def deconvolve(
         prior=prior,
         strength=1.0 if strength is None else strength,
     )
-    jobs = _jobs(pages, images, how, white, dark, warm_start)
+    in_one = len(pages) > 1 and _NAME not in str(output)
+    if in_one:
+        series_file.check(output, preview, pages, others, force)
+    else:
+        _refuse_without_series(batch, rolling_background, preview)
+        outputs = _outputs(pages, output, others, force)
+    images = read_psf(source)
+    begin = Start(name, images, motion=None if motion_um is None else motion_um * 1e-6)
+    opened = partial(
+        _opened, images, how, selector,
+        white=white, dark=dark, memory=memory, force=force, begin=begin,
+    )  # fmt: skip
+    shared = provenance(images, how, white, dark)
+    if in_one:
+        asked = series_file.Asked(output, pages, batch, rolling_background, preview, force)
+        series_file.write(asked, shared, begin, opened)
+        return
+    jobs = _jobs(pages, shared, begin)
     todo = [not _is_done(out, job) for out, job in zip(outputs, jobs, strict=True)]
     for out in (out for out, wanted in zip(outputs, todo, strict=True) if not wanted):
         click.echo(f"{out} is there already, of the same frame and words.")
     if not any(todo):
         return
-    series = Deconvolver(
-        images,
-        how,
-        device=open_device(selector),
-        white=white,
-        dark=dark,
-        memory=memory,
-        force=force,
-    )
-    before, tally = None, _Tally()
+    series, before, tally = opened(), None, _Tally()
     for page, out, job, wanted in zip(pages, outputs, jobs, todo, strict=True):
         if wanted:
-            click.echo(_made(series, page, out, job, tally, before if warm_start else None))
+            click.echo(_made(series, page, out, job, tally, before if name else None))
         before = out
     tally.tell()
+
+
+def _opened(
+    images: PointImages, how: DeconvolutionSettings, selector: str | None, **files: Any
+) -> Deconvolver:
+    """What all frames share, on the device."""
+    from clplen.batch.work.deconvolution import Deconvolver
+
+    return Deconvolver(images, how, device=open_device(selector), **files)
+
+
+def _start_name(start: str | None, warm_start: bool, motion_um: float | None) -> Any:
+    """The start by its name, None for an even one; what is asked for twice has to be the same."""
+    if warm_start and start not in (None, "previous"):
+        raise click.UsageError(f"--warm-start is --start previous, and --start is {start}.")
+    name = "previous" if warm_start else start
+    if motion_um is not None and (name != "limited" or motion_um <= 0):
+        raise click.UsageError("--motion-um is a positive length, of --start limited.")
+    if name == "previous":
+        note(
+            "what moves leaves a trail in the volume of the next frame: --start limited, or none "
+            "where places of small things matter."
+        )
+    return None if name == "none" else name
+
+
+def _refuse_without_series(
+    batch: int | None, rolling_background: int | None, preview: Path | None
+) -> None:
+    given = {"--batch": batch, "--rolling-background": rolling_background, "--preview": preview}
+    for name, value in given.items():
+        if value is not None:
+            raise click.UsageError(
+                f"{name} is of a series in one file: give several frames, and an output without "
+                f"{_NAME}."
+            )
 
 
 def _tell_what_is_missing(
@@ -220,35 +296,9 @@ class _Tally:
             note(f"of all {self.frames} frames' pixels {' and '.join(said)}.")
 
 
-@dataclass(frozen=True)
-class _Page:
-    """A frame: a file, or one of several in a TIFF."""
-
-    path: Path
-    number: int | None = None
-
-    @property
-    def name(self) -> str:
-        """Of its volume."""
-        return self.path.stem if self.number is None else f"{self.path.stem}_{self.number:04d}"
-
-    def __str__(self) -> str:
-        return str(self.path) if self.number is None else f"{self.path}, frame {self.number}"
-
-
-def _pages(path: Path) -> list[_Page]:
-    from clplen.io.formats.tiff import frames_in
-    from clplen.io.results.volume_files import is_volume
-
-    if is_volume(path):
-        raise click.UsageError(f"{path} is a volume, as clplen writes them: give raw frames.")
-    count = frames_in(path)
-    return [_Page(path)] if count == 1 else [_Page(path, number) for number in range(count)]
-
-
 def _made(
     series: Deconvolver,
-    page: _Page,
+    page: Page,
     output: Path,
     job: dict[str, Any],
     tally: _Tally,
@@ -288,49 +338,35 @@ def _made(
     return text + "."
 
 
-def _outputs(
-    pages: list[_Page], output: Path, others: list[Path | None], force: bool
-) -> list[Path]:
+def _outputs(pages: list[Page], output: Path, others: list[Path], force: bool) -> list[Path]:
     """A file for each frame, none of them one that is read or that clplen did not write."""
     from clplen.files import check_folder
     from clplen.io.store.zarr_files import zarr_package
 
     check_suffix(output, (".tif", ".tiff", ".zarr"))
-    if len(pages) > 1 and _NAME not in str(output):
-        raise click.UsageError(
-            f"{len(pages)} frames need as many volumes: put {_NAME} into the output, as in "
-            f"{output.with_name(_NAME + '.ome' + output.suffix)}."
-        )
     made = [Path(str(output).replace(_NAME, page.name)) for page in pages]
     doubled = sorted({str(out) for out in made if made.count(out) > 1})
     if doubled:
         raise click.UsageError(f"Two frames would be written to {doubled[0]}: rename one.")
     if output.suffix.lower() == ".zarr":
         zarr_package("write .ome.tif")
-    read = [path for path in (*{page.path for page in pages}, *others) if path is not None]
+    read = [*{page.path for page in pages}, *others]
     for out in made:
         check_folder(out.parent)
         check_output(out, force, read)
     return made
 
 
-def _jobs(
-    pages: list[_Page],
-    images: PointImages,
-    how: DeconvolutionSettings,
-    white: Path | None,
-    dark: Path | None,
-    warm_start: bool,
-) -> list[dict[str, Any]]:
+def _jobs(pages: list[Page], shared: dict[str, Any], begin: Start) -> list[dict[str, Any]]:
     """What each volume depends on, kept with it."""
-    from clplen.batch.work.deconvolution import provenance
     from clplen.io.store.digest import digest
 
-    shared = provenance(images, how, white, dark)
     digests = {path: digest(path) for path in {page.path for page in pages}}
     jobs = [{"frame": digests[one.path], "number": one.number, **shared} for one in pages]
-    if warm_start:
+    if begin.name:
         for earlier, later in pairwise(jobs):
+            if begin.name != "previous":
+                later["begin"] = begin.words
             later["start"] = sha256(json.dumps(earlier, sort_keys=True).encode()).hexdigest()
     return jobs
 
@@ -341,6 +377,6 @@ def _is_done(output: Path, job: dict[str, Any]) -> bool:
     return output.exists() and describe_series(output).get("job") == job
 
 
-def _tell(page: _Page, remarks: list[str]) -> None:
+def _tell(page: Page, remarks: list[str]) -> None:
     for text in remarks:
         note(f"{page}: {text}")

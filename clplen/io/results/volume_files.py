@@ -76,14 +76,14 @@ def write_volume(
         axes="ZYX",
         description={**(description or {}), "planes_um": [round(one * 1e6, 9) for one in z]},
         spacing=(math.nan, math.nan, *voxel),
-        depth=_step(z),
+        depth=plane_step(z),
         positions=z.tolist(),
         durable=durable,
         replace=replace,
     )
 
 
-def _step(z: Array) -> float | None:
+def plane_step(z: Array) -> float | None:
     """The distance of planes in metres, None where they do not rise or are not equidistant."""
     steps = np.diff(z)
     if steps.size == 0 or steps[0] <= 0 or np.ptp(steps) > 1e-6 * steps[0]:

@@ -95,7 +95,7 @@ def write_omezarr(
     if Path(path).suffix.lower() != zarr_files.SUFFIX:
         raise ValueError(f"OME-Zarr is written as .zarr, not as {Path(path).name}.")
     _zarr()
-    sizes = _sizes(shape, axes)
+    sizes = level_sizes(shape, axes)
     first = positions[0] if depth is not None and positions else 0.0
     _require_replaceable(Path(path), sizes[0], replace)
     check_space(path, 4 * sum(map(math.prod, sizes)))
@@ -109,8 +109,8 @@ def write_omezarr(
         group = _zarr().open_group(_zarr().storage.LocalStore(folder), mode="a", **FORMAT_2)
         group.attrs.update(
             {
-                "multiscales": [_multiscales(Path(path), sizes, axes, spacing, depth, first)],
-                "omero": _omero(names, limits, colour=not channels and len(names) == 3),
+                "multiscales": [multiscales(Path(path), sizes, axes, spacing, depth, first)],
+                "omero": omero(names, limits, colour=not channels and len(names) == 3),
                 "clplen": description,
                 "software": MARK,
             }
@@ -153,7 +153,7 @@ def _size_of(target: Path) -> tuple[int, ...] | None:
         return None
 
 
-def _sizes(shape: tuple[int, ...], axes: str) -> list[tuple[int, ...]]:
+def level_sizes(shape: tuple[int, ...], axes: str) -> list[tuple[int, ...]]:
     """Shapes of the levels, in the order of the stored axes."""
     planes, ny, nx, *colours = shape
     leading = (*colours, planes) if axes[0] in "ZC" else tuple(colours)
@@ -244,7 +244,7 @@ def _halve(finer: Any, coarser: Any) -> None:
         for rows, columns in _tiles(coarser.shape[-2:], sides):
             here = (*leading, rows, columns)
             above = (*leading, *(slice(2 * part.start, 2 * part.stop) for part in (rows, columns)))
-            coarser[here] = _means(np.asarray(finer[above]))
+            coarser[here] = means(np.asarray(finer[above]))
 
 
 def _tiles(shape: tuple[int, ...], sides: tuple[int, ...]) -> Iterator[tuple[slice, slice]]:
@@ -256,7 +256,7 @@ def _tiles(shape: tuple[int, ...], sides: tuple[int, ...]) -> Iterator[tuple[sli
             )
 
 
-def _means(values: Array) -> Array:
+def means(values: Array) -> Array:
     """Means of 2 x 2 pixels; at an odd edge of the two, or the one, that are there."""
     ny, nx = values.shape
     even = np.pad(values, ((0, ny % 2), (0, nx % 2)), mode="edge")
@@ -265,7 +265,7 @@ def _means(values: Array) -> Array:
         return np.float32(0.25) * (rows[:, ::2] + rows[:, 1::2])
 
 
-def _multiscales(
+def multiscales(
     path: Path,
     sizes: list[tuple[int, ...]],
     axes: str,
@@ -300,7 +300,7 @@ def _multiscales(
 
 
 def _axis(letter: str, has_unit: bool) -> dict[str, str]:
-    axis = {"name": letter, "type": "channel" if letter == "c" else "space"}
+    axis = {"name": letter, "type": {"t": "time", "c": "channel"}.get(letter, "space")}
     if letter in "zyx" and has_unit:
         axis["unit"] = "micrometer"
     return axis
@@ -313,7 +313,7 @@ def _names(shape: tuple[int, ...]) -> tuple[str, ...]:
     return tuple(f"intensity {i}" for i in range(shape[3])) if shape[3:] else ("intensity",)
 
 
-def _omero(names: tuple[str, ...], limits: Limits, *, colour: bool) -> dict[str, Any]:
+def omero(names: tuple[str, ...], limits: Limits, *, colour: bool) -> dict[str, Any]:
     """How viewers show the channels at first: colours together in one range, others one by one."""
     channels = []
     for index, name in enumerate(names):

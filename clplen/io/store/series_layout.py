@@ -1,0 +1,41 @@
+"""What a file of a series of volumes holds, whatever its format."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import Any
+
+Record = dict[str, Any]  # "name", "residual", "iterations", "range", "remarks" of a volume
+
+
+@dataclass(frozen=True)
+class SeriesLayout:
+    """Volumes of a series, all alike.
+
+    Attributes
+    ----------
+    frames : int
+        Of the whole series.
+    shape : tuple of int
+        (planes, y, x) of each.
+    voxel : tuple of float
+        (dy, dx) in metres.
+    planes : tuple of float
+        z of each plane in metres.
+    depth : float or None
+        Distance of planes that are equidistant, in metres.
+    about : dict
+        What else is known of all of them, of JSON.
+    """
+
+    frames: int
+    shape: tuple[int, int, int]
+    voxel: tuple[float, float]
+    planes: tuple[float, ...]
+    depth: float | None
+    about: dict[str, Any] = field(default_factory=dict)
+
+    @property
+    def first(self) -> float:
+        """z of the first plane, where its place can be said."""
+        return self.planes[0] if self.depth is not None else 0.0

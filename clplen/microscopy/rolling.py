@@ -1,0 +1,65 @@
+"""Background that changes in time: the minimum of each pixel over a window of frames.
+
+What is always there, haze and a slowly changing autofluorescence, stays in the minimum; what is
+brighter at times stands above it. The minimum of N counts with the noise s lies below their mean by
+about s sqrt(2 ln N), so that rather too little is taken for background than too much.
+"""
+
+from __future__ import annotations
+
+from collections import deque
+from collections.abc import Iterable, Iterator
+from typing import Any
+
+import numpy as np
+
+from clplen.checks import positive_integer
+
+Vector = np.ndarray[Any, Any]
+
+
+def rolling_minimum(frames: Iterable[Any], window: int) -> Iterator[tuple[Vector, Vector]]:
+    """Each frame of a series with the minimum of its pixels over the frames about it.
+
+    Parameters
+    ----------
+    frames : iterable of array_like
+        Counts, all of the same shape, in order.
+    window : int
+        N: frames from N // 2 before to (N - 1) // 2 after; at the ends of the series as many as
+        there are. So many frames are held.
+
+    Yields
+    ------
+    numpy.ndarray, numpy.ndarray
+        The frame and the minimum, both of the shape of a frame.
+
+    Raises
+    ------
+    ValueError
+        If the window is not positive.
+
+    Examples
+    --------
+    >>> counts = [np.full((1, 2), value) for value in (5.0, 3.0, 8.0, 9.0)]
+    >>> [float(low[0, 0]) for _, low in clplen.microscopy.rolling_minimum(counts, 3)]
+    [3.0, 3.0, 3.0, 8.0]
+    """
+    window = positive_integer(window, "window")
+    ahead = (window - 1) // 2
+    held: deque[Vector] = deque()
+    before = 0  # frames held before the next one that is given
+    for frame in frames:
+        held.append(np.asarray(frame))
+        if len(held) - before > ahead:
+            yield held[before], np.minimum.reduce(held)
+            before += 1
+            if before > window // 2:
+                held.popleft()
+                before -= 1
+    while before < len(held):
+        yield held[before], np.minimum.reduce(held)
+        before += 1
+        if before > window // 2:
+            held.popleft()
+            before -= 1

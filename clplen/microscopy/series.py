@@ -1,0 +1,244 @@
+"""Volumes of a series of frames, several at a time.
+
+An iteration of one frame reads every number of the projector's matrices twice, for eight
+multiplications and additions each: memory sets the pace. Frames that are found together read them
+once for all, so that from about four frames on the arithmetic does.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator
+from dataclasses import dataclass, replace
+from itertools import groupby, islice
+from typing import Any
+
+import numpy as np
+
+from clplen.checks import positive_integer, require
+from clplen.errors import DeviceError
+from clplen.microscopy import deconvolution
+from clplen.microscopy.deconvolution import DeconvolutionResult, deconvolve
+from clplen.microscopy.projector import Projector
+from clplen.microscopy.rolling import rolling_minimum
+from clplen.microscopy.starts import Start, StartName
+from clplen.wave.coherence.averaging import Progress
+
+Vector = np.ndarray[Any, Any]
+
+BATCH = 8  # frames: beyond that a frame takes no less time
+
+
+@dataclass(frozen=True, eq=False)
+class SeriesFrame:
+    """A frame of a series, with what of it is not light of the volume.
+
+    Attributes
+    ----------
+    counts : numpy.ndarray
+        Shape (rows n, columns n).
+    background : float or numpy.ndarray
+        b of `deconvolve`.
+    white : numpy.ndarray or None
+        Sensitivity of its pixels.
+    """
+
+    counts: Vector
+    background: Any = 0.0
+    white: Vector | None = None
+
+
+def deconvolve_series(
+    frames: Iterable[Any],
+    projector: Projector,
+    *,
+    batch: int | None = None,
+    start: StartName | None = None,
+    decay: float = 0.5,
+    motion: float | None = None,
+    before: Any = None,
+    background: Any = 0.0,
+    rolling: int | None = None,
+    white: Any = None,
+    progress: Progress | None = None,
+    **options: Any,
+) -> Iterator[DeconvolutionResult]:
+    """Find the volumes of a series of frames, a batch at a time.
+
+    Parameters
+    ----------
+    frames : iterable of array_like
+        Counts of each frame, shape (rows n, columns n), or an array (frames, rows n, columns n);
+        no more than a batch (and the window of ``rolling``) is held.
+    projector : Projector
+        With the point images of the microscope that took them.
+    batch : int, optional
+        Frames that are found together. Default: eight, or as many as the device has memory for.
+    start : {"previous", "decayed", "limited"}, optional
+        What the frames of a batch begin with, made of the volume of the last frame before it:
+        itself, with a share of its contrast, or as wide as things can have moved. Default: an even
+        volume.
+        "previous" draws out what moves, see `clplen.microscopy.starts`.
+    decay : float
+        Share of the contrast that "decayed" keeps, from 0 to 1.
+    motion : float, optional
+        How far things move from a frame to the next one in "limited", in metres (standard deviation
+        along an axis); default half a voxel.
+    before : array_like, optional
+        Volume that the first batch begins with, that of the frame before it.
+    background : float or array_like
+        As of `deconvolve`, the same for all frames.
+    rolling : int, optional
+        Frames over which the minimum of each pixel is background, besides ``background``; see
+        `rolling_minimum`. Light of what never changes is then left out, too.
+    white : array_like, optional
+        As of `deconvolve`.
+    progress : callable, optional
+        Called as ``progress(done, total)`` after each iteration of a batch.
+    **options
+        Others of `deconvolve`: ``iterations``, ``residual``, ``variance``, ``accelerate``,
+        ``prior``, ``strength`` and ``watch``. With ``residual`` a batch goes on until every frame
+        of it is below.
+
+    Yields
+    ------
+    DeconvolutionResult
+        Of each frame, in order.
+
+    Raises
+    ------
+    ShapeError, ValueError, TypeError, DeviceError
+        As `deconvolve`; and if batch, window, decay or motion is out of range.
+
+    Examples
+    --------
+    >>> camera = clplen.PlenopticCamera.microscope(
+    ...     magnification=10, na=0.2, wavelength=525e-9, pixels_per_lenslet=11,
+    ...     mla=clplen.MicrolensArray(60e-6, 1.5e-3, count=5, fill="full"))
+    >>> images = clplen.point_images(camera, [0.0, 50e-6], voxels_per_lenslet=3, cut=0.05)
+    >>> projector = clplen.Projector(images, (5, 5))
+    >>> volumes = np.zeros((3, *projector.volume_shape))
+    >>> for t in range(3):
+    ...     volumes[t, 1, 7, 6 + t] = 1000  # a point that moves by a voxel a frame
+    >>> found = clplen.microscopy.deconvolve_series(
+    ...     projector.forward(volumes), projector, batch=2, iterations=8)
+    >>> [int(one.volume.argmax() % 15) for one in found]
+    [6, 7, 8]
+    """
+    require(Projector, projector, "projector", "Projector(images, shape, device=device)")
+    how = Start(start, projector.images, decay=decay, motion=motion)
+    _refuse_unknown(options)
+    together = batch_for(projector, batch, **options)
+    series: Iterable[SeriesFrame]
+    if rolling is None:
+        series = (SeriesFrame(_counts(one), background, white) for one in frames)
+    else:
+        pairs = rolling_minimum((_counts(one) for one in frames), rolling)
+        series = (SeriesFrame(one, np.add(low, background), white) for one, low in pairs)
+    return found_in_batches(
+        series, projector, together, how, before=before, progress=progress, **options
+    )
+
+
+def batch_for(projector: Projector, batch: int | None = None, **options: Any) -> int:
+    """Frames that are found together: as asked, or at most eight for which there is memory.
+
+    Parameters
+    ----------
+    projector : Projector
+    batch : int, optional
+    **options
+        Those of `deconvolve` that take memory: ``accelerate`` and ``prior``.
+
+    Raises
+    ------
+    ValueError
+        If it is not positive.
+    DeviceError
+        If there is not even memory for one frame.
+    """
+    if batch is not None:
+        return positive_integer(batch, "batch")
+    volumes = deconvolution.volumes_held(options.get("accelerate", False), options.get("prior"))
+    for frames in range(BATCH, 1, -1):
+        try:
+            projector.require_memory(frames, volumes=volumes, pictures=deconvolution.PICTURES)
+        except DeviceError:
+            continue
+        return frames
+    projector.require_memory(1, volumes=volumes, pictures=deconvolution.PICTURES)
+    return 1
+
+
+def found_in_batches(
+    frames: Iterable[SeriesFrame],
+    projector: Projector,
+    batch: int,
+    start: Start,
+    *,
+    before: Any = None,
+    **options: Any,
+) -> Iterator[DeconvolutionResult]:
+    """`deconvolve_series` of frames that have a background and a sensitivity each.
+
+    Frames of a batch in which other pixels are left out are found apart: pixels are weighted alike
+    in frames that are found together. All of them begin with the volume before the batch.
+    """
+    series = iter(frames)
+    last = None if before is None else np.asarray(before, np.float32)
+    while some := list(islice(series, batch)):
+        begun = None if last is None else start.volumes(last, len(some))
+        first = 0
+        for alike in _alike(some):
+            part = begun
+            if begun is not None and len(begun) > 1:
+                part = begun[first : first + len(alike)]
+            for one in _found(alike, projector, part, options):
+                last = one.volume
+                yield one
+            first += len(alike)
+
+
+def _found(
+    frames: list[SeriesFrame], projector: Projector, start: Vector | None, options: dict[str, Any]
+) -> Iterator[DeconvolutionResult]:
+    shape = frames[0].counts.shape
+    dim = np.stack([np.broadcast_to(np.asarray(one.background), shape) for one in frames])
+    counts = np.stack([one.counts for one in frames])
+    found = deconvolve(
+        counts, projector, background=dim, white=frames[0].white, start=start, **options
+    )
+    for volume, residuals in zip(found.volume, found.residuals, strict=True):
+        yield replace(found, volume=volume, residuals=residuals)
+
+
+def _alike(frames: list[SeriesFrame]) -> Iterator[list[SeriesFrame]]:
+    """Neighbouring frames of the same shape and sensitivity."""
+    number, before = 0, frames[0]
+    numbers = []
+    for one in frames:
+        if not _same(one, before):
+            number += 1
+        numbers.append(number)
+        before = one
+    for _, some in groupby(zip(numbers, frames, strict=True), key=lambda pair: pair[0]):
+        yield [one for _, one in some]
+
+
+def _same(one: SeriesFrame, other: SeriesFrame) -> bool:
+    if one.counts.shape != other.counts.shape:
+        return False
+    if one.white is None or other.white is None:
+        return one.white is other.white
+    return one.white is other.white or np.array_equal(one.white, other.white)
+
+
+def _counts(frame: Any) -> Vector:
+    return np.asarray(frame.to_numpy() if hasattr(frame, "to_numpy") else frame)
+
+
+def _refuse_unknown(options: dict[str, Any]) -> None:
+    unknown = set(options) - {
+        "iterations", "residual", "variance", "accelerate", "prior", "strength", "watch",
+    }  # fmt: skip
+    if unknown:
+        raise TypeError(f"deconvolve_series has no {', '.join(sorted(unknown))}.")
