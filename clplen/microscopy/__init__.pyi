@@ -1,6 +1,8 @@
 from .deconvolution import DeconvolutionResult as DeconvolutionResult
 from .deconvolution import deconvolve as deconvolve
 from .deconvolution import degenerate_planes as degenerate_planes
+from .frame_projector import FrameProjector as FrameProjector
+from .frame_projector import lattice_of as lattice_of
 from .images import PointImages as PointImages
 from .point_image_files import read_point_images as read_point_images
 from .point_image_files import write_point_images as write_point_images
@@ -13,3 +15,5 @@ from .prepare import preparation as preparation
 from .prepare import rectify as rectify
 from .projector import Projector as Projector
 from .psf import point_images as point_images
+from .raw_frames import RawPreparation as RawPreparation
+from .raw_frames import raw_preparation as raw_preparation
