@@ -1,11 +1,11 @@
 /* Pictures of lenslets as fields on the lattice of lenslets, one for two samples of a lenslet.
  *
- *   C[b, r, l] = a[b, l w + m] + i a[b, l w + m'],   m = (r / w, r % w),  m' = w - 1 - m
+ *   C[b, r, l] = a[b, l w + m] + i a[b, l w + m'],   m = (r / wx, r % wx),  m' = w - 1 - m
  *
- * for the w x w samples m of lenslet l along both axes; r counts those up to the middle one, whose
- * own mirror image it is if w is odd. decimate fills a window of (ny, nx) lattice points with
+ * for the wy x wx samples m of lenslet l; r counts those up to the middle one, whose own mirror
+ * image it is if both are odd. A lenslet may be a cell of several (cells.py). decimate fills a window of (ny, nx) lattice points with
  * zeros: point l holds lenslet l + first, l < (ny + 1)/2, and l - ny + first beyond with -DCENTRED,
- * so that a picture about lenslet `first` has that one at l = 0. interleave is the inverse for the
+ * so that a picture about lenslet `first` = (fy, fx) has that one at l = 0. interleave is the inverse for the
  * window's first points; least: no sample is below it. Of pictures in stacks of `all` their planes
  * start, start + 1, ... are taken, `planes` of them, in order of the stacks.
  *
@@ -31,56 +31,57 @@ inline int lenslet(int l, int n, int first)
 #endif
 }
 
-__kernel void decimate(__global float2 *restrict C, __global const float *restrict a, const int w,
-                       const int first, const int planes, const int start, const int all,
-                       const int rows, const int columns, const int ny, const int nx)
+__kernel void decimate(__global float2 *restrict C, __global const float *restrict a, const int wy,
+                       const int wx, const int fy, const int fx, const int planes, const int start,
+                       const int all, const int rows, const int columns, const int ny,
+                       const int nx)
 {
-    const int y = get_global_id(1), batch = get_global_id(2), pairs = (w * w + 1) / 2;
+    const int y = get_global_id(1), batch = get_global_id(2), pairs = (wy * wx + 1) / 2;
     const int b = picture(batch / pairs, planes, start, all);
-    const int r = batch % pairs, my = r / w, mx = r % w, last = w - 1;
-    const int ly = lenslet(y, ny, first);
+    const int r = batch % pairs, my = r / wx, mx = r % wx;
+    const int ly = lenslet(y, ny, fy);
     const size_t to = row_start(batch, y, ny, nx);
-    const size_t width = (size_t)columns * w;
+    const size_t width = (size_t)columns * wx;
     if (ly < 0 || ly >= rows) {
         FOR_X(x, nx)
             C[to + x] = (float2)(0, 0);
         return;
     }
-    __global const float *cells = a + ((size_t)b * rows + ly) * w * width;
+    __global const float *cells = a + ((size_t)b * rows + ly) * wy * width;
     __global const float *one = cells + my * width + mx;
-    __global const float *other = cells + (last - my) * width + last - mx;
+    __global const float *other = cells + (wy - 1 - my) * width + wx - 1 - mx;
     FOR_X(x, nx) {
-        const int lx = lenslet(x, nx, first);
+        const int lx = lenslet(x, nx, fx);
         const bool inside = lx >= 0 && lx < columns;
-        C[to + x] = inside ? (float2)(one[lx * w], other[lx * w]) : (float2)(0, 0);
+        C[to + x] = inside ? (float2)(one[lx * wx], other[lx * wx]) : (float2)(0, 0);
     }
 }
 
 __kernel void interleave(__global float *restrict a, __global const float2 *restrict C,
-                         const int w, const float least, const int planes, const int start,
-                         const int all, const int rows, const int columns, const int ny,
-                         const int nx)
+                         const int wy, const int wx, const float least, const int planes,
+                         const int start, const int all, const int rows, const int columns,
+                         const int ny, const int nx)
 {
-    const int y = get_global_id(1), b = get_global_id(2), pairs = (w * w + 1) / 2;
-    const int ly = y / w, my = y % w;
-    const size_t to = row_start(picture(b, planes, start, all), y, rows * w, columns * w);
+    const int y = get_global_id(1), b = get_global_id(2), pairs = (wy * wx + 1) / 2;
+    const int ly = y / wy, my = y % wy;
+    const size_t to = row_start(picture(b, planes, start, all), y, rows * wy, columns * wx);
 #ifdef ROWS
-    for (int mx = 0; mx < w; ++mx) { /* without a division for each sample */
-        const int m = my * w + mx, r = min(m, w * w - 1 - m);
+    for (int mx = 0; mx < wx; ++mx) { /* without a division for each sample */
+        const int m = my * wx + mx, r = min(m, wy * wx - 1 - m);
         __global const float2 *from = C + row_start(b * pairs + r, ly, ny, nx);
         __global float *out = a + to + mx;
         if (m == r) {
             for (int lx = 0; lx < columns; ++lx)
-                out[lx * w] = fmax(from[lx].x, least);
+                out[lx * wx] = fmax(from[lx].x, least);
         } else {
             for (int lx = 0; lx < columns; ++lx)
-                out[lx * w] = fmax(from[lx].y, least);
+                out[lx * wx] = fmax(from[lx].y, least);
         }
     }
 #else
-    FOR_X(x, columns * w) {
-        const int lx = x / w, m = my * w + x % w;
-        const int r = min(m, w * w - 1 - m);
+    FOR_X(x, columns * wx) {
+        const int lx = x / wx, m = my * wx + x % wx;
+        const int r = min(m, wy * wx - 1 - m);
         const float2 c = C[row_start(b * pairs + r, ly, ny, nx) + lx];
         a[to + x] = fmax(m == r ? c.x : c.y, least);
     }

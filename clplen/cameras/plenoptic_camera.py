@@ -296,7 +296,8 @@ class PlenopticCamera(Described, LensletCamera, ABC):
         na : float
             Numerical aperture, below ``medium_index``.
         mla : MicrolensArray
-            Brings pitch, f_mu, count, lattice, fill, offset and rotation.
+            Brings pitch, f_mu, count, lattice, fill, offset and rotation. Of several focal lengths
+            the first is f_mu, in which the sensor lies.
         wavelength : float
             Of the fluorescence in vacuum, in metres.
         pixels_per_lenslet : float, optional
@@ -324,8 +325,8 @@ class PlenopticCamera(Described, LensletCamera, ABC):
         Raises
         ------
         ValueError
-            For a length or number outside its range, NA at or above the index, or lenslets of
-            several focal lengths.
+            For a length or number outside its range, NA at or above the index, or lenslets that
+            do not converge.
         TypeError
             If array or cover glass are none.
         SamplingError
@@ -401,9 +402,9 @@ def _check_objective(magnification: float, na: float, index: float, mla: Microle
             f"NA = n sin(theta) lies between 0 and the index of the medium, {index!r}, not at "
             f"{na!r}: give medium_index (water 1.33, oil 1.52) or another NA."
         )
-    if len(mla.focal_lengths) > 1 or mla.focal_length <= 0:
+    if min(mla.focal_lengths) <= 0:
         raise ValueError(
-            f"The lenslets of a microscope have one focal length > 0, not {mla.focal_lengths}."
+            f"The lenslets of a microscope have focal lengths > 0, not {mla.focal_lengths}."
         )
     if mla.map is not None and mla.map.is_of_each:
         raise ValueError(

@@ -3,6 +3,8 @@ from .activity import traces as traces
 from .deconvolution import DeconvolutionResult as DeconvolutionResult
 from .deconvolution import deconvolve as deconvolve
 from .deconvolution import degenerate_planes as degenerate_planes
+from .frame_projector import FrameProjector as FrameProjector
+from .frame_projector import lattice_of as lattice_of
 from .images import PointImages as PointImages
 from .point_image_files import read_point_images as read_point_images
 from .point_image_files import write_point_images as write_point_images
@@ -15,11 +17,13 @@ from .prepare import preparation as preparation
 from .prepare import rectify as rectify
 from .projector import Projector as Projector
 from .psf import point_images as point_images
+from .raw_frames import RawPreparation as RawPreparation
+from .raw_frames import raw_preparation as raw_preparation
 from .regions import Regions as Regions
 from .regions import find_regions as find_regions
 from .regions import sphere_labels as sphere_labels
-from .tracks import Tracks as Tracks
-from .tracks import track_points as track_points
 from .rolling import rolling_minimum as rolling_minimum
 from .series import SeriesFrame as SeriesFrame
 from .series import deconvolve_series as deconvolve_series
+from .tracks import Tracks as Tracks
+from .tracks import track_points as track_points

@@ -211,9 +211,10 @@ def deconvolve(
     """
     frame = frame.to_numpy() if hasattr(frame, "to_numpy") else frame
     require(Projector, projector, "projector", "Projector(images, shape, device=device)")
-    if min(projector.shape) < FEWEST:
+    if min(projector.lenslets) < FEWEST:
+        rows, columns = projector.lenslets
         raise ShapeError(
-            f"The frame has {projector.shape[0]} x {projector.shape[1]} lenslets; at least "
+            f"The frame has {rows} x {columns} lenslets; at least "
             f"{FEWEST} x {FEWEST} are needed to tell planes apart."
         )
     if not (is_finite(variance) and variance > 0):
@@ -265,7 +266,7 @@ def deconvolve(
         len(history),
         degenerate_planes(projector),
         images.planes,
-        (images.side, images.side),
+        images.sides,
     )
 
 

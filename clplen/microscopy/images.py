@@ -3,9 +3,12 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Any
 
 import numpy as np
+
+from clplen.microscopy.cells import Cell, cell_in, cell_of
 
 Vector = np.ndarray[Any, Any]
 
@@ -21,13 +24,14 @@ class PointImages:
     planes : numpy.ndarray
         float64, shape (planes,): z of each plane in metres, farther positive.
     voxels : int
-        v, of a lenslet along an axis.
+        v, of a lenslet along x; of a square lattice along y, too.
     pixels : int
-        n, of a lenslet along an axis.
+        n, likewise.
     stored : tuple of numpy.ndarray
-        For each plane the different images, float32 or float16, shape (u, n k, n k), k = 2 r + 1
-        lenslets about that of the voxel; of the phases (a, b), a <= b <= (v - 1)/2, in the order of
-        `unique_phases`.
+        For each plane the different images, float32 or float16, shape (u, ny ky, nx kx), k = 2 r +
+        1 cells about that of the voxel, in the order of ``cell.phases()``. A square lattice of one
+        kind of lenslets has cells of a lenslet: shape (u, n k, n k), phases (a, b), a <= b <= (v -
+        1)/2.
     scales : numpy.ndarray
         float64, shape (planes,): what the stored numbers are multiplied by.
 
@@ -53,21 +57,43 @@ class PointImages:
 
     def __repr__(self) -> str:
         size = sum(one.nbytes for one in self.stored) / 2**20
+        (vy, vx), (ny, nx), (rows, columns) = self.cell.voxels, self.cell.pixels, self.cell.lenslets
+        what = "a lenslet" if rows * columns == 1 else f"a cell of {rows} x {columns} lenslets"
         return (
-            f"<PointImages of {len(self.planes)} planes, {self.voxels} x {self.voxels} voxels and "
-            f"{self.pixels} x {self.pixels} pixels a lenslet, {size:.3g} MiB>"
+            f"<PointImages of {len(self.planes)} planes, {vy} x {vx} voxels and {ny} x {nx} pixels "
+            f"{what}, {size:.3g} MiB>"
         )
+
+    @cached_property
+    def cell(self) -> Cell:
+        """What repeats: a lenslet, or a rectangle of some of them."""
+        return cell_in(self.parameters, self.voxels, self.pixels)
 
     @property
     def side(self) -> float:
-        """Of a voxel along y and x, in metres."""
+        """Of a voxel along x, in metres."""
+        return self.sides[1]
+
+    @property
+    def sides(self) -> tuple[float, float]:
+        """(dy, dx) of a voxel in metres; those of a square lattice are the same."""
         about = self.parameters
-        return float(about["lenslet_pitch"] / (about["magnification"] * self.voxels))
+        lenslet = about["lenslet_pitch"] / about["magnification"]
+        dx = lenslet / self.voxels
+        (height, width), (vy, vx) = self.cell.size, self.cell.voxels
+        return float(dx if height * vx == width * vy else lenslet * height / vy), float(dx)
 
     @property
     def radii(self) -> tuple[int, ...]:
-        """r of each plane: lenslets from that of the voxel to the last one with light."""
-        return tuple((one.shape[1] // self.pixels - 1) // 2 for one in self.stored)
+        """r of each plane: cells along x from that of the voxel to the last one with light."""
+        return tuple(r for _, r in self.reaches)
+
+    @property
+    def reaches(self) -> tuple[tuple[int, int], ...]:
+        """(ry, rx) of each plane; those of a square lattice are the same."""
+        ny, nx = self.cell.pixels
+        shapes = (one.shape[1:] for one in self.stored)
+        return tuple(((y // ny - 1) // 2, (x // nx - 1) // 2) for y, x in shapes)
 
     def image(self, plane: int, phase: tuple[int, int]) -> Vector:
         """The image of one voxel of energy 1.
@@ -76,24 +102,57 @@ class PointImages:
         ----------
         plane : int
         phase : tuple of int
-            (sy, sx) of the voxel in its lenslet, each from 0 to v - 1.
+            (sy, sx) of the voxel in its cell, from (0, 0) on.
 
         Returns
         -------
         numpy.ndarray
-            float32, shape (n k, n k): energy on the pixels of the k x k lenslets about its own.
+            float32, shape (ny ky, nx kx): energy on the pixels of the cells about its own.
         """
-        v = self.voxels
-        if not all(0 <= s < v for s in phase):
-            raise ValueError(f"A lenslet has voxels (0, 0) to ({v - 1}, {v - 1}), not {phase!r}.")
-        folded = [min(s, v - 1 - s) for s in phase]
-        number = unique_phases(v).index((min(folded), max(folded)))
-        found = self.stored[plane][number]
-        if folded[0] > folded[1]:
+        vy, vx = self.cell.voxels
+        if not (0 <= phase[0] < vy and 0 <= phase[1] < vx):
+            what = "lenslet" if self.cell.lenslets == (1, 1) else "cell"
+            raise ValueError(f"A {what} has voxels (0, 0) to ({vy - 1}, {vx - 1}), not {phase!r}.")
+        source, turned, exchanged = self.cell.folded(phase)
+        found = self.stored[plane][self._numbers[source]]
+        if exchanged:
             found = found.T
-        turned = tuple(-1 if s != f else 1 for s, f in zip(phase, folded, strict=True))
-        values = found[:: turned[0], :: turned[1]].astype(np.float32)
+        down, right = (-1 if turn else 1 for turn in turned)
+        values = found[::down, ::right].astype(np.float32)
         return np.ascontiguousarray(values * np.float32(self.scales[plane]))
+
+    @cached_property
+    def _numbers(self) -> dict[tuple[int, int], int]:
+        """Where the images of phases are stored."""
+        return {phase: number for number, phase in enumerate(self.cell.phases())}
+
+    def part(self, plane: int, phase: tuple[int, int], part: int) -> Vector:
+        """Of an image what keeps or changes its sign under the mirrors; all parts add up to it.
+
+        Parameters
+        ----------
+        plane : int
+        phase : tuple of int
+        part : int
+            One of ``cell.parts``.
+
+        Returns
+        -------
+        numpy.ndarray
+            float32, shape of `image`.
+        """
+        total = self.image(plane, phase)
+        (vy, vx), (a, b), parts = self.cell.voxels, phase, self.cell.parts
+        if len(parts) == 1:
+            return total
+        turned = self.image(plane, (vy - 1 - a, vx - 1 - b))[::-1, ::-1]
+        total = (total + (-turned if part & 1 else turned)) / 2
+        if not any(one & 2 for one in parts):
+            return total
+        mirrored = self.image(plane, (vy - 1 - a, b))[::-1]
+        other = self.image(plane, (a, vx - 1 - b))[:, ::-1]
+        mirrored = (mirrored + (-other if part & 1 else other)) / 2
+        return np.asarray((total + (-mirrored if part & 2 else mirrored)) / 2)
 
     def kept(self, plane: int) -> float:
         """The least share of a voxel's light in its images of a plane."""
@@ -101,13 +160,6 @@ class PointImages:
         return float(sums.min() * self.scales[plane])
 
 
-def count_phases(voxels: int) -> int:
-    """How many `unique_phases` there are, h (h + 1)/2 with h = ceil(v/2)."""
-    half = (voxels + 1) // 2
-    return half * (half + 1) // 2
-
-
 def unique_phases(voxels: int) -> list[tuple[int, int]]:
-    """Phases (a, b), a <= b, of voxels whose images are not mirror images of others."""
-    half = (voxels + 1) // 2
-    return [(a, b) for a in range(half) for b in range(a, half)]
+    """Phases of a square lattice, (a, b), a <= b, whose images are not mirror images of others."""
+    return cell_of("square", 1, voxels=voxels, pixels=1).phases()

@@ -22,6 +22,7 @@ from clplen.outputs import MARK
 _DEFLATE = 1032  # largest ratio of gzip
 _SLACK = 1 << 20  # bytes that any file may ask for
 FORMAT = "clplen point images 1"
+OF_CELLS = "clplen point images 2"  # with cells of several lenslets, which readers of 1 do not know
 # Bytes of a file over those of its images; from .79 and .46 on were measured.
 DENSEST = {"float32": 0.7, "float16": 0.4}
 
@@ -57,7 +58,7 @@ def write_point_images(path: PathLike, images: PointImages) -> None:
     made = io.BytesIO()
     with h5py.File(made, "w") as file:
         file.attrs["software"] = MARK
-        file.attrs["format"] = FORMAT
+        file.attrs["format"] = FORMAT if images.cell.lenslets == (1, 1) else OF_CELLS
         file.attrs["parameters"] = json.dumps(images.parameters)
         file.attrs["digest"] = digest(images)
         file["scales"] = images.scales
@@ -114,14 +115,15 @@ def read_point_images(path: PathLike) -> PointImages:
     try:
         require_heaps(place)
         with h5py.File(place, "r") as file:
-            if file.attrs.get("format") != FORMAT:
+            if file.attrs.get("format") not in (FORMAT, OF_CELLS):
                 raise FormatError(f"{place} holds no point images ({FORMAT!r}).")
             require_own(file, place)
             _check_memory(place, [*file["planes"].values(), file["scales"]])
             parameters = json.loads(file.attrs["parameters"])
             stored = tuple(file["planes"][name][()] for name in sorted(file["planes"]))
             scales, expected = file["scales"][()], file.attrs["digest"]
-        parameters["planes"] = tuple(parameters["planes"])
+        for name in {"planes", "lenslet_focal_lengths"} & parameters.keys():
+            parameters[name] = tuple(parameters[name])
         images = PointImages(
             parameters,
             np.array(parameters["planes"]),
@@ -156,7 +158,7 @@ def read_parameters(path: PathLike) -> tuple[dict[str, Any], list[tuple[int, ...
     try:
         require_heaps(Path(path))
         with h5py.File(path, "r") as file:
-            if file.attrs.get("format") != FORMAT:
+            if file.attrs.get("format") not in (FORMAT, OF_CELLS):
                 return None
             require_own(file, Path(path))
             planes = file["planes"]

@@ -280,8 +280,7 @@ class Preparation(OneLine):
         deep = int(np.count_nonzero(light < -RARE * self.noise)) if self.noise else 0
         light = np.maximum(light, 0)
         white = np.ones(light.shape, np.float32) if self.sensitivity is None else self.sensitivity
-        if self.lattice is not None:
-            light = rectify(light, self.lattice, device=self.device, pixels=self.pixels)
+        light = self._resampled(light)
         if bad.any():
             white = np.where(self._reached(bad), np.float32(0), white)
         return Prepared(light, white, negative, int(np.count_nonzero(bad)), deep, light.size)
@@ -364,6 +363,12 @@ class Preparation(OneLine):
                 f"{self.pixels} pixels: give the white frame, with which it is rectified."
             )
 
+    def _resampled(self, light: Vector) -> Vector:
+        """A frame on whole pixels a lenslet."""
+        if self.lattice is None:
+            return light
+        return rectify(light, self.lattice, device=self.device, pixels=self.pixels)
+
     def _reached(self, bad: Vector) -> Vector:
         """Rectified pixels that a bad one has a part in."""
         if self.lattice is None:
@@ -430,6 +435,44 @@ def preparation(
     black = None if dark is None else np.asarray(samples(dark), np.float32)
     if white is None:
         return Preparation(pixels, device, black, None, None)
+    light, bad = white_light(white, black, saturation)
+    lattice = estimate_lattice(light, kind="square", pitch=max(pixels, LEAST_PITCH))
+    if math.isnan(lattice.residual):
+        raise ValueError(
+            f"The white frame has no lenslets of about {pixels} pixels, as the point images have: "
+            "is it one, and of the same camera?"
+        )
+    require_trust(lattice, "The white frame", force=force)
+    found = Preparation(pixels, device, black, lattice, None)
+    level = rectify(light, lattice, device=device, pixels=pixels)
+    if bad.any():
+        level[found._reached(bad)] = 0
+    return Preparation(pixels, device, black, lattice, _sensitivity(level, pixels), level)
+
+
+def white_light(
+    white: Any, black: Vector | None, saturation: float | None
+) -> tuple[Vector, Vector]:
+    """A white frame without its dark one, and which of its pixels are unknown.
+
+    Parameters
+    ----------
+    white : array_like
+    black : numpy.ndarray or None
+        Dark frame.
+    saturation : float or None
+        As of `preparation`.
+
+    Returns
+    -------
+    tuple of numpy.ndarray
+        float32, not negative, and bool, both of the shape of the frame.
+
+    Raises
+    ------
+    ShapeError, ValueError
+        As `preparation`.
+    """
     values = samples(white)
     if black is not None and black.shape != values.shape:
         raise ShapeError(
@@ -447,18 +490,7 @@ def preparation(
     light = np.maximum(light, 0)
     if not light.any():
         raise ValueError("The white frame is no brighter than the dark one: are they exchanged?")
-    lattice = estimate_lattice(light, kind="square", pitch=max(pixels, LEAST_PITCH))
-    if math.isnan(lattice.residual):
-        raise ValueError(
-            f"The white frame has no lenslets of about {pixels} pixels, as the point images have: "
-            "is it one, and of the same camera?"
-        )
-    require_trust(lattice, "The white frame", force=force)
-    found = Preparation(pixels, device, black, lattice, None)
-    level = rectify(light, lattice, device=device, pixels=pixels)
-    if bad.any():
-        level[found._reached(bad)] = 0
-    return Preparation(pixels, device, black, lattice, _sensitivity(level, pixels), level)
+    return light, bad
 
 
 def samples(frame: Any) -> Vector:

@@ -4,7 +4,8 @@ The point images of v x v voxels and n x n pixels a lenslet are n^2 v^2 small co
 lattice of lenslets: at each of its frequencies a matrix of n^2 by v^2 for each plane. Transforms
 are those of the lattice, not of the frame; in the basis of lattice_spectra.cl the matrices are real
 and those of y and -y are the same, so that a quarter of the numbers is kept and every one that is
-read serves four columns.
+read serves four columns. Other arrays have cells of several lenslets (cells.py) in place of one; an
+array that a mirror changes has two or four such matrices.
 """
 
 from __future__ import annotations
@@ -12,6 +13,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator
 from dataclasses import dataclass
+from itertools import product
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -22,6 +24,7 @@ from clplen.compute.device import Device, DeviceLike, as_device
 from clplen.compute.fft.lines import smooth_length
 from clplen.compute.memory import free_memory
 from clplen.errors import ShapeError
+from clplen.microscopy.cells import Pair
 from clplen.microscopy.images import PointImages
 
 if TYPE_CHECKING:
@@ -29,6 +32,7 @@ if TYPE_CHECKING:
 
 Vector = np.ndarray[Any, Any]
 
+WHOLE = (0,)  # the parts of a picture that is not taken apart
 WIDTH = 16  # frequencies of a block: see lattice_spectra.cl
 HEIGHT = 5  # rows of a matrix in registers
 GROUP_BYTES = 2**28  # of matrices of some planes together
@@ -54,12 +58,15 @@ class Projector:
     (sy, sx) of lenslet (i, k) in the plane ``images.planes[z]``; its frame has shape (..., rows n,
     columns n). Nothing lies outside the volume. Leading axes are frames, projected together.
 
+    Of an array that is not square, or of several kinds of lenslets, lenslets are those cells that
+    ``images.cell`` describes, with (vy, vx) voxels and (ny, nx) pixels.
+
     Parameters
     ----------
     images : PointImages
         Of the microscope, as `point_images` simulates them.
     shape : tuple of int
-        (rows, columns) of lenslets.
+        (rows, columns) of lenslets, or of cells.
     device : Device or str, optional
         None is ``Device.open()``.
     memory : int, optional
@@ -119,11 +126,15 @@ class Projector:
         self.images = images
         self.shape = (int(shape[0]), int(shape[1]))
         self.device = device
-        v, n = images.voxels, images.pixels
-        self.volume_shape = (len(images.planes), self.shape[0] * v, self.shape[1] * v)
-        self.frame_shape = (self.shape[0] * n, self.shape[1] * n)
-        farthest = max(images.radii)
-        self._window = tuple(smooth_length(max(k + farthest, 2 * farthest + 1)) for k in self.shape)
+        cell = self._cell = images.cell
+        rows, columns = self.shape
+        self.volume_shape = (len(images.planes), rows * cell.voxels[0], columns * cell.voxels[1])
+        self.frame_shape = self._model_shape = (rows * cell.pixels[0], columns * cell.pixels[1])
+        farthest = np.max(images.reaches, axis=0)
+        self._window = tuple(
+            smooth_length(max(k + int(r), 2 * int(r) + 1))
+            for k, r in zip(self.shape, farthest, strict=True)
+        )
         self._blocks = -(-(self._window[0] // 2 + 1) * (self._window[1] // 2 + 1) // WIDTH)
         planes = self.volume_shape[0]
         plane = self.nbytes // planes
@@ -144,10 +155,21 @@ class Projector:
         return f"<Projector of {self.volume_shape} to {self.frame_shape}, {self.device.name}>"
 
     @property
+    def lenslets(self) -> tuple[int, int]:
+        """(rows, columns) of lenslets that the volume lies under."""
+        rows, columns = self._cell.lenslets
+        return self.shape[0] * rows, self.shape[1] * columns
+
+    @property
     def nbytes(self) -> int:
         """Bytes of the matrices of all planes."""
-        v, n = self.images.voxels, self.images.pixels
-        return 4 * self._blocks * WIDTH * (v * n) ** 2 * self.volume_shape[0]
+        values = math.prod(self._cell.pixels) * self._rows_of_plane
+        return 4 * self._blocks * WIDTH * values * self.volume_shape[0]
+
+    @property
+    def _rows_of_plane(self) -> int:
+        """Rows of the spectra of a plane: voxels of a cell, in every part."""
+        return math.prod(self._cell.voxels) * len(self._cell.parts)
 
     def require_memory(self, frames: int, *, volumes: int = 1, pictures: int = 1) -> None:
         """Refuse frames that cannot be projected together, before anything is allocated.
@@ -163,12 +185,12 @@ class Projector:
         DeviceError
             With the bytes needed and the bytes there are.
         """
-        v, n, together = self.images.voxels, self.images.pixels, self._groups[0].count
+        together, n = self._groups[0].count, math.prod(self._cell.pixels)
         group = together * (self.nbytes // self.volume_shape[0])
         matrices = self.nbytes if self.resident else 2 * group  # the next one is made beside it
-        rows = n * n + together * v * v
+        rows = n + together * self._rows_of_plane
         spectra = 4 * WIDTH * 4 * self._blocks * rows
-        fields = 4 * math.prod(self._window) * max(frames * rows, 2 * n * n * self._phases)
+        fields = 4 * math.prod(self._window) * max(frames * rows, 2 * n * self._together)
         kept = volumes * math.prod(self.volume_shape) + pictures * math.prod(self.frame_shape)
         self.device.require_memory(
             matrices + fields + frames * (spectra + 4 * kept),
@@ -292,23 +314,23 @@ class Projector:
         pyopencl.array.Array
             float32, shape (frames, rows n, columns n).
         """
-        v, n, frames = self.images.voxels, self.images.pixels, int(volumes.shape[0])
-        device = self.device
-        total = self._rows(frames, n * n)
+        cell, device, frames = self._cell, self.device, int(volumes.shape[0])
+        rows = math.prod(cell.pixels)
+        total = self._rows(frames, rows)
         for number, (group, matrix) in enumerate(self._matrices()):
-            spectra = self._packed(volumes, v, group)
-            columns = group.count * v * v
+            spectra = self._packed(volumes, cell.voxels, group, cell.parts)
+            columns = group.count * self._rows_of_plane
             kernel = device.kernel(
                 "projector.cl", "forward", **self._form, **({"ADD": True} if number else {})
             )
-            sizes = (n * n, columns, self._blocks, frames)
+            sizes = (rows, columns, self._blocks, frames)
             device.launch(
-                kernel, self._size(-(-n * n // HEIGHT)), total, matrix, spectra,
+                kernel, self._size(-(-rows // HEIGHT)), total, matrix, spectra,
                 *(np.int32(k) for k in sizes), operations=8.0 * frames * matrix.size,
             )  # fmt: skip
             del matrix  # where it is not kept its memory is that of the next one
-        out = device.empty((frames, *self.frame_shape), np.float32)
-        self._unpacked(out, total, n, FRAME, 1, 0.0 if clamp else -math.inf)
+        out = device.empty((frames, *self._model_shape), np.float32)
+        self._unpacked(out, total, cell.pixels, FRAME, WHOLE, 1, 0.0 if clamp else -math.inf)
         return out
 
     def back_project(self, frames: cla.Array) -> cla.Array:
@@ -324,21 +346,23 @@ class Projector:
         pyopencl.array.Array
             float32, shape (frames, planes, rows v, columns v).
         """
-        v, n, count = self.images.voxels, self.images.pixels, int(frames.shape[0])
-        device = self.device
-        spectra = self._packed(frames, n, FRAME)
+        cell, device, count = self._cell, self.device, int(frames.shape[0])
+        spectra = self._packed(frames, cell.pixels, FRAME, WHOLE)
         out = device.empty((count, *self.volume_shape), np.float32)
         for group, matrix in self._matrices():
-            columns = group.count * v * v
+            columns = group.count * self._rows_of_plane
             found = self._rows(count, columns)
             kernel = device.kernel("projector.cl", "backward", **self._form)
-            sizes = (n * n, columns, v * v, self._blocks, count)
+            sizes = (
+                math.prod(cell.pixels), columns, self._rows_of_plane, self._blocks, count
+            )  # fmt: skip
             device.launch(
                 kernel, self._size(group.count), found, matrix, spectra,
                 *(np.int32(k) for k in sizes), operations=8.0 * count * matrix.size,
             )  # fmt: skip
             del matrix
-            self._unpacked(out, found, v, group, self.volume_shape[0], -math.inf)
+            planes = self.volume_shape[0]
+            self._unpacked(out, found, cell.voxels, group, cell.parts, planes, -math.inf)
         return out
 
     @property
@@ -356,47 +380,58 @@ class Projector:
         """Room for packed spectra."""
         return self.device.empty((frames, self._blocks, rows, 4, WIDTH), np.float32)
 
-    def _packed(self, pictures: cla.Array, w: int, group: _Group) -> cla.Array:
-        """Spectra of pictures with w x w samples a lenslet, as lattice_spectra.cl packs them."""
+    def _packed(
+        self, pictures: cla.Array, w: Pair, group: _Group, parts: tuple[int, ...]
+    ) -> cla.Array:
+        """Spectra of pictures with wy x wx samples a cell, as lattice_spectra.cl packs them."""
         frames, planes = int(pictures.shape[0]), group.count
         total = pictures.shape[1] if pictures.ndim == 4 else 1
         stack = (planes, group.first, int(total))
-        fields = self._fields(pictures, w, frames * planes, stack, self.shape, 0)
-        out = self._rows(frames, planes * w * w)
-        pairs, frequencies = (w * w + 1) // 2, self._blocks * WIDTH
+        fields = self._fields(pictures, w, frames * planes, stack, self.shape, (0, 0))
+        samples = math.prod(w)
+        out = self._rows(frames, planes * len(parts) * samples)
+        pairs, frequencies = (samples + 1) // 2, self._blocks * WIDTH
         device = self.device
         size = (1 if device.rows else frequencies, pairs, frames * planes)
         kernel = device.kernel("lattice_spectra.cl", "pack")
-        sizes = (w, planes, *self._window)
+        sizes = (*w, planes, len(parts), _bits(parts), *self._window)
         device.launch(kernel, size, out, fields, *(np.int32(k) for k in sizes))
         return out
 
     def _fields(
         self,
         pictures: cla.Array,
-        w: int,
+        w: Pair,
         count: int,
         stack: tuple[int, int, int],
         shape: tuple[int, ...],
-        first: int,
+        first: Pair,
     ) -> cla.Array:
-        """Spectra of the pairs of samples; ``first`` > 0: of pictures about that lenslet."""
-        device, pairs = self.device, (w * w + 1) // 2
+        """Spectra of the pairs of samples; with ``first`` of pictures about that cell."""
+        device, pairs = self.device, (math.prod(w) + 1) // 2
         fields = device.empty((count * pairs, *self._window), np.complex64)
-        kernel = device.kernel("lattice.cl", "decimate", **({"CENTRED": True} if first else {}))
-        sizes = (w, first, *stack, *shape, *self._window)
+        centred = {"CENTRED": True} if any(first) else {}
+        kernel = device.kernel("lattice.cl", "decimate", **centred)
+        sizes = (*w, *first, *stack, *shape, *self._window)
         device.launch_rows(kernel, fields.shape, fields, pictures, *(np.int32(k) for k in sizes))
         device.fft.forward(fields, device)
         return fields
 
     def _unpacked(
-        self, out: cla.Array, spectra: cla.Array, w: int, group: _Group, total: int, least: float
+        self,
+        out: cla.Array,
+        spectra: cla.Array,
+        w: Pair,
+        group: _Group,
+        parts: tuple[int, ...],
+        total: int,
+        least: float,
     ) -> None:
         """Pictures from packed spectra into some planes of stacks of ``total``."""
-        device, pairs, frames = self.device, (w * w + 1) // 2, int(spectra.shape[0])
+        device, pairs, frames = self.device, (math.prod(w) + 1) // 2, int(spectra.shape[0])
         planes = group.count
         fields = device.empty((frames * planes * pairs, *self._window), np.complex64)
-        sizes = (w, planes, *self._window)
+        sizes = (*w, planes, len(parts), _bits(parts), *self._window)
         device.launch_rows(
             device.kernel("lattice_spectra.cl", "unpack"),
             fields.shape, fields, spectra, *(np.int32(k) for k in sizes),
@@ -406,8 +441,9 @@ class Projector:
         sizes = (planes, group.first, total, rows, columns, *self._window)
         device.launch_rows(
             device.kernel("lattice.cl", "interleave"),
-            (frames * planes, rows * w, columns * w),
-            out, fields, np.int32(w), np.float32(least), *(np.int32(k) for k in sizes),
+            (frames * planes, rows * w[0], columns * w[1]),
+            out, fields, *(np.int32(k) for k in w), np.float32(least),
+            *(np.int32(k) for k in sizes),
         )  # fmt: skip
 
     def _matrices(self) -> Iterator[tuple[_Group, cla.Array]]:
@@ -421,33 +457,48 @@ class Projector:
             yield group, matrix
             del matrix
 
+    @property
+    def _pictures(self) -> int:
+        """Point images of a plane and a part from which a matrix is assembled."""
+        return (math.prod(self._cell.voxels) + 1) // 2
+
     def _assembled(self, group: _Group) -> cla.Array:
         """The matrices of some planes from their point images."""
-        v, n, device = self.images.voxels, self.images.pixels, self.device
-        columns, pairs = group.count * v * v, (n * n + 1) // 2
-        matrix = device.empty((self._blocks, n * n, columns, WIDTH), np.float32)
+        cell, device = self._cell, self.device
+        rows, voxels = math.prod(cell.pixels), math.prod(cell.voxels)
+        columns = group.count * self._rows_of_plane
+        matrix = device.empty((self._blocks, rows, columns, WIDTH), np.float32)
         kernel = device.kernel("lattice_spectra.cl", "assemble")
-        phases = [divmod(t, v) for t in range((v * v + 1) // 2)]
-        together = self._phases
-        for plane in range(group.first, group.first + group.count):
-            r, column = self.images.radii[plane], (plane - group.first) * v * v
-            across = (2 * r + 1, 2 * r + 1)
-            for start in range(0, len(phases), together):
-                some = phases[start : start + together]
-                pictures = np.stack([self.images.image(plane, phase) for phase in some])
-                stack = (len(some), 0, len(some))
-                fields = self._fields(device.upload(pictures), n, len(some), stack, across, r)
-                sizes = (start, n, v, column, columns, *self._window)
-                size = (1 if device.rows else self._blocks * WIDTH, pairs, len(some))
+        for number, (place, part) in enumerate(product(range(group.count), cell.parts)):
+            plane, column = group.first + place, number * voxels
+            reach = self.images.reaches[plane]
+            across = (2 * reach[0] + 1, 2 * reach[1] + 1)
+            for start in range(0, self._pictures, self._together):
+                count = min(self._together, self._pictures - start)
+                pictures = self._of_part(plane, part, start, count)
+                fields = self._fields(
+                    device.upload(pictures), cell.pixels, count, (count, 0, count), across, reach
+                )
+                sizes = (start, rows, voxels, column, columns, part & 1, *self._window)
+                size = (1 if device.rows else self._blocks * WIDTH, (rows + 1) // 2, count)
                 device.launch(kernel, size, matrix, fields, *(np.int32(k) for k in sizes))
         return matrix
 
+    def _of_part(self, plane: int, part: int, start: int, count: int) -> Vector:
+        """Some point images of a plane, numbered up to the voxel in the middle of the cell."""
+        phases = [divmod(t, self._cell.voxels[1]) for t in range(start, start + count)]
+        return np.stack([self.images.part(plane, phase, part) for phase in phases])
+
     @property
-    def _phases(self) -> int:
-        """Voxels of a lenslet whose images are transformed together."""
-        v, n = self.images.voxels, self.images.pixels
-        one = 8 * math.prod(self._window) * ((n * n + 1) // 2)
-        return max(1, min((v * v + 1) // 2, FIELD_BYTES // one))
+    def _together(self) -> int:
+        """Voxels of a cell whose images are transformed together."""
+        one = 8 * math.prod(self._window) * ((math.prod(self._cell.pixels) + 1) // 2)
+        return max(1, min(self._pictures, FIELD_BYTES // one))
+
+
+def _bits(parts: tuple[int, ...]) -> int:
+    """The numbers of parts, two bits each."""
+    return sum(part << 2 * number for number, part in enumerate(parts))
 
 
 def _room(device: Device) -> int:

@@ -3,7 +3,8 @@
 The lenslet lattice repeats, so that a volume with v x v voxels a lenslet has v^2 point images in
 each plane (Broxton et al. 2013, section 3.1). Mirror images of the square lattice, x -> -x,
 y -> -y and x <-> y, leave about v^2/8 of them to be simulated and stored. Each plane is cut to the
-lenslets that hold its light.
+lenslets that hold its light. Hexagonal arrays and those of several kinds of lenslets repeat in
+cells of some lenslets (cells.py).
 """
 
 from __future__ import annotations
@@ -16,7 +17,6 @@ from typing import Any, Literal
 import numpy as np
 
 from clplen.cameras.light_field_microscope import Microscope
-from clplen.cameras.optics.lenslet_camera import sensor_grid
 from clplen.cameras.optics.microscope_optics import check_positions
 from clplen.cameras.scenes.scene_sources import PointSources
 from clplen.checks import is_finite, positive_integer, real_array, require
@@ -24,9 +24,11 @@ from clplen.compute.fft.lines import smooth_length
 from clplen.compute.memory import free_memory
 from clplen.files import PathLike, check_space, check_writable
 from clplen.microscopy import point_image_files
-from clplen.microscopy.images import PointImages, count_phases, unique_phases
+from clplen.microscopy.cells import Cell, Pair, cell_of
+from clplen.microscopy.images import PointImages
 from clplen.wave.coherence.averaging import Progress
 from clplen.wave.elements.lenslets import MicrolensArray
+from clplen.wave.field.field import Grid
 
 Vector = np.ndarray[Any, Any]
 Store = Literal["float32", "float16"]
@@ -45,6 +47,7 @@ def point_images(
     *,
     voxels_per_lenslet: int = 5,
     binning: int = 1,
+    sensor_pixels: float | None = None,
     cut: float = 2e-3,
     store: Store = "float32",
     path: PathLike | None = None,
@@ -53,9 +56,14 @@ def point_images(
     """Simulate the point images of a microscope, or read them from a file.
 
     Voxel (sy, sx) of a lenslet lies at ((s - (v - 1)/2) p/(v M)) from the point that the lenslet's
-    centre images. A lenslet has a whole number of pixels: a frame with another lattice, turned or
-    with a fractional pitch, is rectified first, once for each frame, because point images that
-    differ from lenslet to lenslet would be as many as there are lenslets.
+    centre images. A lenslet has a whole number of pixels. A frame whose lattice is turned or has a
+    fractional pitch is rectified first (`preparation`), or these images are brought onto its pixels
+    (`FrameProjector`), because images that differ from lenslet to lenslet would be as many as there
+    are lenslets.
+
+    A hexagonal array, or one of several focal lengths, repeats in cells of some lenslets
+    (`PointImages.cell`), which are then what a lenslet is of a square array. The sensor lies in the
+    first focal length.
 
     A pixel of the camera has the intensity at its centre. Where the sensor's own pixels are too
     large for that, the camera is given pixels that sample the light, b times finer, and ``binning``
@@ -64,8 +72,8 @@ def point_images(
     Parameters
     ----------
     camera : Microscope
-        Square lattice, not turned and not moved, a whole number of pixels a lenslet. Its count of
-        lenslets does not matter.
+        Thin lenslets on a lattice that is not turned and not moved, a whole number of pixels a
+        lenslet. Its count of lenslets does not matter.
     planes : sequence of float
         Their z in metres from the native plane, farther positive, rising: plane 0 is the nearest to
         the objective.
@@ -74,6 +82,10 @@ def point_images(
     binning : int
         Number b: the sensor has pixels of b x b of the camera's, pixels_per_lenslet/b of them a
         lenslet.
+    sensor_pixels : float, optional
+        Pixels of the sensor a lenslet, over whose area its pixels integrate; it may be fractional.
+        The images' own pixels are then finer, some 1.5 to 2 times, for `FrameProjector`. None: they
+        are those of the sensor.
     cut : float
         Share of a voxel's light on the sensor that may be left out beyond the lenslets that are
         kept.
@@ -92,9 +104,10 @@ def point_images(
     Raises
     ------
     ValueError
-        For a lattice that is not square, turned or moved, a number of pixels that is fractional
-        or not divided by ``binning``, planes that do not rise or are infinite or more than 0.1 m
-        away, a share outside 0 to 0.5, or a file of other parameters.
+        For a lattice that is turned or moved, lenslets that are not thin, a number of pixels that
+        is fractional or not divided by ``binning``, fewer pixels than ``sensor_pixels``, planes
+        that do not rise or are infinite or more than 0.1 m away, a share outside 0 to 0.5, or a
+        file of other parameters.
     TypeError
         If the camera is no microscope, or planes are no real numbers.
     FormatError
@@ -118,19 +131,21 @@ def point_images(
     >>> f"voxels of {images.side * 1e6:.0f} um"
     'voxels of 2 um'
     """
-    z = _checked(camera, planes, voxels_per_lenslet, binning, cut, store)
+    z = _checked(camera, planes, voxels_per_lenslet, binning, sensor_pixels, cut, store)
     voxels_per_lenslet, binning = int(voxels_per_lenslet), int(binning)
-    parameters = described(camera, z, voxels_per_lenslet, binning, cut, store)
+    parameters = described(
+        camera, z, voxels_per_lenslet, binning, cut, store, sensor_pixels=sensor_pixels
+    )
     if path is not None:
         found = point_image_files.read_matching(path, parameters)
         if found is not None:
             return found
         check_writable(path)
-    _check_memory(camera, z, voxels_per_lenslet, binning)
-    images = count_phases(voxels_per_lenslet)
-    _check_room(camera, z, images, binning, cut, store, path)
+    cell = _cell(camera, voxels_per_lenslet, binning)
+    _check_memory(camera, z, cell, binning)
+    _check_room(camera, z, cell, cut, store, path)
     stored, scales = [], []
-    for one in _simulated(camera, z, voxels_per_lenslet, binning, cut, progress):
+    for one in _simulated(camera, z, cell, binning, sensor_pixels, cut, progress):
         values, scale = _packed(one, store)
         stored.append(values)
         scales.append(scale)
@@ -141,6 +156,12 @@ def point_images(
     if path is not None:
         point_image_files.write_point_images(path, made)
     return made
+
+
+def _cell(camera: Microscope, voxels: int, binning: int) -> Cell:
+    """What repeats of the camera's array."""
+    mla, n = camera.mla, round(camera.pixels_per_lenslet) // binning
+    return cell_of(mla.lattice, len(mla.focal_lengths), voxels=voxels, pixels=n)
 
 
 def lenslets_across(camera: Microscope, z: float) -> int:
@@ -179,10 +200,22 @@ def effort(camera: Microscope, planes: Vector) -> Vector:
 
 
 def described(
-    camera: Microscope, planes: Vector, voxels: int, binning: int, cut: float, store: str
+    camera: Microscope,
+    planes: Vector,
+    voxels: int,
+    binning: int,
+    cut: float,
+    store: str,
+    *,
+    sensor_pixels: float | None = None,
 ) -> dict[str, Any]:
     """Everything that point images depend on, by the names of the camera."""
     mla = camera.mla
+    of_lattice: dict[str, Any] = {}
+    if mla.lattice != "square" or len(mla.focal_lengths) > 1:
+        of_lattice = {"lattice": mla.lattice, "lenslet_focal_lengths": mla.focal_lengths}
+    if sensor_pixels is not None:
+        of_lattice["sensor_pixels"] = float(sensor_pixels)
     return {
         "magnification": camera.magnification,
         "na": camera.na,
@@ -201,10 +234,19 @@ def described(
         "cut": float(cut),
         "store": store,
         "precision": camera.device.precision,
+        **of_lattice,
     }
 
 
-def _checked(camera: Any, planes: Any, voxels: Any, binning: Any, cut: float, store: str) -> Vector:
+def _checked(
+    camera: Any,
+    planes: Any,
+    voxels: Any,
+    binning: Any,
+    sensor_pixels: Any,
+    cut: float,
+    store: str,
+) -> Vector:
     """The planes as numbers, after the checks."""
     require(Microscope, camera, "camera", "PlenopticCamera.microscope")
     if camera.pixels is not None:
@@ -218,6 +260,12 @@ def _checked(camera: Any, planes: Any, voxels: Any, binning: Any, cut: float, st
         raise ValueError(
             f"A lenslet has {camera.pixels_per_lenslet:g} pixels, which are not divided into "
             f"pixels of the sensor of {binning} x {binning}: give the camera a multiple of them."
+        )
+    n = round(camera.pixels_per_lenslet) // binning
+    if sensor_pixels is not None and not (is_finite(sensor_pixels) and 1 <= sensor_pixels <= n):
+        raise ValueError(
+            f"sensor_pixels are those of a lenslet, from 1 to the {n} of the point images, which "
+            f"are no coarser, not {sensor_pixels!r}."
         )
     z = real_array(planes, "planes", np.float64)
     if z.ndim != 1 or z.size == 0 or not np.isfinite(z).all() or np.unique(z).size != z.size:
@@ -238,12 +286,17 @@ def _checked(camera: Any, planes: Any, voxels: Any, binning: Any, cut: float, st
 def _check_lattice(camera: Microscope) -> None:
     """Refuse lenslets that do not repeat on the pixels."""
     mla = camera.mla
-    if mla.lattice != "square" or mla.rotation != 0 or mla.offset != (0, 0):
+    if mla.rotation != 0 or mla.offset != (0, 0):
         raise ValueError(
-            f"Point images repeat on a square lattice along the axes, not on one that is "
-            f"{mla.lattice}, turned by {mla.rotation:g} rad and moved by (y, x) = "
-            f"({mla.offset[0]:g}, {mla.offset[1]:g}) m: rectify the frame, and give the camera an "
+            f"Point images are those of an array along the axes, not of one that is turned by "
+            f"{mla.rotation:g} rad and moved by (y, x) = ({mla.offset[0]:g}, {mla.offset[1]:g}) m: "
+            "rectify the frame, or use FrameProjector with its lattice, and give the camera an "
             "array without them."
+        )
+    if not mla.is_thin:
+        raise ValueError(
+            "Point images are those of thin lenslets: give an array of focal lengths, without "
+            "surface, map and clear gaps."
         )
     if abs(camera.pixels_per_lenslet - round(camera.pixels_per_lenslet)) > 1e-9:
         raise ValueError(
@@ -252,23 +305,24 @@ def _check_lattice(camera: Microscope) -> None:
         )
 
 
-def _check_memory(camera: Microscope, planes: Vector, voxels: int, binning: int) -> None:
+def _check_memory(camera: Microscope, planes: Vector, cell: Cell, binning: int) -> None:
     """Refuse the plane whose window is the largest, before any is simulated."""
     z = float(planes[camera.objective.blur(planes).argmax()])
-    samples = round(_window(camera, z) * camera.pixels_per_lenslet) ** 2
-    images = count_phases(voxels) * samples // binning**2
+    pixels = math.prod(_window(camera, z, cell)) * math.prod(cell.pixels)
+    images = cell.count
     camera.device.require_memory(
-        4 * samples * camera.device.complex.itemsize + 2 * images * np.dtype(float).itemsize,
+        4 * pixels * binning**2 * camera.device.complex.itemsize
+        + 2 * images * pixels * np.dtype(float).itemsize,
         f"The plane at z = {z * 1e6:g} um",
     )
 
 
 def _check_room(
-    camera: Microscope, planes: Vector, images: int, binning: int, cut: float, store: Store,
-    path: PathLike | None,
-) -> None:  # fmt: skip
+    camera: Microscope, planes: Vector, cell: Cell, cut: float, store: Store, path: PathLike | None
+) -> None:
     """Refuse more images than fit host or disk; a file is made in memory first."""
-    least = images * np.dtype(store).itemsize * _pixels(camera, planes, cut) / binning**2
+    images = cell.count
+    least = images * np.dtype(store).itemsize * _pixels(camera, planes, cell, cut)
     file = 0 if path is None else point_image_files.DENSEST[store] * least
     free = free_memory()
     if least + file > free:
@@ -280,7 +334,7 @@ def _check_room(
         check_space(path, int(file))
 
 
-def _pixels(camera: Microscope, planes: Vector, cut: float) -> float:
+def _pixels(camera: Microscope, planes: Vector, cell: Cell, cut: float) -> float:
     """Pixels of one image of each plane together, by the rays of all but ``cut`` of the light.
 
     Diffraction and the places of voxels make images wider.
@@ -298,92 +352,150 @@ def _pixels(camera: Microscope, planes: Vector, cut: float) -> float:
         order = reach.argsort()
         found = np.cumsum(light[order])
         farthest.append(reach[order][np.searchsorted(found, (1 - cut) * found[-1])])
-    across = 2 * np.floor(np.interp(planes, some, farthest) / camera.mla.pitch) + 1
-    lenslets = float(np.square(across).sum())
-    return float(lenslets * round(camera.pixels_per_lenslet) ** 2)
+    reach = np.interp(planes, some, farthest) / camera.mla.pitch
+    height, width = (2 * np.floor(reach / size) + 1 for size in cell.size)
+    return float((height * width).sum()) * math.prod(cell.pixels)
 
 
 def _simulated(
     camera: Microscope,
     planes: Vector,
-    voxels: int,
+    cell: Cell,
     binning: int,
+    sensor_pixels: float | None,
     cut: float,
     progress: Progress | None,
 ) -> Iterator[Vector]:
     """The different images of each plane, float64, cut to their light."""
-    phases = unique_phases(voxels)
-    places = (np.array(phases) - (voxels - 1) / 2) / voxels * camera.mla.pitch
+    phases, pitch = cell.phases(), camera.mla.pitch
+    voxels, size = np.array(cell.voxels), np.array(cell.size)
+    places = (np.array(phases) - (voxels - 1) / 2) / voxels * (size * pitch)
     for number, z in enumerate(planes):
-        whole = _with_lenslets(camera, _window(camera, float(z)))
+        whole = _with_cells(camera, _window(camera, float(z), cell), cell, binning)
+        box = None if sensor_pixels is None else pitch / sensor_pixels
         positions = [(x / camera.magnification, y / camera.magnification, z) for y, x in places]
         batches = []
-        for some in _energies(whole, PointSources(positions), binning):
+        for some in _energies(whole, PointSources(positions), binning, box):
             batches.append(some)
             if progress is not None:
                 done = number * len(phases) + sum(map(len, batches))
                 progress(done, len(planes) * len(phases))
         images = np.concatenate(batches)
-        n = round(camera.pixels_per_lenslet) // binning
-        yield _cut(_symmetric(images, phases, voxels), n, cut)
+        yield _cut(_symmetric(images, phases, cell), cell, cut)
 
 
-def _window(camera: Microscope, z: float) -> int:
-    """Odd number of lenslets of a window that holds the light of a plane, quick to transform."""
-    count = max(LEAST, lenslets_across(camera, z) + 2 * MARGIN)
+def _window(camera: Microscope, z: float, cell: Cell) -> Pair:
+    """Odd numbers of cells of a window that holds the light of a plane, quick to transform."""
+    lenslets = max(LEAST, lenslets_across(camera, z) + 2 * MARGIN)
+    rows, columns = (_odd_and_quick(lenslets / size) for size in cell.size)
+    return rows, columns
+
+
+def _odd_and_quick(least: float) -> int:
+    """The next odd number without large prime factors."""
+    count = math.ceil(least - 1e-9)
+    count += 1 - count % 2
     while smooth_length(count) != count:
         count += 2
     return count
 
 
-def _with_lenslets(camera: Microscope, count: int) -> Microscope:
-    """The same optics before another number of lenslets, centred."""
-    mla = MicrolensArray(
-        camera.mla.pitch, camera.mla.focal_length, count=count, fill=camera.mla.fill,  # type: ignore[arg-type]
-        diameter=camera.mla.diameter,
-    )  # fmt: skip
-    grid = sensor_grid(mla, camera.pixels_per_lenslet)
-    return replace(camera, mla=mla, grid=grid)
+def _with_cells(camera: Microscope, count: Pair, cell: Cell, binning: int) -> Microscope:
+    """The same optics before another number of cells, centred on a lenslet of the first kind."""
+    n, step = np.array(count) * cell.pixels * binning, np.array(cell.size) * camera.mla.pitch
+    pitch = step / (np.array(cell.pixels) * binning)
+    origin = np.where(n % 2 == 0, pitch / 2, 0.0)
+    grid = Grid(
+        (int(n[0]), int(n[1])),
+        (float(pitch[0]), float(pitch[1])),
+        origin=(float(origin[0]), float(origin[1])),
+    )
+    return replace(camera, mla=_centred(camera.mla, count, cell), grid=grid)
 
 
-def _energies(camera: Microscope, points: PointSources, binning: int) -> Iterator[Vector]:
-    """Energy on b x b pixels of some points after others, (some, ny/b, nx/b), float64."""
+def _centred(mla: MicrolensArray, count: Pair, cell: Cell) -> MicrolensArray:
+    """An array that covers so many cells, with a lenslet of the first kind on the axis."""
+    rows, columns = (k * n for k, n in zip(count, cell.lenslets, strict=True))
+    if cell.lenslets != (1, 1):
+        rows = 4 * math.ceil((rows + 1) / 4) + 1  # the middle row is an even one
+        columns = columns + 2 + (columns + 1) % 2
+    while True:
+        made = MicrolensArray(
+            mla.pitch, mla.focal_lengths, count=(rows, columns), fill=mla.fill,  # type: ignore[arg-type]
+            lattice=mla.lattice, diameter=mla.diameter,  # type: ignore[arg-type]
+        )  # fmt: skip
+        if made.types()[rows // 2, columns // 2] == 0:
+            return made
+        columns += 2
+
+
+def _energies(
+    camera: Microscope, points: PointSources, binning: int, box: float | None
+) -> Iterator[Vector]:
+    """Energy on b x b pixels of some points after others, (some, ny/b, nx/b), float64.
+
+    With ``box`` it is the mean over pixels of that side in metres, about the same centres.
+    """
     step = camera.batch(camera.grid)
     ny, nx = (k // binning for k in camera.grid.shape)
     for start in range(0, len(points), step):
         some = PointSources(points.positions[start : start + step])
         fine = camera.sensor_fields(some, camera.grid).intensity().to_numpy()
-        cells = fine.reshape(len(some), ny, binning, nx, binning)
-        yield cells.sum(axis=(2, 4), dtype=np.float64)
+        if box is None:
+            cells = fine.reshape(len(some), ny, binning, nx, binning)
+            yield cells.sum(axis=(2, 4), dtype=np.float64)
+            continue
+        for axis in (1, 2):
+            fine = _averaged(fine, axis, binning, box / camera.grid.pitch[axis - 1])
+        yield fine
 
 
-def _symmetric(images: Vector, phases: list[tuple[int, int]], voxels: int) -> Vector:
+def _averaged(values: Vector, axis: int, binning: int, width: float) -> Vector:
+    """Every b-th mean over ``width`` samples of a periodic axis, times b; float64."""
+    middle = (binning - 1) / 2
+    reach = math.ceil(width / 2 + 1)
+    total: Any = 0.0
+    for sample in range(math.floor(middle) - reach, math.ceil(middle) + reach + 1):
+        t = abs(sample - middle)
+        share = min(max((width + 1) / 2 - t, 0.0), 1.0, width)
+        if share > 0:
+            shifted = np.roll(values, -sample, axis).astype(np.float64)
+            every = [slice(None)] * 3
+            every[axis] = slice(None, None, binning)
+            total = total + share * shifted[tuple(every)]
+    return np.asarray(total) * (binning / width)
+
+
+def _symmetric(images: Vector, phases: list[Pair], cell: Cell) -> Vector:
     """Images of voxels on a mirror line, made equal to their own mirror image to the last bit."""
-    middle = (voxels - 1) / 2
+    (vy, vx) = cell.voxels
     for image, (a, b) in zip(images, phases, strict=True):
-        if a == middle:
+        if cell.mirror_y and a == (vy - 1) / 2:
             image[:] = (image + image[::-1]) / 2
-        if b == middle:
+        if cell.mirror_x and b == (vx - 1) / 2:
             image[:] = (image + image[:, ::-1]) / 2
-        if a == b:
+        if cell.transposed and a == b:
             image[:] = (image + image.T) / 2
     return images
 
 
-def _cut(images: Vector, n: int, cut: float) -> Vector:
-    """The fewest lenslets about the middle one that leave out no more than a share of any image.
+def _cut(images: Vector, cell: Cell, cut: float) -> Vector:
+    """The fewest cells about the middle one that leave out no more than a share of any image.
 
     The share is of what is on the sensor: opaque places between lenslets leave out more.
     """
-    across = images.shape[1] // n
-    middle = across // 2
-    cells = images.reshape(len(images), across, n, across, n).sum(axis=(2, 4))
+    (ny, nx), (height, width) = cell.pixels, cell.size
+    rows, columns = images.shape[1] // ny, images.shape[2] // nx
+    cells = images.reshape(len(images), rows, ny, columns, nx).sum(axis=(2, 4))
     least = (1 - cut) * cells.sum(axis=(1, 2))
-    for r in range(middle):
-        inside = cells[:, middle - r : middle + r + 1, middle - r : middle + r + 1]
+    for lenslets in range(max(rows, columns) * max(cell.lenslets)):
+        ry, rx = (math.ceil((lenslets + 0.5) / size - 0.5 - 1e-9) for size in (height, width))
+        if 2 * ry + 1 >= rows and 2 * rx + 1 >= columns:
+            break
+        top, left = max(rows // 2 - ry, 0), max(columns // 2 - rx, 0)
+        inside = cells[:, top : rows - top, left : columns - left]
         if (inside.sum(axis=(1, 2)) >= least).all():
-            ends = slice((middle - r) * n, (middle + r + 1) * n)
-            return images[:, ends, ends]
+            return images[:, top * ny : (rows - top) * ny, left * nx : (columns - left) * nx]
     return images
 
 

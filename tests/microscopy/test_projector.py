@@ -8,6 +8,7 @@ from tolerance import relative_max
 from clplen import MicrolensArray, PlenopticCamera, PointSources, ShapeError
 from clplen.errors import DeviceError
 from clplen.microscopy import projector as projectors
+from clplen.microscopy.cells import cell_of
 from clplen.microscopy.images import PointImages, unique_phases
 from clplen.microscopy.projector import Projector
 from clplen.microscopy.psf import _symmetric, point_images
@@ -25,12 +26,16 @@ def images(device):
     return camera, point_images(camera, Z, voxels_per_lenslet=5, cut=5e-3)
 
 
+def square(v, n):
+    return cell_of("square", 1, voxels=v, pixels=n)
+
+
 def any_images(v, n, radii):
     """Images of random numbers that are symmetric as those of a square lattice."""
     planes = []
     for r in radii:
         stored = np.random.default_rng(r).random((len(unique_phases(v)), *((2 * r + 1) * n,) * 2))
-        planes.append(_symmetric(stored, unique_phases(v), v).astype(np.float32))
+        planes.append(_symmetric(stored, unique_phases(v), square(v, n)).astype(np.float32))
     z = np.arange(len(radii)) * 1e-6
     return PointImages({}, z, v, n, tuple(planes), np.ones(len(radii)))
 
@@ -59,6 +64,56 @@ def test_any_numbers_of_voxels_pixels_and_lenslets(device, v, n, radii, shape):
         assert relative_max(H, each.forward(one)) < 1e-6
         assert relative_max(seen, each.backward(frames)) < 1e-6
     assert not streamed.resident
+
+
+CELLS = [
+    ("square", 2, 1, 2), ("square", 3, 1, 1), ("square", 4, 1, 1), ("hexagonal", 1, 2, 3),
+    ("hexagonal", 1, 1, 2), ("hexagonal", 3, 1, 1),
+]  # fmt: skip
+
+
+@pytest.mark.parametrize(("lattice", "kinds", "v", "n"), CELLS)
+def test_any_cell(device, lattice, kinds, v, n):
+    """Arrays of other lattices and several kinds of lenslets: images without any other symmetry."""
+    parameters = {"lattice": lattice, "lenslet_focal_lengths": (0.0,) * kinds}
+    cell = cell_of(lattice, kinds, voxels=v, pixels=n)
+    phases, (ny, nx), stored, rng = cell.phases(), cell.pixels, [], np.random.default_rng(n)
+    for ry, rx in ((1, 1), (0, 0)) if cell.transposed else ((1, 0), (0, 2)):
+        one = rng.random((len(phases), (2 * ry + 1) * ny, (2 * rx + 1) * nx))
+        stored.append(_symmetric(one, phases, cell).astype(np.float32))
+    images = PointImages(parameters, np.array([0, 1e-6]), v, n, tuple(stored), np.ones(2))
+    shape = (3, 2)
+    projector = Projector(images, shape, device=device)
+    streamed = Projector(images, shape, device=device, memory=1)
+    vy, vx = cell.voxels
+    voxels = list(np.ndindex(projector.volume_shape))
+    H = np.array([
+        placed_in_cells(images.image(z, (y % vy, x % vx)), (y // vy, x // vx), shape, cell)
+        for z, y, x in voxels
+    ])  # fmt: skip
+    volumes = np.random.default_rng(2).random((2, *projector.volume_shape), np.float32)
+    frames = np.random.default_rng(n).random((3, *projector.frame_shape), np.float32)
+    expected = (volumes.reshape(2, -1) @ H.reshape(len(H), -1)).reshape(2, *projector.frame_shape)
+    seen = (H.reshape(len(H), -1) @ frames.reshape(3, -1).T).T.reshape(3, *projector.volume_shape)
+    for each in (projector, streamed):
+        assert relative_max(expected, each.forward(volumes)) < 1e-6
+        assert relative_max(seen, each.backward(frames)) < 1e-6
+    rows, columns = cell.lenslets
+    assert projector.lenslets == (3 * rows, 2 * columns)
+
+
+def placed_in_cells(image, at, shape, cell):
+    """A point image about a cell in a frame of (rows, columns) cells."""
+    (ny, nx), reach = cell.pixels, [
+        (k // n - 1) // 2 for k, n in zip(image.shape, cell.pixels, strict=True)
+    ]  # fmt: skip
+    whole = np.zeros([
+        (k + 2 * r) * n for k, r, n in zip(shape, reach, cell.pixels, strict=True)
+    ])  # fmt: skip
+    y, x = at[0] * ny, at[1] * nx
+    whole[y : y + image.shape[0], x : x + image.shape[1]] = image
+    top, left = reach[0] * ny, reach[1] * nx
+    return whole[top : top + shape[0] * ny, left : left + shape[1] * nx]
 
 
 def test_more_memory_than_there_is(device, images, monkeypatch):
@@ -183,8 +238,8 @@ def test_images_transformed_one_by_one_give_the_same(device, images, monkeypatch
     together = Projector(images[1], (5, 5), device=device)
     f = volumes(together)
     expected = together.forward(f)
-    assert together._phases > 1
+    assert together._together > 1
     monkeypatch.setattr(projectors, "FIELD_BYTES", 1)
     apart = Projector(images[1], (5, 5), device=device)
-    assert apart._phases == 1
+    assert apart._together == 1
     assert relative_max(expected, apart.forward(f)) < 1e-6

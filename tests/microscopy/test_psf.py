@@ -13,10 +13,15 @@ from clplen.cameras.optics.objective import CoverGlass
 from clplen.errors import DeviceError, FormatError, SamplingError
 from clplen.microscopy import point_image_files
 from clplen.microscopy import psf as module
+from clplen.microscopy.cells import cell_of
 from clplen.microscopy.psf import point_images
 
 S = Setup(M=60, na=1.2, p=100e-6, n=15, lam=593e-9, index=1.33)
 Z = np.array([-1.5, 0.0, 0.5]) * 1e-6  # not equidistant
+
+
+def square(v, n):
+    return cell_of("square", 1, voxels=v, pixels=n)
 
 
 def microscope(device, **change):
@@ -30,7 +35,7 @@ def microscope(device, **change):
 def test_each_phase_is_simulated_or_a_mirror_image(device, voxels):
     images = point_images(microscope(device), Z, voxels_per_lenslet=voxels, cut=5e-3)
     for plane, phase in ((0, (0, voxels - 1)), (2, (voxels - 2, 0)), (1, (2, 1))):
-        across = module._window(microscope(device), Z[plane])
+        across, _ = module._window(microscope(device), Z[plane], square(voxels, 15))
         offset = [((s - (voxels - 1) / 2) / voxels) * S.p / S.M for s in phase]
         expected = sensor(S, (offset[1], offset[0], Z[plane]), across)
         r = images.radii[plane]
@@ -47,9 +52,9 @@ def test_cut_holds_for_every_image():
     images = np.zeros((2, 10, 10))
     images[0, 4, 5] = images[1, 5, 4] = 0.9
     images[0, 5, 7] = images[1, 9, 0] = 0.1  # one and two lenslets of 2 x 2 pixels away
-    assert module._cut(images, 2, 0.05).shape == (2, 10, 10)
-    assert module._cut(images[:1], 2, 0.05).shape == (1, 6, 6)
-    assert np.array_equal(module._cut(images, 2, 0.2), images[:, 4:6, 4:6])
+    assert module._cut(images, square(1, 2), 0.05).shape == (2, 10, 10)
+    assert module._cut(images[:1], square(1, 2), 0.05).shape == (1, 6, 6)
+    assert np.array_equal(module._cut(images, square(1, 2), 0.2), images[:, 4:6, 4:6])
 
 
 @pytest.mark.parametrize("binning", [2, 7])
@@ -175,7 +180,7 @@ def test_rays_tell_no_more_pixels_than_images_have(device):
     camera, z = microscope(device), np.array([-8e-6, 5e-6])
     images = point_images(camera, z, voxels_per_lenslet=1)
     seen = [one.shape[1] ** 2 for one in images.stored]
-    assert 0.3 * sum(seen) < module._pixels(camera, z, 2e-3) < sum(seen)
+    assert 0.3 * sum(seen) < module._pixels(camera, z, square(1, 15), 2e-3) < sum(seen)
 
 
 def test_places_are_metres(device):

@@ -357,9 +357,9 @@ def write_result(
         path,
         found.volume,
         planes=images.planes,
-        voxel=(images.side, images.side),
+        voxel=images.sides,
         description={
-            "voxel_um": [round(images.side * 1e6, 9)] * 2,
+            "voxel_um": [round(side * 1e6, 9) for side in images.sides],
             "values": "energy of a voxel, photons (counts over the gain) of the frame",
             "residuals": [float(one) for one in found.residuals],
             "degenerate_um": [round(z * 1e6, 9) for z in found.degenerate],

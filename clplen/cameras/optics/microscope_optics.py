@@ -239,7 +239,8 @@ def check_sampling(camera: MicroscopeOptics) -> None:
     SamplingError
         With both sides of the rule and what would do.
     """
-    slope = camera.na / camera.magnification + camera.mla.diameter / (2 * camera.mla.focal_length)
+    shortest = min(camera.mla.focal_lengths)
+    slope = camera.na / camera.magnification + camera.mla.diameter / (2 * shortest)
     if 2 * camera.pixel_pitch * slope >= camera.wavelength:
         fitting = camera.wavelength / (2 * slope)
         raise SamplingError(

@@ -1,0 +1,290 @@
+"""Volumes behind light-field microscopes with other lattices of lenslets, without resampling.
+
+    python benchmarks/accuracy_lattices.py [--device pocl] [--only points,pairs,shell,cost,map]
+
+The same objective (20x/0.5 in air, 525 nm) before square, turned, hexagonal and multi-focus arrays
+of one pitch (125 um, 15 pixels of the camera, that integrate), simulated by waves on the array as
+it lies; and what `deconvolve` finds with `FrameProjector`, beside the square array with
+`Projector`: the place of points, the dip between two of them, a shell. A line for each figure of
+docs/lattices.md with its limit; ratios are to the square array. Poisson noise throughout. A quarter
+of an hour.
+"""
+
+from __future__ import annotations
+
+import sys
+import time
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from functools import cache, cached_property
+from typing import Any
+
+import click
+import numpy as np
+from scipy.ndimage import map_coordinates
+
+from clplen import (
+    Device,
+    MicrolensArray,
+    PlenopticCamera,
+    PointSources,
+    Projector,
+    deconvolve,
+    point_images,
+)
+from clplen.cameras import Microscope, PixelArray
+from clplen.microscopy import FrameProjector, PointImages, lattice_of
+
+Row = tuple[str, float, float]
+Values = np.ndarray[Any, Any]
+
+PITCH, M, PIXELS, VOXELS = 125e-6, 20, 15, 3
+SHAPE = (17 * PIXELS,) * 2
+PLANES = np.arange(10e-6, 41e-6, 5e-6)
+OPTICS = {"magnification": M, "na": 0.5, "wavelength": 525e-9}
+F = 2.5e-3
+ARRAYS: dict[str, dict[str, Any]] = {
+    "square": {},
+    "turned": {"rotation": 0.2, "offset": (20e-6, -30e-6)},
+    "hexagonal": {"lattice": "hexagonal", "rotation": 0.05},
+    "two foci": {"focal_length": (F, 1.1 * F), "rotation": -0.1},
+    "three foci": {"lattice": "hexagonal", "focal_length": (F, 0.95 * F, 1.1 * F)},
+}
+WORSE = 1.1  # than the square array, at most
+PHOTONS = 2e5  # of a point; of a shell a hundred times as many
+ITERATIONS, FRAMES = 30, 5
+
+
+@dataclass(frozen=True)
+class Way:
+    """An array with what projects onto its frames."""
+
+    name: str
+    device: Device
+    over: float = 1.5
+
+    def _array(self, **change: Any) -> MicrolensArray:
+        values = {"focal_length": F, "count": 31, "fill": "full", **ARRAYS[self.name], **change}
+        return MicrolensArray(PITCH, **values)
+
+    @cached_property
+    def camera(self) -> Microscope:
+        """As it takes frames."""
+        pixels = PixelArray(pitch=PITCH / PIXELS, shape=SHAPE)
+        return PlenopticCamera.microscope(
+            **OPTICS, mla=self._array(), pixels=pixels, device=self.device
+        )
+
+    @cached_property
+    def images(self) -> PointImages:
+        """Of the array along the axes, on finer pixels."""
+        n, parts = (PIXELS, 3) if self.name == "square" else (round(PIXELS * self.over), 2)
+        camera = PlenopticCamera.microscope(
+            **OPTICS, mla=self._array(rotation=0.0, offset=(0, 0)), pixels_per_lenslet=parts * n,
+            device=self.device,
+        )  # fmt: skip
+        integrated = {} if self.name == "square" else {"sensor_pixels": PIXELS}
+        return point_images(
+            camera, PLANES, voxels_per_lenslet=VOXELS, binning=parts, **integrated, cut=5e-3
+        )
+
+    @cached_property
+    def projector(self) -> Projector:
+        """Onto the camera's pixels."""
+        if self.name == "square":
+            return Projector(self.images, (17, 17), device=self.device)
+        return FrameProjector(self.images, lattice_of(self.camera), device=self.device)
+
+    @cached_property
+    def place(self) -> tuple[Values, Values]:
+        """(x, y) in metres of voxel (0, 0), and the steps (down, right) to the next ones."""
+        projector = self.projector
+        if isinstance(projector, FrameProjector):
+            first, down, right = (np.array(one) for one in projector.place().values())
+        else:
+            side = PIXELS / VOXELS
+            first, down, right = (
+                np.full(2, (side - 1) / 2),
+                np.array([side, 0]),
+                np.array([0, side]),
+            )
+        scale = PITCH / PIXELS / M
+        middle = (np.array(SHAPE) - 1) / 2
+        return (first - middle)[::-1] * scale, np.array([down, right])[:, ::-1] * scale
+
+    def voxels(self) -> Values:
+        """(x, y, z) in metres of every voxel."""
+        first, (down, right) = self.place
+        z, i, k = np.indices(self.projector.volume_shape)
+        xy = first + i[..., None] * down + k[..., None] * right
+        return np.concatenate([xy, PLANES[z][..., None]], axis=-1)
+
+    def at(self, volume: Values, places: Values) -> Values:
+        """A volume at places (x, y, z) in metres, linearly."""
+        first, steps = self.place
+        i, k = ((places[:, :2] - first) @ np.linalg.inv(steps)).T
+        z = np.interp(places[:, 2], PLANES, np.arange(len(PLANES)))
+        return np.asarray(map_coordinates(volume, (z, i, k), order=1))
+
+    def found(self, scenes: list[PointSources], photons: float) -> tuple[Values, Values]:
+        """Volumes of scenes, and their residuals."""
+        rng = np.random.default_rng(7)
+        frames = np.stack([self.camera.expose(scene).to_numpy() for scene in scenes])
+        counts = rng.poisson(np.maximum(frames, 0) * photons).astype(np.float32)
+        made = deconvolve(counts, self.projector, iterations=ITERATIONS)
+        return made.volume, made.residuals[:, -1]
+
+
+@cache
+def ways(device: Device) -> tuple[Way, ...]:
+    """All of them, with what they have made."""
+    return tuple(Way(name, device) for name in ARRAYS)
+
+
+def against_square(device: Device, measure: Callable[[Way], dict[str, float]]) -> Iterator[Row]:
+    """Figures of every array, and their ratios to those of the square one."""
+    known: dict[str, float] = {}
+    for way in ways(device):
+        for what, value in measure(way).items():
+            first = known.setdefault(what, value)
+            yield f"{way.name}: {what}, {value:.4g}; over that of the square", value / first, WORSE
+
+
+def map(device: Device) -> Iterator[Row]:
+    """A point's frame by the projector beside that by waves on the array as it lies."""
+    for over, limit in ((1.1, 0.1), (1.5, 0.05), (2.0, 0.04)):
+        for name in list(ARRAYS)[1:4]:
+            way = Way(name, device, over)
+            volume = np.zeros(way.projector.volume_shape, np.float32)
+            index = (3, volume.shape[1] // 2 + 1, volume.shape[2] // 2 - 2)
+            volume[index] = 1
+            x, y, z = way.voxels()[index]
+            true = way.camera.expose(PointSources([(x, y, z)])).to_numpy().astype(float)
+            error = way.projector.forward(volume).astype(float) - true
+            what = f"{name}, {way.images.pixels} pixels for {PIXELS}: frame beside waves"
+            yield what, float(np.linalg.norm(error) / np.linalg.norm(true)), limit
+
+
+def points(device: Device) -> Iterator[Row]:
+    """45 points in five frames: their places by centroids, and their light beyond 4 um."""
+    rng = np.random.default_rng(3)
+    grid = np.stack(np.meshgrid(*[[-28e-6, 0, 28e-6]] * 2), -1).reshape(9, 2)
+    scenes = [
+        np.column_stack([grid + rng.uniform(-4e-6, 4e-6, (9, 2)), rng.uniform(17e-6, 33e-6, 9)])
+        for _ in range(FRAMES)
+    ]
+
+    def measure(way: Way) -> dict[str, float]:
+        volumes, _ = way.found([PointSources(one) for one in scenes], PHOTONS)
+        where, errors, shares = way.voxels(), [], []
+        for volume, scene in zip(volumes, scenes, strict=True):
+            for point in scene:
+                near = np.abs(where - point).max(axis=-1) < 10e-6
+                light, off = volume[near].astype(float), where[near] - point
+                errors.append(light @ off / light.sum())
+                shares.append(light[np.abs(off[:, :2]).max(axis=1) > 4e-6].sum() / light.sum())
+        across = np.sqrt(np.square(np.array(errors)[:, :2]).sum(axis=1).mean())
+        along = np.sqrt(np.square(np.array(errors)[:, 2]).mean())
+        return {
+            "points, rms error across, um": 1e6 * across,
+            "points, rms error along z, um": 1e6 * along,
+            "points, light beyond 4 um": float(np.mean(shares)),
+        }
+
+    yield from against_square(device, measure)
+
+
+def pairs(device: Device) -> Iterator[Row]:
+    """45 pairs, 6 um apart in all directions, 20 um away: least between over the lower peak."""
+    rng = np.random.default_rng(5)
+    grid = np.stack(np.meshgrid(*[[-28e-6, 0, 28e-6]] * 2), -1).reshape(9, 2)
+    scenes = []
+    for _ in range(FRAMES):
+        middle, angle = grid + rng.uniform(-4e-6, 4e-6, (9, 2)), rng.uniform(0, np.pi, 9)
+        half = 3e-6 * np.column_stack([np.cos(angle), np.sin(angle)])
+        scenes.append((middle, half))
+
+    def measure(way: Way) -> dict[str, float]:
+        sources = [
+            PointSources(np.column_stack([np.concatenate([m - h, m + h]), np.full(18, 20e-6)]))
+            for m, h in scenes
+        ]
+        volumes, _ = way.found(sources, PHOTONS)
+        dips = []
+        for volume, (middle, half) in zip(volumes, scenes, strict=True):
+            for m, h in zip(middle, half, strict=True):
+                t = np.linspace(-1.4, 1.4, 57)
+                line = np.column_stack([m + t[:, None] * h, np.full(57, 20e-6)])
+                seen = way.at(volume, line)
+                peaks = seen[t < -0.5].max(), seen[t > 0.5].max()
+                dips.append(seen[np.abs(t) <= 0.5].min() / min(peaks))
+        return {"pairs, least between over the peak": float(np.mean(dips))}
+
+    yield from against_square(device, measure)
+
+
+def shell(device: Device) -> Iterator[Row]:
+    """A shell of 12 um about z = 25 um: radius and thickness of the light, residual."""
+    rng, radius, middle = np.random.default_rng(9), 12e-6, np.array([1e-6, -2e-6, 25e-6])
+    v = rng.normal(size=(400, 3))
+    on_shell = middle + radius * v / np.linalg.norm(v, axis=1, keepdims=True)
+
+    def measure(way: Way) -> dict[str, float]:
+        source = PointSources(on_shell, power=np.full(400, 1 / 400))
+        volumes, residuals = way.found([source], 100 * PHOTONS)
+        off = way.voxels() - middle
+        r = np.linalg.norm(off, axis=-1)
+        light = np.where(r < 18e-6, volumes[0], 0).astype(float)
+        mean = (light * r).sum() / light.sum()
+        thick = np.sqrt((light * (r - mean) ** 2).sum() / light.sum())
+        inside = volumes[0][r < 6e-6].sum() / volumes[0].sum()
+        return {
+            "shell, radius, um": 1e6 * mean,
+            "shell, thickness, um": 1e6 * thick,
+            "shell, light in its middle": float(inside),
+            "shell, residual": float(residuals[0]),
+        }
+
+    yield from against_square(device, measure)
+
+
+def cost(device: Device) -> Iterator[Row]:
+    """Images to be simulated, bytes of matrices and seconds of an iteration."""
+    for way in ways(device):
+        images, projector = way.images, way.projector
+        frame = projector.forward(np.ones(projector.volume_shape, np.float32))
+        start = time.perf_counter()
+        deconvolve(frame, projector, iterations=3)
+        passed = (time.perf_counter() - start) / 3.5
+        lenslets = np.prod(projector.lenslets)
+        click.echo(
+            f"{way.name:<12}{images.cell.count:>5} images a plane, "
+            f"{projector.nbytes / len(PLANES) / lenslets / 2**10:>6.0f} KiB a plane and lenslet, "
+            f"{lenslets:>4} lenslets, {passed:.2f} s an iteration"
+        )
+    yield from ()
+
+
+SECTIONS: dict[str, Callable[[Device], Iterator[Row]]] = {
+    one.__name__: one for one in (points, pairs, shell, cost, map)
+}
+
+
+@click.command()
+@click.option("--device", "selector", help="As for Device.open.")
+@click.option("--only", default=",".join(SECTIONS), show_default=True)
+def main(selector: str | None, only: str) -> None:
+    """A table of figures and limits; ends with 1 where one is not met."""
+    device = Device.open(selector)
+    click.echo(f"{device!r}\n")
+    met = True
+    for name in only.split(","):
+        for what, found, limit in SECTIONS[name](device):
+            met &= found <= limit
+            says = "" if found <= limit else "  NOT MET"
+            click.echo(f"{what:<78}{found:>9.3g}   at most {limit:g}{says}")
+    sys.exit(0 if met else 1)
+
+
+if __name__ == "__main__":
+    main()

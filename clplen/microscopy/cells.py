@@ -1,0 +1,156 @@
+"""The rectangle of an array of lenslets that repeats, with the voxels and pixels of it.
+
+    square, one kind       1 x 1 lenslet       both mirrors, and y <-> x
+    square, two kinds      2 x 2               both mirrors, and y <-> x
+    square, n kinds        n/gcd(n, s) x n     y -> -y for n = 4
+    hexagonal, one kind    2 x 1, sqrt(3) p high, a lenslet in the middle and one in the corners
+                                               both mirrors
+    hexagonal, three kinds 2 x 3               y -> -y; x -> -x exchanges the second and the third
+
+Cells are centred on a lenslet of the first kind, and are rows and columns without offset, so that a
+lattice of any kind is a rectangular lattice of cells.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
+
+from clplen.compute.fft.lines import smooth_length
+
+Pair = tuple[int, int]
+
+_ROOT = math.sqrt(3)
+
+
+@dataclass(frozen=True)
+class Cell:
+    """A rectangle of an array that repeats, centred on a lenslet of the first kind.
+
+    Attributes
+    ----------
+    lenslets : tuple of int
+        (rows, columns) of lenslets whose area it has.
+    size : tuple of float
+        (height, width) over the pitch of the lenslets.
+    voxels : tuple of int
+        (vy, vx) of it.
+    pixels : tuple of int
+        (ny, nx) of it.
+    mirror_y, mirror_x : bool
+        Whether y -> -y and x -> -x leave the array as it is.
+    transposed : bool
+        Whether the exchange of y and x does.
+
+    Examples
+    --------
+    >>> cell = clplen.microscopy.cells.cell_of("hexagonal", 1, voxels=5, pixels=15)
+    >>> cell.lenslets, cell.voxels, cell.pixels
+    ((2, 1), (9, 5), (27, 15))
+    """
+
+    lenslets: Pair
+    size: tuple[float, float]
+    voxels: Pair
+    pixels: Pair
+    mirror_y: bool
+    mirror_x: bool
+    transposed: bool
+
+    @property
+    def parts(self) -> tuple[int, ...]:
+        """Parts of the point images that the projector keeps matrices of.
+
+        Bit 0: what changes its sign where y and x are reversed; bit 1: where y is.
+        """
+        odd_about_the_middle = not (self.mirror_y and self.mirror_x)
+        return tuple(
+            part
+            for part in range(4)
+            if not (part & 1 and not odd_about_the_middle) and not (part & 2 and self.mirror_y)
+        )
+
+    def phases(self) -> list[Pair]:
+        """Voxels (sy, sx) of a cell whose images are not mirror images of others."""
+        vy, vx = self.voxels
+        rows = range((vy + 1) // 2 if self.mirror_y else vy)
+        columns = range((vx + 1) // 2 if self.mirror_x else vx)
+        return [(a, b) for a in rows for b in columns if not self.transposed or a <= b]
+
+    @property
+    def count(self) -> int:
+        """How many `phases` there are."""
+        rows, columns = (
+            (v + 1) // 2 if mirror else v
+            for v, mirror in zip(self.voxels, (self.mirror_y, self.mirror_x), strict=True)
+        )
+        return rows * (rows + 1) // 2 if self.transposed else rows * columns
+
+    def folded(self, phase: Pair) -> tuple[Pair, tuple[bool, bool], bool]:
+        """The one of `phases` whose image that of a voxel is made of.
+
+        Parameters
+        ----------
+        phase : tuple of int
+
+        Returns
+        -------
+        tuple
+            That phase; whether its image, after the exchange, is reversed along y and x; whether y
+            and x are exchanged.
+        """
+        mirrors = (self.mirror_y, self.mirror_x)
+        turned = [
+            mirror and s > v - 1 - s
+            for s, v, mirror in zip(phase, self.voxels, mirrors, strict=True)
+        ]
+        a, b = (
+            v - 1 - s if turn else s for s, v, turn in zip(phase, self.voxels, turned, strict=True)
+        )
+        exchanged = self.transposed and a > b
+        return ((b, a) if exchanged else (a, b)), (turned[0], turned[1]), exchanged
+
+
+def cell_of(lattice: str, kinds: int, *, voxels: int, pixels: int) -> Cell:
+    """The cell of an array with some voxels and pixels a lenslet.
+
+    A hexagonal lattice has about as many of them along y, where rows are sqrt(3)/2 of the pitch
+    apart: voxels to the nearest whole number of a cell, pixels to the next one that transforms
+    quickly.
+
+    Parameters
+    ----------
+    lattice : {"square", "hexagonal"}
+    kinds : int
+        Of lenslets, as `clplen.MicrolensArray` lays them out.
+    voxels, pixels : int
+        v and n along x, of a lenslet.
+
+    Returns
+    -------
+    Cell
+    """
+    if lattice == "hexagonal":
+        high = smooth_length(math.ceil(_ROOT * pixels))
+        size, many = (_ROOT, float(kinds)), (max(2, round(_ROOT * voxels)), kinds * voxels)
+        return Cell((2, kinds), size, many, (high, kinds * pixels), True, kinds == 1, False)
+    step = 2 if kinds > 3 else 1
+    rows = kinds // math.gcd(kinds, step)
+    lenslets = (rows, kinds)
+    return Cell(
+        lenslets,
+        (float(rows), float(kinds)),
+        (rows * voxels, kinds * voxels),
+        (rows * pixels, kinds * pixels),
+        2 * step % kinds == 0,
+        kinds <= 2,
+        kinds <= 2,
+    )
+
+
+def cell_in(parameters: Mapping[str, Any], voxels: int, pixels: int) -> Cell:
+    """The cell of what `PointImages.parameters` describe."""
+    kinds = len(parameters.get("lenslet_focal_lengths", (0,)))
+    return cell_of(parameters.get("lattice", "square"), kinds, voxels=voxels, pixels=pixels)

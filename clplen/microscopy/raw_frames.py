@@ -1,0 +1,210 @@
+"""Raw frames to counts and sensitivities of the camera's own pixels, for `FrameProjector`.
+
+As `preparation`, but nothing is resampled. The white frame gives the lattice, and the sensitivity
+of a pixel: its level over that of the mean cell at its place, the cell whose interpolation explains
+the white frame best (Richardson and Lucy's iteration over the pixels of a cell).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+
+from clplen.checks import require
+from clplen.compute.device import DeviceLike, as_device
+from clplen.lightfield.calibration.lattice_fit import estimate_lattice
+from clplen.lightfield.calibration.lattice_trust import require_trust
+from clplen.lightfield.raw.lenslet_lattice import Lattice
+from clplen.microscopy.frame_projector import FrameProjector
+from clplen.microscopy.images import PointImages
+from clplen.microscopy.prepare import DARKEST, DIMMEST, Preparation, samples, white_light
+
+Vector = np.ndarray[Any, Any]
+
+STEPS = 12  # of the iteration that finds the mean cell
+SEEN = 0.5  # of the light of the brightest cell: those at the rim of a frame with less tell no haze
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class RawPreparation(Preparation):
+    """What raw frames of one camera share. Made by `raw_preparation`; called with each of them.
+
+    Attributes
+    ----------
+    pixels, device, dark, lattice, sensitivity, level
+        As of `Preparation`, but of the camera's own pixels.
+    projector : FrameProjector or None
+        Onto the frames.
+
+    Examples
+    --------
+    >>> camera = clplen.PlenopticCamera.microscope(
+    ...     magnification=10, na=0.2, wavelength=525e-9, pixels_per_lenslet=12,
+    ...     mla=clplen.MicrolensArray(60e-6, 1.5e-3, count=5, fill="full"))
+    >>> images = clplen.point_images(
+    ...     camera, [50e-6], voxels_per_lenslet=1, sensor_pixels=9.6, cut=0.05)
+    >>> wave = 1 + np.cos(2 * np.pi * np.arange(60) / 9.6)  # lenslets 9.6 pixels apart
+    >>> found = clplen.microscopy.raw_preparation(images, white=1000 * np.outer(wave, wave))
+    >>> found(500 * np.outer(wave, wave)).counts.shape, found.projector.frame_shape
+    ((60, 60), (60, 60))
+    """
+
+    projector: FrameProjector | None = None
+
+    @property
+    def _map(self) -> FrameProjector:
+        assert self.projector is not None
+        return self.projector
+
+    @property
+    def area(self) -> float:
+        """1: pixels are those of the camera."""
+        return 1.0
+
+    @property
+    def variance(self) -> float:
+        """1: of a pixel over its mean, where counts are photons."""
+        return 1.0
+
+    def place(self, voxels: int) -> dict[str, tuple[float, float]]:
+        """Where the columns of voxels lie on the raw frame, as of `Preparation`."""
+        return self._map.place()
+
+    def haze(self, counts: Vector, white: Vector) -> Vector:
+        """Light in a frame from far beyond the volume, as of `Preparation`."""
+        if self.level is None:
+            raise ValueError("Haze looks like the white frame, and there is none: give it.")
+        seen, full = (
+            self._map.to_cells(np.where(white > 0, one, 0)).sum(axis=(1, 3), dtype=np.float64)
+            for one in (counts, self.level)
+        )
+        whole = full > SEEN * full.max()
+        share = np.percentile(seen[whole] / full[whole], DIMMEST) if whole.any() else 0.0
+        return np.asarray(self.level * np.float32(max(share, 0)))
+
+    def _resampled(self, light: Vector) -> Vector:
+        return light
+
+    def _reached(self, bad: Vector) -> Vector:
+        return bad
+
+
+def raw_preparation(
+    images: PointImages,
+    *,
+    white: Any,
+    device: DeviceLike | None = None,
+    dark: Any = None,
+    saturation: float | None = None,
+    force: bool = False,
+    memory: int | None = None,
+) -> RawPreparation:
+    """Find the lattice, the sensitivity of the pixels, and the projector onto raw frames.
+
+    Of an array of several focal lengths the white frame tells which lenslets are of the first kind:
+    it is compared with even light as the point images give it.
+
+    Parameters
+    ----------
+    images : PointImages
+        As of `FrameProjector`.
+    white : array_like
+        White frame, shape (ny, nx).
+    device : Device or str, optional
+        None is ``Device.open()``.
+    dark : array_like, optional
+        Dark frame, shape (ny, nx).
+    saturation, force
+        As of `preparation`.
+    memory : int, optional
+        Bytes for matrices, as of `Projector`.
+
+    Returns
+    -------
+    RawPreparation
+        To be called with each raw frame of the same camera.
+
+    Raises
+    ------
+    ShapeError, ValueError, DeviceError
+        As `preparation` and `FrameProjector`.
+    TypeError
+        If the images are none.
+
+    Examples
+    --------
+    >>> camera = clplen.PlenopticCamera.microscope(
+    ...     magnification=10, na=0.2, wavelength=525e-9, pixels_per_lenslet=12,
+    ...     mla=clplen.MicrolensArray(60e-6, 1.5e-3, count=5, fill="full"))
+    >>> images = clplen.point_images(
+    ...     camera, [50e-6], voxels_per_lenslet=1, sensor_pixels=9.6, cut=0.05)
+    >>> wave = 1 + np.cos(2 * np.pi * np.arange(60) / 9.6)  # lenslets 9.6 pixels apart
+    >>> found = clplen.microscopy.raw_preparation(images, white=1000 * np.outer(wave, wave))
+    >>> f"{found.lattice.pitch[0]:.1f} pixels a lenslet", found.sensitivity.shape
+    ('9.6 pixels a lenslet', (60, 60))
+    """
+    device = as_device(device)
+    require(PointImages, images, "images", "point_images")
+    black = None if dark is None else np.asarray(samples(dark), np.float32)
+    light, bad = white_light(white, black, saturation)
+    pitch = images.parameters.get("sensor_pixels", images.pixels)
+    lattice = estimate_lattice(
+        light, kind=images.parameters.get("lattice", "square"), pitch=float(pitch)
+    )
+    if np.isnan(lattice.residual):
+        raise ValueError(
+            f"The white frame has no {lattice.kind} lattice of lenslets of about {pitch:g} pixels, "
+            "as the point images have: is it one, and of the same camera?"
+        )
+    require_trust(lattice, "The white frame", force=force)
+    projector = FrameProjector(
+        images, _of_first_kind(images, lattice, light, device), device=device, memory=memory
+    )
+    level = np.where(bad, np.float32(0), light)
+    sensitivity = _sensitivity(projector, level, ~bad)
+    return RawPreparation(
+        images.pixels, projector.device, black, projector.lattice, sensitivity, level, projector
+    )
+
+
+def _of_first_kind(images: PointImages, lattice: Lattice, light: Vector, device: Any) -> Lattice:
+    """The same lattice from a lenslet of the first kind on."""
+    cell, plane = images.cell, int(np.abs(images.planes).argmax())
+    kinds = cell.lenslets[1]
+    if kinds == 1:
+        return lattice
+    (ny, nx), even = cell.pixels, np.zeros(cell.pixels)
+    for phase in np.ndindex(cell.voxels):
+        image = images.image(plane, (phase[0], phase[1]))
+        blocks = image.reshape(-1, ny, image.shape[1] // nx, nx)
+        even += blocks.sum(axis=(0, 2), dtype=np.float64)
+    along = np.array(lattice.row if lattice.turned else lattice.column)
+    best, alike = lattice, -np.inf
+    for number in range(kinds):
+        y, x = np.array(lattice.origin) + number * along
+        moved = replace(lattice, origin=(float(y), float(x)))
+        seen = FrameProjector(images, moved, device=device).of_cell(even)
+        found = float(np.corrcoef(seen.ravel(), light.ravel())[0, 1])
+        if found > alike:
+            best, alike = moved, found
+    return best
+
+
+def _sensitivity(projector: FrameProjector, level: Vector, known: Vector) -> Vector:
+    """Levels over those of the mean cell; 0 where there is no light."""
+
+    def sums(frame: Vector) -> Vector:
+        return np.asarray(projector.to_cells(frame).sum(axis=(0, 2), dtype=np.float64))
+
+    weight = np.maximum(sums(known.astype(np.float32)), 1e-6)
+    cell = np.full(weight.shape, float(level[known].mean(dtype=np.float64)))
+    for _ in range(STEPS):
+        mean = projector.of_cell(cell)
+        ratio = np.divide(level, mean, out=np.zeros_like(level), where=known & (mean > 0))
+        cell *= np.maximum(sums(ratio), 0) / weight
+    mean = projector.of_cell(cell)
+    bright = known & (mean > DARKEST * level.mean(dtype=np.float64)) & (level > 0)
+    found = np.divide(level, mean, out=np.zeros_like(level), where=bright)
+    return np.asarray(found, np.float32)
