@@ -19,6 +19,9 @@
  *
  *   R[q / 16, row of the picture, first + row of the volume, q % 16]
  *
+ * With -DTURNED point images change their sign where pixels and voxels are turned by 180 degrees;
+ * i times their spectra are those of a symmetric projection, and R is theirs.
+ *
  * w, v: samples of a lenslet along an axis, of the picture and of the volume. Mapping of pack and
  * assemble: axis 0 = q with FOR_X, axis 1 = pair r, axis 2 = batch; of unpack: FOR_X over C.
  * -DROWS: see common.cl.
@@ -130,6 +133,9 @@ __kernel void assemble(__global float *restrict R, __global const float2 *restri
         if (q < count) {
             const int y = q / hx, x = q % hx;
             p = scale * parts(from[y * nx + x], from[(ny - y) % ny * nx + (nx - x) % nx]);
+#ifdef TURNED
+            p = (float4)(-p.y, p.x, -p.w, p.z);
+#endif
         }
         const size_t row = ((size_t)(q / WIDTH) * V + 2 * r) * columns + first + 2 * t;
         __global float *to = R + row * WIDTH + q % WIDTH;

@@ -10,9 +10,13 @@
  * axis 0 = these, axis 1 = blocks of frequencies, sixteen frequencies a vector (CPUs); without it
  * axis 0 = frequencies (GPUs). Each number of R is read once for all frames b and four columns.
  *
+ * R of point images that change their sign where y is mirrored (-DMIRRORED) or where all is turned by
+ * 180 degrees (-DTURNED: it is that of i times the images) takes the columns at (-y, x) with the
+ * opposite sign, and all columns times -i, backward times i.
+ *
  * -DLANES=1 | 16  frequencies of an item
  * -DHEIGHT=n      rows of the picture in registers
- * -DADD           forward adds to g
+ * -DADD           adds to what is there
  * -DROWS          see common.cl
  */
 #include "common.cl"
@@ -23,6 +27,27 @@ typedef float16 vec;
 typedef float vec;
 #endif
 #define STEP (16 / LANES) /* from one row of sixteen frequencies to the next, in vectors */
+
+#ifdef TURNED
+#define COLUMN(k) ((k) ^ 1)
+#define TURN(k) ((k) & 1 ? -1 : 1)
+#define BACK(k) ((k) & 1 ? 1 : -1)
+#else
+#define COLUMN(k) (k)
+#define TURN(k) 1
+#define BACK(k) 1
+#endif
+#ifdef MIRRORED
+#define SIGN(k) ((k) < 2 ? 1 : -1)
+#else
+#define SIGN(k) 1
+#endif
+
+#ifdef ADD
+#define ADDED 1
+#else
+#define ADDED 0
+#endif
 
 /* A row of sixteen frequencies, from the item's own on. */
 inline __global const vec *row_of(__global const float *from, size_t row, int lane)
@@ -57,15 +82,15 @@ __kernel void forward(__global float *restrict g, __global const float *restrict
             for (int k = 0; k < 4; ++k)
                 sum[i][k] = (vec)(0);
         for (int j = 0; j < columns; ++j) {
-            const vec a0 = in[(4 * j) * STEP], a1 = in[(4 * j + 1) * STEP];
-            const vec a2 = in[(4 * j + 2) * STEP], a3 = in[(4 * j + 3) * STEP];
+            const vec a0 = in[(4 * j + COLUMN(0)) * STEP], a1 = in[(4 * j + COLUMN(1)) * STEP];
+            const vec a2 = in[(4 * j + COLUMN(2)) * STEP], a3 = in[(4 * j + COLUMN(3)) * STEP];
 #pragma unroll
             for (int i = 0; i < HEIGHT; ++i) {
                 const vec m = matrix[i][j * STEP];
-                sum[i][0] += m * a0;
-                sum[i][1] += m * a1;
-                sum[i][2] += m * a2;
-                sum[i][3] += m * a3;
+                sum[i][0] += m * (TURN(0) * SIGN(0) * a0);
+                sum[i][1] += m * (TURN(1) * SIGN(1) * a1);
+                sum[i][2] += m * (TURN(2) * SIGN(2) * a2);
+                sum[i][3] += m * (TURN(3) * SIGN(3) * a3);
             }
         }
 #pragma unroll
@@ -109,13 +134,13 @@ __kernel void backward(__global float *restrict f, __global const float *restric
                 matrix[i] = row_of(R, ((size_t)block * rows + row) * columns, lane);
 #pragma unroll
                 for (int k = 0; k < 4; ++k)
-                    part[i][k] = in[(4 * row + k) * STEP] * there;
+                    part[i][k] = in[(4 * row + COLUMN(k)) * STEP] * (there * BACK(k) * SIGN(k));
             }
             for (int j = start; j < stop; ++j) {
                 vec sum[4];
 #pragma unroll
                 for (int k = 0; k < 4; ++k)
-                    sum[k] = first ? out[(4 * j + k) * STEP] : (vec)(0);
+                    sum[k] = first || ADDED ? out[(4 * j + k) * STEP] : (vec)(0);
 #pragma unroll
                 for (int i = 0; i < HEIGHT; ++i) {
                     const vec m = matrix[i][j * STEP];

@@ -7,6 +7,8 @@ from typing import Any
 
 import numpy as np
 
+from clplen.wave.elements.zernike import noll
+
 Vector = np.ndarray[Any, Any]
 
 
@@ -27,7 +29,7 @@ class PointImages:
     stored : tuple of numpy.ndarray
         For each plane the different images, float32 or float16, shape (u, n k, n k), k = 2 r + 1
         lenslets about that of the voxel; of the phases (a, b), a <= b <= (v - 1)/2, in the order of
-        `unique_phases`.
+        `unique_phases`, or of all phases where the pupil has no mirrors, in that of `all_phases`.
     scales : numpy.ndarray
         float64, shape (planes,): what the stored numbers are multiplied by.
 
@@ -65,6 +67,55 @@ class PointImages:
         return float(about["lenslet_pitch"] / (about["magnification"] * self.voxels))
 
     @property
+    def is_mirrored(self) -> bool:
+        """Whether voxels on either side of a lenslet have images that are mirror images."""
+        return self.voxels == 1 or len(self.stored[0]) != self.voxels**2
+
+    @property
+    def parts(self) -> tuple[tuple[int, int], ...]:
+        """Signs (along y, along x) under mirrors, of the parts that images are made of.
+
+        (1, 1): what stays where y or x is mirrored, pixels, voxels and lenslets alike; it is all
+        where the pupil has these mirrors.
+        """
+        terms = self.parameters.get("pupil") or {}
+        orders = [noll(int(j))[1] for j in terms]
+        along_y = all(m >= 0 for m in orders)
+        along_x = all((m < 0) == (m % 2 == 1) for m in orders)
+        turned = all(m % 2 == 0 for m in orders)
+        return tuple(
+            (y, x) for y in (1, -1) for x in (1, -1)
+            if (y > 0 or not along_y) and (x > 0 or not along_x) and (y * x > 0 or not turned)
+        )  # fmt: skip
+
+    def part(self, plane: int, phase: tuple[int, int], signs: tuple[int, int]) -> Vector:
+        """The part of an image with these signs under mirrors; all parts add up to the image.
+
+        Parameters
+        ----------
+        plane : int
+        phase : tuple of int
+            (sy, sx) of the voxel in its lenslet.
+        signs : tuple of int
+            One of `parts`.
+
+        Returns
+        -------
+        numpy.ndarray
+            float32, shape (n k, n k).
+        """
+        if self.parts == ((1, 1),) and self.is_mirrored:
+            return self.image(plane, phase)
+        last, (sy, sx) = self.voxels - 1, phase
+        total = np.zeros(self.stored[plane].shape[1:])
+        for along_y in (1, -1):
+            for along_x in (1, -1):
+                there = (sy if along_y > 0 else last - sy, sx if along_x > 0 else last - sx)
+                sign = (signs[0] if along_y < 0 else 1) * (signs[1] if along_x < 0 else 1)
+                total += sign / 4 * self.image(plane, there)[::along_y, ::along_x]
+        return np.ascontiguousarray(total, np.float32)
+
+    @property
     def radii(self) -> tuple[int, ...]:
         """r of each plane: lenslets from that of the voxel to the last one with light."""
         return tuple((one.shape[1] // self.pixels - 1) // 2 for one in self.stored)
@@ -86,6 +137,9 @@ class PointImages:
         v = self.voxels
         if not all(0 <= s < v for s in phase):
             raise ValueError(f"A lenslet has voxels (0, 0) to ({v - 1}, {v - 1}), not {phase!r}.")
+        if not self.is_mirrored:
+            whole = self.stored[plane][phase[0] * v + phase[1]].astype(np.float32)
+            return np.ascontiguousarray(whole * np.float32(self.scales[plane]))
         folded = [min(s, v - 1 - s) for s in phase]
         number = unique_phases(v).index((min(folded), max(folded)))
         found = self.stored[plane][number]
@@ -105,6 +159,11 @@ def count_phases(voxels: int) -> int:
     """How many `unique_phases` there are, h (h + 1)/2 with h = ceil(v/2)."""
     half = (voxels + 1) // 2
     return half * (half + 1) // 2
+
+
+def all_phases(voxels: int) -> list[tuple[int, int]]:
+    """Phases (sy, sx) of all voxels of a lenslet, row by row."""
+    return [divmod(number, voxels) for number in range(voxels**2)]
 
 
 def unique_phases(voxels: int) -> list[tuple[int, int]]:

@@ -4,7 +4,8 @@ The point images of v x v voxels and n x n pixels a lenslet are n^2 v^2 small co
 lattice of lenslets: at each of its frequencies a matrix of n^2 by v^2 for each plane. Transforms
 are those of the lattice, not of the frame; in the basis of lattice_spectra.cl the matrices are real
 and those of y and -y are the same, so that a quarter of the numbers is kept and every one that is
-read serves four columns.
+read serves four columns. Where the pupil has aberrations without mirrors, images are sums of parts
+with a sign under each mirror, which are projected one after another in the same way.
 """
 
 from __future__ import annotations
@@ -132,7 +133,7 @@ class Projector:
         self._groups = [
             _Group(first, min(together, planes - first)) for first in range(0, planes, together)
         ]
-        self._kept: dict[_Group, cla.Array] = {}
+        self._kept: dict[tuple[_Group, tuple[int, int]], cla.Array] = {}
         self.require_memory(1)
 
     def __getstate__(self) -> dict[str, Any]:
@@ -146,7 +147,8 @@ class Projector:
     def nbytes(self) -> int:
         """Bytes of the matrices of all planes."""
         v, n = self.images.voxels, self.images.pixels
-        return 4 * self._blocks * WIDTH * (v * n) ** 2 * self.volume_shape[0]
+        parts = len(self.images.parts)
+        return 4 * self._blocks * WIDTH * (v * n) ** 2 * self.volume_shape[0] * parts
 
     def require_memory(self, frames: int, *, volumes: int = 1, pictures: int = 1) -> None:
         """Refuse frames that cannot be projected together, before anything is allocated.
@@ -294,12 +296,12 @@ class Projector:
         v, n, frames = self.images.voxels, self.images.pixels, int(volumes.shape[0])
         device = self.device
         total = self._rows(frames, n * n)
-        for number, (group, matrix) in enumerate(self._matrices()):
-            spectra = self._packed(volumes, v, group)
+        spectra = None
+        for number, (group, part, matrix) in enumerate(self._matrices()):
+            if spectra is None or part == self.images.parts[0]:
+                spectra = self._packed(volumes, v, group)
             columns = group.count * v * v
-            kernel = device.kernel(
-                "projector.cl", "forward", **self._form, **({"ADD": True} if number else {})
-            )
+            kernel = device.kernel("projector.cl", "forward", **self._form(part, number > 0))
             sizes = (n * n, columns, self._blocks, frames)
             device.launch(
                 kernel, self._size(-(-n * n // HEIGHT)), total, matrix, spectra,
@@ -326,22 +328,26 @@ class Projector:
         device = self.device
         spectra = self._packed(frames, n, FRAME)
         out = device.empty((count, *self.volume_shape), np.float32)
-        for group, matrix in self._matrices():
+        parts = self.images.parts
+        for group, part, matrix in self._matrices():
             columns = group.count * v * v
-            found = self._rows(count, columns)
-            kernel = device.kernel("projector.cl", "backward", **self._form)
+            if part == parts[0]:
+                found = self._rows(count, columns)
+            kernel = device.kernel("projector.cl", "backward", **self._form(part, part != parts[0]))
             sizes = (n * n, columns, v * v, self._blocks, count)
             device.launch(
                 kernel, self._size(group.count), found, matrix, spectra,
                 *(np.int32(k) for k in sizes), operations=8.0 * count * matrix.size,
             )  # fmt: skip
-            self._unpacked(out, found, v, group, self.volume_shape[0], -math.inf)
+            if part == parts[-1]:
+                self._unpacked(out, found, v, group, self.volume_shape[0], -math.inf)
         return out
 
-    @property
-    def _form(self) -> dict[str, Any]:
+    def _form(self, part: tuple[int, int], add: bool) -> dict[str, Any]:
         """Definitions of the kernels of projector.cl."""
-        return {"LANES": WIDTH if self.device.rows else 1, "HEIGHT": HEIGHT}
+        form: dict[str, Any] = {"LANES": WIDTH if self.device.rows else 1, "HEIGHT": HEIGHT}
+        flags = {"ADD": add, "MIRRORED": part[0] < 0, "TURNED": part[0] * part[1] < 0}
+        return form | {name: True for name, wanted in flags.items() if wanted}
 
     def _size(self, stretches: int) -> tuple[int, int]:
         """Work-items of the kernels of projector.cl."""
@@ -407,27 +413,29 @@ class Projector:
             out, fields, np.int32(w), np.float32(least), *(np.int32(k) for k in sizes),
         )  # fmt: skip
 
-    def _matrices(self) -> Iterator[tuple[_Group, cla.Array]]:
-        """The matrices of all planes, group by group; kept where there is room."""
+    def _matrices(self) -> Iterator[tuple[_Group, tuple[int, int], cla.Array]]:
+        """The matrices of all planes, group by group and part by part; kept where there is room."""
         for group in self._groups:
-            matrix = self._kept.get(group)
-            if matrix is None:
-                matrix = self._assembled(group)
-                if self.resident:
-                    self._kept[group] = matrix
-            yield group, matrix
+            for part in self.images.parts:
+                matrix = self._kept.get((group, part))
+                if matrix is None:
+                    matrix = self._assembled(group, part)
+                    if self.resident:
+                        self._kept[group, part] = matrix
+                yield group, part, matrix
 
-    def _assembled(self, group: _Group) -> cla.Array:
-        """The matrices of some planes from their point images."""
+    def _assembled(self, group: _Group, part: tuple[int, int]) -> cla.Array:
+        """The matrices of some planes from a part of their point images."""
         v, n, device = self.images.voxels, self.images.pixels, self.device
         columns, pairs = group.count * v * v, (n * n + 1) // 2
         matrix = device.empty((self._blocks, n * n, columns, WIDTH), np.float32)
-        kernel = device.kernel("lattice_spectra.cl", "assemble")
+        defines = {"TURNED": True} if part[0] * part[1] < 0 else {}
+        kernel = device.kernel("lattice_spectra.cl", "assemble", **defines)
         phases = [divmod(t, v) for t in range((v * v + 1) // 2)]
         for place in range(group.count):
             plane = group.first + place
             r = self.images.radii[plane]
-            pictures = np.stack([self.images.image(plane, phase) for phase in phases])
+            pictures = np.stack([self.images.part(plane, phase, part) for phase in phases])
             across = (2 * r + 1, 2 * r + 1)
             stack = (len(phases), 0, len(phases))
             fields = self._fields(device.upload(pictures), n, len(phases), stack, across, r)

@@ -2,8 +2,8 @@
 
 The lenslet lattice repeats, so that a volume with v x v voxels a lenslet has v^2 point images in
 each plane (Broxton et al. 2013, section 3.1). Mirror images of the square lattice, x -> -x,
-y -> -y and x <-> y, leave about v^2/8 of them to be simulated and stored. Each plane is cut to the
-lenslets that hold its light.
+y -> -y and x <-> y, leave about v^2/8 of them to be simulated and stored, unless the pupil has
+aberrations without these mirrors. Each plane is cut to the lenslets that hold its light.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ from clplen.compute.fft.lines import smooth_length
 from clplen.compute.memory import free_memory
 from clplen.files import PathLike, check_space, check_writable
 from clplen.microscopy import point_image_files
-from clplen.microscopy.images import PointImages, count_phases, unique_phases
+from clplen.microscopy.images import PointImages, all_phases, unique_phases
 from clplen.wave.coherence.averaging import Progress
 from clplen.wave.elements.lenslets import MicrolensArray
 
@@ -127,7 +127,7 @@ def point_images(
             return found
         check_writable(path)
     _check_memory(camera, z, voxels_per_lenslet, binning)
-    images = count_phases(voxels_per_lenslet)
+    images = len(phases_of(camera, voxels_per_lenslet))
     _check_room(camera, z, images, binning, cut, store, path)
     stored, scales = [], []
     for one in _simulated(camera, z, voxels_per_lenslet, binning, cut, progress):
@@ -190,6 +190,7 @@ def described(
         "wavelength": camera.wavelength,
         "cover": None if camera.cover is None else asdict(camera.cover),
         "apodisation": camera.apodisation,
+        "pupil": None if camera.pupil is None else {str(j): c for j, c in camera.pupil.terms},
         "lenslet_pitch": mla.pitch,
         "lenslet_focal_length": mla.focal_length,
         "lenslet_diameter": mla.diameter,
@@ -202,6 +203,16 @@ def described(
         "store": store,
         "precision": camera.device.precision,
     }
+
+
+def is_mirrored(camera: Microscope) -> bool:
+    """Whether images of voxels on either side of a lenslet are mirror images of one another."""
+    return camera.pupil is None or camera.pupil.is_symmetric
+
+
+def phases_of(camera: Microscope, voxels: int) -> list[tuple[int, int]]:
+    """Phases whose images are simulated: `unique_phases`, or all where the pupil has no mirrors."""
+    return unique_phases(voxels) if is_mirrored(camera) else all_phases(voxels)
 
 
 def _checked(camera: Any, planes: Any, voxels: Any, binning: Any, cut: float, store: str) -> Vector:
@@ -256,7 +267,7 @@ def _check_memory(camera: Microscope, planes: Vector, voxels: int, binning: int)
     """Refuse the plane whose window is the largest, before any is simulated."""
     z = float(planes[camera.objective.blur(planes).argmax()])
     samples = round(_window(camera, z) * camera.pixels_per_lenslet) ** 2
-    images = count_phases(voxels) * samples // binning**2
+    images = len(phases_of(camera, voxels)) * samples // binning**2
     camera.device.require_memory(
         4 * samples * camera.device.complex.itemsize + 2 * images * np.dtype(float).itemsize,
         f"The plane at z = {z * 1e6:g} um",
@@ -312,7 +323,7 @@ def _simulated(
     progress: Progress | None,
 ) -> Iterator[Vector]:
     """The different images of each plane, float64, cut to their light."""
-    phases = unique_phases(voxels)
+    phases = phases_of(camera, voxels)
     places = (np.array(phases) - (voxels - 1) / 2) / voxels * camera.mla.pitch
     for number, z in enumerate(planes):
         whole = _with_lenslets(camera, _window(camera, float(z)))
@@ -324,8 +335,10 @@ def _simulated(
                 done = number * len(phases) + sum(map(len, batches))
                 progress(done, len(planes) * len(phases))
         images = np.concatenate(batches)
+        if is_mirrored(camera):
+            images = _symmetric(images, phases, voxels)
         n = round(camera.pixels_per_lenslet) // binning
-        yield _cut(_symmetric(images, phases, voxels), n, cut)
+        yield _cut(images, n, cut)
 
 
 def _window(camera: Microscope, z: float) -> int:

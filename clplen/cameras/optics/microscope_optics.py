@@ -17,6 +17,7 @@ import pyopencl.array as cla
 from clplen.cameras.optics.lenslet_camera import Described, Description, LensletCamera, Row
 from clplen.cameras.optics.objective import APODISATION, CoverGlass, Objective
 from clplen.cameras.optics.pixel_array import PixelArray
+from clplen.cameras.optics.pupil_aberration import PupilAberration
 from clplen.compute.device import Device
 from clplen.errors import SamplingError
 from clplen.units import metres
@@ -53,6 +54,8 @@ class MicroscopeOptics(Described, LensletCamera):
         e, of the amplitude cos(theta)^e over the pupil.
     pixels : PixelArray or None
         None: each pixel takes the intensity in its middle.
+    pupil : PupilAberration or None
+        Aberrations of objective and sample; None: there are none.
     """
 
     magnification: float
@@ -68,6 +71,7 @@ class MicroscopeOptics(Described, LensletCamera):
     cover: CoverGlass | None = None
     apodisation: float = APODISATION
     pixels: PixelArray | None = None
+    pupil: PupilAberration | None = None
 
     telecentric = True
 
@@ -98,6 +102,7 @@ class MicroscopeOptics(Described, LensletCamera):
             self.wavelength,
             self.cover,
             self.apodisation,
+            self.pupil,
         )
 
     @property
