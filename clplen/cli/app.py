@@ -23,6 +23,7 @@ from clplen.cli.epi import epi
 from clplen.cli.info import info
 from clplen.cli.microscopy.deconvolve import deconvolve
 from clplen.cli.microscopy.microscope import microscope
+from clplen.cli.microscopy.pupil import pupil
 from clplen.cli.refocus import refocus
 from clplen.cli.render import render
 from clplen.cli.sampling import sampling
@@ -72,5 +73,6 @@ _COMMANDS = (
     worker,
 )
 microscope.add_command(deconvolve)
+microscope.add_command(pupil)
 for command in _COMMANDS:
     main.add_command(command)

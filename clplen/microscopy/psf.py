@@ -118,7 +118,7 @@ def point_images(
     >>> f"voxels of {images.side * 1e6:.0f} um"
     'voxels of 2 um'
     """
-    z = _checked(camera, planes, voxels_per_lenslet, binning, cut, store)
+    z = checked_planes(camera, planes, voxels_per_lenslet, binning, cut, store)
     voxels_per_lenslet, binning = int(voxels_per_lenslet), int(binning)
     parameters = described(camera, z, voxels_per_lenslet, binning, cut, store)
     if path is not None:
@@ -215,8 +215,16 @@ def phases_of(camera: Microscope, voxels: int) -> list[tuple[int, int]]:
     return unique_phases(voxels) if is_mirrored(camera) else all_phases(voxels)
 
 
-def _checked(camera: Any, planes: Any, voxels: Any, binning: Any, cut: float, store: str) -> Vector:
-    """The planes as numbers, after the checks."""
+def checked_planes(
+    camera: Any, planes: Any, voxels: Any, binning: Any, cut: float, store: str
+) -> Vector:
+    """The planes as numbers, after the checks of `point_images`.
+
+    Raises
+    ------
+    ValueError, TypeError
+        As `point_images`.
+    """
     require(Microscope, camera, "camera", "PlenopticCamera.microscope")
     if camera.pixels is not None:
         raise ValueError(
