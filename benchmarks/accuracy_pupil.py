@@ -26,7 +26,13 @@ sys.path.insert(0, str(Path(__file__).parents[1] / "tests"))
 from setups_microscope import beads, counted, filaments, shell, wrong
 
 from clplen import (
-    Device, MicrolensArray, PlenopticCamera, PointSources, Projector, deconvolve, point_images,
+    Device,
+    MicrolensArray,
+    PlenopticCamera,
+    PointSources,
+    Projector,
+    deconvolve,
+    point_images,
 )  # fmt: skip
 from clplen.cameras import Microscope
 from clplen.microscopy import find_beads, fit_pupil
@@ -76,7 +82,8 @@ def of_beads(device: Device, seed: int) -> tuple[str, float]:
     off = float(np.linalg.norm(found.coefficients - true))
     text = f"beads      {seed}  put in {words(true)}  found {words(found.coefficients)}"
     text += f"  +- {words(found.errors)}  off {off * 1e9:5.1f} nm; {len(where)} of {BEADS} beads"
-    text += f"; residual {found.residuals[0]:.4f} to {found.residuals[-1]:.4f}, chi2 {found.chi2:.2f}"
+    text += f"; residual {found.residuals[0]:.4f} to {found.residuals[-1]:.4f}"
+    text += f", chi2 {found.chi2:.2f}"
     return text + f"; {time.perf_counter() - began:.0f} s", off
 
 
@@ -94,7 +101,8 @@ def of_scene(device: Device, name: str, seed: int, volumes: bool) -> tuple[list[
     off = float(np.linalg.norm(found.coefficients - true))
     text = f"{name:10} {seed}  put in {words(true)}  found {words(found.coefficients)}"
     text += f"  +- {words(found.errors)}  off {off * 1e9:5.1f} nm"
-    text += f"; residual {found.residuals[0]:.4f} to {found.residuals[-1]:.4f}, chi2 {found.chi2:.2f}"
+    text += f"; residual {found.residuals[0]:.4f} to {found.residuals[-1]:.4f}"
+    text += f", chi2 {found.chi2:.2f}"
     lines = [text + f"; {time.perf_counter() - began:.0f} s"]
     if not volumes:
         return lines, off

@@ -85,13 +85,15 @@ def moved(prepare: Preparation, y: float, x: float) -> Preparation:
 
 
 def without_outliers(vesicle: Vesicle) -> Prepared:
-    """Pixels that stand six deviations out of their 5 x 5 neighbours are left out."""
-    from scipy.ndimage import median_filter
+    """Pixels that stand six deviations above all of their neighbours are left out."""
+    from scipy.ndimage import maximum_filter
 
+    ring = np.ones((3, 3), bool)
+    ring[1, 1] = False
     values = vesicle.frame.astype(float)
-    middle = median_filter(values, 5)
-    noise = np.sqrt(GAIN * np.maximum(middle - vesicle.dark, 1)) + 10
-    hot = np.abs(values - middle) > 6 * noise
+    highest = maximum_filter(values, footprint=ring)
+    noise = np.sqrt(GAIN * np.maximum(highest - vesicle.dark, 1) + vesicle.prepare.noise**2)
+    hot = values - highest > 6 * noise
     click.echo(f"  {hot.sum()} pixels stand out, {vesicle.seen.left_out} are saturated")
     return vesicle.prepare(np.where(hot, np.nan, values))
 

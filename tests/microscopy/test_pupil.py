@@ -7,8 +7,9 @@ import pytest
 from reference_microscope import Setup, placed, sensor
 from tolerance import relative_max
 
-from clplen import MicrolensArray, PlenopticCamera, PointSources
+from clplen import LightField, MicrolensArray, PlenopticCamera, PointSources, estimate_alpha
 from clplen.cameras import PupilAberration
+from clplen.lightfield import focus_ratio
 from clplen.microscopy import point_images, read_point_images
 from clplen.microscopy.images import PointImages
 from clplen.microscopy.projector import Projector
@@ -165,3 +166,33 @@ def test_what_is_no_pupil(device, terms, error, words):
 def test_what_is_no_sample(call, words):
     with pytest.raises(ValueError, match=words):
         call()
+
+
+@pytest.mark.parametrize("law", ["paraxial", "sharpest", "marginal"])
+def test_laws_of_depth(device, law):
+    camera = microscope(device, None)
+    z = np.array([[-20e-6, 0.0, 35e-6]])
+    d = camera.disparity(z, law=law)
+    assert np.allclose(camera.z(d, law=law), z, rtol=2e-3, atol=0)
+    expected = {"paraxial": 1.0, "sharpest": focus_ratio(camera, 35e-6), "marginal": 0.91**-0.5}
+    assert d[0, 2] == pytest.approx(expected[law] * camera.disparity(35e-6), rel=1e-9)
+    assert isinstance(camera.z(0.1, law=law), float)
+
+
+def test_sharpest_plane_of_a_point(device):
+    """20x/0.5: a point is found where the law of the sharpest plane says, and not by the others."""
+    camera = microscope(
+        device, None, na=0.5, pixels_per_lenslet=27, wavelength=525e-9,
+        mla=MicrolensArray(125e-6, 2.5e-3, count=21, fill="full"),
+    )  # fmt: skip
+    z = -0.25 * camera.depth_range
+    lf = LightField.from_raw(camera.expose(PointSources([(0, 0, z)])))
+    found = estimate_alpha(lf, at=(10, 10)).disparity
+    assert camera.z(found, law="sharpest") == pytest.approx(z, rel=0.02)
+    assert abs(camera.z(found) / z - 1) > 0.05
+    assert abs(camera.z(found, law="marginal") / z - 1) > 0.03
+
+
+def test_no_such_law(device):
+    with pytest.raises(ValueError, match="law is one of 'paraxial', 'sharpest', 'marginal', not"):
+        microscope(device, None).z(0.1, law="exact")
