@@ -23,7 +23,7 @@ import pyopencl.array as cla
 from clplen.cameras.optics.pupil_aberration import PupilAberration
 from clplen.cameras.scenes.scene_sources import PointSources
 from clplen.checks import is_finite
-from clplen.compute.device import Device, DeviceLike, as_device
+from clplen.compute.device import DeviceLike, as_device
 from clplen.wave.field.field import Field, Grid
 from clplen.wave.field.transmission import phasor
 
@@ -290,7 +290,7 @@ class Objective:
         self,
         sources: PointSources,
         grid: Grid,
-        device: Device,
+        device: DeviceLike | None = None,
         *,
         factor: Vector | None = None,
     ) -> cla.Array:
@@ -300,7 +300,8 @@ class Objective:
         ----------
         sources : PointSources
         grid : Grid
-        device : Device
+        device : Device or str, optional
+            Default ``Device.open()``.
         factor : numpy.ndarray, optional
             As of `fields`.
 
@@ -309,6 +310,7 @@ class Objective:
         pyopencl.array.Array
             Complex, shape (n, ny, nx), frequencies in FFT order.
         """
+        device = as_device(device)
         planes, plane = np.unique(sources.positions[:, 2], return_inverse=True)
         pupils = np.stack([self.pupil(grid, z, diameter=sources.diameter) for z in planes])
         if factor is not None:
