@@ -35,7 +35,7 @@ from clplen import (
     point_images,
 )  # fmt: skip
 from clplen.cameras import Microscope
-from clplen.microscopy import find_beads, fit_pupil
+from clplen.microscopy import fit_pupil
 
 TERMS = (6, 8, 9, 11)
 RMS, PHOTONS = 60e-9, 2e5
@@ -77,12 +77,12 @@ def of_beads(device: Device, seed: int) -> tuple[str, float]:
     mean = fine.reshape(5 * count, 5, 5 * count, 5).sum(axis=(1, 3), dtype=float) + 0.5
     frame, began = rng.poisson(mean), time.perf_counter()
     camera = microscope(device, count=count)
-    where = find_beads(frame, camera, np.linspace(-35, 35, 8) * 1e-6, binning=5, background=0.4)
-    found = fit_pupil(frame, camera, beads=where, terms=TERMS, binning=5)
+    z = np.linspace(-35, 35, 8) * 1e-6
+    found = fit_pupil(frame, camera, planes=z, beads="find", terms=TERMS, binning=5)
     off = float(np.linalg.norm(found.coefficients - true))
     text = f"beads      {seed}  put in {words(true)}  found {words(found.coefficients)}"
-    text += f"  +- {words(found.errors)}  off {off * 1e9:5.1f} nm; {len(where)} of {BEADS} beads"
-    text += f"; residual {found.residuals[0]:.4f} to {found.residuals[-1]:.4f}"
+    text += f"  +- {words(found.errors)}  off {off * 1e9:5.1f} nm"
+    text += f"; {len(found.energies)} for {BEADS} beads; residual {found.residuals[0]:.4f} to {found.residuals[-1]:.4f}"
     text += f", chi2 {found.chi2:.2f}"
     return text + f"; {time.perf_counter() - began:.0f} s", off
 

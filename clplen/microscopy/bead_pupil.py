@@ -51,6 +51,8 @@ class Beads:
         sum e^2/sum F^2, and that of the coefficients to begin with.
     chi2 : float
         Mean square of e over its standard deviation.
+    mean : numpy.ndarray
+        Photons of each pixel, what was known beside the beads included.
     """
 
     positions: Vector
@@ -61,6 +63,7 @@ class Beads:
     residual: float
     residual_before: float
     chi2: float
+    mean: Vector
 
 
 @dataclass(frozen=True)
@@ -126,7 +129,8 @@ class BeadFrame:
             on, of = self._overlap(waves.lenslets, lenslet)
             w, image = white[on], image[0][of]
             mean[on] += energy * w * image
-            by_terms[(slice(None), *on)] += energy * w * tangents[(slice(3, None), 0, *of)]
+            for total_of, one in zip(by_terms, tangents[3:], strict=True):
+                total_of[on] += energy * w * one[0][of]
             whole = [energy * w * one[0][of] * _UNIT["place"] for one in tangents[:3]]
             for k, one in enumerate((*whole, w * image)):
                 rows.append(pixels[on].ravel())
@@ -258,5 +262,5 @@ def _result(
     chi2 = float(np.square(off[counted] / spread[counted]).mean())
     return Beads(
         positions, energies, background, c, covariance[of_terms, of_terms] * _UNIT["path"] ** 2,
-        _residual(frame, model), before, chi2,
+        _residual(frame, model), before, chi2, model.mean,
     )  # fmt: skip

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -13,6 +13,7 @@ from clplen.cameras.optics.microscope_optics import check_positions
 from clplen.cameras.optics.pupil_aberration import PupilAberration
 from clplen.checks import is_finite, positive_integer, real_array, require
 from clplen.errors import ShapeError
+from clplen.microscopy.bead_places import find_beads
 from clplen.microscopy.bead_pupil import BeadFrame, fit_beads
 from clplen.microscopy.psf import checked_planes
 from clplen.microscopy.volume_pupil import (
@@ -31,6 +32,7 @@ Vector = np.ndarray[Any, Any]
 TERMS = (5, 6, 7, 8, 9, 10, 11)  # astigmatism, coma, trefoil, spherical aberration
 LEAST = 5  # lenslets of a frame, or of a patch of it, along an axis
 _WITH_OBJECT = (2, 3, 4)  # Noll's indices of what moves all points alike
+_MORE_LEFT = 1.5  # chi2 from which on beads are looked for in what is left
 _STILL = 0.1  # of the standard errors: a step below it is the last one
 
 
@@ -106,10 +108,11 @@ def fit_pupil(
     camera : Microscope
         As of `point_images`, with the pupil to begin with.
     planes : sequence of float, optional
-        z in metres, rising, of the volume; they cover all light. Not with ``beads``.
-    beads : array_like, optional
+        z in metres, rising, of the volume; they cover all light. Not where ``beads`` has places.
+    beads : array_like or "find", optional
         About where beads are: (x, y, z) in metres from the middle of the frame, within a micrometre
-        or two, shape (n, 3).
+        or two, shape (n, 3). "find": by `find_beads` on ``planes``, which then reach beyond the
+        beads on both sides; where more is left than noise they are looked for once more in it.
     terms : sequence of int
         Noll's indices to fit, from 5 on, each once; the others keep what the camera has.
     background : float or array_like
@@ -158,10 +161,13 @@ def fit_pupil(
     require(Microscope, camera, "camera", "PlenopticCamera.microscope")
     terms = _checked_terms(terms)
     steps, iterations = positive_integer(steps, "steps"), positive_integer(iterations, "iterations")
-    if (planes is None) == (beads is None):
+    is_looked_for = isinstance(beads, str)
+    if is_looked_for and beads != "find":
+        raise ValueError(f"beads is an array of places or 'find', not {beads!r}.")
+    if (planes is None) == (beads is None or is_looked_for):
         raise ValueError(
-            "A pupil is found from beads= about where they are, or from a volume on planes=: give "
-            "one of both."
+            "A pupil is found from beads= about where they are, or from a volume on planes=, on "
+            "which beads='find' looks for them: give one of both."
         )
     z = checked_planes(
         camera, [0.0] if planes is None else planes, voxels_per_lenslet, binning, cut, "float32"
@@ -172,7 +178,19 @@ def fit_pupil(
     known = {} if camera.pupil is None else camera.pupil.coefficients
     start = np.array([known.get(j, 0.0) for j in terms])
     if beads is not None:
-        return _of_beads(camera, seen, terms, start, _checked_beads(beads), binning, progress)
+        finder = _Finder(z, voxels, binning, cut)
+        where = finder(camera, seen) if is_looked_for else _checked_beads(beads)
+        found, mean = _of_beads(camera, seen, terms, start, where, binning, progress)
+        if is_looked_for and found.chi2 > _MORE_LEFT:
+            left = replace(seen, background=mean)
+            more = finder(replace(camera, pupil=found.pupil), left, at_least=0)
+            if len(more):
+                where = np.concatenate([found.positions, more])
+                again, _ = _of_beads(
+                    camera, seen, terms, found.coefficients, where, binning, progress
+                )
+                return replace(again, residuals=np.append(found.residuals, again.residuals[-1]))
+        return found
     how = Sampling(z, voxels, binning, cut, iterations)
     return _of_volume(camera, seen, terms, start, how, steps, progress)
 
@@ -241,7 +259,8 @@ def fit_pupil_patches(
 def _of_beads(
     camera: Microscope, seen: Observed, terms: tuple[int, ...], start: Vector, beads: Vector,
     binning: int, progress: Progress | None,
-) -> PupilFit:  # fmt: skip
+) -> tuple[PupilFit, Vector]:  # fmt: skip
+    """What beads tell, and the mean counts of their frame."""
     frame = BeadFrame(camera, seen, terms, binning)
     half = np.array(frame.shape[::-1]) * frame.side / 2
     outside = (np.abs(beads[:, :2]) > half).any(axis=1)
@@ -256,10 +275,33 @@ def _of_beads(
     pupil = with_coefficients(camera, terms, found.coefficients).pupil
     assert pupil is not None
     residuals = np.array([found.residual_before, found.residual])
-    return PupilFit(
+    fit = PupilFit(
         pupil, terms, found.coefficients, errors, residuals, found.chi2, found.positions,
         found.energies,
     )  # fmt: skip
+    return fit, found.mean
+
+
+@dataclass(frozen=True)
+class _Finder:
+    """How beads are looked for."""
+
+    planes: Vector
+    voxels: int
+    binning: int
+    cut: float
+
+    def __call__(self, camera: Microscope, seen: Observed, *, at_least: int = 1) -> Vector:
+        """About where beads are; an error where none is and ``at_least`` is 1."""
+        try:
+            return find_beads(
+                seen.counts, camera, self.planes, background=seen.background, white=seen.white,
+                voxels_per_lenslet=self.voxels, binning=self.binning, cut=self.cut,
+            )  # fmt: skip
+        except ValueError:
+            if at_least:
+                raise
+            return np.empty((0, 3))
 
 
 def _of_volume(

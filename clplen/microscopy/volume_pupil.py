@@ -117,8 +117,10 @@ def state_of(
     projector = Projector(images, shape, device=camera.device)
 
     def found(frames: Vector) -> Vector:
-        options = {"white": seen.white, "background": seen.background}
-        return deconvolve(frames, projector, iterations=how.iterations, **options).volume
+        return deconvolve(
+            frames, projector, iterations=how.iterations, white=seen.white,
+            background=seen.background,
+        ).volume  # fmt: skip
 
     def model(volume: Vector) -> Vector:
         return seen.white * projector.forward(volume).astype(np.float64)

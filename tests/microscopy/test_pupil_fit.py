@@ -119,6 +119,8 @@ def test_patches(device):
         ({"terms": ()}, ValueError, "Noll's indices"),
         ({"planes": None}, ValueError, "give one of both"),
         ({"beads": BEADS}, ValueError, "give one of both"),
+        ({"beads": "all"}, ValueError, "an array of places or 'find'"),
+        ({"planes": None, "beads": "find"}, ValueError, "give one of both"),
         ({"planes": None, "beads": BEADS[:, :2]}, ShapeError, r"shape \(n, 3\)"),
         ({"planes": None, "beads": BEADS * 1e6}, ValueError, "did you mean"),
         ({"planes": None, "beads": BEADS * 20}, ValueError, "lies beside the frame"),

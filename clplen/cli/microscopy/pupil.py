@@ -109,7 +109,7 @@ def pupil(
         note("each count is taken as a photon, which the standard errors depend on: give --gain.")
     if output is not None:
         check_suffix(output, (".toml",))
-        check_output(output, force, [frame, source, white, dark])
+        check_output(output, force, [path for path in (frame, source, white, dark) if path])
     file = read_microscope_file(source, binning=how["binning"])
     if file.binning < file.least:
         raise click.UsageError(
@@ -119,7 +119,9 @@ def pupil(
     text = None if output is None else source.read_text(encoding="utf-8")
     camera = file.camera.build(open_device(selector))
     n = round(camera.pixels_per_lenslet) // file.binning
-    beside = {k: read_picture(path) for k, path in (("white", white), ("dark", dark)) if path}
+    beside: dict[str, Any] = {
+        name: read_picture(path) for name, path in (("white", white), ("dark", dark)) if path
+    }
     with naming(str(white or frame)):
         prepare = preparation(n, device=camera.device, **beside)
     with naming(str(frame)):
@@ -146,7 +148,6 @@ def _found(
     counts: Any, camera: Any, z: Any, given: dict[str, Any], how: dict[str, Any], gain: float,
     variance: float, progress: Any,
 ) -> PupilFit:  # fmt: skip
-    from clplen.microscopy.bead_places import find_beads
     from clplen.microscopy.pupil_fit import fit_pupil
 
     shared = {"terms": how["terms"], "gain": gain, "variance": variance, "progress": progress}
@@ -155,8 +156,9 @@ def _found(
             counts, camera, planes=z, voxels_per_lenslet=how["voxels"], steps=how["steps"],
             **given, **shared,
         )  # fmt: skip
-    beads = find_beads(counts, camera, z, voxels_per_lenslet=how["voxels"], **given)
-    return fit_pupil(counts, camera, beads=beads, **given, **shared)
+    return fit_pupil(
+        counts, camera, planes=z, beads="find", voxels_per_lenslet=how["voxels"], **given, **shared
+    )
 
 
 def _tell(found: PupilFit) -> None:
