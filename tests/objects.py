@@ -225,6 +225,10 @@ EXAMPLES: dict[str, Callable[[Device], Any]] = {
     "Points": lambda _: clplen.microscopy.Points(
         samples(50, 3), samples(50), samples(50), samples(50, 3)
     ),
+    "PupilAberration": lambda _: clplen.cameras.PupilAberration({6: 3e-8, 11: -4e-8}),
+    "PupilFit": lambda _: clplen.microscopy.PupilFit(
+        clplen.cameras.PupilAberration({6: 3e-8}), (6,), samples(1), samples(1), samples(2), 1.0
+    ),
     "Projector": lambda device: clplen.Projector(point_images(), (3, 3), device=device),
     "Propagator": lambda device: clplen.Propagator(GRID, 1e-4, wavelength=LAM, device=device),
     "Pupil": lambda _: clplen.wave.Pupil(3e-3, 0.1),

@@ -5,12 +5,15 @@ Lengths in metres, arrays [y, x], z > 0 farther from the objective, carrier drop
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.polynomial.legendre import leggauss
 from reference_optics import Complex, Real
 from scipy import special
+
+Path = Callable[[Real, Real], Real]
 
 
 @dataclass(frozen=True)
@@ -52,8 +55,13 @@ def axis(setup: Setup, lenslets: int) -> Real:
     return (np.arange(count) - (count - 1) / 2) * setup.dx
 
 
-def native(setup: Setup, point: tuple[float, float, float], lenslets: int) -> Complex:
-    """Field on the native plane of a point (x0, y0, z), sum |U|^2 = 1, by sums over frequencies."""
+def native(
+    setup: Setup, point: tuple[float, float, float], lenslets: int, path: Path | None = None
+) -> Complex:
+    """Field on the native plane of a point (x0, y0, z), sum |U|^2 = 1, by sums over frequencies.
+
+    ``path``: metres over the pupil, of (rho, theta).
+    """
     x = axis(setup, lenslets)
     f = np.fft.fftfreq(x.size, setup.dx)
     f = f[np.abs(f) < 1.2 * setup.na / (setup.M * setup.lam)]
@@ -66,17 +74,23 @@ def native(setup: Setup, point: tuple[float, float, float], lenslets: int) -> Co
         * np.where(rim, axial / longest, 1) ** setup.power
         * np.exp(2j * np.pi * point[2] * (axial - longest))
     )
+    if path is not None:
+        rho = np.minimum(radius * setup.M * setup.lam / setup.na, 1)
+        theta = np.arctan2(f[:, None], f[None, :])
+        pupil = pupil * np.exp(2j * np.pi / setup.lam * path(rho, theta))
     ky, kx = (np.exp(2j * np.pi * np.outer(x - setup.M * c, f)) for c in (point[1], point[0]))
     field = ky @ pupil @ kx.T
     return np.asarray(field / np.sqrt((np.abs(field) ** 2).sum()))
 
 
-def sensor(setup: Setup, point: tuple[float, float, float], lenslets: int) -> Real:
+def sensor(
+    setup: Setup, point: tuple[float, float, float], lenslets: int, path: Path | None = None
+) -> Real:
     """Energy on the pixels of a point of unit energy in the pupil."""
     x = axis(setup, lenslets)
     inside = x - (np.floor(x / setup.p + lenslets / 2) + 0.5 - lenslets / 2) * setup.p
     lens = np.exp(-1j * np.pi * inside**2 / (setup.lam * setup.f_mu))
-    behind = native(setup, point, lenslets) * lens[:, None] * lens[None, :]
+    behind = native(setup, point, lenslets, path) * lens[:, None] * lens[None, :]
     f = np.fft.fftfreq(x.size, setup.dx)
     axial = np.sqrt(setup.lam**-2 - f[:, None] ** 2 - f[None, :] ** 2 + 0j)
     turned = np.exp(2j * np.pi * setup.f_mu * (axial - 1 / setup.lam))

@@ -18,6 +18,7 @@ from clplen.cameras.focused_camera import Plenoptic2
 from clplen.cameras.light_field_microscope import Microscope
 from clplen.cameras.optics.camera_aberrations import LensletScatter
 from clplen.cameras.optics.objective import CoverGlass
+from clplen.cameras.optics.pupil_aberration import PupilAberration
 from clplen.cameras.scenes.scene_sources import PointSources
 from clplen.compute.device import Device
 from clplen.config import EXAMPLE, CameraFile, CoherenceTable, read_camera_file
@@ -795,6 +796,21 @@ def test_every_key_reaches_a_microscope(tmp_path: Path, device: Device):
     assert camera.grid.shape == (75, 105)
     (scene,) = file.scene.build()
     assert camera.expose(scene).to_numpy().sum() == pytest.approx(1, abs=0.1)
+
+
+def test_a_pupil_reaches_a_microscope_and_its_files(tmp_path: Path, device: Device):
+    terms = "pupil_nm = { 6 = 30.0, 11 = -40 }"
+    camera = read(tmp_path, MICROSCOPE.replace("na = 1.2", f"na = 1.2\n    {terms}")).camera
+    microscope = camera.build(device)
+    assert isinstance(microscope, Microscope)
+    assert microscope.pupil == PupilAberration({6: 30e-9, 11: -40e-9})
+    kept = of_camera(microscope)
+    assert kept is not None
+    assert set(kept) <= set(CAMERA_NAMES)
+    assert read_camera(kept, tmp_path, device).pupil == microscope.pupil
+    for wrong, said in (("{ 1 = 5.0 }", "a piston"), ("{ a = 5.0 }", "Noll's indices")):
+        with pytest.raises(FormatError, match=said):
+            read(tmp_path, MICROSCOPE.replace("na = 1.2", f"na = 1.2\n    pupil_nm = {wrong}"))
 
 
 def test_a_cover_glass_reaches_a_microscope_and_its_files(tmp_path: Path, device: Device):

@@ -143,6 +143,7 @@ CALLS: dict[str, Callable[[Path, Any], Any]] = {
         objects.point_images(), clplen.batch.DeconvolutionSettings(), device=d, force=True
     ),
     "cameras.Objective.fields": lambda _, d: OBJECTIVE.fields(POINT, GRID, d),
+    "cameras.Objective.spectra": lambda _, d: OBJECTIVE.spectra(POINT, GRID, d),
     "cameras.Plenoptic1": bare("cameras.Plenoptic1"),
     "cameras.Plenoptic2": bare("cameras.Plenoptic2"),
     "cameras.WaveOptics": bare("cameras.WaveOptics"),

@@ -13,6 +13,7 @@ from .optics.objective import CoverGlass as CoverGlass
 from .optics.objective import Objective as Objective
 from .optics.opd_maps import OPDMaps as OPDMaps
 from .optics.pixel_array import PixelArray as PixelArray
+from .optics.pupil_aberration import PupilAberration as PupilAberration
 from .optics.wave_optics import WaveOptics as WaveOptics
 from .plenoptic_camera import PlenopticCamera as PlenopticCamera
 from .scenes.gallery import SampleScene as SampleScene

@@ -81,6 +81,8 @@ class Microscope(MicroscopeOptics):
         e, of the amplitude cos(theta)^e over the pupil.
     pixels : PixelArray or None
         None: each pixel takes the intensity in its middle.
+    pupil : PupilAberration or None
+        Aberrations of objective and sample; None: there are none.
 
     Examples
     --------

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from abc import ABC
+from collections.abc import Mapping
 from typing import Any, Literal, cast
 
 from clplen import units
@@ -14,6 +15,7 @@ from clplen.cameras.optics.camera_aberrations import NONE, Aberrations
 from clplen.cameras.optics.lenslet_camera import Described, Kind, LensletCamera, sensor_grid
 from clplen.cameras.optics.objective import APODISATION, CoverGlass
 from clplen.cameras.optics.pixel_array import PixelArray
+from clplen.cameras.optics.pupil_aberration import PupilAberration
 from clplen.cameras.optics.ray_optics import LensModel, thin_spherical
 from clplen.cameras.standard_camera import Plenoptic1
 from clplen.checks import is_finite
@@ -283,6 +285,7 @@ class PlenopticCamera(Described, LensletCamera, ABC):
         cover: CoverGlass | None = None,
         apodisation: float = APODISATION,
         pixels: PixelArray | None = None,
+        pupil: PupilAberration | Mapping[int, float] | None = None,
     ) -> Microscope:
         """A light-field microscope: array on the native image plane, sensor f_mu behind it.
 
@@ -317,6 +320,8 @@ class PlenopticCamera(Described, LensletCamera, ABC):
         pixels : PixelArray, optional
             Pixels that integrate the light on their area, and where they lie. None: pixels that
             cover the array and take the intensity in their middle.
+        pupil : PupilAberration or mapping of int to float, optional
+            Aberrations of objective and sample: Noll's index to metres of path, rms over the pupil.
 
         Returns
         -------
@@ -328,7 +333,7 @@ class PlenopticCamera(Described, LensletCamera, ABC):
             For a length or number outside its range, NA at or above the index, or lenslets that
             do not converge.
         TypeError
-            If array or cover glass are none.
+            If array, cover glass or pupil are none.
         SamplingError
             If a lenslet has less than 2 pixels, or pixels that do not integrate cannot sample the
             light.
@@ -355,6 +360,8 @@ class PlenopticCamera(Described, LensletCamera, ABC):
                 f"NA {na!r} does not pass a cover glass of index "
                 f"{min(cover.index, cover.designed_index)!r}."
             )
+        if pupil is not None and not isinstance(pupil, PupilAberration):
+            pupil = PupilAberration(pupil)
         across = _pixels_per_lenslet(mla, pixels_per_lenslet, pixels)
         if pixels is not None:
             mla = pixels.turned(mla)
@@ -373,6 +380,7 @@ class PlenopticCamera(Described, LensletCamera, ABC):
             cover=cover,
             apodisation=float(apodisation),
             pixels=pixels,
+            pupil=pupil,
         )
         if pixels is None:
             microscope_optics.check_sampling(camera)

@@ -23,6 +23,7 @@ from clplen.cli.epi import epi
 from clplen.cli.info import info
 from clplen.cli.microscopy.deconvolve import deconvolve
 from clplen.cli.microscopy.microscope import microscope
+from clplen.cli.microscopy.pupil import pupil
 from clplen.cli.microscopy.traces import traces
 from clplen.cli.microscopy.tracks import points, regions, track
 from clplen.cli.microscopy.views import views
@@ -74,7 +75,7 @@ _COMMANDS = (
     view,
     worker,
 )
-for command in (deconvolve, points, regions, track, traces, views):
+for command in (deconvolve, points, pupil, regions, track, traces, views):
     microscope.add_command(command)
 for command in _COMMANDS:
     main.add_command(command)

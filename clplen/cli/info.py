@@ -25,6 +25,13 @@ _MAPS = (".pfm", ".npy", ".tif", ".tiff")
 _VOLUMES = (".tif", ".tiff", ".zarr")
 
 
+def pupil_words(terms: dict[str, float] | None) -> str:
+    """Zernike terms of a pupil, in nanometres."""
+    if not terms:
+        return "no aberrations"
+    return ", ".join(f"{j}: {c * 1e9:.4g} nm" for j, c in terms.items()) + " (Noll's index)"
+
+
 def map_in(source: Path) -> np.ndarray[Any, Any] | None:
     """The values of a disparity map; None if it is something else."""
     from clplen.errors import FormatError
@@ -282,6 +289,7 @@ def _of_point_images(
         ("Objective", f"{known['magnification']:g}x/{known['na']:g}, {of}"),
         ("Medium", f"index {known['medium_index']:g}, {known['wavelength'] * 1e9:g} nm, "
             f"apodisation {known['apodisation']:g}"),
+        ("Pupil", pupil_words(known.get("pupil"))),
         ("Lenslets", f"pitch {known['lenslet_pitch'] * 1e6:g} um, focal length "
             f"{known['lenslet_focal_length'] * 1e6:g} um, fill {known['lenslet_fill']}"),
         ("Pixels", f"{n} x {n} a lenslet, of {known['binning']} x {known['binning']} parts"),

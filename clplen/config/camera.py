@@ -13,6 +13,7 @@ from clplen.cameras.optics.camera_aberrations import NONE, Aberrations, LensletS
 from clplen.cameras.optics.color_filters import ORDERS, ColorFilterArray
 from clplen.cameras.optics.objective import APODISATION, CoverGlass
 from clplen.cameras.optics.pixel_array import PixelArray
+from clplen.cameras.optics.pupil_aberration import PupilAberration
 from clplen.cameras.plenoptic_camera import PITCH_TOLERANCE, PlenopticCamera
 from clplen.cameras.standard_camera import Plenoptic1
 from clplen.checks import is_finite
@@ -47,6 +48,22 @@ def _indices(value: object) -> object:
     if len(found) < len(value):
         raise ValueError(f"has an index twice, {', '.join(map(str, value))}")
     return found
+
+
+def pupil_of(terms: dict[int, float] | None) -> PupilAberration | None:
+    """The aberration of terms in nanometres, None without any."""
+    return PupilAberration({j: c / 1e9 for j, c in terms.items()}) if terms else None
+
+
+def _pupil_indices(value: object) -> object:
+    """Keys of a TOML table as Noll's indices, without the piston."""
+    found = _indices(value)
+    if isinstance(found, dict) and 1 in found:
+        raise ValueError("has term 1, a piston, which no image shows: begin with 2")
+    return found
+
+
+PupilTerms = Annotated[dict[int, Finite], BeforeValidator(_pupil_indices)]
 
 
 class AberrationsTable(Table):
@@ -89,7 +106,15 @@ class AberrationsTable(Table):
 KEYS = {
     "plenoptic1": ("field_lens",),
     "plenoptic2": ("m", "a_mm", "match"),
-    "microscope": ("magnification", "na", "medium_index", "tube_lens_mm", "cover", "apodisation"),
+    "microscope": (
+        "magnification",
+        "na",
+        "medium_index",
+        "tube_lens_mm",
+        "cover",
+        "apodisation",
+        "pupil_nm",
+    ),
 }
 NEEDED = {
     "plenoptic1": ("focal_length_mm",),
@@ -230,6 +255,7 @@ class CameraTable(Table):
     tube_lens_mm: Positive = 200.0
     cover: CoverTable | None = None
     apodisation: Annotated[float, Field(ge=-1, le=1, strict=True)] = APODISATION
+    pupil_nm: PupilTerms | None = None
 
     @model_validator(mode="after")
     def _keys_of_its_kind(self) -> CameraTable:
@@ -296,6 +322,7 @@ class CameraTable(Table):
                 tube_lens=self.tube_lens_mm / 1e3,
                 cover=self.cover.build() if self.cover else None,
                 apodisation=self.apodisation,
+                pupil=pupil_of(self.pupil_nm),
                 pixels_per_lenslet=self.pixels_across,
                 **shared,
             )

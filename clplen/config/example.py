@@ -32,6 +32,8 @@ pixels_per_lenslet = 30         # may be fractional; not needed with pitch_um of
 # cover = { thickness_um = 150 }  # default: none. Of a microscope, a cover glass unlike that which
                                 # the objective is made for; index and designed_index are 1.5255,
                                 # designed_thickness_um is 170 unless they are given too
+# pupil_nm = { 6 = 30.0, 11 = -40.0 }  # default: none. Aberrations of a microscope: Noll's index to
+                                # nm of path, rms over the pupil
 
 [camera.microlenses]
 pitch_um = 150.0
@@ -142,6 +144,8 @@ pixel_size = 6.5                # um, on the sensor; with a relay between array 
 # cover = { thickness_um = 150 }  # default: none. A cover glass unlike that which the objective is
                                 # made for; index and designed_index are 1.5255,
                                 # designed_thickness_um is 170 unless they are given too
+# pupil_nm = { 6 = 30.0, 11 = -40.0 }  # default: none. Aberrations: Noll's index to nm of path, rms
+                                # over the pupil; 'clplen microscope pupil' finds them
 
 # The volume. An even number of planes about the native one, z = 0, leaves out z = 0 itself, where a
 # lenslet sees all of its voxels alike. --planes-um START:STOP:N tells them too.

@@ -14,7 +14,7 @@ from typing import Annotated, Any
 from pydantic import AfterValidator, Field, model_validator
 
 from clplen.cameras.optics.objective import APODISATION
-from clplen.config.camera import CameraTable, CoverTable, SensorTable
+from clplen.config.camera import CameraTable, CoverTable, PupilTerms, SensorTable
 from clplen.config.scene import CoherenceTable, SceneTable
 from clplen.config.tables import Count, Positive, Table, read_toml, validated
 from clplen.errors import FormatError
@@ -91,6 +91,7 @@ class KnownTable(Table):
     pixel_size: Annotated[Positive, AfterValidator(PIXEL.check)]
     apodisation: Annotated[float, Field(ge=-1, le=1, strict=True)] = APODISATION
     cover: CoverTable | None = None
+    pupil_nm: PupilTerms | None = None
     num_slices: Count | None = None
     um_per_slice: Annotated[Positive, AfterValidator(STEP.check)] | None = None
     supersample: Count | None = None
@@ -120,6 +121,7 @@ class KnownTable(Table):
                 "tube_lens_mm": self.tubelens_focal_length,
                 "apodisation": self.apodisation,
                 "cover": self.cover and self.cover.model_dump(),
+                "pupil_nm": self.pupil_nm,
                 "pixels_per_lenslet": self.ulens_pitch / self.pixel_size,
                 "microlenses": lenslets,
             }
@@ -203,8 +205,8 @@ def read_microscope_file(path: PathLike, *, binning: int | None = None) -> Micro
     path : path-like
         TOML: a camera file with ``kind = "microscope"``, whose scene may be missing, or the names
         magnification, na, medium_index, wavelength (nm), tubelens_focal_length (mm), ulens_pitch,
-        ulens_focal_length, pixel_size (um), num_slices, um_per_slice, supersample; apodisation and
-        cover, as in ``[camera]``.
+        ulens_focal_length, pixel_size (um), num_slices, um_per_slice, supersample; apodisation,
+        cover and pupil_nm, as in ``[camera]``.
     binning : int, optional
         Parts of a pixel of the sensor, along an axis, that light is simulated on; default the
         fewest that sample it.

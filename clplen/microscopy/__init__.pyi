@@ -1,5 +1,6 @@
 from .activity import Traces as Traces
 from .activity import traces as traces
+from .bead_places import find_beads as find_beads
 from .deconvolution import DeconvolutionResult as DeconvolutionResult
 from .deconvolution import deconvolve as deconvolve
 from .deconvolution import degenerate_planes as degenerate_planes
@@ -17,6 +18,9 @@ from .prepare import preparation as preparation
 from .prepare import rectify as rectify
 from .projector import Projector as Projector
 from .psf import point_images as point_images
+from .pupil_fit import PupilFit as PupilFit
+from .pupil_fit import fit_pupil as fit_pupil
+from .pupil_fit import fit_pupil_patches as fit_pupil_patches
 from .raw_frames import RawPreparation as RawPreparation
 from .raw_frames import raw_preparation as raw_preparation
 from .regions import Regions as Regions

@@ -14,11 +14,12 @@ lattice of any kind is a rectangular lattice of cells.
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
 from typing import Any
 
 from clplen.compute.fft.lines import smooth_length
+from clplen.wave.elements.zernike import noll
 
 Pair = tuple[int, int]
 
@@ -43,6 +44,8 @@ class Cell:
         Whether y -> -y and x -> -x leave the array as it is.
     transposed : bool
         Whether the exchange of y and x does.
+    turned : bool
+        Whether (y, x) -> (-y, -x) does.
 
     Examples
     --------
@@ -58,6 +61,7 @@ class Cell:
     mirror_y: bool
     mirror_x: bool
     transposed: bool
+    turned: bool
 
     @property
     def parts(self) -> tuple[int, ...]:
@@ -65,11 +69,34 @@ class Cell:
 
         Bit 0: what changes its sign where y and x are reversed; bit 1: where y is.
         """
-        odd_about_the_middle = not (self.mirror_y and self.mirror_x)
-        return tuple(
-            part
-            for part in range(4)
-            if not (part & 1 and not odd_about_the_middle) and not (part & 2 and self.mirror_y)
+        return tuple(part for part in range(4) if self._has(part))
+
+    def _has(self, part: int) -> bool:
+        """Whether anything has the signs of a part: not those that a mirror forbids."""
+        turn, down = (-1 if part & bit else 1 for bit in (1, 2))
+        right = turn * down
+        signs = ((self.mirror_y, down), (self.mirror_x, right), (self.turned, turn))
+        return all(sign > 0 or not mirror for mirror, sign in signs)
+
+    def behind(self, orders: Sequence[int]) -> Cell:
+        """The cell as light sees it whose pupil has aberrations.
+
+        Parameters
+        ----------
+        orders : sequence of int
+            m of its Zernike polynomials, negative of sines.
+
+        Returns
+        -------
+        Cell
+            With the mirrors that both array and pupil have.
+        """
+        return replace(
+            self,
+            mirror_y=self.mirror_y and all(m >= 0 for m in orders),
+            mirror_x=self.mirror_x and all((m < 0) == (m % 2 == 1) for m in orders),
+            transposed=self.transposed and not any(orders),
+            turned=self.turned and all(m % 2 == 0 for m in orders),
         )
 
     def phases(self) -> list[Pair]:
@@ -135,7 +162,10 @@ def cell_of(lattice: str, kinds: int, *, voxels: int, pixels: int) -> Cell:
     if lattice == "hexagonal":
         high = smooth_length(math.ceil(_ROOT * pixels))
         size, many = (_ROOT, float(kinds)), (max(2, round(_ROOT * voxels)), kinds * voxels)
-        return Cell((2, kinds), size, many, (high, kinds * pixels), True, kinds == 1, False)
+        mirror_x = kinds == 1
+        return Cell(
+            (2, kinds), size, many, (high, kinds * pixels), True, mirror_x, False, mirror_x
+        )
     step = 2 if kinds > 3 else 1
     rows = kinds // math.gcd(kinds, step)
     lenslets = (rows, kinds)
@@ -147,10 +177,12 @@ def cell_of(lattice: str, kinds: int, *, voxels: int, pixels: int) -> Cell:
         2 * step % kinds == 0,
         kinds <= 2,
         kinds <= 2,
+        kinds <= 2,
     )
 
 
 def cell_in(parameters: Mapping[str, Any], voxels: int, pixels: int) -> Cell:
     """The cell of what `PointImages.parameters` describe."""
     kinds = len(parameters.get("lenslet_focal_lengths", (0,)))
-    return cell_of(parameters.get("lattice", "square"), kinds, voxels=voxels, pixels=pixels)
+    cell = cell_of(parameters.get("lattice", "square"), kinds, voxels=voxels, pixels=pixels)
+    return cell.behind([noll(int(j))[1] for j in parameters.get("pupil") or ()])

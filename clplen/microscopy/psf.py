@@ -4,7 +4,7 @@ The lenslet lattice repeats, so that a volume with v x v voxels a lenslet has v^
 each plane (Broxton et al. 2013, section 3.1). Mirror images of the square lattice, x -> -x,
 y -> -y and x <-> y, leave about v^2/8 of them to be simulated and stored. Each plane is cut to the
 lenslets that hold its light. Hexagonal arrays and those of several kinds of lenslets repeat in
-cells of some lenslets (cells.py).
+cells of some lenslets (cells.py). A pupil with aberrations has fewer mirrors, or none.
 """
 
 from __future__ import annotations
@@ -131,7 +131,9 @@ def point_images(
     >>> f"voxels of {images.side * 1e6:.0f} um"
     'voxels of 2 um'
     """
-    z = _checked(camera, planes, voxels_per_lenslet, binning, sensor_pixels, cut, store)
+    z = checked_planes(
+        camera, planes, voxels_per_lenslet, binning, cut, store, sensor_pixels=sensor_pixels
+    )
     voxels_per_lenslet, binning = int(voxels_per_lenslet), int(binning)
     parameters = described(
         camera, z, voxels_per_lenslet, binning, cut, store, sensor_pixels=sensor_pixels
@@ -161,7 +163,8 @@ def point_images(
 def _cell(camera: Microscope, voxels: int, binning: int) -> Cell:
     """What repeats of the camera's array."""
     mla, n = camera.mla, round(camera.pixels_per_lenslet) // binning
-    return cell_of(mla.lattice, len(mla.focal_lengths), voxels=voxels, pixels=n)
+    cell = cell_of(mla.lattice, len(mla.focal_lengths), voxels=voxels, pixels=n)
+    return cell if camera.pupil is None else cell.behind(camera.pupil.orders)
 
 
 def lenslets_across(camera: Microscope, z: float) -> int:
@@ -223,6 +226,7 @@ def described(
         "wavelength": camera.wavelength,
         "cover": None if camera.cover is None else asdict(camera.cover),
         "apodisation": camera.apodisation,
+        "pupil": None if camera.pupil is None else {str(j): c for j, c in camera.pupil.terms},
         "lenslet_pitch": mla.pitch,
         "lenslet_focal_length": mla.focal_length,
         "lenslet_diameter": mla.diameter,
@@ -238,16 +242,23 @@ def described(
     }
 
 
-def _checked(
+def checked_planes(
     camera: Any,
     planes: Any,
     voxels: Any,
     binning: Any,
-    sensor_pixels: Any,
     cut: float,
     store: str,
+    *,
+    sensor_pixels: Any = None,
 ) -> Vector:
-    """The planes as numbers, after the checks."""
+    """The planes as numbers, after the checks of `point_images`.
+
+    Raises
+    ------
+    ValueError, TypeError
+        As `point_images`.
+    """
     require(Microscope, camera, "camera", "PlenopticCamera.microscope")
     if camera.pixels is not None:
         raise ValueError(

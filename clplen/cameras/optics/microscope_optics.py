@@ -8,8 +8,9 @@ d = -M^2 z dx/(n f_mu p).
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, Literal, get_args
 
 import numpy as np
 import pyopencl.array as cla
@@ -17,14 +18,18 @@ import pyopencl.array as cla
 from clplen.cameras.optics.lenslet_camera import Described, Description, LensletCamera, Row
 from clplen.cameras.optics.objective import APODISATION, CoverGlass, Objective
 from clplen.cameras.optics.pixel_array import PixelArray
+from clplen.cameras.optics.pupil_aberration import PupilAberration
 from clplen.compute.device import Device
 from clplen.errors import SamplingError
+from clplen.lightfield.depth.best_focus import focus_ratio, focus_ratio_of_disparity
 from clplen.units import metres
 from clplen.wave.elements.lenslets import MicrolensArray
 from clplen.wave.field.field import Grid
 
 Vector = np.ndarray[Any, Any]
 
+Law = Literal["paraxial", "sharpest", "marginal"]
+LAWS = get_args(Law)
 MISMATCH = 0.1  # of the two f-numbers that is said aloud
 SPARROW = 0.47  # lam/NA, resolution of the objective
 DEEPEST = 0.1  # metres; no objective has an image from farther away
@@ -53,6 +58,8 @@ class MicroscopeOptics(Described, LensletCamera):
         e, of the amplitude cos(theta)^e over the pupil.
     pixels : PixelArray or None
         None: each pixel takes the intensity in its middle.
+    pupil : PupilAberration or None
+        Aberrations of objective and sample; None: there are none.
     """
 
     magnification: float
@@ -68,6 +75,7 @@ class MicroscopeOptics(Described, LensletCamera):
     cover: CoverGlass | None = None
     apodisation: float = APODISATION
     pixels: PixelArray | None = None
+    pupil: PupilAberration | None = None
 
     telecentric = True
 
@@ -98,6 +106,7 @@ class MicroscopeOptics(Described, LensletCamera):
             self.wavelength,
             self.cover,
             self.apodisation,
+            self.pupil,
         )
 
     @property
@@ -133,23 +142,66 @@ class MicroscopeOptics(Described, LensletCamera):
         """NaN: see `z`."""
         return _as_given(np.full(np.shape(alpha), np.nan))
 
-    def disparity(self, dz: Any) -> Any:
+    def disparity(self, dz: Any, *, law: Law = "paraxial") -> Any:
         """d = -M^2 dz dx/(n f_mu p), in lenslets a pixel of a sub-image; nearer is larger.
 
         Parameters
         ----------
         dz : float or array_like
             In metres from the native plane, farther positive.
+        law : {"paraxial", "sharpest", "marginal"}
+            "paraxial": as above (Levoy et al. 2006). "marginal": that of the rays of the rim, n/
+            sqrt(n^2 - NA^2) as much, since a ray at theta meets the array at M z tan(theta) and
+            leaves it by the sine condition. "sharpest": where a point is in best focus by all rays,
+            `clplen.lightfield.focus_ratio` as much, which lies between the two.
 
         Returns
         -------
         float or numpy.ndarray
-        """
-        return _as_given(-np.asarray(dz, np.float64) / self._depth_of_disparity)
 
-    def z(self, disparity: Any) -> Any:
-        """The inverse of `disparity`, in metres."""
-        return _as_given(-np.asarray(disparity, np.float64) * self._depth_of_disparity)
+        Raises
+        ------
+        ValueError
+            For another law.
+        """
+        given = np.asarray(dz, np.float64)
+        return _as_given(-given * self._ratio(law, given, focus_ratio) / self._depth_of_disparity)
+
+    def z(self, disparity: Any, *, law: Law = "paraxial") -> Any:
+        """The inverse of `disparity`, in metres.
+
+        Parameters
+        ----------
+        disparity : float or array_like
+            In lenslets a pixel of a sub-image.
+        law : {"paraxial", "sharpest", "marginal"}
+            As of `disparity`: "sharpest" of a d at which something was found to be sharpest,
+            "marginal" of one by the outermost views.
+
+        Returns
+        -------
+        float or numpy.ndarray
+
+        Raises
+        ------
+        ValueError
+            For another law.
+        """
+        given = np.asarray(disparity, np.float64)
+        ratio = self._ratio(law, given, focus_ratio_of_disparity)
+        return _as_given(-given * self._depth_of_disparity / ratio)
+
+    def _ratio(self, law: str, given: Vector, of_each: Callable[[Any, float], float]) -> Vector:
+        """Disparity over that of the paraxial law, for each number."""
+        if law not in LAWS:
+            raise ValueError(f"law is one of {', '.join(map(repr, LAWS))}, not {law!r}.")
+        if law == "paraxial":
+            return np.ones(given.shape)
+        if law == "marginal":
+            cosine = math.sqrt(1 - (self.na / self.medium_index) ** 2)
+            return np.full(given.shape, 1 / cosine)
+        found = [of_each(self, float(one)) if np.isfinite(one) else 1.0 for one in given.ravel()]
+        return np.array(found).reshape(given.shape)
 
     @property
     def _depth_of_disparity(self) -> float:

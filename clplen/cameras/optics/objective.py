@@ -18,7 +18,9 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
+import pyopencl.array as cla
 
+from clplen.cameras.optics.pupil_aberration import PupilAberration
 from clplen.cameras.scenes.scene_sources import PointSources
 from clplen.checks import is_finite
 from clplen.compute.device import DeviceLike, as_device
@@ -144,6 +146,8 @@ class Objective:
         None: the one that it is made for.
     apodisation : float
         e, of the amplitude cos^e over the pupil.
+    aberration : PupilAberration or None
+        None: a perfect pupil.
 
     Examples
     --------
@@ -160,6 +164,7 @@ class Objective:
     wavelength: float
     cover: CoverGlass | None = None
     apodisation: float = APODISATION
+    aberration: PupilAberration | None = None
 
     @property
     def cutoff(self) -> float:
@@ -169,7 +174,8 @@ class Objective:
     def blur(self, z: Any) -> Any:
         """How far the rays of points lie from X on the array at most, in metres.
 
-        Without a cover glass those of the rim, M abs(z) tan(theta).
+        Without a cover glass those of the rim, M abs(z) tan(theta), and as far as the steepest
+        slope of an aberration carries a ray, M/NA dW/drho, at most.
 
         Parameters
         ----------
@@ -181,12 +187,15 @@ class Objective:
         float or numpy.ndarray
         """
         rays = np.array([self.na]) if self.cover is None else np.linspace(0, self.na, RAYS)
-        return np.abs(self.landing(rays, np.asarray(z)[..., None])).max(axis=-1)
+        found = np.abs(self.landing(rays, np.asarray(z)[..., None])).max(axis=-1)
+        if self.aberration is not None:
+            found = found + self.magnification / self.na * self.aberration.steepest
+        return found
 
     def landing(self, s: Vector, z: Any) -> Vector:
         """Place of a ray on the array from X, by the slope of the phase of the pupil.
 
-        M (z tan(theta) - dW/ds): without a cover glass M z tan(theta).
+        M (z tan(theta) - dW/ds), W that of the cover glass: without one M z tan(theta).
 
         Parameters
         ----------
@@ -237,6 +246,9 @@ class Objective:
             s = self.medium_index * np.sqrt(sine2) * (f <= self.cutoff)
             turns += self.cover.path(s, self.medium_index) / self.wavelength
         inside = f <= self.cutoff
+        if self.aberration is not None:
+            theta = np.arctan2(fy[rows, None], fx[None, columns])
+            turns += self.aberration.path(f / self.cutoff, theta) / self.wavelength
         values = np.where(inside, cosine, 1.0) ** self.apodisation * inside * phasor(turns)
         values *= _disc(np.pi * self.magnification * f * diameter)
         values *= np.sqrt(math.prod(grid.shape) / (np.abs(values) ** 2).sum())
@@ -244,7 +256,14 @@ class Objective:
         out[np.ix_(rows, columns)] = values
         return out
 
-    def fields(self, sources: PointSources, grid: Grid, device: DeviceLike | None = None) -> Field:
+    def fields(
+        self,
+        sources: PointSources,
+        grid: Grid,
+        device: DeviceLike | None = None,
+        *,
+        factor: Vector | None = None,
+    ) -> Field:
         """Fields of points on the native plane, each of energy sum abs(U)^2 = 1 in the window.
 
         Parameters
@@ -254,6 +273,8 @@ class Objective:
             On the magnified native plane; the window is periodic and holds the blur.
         device : Device or str, optional
             Default ``Device.open()``.
+        factor : numpy.ndarray, optional
+            Complex, shape of the grid: multiplies all pupils, such as by the derivative of a phase.
 
         Returns
         -------
@@ -261,8 +282,39 @@ class Objective:
             Shape (n, ny, nx).
         """
         device = as_device(device)
+        out = self.spectra(sources, grid, device, factor=factor)
+        device.fft.inverse(out, device)
+        return Field(out, grid, self.wavelength, device)
+
+    def spectra(
+        self,
+        sources: PointSources,
+        grid: Grid,
+        device: DeviceLike | None = None,
+        *,
+        factor: Vector | None = None,
+    ) -> cla.Array:
+        """Transforms of `fields`: pupils moved to the places of points.
+
+        Parameters
+        ----------
+        sources : PointSources
+        grid : Grid
+        device : Device or str, optional
+            Default ``Device.open()``.
+        factor : numpy.ndarray, optional
+            As of `fields`.
+
+        Returns
+        -------
+        pyopencl.array.Array
+            Complex, shape (n, ny, nx), frequencies in FFT order.
+        """
+        device = as_device(device)
         planes, plane = np.unique(sources.positions[:, 2], return_inverse=True)
         pupils = np.stack([self.pupil(grid, z, diameter=sources.diameter) for z in planes])
+        if factor is not None:
+            pupils = pupils * factor
         ty, tx = (
             phasor(f * (axis[0] - self.magnification * sources.positions[:, k : k + 1]))
             for f, axis, k in ((grid.fy, grid.y, 1), (grid.fx, grid.x, 0))
@@ -278,8 +330,7 @@ class Objective:
             device.upload(tx.astype(device.complex)),
             *(np.int32(n) for n in grid.shape),
         )
-        device.fft.inverse(out, device)
-        return Field(out, grid, self.wavelength, device)
+        return out
 
 
 def _disc(v: Vector) -> Vector:

@@ -41,7 +41,7 @@ _WAITED, _LONG = 2.0, 20.0  # seconds: before it is known how long, and from whi
 
 @click.group()
 def microscope() -> None:
-    """Light-field microscopes: point images (psf), frames (project), volumes (deconvolve)."""
+    """Light-field microscopes: point images (psf), frames (project), volumes (deconvolve) ..."""
 
 
 def _print_example(ctx: click.Context, _: click.Parameter, wanted: bool) -> None:

@@ -54,6 +54,7 @@ _MICROSCOPE = (
     "pixels_per_lenslet",
 )
 _APODISATION = "apodisation"  # files without it have that of a camera to which none is given
+_PUPIL = "pupil"  # JSON: Noll's index to metres
 _COVER = ("thickness", "index", "designed_thickness", "designed_index")
 _OF_KIND = {
     "type1": (*_CAMERA, "field_lens"),
@@ -74,6 +75,7 @@ CAMERA_NAMES = (
     _PIXELS,
     _LENS_MODEL,
     _APODISATION,
+    _PUPIL,
     *(f"mla_{name}" for name in _ARRAY),
     _SURFACES,
     _GAP,
@@ -131,6 +133,8 @@ def of_camera(camera: Any) -> dict[str, Any] | None:
         )
     if kind == "microscope":
         found[_APODISATION] = camera.apodisation
+        if camera.pupil is not None:
+            found[_PUPIL] = json.dumps(camera.pupil.coefficients)
         if camera.cover is not None:
             found |= {f"cover_{name}": getattr(camera.cover, name) for name in _COVER}
     else:
@@ -248,6 +252,9 @@ def read_camera(
         if kind == "microscope":
             cover = None if glass is None else CoverGlass(**glass)
             camera[_APODISATION] = values.get(_APODISATION, APODISATION)
+            if _PUPIL in values:
+                terms = json.loads(str(values[_PUPIL]))
+                camera[_PUPIL] = {int(j): float(c) for j, c in terms.items()}
             return PlenopticCamera.microscope(cover=cover, **camera)
         if _ABERRATIONS in values:
             if not np.prod(mla["count"], dtype=np.float64) <= _LENSLETS:

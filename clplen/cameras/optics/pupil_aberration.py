@@ -1,0 +1,296 @@
+"""Aberrations of an objective and of what lies before it, over the pupil, by Zernike terms.
+
+A path W over the pupil multiplies the pupil function by exp(2 pi i W/lam). W = sum_j c_j Z_j with
+Noll's Z_j (`clplen.wave.zernike`), c_j metres of optical path, rms over the pupil. rho is the sine
+times n over NA, theta the angle of the frequency (fy, fx) on the image side, from +x towards +y.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+
+from clplen.checks import is_finite
+from clplen.wave.elements.zernike import noll, plate_terms, zernike, zernike_gradient
+
+Vector = np.ndarray[Any, Any]
+
+_RINGS, _SPOKES = 64, 64  # nodes over the pupil
+_MOVES = 3  # Noll's indices up to which a term is no aberration: piston, and two that move images
+
+
+@dataclass(frozen=True, init=False)
+class PupilAberration:
+    """Zernike terms over the pupil of an objective.
+
+    Parameters
+    ----------
+    coefficients : mapping of int to float
+        Noll's index j, 2 or more, to metres of optical path, rms over the pupil. 2 and 3 move
+        images by x and y, 4 is defocus, 5 and 6 astigmatism, 7 and 8 coma, 9 and 10 trefoil,
+        11 spherical aberration.
+
+    Attributes
+    ----------
+    terms : tuple of (int, float)
+        Noll's index and metres, by rising index, without those of 0.
+
+    Raises
+    ------
+    TypeError
+        If the coefficients are no mapping.
+    ValueError
+        For an index that does not exist, or a coefficient that is not finite or above a millimetre.
+
+    Examples
+    --------
+    >>> pupil = clplen.cameras.PupilAberration({6: 30e-9, 11: -40e-9})
+    >>> pupil
+    <PupilAberration 6: 30 nm, 11: -40 nm, 50 nm rms>
+    >>> f"{pupil.path(1.0, 0.0) * 1e9:.1f} nm at the rim along x"
+    '-16.0 nm at the rim along x'
+    """
+
+    terms: tuple[tuple[int, float], ...]
+
+    def __init__(self, coefficients: Mapping[int, float]) -> None:
+        plate_terms(coefficients, "noll")
+        if any(int(j) < 2 for j in coefficients):
+            raise ValueError("A pupil has no piston, term 1: no image shows it; begin with 2.")
+        kept = sorted((int(j), float(c)) for j, c in coefficients.items() if c)
+        object.__setattr__(self, "terms", tuple(kept))
+
+    def __repr__(self) -> str:
+        parts = [f"{j}: {c * 1e9:.4g} nm" for j, c in self.terms]
+        return f"<PupilAberration {', '.join([*parts, f'{self.rms * 1e9:.3g} nm rms'])}>"
+
+    @property
+    def coefficients(self) -> dict[int, float]:
+        """Noll's index to metres."""
+        return dict(self.terms)
+
+    @property
+    def rms(self) -> float:
+        """Of the path over the pupil, in metres."""
+        return math.hypot(*(c for _, c in self.terms))
+
+    @property
+    def orders(self) -> tuple[int, ...]:
+        """m of each of the terms, negative of sines."""
+        return tuple(noll(j)[1] for j, _ in self.terms)
+
+    @property
+    def is_symmetric(self) -> bool:
+        """Whether the path is the same all around the pupil."""
+        return not any(self.orders)
+
+    def path(self, rho: Any, theta: Any) -> Vector:
+        """W in metres.
+
+        Parameters
+        ----------
+        rho, theta : array_like
+            Place on the pupil, the rim at 1; beyond it W is 0.
+
+        Returns
+        -------
+        numpy.ndarray
+        """
+        shape = np.broadcast(rho, theta).shape
+        total = sum((c * zernike(*noll(j), rho, theta) for j, c in self.terms), np.zeros(shape))
+        return np.asarray(np.where(np.asarray(rho) <= 1, total, 0.0))
+
+    @cached_property
+    def steepest(self) -> float:
+        """The steepest slope of W within the rim, in metres over the pupil's radius."""
+        rho, theta = _nodes()[:2]
+        y, x = rho * np.sin(theta), rho * np.cos(theta)
+        down, right = np.zeros(rho.shape), np.zeros(rho.shape)
+        for j, c in self.terms:
+            dy, dx = zernike_gradient(*noll(j), y, x)
+            down, right = down + c * dy, right + c * dx
+        return float(np.hypot(down, right).max())
+
+    @classmethod
+    def from_index_mismatch(
+        cls, depth: float, sample_index: float, *, na: float, medium_index: float, terms: int = 22
+    ) -> PupilAberration:
+        """That of a point at a depth in a sample of another index than the objective's medium.
+
+        W = d (sqrt(n_s^2 - s^2) - (n/n_s) sqrt(n^2 - s^2)) with s = n sin(theta): the sample in
+        place of the medium, refocused so that the paraxial focus stays (Gibson and Lanni 1991,
+        eq. 3; the phase of Torok, Varga, Laczik and Booker 1995, eq. 32). Beams do not lose light
+        at the boundary.
+
+        Parameters
+        ----------
+        depth : float
+            Of the point below the cover glass, d in metres.
+        sample_index : float
+            n_s, above NA.
+        na, medium_index : float
+            Of the objective.
+        terms : int
+            Noll's index up to which the path is written as terms.
+
+        Returns
+        -------
+        PupilAberration
+            Its terms without piston; with defocus.
+
+        Raises
+        ------
+        ValueError
+            For a sample whose index is not above NA, a depth of more than 0.01 m, or fewer than
+            four terms.
+
+        Examples
+        --------
+        >>> clplen.cameras.PupilAberration.from_index_mismatch(
+        ...     20e-6, 1.33, na=1.2, medium_index=1.40, terms=11)
+        <PupilAberration 4: -188.4 nm, 11: -91.86 nm, 210 nm rms>
+        """
+        _check_pupil(na, medium_index)
+        if not (is_finite(sample_index) and sample_index > na):
+            raise ValueError(
+                f"Light of NA {na:g} does not leave a sample of index {sample_index!r}: give an "
+                "index above NA, or an NA below the index."
+            )
+        if not (is_finite(depth) and 0 <= depth <= 0.01):
+            raise ValueError(
+                f"A depth is 0 to 0.01 m below the cover glass, not {depth!r}: 20 um are 20e-6."
+            )
+        n, g = float(medium_index), float(sample_index)
+
+        def path(rho: Vector, _: Vector) -> Vector:
+            s2 = (na * rho) ** 2
+            refocused = (n / g) * np.sqrt(n**2 - s2)
+            return np.asarray(depth * (np.sqrt(g**2 - s2) - refocused))
+
+        return cls(fitted_terms(path, terms))
+
+    @classmethod
+    def from_tilted_cover(
+        cls,
+        angle: float,
+        *,
+        na: float,
+        medium_index: float,
+        azimuth: float = 0.0,
+        thickness: float = 170e-6,
+        index: float = 1.5255,
+        terms: int = 22,
+    ) -> PupilAberration:
+        """That of a cover glass, the one that the objective is made for, which is tilted.
+
+        A plane plate in the medium adds t (sqrt(g^2 - s^2) - sqrt(n^2 - s^2)), s = n sin of the
+        angle between ray and normal (Born and Wolf 1999, section 5.4 for its lowest orders); W is
+        that of the tilted plate less that of the plate at right angles.
+
+        Parameters
+        ----------
+        angle : float
+            Between the normal and the axis, in radians, below 0.2.
+        na, medium_index : float
+            Of the objective.
+        azimuth : float
+            Direction of the tilt, from +x towards +y of the image side, in radians.
+        thickness, index : float
+            Of the glass, in metres; the index above NA.
+        terms : int
+            Noll's index up to which the path is written as terms.
+
+        Returns
+        -------
+        PupilAberration
+            Its terms without piston and the two that move images: defocus, coma, astigmatism.
+
+        Raises
+        ------
+        ValueError
+            For a number outside its range, or a ray that would graze the glass.
+
+        Examples
+        --------
+        >>> tilted = clplen.cameras.PupilAberration.from_tilted_cover(
+        ...     np.radians(1), na=0.8, medium_index=1.0, terms=8)
+        >>> [f"{j}: {c * 1e9:.0f} nm" for j, c in tilted.terms]
+        ['4: 1 nm', '6: 2 nm', '8: -58 nm']
+        """
+        _check_pupil(na, medium_index)
+        if not (is_finite(index) and na < index < 5):
+            raise ValueError(f"A cover glass has an index above NA and below 5, not {index!r}.")
+        if not (is_finite(thickness) and 0 <= thickness <= 0.01):
+            raise ValueError(
+                f"A cover glass is 0 to 0.01 m thick, not {thickness!r}: 150 um are 150e-6."
+            )
+        steepest = math.asin(na / medium_index)
+        if not (is_finite(angle) and abs(angle) < min(0.2, math.pi / 2 - steepest)):
+            raise ValueError(
+                "A cover glass is tilted by less than 0.2 rad, and so that no ray of the pupil "
+                f"grazes it, not by {angle!r}: 1 degree is 0.0175."
+            )
+        n, g = float(medium_index), float(index)
+
+        def plate(s2: Vector) -> Vector:
+            return np.asarray(thickness * (np.sqrt(g**2 - s2) - np.sqrt(n**2 - s2)))
+
+        def path(rho: Vector, theta: Vector) -> Vector:
+            sine = na * rho / n
+            cosine = np.sqrt(1 - sine**2) * math.cos(angle)
+            cosine = cosine + sine * math.sin(angle) * np.cos(theta - azimuth)
+            return plate(n**2 * (1 - cosine**2)) - plate((n * sine) ** 2)
+
+        found = fitted_terms(path, terms)
+        return cls({j: c for j, c in found.items() if j > _MOVES})
+
+
+def fitted_terms(path: Callable[[Vector, Vector], Vector], last: int) -> dict[int, float]:
+    """Zernike terms 2 to ``last`` of a path, by their inner products over the pupil.
+
+    Parameters
+    ----------
+    path : callable
+        Of (rho, theta), in metres.
+    last : int
+        Noll's index, at least 4.
+
+    Returns
+    -------
+    dict of int to float
+        Those above 1e-15 m.
+
+    Raises
+    ------
+    ValueError
+        If ``last`` is below 4 or above 200.
+    """
+    if not (is_finite(last) and int(last) == last and 4 <= last <= 200):
+        raise ValueError(f"terms is Noll's index of the last one, from 4 to 200, not {last!r}.")
+    rho, theta, weights = _nodes()
+    values = path(rho, theta) * weights
+    found = {
+        j: float((values * zernike(*noll(j), rho, theta)).sum()) for j in range(2, int(last) + 1)
+    }
+    return {j: c for j, c in found.items() if abs(c) > 1e-15}
+
+
+def _nodes() -> tuple[Vector, Vector, Vector]:
+    """(rho, theta) over the pupil, rho^2 by Gauss and Legendre, and the weights of a mean."""
+    t, w = np.polynomial.legendre.leggauss(_RINGS)
+    theta = 2 * np.pi * np.arange(_SPOKES) / _SPOKES
+    rho = np.sqrt((t + 1) / 2)
+    weights = np.outer(w / 2, np.ones(_SPOKES) / _SPOKES)
+    return np.outer(rho, np.ones(_SPOKES)), np.outer(np.ones(_RINGS), theta), weights
+
+
+def _check_pupil(na: float, medium_index: float) -> None:
+    if not (is_finite(na) and is_finite(medium_index) and 0 < na < medium_index):
+        raise ValueError(
+            f"NA lies between 0 and the index of the medium, not NA {na!r} with {medium_index!r}."
+        )

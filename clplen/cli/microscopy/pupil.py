@@ -1,0 +1,200 @@
+"""``clplen microscope pupil``: aberrations of a microscope from its own frames."""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import click
+import numpy as np
+
+from clplen.cli.shared import options
+from clplen.cli.shared.console import (
+    check_output,
+    check_suffix,
+    note,
+    open_device,
+    progress_bar,
+    update_bar,
+)
+
+if TYPE_CHECKING:
+    from clplen.microscopy.pupil_fit import PupilFit
+
+_PATH = click.Path(path_type=Path)
+_NAMES = {
+    5: "astigmatism, oblique", 6: "astigmatism", 7: "coma along y", 8: "coma along x",
+    9: "trefoil", 10: "trefoil, oblique", 11: "spherical aberration",
+}  # fmt: skip
+_KEY = re.compile(r"^\s*pupil_nm\s*=.*$", re.MULTILINE)
+
+
+class Terms(click.ParamType):
+    """Noll's indices with commas between."""
+
+    name = "j,j,..."
+
+    def convert(self, value: Any, param: Any, ctx: Any) -> tuple[int, ...]:
+        """As click asks."""
+        try:
+            return tuple(int(word) for word in str(value).split(","))
+        except ValueError:
+            self.fail(f"{value!r} is no list of Noll's indices, such as 5,6,7,8,11.", param, ctx)
+
+
+@click.command()
+@click.argument("frame", metavar="FRAME", type=_PATH)
+@click.option(
+    "-c", "--camera", "source", required=True, metavar="CAMERA.toml", type=_PATH,
+    help="Parameters of the microscope, as of psf; its pupil_nm is where the fit begins.",
+)  # fmt: skip
+@click.option("-o", "--output", metavar="PUPIL.toml", type=_PATH,
+              help="The same parameters with the pupil that was found, for psf.")  # fmt: skip
+@click.option(
+    "--planes-um", type=options.Planes(), required=True,
+    help="z of the planes of the volume, or that beads are looked for on; few do.",
+)  # fmt: skip
+@click.option("--beads", is_flag=True, help="The frame is one of beads: fit each of them.")
+@click.option(
+    "--terms", type=Terms(), default="5,6,7,8,9,10,11", show_default=True,
+    help="Noll's indices to fit, from 5 on.",
+)  # fmt: skip
+@click.option("--white", type=_PATH, help="White frame; without it the frame is rectified already.")
+@click.option("--dark", type=_PATH, help="Dark frame.")
+@click.option("--gain", type=options.FINITE, help="Counts of a photon; default 1.")
+@click.option(
+    "--haze", is_flag=True, help="Keep light from far beyond the volume out; needs --white."
+)
+@click.option("--voxels", type=click.IntRange(1), default=3, show_default=True,
+              help="Of a lenslet along an axis.")  # fmt: skip
+@click.option("--binning", type=click.IntRange(1), help="As of psf.")
+@click.option("--steps", type=click.IntRange(1), default=3, show_default=True, help="At most.")
+@options.force_output
+@options.device
+def pupil(
+    frame: Path,
+    source: Path,
+    output: Path | None,
+    planes_um: Any,
+    white: Path | None,
+    dark: Path | None,
+    gain: float | None,
+    haze: bool,
+    force: bool,
+    selector: str | None,
+    **how: Any,
+) -> None:
+    """Find the aberrations of objective and sample from a frame of beads or of anything.
+
+    Printed are Zernike coefficients in nm of path, rms over the pupil, with their standard errors
+    by photon noise, and the residual before and after. PUPIL.toml goes to psf in place of
+    CAMERA.toml.
+
+    \b
+    Example:
+      clplen microscope pupil beads.tif -c scope.toml --planes-um -30:30:13 --beads -o found.toml
+      clplen microscope psf found.toml -o psf.h5 --planes-um -24.5:24.5:50
+    """
+    from clplen.batch.work.deconvolution import read_picture
+    from clplen.config.microscope import read_microscope_file
+    from clplen.files import naming, replacing
+    from clplen.microscopy.prepare import preparation
+
+    if gain is not None and gain <= 0:
+        raise click.UsageError(f"--gain is positive, not {gain:g}.")
+    if haze and white is None:
+        raise click.UsageError("--haze looks like the white frame: give --white.")
+    if gain is None:
+        note("each count is taken as a photon, which the standard errors depend on: give --gain.")
+    if output is not None:
+        check_suffix(output, (".toml",))
+        check_output(output, force, [path for path in (frame, source, white, dark) if path])
+    file = read_microscope_file(source, binning=how["binning"])
+    if file.binning < file.least:
+        raise click.UsageError(
+            f"--binning {file.binning} does not sample the light, which takes at least "
+            f"{file.least} x {file.least} parts of a pixel: leave it out."
+        )
+    text = None if output is None else source.read_text(encoding="utf-8")
+    camera = file.camera.build(open_device(selector))
+    n = round(camera.pixels_per_lenslet) // file.binning
+    beside: dict[str, Any] = {
+        name: read_picture(path) for name, path in (("white", white), ("dark", dark)) if path
+    }
+    with naming(str(white or frame)):
+        prepare = preparation(n, device=camera.device, **beside)
+    with naming(str(frame)):
+        seen = prepare(read_picture(frame))
+    given = {
+        "white": seen.white, "background": prepare.haze(seen.counts, seen.white) if haze else 0.0,
+        "binning": file.binning,
+    }  # fmt: skip
+    z = np.sort(planes_um) / 1e6
+    with progress_bar(0, "plane") as bar:
+        found = _found(
+            seen.counts, camera, z, given, how, gain or 1.0, prepare.variance,
+            lambda done, total: update_bar(bar, done, total),
+        )  # fmt: skip
+    _tell(found)
+    if output is not None:
+        assert text is not None
+        with replacing(output) as temporary:
+            temporary.write_text(with_pupil(text, found, source), encoding="utf-8")
+        click.echo(f"{output} holds the parameters with this pupil.")
+
+
+def _found(
+    counts: Any, camera: Any, z: Any, given: dict[str, Any], how: dict[str, Any], gain: float,
+    variance: float, progress: Any,
+) -> PupilFit:  # fmt: skip
+    from clplen.microscopy.pupil_fit import fit_pupil
+
+    shared = {"terms": how["terms"], "gain": gain, "variance": variance, "progress": progress}
+    if not how["beads"]:
+        return fit_pupil(
+            counts, camera, planes=z, voxels_per_lenslet=how["voxels"], steps=how["steps"],
+            **given, **shared,
+        )  # fmt: skip
+    return fit_pupil(
+        counts, camera, planes=z, beads="find", voxels_per_lenslet=how["voxels"], **given, **shared
+    )
+
+
+def _tell(found: PupilFit) -> None:
+    if found.positions is not None:
+        click.echo(f"{len(found.positions)} beads")
+    click.echo("term   nm of path, rms")
+    for j, c, error in zip(found.terms, found.coefficients, found.errors, strict=True):
+        click.echo(f"{j:4} {c * 1e9:8.1f} +- {error * 1e9:<6.1f} {_NAMES.get(j, '')}".rstrip())
+    click.echo(
+        f"{found.pupil.rms * 1e9:.1f} nm rms in all; residual {found.residuals[0]:.4g} before, "
+        f"{found.residuals[-1]:.4g} after; chi2 {found.chi2:.3g} (photon noise alone: 1)."
+    )
+
+
+def with_pupil(text: str, found: PupilFit, source: Path) -> str:
+    """A camera file with the pupil that was found in place of its own.
+
+    Parameters
+    ----------
+    text : str
+        TOML of a microscope.
+    found : PupilFit
+    source : path-like
+        Named where its pupil cannot be replaced.
+
+    Returns
+    -------
+    str
+    """
+    terms = ", ".join(f"{j} = {c * 1e9:.3f}" for j, c in found.pupil.terms)
+    line = f"pupil_nm = {{ {terms} }}  # Noll's index to nm of path, rms over the pupil\n"
+    text = _KEY.sub("", text)
+    if re.search(r"pupil_nm\s*\]", text):
+        raise click.ClickException(
+            f"{source} has its pupil as a table of its own: write it as pupil_nm = {{ 6 = 30.0 }}."
+        )
+    table = re.search(r"^\s*\[camera\].*\n", text, re.MULTILINE)
+    at = table.end() if table else 0
+    return text[:at] + line + text[at:]
