@@ -34,10 +34,10 @@
 
 #ifdef LENSLETS
 #define TABLES \
-    , __global const int *restrict index, __global const float *restrict white, \
+    __global const int *restrict index, __global const float *restrict white, \
         __global const float2 *restrict own, __global const int *restrict across, \
-        __global const float *restrict part, const int wide
-#define BOUNDS , const float2 own_least, const float2 own_most, const float spacing
+        __global const float *restrict part, const int wide,
+#define BOUNDS const float2 own_least, const float2 own_most, const float spacing,
 #define SAMPLE(view, y, x) index[row_start(view, y, ny, nx) + x]
 #define IS_SEEN(at) ((at) >= 0)
 #define WHITE(at) white[at]
@@ -76,7 +76,7 @@ inline int place(int i, float shift, int n, float *part, int *within)
 
 __kernel void views(__global float *restrict L, __global const float *restrict P,
                     __global const float *restrict d, __global const float2 *restrict steps,
-                    const int ny, const int nx, const int channels TABLES)
+                    const int ny, const int nx, TABLES const int channels)
 {
     const int y = get_global_id(1), view = get_global_id(2);
     const float2 step = steps[view];
@@ -103,7 +103,7 @@ __kernel void views(__global float *restrict L, __global const float *restrict P
 __kernel void of_disparity(__global float *restrict out, __global const float *restrict g,
                            __global const float *restrict P, __global const float *restrict d,
                            __global const float2 *restrict steps, const int count, const int ny,
-                           const int nx, const int channels TABLES)
+                           const int nx, TABLES const int channels)
 {
     const int y = get_global_id(1);
     FOR_X(x, nx) {
@@ -162,7 +162,7 @@ inline int2 lenslets(int2 columns, float spacing, int nx, int n)
 __kernel void of_picture(__global float *restrict out, __global const float *restrict g,
                          __global const float *restrict d, __global const float2 *restrict steps,
                          const int count, const int ny, const int nx, const int channels,
-                         const float least, const float most, const int height TABLES BOUNDS)
+                         const float least, const float most, TABLES BOUNDS const int height)
 {
 #ifdef ROWS
     const int first = get_global_id(0) * height, last = min(first + height, ny) - 1;

@@ -18,6 +18,7 @@ from clplen.lightfield.raw.raw_image import RawImage
 from clplen.types import Float32Array
 
 _BAND = 32  # rows of the picture that a CPU's work-item gathers
+_ON_DEVICE = ("_tables", "_steps")  # not copied with a model
 _TIE = 1e-9  # pixels or lenslets: pixels halfway between lenslets go to the later one
 
 Values = np.ndarray[Any, Any]
@@ -106,7 +107,16 @@ class RawWarp:
         self.used: np.ndarray[Any, np.dtype[np.bool_]] = np.zeros(self.shape, bool)
         index = self._pixels.index
         self.used.ravel()[index[index >= 0]] = True
-        self._tables = self._uploaded(level)
+        self._white = level.astype(np.float32)
+        self._tables = self._uploaded()
+
+    def __getstate__(self) -> dict[str, Any]:
+        """Without tables on the device, which are made again."""
+        return {key: value for key, value in self.__dict__.items() if key not in _ON_DEVICE}
+
+    def __setstate__(self, state: dict[str, Any]) -> None:
+        self.__dict__ |= state
+        self._tables = self._uploaded()
 
     def __repr__(self) -> str:
         return f"<RawWarp of {self.picture_shape} to {self.shape}, {self.device.name}>"
@@ -200,15 +210,15 @@ class RawWarp:
             )
         return array
 
-    def _uploaded(self, white: Any) -> tuple[Any, ...]:
-        """Tables of the pixels, behind the other arguments of the kernels."""
+    def _uploaded(self) -> tuple[Any, ...]:
+        """Tables of the pixels, as arguments of the kernels."""
         pixels, device = self._pixels, self.device
-        need = 4 * (pixels.index.size + 3 * white.size)
+        need = 4 * (pixels.index.size + 3 * self._white.size)
         device.require_memory(need, "The pixels of these lenslets")
         self._steps = device.upload(pixels.steps.astype(np.float32))
         return (
             device.upload(pixels.index),
-            device.upload(white.astype(np.float32)),
+            device.upload(self._white),
             device.upload(pixels.own.astype(np.float32)),
             device.upload(self._places.whole.astype(np.int32)),
             device.upload(self._places.part.astype(np.float32)),
@@ -219,9 +229,9 @@ class RawWarp:
         return tuple(self.device.upload(a) for a in arrays)
 
     def _launch(self, name: str, shape: tuple[int, ...], *arguments: Any) -> None:
-        sizes = (np.int32(n) for n in (*shape[-2:], 1))
+        ny, nx = (np.int32(n) for n in shape[-2:])
         kernel = self.device.kernel("warp.cl", name, CHANNELS=1, LENSLETS=True)
-        self.device.launch_rows(kernel, shape, *arguments, *sizes, *self._tables)
+        self.device.launch_rows(kernel, shape, *arguments, ny, nx, *self._tables, np.int32(1))
 
     def _launch_back(
         self, out: cla.Array, g: cla.Array, d: cla.Array, count: np.int32, own: Float32Array
@@ -234,8 +244,9 @@ class RawWarp:
             (-(-ny // _BAND), 1) if device.rows else (wide, ny),
             *(out, g, d, self._steps, count),
             *(np.int32(n) for n in (ny, nx, 1)),
-            *(own.min(), own.max(), np.int32(_BAND), *self._tables),
+            *(own.min(), own.max(), *self._tables),
             *(steps.min(axis=0), steps.max(axis=0), np.float32(self._places.spacing)),
+            np.int32(_BAND),
         )
 
 
