@@ -746,6 +746,7 @@ def test_aberrations_of_a_camera(tmp_path: Path, device: Device):
         position_scatter_um = 0.5
         scatter_seed = 3
         sensor_shift_um = -20
+        sensor_tilt_mrad = [10, -20]
         """
     camera = read(tmp_path, EXAMPLE + table).camera.build(device)
     found, wave = camera.aberrations, 532e-9
@@ -755,6 +756,7 @@ def test_aberrations_of_a_camera(tmp_path: Path, device: Device):
     assert found.lenslet_circle == pytest.approx(213e-6)
     assert found.scatter == LensletScatter(0.01, 0.2e-3, 0.5e-6, 3)
     assert camera.sensor_distance == pytest.approx(10e-3 - 20e-6)
+    assert found.sensor_tilt == pytest.approx((0.01, -0.02))
     for wrong, said in (
         ("main_lens_waves = { a = 0.1 }", "Noll's indices"),
         ("main_lens_waves = 0.1", "table of Noll's indices"),

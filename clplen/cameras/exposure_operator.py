@@ -440,8 +440,9 @@ class ExposureOperator:
         by : str or sequence of str
             Of "values" (energies), "positions", "lenslets" and "sensor": what the derivatives are
             by. 8 bytes a pixel are kept on the host for each energy, 24 for each point's place, 56
-            and more for the lenslets and 24 for the sensor; on the device no more than a
-            `gradient` takes.
+            and more for the lenslets and 24 for the sensor, while a batch of points passes as much
+            again for these; on the device what a `gradient` takes, and 6 fields and more for the
+            lenslets.
 
         Returns
         -------

@@ -320,7 +320,7 @@ class WaveOptics(FixedOptics):
         """
         if not any(self.aberrations.sensor_tilt):
             return self.propagator(self.sensor_distance, "as", pad)(behind)
-        planes = self.sensor_planes()
+        planes = self._sensor_planes()
         return self._interpolated(behind, planes, planes.weights, pad)
 
     def sensor_slope(self, behind: Field, *, pad: int = 1) -> Field:
@@ -328,7 +328,7 @@ class WaveOptics(FixedOptics):
 
         Parameters are those of `to_sensor`. With a tilt, every pixel is at its own distance.
         """
-        planes = self.sensor_planes()
+        planes = self._sensor_planes()
         return self._interpolated(behind, planes, planes.slopes, pad)
 
     def from_sensor(self, field: Field, *, pad: int = 1) -> Field:
@@ -343,14 +343,14 @@ class WaveOptics(FixedOptics):
         """
         if not any(self.aberrations.sensor_tilt):
             return self.propagator(self.sensor_distance, "as", pad)(field)
-        planes, total = self.sensor_planes(), None
+        planes, total = self._sensor_planes(), None
         for z, weight in zip(planes.distances, planes.weights, strict=True):
             back = self.propagator(z, "as", pad)(multiply(field, weight))
             total = self._added(total, back)
         assert total is not None
         return total
 
-    def sensor_planes(self) -> SensorPlanes:
+    def _sensor_planes(self) -> SensorPlanes:
         """The planes between which fields on a tilted sensor are interpolated."""
         tilt, device = self.aberrations.sensor_tilt, self.device
         key = (self.grid, self.sensor_distance, tilt, self.wavelength)
