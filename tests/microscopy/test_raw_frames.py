@@ -6,6 +6,9 @@ from tifffile import imwrite
 
 from clplen import MicrolensArray, PlenopticCamera, ShapeError
 from clplen.batch import DeconvolutionSettings, Deconvolver
+from clplen.config.example import MICROSCOPE
+from clplen.config.microscope import read_microscope_file
+from clplen.errors import FormatError
 from clplen.lightfield import Lattice
 from clplen.microscopy import FrameProjector, point_images, raw_preparation
 from clplen.microscopy.raw_frames import evenly_lit
@@ -118,3 +121,23 @@ def test_a_white_frame_of_other_lenslets(device):
     wave = 1 + np.cos(2 * np.pi * np.arange(120) / 12.9)
     with pytest.raises(ValueError, match="no white image to rely on"):
         raw_preparation(images, white=np.outer(wave, wave) * 1e3, device=device)
+
+
+def test_files_of_frames_that_are_not_rectified(tmp_path):
+    path = tmp_path / "array.toml"
+    path.write_text(MICROSCOPE)  # 15.38 pixels a lenslet
+    straight = read_microscope_file(path)
+    assert straight.rectified
+    assert straight.camera.pixels_per_lenslet == 16
+    raw = read_microscope_file(path, rectified=False)
+    assert not raw.rectified
+    assert raw.binning == 2
+    assert raw.camera.pixels_per_lenslet == 2 * 24  # 1.5 times as many
+    assert raw.pixels == straight.pixels
+    path.write_text(MICROSCOPE + '\nulens_lattice = "hexagonal"\n')
+    hexagonal = read_microscope_file(path)
+    assert not hexagonal.rectified
+    assert hexagonal.camera.microlenses.lattice == "hexagonal"
+    path.write_text(MICROSCOPE + '\nulens_lattice = "round"\n')
+    with pytest.raises(FormatError, match="ulens_lattice"):
+        read_microscope_file(path)
