@@ -116,7 +116,9 @@ class Distance(NamedTuple):
     sure: float
 
 
-def distances(found: Intrinsics, camera: KnownCamera, device: Device) -> Iterator[Distance]:
+def distances(
+    found: Intrinsics, camera: KnownCamera, device: Device
+) -> Iterator[Distance]:
     """Boards at `FRESH`, large enough to fill much of the view."""
     for number, z in enumerate(FRESH):
         spacing = SPACING * z / 0.3

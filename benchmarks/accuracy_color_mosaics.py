@@ -44,7 +44,6 @@ from clplen.lightfield import LensletGrid
 
 Values = np.ndarray[Any, Any]
 
-
 def compare(array: Array2D, scene: list[Layer], device: Device) -> dict[str, list[float]]:
     """The scores of every way."""
     raw, white = captured(array, scene)

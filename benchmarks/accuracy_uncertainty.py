@@ -85,7 +85,9 @@ def estimates(device: Device, count: int, seed: int) -> Iterator[Estimate]:
                 yield Estimate(method, camera.mla.lattice, error / tolerance, stated)
 
 
-def _camera(number: int, device: Device, random: np.random.Generator) -> tuple[Plenoptic1, float]:
+def _camera(
+    number: int, device: Device, random: np.random.Generator
+) -> tuple[Plenoptic1, float]:
     """One of the cameras, and how far is searched."""
     if number >= len(CAMERAS):
         file = Path(__file__).parents[1] / f"examples/cameras/{FILES[number - len(CAMERAS)]}.toml"

@@ -81,14 +81,8 @@ STATES: dict[str, dict[str, Any]] = {
     "by the map": {"shape": "one", "v": 0.33, "u": 0.71, "sharp": True},
     "sRGB": {"shape": "all", "d": 0.31, "curve": "srgb"},
     "logarithmic": {"shape": "disc", "diameter": 0.45, "d": 0.31, "curve": "log"},
-    "gamma, limits": {
-        "shape": "all",
-        "d": -0.4,
-        "curve": "gamma",
-        "gamma": 1.7,
-        "black": 0.1,
-        "white": 0.8,
-    },
+    "gamma, limits": {"shape": "all", "d": -0.4, "curve": "gamma", "gamma": 1.7, "black": 0.1,
+                      "white": 0.8},
 }
 
 

@@ -259,7 +259,9 @@ def told(way: str, folder: Path, profile: bool) -> None:
 @click.option("--repeats", default=3, show_default=True, type=click.IntRange(1))
 @click.option("--only", type=click.Choice(sorted(WAYS)), help="One way, in this process.")
 @click.option("--profile", is_flag=True, help="With --only: where the time goes.")
-def main(quick: bool, folder: Path | None, repeats: int, only: str | None, profile: bool) -> None:
+def main(
+    quick: bool, folder: Path | None, repeats: int, only: str | None, profile: bool
+) -> None:
     """Both ways, each in processes of its own."""
     if only is not None:
         assert folder is not None

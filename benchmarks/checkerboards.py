@@ -41,9 +41,8 @@ class KnownCamera:
     def rays(self, i: Array, j: Array, k: Array, l: Array) -> Array:  # noqa: E741
         """(s, t, u, v) in space of pixels, which need not be whole numbers."""
         index = np.broadcast_arrays(i, j, k, l, 1.0)
-        s, t, u, v = (
-            sum(h * n for h, n in zip(row, index, strict=True) if h) for row in self.matrix[:4]
-        )
+        s, t, u, v = (sum(h * n for h, n in zip(row, index, strict=True) if h)
+                      for row in self.matrix[:4])
         bu, bv, k1, k2, k3 = self.distortion
         x, y = x0, y0 = u - bu, v - bv
         for _ in range(50):
