@@ -167,7 +167,7 @@ def map(device: Device) -> Iterator[Row]:
 
 
 def points(device: Device) -> Iterator[Row]:
-    """36 points in four frames: their places by centroids, and their light beyond 4 um."""
+    """36 points in four frames: their places by centroids."""
     rng = np.random.default_rng(3)
     grid = np.stack(np.meshgrid(*[[-28e-6, 0, 28e-6]] * 2), -1).reshape(9, 2)
     scenes = [
@@ -177,19 +177,17 @@ def points(device: Device) -> Iterator[Row]:
 
     def measure(way: Way) -> dict[str, float]:
         volumes, _ = way.found([PointSources(one) for one in scenes], PHOTONS)
-        where, errors, shares = way.voxels(), [], []
+        where, errors = way.voxels(), []
         for volume, scene in zip(volumes, scenes, strict=True):
             for point in scene:
                 near = np.abs(where - point).max(axis=-1) < 10e-6
                 light, off = volume[near].astype(float), where[near] - point
                 errors.append(light @ off / light.sum())
-                shares.append(light[np.abs(off[:, :2]).max(axis=1) > 4e-6].sum() / light.sum())
         across = np.sqrt(np.square(np.array(errors)[:, :2]).sum(axis=1).mean())
         along = np.sqrt(np.square(np.array(errors)[:, 2]).mean())
         return {
             "points, rms error across, um": 1e6 * across,
             "points, rms error along z, um": 1e6 * along,
-            "points, light beyond 4 um": float(np.mean(shares)),
         }
 
     yield from against_square(device, measure)
