@@ -61,6 +61,12 @@ def point_images() -> PointImages:
     return PointImages(parameters, np.array([-1e-5, 1e-5]), 3, 3, stored, np.ones(2))
 
 
+def frame_projector(device: Device) -> clplen.microscopy.FrameProjector:
+    """Onto 14 x 15 pixels of a turned lattice."""
+    lattice = clplen.lightfield.Lattice("square", (7.0, 6.0), (3.0, 0.1), (-0.1, 3.0), (14, 15))
+    return clplen.microscopy.FrameProjector(point_images(), lattice, device=device)
+
+
 def camera(device: Device) -> Any:
     """A standard camera of 5 x 5 lenslets."""
     return clplen.PlenopticCamera.type1(**CAMERA, device=device)
@@ -314,6 +320,7 @@ EXAMPLES |= {
     "LensletErrors": lambda _: clplen.wave.LensletErrors(
         {(2, -2): 1e-7}, 2e-4, 0.01 + 1e-4 * samples(5, 5), *(1e-6 * samples(5, 5, 2),) * 2
     ),
+    "FrameProjector": lambda device: frame_projector(device),
     "LensletSampling": lambda _: clplen.wave.LensletSampling(0.1, 0.2, 1.0, 1e-3),
     "LightFieldReport": lambda device: clplen.lightfield.check_light_field(lightfield(device)),
     "LocalExecutor": lambda _: clplen.batch.LocalExecutor(None),  # type: ignore[arg-type]
@@ -328,6 +335,9 @@ EXAMPLES |= {
     "Polygon": lambda _: clplen.cameras.Polygon([(0.0, 0.0), (0.0, 2.0), (2.0, 0.0)]),
     "Preparation": lambda device: clplen.microscopy.preparation(10, device=device),
     "Prepared": lambda _: clplen.microscopy.Prepared(samples(9, 9), samples(9, 9), 0, 0),
+    "RawPreparation": lambda device: clplen.microscopy.RawPreparation(
+        3, device, None, None, None, None, frame_projector(device)
+    ),
     "Regions": lambda _: clplen.microscopy.Regions(
         np.zeros((3, 9, 9), np.int32), samples(5, 3), *(samples(5) for _ in range(4)), 0.5
     ),

@@ -42,6 +42,16 @@ def scene() -> clplen.SurfaceScene:
     return clplen.SurfaceScene([clplen.cameras.Plane(0.5, texture=objects.texture())])
 
 
+def raw_preparation(device: Any) -> Any:
+    stored = (np.ones((1, 8, 8), np.float32),)
+    images = clplen.microscopy.PointImages(
+        {"lenslet_pitch": 1e-4, "magnification": 20.0}, np.array([1e-5]), 1, 8, stored, np.ones(1)
+    )
+    wave = 1 + np.cos(np.pi * np.arange(64) / 4)
+    white = 1000 * np.outer(wave, wave)
+    return clplen.microscopy.raw_preparation(images, white=white, device=device)
+
+
 def bare(name: str) -> Callable[[Path, Any], Any]:
     """The class itself on the fields of an example, with another device."""
 
@@ -113,6 +123,9 @@ CALLS: dict[str, Callable[[Path, Any], Any]] = {
     "wave.gaussian_beam": lambda _, d: clplen.wave.gaussian_beam(GRID, 1e-5, device=d, **WAVE),
     "open_lightfield": opened,
     "wave.plane_wave": lambda _, d: clplen.wave.plane_wave(GRID, device=d, **WAVE),
+    "microscopy.FrameProjector": lambda _, d: objects.frame_projector(d),
+    "microscopy.RawPreparation": bare("microscopy.RawPreparation"),
+    "microscopy.raw_preparation": lambda _, d: raw_preparation(d),
     "microscopy.preparation": lambda _, d: clplen.microscopy.preparation(10, device=d),
     "read_camera": lambda _, d: clplen.read_camera(
         Path(__file__).parents[1] / "examples/cameras/canon_50mm.toml", device=d, count=5
@@ -190,6 +203,7 @@ HOLDERS = {
     "lightfield.FocusedImage",
     "lightfield.FocusedStack",
     "microscopy.Preparation",
+    "microscopy.RawPreparation",
     "wave.SystemOperator",
 }
 # Their `device` is a selector for other processes, the name of what was used, or a protocol's.

@@ -274,8 +274,14 @@ def _point_images(source: Path) -> tuple[dict[str, Any], list[tuple[int, ...]]] 
 def _of_point_images(
     source: Path, known: dict[str, Any], shapes: list[tuple[int, ...]]
 ) -> tuple[Rows, dict[str, Any]]:
+    from clplen.microscopy.cells import cell_in
+
     kind = "point images of a light-field microscope"
     n, v = known["pixels_per_lenslet"], known["voxels_per_lenslet"]
+    cell = cell_in(known, v, n)
+    (ny, nx), (vy, vx), (down, across) = cell.pixels, cell.voxels, cell.lenslets
+    what = "a lenslet" if down * across == 1 else f"a cell of {down} x {across} lenslets"
+    reaches = ", ".join(str(shape[2] // nx) for shape in shapes)
     side = known["lenslet_pitch"] / (known["magnification"] * v)
     size = sum(map(math.prod, shapes)) * np.dtype(known["store"]).itemsize
     planes = ", ".join(f"{z * 1e6:g}" for z in known["planes"])
@@ -292,10 +298,10 @@ def _of_point_images(
         ("Pupil", pupil_words(known.get("pupil"))),
         ("Lenslets", f"pitch {known['lenslet_pitch'] * 1e6:g} um, focal length "
             f"{known['lenslet_focal_length'] * 1e6:g} um, fill {known['lenslet_fill']}"),
-        ("Pixels", f"{n} x {n} a lenslet, of {known['binning']} x {known['binning']} parts"),
-        ("Voxels", f"{v} x {v} a lenslet, {side * 1e6:.4g} um apart"),
+        ("Pixels", f"{ny} x {nx} {what}, of {known['binning']} x {known['binning']} parts"),
+        ("Voxels", f"{vy} x {vx} {what}, {side * 1e6:.4g} um apart"),
         ("Planes", f"{len(shapes)}, z = {planes} um; farther from the objective positive"),
-        ("Images", f"of {', '.join(str(shape[1] // n) for shape in shapes)} lenslets across"),
+        ("Images", f"of {reaches} {what.split()[1]}s across"),
         ("Memory", f"{size:,} bytes, {known['store']}; {known['cut']:g} of the light cut"),
     ]  # fmt: skip
     return rows, {"file": source, "kind": kind, **known, "shapes": shapes}

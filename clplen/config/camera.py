@@ -273,7 +273,10 @@ class CameraTable(Table):
         if self.kind == "plenoptic2" and (self.m is None) == (self.a_mm is None):
             found = "neither" if self.m is None else "both"
             raise ValueError(f"needs one of m and a_mm for kind = 'plenoptic2', and has {found}")
-        if self.kind != "plenoptic2" and len(self.microlenses.focal_length_mm) > 1:
+        if (
+            self.kind not in ("plenoptic2", "microscope")
+            and len(self.microlenses.focal_length_mm) > 1
+        ):
             raise ValueError(
                 "has microlenses of several focal lengths, which need kind = 'plenoptic2'"
             )

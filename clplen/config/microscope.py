@@ -9,7 +9,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated, Any, Literal
 
 from pydantic import AfterValidator, Field, model_validator
 
@@ -73,6 +73,8 @@ PIXELS = Range(3, 1000)  # of a lenslet, along an axis
 F_NUMBER = Range(0.5, 1000)  # of a lenslet
 
 
+FINER = 1.5  # pixels of point images for one of a frame that is not rectified, along an axis
+PARTS = 2  # of such a pixel, at least, to integrate over those of the frame
 _COUNT = 35  # lenslets of the camera that is built: point images do not depend on it
 _PRINTED = "'clplen microscope psf --example' prints one"
 _F_NUMBER = "the f-number of the lenslets, focal length over pitch, is {:.3g}; it"
@@ -88,6 +90,7 @@ class KnownTable(Table):
     tubelens_focal_length: Annotated[Positive, AfterValidator(TUBE_LENS.check)] = 200.0
     ulens_pitch: Annotated[Positive, AfterValidator(PITCH.check)]
     ulens_focal_length: Annotated[Positive, AfterValidator(FOCAL_LENGTH.check)]
+    ulens_lattice: Literal["square", "hexagonal"] = "square"
     pixel_size: Annotated[Positive, AfterValidator(PIXEL.check)]
     apodisation: Annotated[float, Field(ge=-1, le=1, strict=True)] = APODISATION
     cover: CoverTable | None = None
@@ -110,6 +113,7 @@ class KnownTable(Table):
             "focal_length_mm": self.ulens_focal_length / 1e3,
             "count": _COUNT,
             "fill": "full",
+            "lattice": self.ulens_lattice,
         }
         return CameraTable.model_validate(
             {
@@ -174,7 +178,10 @@ class MicroscopeFile:
     camera : CameraTable
         With a whole number of pixels a lenslet, ``binning`` times those of the sensor.
     pixels : float
-        A lenslet, as the file has them: frames are rectified to the next whole number.
+        A lenslet, as the file has them: frames are rectified to the next whole number, if at all.
+    rectified : bool
+        Whether frames are: else the camera has `FINER` times as many pixels, whose images are
+        brought onto the frames' own.
     binning : int
         Of `point_images`.
     least : int
@@ -189,6 +196,7 @@ class MicroscopeFile:
 
     camera: CameraTable
     pixels: float
+    rectified: bool = True
     binning: int = 1
     least: int = 1
     taken: tuple[str, ...] = ()
@@ -197,7 +205,9 @@ class MicroscopeFile:
     voxels: int | None = None
 
 
-def read_microscope_file(path: PathLike, *, binning: int | None = None) -> MicroscopeFile:
+def read_microscope_file(
+    path: PathLike, *, binning: int | None = None, rectified: bool = True
+) -> MicroscopeFile:
     """Read the parameters of a light-field microscope.
 
     Parameters
@@ -210,6 +220,9 @@ def read_microscope_file(path: PathLike, *, binning: int | None = None) -> Micro
     binning : int, optional
         Parts of a pixel of the sensor, along an axis, that light is simulated on; default the
         fewest that sample it.
+    rectified : bool
+        Whether frames are to be rectified; those of hexagonal arrays, and of several focal lengths,
+        never are.
 
     Returns
     -------
@@ -229,14 +242,15 @@ def read_microscope_file(path: PathLike, *, binning: int | None = None) -> Micro
         if camera.kind != "microscope":
             raise FormatError(f"{path} is of kind {camera.kind!r}, not 'microscope'.")
         return replace(
-            _simulable(camera, binning), taken=_taken(camera, "medium_index", "tube_lens_mm")
+            _simulable(camera, binning, rectified),
+            taken=_taken(camera, "medium_index", "tube_lens_mm"),
         )
     if not KnownTable.model_fields.keys() & content.keys():
         raise FormatError(f"{path} has neither [camera] nor the names of LFAnalyze; {_PRINTED}.")
     known = validated(KnownTable, content, path)
     camera = known.camera()
     return replace(
-        _simulable(camera, binning),
+        _simulable(camera, binning, rectified),
         taken=_taken(known, "tubelens_focal_length"),
         slices=known.num_slices,
         um_per_slice=known.um_per_slice,
@@ -268,18 +282,21 @@ def _taken(table: Table, *keys: str) -> tuple[str, ...]:
     )
 
 
-def _simulable(camera: CameraTable, binning: int | None) -> MicroscopeFile:
+def _simulable(camera: CameraTable, binning: int | None, rectified: bool) -> MicroscopeFile:
     """With the next whole number of pixels a lenslet, in parts; round-off is no pixel."""
-    pixels = math.ceil(round(camera.pixels_across, 6))
-    least = math.floor(camera.microlenses.pitch_um / (_coarsest(camera) * pixels)) + 1
-    binning = binning or least
+    array = camera.microlenses
+    rectified &= array.lattice == "square" and len(array.focal_length_mm) == 1
+    finer, parts = (1.0, 1) if rectified else (FINER, PARTS)
+    pixels = math.ceil(round(finer * camera.pixels_across, 6))
+    least = math.floor(array.pitch_um / (_coarsest(camera) * pixels)) + 1
+    binning = binning or max(least, parts)
     fine = camera.model_copy(update={"pixels_per_lenslet": float(pixels * binning)})
-    return MicroscopeFile(fine, camera.pixels_across, binning, least)
+    return MicroscopeFile(fine, camera.pixels_across, rectified, binning, least)
 
 
 def _coarsest(camera: CameraTable) -> float:
     """Pixels below this size, in um, sample the light: see `check_sampling`."""
     array = camera.microlenses
     slope = (camera.na or 0) / (camera.magnification or 1)
-    slope += (array.diameter_um or array.pitch_um) / (2e3 * array.focal_length_mm[0])
+    slope += (array.diameter_um or array.pitch_um) / (2e3 * min(array.focal_length_mm))
     return camera.wavelength_nm / (2e3 * slope)

@@ -171,15 +171,10 @@ def raw_preparation(
 
 def _of_first_kind(images: PointImages, lattice: Lattice, light: Vector, device: Any) -> Lattice:
     """The same lattice from a lenslet of the first kind on."""
-    cell, plane = images.cell, int(np.abs(images.planes).argmax())
-    kinds = cell.lenslets[1]
+    kinds = images.cell.lenslets[1]
     if kinds == 1:
         return lattice
-    (ny, nx), even = cell.pixels, np.zeros(cell.pixels)
-    for phase in np.ndindex(cell.voxels):
-        image = images.image(plane, (phase[0], phase[1]))
-        blocks = image.reshape(-1, ny, image.shape[1] // nx, nx)
-        even += blocks.sum(axis=(0, 2), dtype=np.float64)
+    even = evenly_lit(images)
     along = np.array(lattice.row if lattice.turned else lattice.column)
     best, alike = lattice, -np.inf
     for number in range(kinds):
@@ -190,6 +185,27 @@ def _of_first_kind(images: PointImages, lattice: Lattice, light: Vector, device:
         if found > alike:
             best, alike = moved, found
     return best
+
+
+def evenly_lit(images: PointImages) -> Vector:
+    """The picture of a cell under even light, that of the plane farthest from the native one.
+
+    Parameters
+    ----------
+    images : PointImages
+
+    Returns
+    -------
+    numpy.ndarray
+        float64, shape (ny, nx): energy on the pixels of a cell, of voxels of energy 1.
+    """
+    (ny, nx), even = images.cell.pixels, np.zeros(images.cell.pixels)
+    plane = int(np.abs(images.planes).argmax())
+    for phase in np.ndindex(images.cell.voxels):
+        image = images.image(plane, (phase[0], phase[1]))
+        blocks = image.reshape(-1, ny, image.shape[1] // nx, nx)
+        even += blocks.sum(axis=(0, 2), dtype=np.float64)
+    return even
 
 
 def _sensitivity(projector: FrameProjector, level: Vector, known: Vector) -> Vector:

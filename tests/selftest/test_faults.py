@@ -53,7 +53,7 @@ FAULTS = {
     "lanes.cl": ("return ((__global const loose16 *)from)->v;",
                  "return 2 * ((__global const loose16 *)from)->v;"),
     "lanes_complex.cl": ("re * tr - im * ti", "re * tr + im * ti"),
-    "lattice.cl": ("my = r / w, mx = r % w", "my = r % w, mx = r / w"),
+    "lattice.cl": ("my = r / wx, mx = r % wx", "my = r % wx, mx = r / wx"),
     "lattice_spectra.cl": ("to[0] = p.x + p.z;", "to[0] = p.x - p.z;"),
     "lens_types.cl": ("column - (row >> 1) + TYPE_STEP * row", "column + TYPE_STEP * row"),
     "lenslet_errors.cl": ("e.y * l.a + e.z * l.b", "e.y * l.b + e.z * l.a"),

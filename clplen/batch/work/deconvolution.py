@@ -5,7 +5,7 @@ from __future__ import annotations
 import logging
 from collections import deque
 from collections.abc import Callable, Iterable, Iterator
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from functools import cached_property, partial
 from pathlib import Path
 from typing import Any, Literal
@@ -29,8 +29,9 @@ from clplen.lightfield.raw.raw_image import RawImage
 from clplen.microscopy import point_image_files
 from clplen.microscopy.deconvolution import DeconvolutionResult, deconvolve
 from clplen.microscopy.images import PointImages
-from clplen.microscopy.prepare import Prepared, preparation
+from clplen.microscopy.prepare import Preparation, Prepared, preparation
 from clplen.microscopy.projector import Projector
+from clplen.microscopy.raw_frames import RawPreparation, raw_preparation
 from clplen.microscopy.rolling import rolling_minimum
 from clplen.microscopy.series import SeriesFrame, batch_for, found_in_batches
 from clplen.microscopy.starts import Start
@@ -89,7 +90,9 @@ class Deconvolver:
     device : Device or str, optional
         Default ``Device.open()``.
     white, dark : path-like, optional
-        Frames; without a white one frames are rectified already.
+        Frames; without a white one frames are rectified already. Point images with
+        ``sensor_pixels``, or of another than a square array, need one: frames are then not
+        rectified but explained as they are (`clplen.microscopy.FrameProjector`).
     memory : int, optional
         Bytes for matrices, as of `Projector`.
     force : bool
@@ -136,10 +139,25 @@ class Deconvolver:
             name: read_picture(path) for name, path in (("white", white), ("dark", dark)) if path
         }
         with naming(white or "Without a white frame"):
-            self._prepare = preparation(
-                self.images.pixels, device=device, saturation=how.saturation, force=force, **beside
-            )
+            self._prepare = self._prepared_for(beside, force)
         self._projector: Projector | None = None
+
+    def _prepared_for(self, beside: dict[str, Values], force: bool) -> Preparation:
+        """What frames share, rectified or as they are."""
+        images, saturation = self.images, self.how.saturation
+        if "sensor_pixels" not in images.parameters and images.cell.lenslets == (1, 1):
+            return preparation(
+                images.pixels, device=self.device, saturation=saturation, force=force, **beside
+            )
+        if "white" not in beside:
+            raise ValueError(
+                "these point images are those of frames that are not rectified, whose lattice the "
+                "white frame tells: give it."
+            )
+        return raw_preparation(
+            images, device=self.device, saturation=saturation, force=force, memory=self._memory,
+            **beside,
+        )  # fmt: skip
 
     @cached_property
     def words(self) -> dict[str, Any]:
@@ -147,7 +165,7 @@ class Deconvolver:
         return provenance(self.images, self.how, self._white, self._dark)
 
     def prepared(self, frame: Values) -> Prepared:
-        """A raw frame, rectified."""
+        """A raw frame, rectified where point images are those of rectified frames."""
         return self._prepare(frame, saturation=self.how.saturation)
 
     def place(self) -> dict[str, tuple[float, float]]:
@@ -158,8 +176,13 @@ class Deconvolver:
         self, frame: Prepared, found: DeconvolutionResult | None = None, low: Values | None = None
     ) -> list[str]:
         """Sentences on a frame, or on its volume; see `clplen.batch.work.diagnostics`."""
+        prepare = self._prepare
+        if isinstance(prepare, RawPreparation):  # sub-images have no pixels to be compared
+            prepare = replace(prepare, level=None)
         if found is None:
-            return diagnostics.diagnose_frame(self._prepare, frame, self.how.background)
+            return diagnostics.diagnose_frame(prepare, frame, self.how.background)
+        if isinstance(prepare, RawPreparation):
+            return []
         _, background = self._light(frame, low)
         gain, variance = self.how.gain, self._prepare.variance
         level = self._prepare.level
@@ -261,6 +284,8 @@ class Deconvolver:
 
     def projector_for(self, shape: tuple[int, ...]) -> Projector:
         """The projector of frames of a shape; that of the frame before where it is the same."""
+        if isinstance(self._prepare, RawPreparation) and self._prepare.projector is not None:
+            return self._prepare.projector
         lenslets = (shape[0] // self.images.pixels, shape[1] // self.images.pixels)
         if self._projector is None or self._projector.shape != lenslets:
             self._projector = None  # its matrices go before others come

@@ -78,6 +78,11 @@ def _print_example(ctx: click.Context, _: click.Parameter, wanted: bool) -> None
     "--cut", type=float, default=CUT, show_default=True,
     help="Share of a voxel's light that may be left out.",
 )  # fmt: skip
+@click.option(
+    "--unrectified", is_flag=True,
+    help="For frames that are not rectified: pixels 1.5 times as fine, brought onto those of the "
+    "frames. Always of hexagonal arrays and of several focal lengths.",
+)  # fmt: skip
 @click.option("--half", is_flag=True, help="Keep point images as float16: half of the memory.")
 @click.option(
     "--example",
@@ -106,7 +111,9 @@ def psf(camera: Path, output: Path, force: bool, selector: str | None, **samplin
     from clplen.config.microscope import read_microscope_file
 
     check_suffix(output, (".h5", ".hdf5"))
-    file = read_microscope_file(camera, binning=sampling["binning"])
+    file = read_microscope_file(
+        camera, binning=sampling["binning"], rectified=not sampling["unrectified"]
+    )
     for sentence in file.taken:
         note(sentence)
     if file.binning < file.least:
@@ -155,6 +162,11 @@ def project(
     check_output(output, force, [volume, source])
     values, about = read_volume(volume)
     images = read_psf(source)
+    if "sensor_pixels" in images.parameters:
+        raise click.ClickException(
+            f"{source} is of frames that are not rectified, whose lattice a white frame tells: "
+            "make point images without --unrectified, or use clplen.microscopy.FrameProjector."
+        )
     _check_volume(volume, values, about, images)
     v = images.voxels
     shape = (values.shape[1] // v, values.shape[2] // v)
@@ -268,12 +280,17 @@ def _simulated(
     click.echo(described(camera))
     _note_far(camera, z)
     pixels = camera.pixels_per_lenslet / file.binning
-    if file.binning > 1 and sampling["binning"] is None:
+    if file.binning > 1 and file.rectified and sampling["binning"] is None:
         note(
             f"Pixels of {camera.lenslet_pitch / pixels * 1e6:.4g} um do not sample the light: "
             f"it is simulated on {file.binning} x {file.binning} parts of each, which are added up."
         )
-    if abs(file.pixels - pixels) > 1e-6:
+    if not file.rectified:
+        note(
+            f"Frames are not rectified: images have {pixels:g} pixels a lenslet, for the "
+            f"{file.pixels:.6g} of the camera."
+        )
+    elif abs(file.pixels - pixels) > 1e-6:
         note(f"A lenslet has {file.pixels:.6g} pixels: frames are rectified to {pixels:g}.")
     with progress_bar(0, "image") as bar:
         return point_images(
@@ -281,6 +298,7 @@ def _simulated(
             z,
             voxels_per_lenslet=sampling["voxels"] or file.voxels or VOXELS,
             binning=file.binning,
+            sensor_pixels=None if file.rectified else file.pixels,
             cut=sampling["cut"],
             store="float16" if sampling["half"] else "float32",
             path=output,
