@@ -14,5 +14,4 @@ from .prepare import rectify as rectify
 from .projector import Projector as Projector
 from .psf import point_images as point_images
 from .rolling import rolling_minimum as rolling_minimum
-from .series import SeriesFrame as SeriesFrame
 from .series import deconvolve_series as deconvolve_series
