@@ -2,13 +2,13 @@
 
     python benchmarks/accuracy_series.py [--device pocl] [--frames 6] [--photons 3e6]
 
-A simulated series: a dozen beads, a third of a voxel wide, that drift by the same length a frame,
-each in its own direction, with Poisson noise; 60x/1.2 water, 13 x 13 lenslets, 15 planes, voxels of
-.333 um. Each frame is deconvolved in 8 iterations from an even volume (none), from the volume
-before (previous), from its square root (decayed) and from it as wide as beads move (limited); and in 20
-from an even one. The error of a place is the distance along y and x of the centroid of 7 x 7 voxels
-in three planes from where the bead was; the error of the volume is norm over norm after a Gaussian
-of one voxel. Means of the frames from the third on. About two minutes.
+A simulated series: a dozen beads, .6 voxels wide (standard deviation), that drift by the same
+length a frame, each in its own direction, with Poisson noise; 60x/1.2 water, 13 x 13 lenslets, 15
+planes, voxels of .333 um. Each frame is deconvolved in 8 iterations from an even volume (none),
+from the volume before (previous), from its square root (decayed) and from it as wide as beads move
+(limited); and in 20 from an even one. The error of a place is the distance along y and x of the
+centroid of 7 x 7 voxels in three planes from where the bead was; the error of the volume is norm
+over norm after a Gaussian of one voxel. Means of the frames from the third on. About two minutes.
 """
 
 from __future__ import annotations

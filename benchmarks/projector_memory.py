@@ -2,9 +2,9 @@
 
     python benchmarks/projector_memory.py [--device pocl] [--memory BYTES] [--lenslets 25]
 
-60x/1.2 water, 15 x 15 pixels and voxels a lenslet, eight planes within 10 um: one projection and one
-back-projection. What the process takes at most (resident, looked at every 5 ms) is that with Python,
-OpenCL's compiler and the point images, which are made by another process.
+60x/1.2 water, 15 x 15 pixels and voxels a lenslet, eight planes within 10 um: one projection and
+one back-projection. What the process takes at most (resident, looked at every 5 ms) is that with
+Python, OpenCL's compiler and the point images, which are made by another process.
 """
 
 from __future__ import annotations

@@ -147,7 +147,8 @@ PLAIN = {
     "traces",
     "wavefront_strehl",
 }
-# These do not look at what they are given: a camera, a field, a grid, a projector.
+# These do not look at what they are given (a camera, a field, a grid, a projector), or not before
+# they are iterated over.
 UNCHECKED = {
     "type1_sampling",
     "type2_sampling",
@@ -155,11 +156,13 @@ UNCHECKED = {
     "abbe_image",
     "camera_crosstalk",
     "camera_psf",
+    "deconvolve_series",
     "degenerate_planes",
     "depth_scan",
     "focus_ratio",
     "incoherent_image",
     "lens_sampling",
+    "rolling_minimum",
     "scene_energy",
     "suitable_planes",
     "wavefront",

@@ -32,6 +32,7 @@ ONE_WAY = {
     "quilt": "a picture for a display; read_picture reads it",
     "masks": "part of what write_truth writes",
     "mosaic": "read_lightfield reads it",
+    "volume_series": "grows while clplen microscope deconvolve runs",
     "scene_truth": "all that write_truth writes; read_truth is of any data set",
     "views": "read_lightfield reads it",
     "zemax_opd": "listings of another program; write_opd_maps writes the maps",

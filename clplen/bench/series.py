@@ -50,8 +50,10 @@ def measure_series(device: Device, size: str, repeats: int) -> Report:
         deconvolve(frame, projector, iterations=ITERATIONS, start=volume + 1e-3)
 
     def together() -> None:
-        how = {"iterations": ITERATIONS, "batch": BATCH, "start": "previous", "before": volume}
-        list(deconvolve_series(frames, projector, **how))
+        found = deconvolve_series(
+            frames, projector, iterations=ITERATIONS, batch=BATCH, start="previous", before=volume
+        )
+        list(found)
 
     def read() -> None:
         for _ in range(passes):

@@ -27,7 +27,6 @@ from .regions import Regions as Regions
 from .regions import find_regions as find_regions
 from .regions import sphere_labels as sphere_labels
 from .rolling import rolling_minimum as rolling_minimum
-from .series import SeriesFrame as SeriesFrame
 from .series import deconvolve_series as deconvolve_series
 from .tracks import Tracks as Tracks
 from .tracks import track_points as track_points

@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Any, Literal
 import click
 
 from clplen.cli.microscopy import series_file
-from clplen.cli.microscopy.pages import Page, pages_of
+from clplen.cli.microscopy.series_file import Page, pages_of
 from clplen.cli.shared import options
 from clplen.cli.shared.console import (
     check_output,

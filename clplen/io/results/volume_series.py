@@ -123,6 +123,27 @@ def series_in(path: PathLike) -> tuple[dict[str, Any], list[Record]]:
     Parameters
     ----------
     path : path-like
+        OME-TIFF (TZYX) or OME-Zarr (TCZYX) of `clplen microscope deconvolve`; it may be missing.
+
+    Returns
+    -------
+    dict, list of dict
+        What is known of all volumes, and of each one that is there: "name", "residual",
+        "iterations", "range" and "remarks".
+
+    Examples
+    --------
+    >>> from clplen.io.results.volume_series import VolumeSeries
+    >>> file = VolumeSeries(
+    ...     "series.ome.tif", frames=2, shape=(3, 8, 9), planes=[-1e-6, 0.0, 1e-6],
+    ...     voxel=(1e-6, 1e-6), description={})
+    >>> file.open(go_on=False)
+    0
+    >>> file.append(np.ones((2, 3, 8, 9), np.float32), [{"name": "a"}, {"name": "b"}])
+    >>> file.end()
+    >>> about, records = clplen.io.series_in("series.ome.tif")
+    >>> about["planes_um"], [one["name"] for one in records]
+    ([-1.0, 0.0, 1.0], ['a', 'b'])
     """
     return _kind(Path(path)).stored(Path(path))
 
@@ -146,6 +167,19 @@ def read_volume_series(path: PathLike, frame: int) -> Array:
     ------
     FormatError
         If it is no such file, or has no such frame.
+
+    Examples
+    --------
+    >>> from clplen.io.results.volume_series import VolumeSeries
+    >>> file = VolumeSeries(
+    ...     "series.ome.tif", frames=2, shape=(3, 8, 9), planes=[-1e-6, 0.0, 1e-6],
+    ...     voxel=(1e-6, 1e-6), description={})
+    >>> file.open(go_on=False)
+    0
+    >>> file.append(np.ones((2, 3, 8, 9), np.float32), [{"name": "a"}, {"name": "b"}])
+    >>> file.end()
+    >>> clplen.io.read_volume_series("series.ome.tif", 1).shape
+    (3, 8, 9)
     """
     path = Path(path)
     about, records = series_in(path)
