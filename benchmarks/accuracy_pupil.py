@@ -82,7 +82,8 @@ def of_beads(device: Device, seed: int) -> tuple[str, float]:
     off = float(np.linalg.norm(found.coefficients - true))
     text = f"beads      {seed}  put in {words(true)}  found {words(found.coefficients)}"
     text += f"  +- {words(found.errors)}  off {off * 1e9:5.1f} nm"
-    text += f"; {len(found.energies)} for {BEADS} beads; residual {found.residuals[0]:.4f} to {found.residuals[-1]:.4f}"
+    text += f"; {len(found.energies)} for {BEADS} beads"
+    text += f"; residual {found.residuals[0]:.4f} to {found.residuals[-1]:.4f}"
     text += f", chi2 {found.chi2:.2f}"
     return text + f"; {time.perf_counter() - began:.0f} s", off
 
