@@ -1,6 +1,11 @@
 from .deconvolution import DeconvolutionResult as DeconvolutionResult
 from .deconvolution import deconvolve as deconvolve
 from .deconvolution import degenerate_planes as degenerate_planes
+from .fourier.fourier_files import read_fourier_point_images as read_fourier_point_images
+from .fourier.fourier_files import write_fourier_point_images as write_fourier_point_images
+from .fourier.fourier_images import FourierPointImages as FourierPointImages
+from .fourier.fourier_projector import FourierProjector as FourierProjector
+from .fourier.fourier_psf import fourier_point_images as fourier_point_images
 from .images import PointImages as PointImages
 from .point_image_files import read_point_images as read_point_images
 from .point_image_files import write_point_images as write_point_images

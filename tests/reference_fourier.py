@@ -1,0 +1,99 @@
+"""A Fourier light-field microscope in float64: the twin of clplen.cameras.fourier.
+
+One Fresnel integral from the whole array to places of the sensor, by sums over fine samples: rims
+are hard, and neither transforms nor angular spectra are used. Lengths in metres, arrays [y, x],
+z > 0 farther from the objective.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.polynomial.legendre import leggauss
+from reference_optics import Complex, Real
+
+
+@dataclass(frozen=True)
+class Setup:
+    """Objective, relay, lenslets (y, x, focal length) of one aperture, sensor."""
+
+    M: float
+    na: float
+    index: float
+    lam: float
+    relay: float
+    lenslets: tuple[tuple[float, float, float], ...]
+    diameter: float
+    fill: str
+    s: float
+    pixel: float
+    shape: tuple[int, int]
+    power: float = 0.5
+
+
+def within(setup: Setup, y: Real, x: Real) -> Real:
+    """Whether places lie in an aperture about the origin: disc, square, hexagon flat across x."""
+    half = setup.diameter / 2
+    if setup.fill == "circular":
+        return np.hypot(y, x) <= half
+    if setup.fill == "square":
+        return np.maximum(np.abs(y), np.abs(x)) <= half
+    slanted = 0.5 * np.abs(x) + np.sqrt(0.75) * np.abs(y)
+    return np.maximum(np.abs(x), slanted) <= half
+
+
+def pupil_rows(setup: Setup, point: tuple[float, float, float], y: Real, x: Real) -> Complex:
+    """Field of a point on the conjugate pupil, not normalised."""
+    n_sine = setup.M * np.hypot(y, x) / setup.relay
+    inside = n_sine <= setup.na
+    cosine = np.sqrt(1 - np.minimum(n_sine / setup.index, 1) ** 2)
+    k = 2 * np.pi / setup.lam
+    defocus = k * setup.index * point[2] * (cosine - 1)
+    tilt = k * setup.M / setup.relay * (point[0] * x + point[1] * y)
+    return inside * np.where(inside, cosine, 1) ** setup.power * np.exp(1j * (defocus + tilt))
+
+
+def behind_lenslets(setup: Setup, y: Real, x: Real) -> Complex:
+    """Transmission of the array on rows of places."""
+    out = np.zeros(np.broadcast_shapes(y.shape, x.shape), complex)
+    for cy, cx, focal in setup.lenslets:
+        r2 = (y - cy) ** 2 + (x - cx) ** 2
+        out += within(setup, y - cy, x - cx) * np.exp(-1j * np.pi * r2 / (setup.lam * focal))
+    return out
+
+
+def sensor(
+    setup: Setup,
+    point: tuple[float, float, float],
+    corner: tuple[int, int],
+    size: int,
+    *,
+    step: float,
+    nodes: int = 5,
+) -> Real:
+    """Energy on size x size pixels from ``corner`` on, of a point of unit energy in the pupil.
+
+    Samples of the array lie ``step`` apart; pixels are integrals by Gauss and Legendre.
+    """
+    radius = setup.na * setup.relay / setup.M
+    count = 2 * int(np.ceil(radius / step)) + 2
+    u = (np.arange(count) - (count - 1) / 2) * step
+    places, weights = leggauss(nodes)
+    weight = np.outer(weights, weights) / 4
+    kernels = []
+    for axis in (0, 1):
+        t = corner[axis] + np.arange(size)[:, None] + places / 2 - (setup.shape[axis] - 1) / 2
+        apart = t.reshape(-1, 1) * setup.pixel - u
+        kernels.append(np.exp(1j * np.pi * apart**2 / (setup.lam * setup.s)))
+    energy, field = 0.0, np.zeros((size * nodes,) * 2, complex)
+    for rows in np.array_split(np.arange(count), max(1, count // 256)):
+        y = u[rows][:, None]
+        before = pupil_rows(setup, point, y, u[None])
+        energy += float((np.abs(before) ** 2).sum()) * step**2
+        behind = before * behind_lenslets(setup, y, u[None])
+        field += kernels[0][:, rows] @ (behind @ kernels[1].T)
+    field *= step**2 / (setup.lam * setup.s)
+    intensity = (np.abs(field) ** 2).reshape(size, nodes, size, nodes)
+    mean = np.einsum("iakb,ab->ik", intensity, weight)
+    return np.asarray(mean * setup.pixel**2 / energy)
