@@ -55,11 +55,13 @@ def pupil_rows(setup: Setup, point: tuple[float, float, float], y: Real, x: Real
 
 
 def behind_lenslets(setup: Setup, y: Real, x: Real) -> Complex:
-    """Transmission of the array on rows of places."""
-    out = np.zeros(np.broadcast_shapes(y.shape, x.shape), complex)
+    """Transmission of the array on rows y of places x, both rising, shapes (ny,) and (nx,)."""
+    out = np.zeros((y.size, x.size), complex)
     for cy, cx, focal in setup.lenslets:
-        r2 = (y - cy) ** 2 + (x - cx) ** 2
-        out += within(setup, y - cy, x - cx) * np.exp(-1j * np.pi * r2 / (setup.lam * focal))
+        rows, columns = np.abs(y - cy) < setup.diameter, np.abs(x - cx) < setup.diameter
+        v, u = y[rows, None] - cy, x[None, columns] - cx
+        lens = np.exp(-1j * np.pi * (v**2 + u**2) / (setup.lam * focal))
+        out[np.ix_(rows, columns)] += within(setup, v, u) * lens
     return out
 
 
@@ -88,10 +90,9 @@ def sensor(
         kernels.append(np.exp(1j * np.pi * apart**2 / (setup.lam * setup.s)))
     energy, field = 0.0, np.zeros((size * nodes,) * 2, complex)
     for rows in np.array_split(np.arange(count), max(1, count // 256)):
-        y = u[rows][:, None]
-        before = pupil_rows(setup, point, y, u[None])
+        before = pupil_rows(setup, point, u[rows][:, None], u[None])
         energy += float((np.abs(before) ** 2).sum()) * step**2
-        behind = before * behind_lenslets(setup, y, u[None])
+        behind = before * behind_lenslets(setup, u[rows], u)
         field += kernels[0][:, rows] @ (behind @ kernels[1].T)
     field *= step**2 / (setup.lam * setup.s)
     intensity = (np.abs(field) ** 2).reshape(size, nodes, size, nodes)

@@ -1,6 +1,8 @@
 from .deconvolution import DeconvolutionResult as DeconvolutionResult
 from .deconvolution import deconvolve as deconvolve
 from .deconvolution import degenerate_planes as degenerate_planes
+from .fourier.bead_stack import BeadCalibration as BeadCalibration
+from .fourier.bead_stack import measure_point_images as measure_point_images
 from .fourier.fourier_files import read_fourier_point_images as read_fourier_point_images
 from .fourier.fourier_files import write_fourier_point_images as write_fourier_point_images
 from .fourier.fourier_images import FourierPointImages as FourierPointImages

@@ -23,8 +23,7 @@ from clplen.cli.shared.console import (
 )
 
 if TYPE_CHECKING:
-    from clplen.batch.work.deconvolution import DeconvolutionSettings, Deconvolver
-    from clplen.microscopy.images import PointImages
+    from clplen.batch.work.deconvolution import AnyImages, DeconvolutionSettings, Deconvolver
     from clplen.microscopy.prepare import Prepared
 
 _PATH = click.Path(path_type=Path)
@@ -124,9 +123,10 @@ def deconvolve(
     FRAME is a picture, or a TIFF of a whole time series: of ts.tif {name} is ts_0000, ts_0001, ...
 
     The white frame tells the lattice of lenslets, with which frames are rectified, and how
-    sensitive pixels are. Each volume is written whole before the next frame begins; those that are
-    there already, of the same frame, words and version of clplen, are not made again. Folders of
-    volumes are made; a file that clplen did not write is replaced with --force only.
+    sensitive pixels are; frames of a Fourier microscope need none. Each volume is written whole
+    before the next frame begins; those that are there already, of the same frame, words and version
+    of clplen, are not made again. Folders of volumes are made; a file that clplen did not write is
+    replaced with --force only.
 
     \b
     Example:
@@ -316,7 +316,7 @@ def _outputs(
 
 def _jobs(
     pages: list[_Page],
-    images: PointImages,
+    images: AnyImages,
     how: DeconvolutionSettings,
     white: Path | None,
     dark: Path | None,
