@@ -13,7 +13,6 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -117,17 +116,20 @@ class FourierOptics(Described):
         """M d/(2 f_FL) = NA/N, of one lenslet (Scrofani et al. 2018)."""
         return self.magnification * self.lenslets.diameter / (2 * self.relay)
 
-    @cached_property
+    @property
     def lit(self) -> Vector:
         """Share of each lenslet's aperture in the pupil, float64, shape (lenslets,)."""
         layout = self.lenslets
         step = 2 * layout.reach / SAMPLES
         t = (np.arange(SAMPLES) - (SAMPLES - 1) / 2) * step
         shape = layout.coverage(t, t, step)
-        rims = (
-            self.pupil_diameter / 2 - np.hypot(y + t[:, None], x + t) for y, x in layout.positions
-        )
-        return np.array([(shape * covered(rim, step)).sum() for rim in rims]) / shape.sum()
+        inside = self.pupil_diameter / 2 - np.hypot(*layout.positions.T)
+        found = (inside > 0).astype(np.float64)
+        for lenslet in np.flatnonzero(np.abs(inside) < layout.reach + step):
+            y, x = layout.positions[lenslet]
+            rim = self.pupil_diameter / 2 - np.hypot(y + t[:, None], x + t)
+            found[lenslet] = (shape * covered(rim, step)).sum() / shape.sum()
+        return found
 
     @property
     def sine(self) -> float:
