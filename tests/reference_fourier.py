@@ -14,7 +14,6 @@ from numpy.polynomial.legendre import leggauss
 from reference_optics import Complex, Real
 from scipy import fft
 
-
 TIE = 1e-10  # metres: a sample on the rim of two lenslets is of one of them
 
 
@@ -34,6 +33,7 @@ class Setup:
     pixel: float
     shape: tuple[int, int]
     power: float = 0.5
+    stop: float = np.inf  # diameter of the field stop, for `frame`
 
 
 def within(setup: Setup, y: Real, x: Real) -> Real:
@@ -58,14 +58,25 @@ def pupil_rows(setup: Setup, point: tuple[float, float, float], y: Real, x: Real
     return inside * np.where(inside, cosine, 1) ** setup.power * np.exp(1j * (defocus + tilt))
 
 
-def behind_lenslets(setup: Setup, y: Real, x: Real) -> Complex:
+def covered(setup: Setup, y: Real, x: Real, parts: int) -> Real:
+    """Share of samples at y, (ny, 1), and x, (1, nx), in an aperture, by parts x parts of each."""
+    step = float(x[0, 1] - x[0, 0])
+    moves = ((np.arange(parts) + 0.5) / parts - 0.5) * step + TIE
+    total = np.zeros(np.broadcast_shapes(y.shape, x.shape))
+    for down in moves:
+        for right in moves:
+            total += within(setup, y + down, x + right)
+    return total / parts**2
+
+
+def behind_lenslets(setup: Setup, y: Real, x: Real, parts: int = 1) -> Complex:
     """Transmission of the array on rows y of places x, both rising, shapes (ny,) and (nx,)."""
     out = np.zeros((y.size, x.size), complex)
     for cy, cx, focal in setup.lenslets:
         rows, columns = np.abs(y - cy) < setup.diameter, np.abs(x - cx) < setup.diameter
         v, u = y[rows, None] - cy, x[None, columns] - cx
         lens = np.exp(-1j * np.pi * (v**2 + u**2) / (setup.lam * focal))
-        out[np.ix_(rows, columns)] += within(setup, v + TIE, u + TIE) * lens
+        out[np.ix_(rows, columns)] += covered(setup, v, u, parts) * lens
     return out
 
 
@@ -117,7 +128,12 @@ def frame(
     u = (np.arange(count) - count // 2) * step
     field = pupil_rows(setup, point, u[:, None], u[None])
     energy = float((np.abs(field) ** 2).sum())
-    field *= behind_lenslets(setup, u, u)
+    if setup.stop < np.inf:
+        place = np.fft.fftfreq(count, step) * setup.lam * setup.relay
+        field = fft.ifft2(field, overwrite_x=True, workers=-1)
+        field *= np.hypot(place[:, None], place) <= setup.stop / 2
+        field = fft.fft2(field, overwrite_x=True, workers=-1)
+    field *= behind_lenslets(setup, u, u, 4)
     field = fft.fft2(field, overwrite_x=True, workers=-1)
     f2 = np.fft.fftfreq(count, step) ** 2
     axial = np.sqrt(np.maximum(setup.lam**-2 - f2[:, None] - f2, 0))

@@ -57,6 +57,7 @@ def twin(camera: FourierMicroscope) -> reference_fourier.Setup:
         camera.pixel_pitch,
         camera.grid.shape,
         camera.apodisation,
+        camera.field_stop,
     )
 
 

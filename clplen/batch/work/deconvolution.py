@@ -267,8 +267,10 @@ def provenance(
     """What volumes of one camera depend on besides their frames, kept with them."""
     from clplen import __version__
 
-    is_fourier = isinstance(images, FourierPointImages)
-    of_images = fourier_files.digest(images) if is_fourier else point_image_files.digest(images)
+    if isinstance(images, FourierPointImages):
+        of_images = fourier_files.digest(images)
+    else:
+        of_images = point_image_files.digest(images)
     return {
         **asdict(how),
         "clplen": __version__,

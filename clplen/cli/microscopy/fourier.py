@@ -113,7 +113,9 @@ def _measured(camera: FourierMicroscope, path: Path, z: Any, output: Path) -> No
     )
 
 
-def projected(images: FourierPointImages, path: Path, values: Any, given: dict[str, Any]) -> Any:
+def projected(
+    images: FourierPointImages, path: Path, values: Any, device: Device, memory: int | None
+) -> tuple[Any, str]:
     """The frame of a volume, and a sentence on it.
 
     Parameters
@@ -123,8 +125,9 @@ def projected(images: FourierPointImages, path: Path, values: Any, given: dict[s
         Of the volume.
     values : numpy.ndarray
         The volume.
-    given : dict
-        Device and memory of the projector.
+    device : Device
+    memory : int or None
+        Of the projector.
 
     Returns
     -------
@@ -139,7 +142,7 @@ def projected(images: FourierPointImages, path: Path, values: Any, given: dict[s
             f"of {b} x {b}."
         )
     shape = (values.shape[1] // b, values.shape[2] // b)
-    frame = FourierProjector(images, shape, **given).forward(values)
+    frame = FourierProjector(images, shape, device=device, memory=memory).forward(values)
     share = frame.sum(dtype=float) / max(values.sum(dtype=float), 1e-300)
     return frame, (
         f"{frame.shape[0]} x {frame.shape[1]} pixels, {len(images.centres)} sub-images, with "

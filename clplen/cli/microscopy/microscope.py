@@ -182,16 +182,16 @@ def project(
     values, about = read_volume(volume)
     images = read_psf(source)
     _check_planes(volume, values, about, images)
-    given = {"device": open_device(selector), "memory": memory}
+    device = open_device(selector)
     if isinstance(images, FourierPointImages):
-        frame, said = fourier.projected(images, volume, values, given)
+        frame, said = fourier.projected(images, volume, values, device, memory)
         write_picture(output, frame)
         click.echo(f"{output} holds {said}")
         return
     _check_lenslets(volume, values, images)
     v = images.voxels
     shape = (values.shape[1] // v, values.shape[2] // v)
-    projector = Projector(images, shape, **given)
+    projector = Projector(images, shape, device=device, memory=memory)
     frame = projector.forward(values)
     write_picture(output, frame)
     rows, columns = shape

@@ -130,8 +130,8 @@ def measure_point_images(
     places, depths, offset, error = _registered(camera, frames, z)
     stored, corners = [], []
     for frame, depth, place in zip(frames, z - offset, places, strict=True):
-        images, corner = _cut_out(camera, frame, float(depth), place / camera.side, threshold)
-        stored.append(images)
+        cut_out, corner = _cut_out(camera, frame, float(depth), place / camera.side, threshold)
+        stored.append(cut_out)
         corners.append(corner)
     scale = len(stored) / sum(float(one.sum(dtype=np.float64)) for one in stored)
     half = _enough(stored, cut)
