@@ -36,6 +36,14 @@ MICROSCOPE: dict[str, Any] = {
 }
 SPACING = (-1e-3, -1e-3, 1e-5, 1e-5)
 PICTURE = PictureGrid((0.0, 0.0), 1.0, (9, 9))
+FOURIER: dict[str, Any] = {
+    "magnification": 20,
+    "na": 0.3,
+    "mla": clplen.MicrolensArray(500e-6, 12e-3, count=3),
+    "wavelength": 525e-9,
+    "relay": 0.05,
+    "pixel_pitch": 20e-6,
+}
 JOB: dict[str, Any] = {
     "output": "out",
     "inputs": [{"files": ["*.h5"]}],
@@ -65,6 +73,15 @@ def frame_projector(device: Device) -> clplen.microscopy.FrameProjector:
     """Onto 14 x 15 pixels of a turned lattice."""
     lattice = clplen.lightfield.Lattice("square", (7.0, 6.0), (3.0, 0.1), (-0.1, 3.0), (14, 15))
     return clplen.microscopy.FrameProjector(point_images(), lattice, device=device)
+
+
+def fourier_images() -> clplen.microscopy.FourierPointImages:
+    """Of a plane, two lenslets and 9 x 12 pixels."""
+    corners = np.array([[[3, 2], [3, 7]]], np.int32)
+    centres = np.array([[4.0, 3.0], [4.0, 8.0]])
+    return clplen.microscopy.FourierPointImages(
+        {}, np.zeros(1), 1, 1e-6, (9, 12), centres, 3.0, (samples(1, 2, 3, 3),), corners
+    )
 
 
 def camera(device: Device) -> Any:
@@ -215,6 +232,17 @@ EXAMPLES: dict[str, Callable[[Device], Any]] = {
     ),
     "PixelArray": lambda _: clplen.cameras.PixelArray(pitch=1.4e-6, fill_factor=0.8),
     "MicrolensArray": lambda _: MLA,
+    "BeadCalibration": lambda _: clplen.microscopy.BeadCalibration(
+        fourier_images(), 1e-6, np.zeros((1, 2)), np.zeros(1), 0.01
+    ),
+    "FourierMicroscope": lambda device: clplen.PlenopticCamera.fourier_microscope(
+        **FOURIER, device=device
+    ),
+    "FourierPointImages": lambda _: fourier_images(),
+    "FourierProjector": lambda device: clplen.microscopy.FourierProjector(
+        fourier_images(), (3, 3), device=device
+    ),
+    "LensletLayout": lambda _: clplen.cameras.LensletLayout([(0, 0)], 0.01, diameter=1e-3),
     "Microscope": lambda device: clplen.PlenopticCamera.microscope(**MICROSCOPE, device=device),
     "OpticalSystem": lambda _: clplen.OpticalSystem(
         [clplen.wave.Space(0.1), clplen.wave.Lens(0.05), clplen.wave.Pupil(3e-3, 0.1)]

@@ -26,7 +26,8 @@ SHORTER_THAN = 60  # lines
 EACH = 20  # one script in so many is run by default
 FRAMES = ("guv_volume", "guv_variations", "bead_positions", "bead_volume")
 THESIS = {1: range(1, 27), 2: range(1, 30), 3: range(1, 26), 5: range(1, 3)}  # its list of figures
-FIGURES = THESIS | {4: range(1, 8), 5: range(1, 6), 6: range(1, 6)}  # and those that are added
+ADDED = {4: range(1, 8), 5: range(1, 6), 6: range(1, 6), 7: range(1, 2)}
+FIGURES = THESIS | ADDED
 
 
 def run(script: Path, *arguments: str, folder: Path) -> subprocess.CompletedProcess[str]:

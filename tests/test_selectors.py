@@ -101,6 +101,13 @@ CALLS: dict[str, Callable[[Path, Any], Any]] = {
     ),
     "MicrolensArray.lattice_tables": lambda _, d: objects.MLA.lattice_tables(GRID, d),
     "MicrolensArray.transmission": lambda _, d: objects.MLA.transmission(GRID, LAM, d),
+    "cameras.FourierMicroscope": bare("cameras.FourierMicroscope"),
+    "PlenopticCamera.fourier_microscope": lambda _, d: clplen.PlenopticCamera.fourier_microscope(
+        **objects.FOURIER, device=d
+    ),
+    "microscopy.FourierProjector": lambda _, d: clplen.microscopy.FourierProjector(
+        objects.fourier_images(), (3, 3), device=d
+    ),
     "cameras.Microscope": bare("cameras.Microscope"),
     "PlenopticCamera.microscope": lambda _, d: clplen.PlenopticCamera.microscope(
         **objects.MICROSCOPE, device=d
@@ -196,6 +203,7 @@ HOLDERS = {
     "Image",
     "LightField",
     "RawImage",
+    "cameras.FourierMicroscope",
     "cameras.Microscope",
     "cameras.Plenoptic1",
     "cameras.Plenoptic2",

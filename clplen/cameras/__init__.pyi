@@ -3,6 +3,8 @@ from .exposure.exposure_jacobian import ExposureJacobian as ExposureJacobian
 from .exposure.point_gradients import ExposureGradient as ExposureGradient
 from .exposure_operator import ExposureOperator as ExposureOperator
 from .focused_camera import Plenoptic2 as Plenoptic2
+from .fourier.fourier_microscope import FourierMicroscope as FourierMicroscope
+from .fourier.lenslet_layout import LensletLayout as LensletLayout
 from .light_field_microscope import Microscope as Microscope
 from .optics.camera_aberrations import Aberrations as Aberrations
 from .optics.camera_aberrations import LensletScatter as LensletScatter

@@ -9,6 +9,9 @@ from typing import Any, Literal, cast
 
 from clplen import units
 from clplen.cameras.focused_camera import Plenoptic2, magnification, matched_aperture
+from clplen.cameras.fourier.fourier_microscope import FourierMicroscope
+from clplen.cameras.fourier.lenslet_layout import LensletLayout
+from clplen.cameras.fourier.making import make as make_fourier_microscope
 from clplen.cameras.light_field_microscope import Microscope
 from clplen.cameras.optics import microscope_optics
 from clplen.cameras.optics.camera_aberrations import NONE, Aberrations
@@ -44,7 +47,7 @@ _LENGTHS = {
 class PlenopticCamera(Described, LensletCamera, ABC):
     """A plenoptic camera simulated by wave optics: made by `type1`, `type2` or `microscope`.
 
-    Every camera that they make is an instance of it, and says by its ``kind`` which one it is.
+    Every camera that these make is an instance of it, and says by its ``kind`` which one it is.
 
     Attributes
     ----------
@@ -393,6 +396,97 @@ class PlenopticCamera(Described, LensletCamera, ABC):
                 SamplingWarning,
             )
         return camera
+
+    @staticmethod
+    def fourier_microscope(
+        *,
+        magnification: float,
+        na: float,
+        mla: MicrolensArray | LensletLayout,
+        wavelength: float,
+        relay: float,
+        pixel_pitch: float,
+        shape: tuple[int, int] | None = None,
+        field_stop: float | None = None,
+        sensor_distance: float | None = None,
+        device: DeviceLike | None = None,
+        medium_index: float = 1.0,
+        tube_lens: float = 0.200,
+        cover: CoverGlass | None = None,
+        apodisation: float = APODISATION,
+    ) -> FourierMicroscope:
+        """A Fourier light-field microscope (FLFM, XLFM): lenslets on the conjugate pupil.
+
+        Objective, tube lens, field stop on the native image, relay lens, lenslets one focal length
+        behind it, sensor. Each lenslet shows the specimen from its own angle (Llavador et al. 2016;
+        Guo et al. 2019; with two focal lengths Cong et al. 2017).
+
+        Parameters
+        ----------
+        magnification : float
+            M of objective and tube lens, at least 1.
+        na : float
+            Numerical aperture, below ``medium_index``.
+        mla : MicrolensArray or LensletLayout
+            Lenslets on a lattice, or anywhere; of one or several focal lengths.
+        wavelength : float
+            Of the fluorescence in vacuum, in metres.
+        relay : float
+            f_FL in metres, of the relay (Fourier) lens.
+        pixel_pitch : float
+            Of the sensor in metres; pixels integrate over their area.
+        shape : tuple of int, optional
+            (ny, nx) pixels of the sensor, its middle on the axis; default as many as the
+            sub-images with light take.
+        field_stop : float, optional
+            Diameter in metres, on the native image; default d f_FL/s, which makes sub-images as
+            wide as lenslets.
+        sensor_distance : float, optional
+            s in metres, from lenslets to sensor; default their focal length.
+        device : Device or str, optional
+            Where the simulation runs; None is ``Device.open()``.
+        medium_index : float
+            Of the medium with the specimen, 1 (air) or more.
+        tube_lens : float
+            Its focal length in metres; that of the objective is tube_lens/M.
+        cover : CoverGlass, optional
+            A cover glass of another thickness or index than the objective is made for.
+        apodisation : float
+            e of the amplitude cos(theta)^e over the pupil, -1 to 1, as of `microscope`.
+
+        Returns
+        -------
+        FourierMicroscope
+            A camera of its own: its frames are pictures, and no raw images of a light field.
+
+        Raises
+        ------
+        ValueError
+            For a length or number outside its range, NA at or above the index, no lenslet in the
+            pupil, or several focal lengths without ``sensor_distance``.
+        TypeError
+            If array or cover glass are none.
+        SamplingError
+            If a sub-image has less than 8 pixels.
+        ShapeError
+            If ``shape`` is not two positive integers.
+        """
+        return make_fourier_microscope(
+            magnification=magnification,
+            na=na,
+            mla=mla,
+            wavelength=wavelength,
+            relay=relay,
+            pixel_pitch=pixel_pitch,
+            shape=shape,
+            field_stop=field_stop,
+            sensor_distance=sensor_distance,
+            medium_index=medium_index,
+            tube_lens=tube_lens,
+            cover=cover,
+            apodisation=apodisation,
+            device=device,
+        )
 
 
 for _camera in (Plenoptic1, Plenoptic2, Microscope):

@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Any
 import click
 import numpy as np
 
+from clplen.cli.microscopy import fourier
 from clplen.cli.microscopy.microscope import described
 from clplen.cli.shared import options
 from clplen.cli.shared.console import capture_messages, check_outputs, read, to_option_names
@@ -190,6 +191,8 @@ def info(
         rows, data = of_map(source, values)
     elif source.suffix.lower() == ".toml":
         rows, data = _of_parameters(source, selector)
+    elif (images := fourier.point_images(source)) is not None:
+        rows, data = fourier.info_of_point_images(source, *images)
     elif (images := _point_images(source)) is not None:
         rows, data = _of_point_images(source, *images)
     elif source.suffix.lower() == ".xml":
@@ -245,6 +248,8 @@ def _of_parameters(source: Path, selector: str | None) -> tuple[Rows, dict[str, 
     from clplen.config.tables import read_toml
 
     table = read_toml(source, f"file {source}").get("camera", {"kind": "microscope"})
+    if isinstance(table, dict) and table.get("kind") == "fourier_microscope":
+        return fourier.info_of_parameters(source, Device.open(selector))
     if isinstance(table, dict) and table.get("kind") == "microscope":
         file = read_microscope_file(source)
         camera, taken, kind = file.camera, file.taken, "parameters of a light-field microscope"

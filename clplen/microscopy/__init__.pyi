@@ -4,6 +4,13 @@ from .bead_places import find_beads as find_beads
 from .deconvolution import DeconvolutionResult as DeconvolutionResult
 from .deconvolution import deconvolve as deconvolve
 from .deconvolution import degenerate_planes as degenerate_planes
+from .fourier.bead_stack import BeadCalibration as BeadCalibration
+from .fourier.bead_stack import measure_point_images as measure_point_images
+from .fourier.fourier_files import read_fourier_point_images as read_fourier_point_images
+from .fourier.fourier_files import write_fourier_point_images as write_fourier_point_images
+from .fourier.fourier_images import FourierPointImages as FourierPointImages
+from .fourier.fourier_projector import FourierProjector as FourierProjector
+from .fourier.fourier_psf import fourier_point_images as fourier_point_images
 from .frame_projector import FrameProjector as FrameProjector
 from .frame_projector import lattice_of as lattice_of
 from .images import PointImages as PointImages

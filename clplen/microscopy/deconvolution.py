@@ -24,12 +24,14 @@ from clplen.checks import is_finite, positive_integer, real_array, require
 from clplen.compute.arrays import HostArray
 from clplen.compute.device import Device
 from clplen.errors import ShapeError
+from clplen.microscopy.fourier.fourier_projector import FourierProjector
 from clplen.microscopy.priors import Prior, blurs, prior_of
 from clplen.microscopy.projector import Projector
 from clplen.results import Plottable, Savable
 from clplen.wave.coherence.averaging import Progress
 
 Vector = np.ndarray[Any, Any]
+AnyProjector = Projector | FourierProjector
 
 LEAST = 1e-6  # of the largest H'w: voxels that are seen less than that stay 0
 FEWEST = 5  # lenslets of a frame along an axis
@@ -125,7 +127,7 @@ class DeconvolutionResult(Savable, Plottable, HostArray):
 
 def deconvolve(
     frame: Any,
-    projector: Projector,
+    projector: AnyProjector,
     *,
     iterations: int = 20,
     background: Any = 0.0,
@@ -146,8 +148,9 @@ def deconvolve(
     frame : array_like or RawImage
         Counts, not negative and finite, shape (..., rows n, columns n); leading axes are frames
         of a series, which are found together.
-    projector : Projector
-        With the point images of the microscope that took them.
+    projector : Projector or FourierProjector
+        With the point images of the microscope that took them. Of a Fourier microscope frames
+        have the shape of its sensor, and there is no prior "gaussian".
     iterations : int
         At most; each takes one projection and one back-projection.
     background : float or array_like
@@ -210,8 +213,9 @@ def deconvolve(
     [[1, 7, 7]]
     """
     frame = frame.to_numpy() if hasattr(frame, "to_numpy") else frame
-    require(Projector, projector, "projector", "Projector(images, shape, device=device)")
-    if min(projector.lenslets) < FEWEST:
+    if not isinstance(projector, FourierProjector):
+        require(Projector, projector, "projector", "Projector(images, shape, device=device)")
+    if isinstance(projector, Projector) and min(projector.lenslets) < FEWEST:
         rows, columns = projector.lenslets
         raise ShapeError(
             f"The frame has {rows} x {columns} lenslets; at least "
@@ -275,15 +279,15 @@ def volumes_held(accelerate: bool, prior: str | None) -> int:
     return VOLUMES + OF_AHEAD * accelerate + OF_PRIOR * bool(prior)
 
 
-def degenerate_planes(projector: Projector) -> tuple[float, ...]:
+def degenerate_planes(projector: AnyProjector) -> tuple[float, ...]:
     """Return z of the planes so near the native one that a lenslet sees its voxels alike.
 
     A point's light there does not leave its lenslet and the next ones: M abs(z) tan(theta) below
-    half a pitch.
+    half a pitch. A Fourier microscope has none: every sub-image shows every plane in full.
 
     Parameters
     ----------
-    projector : Projector
+    projector : Projector or FourierProjector
         Its point images bring the planes and the microscope.
 
     Returns
@@ -302,6 +306,8 @@ def degenerate_planes(projector: Projector) -> tuple[float, ...]:
     >>> clplen.microscopy.degenerate_planes(projector)
     (0.0,)
     """
+    if isinstance(projector, FourierProjector):
+        return projector.degenerate
     images = projector.images
     return tuple(float(z) for z in images.planes[blurs(images) < 0.5])
 
@@ -362,7 +368,7 @@ class _Iteration:
 
     def __init__(
         self,
-        projector: Projector,
+        projector: AnyProjector,
         prior: Prior,
         counts: Vector,
         white: Vector,

@@ -15,6 +15,8 @@ import numpy as np
 import pyopencl.array as cla
 
 from clplen.checks import is_finite
+from clplen.microscopy.fourier.fourier_images import FourierPointImages
+from clplen.microscopy.fourier.fourier_projector import FourierProjector
 from clplen.microscopy.images import PointImages
 from clplen.microscopy.projector import Projector
 
@@ -46,9 +48,9 @@ class TotalVariation(Prior):
 
     Parameters
     ----------
-    projector : Projector
+    projector : Projector or FourierProjector
     counts : numpy.ndarray
-        Shape (frames, rows n, columns n).
+        Shape (frames, ny, nx).
     strength : float
         a over `noise_level`.
 
@@ -58,7 +60,9 @@ class TotalVariation(Prior):
         float64, shape (frames,): a. At most so large that no step is more than doubled.
     """
 
-    def __init__(self, projector: Projector, counts: Vector, strength: float) -> None:
+    def __init__(
+        self, projector: Projector | FourierProjector, counts: Vector, strength: float
+    ) -> None:
         self.device = device = projector.device
         z = projector.images.planes / projector.images.side
         order = np.argsort(z)
@@ -135,13 +139,16 @@ class Sieve(Prior):
         return self.volumes(back)
 
 
-def prior_of(name: str | None, strength: float, projector: Projector, counts: Vector) -> Prior:
+def prior_of(
+    name: str | None, strength: float, projector: Projector | FourierProjector, counts: Vector
+) -> Prior:
     """The prior of that name for frames.
 
     Raises
     ------
     ValueError
-        For another name, or a strength that is not positive and finite.
+        For another name, a strength that is not positive and finite, or "gaussian" for a Fourier
+        microscope.
     """
     if name not in (None, *NAMES):
         raise ValueError(f"prior is {', '.join(map(repr, NAMES))} or None, not {name!r}.")
@@ -149,10 +156,17 @@ def prior_of(name: str | None, strength: float, projector: Projector, counts: Ve
         raise ValueError(f"strength is positive and finite, not {strength!r}.")
     if name == "tv":
         return TotalVariation(projector, counts, strength)
-    return Prior() if name is None else Sieve(projector, strength)
+    if name is None:
+        return Prior()
+    if isinstance(projector, FourierProjector):
+        raise ValueError(
+            "prior='gaussian' is of lenslets on the native plane, where they see no detail; a "
+            "Fourier microscope has no such plane: give 'tv' or None."
+        )
+    return Sieve(projector, strength)
 
 
-def noise_level(counts: Vector, images: PointImages) -> Vector:
+def noise_level(counts: Vector, images: PointImages | FourierPointImages) -> Vector:
     """Relative noise of what a voxel sees of I/HV, if counts are photons.
 
     Where V is right, H'(I/HV) has the variance sum h^2/HV over the image h of a voxel. For evenly
@@ -163,8 +177,8 @@ def noise_level(counts: Vector, images: PointImages) -> Vector:
     Parameters
     ----------
     counts : numpy.ndarray
-        I, shape (frames, rows n, columns n).
-    images : PointImages
+        I, shape (frames, ny, nx).
+    images : PointImages or FourierPointImages
 
     Returns
     -------

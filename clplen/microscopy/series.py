@@ -17,7 +17,7 @@ import numpy as np
 from clplen.checks import positive_integer, require
 from clplen.errors import DeviceError
 from clplen.microscopy import deconvolution
-from clplen.microscopy.deconvolution import DeconvolutionResult, deconvolve
+from clplen.microscopy.deconvolution import AnyProjector, DeconvolutionResult, deconvolve
 from clplen.microscopy.projector import Projector
 from clplen.microscopy.rolling import rolling_minimum
 from clplen.microscopy.starts import Start, StartName
@@ -139,7 +139,7 @@ def deconvolve_series(
     )
 
 
-def batch_for(projector: Projector, batch: int | None = None, **options: Any) -> int:
+def batch_for(projector: AnyProjector, batch: int | None = None, **options: Any) -> int:
     """Frames that are found together: as asked, or at most eight for which there is memory.
 
     Parameters
@@ -171,7 +171,7 @@ def batch_for(projector: Projector, batch: int | None = None, **options: Any) ->
 
 def found_in_batches(
     frames: Iterable[SeriesFrame],
-    projector: Projector,
+    projector: AnyProjector,
     batch: int,
     start: Start,
     *,
@@ -199,7 +199,7 @@ def found_in_batches(
 
 
 def _found(
-    frames: list[SeriesFrame], projector: Projector, start: Vector | None, options: dict[str, Any]
+    frames: list[SeriesFrame], projector: AnyProjector, start: Vector | None, options: dict[str, Any]
 ) -> Iterator[DeconvolutionResult]:
     shape = frames[0].counts.shape
     dim = np.stack([np.broadcast_to(np.asarray(one.background), shape) for one in frames])

@@ -17,6 +17,7 @@ import numpy as np
 from scipy.ndimage import gaussian_filter
 
 from clplen.checks import is_finite
+from clplen.microscopy.fourier.fourier_images import FourierPointImages
 from clplen.microscopy.images import PointImages
 
 Vector = np.ndarray[Any, Any]
@@ -34,7 +35,7 @@ class Start:
     ----------
     name : {"previous", "decayed", "limited"} or None
         None: evenly, each frame by itself.
-    images : PointImages
+    images : PointImages or FourierPointImages
         Side of a voxel and planes.
     decay : float
         s of "decayed", from 0 to 1.
@@ -51,7 +52,7 @@ class Start:
     def __init__(
         self,
         name: StartName | None,
-        images: PointImages,
+        images: PointImages | FourierPointImages,
         *,
         decay: float = 0.5,
         motion: float | None = None,

@@ -19,7 +19,7 @@ from clplen.batch.work.fingerprints import fingerprint
 from clplen.batch.work.resources import Resources
 from clplen.cameras.light_field_microscope import Microscope
 from clplen.compute.device import DeviceLike, as_device
-from clplen.errors import FormatError
+from clplen.errors import FormatError, ShapeError
 from clplen.files import PathLike, naming
 from clplen.io.formats.tiff import SUFFIXES
 from clplen.io.raw.raw_files import read_frame
@@ -27,7 +27,10 @@ from clplen.io.results.volume_files import is_volume, write_volume
 from clplen.io.store.digest import digest
 from clplen.lightfield.raw.raw_image import RawImage
 from clplen.microscopy import point_image_files
-from clplen.microscopy.deconvolution import DeconvolutionResult, deconvolve
+from clplen.microscopy.deconvolution import AnyProjector, DeconvolutionResult, deconvolve
+from clplen.microscopy.fourier import fourier_files
+from clplen.microscopy.fourier.fourier_images import FourierPointImages
+from clplen.microscopy.fourier.fourier_projector import FourierProjector
 from clplen.microscopy.images import PointImages
 from clplen.microscopy.prepare import Preparation, Prepared, preparation
 from clplen.microscopy.projector import Projector
@@ -37,6 +40,7 @@ from clplen.microscopy.series import SeriesFrame, batch_for, found_in_batches
 from clplen.microscopy.starts import Start
 
 Values = np.ndarray[Any, Any]
+AnyImages = PointImages | FourierPointImages
 
 
 @dataclass(frozen=True)
@@ -83,8 +87,9 @@ class Deconvolver:
 
     Parameters
     ----------
-    images : PointImages
-        Of the microscope, as `clplen.point_images` makes them.
+    images : PointImages or FourierPointImages
+        Of the microscope, as `clplen.point_images` makes them, or
+        `clplen.microscopy.fourier_point_images`, whose frames are not rectified.
     how : DeconvolutionSettings
         Iterations, background, gain and what else decides the volumes.
     device : Device or str, optional
@@ -121,7 +126,7 @@ class Deconvolver:
 
     def __init__(
         self,
-        images: PointImages,
+        images: AnyImages,
         how: DeconvolutionSettings,
         *,
         device: DeviceLike | None = None,
@@ -135,16 +140,24 @@ class Deconvolver:
         self.images, self.how, self.device, self._memory = images, how, device, memory
         self._begin = begin or Start("previous", images)
         self._white, self._dark = white, dark
+        is_fourier = isinstance(images, FourierPointImages)
+        if is_fourier and white:
+            raise ValueError(
+                "Point images of a Fourier microscope know its sub-images, and how bright they "
+                "are: leave the white frame out."
+            )
         beside = {
             name: read_picture(path) for name, path in (("white", white), ("dark", dark)) if path
         }
         with naming(white or "Without a white frame"):
             self._prepare = self._prepared_for(beside, force)
-        self._projector: Projector | None = None
+        self._projector: AnyProjector | None = None
 
     def _prepared_for(self, beside: dict[str, Values], force: bool) -> Preparation:
         """What frames share, rectified or as they are."""
         images, saturation = self.images, self.how.saturation
+        if isinstance(images, FourierPointImages):
+            return preparation(1, device=self.device, saturation=saturation, force=force, **beside)
         if "sensor_pixels" not in images.parameters and images.cell.lenslets == (1, 1):
             return preparation(
                 images.pixels, device=self.device, saturation=saturation, force=force, **beside
@@ -169,7 +182,12 @@ class Deconvolver:
         return self._prepare(frame, saturation=self.how.saturation)
 
     def place(self) -> dict[str, tuple[float, float]]:
-        """Of the voxels on the raw frame; see `Preparation.place`."""
+        """Of the voxels on the raw frame; see `Preparation.place`.
+
+        Of a Fourier microscope under the sub-image that is nearest to the middle.
+        """
+        if isinstance(self.images, FourierPointImages):
+            return _under_the_middle(self.images)
         return self._prepare.place(self.images.voxels)
 
     def diagnose(
@@ -282,10 +300,12 @@ class Deconvolver:
             progress=progress, watch=watch, **self._options,
         )  # fmt: skip
 
-    def projector_for(self, shape: tuple[int, ...]) -> Projector:
+    def projector_for(self, shape: tuple[int, ...]) -> AnyProjector:
         """The projector of frames of a shape; that of the frame before where it is the same."""
         if isinstance(self._prepare, RawPreparation) and self._prepare.projector is not None:
             return self._prepare.projector
+        if isinstance(self.images, FourierPointImages):
+            return self._fourier_projector(self.images, shape)
         lenslets = (shape[0] // self.images.pixels, shape[1] // self.images.pixels)
         if self._projector is None or self._projector.shape != lenslets:
             self._projector = None  # its matrices go before others come
@@ -293,6 +313,32 @@ class Deconvolver:
                 self.images, lenslets, device=self.device, memory=self._memory
             )
         return self._projector
+
+    def _fourier_projector(
+        self, images: FourierPointImages, shape: tuple[int, ...]
+    ) -> FourierProjector:
+        if shape != images.shape:
+            raise ShapeError(
+                f"The frame has {shape[0]} x {shape[1]} pixels, the sensor of the point images "
+                f"{images.shape[0]} x {images.shape[1]}: give the whole frame, or sensor = "
+                f"[{shape[0]}, {shape[1]}] to the camera."
+            )
+        if not isinstance(self._projector, FourierProjector):
+            self._projector = FourierProjector(images, device=self.device, memory=self._memory)
+        return self._projector
+
+
+def _under_the_middle(images: FourierPointImages) -> dict[str, tuple[float, float]]:
+    """As `Preparation.place`, of the sub-image nearest to the middle of the sensor."""
+    middle = (np.array(images.shape) - 1) / 2
+    nearest = images.centres[np.square(images.centres - middle).sum(axis=1).argmin()]
+    b = images.voxels
+    first = nearest - np.array(images.field) // 2 - (b - 1) / (2 * b)
+    return {
+        "first": (round(float(first[0]), 4), round(float(first[1]), 4)),
+        "down": (round(1 / b, 4), 0.0),
+        "right": (0.0, round(1 / b, 4)),
+    }
 
 
 def lowest(frames: Iterable[Prepared], window: int) -> Iterator[tuple[Prepared, Values]]:
@@ -316,27 +362,33 @@ def lowest(frames: Iterable[Prepared], window: int) -> Iterator[tuple[Prepared, 
 
 
 def provenance(
-    images: PointImages, how: DeconvolutionSettings, white: PathLike | None, dark: PathLike | None
+    images: AnyImages, how: DeconvolutionSettings, white: PathLike | None, dark: PathLike | None
 ) -> dict[str, Any]:
     """What volumes of one camera depend on besides their frames, kept with them."""
     from clplen import __version__
 
+    if isinstance(images, FourierPointImages):
+        of_images = fourier_files.digest(images)
+    else:
+        of_images = point_image_files.digest(images)
     return {
         **asdict(how),
         "clplen": __version__,
-        "psf": point_image_files.digest(images),
+        "psf": of_images,
         "white": digest(Path(white)) if white else None,
         "dark": digest(Path(dark)) if dark else None,
     }
 
 
-def read_psf(path: PathLike) -> PointImages:
-    """Point images of a file; a parameter file in its place is told from it."""
+def read_psf(path: PathLike) -> AnyImages:
+    """Point images of a file, of either microscope; a parameter file is told from it."""
     if Path(path).suffix.lower() == ".toml":
         raise FormatError(
             f"{path} has the parameters of a microscope, not its point images: make them by "
             f"'clplen microscope psf {path} -o PSF.h5'."
         )
+    if fourier_files.is_fourier(path):
+        return fourier_files.read_fourier_point_images(path)
     return point_image_files.read_point_images(path)
 
 
@@ -359,7 +411,7 @@ def read_picture(path: PathLike, frame: int | None = None) -> Values:
 def write_result(
     path: PathLike,
     found: DeconvolutionResult,
-    images: PointImages,
+    images: AnyImages,
     *,
     more: dict[str, Any],
     replace: bool = False,
@@ -372,7 +424,7 @@ def write_result(
         As of `write_volume`.
     found : DeconvolutionResult
         Of one frame.
-    images : PointImages
+    images : PointImages or FourierPointImages
     more : dict
         What else its description says.
     replace : bool

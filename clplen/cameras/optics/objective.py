@@ -237,24 +237,43 @@ class Objective:
         """
         fy, fx = grid.fy, grid.fx
         rows, columns = np.abs(fy) <= self.cutoff, np.abs(fx) <= self.cutoff
-        f = np.hypot(fy[rows, None], fx[None, columns])
-        longest = self.medium_index / self.wavelength
-        sine2 = np.minimum((self.magnification * f / longest) ** 2, 1)
-        cosine = np.sqrt(1 - sine2)
-        turns = -z * longest * sine2 / (1 + cosine)
-        if self.cover is not None:
-            s = self.medium_index * np.sqrt(sine2) * (f <= self.cutoff)
-            turns += self.cover.path(s, self.medium_index) / self.wavelength
-        inside = f <= self.cutoff
-        if self.aberration is not None:
-            theta = np.arctan2(fy[rows, None], fx[None, columns])
-            turns += self.aberration.path(f / self.cutoff, theta) / self.wavelength
-        values = np.where(inside, cosine, 1.0) ** self.apodisation * inside * phasor(turns)
-        values *= _disc(np.pi * self.magnification * f * diameter)
+        values = self.amplitude(fy[rows], fx[columns], z, diameter=diameter)
         values *= np.sqrt(math.prod(grid.shape) / (np.abs(values) ** 2).sum())
         out = np.zeros(grid.shape, complex)
         out[np.ix_(rows, columns)] = values
         return out
+
+    def amplitude(self, fy: Vector, fx: Vector, z: float, *, diameter: float = 0.0) -> Vector:
+        """P at any frequencies, 1 in the middle; 0 beyond the cut-off, with a hard rim.
+
+        Parameters
+        ----------
+        fy, fx : numpy.ndarray
+            In cycles a metre of the image side, shapes (ny,) and (nx,).
+        z : float
+            In metres, farther positive.
+        diameter : float
+            Of the source in metres, as of `pupil`.
+
+        Returns
+        -------
+        numpy.ndarray
+            complex128, shape (ny, nx).
+        """
+        f = np.hypot(fy[:, None], fx)
+        longest = self.medium_index / self.wavelength
+        sine2 = np.minimum((self.magnification * f / longest) ** 2, 1)
+        cosine = np.sqrt(1 - sine2)
+        turns = -z * longest * sine2 / (1 + cosine)
+        inside = f <= self.cutoff
+        if self.cover is not None:
+            s = self.medium_index * np.sqrt(sine2) * inside
+            turns += self.cover.path(s, self.medium_index) / self.wavelength
+        if self.aberration is not None:
+            theta = np.arctan2(fy[:, None], fx)
+            turns += self.aberration.path(f / self.cutoff, theta) / self.wavelength
+        values = np.where(inside, cosine, 1.0) ** self.apodisation * inside * phasor(turns)
+        return np.asarray(values * _disc(np.pi * self.magnification * f * diameter))
 
     def fields(
         self,

@@ -27,7 +27,6 @@ from clplen.cli.shared.console import (
 
 if TYPE_CHECKING:
     from clplen.batch.work.deconvolution import DeconvolutionSettings, Deconvolver
-    from clplen.microscopy.images import PointImages
     from clplen.microscopy.prepare import Prepared
     from clplen.microscopy.starts import Start
 
@@ -154,9 +153,10 @@ def deconvolve(
     (of ts.tif {name} is ts_0000, ts_0001, ...).
 
     The white frame tells the lattice of lenslets, with which frames are rectified, and how
-    sensitive pixels are. Each volume is written whole before the next frame begins; those that are
-    there already, of the same frame, words and version of clplen, are not made again. Folders of
-    volumes are made; a file that clplen did not write is replaced with --force only.
+    sensitive pixels are; frames of a Fourier microscope need none. Each volume is written whole
+    before the next frame begins; those that are there already, of the same frame, words and version
+    of clplen, are not made again. Folders of volumes are made; a file that clplen did not write is
+    replaced with --force only.
 
     \b
     Example:
@@ -165,6 +165,7 @@ def deconvolve(
       clplen microscope deconvolve t*.tif -c psf.h5 --white white.tif -o "out/{name}.ome.tif"
     """
     from clplen.batch.work.deconvolution import DeconvolutionSettings, provenance, read_psf
+    from clplen.microscopy.images import PointImages
     from clplen.microscopy.starts import Start
 
     if background < 0:
@@ -199,6 +200,10 @@ def deconvolve(
         _refuse_without_series(batch, rolling_background, preview)
         outputs = _outputs(pages, output, others, force)
     images = read_psf(source)
+    if preview is not None and not isinstance(images, PointImages):
+        raise click.UsageError("--preview refocuses lenslets: a Fourier microscope has none there.")
+    if preview is not None and "sensor_pixels" in images.parameters:
+        raise click.UsageError("--preview is of rectified frames: make point images of them.")
     begin = Start(name, images, motion=None if motion_um is None else motion_um * 1e-6)
     opened = partial(
         _opened, images, how, selector,
@@ -224,7 +229,7 @@ def deconvolve(
 
 
 def _opened(
-    images: PointImages, how: DeconvolutionSettings, selector: str | None, **files: Any
+    images: AnyImages, how: DeconvolutionSettings, selector: str | None, **files: Any
 ) -> Deconvolver:
     """What all frames share, on the device."""
     from clplen.batch.work.deconvolution import Deconvolver

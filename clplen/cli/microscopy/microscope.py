@@ -13,7 +13,9 @@ from typing import TYPE_CHECKING, Any
 
 import click
 import numpy as np
+from click.core import ParameterSource
 
+from clplen.cli.microscopy import fourier
 from clplen.cli.shared import options
 from clplen.cli.shared.console import (
     check_output,
@@ -28,7 +30,9 @@ if TYPE_CHECKING:
     from clplen.cameras.light_field_microscope import Microscope
     from clplen.cameras.optics.lenslet_camera import Description
     from clplen.compute.device import Device
+    from clplen.config.fourier_microscope import FourierFile
     from clplen.config.microscope import MicroscopeFile
+    from clplen.microscopy.fourier.fourier_images import FourierPointImages
     from clplen.microscopy.images import PointImages
 
 _PATH = click.Path(path_type=Path)
@@ -83,6 +87,10 @@ def _print_example(ctx: click.Context, _: click.Parameter, wanted: bool) -> None
     help="For frames that are not rectified: pixels 1.5 times as fine, brought onto those of the "
     "frames. Always of hexagonal arrays and of several focal lengths.",
 )  # fmt: skip
+@click.option(
+    "--beads", type=_PATH, metavar="STACK.tif",
+    help="Of a Fourier microscope: measure point images on frames of one bead, a frame a plane.",
+)  # fmt: skip
 @click.option("--half", is_flag=True, help="Keep point images as float16: half of the memory.")
 @click.option(
     "--example",
@@ -92,6 +100,10 @@ def _print_example(ctx: click.Context, _: click.Parameter, wanted: bool) -> None
     callback=_print_example,
     help="Print a commented CAMERA.toml, that of a giant vesicle, and stop.",
 )
+@click.option(
+    "--fourier", is_flag=True, is_eager=True, expose_value=False, callback=fourier.print_example,
+    help="Print a commented CAMERA.toml of a Fourier microscope, and stop.",
+)  # fmt: skip
 @options.force_output
 @options.device
 def psf(camera: Path, output: Path, force: bool, selector: str | None, **sampling: Any) -> None:
@@ -100,7 +112,8 @@ def psf(camera: Path, output: Path, force: bool, selector: str | None, **samplin
     CAMERA.toml is a camera file with kind = "microscope", or has the names of LFAnalyze:
     magnification, na, medium_index, wavelength (nm), tubelens_focal_length (mm), ulens_pitch,
     ulens_focal_length and pixel_size (um), num_slices, um_per_slice, supersample; apodisation and
-    cover. Plane 0 is the one nearest to the objective.
+    cover. Plane 0 is the one nearest to the objective. With kind = "fourier_microscope" it is of a
+    Fourier microscope, whose lenslets lie on the pupil: --fourier prints one.
 
     \b
     Example:
@@ -108,9 +121,21 @@ def psf(camera: Path, output: Path, force: bool, selector: str | None, **samplin
       clplen microscope psf guv.toml -o psf.h5 --planes-um -19:19:20 --voxels 5
       clplen microscope deconvolve guv.tif -c psf.h5 --white white.tif -o volume.ome.tif
     """
+    from clplen.config.fourier_microscope import is_fourier_file, read_fourier_file
     from clplen.config.microscope import read_microscope_file
 
     check_suffix(output, (".h5", ".hdf5"))
+    if is_fourier_file(camera):
+        planes = _planes_of(read_fourier_file(camera), sampling, camera)
+        source = click.get_current_context().get_parameter_source("cut")
+        cut = None if source is ParameterSource.DEFAULT else sampling["cut"]
+        with _ended_politely():
+            fourier.simulate(
+                camera, output, planes, sampling, cut=cut, force=force, selector=selector
+            )
+        return
+    if sampling["beads"]:
+        raise click.UsageError(f"--beads is of a Fourier microscope, and {camera} is of another.")
     file = read_microscope_file(
         camera, binning=sampling["binning"], rectified=not sampling["unrectified"]
     )
@@ -156,21 +181,29 @@ def project(
     from clplen.batch.work.deconvolution import read_psf
     from clplen.io import write_picture
     from clplen.io.results.volume_files import read_volume
+    from clplen.microscopy.fourier.fourier_images import FourierPointImages
     from clplen.microscopy.projector import Projector
 
     check_suffix(output, (".tif", ".tiff"))
     check_output(output, force, [volume, source])
     values, about = read_volume(volume)
     images = read_psf(source)
+    _check_planes(volume, values, about, images)
+    device = open_device(selector)
+    if isinstance(images, FourierPointImages):
+        frame, said = fourier.projected(images, volume, values, device, memory)
+        write_picture(output, frame)
+        click.echo(f"{output} holds {said}")
+        return
     if "sensor_pixels" in images.parameters:
         raise click.ClickException(
             f"{source} is of frames that are not rectified, whose lattice a white frame tells: "
             "make point images without --unrectified, or use clplen.microscopy.FrameProjector."
         )
-    _check_volume(volume, values, about, images)
+    _check_lenslets(volume, values, images)
     v = images.voxels
     shape = (values.shape[1] // v, values.shape[2] // v)
-    projector = Projector(images, shape, device=open_device(selector), memory=memory)
+    projector = Projector(images, shape, device=device, memory=memory)
     frame = projector.forward(values)
     write_picture(output, frame)
     rows, columns = shape
@@ -183,7 +216,7 @@ def project(
     )
 
 
-def _planes_of(file: MicroscopeFile, sampling: dict[str, Any], path: Path) -> Any:
+def _planes_of(file: MicroscopeFile | FourierFile, sampling: dict[str, Any], path: Path) -> Any:
     """z of the planes in metres, of the options, else of the file."""
     count = sampling["num_slices"] or file.slices
     step = sampling["um_per_slice"] or file.um_per_slice
@@ -317,8 +350,10 @@ def described(camera: Any) -> Description:
     return replace(known, rows=tuple(rows))
 
 
-def _check_volume(path: Path, values: Any, about: dict[str, Any], images: PointImages) -> None:
-    """Refuse a volume on other planes, or not of whole lenslets."""
+def _check_planes(
+    path: Path, values: Any, about: dict[str, Any], images: PointImages | FourierPointImages
+) -> None:
+    """Refuse a volume on other planes, or of no light."""
     wanted, found = images.planes * 1e6, about.get("planes_um", [])
     if len(values) != len(wanted):
         raise click.ClickException(
@@ -331,12 +366,16 @@ def _check_volume(path: Path, values: Any, about: dict[str, Any], images: PointI
                 f"Plane {number} (from 0) of {path} lies at z = {here:g} um, that of the point "
                 f"images at {there:g} um: make them for the same planes."
             )
+    bad = int(np.count_nonzero(~np.isfinite(values) | (values < 0)))
+    if bad:
+        raise click.ClickException(f"{path} has {bad:,} voxels that are negative or not finite.")
+
+
+def _check_lenslets(path: Path, values: Any, images: PointImages) -> None:
+    """Refuse a volume that is not of whole lenslets."""
     v = images.voxels
     if any(n % v or n == 0 for n in values.shape[1:]):
         raise click.ClickException(
             f"{path} has {values.shape[1]} x {values.shape[2]} voxels, no whole number of lenslets "
             f"of {v} x {v}."
         )
-    bad = int(np.count_nonzero(~np.isfinite(values) | (values < 0)))
-    if bad:
-        raise click.ClickException(f"{path} has {bad:,} voxels that are negative or not finite.")

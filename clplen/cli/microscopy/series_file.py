@@ -313,6 +313,8 @@ def _digest(pages: list[Page]) -> str:
 
 def _show(preview: Path, frame: Prepared, series: Deconvolver) -> None:
     from clplen.io.formats.picture import write_picture
+    from clplen.microscopy.images import PointImages
     from clplen.microscopy.preview import preview as refocused
 
+    assert isinstance(series.images, PointImages)
     write_picture(preview, refocused(frame.counts, series.images, series.device))

@@ -1,0 +1,261 @@
+"""Lenslets at any places of a plane, each with a focal length of its own."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any, Literal
+
+import numpy as np
+
+from clplen import units
+from clplen.checks import is_finite
+from clplen.reprs import OneLine
+from clplen.units import metres
+from clplen.wave.elements.lenslets import MicrolensArray
+from clplen.wave.field.transmission import phasor
+
+Vector = np.ndarray[Any, Any]
+Fill = Literal["circular", "square", "hexagonal"]
+
+FILLS = ("circular", "square", "hexagonal")
+MOST = 10_000  # lenslets of a layout
+TOUCHING = 1e-6  # of a diameter, by which rounding may let apertures overlap
+
+
+@dataclass(frozen=True, init=False, eq=False, repr=False)
+class LensletLayout(OneLine):
+    """Thin lenslets of one size at any places, opaque between them.
+
+    Parameters
+    ----------
+    positions : array_like
+        Centres (y, x) in metres from the axis, shape (n, 2).
+    focal_length : float or sequence of float
+        In metres, positive; one, or one of each lenslet.
+    diameter : float
+        Of the discs, or the width of squares or hexagons across their flats, in metres.
+    fill : {"circular", "square", "hexagonal"}
+        Form of the apertures; hexagons have two flats across x.
+    rotation : float
+        Of squares and hexagons about their centres, in radians; positive turns +x towards +y.
+
+    Attributes
+    ----------
+    positions : numpy.ndarray
+        float64, shape (n, 2).
+    focal_lengths : numpy.ndarray
+        float64, shape (n,).
+    diameter, fill, rotation
+        As given.
+
+    Raises
+    ------
+    ValueError
+        For a length outside its range, other shapes of arrays, or apertures that overlap.
+
+    Examples
+    --------
+    >>> angles = np.arange(6) * np.pi / 3
+    >>> ring = 1e-3 * np.stack([np.sin(angles), np.cos(angles)], axis=-1)
+    >>> layout = clplen.cameras.LensletLayout([(0, 0), *ring], 30e-3, diameter=0.9e-3)
+    >>> len(layout), f"{layout.spacing * 1e3:.1f} mm to the nearest neighbour"
+    (7, '1.0 mm to the nearest neighbour')
+    """
+
+    positions: Vector
+    focal_lengths: Vector
+    diameter: float
+    fill: Fill
+    rotation: float
+
+    def __init__(
+        self,
+        positions: Any,
+        focal_length: float | Sequence[float],
+        *,
+        diameter: float,
+        fill: Fill = "circular",
+        rotation: float = 0.0,
+    ) -> None:
+        places = _numbers(positions, "Positions of lenslets")
+        if places.ndim != 2 or places.shape[1:] != (2,) or not 1 <= len(places) <= MOST:
+            raise ValueError(
+                f"Positions of lenslets are (y, x) of each, shape (n, 2) with n from 1 to {MOST}, "
+                f"not {places.shape}."
+            )
+        units.OFFSET.check(places, "A position of a lenslet")
+        focal = _numbers(focal_length, "Focal lengths")
+        if focal.ndim > 1 or focal.size not in (1, len(places)) or not (focal > 0).all():
+            raise ValueError(
+                f"{len(places)} lenslets have one positive focal length or as many, not "
+                f"{focal_length!r}."
+            )
+        units.CAMERA_FOCAL_LENGTH.check(focal, "A focal length")
+        if not (is_finite(diameter) and diameter > 0):
+            raise ValueError(f"The diameter of lenslets is positive, in metres, not {diameter!r}.")
+        units.LENSLET_PITCH.check(diameter, "The diameter of lenslets")
+        if fill not in FILLS:
+            raise ValueError(f"fill is {', '.join(map(repr, FILLS))}, not {fill!r}.")
+        if not is_finite(rotation):
+            raise ValueError(f"rotation is a finite angle in radians, not {rotation!r}.")
+        values = {
+            "positions": places,
+            "focal_lengths": np.broadcast_to(focal, (len(places),)).copy(),
+            "diameter": float(diameter),
+            "fill": fill,
+            "rotation": float(rotation),
+        }
+        for name, value in values.items():
+            object.__setattr__(self, name, value)
+        self._check_apart()
+
+    @classmethod
+    def of(cls, mla: MicrolensArray) -> LensletLayout:
+        """The lenslets of an array.
+
+        Parameters
+        ----------
+        mla : MicrolensArray
+            Of thin lenslets without clear gaps; all its lattices, fills, kinds and turns.
+
+        Returns
+        -------
+        LensletLayout
+
+        Raises
+        ------
+        ValueError
+            If its lenslets are not thin lenses.
+        """
+        if not mla.is_thin:
+            raise ValueError(
+                "A layout has thin lenslets: leave surface=, map= and gap= of the array out."
+            )
+        cell: Fill = "hexagonal" if mla.lattice == "hexagonal" else "square"
+        return cls(
+            mla.centres().reshape(-1, 2),
+            np.asarray(mla.focal_lengths)[mla.types().ravel()],
+            diameter=mla.diameter,
+            fill="circular" if mla.fill == "circular" else cell,
+            rotation=mla.rotation,
+        )
+
+    def __len__(self) -> int:
+        return len(self.positions)
+
+    def __repr__(self) -> str:
+        low, high = (metres(float(f)) for f in (self.focal_lengths.min(), self.focal_lengths.max()))
+        f = low if low == high else f"{low} to {high}"
+        size = metres(self.diameter)
+        return f"<LensletLayout of {len(self)} lenslets, {size}, {self.fill}, f {f}>"
+
+    @property
+    def spacing(self) -> float:
+        """Least distance of two centres in metres; infinite for one lenslet."""
+        if len(self) == 1:
+            return math.inf
+        from scipy.spatial import cKDTree
+
+        return float(cKDTree(self.positions).query(self.positions, k=2)[0][:, 1].min())
+
+    @property
+    def reach(self) -> float:
+        """Farthest point of an aperture from its centre, in metres."""
+        corner = {"circular": 1.0, "square": math.sqrt(2), "hexagonal": 2 / math.sqrt(3)}
+        return self.diameter / 2 * corner[self.fill]
+
+    @property
+    def area(self) -> float:
+        """Of one aperture, in square metres."""
+        of_square = {"circular": math.pi / 4, "square": 1.0, "hexagonal": math.sqrt(3) / 2}
+        return self.diameter**2 * of_square[self.fill]
+
+    def coverage(self, y: Vector, x: Vector, step: float) -> Vector:
+        """How much of each sample an aperture about the origin covers.
+
+        Exact along straight rims, else to second order in ``step``.
+
+        Parameters
+        ----------
+        y, x : numpy.ndarray
+            In metres from the centre, shapes (ny,) and (nx,).
+        step : float
+            Of the samples in metres.
+
+        Returns
+        -------
+        numpy.ndarray
+            From 0 to 1, shape (ny, nx).
+        """
+        half = self.diameter / 2
+        if self.fill == "circular":
+            return covered(half - np.hypot(y[:, None], x), step)
+        normals = 2 if self.fill == "square" else 3
+        out = np.ones((len(y), len(x)))
+        for angle in self.rotation + np.arange(normals) * np.pi / normals:
+            across = np.abs(x * math.cos(angle) + y[:, None] * math.sin(angle))
+            out *= covered(half - across, step)
+        return out
+
+    def transmission(self, y: Vector, x: Vector, wavelength: float) -> Vector:
+        """exp(-i pi r^2/(lam f)) within each aperture, 0 between them.
+
+        Parameters
+        ----------
+        y, x : numpy.ndarray
+            Evenly spaced, in metres, shapes (ny,) and (nx,).
+        wavelength : float
+            In metres.
+
+        Returns
+        -------
+        numpy.ndarray
+            complex128, shape (ny, nx).
+        """
+        out = np.zeros((len(y), len(x)), complex)
+        step = float(x[1] - x[0])
+        reach = self.reach + step
+        for (cy, cx), focal in zip(self.positions, self.focal_lengths, strict=True):
+            rows = slice(*np.searchsorted(y, (cy - reach, cy + reach)))
+            columns = slice(*np.searchsorted(x, (cx - reach, cx + reach)))
+            v, u = y[rows] - cy, x[columns] - cx
+            thin = [phasor(-(t**2) / (2 * wavelength * focal)) for t in (v, u)]
+            out[rows, columns] += self.coverage(v, u, step) * thin[0][:, None] * thin[1]
+        return out
+
+    def _check_apart(self) -> None:
+        """Refuse apertures that overlap."""
+        if len(self) == 1:
+            return
+        from scipy.spatial import cKDTree
+
+        least = self.diameter * (1 - TOUCHING)
+        norm = math.inf if self.fill == "square" else 2
+        cos, sin = math.cos(self.rotation), math.sin(self.rotation)
+        y, x = self.positions.T
+        turned = np.stack([y * cos - x * sin, x * cos + y * sin], axis=-1)
+        apart = cKDTree(turned).query(turned, k=2, p=norm)[0][:, 1]
+        if (apart < least).any():
+            number = int(apart.argmin())
+            raise ValueError(
+                f"Lenslet {number} (from 0) lies {apart[number]:g} m from its neighbour, and its "
+                f"aperture is {self.diameter:g} m wide: move it, or give a smaller diameter."
+            )
+
+
+def covered(inside: Vector, step: float) -> Vector:
+    """Share of samples within a rim, by their distances to it, positive inside."""
+    return np.clip(0.5 + inside / step, 0.0, 1.0)
+
+
+def _numbers(values: Any, what: str) -> Vector:
+    """Finite real numbers, float64."""
+    try:
+        found = np.asarray(values, np.float64)
+    except (TypeError, ValueError):
+        raise ValueError(f"{what} are real numbers of metres, not {values!r}.") from None
+    if not np.isfinite(found).all():
+        raise ValueError(f"{what} are finite numbers of metres: some are not.")
+    return found

@@ -1,0 +1,223 @@
+"""Camera files of a Fourier light-field microscope: ``kind = "fourier_microscope"``."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Annotated, Any, Literal
+
+import numpy as np
+from pydantic import AfterValidator, BeforeValidator, Field, model_validator
+
+from clplen.cameras import FourierMicroscope, LensletLayout, PlenopticCamera
+from clplen.cameras.optics.objective import APODISATION
+from clplen.compute.device import Device
+from clplen.config.camera import CoverTable, MicrolensTable
+from clplen.config.microscope import INDEX, MAGNIFICATION, NA, STEP, TUBE_LENS, WAVELENGTH, Range
+from clplen.config.tables import (
+    Count,
+    Finite,
+    Positive,
+    Table,
+    divided,
+    listed,
+    of,
+    read_toml,
+    validated,
+)
+from clplen.files import PathLike
+
+KIND = "fourier_microscope"
+RELAY = Range(5, 2000, "mm")
+PIXEL = Range(0.3, 200, "um")
+STOP = Range(0.05, 200, "mm")
+DISTANCE = Range(0.1, 2000, "mm")
+
+
+class LensletsTable(Table):
+    """``[camera.lenslets]``: lenslets anywhere."""
+
+    positions_mm: Annotated[
+        list[Annotated[tuple[Finite, Finite], of(2, "two numbers, [y, x]")]], Field(min_length=1)
+    ]
+    focal_length_mm: Annotated[list[Positive], Field(min_length=1), BeforeValidator(listed)]
+    diameter_um: Positive
+    fill: Literal["circular", "square", "hexagonal"] = "circular"
+    rotation_deg: Finite = 0.0
+
+    def build(self) -> LensletLayout:
+        """The lenslets, in SI units."""
+        return LensletLayout(
+            np.array(self.positions_mm) / 1e3,
+            [value / 1e3 for value in self.focal_length_mm],
+            diameter=self.diameter_um / 1e6,
+            fill=self.fill,
+            rotation=math.radians(self.rotation_deg),
+        )
+
+
+class FourierTable(Table):
+    """``[camera]`` of a Fourier microscope."""
+
+    kind: Literal["fourier_microscope"]
+    magnification: Annotated[Positive, AfterValidator(MAGNIFICATION.check)]
+    na: Annotated[Positive, AfterValidator(NA.check)]
+    medium_index: Annotated[Positive, AfterValidator(INDEX.check)] = 1.0
+    wavelength_nm: Annotated[Positive, AfterValidator(WAVELENGTH.check)]
+    tube_lens_mm: Annotated[Positive, AfterValidator(TUBE_LENS.check)] = 200.0
+    relay_mm: Annotated[Positive, AfterValidator(RELAY.check)]
+    field_stop_mm: Annotated[Positive, AfterValidator(STOP.check)] | None = None
+    sensor_distance_mm: Annotated[Positive, AfterValidator(DISTANCE.check)] | None = None
+    pixel_um: Annotated[Positive, AfterValidator(PIXEL.check)]
+    sensor: Annotated[tuple[Count, Count], of(2, "[rows, columns]")] | None = None
+    apodisation: Annotated[float, Field(ge=-1, le=1, strict=True)] = APODISATION
+    cover: CoverTable | None = None
+    microlenses: MicrolensTable | None = None
+    lenslets: LensletsTable | None = None
+
+    @model_validator(mode="after")
+    def _lenslets_once(self) -> FourierTable:
+        if (self.microlenses is None) == (self.lenslets is None):
+            found = "neither" if self.lenslets is None else "both"
+            raise ValueError(f"needs one of microlenses and lenslets, and has {found}")
+        return self
+
+    def build(self, device: Device) -> FourierMicroscope:
+        """The camera, in SI units, on a device."""
+        lenslets = self.microlenses or self.lenslets
+        assert lenslets is not None
+        return PlenopticCamera.fourier_microscope(
+            magnification=self.magnification,
+            na=self.na,
+            mla=lenslets.build(),
+            wavelength=self.wavelength_nm / 1e9,
+            relay=self.relay_mm / 1e3,
+            pixel_pitch=self.pixel_um / 1e6,
+            shape=self.sensor,
+            field_stop=divided(self.field_stop_mm, 1e3),
+            sensor_distance=divided(self.sensor_distance_mm, 1e3),
+            medium_index=self.medium_index,
+            tube_lens=self.tube_lens_mm / 1e3,
+            cover=self.cover.build() if self.cover else None,
+            apodisation=self.apodisation,
+            device=device,
+        )
+
+
+class VolumeTable(Table):
+    """``[volume]``."""
+
+    num_slices: Count | None = None
+    um_per_slice: Annotated[Positive, AfterValidator(STEP.check)] | None = None
+    voxels_per_pixel: Count = 1
+
+
+class _File(Table):
+    """The whole file."""
+
+    camera: FourierTable
+    volume: VolumeTable = VolumeTable()
+
+
+@dataclass(frozen=True)
+class FourierFile:
+    """What a file says of a Fourier microscope.
+
+    Attributes
+    ----------
+    camera : FourierTable
+    slices : int or None
+    um_per_slice : float or None
+    voxels : int
+        Of a pixel, along an axis.
+    """
+
+    camera: FourierTable
+    slices: int | None
+    um_per_slice: float | None
+    voxels: int
+
+
+def is_fourier_file(path: PathLike) -> bool:
+    """Whether a TOML file has ``[camera]`` with ``kind = "fourier_microscope"``.
+
+    Raises
+    ------
+    FormatError
+        If there is no such file, or it is not TOML.
+    """
+    return _kind_of(_content(Path(path))) == KIND
+
+
+def read_fourier_file(path: PathLike) -> FourierFile:
+    """Read the parameters of a Fourier microscope.
+
+    Parameters
+    ----------
+    path : path-like
+        TOML: ``[camera]`` with ``kind = "fourier_microscope"``, and ``[volume]``.
+
+    Returns
+    -------
+    FourierFile
+
+    Raises
+    ------
+    FormatError
+        If there is no such file, it is not TOML, or a key is unknown, missing or out of range.
+    """
+    path = Path(path)
+    known = validated(_File, _content(path), path)
+    volume = known.volume
+    return FourierFile(
+        known.camera, volume.num_slices, volume.um_per_slice, volume.voxels_per_pixel
+    )
+
+
+def _content(path: Path) -> dict[str, Any]:
+    return read_toml(path, f"camera file {path}; 'clplen microscope psf --example' prints one")
+
+
+def _kind_of(content: dict[str, Any]) -> Any:
+    camera = content.get("camera")
+    return camera.get("kind") if isinstance(camera, dict) else None
+
+
+EXAMPLE = """\
+# A Fourier light-field microscope: lenslets on the conjugate pupil of an objective.
+# clplen microscope psf flfm.toml -o psf.h5
+# A key that begins with # shows its default.
+
+[camera]
+kind = "fourier_microscope"
+magnification = 20.0            # of objective and tube lens
+na = 0.5                        # numerical aperture
+medium_index = 1.33             # of what the specimen lies in: air 1, water 1.33, oil 1.52
+wavelength_nm = 525.0           # in vacuum, of the fluorescence
+# tube_lens_mm = 200.0          # for the table of lengths only
+relay_mm = 100.0                # of the lens behind the native image, which makes the pupil
+# field_stop_mm = 3.333         # diameter on the native image; default: sub-images touch
+# sensor_distance_mm = 30.0     # lenslets to sensor; default: their focal length
+pixel_um = 8.0                  # on the sensor
+# sensor = [625, 625]           # rows and columns of pixels; default: all sub-images with light
+# apodisation = 0.5             # power of cos(theta) over the pupil
+# cover = { thickness_um = 150 }  # a cover glass unlike that which the objective is made for
+
+[camera.microlenses]            # on a lattice ...
+pitch_um = 1000.0
+focal_length_mm = 30.0
+count = 5                       # a row and a column, or [rows, columns]
+# lattice = "square"            # or "hexagonal"
+# fill = "circular"             # or "full"
+
+# [camera.lenslets]             # ... or anywhere
+# positions_mm = [[0, 0], [0, 1.5], [1.3, -0.75], [-1.3, -0.75]]  # y and x from the axis
+# focal_length_mm = 30.0        # or one of each: [30, 31, 31, 31], with sensor_distance_mm
+# diameter_um = 1400
+
+[volume]                        # or --num-slices and --um-per-slice, or --planes-um
+num_slices = 21
+um_per_slice = 4.0              # z from -40 to 40 um, farther from the objective positive
+# voxels_per_pixel = 1          # along an axis; or --voxels
+"""

@@ -1,0 +1,1 @@
+"""The Fourier light-field microscope: point images, projector, calibration from beads."""

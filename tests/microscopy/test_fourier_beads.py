@@ -1,0 +1,108 @@
+"""Point images of a Fourier microscope from frames of a bead, against those of its parameters."""
+
+import numpy as np
+import pytest
+import tifffile
+from click.testing import CliRunner
+from setups_fourier import SMALL, camera_of
+
+from clplen import MicrolensArray, PlenopticCamera, PointSources, ShapeError
+from clplen.cli import main
+from clplen.errors import SamplingWarning
+from clplen.microscopy import (
+    FourierProjector,
+    fourier_point_images,
+    measure_point_images,
+    read_fourier_point_images,
+)
+
+Z = np.array([-20.0, 0.0, 15.0]) * 1e-6
+OFFSET = 1.7e-6
+AT = np.array([[2.3, -1.1], [2.6, -0.7], [1.9, -1.4]]) * 1e-6  # (y, x) of a stage that wobbles
+
+
+@pytest.fixture(scope="module")
+def camera(device):
+    return PlenopticCamera.fourier_microscope(**(SMALL | {"pixel_pitch": 5e-6}), device=device)
+
+
+@pytest.fixture(scope="module")
+def stack(camera):
+    points = [PointSources((x, y, z - OFFSET)) for z, (y, x) in zip(Z, AT, strict=True)]
+    return np.maximum([camera.expose(one).to_numpy() for one in points], 0)
+
+
+def errors(found, camera):
+    true = fourier_point_images(camera, Z - OFFSET, cut=1e-4)
+    for plane in range(len(Z)):
+        seen, expected = (one.image(plane, (0, 0)).astype(float) for one in (found, true))
+        expected *= np.vdot(seen, expected) / np.vdot(expected, expected)
+        yield np.linalg.norm(seen - expected) / np.linalg.norm(expected)
+
+
+def test_without_noise(camera, stack):
+    found = measure_point_images(camera, stack, Z)
+    assert found.offset == pytest.approx(OFFSET, abs=0.02e-6)
+    assert found.depths == pytest.approx(Z - OFFSET, abs=0.1e-6)
+    assert found.places == pytest.approx(AT, abs=0.01 * camera.side)
+    assert found.error < 0.02
+    assert max(errors(found.images, camera)) < 0.015
+    assert found.images.planes == pytest.approx(Z - found.offset)
+    assert found.images.parameters["source"] == "measured"
+    assert np.mean([found.images.kept(plane) for plane in range(3)]) == pytest.approx(1, abs=0.02)
+
+
+def test_noise_is_left_out(camera, stack):
+    """1e5 photons a frame, 5 a pixel besides: less than half of the frames' own noise remains."""
+    photons = np.random.default_rng(0).poisson(stack * 1e5 + 5)
+    found = measure_point_images(camera, photons, Z)
+    assert found.offset == pytest.approx(OFFSET, abs=0.1e-6)
+    assert found.places == pytest.approx(AT, abs=0.05 * camera.side)
+    raw = np.linalg.norm(photons - 5 - stack * 1e5) / np.linalg.norm(stack * 1e5)
+    assert max(errors(found.images, camera)) < 0.6 * raw
+    assert found.images.stored[0].shape[-1] < 25
+    projector = FourierProjector(found.images, (31, 31), device=camera.device)
+    assert projector.volume_shape == (3, 31, 31)
+
+
+def test_a_stack_becomes_a_file(tmp_path, camera, stack):
+    parameters, frames, psf = (tmp_path / name for name in ("camera.toml", "bead.tif", "psf.h5"))
+    parameters.write_text(
+        '[camera]\nkind = "fourier_microscope"\nmagnification = 20\nna = 0.3\nwavelength_nm = 525\n'
+        "relay_mm = 50\npixel_um = 5\n[camera.microlenses]\npitch_um = 500\n"
+        "focal_length_mm = 12\ncount = 3\n"
+    )
+    counts = np.random.default_rng(1).poisson(stack * 1e6 + 20).astype(np.uint16)
+    tifffile.imwrite(frames, counts, photometric="minisblack")
+    words = ["microscope", "psf", parameters, "--beads", frames, "-o", psf]
+    words += ["--device", camera.device.place]
+    result = CliRunner().invoke(main, [*map(str, words), "--planes-um", "-20:20:3"])
+    assert result.exit_code == 0, result.output
+    assert "measured; the z given lie" in result.output
+    assert len(read_fourier_point_images(psf).planes) == 3
+    result = CliRunner().invoke(main, [*map(str, words), "--planes-um", "-20:20:4", "--force"])
+    assert result.exit_code == 1
+    assert "has 3 frames, and there are 4 planes" in result.output
+
+
+def test_stacks_that_cannot_be(device, camera, stack):
+    with pytest.raises(ShapeError, match="a frame for each of the 2 planes"):
+        measure_point_images(camera, stack, Z[:2])
+    with pytest.raises(ValueError, match="rise"):
+        measure_point_images(camera, stack, Z[::-1])
+    with pytest.raises(ValueError, match="not finite"):
+        measure_point_images(camera, np.where(stack > 1e-3, np.nan, stack), Z)
+    with pytest.raises(ValueError, match="No bead is seen in frame 0"):
+        measure_point_images(camera, np.full(stack.shape, 3.0), Z)
+    for other in ({"threshold": -1}, {"cut": 0.6}):
+        with pytest.raises(ValueError, match=next(iter(other))):
+            measure_point_images(camera, stack, Z, **other)
+    few = PlenopticCamera.fourier_microscope(
+        **(SMALL | {"mla": MicrolensArray(500e-6, 12e-3, count=1)}), device=device
+    )
+    with pytest.raises(ValueError, match="at least 3 are needed"):
+        measure_point_images(few, np.ones((3, *few.grid.shape)), Z)
+    coarse = camera_of("small", device)
+    frames = [coarse.expose(PointSources((0, 0, z))).to_numpy() for z in Z]
+    with pytest.warns(SamplingWarning, match="do not sample"):
+        measure_point_images(coarse, frames, Z)

@@ -1,0 +1,219 @@
+"""Point images and projector of a Fourier microscope; volumes that come back; files."""
+
+from dataclasses import replace
+
+import h5py
+import numpy as np
+import pytest
+from setups_fourier import SMALL, camera_of
+from tolerance import relative_max
+
+from clplen import FormatError, PlenopticCamera, PointSources, ShapeError, deconvolve
+from clplen.errors import SamplingError
+from clplen.microscopy import (
+    FourierPointImages,
+    FourierProjector,
+    fourier_point_images,
+    read_fourier_point_images,
+    write_fourier_point_images,
+)
+
+Z = np.array([-20.0, 3.0, 14.0]) * 1e-6
+
+
+@pytest.fixture(scope="module")
+def camera(device):
+    return camera_of("small", device)
+
+
+@pytest.fixture(scope="module")
+def images(camera):
+    return fourier_point_images(camera, Z)
+
+
+def any_images(b=2, shape=(23, 31)):
+    """Random numbers: three lenslets near each other and near the border, two planes."""
+    rng = np.random.default_rng(b)
+    stored = tuple(rng.random((b * b, 3, k, k)).astype(np.float32) for k in (5, 3))
+    corners = np.array([[[8, 9], [10, 13], [19, 27]], [[9, 11], [9, 12], [18, 25]]], np.int32)
+    centres = np.array([[10.2, 11.0], [11.4, 14.7], [20.3, 28.1]])
+    return FourierPointImages(
+        {}, np.array([0.0, 1e-5]), b, 1e-6 / b, shape, centres, 6.3, stored, corners
+    )
+
+
+@pytest.mark.parametrize(("b", "shape"), [(1, (7, 7)), (2, (5, 8)), (3, (4, 3)), (1, (1, 1))])
+def test_sums_over_voxels(device, b, shape):
+    """Every voxel is its image moved by whole pixels, cut to the sub-image, and sees through it."""
+    images = any_images(b)
+    projector = FourierProjector(images, shape, device=device)
+    streamed = FourierProjector(images, shape, device=device, memory=1)
+    ny, nx = images.shape
+    H = np.zeros((*projector.volume_shape, ny + 80, nx + 80))
+    for z, y, x in np.ndindex(projector.volume_shape):
+        moved = (y // b - shape[0] // 2, x // b - shape[1] // 2)
+        for lenslet, one in enumerate(images.stored[z][(y % b) * b + x % b]):
+            first = images.corners[z, lenslet] + moved
+            t = [f + np.arange(one.shape[0]) - c
+                 for f, c in zip(first, images.centres[lenslet], strict=True)]  # fmt: skip
+            stop = np.clip(0.5 + images.radius - np.hypot(t[0][:, None], t[1]), 0, 1)
+            rows, columns = (slice(f + 40, f + 40 + one.shape[0]) for f in first)
+            H[z, y, x, rows, columns] += one * stop
+    H = H[..., 40 : 40 + ny, 40 : 40 + nx].reshape(-1, ny * nx)
+    rng = np.random.default_rng(3)
+    volumes = rng.random((2, *projector.volume_shape))
+    frames = rng.random((2, ny, nx))
+    for each in (projector, streamed):
+        found = each.forward(volumes).reshape(2, -1)
+        assert relative_max(volumes.reshape(2, -1) @ H, found) < 1e-6
+        found = each.backward(frames).reshape(2, -1)
+        assert relative_max(frames.reshape(2, -1) @ H.T, found) < 1e-6
+    assert not streamed.resident
+
+
+def test_backward_is_the_adjoint(device, images):
+    projector = FourierProjector(images, (33, 40), device=device)
+    rng = np.random.default_rng(5)
+    f = rng.normal(size=projector.volume_shape).astype(np.float32)
+    g = rng.normal(size=projector.frame_shape).astype(np.float32)
+    Hf = projector.forward(f, clamp=False).astype(float)
+    left, right = np.vdot(Hf, g), np.vdot(f, projector.backward(g).astype(float))
+    assert abs(left - right) < 1e-6 * np.linalg.norm(Hf) * np.linalg.norm(g)
+    operator = projector.as_linear_operator()
+    assert relative_max(Hf.ravel(), operator @ f.ravel()) < 1e-6
+    on_device = projector.forward_data(device.upload(f[None]))
+    assert relative_max(Hf[None], device.download(on_device)) < 1e-6
+
+
+def test_voxels_are_what_the_camera_sees(device, camera):
+    """Two of them, off the axis and between pixels, beside the exposure of points; by energy.
+
+    Sub-images of one exposure interfere, which shift-invariant images leave out.
+    """
+    b = 2
+    images = fourier_point_images(camera, Z, voxels_per_pixel=b, cut=1e-4)
+    projector = FourierProjector(images, device=device)
+    volume = np.zeros(projector.volume_shape)
+    rows, columns = projector.shape
+    points = []
+    for plane, (y, x), power in ((0, (9, -6), 1.0), (2, (-4, 3), 2.0)):
+        volume[plane, rows // 2 * b + y, columns // 2 * b + x] = power
+        at = [(t - (b - 1) / 2) * images.side for t in (x, y)]
+        points.append(PointSources((*at, Z[plane]), power=power))
+    seen, found = camera.expose(points).to_numpy(), projector.forward(volume)
+    assert found.sum(dtype=float) == pytest.approx(seen.sum(dtype=float), rel=0.01)
+    assert relative_max(seen, found) < 5e-3
+
+
+def test_voxels_beyond_the_field_stop_are_dark(device, images):
+    projector = FourierProjector(images, (101, 101), device=device)
+    volume = np.zeros(projector.volume_shape)
+    volume[1, 50, 5] = 1
+    assert projector.forward(volume).sum() < 0.01
+    volume[1, 50, 30] = 1
+    assert projector.forward(volume).sum() > 0.7
+
+
+def test_what_cut_leaves(camera, images):
+    whole = fourier_point_images(camera, Z, cut=1e-6)
+    for plane in range(3):
+        assert images.stored[plane].shape[-1] < whole.stored[plane].shape[-1]
+        assert whole.kept(plane) * 0.975 < images.kept(plane) < whole.kept(plane)
+    assert images.image(0, (0, 0)).shape == camera.grid.shape
+    with pytest.raises(ValueError, match="voxels"):
+        images.image(0, (0, 1))
+
+
+@pytest.mark.parametrize("how", [{}, {"accelerate": True}, {"prior": "tv", "strength": 0.3}])
+def test_points_come_back(device, images, how):
+    projector = FourierProjector(images, (31, 31), device=device)
+    volume = np.zeros(projector.volume_shape)
+    at = [(0, 8, 22), (1, 15, 12), (1, 15, 17), (2, 20, 10)]
+    volume[tuple(np.transpose(at))] = 1
+    frame = projector.forward(volume)
+    counts = np.random.default_rng(0).poisson(frame * 1e5 / frame.sum())
+    found = deconvolve(counts, projector, iterations=15, **how)
+    assert found.degenerate == ()
+    assert found.voxel == pytest.approx((camera_side(), camera_side()))
+    assert [tuple(p) for p in np.argwhere(found.volume > 0.4 * found.volume.max())] == at
+    share = found.volume[tuple(np.transpose(at))].sum() / found.volume.sum()
+    assert share > 0.6
+
+
+def camera_side():
+    return SMALL["pixel_pitch"] / (20 * 12e-3 / 0.05)
+
+
+def test_gaussian_prior_is_of_another_microscope(device, images):
+    projector = FourierProjector(images, (31, 31), device=device)
+    with pytest.raises(ValueError, match="no such plane"):
+        deconvolve(np.ones(projector.frame_shape), projector, prior="gaussian")
+
+
+def test_files_come_back(tmp_path, camera, images):
+    path = tmp_path / "psf.h5"
+    write_fourier_point_images(path, images)
+    again = read_fourier_point_images(path)
+    assert again.parameters == images.parameters
+    assert again.shape == images.shape
+    for name in ("planes", "centres", "corners", "side", "radius", "voxels"):
+        assert np.array_equal(getattr(again, name), getattr(images, name))
+    assert all(map(np.array_equal, again.stored, images.stored))
+    assert fourier_point_images(camera, Z, path=path).parameters == images.parameters
+    with pytest.raises(ValueError, match=r"na = 0\.3, not 0\.29"):
+        fourier_point_images(replace(camera, na=0.29), Z, path=path)
+    with pytest.raises(ValueError, match="other planes"):
+        fourier_point_images(camera, Z + 1e-6, path=path)
+
+
+def test_files_that_are_none(tmp_path, images):
+    path = tmp_path / "psf.h5"
+    with pytest.raises(FileNotFoundError):
+        read_fourier_point_images(path)
+    path.write_bytes(b"nothing")
+    with pytest.raises(FormatError, match="no whole file"):
+        read_fourier_point_images(path)
+    for number, harm in enumerate((
+        lambda f: f["planes/0001"].__setitem__((0, 0, 0, 0), 7),
+        lambda f: f.__delitem__("corners"),
+        lambda f: f.attrs.__setitem__("parameters", "{"),
+        lambda f: f.attrs.__setitem__("radius", 1.0),
+        lambda f: f.attrs.__setitem__("shape", (3,)),
+    )):  # fmt: skip
+        harmed = tmp_path / f"{number}.h5"
+        write_fourier_point_images(harmed, images)
+        with h5py.File(harmed, "r+") as file:
+            harm(file)
+        with pytest.raises(FormatError):
+            read_fourier_point_images(harmed)
+
+
+def test_what_cannot_be(device, camera, images):
+    with pytest.raises(ShapeError, match="rows, columns"):
+        FourierProjector(images, (3,), device=device)
+    with pytest.raises(ValueError, match="memory"):
+        FourierProjector(images, device=device, memory=-1)
+    with pytest.raises(TypeError, match="fourier_point_images"):
+        FourierProjector(np.ones(3), device=device)
+    projector = FourierProjector(images, (9, 9), device=device)
+    with pytest.raises(ShapeError):
+        projector.forward(np.ones((3, 9, 8)))
+    with pytest.raises(ValueError, match="finite"):
+        projector.backward(np.full(projector.frame_shape, np.nan))
+    for planes, words in (([1e-6, 0], "rise"), ([0, np.inf], "finite"), ([5.0], "did you mean")):
+        with pytest.raises(ValueError, match=words):
+            fourier_point_images(camera, planes)
+    with pytest.raises(ValueError, match="cut"):
+        fourier_point_images(camera, Z, cut=0.7)
+    with pytest.raises(ValueError, match="voxels_per_pixel"):
+        fourier_point_images(camera, Z, voxels_per_pixel=0)
+    with pytest.raises(SamplingError, match="nearer planes"):
+        fourier_point_images(camera, [1e-3])
+    with pytest.raises(TypeError, match="FourierMicroscope"):
+        fourier_point_images(
+            PlenopticCamera.type1(
+                focal_length=0.12, mla=SMALL["mla"], wavelength=5e-7, pixels_per_lenslet=30,
+                aperture_diameter=5e-4,
+            ),
+            Z,
+        )  # fmt: skip
