@@ -13,7 +13,8 @@ import pytest
 from clplen.batch.jobs.tables import DeconvolveTable
 from clplen.batch.work import deconvolution
 from clplen.batch.work.deconvolution import DeconvolutionSettings, Deconvolver
-from clplen.cli.microscopy.deconvolve import _jobs, _Page
+from clplen.cli.microscopy.deconvolve import _jobs
+from clplen.cli.microscopy.series import Page
 from clplen.compute.device import Device
 from clplen.lightfield.raw.lenslet_lattice import Lattice
 from clplen.microscopy.images import PointImages
@@ -141,7 +142,7 @@ def test_what_a_volume_depends_on(tmp_path: Path, monkeypatch: pytest.MonkeyPatc
     def job(how: DeconvolutionSettings = ALL, page: int = 0, **changed: Any) -> str:
         given: dict[str, Any] = {"images": images(), "white": files[1], "dark": files[2]}
         given |= {"warm_start": False} | changed
-        pages = [_Page(files[0], number) for number in range(2)]
+        pages = [Page(files[0], number) for number in range(2)]
         return repr(_jobs(pages, how=how, **given)[page])
 
     found = [job(how) for how in hows]
@@ -155,7 +156,7 @@ def test_what_a_volume_depends_on(tmp_path: Path, monkeypatch: pytest.MonkeyPatc
     assert len(set(found)) == len(found)
     later = [
         _jobs(
-            [_Page(files[0], 0), _Page(files[0], number)], images(), ALL, None, None, True
+            [Page(files[0], 0), Page(files[0], number)], images(), ALL, None, None, True
         )[1]["start"]
         for number in (1, 2)
     ]  # fmt: skip

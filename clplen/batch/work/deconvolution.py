@@ -24,12 +24,16 @@ from clplen.io.formats.tiff import SUFFIXES
 from clplen.io.raw.raw_files import read_frame
 from clplen.io.results.volume_files import is_volume, write_volume
 from clplen.io.store.digest import digest
+from clplen.lightfield.raw.lenslet_lattice import Lattice
 from clplen.lightfield.raw.raw_image import RawImage
 from clplen.microscopy import point_image_files
 from clplen.microscopy.deconvolution import DeconvolutionResult, deconvolve
 from clplen.microscopy.images import PointImages
-from clplen.microscopy.prepare import Prepared, preparation
+from clplen.microscopy.outliers import sharpness
+from clplen.microscopy.prepare import preparation
+from clplen.microscopy.prepared import Prepared
 from clplen.microscopy.projector import Projector
+from clplen.microscopy.pupil_check import check_pupil, corrected
 
 Values = np.ndarray[Any, Any]
 
@@ -54,6 +58,11 @@ class DeconvolutionSettings:
         Whether light from far beyond the volume is told from it; see `Preparation.haze`.
     residual, accelerate, prior, strength
         Of `deconvolve`.
+    radiometric : bool
+        Whether what the modelled pupil lacks beside the white frame goes into the sensitivity; see
+        `clplen.microscopy.corrected`.
+    keep_hot : bool
+        Whether hot pixels are kept; else they are left out, see `clplen.microscopy.hot_pixels`.
 
     Examples
     --------
@@ -71,6 +80,8 @@ class DeconvolutionSettings:
     accelerate: bool = False
     prior: Literal["tv", "gaussian"] | None = None
     strength: float = 1.0
+    radiometric: bool = False
+    keep_hot: bool = False
 
 
 class Deconvolver:
@@ -93,13 +104,22 @@ class Deconvolver:
     force : bool
         Whether to go on where the lattice of the white frame is not to be trusted, as of
         `preparation`.
+    lattice : Lattice, optional
+        Of frames without a white one, with their shape.
+    mask : path-like, optional
+        Picture that is not 0 where pixels are left out.
+
+    Attributes
+    ----------
+    pupil : PupilCheck or None
+        How the point images' pupil fits the white frame; None without one.
 
     Raises
     ------
     FormatError
         If a file is missing, damaged or of another kind.
     ShapeError, ValueError
-        As `preparation`.
+        As `preparation`; if the settings are radiometric without a white frame.
 
     Examples
     --------
@@ -122,23 +142,36 @@ class Deconvolver:
         dark: PathLike | None = None,
         memory: int | None = None,
         force: bool = False,
+        lattice: Lattice | None = None,
+        mask: PathLike | None = None,
     ) -> None:
         device = as_device(device)
         self.images, self.how, self.device, self._memory = images, how, device, memory
-        self._white, self._dark = white, dark
-        beside = {
-            name: read_picture(path) for name, path in (("white", white), ("dark", dark)) if path
-        }
-        with naming(white or "Without a white frame"):
+        self._files = {"white": white, "dark": dark, "mask": mask}
+        self._lattice = lattice
+        beside = {name: read_picture(path) for name, path in self._files.items() if path}
+        with naming(white or mask or "Without a white frame"):
             self._prepare = preparation(
-                self.images.pixels, device=device, saturation=how.saturation, force=force, **beside
-            )
+                self.images.pixels, device=device, saturation=how.saturation, force=force,
+                lattice=lattice, sharpest=None if how.keep_hot else sharpness(images), **beside,
+            )  # fmt: skip
+            self.pupil = check_pupil(images, self._prepare)
+        if how.radiometric:
+            if self.pupil is None:
+                raise ValueError("The pupil is corrected by a white frame, and there is none.")
+            self._prepare = corrected(self._prepare, self.pupil)
         self._projector: Projector | None = None
 
     @cached_property
     def words(self) -> dict[str, Any]:
         """What all volumes depend on; see `provenance`."""
-        return provenance(self.images, self.how, self._white, self._dark)
+        return provenance(self.images, self.how, **self._files, lattice=self._lattice)
+
+    def checks(self) -> list[str]:
+        """Sentences on the white frame and the point images, the same for all frames."""
+        return diagnostics.diagnose_series(
+            self.images, self._prepare, self.pupil, self.how.radiometric
+        )
 
     def prepared(self, frame: Values) -> Prepared:
         """A raw frame, rectified."""
@@ -155,9 +188,11 @@ class Deconvolver:
         _, background = self._light(frame)
         gain, variance = self.how.gain, self._prepare.variance
         level = self._prepare.level
+        pupil = 0.0 if self.pupil is None or self.how.radiometric else self.pupil.share
         return diagnostics.diagnose_volume(
-            found.residuals, frame, background * gain, level, self._prepare.pixels, gain * variance
-        )
+            found.residuals, frame, background * gain, level, self._prepare.pixels, gain * variance,
+            pupil=pupil, placed=self._prepare.lattice is not None,
+        )  # fmt: skip
 
     def _light(self, frame: Prepared) -> tuple[Values, Values]:
         """Photons of a frame, and those from nowhere in the volume."""
@@ -217,7 +252,13 @@ class Deconvolver:
 
 
 def provenance(
-    images: PointImages, how: DeconvolutionSettings, white: PathLike | None, dark: PathLike | None
+    images: PointImages,
+    how: DeconvolutionSettings,
+    white: PathLike | None,
+    dark: PathLike | None,
+    *,
+    mask: PathLike | None = None,
+    lattice: Lattice | None = None,
 ) -> dict[str, Any]:
     """What volumes of one camera depend on besides their frames, kept with them."""
     from clplen import __version__
@@ -228,6 +269,8 @@ def provenance(
         "psf": point_image_files.digest(images),
         "white": digest(Path(white)) if white else None,
         "dark": digest(Path(dark)) if dark else None,
+        "mask": digest(Path(mask)) if mask else None,
+        "lattice": None if lattice is None else [*lattice.origin, *lattice.row, *lattice.column],
     }
 
 
@@ -338,7 +381,7 @@ def volume_products(
         resources, files, DeconvolutionSettings(**table), force=layout.get("force", False)
     )
     frame = deconvolver.prepared(_frame(path, raw))
-    said = deconvolver.diagnose(frame)
+    said = deconvolver.checks() + deconvolver.diagnose(frame)
     found = deconvolver(frame, progress=advance)
     said += deconvolver.diagnose(frame, found)
     for text in said:
@@ -376,7 +419,8 @@ def _cached_deconvolver(
         resources.deconvolver = None  # its matrices go before others come
         images = read_psf(files.pop("psf"))
         made = Deconvolver(
-            images, how, device=resources.device, memory=resources.memory // 2, force=force, **files
-        )
+            images, how, device=resources.device, memory=resources.memory // 2, force=force,
+            white=files.get("white"), dark=files.get("dark"),
+        )  # fmt: skip
         resources.deconvolver = (key, made)
     return resources.deconvolver[1]

@@ -12,6 +12,8 @@ from typing import TYPE_CHECKING, Any, Literal
 
 import click
 
+from clplen.cli.microscopy.lattices import Place, told_lattice
+from clplen.cli.microscopy.series import Page, pages_of
 from clplen.cli.shared import options
 from clplen.cli.shared.console import (
     check_output,
@@ -24,8 +26,9 @@ from clplen.cli.shared.console import (
 
 if TYPE_CHECKING:
     from clplen.batch.work.deconvolution import DeconvolutionSettings, Deconvolver
+    from clplen.lightfield.raw.lenslet_lattice import Lattice
     from clplen.microscopy.images import PointImages
-    from clplen.microscopy.prepare import Prepared
+    from clplen.microscopy.prepared import Prepared
 
 _PATH = click.Path(path_type=Path)
 _NAME = "{name}"
@@ -66,6 +69,24 @@ class Residual(click.ParamType):
 )  # fmt: skip
 @click.option("--dark", "--dark-frame", type=_PATH, help="Dark frame.")
 @click.option(
+    "--lattice", type=_PATH,
+    help="JSON of a lattice (Lattice.save, CalInfo.json) where there is no white frame ...",
+)  # fmt: skip
+@click.option("--pitch", type=options.FINITE, help="... or its pitch in pixels,")
+@click.option(
+    "--offset", type=Place(),
+    help="the centre of a lenslet in pixels, whose centres are integers; default: in the corner,",
+)  # fmt: skip
+@click.option(
+    "--rotation", type=options.FINITE, help="and its angle in degrees, from +x towards +y.",
+)  # fmt: skip
+@click.option("--mask", type=_PATH, help="Picture that is not 0 where pixels are left out.")
+@click.option(
+    "--radiometric", is_flag=True,
+    help="Let the white frame correct the pupil of the point images, too.",
+)  # fmt: skip
+@click.option("--keep-hot", is_flag=True, help="Keep pixels that stand out as no light does.")
+@click.option(
     "--iterations", "--max-iter", type=click.IntRange(1), default=20, show_default=True,
     help="Of Richardson and Lucy.",
 )  # fmt: skip
@@ -105,6 +126,13 @@ def deconvolve(
     output: Path,
     white: Path | None,
     dark: Path | None,
+    lattice: Path | None,
+    pitch: float | None,
+    offset: tuple[float, float] | None,
+    rotation: float | None,
+    mask: Path | None,
+    radiometric: bool,
+    keep_hot: bool,
     iterations: int,
     background: float,
     gain: float | None,
@@ -141,13 +169,16 @@ def deconvolve(
         raise click.UsageError(f"--gain is positive, not {gain:g}.")
     if haze and white is None:
         raise click.UsageError("--haze looks like the white frame: give --white.")
+    if radiometric and white is None:
+        raise click.UsageError("--radiometric corrects by the white frame: give --white.")
     if strength is not None and prior is None:
         raise click.UsageError("--strength is of a --prior: give tv or gaussian.")
     if memory is not None and memory < _LEAST_MEMORY:
         raise click.UsageError(f"--memory is at least 1MiB, not {memory} bytes: did you mean 1GB?")
     _tell_what_is_missing(gain, residual, prior, white, dark)
-    pages = [page for path in frames for page in _pages(path)]
-    outputs = _outputs(pages, output, [source, white, dark], force)
+    pages = [page for path in frames for page in pages_of(path)]
+    outputs = _outputs(pages, output, [source, white, dark, lattice, mask], force)
+    grid = told_lattice(lattice, pitch, offset, rotation, white, pages[0].path, pages[0].number)
     images = read_psf(source)
     how = DeconvolutionSettings(
         iterations=iterations,
@@ -159,8 +190,10 @@ def deconvolve(
         accelerate=accelerate,
         prior=prior,
         strength=1.0 if strength is None else strength,
+        radiometric=radiometric,
+        keep_hot=keep_hot,
     )
-    jobs = _jobs(pages, images, how, white, dark, warm_start)
+    jobs = _jobs(pages, images, how, white, dark, warm_start, mask=mask, lattice=grid)
     todo = [not _is_done(out, job) for out, job in zip(outputs, jobs, strict=True)]
     for out in (out for out, wanted in zip(outputs, todo, strict=True) if not wanted):
         click.echo(f"{out} is there already, of the same frame and words.")
@@ -174,11 +207,16 @@ def deconvolve(
         dark=dark,
         memory=memory,
         force=force,
+        lattice=grid,
+        mask=mask,
     )
+    checks = series.checks()
+    for text in checks:
+        note(text)
     before, tally = None, _Tally()
     for page, out, job, wanted in zip(pages, outputs, jobs, todo, strict=True):
         if wanted:
-            click.echo(_made(series, page, out, job, tally, before if warm_start else None))
+            click.echo(_made(series, page, out, job, tally, before if warm_start else None, checks))
         before = out
     tally.tell()
 
@@ -220,39 +258,14 @@ class _Tally:
             note(f"of all {self.frames} frames' pixels {' and '.join(said)}.")
 
 
-@dataclass(frozen=True)
-class _Page:
-    """A frame: a file, or one of several in a TIFF."""
-
-    path: Path
-    number: int | None = None
-
-    @property
-    def name(self) -> str:
-        """Of its volume."""
-        return self.path.stem if self.number is None else f"{self.path.stem}_{self.number:04d}"
-
-    def __str__(self) -> str:
-        return str(self.path) if self.number is None else f"{self.path}, frame {self.number}"
-
-
-def _pages(path: Path) -> list[_Page]:
-    from clplen.io.formats.tiff import frames_in
-    from clplen.io.results.volume_files import is_volume
-
-    if is_volume(path):
-        raise click.UsageError(f"{path} is a volume, as clplen writes them: give raw frames.")
-    count = frames_in(path)
-    return [_Page(path)] if count == 1 else [_Page(path, number) for number in range(count)]
-
-
 def _made(
     series: Deconvolver,
-    page: _Page,
+    page: Page,
     output: Path,
     job: dict[str, Any],
     tally: _Tally,
     before: Path | None,
+    checks: list[str],
 ) -> str:
     """Write the volume of a frame; what it holds, in words."""
     from clplen.batch.work.deconvolution import read_picture, write_result
@@ -274,7 +287,7 @@ def _made(
         )
     judged = series.diagnose(frame, found)
     _tell(page, judged)
-    more = {"remarks": said + judged, "place": series.place(), "job": job}
+    more = {"remarks": checks + said + judged, "place": series.place(), "job": job}
     write_result(output, found, series.images, more=more, replace=True)
     size = " x ".join(str(n) for n in found.volume.shape)
     text = f"{output} holds {size} voxels (z, y, x) of {series.images.side * 1e6:.4g} um "
@@ -288,9 +301,7 @@ def _made(
     return text + "."
 
 
-def _outputs(
-    pages: list[_Page], output: Path, others: list[Path | None], force: bool
-) -> list[Path]:
+def _outputs(pages: list[Page], output: Path, others: list[Path | None], force: bool) -> list[Path]:
     """A file for each frame, none of them one that is read or that clplen did not write."""
     from clplen.files import check_folder
     from clplen.io.store.zarr_files import zarr_package
@@ -315,18 +326,21 @@ def _outputs(
 
 
 def _jobs(
-    pages: list[_Page],
+    pages: list[Page],
     images: PointImages,
     how: DeconvolutionSettings,
     white: Path | None,
     dark: Path | None,
     warm_start: bool,
+    *,
+    mask: Path | None = None,
+    lattice: Lattice | None = None,
 ) -> list[dict[str, Any]]:
     """What each volume depends on, kept with it."""
     from clplen.batch.work.deconvolution import provenance
     from clplen.io.store.digest import digest
 
-    shared = provenance(images, how, white, dark)
+    shared = provenance(images, how, white, dark, mask=mask, lattice=lattice)
     digests = {path: digest(path) for path in {page.path for page in pages}}
     jobs = [{"frame": digests[one.path], "number": one.number, **shared} for one in pages]
     if warm_start:
@@ -341,6 +355,6 @@ def _is_done(output: Path, job: dict[str, Any]) -> bool:
     return output.exists() and describe_series(output).get("job") == job
 
 
-def _tell(page: _Page, remarks: list[str]) -> None:
+def _tell(page: Page, remarks: list[str]) -> None:
     for text in remarks:
         note(f"{page}: {text}")
