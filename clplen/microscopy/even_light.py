@@ -83,6 +83,13 @@ class EvenLight:
         self._fy, self._fx = fy[near], fx[near]
         self._cells = np.stack([self._behind(*f) for f in zip(self._fy, self._fx, strict=True)])
 
+    def __repr__(self) -> str:
+        about = self._about
+        return (
+            f"<EvenLight {about['magnification']:g}x, up to NA {self.largest:.3g}, "
+            f"{self.samples} x {self.samples} samples a cell>"
+        )
+
     def _density(self, orders: float) -> int:
         """Plane waves between two orders of the array, an odd number."""
         for density in range(FINEST, 1, -2):

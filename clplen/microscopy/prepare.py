@@ -263,9 +263,9 @@ class Preparation(OneLine):
             masked = int(np.count_nonzero(self.mask & ~bad))
             bad = bad | self.mask
         light = np.where(bad, np.float32(0), light)
-        white = np.ones(light.shape, np.float32) if self.sensitivity is None else self.sensitivity
         if self.lattice is not None:
             light = rectify(light, self.lattice, device=self.device, pixels=self.pixels)
+        white = np.ones(light.shape, np.float32) if self.sensitivity is None else self.sensitivity
         if bad.any():
             white = np.where(self._reached(bad), np.float32(0), white)
         return Prepared(

@@ -87,7 +87,7 @@ def test_every_word_arrives(device: Device, monkeypatch: pytest.MonkeyPatch) -> 
     assert given["variance"] == prepare.variance
     for name in ("iterations", "residual", "accelerate", "prior", "strength"):
         assert given[name] == getattr(ALL, name)
-    monkeypatch.setattr("clplen.batch.work.diagnostics.diagnose_volume", lambda *words: words)
+    monkeypatch.setattr("clplen.batch.work.diagnostics.diagnose_volume", lambda *words, **_: words)
     _, seen, dim, known, n, ratio = series.diagnose(frame, SimpleNamespace(residuals=[]))  # type: ignore[arg-type, misc]
     assert seen is frame
     assert known is level
@@ -133,7 +133,9 @@ def test_what_a_volume_depends_on(tmp_path: Path, monkeypatch: pytest.MonkeyPatc
     files = [tmp_path / name for name in "abc"]
     for path in files:
         path.write_bytes(path.name.encode())
-    other = DeconvolutionSettings(8, 4.0, 3.0, 901.0, False, "noise", False, "gaussian", 0.6)
+    other = DeconvolutionSettings(
+        8, 4.0, 3.0, 901.0, False, "noise", False, "gaussian", 0.6, True, True
+    )
     hows = [
         ALL,
         *(replace(ALL, **{f.name: getattr(other, f.name)}) for f in fields(DeconvolutionSettings)),

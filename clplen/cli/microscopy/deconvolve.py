@@ -216,7 +216,7 @@ def deconvolve(
     before, tally = None, _Tally()
     for page, out, job, wanted in zip(pages, outputs, jobs, todo, strict=True):
         if wanted:
-            click.echo(_made(series, page, out, job, tally, before if warm_start else None, checks))
+            click.echo(_made(series, page, out, job, tally, checks, before if warm_start else None))
         before = out
     tally.tell()
 
@@ -264,8 +264,8 @@ def _made(
     output: Path,
     job: dict[str, Any],
     tally: _Tally,
-    before: Path | None,
     checks: list[str],
+    before: Path | None,
 ) -> str:
     """Write the volume of a frame; what it holds, in words."""
     from clplen.batch.work.deconvolution import read_picture, write_result
