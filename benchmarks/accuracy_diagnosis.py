@@ -10,32 +10,30 @@ the residual's verdict says. Five minutes in all.
 
 from __future__ import annotations
 
+import subprocess
 import sys
 import tempfile
 from collections.abc import Iterator
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 import click
 import numpy as np
-from scipy.ndimage import gaussian_filter
+import tifffile
+from scipy.ndimage import gaussian_filter, map_coordinates
 
-from clplen import Device, MicrolensArray, PlenopticCamera, Projector, deconvolve, point_images
-from clplen.batch.work.diagnostics import diagnose_volume
-from clplen.config.microscope import read_microscope_file
+from clplen import Device, MicrolensArray, PlenopticCamera, Projector, point_images
+from clplen.batch import DeconvolutionSettings, Deconvolver
 from clplen.microscopy import (
     EvenLight,
     PointImages,
     binning_error,
-    check_pupil,
-    corrected,
     pitch_sentence,
     preparation,
-    sharpness,
     square_lattice,
+    suitable_binning,
 )
-from clplen.microscopy.pupil_check import _on_pixels
 
 Values = Any
 LENSLETS = 13
@@ -107,19 +105,16 @@ def white_of(images: PointImages, device: Device) -> Values:
     """Even light of the true optics, in photons."""
     about, n = images.parameters, images.pixels
     lattice = square_lattice(n, (LENSLETS * n, LENSLETS * n))
-    cell = EvenLight(about).cell(about["na"], about["apodisation"])
-    mean = np.maximum(_on_pixels(cell, lattice, 3), 0) * WHITE
+    mean = EvenLight(about).frame(lattice, about["na"], about["apodisation"], 3)
+    mean = np.maximum(mean, 0) * WHITE
     return np.random.default_rng(2).poisson(mean).astype(float)
 
 
-def judged(prepare: Any, projector: Projector, frame: Values, pupil: float = 0.0) -> Any:
-    """Residual, whether there is an alarm, and the volume."""
-    ready = prepare(frame)
-    found = deconvolve(ready.counts, projector, white=ready.white, iterations=20)
-    said = diagnose_volume(
-        found.residuals, ready, np.zeros_like(ready.counts), prepare.level, prepare.pixels, 1.0,
-        pupil=pupil, placed=prepare.lattice is not None,
-    )  # fmt: skip
+def judged(series: Deconvolver, frame: Values) -> tuple[float, str, Any, Any]:
+    """Residual, whether there is an alarm, the volume, and the frame as it was prepared."""
+    ready = series.prepared(frame)
+    found = series(ready)
+    said = series.diagnose(ready, found)
     return float(found.residuals[-1]), "alarm" if said else "no alarm", found.volume, ready
 
 
@@ -127,26 +122,32 @@ def pupil(device: Device) -> Iterator[str]:
     """Right parameters, a pupil 5 % smaller, apodisation off by a half either way."""
     for name, system in SYSTEMS.items():
         model = system.images(device)
-        projector = Projector(model, (LENSLETS, LENSLETS), device=device)
         for fault, change in (
             ("right", {}), ("pupil 5 % smaller", {"na": 0.95 * system.na}),
             ("apodisation 1", {"apodisation": 1.0}), ("apodisation 0", {"apodisation": 0.0}),
         ):  # fmt: skip
             true = system.images(device, **change)
-            prepare = preparation(model.pixels, device=device, white=white_of(true, device))
-            check = check_pupil(model, prepare)
-            assert check is not None
-            yield f"{name}, {fault}: {check.sentence()}"
+            with tempfile.TemporaryDirectory() as folder:
+                white = Path(folder, "white.tif")
+                tifffile.imwrite(white, white_of(true, device).astype(np.float32))
+                before, plain, better = (
+                    Deconvolver(
+                        model, DeconvolutionSettings(radiometric=one), device=device, white=white
+                    )
+                    for one in (False, False, True)
+                )
+            assert plain.pupil is not None
+            yield f"{name}, {fault}: {plain.pupil.sentence()}"
+            before.pupil = None
             behind = Projector(true, (LENSLETS, LENSLETS), device=device)
             for kind, volume in volumes(behind.volume_shape):
                 frame, _ = frame_of(behind, volume)
-                before, alarm, *_ = judged(prepare, projector, frame)
-                _, now, *_ = judged(prepare, projector, frame, check.share)
-                after, later, *_ = judged(corrected(prepare, check), projector, frame)
+                found = [judged(one, frame)[:2] for one in (before, plain, better)]
                 noise = frame.sum() / np.square(frame).sum()
                 yield (
-                    f"    {kind}: residual {before:.4f} ({alarm}; with what the pupil may leave "
-                    f"{now}), radiometric {after:.4f} ({later}); noise {noise:.4f}"
+                    f"    {kind}: residual before {found[0][0]:.4f} ({found[0][1]}), after the "
+                    f"same ({found[1][1]}), radiometric {found[2][0]:.4f} ({found[2][1]}); noise "
+                    f"{noise:.4f}"
                 )
 
 
@@ -162,15 +163,18 @@ pixel_size = {}
 
 
 def pixels(_: Device) -> Iterator[str]:
-    """Pixels a lenslet that are nearly whole."""
+    """Pixels a lenslet that are nearly whole: what `psf` says of a frame before it computes."""
     with tempfile.TemporaryDirectory() as folder:
-        path = Path(folder, "known.toml")
+        path, frame = Path(folder, "known.toml"), Path(folder, "frame.tif")
+        tifffile.imwrite(frame, np.zeros((331, 331), np.uint16))
         for across in (33.038, 33.000006, 32.95, 33.4):
             path.write_text(KNOWN.format(125 / across))
-            file = read_microscope_file(path)
-            chosen = round(float(file.camera.pixels_per_lenslet or 0)) // file.binning
+            words = ("microscope", "psf", path, "-o", Path(folder, "psf.h5"), "--frame", frame)
+            call = [sys.executable, "-m", "clplen", *map(str, words), "--planes-um", "1:1:1"]
+            said = subprocess.run(call, capture_output=True, text=True, check=False).stderr
             before = int(np.ceil(round(across, 6)))
-            yield f"{across:g} pixels a lenslet: point images of {before} before, {chosen} after"
+            chosen = said.partition("lenslets of ")[2].partition(" x")[0]
+            yield f"{across:g} pixels a lenslet: {before} before, {chosen} after"
 
 
 def hot(device: Device) -> Iterator[str]:
@@ -178,8 +182,10 @@ def hot(device: Device) -> Iterator[str]:
     for name, system in SYSTEMS.items():
         images = system.images(device)
         projector = Projector(images, (LENSLETS, LENSLETS), device=device)
-        plain = preparation(images.pixels, device=device)
-        careful = replace(plain, sharpest=sharpness(images))
+        plain, careful = (
+            Deconvolver(images, DeconvolutionSettings(keep_hot=one), device=device)
+            for one in (True, False)
+        )
         for kind, volume in volumes(projector.volume_shape):
             frame, scale = frame_of(projector, volume)
             rng = np.random.default_rng(3)
@@ -187,21 +193,19 @@ def hot(device: Device) -> Iterator[str]:
             spoilt = frame.copy()
             spoilt.flat[places] = rng.uniform(0.5, 1, 30) * 60000
             parts = []
-            for prepare, one in ((plain, frame), (plain, spoilt), (careful, spoilt)):
-                residual, _, found, ready = judged(prepare, projector, one)
+            for series, one in ((plain, frame), (plain, spoilt), (careful, spoilt)):
+                residual, _, found, ready = judged(series, one)
                 alike = np.corrcoef(found.ravel(), (scale * volume).ravel())[0, 1]
                 parts.append(f"{residual:.3f} ({alike:.2f})")
             yield (
                 f"{name}, {kind}: residual (correlation) without hot pixels {parts[0]}, before "
                 f"{parts[1]}, after {parts[2]}; {ready.hot} found, of the clean frame "
-                f"{careful(frame).hot}"
+                f"{careful.prepared(frame).hot}"
             )
 
 
 def binning(device: Device) -> Iterator[str]:
     """Point images beside those of parts half as large."""
-    from clplen.microscopy import suitable_binning
-
     for name, system in (SYSTEMS | {"63x/1.4": OIL}).items():
         slope = system.na / system.magnification + system.pitch / (2 * system.focal_length)
         size = system.pitch / system.pixels
@@ -227,8 +231,9 @@ def pitch(device: Device) -> Iterator[str]:
     about, n = images.parameters, images.pixels
     for ratio in (1.0, 1.003, 1.019):
         side = round(LENSLETS * n * ratio)
-        cell = EvenLight(about).cell(about["na"], about["apodisation"])
-        white = np.maximum(_on_pixels(cell, square_lattice(n * ratio, (side, side)), 3), 0) * WHITE
+        lattice = square_lattice(n * ratio, (side, side))
+        white = EvenLight(about).frame(lattice, about["na"], about["apodisation"], 3)
+        white = np.maximum(white, 0) * WHITE
         prepare = preparation(n, device=device, white=white)
         assert prepare.lattice is not None
         said = pitch_sentence(prepare.lattice, n)
@@ -237,8 +242,6 @@ def pitch(device: Device) -> Iterator[str]:
 
 def lattice(device: Device) -> Iterator[str]:
     """A frame of 15.3 pixels a lenslet without a white frame, and with its lattice."""
-    from scipy.ndimage import map_coordinates
-
     system = SYSTEMS["60x/1.2"]
     images = system.images(device)
     projector = Projector(images, (LENSLETS, LENSLETS), device=device)
@@ -249,12 +252,10 @@ def lattice(device: Device) -> Iterator[str]:
     places = (np.indices((side, side)) + 0.5) / ratio - 0.5
     raw = np.maximum(map_coordinates(frame, places, order=3, mode="nearest"), 0)
     whole = raw[: side // 15 * 15, : side // 15 * 15]
-    blind = preparation(15, device=device)
-    told = preparation(15, device=device, lattice=square_lattice(15.3, raw.shape))
-    for name, prepare, picture in (("taken as rectified", blind, whole), ("told", told, raw)):
-        ready = prepare(picture)
-        shape = (ready.counts.shape[0] // 15, ready.counts.shape[1] // 15)
-        residual, alarm, *_ = judged(prepare, Projector(images, shape, device=device), picture)
+    told = square_lattice(15.3, raw.shape)
+    for name, grid, picture in (("taken as rectified", None, whole), ("told", told, raw)):
+        series = Deconvolver(images, DeconvolutionSettings(), device=device, lattice=grid)
+        residual, alarm, *_ = judged(series, picture)
         yield f"15.3 pixels a lenslet, lattice {name}: residual {residual:.3f}, {alarm}"
 
 

@@ -19,7 +19,6 @@ from clplen.io.results.volume_files import read_volume
 from clplen.lightfield import Lattice
 from clplen.microscopy import EvenLight, read_point_images, square_lattice
 from clplen.microscopy.projector import Projector
-from clplen.microscopy.pupil_check import _on_pixels
 
 KNOWN = """
 magnification = 20
@@ -76,8 +75,7 @@ def frame_of(psf: Path, device: Device) -> Any:
 def white_of(psf: Path, pitch: float, na: float = 0.5) -> Any:
     about = read_point_images(psf).parameters
     shape = (round(ROWS * pitch), round(COLUMNS * pitch))
-    cell = EvenLight(about).cell(na, 0.5)
-    frame = np.maximum(_on_pixels(cell, square_lattice(pitch, shape), 3), 0)
+    frame = np.maximum(EvenLight(about).frame(square_lattice(pitch, shape), na, 0.5, 3), 0)
     return np.random.default_rng(5).poisson(2000 * frame).astype(np.uint16)
 
 

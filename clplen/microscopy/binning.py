@@ -22,7 +22,7 @@ from clplen.wave.elements.lenslets import MicrolensArray
 
 Vector = np.ndarray[Any, Any]
 
-FINE = 2.0  # samples of 1/nu, with which images are right to some 1 %
+FINE = 1.85  # samples of 1/nu, with which images are right to some 1 %
 AROUND = 4  # lenslets about the blur, on which two images are compared
 LARGEST = 1500  # samples along an axis of the finer image
 PHASE = (-0.3, 0.2)  # of a lenslet, the place of the point
@@ -47,7 +47,7 @@ def suitable_binning(
     Examples
     --------
     >>> clplen.microscopy.suitable_binning(1.4, 63, 0.52, 125, 2800, 8.3)
-    4
+    3
     """
     slope = na / magnification + diameter / (2 * focal_length)
     return max(1, math.ceil(round(FINE * pixel * 2 * slope / wavelength, 6)))

@@ -19,8 +19,10 @@ from typing import Any
 
 import numpy as np
 from scipy import fft
+from scipy.ndimage import map_coordinates
 
 from clplen.compute.fft.lines import smooth_length
+from clplen.lightfield.raw.lenslet_lattice import Lattice
 
 Vector = np.ndarray[Any, Any]
 
@@ -148,3 +150,39 @@ class EvenLight:
         found = found + found[::-1]
         found = found + found[:, ::-1]
         return np.asarray(found / found.mean())
+
+    def frame(self, lattice: Lattice, na: float, apodisation: float, binning: int = 1) -> Vector:
+        """A raw white frame.
+
+        Parameters
+        ----------
+        lattice : Lattice
+            Square, with the shape of its frame.
+        na, apodisation : float
+            As of `cell`.
+        binning : int
+            Points of a pixel along an axis, whose mean it takes.
+
+        Returns
+        -------
+        numpy.ndarray
+            float64, shape (ny, nx), about 1 in the mean.
+
+        Raises
+        ------
+        ValueError
+            As `cell`, or if the lattice does not tell the shape of its frame.
+        """
+        n, mean = self.samples, []
+        for pitch in lattice.pitch[::-1]:
+            cycles = fft.fftfreq(n, 1 / n) / pitch  # a pixel
+            points = (np.arange(binning) - (binning - 1) / 2) / binning
+            mean.append(np.cos(2 * np.pi * np.multiply.outer(cycles, points)).mean(axis=1))
+        smooth = fft.ifft2(fft.fft2(self.cell(na, apodisation)) * np.multiply.outer(*mean)).real
+        if lattice.shape is None:
+            raise ValueError("The lattice does not tell the shape of its frame: give it.")
+        to_cells = np.linalg.inv(np.array([lattice.row, lattice.column]).T)
+        away = np.indices(lattice.shape, float) - np.array(lattice.origin)[:, None, None]
+        places = np.tensordot(to_cells, away, 1)
+        samples = (places - np.round(places)) * n + (n - 1) / 2
+        return np.asarray(map_coordinates(smooth, samples, order=3, mode="grid-wrap"))

@@ -13,8 +13,6 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
-from scipy import fft
-from scipy.ndimage import map_coordinates
 from scipy.optimize import least_squares
 
 from clplen.checks import require
@@ -143,7 +141,7 @@ def check_pupil(images: PointImages, prepare: Preparation) -> PupilCheck | None:
     small = _part(prepare.lattice)
 
     def seen(na: float, apodisation: float) -> Vector:
-        raw = _on_pixels(light.cell(na, apodisation), small, binning)
+        raw = light.frame(small, na, apodisation, binning)
         rectified = rectify(raw, small, device=prepare.device, pixels=prepare.pixels)
         return mean_lenslet(rectified, prepare.pixels)[0]
 
@@ -217,24 +215,6 @@ def _part(lattice: Lattice) -> Lattice:
     return Lattice(
         lattice.kind, (float(first[0]), float(first[1])), lattice.row, lattice.column, (side, side)
     )
-
-
-def _on_pixels(cell: Vector, lattice: Lattice, binning: int) -> Vector:
-    """A raw frame of lenslets that all see a cell, by pixels of binning x binning points."""
-    n = len(cell)
-    mean = [1.0, 1.0]
-    spectrum = fft.fft2(cell)
-    for axis, pitch in enumerate(lattice.pitch[::-1]):
-        cycles = fft.fftfreq(n, 1 / n) / pitch  # a pixel
-        points = (np.arange(binning) - (binning - 1) / 2) / binning
-        mean[axis] = np.cos(2 * np.pi * np.multiply.outer(cycles, points)).mean(axis=1)
-    smooth = fft.ifft2(spectrum * np.multiply.outer(mean[0], mean[1])).real
-    to_cells = np.linalg.inv(np.array([lattice.row, lattice.column]).T)
-    assert lattice.shape is not None
-    away = np.indices(lattice.shape, float) - np.array(lattice.origin)[:, None, None]
-    places = np.tensordot(to_cells, away, 1)
-    samples = (places - np.round(places)) * n + (n - 1) / 2
-    return np.asarray(map_coordinates(smooth, samples, order=3, mode="grid-wrap"))
 
 
 def _left(white: Vector, model: Vector) -> Vector:

@@ -14,7 +14,7 @@ from clplen.batch.jobs.tables import DeconvolveTable
 from clplen.batch.work import deconvolution
 from clplen.batch.work.deconvolution import DeconvolutionSettings, Deconvolver
 from clplen.cli.microscopy.deconvolve import _jobs
-from clplen.cli.microscopy.series import Page
+from clplen.cli.microscopy.frames import Page
 from clplen.compute.device import Device
 from clplen.lightfield.raw.lenslet_lattice import Lattice
 from clplen.microscopy.images import PointImages

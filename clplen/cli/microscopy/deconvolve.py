@@ -12,8 +12,7 @@ from typing import TYPE_CHECKING, Any, Literal
 
 import click
 
-from clplen.cli.microscopy.lattices import Place, told_lattice
-from clplen.cli.microscopy.series import Page, pages_of
+from clplen.cli.microscopy.frames import Page, Place, pages_of, told_lattice
 from clplen.cli.shared import options
 from clplen.cli.shared.console import (
     check_output,

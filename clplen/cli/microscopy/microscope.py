@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Any
 import click
 import numpy as np
 
-from clplen.cli.microscopy.lattices import check_frames
+from clplen.cli.microscopy.frames import check_frames
 from clplen.cli.shared import options
 from clplen.cli.shared.console import (
     check_output,
