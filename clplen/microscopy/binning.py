@@ -74,7 +74,7 @@ def binning_error(camera: Microscope, planes: Vector, binning: int) -> float:
     ...     magnification=10, na=0.2, wavelength=525e-9, pixels_per_lenslet=22,
     ...     mla=clplen.MicrolensArray(60e-6, 1.5e-3, count=5, fill="full"))
     >>> f"{clplen.microscopy.binning_error(camera, [0.0, 50e-6], 2):.1%}"
-    '1.4%'
+    '0.7%'
     """
     z = np.asarray(planes, np.float64)
     counts = np.array([lenslets_across(camera, float(one)) + 2 * AROUND for one in z])

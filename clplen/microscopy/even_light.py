@@ -63,7 +63,7 @@ class EvenLight:
     ...          "lenslet_diameter": 125e-6, "lenslet_fill": "full", "binning": 1}
     >>> cell = clplen.microscopy.EvenLight(about).cell(0.5, 0.5)
     >>> cell.shape, f"{cell.mean():.2f}, {cell[0, 0]:.2f} in a corner"
-    ((50, 50), '1.00, 0.00 in a corner')
+    ((54, 54), '1.00, 0.04 in a corner')
     """
 
     def __init__(self, about: dict[str, Any]) -> None:

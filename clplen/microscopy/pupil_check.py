@@ -118,12 +118,13 @@ def check_pupil(images: PointImages, prepare: Preparation) -> PupilCheck | None:
     ...     magnification=10, na=0.2, wavelength=525e-9, pixels_per_lenslet=11,
     ...     mla=clplen.MicrolensArray(60e-6, 1.5e-3, count=5, fill="full"))
     >>> images = clplen.point_images(camera, [50e-6], voxels_per_lenslet=3, cut=0.05)
-    >>> volume = np.ones((1, 60, 60))  # evenly lit
-    >>> white = 1e4 * clplen.Projector(images, (20, 20)).forward(volume)
+    >>> lattice = clplen.microscopy.square_lattice(11.2, (230, 230))
+    >>> light = clplen.microscopy.EvenLight(images.parameters)
+    >>> white = 1e4 * light.frame(lattice, 0.19, 0.5)  # a smaller pupil
     >>> prepare = clplen.microscopy.preparation(11, white=white)
     >>> found = clplen.microscopy.check_pupil(images, prepare)
-    >>> f"{found.na:.2f}"
-    '0.20'
+    >>> found.fits, f"{found.na:.3f}"
+    (False, '0.190')
     """
     require(PointImages, images, "images", "point_images")
     require(Preparation, prepare, "prepare", "preparation")
@@ -170,6 +171,16 @@ def corrected(prepare: Preparation, check: PupilCheck) -> Preparation:
     Preparation
         Its sensitivity is the white frame over even light of the model, at most four times that of
         the lenslets' mean, and left as it was where the model is dark.
+
+    Examples
+    --------
+    >>> white = np.tile(np.hanning(12)[1:-1], 8) + 0.1  # lenslets of 10 pixels
+    >>> prepare = clplen.microscopy.preparation(10, white=np.outer(white, white))
+    >>> cell = np.ones((10, 10))
+    >>> check = clplen.microscopy.PupilCheck(0.1, 0.0, 0.5, 0.5, 0.0, 2 * cell, cell)
+    >>> better = clplen.microscopy.corrected(prepare, check)
+    >>> f"{(better.sensitivity / prepare.sensitivity).mean():.2f}"
+    '0.50'
     """
     if prepare.sensitivity is None:
         return prepare
