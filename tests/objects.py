@@ -34,6 +34,11 @@ MICROSCOPE: dict[str, Any] = {
     "wavelength": 525e-9,
     "pixels_per_lenslet": 25,
 }
+EVEN_LIGHT: dict[str, Any] = {
+    "magnification": 20.0, "na": 0.5, "medium_index": 1.0, "wavelength": 525e-9,
+    "apodisation": 0.5, "lenslet_pitch": 125e-6, "lenslet_focal_length": 2.5e-3,
+    "lenslet_diameter": 125e-6, "lenslet_fill": "full", "binning": 1,
+}  # fmt: skip
 SPACING = (-1e-3, -1e-3, 1e-5, 1e-5)
 PICTURE = PictureGrid((0.0, 0.0), 1.0, (9, 9))
 FOURIER: dict[str, Any] = {
@@ -348,6 +353,7 @@ EXAMPLES |= {
     "LensletErrors": lambda _: clplen.wave.LensletErrors(
         {(2, -2): 1e-7}, 2e-4, 0.01 + 1e-4 * samples(5, 5), *(1e-6 * samples(5, 5, 2),) * 2
     ),
+    "EvenLight": lambda _: clplen.microscopy.EvenLight(EVEN_LIGHT),
     "FrameProjector": lambda device: frame_projector(device),
     "LensletSampling": lambda _: clplen.wave.LensletSampling(0.1, 0.2, 1.0, 1e-3),
     "LightFieldReport": lambda device: clplen.lightfield.check_light_field(lightfield(device)),
@@ -363,8 +369,11 @@ EXAMPLES |= {
     "Polygon": lambda _: clplen.cameras.Polygon([(0.0, 0.0), (0.0, 2.0), (2.0, 0.0)]),
     "Preparation": lambda device: clplen.microscopy.preparation(10, device=device),
     "Prepared": lambda _: clplen.microscopy.Prepared(samples(9, 9), samples(9, 9), 0, 0),
+    "PupilCheck": lambda _: clplen.microscopy.PupilCheck(
+        0.1, 1e-3, 0.475, 0.5, 4e-3, samples(9, 9), samples(9, 9)
+    ),
     "RawPreparation": lambda device: clplen.microscopy.RawPreparation(
-        3, device, None, None, None, None, frame_projector(device)
+        3, device, None, None, None, None, projector=frame_projector(device)
     ),
     "Regions": lambda _: clplen.microscopy.Regions(
         np.zeros((3, 9, 9), np.int32), samples(5, 3), *(samples(5) for _ in range(4)), 0.5

@@ -19,6 +19,8 @@ from clplen.config.scene import CoherenceTable, SceneTable
 from clplen.config.tables import Count, Positive, Table, read_toml, validated
 from clplen.errors import FormatError
 from clplen.files import PathLike
+from clplen.microscopy.binning import suitable_binning
+from clplen.microscopy.prepare import LEAST
 
 _POWERS = (3, -3, 6, -6, 9, -9)  # of 10: from m, mm, um and nm to one another
 
@@ -71,6 +73,7 @@ PIXEL = Range(0.3, 200, "um")
 STEP = Range(1e-4, 1e4, "um")
 PIXELS = Range(3, 1000)  # of a lenslet, along an axis
 F_NUMBER = Range(0.5, 1000)  # of a lenslet
+NEAR = 0.1  # of a pixel, by which a lenslet may miss a whole number of them
 
 
 FINER = 1.5  # pixels of point images for one of a frame that is not rectified, along an axis
@@ -98,6 +101,7 @@ class KnownTable(Table):
     num_slices: Count | None = None
     um_per_slice: Annotated[Positive, AfterValidator(STEP.check)] | None = None
     supersample: Count | None = None
+    pixels_per_lenslet: Count | None = None
 
     @model_validator(mode="after")
     def _pixels_of_lenslets(self) -> KnownTable:
@@ -178,12 +182,12 @@ class MicroscopeFile:
     camera : CameraTable
         With a whole number of pixels a lenslet, ``binning`` times those of the sensor.
     pixels : float
-        A lenslet, as the file has them: frames are rectified to the next whole number, if at all.
+        A lenslet, as the file has them: frames are rectified to the whole number, if at all.
     rectified : bool
         Whether frames are: else the camera has `FINER` times as many pixels, whose images are
         brought onto the frames' own.
     binning : int
-        Of `point_images`.
+        Of `point_images`; default as `suitable_binning` has it.
     least : int
         The least ``binning`` that samples the light.
     taken : tuple of str
@@ -206,7 +210,11 @@ class MicroscopeFile:
 
 
 def read_microscope_file(
-    path: PathLike, *, binning: int | None = None, rectified: bool = True
+    path: PathLike,
+    *,
+    binning: int | None = None,
+    pixels: int | None = None,
+    rectified: bool = True,
 ) -> MicroscopeFile:
     """Read the parameters of a light-field microscope.
 
@@ -215,11 +223,15 @@ def read_microscope_file(
     path : path-like
         TOML: a camera file with ``kind = "microscope"``, whose scene may be missing, or the names
         magnification, na, medium_index, wavelength (nm), tubelens_focal_length (mm), ulens_pitch,
-        ulens_focal_length, pixel_size (um), num_slices, um_per_slice, supersample; apodisation,
-        cover and pupil_nm, as in ``[camera]``.
+        ulens_focal_length, pixel_size (um), num_slices, um_per_slice, supersample,
+        pixels_per_lenslet (those of rectified frames); apodisation, cover and pupil_nm, as in
+        ``[camera]``.
     binning : int, optional
-        Parts of a pixel of the sensor, along an axis, that light is simulated on; default the
-        fewest that sample it.
+        Parts of a pixel of the sensor, along an axis, that light is simulated on; default as many
+        as `suitable_binning` finds by NA and lenslets.
+    pixels : int, optional
+        A lenslet of rectified frames; default what the file names, else the number that follows
+        from pitch and pixels: rounded where it is whole to a tenth, else up.
     rectified : bool
         Whether frames are to be rectified; those of hexagonal arrays, and of several focal lengths,
         never are.
@@ -232,7 +244,7 @@ def read_microscope_file(
     ------
     FormatError
         If there is no such file, it is not TOML or of another camera, or a key is unknown, missing
-        or out of range.
+        or out of range; if light would be stepped over by fewer pixels than .9 of those there are.
     """
     path = Path(path)
     content = read_toml(path, f"file {path} of a microscope; {_PRINTED}")
@@ -242,7 +254,7 @@ def read_microscope_file(
         if camera.kind != "microscope":
             raise FormatError(f"{path} is of kind {camera.kind!r}, not 'microscope'.")
         return replace(
-            _simulable(camera, binning, rectified),
+            _simulable(camera, binning, pixels, rectified, path),
             taken=_taken(camera, "medium_index", "tube_lens_mm"),
         )
     if not KnownTable.model_fields.keys() & content.keys():
@@ -250,7 +262,7 @@ def read_microscope_file(
     known = validated(KnownTable, content, path)
     camera = known.camera()
     return replace(
-        _simulable(camera, binning, rectified),
+        _simulable(camera, binning, pixels or known.pixels_per_lenslet, rectified, path),
         taken=_taken(known, "tubelens_focal_length"),
         slices=known.num_slices,
         um_per_slice=known.um_per_slice,
@@ -282,16 +294,71 @@ def _taken(table: Table, *keys: str) -> tuple[str, ...]:
     )
 
 
-def _simulable(camera: CameraTable, binning: int | None, rectified: bool) -> MicroscopeFile:
-    """With the next whole number of pixels a lenslet, in parts; round-off is no pixel."""
-    array = camera.microlenses
+def _simulable(
+    camera: CameraTable, binning: int | None, pixels: int | None, rectified: bool, path: Path
+) -> MicroscopeFile:
+    """With a whole number of pixels a lenslet, in parts."""
+    across, array = camera.pixels_across, camera.microlenses
     rectified &= array.lattice == "square" and len(array.focal_length_mm) == 1
-    finer, parts = (1.0, 1) if rectified else (FINER, PARTS)
-    pixels = math.ceil(round(finer * camera.pixels_across, 6))
-    least = math.floor(array.pitch_um / (_coarsest(camera) * pixels)) + 1
-    binning = binning or max(least, parts)
+    if not rectified:
+        return _unrectified(camera, binning, pixels, path)
+    if pixels is None:
+        pixels = whole_pixels(across)
+    if not LEAST * across <= pixels <= PIXELS.high:
+        raise FormatError(
+            f"{path} has {across:.5g} pixels a lenslet, and frames of {pixels} would step over "
+            f"light or are none: give {math.ceil(LEAST * across)} to {PIXELS.high:g}, or leave the "
+            "number out."
+        )
+    size = array.pitch_um / pixels
+    least = math.floor(size / _coarsest(camera)) + 1
+    lenslet = (array.diameter_um or array.pitch_um, 1e3 * array.focal_length_mm[0])
+    binning = binning or max(
+        least,
+        suitable_binning(
+            camera.na or 0, camera.magnification or 1, camera.wavelength_nm / 1e3, *lenslet, size
+        ),
+    )
     fine = camera.model_copy(update={"pixels_per_lenslet": float(pixels * binning)})
-    return MicroscopeFile(fine, camera.pixels_across, rectified, binning, least)
+    return MicroscopeFile(fine, across, rectified, binning, least)
+
+
+def _unrectified(
+    camera: CameraTable, binning: int | None, pixels: int | None, path: Path
+) -> MicroscopeFile:
+    """With finer pixels, in parts, for frames as they are."""
+    if pixels is not None:
+        raise FormatError(
+            f"{path}: pixels a lenslet are those of rectified frames, and these are not: leave "
+            "them out."
+        )
+    pixels = math.ceil(round(FINER * camera.pixels_across, 6))
+    least = math.floor(camera.microlenses.pitch_um / (_coarsest(camera) * pixels)) + 1
+    binning = binning or max(least, PARTS)
+    fine = camera.model_copy(update={"pixels_per_lenslet": float(pixels * binning)})
+    return MicroscopeFile(fine, camera.pixels_across, False, binning, least)
+
+
+def whole_pixels(across: float) -> int:
+    """Pixels a lenslet of rectified frames: the nearest number within a tenth, else the next.
+
+    Parameters
+    ----------
+    across : float
+        Pixels a lenslet of the sensor.
+
+    Returns
+    -------
+    int
+
+    Examples
+    --------
+    >>> from clplen.config.microscope import whole_pixels
+    >>> [whole_pixels(across) for across in (33.000006, 33.038, 15.385)]
+    [33, 33, 16]
+    """
+    nearest = round(across)
+    return nearest if abs(across - nearest) <= NEAR else math.ceil(across)
 
 
 def _coarsest(camera: CameraTable) -> float:

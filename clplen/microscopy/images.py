@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import cached_property
 from typing import Any
 
@@ -34,6 +34,10 @@ class PointImages:
         1)/2.
     scales : numpy.ndarray
         float64, shape (planes,): what the stored numbers are multiplied by.
+    notes : dict
+        Numbers that tell more of them, without which they are the same: "sensor_pixels", pixels a
+        lenslet of the sensor by the parameters, before rectification; "binning_error", how far an
+        image is from that of pixels twice as fine, norm over norm.
 
     Examples
     --------
@@ -54,6 +58,7 @@ class PointImages:
     pixels: int
     stored: tuple[Vector, ...]
     scales: Vector
+    notes: dict[str, float] = field(default_factory=dict)
 
     def __repr__(self) -> str:
         size = sum(one.nbytes for one in self.stored) / 2**20

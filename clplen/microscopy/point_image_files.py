@@ -61,6 +61,8 @@ def write_point_images(path: PathLike, images: PointImages) -> None:
         file.attrs["format"] = FORMAT if images.cell.lenslets == (1, 1) else OF_CELLS
         file.attrs["parameters"] = json.dumps(images.parameters)
         file.attrs["digest"] = digest(images)
+        if images.notes:
+            file.attrs["notes"] = json.dumps(images.notes)
         file["scales"] = images.scales
         for number, values in enumerate(images.stored):
             file.create_dataset(
@@ -122,6 +124,7 @@ def read_point_images(path: PathLike) -> PointImages:
             parameters = json.loads(file.attrs["parameters"])
             stored = tuple(file["planes"][name][()] for name in sorted(file["planes"]))
             scales, expected = file["scales"][()], file.attrs["digest"]
+            notes = _numbers(json.loads(file.attrs.get("notes", "{}")))
         for name in {"planes", "lenslet_focal_lengths"} & parameters.keys():
             parameters[name] = tuple(parameters[name])
         images = PointImages(
@@ -131,6 +134,7 @@ def read_point_images(path: PathLike) -> PointImages:
             int(parameters["pixels_per_lenslet"]),
             stored,
             scales,
+            notes,
         )
     except (OSError, AttributeError, LookupError, RuntimeError, TypeError, ValueError) as error:
         raise FormatError(
@@ -165,6 +169,14 @@ def read_parameters(path: PathLike) -> tuple[dict[str, Any], list[tuple[int, ...
             return json.loads(file.attrs["parameters"]), [planes[k].shape for k in sorted(planes)]
     except (OSError, AttributeError, FormatError, LookupError, RuntimeError, ValueError):
         return None
+
+
+def _numbers(notes: Any) -> dict[str, float]:
+    """Notes as numbers from 0 on, by name."""
+    found = {str(name): float(one) for name, one in dict(notes).items()}
+    if not all(0 <= one < math.inf for one in found.values()):
+        raise ValueError(f"notes are {notes!r}")
+    return found
 
 
 def _check_memory(path: Path, datasets: list[h5py.Dataset]) -> None:

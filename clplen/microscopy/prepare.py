@@ -16,7 +16,7 @@ from typing import Any
 import numpy as np
 from scipy.ndimage import binary_dilation
 
-from clplen.checks import host_array, positive_integer, real_array, require
+from clplen.checks import positive_integer, real_array, require
 from clplen.compute.device import Device, DeviceLike, as_device
 from clplen.errors import ShapeError
 from clplen.lightfield.calibration.lattice_fit import estimate_lattice
@@ -24,6 +24,9 @@ from clplen.lightfield.calibration.lattice_trust import require_trust
 from clplen.lightfield.raw.decode import resample
 from clplen.lightfield.raw.lenslet_lattice import Lattice
 from clplen.lightfield.raw.raw_image import RawImage
+from clplen.microscopy.given_lattice import check_given
+from clplen.microscopy.outliers import MANY, hot_pixels, uneven_pixels
+from clplen.microscopy.prepared import Prepared, mask_of, samples, unknown
 from clplen.reprs import OneLine
 
 LEAST = 0.9  # of the pitch: with fewer pixels the energy of a spot depends on its place
@@ -150,41 +153,6 @@ RARE = 5 * math.sqrt(2)  # times the noise of a dark frame: beyond that of two o
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class Prepared(OneLine):
-    """A frame as `deconvolve` takes it.
-
-    Attributes
-    ----------
-    counts, white : numpy.ndarray
-        float32, shape (rows n, columns n); white 0 where pixels are left out.
-    negative, left_out : int
-        How many pixels of the raw frame were below 0 and are 0; how many were saturated or not
-        finite.
-    deep : int
-        How many were further below 0 than the noise of the dark frame explains.
-    size : int
-        Pixels of the raw frame.
-
-    Examples
-    --------
-    >>> wave = 1 + np.cos(2 * np.pi * np.arange(60) / 9.6)  # lenslets 9.6 pixels apart
-    >>> white = 1000 * np.outer(wave, wave)
-    >>> frame = (0.5 * white).astype(np.uint16)
-    >>> frame[30, 30] = 65535  # saturated
-    >>> found = clplen.microscopy.preparation(10, white=white)(frame)
-    >>> found.counts.shape, found.left_out, found.negative
-    ((50, 50), 1, 0)
-    """
-
-    counts: Vector
-    white: Vector
-    negative: int
-    left_out: int
-    deep: int = 0
-    size: int = 0
-
-
-@dataclass(frozen=True, eq=False, repr=False)
 class Preparation(OneLine):
     """What frames of one camera share. Made by `preparation`.
 
@@ -202,6 +170,10 @@ class Preparation(OneLine):
         float32, rectified; 1 where a lenslet is as bright as the mean one.
     level : numpy.ndarray or None
         The white frame itself, rectified.
+    mask : numpy.ndarray or None
+        bool, shape (ny, nx): pixels that are left out of every frame.
+    sharpest : tuple of float or None
+        Of `sharpness`: pixels that stand out more are left out; None looks for none.
 
     Examples
     --------
@@ -220,6 +192,8 @@ class Preparation(OneLine):
     lattice: Lattice | None
     sensitivity: Vector | None
     level: Vector | None = None
+    mask: Vector | None = None
+    sharpest: tuple[float, float, float] | None = None
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "device", as_device(self.device))
@@ -266,7 +240,7 @@ class Preparation(OneLine):
         """
         values = samples(frame)
         self._check(values.shape)
-        bad = _unknown(values, saturation)
+        bad = unknown(values, saturation)
         light = np.where(bad, 0, values.astype(np.float32))
         if self.dark is not None:
             light = np.where(bad, 0, light - self.dark)
@@ -279,11 +253,24 @@ class Preparation(OneLine):
             )
         deep = int(np.count_nonzero(light < -RARE * self.noise)) if self.noise else 0
         light = np.maximum(light, 0)
-        white = np.ones(light.shape, np.float32) if self.sensitivity is None else self.sensitivity
+        left_out = int(np.count_nonzero(bad))
+        hot = np.zeros(light.shape, bool) if self.sharpest is None else self._hot(light, bad)
+        found = int(np.count_nonzero(hot))
+        doubtful = found if found > MANY * light.size else 0
+        bad = bad | hot if found and not doubtful else bad
+        masked = 0
+        if self.mask is not None:
+            masked = int(np.count_nonzero(self.mask & ~bad))
+            bad = bad | self.mask
+        light = np.where(bad, np.float32(0), light)
         light = self._resampled(light)
+        white = np.ones(light.shape, np.float32) if self.sensitivity is None else self.sensitivity
         if bad.any():
             white = np.where(self._reached(bad), np.float32(0), white)
-        return Prepared(light, white, negative, int(np.count_nonzero(bad)), deep, light.size)
+        return Prepared(
+            light, white, negative, left_out, deep, values.size,
+            found - doubtful, masked, doubtful,
+        )  # fmt: skip
 
     def place(self, voxels: int) -> dict[str, tuple[float, float]]:
         """Where the columns of voxels lie on the raw frame, for volumes to be laid over it.
@@ -348,19 +335,22 @@ class Preparation(OneLine):
         if len(shape) != 2:
             raise ShapeError(f"A raw frame has shape (ny, nx), not {shape}.")
         beside = {
-            "white": None if self.lattice is None else self.lattice.shape,
-            "dark": None if self.dark is None else self.dark.shape,
+            "white frame" if self.level is not None else "lattice": self.lattice,
+            "dark frame": self.dark,
+            "mask": self.mask,
         }
-        for name, known in beside.items():
+        for name, one in beside.items():
+            known = None if one is None else one.shape
             if known is not None and known != shape:
                 raise ShapeError(
-                    f"The frame has shape {shape} and the {name} frame {known}: give the {name} "
-                    "frame of the same camera and crop."
+                    f"The frame has shape {shape} and the {name} {known}: give the {name} of the "
+                    "same camera and crop."
                 )
         if self.lattice is None and any(n % self.pixels for n in shape):
             raise ShapeError(
                 f"The frame of shape {shape} has no whole number of lenslets of {self.pixels} x "
-                f"{self.pixels} pixels: give the white frame, with which it is rectified."
+                f"{self.pixels} pixels: give the white frame, with which it is rectified, or its "
+                "lattice."
             )
 
     def _resampled(self, light: Vector) -> Vector:
@@ -368,6 +358,12 @@ class Preparation(OneLine):
         if self.lattice is None:
             return light
         return rectify(light, self.lattice, device=self.device, pixels=self.pixels)
+
+    def _hot(self, light: Vector, bad: Vector) -> Vector:
+        """Pixels that stand out as no light does."""
+        assert self.sharpest is not None
+        lattice = self.pixels if self.lattice is None else self.lattice
+        return hot_pixels(light, self.sharpest, lattice) & ~bad
 
     def _reached(self, bad: Vector) -> Vector:
         """Rectified pixels that a bad one has a part in."""
@@ -385,6 +381,9 @@ def preparation(
     dark: Any = None,
     saturation: float | None = None,
     force: bool = False,
+    lattice: Lattice | None = None,
+    mask: Any = None,
+    sharpest: tuple[float, float, float] | None = None,
 ) -> Preparation:
     """Find the lattice and the sensitivity of the pixels.
 
@@ -403,6 +402,13 @@ def preparation(
         As in `Preparation`; saturated pixels of the white frame are left out.
     force : bool
         Whether to go on where the lattice of the white frame is not to be trusted.
+    lattice : Lattice, optional
+        In place of that of a white frame, for frames that have none; with the shape of frames.
+    mask : array_like, optional
+        Shape (ny, nx), not 0 where pixels are left out.
+    sharpest : tuple of float, optional
+        `sharpness` of the point images: hot pixels of frames, and hot or dead ones of the white
+        frame, are left out. Default: they are not looked for.
 
     Returns
     -------
@@ -415,7 +421,8 @@ def preparation(
         If the white and the dark frame are of different sizes, or no lenslet lies on the frame.
     ValueError
         If the white frame is dark or mostly saturated, has no lenslets of about so many pixels, or
-        a lattice that is not to be trusted and ``force`` is False.
+        a lattice that is not to be trusted and ``force`` is False; if a lattice is given beside it,
+        or one that is none of a frame; if a mask holds other numbers or leaves out every pixel.
 
     Warns
     -----
@@ -434,8 +441,14 @@ def preparation(
     pixels = positive_integer(pixels, "pixels")
     black = None if dark is None else np.asarray(samples(dark), np.float32)
     if white is None:
-        return Preparation(pixels, device, black, None, None)
+        if lattice is not None:
+            check_given(lattice)
+        out = None if mask is None else mask_of(mask, None)
+        return Preparation(pixels, device, black, lattice, None, None, out, sharpest)
+    if lattice is not None:
+        raise ValueError("The white frame tells its own lattice: leave the other one out.")
     light, bad = white_light(white, black, saturation)
+    out = None if mask is None else mask_of(mask, light.shape)
     lattice = estimate_lattice(light, kind="square", pitch=max(pixels, LEAST_PITCH))
     if math.isnan(lattice.residual):
         raise ValueError(
@@ -444,10 +457,15 @@ def preparation(
         )
     require_trust(lattice, "The white frame", force=force)
     found = Preparation(pixels, device, black, lattice, None)
+    if sharpest is not None:
+        uneven = uneven_pixels(light, lattice)
+        bad = bad | uneven if np.count_nonzero(uneven) <= MANY * light.size else bad
+    bad = bad if out is None else bad | out
     level = rectify(light, lattice, device=device, pixels=pixels)
     if bad.any():
         level[found._reached(bad)] = 0
-    return Preparation(pixels, device, black, lattice, _sensitivity(level, pixels), level)
+    even = _sensitivity(level, pixels)
+    return Preparation(pixels, device, black, lattice, even, level, out, sharpest)
 
 
 def white_light(
@@ -479,7 +497,7 @@ def white_light(
             f"The white frame has shape {values.shape} and the dark frame {black.shape}: give "
             "those of the same camera and crop."
         )
-    bad = _unknown(values, saturation)
+    bad = unknown(values, saturation)
     if 2 * np.count_nonzero(bad) > bad.size:
         raise ValueError(
             f"{np.count_nonzero(bad):,} of {bad.size:,} pixels of the white frame are saturated "
@@ -493,11 +511,6 @@ def white_light(
     return light, bad
 
 
-def samples(frame: Any) -> Vector:
-    """Those of an array or of a `RawImage`."""
-    return host_array(frame.to_numpy() if hasattr(frame, "to_numpy") else frame, "A frame")
-
-
 def _sensitivity(level: Vector, n: int) -> Vector:
     """Levels over the mean of the lenslets, pixel by pixel; 0 where there is no light."""
     cells = level.reshape(level.shape[0] // n, n, level.shape[1] // n, n)
@@ -506,11 +519,3 @@ def _sensitivity(level: Vector, n: int) -> Vector:
     mean = (cells * bright).sum(axis=(0, 2), keepdims=True, dtype=np.float64) / counted
     found = np.divide(cells, mean, out=np.zeros(cells.shape), where=bright)
     return found.reshape(level.shape).astype(np.float32)
-
-
-def _unknown(values: Vector, saturation: float | None) -> Vector:
-    """Pixels that are saturated or not finite."""
-    if saturation is None and values.dtype.kind in "ui":
-        saturation = np.iinfo(values.dtype).max
-    bad = ~np.isfinite(values)
-    return bad if saturation is None else bad | (values >= saturation)

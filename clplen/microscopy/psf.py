@@ -52,6 +52,7 @@ def point_images(
     store: Store = "float32",
     path: PathLike | None = None,
     progress: Progress | None = None,
+    notes: dict[str, float] | None = None,
 ) -> PointImages:
     """Simulate the point images of a microscope, or read them from a file.
 
@@ -95,6 +96,8 @@ def point_images(
         An HDF5 file: read if it is there and fits, else written.
     progress : callable, optional
         Called as ``progress(done, total)`` after each batch of images, of all that are simulated.
+    notes : dict, optional
+        `PointImages.notes`, kept with those that are simulated.
 
     Returns
     -------
@@ -153,8 +156,9 @@ def point_images(
         scales.append(scale)
     n = round(camera.pixels_per_lenslet) // binning
     made = PointImages(
-        parameters, z, voxels_per_lenslet, n, tuple(stored), np.array(scales, np.float64)
-    )
+        parameters, z, voxels_per_lenslet, n, tuple(stored), np.array(scales, np.float64),
+        dict(notes or {}),
+    )  # fmt: skip
     if path is not None:
         point_image_files.write_point_images(path, made)
     return made

@@ -19,7 +19,8 @@ from clplen.lightfield.calibration.lattice_trust import require_trust
 from clplen.lightfield.raw.lenslet_lattice import Lattice
 from clplen.microscopy.frame_projector import FrameProjector
 from clplen.microscopy.images import PointImages
-from clplen.microscopy.prepare import DARKEST, DIMMEST, Preparation, samples, white_light
+from clplen.microscopy.prepare import DARKEST, DIMMEST, Preparation, white_light
+from clplen.microscopy.prepared import samples
 
 Vector = np.ndarray[Any, Any]
 
@@ -165,7 +166,8 @@ def raw_preparation(
     level = np.where(bad, np.float32(0), light)
     sensitivity = _sensitivity(projector, level, ~bad)
     return RawPreparation(
-        images.pixels, projector.device, black, projector.lattice, sensitivity, level, projector
+        images.pixels, projector.device, black, projector.lattice, sensitivity, level,
+        projector=projector,
     )
 
 

@@ -199,7 +199,10 @@ def found_in_batches(
 
 
 def _found(
-    frames: list[SeriesFrame], projector: AnyProjector, start: Vector | None, options: dict[str, Any]
+    frames: list[SeriesFrame],
+    projector: AnyProjector,
+    start: Vector | None,
+    options: dict[str, Any],
 ) -> Iterator[DeconvolutionResult]:
     shape = frames[0].counts.shape
     dim = np.stack([np.broadcast_to(np.asarray(one.background), shape) for one in frames])

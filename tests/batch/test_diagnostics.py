@@ -83,13 +83,19 @@ def test_of_volumes(white: Any) -> None:
     frame = prepared(white * np.where(half, 3, 1))  # lenslets lit evenly leave .2
     nothing = np.zeros_like(white)
 
-    def said(last: float, level: Any = white, variance: float = 0.0) -> str:
+    def said(last: float, level: Any = white, variance: float = 0.0, **more: Any) -> str:
         residuals = np.array([1.0, last])
-        return " ".join(diagnostics.diagnose_volume(residuals, frame, nothing, level, N, variance))
+        return " ".join(
+            diagnostics.diagnose_volume(residuals, frame, nothing, level, N, variance, **more)
+        )
 
     assert not said(0.149)
     assert "residual of 0.151 is high, lenslets lit evenly would leave 0.2:" in said(0.151)
-    assert "would leave 3" in said(0.99, None)  # 3e-13: all are as their own mean is
+    assert "no depth at all, 3" in said(0.99, None)  # 3e-13: all are as their own mean is
+    assert "no white frame and no lattice told" in said(0.21, placed=False)
+    assert "worse than no depth" in said(0.21)
+    assert not said(0.21, pupil=0.07)  # .15 and what the pupil may leave
+    assert "is high" in said(0.23, pupil=0.07)
     assert "is the background too high?" in said(1.01)
     counts = frame.counts.astype(float)
     variance = 0.1 * np.square(counts).sum() / counts.sum()  # noise of .1: .1 + .75 .1

@@ -14,7 +14,7 @@ from clplen.batch.jobs.tables import DeconvolveTable
 from clplen.batch.work import deconvolution
 from clplen.batch.work.deconvolution import DeconvolutionSettings, Deconvolver, provenance
 from clplen.cli.microscopy.deconvolve import _jobs
-from clplen.cli.microscopy.series_file import Page
+from clplen.cli.microscopy.frames import Page
 from clplen.compute.device import Device
 from clplen.lightfield.raw.lenslet_lattice import Lattice
 from clplen.microscopy.images import PointImages
@@ -88,7 +88,7 @@ def test_every_word_arrives(device: Device, monkeypatch: pytest.MonkeyPatch) -> 
     assert given["variance"] == prepare.variance
     for name in ("iterations", "residual", "accelerate", "prior", "strength"):
         assert given[name] == getattr(ALL, name)
-    monkeypatch.setattr("clplen.batch.work.diagnostics.diagnose_volume", lambda *words: words)
+    monkeypatch.setattr("clplen.batch.work.diagnostics.diagnose_volume", lambda *words, **_: words)
     _, seen, dim, known, n, ratio = series.diagnose(frame, SimpleNamespace(residuals=[]))  # type: ignore[arg-type, misc]
     assert seen is frame
     assert known is level
@@ -134,7 +134,9 @@ def test_what_a_volume_depends_on(tmp_path: Path, monkeypatch: pytest.MonkeyPatc
     files = [tmp_path / name for name in "abc"]
     for path in files:
         path.write_bytes(path.name.encode())
-    other = DeconvolutionSettings(8, 4.0, 3.0, 901.0, False, "noise", False, "gaussian", 0.6)
+    other = DeconvolutionSettings(
+        8, 4.0, 3.0, 901.0, False, "noise", False, "gaussian", 0.6, True, True
+    )
     hows = [
         ALL,
         *(replace(ALL, **{f.name: getattr(other, f.name)}) for f in fields(DeconvolutionSettings)),

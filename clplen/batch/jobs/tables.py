@@ -279,6 +279,8 @@ class DeconvolveTable(Table):
     accelerate: Switch = False
     prior: Literal["tv", "gaussian"] | None = None
     strength: Positive = 1.0
+    radiometric: Switch = False
+    keep_hot: Switch = False
 
 
 WORK = ("stack", "depth", "all_in_focus", "views", "light_field", "deconvolve", "raw")
@@ -409,6 +411,8 @@ disparities = "-2:2:41"         # START:STOP:N or a list, pixels a view step, ne
 # accelerate = false            # true: fewer iterations, more memory
 # prior = "tv"                  # default: none; against noise; "gaussian": about the native plane
 # strength = 1.0                # of the prior
+# radiometric = false           # true: the white frame corrects the pupil of the point images
+# keep_hot = false              # true: pixels that stand out as no light does are kept
 
 # [raw]                         # of simulations and scenes; it has no keys
 """

@@ -25,6 +25,7 @@ from clplen.io.formats.tiff import SUFFIXES
 from clplen.io.raw.raw_files import read_frame
 from clplen.io.results.volume_files import is_volume, write_volume
 from clplen.io.store.digest import digest
+from clplen.lightfield.raw.lenslet_lattice import Lattice
 from clplen.lightfield.raw.raw_image import RawImage
 from clplen.microscopy import point_image_files
 from clplen.microscopy.deconvolution import AnyProjector, DeconvolutionResult, deconvolve
@@ -32,8 +33,11 @@ from clplen.microscopy.fourier import fourier_files
 from clplen.microscopy.fourier.fourier_images import FourierPointImages
 from clplen.microscopy.fourier.fourier_projector import FourierProjector
 from clplen.microscopy.images import PointImages
-from clplen.microscopy.prepare import Preparation, Prepared, preparation
+from clplen.microscopy.outliers import sharpness
+from clplen.microscopy.prepare import Preparation, preparation
+from clplen.microscopy.prepared import Prepared
 from clplen.microscopy.projector import Projector
+from clplen.microscopy.pupil_check import PupilCheck, check_pupil, corrected
 from clplen.microscopy.raw_frames import RawPreparation, raw_preparation
 from clplen.microscopy.rolling import rolling_minimum
 from clplen.microscopy.series import SeriesFrame, batch_for, found_in_batches
@@ -61,6 +65,11 @@ class DeconvolutionSettings:
         Whether light from far beyond the volume is told from it; see `Preparation.haze`.
     residual, accelerate, prior, strength
         Of `deconvolve`.
+    radiometric : bool
+        Whether what the modelled pupil lacks beside the white frame goes into the sensitivity; see
+        `clplen.microscopy.corrected`.
+    keep_hot : bool
+        Whether hot pixels are kept; else they are left out, see `clplen.microscopy.hot_pixels`.
 
     Examples
     --------
@@ -78,6 +87,8 @@ class DeconvolutionSettings:
     accelerate: bool = False
     prior: Literal["tv", "gaussian"] | None = None
     strength: float = 1.0
+    radiometric: bool = False
+    keep_hot: bool = False
 
 
 class Deconvolver:
@@ -105,13 +116,22 @@ class Deconvolver:
         `preparation`.
     begin : Start, optional
         What a frame begins with, made of the volume before it; default that volume.
+    lattice : Lattice, optional
+        Of frames without a white one, with their shape.
+    mask : path-like, optional
+        Picture that is not 0 where pixels are left out.
+
+    Attributes
+    ----------
+    pupil : PupilCheck or None
+        How the point images' pupil fits the white frame; None without one.
 
     Raises
     ------
     FormatError
         If a file is missing, damaged or of another kind.
     ShapeError, ValueError
-        As `preparation`.
+        As `preparation`; if the settings are radiometric without a white frame.
 
     Examples
     --------
@@ -135,47 +155,66 @@ class Deconvolver:
         memory: int | None = None,
         force: bool = False,
         begin: Start | None = None,
+        lattice: Lattice | None = None,
+        mask: PathLike | None = None,
     ) -> None:
         device = as_device(device)
         self.images, self.how, self.device, self._memory = images, how, device, memory
         self._begin = begin or Start("previous", images)
-        self._white, self._dark = white, dark
-        is_fourier = isinstance(images, FourierPointImages)
-        if is_fourier and white:
-            raise ValueError(
-                "Point images of a Fourier microscope know its sub-images, and how bright they "
-                "are: leave the white frame out."
-            )
-        beside = {
-            name: read_picture(path) for name, path in (("white", white), ("dark", dark)) if path
-        }
-        with naming(white or "Without a white frame"):
+        self._files = {"white": white, "dark": dark, "mask": mask}
+        self._lattice = lattice
+        self.pupil: PupilCheck | None = None
+        beside = {name: read_picture(path) for name, path in self._files.items() if path}
+        with naming(white or mask or "Without a white frame"):
             self._prepare = self._prepared_for(beside, force)
         self._projector: AnyProjector | None = None
 
     def _prepared_for(self, beside: dict[str, Values], force: bool) -> Preparation:
         """What frames share, rectified or as they are."""
-        images, saturation = self.images, self.how.saturation
+        images, how = self.images, self.how
+        given: dict[str, Any] = {"device": self.device, "saturation": how.saturation, **beside}
+        given["force"] = force
         if isinstance(images, FourierPointImages):
-            return preparation(1, device=self.device, saturation=saturation, force=force, **beside)
+            _refuse_of_others(beside, self._lattice, how.radiometric)
+            return preparation(1, **given)
         if "sensor_pixels" not in images.parameters and images.cell.lenslets == (1, 1):
-            return preparation(
-                images.pixels, device=self.device, saturation=saturation, force=force, **beside
-            )
+            return self._rectified(images, given)
         if "white" not in beside:
             raise ValueError(
                 "these point images are those of frames that are not rectified, whose lattice the "
                 "white frame tells: give it."
             )
-        return raw_preparation(
-            images, device=self.device, saturation=saturation, force=force, memory=self._memory,
-            **beside,
-        )  # fmt: skip
+        if "mask" in beside or how.radiometric:
+            raise ValueError(
+                "Masks and the correction of the pupil (radiometric) are for rectified frames: "
+                "leave them out, or make point images without --unrectified."
+            )
+        return raw_preparation(images, memory=self._memory, **given)
+
+    def _rectified(self, images: PointImages, given: dict[str, Any]) -> Preparation:
+        """What frames share that are rectified; the pupil is compared with the white one."""
+        how = self.how
+        sharpest = None if how.keep_hot else sharpness(images)
+        found = preparation(images.pixels, lattice=self._lattice, sharpest=sharpest, **given)
+        self.pupil = check_pupil(images, found)
+        if not how.radiometric:
+            return found
+        if self.pupil is None:
+            raise ValueError("The pupil is corrected by a white frame, and there is none.")
+        return corrected(found, self.pupil)
 
     @cached_property
     def words(self) -> dict[str, Any]:
         """What all volumes depend on; see `provenance`."""
-        return provenance(self.images, self.how, self._white, self._dark)
+        return provenance(self.images, self.how, **self._files, lattice=self._lattice)
+
+    def checks(self) -> list[str]:
+        """Sentences on the white frame and the point images, the same for all frames."""
+        if isinstance(self.images, FourierPointImages):
+            return []
+        return diagnostics.diagnose_series(
+            self.images, self._prepare, self.pupil, self.how.radiometric
+        )
 
     def prepared(self, frame: Values) -> Prepared:
         """A raw frame, rectified where point images are those of rectified frames."""
@@ -204,9 +243,12 @@ class Deconvolver:
         _, background = self._light(frame, low)
         gain, variance = self.how.gain, self._prepare.variance
         level = self._prepare.level
+        pupil = 0.0 if self.pupil is None or self.how.radiometric else self.pupil.share
+        placed = self._prepare.lattice is not None or isinstance(self.images, FourierPointImages)
         return diagnostics.diagnose_volume(
-            found.residuals, frame, background * gain, level, self._prepare.pixels, gain * variance
-        )
+            found.residuals, frame, background * gain, level, self._prepare.pixels, gain * variance,
+            pupil=pupil, placed=placed,
+        )  # fmt: skip
 
     def _light(self, frame: Prepared, low: Values | None = None) -> tuple[Values, Values]:
         """Photons of a frame, and those from nowhere in the volume: at least ``low`` counts."""
@@ -328,6 +370,15 @@ class Deconvolver:
         return self._projector
 
 
+def _refuse_of_others(beside: dict[str, Values], lattice: Lattice | None, corrected: bool) -> None:
+    """Refuse what frames of a Fourier microscope do not have."""
+    if "white" in beside or lattice is not None or corrected:
+        raise ValueError(
+            "Point images of a Fourier microscope know its sub-images, and how bright they "
+            "are: leave the white frame, the lattice and the radiometric correction out."
+        )
+
+
 def _under_the_middle(images: FourierPointImages) -> dict[str, tuple[float, float]]:
     """As `Preparation.place`, of the sub-image nearest to the middle of the sensor."""
     middle = (np.array(images.shape) - 1) / 2
@@ -362,7 +413,13 @@ def lowest(frames: Iterable[Prepared], window: int) -> Iterator[tuple[Prepared, 
 
 
 def provenance(
-    images: AnyImages, how: DeconvolutionSettings, white: PathLike | None, dark: PathLike | None
+    images: AnyImages,
+    how: DeconvolutionSettings,
+    white: PathLike | None,
+    dark: PathLike | None,
+    *,
+    mask: PathLike | None = None,
+    lattice: Lattice | None = None,
 ) -> dict[str, Any]:
     """What volumes of one camera depend on besides their frames, kept with them."""
     from clplen import __version__
@@ -377,6 +434,8 @@ def provenance(
         "psf": of_images,
         "white": digest(Path(white)) if white else None,
         "dark": digest(Path(dark)) if dark else None,
+        "mask": digest(Path(mask)) if mask else None,
+        "lattice": None if lattice is None else [*lattice.origin, *lattice.row, *lattice.column],
     }
 
 
@@ -489,7 +548,7 @@ def volume_products(
         resources, files, DeconvolutionSettings(**table), force=layout.get("force", False)
     )
     frame = deconvolver.prepared(_frame(path, raw))
-    said = deconvolver.diagnose(frame)
+    said = deconvolver.checks() + deconvolver.diagnose(frame)
     found = deconvolver(frame, progress=advance)
     said += deconvolver.diagnose(frame, found)
     for text in said:
@@ -527,7 +586,8 @@ def _cached_deconvolver(
         resources.deconvolver = None  # its matrices go before others come
         images = read_psf(files.pop("psf"))
         made = Deconvolver(
-            images, how, device=resources.device, memory=resources.memory // 2, force=force, **files
-        )
+            images, how, device=resources.device, memory=resources.memory // 2, force=force,
+            white=files.get("white"), dark=files.get("dark"),
+        )  # fmt: skip
         resources.deconvolver = (key, made)
     return resources.deconvolver[1]

@@ -7,12 +7,52 @@ from typing import Any
 import numpy as np
 
 from clplen.microscopy.fit import MOST, displacement, unevenness, without_depth
-from clplen.microscopy.prepare import Preparation, Prepared
+from clplen.microscopy.given_lattice import pitch_sentence
+from clplen.microscopy.images import PointImages
+from clplen.microscopy.prepare import Preparation
+from clplen.microscopy.prepared import Prepared
+from clplen.microscopy.pupil_check import PupilCheck
 
 Values = np.ndarray[Any, Any]
 
 EXPLAINED = 0.75  # of what lenslets without depth leave: a volume that leaves more says little
 UNEVEN = 2  # times the unevenness of the frame: a white frame that is more so is none
+
+
+def diagnose_series(
+    images: PointImages, prepare: Preparation, pupil: PupilCheck | None, is_corrected: bool
+) -> list[str]:
+    """How the white frame, or the lattice, fits the point images.
+
+    Parameters
+    ----------
+    images : PointImages
+    prepare : Preparation
+    pupil : PupilCheck or None
+        Of both.
+    is_corrected : bool
+        Whether the sensitivity holds what the model lacks.
+
+    Returns
+    -------
+    list of str
+    """
+    said = []
+    nominal = images.notes.get("sensor_pixels")
+    if prepare.lattice is not None and nominal:
+        sentence = pitch_sentence(prepare.lattice, nominal)
+        said += [] if sentence is None else [sentence]
+    if pupil is None:
+        return said
+    text = pupil.sentence()
+    if is_corrected:
+        text += "; the sensitivity of pixels holds it (radiometric)"
+    elif not pupil.fits:
+        text += (
+            f", and a volume may leave {pupil.share:.2g} of residual for it: mend na and "
+            "apodisation, or correct the sensitivity (--radiometric)"
+        )
+    return [*said, text + "."]
 
 
 def diagnose_frame(prepare: Preparation, frame: Prepared, background: float) -> list[str]:
@@ -61,6 +101,19 @@ def _pixels(frame: Prepared, noise: float) -> list[str]:
             f"{frame.left_out:,} saturated or not finite pixels are left out "
             f"({100 * frame.left_out / size:.2g} %)."
         )
+    if frame.masked:
+        said.append(f"{frame.masked:,} pixels are left out by the mask.")
+    if frame.hot:
+        said.append(
+            f"{frame.hot:,} hot pixels, which stand out of those around them and of the same pixel "
+            "of adjacent lenslets as no light does, are left out."
+        )
+    if frame.doubtful:
+        said.append(
+            f"{frame.doubtful:,} pixels ({100 * frame.doubtful / size:.2g} %) stand out more than "
+            "light of these point images does, too many to be hot: they are kept. Look at the "
+            "parameters of the point images."
+        )
     if frame.negative:
         text = f"{frame.negative:,} pixels below 0 are taken as 0 "
         text += f"({100 * frame.negative / size:.2g} %)"
@@ -82,6 +135,9 @@ def diagnose_volume(
     level: Values | None,
     pixels: int,
     variance: float,
+    *,
+    pupil: float = 0.0,
+    placed: bool = True,
 ) -> list[str]:
     """How well a volume explains its frame.
 
@@ -98,6 +154,10 @@ def diagnose_volume(
         n, of a lenslet along an axis.
     variance : float
         Of a count over its mean.
+    pupil : float
+        What a pupil that does not fit may leave, which was said already.
+    placed : bool
+        Whether a lattice told where lenslets are.
 
     Returns
     -------
@@ -115,10 +175,17 @@ def diagnose_volume(
     flat = without_depth(counts, frame.white, background, level, n)
     lit = counts[frame.white > 0].astype(np.float64)
     noise = variance * lit.sum() / np.square(lit).sum()
-    if flat <= noise or last - noise <= EXPLAINED * (flat - noise):
+    missing = "" if placed else " no white frame and no lattice told where lenslets are: give one,"
+    if last > max(flat, noise) + pupil:
+        return [
+            f"the residual of {last:.3g} is worse than no depth at all, {flat:.3g} by lenslets lit "
+            f"evenly:{missing or ' more iterations may be needed,'} else look at the white frame "
+            "and at the parameters of the point images."
+        ]
+    if flat <= noise or last - noise - pupil <= EXPLAINED * (flat - noise):
         return []
     return [
-        f"the residual of {last:.3g} is high, lenslets lit evenly would leave {flat:.3g}: more "
-        "iterations may be needed, else look at the white frame and at the parameters of the point "
-        "images."
+        f"the residual of {last:.3g} is high, lenslets lit evenly would leave {flat:.3g}:{missing} "
+        "more iterations may be needed, else look at the white frame and at the parameters of the "
+        "point images."
     ]

@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Any, Literal
 import click
 
 from clplen.cli.microscopy import series_file
-from clplen.cli.microscopy.series_file import Page, pages_of
+from clplen.cli.microscopy.frames import Page, Place, pages_of, told_lattice
 from clplen.cli.shared import options
 from clplen.cli.shared.console import (
     check_output,
@@ -26,8 +26,8 @@ from clplen.cli.shared.console import (
 )
 
 if TYPE_CHECKING:
-    from clplen.batch.work.deconvolution import DeconvolutionSettings, Deconvolver
-    from clplen.microscopy.prepare import Prepared
+    from clplen.batch.work.deconvolution import AnyImages, DeconvolutionSettings, Deconvolver
+    from clplen.microscopy.prepared import Prepared
     from clplen.microscopy.starts import Start
 
 _PATH = click.Path(path_type=Path)
@@ -68,6 +68,24 @@ class Residual(click.ParamType):
     help="White frame: lattice and sensitivity; without it frames are rectified already.",
 )  # fmt: skip
 @click.option("--dark", "--dark-frame", type=_PATH, help="Dark frame.")
+@click.option(
+    "--lattice", type=_PATH,
+    help="JSON of a lattice (Lattice.save, CalInfo.json) where there is no white frame ...",
+)  # fmt: skip
+@click.option("--pitch", type=options.FINITE, help="... or its pitch in pixels,")
+@click.option(
+    "--offset", type=Place(),
+    help="the centre of a lenslet in pixels, whose centres are integers; default: in the corner,",
+)  # fmt: skip
+@click.option(
+    "--rotation", type=options.FINITE, help="and its angle in degrees, from +x towards +y.",
+)  # fmt: skip
+@click.option("--mask", type=_PATH, help="Picture that is not 0 where pixels are left out.")
+@click.option(
+    "--radiometric", is_flag=True,
+    help="Let the white frame correct the pupil of the point images, too.",
+)  # fmt: skip
+@click.option("--keep-hot", is_flag=True, help="Keep pixels that stand out as no light does.")
 @click.option(
     "--iterations", "--max-iter", type=click.IntRange(1), default=20, show_default=True,
     help="Of Richardson and Lucy.",
@@ -127,6 +145,13 @@ def deconvolve(
     output: Path,
     white: Path | None,
     dark: Path | None,
+    lattice: Path | None,
+    pitch: float | None,
+    offset: tuple[float, float] | None,
+    rotation: float | None,
+    mask: Path | None,
+    radiometric: bool,
+    keep_hot: bool,
     iterations: int,
     background: float,
     gain: float | None,
@@ -174,6 +199,8 @@ def deconvolve(
         raise click.UsageError(f"--gain is positive, not {gain:g}.")
     if haze and white is None:
         raise click.UsageError("--haze looks like the white frame: give --white.")
+    if radiometric and white is None:
+        raise click.UsageError("--radiometric corrects by the white frame: give --white.")
     if strength is not None and prior is None:
         raise click.UsageError("--strength is of a --prior: give tv or gaussian.")
     if memory is not None and memory < _LEAST_MEMORY:
@@ -181,7 +208,8 @@ def deconvolve(
     name = _start_name(start, warm_start, motion_um)
     _tell_what_is_missing(gain, residual, prior, white, dark)
     pages = [page for path in frames for page in pages_of(path)]
-    others = [path for path in (source, white, dark) if path is not None]
+    others = [path for path in (source, white, dark, lattice, mask) if path is not None]
+    grid = told_lattice(lattice, pitch, offset, rotation, white, pages[0].path, pages[0].number)
     how = DeconvolutionSettings(
         iterations=iterations,
         background=background,
@@ -192,6 +220,8 @@ def deconvolve(
         accelerate=accelerate,
         prior=prior,
         strength=1.0 if strength is None else strength,
+        radiometric=radiometric,
+        keep_hot=keep_hot,
     )
     in_one = len(pages) > 1 and _NAME not in str(output)
     if in_one:
@@ -207,9 +237,9 @@ def deconvolve(
     begin = Start(name, images, motion=None if motion_um is None else motion_um * 1e-6)
     opened = partial(
         _opened, images, how, selector,
-        white=white, dark=dark, memory=memory, force=force, begin=begin,
+        white=white, dark=dark, memory=memory, force=force, begin=begin, lattice=grid, mask=mask,
     )  # fmt: skip
-    shared = provenance(images, how, white, dark)
+    shared = provenance(images, how, white, dark, mask=mask, lattice=grid)
     if in_one:
         asked = series_file.Asked(output, pages, batch, rolling_background, preview, force)
         series_file.write(asked, shared, begin, opened)
@@ -221,9 +251,12 @@ def deconvolve(
     if not any(todo):
         return
     series, before, tally = opened(), None, _Tally()
+    checks = series.checks()
+    for text in checks:
+        note(text)
     for page, out, job, wanted in zip(pages, outputs, jobs, todo, strict=True):
         if wanted:
-            click.echo(_made(series, page, out, job, tally, before if name else None))
+            click.echo(_made(series, page, out, job, tally, checks, before if name else None))
         before = out
     tally.tell()
 
@@ -307,6 +340,7 @@ def _made(
     output: Path,
     job: dict[str, Any],
     tally: _Tally,
+    checks: list[str],
     before: Path | None,
 ) -> str:
     """Write the volume of a frame; what it holds, in words."""
@@ -329,7 +363,7 @@ def _made(
         )
     judged = series.diagnose(frame, found)
     _tell(page, judged)
-    more = {"remarks": said + judged, "place": series.place(), "job": job}
+    more = {"remarks": checks + said + judged, "place": series.place(), "job": job}
     write_result(output, found, series.images, more=more, replace=True)
     size = " x ".join(str(n) for n in found.volume.shape)
     text = f"{output} holds {size} voxels (z, y, x) of {series.images.side * 1e6:.4g} um "

@@ -16,6 +16,7 @@ import numpy as np
 from click.core import ParameterSource
 
 from clplen.cli.microscopy import fourier
+from clplen.cli.microscopy.frames import check_frames
 from clplen.cli.shared import options
 from clplen.cli.shared.console import (
     check_output,
@@ -75,9 +76,19 @@ def _print_example(ctx: click.Context, _: click.Parameter, wanted: bool) -> None
 @click.option(
     "--binning",
     type=click.IntRange(1),
-    help="Parts of a pixel along an axis, added up, that light is simulated on; default: the "
-    "fewest that sample it.",
+    help="Parts of a pixel along an axis, added up, that light is simulated on; default: as many "
+    "as the apertures of objective and lenslets ask for.",
 )
+@click.option(
+    "--pixels", type=click.IntRange(1),
+    help="Of a lenslet of rectified frames; default: the number by pitch and pixels, made whole.",
+)  # fmt: skip
+@click.option(
+    "--frame", type=_PATH, help="Frame that will be deconvolved: checked before anything is made.",
+)  # fmt: skip
+@click.option(
+    "--white", "--radiometry-frame", type=_PATH, help="Its white frame, checked likewise.",
+)  # fmt: skip
 @click.option(
     "--cut", type=float, default=CUT, show_default=True,
     help="Share of a voxel's light that may be left out.",
@@ -137,7 +148,10 @@ def psf(camera: Path, output: Path, force: bool, selector: str | None, **samplin
     if sampling["beads"]:
         raise click.UsageError(f"--beads is of a Fourier microscope, and {camera} is of another.")
     file = read_microscope_file(
-        camera, binning=sampling["binning"], rectified=not sampling["unrectified"]
+        camera,
+        binning=sampling["binning"],
+        pixels=sampling["pixels"],
+        rectified=not sampling["unrectified"],
     )
     for sentence in file.taken:
         note(sentence)
@@ -148,10 +162,17 @@ def psf(camera: Path, output: Path, force: bool, selector: str | None, **samplin
         )
     z = _planes_of(file, sampling, camera)
     check_output(output, force, [camera])
+    if file.rectified:
+        check_frames(file, sampling["frame"], sampling["white"])
     with _ended_politely():
         images = _simulated(file, z, sampling, open_device(selector), output)
     kept = min(images.kept(plane) for plane in range(len(z)))
     click.echo(f"{output} holds {images!r}; at least {kept:.2%} of the light of a voxel is kept.")
+    if "binning_error" in images.notes:
+        click.echo(
+            f"Pixels in {file.binning} x {file.binning} parts: an image differs from that of parts "
+            f"half as large by {images.notes['binning_error']:.2g} of its norm (--binning)."
+        )
 
 
 @microscope.command()
@@ -306,6 +327,7 @@ def _simulated(
 ) -> PointImages:
     """The point images of a file's microscope, kept in ``output``."""
     from clplen.cameras.light_field_microscope import Microscope
+    from clplen.microscopy.binning import binning_error
     from clplen.microscopy.psf import point_images
 
     camera = file.camera.build(device)
@@ -315,8 +337,9 @@ def _simulated(
     pixels = camera.pixels_per_lenslet / file.binning
     if file.binning > 1 and file.rectified and sampling["binning"] is None:
         note(
-            f"Pixels of {camera.lenslet_pitch / pixels * 1e6:.4g} um do not sample the light: "
-            f"it is simulated on {file.binning} x {file.binning} parts of each, which are added up."
+            f"Pixels of {camera.lenslet_pitch / pixels * 1e6:.4g} um "
+            f"{'do not sample' if file.least > 1 else 'integrate'} the light: it is simulated on "
+            f"{file.binning} x {file.binning} parts of each, which are added up."
         )
     if not file.rectified:
         note(
@@ -325,6 +348,12 @@ def _simulated(
         )
     elif abs(file.pixels - pixels) > 1e-6:
         note(f"A lenslet has {file.pixels:.6g} pixels: frames are rectified to {pixels:g}.")
+    notes = {}
+    if file.rectified and not output.exists():
+        notes = {
+            "sensor_pixels": file.pixels,
+            "binning_error": binning_error(camera, z, file.binning),
+        }
     with progress_bar(0, "image") as bar:
         return point_images(
             camera,
@@ -336,6 +365,7 @@ def _simulated(
             store="float16" if sampling["half"] else "float32",
             path=output,
             progress=_timed(lambda done, total: update_bar(bar, done, total), camera, z),
+            notes=notes,
         )
 
 

@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
+from clplen.cli.microscopy.frames import Page
 from clplen.cli.shared.console import (
     check_output,
     check_suffix,
@@ -26,37 +27,10 @@ if TYPE_CHECKING:
     from clplen.batch.work.deconvolution import Deconvolver, Values
     from clplen.io.results.volume_series import VolumeSeries
     from clplen.microscopy.deconvolution import DeconvolutionResult
-    from clplen.microscopy.prepare import Prepared
+    from clplen.microscopy.prepared import Prepared
     from clplen.microscopy.starts import Start
 
 _FRAMES = "frames"
-
-
-@dataclass(frozen=True)
-class Page:
-    """A frame: a file, or one of several in a TIFF."""
-
-    path: Path
-    number: int | None = None
-
-    @property
-    def name(self) -> str:
-        """Of its volume."""
-        return self.path.stem if self.number is None else f"{self.path.stem}_{self.number:04d}"
-
-    def __str__(self) -> str:
-        return str(self.path) if self.number is None else f"{self.path}, frame {self.number}"
-
-
-def pages_of(path: Path) -> list[Page]:
-    """The frames of a file."""
-    from clplen.io.formats.tiff import frames_in
-    from clplen.io.results.volume_files import is_volume
-
-    if is_volume(path):
-        raise click.UsageError(f"{path} is a volume, as clplen writes them: give raw frames.")
-    count = frames_in(path)
-    return [Page(path)] if count == 1 else [Page(path, number) for number in range(count)]
 
 
 @dataclass(frozen=True)
@@ -134,6 +108,8 @@ def write(
         click.echo(f"{asked.output} is there already, of the same frames and words.")
         return
     series = opened()
+    for text in series.checks():
+        note(text)
     first = _prepared(series, asked.pages[0])
     shape = first.counts.shape
     batch = series.batch(shape, about["batch"] if go_on else asked.batch)

@@ -1,0 +1,154 @@
+"""Frames on the command line: files, and their lattices, told or checked before any work."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import click
+
+from clplen.cli.shared.console import note
+
+if TYPE_CHECKING:
+    from clplen.config.microscope import MicroscopeFile
+    from clplen.lightfield.raw.lenslet_lattice import Lattice
+
+
+@dataclass(frozen=True)
+class Page:
+    """A frame: a file, or one of several in a TIFF."""
+
+    path: Path
+    number: int | None = None
+
+    @property
+    def name(self) -> str:
+        """Of its volume."""
+        return self.path.stem if self.number is None else f"{self.path.stem}_{self.number:04d}"
+
+    def __str__(self) -> str:
+        return str(self.path) if self.number is None else f"{self.path}, frame {self.number}"
+
+
+def pages_of(path: Path) -> list[Page]:
+    """The frames of a file, in order."""
+    from clplen.io.formats.tiff import frames_in
+    from clplen.io.results.volume_files import is_volume
+
+    if is_volume(path):
+        raise click.UsageError(f"{path} is a volume, as clplen writes them: give raw frames.")
+    count = frames_in(path)
+    return [Page(path)] if count == 1 else [Page(path, number) for number in range(count)]
+
+
+class Place(click.ParamType):
+    """Y:X, two finite numbers."""
+
+    name = "Y:X"
+
+    def convert(self, value: Any, param: Any, ctx: Any) -> tuple[float, float]:
+        """As click asks."""
+        if isinstance(value, tuple):
+            return value
+        try:
+            y, x = map(float, str(value).split(":"))
+        except ValueError:
+            y = x = math.nan
+        if not (math.isfinite(y) and math.isfinite(x)):
+            self.fail(f"{value!r} is not Y:X in pixels, for example 16.5:16.5.", param, ctx)
+        return y, x
+
+
+def told_lattice(
+    path: Path | None,
+    pitch: float | None,
+    offset: tuple[float, float] | None,
+    rotation: float | None,
+    white: Path | None,
+    frame: Path,
+    number: int | None,
+) -> Lattice | None:
+    """The lattice of --lattice, or of --pitch, --offset and --rotation; None without them."""
+    from dataclasses import replace
+
+    from clplen.batch.work.deconvolution import read_picture
+    from clplen.files import naming
+    from clplen.lightfield.raw.lenslet_lattice import Lattice
+    from clplen.microscopy.given_lattice import check_given, square_lattice
+
+    if path is None and pitch is None:
+        if offset is not None or rotation is not None:
+            raise click.UsageError("--offset and --rotation are of a --pitch: give it.")
+        return None
+    if white is not None:
+        raise click.UsageError(
+            "The white frame tells its own lattice: give --white, or --lattice or --pitch."
+        )
+    if path is not None and (pitch, offset, rotation) != (None, None, None):
+        raise click.UsageError("Give --lattice, or --pitch, --offset and --rotation.")
+    height, width = read_picture(frame, number).shape
+    if path is None:
+        assert pitch is not None
+        with naming(frame):
+            return square_lattice(
+                pitch, (height, width), offset=offset, rotation=math.radians(rotation or 0.0)
+            )
+    found = Lattice.load(path)
+    if found.shape is None:
+        found = replace(found, shape=(height, width))
+    with naming(path):
+        check_given(found)
+    return found
+
+
+def check_frames(file: MicroscopeFile, frame: Path | None, white: Path | None) -> None:
+    """Refuse frames that point images of this file will not fit, before these are made."""
+    from clplen.batch.work.deconvolution import read_picture
+
+    n = round((file.camera.pixels_per_lenslet or 0) / file.binning)
+    picture = None
+    if frame is not None:
+        page = pages_of(frame)[0]
+        picture = read_picture(page.path, page.number)
+    if white is None:
+        if picture is not None and any(size % n for size in picture.shape):
+            ny, nx = picture.shape
+            fitting = [k for k in range(max(3, n - 3), n + 4) if ny % k == 0 and nx % k == 0]
+            more = f" {fitting[0]} would divide it: --pixels {fitting[0]}." if fitting else ""
+            raise click.ClickException(
+                f"{frame} has {ny} x {nx} pixels, no whole number of lenslets of {n} x {n} "
+                f"({file.pixels:.6g} by the parameters).{more} Frames that are not rectified need "
+                "a white frame (--white), or a lattice for 'clplen microscope deconvolve'."
+            )
+        return
+    _check_white(file, n, white, None if picture is None else picture.shape)
+
+
+def _check_white(file: MicroscopeFile, n: int, white: Path, shape: tuple[int, ...] | None) -> None:
+    """Refuse a white frame of another camera, and say where the pitch is another."""
+    from clplen.batch.work.deconvolution import read_picture
+    from clplen.files import naming
+    from clplen.lightfield.calibration.lattice_fit import estimate_lattice
+    from clplen.lightfield.calibration.lattice_trust import require_trust
+    from clplen.microscopy.given_lattice import pitch_sentence
+    from clplen.microscopy.prepare import LEAST
+
+    level = read_picture(white)
+    if shape is not None and level.shape != shape:
+        raise click.ClickException(
+            f"The white frame {white} has shape {level.shape}, the frame {shape}: give that of the "
+            "same camera and crop."
+        )
+    with naming(white):
+        lattice = estimate_lattice(level, kind="square", pitch=n)
+        require_trust(lattice, "The white frame")
+    if n < LEAST * max(lattice.pitch):
+        raise click.ClickException(
+            f"{white} has lenslets {max(lattice.pitch):.5g} pixels apart, the point images would "
+            f"have {n}: give --pixels {math.ceil(max(lattice.pitch))}."
+        )
+    sentence = pitch_sentence(lattice, file.pixels)
+    if sentence is not None:
+        note(f"{white}: {sentence}")

@@ -1,0 +1,79 @@
+"""Lattices that are told, and what a pitch other than the nominal one means."""
+
+import math
+
+import numpy as np
+import pytest
+
+from clplen import ShapeError
+from clplen.lightfield import Lattice
+from clplen.microscopy import pitch_sentence, preparation, rectify, square_lattice
+
+
+def test_a_lattice_by_its_pitch():
+    found = square_lattice(33.04, (500, 600), offset=(20, 30), rotation=0.01)
+    assert found.origin == (20, 30)
+    assert found.pitch == pytest.approx((33.04, 33.04))
+    assert found.rotation == pytest.approx(0.01)
+    assert found.column[0] > 0  # +x turned towards +y
+    corner = square_lattice(15, (31, 47))
+    frame = np.random.default_rng(1).random((31, 47))
+    assert np.array_equal(rectify(frame, corner), frame[:30, :45].astype(np.float32))
+
+
+def test_frames_with_a_told_lattice(device):
+    lattice = square_lattice(12.4, (150, 180), offset=(7, 8), rotation=0.02)
+    frame = np.random.default_rng(2).random((150, 180)) + 1
+    found = preparation(13, device=device, lattice=lattice)(frame)
+    assert np.array_equal(found.counts, rectify(frame, lattice, device=device, pixels=13))
+    assert found.white.shape == found.counts.shape
+    assert (found.white == 1).all()
+    with pytest.raises(ShapeError, match=r"frame has shape \(150, 181\) and the lattice"):
+        preparation(13, device=device, lattice=lattice)(np.ones((150, 181)))
+    with pytest.raises(ValueError, match="white frame tells its own lattice"):
+        preparation(13, device=device, lattice=lattice, white=frame)
+
+
+@pytest.mark.parametrize(
+    ("words", "error", "message"),
+    [
+        ({"pitch": 2.9}, ValueError, "pitch of 3 pixels or more"),
+        ({"pitch": -15.0}, ValueError, "pitch of 3 pixels or more"),
+        ({"pitch": math.nan}, ValueError, "finite numbers"),
+        ({"pitch": math.inf}, ValueError, "finite numbers"),
+        ({"pitch": 15.0, "offset": (math.nan, 0.0)}, ValueError, "finite numbers"),
+        ({"pitch": 15.0, "rotation": math.inf}, ValueError, "finite numbers"),
+        ({"pitch": 15.0, "rotation": 2.0}, ValueError, "less than 90 degrees"),
+        ({"pitch": 101.0}, ShapeError, "do not fit a frame of 100 x 130"),
+    ],
+)
+def test_what_is_no_lattice(words, error, message):
+    with pytest.raises(error, match=message):
+        square_lattice(shape=(100, 130), **words)
+
+
+@pytest.mark.parametrize(
+    ("lattice", "message"),
+    [
+        (Lattice("square", (7, 7), (15, 0), (0, 15)), "does not tell the shape"),
+        (Lattice("square", (7, 7), (1e-6, 0), (0, 1e-6), (90, 90)), "are none"),
+        (Lattice("square", (7, 7), (15, 0), (14, 15), (90, 90)), "make no square"),
+        (Lattice("square", (7, 7), (15, 0), (0, 30), (90, 90)), "make no square"),
+        (Lattice("square", (7, 7), (1e8, 0), (0, 1e8), (90, 90)), "do not fit"),
+    ],
+)
+def test_lattices_of_no_frame(device, lattice, message):
+    with pytest.raises((ValueError, ShapeError), match=message):
+        preparation(15, device=device, lattice=lattice)
+
+
+@pytest.mark.parametrize(("ratio", "said"), [(1.0, None), (1.004, None), (1.019, "more"),
+                                             (0.981, "less")])  # fmt: skip
+def test_another_pitch_is_told(ratio, said):
+    found = pitch_sentence(square_lattice(33.04 * ratio, (500, 600)), 33.04)
+    if said is None:
+        assert found is None
+        return
+    assert f"1.9 % {said}" in found
+    assert f"magnifies {ratio:.4g} times" in found
+    assert "the pitch of the lenslets is another" in found

@@ -1,0 +1,148 @@
+"""Hot pixels in frames of point images, and none where there are none."""
+
+import numpy as np
+import pytest
+
+from clplen import MicrolensArray, PlenopticCamera, Projector, ShapeError, point_images
+from clplen.lightfield import Lattice
+from clplen.microscopy import hot_pixels, preparation, sharpness
+from clplen.microscopy.outliers import neighbours, noise, uneven_pixels
+
+N = 11
+
+
+@pytest.fixture(scope="module")
+def images(device):
+    camera = PlenopticCamera.microscope(
+        magnification=20, na=0.5, wavelength=525e-9, pixels_per_lenslet=33,
+        mla=MicrolensArray(125e-6, 2.5e-3, count=5, fill="full"), device=device,
+    )  # fmt: skip
+    return point_images(camera, [0.0, 12e-6, 30e-6], voxels_per_lenslet=3, binning=3, cut=0.01)
+
+
+@pytest.fixture(scope="module")
+def projector(images, device):
+    return Projector(images, (9, 10), device=device)
+
+
+def volumes(projector):
+    """Single beads in each plane, a crowd, even light and noise of every voxel."""
+    rng = np.random.default_rng(5)
+    for plane in range(3):
+        one = np.zeros(projector.volume_shape)
+        one[plane, 13, 17] = 1
+        yield one
+    some = np.zeros(projector.volume_shape)
+    for count in (7, 200):
+        some[:] = 0
+        for _ in range(count):
+            some[tuple(rng.integers(0, some.shape))] += rng.uniform(0.1, 1)
+        yield some.copy()
+    yield np.ones(projector.volume_shape)
+    yield rng.random(projector.volume_shape) ** 4
+
+
+@pytest.mark.parametrize("photons", [None, 1e6, 2e4])
+def test_light_is_not_hot(images, projector, photons):
+    rng, sharpest = np.random.default_rng(7), sharpness(images)
+    for volume in volumes(projector):
+        frame = projector.forward(volume)
+        frame *= (photons or 1e6) / frame.sum(dtype=float)
+        if photons is not None:
+            frame = np.maximum(rng.poisson(frame) + rng.normal(0, 1.5, frame.shape).round(), 0)
+        assert not hot_pixels(frame, sharpest, N).any()
+
+
+def test_hot_pixels_are_found(images, projector):
+    rng, sharpest = np.random.default_rng(8), sharpness(images)
+    for volume in list(volumes(projector))[3:]:
+        frame = projector.forward(volume)
+        frame = rng.poisson(frame * 1e6 / frame.sum(dtype=float)).astype(float)
+        places = rng.choice(frame.size, 25, replace=False)
+        frame.flat[places] = 40 * np.percentile(frame, 95) + 400
+        found = hot_pixels(frame, sharpest, N)
+        assert np.isin(np.flatnonzero(found), places).all()
+        assert found.sum() >= 22  # not those beside a bright bead
+    pair = rng.poisson(50, (9 * N, 10 * N)).astype(float)
+    pair[40, 51:53] = pair[41, 51] = 5000
+    pair[0, 0] = pair[-1, 60] = 5000
+    assert np.argwhere(hot_pixels(pair, sharpest, N)).tolist() == [
+        [0, 0], [40, 51], [40, 52], [41, 51], [98, 60],
+    ]  # fmt: skip
+
+
+def test_the_bound_is_that_of_the_images(images):
+    # by sixteen sums of their own
+    sums = []
+    for stored in images.stored:
+        for image in stored:
+            wide = np.pad(image.astype(float), N)
+            around = np.sort([
+                np.roll(wide, step, (0, 1)) for step in neighbours((N, 0), (0, N))
+            ], axis=0)  # fmt: skip
+            seen = wide > 1e-3 * wide.max()
+            sums.append([
+                (wide[seen] / np.maximum(around[: 16 - k].sum(axis=0)[seen], 1e-30)).max()
+                for k in range(3)
+            ])  # fmt: skip
+    assert sharpness(images) == pytest.approx(np.max(sums, axis=0), rel=1e-4)
+
+
+def test_steps_of_a_turned_lattice():
+    steps = neighbours((15.4, 0.6), (-0.6, 15.4))
+    assert len(steps) == 16
+    assert {(15, 1), (-1, 15), (15, 16), (-16, 15), (1, 1)} <= set(steps)
+
+
+@pytest.mark.parametrize(("floor", "gain"), [(0.0, 1.0), (4.0, 2.5)])
+def test_noise_of_a_frame(floor, gain):
+    rng = np.random.default_rng(3)
+    mean = np.kron(rng.uniform(5, 300, (20, 20)), np.ones((15, 15)))
+    frame = rng.poisson(mean / gain) * gain if gain else mean
+    frame = frame + rng.normal(0, np.sqrt(floor), mean.shape)
+    frame[40:60:7, ::31] = 1e5  # hot
+    found = noise(frame, 15)
+    for level in (150, 300):  # the darkest quarter counts as dark
+        assert found[0] + found[1] * level == pytest.approx(floor + gain * level, rel=0.35)
+
+
+def test_hot_and_dead_pixels_of_a_white_frame():
+    y, x = np.indices((90, 104)) * (2 * np.pi / 10)
+    white = np.random.default_rng(1).poisson(1000 * (1.05 + np.cos(y)) * (1.05 + np.cos(x)))
+    white = white.astype(float)
+    lattice = Lattice("square", (0, 0), (10, 0), (0, 10), white.shape)
+    assert not uneven_pixels(white, lattice).any()
+    white[30, 41], white[51, 60], white[0, 0] = 9000, 100, 60000
+    assert np.argwhere(uneven_pixels(white, lattice)).tolist() == [[0, 0], [30, 41], [51, 60]]
+
+
+def test_hot_and_masked_pixels_of_a_preparation(images, projector, device):
+    frame = 1e6 * projector.forward(np.ones(projector.volume_shape)) / 1e3
+    frame[20, 31], frame[50, 12] = 50 * frame.max(), 60 * frame.max()
+    mask = np.zeros(frame.shape, np.uint8)
+    mask[70:72, 5] = 255
+    found = preparation(N, device=device, mask=mask, sharpest=sharpness(images))(frame)
+    assert (found.hot, found.masked, found.left_out, found.doubtful) == (2, 2, 0, 0)
+    assert np.argwhere(found.white == 0).tolist() == [[20, 31], [50, 12], [70, 5], [71, 5]]
+    assert (found.counts[found.white == 0] == 0).all()
+    frame = np.full((99, 110), 100.0)
+    frame[:20:3, ::5] = 1e6
+    judged = preparation(N, device=device, sharpest=sharpness(images))(frame)
+    assert (judged.hot, judged.doubtful) == (0, np.count_nonzero(frame > 100))
+    assert (judged.white > 0).all()
+
+
+@pytest.mark.parametrize(
+    ("mask", "error", "words"),
+    [
+        (np.zeros((9, 9)), ShapeError, r"frame has shape \(99, 110\) and the mask \(9, 9\)"),
+        (np.zeros((99, 110, 3)), ShapeError, "mask has shape"),
+        (np.full((99, 110), np.nan), ValueError, "holds others"),
+        (np.full((99, 110), -1), ValueError, "holds others"),
+        (np.ones((99, 110)), ValueError, "leaves out every pixel"),
+        (np.full((99, 110), "a"), ValueError, "holds others"),
+    ],
+)
+def test_bad_masks(device, mask, error, words):
+    with pytest.raises(error, match=words):
+        preparation(N, device=device, mask=mask)(np.ones((99, 110)))
