@@ -73,7 +73,8 @@ def behind_lenslets(setup: Setup, y: Real, x: Real, parts: int = 1) -> Complex:
     """Transmission of the array on rows y of places x, both rising, shapes (ny,) and (nx,)."""
     out = np.zeros((y.size, x.size), complex)
     for cy, cx, focal in setup.lenslets:
-        rows, columns = np.abs(y - cy) < setup.diameter, np.abs(x - cx) < setup.diameter
+        near = 0.6 * setup.diameter  # beyond every corner along an axis
+        rows, columns = np.abs(y - cy) < near, np.abs(x - cx) < near
         v, u = y[rows, None] - cy, x[None, columns] - cx
         lens = np.exp(-1j * np.pi * (v**2 + u**2) / (setup.lam * focal))
         out[np.ix_(rows, columns)] += covered(setup, v, u, parts) * lens
@@ -133,7 +134,7 @@ def frame(
         field = fft.ifft2(field, overwrite_x=True, workers=-1)
         field *= np.hypot(place[:, None], place) <= setup.stop / 2
         field = fft.fft2(field, overwrite_x=True, workers=-1)
-    field *= behind_lenslets(setup, u, u, 4)
+    field *= behind_lenslets(setup, u, u, 3)
     field = fft.fft2(field, overwrite_x=True, workers=-1)
     f2 = np.fft.fftfreq(count, step) ** 2
     axial = np.sqrt(np.maximum(setup.lam**-2 - f2[:, None] - f2, 0))
