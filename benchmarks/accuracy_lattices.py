@@ -6,7 +6,8 @@ The same objective (20x/0.5 in air, 525 nm) before square, turned, hexagonal and
 of one pitch (125 um, 15 pixels of the camera, that integrate), simulated by waves on the array as
 it lies; and what `deconvolve` finds with `FrameProjector`, beside the square array with
 `Projector`: the place of points, the dip between two of them, a shell. A line for each figure of
-docs/microscope_lattices.md with its limit; ratios are to the square array. Poisson noise throughout.
+docs/microscope_lattices.md with its limit; ratios are to the square array. Poisson noise
+throughout.
 """
 
 from __future__ import annotations
