@@ -25,7 +25,7 @@ from clplen.errors import FormatError
 from clplen.io.results.volume_files import read_volume, write_volume
 from clplen.io.store.picture_series import describe_series
 from clplen.microscopy import point_image_files
-from clplen.microscopy.prepare import preparation
+from clplen.microscopy.frames.prepare import preparation
 from clplen.microscopy.projector import Projector
 
 KNOWN = """

@@ -13,7 +13,7 @@ from matplotlib.image import imread
 from clplen.cli import main
 from clplen.io import open_volumes
 from clplen.microscopy import Points, Tracks
-from clplen.microscopy.activity import Traces
+from clplen.microscopy.objects.activity import Traces
 
 SHAPE = (9, 33, 44)
 VOXEL = np.array([2.0, 0.6, 0.5])  # um

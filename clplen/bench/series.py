@@ -17,7 +17,7 @@ from clplen.bench.report import Benchmark, Goal, Report, time_rows
 from clplen.compute.device import Device
 from clplen.microscopy.deconvolution import PICTURES, VOLUMES, deconvolve
 from clplen.microscopy.projector import Projector
-from clplen.microscopy.series import BATCH, deconvolve_series
+from clplen.microscopy.series.series import BATCH, deconvolve_series
 from clplen.types import Array
 
 ITERATIONS = 8

@@ -12,7 +12,7 @@ from matplotlib.patheffects import withStroke
 
 from clplen.checks import is_finite, is_integer, real_array
 from clplen.errors import ShapeError
-from clplen.microscopy.tracks import Tracks
+from clplen.microscopy.objects.tracks import Tracks
 from clplen.plot.base import (
     LIGHT,
     Array,

@@ -15,8 +15,8 @@ from clplen.compute.device import Device
 from clplen.lightfield.raw.lenslet_lattice import Lattice
 from clplen.lightfield.raw.raw_image import RawImage
 from clplen.microscopy.deconvolution import deconvolve
+from clplen.microscopy.frames.prepare import Preparation, Prepared, preparation
 from clplen.microscopy.images import PointImages
-from clplen.microscopy.prepare import Preparation, Prepared, preparation
 from clplen.microscopy.projector import Projector
 
 N, SIZE = 6, (9, 10)

@@ -11,7 +11,7 @@ import pytest
 from clplen import PicturePlane
 from clplen.cameras import Plane, Sphere
 from clplen.cameras.scenes.surfaces import Spot
-from clplen.microscopy.points import match_points
+from clplen.microscopy.objects.points import match_points
 
 OLD: dict[str, tuple[Callable[..., Any], str, str]] = {
     "picture": (lambda **z: PicturePlane([[1.0]], 1e-3, **z), "dz", "z"),

@@ -18,7 +18,7 @@ from clplen.cli import main
 from clplen.compute.device import Device
 from clplen.errors import FormatError, SamplingWarning
 from clplen.io import read_raw
-from clplen.microscopy.prepare import preparation
+from clplen.microscopy.frames.prepare import preparation
 
 SHAPE = (132, 141)
 PITCH = 11.2

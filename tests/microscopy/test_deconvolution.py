@@ -11,8 +11,8 @@ from setups_microscope import projector_of, voxels, wrong
 from clplen import DeviceError, ShapeError
 from clplen.lightfield import Lattice
 from clplen.microscopy.deconvolution import Acceleration, deconvolve
+from clplen.microscopy.frames.prepare import Preparation
 from clplen.microscopy.images import PointImages
-from clplen.microscopy.prepare import Preparation
 from clplen.microscopy.priors import TotalVariation, blurs, noise_level
 from clplen.microscopy.projector import Projector
 

@@ -14,7 +14,7 @@ from clplen.microscopy import (
     corrected,
     preparation,
 )
-from clplen.microscopy.pupil_check import mean_lenslet
+from clplen.microscopy.pupil.pupil_check import mean_lenslet
 
 ABOUT = {
     "magnification": 20.0, "na": 0.5, "medium_index": 1.0, "wavelength": 525e-9,

@@ -6,7 +6,7 @@ import pytest
 from clplen import MicrolensArray, PlenopticCamera, Projector, ShapeError, point_images
 from clplen.lightfield import Lattice
 from clplen.microscopy import hot_pixels, preparation, sharpness
-from clplen.microscopy.outliers import neighbours, noise, uneven_pixels
+from clplen.microscopy.frames.outliers import neighbours, noise, uneven_pixels
 
 N = 11
 

@@ -12,7 +12,7 @@ from clplen.lightfield import Lattice
 from clplen.lightfield.calibration.lattice_fit import estimate_lattice
 from clplen.lightfield.calibration.raw_decoding import decode_raw
 from clplen.lightfield.focus_and_depth import focal_stack
-from clplen.microscopy.points import find_points, match_points
+from clplen.microscopy.objects.points import find_points, match_points
 
 EXAMPLES = Path(__file__).parents[2] / "examples"
 SHAPE = (23, 31, 40)

@@ -7,7 +7,7 @@ import pytest
 
 from clplen import Device, MicrolensArray, PlenopticCamera, PointSources
 from clplen.cameras import PupilAberration
-from clplen.microscopy.pupil_waves import PupilWaves
+from clplen.microscopy.pupil.pupil_waves import PupilWaves
 
 TERMS = {5: 40e-9, 8: -35e-9, 11: 20e-9}
 POINTS = np.array([[1.3e-6, -0.7e-6, 9e-6], [-2.1e-6, 1.1e-6, -6e-6]])

@@ -11,7 +11,7 @@ from clplen.config.microscope import read_microscope_file
 from clplen.errors import FormatError
 from clplen.lightfield import Lattice
 from clplen.microscopy import FrameProjector, point_images, raw_preparation
-from clplen.microscopy.raw_frames import evenly_lit
+from clplen.microscopy.frames.raw_frames import evenly_lit
 
 PITCH = 7.7
 KINDS = {

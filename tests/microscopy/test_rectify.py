@@ -5,7 +5,7 @@ import pytest
 
 from clplen import MicrolensArray, PlenopticCamera, PointSources, ShapeError
 from clplen.lightfield import Lattice
-from clplen.microscopy.prepare import rectify
+from clplen.microscopy.frames.prepare import rectify
 
 
 def test_a_plane_stays_a_plane(device):

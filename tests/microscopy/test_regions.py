@@ -6,9 +6,9 @@ from scipy.ndimage import label, percentile_filter
 
 from clplen import ShapeError
 from clplen.errors import FormatError
-from clplen.microscopy.activity import Traces, rolling_percentile, traces
-from clplen.microscopy.regions import find_regions, sphere_labels
-from clplen.microscopy.tracks import track_points
+from clplen.microscopy.objects.activity import Traces, rolling_percentile, traces
+from clplen.microscopy.objects.regions import find_regions, sphere_labels
+from clplen.microscopy.objects.tracks import track_points
 from clplen.outputs import is_ours
 
 SHAPE = (13, 41, 58)

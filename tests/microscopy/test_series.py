@@ -8,10 +8,10 @@ from tolerance import relative_max
 
 from clplen.errors import ShapeError
 from clplen.microscopy import deconvolve, deconvolve_series, rolling_minimum
-from clplen.microscopy.preview import disparities, preview
 from clplen.microscopy.projector import Projector
-from clplen.microscopy.series import BATCH, SeriesFrame, batch_for, found_in_batches
-from clplen.microscopy.starts import FLOOR, Start
+from clplen.microscopy.series.preview import disparities, preview
+from clplen.microscopy.series.series import BATCH, SeriesFrame, batch_for, found_in_batches
+from clplen.microscopy.series.starts import FLOOR, Start
 
 FRAMES = 5
 

@@ -7,9 +7,9 @@ import pytest
 
 from clplen import ShapeError
 from clplen.errors import FormatError
-from clplen.microscopy import linking
-from clplen.microscopy.points import Points, find_points
-from clplen.microscopy.tracks import Tracks, track_points
+from clplen.microscopy.objects import linking
+from clplen.microscopy.objects.points import Points, find_points
+from clplen.microscopy.objects.tracks import Tracks, track_points
 from clplen.outputs import is_ours
 
 BOX = np.array([12.0, 40.0, 55.0])

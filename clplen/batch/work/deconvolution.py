@@ -32,16 +32,16 @@ from clplen.microscopy.deconvolution import AnyProjector, DeconvolutionResult, d
 from clplen.microscopy.fourier import fourier_files
 from clplen.microscopy.fourier.fourier_images import FourierPointImages
 from clplen.microscopy.fourier.fourier_projector import FourierProjector
+from clplen.microscopy.frames.outliers import sharpness
+from clplen.microscopy.frames.prepare import Preparation, preparation
+from clplen.microscopy.frames.prepared import Prepared
+from clplen.microscopy.frames.raw_frames import RawPreparation, raw_preparation
 from clplen.microscopy.images import PointImages
-from clplen.microscopy.outliers import sharpness
-from clplen.microscopy.prepare import Preparation, preparation
-from clplen.microscopy.prepared import Prepared
 from clplen.microscopy.projector import Projector
-from clplen.microscopy.pupil_check import PupilCheck, check_pupil, corrected
-from clplen.microscopy.raw_frames import RawPreparation, raw_preparation
-from clplen.microscopy.rolling import rolling_minimum
-from clplen.microscopy.series import SeriesFrame, batch_for, found_in_batches
-from clplen.microscopy.starts import Start
+from clplen.microscopy.pupil.pupil_check import PupilCheck, check_pupil, corrected
+from clplen.microscopy.series.rolling import rolling_minimum
+from clplen.microscopy.series.series import SeriesFrame, batch_for, found_in_batches
+from clplen.microscopy.series.starts import Start
 
 Values = np.ndarray[Any, Any]
 AnyImages = PointImages | FourierPointImages

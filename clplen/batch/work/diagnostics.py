@@ -7,11 +7,11 @@ from typing import Any
 import numpy as np
 
 from clplen.microscopy.fit import MOST, displacement, unevenness, without_depth
-from clplen.microscopy.given_lattice import pitch_sentence
+from clplen.microscopy.frames.given_lattice import pitch_sentence
+from clplen.microscopy.frames.prepare import Preparation
+from clplen.microscopy.frames.prepared import Prepared
 from clplen.microscopy.images import PointImages
-from clplen.microscopy.prepare import Preparation
-from clplen.microscopy.prepared import Prepared
-from clplen.microscopy.pupil_check import PupilCheck
+from clplen.microscopy.pupil.pupil_check import PupilCheck
 
 Values = np.ndarray[Any, Any]
 

@@ -27,8 +27,8 @@ from clplen.cli.shared.console import (
 
 if TYPE_CHECKING:
     from clplen.batch.work.deconvolution import AnyImages, DeconvolutionSettings, Deconvolver
-    from clplen.microscopy.prepared import Prepared
-    from clplen.microscopy.starts import Start
+    from clplen.microscopy.frames.prepared import Prepared
+    from clplen.microscopy.series.starts import Start
 
 _PATH = click.Path(path_type=Path)
 _NAME = "{name}"
@@ -191,7 +191,7 @@ def deconvolve(
     """
     from clplen.batch.work.deconvolution import DeconvolutionSettings, provenance, read_psf
     from clplen.microscopy.images import PointImages
-    from clplen.microscopy.starts import Start
+    from clplen.microscopy.series.starts import Start
 
     if background < 0:
         raise click.UsageError(f"--background is not negative, not {background:g}.")

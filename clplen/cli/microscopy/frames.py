@@ -76,7 +76,7 @@ def told_lattice(
     from clplen.batch.work.deconvolution import read_picture
     from clplen.files import naming
     from clplen.lightfield.raw.lenslet_lattice import Lattice
-    from clplen.microscopy.given_lattice import check_given, square_lattice
+    from clplen.microscopy.frames.given_lattice import check_given, square_lattice
 
     if path is None and pitch is None:
         if offset is not None or rotation is not None:
@@ -132,8 +132,8 @@ def _check_white(file: MicroscopeFile, n: int, white: Path, shape: tuple[int, ..
     from clplen.files import naming
     from clplen.lightfield.calibration.lattice_fit import estimate_lattice
     from clplen.lightfield.calibration.lattice_trust import require_trust
-    from clplen.microscopy.given_lattice import pitch_sentence
-    from clplen.microscopy.prepare import LEAST
+    from clplen.microscopy.frames.given_lattice import pitch_sentence
+    from clplen.microscopy.frames.prepare import LEAST
 
     level = read_picture(white)
     if shape is not None and level.shape != shape:

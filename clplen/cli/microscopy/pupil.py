@@ -20,7 +20,7 @@ from clplen.cli.shared.console import (
 )
 
 if TYPE_CHECKING:
-    from clplen.microscopy.pupil_fit import PupilFit
+    from clplen.microscopy.pupil.pupil_fit import PupilFit
 
 _PATH = click.Path(path_type=Path)
 _NAMES = {
@@ -99,7 +99,7 @@ def pupil(
     from clplen.batch.work.deconvolution import read_picture
     from clplen.config.microscope import read_microscope_file
     from clplen.files import naming, replacing
-    from clplen.microscopy.prepare import preparation
+    from clplen.microscopy.frames.prepare import preparation
 
     if gain is not None and gain <= 0:
         raise click.UsageError(f"--gain is positive, not {gain:g}.")
@@ -148,7 +148,7 @@ def _found(
     counts: Any, camera: Any, z: Any, given: dict[str, Any], how: dict[str, Any], gain: float,
     variance: float, progress: Any,
 ) -> PupilFit:  # fmt: skip
-    from clplen.microscopy.pupil_fit import fit_pupil
+    from clplen.microscopy.pupil.pupil_fit import fit_pupil
 
     shared = {"terms": how["terms"], "gain": gain, "variance": variance, "progress": progress}
     if not how["beads"]:

@@ -27,8 +27,8 @@ if TYPE_CHECKING:
     from clplen.batch.work.deconvolution import Deconvolver, Values
     from clplen.io.results.volume_series import VolumeSeries
     from clplen.microscopy.deconvolution import DeconvolutionResult
-    from clplen.microscopy.prepared import Prepared
-    from clplen.microscopy.starts import Start
+    from clplen.microscopy.frames.prepared import Prepared
+    from clplen.microscopy.series.starts import Start
 
 _FRAMES = "frames"
 
@@ -290,7 +290,7 @@ def _digest(pages: list[Page]) -> str:
 def _show(preview: Path, frame: Prepared, series: Deconvolver) -> None:
     from clplen.io.formats.picture import write_picture
     from clplen.microscopy.images import PointImages
-    from clplen.microscopy.preview import preview as refocused
+    from clplen.microscopy.series.preview import preview as refocused
 
     assert isinstance(series.images, PointImages)
     write_picture(preview, refocused(frame.counts, series.images, series.device))

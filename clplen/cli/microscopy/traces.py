@@ -136,7 +136,7 @@ def _labels(
 ) -> Any:
     """Which region each voxel belongs to."""
     from clplen.microscopy import sphere_labels
-    from clplen.microscopy.csv_tables import read_positions
+    from clplen.microscopy.objects.csv_tables import read_positions
 
     if labels is not None:
         found = opened((labels,))

@@ -17,8 +17,8 @@ from scipy import sparse
 
 from clplen.cameras.light_field_microscope import Microscope
 from clplen.cameras.scenes.scene_sources import PointSources
-from clplen.microscopy.pupil_waves import PupilWaves
-from clplen.microscopy.volume_pupil import Observed, with_coefficients
+from clplen.microscopy.pupil.pupil_waves import PupilWaves
+from clplen.microscopy.pupil.volume_pupil import Observed, with_coefficients
 from clplen.wave.coherence.averaging import Progress
 
 Vector = np.ndarray[Any, Any]

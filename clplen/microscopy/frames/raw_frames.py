@@ -18,9 +18,9 @@ from clplen.lightfield.calibration.lattice_fit import estimate_lattice
 from clplen.lightfield.calibration.lattice_trust import require_trust
 from clplen.lightfield.raw.lenslet_lattice import Lattice
 from clplen.microscopy.frame_projector import FrameProjector
+from clplen.microscopy.frames.prepare import DARKEST, DIMMEST, Preparation, white_light
+from clplen.microscopy.frames.prepared import samples
 from clplen.microscopy.images import PointImages
-from clplen.microscopy.prepare import DARKEST, DIMMEST, Preparation, white_light
-from clplen.microscopy.prepared import samples
 
 Vector = np.ndarray[Any, Any]
 

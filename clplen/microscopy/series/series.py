@@ -19,8 +19,8 @@ from clplen.errors import DeviceError
 from clplen.microscopy import deconvolution
 from clplen.microscopy.deconvolution import AnyProjector, DeconvolutionResult, deconvolve
 from clplen.microscopy.projector import Projector
-from clplen.microscopy.rolling import rolling_minimum
-from clplen.microscopy.starts import Start, StartName
+from clplen.microscopy.series.rolling import rolling_minimum
+from clplen.microscopy.series.starts import Start, StartName
 from clplen.wave.coherence.averaging import Progress
 
 Vector = np.ndarray[Any, Any]
@@ -77,7 +77,7 @@ def deconvolve_series(
         What the frames of a batch begin with, made of the volume of the last frame before it:
         itself, with a share of its contrast, or as wide as things can have moved. Default: an even
         volume.
-        "previous" draws out what moves, see `clplen.microscopy.starts`.
+        "previous" draws out what moves, see `clplen.microscopy.series.starts`.
     decay : float
         Share of the contrast that "decayed" keeps, from 0 to 1.
     motion : float, optional

@@ -18,8 +18,8 @@ from scipy.ndimage import gaussian_filter
 
 from clplen.errors import ShapeError
 from clplen.files import PathLike
-from clplen.microscopy.csv_tables import UNITS, position_columns, write_table
-from clplen.microscopy.points import DEVIATION, checked_stack, coordinates_of, over_noise
+from clplen.microscopy.objects.csv_tables import UNITS, position_columns, write_table
+from clplen.microscopy.objects.points import DEVIATION, checked_stack, coordinates_of, over_noise
 from clplen.reprs import OneLine
 
 Vector = np.ndarray[Any, Any]

@@ -20,7 +20,7 @@ from clplen.cameras.light_field_microscope import Microscope
 from clplen.cameras.optics.pupil_aberration import PupilAberration
 from clplen.microscopy.deconvolution import deconvolve
 from clplen.microscopy.projector import Projector
-from clplen.microscopy.pupil_images import images_and_tangents
+from clplen.microscopy.pupil.pupil_images import images_and_tangents
 
 Vector = np.ndarray[Any, Any]
 

@@ -12,8 +12,8 @@ from scipy.ndimage import distance_transform_edt
 from clplen.checks import host_array, is_finite, is_integer
 from clplen.errors import ShapeError
 from clplen.files import PathLike
-from clplen.microscopy.csv_tables import read_table, whole_numbers, write_table
-from clplen.microscopy.points import coordinates_of
+from clplen.microscopy.objects.csv_tables import read_table, whole_numbers, write_table
+from clplen.microscopy.objects.points import coordinates_of
 from clplen.reprs import OneLine
 
 Vector = np.ndarray[Any, Any]

@@ -22,7 +22,7 @@ from clplen.deprecation import renamed_argument
 from clplen.errors import ShapeError
 from clplen.files import PathLike
 from clplen.lightfield.refocusing.focal_stacks import FocalStack
-from clplen.microscopy.csv_tables import (
+from clplen.microscopy.objects.csv_tables import (
     UNITS,
     position_columns,
     read_positions,

@@ -11,7 +11,7 @@ from clplen.cameras.light_field_microscope import Microscope
 from clplen.checks import real_array
 from clplen.errors import ShapeError
 from clplen.microscopy.deconvolution import deconvolve
-from clplen.microscopy.points import find_points
+from clplen.microscopy.objects.points import find_points
 from clplen.microscopy.projector import Projector
 from clplen.microscopy.psf import point_images
 

@@ -24,9 +24,9 @@ from clplen.lightfield.calibration.lattice_trust import require_trust
 from clplen.lightfield.raw.decode import resample
 from clplen.lightfield.raw.lenslet_lattice import Lattice
 from clplen.lightfield.raw.raw_image import RawImage
-from clplen.microscopy.given_lattice import check_given
-from clplen.microscopy.outliers import MANY, hot_pixels, uneven_pixels
-from clplen.microscopy.prepared import Prepared, mask_of, samples, unknown
+from clplen.microscopy.frames.given_lattice import check_given
+from clplen.microscopy.frames.outliers import MANY, hot_pixels, uneven_pixels
+from clplen.microscopy.frames.prepared import Prepared, mask_of, samples, unknown
 from clplen.reprs import OneLine
 
 LEAST = 0.9  # of the pitch: with fewer pixels the energy of a spot depends on its place

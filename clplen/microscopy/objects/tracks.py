@@ -11,7 +11,7 @@ import numpy as np
 from clplen.checks import is_integer
 from clplen.errors import FormatError, ShapeError
 from clplen.files import PathLike
-from clplen.microscopy.csv_tables import (
+from clplen.microscopy.objects.csv_tables import (
     UNITS,
     position_columns,
     read_positions,
@@ -19,7 +19,7 @@ from clplen.microscopy.csv_tables import (
     whole_numbers,
     write_table,
 )
-from clplen.microscopy.linking import link
+from clplen.microscopy.objects.linking import link
 
 Vector = np.ndarray[Any, Any]
 Motion = Literal["random", "straight"]

@@ -12,7 +12,7 @@ from clplen.cameras.scenes.scene_sources import PointSources
 from clplen.microscopy.cells import cell_in
 from clplen.microscopy.images import PointImages
 from clplen.microscopy.psf import described
-from clplen.microscopy.pupil_waves import PupilWaves
+from clplen.microscopy.pupil.pupil_waves import PupilWaves
 
 Vector = np.ndarray[Any, Any]
 

@@ -1,0 +1,1 @@
+"""What volumes hold: points, regions, their tracks and their brightness in time."""
