@@ -160,3 +160,17 @@ def draw_errors(panels: Any, path: Any, least: Any, white: Any) -> None:
     panels[1].set(xticks=range(ARRAY), xlim=(-0.5, ARRAY - 0.5), ylim=(1e-3, 3), title="last error")
     panels[1].set_xticklabels(NAMES, rotation=40)
     panels[1].legend(fontsize=7, loc="upper left")
+
+
+def print_errors(error: Any, least: Any, white: Any) -> None:
+    """Of the unknowns beside their bounds and, of the array, beside `lattice_errors`."""
+    print("  in units of 0.1 % of the pitch, 1 mrad, 1 % of the pitch, 1 % of f_mu, 10 mrad:")
+    rows = {"error": error[:7], "Cramer-Rao": least[:7], "white image": white}
+    for name, values in rows.items():
+        print(f"  {name:12}" + "".join(f"{value:10.4f}" for value in values))
+    over = error / least
+    print(f"  errors of all unknowns over their bounds: rms {np.sqrt((over**2).mean()):.2f}, "
+          f"largest {abs(over).max():.2f}")
+    if len(error) == 19:  # places are unknown, too
+        places = error[7:].reshape(3, 4)[:, :3] * PLACE
+        print("  errors of the points' x, y / um, dz / um: ", np.round(places * 1e6, 3).tolist())

@@ -32,16 +32,7 @@ print(f"  photons of the 60 brightest lenslets: {lit[59]:.0f} to {lit[0]:.0f}")
 print(f"  {len(path) - 1} iterations of Gauss-Newton, {len(free)} unknowns")
 for (name, design, unit, within), value, true in zip(FORMS, found, TRUE, strict=False):
     number(name, design + unit * value, design + unit * true, within)
-print("  in units of 0.1 % of the pitch, 1 mrad, 1 % of the pitch, 1 % of f_mu, 10 mrad:")
-rows = {"error": found[:7] - TRUE, "Cramer-Rao": least[:7], "white image": white}
-for name, values in rows.items():
-    print(f"  {name:12}" + "".join(f"{value:10.4f}" for value in values))
-errors = (found - truth)[free] / least
-print(f"  errors of all unknowns over their bounds: rms {np.sqrt((errors**2).mean()):.2f}, "
-      f"largest {abs(errors).max():.2f}")
-if not run.quick:
-    places = (found - truth)[7:].reshape(3, 4)[:, :3] * cal.PLACE
-    print("  errors of the points' x, y / um, dz / um: ", np.round(places * 1e6, 3).tolist())
+cal.print_errors((found - truth)[free], least, white)
 
 figure = new_figure(15, 3.7)
 panels = figure.subplots(1, 5, width_ratios=[1, 1, 1, 1.1, 1.2])

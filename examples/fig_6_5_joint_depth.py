@@ -2,10 +2,9 @@
 
 import joint_depth as joint
 import numpy as np
-from common import BLUE, ORANGE, begin, number, pixels
+from common import begin, number, pixels
 
 from clplen import all_in_focus, depth_map
-from clplen.analysis import score
 from clplen.plot import bar, new_figure
 
 WEIGHTS = 60.0, 80.0  # of the total variations of picture and disparity
@@ -35,10 +34,7 @@ number("PSNR gained / dB", psnr[0] - joint.psnr(before[0], exact[0]), 5.5, 1.5, 
 number("PSNR over that on the decoded light field / dB", psnr[0] - psnr[1], 0.5, 0.5, ".2f")
 for name, one in zip(("before", *paths), (before, *(path[-1] for path in paths.values())),
                      strict=True):
-    judged = score(one[1], exact[1], border=joint.BORDER)
-    print(f"  {name}: PSNR {joint.psnr(one[0], exact[0]):.2f} dB; disparity: rms error "
-          f"{joint.rms(one[1], exact[1]):.4f} px, BadPix 0.07 {judged.badpix_07:.1f} %, "
-          f"0.03 {judged.badpix_03:.1f} %")
+    joint.print_quality(name, one, exact)
 print(f"  PSNR of all_in_focus with the true disparity {known:.2f} dB")
 
 figure = new_figure(14, 5.2)
@@ -55,13 +51,7 @@ for row, what, values, limit, colours in zip(
         drawn = panel.imshow(one - values[0], cmap="RdBu_r", vmin=-limit, vmax=limit)
         panel.set_title(f"error {name}")
     bar(figure, drawn, list(row[3:5]), "error", extend="both")
-for panel, lines, title in zip(panels[:, 5], (quality, error), ("PSNR / dB", "rms error / px"),
-                               strict=True):
-    for (name, line), colour in zip(lines.items(), (BLUE, ORANGE), strict=True):
-        panel.plot(line, color=colour, label=name)
-    panel.set(xlabel="iterations", title=title)
-panels[0, 5].axhline(known, color="0.5", ls="--")
-panels[0, 5].legend(title="fit to")
+joint.draw_paths(panels[:, 5], (quality, error), known)
 for panel in panels[:, :5].flat:
     panel.set(xticks=[], yticks=[])
 figure.supxlabel("before: depth_map and all_in_focus; dashed: all_in_focus, true disparity")

@@ -7,9 +7,11 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
+from common import BLUE, ORANGE
 from scipy.optimize import minimize
 
 from clplen import LightField, MicrolensArray, PlenopticCamera, RawImage, Sensor, SurfaceScene
+from clplen.analysis import score
 from clplen.cameras import PixelArray, Plane, Sphere, bricks, checker, uniform
 from clplen.lightfield import DecodeOperator, RawWarp, ViewWarp
 
@@ -146,3 +148,21 @@ def rms(disparity: Any, truth: Any) -> float:
     """Of its error, inside the border."""
     error = (disparity - truth)[BORDER:-BORDER, BORDER:-BORDER]
     return float(np.sqrt((error**2).mean()))
+
+
+def print_quality(name: str, found: Any, exact: Any) -> None:
+    """Of a picture and a disparity, inside the border."""
+    judged = score(found[1], exact[1], border=BORDER)
+    print(f"  {name}: PSNR {psnr(found[0], exact[0]):.2f} dB; disparity: rms error "
+          f"{rms(found[1], exact[1]):.4f} px, BadPix 0.07 {judged.badpix_07:.1f} %, "
+          f"0.03 {judged.badpix_03:.1f} %")
+
+
+def draw_paths(panels: Any, values: Any, known: float) -> None:
+    """PSNR and rms error over the iterations of each fit; ``known``: PSNR with the true disparity."""
+    for panel, lines, title in zip(panels, values, ("PSNR / dB", "rms error / px"), strict=True):
+        for (name, line), colour in zip(lines.items(), (BLUE, ORANGE), strict=True):
+            panel.plot(line, color=colour, label=name)
+        panel.set(xlabel="iterations", title=title)
+    panels[0].axhline(known, color="0.5", ls="--")
+    panels[0].legend(title="fit to")

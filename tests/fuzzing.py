@@ -58,8 +58,8 @@ from clplen.lightfield.metric.intrinsics import Intrinsics
 from clplen.lightfield.model.light_field import LightField
 from clplen.lightfield.raw.lenslet_lattice import Lattice
 from clplen.lightfield.refocusing.focal_stacks import FocalStack
-from clplen.microscopy import point_image_files
-from clplen.microscopy.images import PointImages
+from clplen.microscopy.model import point_image_files
+from clplen.microscopy.model.images import PointImages
 
 # Errors that a damaged file may cause: its own, and those of a value that makes no light field.
 ALLOWED = (FormatError, ShapeError, ValueError)

@@ -15,7 +15,7 @@ from clplen.compute.device import Device
 from clplen.io.results.stored_volumes import StoredFile
 from clplen.lightfield.focused.focused_picture import PictureGrid
 from clplen.lightfield.raw.lenslet_lattice import Lattice
-from clplen.microscopy.images import PointImages
+from clplen.microscopy.model.images import PointImages
 
 LAM = 5e-7
 GRID = clplen.Grid((8, 8), 1e-6)

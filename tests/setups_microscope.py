@@ -7,9 +7,9 @@ from typing import Any
 import numpy as np
 
 from clplen import Device, MicrolensArray, PlenopticCamera
-from clplen.microscopy.images import PointImages
-from clplen.microscopy.projector import Projector
-from clplen.microscopy.psf import point_images
+from clplen.microscopy.model.images import PointImages
+from clplen.microscopy.model.psf import point_images
+from clplen.microscopy.reconstruction.projector import Projector
 
 Vector = np.ndarray[Any, Any]
 

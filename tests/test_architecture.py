@@ -50,7 +50,12 @@ ROOMS: dict[str, tuple[set[str], ...]] = {
         {"streaming", "axis_check"},
     ),
     "cameras": ({"scenes"}, {"optics"}, {"exposure"}, {"fourier"}),
-    "microscopy": ({"fourier"},),
+    "microscopy": (
+        {"fourier", "model", "objects"},
+        {"reconstruction"},
+        {"frames", "series"},
+        {"pupil"},
+    ),
     "analysis": ({"point"}, {"cameras"}, {"report"}),
     "io": ({"formats"}, {"store"}, {"raw"}, {"lightfields"}, {"results", "page", "displays"}),
     "batch": ({"jobs"}, {"work"}, {"running"}),

@@ -18,7 +18,7 @@ from clplen.errors import FormatError
 from clplen.io.results.volume_files import read_volume
 from clplen.lightfield import Lattice
 from clplen.microscopy import EvenLight, read_point_images, square_lattice
-from clplen.microscopy.projector import Projector
+from clplen.microscopy.reconstruction.projector import Projector
 
 KNOWN = """
 magnification = 20

@@ -24,9 +24,9 @@ from clplen.compute.device import Device
 from clplen.errors import FormatError
 from clplen.io.results.volume_files import read_volume, write_volume
 from clplen.io.store.picture_series import describe_series
-from clplen.microscopy import point_image_files
 from clplen.microscopy.frames.prepare import preparation
-from clplen.microscopy.projector import Projector
+from clplen.microscopy.model import point_image_files
+from clplen.microscopy.reconstruction.projector import Projector
 
 KNOWN = """
 magnification = 60

@@ -157,7 +157,7 @@ def test_planes_are_told_from_the_objective_on(
     assert (
         "they are taken from -2.5 to 2.5 um" in done(run("psf", tmp_path / "k.toml", *words)).stderr
     )
-    monkeypatch.setattr(sys.modules["clplen.microscopy.psf"], "point_images", stopped)
+    monkeypatch.setattr(sys.modules["clplen.microscopy.model.psf"], "point_images", stopped)
     words = ("--planes-um", "-400:20:2", "--device", device.place, "-o", tmp_path / "p.h5")
     result = run("psf", tmp_path / "k.toml", *words)
     # tan = 1.2/sqrt(1.33^2 - 1.2^2): M z tan/p = 502.2; .94 lam M z/d = 133.8 um

@@ -20,8 +20,8 @@ from clplen.compute.device import Device
 from clplen.errors import FormatError
 from clplen.io.results.volume_files import is_volume, read_volume
 from clplen.io.results.volume_series import count_whole, read_volume_series, series_in
-from clplen.microscopy import point_image_files
-from clplen.microscopy.projector import Projector
+from clplen.microscopy.model import point_image_files
+from clplen.microscopy.reconstruction.projector import Projector
 
 KNOWN = """
 magnification = 60

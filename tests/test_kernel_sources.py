@@ -57,9 +57,9 @@ from clplen.lightfield.focused.focused_spots import point_m
 from clplen.lightfield.raw.lenslet_grid import LensType
 from clplen.lightfield.refocusing.fourier_slice import fourier_stack
 from clplen.lightfield.refocusing.hyperfan_filter import hyperfan
-from clplen.microscopy.deconvolution import deconvolve
-from clplen.microscopy.projector import Projector
-from clplen.microscopy.psf import point_images
+from clplen.microscopy.model.psf import point_images
+from clplen.microscopy.reconstruction.deconvolution import deconvolve
+from clplen.microscopy.reconstruction.projector import Projector
 from clplen.selftest.basics import built_in_values
 from clplen.wave import (
     LensletMap,

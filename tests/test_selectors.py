@@ -99,6 +99,7 @@ CALLS: dict[str, Callable[[Path, Any], Any]] = {
     "LightField.from_array": lambda _, d: clplen.LightField.from_array(
         objects.samples(3, 3, 8, 8), device=d
     ),
+    "MicrolensArray.jacobian": lambda _, d: objects.MLA.jacobian(GRID, LAM, d),
     "MicrolensArray.lattice_tables": lambda _, d: objects.MLA.lattice_tables(GRID, d),
     "MicrolensArray.transmission": lambda _, d: objects.MLA.transmission(GRID, LAM, d),
     "cameras.FourierMicroscope": bare("cameras.FourierMicroscope"),

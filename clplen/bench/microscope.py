@@ -20,9 +20,9 @@ from clplen.bench.report import Benchmark, Goal, Report, time_rows
 from clplen.cameras.plenoptic_camera import PlenopticCamera
 from clplen.compute.device import Device
 from clplen.compute.fft.lines import smooth_length
-from clplen.microscopy.images import PointImages
-from clplen.microscopy.projector import Projector
-from clplen.microscopy.psf import point_images
+from clplen.microscopy.model.images import PointImages
+from clplen.microscopy.model.psf import point_images
+from clplen.microscopy.reconstruction.projector import Projector
 from clplen.types import Array
 from clplen.wave.elements.lenslets import MicrolensArray
 

@@ -15,8 +15,8 @@ from clplen.bench.measure import Case, halved, in_turn, numbers
 from clplen.bench.microscope import FORM, images_of, matrices_of
 from clplen.bench.report import Benchmark, Goal, Report, time_rows
 from clplen.compute.device import Device
-from clplen.microscopy.deconvolution import PICTURES, VOLUMES, deconvolve
-from clplen.microscopy.projector import Projector
+from clplen.microscopy.reconstruction.deconvolution import PICTURES, VOLUMES, deconvolve
+from clplen.microscopy.reconstruction.projector import Projector
 from clplen.microscopy.series.series import BATCH, deconvolve_series
 from clplen.types import Array
 

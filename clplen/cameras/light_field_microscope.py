@@ -116,7 +116,7 @@ class Microscope(MicroscopeOptics):
         ----------
         scene : PointSources or list of them
             (x, y, dz) from the axis point of the native plane, in the medium; their image lies at
-            (M x, M y). A whole volume is quicker by `clplen.microscopy.projector`.
+            (M x, M y). A whole volume is quicker by `clplen.microscopy.reconstruction.projector`.
         coherence : Coherence, optional
             Its spectrum is that of the fluorescence; it has no spatial model.
         sensor : Sensor, optional
@@ -150,7 +150,7 @@ class Microscope(MicroscopeOptics):
             found = ", ".join(sorted({type(one).__name__ for one in parts})) or "nothing"
             raise TypeError(
                 f"A microscope exposes PointSources or a list of them, not {found}: give points, "
-                "or project a volume (clplen.microscopy.projector)."
+                "or project a volume (clplen.microscopy.reconstruction.projector)."
             )
         if {snapshots, rtol, checkpoint} != {None}:
             raise ValueError(

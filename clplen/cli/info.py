@@ -271,7 +271,7 @@ def _of_parameters(source: Path, selector: str | None) -> tuple[Rows, dict[str, 
 
 def _point_images(source: Path) -> tuple[dict[str, Any], list[tuple[int, ...]]] | None:
     """What the point images of a microscope were made with; None if it is something else."""
-    from clplen.microscopy import point_image_files
+    from clplen.microscopy.model import point_image_files
 
     return point_image_files.read_parameters(source) if source.suffix.lower() in _HDF5 else None
 
@@ -279,7 +279,7 @@ def _point_images(source: Path) -> tuple[dict[str, Any], list[tuple[int, ...]]] 
 def _of_point_images(
     source: Path, known: dict[str, Any], shapes: list[tuple[int, ...]]
 ) -> tuple[Rows, dict[str, Any]]:
-    from clplen.microscopy.cells import cell_in
+    from clplen.microscopy.model.cells import cell_in
 
     kind = "point images of a light-field microscope"
     n, v = known["pixels_per_lenslet"], known["voxels_per_lenslet"]

@@ -19,8 +19,8 @@ from clplen.config.scene import CoherenceTable, SceneTable
 from clplen.config.tables import Count, Positive, Table, read_toml, validated
 from clplen.errors import FormatError
 from clplen.files import PathLike
-from clplen.microscopy.binning import suitable_binning
 from clplen.microscopy.frames.prepare import LEAST
+from clplen.microscopy.model.binning import suitable_binning
 
 _POWERS = (3, -3, 6, -6, 9, -9)  # of 10: from m, mm, um and nm to one another
 

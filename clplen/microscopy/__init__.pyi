@@ -1,8 +1,3 @@
-from .binning import binning_error as binning_error
-from .binning import suitable_binning as suitable_binning
-from .deconvolution import DeconvolutionResult as DeconvolutionResult
-from .deconvolution import deconvolve as deconvolve
-from .deconvolution import degenerate_planes as degenerate_planes
 from .fourier.bead_stack import BeadCalibration as BeadCalibration
 from .fourier.bead_stack import measure_point_images as measure_point_images
 from .fourier.fourier_files import read_fourier_point_images as read_fourier_point_images
@@ -10,8 +5,6 @@ from .fourier.fourier_files import write_fourier_point_images as write_fourier_p
 from .fourier.fourier_images import FourierPointImages as FourierPointImages
 from .fourier.fourier_projector import FourierProjector as FourierProjector
 from .fourier.fourier_psf import fourier_point_images as fourier_point_images
-from .frame_projector import FrameProjector as FrameProjector
-from .frame_projector import lattice_of as lattice_of
 from .frames.given_lattice import pitch_sentence as pitch_sentence
 from .frames.given_lattice import square_lattice as square_lattice
 from .frames.outliers import hot_pixels as hot_pixels
@@ -22,7 +15,12 @@ from .frames.prepare import rectify as rectify
 from .frames.prepared import Prepared as Prepared
 from .frames.raw_frames import RawPreparation as RawPreparation
 from .frames.raw_frames import raw_preparation as raw_preparation
-from .images import PointImages as PointImages
+from .model.binning import binning_error as binning_error
+from .model.binning import suitable_binning as suitable_binning
+from .model.images import PointImages as PointImages
+from .model.point_image_files import read_point_images as read_point_images
+from .model.point_image_files import write_point_images as write_point_images
+from .model.psf import point_images as point_images
 from .objects.activity import Traces as Traces
 from .objects.activity import traces as traces
 from .objects.points import Points as Points
@@ -33,10 +31,6 @@ from .objects.regions import find_regions as find_regions
 from .objects.regions import sphere_labels as sphere_labels
 from .objects.tracks import Tracks as Tracks
 from .objects.tracks import track_points as track_points
-from .point_image_files import read_point_images as read_point_images
-from .point_image_files import write_point_images as write_point_images
-from .projector import Projector as Projector
-from .psf import point_images as point_images
 from .pupil.bead_places import find_beads as find_beads
 from .pupil.even_light import EvenLight as EvenLight
 from .pupil.pupil_check import PupilCheck as PupilCheck
@@ -45,5 +39,11 @@ from .pupil.pupil_check import corrected as corrected
 from .pupil.pupil_fit import PupilFit as PupilFit
 from .pupil.pupil_fit import fit_pupil as fit_pupil
 from .pupil.pupil_fit import fit_pupil_patches as fit_pupil_patches
+from .reconstruction.deconvolution import DeconvolutionResult as DeconvolutionResult
+from .reconstruction.deconvolution import deconvolve as deconvolve
+from .reconstruction.deconvolution import degenerate_planes as degenerate_planes
+from .reconstruction.frame_projector import FrameProjector as FrameProjector
+from .reconstruction.frame_projector import lattice_of as lattice_of
+from .reconstruction.projector import Projector as Projector
 from .series.rolling import rolling_minimum as rolling_minimum
 from .series.series import deconvolve_series as deconvolve_series

@@ -8,7 +8,7 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from clplen.errors import ShapeError
-from clplen.microscopy.deconvolution import DeconvolutionResult
+from clplen.microscopy.reconstruction.deconvolution import DeconvolutionResult
 from clplen.plot.base import (
     LIGHT,
     Array,

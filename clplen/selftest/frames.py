@@ -18,10 +18,10 @@ from clplen.lightfield.raw.decode import resample
 from clplen.lightfield.raw.demosaicing import views_of_colours
 from clplen.lightfield.raw.lenslet_grid import LensletGrid
 from clplen.lightfield.raw.raw_image import RawImage
-from clplen.microscopy.deconvolution import LEAST, deconvolve
-from clplen.microscopy.images import PointImages
-from clplen.microscopy.priors import EVEN, SMOOTH, Sieve, TotalVariation, blurs
-from clplen.microscopy.projector import Projector
+from clplen.microscopy.model.images import PointImages
+from clplen.microscopy.reconstruction.deconvolution import LEAST, deconvolve
+from clplen.microscopy.reconstruction.priors import EVEN, SMOOTH, Sieve, TotalVariation, blurs
+from clplen.microscopy.reconstruction.projector import Projector
 from clplen.selftest import twins
 from clplen.selftest.check import Check, Pairs
 

@@ -14,10 +14,10 @@ from clplen.batch.work import diagnostics
 from clplen.compute.device import Device
 from clplen.lightfield.raw.lenslet_lattice import Lattice
 from clplen.lightfield.raw.raw_image import RawImage
-from clplen.microscopy.deconvolution import deconvolve
 from clplen.microscopy.frames.prepare import Preparation, Prepared, preparation
-from clplen.microscopy.images import PointImages
-from clplen.microscopy.projector import Projector
+from clplen.microscopy.model.images import PointImages
+from clplen.microscopy.reconstruction.deconvolution import deconvolve
+from clplen.microscopy.reconstruction.projector import Projector
 
 N, SIZE = 6, (9, 10)
 

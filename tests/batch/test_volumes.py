@@ -18,7 +18,7 @@ from clplen.cli.microscopy.frames import Page
 from clplen.compute.device import Device
 from clplen.lightfield.raw.lenslet_lattice import Lattice
 from clplen.microscopy.frames.prepare import Preparation
-from clplen.microscopy.images import PointImages
+from clplen.microscopy.model.images import PointImages
 from clplen.microscopy.series.starts import Start
 
 ALL = DeconvolutionSettings(7, 3.0, 2.0, 900.0, True, 0.25, True, "tv", 0.5)

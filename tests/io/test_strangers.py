@@ -38,7 +38,7 @@ from clplen.io.results.focused_files import describe_focused
 from clplen.io.results.volume_files import read_volume
 from clplen.io.store.picture_series import describe_series
 from clplen.lightfield.model.light_field import LightField
-from clplen.microscopy import point_image_files
+from clplen.microscopy.model import point_image_files
 
 SHAPE = (2, 3, 5, 4)
 

@@ -10,11 +10,11 @@ from setups_microscope import projector_of, voxels, wrong
 
 from clplen import DeviceError, ShapeError
 from clplen.lightfield import Lattice
-from clplen.microscopy.deconvolution import Acceleration, deconvolve
 from clplen.microscopy.frames.prepare import Preparation
-from clplen.microscopy.images import PointImages
-from clplen.microscopy.priors import TotalVariation, blurs, noise_level
-from clplen.microscopy.projector import Projector
+from clplen.microscopy.model.images import PointImages
+from clplen.microscopy.reconstruction.deconvolution import Acceleration, deconvolve
+from clplen.microscopy.reconstruction.priors import TotalVariation, blurs, noise_level
+from clplen.microscopy.reconstruction.projector import Projector
 
 Z = np.arange(-40, 41, 10) * 1e-6
 

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from clplen.microscopy.fit import displacement, unevenness, without_depth
+from clplen.microscopy.reconstruction.fit import displacement, unevenness, without_depth
 
 ROWS, COLUMNS, N = 9, 13, 12
 

@@ -12,8 +12,8 @@ from clplen.cameras import PixelArray
 from clplen.errors import DeviceError
 from clplen.lightfield import Lattice
 from clplen.microscopy import FrameProjector, PointImages, deconvolve, lattice_of, point_images
-from clplen.microscopy.cells import cell_of
-from clplen.microscopy.psf import _symmetric
+from clplen.microscopy.model.cells import cell_of
+from clplen.microscopy.model.psf import _symmetric
 
 LATTICES = {
     "turned": Lattice("square", (13.2, 17.6), (4.9, -0.8), (0.9, 5.1), shape=(31, 34)),

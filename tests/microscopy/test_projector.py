@@ -7,11 +7,11 @@ from tolerance import relative_max
 
 from clplen import MicrolensArray, PlenopticCamera, PointSources, ShapeError
 from clplen.errors import DeviceError
-from clplen.microscopy import projector as projectors
-from clplen.microscopy.cells import cell_of
-from clplen.microscopy.images import PointImages, unique_phases
-from clplen.microscopy.projector import Projector
-from clplen.microscopy.psf import _symmetric, point_images
+from clplen.microscopy.model.cells import cell_of
+from clplen.microscopy.model.images import PointImages, unique_phases
+from clplen.microscopy.model.psf import _symmetric, point_images
+from clplen.microscopy.reconstruction import projector as projectors
+from clplen.microscopy.reconstruction.projector import Projector
 
 Z = np.array([-2.0, 0.5, 1.0]) * 1e-6
 

@@ -11,10 +11,10 @@ from tolerance import relative_max
 from clplen import MicrolensArray, PlenopticCamera, PointSources, files
 from clplen.cameras.optics.objective import CoverGlass
 from clplen.errors import DeviceError, FormatError, SamplingError
-from clplen.microscopy import point_image_files
-from clplen.microscopy import psf as module
-from clplen.microscopy.cells import cell_of
-from clplen.microscopy.psf import point_images
+from clplen.microscopy.model import point_image_files
+from clplen.microscopy.model import psf as module
+from clplen.microscopy.model.cells import cell_of
+from clplen.microscopy.model.psf import point_images
 
 S = Setup(M=60, na=1.2, p=100e-6, n=15, lam=593e-9, index=1.33)
 Z = np.array([-1.5, 0.0, 0.5]) * 1e-6  # not equidistant

@@ -11,9 +11,9 @@ from clplen import LightField, MicrolensArray, PlenopticCamera, PointSources, es
 from clplen.cameras import PupilAberration
 from clplen.lightfield import focus_ratio
 from clplen.microscopy import point_images, read_point_images
-from clplen.microscopy.cells import cell_in
-from clplen.microscopy.images import PointImages
-from clplen.microscopy.projector import Projector
+from clplen.microscopy.model.cells import cell_in
+from clplen.microscopy.model.images import PointImages
+from clplen.microscopy.reconstruction.projector import Projector
 from clplen.wave import noll, zernike
 
 TERMS = {4: 25e-9, 5: 40e-9, 8: -35e-9, 9: 30e-9, 11: 20e-9}

@@ -7,9 +7,9 @@ import pytest
 
 from clplen import MicrolensArray, PlenopticCamera, PointSources, ShapeError
 from clplen.microscopy import find_beads, fit_pupil, fit_pupil_patches
-from clplen.microscopy.projector import Projector
 from clplen.microscopy.pupil.pupil_images import images_and_tangents
 from clplen.microscopy.pupil.volume_pupil import Observed, Sampling, state_of, with_coefficients
+from clplen.microscopy.reconstruction.projector import Projector
 
 OPTICS = {"magnification": 10, "na": 0.2, "wavelength": 525e-9, "pixels_per_lenslet": 11}
 TRUE = {6: 35e-9, 8: -30e-9, 11: 25e-9}

@@ -128,7 +128,7 @@ def test_files_of_frames_that_are_not_rectified(tmp_path):
     path.write_text(MICROSCOPE)  # 15.38 pixels a lenslet
     straight = read_microscope_file(path)
     assert straight.rectified
-    assert straight.camera.pixels_per_lenslet == 16
+    assert straight.camera.pixels_per_lenslet == 16 * straight.binning
     raw = read_microscope_file(path, rectified=False)
     assert not raw.rectified
     assert raw.binning == 2

@@ -8,7 +8,7 @@ from tolerance import relative_max
 
 from clplen.errors import ShapeError
 from clplen.microscopy import deconvolve, deconvolve_series, rolling_minimum
-from clplen.microscopy.projector import Projector
+from clplen.microscopy.reconstruction.projector import Projector
 from clplen.microscopy.series.preview import disparities, preview
 from clplen.microscopy.series.series import BATCH, SeriesFrame, batch_for, found_in_batches
 from clplen.microscopy.series.starts import FLOOR, Start

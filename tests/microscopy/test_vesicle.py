@@ -7,9 +7,9 @@ from types import ModuleType
 import numpy as np
 import pytest
 
-from clplen.microscopy.deconvolution import deconvolve
-from clplen.microscopy.projector import Projector
-from clplen.microscopy.psf import point_images
+from clplen.microscopy.model.psf import point_images
+from clplen.microscopy.reconstruction.deconvolution import deconvolve
+from clplen.microscopy.reconstruction.projector import Projector
 
 EXAMPLES = Path(__file__).parents[2] / "examples"
 Z = np.arange(-16.5, 17, 3) * 1e-6

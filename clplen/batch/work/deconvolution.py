@@ -27,8 +27,6 @@ from clplen.io.results.volume_files import is_volume, write_volume
 from clplen.io.store.digest import digest
 from clplen.lightfield.raw.lenslet_lattice import Lattice
 from clplen.lightfield.raw.raw_image import RawImage
-from clplen.microscopy import point_image_files
-from clplen.microscopy.deconvolution import AnyProjector, DeconvolutionResult, deconvolve
 from clplen.microscopy.fourier import fourier_files
 from clplen.microscopy.fourier.fourier_images import FourierPointImages
 from clplen.microscopy.fourier.fourier_projector import FourierProjector
@@ -36,9 +34,15 @@ from clplen.microscopy.frames.outliers import sharpness
 from clplen.microscopy.frames.prepare import Preparation, preparation
 from clplen.microscopy.frames.prepared import Prepared
 from clplen.microscopy.frames.raw_frames import RawPreparation, raw_preparation
-from clplen.microscopy.images import PointImages
-from clplen.microscopy.projector import Projector
+from clplen.microscopy.model import point_image_files
+from clplen.microscopy.model.images import PointImages
 from clplen.microscopy.pupil.pupil_check import PupilCheck, check_pupil, corrected
+from clplen.microscopy.reconstruction.deconvolution import (
+    AnyProjector,
+    DeconvolutionResult,
+    deconvolve,
+)
+from clplen.microscopy.reconstruction.projector import Projector
 from clplen.microscopy.series.rolling import rolling_minimum
 from clplen.microscopy.series.series import SeriesFrame, batch_for, found_in_batches
 from clplen.microscopy.series.starts import Start

@@ -6,12 +6,12 @@ from typing import Any
 
 import numpy as np
 
-from clplen.microscopy.fit import MOST, displacement, unevenness, without_depth
 from clplen.microscopy.frames.given_lattice import pitch_sentence
 from clplen.microscopy.frames.prepare import Preparation
 from clplen.microscopy.frames.prepared import Prepared
-from clplen.microscopy.images import PointImages
+from clplen.microscopy.model.images import PointImages
 from clplen.microscopy.pupil.pupil_check import PupilCheck
+from clplen.microscopy.reconstruction.fit import MOST, displacement, unevenness, without_depth
 
 Values = np.ndarray[Any, Any]
 

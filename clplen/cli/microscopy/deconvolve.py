@@ -190,7 +190,7 @@ def deconvolve(
       clplen microscope deconvolve t*.tif -c psf.h5 --white white.tif -o "out/{name}.ome.tif"
     """
     from clplen.batch.work.deconvolution import DeconvolutionSettings, provenance, read_psf
-    from clplen.microscopy.images import PointImages
+    from clplen.microscopy.model.images import PointImages
     from clplen.microscopy.series.starts import Start
 
     if background < 0:

@@ -34,7 +34,7 @@ if TYPE_CHECKING:
     from clplen.config.fourier_microscope import FourierFile
     from clplen.config.microscope import MicroscopeFile
     from clplen.microscopy.fourier.fourier_images import FourierPointImages
-    from clplen.microscopy.images import PointImages
+    from clplen.microscopy.model.images import PointImages
 
 _PATH = click.Path(path_type=Path)
 VOXELS = 5
@@ -203,7 +203,7 @@ def project(
     from clplen.io import write_picture
     from clplen.io.results.volume_files import read_volume
     from clplen.microscopy.fourier.fourier_images import FourierPointImages
-    from clplen.microscopy.projector import Projector
+    from clplen.microscopy.reconstruction.projector import Projector
 
     check_suffix(output, (".tif", ".tiff"))
     check_output(output, force, [volume, source])
@@ -268,7 +268,7 @@ def _rising(z: Any) -> Any:
 
 def _note_far(camera: Microscope, z: Any) -> None:
     """Say that planes lie where little is found, and what they cost."""
-    from clplen.microscopy.psf import lenslets_across
+    from clplen.microscopy.model.psf import lenslets_across
 
     far = np.abs(z) > _FAR * camera.depth_range
     if not far.any():
@@ -299,7 +299,7 @@ def _timed(
     show: Callable[[int, int], None], camera: Microscope, z: Any
 ) -> Callable[[int, int], None]:
     """Show how far a simulation has come, and say once how long it will take."""
-    from clplen.microscopy.psf import effort
+    from clplen.microscopy.model.psf import effort
 
     work = np.cumsum(effort(camera, z))
     began, said = time.monotonic(), False
@@ -327,8 +327,8 @@ def _simulated(
 ) -> PointImages:
     """The point images of a file's microscope, kept in ``output``."""
     from clplen.cameras.light_field_microscope import Microscope
-    from clplen.microscopy.binning import binning_error
-    from clplen.microscopy.psf import point_images
+    from clplen.microscopy.model.binning import binning_error
+    from clplen.microscopy.model.psf import point_images
 
     camera = file.camera.build(device)
     assert isinstance(camera, Microscope)

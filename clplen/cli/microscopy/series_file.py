@@ -26,8 +26,8 @@ from clplen.cli.shared.console import (
 if TYPE_CHECKING:
     from clplen.batch.work.deconvolution import Deconvolver, Values
     from clplen.io.results.volume_series import VolumeSeries
-    from clplen.microscopy.deconvolution import DeconvolutionResult
     from clplen.microscopy.frames.prepared import Prepared
+    from clplen.microscopy.reconstruction.deconvolution import DeconvolutionResult
     from clplen.microscopy.series.starts import Start
 
 _FRAMES = "frames"
@@ -235,7 +235,7 @@ def _file(
     asked: Asked, series: Deconvolver, shape: tuple[int, ...], job: dict[str, Any], batch: int
 ) -> VolumeSeries:
     from clplen.io.results.volume_series import VolumeSeries
-    from clplen.microscopy.deconvolution import degenerate_planes
+    from clplen.microscopy.reconstruction.deconvolution import degenerate_planes
 
     images, projector = series.images, series.projector_for(shape)
     description = {
@@ -289,7 +289,7 @@ def _digest(pages: list[Page]) -> str:
 
 def _show(preview: Path, frame: Prepared, series: Deconvolver) -> None:
     from clplen.io.formats.picture import write_picture
-    from clplen.microscopy.images import PointImages
+    from clplen.microscopy.model.images import PointImages
     from clplen.microscopy.series.preview import preview as refocused
 
     assert isinstance(series.images, PointImages)

@@ -17,7 +17,7 @@ import numpy as np
 from scipy.ndimage import convolve
 
 from clplen.lightfield.raw.lenslet_lattice import Lattice
-from clplen.microscopy.images import PointImages
+from clplen.microscopy.model.images import PointImages
 
 Vector = np.ndarray[Any, Any]
 Step = tuple[int, int]

@@ -17,10 +17,10 @@ from clplen.compute.device import DeviceLike, as_device
 from clplen.lightfield.calibration.lattice_fit import estimate_lattice
 from clplen.lightfield.calibration.lattice_trust import require_trust
 from clplen.lightfield.raw.lenslet_lattice import Lattice
-from clplen.microscopy.frame_projector import FrameProjector
 from clplen.microscopy.frames.prepare import DARKEST, DIMMEST, Preparation, white_light
 from clplen.microscopy.frames.prepared import samples
-from clplen.microscopy.images import PointImages
+from clplen.microscopy.model.images import PointImages
+from clplen.microscopy.reconstruction.frame_projector import FrameProjector
 
 Vector = np.ndarray[Any, Any]
 

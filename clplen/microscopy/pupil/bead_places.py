@@ -10,10 +10,10 @@ import numpy as np
 from clplen.cameras.light_field_microscope import Microscope
 from clplen.checks import real_array
 from clplen.errors import ShapeError
-from clplen.microscopy.deconvolution import deconvolve
+from clplen.microscopy.model.psf import point_images
 from clplen.microscopy.objects.points import find_points
-from clplen.microscopy.projector import Projector
-from clplen.microscopy.psf import point_images
+from clplen.microscopy.reconstruction.deconvolution import deconvolve
+from clplen.microscopy.reconstruction.projector import Projector
 
 Vector = np.ndarray[Any, Any]
 

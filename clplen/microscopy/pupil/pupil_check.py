@@ -18,7 +18,7 @@ from scipy.optimize import least_squares
 from clplen.checks import require
 from clplen.lightfield.raw.lenslet_lattice import Lattice
 from clplen.microscopy.frames.prepare import Preparation, rectify
-from clplen.microscopy.images import PointImages
+from clplen.microscopy.model.images import PointImages
 from clplen.microscopy.pupil.even_light import NEEDED, EvenLight
 from clplen.reprs import OneLine
 

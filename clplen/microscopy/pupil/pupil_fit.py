@@ -13,7 +13,7 @@ from clplen.cameras.optics.microscope_optics import check_positions
 from clplen.cameras.optics.pupil_aberration import PupilAberration
 from clplen.checks import is_finite, positive_integer, real_array, require
 from clplen.errors import ShapeError
-from clplen.microscopy.psf import checked_planes
+from clplen.microscopy.model.psf import checked_planes
 from clplen.microscopy.pupil.bead_places import find_beads
 from clplen.microscopy.pupil.bead_pupil import BeadFrame, fit_beads
 from clplen.microscopy.pupil.volume_pupil import (

@@ -9,9 +9,9 @@ import numpy as np
 
 from clplen.cameras.light_field_microscope import Microscope
 from clplen.cameras.scenes.scene_sources import PointSources
-from clplen.microscopy.cells import cell_in
-from clplen.microscopy.images import PointImages
-from clplen.microscopy.psf import described
+from clplen.microscopy.model.cells import cell_in
+from clplen.microscopy.model.images import PointImages
+from clplen.microscopy.model.psf import described
 from clplen.microscopy.pupil.pupil_waves import PupilWaves
 
 Vector = np.ndarray[Any, Any]

@@ -18,9 +18,9 @@ import numpy as np
 
 from clplen.cameras.light_field_microscope import Microscope
 from clplen.cameras.optics.pupil_aberration import PupilAberration
-from clplen.microscopy.deconvolution import deconvolve
-from clplen.microscopy.projector import Projector
 from clplen.microscopy.pupil.pupil_images import images_and_tangents
+from clplen.microscopy.reconstruction.deconvolution import deconvolve
+from clplen.microscopy.reconstruction.projector import Projector
 
 Vector = np.ndarray[Any, Any]
 

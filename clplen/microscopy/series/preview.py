@@ -9,7 +9,7 @@ import numpy as np
 from clplen.compute.device import Device
 from clplen.lightfield.model.light_field import LightField
 from clplen.lightfield.refocusing.focal_stacks import refocus
-from clplen.microscopy.images import PointImages
+from clplen.microscopy.model.images import PointImages
 
 Vector = np.ndarray[Any, Any]
 

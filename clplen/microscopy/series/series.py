@@ -16,9 +16,13 @@ import numpy as np
 
 from clplen.checks import positive_integer, require
 from clplen.errors import DeviceError
-from clplen.microscopy import deconvolution
-from clplen.microscopy.deconvolution import AnyProjector, DeconvolutionResult, deconvolve
-from clplen.microscopy.projector import Projector
+from clplen.microscopy.reconstruction import deconvolution
+from clplen.microscopy.reconstruction.deconvolution import (
+    AnyProjector,
+    DeconvolutionResult,
+    deconvolve,
+)
+from clplen.microscopy.reconstruction.projector import Projector
 from clplen.microscopy.series.rolling import rolling_minimum
 from clplen.microscopy.series.starts import Start, StartName
 from clplen.wave.coherence.averaging import Progress

@@ -18,7 +18,7 @@ from scipy.ndimage import gaussian_filter
 
 from clplen.checks import is_finite
 from clplen.microscopy.fourier.fourier_images import FourierPointImages
-from clplen.microscopy.images import PointImages
+from clplen.microscopy.model.images import PointImages
 
 Vector = np.ndarray[Any, Any]
 StartName = Literal["previous", "decayed", "limited"]

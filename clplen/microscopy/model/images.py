@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from clplen.microscopy.cells import Cell, cell_in, cell_of
+from clplen.microscopy.model.cells import Cell, cell_in, cell_of
 
 Vector = np.ndarray[Any, Any]
 

@@ -24,8 +24,8 @@ from clplen.compute.device import Device, DeviceLike, as_device
 from clplen.compute.fft.lines import smooth_length
 from clplen.compute.memory import free_memory
 from clplen.errors import ShapeError
-from clplen.microscopy.cells import Pair
-from clplen.microscopy.images import PointImages
+from clplen.microscopy.model.cells import Pair
+from clplen.microscopy.model.images import PointImages
 
 if TYPE_CHECKING:
     from scipy.sparse.linalg import LinearOperator

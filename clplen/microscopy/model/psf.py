@@ -23,9 +23,9 @@ from clplen.checks import is_finite, positive_integer, real_array, require
 from clplen.compute.fft.lines import smooth_length
 from clplen.compute.memory import free_memory
 from clplen.files import PathLike, check_space, check_writable
-from clplen.microscopy import point_image_files
-from clplen.microscopy.cells import Cell, Pair, cell_of
-from clplen.microscopy.images import PointImages
+from clplen.microscopy.model import point_image_files
+from clplen.microscopy.model.cells import Cell, Pair, cell_of
+from clplen.microscopy.model.images import PointImages
 from clplen.wave.coherence.averaging import Progress
 from clplen.wave.elements.lenslets import MicrolensArray
 from clplen.wave.field.field import Grid

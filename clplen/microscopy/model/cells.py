@@ -49,7 +49,7 @@ class Cell:
 
     Examples
     --------
-    >>> cell = clplen.microscopy.cells.cell_of("hexagonal", 1, voxels=5, pixels=15)
+    >>> cell = clplen.microscopy.model.cells.cell_of("hexagonal", 1, voxels=5, pixels=15)
     >>> cell.lenslets, cell.voxels, cell.pixels
     ((2, 1), (9, 5), (27, 15))
     """

@@ -25,8 +25,8 @@ from clplen.compute.arrays import HostArray
 from clplen.compute.device import Device
 from clplen.errors import ShapeError
 from clplen.microscopy.fourier.fourier_projector import FourierProjector
-from clplen.microscopy.priors import Prior, blurs, prior_of
-from clplen.microscopy.projector import Projector
+from clplen.microscopy.reconstruction.priors import Prior, blurs, prior_of
+from clplen.microscopy.reconstruction.projector import Projector
 from clplen.results import Plottable, Savable
 from clplen.wave.coherence.averaging import Progress
 
@@ -175,7 +175,8 @@ def deconvolve(
         than a lenslet about the native plane (Snyder and Miller 1985; Stefanoiu et al. 2019).
     strength : float
         Of the prior, positive. "tv": times the noise of a step if counts are photons,
-        `clplen.microscopy.priors.noise_level`. "gaussian": times the width of a lenslet.
+        `clplen.microscopy.reconstruction.priors.noise_level`. "gaussian": times the width of a
+        lenslet.
     progress : callable, optional
         Called as ``progress(done, total)`` after each iteration.
     watch : callable, optional

@@ -28,9 +28,9 @@ from clplen.lightfield.raw.decode_adjoint import resample_adjoint
 from clplen.lightfield.raw.lenslet_grid import LensletGrid
 from clplen.lightfield.raw.lenslet_lattice import Lattice
 from clplen.lightfield.raw.raw_image import RawImage
-from clplen.microscopy.cells import Cell, Pair
-from clplen.microscopy.images import PointImages
-from clplen.microscopy.projector import Projector
+from clplen.microscopy.model.cells import Cell, Pair
+from clplen.microscopy.model.images import PointImages
+from clplen.microscopy.reconstruction.projector import Projector
 
 Vector = np.ndarray[Any, Any]
 

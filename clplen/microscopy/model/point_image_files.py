@@ -16,7 +16,7 @@ from clplen.compute.memory import free_memory
 from clplen.errors import FormatError
 from clplen.files import PathLike, check_space, replacing
 from clplen.hdf5_safety import require_heaps, require_own
-from clplen.microscopy.images import PointImages
+from clplen.microscopy.model.images import PointImages
 from clplen.outputs import MARK
 
 _DEFLATE = 1032  # largest ratio of gzip

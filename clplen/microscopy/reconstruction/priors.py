@@ -17,8 +17,8 @@ import pyopencl.array as cla
 from clplen.checks import is_finite
 from clplen.microscopy.fourier.fourier_images import FourierPointImages
 from clplen.microscopy.fourier.fourier_projector import FourierProjector
-from clplen.microscopy.images import PointImages
-from clplen.microscopy.projector import Projector
+from clplen.microscopy.model.images import PointImages
+from clplen.microscopy.reconstruction.projector import Projector
 
 Vector = np.ndarray[Any, Any]
 

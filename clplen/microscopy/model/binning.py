@@ -17,7 +17,7 @@ import numpy as np
 from clplen.cameras.light_field_microscope import Microscope
 from clplen.cameras.optics.lenslet_camera import sensor_grid
 from clplen.cameras.scenes.scene_sources import PointSources
-from clplen.microscopy.psf import lenslets_across
+from clplen.microscopy.model.psf import lenslets_across
 from clplen.wave.elements.lenslets import MicrolensArray
 
 Vector = np.ndarray[Any, Any]

@@ -1,0 +1,1 @@
+"""From volumes to frames and back: projectors, Richardson and Lucy's iteration, priors."""
