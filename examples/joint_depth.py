@@ -159,7 +159,7 @@ def print_quality(name: str, found: Any, exact: Any) -> None:
 
 
 def draw_paths(panels: Any, values: Any, known: float) -> None:
-    """PSNR and rms error over the iterations of each fit; ``known``: PSNR with the true disparity."""
+    """PSNR and rms error over the iterations of each fit; ``known``: with the true disparity."""
     for panel, lines, title in zip(panels, values, ("PSNR / dB", "rms error / px"), strict=True):
         for (name, line), colour in zip(lines.items(), (BLUE, ORANGE), strict=True):
             panel.plot(line, color=colour, label=name)
