@@ -129,6 +129,28 @@ def test_other_programs_read_it(tmp_path: Path, folder: Path, device: Device) ->
     assert move[1]["translation"] == pytest.approx([0, 0, -2.5, 0, 0])
 
 
+KILLED = """\
+import os, signal
+from clplen.io.results import volume_series
+append = volume_series.VolumeSeries.append
+def killed(self, *words):
+    if self.done == 2:
+        os.kill(os.getpid(), signal.SIGKILL)
+    append(self, *words)
+volume_series.VolumeSeries.append = killed
+"""
+
+
+def fresh(words: list[object], before: str = "") -> subprocess.CompletedProcess[str]:
+    """A command in a process of its own: what other tests import can change the last bit."""
+    return subprocess.run(
+        [sys.executable, "-c", f"{before}from clplen.cli import main\nmain()", *map(str, words)],
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+
+
 @pytest.mark.parametrize("ending", ENDINGS)
 @pytest.mark.parametrize("start", ["none", pytest.param("limited", marks=pytest.mark.thorough)])
 def test_kill_and_resume_lose_nothing(
@@ -136,27 +158,13 @@ def test_kill_and_resume_lose_nothing(
 ) -> None:
     whole, out = tmp_path / f"whole.{ending}", tmp_path / f"killed.{ending}"
     more = ("--start", start, "--rolling-background", 3)
-    done(run(*words_of(folder, device, "-o", whole, *more)))
-    script = (
-        "import os, signal, sys\n"
-        "from clplen.io.results import volume_series\n"
-        "from clplen.cli import main\n"
-        "append = volume_series.VolumeSeries.append\n"
-        "def killed(self, *words):\n"
-        "    if self.done == 2:\n"
-        "        os.kill(os.getpid(), signal.SIGKILL)\n"
-        "    append(self, *words)\n"
-        "volume_series.VolumeSeries.append = killed\n"
-        "main()\n"
-    )
     words = ["microscope", *words_of(folder, device, "-o", out, *more)]
-    ended = subprocess.run([sys.executable, "-c", script, *map(str, words)], check=False)
-    assert ended.returncode == -signal.SIGKILL
+    assert fresh(["microscope", *words_of(folder, device, "-o", whole, *more)]).returncode == 0
+    assert fresh(words, KILLED).returncode == -signal.SIGKILL
     assert out.exists() == (ending == "ome.zarr")  # whole time points, at any moment
     assert count_whole(out) == 2
     part = volumes_in(out)
-    result = done(run(*words[1:]))
-    assert "goes on after 2 of 5 frames" in result.output
+    assert "goes on after 2 of 5 frames" in fresh(words).stdout
     assert np.array_equal(volumes_in(out)[:2], part)
     assert np.array_equal(volumes_in(out), volumes_in(whole))
     assert series_in(out) == series_in(whole)
