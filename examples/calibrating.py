@@ -143,7 +143,7 @@ def lattice_errors(camera: Plenoptic1, true: Any, photons: float) -> Any:
 
 def middle(values: Any) -> Any:
     """The lit part of a raw image."""
-    y, x = (size // 8 for size in values.shape)
+    y, x = (size // 16 for size in values.shape)
     return values[y:-y, x:-x]
 
 
