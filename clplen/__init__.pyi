@@ -41,9 +41,9 @@ from .lightfield.raw.raw_image import RawImage as RawImage
 from .lightfield.raw.raw_image import Sensor as Sensor
 from .lightfield.refocusing.focal_stacks import FocalStack as FocalStack
 from .lightfield.refocusing.focal_stacks import refocus as refocus
+from .microscopy.model.psf import point_images as point_images
 from .microscopy.reconstruction.deconvolution import deconvolve as deconvolve
 from .microscopy.reconstruction.projector import Projector as Projector
-from .microscopy.model.psf import point_images as point_images
 from .viewer.notebook import view as view
 from .wave.coherence.coherence import Coherence as Coherence
 from .wave.elements.hard_apertures import aperture as aperture

@@ -176,6 +176,7 @@ def open_volumes(
     Returns
     -------
     StoredVolumes
+        Of all times, in order.
 
     Raises
     ------

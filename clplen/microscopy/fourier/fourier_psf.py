@@ -96,7 +96,7 @@ def fourier_point_images(
     ...     mla=clplen.MicrolensArray(500e-6, 12e-3, count=3))
     >>> images = clplen.microscopy.fourier_point_images(camera, [0.0, 20e-6])
     >>> f"{images.kept(0):.1%} of the light of a point is kept"
-    '77.6% of the light of a point is kept'
+    '78.9% of the light of a point is kept'
     """
     z = checked_planes(camera, planes)
     b = positive_integer(voxels_per_pixel, "voxels_per_pixel")

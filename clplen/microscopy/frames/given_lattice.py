@@ -19,7 +19,7 @@ def square_lattice(
     offset: tuple[float, float] | None = None,
     rotation: float = 0.0,
 ) -> Lattice:
-    """A square lattice by its pitch, a centre and an angle.
+    """Return a square lattice by its pitch, a centre and an angle.
 
     Parameters
     ----------
@@ -36,6 +36,7 @@ def square_lattice(
     Returns
     -------
     Lattice
+        With the shape of the frames.
 
     Raises
     ------

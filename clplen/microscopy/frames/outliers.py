@@ -35,7 +35,7 @@ _SECOND = np.outer([1, -2, 1], [1, -2, 1]) / 6  # keeps the variance of white no
 
 
 def sharpness(images: PointImages) -> tuple[float, float, float]:
-    """c_0, c_1, c_2: the most that a pixel of a point image stands out of those around it.
+    """Return the most that a pixel of a point image stands out of those around it.
 
     Parameters
     ----------
@@ -45,7 +45,7 @@ def sharpness(images: PointImages) -> tuple[float, float, float]:
     Returns
     -------
     tuple of float
-        Over the sum of the sixteen pixels around without the 0, 1, 2 brightest.
+        c_0, c_1, c_2: over the sum of the sixteen pixels around without the 0, 1, 2 brightest.
 
     Examples
     --------
@@ -89,7 +89,7 @@ def neighbours(row: tuple[float, float], column: tuple[float, float]) -> list[St
 def hot_pixels(
     frame: Vector, sharpest: tuple[float, float, float], lattice: Lattice | int
 ) -> Vector:
-    """Pixels that no light explains.
+    """Find pixels that no light explains.
 
     Parameters
     ----------

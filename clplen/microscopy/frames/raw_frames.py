@@ -34,7 +34,7 @@ class RawPreparation(Preparation):
 
     Attributes
     ----------
-    pixels, device, dark, lattice, sensitivity, level
+    pixels, device, dark, lattice, sensitivity, level, mask, sharpest
         As of `Preparation`, but of the camera's own pixels.
     projector : FrameProjector or None
         Onto the frames.
@@ -117,7 +117,9 @@ def raw_preparation(
         None is ``Device.open()``.
     dark : array_like, optional
         Dark frame, shape (ny, nx).
-    saturation, force
+    saturation : float, optional
+        As of `preparation`.
+    force : bool
         As of `preparation`.
     memory : int, optional
         Bytes for matrices, as of `Projector`.

@@ -32,17 +32,19 @@ def suitable_binning(
     na: float, magnification: float, wavelength: float, diameter: float, focal_length: float,
     pixel: float,
 ) -> int:  # fmt: skip
-    """Parts of a pixel along an axis, with which point images are right to some 1 %.
+    """Return parts of a pixel along an axis, with which point images are right to some 1 %.
 
     Parameters
     ----------
     na, magnification : float
+        Of the objective.
     wavelength, diameter, focal_length, pixel : float
         Of light in vacuum, of lenslets and of the sensor, all in one unit.
 
     Returns
     -------
     int
+        Parts, from 1 on.
 
     Examples
     --------
@@ -63,10 +65,12 @@ def binning_error(camera: Microscope, planes: Vector, binning: int) -> float:
     planes : numpy.ndarray
         z in metres: of the farthest one whose image is small enough, because errors grow with z.
     binning : int
+        Parts of a pixel of the sensor along an axis.
 
     Returns
     -------
     float
+        Norm of the difference over norm.
 
     Examples
     --------

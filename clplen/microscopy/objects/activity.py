@@ -171,6 +171,7 @@ def traces(
     Returns
     -------
     Traces
+        Of each region over all frames.
 
     Raises
     ------

@@ -128,6 +128,7 @@ def find_regions(
     Returns
     -------
     Regions
+        Numbered from 1 on.
 
     Raises
     ------

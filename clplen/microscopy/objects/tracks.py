@@ -203,6 +203,7 @@ def track_points(
     Returns
     -------
     Tracks
+        Numbered from 0 on.
 
     Raises
     ------

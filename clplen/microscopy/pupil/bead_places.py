@@ -43,9 +43,13 @@ def find_beads(
         As of `point_images`.
     planes : sequence of float
         z in metres, rising, at least three: beyond the beads on both sides.
-    background, white
+    background : float or array_like
         As of `deconvolve`.
-    voxels_per_lenslet, binning, cut
+    white : array_like, optional
+        As of `deconvolve`.
+    voxels_per_lenslet, binning : int
+        As of `point_images`.
+    cut : float
         As of `point_images`.
     iterations : int
         Of Richardson and Lucy, with acceleration.
@@ -62,6 +66,17 @@ def find_beads(
         If there are fewer than three planes, or the frame does not fit.
     ValueError
         If no bead is found, or a number is out of range.
+
+    Examples
+    --------
+    >>> camera = clplen.PlenopticCamera.microscope(
+    ...     magnification=20, na=0.4, wavelength=525e-9, pixels_per_lenslet=15,
+    ...     mla=clplen.MicrolensArray(75e-6, 1.875e-3, count=9, fill="full"))
+    >>> bead = clplen.PointSources([(2e-6, -3e-6, 20e-6)], power=1e6)
+    >>> planes = np.array([0, 10, 20, 30, 40]) * 1e-6
+    >>> found = clplen.microscopy.find_beads(camera.expose(bead).to_numpy(), camera, planes)
+    >>> bool(np.abs(found[0] - (2e-6, -3e-6, 20e-6)).max() < 2e-6)
+    True
     """
     counts = real_array(frame, "A frame", np.float64)
     images = point_images(

@@ -61,6 +61,17 @@ class PupilFit(OneLine):
         Of beads: photons in the pupil, shape (n,).
     volume : numpy.ndarray or None
         Of anything else: photons of each voxel, before the last step.
+
+    Examples
+    --------
+    >>> camera = clplen.PlenopticCamera.microscope(
+    ...     magnification=10, na=0.2, wavelength=525e-9, pixels_per_lenslet=11,
+    ...     mla=clplen.MicrolensArray(60e-6, 1.5e-3, count=7, fill="full"))
+    >>> where = [(6e-6, -5e-6, 50e-6)]
+    >>> frame = camera.expose(clplen.PointSources(where, power=1e5)).to_numpy()
+    >>> found = clplen.microscopy.fit_pupil(frame, camera, beads=where, terms=[6])
+    >>> found.terms, found.positions.shape
+    ((6,), (1, 3))
     """
 
     pupil: PupilAberration
@@ -123,7 +134,9 @@ def fit_pupil(
         Counts of a photon.
     variance : float
         Of a photon count over its mean, `Preparation.variance` where frames were rectified.
-    voxels_per_lenslet, binning, cut
+    voxels_per_lenslet, binning : int
+        As of `point_images`.
+    cut : float
         As of `point_images`.
     iterations : int
         Of Richardson and Lucy, for each volume.
@@ -135,6 +148,7 @@ def fit_pupil(
     Returns
     -------
     PupilFit
+        With the coefficients and their standard errors.
 
     Raises
     ------
@@ -203,12 +217,18 @@ def fit_pupil_patches(
 
     Parameters
     ----------
-    frame, camera, background, white
+    frame : array_like or RawImage
+        As of `fit_pupil`.
+    camera : Microscope
         As of `fit_pupil`.
     patches : tuple of int
         (rows, columns) of parts, of whole lenslets, as alike in size as they can be. Each is fitted
         by itself, so that light from beside a part counts as its own: take parts that are wider
         than the images of points.
+    background : float or array_like
+        As of `fit_pupil`.
+    white : array_like, optional
+        As of `fit_pupil`.
     **options
         Others of `fit_pupil`, but ``beads``.
 
@@ -223,6 +243,17 @@ def fit_pupil_patches(
         If a part has fewer than five lenslets along an axis.
     ValueError, TypeError
         As `fit_pupil`.
+
+    Examples
+    --------
+    >>> camera = clplen.PlenopticCamera.microscope(
+    ...     magnification=10, na=0.2, wavelength=525e-9, pixels_per_lenslet=11,
+    ...     mla=clplen.MicrolensArray(60e-6, 1.5e-3, count=10, fill="full"))
+    >>> frame = camera.expose(clplen.PointSources([(0, 0, 50e-6)], power=1e5)).to_numpy() + 1
+    >>> found = clplen.microscopy.fit_pupil_patches(
+    ...     frame, camera, (1, 2), planes=[50e-6], terms=[6], iterations=2, steps=1)
+    >>> [[one.terms for one in row] for row in found]
+    [[(6,), (6,)]]
     """
     if "beads" in options:
         raise ValueError("Beads of a frame are fitted together; patches are those of a volume.")

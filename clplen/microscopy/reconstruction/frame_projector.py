@@ -95,7 +95,7 @@ class FrameProjector(Projector):
     ...     "hexagonal", (30.0, 31.0), (6.4, 1.2), (-1.3, 7.4), shape=(60, 64))
     >>> projector = clplen.microscopy.FrameProjector(images, lattice)
     >>> projector.volume_shape, projector.frame_shape
-    ((1, 24, 22), (60, 64))
+    ((1, 21, 22), (60, 64))
     """
 
     def __init__(
@@ -273,11 +273,12 @@ class FrameProjector(Projector):
 
 
 def lattice_of(camera: Microscope) -> Lattice:
-    """The lattice of a camera's lenslets on its frames, as a white frame would tell it.
+    """Return the lattice of a camera's lenslets on its frames, as a white frame would tell it.
 
     Parameters
     ----------
     camera : Microscope
+        Simulated, with its array as it lies on the frames.
 
     Returns
     -------

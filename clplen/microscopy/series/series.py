@@ -103,9 +103,9 @@ def deconvolve_series(
         ``prior``, ``strength`` and ``watch``. With ``residual`` a batch goes on until every frame
         of it is below.
 
-    Yields
-    ------
-    DeconvolutionResult
+    Returns
+    -------
+    iterator of DeconvolutionResult
         Of each frame, in order.
 
     Raises
