@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import gc
 import math
+import weakref
 from functools import lru_cache
 
 import numpy as np
@@ -394,3 +396,18 @@ def test_window_keeps_the_centre(
                 placed_at[:, y, x] = u[:, y + 1, x - 2]
     np.testing.assert_array_equal(got, expected)
     np.testing.assert_array_equal(moved, placed_at)
+
+
+def test_dropped_spectra_free_their_memory_at_once(device: Device) -> None:
+    """No reference cycle keeps a buffer until the garbage collector runs."""
+    gc.disable()
+    try:
+        spectrum = Spectrum.of(random_complex((5, 7)), device)
+        twin = spectrum.conjugate()
+        alive = [weakref.ref(kept) for kept in (spectrum, twin)]
+        del twin
+        assert alive[1]() is None
+        del spectrum
+        assert alive[0]() is None
+    finally:
+        gc.enable()

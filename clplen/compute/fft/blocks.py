@@ -82,7 +82,7 @@ class Spectrum:
         self.is_quadrant = tuple(values.shape) != (shape[::-1] if turned else shape)
         self.values, self.turned, self.lit = values, turned, lit
         self.is_conjugated = False
-        self._owner = self
+        self._owner: Spectrum | None = None  # of a conjugate: whose memory it shares
         self._copy: Array | None = None
         self._lock = Guard()
 
@@ -98,7 +98,7 @@ class Spectrum:
     def conjugate(self) -> Spectrum:
         """The conjugate factors, which share this spectrum's memory."""
         twin = Spectrum(self.values, self.shape, turned=self.turned, lit=self.lit)
-        twin.is_conjugated, twin._owner = not self.is_conjugated, self._owner
+        twin.is_conjugated, twin._owner = not self.is_conjugated, self._owner or self
         return twin
 
     @contextmanager
@@ -108,7 +108,7 @@ class Spectrum:
             with device.on_host(self.values, write=False) as values:
                 yield self._factors(values)
             return
-        yield self._factors(self._owner.host_copy(device))
+        yield self._factors((self._owner or self).host_copy(device))
 
     def host_copy(self, device: FieldDevice) -> Array:
         """The values of a device that is no CPU, copied once."""
