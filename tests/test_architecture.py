@@ -51,7 +51,8 @@ ROOMS: dict[str, tuple[set[str], ...]] = {
     ),
     "cameras": ({"scenes"}, {"optics"}, {"exposure"}, {"fourier"}),
     "microscopy": (
-        {"fourier", "model", "objects"},
+        {"model", "objects"},
+        {"fourier"},
         {"reconstruction"},
         {"frames", "series"},
         {"pupil"},

@@ -11,7 +11,7 @@ from tolerance import relative_max
 from clplen import MicrolensArray, PlenopticCamera, PointSources, files
 from clplen.cameras.optics.objective import CoverGlass
 from clplen.errors import DeviceError, FormatError, SamplingError
-from clplen.microscopy.model import point_image_files
+from clplen.microscopy.model import image_datasets, point_image_files
 from clplen.microscopy.model import psf as module
 from clplen.microscopy.model.cells import cell_of
 from clplen.microscopy.model.psf import point_images
@@ -134,7 +134,7 @@ def test_file_is_read_when_it_fits(device, tmp_path, monkeypatch):
     with pytest.raises(ValueError, match="made with 3 planes, not 2"):
         point_images(camera, Z[:2], voxels_per_lenslet=3, cut=0.02, store="float16", path=path)
     with monkeypatch.context() as patch:
-        patch.setattr(point_image_files, "free_memory", lambda: 1000)
+        patch.setattr(image_datasets, "free_memory", lambda: 1000)
         with pytest.raises(FormatError, match="bytes, and 1,000 are free"):
             point_image_files.read_point_images(path)
     with h5py.File(path, "r+") as file:

@@ -2,25 +2,26 @@
 
 from __future__ import annotations
 
-import hashlib
-import io
 import json
 import math
 from pathlib import Path
 from typing import Any
 
-import h5py
 import numpy as np
 
-from clplen.compute.memory import free_memory
-from clplen.errors import FormatError
-from clplen.files import PathLike, check_space, replacing
-from clplen.hdf5_safety import require_heaps, require_own
+from clplen.files import PathLike
+from clplen.microscopy.model.image_datasets import (
+    check_memory,
+    digest_of,
+    opened,
+    parameters_in,
+    planes_in,
+    require_digest,
+    require_parameters,
+    write_planes,
+)
 from clplen.microscopy.model.images import PointImages
-from clplen.outputs import MARK
 
-_DEFLATE = 1032  # largest ratio of gzip
-_SLACK = 1 << 20  # bytes that any file may ask for
 FORMAT = "clplen point images 1"
 OF_CELLS = "clplen point images 2"  # with cells of several lenslets, which readers of 1 do not know
 # Bytes of a file over those of its images; from .79 and .46 on were measured.
@@ -29,8 +30,6 @@ DENSEST = {"float32": 0.7, "float16": 0.4}
 
 def write_point_images(path: PathLike, images: PointImages) -> None:
     """Write point images; the file appears whole or not at all.
-
-    It is made in memory first: HDF5 ends the whole program where a disk is full.
 
     Parameters
     ----------
@@ -55,27 +54,20 @@ def write_point_images(path: PathLike, images: PointImages) -> None:
     >>> clplen.microscopy.read_point_images("images.h5").planes.tolist()
     [0.0, 5e-05]
     """
-    made = io.BytesIO()
-    with h5py.File(made, "w") as file:
-        file.attrs["software"] = MARK
-        file.attrs["format"] = FORMAT if images.cell.lenslets == (1, 1) else OF_CELLS
-        file.attrs["parameters"] = json.dumps(images.parameters)
-        file.attrs["digest"] = digest(images)
-        if images.notes:
-            file.attrs["notes"] = json.dumps(images.notes)
-        file["scales"] = images.scales
-        for number, values in enumerate(images.stored):
-            file.create_dataset(
-                f"planes/{number:04d}",
-                data=values,
-                chunks=(1, *values.shape[1:]),
-                compression="gzip",
-                compression_opts=1,
-                shuffle=True,
-            )
-    check_space(path, made.getbuffer().nbytes)
-    with replacing(path) as temporary:
-        temporary.write_bytes(made.getbuffer())
+    attributes = {
+        "format": FORMAT if images.cell.lenslets == (1, 1) else OF_CELLS,
+        "digest": digest(images),
+    }
+    if images.notes:
+        attributes["notes"] = json.dumps(images.notes)
+    write_planes(
+        path,
+        images.stored,
+        parameters=images.parameters,
+        attributes=attributes,
+        arrays={"scales": images.scales},
+        chunk_axes=1,
+    )
 
 
 def read_point_images(path: PathLike) -> PointImages:
@@ -112,19 +104,12 @@ def read_point_images(path: PathLike) -> PointImages:
     True
     """
     place = Path(path)
-    if not place.is_file():
-        raise FileNotFoundError(f"There is no file {place}.")
-    try:
-        require_heaps(place)
-        with h5py.File(place, "r") as file:
-            if file.attrs.get("format") not in (FORMAT, OF_CELLS):
-                raise FormatError(f"{place} holds no point images ({FORMAT!r}).")
-            require_own(file, place)
-            _check_memory(place, [*file["planes"].values(), file["scales"]])
-            parameters = json.loads(file.attrs["parameters"])
-            stored = tuple(file["planes"][name][()] for name in sorted(file["planes"]))
-            scales, expected = file["scales"][()], file.attrs["digest"]
-            notes = _numbers(json.loads(file.attrs.get("notes", "{}")))
+    with opened(place, (FORMAT, OF_CELLS), f"point images ({FORMAT!r})") as file:
+        of_planes = planes_in(file)
+        remedy = "for fewer planes, of less depth or with store='float16'"
+        check_memory(place, [*of_planes, file["scales"]], remedy)
+        parameters = json.loads(file.attrs["parameters"])
+        notes = _numbers(json.loads(file.attrs.get("notes", "{}")))
         for name in {"planes", "lenslet_focal_lengths"} & parameters.keys():
             parameters[name] = tuple(parameters[name])
         images = PointImages(
@@ -132,17 +117,12 @@ def read_point_images(path: PathLike) -> PointImages:
             np.array(parameters["planes"]),
             int(parameters["voxels_per_lenslet"]),
             int(parameters["pixels_per_lenslet"]),
-            stored,
-            scales,
+            tuple(one[()] for one in of_planes),
+            file["scales"][()],
             notes,
         )
-    except (OSError, AttributeError, LookupError, RuntimeError, TypeError, ValueError) as error:
-        raise FormatError(
-            f"{place} is no whole file of point images: it was cut short, damaged or is another "
-            "file; make it again."
-        ) from error
-    if digest(images) != expected:
-        raise FormatError(f"The point images in {place} are not those that were written: damaged.")
+        written = file.attrs["digest"]
+    require_digest(place, digest(images), written)
     return images
 
 
@@ -159,16 +139,7 @@ def read_parameters(path: PathLike) -> tuple[dict[str, Any], list[tuple[int, ...
         `PointImages.parameters` and the shape of `PointImages.stored` in each plane; None where
         there is no file that holds point images.
     """
-    try:
-        require_heaps(Path(path))
-        with h5py.File(path, "r") as file:
-            if file.attrs.get("format") not in (FORMAT, OF_CELLS):
-                return None
-            require_own(file, Path(path))
-            planes = file["planes"]
-            return json.loads(file.attrs["parameters"]), [planes[k].shape for k in sorted(planes)]
-    except (OSError, AttributeError, FormatError, LookupError, RuntimeError, ValueError):
-        return None
+    return parameters_in(path, (FORMAT, OF_CELLS))
 
 
 def _numbers(notes: Any) -> dict[str, float]:
@@ -177,20 +148,6 @@ def _numbers(notes: Any) -> dict[str, float]:
     if not all(0 <= one < math.inf for one in found.values()):
         raise ValueError(f"notes are {notes!r}")
     return found
-
-
-def _check_memory(path: Path, datasets: list[h5py.Dataset]) -> None:
-    """Refuse more samples than the file can hold, or the memory."""
-    chunks = [math.prod(one.chunks or ()) * one.dtype.itemsize for one in datasets]
-    nbytes = sum(one.nbytes for one in datasets)
-    if max(nbytes, *chunks) > path.stat().st_size * _DEFLATE + _SLACK:
-        raise ValueError(f"{nbytes:,} bytes are declared")
-    free = free_memory()
-    if nbytes > free:
-        raise FormatError(
-            f"The point images in {path} need {nbytes:,} bytes, and {free:,} are free: make them "
-            "for fewer planes, of less depth or with store='float16'."
-        )
 
 
 def read_matching(path: PathLike, parameters: dict[str, Any]) -> PointImages | None:
@@ -206,31 +163,10 @@ def read_matching(path: PathLike, parameters: dict[str, Any]) -> PointImages | N
     if not Path(path).is_file():
         return None
     images = read_point_images(path)
-    for name, wanted in parameters.items():
-        there = images.parameters.get(name)
-        if there != wanted:
-            raise ValueError(
-                f"The point images in {path} were made with {_difference(name, there, wanted)}: "
-                "give another path, or remove the file to have them made anew."
-            )
+    require_parameters(path, images.parameters, parameters)
     return images
-
-
-def _difference(name: str, there: Any, wanted: Any) -> str:
-    """What is there, and what is wanted; of planes their number, or the first that differs."""
-    if name == "planes":
-        if len(there) != len(wanted):
-            return f"{len(there)} planes, not {len(wanted)}"
-        pairs = enumerate(zip(there, wanted, strict=True))
-        number, (there, wanted) = next(pair for pair in pairs if pair[1][0] != pair[1][1])
-        name = f"planes[{number}]"
-    return f"{name} = {there!r}, not {wanted!r}"
 
 
 def digest(images: PointImages) -> str:
     """SHA-256 of the parameters and all numbers."""
-    total = hashlib.sha256(json.dumps(images.parameters, sort_keys=True).encode())
-    for values in (images.scales, *images.stored):
-        total.update(str(values.shape).encode())
-        total.update(np.ascontiguousarray(values).tobytes())
-    return total.hexdigest()
+    return digest_of(images.parameters, (images.scales, *images.stored))
