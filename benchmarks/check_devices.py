@@ -12,6 +12,7 @@ RUSTICL_ENABLE=llvmpipe.
 
 from __future__ import annotations
 
+import re
 import subprocess
 import sys
 import tempfile
@@ -25,7 +26,6 @@ import numpy as np
 import tifffile
 
 from clplen import Device, MicrolensArray, PlenopticCamera, PointSources
-from clplen.config.tables import read_toml
 from clplen.io import read_volume, write_volume
 
 Values = np.ndarray[Any, Any]
@@ -142,8 +142,8 @@ def values_of(path: Path) -> Values:
             stored = [file["planes"][name][()].ravel() for name in sorted(file["planes"])]
         return np.concatenate(stored).astype(np.float64)
     if path.suffix == ".toml":
-        found = read_toml(path, "microscope")["pupil_nm"]
-        return np.array([found[str(term)] for term in PUPIL])
+        (line,) = re.findall(r"^pupil_nm = {(.*)}", path.read_text(), re.MULTILINE)
+        return np.array([float(term.split("=")[1]) for term in line.split(",")])
     if path.name.endswith(".ome.tif"):
         return read_volume(path)[0].astype(np.float64)
     return tifffile.imread(path).astype(np.float64)

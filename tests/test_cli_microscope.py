@@ -18,7 +18,7 @@ import tifffile
 from click.testing import CliRunner, Result
 
 from clplen import MicrolensArray, PlenopticCamera, PointSources
-from clplen.batch.work import deconvolution
+from clplen.batch.work import volume_products
 from clplen.cli import main
 from clplen.compute.device import Device
 from clplen.errors import FormatError
@@ -295,9 +295,9 @@ def test_frames_of_a_job_share_point_images(
         '[deconvolve]\npsf = "psf.h5"\niterations = 2\nbackground = 2.0\n'
     )
     count = itertools.count(1)
-    made = deconvolution.Deconvolver
+    made = volume_products.Deconvolver
     monkeypatch.setattr(
-        deconvolution, "Deconvolver", lambda *a, **k: (made(*a, **k), next(count))[0]
+        volume_products, "Deconvolver", lambda *a, **k: (made(*a, **k), next(count))[0]
     )
     summary, _ = batchworks.run(job, device)
     assert (summary.done, list(summary.failed)) == (3, ["small"])

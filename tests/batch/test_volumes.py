@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from clplen.batch.jobs.tables import DeconvolveTable
-from clplen.batch.work import deconvolution
+from clplen.batch.work import deconvolution, volume_products
 from clplen.batch.work.deconvolution import DeconvolutionSettings, Deconvolver, provenance
 from clplen.cli.microscopy.deconvolve import _jobs
 from clplen.cli.microscopy.frames import Page
@@ -109,14 +109,14 @@ def test_a_changed_file_is_read_again(
     for path in paths.values():
         path.write_bytes(b"1")
     made: list[Any] = []
-    monkeypatch.setattr(deconvolution, "read_psf", lambda path: path)
+    monkeypatch.setattr(volume_products, "read_psf", lambda path: path)
     monkeypatch.setattr(
-        deconvolution, "Deconvolver", lambda *a, **k: made.append((a, k)) or made[-1]
+        volume_products, "Deconvolver", lambda *a, **k: made.append((a, k)) or made[-1]
     )
     resources: Any = SimpleNamespace(deconvolver=None, device=device, memory=8)
 
     def kept(how: DeconvolutionSettings = ALL) -> Any:
-        return deconvolution._cached_deconvolver(
+        return volume_products._cached_deconvolver(
             resources, {name: str(path) for name, path in paths.items()}, how
         )
 

@@ -2,31 +2,22 @@
 
 from __future__ import annotations
 
-import logging
 from collections import deque
 from collections.abc import Callable, Iterable, Iterator
 from dataclasses import asdict, dataclass, replace
-from functools import cached_property, partial
+from functools import cached_property
 from pathlib import Path
 from typing import Any, Literal
 
 import numpy as np
 
-from clplen.batch.jobs.items import layout_in
-from clplen.batch.jobs.task import Task
 from clplen.batch.work import diagnostics
-from clplen.batch.work.fingerprints import fingerprint
-from clplen.batch.work.resources import Resources
-from clplen.cameras.light_field_microscope import Microscope
+from clplen.batch.work.deconvolution_files import AnyImages, Values, read_picture
 from clplen.compute.device import DeviceLike, as_device
-from clplen.errors import FormatError, ShapeError
+from clplen.errors import ShapeError
 from clplen.files import PathLike, naming
-from clplen.io.formats.tiff import SUFFIXES
-from clplen.io.raw.raw_files import read_frame
-from clplen.io.results.volume_files import is_volume, write_volume
 from clplen.io.store.digest import digest
 from clplen.lightfield.raw.lenslet_lattice import Lattice
-from clplen.lightfield.raw.raw_image import RawImage
 from clplen.microscopy.fourier import fourier_files
 from clplen.microscopy.fourier.fourier_images import FourierPointImages
 from clplen.microscopy.fourier.fourier_projector import FourierProjector
@@ -46,9 +37,6 @@ from clplen.microscopy.reconstruction.projector import Projector
 from clplen.microscopy.series.rolling import rolling_minimum
 from clplen.microscopy.series.series import SeriesFrame, batch_for, found_in_batches
 from clplen.microscopy.series.starts import Start
-
-Values = np.ndarray[Any, Any]
-AnyImages = PointImages | FourierPointImages
 
 
 @dataclass(frozen=True)
@@ -441,157 +429,3 @@ def provenance(
         "mask": digest(Path(mask)) if mask else None,
         "lattice": None if lattice is None else [*lattice.origin, *lattice.row, *lattice.column],
     }
-
-
-def read_psf(path: PathLike) -> AnyImages:
-    """Point images of a file, of either microscope; a parameter file is told from it."""
-    if Path(path).suffix.lower() == ".toml":
-        raise FormatError(
-            f"{path} has the parameters of a microscope, not its point images: make them by "
-            f"'clplen microscope psf {path} -o PSF.h5'."
-        )
-    if fourier_files.is_fourier(path):
-        return fourier_files.read_fourier_point_images(path)
-    return point_image_files.read_point_images(path)
-
-
-def read_picture(path: PathLike, frame: int | None = None) -> Values:
-    """A frame of one channel, of a file or of its ``frame``."""
-    if is_volume(path):
-        raise FormatError(f"{path} is a volume, as clplen writes them, and no raw frame.")
-    picture, _ = read_frame(path, frame=frame)
-    if picture.ndim != 2:
-        text = f"{path} has shape {picture.shape}; a raw frame has one channel."
-        if Path(path).suffix.lower() in SUFFIXES:
-            text += (
-                f" If it is a series of {picture.shape[2]} frames, write it with "
-                "photometric='minisblack'."
-            )
-        raise FormatError(text)
-    return picture
-
-
-def write_result(
-    path: PathLike,
-    found: DeconvolutionResult,
-    images: AnyImages,
-    *,
-    more: dict[str, Any],
-    replace: bool = False,
-) -> None:
-    """Write a volume with what is known of it.
-
-    Parameters
-    ----------
-    path : path-like
-        As of `write_volume`.
-    found : DeconvolutionResult
-        Of one frame.
-    images : PointImages or FourierPointImages
-    more : dict
-        What else its description says.
-    replace : bool
-        As of `write_volume`.
-    """
-    write_volume(
-        path,
-        found.volume,
-        planes=images.planes,
-        voxel=images.sides,
-        description={
-            "voxel_um": [round(side * 1e6, 9) for side in images.sides],
-            "values": "energy of a voxel, photons (counts over the gain) of the frame",
-            "residuals": [float(one) for one in found.residuals],
-            "degenerate_um": [round(z * 1e6, 9) for z in found.degenerate],
-            **more,
-        },
-        durable=True,
-        replace=replace,
-    )
-
-
-logger = logging.getLogger(__name__)
-
-Written = tuple[str, Callable[[Path], Any]]
-Advance = Callable[[int, int], None]
-
-
-def volume_products(
-    task: Task,
-    raw: RawImage | None,
-    resources: Resources,
-    suffixes: dict[str, str],
-    advance: Advance,
-) -> Iterator[Written]:
-    """Names and writers of the volume of a frame.
-
-    Parameters
-    ----------
-    task : Task
-        Its work has [deconvolve].
-    raw : RawImage or None
-        The frame, if it was simulated.
-    resources : Resources
-        Keeps what the next frame needs too.
-    suffixes : dict
-        Of the formats.
-    advance : callable
-        (done, all) of the iterations.
-
-    Raises
-    ------
-    ValueError
-        If what was simulated is no frame of a microscope.
-    """
-    layout = layout_in(task.source.get("layout", {}), task.base)
-    table = dict(task.work["deconvolve"])
-    path = Path(task.base, task.source["path"]) if task.source["kind"] == "file" else None
-    files = {"psf": str(Path(task.base, table.pop("psf")))}
-    files |= {name: layout[name] for name in ("white", "dark") if name in layout}
-    deconvolver = _cached_deconvolver(
-        resources, files, DeconvolutionSettings(**table), force=layout.get("force", False)
-    )
-    frame = deconvolver.prepared(_frame(path, raw))
-    said = deconvolver.checks() + deconvolver.diagnose(frame)
-    found = deconvolver(frame, progress=advance)
-    said += deconvolver.diagnose(frame, found)
-    for text in said:
-        logger.warning("%s: %s", task.name, text)
-    more = {
-        "left_out": frame.left_out,
-        "below_0": frame.negative,
-        "remarks": said,
-        "place": deconvolver.place(),
-        "job": {"frame": digest(path) if path else None, "number": None, **deconvolver.words},
-    }
-    write = partial(write_result, found=found, images=deconvolver.images, more=more, replace=True)
-    for name in task.work["formats"]:
-        yield f"volume{suffixes[name]}", write
-
-
-def _frame(path: Path | None, raw: RawImage | None) -> Any:
-    """The raw frame of an item."""
-    if path is not None:
-        return read_picture(path)
-    if raw is None or not isinstance(raw.camera, Microscope):
-        raise ValueError(
-            "[deconvolve] is of frames of a light-field microscope, and this one is none: give it "
-            "a job of its own."
-        )
-    return raw.to_numpy()
-
-
-def _cached_deconvolver(
-    resources: Resources, files: dict[str, Any], how: DeconvolutionSettings, *, force: bool = False
-) -> Deconvolver:
-    """That of the item before, where it has the same files and words."""
-    key = (how, force, *((name, path, fingerprint(Path(path))) for name, path in files.items()))
-    if resources.deconvolver is None or resources.deconvolver[0] != key:
-        resources.deconvolver = None  # its matrices go before others come
-        images = read_psf(files.pop("psf"))
-        made = Deconvolver(
-            images, how, device=resources.device, memory=resources.memory // 2, force=force,
-            white=files.get("white"), dark=files.get("dark"),
-        )  # fmt: skip
-        resources.deconvolver = (key, made)
-    return resources.deconvolver[1]

@@ -15,9 +15,9 @@ import numpy as np
 from clplen import io
 from clplen.batch.jobs.items import layout_in
 from clplen.batch.jobs.task import Task
-from clplen.batch.work.deconvolution import volume_products
 from clplen.batch.work.resources import Resources
 from clplen.batch.work.simulation import focused_products, is_focused, simulate
+from clplen.batch.work.volume_products import volume_products
 from clplen.compute.device import Device
 from clplen.errors import DeviceError
 from clplen.files import filling, replacing

@@ -26,7 +26,8 @@ from clplen.cli.shared.console import (
 )
 
 if TYPE_CHECKING:
-    from clplen.batch.work.deconvolution import AnyImages, DeconvolutionSettings, Deconvolver
+    from clplen.batch.work.deconvolution import DeconvolutionSettings, Deconvolver
+    from clplen.batch.work.deconvolution_files import AnyImages
     from clplen.microscopy.frames.prepared import Prepared
     from clplen.microscopy.series.starts import Start
 
@@ -189,7 +190,8 @@ def deconvolve(
       clplen microscope deconvolve t*.tif -c psf.h5 --white white.tif -o series.ome.zarr
       clplen microscope deconvolve t*.tif -c psf.h5 --white white.tif -o "out/{name}.ome.tif"
     """
-    from clplen.batch.work.deconvolution import DeconvolutionSettings, provenance, read_psf
+    from clplen.batch.work.deconvolution import DeconvolutionSettings, provenance
+    from clplen.batch.work.deconvolution_files import read_psf
     from clplen.microscopy.model.images import PointImages
     from clplen.microscopy.series.starts import Start
 
@@ -344,7 +346,7 @@ def _made(
     before: Path | None,
 ) -> str:
     """Write the volume of a frame; what it holds, in words."""
-    from clplen.batch.work.deconvolution import read_picture, write_result
+    from clplen.batch.work.deconvolution_files import read_picture, write_result
     from clplen.files import naming
     from clplen.io.results.volume_files import read_volume
 

@@ -92,7 +92,7 @@ def simulate(
 
 def _measured(camera: FourierMicroscope, path: Path, z: Any, output: Path) -> None:
     """Measured point images, kept in ``output``."""
-    from clplen.batch.work.deconvolution import read_picture
+    from clplen.batch.work.deconvolution_files import read_picture
     from clplen.files import naming
     from clplen.io.formats.tiff import frames_in
     from clplen.microscopy.fourier.bead_stack import measure_point_images

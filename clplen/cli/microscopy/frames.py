@@ -73,7 +73,7 @@ def told_lattice(
     """The lattice of --lattice, or of --pitch, --offset and --rotation; None without them."""
     from dataclasses import replace
 
-    from clplen.batch.work.deconvolution import read_picture
+    from clplen.batch.work.deconvolution_files import read_picture
     from clplen.files import naming
     from clplen.lightfield.raw.lenslet_lattice import Lattice
     from clplen.microscopy.frames.given_lattice import check_given, square_lattice
@@ -105,7 +105,7 @@ def told_lattice(
 
 def check_frames(file: MicroscopeFile, frame: Path | None, white: Path | None) -> None:
     """Refuse frames that point images of this file will not fit, before these are made."""
-    from clplen.batch.work.deconvolution import read_picture
+    from clplen.batch.work.deconvolution_files import read_picture
 
     n = round((file.camera.pixels_per_lenslet or 0) / file.binning)
     picture = None
@@ -128,7 +128,7 @@ def check_frames(file: MicroscopeFile, frame: Path | None, white: Path | None) -
 
 def _check_white(file: MicroscopeFile, n: int, white: Path, shape: tuple[int, ...] | None) -> None:
     """Refuse a white frame of another camera, and say where the pitch is another."""
-    from clplen.batch.work.deconvolution import read_picture
+    from clplen.batch.work.deconvolution_files import read_picture
     from clplen.files import naming
     from clplen.lightfield.calibration.lattice_fit import estimate_lattice
     from clplen.lightfield.calibration.lattice_trust import require_trust

@@ -199,7 +199,7 @@ def project(
     Example:
       clplen microscope project volume.ome.tif -c psf.h5 -o frame.tif
     """
-    from clplen.batch.work.deconvolution import read_psf
+    from clplen.batch.work.deconvolution_files import read_psf
     from clplen.io import write_picture
     from clplen.io.results.volume_files import read_volume
     from clplen.microscopy.fourier.fourier_images import FourierPointImages

@@ -96,7 +96,7 @@ def pupil(
       clplen microscope pupil beads.tif -c scope.toml --planes-um -30:30:13 --beads -o found.toml
       clplen microscope psf found.toml -o psf.h5 --planes-um -24.5:24.5:50
     """
-    from clplen.batch.work.deconvolution import read_picture
+    from clplen.batch.work.deconvolution_files import read_picture
     from clplen.config.microscope import read_microscope_file
     from clplen.files import naming, replacing
     from clplen.microscopy.frames.prepare import preparation

@@ -223,7 +223,7 @@ def _lit(asked: Asked, series: Deconvolver, done: int) -> Iterator[tuple[Prepare
 
 
 def _prepared(series: Deconvolver, page: Page) -> Prepared:
-    from clplen.batch.work.deconvolution import read_picture
+    from clplen.batch.work.deconvolution_files import read_picture
     from clplen.files import naming
 
     picture = read_picture(page.path, page.number)

@@ -1,0 +1,89 @@
+"""Files of a deconvolution: point images of either microscope, raw frames, and volumes."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from clplen.errors import FormatError
+from clplen.files import PathLike
+from clplen.io.formats.tiff import SUFFIXES
+from clplen.io.raw.raw_files import read_frame
+from clplen.io.results.volume_files import is_volume, write_volume
+from clplen.microscopy.fourier import fourier_files
+from clplen.microscopy.fourier.fourier_images import FourierPointImages
+from clplen.microscopy.model import point_image_files
+from clplen.microscopy.model.images import PointImages
+from clplen.microscopy.reconstruction.deconvolution import DeconvolutionResult
+
+Values = np.ndarray[Any, Any]
+AnyImages = PointImages | FourierPointImages
+
+
+def read_psf(path: PathLike) -> AnyImages:
+    """Point images of a file, of either microscope; a parameter file is told from it."""
+    if Path(path).suffix.lower() == ".toml":
+        raise FormatError(
+            f"{path} has the parameters of a microscope, not its point images: make them by "
+            f"'clplen microscope psf {path} -o PSF.h5'."
+        )
+    if fourier_files.is_fourier(path):
+        return fourier_files.read_fourier_point_images(path)
+    return point_image_files.read_point_images(path)
+
+
+def read_picture(path: PathLike, frame: int | None = None) -> Values:
+    """A frame of one channel, of a file or of its ``frame``."""
+    if is_volume(path):
+        raise FormatError(f"{path} is a volume, as clplen writes them, and no raw frame.")
+    picture, _ = read_frame(path, frame=frame)
+    if picture.ndim != 2:
+        text = f"{path} has shape {picture.shape}; a raw frame has one channel."
+        if Path(path).suffix.lower() in SUFFIXES:
+            text += (
+                f" If it is a series of {picture.shape[2]} frames, write it with "
+                "photometric='minisblack'."
+            )
+        raise FormatError(text)
+    return picture
+
+
+def write_result(
+    path: PathLike,
+    found: DeconvolutionResult,
+    images: AnyImages,
+    *,
+    more: dict[str, Any],
+    replace: bool = False,
+) -> None:
+    """Write a volume with what is known of it.
+
+    Parameters
+    ----------
+    path : path-like
+        As of `write_volume`.
+    found : DeconvolutionResult
+        Of one frame.
+    images : PointImages or FourierPointImages
+    more : dict
+        What else its description says.
+    replace : bool
+        As of `write_volume`.
+    """
+    write_volume(
+        path,
+        found.volume,
+        planes=images.planes,
+        voxel=images.sides,
+        description={
+            "voxel_um": [round(side * 1e6, 9) for side in images.sides],
+            "values": "energy of a voxel, photons (counts over the gain) of the frame",
+            "residuals": [float(one) for one in found.residuals],
+            "degenerate_um": [round(z * 1e6, 9) for z in found.degenerate],
+            **more,
+        },
+        durable=True,
+        replace=replace,
+    )

@@ -1,0 +1,105 @@
+"""Volumes of a job's frames; point images and matrices are kept from item to item."""
+
+from __future__ import annotations
+
+import logging
+from collections.abc import Callable, Iterator
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+from clplen.batch.jobs.items import layout_in
+from clplen.batch.jobs.task import Task
+from clplen.batch.work.deconvolution import DeconvolutionSettings, Deconvolver
+from clplen.batch.work.deconvolution_files import read_picture, read_psf, write_result
+from clplen.batch.work.fingerprints import fingerprint
+from clplen.batch.work.resources import Resources
+from clplen.cameras.light_field_microscope import Microscope
+from clplen.io.store.digest import digest
+from clplen.lightfield.raw.raw_image import RawImage
+
+logger = logging.getLogger(__name__)
+
+Written = tuple[str, Callable[[Path], Any]]
+Advance = Callable[[int, int], None]
+
+
+def volume_products(
+    task: Task,
+    raw: RawImage | None,
+    resources: Resources,
+    suffixes: dict[str, str],
+    advance: Advance,
+) -> Iterator[Written]:
+    """Names and writers of the volume of a frame.
+
+    Parameters
+    ----------
+    task : Task
+        Its work has [deconvolve].
+    raw : RawImage or None
+        The frame, if it was simulated.
+    resources : Resources
+        Keeps what the next frame needs too.
+    suffixes : dict
+        Of the formats.
+    advance : callable
+        (done, all) of the iterations.
+
+    Raises
+    ------
+    ValueError
+        If what was simulated is no frame of a microscope.
+    """
+    layout = layout_in(task.source.get("layout", {}), task.base)
+    table = dict(task.work["deconvolve"])
+    path = Path(task.base, task.source["path"]) if task.source["kind"] == "file" else None
+    files = {"psf": str(Path(task.base, table.pop("psf")))}
+    files |= {name: layout[name] for name in ("white", "dark") if name in layout}
+    deconvolver = _cached_deconvolver(
+        resources, files, DeconvolutionSettings(**table), force=layout.get("force", False)
+    )
+    frame = deconvolver.prepared(_frame(path, raw))
+    said = deconvolver.checks() + deconvolver.diagnose(frame)
+    found = deconvolver(frame, progress=advance)
+    said += deconvolver.diagnose(frame, found)
+    for text in said:
+        logger.warning("%s: %s", task.name, text)
+    more = {
+        "left_out": frame.left_out,
+        "below_0": frame.negative,
+        "remarks": said,
+        "place": deconvolver.place(),
+        "job": {"frame": digest(path) if path else None, "number": None, **deconvolver.words},
+    }
+    write = partial(write_result, found=found, images=deconvolver.images, more=more, replace=True)
+    for name in task.work["formats"]:
+        yield f"volume{suffixes[name]}", write
+
+
+def _frame(path: Path | None, raw: RawImage | None) -> Any:
+    """The raw frame of an item."""
+    if path is not None:
+        return read_picture(path)
+    if raw is None or not isinstance(raw.camera, Microscope):
+        raise ValueError(
+            "[deconvolve] is of frames of a light-field microscope, and this one is none: give it "
+            "a job of its own."
+        )
+    return raw.to_numpy()
+
+
+def _cached_deconvolver(
+    resources: Resources, files: dict[str, Any], how: DeconvolutionSettings, *, force: bool = False
+) -> Deconvolver:
+    """That of the item before, where it has the same files and words."""
+    key = (how, force, *((name, path, fingerprint(Path(path))) for name, path in files.items()))
+    if resources.deconvolver is None or resources.deconvolver[0] != key:
+        resources.deconvolver = None  # its matrices go before others come
+        images = read_psf(files.pop("psf"))
+        made = Deconvolver(
+            images, how, device=resources.device, memory=resources.memory // 2, force=force,
+            white=files.get("white"), dark=files.get("dark"),
+        )  # fmt: skip
+        resources.deconvolver = (key, made)
+    return resources.deconvolver[1]
