@@ -8,13 +8,13 @@ from .fourier.fourier_psf import fourier_point_images as fourier_point_images
 from .frames.given_lattice import pitch_sentence as pitch_sentence
 from .frames.given_lattice import square_lattice as square_lattice
 from .frames.outliers import hot_pixels as hot_pixels
-from .frames.outliers import sharpness as sharpness
 from .frames.prepare import Preparation as Preparation
 from .frames.prepare import preparation as preparation
 from .frames.prepare import rectify as rectify
 from .frames.prepared import Prepared as Prepared
 from .frames.raw_frames import RawPreparation as RawPreparation
 from .frames.raw_frames import raw_preparation as raw_preparation
+from .frames.sharpness import sharpness as sharpness
 from .model.binning import binning_error as binning_error
 from .model.binning import suitable_binning as suitable_binning
 from .model.images import PointImages as PointImages

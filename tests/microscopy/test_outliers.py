@@ -2,11 +2,26 @@
 
 import numpy as np
 import pytest
+from setups_fourier import camera_of
 
-from clplen import MicrolensArray, PlenopticCamera, Projector, ShapeError, point_images
+from clplen import (
+    MicrolensArray,
+    PlenopticCamera,
+    PointSources,
+    Projector,
+    ShapeError,
+    point_images,
+)
 from clplen.lightfield import Lattice
-from clplen.microscopy import hot_pixels, preparation, sharpness
-from clplen.microscopy.frames.outliers import neighbours, noise, uneven_pixels
+from clplen.microscopy import (
+    FourierProjector,
+    fourier_point_images,
+    hot_pixels,
+    preparation,
+    sharpness,
+)
+from clplen.microscopy.frames.outliers import noise, uneven_pixels
+from clplen.microscopy.frames.surroundings import steps_around
 
 N = 11
 
@@ -71,6 +86,53 @@ def test_hot_pixels_are_found(images, projector):
     ]  # fmt: skip
 
 
+@pytest.fixture(scope="module")
+def fourier(device):
+    """A Fourier microscope, its point images, and frames: exposed beads, even light, all voxels."""
+    camera, rng = camera_of("small", device), np.random.default_rng(11)
+    images = fourier_point_images(camera, [-30e-6, 0.0, 20e-6])
+    projector = FourierProjector(images, (61, 61), device=device)
+    reach = 0.95 * images.radius * images.side  # also beads that the field stop cuts
+    frames = [
+        np.maximum(camera.expose(PointSources(places, power=list(power))).to_numpy(), 0)
+        for places, power in (
+            (rng.uniform(-1, 1, (n, 3)) * (reach, 0.7 * reach, 30e-6), rng.uniform(0.2, 1, n))
+            for n in (1, 3, 10)
+        )
+    ]
+    even = np.ones(projector.volume_shape)
+    return images, [*frames, projector.forward(even), projector.forward(rng.random(even.shape)**6)]
+
+
+@pytest.mark.parametrize("photons", [None, 2e6, 2e4])
+def test_hot_pixels_of_a_fourier_microscope(fourier, photons):
+    images, frames = fourier
+    rng, sharpest = np.random.default_rng(12), sharpness(images)
+    for mean in frames:
+        frame = mean * ((photons or 1e6) / mean.sum(dtype=float))
+        if photons is not None:
+            frame = np.maximum(rng.poisson(frame) + rng.normal(0, 1.5, frame.shape).round(), 0)
+        assert not hot_pixels(frame, sharpest, None).any()
+        places = rng.choice(frame.size, 30, replace=False)
+        frame = frame.astype(float)
+        frame.flat[places] += 40 * max(frame.mean(), 1) + 100
+        found = np.flatnonzero(hot_pixels(frame, sharpest, None))
+        assert np.isin(found, places).all()
+        assert len(found) >= 24  # not those beside a bright bead
+
+
+def test_the_bound_at_the_rim_of_a_sub_image(fourier):
+    images, _ = fourier
+    found = sharpness(images)
+    for stored in images.stored:
+        for image in stored.reshape(-1, *stored.shape[2:]):
+            y, x = np.unravel_index(image.argmax(), image.shape)
+            spot = image[y - 1 : y + 2, x - 1 : x + 2].astype(float)
+            above = np.sort(np.delete(spot[:2].ravel(), 4))
+            for k in range(3):
+                assert spot[1, 1] <= 1.0001 * found[k] * above[: 5 - k].sum()
+
+
 def test_the_bound_is_that_of_the_images(images):
     # by sixteen sums of their own
     sums = []
@@ -78,7 +140,7 @@ def test_the_bound_is_that_of_the_images(images):
         for image in stored:
             wide = np.pad(image.astype(float), N)
             around = np.sort([
-                np.roll(wide, step, (0, 1)) for step in neighbours((N, 0), (0, N))
+                np.roll(wide, step, (0, 1)) for step in steps_around(N)
             ], axis=0)  # fmt: skip
             seen = wide > 1e-3 * wide.max()
             sums.append([
@@ -88,8 +150,18 @@ def test_the_bound_is_that_of_the_images(images):
     assert sharpness(images) == pytest.approx(np.max(sums, axis=0), rel=1e-4)
 
 
+def test_steps_of_hexagonal_lattices():
+    row, column = (0.75**0.5 * 20, 1.0), (-1.0, 20.0)
+    far = steps_around(Lattice("hexagonal", (0, 0), row, column))[8:]
+    across = {(18, -9), (17, 11), (-18, 9), (-17, -11)}
+    assert set(far) == across | {(1, -20), (-1, 20), (35, 2), (-35, -2)}
+    lattice = Lattice("hexagonal", (0, 0), column[::-1], row[::-1])
+    assert lattice.turned
+    assert {one[::-1] for one in steps_around(lattice)[8:]} == set(far)
+
+
 def test_steps_of_a_turned_lattice():
-    steps = neighbours((15.4, 0.6), (-0.6, 15.4))
+    steps = steps_around(Lattice("square", (0, 0), (15.4, 0.6), (-0.6, 15.4)))
     assert len(steps) == 16
     assert {(15, 1), (-1, 15), (15, 16), (-16, 15), (1, 1)} <= set(steps)
 

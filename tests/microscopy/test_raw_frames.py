@@ -70,6 +70,33 @@ def test_lattice_kinds_and_sensitivity(device, name):
     assert ratio.std() < 0.05
 
 
+@pytest.mark.parametrize("name", KINDS)
+def test_hot_and_masked_pixels(device, name):
+    images, true = setup(device, name)
+    even = white_of(images, true)[0]
+    rng, mask = np.random.default_rng(4), np.zeros(even.shape, np.uint8)
+    mask[7, 9] = mask[100, 31] = 1
+    white = even.copy()
+    white[60, 71] += 6 * even.max()
+    found = raw_preparation(images, white=white, device=device, mask=mask, find_hot=True)
+    assert found.sensitivity[60, 71] == found.sensitivity[7, 9] == 0
+    volumes = [rng.random(true.volume_shape) ** 8, np.zeros(true.volume_shape)]
+    volumes[1][(0, 1, 1, 0), (5, 7, 3, 9), (6, 2, 9, 9)] = 1
+    for volume in volumes:
+        mean = np.maximum(true.forward(volume), 0)
+        for photons in (2e6, 2e4):
+            frame = rng.poisson(mean * (photons / mean.sum(dtype=float)) + 1)
+            assert found(frame).hot == 0
+            places = rng.choice(frame.size, 30, replace=False)
+            frame.flat[places] += int(40 * frame.mean() + 200)
+            got = found(frame)
+            assert got.hot >= 24  # not those beside a bright bead, nor masked ones
+            assert got.masked + (mask.ravel()[places] > 0).sum() == 2
+            assert np.isin(np.flatnonzero(got.white.ravel() == 0), [
+                *places, *np.flatnonzero(found.sensitivity == 0), *np.flatnonzero(mask)
+            ]).all()  # fmt: skip
+
+
 def test_counts_stay_those_of_the_camera(device):
     images, true = setup(device, "hexagonal")
     white = 100 + white_of(images, true)[0]

@@ -21,10 +21,10 @@ from clplen.lightfield.raw.lenslet_lattice import Lattice
 from clplen.microscopy.fourier import fourier_files
 from clplen.microscopy.fourier.fourier_images import FourierPointImages
 from clplen.microscopy.fourier.fourier_projector import FourierProjector
-from clplen.microscopy.frames.outliers import sharpness
 from clplen.microscopy.frames.prepare import Preparation, preparation
 from clplen.microscopy.frames.prepared import Prepared
 from clplen.microscopy.frames.raw_frames import RawPreparation, raw_preparation
+from clplen.microscopy.frames.sharpness import sharpness
 from clplen.microscopy.model import point_image_files
 from clplen.microscopy.model.images import PointImages
 from clplen.microscopy.pupil.pupil_check import PupilCheck, check_pupil, corrected
@@ -168,7 +168,7 @@ class Deconvolver:
         given["force"] = force
         if isinstance(images, FourierPointImages):
             _refuse_of_others(beside, self._lattice, how.radiometric)
-            return preparation(1, **given)
+            return preparation(1, sharpest=None if how.keep_hot else sharpness(images), **given)
         if "sensor_pixels" not in images.parameters and images.cell.lenslets == (1, 1):
             return self._rectified(images, given)
         if "white" not in beside:
@@ -176,12 +176,12 @@ class Deconvolver:
                 "these point images are those of frames that are not rectified, whose lattice the "
                 "white frame tells: give it."
             )
-        if "mask" in beside or how.radiometric:
+        if how.radiometric:
             raise ValueError(
-                "Masks and the correction of the pupil (radiometric) are for rectified frames: "
-                "leave them out, or make point images without --unrectified."
+                "The correction of the pupil (radiometric) is for rectified frames: leave it out, "
+                "or make point images without --unrectified."
             )
-        return raw_preparation(images, memory=self._memory, **given)
+        return raw_preparation(images, find_hot=not how.keep_hot, memory=self._memory, **given)
 
     def _rectified(self, images: PointImages, given: dict[str, Any]) -> Preparation:
         """What frames share that are rectified; the pupil is compared with the white one."""

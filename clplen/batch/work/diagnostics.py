@@ -105,8 +105,8 @@ def _pixels(frame: Prepared, noise: float) -> list[str]:
         said.append(f"{frame.masked:,} pixels are left out by the mask.")
     if frame.hot:
         said.append(
-            f"{frame.hot:,} hot pixels, which stand out of those around them and of the same pixel "
-            "of adjacent lenslets as no light does, are left out."
+            f"{frame.hot:,} hot pixels, which stand out of those around them as no light does, are "
+            "left out."
         )
     if frame.doubtful:
         said.append(

@@ -362,8 +362,8 @@ class Preparation(OneLine):
     def _hot(self, light: Vector, bad: Vector) -> Vector:
         """Pixels that stand out as no light does."""
         assert self.sharpest is not None
-        lattice = self.pixels if self.lattice is None else self.lattice
-        return hot_pixels(light, self.sharpest, lattice) & ~bad
+        rectified = self.pixels if self.pixels > 1 else None  # 1: of a Fourier microscope
+        return hot_pixels(light, self.sharpest, self.lattice or rectified) & ~bad
 
     def _reached(self, bad: Vector) -> Vector:
         """Rectified pixels that a bad one has a part in."""

@@ -17,8 +17,10 @@ from clplen.compute.device import DeviceLike, as_device
 from clplen.lightfield.calibration.lattice_fit import estimate_lattice
 from clplen.lightfield.calibration.lattice_trust import require_trust
 from clplen.lightfield.raw.lenslet_lattice import Lattice
+from clplen.microscopy.frames.outliers import MANY, uneven_pixels
 from clplen.microscopy.frames.prepare import DARKEST, DIMMEST, Preparation, white_light
-from clplen.microscopy.frames.prepared import samples
+from clplen.microscopy.frames.prepared import mask_of, samples
+from clplen.microscopy.frames.sharpness import projected_sharpness
 from clplen.microscopy.model.images import PointImages
 from clplen.microscopy.reconstruction.frame_projector import FrameProjector
 
@@ -100,6 +102,8 @@ def raw_preparation(
     dark: Any = None,
     saturation: float | None = None,
     force: bool = False,
+    mask: Any = None,
+    find_hot: bool = False,
     memory: int | None = None,
 ) -> RawPreparation:
     """Find the lattice, the sensitivity of the pixels, and the projector onto raw frames.
@@ -121,6 +125,10 @@ def raw_preparation(
         As of `preparation`.
     force : bool
         As of `preparation`.
+    mask : array_like, optional
+        Shape (ny, nx), not 0 where pixels are left out of white and other frames.
+    find_hot : bool
+        Whether pixels that stand out as no light does are left out; see `hot_pixels`.
     memory : int, optional
         Bytes for matrices, as of `Projector`.
 
@@ -165,11 +173,16 @@ def raw_preparation(
     projector = FrameProjector(
         images, _of_first_kind(images, lattice, light, device), device=device, memory=memory
     )
+    sharpest = projected_sharpness(projector, images) if find_hot else None
+    uneven = uneven_pixels(light, lattice) if find_hot else np.zeros_like(bad)
+    bad = bad | uneven if np.count_nonzero(uneven) <= MANY * light.size else bad
+    out = None if mask is None else mask_of(mask, light.shape)
+    bad = bad if out is None else bad | out
     level = np.where(bad, np.float32(0), light)
     sensitivity = _sensitivity(projector, level, ~bad)
     return RawPreparation(
         images.pixels, projector.device, black, projector.lattice, sensitivity, level,
-        projector=projector,
+        out, sharpest, projector,
     )
 
 

@@ -1,0 +1,122 @@
+"""The most that light of a microscope stands out of the pixels around it, by its point images."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator
+
+import numpy as np
+
+from clplen.microscopy.fourier.fourier_images import FourierPointImages
+from clplen.microscopy.frames.surroundings import (
+    BRIGHTEST,
+    Step,
+    Vector,
+    steps_around,
+    sums_around,
+)
+from clplen.microscopy.model.images import PointImages
+from clplen.microscopy.reconstruction.frame_projector import FrameProjector
+
+Bounds = tuple[float, float, float]
+
+PLANES = 9  # of the point images that are looked at, both ends among them
+DIMMEST = 1e-3  # of the brightest pixel of an image: below it point images are cut short
+ROUNDS = 3  # of points at other places, of which the camera's pixels see other parts
+
+
+def sharpness(images: PointImages | FourierPointImages) -> Bounds:
+    """Return the most that a pixel of a point image stands out of those around it.
+
+    Parameters
+    ----------
+    images : PointImages or FourierPointImages
+        Of which nine planes are looked at. Those of a Fourier microscope may be cut at the rim of a
+        sub-image, through their brightest pixel.
+
+    Returns
+    -------
+    tuple of float
+        c_0, c_1, c_2: over the sum of the sixteen pixels around without the 0, 1, 2 brightest; of a
+        Fourier microscope, whose sub-images differ, of the eight that touch it.
+
+    Examples
+    --------
+    >>> about = {"magnification": 20.0, "na": 0.5, "medium_index": 1.0, "lenslet_pitch": 125e-6}
+    >>> spots = (np.full((1, 15, 15), 1 / 225, np.float32),)  # 3 x 3 lenslets, evenly lit
+    >>> images = clplen.microscopy.PointImages(about, np.array([20e-6]), 1, 5, spots, np.ones(1))
+    >>> [round(c, 3) for c in clplen.microscopy.sharpness(images)]  # six around that of a corner
+    [0.167, 0.2, 0.25]
+    """
+    chosen = [images.stored[plane] for plane in _planes(len(images.stored))]
+    if isinstance(images, FourierPointImages):
+        alone = [one for stored in chosen for lenslets in stored for one in lenslets]
+        whole, cut = _most(alone, steps_around(None)), _at_rims(alone)
+        return (max(whole[0], cut[0]), max(whole[1], cut[1]), max(whole[2], cut[2]))
+    steps = steps_around(images.pixels)
+    return _most((image for stored in chosen for image in stored), steps)
+
+
+def projected_sharpness(projector: FrameProjector, images: PointImages) -> Bounds:
+    """Return the same of points as the camera's own pixels see them.
+
+    Parameters
+    ----------
+    projector : FrameProjector
+        Onto frames that are not rectified.
+    images : PointImages
+        Those of the projector.
+
+    Returns
+    -------
+    tuple of float
+        As of `sharpness`.
+    """
+    return _most(_points(projector, images), steps_around(projector.lattice))
+
+
+def _planes(count: int) -> list[int]:
+    return [int(one) for one in np.unique(np.linspace(0, count - 1, PLANES).astype(int))]
+
+
+def _most(frames: Iterable[Vector], steps: list[Step]) -> Bounds:
+    """Over frames of points that do not touch each other."""
+    most = np.zeros(BRIGHTEST + 1)
+    for frame in frames:
+        light = np.maximum(frame, 0, dtype=np.float32)
+        seen = light > DIMMEST * light.max()
+        around = (one[seen] for one in sums_around(light, steps, beyond=False))
+        found = [float((light[seen] / np.maximum(one, 1e-30)).max()) for one in around]
+        most = np.maximum(most, found)
+    return (float(most[0]), float(most[1]), float(most[2]))
+
+
+def _at_rims(images: Iterable[Vector]) -> Bounds:
+    """Of the brightest pixel, where the rim of a sub-image cuts off one side of it."""
+    most = np.zeros(BRIGHTEST + 1)
+    for image in images:
+        wide = np.pad(image.astype(np.float64), 1)
+        y, x = np.unravel_index(int(wide.argmax()), wide.shape)
+        spot = wide[y - 1 : y + 2, x - 1 : x + 2].copy()
+        peak, spot[1, 1] = spot[1, 1], 0
+        for half in (spot[:2], spot[1:], spot[:, :2], spot[:, 1:]):
+            bright = np.sort(half, axis=None)[::-1]
+            around = [bright[k:].sum() for k in range(BRIGHTEST + 1)]
+            most = np.maximum(most, peak / np.maximum(around, 1e-30))
+    return (float(most[0]), float(most[1]), float(most[2]))
+
+
+def _points(projector: FrameProjector, images: PointImages) -> Iterator[Vector]:
+    """Frames of points of a plane as far apart as their images reach."""
+    rng = np.random.default_rng(0)
+    (vy, vx), shape = images.cell.voxels, projector.volume_shape
+    for plane in _planes(len(images.stored)):
+        ry, rx = images.reaches[plane]
+        apart = (2 * ry + 2) * vy, (2 * rx + 2) * vx
+        for _ in range(ROUNDS):
+            volume = np.zeros(shape, np.float32)
+            first = [int(rng.integers(min(a, n))) for a, n in zip(apart, shape[1:], strict=True)]
+            for y in range(first[0], shape[1], apart[0]):
+                for x in range(first[1], shape[2], apart[1]):
+                    dy, dx = rng.integers(vy), rng.integers(vx)
+                    volume[plane, min(y + dy, shape[1] - 1), min(x + dx, shape[2] - 1)] = 1
+            yield projector.forward(volume)
