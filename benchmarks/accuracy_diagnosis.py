@@ -16,7 +16,7 @@ import tempfile
 from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
 
 import click
 import numpy as np
@@ -25,10 +25,14 @@ from scipy.ndimage import gaussian_filter, map_coordinates
 
 from clplen import Device, MicrolensArray, PlenopticCamera, Projector, point_images
 from clplen.batch import DeconvolutionSettings, Deconvolver
+from clplen.lightfield import Lattice
 from clplen.microscopy import (
     EvenLight,
+    FourierProjector,
+    FrameProjector,
     PointImages,
     binning_error,
+    fourier_point_images,
     pitch_sentence,
     preparation,
     square_lattice,
@@ -54,12 +58,21 @@ class System:
     pixels: int
     farthest: float
 
-    def camera(self, device: Device, binning: int = 3, **change: Any) -> Any:
+    def camera(
+        self,
+        device: Device,
+        binning: int = 3,
+        *,
+        lattice: Literal["square", "hexagonal"] = "square",
+        **change: Any,
+    ) -> Any:
         """With pixels of the sensor in parts."""
         given: dict[str, Any] = {"na": self.na, "medium_index": self.index, **change}
         return PlenopticCamera.microscope(
             magnification=self.magnification, wavelength=self.wavelength, device=device,
-            mla=MicrolensArray(self.pitch, self.focal_length, count=5, fill="full"),
+            mla=MicrolensArray(
+                self.pitch, self.focal_length, count=5, fill="full", lattice=lattice
+            ),
             pixels_per_lenslet=self.pixels * binning, **given,
         )  # fmt: skip
 
@@ -89,7 +102,9 @@ def volumes(shape: tuple[int, ...]) -> Iterator[tuple[str, Values]]:
     yield "shell", np.exp(-0.5 * ((away - 1) / 0.12) ** 2) + 0.02
     beads = np.zeros(shape)
     for _ in range(12):
-        beads[tuple(rng.integers((0, 6, 6), np.array(shape) - (0, 6, 6)))] += rng.uniform(0.5, 1)
+        beads[tuple(rng.integers((0, 6, 6), np.array(shape, int) - np.array((0, 6, 6))))] += (
+            rng.uniform(0.5, 1)
+        )
     yield "beads", beads
     yield "smooth", gaussian_filter(rng.random(shape), (1, 3, 3)) ** 4
 
@@ -178,30 +193,70 @@ def pixels(_: Device) -> Iterator[str]:
 
 
 def hot(device: Device) -> Iterator[str]:
-    """Thirty pixels at forty times the mean; light that is wrongly taken to be hot."""
+    """Thirty hot pixels in rectified frames."""
     for name, system in SYSTEMS.items():
         images = system.images(device)
         projector = Projector(images, (LENSLETS, LENSLETS), device=device)
-        plain, careful = (
-            Deconvolver(images, DeconvolutionSettings(keep_hot=one), device=device)
-            for one in (True, False)
+        yield from with_hot_pixels(name, projector, both(images, device=device))
+
+
+def hot_hexagonal(device: Device) -> Iterator[str]:
+    """The same behind hexagonal lenslets, in frames as the camera takes them."""
+    system = SYSTEMS["20x/0.5"]
+    images = system.images(device, lattice="hexagonal")
+    n = images.pixels - 0.3  # turned, and no whole pixels a lenslet
+    row, column = (0.75**0.5 * n, -0.02 * n), (0.02 * n, n)
+    size = LENSLETS * images.pixels
+    there = Lattice("hexagonal", (size / 2, size / 2 + 1), row, column, shape=(size, size))
+    projector = FrameProjector(images, there, device=device)
+    with tempfile.TemporaryDirectory() as folder:
+        white = Path(folder, "white.tif")
+        even = projector.forward(np.ones(projector.volume_shape))
+        tifffile.imwrite(white, (WHITE * even / even.mean()).astype(np.float32))
+        series = both(images, device=device, white=white)
+        yield from with_hot_pixels("20x/0.5, hexagonal", projector, series)
+
+
+def hot_fourier(device: Device) -> Iterator[str]:
+    """The same in frames of a Fourier microscope."""
+    camera = PlenopticCamera.fourier_microscope(
+        magnification=20, na=0.5, wavelength=525e-9, relay=0.1, pixel_pitch=12e-6,
+        mla=MicrolensArray(1e-3, 40e-3, count=5), device=device,
+    )  # fmt: skip
+    images = fourier_point_images(camera, np.arange(-25, 26, 10) * 1e-6)
+    projector = FourierProjector(images, images.field, device=device)
+    yield from with_hot_pixels("20x/0.5, Fourier", projector, both(images, device=device))
+
+
+def both(images: Any, **given: Any) -> tuple[Deconvolver, Deconvolver]:
+    """With hot pixels kept, and left out."""
+    plain, careful = (
+        Deconvolver(images, DeconvolutionSettings(keep_hot=one), **given) for one in (True, False)
+    )
+    return plain, careful
+
+
+def with_hot_pixels(
+    name: str, projector: Any, series: tuple[Deconvolver, Deconvolver]
+) -> Iterator[str]:
+    """Thirty pixels of half to all of 60 000 counts; light that is wrongly taken to be hot."""
+    plain, careful = series
+    for kind, volume in volumes(projector.volume_shape):
+        frame, scale = frame_of(projector, volume)
+        rng = np.random.default_rng(3)
+        places = rng.choice(frame.size, 30, replace=False)
+        spoilt = frame.copy()
+        spoilt.flat[places] = rng.uniform(0.5, 1, 30) * 60000
+        parts = []
+        for which, one in ((plain, frame), (plain, spoilt), (careful, spoilt)):
+            residual, _, found, ready = judged(which, one)
+            alike = np.corrcoef(found.ravel(), (scale * volume).ravel())[0, 1]
+            parts.append(f"{residual:.3f} ({alike:.2f})")
+        yield (
+            f"{name}, {kind}: residual (correlation) without hot pixels {parts[0]}, before "
+            f"{parts[1]}, after {parts[2]}; {ready.hot} found, of the clean frame "
+            f"{careful.prepared(frame).hot}"
         )
-        for kind, volume in volumes(projector.volume_shape):
-            frame, scale = frame_of(projector, volume)
-            rng = np.random.default_rng(3)
-            places = rng.choice(frame.size, 30, replace=False)
-            spoilt = frame.copy()
-            spoilt.flat[places] = rng.uniform(0.5, 1, 30) * 60000
-            parts = []
-            for series, one in ((plain, frame), (plain, spoilt), (careful, spoilt)):
-                residual, _, found, ready = judged(series, one)
-                alike = np.corrcoef(found.ravel(), (scale * volume).ravel())[0, 1]
-                parts.append(f"{residual:.3f} ({alike:.2f})")
-            yield (
-                f"{name}, {kind}: residual (correlation) without hot pixels {parts[0]}, before "
-                f"{parts[1]}, after {parts[2]}; {ready.hot} found, of the clean frame "
-                f"{careful.prepared(frame).hot}"
-            )
 
 
 def binning(device: Device) -> Iterator[str]:
@@ -259,7 +314,10 @@ def lattice(device: Device) -> Iterator[str]:
         yield f"15.3 pixels a lenslet, lattice {name}: residual {residual:.3f}, {alarm}"
 
 
-PARTS = {one.__name__: one for one in (pupil, pixels, hot, binning, pitch, lattice)}
+PARTS = {
+    one.__name__: one
+    for one in (pupil, pixels, hot, hot_hexagonal, hot_fourier, binning, pitch, lattice)
+}
 
 
 @click.command()

@@ -8,6 +8,7 @@ import numpy as np
 
 from clplen.microscopy.fourier.fourier_images import FourierPointImages
 from clplen.microscopy.frames.surroundings import (
+    AROUND,
     BRIGHTEST,
     Step,
     Vector,
@@ -21,6 +22,9 @@ Bounds = tuple[float, float, float]
 
 PLANES = 9  # of the point images that are looked at, both ends among them
 DIMMEST = 1e-3  # of the brightest pixel of an image: below it point images are cut short
+HALVES = [  # of the pixels around one: those above, below, left and right, with those beside it
+    [step for step in AROUND if sign * step[axis] >= 0] for axis in (0, 1) for sign in (-1, 1)
+]
 ROUNDS = 3  # of points at other places, of which the camera's pixels see other parts
 
 
@@ -30,8 +34,8 @@ def sharpness(images: PointImages | FourierPointImages) -> Bounds:
     Parameters
     ----------
     images : PointImages or FourierPointImages
-        Of which nine planes are looked at. Those of a Fourier microscope may be cut at the rim of a
-        sub-image, through their brightest pixel.
+        Of which nine planes are looked at. The rim of a sub-image may cut those of a Fourier
+        microscope anywhere: their pixels are compared with those on one side of them.
 
     Returns
     -------
@@ -50,8 +54,10 @@ def sharpness(images: PointImages | FourierPointImages) -> Bounds:
     chosen = [images.stored[plane] for plane in _planes(len(images.stored))]
     if isinstance(images, FourierPointImages):
         alone = [one for stored in chosen for lenslets in stored for one in lenslets]
-        whole, cut = _most(alone, steps_around(None)), _at_rims(alone)
-        return (max(whole[0], cut[0]), max(whole[1], cut[1]), max(whole[2], cut[2]))
+        c0, c1, c2 = (
+            max(found) for found in zip(*(_most(alone, one) for one in HALVES), strict=True)
+        )
+        return c0, c1, c2
     steps = steps_around(images.pixels)
     return _most((image for stored in chosen for image in stored), steps)
 
@@ -87,21 +93,6 @@ def _most(frames: Iterable[Vector], steps: list[Step]) -> Bounds:
         around = (one[seen] for one in sums_around(light, steps, beyond=False))
         found = [float((light[seen] / np.maximum(one, 1e-30)).max()) for one in around]
         most = np.maximum(most, found)
-    return (float(most[0]), float(most[1]), float(most[2]))
-
-
-def _at_rims(images: Iterable[Vector]) -> Bounds:
-    """Of the brightest pixel, where the rim of a sub-image cuts off one side of it."""
-    most = np.zeros(BRIGHTEST + 1)
-    for image in images:
-        wide = np.pad(image.astype(np.float64), 1)
-        y, x = np.unravel_index(int(wide.argmax()), wide.shape)
-        spot = wide[y - 1 : y + 2, x - 1 : x + 2].copy()
-        peak, spot[1, 1] = spot[1, 1], 0
-        for half in (spot[:2], spot[1:], spot[:, :2], spot[:, 1:]):
-            bright = np.sort(half, axis=None)[::-1]
-            around = [bright[k:].sum() for k in range(BRIGHTEST + 1)]
-            most = np.maximum(most, peak / np.maximum(around, 1e-30))
     return (float(most[0]), float(most[1]), float(most[2]))
 
 
