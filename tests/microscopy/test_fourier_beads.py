@@ -14,7 +14,9 @@ from clplen.microscopy import (
     fourier_point_images,
     measure_point_images,
     read_fourier_point_images,
+    sharpness,
 )
+from clplen.microscopy.frames.outliers import without_hot_pixels
 
 Z = np.array([-20.0, 0.0, 15.0]) * 1e-6
 OFFSET = 1.7e-6
@@ -65,6 +67,26 @@ def test_noise_is_left_out(camera, stack):
     assert projector.volume_shape == (3, 31, 31)
 
 
+def test_hot_pixels_of_a_stack_are_replaced(camera, stack):
+    rng = np.random.default_rng(2)
+    photons = rng.poisson(stack * 1e6 + 5) + 100.0
+    sharpest = sharpness(fourier_point_images(camera, Z))
+    same, none = without_hot_pixels(photons, sharpest)
+    assert none == 0
+    assert np.array_equal(same, photons)
+    places = rng.choice(photons[0].size, 30, replace=False)
+    spoilt = photons.copy()
+    spoilt.reshape(3, -1)[:, places] += 0.5 * photons.max()
+    found, count = without_hot_pixels(spoilt, sharpest)
+    assert count == 90
+    changed = np.flatnonzero((found != spoilt).any(axis=0))
+    assert set(changed) == set(places)
+    assert np.abs(found - photons).max() < 0.1 * photons.max()
+    at_all = np.full_like(photons, 100.0)
+    at_all[:, ::5, ::5] = 9000.0  # 4 % of the pixels are no hot pixels
+    assert without_hot_pixels(at_all, sharpest)[1] == 0
+
+
 def test_a_stack_becomes_a_file(tmp_path, camera, stack):
     parameters, frames, psf = (tmp_path / name for name in ("camera.toml", "bead.tif", "psf.h5"))
     parameters.write_text(
@@ -73,10 +95,12 @@ def test_a_stack_becomes_a_file(tmp_path, camera, stack):
         "focal_length_mm = 12\ncount = 3\n"
     )
     counts = np.random.default_rng(1).poisson(stack * 1e6 + 20).astype(np.uint16)
+    counts[:, 31, 47] = 60000
     tifffile.imwrite(frames, counts, photometric="minisblack")
     words = ["microscope", "psf", parameters, "--beads", frames, "-o", psf]
     words += ["--device", camera.device.place]
     result = CliRunner().invoke(main, [*map(str, words), "--planes-um", "-20:20:3"])
+    assert "3 hot pixels in 3 frames are replaced" in result.output
     assert result.exit_code == 0, result.output
     assert "measured; the z given lie" in result.output
     assert len(read_fourier_point_images(psf).planes) == 3

@@ -103,6 +103,8 @@ def _measured(camera: FourierMicroscope, path: Path, z: Any, output: Path) -> No
         raise click.ClickException(f"{path} has {count} frames, and there are {len(z)} planes.")
     stack = np.stack([read_picture(path, number if count > 1 else None) for number in range(count)])
     with naming(str(path)):
+        if stack.shape[1:] == camera.grid.shape:
+            stack = _repaired(camera, stack, z)
         found = measure_point_images(camera, stack, z)
     write_fourier_point_images(output, found.images)
     y, x = found.places.mean(axis=0) * 1e6
@@ -111,6 +113,19 @@ def _measured(camera: FourierMicroscope, path: Path, z: Any, output: Path) -> No
         f"beyond those of the bead, which is {y:+.3g} um down and {x:+.3g} um right of the axis; "
         f"sub-images lie where rays put them within {found.error:.3g} pixels (rms)."
     )
+
+
+def _repaired(camera: FourierMicroscope, stack: Any, z: Any) -> Any:
+    """The stack without pixels that stand out more than light of the parameters does."""
+    from clplen.microscopy.fourier.fourier_psf import fourier_point_images
+    from clplen.microscopy.frames.outliers import without_hot_pixels
+    from clplen.microscopy.frames.sharpness import chosen_planes, sharpness
+
+    some = np.asarray(z)[chosen_planes(len(z))]
+    frames, hot = without_hot_pixels(stack, sharpness(fourier_point_images(camera, some)))
+    if hot:
+        note(f"{hot:,} hot pixels in {len(stack)} frames are replaced by the median around them.")
+    return frames
 
 
 def projected(

@@ -13,7 +13,7 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
-from scipy.ndimage import convolve
+from scipy.ndimage import convolve, median_filter
 
 from clplen.lightfield.raw.lenslet_lattice import Lattice
 from clplen.microscopy.frames.surroundings import moved, steps_around, sums_around
@@ -25,6 +25,7 @@ DEVIATIONS = 6  # of noise
 ROUNDING = 1e-5  # of the brightest pixel: of simulated frames without noise
 BLOCK = 8  # pixels, in which noise is measured where there are no lenslets of one lattice
 UNEVEN = 1.6  # times all sixteen around it, in a white frame, which is smooth
+DARK = 1  # per cent of the pixels, which only background is in
 MANY = 0.01  # of a frame: so many outliers are no hot pixels
 _SECOND = np.outer([1, -2, 1], [1, -2, 1]) / 6  # keeps the variance of white noise
 
@@ -65,6 +66,34 @@ def hot_pixels(
         sure = total + z * np.sqrt((len(steps) - k) * floor + gain * total)
         found |= light > c * sure + z * np.sqrt(floor + gain * c * sure) + z**2 * gain + least
     return found
+
+
+def without_hot_pixels(
+    stack: Vector, sharpest: tuple[float, float, float]
+) -> tuple[Vector, int]:
+    """Frames of a Fourier microscope with the median around each hot pixel in its place.
+
+    Parameters
+    ----------
+    stack : numpy.ndarray
+        Counts with any background, shape (frames, ny, nx), finite.
+    sharpest : tuple of float
+        Of `sharpness`.
+
+    Returns
+    -------
+    (numpy.ndarray, int)
+        float64, the same shape; hot pixels in all. If they are more than 1 % of a frame, this frame
+        is as it was.
+    """
+    found, count = np.array(stack, np.float64), 0
+    for frame in found:
+        dark = np.percentile(frame, DARK)
+        hot = hot_pixels(np.maximum(frame - dark, 0), sharpest, None)
+        if 0 < np.count_nonzero(hot) <= MANY * frame.size:
+            count += int(np.count_nonzero(hot))
+            frame[hot] = median_filter(frame, 3)[hot]
+    return found, count
 
 
 def uneven_pixels(white: Vector, lattice: Lattice) -> Vector:

@@ -51,7 +51,7 @@ def sharpness(images: PointImages | FourierPointImages) -> Bounds:
     >>> [round(c, 3) for c in clplen.microscopy.sharpness(images)]  # six around that of a corner
     [0.167, 0.2, 0.25]
     """
-    chosen = [images.stored[plane] for plane in _planes(len(images.stored))]
+    chosen = [images.stored[plane] for plane in chosen_planes(len(images.stored))]
     if isinstance(images, FourierPointImages):
         alone = [one for stored in chosen for lenslets in stored for one in lenslets]
         c0, c1, c2 = (
@@ -80,7 +80,8 @@ def projected_sharpness(projector: FrameProjector, images: PointImages) -> Bound
     return _most(_points(projector, images), steps_around(projector.lattice))
 
 
-def _planes(count: int) -> list[int]:
+def chosen_planes(count: int) -> list[int]:
+    """Nine of so many planes at most, both ends among them."""
     return [int(one) for one in np.unique(np.linspace(0, count - 1, PLANES).astype(int))]
 
 
@@ -100,7 +101,7 @@ def _points(projector: FrameProjector, images: PointImages) -> Iterator[Vector]:
     """Frames of points of a plane as far apart as their images reach."""
     rng = np.random.default_rng(0)
     (vy, vx), shape = images.cell.voxels, projector.volume_shape
-    for plane in _planes(len(images.stored)):
+    for plane in chosen_planes(len(images.stored)):
         ry, rx = images.reaches[plane]
         apart = (2 * ry + 2) * vy, (2 * rx + 2) * vx
         for _ in range(ROUNDS):
