@@ -80,7 +80,7 @@ def draw_section(panel: Axes, volume: np.ndarray, z: np.ndarray, words: str) -> 
 
 def draw_residuals(panel: Axes, volumes: Mapping[str, Any], mean: np.ndarray) -> None:
     """What is left of the frame over iterations, and what photon noise leaves."""
-    for (name, one), colour in zip(volumes.items(), (ORANGE, BLUE), strict=True):
+    for (name, one), colour in zip(volumes.items(), (ORANGE, BLUE), strict=False):
         panel.semilogy(one.residuals, color=colour, label=f"with {name}")
     panel.axhline(mean.sum() / np.square(mean).sum(), color="0.4", ls="--", lw=1,
                   label="photon noise alone")
