@@ -127,22 +127,29 @@ def frame(
     count = parts * int(np.ceil(room * widest / setup.pixel))
     step = setup.pixel / parts
     u = (np.arange(count) - count // 2) * step
-    field = pupil_rows(setup, point, u[:, None], u[None])
-    energy = float((np.abs(field) ** 2).sum())
+    f = np.fft.fftfreq(count, step)
+    blocks = [slice(start, start + 256) for start in range(0, count, 256)]  # rows: less memory
+    field, energy = np.empty((count, count), complex), 0.0
+    for some in blocks:
+        field[some] = pupil_rows(setup, point, u[some, None], u[None])
+        energy += float((np.abs(field[some]) ** 2).sum())
     if setup.stop < np.inf:
-        place = np.fft.fftfreq(count, step) * setup.lam * setup.relay
+        place = f * setup.lam * setup.relay
         field = fft.ifft2(field, overwrite_x=True, workers=-1)
-        field *= np.hypot(place[:, None], place) <= setup.stop / 2
+        for some in blocks:
+            field[some] *= np.hypot(place[some, None], place) <= setup.stop / 2
         field = fft.fft2(field, overwrite_x=True, workers=-1)
-    field *= behind_lenslets(setup, u, u, 3)
+    for some in blocks:
+        field[some] *= behind_lenslets(setup, u[some], u, 3)
     field = fft.fft2(field, overwrite_x=True, workers=-1)
-    f2 = np.fft.fftfreq(count, step) ** 2
-    axial = np.sqrt(np.maximum(setup.lam**-2 - f2[:, None] - f2, 0))
-    field *= np.exp(2j * np.pi * setup.s * (axial - 1 / setup.lam))
-    intensity = np.abs(fft.ifft2(field, overwrite_x=True, workers=-1)) ** 2
+    for some in blocks:
+        axial = np.sqrt(np.maximum(setup.lam**-2 - f[some, None] ** 2 - f**2, 0))
+        field[some] *= np.exp(2j * np.pi * setup.s * (axial - 1 / setup.lam))
+    field = fft.ifft2(field, overwrite_x=True, workers=-1)
     weights = np.array([1.0, *[4.0, 2.0] * (parts // 2 - 1), 4.0, 1.0]) / 3
-    for axis in (0, 1):
-        first = count // 2 - setup.shape[axis] * parts // 2
-        index = first + np.arange(setup.shape[axis]) * parts
-        intensity = sum(w * intensity.take(index + k, axis) for k, w in enumerate(weights))
-    return np.asarray(intensity / energy)
+    starts = [count // 2 - size * parts // 2 + np.arange(size) * parts for size in setup.shape]
+    across = np.empty((count, setup.shape[1]))
+    for some in blocks:
+        intensity = np.abs(field[some]) ** 2
+        across[some] = sum(w * intensity[:, starts[1] + k] for k, w in enumerate(weights))
+    return np.asarray(sum(w * across[starts[0] + k] for k, w in enumerate(weights)) / energy)

@@ -79,11 +79,12 @@ def test_beads_to_parameters(folder, device):
 
 
 def test_camera_file_and_anything(folder, device):
-    found = run(folder, "beads.tif", "-c", "camera.toml", "-o", "two.toml", "--planes-um",
+    found = run(folder, "beads.tif", "-c", "camera.toml", "-o", "anything.toml", "--planes-um",
                 "-45:50:2", "--terms", "6", "--steps", "1", "--voxels", "2")  # fmt: skip
     assert found.exit_code == 0, found.output
     assert "give --gain" in found.output
-    assert 6 in read_microscope_file(folder / "two.toml").camera.build(device).pupil.coefficients
+    camera = read_microscope_file(folder / "anything.toml").camera.build(device)
+    assert 6 in camera.pupil.coefficients
 
 
 @pytest.mark.parametrize(
@@ -101,10 +102,16 @@ def test_camera_file_and_anything(folder, device):
         (("scope.toml", "-c", "scope.toml", *WORDS), "scope.toml"),
         (("odd.tif", "-c", "scope.toml", *WORDS), "odd.tif"),
         (("beads.tif", "-c", "piston.toml", *WORDS), "piston"),
+        (("beads.tif", "-c", "hexagons.toml", *WORDS), "hexagons.toml are hexagonal, whose frames"),
+        (("beads.tif", "-c", "two.toml", *WORDS), "two.toml are of several focal lengths, whose"),
     ],
 )
 def test_bad_words(folder, words, said):
     tifffile.imwrite(folder / "odd.tif", np.ones((50, 61), np.uint16))
+    hexagons = CAMERA.replace("fill =", 'lattice = "hexagonal"\nfill =')
+    (folder / "hexagons.toml").write_text(hexagons)
+    several = CAMERA.replace("focal_length_mm = 1.5", "focal_length_mm = [1.5, 1.7]")
+    (folder / "two.toml").write_text(several)
     (folder / "piston.toml").write_text(KNOWN.replace("12 = 10.0", "1 = 10.0"))
     found = run(folder, *words)
     assert found.exit_code in (1, 2)

@@ -26,7 +26,7 @@ SHORTER_THAN = 60  # lines
 EACH = 20  # one script in so many is run by default
 FRAMES = ("guv_volume", "guv_variations", "bead_positions", "bead_volume")
 THESIS = {1: range(1, 27), 2: range(1, 30), 3: range(1, 26), 5: range(1, 3)}  # its list of figures
-ADDED = {4: range(1, 8), 5: range(1, 6), 6: range(1, 6), 7: range(1, 2)}
+ADDED = {4: range(1, 8), 5: range(1, 6), 6: range(1, 6), 7: range(1, 3)}
 FIGURES = THESIS | ADDED
 
 

@@ -244,13 +244,15 @@ def _of_parameters(source: Path, selector: str | None) -> tuple[Rows, dict[str, 
     """What follows from the parameters of a camera or a microscope."""
     from clplen.compute.device import Device
     from clplen.config import read_camera_file
+    from clplen.config.kinds import FOURIER, kind_of
     from clplen.config.microscope import read_microscope_file
     from clplen.config.tables import read_toml
 
-    table = read_toml(source, f"file {source}").get("camera", {"kind": "microscope"})
-    if isinstance(table, dict) and table.get("kind") == "fourier_microscope":
+    content = read_toml(source, f"file {source}")
+    kind = kind_of({"camera": {"kind": "microscope"}} | content)
+    if kind == FOURIER:
         return fourier.info_of_parameters(source, Device.open(selector))
-    if isinstance(table, dict) and table.get("kind") == "microscope":
+    if kind == "microscope":
         file = read_microscope_file(source)
         camera, taken, kind = file.camera, file.taken, "parameters of a light-field microscope"
         asked = {"slices": file.slices, "um_per_slice": file.um_per_slice, "voxels": file.voxels}

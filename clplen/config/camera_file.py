@@ -13,6 +13,7 @@ from clplen.cameras.light_field_microscope import Microscope
 from clplen.cameras.standard_camera import Plenoptic1
 from clplen.compute.device import DeviceLike, as_device
 from clplen.config.camera import CameraTable, SensorTable
+from clplen.config.kinds import refuse_fourier
 from clplen.config.scene import CoherenceTable, SceneTable
 from clplen.config.tables import Table, read_toml, validated
 from clplen.files import PathLike
@@ -73,11 +74,12 @@ def read_camera_file(path: PathLike) -> CameraFile:
     Raises
     ------
     FormatError
-        If there is no such file, it is not TOML, or a key is unknown (with the nearest known
-        one), missing or out of range, or does not fit the others.
+        If there is no such file, it is not TOML or of a Fourier microscope, or a key is unknown
+        (with the nearest known one), missing or out of range, or does not fit the others.
     """
     path = Path(path)
     content = read_toml(path, f"camera file {path}; 'clplen simulate --example' prints one")
+    refuse_fourier(content, path)
     return validated(CameraFile, content, path)
 
 
@@ -116,7 +118,8 @@ def read_camera(
     Raises
     ------
     FormatError
-        If there is no such file, it is not TOML, or a key is unknown, missing or out of range.
+        If there is no such file, it is not TOML or of a Fourier microscope, or a key is unknown,
+        missing or out of range.
     ValueError, SamplingError
         If there is no such camera; see `PlenopticCamera`.
 
@@ -139,6 +142,7 @@ def read_camera(
     """
     path = Path(path)
     content = read_toml(path, f"camera file {path}; 'clplen simulate --example' prints one")
+    refuse_fourier(content, path)
     table = validated(_CameraAlone, content, path).camera
     if count is not None:
         counts = np.ravel(count)

@@ -14,6 +14,7 @@ from clplen.cameras import FourierMicroscope, LensletLayout, PlenopticCamera
 from clplen.cameras.optics.objective import APODISATION
 from clplen.compute.device import Device
 from clplen.config.camera import CoverTable, MicrolensTable
+from clplen.config.kinds import FOURIER, kind_of, require_fourier
 from clplen.config.microscope import INDEX, MAGNIFICATION, NA, STEP, TUBE_LENS, WAVELENGTH, Range
 from clplen.config.tables import (
     Count,
@@ -28,7 +29,6 @@ from clplen.config.tables import (
 )
 from clplen.files import PathLike
 
-KIND = "fourier_microscope"
 RELAY = Range(5, 2000, "mm")
 PIXEL = Range(0.3, 200, "um")
 STOP = Range(0.05, 200, "mm")
@@ -113,7 +113,7 @@ class VolumeTable(Table):
     voxels_per_pixel: Count = 1
 
 
-class _File(Table):
+class FourierCameraFile(Table):
     """The whole file."""
 
     camera: FourierTable
@@ -147,7 +147,7 @@ def is_fourier_file(path: PathLike) -> bool:
     FormatError
         If there is no such file, or it is not TOML.
     """
-    return _kind_of(_content(Path(path))) == KIND
+    return kind_of(_content(Path(path))) == FOURIER
 
 
 def read_fourier_file(path: PathLike) -> FourierFile:
@@ -165,10 +165,13 @@ def read_fourier_file(path: PathLike) -> FourierFile:
     Raises
     ------
     FormatError
-        If there is no such file, it is not TOML, or a key is unknown, missing or out of range.
+        If there is no such file, it is not TOML or of another camera, or a key is unknown, missing
+        or out of range.
     """
     path = Path(path)
-    known = validated(_File, _content(path), path)
+    content = _content(path)
+    require_fourier(content, path)
+    known = validated(FourierCameraFile, content, path)
     volume = known.volume
     return FourierFile(
         known.camera, volume.num_slices, volume.um_per_slice, volume.voxels_per_pixel
@@ -177,11 +180,6 @@ def read_fourier_file(path: PathLike) -> FourierFile:
 
 def _content(path: Path) -> dict[str, Any]:
     return read_toml(path, f"camera file {path}; 'clplen microscope psf --example' prints one")
-
-
-def _kind_of(content: dict[str, Any]) -> Any:
-    camera = content.get("camera")
-    return camera.get("kind") if isinstance(camera, dict) else None
 
 
 EXAMPLE = """\

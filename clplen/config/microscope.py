@@ -15,6 +15,7 @@ from pydantic import AfterValidator, Field, model_validator
 
 from clplen.cameras.optics.objective import APODISATION
 from clplen.config.camera import CameraTable, CoverTable, PupilTerms, SensorTable
+from clplen.config.kinds import refuse_fourier, what_takes
 from clplen.config.scene import CoherenceTable, SceneTable
 from clplen.config.tables import Count, Positive, Table, read_toml, validated
 from clplen.errors import FormatError
@@ -248,11 +249,14 @@ def read_microscope_file(
     """
     path = Path(path)
     content = read_toml(path, f"file {path} of a microscope; {_PRINTED}")
+    refuse_fourier(content, path)
     if "camera" in content:
         _check_not_both(content, path)
         camera = validated(_CameraAlone, content, path).camera
         if camera.kind != "microscope":
-            raise FormatError(f"{path} is of kind {camera.kind!r}, not 'microscope'.")
+            raise FormatError(
+                f"{path} is of kind {camera.kind!r}, not 'microscope': {what_takes(camera.kind)}."
+            )
         return replace(
             _simulable(camera, binning, pixels, rectified, path),
             taken=_taken(camera, "medium_index", "tube_lens_mm"),

@@ -7,9 +7,13 @@ import pytest
 import tifffile
 from click.testing import CliRunner
 
-from clplen import FormatError
+from clplen import FormatError, read_camera
 from clplen.cli import main
+from clplen.config import EXAMPLE as PLENOPTIC
+from clplen.config import read_camera_file
+from clplen.config.example import MICROSCOPE
 from clplen.config.fourier_microscope import EXAMPLE, is_fourier_file, read_fourier_file
+from clplen.config.microscope import read_microscope_file
 from clplen.io import read_volume, write_volume
 
 CAMERA = """
@@ -107,3 +111,56 @@ def test_files_that_cannot_be(tmp_path, old, new, words):
     path.write_text(CAMERA.format(lenslets=LATTICE).replace(old, new))
     with pytest.raises(FormatError, match=words):
         read_fourier_file(path)
+
+
+@pytest.mark.parametrize(
+    "words",
+    [
+        ("simulate", "flfm.toml", "-o", "out"),
+        ("analyse", "flfm.toml", "-o", "out"),
+        ("microscope", "pupil", "frame.tif", "-c", "flfm.toml", "--planes-um", "0:1:2"),
+    ],
+)
+def test_commands_of_other_cameras_say_what_takes_the_file(tmp_path, monkeypatch, words):
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "flfm.toml").write_text(EXAMPLE)
+    said = run(*words, code=1).strip().splitlines()[-1]
+    assert "flfm.toml is of a Fourier microscope (kind = 'fourier_microscope')" in said
+    assert "'clplen microscope psf' and 'clplen info' take it" in said
+    assert "did you mean" not in said
+    assert said.count(";") == 0
+
+
+@pytest.mark.parametrize("read", [read_camera_file, read_camera, read_microscope_file])
+def test_readers_of_other_cameras_say_what_makes_it(tmp_path, read):
+    path = tmp_path / "flfm.toml"
+    path.write_text(EXAMPLE)
+    with pytest.raises(FormatError, match=r"PlenopticCamera\.fourier_microscope"):
+        read(path)
+
+
+@pytest.mark.parametrize(
+    ("text", "said"),
+    [
+        (PLENOPTIC, "kind 'plenoptic1', and .* 'clplen simulate' and 'clplen analyse' take it"),
+        (CAMERA.replace("fourier_", "").format(lenslets=LATTICE).replace("relay_mm = 50", ""),
+         "kind 'microscope', and .* 'clplen microscope psf' and"),
+        (MICROSCOPE, "a microscope, by the names of LFAnalyze, and .* microscope psf' takes it"),
+        (CAMERA.format(lenslets=LATTICE).replace('kind = "fourier_microscope"', ""),
+         r"^\S+: camera\.kind is missing\.$"),
+        (CAMERA.format(lenslets=LATTICE).replace("fourier_", "furrier_"), "must be 'fourier_"),
+        ("[scene]", "camera is missing"),
+    ],
+)  # fmt: skip
+def test_files_of_other_cameras(tmp_path, text, said):
+    path = tmp_path / "camera.toml"
+    path.write_text(text)
+    with pytest.raises(FormatError, match=said):
+        read_fourier_file(path)
+
+
+def test_psf_of_a_camera_that_is_no_microscope(tmp_path):
+    path = tmp_path / "camera.toml"
+    path.write_text(PLENOPTIC)
+    said = run("microscope", "psf", path, "-o", tmp_path / "psf.h5", code=1)
+    assert "kind 'plenoptic1', not 'microscope': 'clplen simulate' and" in said

@@ -143,6 +143,21 @@ def test_what_is_not_fitted(device, change, error, words):
         fit_pupil(given.pop("frame"), given.pop("camera"), **given)
 
 
+@pytest.mark.parametrize(
+    ("array", "words"),
+    [
+        ({"lattice": "hexagonal"}, "not to those of a hexagonal one of 1"),
+        ({"focal_length": (1.5e-3, 1.7e-3)}, "not to those of a square one of 2"),
+    ],
+)
+def test_lenslets_whose_frames_are_not_rectified(device, array, words):
+    given = {"focal_length": 1.5e-3, "count": 9, "fill": "full"} | array
+    mla = MicrolensArray(60e-6, given.pop("focal_length"), **given)
+    camera = PlenopticCamera.microscope(mla=mla, device=device, **OPTICS)
+    with pytest.raises(ValueError, match=words):
+        fit_pupil(np.ones((99, 99)), camera, planes=[1e-5])
+
+
 def test_no_beads(device):
     camera = microscope(device)
     with pytest.raises(ShapeError, match="3 planes or more"):

@@ -20,6 +20,7 @@ from clplen.cli.shared.console import (
 )
 
 if TYPE_CHECKING:
+    from clplen.config.microscope import MicroscopeFile
     from clplen.microscopy.pupil.pupil_fit import PupilFit
 
 _PATH = click.Path(path_type=Path)
@@ -111,6 +112,12 @@ def pupil(
         check_suffix(output, (".toml",))
         check_output(output, force, [path for path in (frame, source, white, dark) if path])
     file = read_microscope_file(source, binning=how["binning"])
+    if not file.rectified:
+        raise click.ClickException(
+            f"The lenslets of {source} are {_lenslets(file)}, whose frames are not rectified, and "
+            "a pupil is fitted to rectified frames alone: give a square array of one focal length, "
+            "or write a pupil that is known as pupil_nm."
+        )
     if file.binning < file.least:
         raise click.UsageError(
             f"--binning {file.binning} does not sample the light, which takes at least "
@@ -142,6 +149,12 @@ def pupil(
         with replacing(output) as temporary:
             temporary.write_text(with_pupil(text, found, source), encoding="utf-8")
         click.echo(f"{output} holds the parameters with this pupil.")
+
+
+def _lenslets(file: MicroscopeFile) -> str:
+    array = file.camera.microlenses
+    kinds = len(array.focal_length_mm)
+    return "of several focal lengths" if kinds > 1 else array.lattice
 
 
 def _found(

@@ -155,8 +155,9 @@ def fit_pupil(
     ShapeError
         If shapes do not fit, or the frame has fewer than five lenslets along an axis.
     ValueError
-        If neither planes nor beads are given, or both; if terms cannot be fitted, a number is out
-        of range, or values are negative or not finite.
+        If neither planes nor beads are given, or both; if lenslets are hexagonal or of several
+        focal lengths; if terms cannot be fitted, a number is out of range, or values are negative
+        or not finite.
     TypeError
         If the camera is no microscope, or something no array of real numbers.
 
@@ -173,6 +174,7 @@ def fit_pupil(
     ['0 nm', '41 nm']
     """
     require(Microscope, camera, "camera", "PlenopticCamera.microscope")
+    _check_array(camera)
     terms = _checked_terms(terms)
     steps, iterations = positive_integer(steps, "steps"), positive_integer(iterations, "iterations")
     is_looked_for = isinstance(beads, str)
@@ -361,6 +363,15 @@ def _of_volume(
     return PupilFit(
         pupil, terms, values, errors, np.array(residuals), state.chi2, volume=state.volume
     )
+
+
+def _check_array(camera: Microscope) -> None:
+    """Refuse lenslets whose frames are not rectified to whole pixels of each."""
+    if camera.mla.lattice != "square" or len(camera.mla.focal_lengths) > 1:
+        raise ValueError(
+            "A pupil is fitted to rectified frames behind a square array of one focal length, not "
+            f"to those of a {camera.mla.lattice} one of {len(camera.mla.focal_lengths)}."
+        )
 
 
 def _checked_terms(terms: Any) -> tuple[int, ...]:
