@@ -1,5 +1,7 @@
 """``clplen microscope pupil``: coefficients and a parameter file, and what it says of bad input."""
 
+import re
+
 import numpy as np
 import pytest
 import tifffile
@@ -57,9 +59,29 @@ def folder(tmp_path_factory):
     mean = camera.expose(beads).to_numpy() + 0.25
     frame = np.random.default_rng(4).poisson(mean).astype(np.uint16)
     tifffile.imwrite(place / "beads.tif", frame)
+    mask = np.zeros(frame.shape, np.uint8)
+    places = np.random.default_rng(6).choice(frame.size, 12, replace=False)
+    frame.flat[places], mask.flat[places[:2]] = frame.max(), 1
+    tifffile.imwrite(place / "hot.tif", frame)
+    tifffile.imwrite(place / "mask.tif", mask)
     (place / "scope.toml").write_text(KNOWN)
     (place / "camera.toml").write_text(CAMERA)
     return place
+
+
+def test_hot_pixels_are_no_beads(folder, device):
+    words = ("-c", "scope.toml", *WORDS, "--device", device.place)
+    spoilt = run(folder, "hot.tif", "--mask", "mask.tif", *words)
+    assert spoilt.exit_code == 0, spoilt.output
+    assert "12 hot pixels, which stand out" in spoilt.output
+    clean = run(folder, "beads.tif", *words)
+    assert "hot pixels" not in clean.output
+    found = [
+        [float(nm) for nm in re.findall(r"^   [68] +(\S+) ", one.output, re.MULTILINE)]
+        for one in (spoilt, clean)
+    ]
+    assert len(found[0]) == 2
+    assert found[0] == pytest.approx(found[1], abs=0.5)
 
 
 def test_beads_to_parameters(folder, device):

@@ -24,6 +24,7 @@ if TYPE_CHECKING:
     from clplen.microscopy.pupil.pupil_fit import PupilFit
 
 _PATH = click.Path(path_type=Path)
+VOXELS, CUT = 3, 0.02  # of the point images that tell hot pixels: few, and their bright part
 _NAMES = {
     5: "astigmatism, oblique", 6: "astigmatism", 7: "coma along y", 8: "coma along x",
     9: "trefoil", 10: "trefoil, oblique", 11: "spherical aberration",
@@ -63,6 +64,8 @@ class Terms(click.ParamType):
 )  # fmt: skip
 @click.option("--white", type=_PATH, help="White frame; without it the frame is rectified already.")
 @click.option("--dark", type=_PATH, help="Dark frame.")
+@click.option("--mask", type=_PATH, help="Picture that is not 0 where pixels are left out.")
+@click.option("--keep-hot", is_flag=True, help="Keep pixels that stand out as no light does.")
 @click.option("--gain", type=options.FINITE, help="Counts of a photon; default 1.")
 @click.option(
     "--haze", is_flag=True, help="Keep light from far beyond the volume out; needs --white."
@@ -80,6 +83,8 @@ def pupil(
     planes_um: Any,
     white: Path | None,
     dark: Path | None,
+    mask: Path | None,
+    keep_hot: bool,
     gain: float | None,
     haze: bool,
     force: bool,
@@ -110,7 +115,7 @@ def pupil(
         note("each count is taken as a photon, which the standard errors depend on: give --gain.")
     if output is not None:
         check_suffix(output, (".toml",))
-        check_output(output, force, [path for path in (frame, source, white, dark) if path])
+        check_output(output, force, [path for path in (frame, source, white, dark, mask) if path])
     file = read_microscope_file(source, binning=how["binning"])
     if not file.rectified:
         raise click.ClickException(
@@ -127,17 +132,23 @@ def pupil(
     camera = file.camera.build(open_device(selector))
     n = round(camera.pixels_per_lenslet) // file.binning
     beside: dict[str, Any] = {
-        name: read_picture(path) for name, path in (("white", white), ("dark", dark)) if path
+        name: read_picture(path)
+        for name, path in (("white", white), ("dark", dark), ("mask", mask))
+        if path
     }
-    with naming(str(white or frame)):
+    z = np.sort(planes_um) / 1e6
+    if not keep_hot:
+        beside["sharpest"] = _sharpness(camera, z, file.binning)
+    with naming(str(white or mask or frame)):
         prepare = preparation(n, device=camera.device, **beside)
     with naming(str(frame)):
         seen = prepare(read_picture(frame))
+    if seen.hot:
+        note(f"{seen.hot:,} hot pixels, which stand out as no light does, are left out.")
     given = {
         "white": seen.white, "background": prepare.haze(seen.counts, seen.white) if haze else 0.0,
         "binning": file.binning,
     }  # fmt: skip
-    z = np.sort(planes_um) / 1e6
     with progress_bar(0, "plane") as bar:
         found = _found(
             seen.counts, camera, z, given, how, gain or 1.0, prepare.variance,
@@ -155,6 +166,15 @@ def _lenslets(file: MicroscopeFile) -> str:
     array = file.camera.microlenses
     kinds = len(array.focal_length_mm)
     return "of several focal lengths" if kinds > 1 else array.lattice
+
+
+def _sharpness(camera: Any, z: Any, binning: int) -> tuple[float, float, float]:
+    """How far light of the parameters stands out of the pixels around it."""
+    from clplen.microscopy.frames.sharpness import chosen_planes, sharpness
+    from clplen.microscopy.model.psf import point_images
+
+    how: dict[str, Any] = {"binning": binning, "voxels_per_lenslet": VOXELS, "cut": CUT}
+    return sharpness(point_images(camera, z[chosen_planes(len(z))], **how))
 
 
 def _found(
