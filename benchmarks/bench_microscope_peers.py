@@ -106,7 +106,7 @@ def made(setup: dict[str, Any], device: Device) -> tuple[Array, Array]:
         pixels = seen.reshape(size, FINE, size, FINE).sum(axis=(1, 3), dtype=np.float64)
         frame += energy * pixels / pixels.sum()
         for at, share in around((there / side + size / 2 - 0.5, beside / side + size / 2 - 0.5)):
-            truth[(z, *at)] += energy * share
+            truth[z, at[0], at[1]] += energy * share
     counts = rng.poisson(PHOTONS * frame / frame.max()).astype(np.float32)
     return counts, truth
 
@@ -236,7 +236,7 @@ def main(
         raise click.UsageError(f"--only takes {', '.join(PROGRAMS)}, not {', '.join(unknown)}.")
     device = Device.open(selector)
     click.echo(f"{device_text(describe_environment(device))}\n{quiet_enough()}")
-    setup = {
+    setup: dict[str, Any] = {
         "pitch": 125e-6, "focal": 2.5e-3, "magnification": 20.0, "na": 0.5, "index": 1.0,
         "wavelength": 520e-9, "tube": 0.2, "fine": FINE, "device": selector or "",
         "memory": memory, "pixels": pixels, **(QUICK if quick else LARGE),
@@ -244,7 +244,7 @@ def main(
     frame, truth = made(setup, device)
     with TemporaryDirectory() as folder:
         path = str(Path(folder, "setup.npz"))
-        np.savez(path, frame=frame, **setup)
+        np.savez(path, **{"frame": frame, **setup})
         peers = [started(name, path, python, folders) for name in names]
         try:
             told(measured(peers, iterations), truth)
