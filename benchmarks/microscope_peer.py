@@ -15,7 +15,6 @@ import os
 import subprocess
 import sys
 import time
-import types
 from pathlib import Path
 from typing import Any
 
@@ -216,7 +215,6 @@ class Session:
     """The iteration of a program, order by order."""
 
     def __init__(self, name: str, path: Path) -> None:
-        stand_ins()
         self.program = PROGRAMS[name](np.load(path))
         self.frame = self.program.setup["frame"].astype(np.float32)
         self.path = path.with_name(f"{name}.npy")
@@ -256,23 +254,6 @@ class Session:
         """Write the volume; its path."""
         np.save(self.path, self.volume)
         return str(self.path)
-
-
-def stand_ins() -> None:
-    """Names that programs import and newer SciPy lacks; none of them is used here."""
-    import importlib
-
-    for name, instead in (("scipy.misc", "scipy"), ("scipy.ndimage.filters", "scipy.ndimage")):
-        try:
-            importlib.import_module(name)
-        except ModuleNotFoundError:
-            try:
-                there = importlib.import_module(instead)
-            except ModuleNotFoundError:
-                continue
-            twin = types.ModuleType(name)
-            sys.modules[name] = twin
-            setattr(there, name.rpartition(".")[2], twin)
 
 
 def version_of(module: str) -> str:
