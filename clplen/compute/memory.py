@@ -222,6 +222,39 @@ class Memory(HoldsOpenCL):
                 )
             self._note("copy", done, 2 * source.nbytes)
 
+    def copy_lines(
+        self,
+        target: cla.Array,
+        source: cla.Array,
+        size: tuple[int, int],
+        of_source: tuple[int, int],
+        of_target: tuple[int, int],
+    ) -> None:
+        """Copy lines of bytes from one device array into another one.
+
+        Parameters
+        ----------
+        target, source : pyopencl.array.Array
+            C-contiguous, not the same one.
+        size : tuple of int
+            (bytes of a line, lines).
+        of_source, of_target : tuple of int
+            (byte at which the first line starts, bytes from one line to the next).
+        """
+        (start, pitch), (to, apart) = of_source, of_target
+        with device_errors(self.cl_device, "A copy on the device"):
+            done = cl.enqueue_copy(
+                self.queue,
+                _buffer(target),
+                _buffer(source),
+                src_origin=(source.offset + start, 0, 0),
+                dst_origin=(target.offset + to, 0, 0),
+                region=(*size, 1),
+                src_pitches=(pitch,),
+                dst_pitches=(apart,),
+            )
+        self._note("copy", done, 2 * math.prod(size))
+
     @contextmanager
     def on_host(self, array: cla.Array, *, write: bool = True) -> Iterator[np.ndarray[Any, Any]]:
         """A C-contiguous array's values as a NumPy array, on a CPU device without a copy.

@@ -52,6 +52,7 @@ def test_a_launch_that_is_refused(device: Device) -> None:
 STEPS: list[tuple[str, Callable[[Device, Any], Any]]] = [
     ("enqueue_copy", lambda device, array: device.download(array)),
     ("enqueue_copy", lambda device, array: device.copy_into(array, array, 0)),
+    ("enqueue_copy", lambda device, array: device.copy_lines(array, array, (4, 1), (0, 4), (0, 4))),
     ("enqueue_fill_buffer", lambda device, array: device.zeros((3, 5), np.float32)),
     ("Buffer", lambda device, array: device.upload(np.ones(7, np.float32))),
     ("enqueue_map_buffer", lambda device, array: map_it(device, array)),

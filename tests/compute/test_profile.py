@@ -49,6 +49,16 @@ def test_copies_are_noted(device: Device) -> None:
     assert found == {"upload": 48, "copy": 96, "download": 48}
 
 
+def test_copies_of_lines_are_noted_and_right(device: Device) -> None:
+    values = np.arange(24.0, dtype=np.float32).reshape(4, 6)
+    there, twin = device.upload(values), device.zeros((4, 3), np.float32)
+    with device.profiling() as profile:
+        device.copy_lines(twin, there, (8, 4), (12, 24), (4, 12))
+    expected = np.pad(values[:, 3:5], ((0, 0), (1, 0)))
+    assert np.array_equal(device.download(twin), expected)
+    assert [(run.name, run.nbytes) for run in profile.runs] == [("copy", 64)]
+
+
 def test_a_transform_is_noted_with_its_operations(device: Device) -> None:
     field = device.zeros((16, 32), device.complex)
     with device.profiling() as profile:

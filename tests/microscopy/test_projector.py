@@ -48,11 +48,12 @@ def any_images(v, n, radii):
         (1, 7, (1,), (5, 2)),
     ],
 )  # fmt: skip
-def test_any_numbers_of_voxels_pixels_and_lenslets(device, v, n, radii, shape):
+def test_any_numbers_of_voxels_pixels_and_lenslets(device, v, n, radii, shape, monkeypatch):
     """Every voxel, at borders and in corners too, is its image, and sees frames through it."""
     images = any_images(v, n, radii)
     projector = Projector(images, shape, device=device)
     streamed = Projector(images, shape, device=device, memory=1)
+    pieces = in_pieces(images, shape, device, monkeypatch)
     voxels = list(np.ndindex(projector.volume_shape))
     H = np.array([
         placed(images.image(z, (y % v, x % v)), (y // v, x // v), shape, n) for z, y, x in voxels
@@ -60,10 +61,18 @@ def test_any_numbers_of_voxels_pixels_and_lenslets(device, v, n, radii, shape):
     one = np.eye(len(voxels), dtype=np.float32).reshape(-1, *projector.volume_shape)
     frames = np.random.default_rng(n).random((3, *projector.frame_shape), np.float32)
     seen = (H.reshape(len(H), -1) @ frames.reshape(3, -1).T).T.reshape(3, *projector.volume_shape)
-    for each in (projector, streamed):
+    for each in (projector, streamed, pieces):
         assert relative_max(H, each.forward(one)) < 1e-6
         assert relative_max(seen, each.backward(frames)) < 1e-6
     assert not streamed.resident
+
+
+def in_pieces(images, shape, device, monkeypatch):
+    """A projector whose matrices are made for two voxels at a time."""
+    monkeypatch.setattr(projectors, "PIECE_BYTES", 1)
+    found = Projector(images, shape, device=device, memory=1)
+    assert found._piece == min(2, np.prod(found.images.cell.voxels))
+    return found
 
 
 CELLS = [
@@ -73,7 +82,7 @@ CELLS = [
 
 
 @pytest.mark.parametrize(("lattice", "kinds", "v", "n"), CELLS)
-def test_any_cell(device, lattice, kinds, v, n):
+def test_any_cell(device, lattice, kinds, v, n, monkeypatch):
     """Arrays of other lattices and several kinds of lenslets: images without any other symmetry."""
     parameters = {"lattice": lattice, "lenslet_focal_lengths": (0.0,) * kinds}
     cell = cell_of(lattice, kinds, voxels=v, pixels=n)
@@ -85,6 +94,7 @@ def test_any_cell(device, lattice, kinds, v, n):
     shape = (3, 2)
     projector = Projector(images, shape, device=device)
     streamed = Projector(images, shape, device=device, memory=1)
+    pieces = in_pieces(images, shape, device, monkeypatch)
     vy, vx = cell.voxels
     voxels = list(np.ndindex(projector.volume_shape))
     H = np.array([
@@ -95,7 +105,7 @@ def test_any_cell(device, lattice, kinds, v, n):
     frames = np.random.default_rng(n).random((3, *projector.frame_shape), np.float32)
     expected = (volumes.reshape(2, -1) @ H.reshape(len(H), -1)).reshape(2, *projector.frame_shape)
     seen = (H.reshape(len(H), -1) @ frames.reshape(3, -1).T).T.reshape(3, *projector.volume_shape)
-    for each in (projector, streamed):
+    for each in (projector, streamed, pieces):
         assert relative_max(expected, each.forward(volumes)) < 1e-6
         assert relative_max(seen, each.backward(frames)) < 1e-6
     rows, columns = cell.lenslets
@@ -232,6 +242,19 @@ def test_what_is_not_projected(device, images, change, error, words):
     volume = given.pop("volume")
     with pytest.raises(error, match=words):
         Projector(**given, device=device).forward(volume)
+
+
+def test_memory_holds_pieces_of_a_plane(device, images, monkeypatch):
+    """Of less memory than the matrix of a plane takes, no matrix is larger than that memory."""
+    whole = Projector(images[1], (5, 5), device=device)
+    memory = whole.nbytes // len(Z) // 3
+    monkeypatch.setattr(projectors, "PIECE_BYTES", 1)
+    pieces = Projector(images[1], (5, 5), device=device, memory=memory)
+    plane = pieces._groups[0]
+    made = [pieces._assembled(plane, *piece) for piece in pieces._pieces(plane)]
+    assert len(made) > 1
+    assert max(matrix.nbytes for matrix in made) <= memory
+    assert sum(matrix.nbytes for matrix in made) == whole.nbytes // len(Z)
 
 
 def test_images_transformed_one_by_one_give_the_same(device, images, monkeypatch):

@@ -48,6 +48,13 @@ def test_each_phase_is_simulated_or_a_mirror_image(device, voxels):
         assert expected[inner, inner].sum() < expected[kept, kept].sum()
 
 
+def test_memory_of_fields_is_given_back(device):
+    device.free_spare()
+    point_images(microscope(device), Z[:1], voxels_per_lenslet=2, cut=5e-3)
+    assert device._spare.managed_bytes == device._spare.active_bytes
+    assert device.workspace.nbytes == 0
+
+
 def test_cut_holds_for_every_image():
     images = np.zeros((2, 10, 10))
     images[0, 4, 5] = images[1, 5, 4] = 0.9

@@ -248,7 +248,9 @@ class FrameProjector(Projector):
 
     def _of_part(self, plane: int, part: int, start: int, count: int) -> Vector:
         """Point images as `Projector` has them, for each pixel of the camera the light of one."""
-        return super()._of_part(plane, part, start, count) * np.float32(self._area)
+        pictures = super()._of_part(plane, part, start, count)
+        pictures *= np.float32(self._area)
+        return pictures
 
     def place(self) -> dict[str, tuple[float, float]]:
         """Where the columns of voxels lie on the frame, for volumes to be laid over it.

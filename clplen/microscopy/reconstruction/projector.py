@@ -36,13 +36,14 @@ WHOLE = (0,)  # the parts of a picture that is not taken apart
 WIDTH = 16  # frequencies of a block: see lattice_spectra.cl
 HEIGHT = 5  # rows of a matrix in registers
 GROUP_BYTES = 2**28  # of matrices of some planes together
-FIELD_BYTES = 2**25  # of spectra of point images together
+PIECE_BYTES = 2**24  # of the matrix of some voxels of a plane, where a plane's has no room
+FIELD_BYTES = 2**23  # of spectra of point images together
 SHARE = 2  # matrices are kept where they take less than this part of the memory
 
 
 @dataclass(frozen=True)
 class _Group:
-    """Some neighbouring planes whose matrices lie in one array."""
+    """Some neighbouring planes that are projected together."""
 
     first: int
     count: int
@@ -70,8 +71,9 @@ class Projector:
     device : Device or str, optional
         None is ``Device.open()``.
     memory : int, optional
-        Bytes for matrices; where they need more they are made anew for some planes at a time,
-        which is slower. Default: half of the device's memory, of a CPU half of what is free.
+        Bytes for matrices; where they need more they are made anew for some planes, or some voxels
+        of a plane, at a time, which is slower. Default: half of the device's memory, of a CPU half
+        of what is free.
 
     Attributes
     ----------
@@ -144,6 +146,11 @@ class Projector:
         self._groups = [
             _Group(first, min(together, planes - first)) for first in range(0, planes, together)
         ]
+        voxels, pairs = math.prod(cell.voxels), self._pictures
+        if plane > allowed:
+            one = 2 * plane // self._rows_of_plane
+            pairs = min(pairs, max(1, max(allowed, PIECE_BYTES) // one))
+        self._piece = voxels if pairs == self._pictures else 2 * pairs
         self._kept: dict[_Group, cla.Array] = {}
         self.require_memory(1)
 
@@ -186,9 +193,10 @@ class Projector:
             With the bytes needed and the bytes there are.
         """
         together, n = self._groups[0].count, math.prod(self._cell.pixels)
-        group = together * (self.nbytes // self.volume_shape[0])
-        matrices = self.nbytes if self.resident else 2 * group  # the next one is made beside it
-        rows = n + together * self._rows_of_plane
+        whole = together * self._rows_of_plane
+        start, stop = self._pieces(self._groups[0])[0]
+        matrices = self.nbytes if self.resident else self._bytes_of(stop - start)
+        rows = n + whole + (stop - start if stop < whole else 0)
         spectra = 4 * WIDTH * 4 * self._blocks * rows
         fields = 4 * math.prod(self._window) * max(frames * rows, 2 * n * self._together)
         kept = volumes * math.prod(self.volume_shape) + pictures * math.prod(self.frame_shape)
@@ -317,18 +325,19 @@ class Projector:
         cell, device, frames = self._cell, self.device, int(volumes.shape[0])
         rows = math.prod(cell.pixels)
         total = self._rows(frames, rows)
-        for number, (group, matrix) in enumerate(self._matrices()):
+        added: dict[str, Any] = {}
+        for group in self._groups:
             spectra = self._packed(volumes, cell.voxels, group, cell.parts)
-            columns = group.count * self._rows_of_plane
-            kernel = device.kernel(
-                "projector.cl", "forward", **self._form, **({"ADD": True} if number else {})
-            )
-            sizes = (rows, columns, self._blocks, frames)
-            device.launch(
-                kernel, self._size(-(-rows // HEIGHT)), total, matrix, spectra,
-                *(np.int32(k) for k in sizes), operations=8.0 * frames * matrix.size,
-            )  # fmt: skip
-            del matrix  # where it is not kept its memory is that of the next one
+            for (start, stop), matrix in self._matrices(group):
+                kernel = device.kernel("projector.cl", "forward", **self._form, **added)
+                sizes = (rows, stop - start, self._blocks, frames)
+                device.launch(
+                    kernel, self._size(-(-rows // HEIGHT)), total, matrix,
+                    self._taken(spectra, start, stop),
+                    *(np.int32(k) for k in sizes), operations=8.0 * frames * matrix.size,
+                )  # fmt: skip
+                added = {"ADD": True}
+                del matrix  # where it is not kept its memory is that of the next one
         out = device.empty((frames, *self._model_shape), np.float32)
         self._unpacked(out, total, cell.pixels, FRAME, WHOLE, 1, 0.0 if clamp else -math.inf)
         return out
@@ -349,19 +358,22 @@ class Projector:
         cell, device, count = self._cell, self.device, int(frames.shape[0])
         spectra = self._packed(frames, cell.pixels, FRAME, WHOLE)
         out = device.empty((count, *self.volume_shape), np.float32)
-        for group, matrix in self._matrices():
+        planes, n = self.volume_shape[0], math.prod(cell.pixels)
+        kernel = device.kernel("projector.cl", "backward", **self._form)
+        for group in self._groups:
             columns = group.count * self._rows_of_plane
             found = self._rows(count, columns)
-            kernel = device.kernel("projector.cl", "backward", **self._form)
-            sizes = (
-                math.prod(cell.pixels), columns, self._rows_of_plane, self._blocks, count
-            )  # fmt: skip
-            device.launch(
-                kernel, self._size(group.count), found, matrix, spectra,
-                *(np.int32(k) for k in sizes), operations=8.0 * count * matrix.size,
-            )  # fmt: skip
-            del matrix
-            planes = self.volume_shape[0]
+            for (start, stop), matrix in self._matrices(group):
+                part = found if stop - start == columns else self._rows(count, stop - start)
+                stretch = min(stop - start, self._rows_of_plane)
+                sizes = (n, stop - start, stretch, self._blocks, count)
+                device.launch(
+                    kernel, self._size((stop - start) // stretch), part, matrix, spectra,
+                    *(np.int32(k) for k in sizes), operations=8.0 * count * matrix.size,
+                )  # fmt: skip
+                del matrix
+                if part is not found:
+                    self._move_rows(found, part, to=start)
             self._unpacked(out, found, cell.voxels, group, cell.parts, planes, -math.inf)
         return out
 
@@ -379,6 +391,24 @@ class Projector:
     def _rows(self, frames: int, rows: int) -> cla.Array:
         """Room for packed spectra."""
         return self.device.empty((frames, self._blocks, rows, 4, WIDTH), np.float32)
+
+    def _taken(self, spectra: cla.Array, start: int, stop: int) -> cla.Array:
+        """Some rows of packed spectra."""
+        frames, _, rows = spectra.shape[:3]
+        if stop - start == rows:
+            return spectra
+        taken = self._rows(int(frames), stop - start)
+        self._move_rows(taken, spectra, start=start)
+        return taken
+
+    def _move_rows(self, into: cla.Array, of: cla.Array, *, start: int = 0, to: int = 0) -> None:
+        """Copy as many rows of packed spectra as both have, from and to some row on."""
+        row, count = 4 * WIDTH * 4, math.prod(of.shape[:2])  # bytes; frames and blocks
+        there, here = int(of.shape[2]), int(into.shape[2])
+        self.device.copy_lines(
+            into, of, (row * min(there, here), count),
+            (row * start, row * there), (row * to, row * here),
+        )  # fmt: skip
 
     def _packed(
         self, pictures: cla.Array, w: Pair, group: _Group, parts: tuple[int, ...]
@@ -446,48 +476,69 @@ class Projector:
             *(np.int32(k) for k in sizes),
         )  # fmt: skip
 
-    def _matrices(self) -> Iterator[tuple[_Group, cla.Array]]:
-        """The matrices of all planes, group by group; kept where there is room."""
-        for group in self._groups:
+    def _matrices(self, group: _Group) -> Iterator[tuple[tuple[int, int], cla.Array]]:
+        """The matrix of some planes, kept where there is room; else piece by piece, with its rows.
+
+        Rows (start, stop) are those of the packed spectra of the planes.
+        """
+        for piece in self._pieces(group):
             matrix = self._kept.get(group)
             if matrix is None:
-                matrix = self._assembled(group)
+                matrix = self._assembled(group, *piece)
                 if self.resident:
                     self._kept[group] = matrix
-            yield group, matrix
+            yield piece, matrix
             del matrix
+
+    def _pieces(self, group: _Group) -> list[tuple[int, int]]:
+        """Rows of spectra whose matrix is made at once."""
+        rows, voxels = group.count * self._rows_of_plane, math.prod(self._cell.voxels)
+        if self._piece >= voxels:
+            return [(0, rows)]
+        return [
+            (start, min(start + self._piece, part + voxels))
+            for part in range(0, rows, voxels)
+            for start in range(part, part + voxels, self._piece)
+        ]
+
+    def _bytes_of(self, rows: int) -> int:
+        """Bytes of the matrix of some rows of spectra."""
+        return 4 * self._blocks * WIDTH * math.prod(self._cell.pixels) * rows
 
     @property
     def _pictures(self) -> int:
         """Point images of a plane and a part from which a matrix is assembled."""
         return (math.prod(self._cell.voxels) + 1) // 2
 
-    def _assembled(self, group: _Group) -> cla.Array:
-        """The matrices of some planes from their point images."""
+    def _assembled(self, group: _Group, start: int, stop: int) -> cla.Array:
+        """The matrix of some rows of the spectra of planes from their point images."""
         cell, device = self._cell, self.device
-        rows, voxels = math.prod(cell.pixels), math.prod(cell.voxels)
-        columns = group.count * self._rows_of_plane
+        rows, voxels, columns = math.prod(cell.pixels), math.prod(cell.voxels), stop - start
         matrix = device.empty((self._blocks, rows, columns, WIDTH), np.float32)
         kernel = device.kernel("lattice_spectra.cl", "assemble")
         for number, (place, part) in enumerate(product(range(group.count), cell.parts)):
-            plane, column = group.first + place, number * voxels
+            plane, first = group.first + place, number * voxels - start  # below 0: of a piece
             reach = self.images.reaches[plane]
             across = (2 * reach[0] + 1, 2 * reach[1] + 1)
-            for start in range(0, self._pictures, self._together):
-                count = min(self._together, self._pictures - start)
-                pictures = self._of_part(plane, part, start, count)
-                fields = self._fields(
-                    device.upload(pictures), cell.pixels, count, (count, 0, count), across, reach
-                )
-                sizes = (start, rows, voxels, column, columns, part & 1, *self._window)
-                size = (1 if device.rows else self._blocks * WIDTH, (rows + 1) // 2, count)
+            pairs = range(max(0, (1 - first) // 2), min(self._pictures, (columns - first + 1) // 2))
+            for some in (
+                pairs[k : k + self._together] for k in range(0, len(pairs), self._together)
+            ):
+                pictures = device.upload(self._of_part(plane, part, some.start, len(some)))
+                stack = (len(some), 0, len(some))
+                fields = self._fields(pictures, cell.pixels, len(some), stack, across, reach)
+                sizes = (some.start, rows, voxels, first, columns, part & 1, *self._window)
+                size = (1 if device.rows else self._blocks * WIDTH, (rows + 1) // 2, len(some))
                 device.launch(kernel, size, matrix, fields, *(np.int32(k) for k in sizes))
         return matrix
 
     def _of_part(self, plane: int, part: int, start: int, count: int) -> Vector:
         """Some point images of a plane, numbered up to the voxel in the middle of the cell."""
-        phases = [divmod(t, self._cell.voxels[1]) for t in range(start, start + count)]
-        return np.stack([self.images.part(plane, phase, part) for phase in phases])
+        shape = self.images.stored[plane].shape[1:]
+        pictures = np.empty((count, *shape), np.float32)
+        for picture, t in zip(pictures, range(start, start + count), strict=True):
+            picture[:] = self.images.part(plane, divmod(t, self._cell.voxels[1]), part)
+        return pictures
 
     @property
     def _together(self) -> int:
