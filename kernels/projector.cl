@@ -6,14 +6,18 @@
  * R, f, g: as lattice_spectra.cl packs them, f and g with four columns a row, sixteen frequencies
  * to a block; i < rows counts samples of a lenslet's picture, j < columns voxels of a lenslet.
  *
- * An item takes HEIGHT rows i (forward) or the STRETCH rows j of one plane (backward). With -DROWS
- * axis 0 = these, axis 1 = blocks of frequencies, sixteen frequencies a vector (CPUs); without it
- * axis 0 = frequencies (GPUs). Each number of R is read once for all frames b and four columns.
+ * HEIGHT rows of the result and four columns of a frame stay in registers, summed over DEPTH terms:
+ * that much of R, HEIGHT x DEPTH numbers, is read once and stays in the first-level cache for all
+ * frames b; DEPTH rows of all frames and PANEL rows of the result stay in the second.
  *
  * -DLANES=1 | 16  frequencies of an item
- * -DHEIGHT=n      rows of the picture in registers
+ * -DHEIGHT=n      rows of the result in registers
+ * -DDEPTH=n       terms of a sum before the next rows, with -DROWS
+ * -DPANEL=n       rows of the result that are summed up before the next ones, with -DROWS
  * -DADD           forward adds to g
  * -DROWS          see common.cl
+ * Mapping: axis 0 = blocks of sixteen frequencies with -DROWS (an item takes all rows, CPUs); axis 0
+ * = frequencies, axis 1 = HEIGHT rows of the result (GPUs).
  */
 #include "common.cl"
 
@@ -30,102 +34,93 @@ inline __global const vec *row_of(__global const float *from, size_t row, int la
     return (__global const vec *)from + row * STEP + lane;
 }
 
+inline vec plus(const vec sum, const vec a, const vec b)
+{
+    return sum + a * b;
+}
+
+/* Adds to some rows of the result, at `to`, of one frame, the sum over `terms` rows at `in` and of the
+ * matrix, whose numbers of a row of the result lie `apart` and of a term `step` further on. */
+inline void sum_up(__global vec *to, __global const vec *in, __global const vec *matrix,
+                   const int height, const int terms, const size_t apart, const size_t step,
+                   const bool add)
+{
+    vec sum[HEIGHT][4];
+    __global const vec *row[HEIGHT];
+#pragma unroll
+    for (int i = 0; i < HEIGHT; ++i) {
+        const int own = min(i, height - 1);
+        row[i] = matrix + own * apart;
+#pragma unroll
+        for (int k = 0; k < 4; ++k)
+            sum[i][k] = add ? to[(4 * own + k) * STEP] : (vec)(0);
+    }
+    for (int j = 0; j < terms; ++j) {
+        const vec a0 = in[(4 * j) * STEP], a1 = in[(4 * j + 1) * STEP];
+        const vec a2 = in[(4 * j + 2) * STEP], a3 = in[(4 * j + 3) * STEP];
+#pragma unroll
+        for (int i = 0; i < HEIGHT; ++i) {
+            const vec m = row[i][j * step];
+            sum[i][0] = plus(sum[i][0], m, a0);
+            sum[i][1] = plus(sum[i][1], m, a1);
+            sum[i][2] = plus(sum[i][2], m, a2);
+            sum[i][3] = plus(sum[i][3], m, a3);
+        }
+    }
+#pragma unroll
+    for (int i = 0; i < HEIGHT; ++i)
+        if (i < height)
+#pragma unroll
+            for (int k = 0; k < 4; ++k)
+                to[(4 * i + k) * STEP] = sum[i][k];
+}
+
+/* out[b, q, i] (+)= sum_j M[q, i, j] in[b, q, j], i < rows, j < terms; numbers of M lie `apart` for the
+ * next i and `step` for the next j. */
+inline void multiply(__global float *out, __global const float *M, __global const float *in,
+                     const int rows, const int terms, const size_t apart, const size_t step,
+                     const int blocks, const int frames, const bool add)
+{
+    const int at = get_global_id(0) * LANES, block = at / 16, lane = at % 16 / LANES;
+    if (block >= blocks)
+        return;
+    __global const vec *matrix = row_of(M, (size_t)block * rows * terms, lane);
+#ifdef ROWS
+    for (int panel = 0; panel < rows; panel += PANEL)
+        for (int start = 0; start < terms; start += DEPTH) {
+            const int depth = min(DEPTH, terms - start);
+            for (int first = panel; first < min(rows, panel + PANEL); first += HEIGHT)
+#else
+    const int start = 0, depth = terms, first = get_global_id(1) * HEIGHT;
+    {
+        if (first < rows)
+#endif
+                for (int b = 0; b < frames; ++b) {
+                    const size_t where = (size_t)b * blocks + block;
+                    sum_up((__global vec *)row_of(out, (where * rows + first) * 4, lane),
+                           row_of(in, (where * terms + start) * 4, lane),
+                           matrix + (first * apart + start * step) * STEP,
+                           min(HEIGHT, rows - first), depth, apart * STEP,
+                           step * STEP, add || start > 0);
+                }
+        }
+}
+
 __kernel void forward(__global float *restrict g, __global const float *restrict R,
                       __global const float *restrict f, const int rows, const int columns,
                       const int blocks, const int frames)
 {
-#ifdef ROWS
-    const int first = get_global_id(0) * HEIGHT, at = get_global_id(1) * LANES;
-#else
-    const int first = get_global_id(1) * HEIGHT, at = get_global_id(0) * LANES;
-#endif
-    const int block = at / 16, lane = at % 16 / LANES;
-    if (block >= blocks || first >= rows)
-        return;
-    __global const vec *matrix[HEIGHT];
-#pragma unroll
-    for (int i = 0; i < HEIGHT; ++i)
-        matrix[i] = row_of(R, ((size_t)block * rows + min(first + i, rows - 1)) * columns, lane);
-    for (int b = 0; b < frames; ++b) {
-        const size_t where = (size_t)b * blocks + block;
-        __global const vec *in = row_of(f, where * columns * 4, lane);
-        __global vec *out = (__global vec *)row_of(g, (where * rows + first) * 4, lane);
-        vec sum[HEIGHT][4];
-#pragma unroll
-        for (int i = 0; i < HEIGHT; ++i)
-#pragma unroll
-            for (int k = 0; k < 4; ++k)
-                sum[i][k] = (vec)(0);
-        for (int j = 0; j < columns; ++j) {
-            const vec a0 = in[(4 * j) * STEP], a1 = in[(4 * j + 1) * STEP];
-            const vec a2 = in[(4 * j + 2) * STEP], a3 = in[(4 * j + 3) * STEP];
-#pragma unroll
-            for (int i = 0; i < HEIGHT; ++i) {
-                const vec m = matrix[i][j * STEP];
-                sum[i][0] += m * a0;
-                sum[i][1] += m * a1;
-                sum[i][2] += m * a2;
-                sum[i][3] += m * a3;
-            }
-        }
-#pragma unroll
-        for (int i = 0; i < HEIGHT; ++i)
-            if (first + i < rows)
-#pragma unroll
-                for (int k = 0; k < 4; ++k)
 #ifdef ADD
-                    out[(4 * i + k) * STEP] += sum[i][k];
+    const bool add = true;
 #else
-                    out[(4 * i + k) * STEP] = sum[i][k];
+    const bool add = false;
 #endif
-    }
+    multiply(g, R, f, rows, columns, columns, 1, blocks, frames, add);
 }
 
-/* Adds what HEIGHT rows i give to the STRETCH rows of f, or sets them. */
 __kernel void backward(__global float *restrict f, __global const float *restrict R,
                        __global const float *restrict g, const int rows, const int columns,
-                       const int stretch, const int blocks, const int frames)
+                       const int blocks, const int frames)
 {
-#ifdef ROWS
-    const int start = get_global_id(0) * stretch, at = get_global_id(1) * LANES;
-#else
-    const int start = get_global_id(1) * stretch, at = get_global_id(0) * LANES;
-#endif
-    const int block = at / 16, lane = at % 16 / LANES;
-    if (block >= blocks || start >= columns)
-        return;
-    const int stop = min(start + stretch, columns);
-    for (int first = 0; first < rows; first += HEIGHT)
-        for (int b = 0; b < frames; ++b) {
-            const size_t where = (size_t)b * blocks + block;
-            __global const vec *in = row_of(g, where * rows * 4, lane);
-            __global vec *out = (__global vec *)row_of(f, where * columns * 4, lane);
-            __global const vec *matrix[HEIGHT];
-            vec part[HEIGHT][4];
-#pragma unroll
-            for (int i = 0; i < HEIGHT; ++i) {
-                const int row = min(first + i, rows - 1);
-                const float there = first + i < rows ? 1 : 0;
-                matrix[i] = row_of(R, ((size_t)block * rows + row) * columns, lane);
-#pragma unroll
-                for (int k = 0; k < 4; ++k)
-                    part[i][k] = in[(4 * row + k) * STEP] * there;
-            }
-            for (int j = start; j < stop; ++j) {
-                vec sum[4];
-#pragma unroll
-                for (int k = 0; k < 4; ++k)
-                    sum[k] = first ? out[(4 * j + k) * STEP] : (vec)(0);
-#pragma unroll
-                for (int i = 0; i < HEIGHT; ++i) {
-                    const vec m = matrix[i][j * STEP];
-#pragma unroll
-                    for (int k = 0; k < 4; ++k)
-                        sum[k] += m * part[i][k];
-                }
-#pragma unroll
-                for (int k = 0; k < 4; ++k)
-                    out[(4 * j + k) * STEP] = sum[k];
-            }
-        }
+    multiply(f, R, g, columns, rows, 1, columns, blocks, frames, false);
 }

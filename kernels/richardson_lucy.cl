@@ -39,8 +39,8 @@ __kernel void update(__global float *restrict V, __global const float *restrict 
     const int y = get_global_id(1);
     const size_t row = row_start(get_global_id(2), y, ny, nx), same = row_start(0, y, ny, nx);
     FOR_X(x, nx) {
-        const float n = N[same + x];
-        V[row + x] = n > least ? V[row + x] * fmax(B[row + x], 0) / n : 0;
+        const float n = N[same + x], b = B[row + x];
+        V[row + x] = n > least ? V[row + x] * (b > 0 ? b : 0) / n : 0;
     }
 }
 

@@ -372,3 +372,17 @@ def test_a_pipe_is_not_waited_for(tmp_path: Path, one_device: Device):
     refused(
         lambda: read_lightfield(tmp_path / "pipe.h5", device=one_device), "neither a file nor a fol"
     )
+
+
+def test_a_frame_of_many_needs_no_more_memory_than_it_has(tmp_path: Path) -> None:
+    """Of a long series only the page that is asked for is read."""
+    path = tmp_path / "series.tif"
+    frames = np.arange(40, dtype=np.uint16)[:, None, None] + np.zeros((24, 32), np.uint16)
+    tifffile.imwrite(path, frames, photometric="minisblack")
+    few = 2 * frames[0].nbytes
+    assert path.stat().st_size > 10 * few
+    for number in (0, 39):
+        values = read_tiff_frame(path, frame=number, max_bytes=few)
+        assert np.array_equal(values, frames[number])
+    with pytest.raises(FormatError, match="more than 1,535"):
+        read_tiff_frame(path, frame=0, max_bytes=frames[0].nbytes - 1)

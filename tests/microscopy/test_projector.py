@@ -11,6 +11,7 @@ from clplen.microscopy.model.cells import cell_of
 from clplen.microscopy.model.images import PointImages, unique_phases
 from clplen.microscopy.model.psf import _symmetric, point_images
 from clplen.microscopy.reconstruction import projector as projectors
+from clplen.microscopy.reconstruction.lattice_transform import LatticeTransform
 from clplen.microscopy.reconstruction.projector import Projector
 
 Z = np.array([-2.0, 0.5, 1.0]) * 1e-6
@@ -110,6 +111,19 @@ def test_any_cell(device, lattice, kinds, v, n, monkeypatch):
         assert relative_max(seen, each.backward(frames)) < 1e-6
     rows, columns = cell.lenslets
     assert projector.lenslets == (3 * rows, 2 * columns)
+
+
+def test_steps_apart_are_those_in_lanes(device):
+    """What CPUs do in one step and GPUs in several, in batches that change in between."""
+    images = any_images(3, 5, (6, 1, 0))
+    one, other = (Projector(images, (4, 5), device=device) for _ in range(2))
+    one._lanes, other._lanes = None, LatticeTransform(device, one._window)
+    rng = np.random.default_rng(0)
+    for frames in (3, 1, 3):
+        volumes = rng.random((frames, *one.volume_shape), np.float32)
+        pictures = rng.random((frames, *one.frame_shape), np.float32)
+        assert relative_max(one.forward(volumes), other.forward(volumes)) < 1e-6
+        assert relative_max(one.backward(pictures), other.backward(pictures)) < 1e-6
 
 
 def placed_in_cells(image, at, shape, cell):

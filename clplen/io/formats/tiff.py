@@ -225,6 +225,8 @@ def read_tiff_frame(
 ) -> np.ndarray[Any, Any]:
     """One page of a TIFF file; which one is logged where there are several.
 
+    Of the file only this page is read, however many it has.
+
     Parameters
     ----------
     path : pathlib.Path
@@ -244,15 +246,16 @@ def read_tiff_frame(
         If the file is damaged, or holds several frames and none or one that is not there is asked
         for.
     """
-    size = path.stat().st_size
-    require_bytes(size, path=path, what="the picture", stored=size, ratio=1, max_bytes=max_bytes)
-    content = path.read_bytes()
     try:
-        with tifffile.TiffFile(BytesIO(content), is_ome=False, is_imagej=False) as file:
-            count, text = len(file.pages), file.pages.first.description[:_LONGEST]
-        axes = _axes(text, count)
-        _require(path, frame, count, axes)
-        values = decode_tiff(content, path, max_bytes=max_bytes, page=frame or 0)
+        with (
+            path.open("rb") as file,
+            mmap(file.fileno(), 0, access=ACCESS_READ) as content,
+            tifffile.TiffFile(file, is_ome=False, is_imagej=False) as opened,
+        ):
+            count, text = len(opened.pages), opened.pages.first.description[:_LONGEST]
+            axes = _axes(text, count)
+            _require(path, frame, count, axes)
+            values = _values(opened.pages[frame or 0], content, path, max_bytes)
     except FormatError:
         raise
     except Exception as error:  # tifffile raises all kinds on damaged files

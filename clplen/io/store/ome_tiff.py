@@ -18,8 +18,7 @@ import tifffile
 from clplen.errors import FormatError
 from clplen.files import PathLike, check_space, replacing
 from clplen.io.formats import tiff
-from clplen.io.formats.tiff import decode_tiff
-from clplen.io.formats.untrusted import require_bytes
+from clplen.io.formats.tiff import read_tiff_stacks
 from clplen.io.store.picture_blocks import Array, Block, checked_blocks, write_rows
 from clplen.lightfield.raw.raw_image import Spacing
 from clplen.outputs import MARK
@@ -133,10 +132,9 @@ def read_ome_page(path: PathLike, index: int, *, max_bytes: int | None = None) -
         If it is damaged, or has no such page.
     """
     path = Path(path)
-    size = path.stat().st_size
-    require_bytes(size, path=path, what="the file", stored=size, ratio=1, max_bytes=max_bytes)
     try:
-        return decode_tiff(path.read_bytes(), path, max_bytes=max_bytes, page=index)
+        (page,) = next(read_tiff_stacks(path, [[index]], max_bytes=max_bytes))
+        return page
     except FormatError:
         raise
     except Exception as error:  # tifffile raises all kinds on damaged files

@@ -26,6 +26,7 @@ from clplen.compute.memory import free_memory
 from clplen.errors import ShapeError
 from clplen.microscopy.model.cells import Pair
 from clplen.microscopy.model.images import PointImages
+from clplen.microscopy.reconstruction.lattice_transform import LatticeTransform, bits_of
 
 if TYPE_CHECKING:
     from scipy.sparse.linalg import LinearOperator
@@ -34,8 +35,11 @@ Vector = np.ndarray[Any, Any]
 
 WHOLE = (0,)  # the parts of a picture that is not taken apart
 WIDTH = 16  # frequencies of a block: see lattice_spectra.cl
-HEIGHT = 5  # rows of a matrix in registers
-GROUP_BYTES = 2**28  # of matrices of some planes together
+HEIGHT = 5  # rows of a result in registers
+DEPTH = 40  # terms of them, whose part of a matrix stays in the first-level cache
+PANEL = 150  # rows of a result in the second
+GROUP_BYTES = 2**28  # of matrices of some planes together, where they are made anew
+KEPT_BYTES = 2**30  # and where they are kept: frames are read and written once for each group
 PIECE_BYTES = 2**24  # of the matrix of some voxels of a plane, where a plane's has no room
 FIELD_BYTES = 2**23  # of spectra of point images together
 SHARE = 2  # matrices are kept where they take less than this part of the memory
@@ -133,16 +137,19 @@ class Projector:
         self.volume_shape = (len(images.planes), rows * cell.voxels[0], columns * cell.voxels[1])
         self.frame_shape = self._model_shape = (rows * cell.pixels[0], columns * cell.pixels[1])
         farthest = np.max(images.reaches, axis=0)
-        self._window = tuple(
+        ny, nx = (
             smooth_length(max(k + int(r), 2 * int(r) + 1))
             for k, r in zip(self.shape, farthest, strict=True)
         )
+        self._window = (ny, nx)
+        self._lanes = LatticeTransform(device, self._window) if device.rows else None
         self._blocks = -(-(self._window[0] // 2 + 1) * (self._window[1] // 2 + 1) // WIDTH)
         planes = self.volume_shape[0]
         plane = self.nbytes // planes
         allowed = _room(device) if memory is None else memory
         self.resident = self.nbytes <= allowed
-        together = max(1, min(GROUP_BYTES, allowed) // plane)
+        largest = min(KEPT_BYTES, int(device.cl_device.max_mem_alloc_size))
+        together = max(1, min(largest if self.resident else GROUP_BYTES, allowed) // plane)
         self._groups = [
             _Group(first, min(together, planes - first)) for first in range(0, planes, together)
         ]
@@ -152,11 +159,12 @@ class Projector:
             pairs = min(pairs, max(1, max(allowed, PIECE_BYTES) // one))
         self._piece = voxels if pairs == self._pictures else 2 * pairs
         self._kept: dict[_Group, cla.Array] = {}
+        self._spare: dict[tuple[int, ...], list[cla.Array]] = {}
         self.require_memory(1)
 
     def __getstate__(self) -> dict[str, Any]:
-        """Without the matrices on the device, which are made again when needed."""
-        return self.__dict__ | {"_kept": {}}
+        """Without what is on the device, which is made again when needed."""
+        return self.__dict__ | {"_kept": {}, "_spare": {}}
 
     def __repr__(self) -> str:
         return f"<Projector of {self.volume_shape} to {self.frame_shape}, {self.device.name}>"
@@ -198,7 +206,11 @@ class Projector:
         matrices = self.nbytes if self.resident else self._bytes_of(stop - start)
         rows = n + whole + (stop - start if stop < whole else 0)
         spectra = 4 * WIDTH * 4 * self._blocks * rows
-        fields = 4 * math.prod(self._window) * max(frames * rows, 2 * n * self._together)
+        window = 4 * math.prod(self._window)
+        if self._lanes is None:
+            fields = window * max(frames * rows, 2 * n * self._together)
+        else:
+            fields = max(self._lanes.nbytes(frames * rows), window * 2 * n * self._together)
         kept = volumes * math.prod(self.volume_shape) + pictures * math.prod(self.frame_shape)
         self.device.require_memory(
             matrices + fields + frames * (spectra + 4 * kept),
@@ -330,16 +342,20 @@ class Projector:
             spectra = self._packed(volumes, cell.voxels, group, cell.parts)
             for (start, stop), matrix in self._matrices(group):
                 kernel = device.kernel("projector.cl", "forward", **self._form, **added)
-                sizes = (rows, stop - start, self._blocks, frames)
+                part, sizes = self._taken(spectra, start, stop), (rows, stop - start)
                 device.launch(
-                    kernel, self._size(-(-rows // HEIGHT)), total, matrix,
-                    self._taken(spectra, start, stop),
-                    *(np.int32(k) for k in sizes), operations=8.0 * frames * matrix.size,
+                    kernel, self._size(rows), total, matrix, part,
+                    *(np.int32(k) for k in (*sizes, self._blocks, frames)),
+                    operations=8.0 * frames * matrix.size,
                 )  # fmt: skip
+                if part is not spectra:
+                    self._lay_by(part)
                 added = {"ADD": True}
                 del matrix  # where it is not kept its memory is that of the next one
+            self._lay_by(spectra)
         out = device.empty((frames, *self._model_shape), np.float32)
         self._unpacked(out, total, cell.pixels, FRAME, WHOLE, 1, 0.0 if clamp else -math.inf)
+        self._lay_by(total)
         return out
 
     def back_project(self, frames: cla.Array) -> cla.Array:
@@ -365,32 +381,52 @@ class Projector:
             found = self._rows(count, columns)
             for (start, stop), matrix in self._matrices(group):
                 part = found if stop - start == columns else self._rows(count, stop - start)
-                stretch = min(stop - start, self._rows_of_plane)
-                sizes = (n, stop - start, stretch, self._blocks, count)
+                sizes = (n, stop - start, self._blocks, count)
                 device.launch(
-                    kernel, self._size((stop - start) // stretch), part, matrix, spectra,
+                    kernel, self._size(stop - start), part, matrix, spectra,
                     *(np.int32(k) for k in sizes), operations=8.0 * count * matrix.size,
                 )  # fmt: skip
                 del matrix
                 if part is not found:
                     self._move_rows(found, part, to=start)
+                    self._lay_by(part)
             self._unpacked(out, found, cell.voxels, group, cell.parts, planes, -math.inf)
+            self._lay_by(found)
+        self._lay_by(spectra)
         return out
 
     @property
     def _form(self) -> dict[str, Any]:
         """Definitions of the kernels of projector.cl."""
-        return {"LANES": WIDTH if self.device.rows else 1, "HEIGHT": HEIGHT}
+        lanes = WIDTH if self.device.rows else 1
+        return {"LANES": lanes, "HEIGHT": HEIGHT, "DEPTH": DEPTH, "PANEL": PANEL}
 
-    def _size(self, stretches: int) -> tuple[int, int]:
+    def _size(self, rows: int) -> tuple[int, int]:
         """Work-items of the kernels of projector.cl."""
         if self.device.rows:
-            return (stretches, self._blocks)
-        return (self._blocks * WIDTH, stretches)
+            return (self._blocks, 1)
+        return (self._blocks * WIDTH, -(-rows // HEIGHT))
 
     def _rows(self, frames: int, rows: int) -> cla.Array:
-        """Room for packed spectra."""
-        return self.device.empty((frames, self._blocks, rows, 4, WIDTH), np.float32)
+        """Room for packed spectra, that of earlier ones where it fits.
+
+        Pages of new memory are cleared by the system, which takes as long as a transform. What is
+        laid by belongs to nobody, and the queue runs in order: it is never written too early.
+        """
+        shape = (frames, self._blocks, rows, 4, WIDTH)
+        try:
+            return self._spare[shape].pop()
+        except (KeyError, IndexError):
+            pass
+        for other in list(self._spare):
+            if other[0] != frames:
+                self._spare.pop(other, None)
+        return self.device.empty(shape, np.float32)
+
+    def _lay_by(self, rows: cla.Array) -> None:
+        """Keep the room of spectra that are no longer needed, on a CPU."""
+        if self.device.rows:
+            self._spare.setdefault(rows.shape, []).append(rows)
 
     def _taken(self, spectra: cla.Array, start: int, stop: int) -> cla.Array:
         """Some rows of packed spectra."""
@@ -415,8 +451,12 @@ class Projector:
     ) -> cla.Array:
         """Spectra of pictures with wy x wx samples a cell, as lattice_spectra.cl packs them."""
         frames, planes = int(pictures.shape[0]), group.count
-        total = pictures.shape[1] if pictures.ndim == 4 else 1
-        stack = (planes, group.first, int(total))
+        total = int(pictures.shape[1]) if pictures.ndim == 4 else 1
+        stack = (planes, group.first, total)
+        if self._lanes is not None:
+            out = self._rows(frames, planes * len(parts) * math.prod(w))
+            self._lanes.spectra(out, pictures, w, frames, stack, self.shape, parts)
+            return out
         fields = self._fields(pictures, w, frames * planes, stack, self.shape, (0, 0))
         samples = math.prod(w)
         out = self._rows(frames, planes * len(parts) * samples)
@@ -424,7 +464,7 @@ class Projector:
         device = self.device
         size = (1 if device.rows else frequencies, pairs, frames * planes)
         kernel = device.kernel("lattice_spectra.cl", "pack")
-        sizes = (*w, planes, len(parts), _bits(parts), *self._window)
+        sizes = (*w, planes, len(parts), bits_of(parts), *self._window)
         device.launch(kernel, size, out, fields, *(np.int32(k) for k in sizes))
         return out
 
@@ -460,8 +500,12 @@ class Projector:
         """Pictures from packed spectra into some planes of stacks of ``total``."""
         device, pairs, frames = self.device, (math.prod(w) + 1) // 2, int(spectra.shape[0])
         planes = group.count
+        if self._lanes is not None:
+            stack = (planes, group.first, total)
+            self._lanes.pictures(out, spectra, w, frames, stack, self.shape, parts, least)
+            return
         fields = device.empty((frames * planes * pairs, *self._window), np.complex64)
-        sizes = (*w, planes, len(parts), _bits(parts), *self._window)
+        sizes = (*w, planes, len(parts), bits_of(parts), *self._window)
         device.launch_rows(
             device.kernel("lattice_spectra.cl", "unpack"),
             fields.shape, fields, spectra, *(np.int32(k) for k in sizes),
@@ -545,11 +589,6 @@ class Projector:
         """Voxels of a cell whose images are transformed together."""
         one = 8 * math.prod(self._window) * ((math.prod(self._cell.pixels) + 1) // 2)
         return max(1, min(self._pictures, FIELD_BYTES // one))
-
-
-def _bits(parts: tuple[int, ...]) -> int:
-    """The numbers of parts, two bits each."""
-    return sum(part << 2 * number for number, part in enumerate(parts))
 
 
 def _room(device: Device) -> int:

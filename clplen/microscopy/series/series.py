@@ -2,7 +2,7 @@
 
 An iteration of one frame reads every number of the projector's matrices twice, for eight
 multiplications and additions each: memory sets the pace. Frames that are found together read them
-once for all, so that from about four frames on the arithmetic does.
+once for all, so that from about eight frames on arithmetic and transforms do.
 """
 
 from __future__ import annotations
