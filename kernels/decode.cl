@@ -2,14 +2,15 @@
  *
  *   L[v, u, i, k] = sum_ab h(a - y) h(b - x) raw[a, b],   (y, x) = row[i] + column[k] + down[v] + right[u]
  *
- * with h the cubic convolution kernel, a = -1/2 (Keys 1981, eq. 15), or with -DLINEAR the triangle
- * 1 - |t|; pixels off the sensor count 0.
+ * with h the cubic convolution kernel, a = -1/2 (Keys 1981, eq. 15), with -DLINEAR the triangle
+ * 1 - |t|, or with -DSPLINE the cubic B-spline (Unser 1999, eq. 7), of which raw has the
+ * coefficients; pixels off the sensor count 0.
  * Positions come as tables (y, x) = at + part, an integer and a fraction in [0, 1) that is a
- * multiple of 2^-24: a whole position takes its pixel as it is.
+ * multiple of 2^-24: but for B-splines a whole position takes its pixel as it is.
  *
  * Rows of lenslets are then interpolated to the columns that are wanted: column k of row i lies
  * between its lenslets near_at[i % 2][k] and the next, at the fraction near_part[i % 2][k]; h again,
- * and the last lenslet stands for those beyond the end of the row. Fraction 0 takes the lenslet.
+ * of B-splines that of Keys, and the last lenslet stands for those beyond the end of the row. Fraction 0 takes the lenslet.
  *
  * Mapping: FOR_X of common.cl over k; axis 1 = u; axis 2 = (v, i), so that items in a row read the
  * same lines of the sensor. Strides of L in samples say in which order it lies in memory.
@@ -27,6 +28,17 @@ inline float4 keys(float t)
                     ((2.0f - 1.5f * t) * t + 0.5f) * t, (0.5f * t - 0.5f) * t * t);
 #endif
 }
+
+#ifdef SPLINE
+inline float4 of_pixels(float t)
+{
+    const float s = 1 - t;
+    return (float4)(s * s * s, (3.0f * t - 6.0f) * t * t + 4.0f, (3.0f * s - 6.0f) * s * s + 4.0f,
+                    t * t * t) / 6.0f;
+}
+#else
+#define of_pixels keys
+#endif
 
 /* Four pixels from p on of an axis of n: their weights, 0 off the sensor, and their indices.
  * (clamp with vectors: Oclgrind 21.10 gets the form with scalars wrong.) */
@@ -49,8 +61,8 @@ inline float sample(__global const float *restrict raw, int2 at, float2 part, in
     const int2 first = at + carry - 1;
     part -= convert_float2(carry);
     int4 y, x;
-    const float4 wy = on_sensor(keys(part.s0), first.s0, ny, &y);
-    const float4 wx = on_sensor(keys(part.s1), first.s1, nx, &x);
+    const float4 wy = on_sensor(of_pixels(part.s0), first.s0, ny, &y);
+    const float4 wx = on_sensor(of_pixels(part.s1), first.s1, nx, &x);
     return wy.s0 * along(raw + (size_t)y.s0 * nx, x, wx) +
            wy.s1 * along(raw + (size_t)y.s1 * nx, x, wx) +
            wy.s2 * along(raw + (size_t)y.s2 * nx, x, wx) +

@@ -18,7 +18,7 @@
  * that come near, lenslet by lenslet; the samples of a lenslet lie `tall` rows (from, to) from its first
  * view. Else an item = a pixel, axes 0 and 1: which lenslets and views come near follows from bounds of
  * i, k, v and u, solved from (y, x) = (a, b).
- * -DLINEAR: the triangle in place of Keys' kernel. -DROWS: see common.cl.
+ * -DLINEAR: the triangle in place of Keys' kernel; -DSPLINE: the cubic B-spline. -DROWS: see common.cl.
  */
 #include "common.cl"
 
@@ -75,10 +75,16 @@ __kernel void upwards(__global float *restrict raw, __global const float *restri
 }
 
 /* Weight of pixel m = 0 ... 3 of the four about a position between the second and the third. */
-inline float keys_at(float t, int m)
+inline float weight_at(float t, int m)
 {
-#ifdef LINEAR
+#if defined LINEAR
     return m == 1 ? 1 - t : m == 2 ? t : 0;
+#elif defined SPLINE
+    const float s = 1 - t;
+    return (m == 0 ? s * s * s
+          : m == 1 ? (3.0f * t - 6.0f) * t * t + 4.0f
+          : m == 2 ? (3.0f * s - 6.0f) * s * s + 4.0f
+                   : t * t * t) / 6.0f;
 #else
     return m == 0 ? ((1.0f - 0.5f * t) * t - 0.5f) * t
          : m == 1 ? (1.5f * t - 2.5f) * t * t + 1.0f
@@ -92,12 +98,12 @@ inline float keys_at(float t, int m)
 inline void add_taps(__global float *restrict raw, float value, int2 at, float2 part, int2 rows,
                      int nx)
 {
-    const float4 wx = (float4)(keys_at(part.s1, 0), keys_at(part.s1, 1), keys_at(part.s1, 2),
-                               keys_at(part.s1, 3));
+    const float4 wx = (float4)(weight_at(part.s1, 0), weight_at(part.s1, 1), weight_at(part.s1, 2),
+                               weight_at(part.s1, 3));
     const bool inside = at.s1 >= 0 && at.s1 + 3 < nx;
     for (int m = max(0, rows.s0 - at.s0); m < min(4, rows.s1 - at.s0); ++m) {
         __global float *to = raw + (size_t)(at.s0 + m) * nx;
-        const float4 share = value * keys_at(part.s0, m) * wx;
+        const float4 share = value * weight_at(part.s0, m) * wx;
         if (inside)
             vstore4(vload4(0, to + at.s1) + share, 0, to + at.s1);
         else {
@@ -113,7 +119,7 @@ inline void add_taps(__global float *restrict raw, float value, int2 at, float2 
 inline float weight_of(int at, float part, int pixel)
 {
     const int carry = (int)part, m = pixel - (at + carry - 1);
-    return m < 0 || m > 3 ? 0.0f : keys_at(part - (float)carry, m);
+    return m < 0 || m > 3 ? 0.0f : weight_at(part - (float)carry, m);
 }
 
 /* First and last whole number of [0, count) from place + low to place + high. */

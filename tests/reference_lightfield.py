@@ -45,6 +45,13 @@ def keys_kernel(t: Real) -> Real:
     return np.where(t <= 1, near, np.where(t < 2, far, 0))
 
 
+def spline_kernel(t: Real) -> Real:
+    """The cubic B-spline, for |t| <= 1 and for 1 < |t| < 2."""
+    t = np.abs(t)
+    near, far = 2 / 3 - t**2 + t**3 / 2, (2 - t) ** 3 / 6
+    return np.where(t <= 1, near, np.where(t < 2, far, 0))
+
+
 def apply(matrix: scipy.sparse.csr_array, a: Real, which: int) -> Real:
     """Multiply one axis of an array by a matrix."""
     first = np.moveaxis(a, which, 0)

@@ -7,7 +7,7 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from reference_lightfield import decode_calibrated, decode_naive, keys_kernel
+from reference_lightfield import decode_calibrated, decode_naive, keys_kernel, spline_kernel
 
 from clplen.errors import DeviceError, ShapeError
 from clplen.lightfield.raw.decode import fits_local_memory, is_upright, resample
@@ -37,7 +37,7 @@ def centres(grid: LensletGrid) -> np.ndarray:
     return first + i * row + k * column
 
 
-def sampled(raw: np.ndarray, grid: LensletGrid) -> np.ndarray:
+def sampled(raw: np.ndarray, grid: LensletGrid, kernel=keys_kernel) -> np.ndarray:
     """L[v, u, i, k] by cubic convolution at the true centres, in float64."""
     V, U = grid.views
     y = centres(grid)[None, None, :, :, 0] + (np.arange(V) - (V - 1) / 2)[:, None, None, None]
@@ -48,7 +48,7 @@ def sampled(raw: np.ndarray, grid: LensletGrid) -> np.ndarray:
     for a in range(-1, 3):
         for b in range(-1, 3):
             py, px = np.floor(y) + a, np.floor(x) + b
-            weight = keys_kernel(y - py) * keys_kernel(x - px)
+            weight = kernel(y - py) * kernel(x - px)
             inside = (
                 np.clip(py, -3, ny + 2).astype(int) + 3,
                 np.clip(px, -3, nx + 2).astype(int) + 3,
@@ -96,12 +96,25 @@ def test_any_lattice(device, name):
     assert np.abs(got - want).max() <= TOLERANCE * raw.max()
 
 
+@pytest.mark.parametrize("name", GRIDS)
+def test_b_splines(device, name):
+    """Weights of B-splines are products of three factors, and add up to 1: fewer roundings."""
+    grid, raw = GRIDS[name], picture(97, 131)
+    got = device.download(resample(raw_image(device, raw, grid), grid, interpolation="spline"))
+    want = sampled(raw.astype(np.float64), grid, spline_kernel)
+    assert np.abs(got - want).max() <= TOLERANCE * raw.max()
+
+
+@pytest.mark.parametrize("interpolation", ["cubic", "spline"])
 @pytest.mark.parametrize("shift", [0.5, -0.5, 0.3])
-def test_hexagonal_lattice(device, shift):
+def test_hexagonal_lattice(device, shift, interpolation):
     grid = LensletGrid((7, 11), (5, 4), (9.1, 8.3), (8.1, 0.4), (-0.2, 9.37), shift)
     raw = picture(61, 113)
-    got = device.download(resample(raw_image(device, raw, grid), grid))
-    want = straightened(sampled(raw.astype(np.float64), grid), shift)
+    got = device.download(
+        resample(raw_image(device, raw, grid), grid, interpolation=interpolation)
+    )
+    kernel = spline_kernel if interpolation == "spline" else keys_kernel
+    want = straightened(sampled(raw.astype(np.float64), grid, kernel), shift)
     assert np.abs(got - want).max() <= TOLERANCE_HEXAGONAL * raw.max()
 
 
@@ -191,15 +204,15 @@ UPRIGHT = {
 }
 
 
-@pytest.mark.parametrize("linear", [False, True])
+@pytest.mark.parametrize("interpolation", ["cubic", "linear", "spline"])
 @pytest.mark.parametrize("name", UPRIGHT)
-def test_both_ways_of_an_upright_lattice_agree(device, name, linear, monkeypatch):
+def test_both_ways_of_an_upright_lattice_agree(device, name, interpolation, monkeypatch):
     grid = UPRIGHT[name]
     assert is_upright(grid)
     raw = raw_image(device, picture(47, 53), grid)
-    quick = device.download(resample(raw, grid, linear=linear))
+    quick = device.download(resample(raw, grid, interpolation=interpolation))
     monkeypatch.setattr("clplen.lightfield.raw.decode.is_upright", lambda _: False)
-    general = device.download(resample(raw, grid, linear=linear))
+    general = device.download(resample(raw, grid, interpolation=interpolation))
     assert quick.shape == general.shape == grid.shape
     assert np.abs(quick - general).max() <= 2 * TOLERANCE
     assert name == "off the sensor" or quick.any()

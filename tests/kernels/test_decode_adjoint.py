@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from reference_lightfield import keys_kernel
+from reference_lightfield import keys_kernel, spline_kernel
 
 from clplen.errors import ShapeError
 from clplen.lightfield.raw import decode_adjoint
@@ -62,6 +62,9 @@ def places(grid: LensletGrid) -> np.ndarray:
     return moved + np.reshape(grid.first, (2, 1, 1, 1, 1))
 
 
+KERNELS = {"cubic": keys_kernel, "linear": triangle, "spline": spline_kernel}
+
+
 def of_lenslets(views: np.ndarray, grid: LensletGrid, h) -> np.ndarray:
     """The transpose of the interpolation along the rows of lenslets."""
     count, step = (grid.count[1], 1.0) if grid.columns is None else grid.columns
@@ -73,11 +76,13 @@ def of_lenslets(views: np.ndarray, grid: LensletGrid, h) -> np.ndarray:
     return out
 
 
-def twin(views: np.ndarray, grid: LensletGrid, h) -> np.ndarray:
+def twin(views: np.ndarray, grid: LensletGrid, interpolation: str) -> np.ndarray:
     """Every sample spread to its sixteen pixels."""
+    h = KERNELS[interpolation]
     if grid.exchanged:
         views = views.transpose(1, 0, 3, 2)
-    samples = of_lenslets(views.astype(np.float64), grid, h)
+    along = triangle if interpolation == "linear" else keys_kernel
+    samples = of_lenslets(views.astype(np.float64), grid, along)
     raw = np.zeros(SIZE)
     y, x = places(grid)
     for a in range(-1, 3):
@@ -93,27 +98,33 @@ def numbers(shape, seed=7):
     return np.random.default_rng(seed).random(shape).astype(np.float32)
 
 
-@pytest.mark.parametrize("linear", [False, True])
+@pytest.mark.parametrize("interpolation", KERNELS)
 @pytest.mark.parametrize("name", GRIDS)
-def test_values(device, name, linear):
+def test_values(device, name, interpolation):
     """Round-off in units of 2^-24, as of decoding: of sums of sixteen products of weights (4 units
     each, 1.25^2 in all), for every sub-image that holds the pixel."""
     grid = GRIDS[name]
     views = numbers(grid.shape)
-    got = resample_adjoint(device.upload(views), SIZE, grid, device=device, linear=linear)
-    want = twin(views, grid, triangle if linear else keys_kernel)
+    got = resample_adjoint(
+        device.upload(views), SIZE, grid, device=device, interpolation=interpolation
+    )
+    want = twin(views, grid, interpolation)
     assert np.count_nonzero(want) > 30
     unit = 2.0**-24 * max(np.abs(want).max(), 1)
     assert np.abs(device.download(got) - want).max() <= 4 * (32 * 1.25 + 16 * 1.25**2 + 10) * unit
 
 
+@pytest.mark.parametrize("interpolation", ["cubic", "spline"])
 @pytest.mark.parametrize("name", GRIDS)
-def test_inner_products(device, name, monkeypatch):
+def test_inner_products(device, name, interpolation, monkeypatch):
     monkeypatch.setattr(decode_adjoint, "_BAND", 7)  # rows of an item, fewer than of a sub-image
     grid, x = GRIDS[name], numbers(SIZE)
-    seen = device.download(resample(RawImage(device.upload(x), device, 5e-6, grid, grid), grid))
+    raw = RawImage(device.upload(x), device, 5e-6, grid, grid)
+    seen = device.download(resample(raw, grid, interpolation=interpolation))
     y = seen + numbers(seen.shape, 8)
-    back = device.download(resample_adjoint(device.upload(y), SIZE, grid, device=device))
+    back = device.download(
+        resample_adjoint(device.upload(y), SIZE, grid, device=device, interpolation=interpolation)
+    )
     want = np.vdot(seen.astype(np.float64), y)
     assert abs(want - np.vdot(x.astype(np.float64), back)) <= 1e-6 * abs(want)
 

@@ -4,7 +4,7 @@ import math
 
 import numpy as np
 import pytest
-from reference_lightfield import keys_kernel
+from reference_lightfield import spline_kernel
 from tolerance import relative_max
 
 from clplen import MicrolensArray, PlenopticCamera, PointSources, ShapeError
@@ -44,7 +44,7 @@ def lenslet(lattice, cell, i, k):
 
 
 def frame_of(image, lattice, cell, at):
-    """A point image about a cell, each pixel of the camera by Keys' weights of all model pixels."""
+    """A point image about a cell, each pixel of the camera by splines through all model pixels."""
     zero, down, right = (lenslet(lattice, cell, *one) for one in ((0, 0), (1, 0), (0, 1)))
     ny, nx = lattice.shape
     y, x = np.indices((ny, nx))
@@ -54,7 +54,8 @@ def frame_of(image, lattice, cell, at):
     for axis in (0, 1):
         samples = (np.arange(image.shape[axis]) - (image.shape[axis] - 1) / 2) / cell.pixels[axis]
         apart = (places[..., axis, None] - samples) * cell.pixels[axis]
-        weights.append(keys_kernel(apart))
+        between = np.subtract.outer(np.arange(len(samples)), np.arange(len(samples)))
+        weights.append(spline_kernel(apart) @ np.linalg.inv(spline_kernel(between)))
     area = math.prod(cell.pixels) / abs(np.linalg.det(steps))
     return area * np.einsum("yxa,ab,yxb->yx", weights[0], image.astype(float), weights[1])
 

@@ -6,7 +6,7 @@ On CPUs a lattice along the sensor's rows and columns has a kernel of its own.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 import pyopencl as cl
@@ -20,6 +20,7 @@ from clplen.lightfield.raw.raw_image import RawImage
 
 Vector = np.ndarray[Any, np.dtype[np.float64]]
 Table = np.ndarray[Any, Any]
+Interpolation = Literal["cubic", "linear", "spline"]
 
 FRACTION = 2.0**24  # positions are multiples of 2^-24 pixel, which float32 holds exactly
 _MARGIN = 4  # zeros at either end of a line of pixels
@@ -41,11 +42,13 @@ def _line_bytes(raw: RawImage) -> int:
     return 4 * (raw.shape[1] + 2 * _MARGIN)
 
 
-def resample_upright(views: cla.Array, raw: RawImage, grid: LensletGrid, *, linear: bool) -> None:
+def resample_upright(
+    views: cla.Array, raw: RawImage, grid: LensletGrid, interpolation: Interpolation
+) -> None:
     """Fill the views of such a grid, as `clplen.lightfield.raw.decode.resample` describes."""
     device, (ny, nx) = raw.device, raw.shape
     (V, U), (rows, columns) = grid.views, grid.count
-    (above, down), (left, across) = taps_along(grid, (ny, nx), linear)
+    (above, down), (left, across) = taps_along(grid, (ny, nx), interpolation)
     strides = [int(n) // views.dtype.itemsize for n in views.strides]
     order = (1, 0, 3, 2) if grid.exchanged else (0, 1, 2, 3)
     device.launch(
@@ -62,7 +65,7 @@ def resample_upright(views: cla.Array, raw: RawImage, grid: LensletGrid, *, line
 
 
 def taps_along(
-    grid: LensletGrid, shape: tuple[int, int], linear: bool
+    grid: LensletGrid, shape: tuple[int, int], interpolation: Interpolation
 ) -> tuple[tuple[Table, Table], tuple[Table, Table]]:
     """Pixels and weights along y, view by view and row by row, and along x, of such a grid.
 
@@ -72,7 +75,7 @@ def taps_along(
         Along the sensor's rows and columns: see `is_upright`.
     shape : tuple of int
         (ny, nx) of the raw image.
-    linear : bool
+    interpolation : {"cubic", "linear", "spline"}
         As of `resample`.
 
     Returns
@@ -83,7 +86,7 @@ def taps_along(
     (V, U), (rows, columns), (ny, nx) = grid.views, grid.count, shape
     y = _positions(grid.first[0], V, grid.row_view_step[0], rows, grid.row_step[0])
     x = _positions(grid.first[1], U, grid.column_view_step[1], columns, grid.column_step[1])
-    return _taps(y, ny, linear), _taps(x, nx, linear)
+    return _taps(y, ny, interpolation), _taps(x, nx, interpolation)
 
 
 def _positions(first: float, views: int, view_step: float, count: int, step: float) -> Vector:
@@ -93,30 +96,54 @@ def _positions(first: float, views: int, view_step: float, count: int, step: flo
     return np.add.outer(*(np.round(part * FRACTION) / FRACTION for part in parts)).ravel()
 
 
-def _taps(position: Vector, n: int, linear: bool) -> tuple[Table, Table]:
+def _taps(position: Vector, n: int, interpolation: Interpolation) -> tuple[Table, Table]:
     """First of four pixels of an axis of n, int32, and their weights, float32, shape (4, ...).
 
-    Keys (1981), eq. 15, a = -1/2, or linear; 0 off the sensor.
+    Of `resample`; 0 off the sensor.
     """
     whole = np.floor(position)
     t = position - whole
-    if linear:
-        weights = [np.zeros_like(t), 1 - t, t, np.zeros_like(t)]
-    else:
-        weights = [
-            ((1 - 0.5 * t) * t - 0.5) * t,
-            (1.5 * t - 2.5) * t * t + 1,
-            ((2 - 1.5 * t) * t + 0.5) * t,
-            (0.5 * t - 0.5) * t * t,
-        ]
+    weights = tap_weights(t, interpolation)
     first = np.clip(whole - 1, -_MARGIN, n).astype(np.int32)
     pixel = whole - 1 + np.arange(4)[:, None]
     inside = (pixel >= 0) & (pixel < n)
     return first, np.where(inside, weights, 0).astype(np.float32)
 
 
-def resample(raw: RawImage, grid: LensletGrid, *, linear: bool = False) -> cla.Array:
-    """Views of a raw image, by separable cubic convolution (Keys 1981, eq. 15, a = -1/2).
+def tap_weights(t: Vector, interpolation: Interpolation) -> Table:
+    """Weights of the four samples about places between the second and the third of them.
+
+    Parameters
+    ----------
+    t : numpy.ndarray
+        Fractions of the way from the second to the third, in [0, 1).
+    interpolation : {"cubic", "linear", "spline"}
+        As of `resample`.
+
+    Returns
+    -------
+    numpy.ndarray
+        float64, shape (4, ...).
+    """
+    if interpolation == "linear":
+        return np.stack((0 * t, 1 - t, t, 0 * t))
+    if interpolation == "spline":
+        s = 1 - t
+        return np.stack((s**3, (3 * t - 6) * t**2 + 4, (3 * s - 6) * s**2 + 4, t**3)) / 6
+    return np.stack(
+        (
+            ((1 - 0.5 * t) * t - 0.5) * t,
+            (1.5 * t - 2.5) * t * t + 1,
+            ((2 - 1.5 * t) * t + 0.5) * t,
+            (0.5 * t - 0.5) * t * t,
+        )
+    )
+
+
+def resample(
+    raw: RawImage, grid: LensletGrid, *, interpolation: Interpolation = "cubic"
+) -> cla.Array:
+    """Views of a raw image, interpolated along both axes.
 
     A position that is a whole number of pixels takes that pixel as it is; pixels off the sensor
     count 0. On a hexagonal lattice every lenslet is sampled about its own centre, and its odd rows
@@ -130,8 +157,11 @@ def resample(raw: RawImage, grid: LensletGrid, *, linear: bool = False) -> cla.A
         Finite, float32.
     grid : LensletGrid
         Which pixels belong to which view and lenslet; rotated and sheared lattices too.
-    linear : bool
-        Linear interpolation in place of cubic, which never falls below the pixels around.
+    interpolation : {"cubic", "linear", "spline"}
+        "cubic" convolution (Keys 1981, eq. 15, a = -1/2); "linear", which never falls below the
+        pixels around; "spline": the raw image has the coefficients of cubic B-splines about its
+        pixels (Unser 1999, eq. 7), whose sum is read. Lenslets of a row are then interpolated by
+        cubic convolution.
 
     Returns
     -------
@@ -152,14 +182,14 @@ def resample(raw: RawImage, grid: LensletGrid, *, linear: bool = False) -> cla.A
     device.require_memory(4 * int(np.prod(grid.shape, dtype=np.int64)), "This light field")
     views = device.empty(grid.shape, np.float32)
     if device.rows and is_upright(grid) and fits_local_memory(raw):
-        resample_upright(views, raw, grid, linear=linear)
+        resample_upright(views, raw, grid, interpolation)
         return views
     (V, U), (rows, lenslets), (ny, nx) = grid.views, grid.count, raw.shape
     columns = lenslets if grid.columns is None else grid.columns[0]
     strides = [int(n) // views.dtype.itemsize for n in views.strides]
     order = (1, 0, 3, 2) if grid.exchanged else (0, 1, 2, 3)
     device.launch_rows(
-        device.kernel("decode.cl", "decode", **({"LINEAR": True} if linear else {})),
+        device.kernel("decode.cl", "decode", **form_of(interpolation)),
         (V, rows, U, columns),
         views,
         raw.data,
@@ -172,6 +202,11 @@ def resample(raw: RawImage, grid: LensletGrid, *, linear: bool = False) -> cla.A
         *(np.int64(strides[axis]) for axis in order),
     )
     return views
+
+
+def form_of(interpolation: Interpolation) -> dict[str, Any]:
+    """Definitions of the kernels that read or spread samples."""
+    return {} if interpolation == "cubic" else {interpolation.upper(): True}
 
 
 def _check(raw: RawImage, grid: LensletGrid) -> None:

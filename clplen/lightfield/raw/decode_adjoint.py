@@ -14,11 +14,14 @@ from clplen.compute.device import Device
 from clplen.errors import ShapeError
 from clplen.lightfield.raw.decode import (
     FRACTION,
+    Interpolation,
     check_grid,
+    form_of,
     grid_tables,
     is_upright,
     near_places,
     split_places,
+    tap_weights,
     taps_along,
 )
 from clplen.lightfield.raw.lenslet_grid import LensletGrid
@@ -37,7 +40,7 @@ def resample_adjoint(
     grid: LensletGrid,
     *,
     device: Device,
-    linear: bool = False,
+    interpolation: Interpolation = "cubic",
 ) -> cla.Array:
     """The transpose of `clplen.lightfield.raw.decode.resample`.
 
@@ -53,7 +56,7 @@ def resample_adjoint(
     grid : LensletGrid
     device : Device
         Where the views live.
-    linear : bool
+    interpolation : {"cubic", "linear", "spline"}
         As of `resample`.
 
     Returns
@@ -81,9 +84,9 @@ def resample_adjoint(
     strides = [steps[axis] for axis in order]
     raw = device.empty(shape, np.float32)
     if is_upright(grid):
-        _spread_upright(raw, views, grid, strides, device, linear)
+        _spread_upright(raw, views, grid, strides, device, interpolation)
     else:
-        _spread_any(raw, views, grid, strides, device, linear)
+        _spread_any(raw, views, grid, strides, device, interpolation)
     return raw
 
 
@@ -93,34 +96,30 @@ def _spread_upright(
     grid: LensletGrid,
     strides: list[int],
     device: Device,
-    linear: bool,
+    interpolation: Interpolation,
 ) -> None:
     ny, nx = (int(n) for n in raw.shape)
     (V, _), (rows, columns) = grid.views, grid.count
     device.require_memory(4 * V * rows * nx, "The rows of this raw image")
     line = device.empty((V * rows, nx), np.float32)
-    down, right = taps_along(grid, (ny, nx), linear)
+    down, right = taps_along(grid, (ny, nx), interpolation)
     stride_v, stride_u, stride_y, stride_x = strides
     start, sample, weight = _by_pixel(*right, nx)
     offset = sample // columns * np.int64(stride_u) + sample % columns * np.int64(stride_x)
     device.launch_rows(
-        device.kernel("decode_adjoint.cl", "across", **_form(linear)),
+        device.kernel("decode_adjoint.cl", "across", **form_of(interpolation)),
         line.shape,
         *(line, views, device.upload(start), device.upload(offset), device.upload(weight)),
         *(np.int32(n) for n in (rows, nx)),
         *(np.int64(n) for n in (stride_v, stride_y)),
     )
     device.launch_rows(
-        device.kernel("decode_adjoint.cl", "upwards", **_form(linear)),
+        device.kernel("decode_adjoint.cl", "upwards", **form_of(interpolation)),
         raw.shape,
         *(raw, line),
         *(device.upload(table) for table in _by_pixel(*down, ny)),
         np.int32(nx),
     )
-
-
-def _form(linear: bool) -> dict[str, Any]:
-    return {"LINEAR": True} if linear else {}
 
 
 def _by_pixel(first: Table, weights: Table, n: int) -> tuple[Table, Table, Table]:
@@ -159,15 +158,15 @@ def _spread_any(
     grid: LensletGrid,
     strides: list[int],
     device: Device,
-    linear: bool,
+    interpolation: Interpolation,
 ) -> None:
     ny, nx = (int(n) for n in raw.shape)
     (V, U), (rows, count) = grid.views, grid.count
-    sampled, strides = _of_lenslets(views, grid, strides, device, linear)
+    sampled, strides = _of_lenslets(views, grid, strides, device, interpolation)
     tables = grid_tables(grid, device)
     bounds = (*_bounds_of_lenslets(grid), np.array([0, grid.odd_row_shift]))
     device.launch(
-        device.kernel("decode_adjoint.cl", "pixels", **_form(linear)),
+        device.kernel("decode_adjoint.cl", "pixels", **form_of(interpolation)),
         (-(-ny // _BAND), 1) if device.rows else (nx, ny),
         *(raw, sampled),
         *(*tables.rows, *tables.columns),
@@ -179,7 +178,8 @@ def _spread_any(
 
 
 def _of_lenslets(
-    views: cla.Array, grid: LensletGrid, strides: list[int], device: Device, linear: bool
+    views: cla.Array, grid: LensletGrid, strides: list[int], device: Device,
+    interpolation: Interpolation,
 ) -> tuple[cla.Array, list[int]]:
     """Samples of the lenslets themselves, whose rows were interpolated, and their strides."""
     (V, U), (rows, count) = grid.views, grid.count
@@ -187,12 +187,12 @@ def _of_lenslets(
     if places.shape[1] == count and (places == np.arange(count)).all():
         return views, strides
     device.require_memory(4 * V * U * rows * count, "The samples of these lenslets")
-    even, odd = (sparse_rows(*_near_lenslets(row, count, linear), count) for row in places)
+    even, odd = (sparse_rows(*_near_lenslets(row, count, interpolation), count) for row in places)
     starts = even[0], odd[0] + np.int32(even[1].size)
     tables = starts, (even[1], odd[1]), (even[2], odd[2])
     sampled = device.empty((V, U, rows, count), np.float32)
     device.launch_rows(
-        device.kernel("decode_adjoint.cl", "lenslets", **_form(linear)),
+        device.kernel("decode_adjoint.cl", "lenslets", **form_of(interpolation)),
         (V * U, rows, count),
         *(sampled, views),
         *(device.upload(np.concatenate(parts)) for parts in tables),
@@ -202,21 +202,13 @@ def _of_lenslets(
     return sampled, [U * rows * count, rows * count, count, 1]
 
 
-def _near_lenslets(places: Table, count: int, linear: bool) -> tuple[Table, Table, Table]:
+def _near_lenslets(
+    places: Table, count: int, interpolation: Interpolation
+) -> tuple[Table, Table, Table]:
     """(lenslet, column, weight) of the four lenslets about each column's place in a row."""
     whole = np.floor(places)
     t = np.float32(places - whole).astype(np.float64)
-    if linear:
-        weights = np.stack((0 * t, 1 - t, t, 0 * t))
-    else:
-        weights = np.stack(
-            (
-                ((1 - 0.5 * t) * t - 0.5) * t,
-                (1.5 * t - 2.5) * t * t + 1,
-                ((2 - 1.5 * t) * t + 0.5) * t,
-                (0.5 * t - 0.5) * t * t,
-            )
-        )
+    weights = tap_weights(t, "linear" if interpolation == "linear" else "cubic")
     lenslet = np.clip(whole.astype(int) - 1 + np.arange(4)[:, None], 0, count - 1)
     column = np.broadcast_to(np.arange(places.size), lenslet.shape)
     kept = weights != 0

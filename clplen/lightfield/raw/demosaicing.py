@@ -11,7 +11,7 @@ import numpy as np
 import pyopencl.array as cla
 
 from clplen.compute.device import Device
-from clplen.lightfield.raw.decode import resample
+from clplen.lightfield.raw.decode import Interpolation, resample
 from clplen.lightfield.raw.lenslet_grid import LensletGrid
 from clplen.lightfield.raw.raw_image import RawImage
 
@@ -98,11 +98,11 @@ def views_of_colours(
             alone = np.zeros_like(frame)
             for y, x in positions:
                 alone[y::down, x::across] = frame[y::down, x::across]
-            slices = [sliced(alone, grid, device, linear=True)]
+            slices = [sliced(alone, grid, device, interpolation="linear")]
             for y, x in (positions[0], positions[-1]):
                 own = np.ascontiguousarray(frame[y::down, x::across])
                 every = _every(grid, (y, x), (down, across))
-                slices.append(sliced(own, every, device, linear=True))
+                slices.append(sliced(own, every, device, interpolation="linear"))
             parts.append(slices)
         (raw, *near), (flat, *near_flat) = parts
         device.launch_rows(
@@ -199,7 +199,9 @@ def _triangle(period: int) -> Frame:
     return np.asarray(1 - np.abs(n) / period, np.float32)
 
 
-def sliced(frame: Frame, grid: LensletGrid, device: Device, *, linear: bool = False) -> cla.Array:
-    """Views of a frame, shape ``grid.shape``; ``linear`` as for `resample`."""
+def sliced(
+    frame: Frame, grid: LensletGrid, device: Device, *, interpolation: Interpolation = "cubic"
+) -> cla.Array:
+    """Views of a frame, shape ``grid.shape``; ``interpolation`` as for `resample`."""
     raw = RawImage(device.upload(frame), device, math.nan, grid, grid)
-    return resample(raw, grid, linear=linear)
+    return resample(raw, grid, interpolation=interpolation)

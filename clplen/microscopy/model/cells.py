@@ -144,8 +144,8 @@ def cell_of(lattice: str, kinds: int, *, voxels: int, pixels: int) -> Cell:
     """The cell of an array with some voxels and pixels a lenslet.
 
     A hexagonal lattice has about as many of them along y, where rows are sqrt(3)/2 of the pitch
-    apart: voxels to the nearest whole number of a cell, pixels to the next one that transforms
-    quickly.
+    apart: the next whole number of voxels of a cell, none higher than wide, and the next one of
+    pixels that transforms quickly.
 
     Parameters
     ----------
@@ -161,7 +161,7 @@ def cell_of(lattice: str, kinds: int, *, voxels: int, pixels: int) -> Cell:
     """
     if lattice == "hexagonal":
         high = smooth_length(math.ceil(_ROOT * pixels))
-        size, many = (_ROOT, float(kinds)), (max(2, round(_ROOT * voxels)), kinds * voxels)
+        size, many = (_ROOT, float(kinds)), (math.ceil(_ROOT * voxels), kinds * voxels)
         mirror_x = kinds == 1
         return Cell(
             (2, kinds), size, many, (high, kinds * pixels), True, mirror_x, False, mirror_x

@@ -23,7 +23,7 @@ from clplen.microscopy.model.image_datasets import (
 from clplen.microscopy.model.images import PointImages
 
 FORMAT = "clplen point images 1"
-OF_CELLS = "clplen point images 2"  # with cells of several lenslets, which readers of 1 do not know
+OF_CELLS = "clplen point images 3"  # with cells of several lenslets, which readers of 1 do not know
 # Bytes of a file over those of its images; from .79 and .46 on were measured.
 DENSEST = {"float32": 0.7, "float16": 0.4}
 

@@ -6,9 +6,10 @@ the frame:
 
     g = W H V,   V' = H' W' g,
 
-W the cubic convolution (Keys 1981, eq. 15, a = -1/2) of the model's pixels at the centres of the
-camera's, times the area of one in pixels of the other; W' its exact transpose. Counts are then
-those of the camera: whole, independent, and Poisson's.
+H the point images as coefficients of cubic B-splines about their pixels (spline_coefficients.py), W
+the sum of the splines at the centres of the camera's pixels (Unser 1999, eq. 7), times the area of
+one in pixels of the other; W' its exact transpose. Counts are then those of the camera: whole,
+independent, and Poisson's.
 """
 
 from __future__ import annotations
@@ -31,6 +32,7 @@ from clplen.lightfield.raw.raw_image import RawImage
 from clplen.microscopy.model.cells import Cell, Pair
 from clplen.microscopy.model.images import PointImages
 from clplen.microscopy.reconstruction.projector import Projector
+from clplen.microscopy.reconstruction.spline_coefficients import spline_coefficients
 
 Vector = np.ndarray[Any, Any]
 
@@ -205,12 +207,14 @@ class FrameProjector(Projector):
     def _on_camera(self, model: cla.Array) -> cla.Array:
         """W of a model's frame, on the device."""
         raw = RawImage(model, self.device, math.nan, self._grid, self._grid)
-        return resample(raw, self._grid)
+        return resample(raw, self._grid, interpolation="spline")
 
     def _on_model(self, frame: cla.Array) -> cla.Array:
         """W' of a frame, on the device."""
         views = frame.reshape(self._grid.shape)
-        return resample_adjoint(views, self._model_shape, self._grid, device=self.device)
+        return resample_adjoint(
+            views, self._model_shape, self._grid, device=self.device, interpolation="spline"
+        )
 
     def of_cell(self, cell: Vector) -> Vector:
         """The frame of an array whose cells all have one picture.
@@ -218,7 +222,8 @@ class FrameProjector(Projector):
         Parameters
         ----------
         cell : numpy.ndarray
-            Shape (ny, nx), the pixels of a cell; counts of a pixel of the camera.
+            Shape (ny, nx): coefficients of B-splines about the pixels of a cell, in counts of a
+            pixel of the camera. Those of an even cell are its level.
 
         Returns
         -------
@@ -247,10 +252,11 @@ class FrameProjector(Projector):
         return model.reshape(rows, ny, columns, nx)
 
     def _of_part(self, plane: int, part: int, start: int, count: int) -> Vector:
-        """Point images as `Projector` has them, for each pixel of the camera the light of one."""
+        """Coefficients of point images, for each pixel of the camera the light of one."""
         pictures = super()._of_part(plane, part, start, count)
-        pictures *= np.float32(self._area)
-        return pictures
+        found = spline_coefficients(pictures)
+        found *= self._area
+        return found.astype(np.float32)
 
     def place(self) -> dict[str, tuple[float, float]]:
         """Where the columns of voxels lie on the frame, for volumes to be laid over it.
