@@ -139,7 +139,8 @@ class Way:
 @cache
 def camera_of(device: Device, pitch: float, lattice: str) -> Microscope:
     """That takes frames of a point alone."""
-    array = MicrolensArray(pitch, F, count=25, fill="full", lattice=lattice, rotation=0.05)  # type: ignore[arg-type]
+    turned = 0.05 if lattice == "hexagonal" else 0.0
+    array = MicrolensArray(pitch, F, count=25, fill="full", lattice=lattice, rotation=turned)  # type: ignore[arg-type]
     pixels = PixelArray(pitch=PITCH / PIXELS, shape=(13 * PIXELS,) * 2)
     return PlenopticCamera.microscope(**OPTICS, mla=array, pixels=pixels, device=device)
 
@@ -273,11 +274,11 @@ def shell(device: Device) -> Iterator[Row]:
 def bound(device: Device) -> Iterator[Row]:
     """The least standard deviation of a point's place that photon noise allows (Cramer-Rao).
 
-    Of unknown place and power, F_ij = sum of dm/di dm/dj / m over the pixels; rms of 12 places,
+    Of unknown place and power, F_ij = sum of dm/di dm/dj / m over the pixels; rms of 24 places,
     of the square array, of the hexagonal one of its pitch, and of that of its lenslets' area.
     """
     rng = np.random.default_rng(11)
-    places = np.column_stack([rng.uniform(-8e-6, 8e-6, (12, 2)), rng.uniform(17e-6, 33e-6, 12)])
+    places = np.column_stack([rng.uniform(-8e-6, 8e-6, (24, 2)), rng.uniform(17e-6, 33e-6, 24)])
     arrays = {
         "square": (PITCH, "square"),
         "hexagonal": (PITCH, "hexagonal"),

@@ -1,34 +1,39 @@
 """What the residual of the vesicle's frame is made of: one cause at a time.
 
-    python benchmarks/vesicle_residual.py [--device pocl] [--quick]
+    python benchmarks/vesicle_residual.py [--device pocl] [--quick] [--unrectified]
 
 `$CLPLEN_DATA`/lfm_guv holds the frames (see examples/guv_volume.py). Ten planes from -18 to 18 um,
 3 x 3 voxels a lenslet, 20 iterations, haze kept out. The pupil is fitted to the frame itself, two
-steps of seven terms. A line for each change, its residual, and its share of the first one.
+steps of seven terms. A line for each change, its residual, and its share of the first one. With
+--unrectified instead the frame as the camera took it beside the rectified one: residuals, what of
+them is photon noise, and how alike the volumes are.
 """
 
 from __future__ import annotations
 
 import os
+import time
 from collections.abc import Iterator
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
 import click
 import numpy as np
 import tifffile
+from scipy.ndimage import map_coordinates
 
 from clplen import Device, MicrolensArray, PlenopticCamera, Projector, deconvolve, point_images
 from clplen.cameras import Microscope, PupilAberration
-from clplen.microscopy import Preparation, Prepared, fit_pupil, preparation
+from clplen.microscopy import Preparation, Prepared, fit_pupil, preparation, raw_preparation
 
 DATA = Path(os.environ.get("CLPLEN_DATA", Path(__file__).parents[2] / "shared" / "data"))
 GAIN = 1 / 0.46  # counts of a photoelectron
 PLANES = np.linspace(-18, 18, 10) * 1e-6
 WIDER = np.linspace(-26, 26, 14) * 1e-6
 FINER = np.linspace(-19.5, 19.5, 40) * 1e-6
-PIXELS = 16
+PIXELS, RAW, SENSOR = 16, (24, 31), 100 / 6.5  # a lenslet: rectified, point images, camera
+PARTS = 2  # of a pixel along an axis
 TERMS = (5, 6, 7, 8, 9, 10, 11)
 Vector = np.ndarray[Any, Any]
 
@@ -37,8 +42,9 @@ def microscope(device: Device, *, binning: int = 1, **change: Any) -> Microscope
     """60x/1.2 in water, lenslets of 100 um."""
     values = {"magnification": 60, "na": 1.2, "medium_index": 1.35, "wavelength": 593e-9} | change
     array = MicrolensArray(100e-6, 2.5e-3, count=27, fill="full")
+    across = values.pop("pixels", PIXELS)
     return PlenopticCamera.microscope(
-        mla=array, pixels_per_lenslet=PIXELS * binning, device=device, **values
+        mla=array, pixels_per_lenslet=across * binning, device=device, **values
     )
 
 
@@ -135,12 +141,79 @@ def causes(vesicle: Vesicle, quick: bool) -> Iterator[tuple[str, float]]:
     yield "pupil and 80 iterations", vesicle.left(with_pupil, iterations=80)
 
 
+@dataclass(frozen=True)
+class Found:
+    """A volume, where its voxels lie on the raw frame, and how long an iteration took."""
+
+    volume: Vector
+    residual: float
+    floor: float
+    place: dict[str, tuple[float, float]]
+    seconds: float
+
+    def at(self, other: Found) -> Vector:
+        """This volume at the voxels of another one, linearly; energy of one of the other's."""
+        z, i, k = np.indices(other.volume.shape)
+        first, down, right = (np.array(one) for one in other.place.values())
+        here, mine_down, mine_right = (np.array(one) for one in self.place.values())
+        steps = np.array([mine_down, mine_right])
+        places = first + i[..., None] * down + k[..., None] * right - here
+        mine = np.moveaxis(places @ np.linalg.inv(steps), -1, 0)
+        scale = abs(np.linalg.det([down, right]) / np.linalg.det(steps))
+        return np.asarray(scale * map_coordinates(self.volume, (z, *mine), order=1))
+
+
+def found_on(prepare: Preparation, seen: Prepared, projector: Projector) -> Found:
+    """A volume of a prepared frame."""
+    haze = prepare.haze(seen.counts, seen.white)
+    deconvolve(seen.counts, projector, white=seen.white, iterations=1, background=haze)
+    start = time.perf_counter()
+    made = deconvolve(seen.counts, projector, white=seen.white, iterations=20, background=haze)
+    seconds = (time.perf_counter() - start) / 20
+    counts = seen.counts[seen.white > 0].astype(float)
+    floor = prepare.variance * GAIN * counts.sum() / np.square(counts).sum()
+    return Found(made.volume, float(made.residuals[-1]), floor, prepare.place(3), seconds)
+
+
+def unrectified(vesicle: Vesicle) -> None:
+    """Print both ways."""
+    device, kept = vesicle.device, {"voxels_per_lenslet": 3, "cut": 5e-3, "binning": PARTS}
+    shape = tuple(size // PIXELS for size in vesicle.seen.counts.shape)
+    images = point_images(microscope(device, binning=PARTS), PLANES, **kept)
+    projector = Projector(images, (shape[0], shape[1]), device=device)
+    usual = found_on(vesicle.prepare, vesicle.seen, projector)
+    says(f"rectified, {PIXELS} pixels a lenslet", usual)
+    inside = (slice(None), slice(12, -12), slice(12, -12))  # four lenslets
+    for pixels in RAW:
+        camera = microscope(device, binning=PARTS, pixels=pixels)
+        raw_images = point_images(camera, PLANES, sensor_pixels=SENSOR, **kept)
+        raw = raw_preparation(raw_images, white=vesicle.white, dark=vesicle.dark, device=device)
+        assert raw.projector is not None
+        found = found_on(raw, raw(vesicle.frame), raw.projector)
+        says(f"as it is, {pixels} pixels of the images", found)
+        one, other = usual.volume[inside], found.at(usual)[inside]
+        alike = float(np.corrcoef(one.ravel(), other.ravel())[0, 1])
+        click.echo(f"  correlation of the volumes {alike:.4f}, light {other.sum() / one.sum():.4f}")
+
+
+def says(what: str, found: Found) -> None:
+    """A line."""
+    click.echo(
+        f"{what:36} residual {found.residual:.5f}, of it noise {found.floor:.5f}, "
+        f"{found.seconds:.2f} s an iteration"
+    )
+
+
 @click.command()
 @click.option("--device", "selector", help="As for Device.open.")
 @click.option("--quick", is_flag=True, help="Without fine sampling and the pupil.")
-def main(selector: str | None, quick: bool) -> None:
+@click.option("--unrectified", "raw", is_flag=True, help="The raw frame beside the rectified one.")
+def main(selector: str | None, quick: bool, raw: bool) -> None:
     """A table."""
     vesicle, first = Vesicle(Device.open(selector)), None
+    if raw:
+        unrectified(vesicle)
+        return
     for what, residual in causes(vesicle, quick):
         first = residual if first is None else first
         click.echo(f"{what:32}{residual:9.5f}{100 * (first - residual) / first:8.1f} %")

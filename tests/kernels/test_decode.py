@@ -110,9 +110,7 @@ def test_b_splines(device, name):
 def test_hexagonal_lattice(device, shift, interpolation):
     grid = LensletGrid((7, 11), (5, 4), (9.1, 8.3), (8.1, 0.4), (-0.2, 9.37), shift)
     raw = picture(61, 113)
-    got = device.download(
-        resample(raw_image(device, raw, grid), grid, interpolation=interpolation)
-    )
+    got = device.download(resample(raw_image(device, raw, grid), grid, interpolation=interpolation))
     kernel = spline_kernel if interpolation == "spline" else keys_kernel
     want = straightened(sampled(raw.astype(np.float64), grid, kernel), shift)
     assert np.abs(got - want).max() <= TOLERANCE_HEXAGONAL * raw.max()

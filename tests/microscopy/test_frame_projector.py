@@ -14,6 +14,7 @@ from clplen.lightfield import Lattice
 from clplen.microscopy import FrameProjector, PointImages, deconvolve, lattice_of, point_images
 from clplen.microscopy.model.cells import cell_of
 from clplen.microscopy.model.psf import _symmetric
+from clplen.microscopy.reconstruction.spline_coefficients import spline_coefficients
 
 LATTICES = {
     "turned": Lattice("square", (13.2, 17.6), (4.9, -0.8), (0.9, 5.1), shape=(31, 34)),
@@ -84,6 +85,29 @@ def test_one_voxel_is_its_image_where_it_lies(device, name, kinds):
         expected = frame_of(2 * images.image(z, phase), lattice, cell, np.round(number).astype(int))
         # positions of samples are multiples of 2^-24 pixel, weights float32
         assert relative_max(expected, projector.forward(volume, clamp=False)) < 5e-6
+
+
+@pytest.mark.parametrize("voxels", range(1, 12))
+@pytest.mark.parametrize("kinds", [1, 3])
+def test_voxels_are_no_higher_than_wide(voxels, kinds):
+    cell = cell_of("hexagonal", kinds, voxels=voxels, pixels=7)
+    (height, width), (vy, vx) = cell.size, cell.voxels
+    assert height == pytest.approx(math.sqrt(3))
+    assert vx == kinds * voxels
+    assert height / vy <= width / vx < height / (vy - 1)
+
+
+@pytest.mark.parametrize("shape", [(7, 5), (2, 1, 9), (3, 2, 4)])
+def test_splines_pass_through_all_pixels(shape):
+    values = np.random.default_rng(2).random(shape, np.float32)
+    found = spline_coefficients(values)
+    assert found.dtype == np.float64
+    passed = found
+    for axis in (-2, -1):
+        n = shape[axis]
+        matrix = spline_kernel(np.subtract.outer(np.arange(n), np.arange(n)))
+        passed = np.moveaxis(np.moveaxis(passed, axis, -1) @ matrix, -1, axis)
+    assert relative_max(values.astype(float), passed) < 1e-14
 
 
 @pytest.mark.parametrize("name", LATTICES)

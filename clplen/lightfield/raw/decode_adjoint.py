@@ -178,7 +178,10 @@ def _spread_any(
 
 
 def _of_lenslets(
-    views: cla.Array, grid: LensletGrid, strides: list[int], device: Device,
+    views: cla.Array,
+    grid: LensletGrid,
+    strides: list[int],
+    device: Device,
     interpolation: Interpolation,
 ) -> tuple[cla.Array, list[int]]:
     """Samples of the lenslets themselves, whose rows were interpolated, and their strides."""

@@ -163,9 +163,7 @@ def cell_of(lattice: str, kinds: int, *, voxels: int, pixels: int) -> Cell:
         high = smooth_length(math.ceil(_ROOT * pixels))
         size, many = (_ROOT, float(kinds)), (math.ceil(_ROOT * voxels), kinds * voxels)
         mirror_x = kinds == 1
-        return Cell(
-            (2, kinds), size, many, (high, kinds * pixels), True, mirror_x, False, mirror_x
-        )
+        return Cell((2, kinds), size, many, (high, kinds * pixels), True, mirror_x, False, mirror_x)
     step = 2 if kinds > 3 else 1
     rows = kinds // math.gcd(kinds, step)
     lenslets = (rows, kinds)
