@@ -32,7 +32,7 @@ GAIN = 1 / 0.46  # counts of a photoelectron
 PLANES = np.linspace(-18, 18, 10) * 1e-6
 WIDER = np.linspace(-26, 26, 14) * 1e-6
 FINER = np.linspace(-19.5, 19.5, 40) * 1e-6
-PIXELS, RAW, SENSOR = 16, (24, 31), 100 / 6.5  # a lenslet: rectified, point images, camera
+PIXELS, RAW, SENSOR = 16, 24, 100 / 6.5  # a lenslet: rectified, point images, camera
 PARTS = 2  # of a pixel along an axis
 TERMS = (5, 6, 7, 8, 9, 10, 11)
 Vector = np.ndarray[Any, Any]
@@ -184,16 +184,15 @@ def unrectified(vesicle: Vesicle) -> None:
     usual = found_on(vesicle.prepare, vesicle.seen, projector)
     says(f"rectified, {PIXELS} pixels a lenslet", usual)
     inside = (slice(None), slice(12, -12), slice(12, -12))  # four lenslets
-    for pixels in RAW:
-        camera = microscope(device, binning=PARTS, pixels=pixels)
-        raw_images = point_images(camera, PLANES, sensor_pixels=SENSOR, **kept)
-        raw = raw_preparation(raw_images, white=vesicle.white, dark=vesicle.dark, device=device)
-        assert raw.projector is not None
-        found = found_on(raw, raw(vesicle.frame), raw.projector)
-        says(f"as it is, {pixels} pixels of the images", found)
-        one, other = usual.volume[inside], found.at(usual)[inside]
-        alike = float(np.corrcoef(one.ravel(), other.ravel())[0, 1])
-        click.echo(f"  correlation of the volumes {alike:.4f}, light {other.sum() / one.sum():.4f}")
+    camera = microscope(device, binning=PARTS, pixels=RAW)
+    raw_images = point_images(camera, PLANES, sensor_pixels=SENSOR, **kept)
+    raw = raw_preparation(raw_images, white=vesicle.white, dark=vesicle.dark, device=device)
+    assert raw.projector is not None
+    found = found_on(raw, raw(vesicle.frame), raw.projector)
+    says(f"as it is, {RAW} pixels of the images", found)
+    one, other = usual.volume[inside], found.at(usual)[inside]
+    alike = float(np.corrcoef(one.ravel(), other.ravel())[0, 1])
+    click.echo(f"  correlation of the volumes {alike:.4f}, light {other.sum() / one.sum():.4f}")
 
 
 def says(what: str, found: Found) -> None:
