@@ -231,11 +231,11 @@ def points(asked: Asked) -> Iterator[Row]:
 
 
 def pairs(asked: Asked) -> Iterator[Row]:
-    """27 pairs, 6 um apart in all directions, 20 um away: least between over the lower peak."""
+    """81 pairs, 6 um apart in all directions, 20 um away: least between over the lower peak."""
     rng = np.random.default_rng(5)
     grid = np.stack(np.meshgrid(*[[-28e-6, 0, 28e-6]] * 2), -1).reshape(9, 2)
     scenes = []
-    for _ in range(3):
+    for _ in range(9):
         middle, angle = grid + rng.uniform(-4e-6, 4e-6, (9, 2)), rng.uniform(0, np.pi, 9)
         half = 3e-6 * np.column_stack([np.cos(angle), np.sin(angle)])
         scenes.append((middle, half))

@@ -97,7 +97,7 @@ class FrameProjector(Projector):
     ...     "hexagonal", (30.0, 31.0), (6.4, 1.2), (-1.3, 7.4), shape=(60, 64))
     >>> projector = clplen.microscopy.FrameProjector(images, lattice)
     >>> projector.volume_shape, projector.frame_shape
-    ((1, 21, 22), (60, 64))
+    ((1, 28, 22), (60, 64))
     """
 
     def __init__(
