@@ -39,7 +39,8 @@ Row = tuple[str, float, float]
 Values = np.ndarray[Any, Any]
 
 PITCH, M, PIXELS, VOXELS = 125e-6, 20, 15, 3
-SHAPE = (17 * PIXELS,) * 2
+WHOLE = {"square": 17, "two foci upright": 18}  # lenslets across, on whole pixels
+ACROSS = 17  # of others
 PLANES = tuple(5e-6 * k for k in range(3, 8))
 OPTICS = {"magnification": M, "na": 0.5, "wavelength": 525e-9}
 F = 2.5e-3
@@ -48,6 +49,7 @@ ARRAYS: dict[str, dict[str, Any]] = {
     "turned": {"rotation": 0.2, "offset": (20e-6, -30e-6)},
     "hexagonal": {"lattice": "hexagonal", "rotation": 0.05},
     "two foci": {"focal_length": (F, 1.1 * F), "rotation": -0.1},
+    "two foci upright": {"focal_length": (F, 1.1 * F)},
     "three foci": {"lattice": "hexagonal", "focal_length": (F, 0.95 * F, 1.1 * F)},
 }
 WORSE = 1.1  # than the square array, at most
@@ -68,10 +70,16 @@ class Way:
         values = {"focal_length": F, "count": 31, "fill": "full", **ARRAYS[self.name], **change}
         return MicrolensArray(PITCH, **values)
 
+    @property
+    def shape(self) -> tuple[int, int]:
+        """(ny, nx) of frames."""
+        n = PIXELS * WHOLE.get(self.name, ACROSS)
+        return n, n
+
     @cached_property
     def camera(self) -> Microscope:
         """As it takes frames."""
-        pixels = PixelArray(pitch=PITCH / PIXELS, shape=SHAPE)
+        pixels = PixelArray(pitch=PITCH / PIXELS, shape=self.shape)
         return PlenopticCamera.microscope(
             **OPTICS, mla=self._array(), pixels=pixels, device=self.device
         )
@@ -79,12 +87,12 @@ class Way:
     @cached_property
     def images(self) -> PointImages:
         """Of the array along the axes, on finer pixels."""
-        n, parts = (PIXELS, 3) if self.name == "square" else (round(PIXELS * self.over), 2)
+        n, parts = (PIXELS, 3) if self.name in WHOLE else (round(PIXELS * self.over), 2)
         camera = PlenopticCamera.microscope(
             **OPTICS, mla=self._array(rotation=0.0, offset=(0, 0)), pixels_per_lenslet=parts * n,
             device=self.device,
         )  # fmt: skip
-        integrated = {} if self.name == "square" else {"sensor_pixels": PIXELS}
+        integrated = {} if self.name in WHOLE else {"sensor_pixels": PIXELS}
         return point_images(
             camera, self.planes, voxels_per_lenslet=VOXELS, binning=parts, **integrated, cut=5e-3
         )
@@ -92,8 +100,9 @@ class Way:
     @cached_property
     def projector(self) -> Projector:
         """Onto the camera's pixels."""
-        if self.name == "square":
-            return Projector(self.images, (17, 17), device=self.device)
+        if self.name in WHOLE:
+            rows, columns = (WHOLE[self.name] // k for k in self.images.cell.lenslets)
+            return Projector(self.images, (rows, columns), device=self.device)
         return FrameProjector(self.images, lattice_of(self.camera), device=self.device)
 
     @cached_property
@@ -110,7 +119,7 @@ class Way:
                 np.array([0, side]),
             )
         scale = PITCH / PIXELS / M
-        middle = (np.array(SHAPE) - 1) / 2
+        middle = (np.array(self.shape) - 1) / 2
         return (first - middle)[::-1] * scale, np.array([down, right])[:, ::-1] * scale
 
     def voxels(self) -> Values:
