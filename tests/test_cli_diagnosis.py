@@ -127,6 +127,7 @@ def test_a_frame_is_checked_before_anything_is_made(
     assert not (tmp_path / "p.h5").exists()
 
 
+@pytest.mark.thorough
 def test_another_pitch_and_a_smaller_pupil_are_told(
     tmp_path: Path, psf: Path, device: Device
 ) -> None:

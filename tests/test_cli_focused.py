@@ -195,6 +195,7 @@ def shot(tmp_path: Path) -> tuple[Path, Any]:
     return tmp_path / "shot.xml", made
 
 
+@pytest.mark.thorough
 def test_a_captured_frame(tmp_path: Path, device: Device, shot: tuple[Path, Any]) -> None:
     xml, made = shot
     out, white = tmp_path / "out.tif", xml.with_name("white.tif")
@@ -246,6 +247,7 @@ def test_a_raw_picture_needs_a_word_that_it_is_focused(
     assert expected == pytest.approx((focused_depth(raw).median - pupil) / (1 + pupil))
 
 
+@pytest.mark.thorough
 def test_info_names_what_was_written(tmp_path: Path, raw_file: Path, device: Device) -> None:
     for command, name, words, kind, m in (
         ("render", "a.tif", (), "a picture of a focused camera", "0.2"),

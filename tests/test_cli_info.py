@@ -175,7 +175,7 @@ def raw_files(tmp_path: Path) -> tuple[Path, Path]:
     return tmp_path / "raw.tif", tmp_path / "white.tif"
 
 
-@pytest.mark.parametrize("words", [[], ["--flip-u"]])
+@pytest.mark.parametrize("words", [[], pytest.param(["--flip-u"], marks=pytest.mark.thorough)])
 def test_a_raw_image_with_its_white_image(tmp_path, raw_files, device, words):
     raw, white = raw_files
     grid = tmp_path / "grid.json"

@@ -252,6 +252,7 @@ def test_a_stack_of_frames_is_a_series(
     np.testing.assert_allclose(together, made, rtol=1e-4, atol=1e-5 * made[0].max())
 
 
+@pytest.mark.thorough
 def test_a_killed_series_loses_no_finished_frame(
     tmp_path: Path, psf: Path, frame: Path, device: Device
 ) -> None:

@@ -151,8 +151,9 @@ def fresh(words: list[object], before: str = "") -> subprocess.CompletedProcess[
     )
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("ending", ENDINGS)
-@pytest.mark.parametrize("start", ["none", pytest.param("limited", marks=pytest.mark.thorough)])
+@pytest.mark.parametrize("start", ["none", "limited"])
 def test_kill_and_resume_lose_nothing(
     tmp_path: Path, folder: Path, device: Device, ending: str, start: str
 ) -> None:

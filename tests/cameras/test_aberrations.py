@@ -60,6 +60,7 @@ def psf(camera: Plenoptic1) -> PSF:
     return PSF(intensity / intensity.sum(), camera.pixel_pitch, camera.grid.origin)
 
 
+@pytest.mark.thorough
 def test_strehl_ratio_of_each_low_term(device: Device) -> None:
     camera = camera_of(device)
     ideal = psf(camera)
@@ -158,6 +159,7 @@ def test_lenslets_out_of_place_move_their_sub_images(
     assert by_rays <= 0.08 * camera.pixel_pitch  # rays are few
 
 
+@pytest.mark.thorough
 def test_scatter_of_focal_lengths_widens_the_spots(device: Device) -> None:
     """A lenslet of f' puts a geometric blur d abs(1 - f/f') over its sub-image."""
     point = PointSources((1e-4, -2e-4, 60e-3))
@@ -218,6 +220,7 @@ def test_rays_turn_by_the_slope_of_the_wavefront(device: Device) -> None:
         assert math.sqrt(variance) == pytest.approx(F * math.sqrt(6) * LAM / R, rel=0.02)
 
 
+@pytest.mark.thorough
 def test_defocus_is_found_as_depth(device: Device) -> None:
     """W = c sqrt(3) (2 rho^2 - 1) adds 4 sqrt(3) c F/R^2 u to x = X + u (1 - alpha)."""
     camera = camera_of(device, aberrations=Aberrations(main_lens={4: 0.6 * LAM}))

@@ -124,6 +124,7 @@ def test_wavelengths_of_points_add(camera):
     assert np.abs(raw - expected).max() <= 1e-5 * expected.max()
 
 
+@pytest.mark.thorough
 def test_planes_add_without_occlusion(camera):
     near, far = slide(camera, -3e-3), PicturePlane(picture(), slide(camera).width, 3e-3)
     light = Coherence()

@@ -127,6 +127,7 @@ def test_an_unknown_name_is_replaced(tmp_path: Path) -> None:
     assert f"given the CPU name {FITTING!r}" in done.stdout
 
 
+@pytest.mark.thorough
 @needs_pocl
 def test_the_trial_runs_once_and_its_verdict_is_kept(tmp_path: Path) -> None:
     environment = forced_environment(tmp_path)
@@ -137,6 +138,7 @@ def test_the_trial_runs_once_and_its_verdict_is_kept(tmp_path: Path) -> None:
     assert second.stdout.endswith("ran\n"), second.stdout + second.stderr
 
 
+@pytest.mark.thorough
 @needs_pocl
 def test_a_bad_verdict_is_kept_until_its_file_is_removed(tmp_path: Path) -> None:
     environment = forced_environment(tmp_path, CLPLEN_POCL_CPU="no-such-cpu")
@@ -168,6 +170,7 @@ def test_a_damaged_verdict_is_made_anew(tmp_path: Path) -> None:
         assert verdicts(tmp_path) == [FITTING]
 
 
+@pytest.mark.thorough
 @needs_pocl
 def test_no_writable_cache_is_no_failure(tmp_path: Path) -> None:
     environment = forced_environment(tmp_path, PYOPENCL_NO_CACHE="1", XDG_CACHE_HOME="/proc/none")

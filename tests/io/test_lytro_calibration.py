@@ -219,6 +219,7 @@ def test_a_bright_picture_shows_its_lattice(tmp_path: Path, device: Device, capl
     assert lf.raw.lattice.neighbour == pytest.approx(10, abs=0.01)
 
 
+@pytest.mark.thorough
 def test_a_lattice_is_sought_once(tmp_path: Path, monkeypatch, device: Device):
     from clplen.io.raw import lattice_cache
 

@@ -198,6 +198,7 @@ def test_flower(device, flower):
         assert report.factor > 3
 
 
+@pytest.mark.thorough
 def test_flower_by_the_guess(device, data_folder):
     """Three numbers vary in its names, so a pattern is asked for; a wrong one is judged."""
     folder = data_folder / "lytro_f01_flower"
@@ -209,6 +210,7 @@ def test_flower_by_the_guess(device, data_folder):
     assert "swap_uv=True (at -0.65)" in str(report)
 
 
+@pytest.mark.thorough
 def test_nearly_black_views_and_the_brightness_of_the_others(device):
     """Below 2 % of the median of the views that count; a black view and one without weight do
     not."""

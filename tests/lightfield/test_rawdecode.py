@@ -480,6 +480,7 @@ def test_a_vesicle_is_sharp_on_both_sides(data_folder, device):
 # A camera of this package ----------------------------------------------------------------------
 
 
+@pytest.mark.thorough
 def test_a_simulated_frame_by_its_white_image(device):
     """What is found on a white image decodes as the camera's own geometry does."""
     array = MicrolensArray(150e-6, 10e-3, count=27, fill="full")

@@ -117,6 +117,7 @@ def test_in_tiles_as_in_memory(device, tmp_path):
     assert np.abs(judged(whole, places, d)[0]).max() < 0.02
 
 
+@pytest.mark.thorough
 def test_textures_hold_no_points(device):
     for sample in sample_scenes(8, (68, 77)):
         lf, _ = sample.scene.light_field((3, 3), (68, 77), device=device, noise=sample.noise)

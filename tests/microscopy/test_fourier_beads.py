@@ -54,6 +54,7 @@ def test_without_noise(camera, stack):
     assert np.mean([found.images.kept(plane) for plane in range(3)]) == pytest.approx(1, abs=0.02)
 
 
+@pytest.mark.thorough
 def test_noise_is_left_out(camera, stack):
     """1e5 photons a frame, 5 a pixel besides: less than half of the frames' own noise remains."""
     photons = np.random.default_rng(0).poisson(stack * 1e5 + 5)

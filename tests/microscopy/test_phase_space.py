@@ -25,6 +25,7 @@ def ratios(lfm, cam, lf, interpolation):
     return np.array(areas) / lfm.area(lfm.summed(lf), p, x)
 
 
+@pytest.mark.thorough
 def test_refocusing_keeps_areas(device, lfm):
     """Samples 1.25 um apart; the camera's own, 6.25 um apart, are too few, so this can fail."""
     cam = lfm.camera(SimpleNamespace(device=device))

@@ -38,6 +38,7 @@ def test_energy_table(camera):
         assert at_sensor == pytest.approx(at_array, abs=1e-6)
 
 
+@pytest.mark.thorough
 def test_raw_of_unit_sources_adds_up(raws):
     total = sum(float(raw.to_numpy().sum(dtype=np.float64)) for raw in raws.values())
     assert total == pytest.approx(3, abs=2e-3 * 3)
