@@ -54,7 +54,14 @@ def done(result: Result) -> str:
     return result.stdout
 
 
-@pytest.mark.parametrize("cue", ["energy", "correspondence", "structure-tensor"])
+@pytest.mark.parametrize(
+    "cue",
+    [
+        "energy",
+        pytest.param("correspondence", marks=pytest.mark.thorough),
+        pytest.param("structure-tensor", marks=pytest.mark.thorough),
+    ],
+)
 def test_maps_of_a_cue(device: Device, tmp_path: Path, views: Path, cue: str):
     out, sure = tmp_path / "d.npy", tmp_path / "c.tif"
     text = done(run(device, views, "-o", out, "--cue", cue, "--confidence", sure, *PLANES))

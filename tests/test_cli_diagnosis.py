@@ -148,6 +148,7 @@ def test_another_pitch_and_a_smaller_pupil_are_told(
     assert changed["job"]["radiometric"] is True
 
 
+@pytest.mark.thorough
 def test_a_told_lattice(tmp_path: Path, psf: Path, device: Device) -> None:
     frame = frame_of(psf, device)
     wide = np.pad(frame, ((3, 2), (5, 1)))

@@ -399,6 +399,7 @@ def test_other_users_of_this_computer_are_refused(tmp_path: Path, place: str, st
         assert exploit(addresses[2], friend, canary) == ""
 
 
+@pytest.mark.thorough
 def test_who_has_the_certificates_may_join(
     tmp_path: Path, place: str, certificates: Path, caplog: Any
 ):

@@ -270,6 +270,7 @@ def test_the_focused_camera(device: Device) -> None:
 # Ways into the raw image
 
 
+@pytest.mark.thorough
 def test_wavefronts_of_the_field(device: Device) -> None:
     """Each point has that of its own image, (Y, X) = -(y, x) F/z; in one batch, and by rays."""
     places = [(0.4e-3, -0.3e-3, 5e-3), (-0.2e-3, 0.5e-3, 0.0)]

@@ -71,8 +71,8 @@ CASES: dict[str, dict[str, Any]] = {
         ),
     },
 }
-LONG = [pytest.param(c, marks=pytest.mark.thorough) for c in ("hexagonal", "focused", "colours")]
-SHORT = ["plain", "tilted", "field lens", "integrating"]
+SHORT = ["tilted", "integrating"]
+LONG = [pytest.param(c, marks=pytest.mark.thorough) for c in CASES if c not in SHORT]
 
 
 def maker(device: Device, case: str) -> Callable[..., ExposureOperator]:

@@ -144,7 +144,9 @@ class TestSeveralFocalLengths:
         )  # fmt: skip
 
     @pytest.mark.parametrize(("model", "gain"), [("waves", 1.2), ("rays", 2.5)])
-    @pytest.mark.parametrize("kind", [0, 1, 2])
+    @pytest.mark.parametrize(
+        "kind", [1, *(pytest.param(kind, marks=pytest.mark.thorough) for kind in (0, 2))]
+    )
     def test_each_type_is_sharp_at_its_own_distance(
         self, kind: int, model: Any, gain: float, device: Device
     ) -> None:

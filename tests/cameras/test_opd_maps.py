@@ -338,6 +338,7 @@ def test_the_path_of_the_main_lens(device: Device) -> None:
 # Pictures, slides, samples
 
 
+@pytest.mark.thorough
 def test_pictures_and_slides(device: Device) -> None:
     """One map goes the way of patterns and slides; several go by points, and no slide."""
     camera = camera_of(device, count=13, aperture_diameter=1.5e-3)

@@ -96,6 +96,7 @@ def test_incoherent_light_makes_a_slide_shine(camera):
     assert 0.5 / np.sqrt(snapshots) <= ratio <= 1.5 / np.sqrt(snapshots)
 
 
+@pytest.mark.thorough
 def test_partially_coherent_light_lies_between(camera):
     plane = slide(camera, samples=2)
     window = camera.grid.extent[1]

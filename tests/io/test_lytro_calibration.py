@@ -166,6 +166,7 @@ def test_equal_bytes_are_no_doubt(tmp_path: Path):
     choose_white_image(metadata, read_white_images(place), picture=path, calibration=place)
 
 
+@pytest.mark.thorough
 def test_levels_and_colours(tmp_path: Path, device: Device):
     """An even scene: linear light in which 1 is white, balanced, through the matrix."""
     black, top = 64, 1023

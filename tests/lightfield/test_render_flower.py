@@ -29,6 +29,7 @@ def flower(data_folder: Path, device: Device) -> LightField:
     return read_lightfield(folder, device=device, pattern="IMG_0001_{n}_{u}_{v}.png")
 
 
+@pytest.mark.thorough
 def test_views_between_views(flower: LightField):
     """Along rays the detail of a view is kept; without, it is ghosted away."""
     own = detail(flower.view(4, 1).to_numpy())

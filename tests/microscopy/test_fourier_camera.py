@@ -83,7 +83,9 @@ def test_arrays_are_layouts():
     assert layout.spacing == pytest.approx(1e-3)
 
 
-@pytest.mark.parametrize("lenslet", [4, 1, 8])
+@pytest.mark.parametrize(
+    "lenslet", [4, *(pytest.param(n, marks=pytest.mark.thorough) for n in (1, 8))]
+)
 def test_point_images_of_an_independent_simulation(camera, lenslet):
     """Whole lenslets and one on the rim, a wide stop; 1e-3 of the largest pixel."""
     wide = replace(camera, field_stop=2.5 * camera.field_stop)
