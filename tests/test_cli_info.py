@@ -210,6 +210,7 @@ def test_what_is_wrong_is_one_sentence(tmp_path, device):
     assert "--save-grid is for raw images" in result.stderr
 
 
+@pytest.mark.thorough
 def test_brightness_of_views(tmp_path, device):
     """One line for views that differ, one for those that hold hardly any light."""
     a = views((3, 5))

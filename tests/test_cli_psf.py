@@ -150,6 +150,7 @@ def test_the_example_is_the_vesicle(tmp_path: Path, psf: Path, device: Device) -
     assert json.loads(info.output)["planes"] == [-2.5e-6, 0, 2.5e-6]
 
 
+@pytest.mark.thorough
 def test_planes_are_told_from_the_objective_on(
     tmp_path: Path, psf: Path, device: Device, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -109,6 +109,7 @@ def test_one_file_of_all_frames(tmp_path: Path, folder: Path, device: Device, en
     assert [path.name for path in tmp_path.iterdir() if path.name[0] == "."] == []
 
 
+@pytest.mark.thorough
 def test_other_programs_read_it(tmp_path: Path, folder: Path, device: Device) -> None:
     zarr = pytest.importorskip("zarr")
     for ending in ENDINGS:

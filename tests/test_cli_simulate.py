@@ -111,6 +111,7 @@ def test_simulate_passes_on_what_the_file_says(
     assert given["checkpoint"] == small.parent / "c"
 
 
+@pytest.mark.thorough
 def test_simulate_goes_on_after_an_interrupt(
     small: Path, device: Device, monkeypatch: pytest.MonkeyPatch
 ):

@@ -204,7 +204,7 @@ COMMANDS = {
 @pytest.mark.parametrize(
     "command",
     [
-        pytest.param(c, marks=pytest.mark.thorough if c in ("depth", "render sweep") else ())
+        pytest.param(c, marks=pytest.mark.thorough if c in ("depth", "epi", "render sweep") else ())
         for c in COMMANDS
     ],
 )

@@ -128,9 +128,15 @@ TURNED = MicrolensArray(150e-6, 3e-3, count=(31, 27), lattice="hexagonal", rotat
     ("bad", "mla"),
     [
         (Aberrations(scatter=LensletScatter(tilt=1e-3, seed=4)), TURNED),
-        (Aberrations(scatter=LensletScatter(position=4e-6, seed=5)), SQUARE),
+        pytest.param(
+            *(Aberrations(scatter=LensletScatter(position=4e-6, seed=5)), SQUARE),
+            marks=pytest.mark.thorough,
+        ),
         (Aberrations(lenslets={2: 100e-9, 3: -60e-9}), TURNED),
-        (Aberrations(lenslets={2: 100e-9, 3: -60e-9}, lenslet_circle=213e-6), SQUARE),
+        pytest.param(
+            *(Aberrations(lenslets={2: 100e-9, 3: -60e-9}, lenslet_circle=213e-6), SQUARE),
+            marks=pytest.mark.thorough,
+        ),
     ],
     ids=["tilt", "position", "wavefront of a disc", "wavefront"],
 )

@@ -286,6 +286,7 @@ def test_units_of_brightness_and_a_sensor(device):
     assert electrons.exposure.route == "isoplanatic"
 
 
+@pytest.mark.thorough
 def test_progress_and_batches(device, monkeypatch):
     camera, plane = camera_of(device, count=(9, 9)), picture(shape=(2, 2), width=1e-4)
     whole = camera.expose(plane, method="isoplanatic").to_numpy()

@@ -283,7 +283,10 @@ def mosaic(picture: np.ndarray, bayer: str) -> np.ndarray:
     return out
 
 
-@pytest.mark.parametrize("bayer", ["RGGB", "BGGR", "GRBG", "gbrg"])
+@pytest.mark.parametrize(
+    "bayer",
+    ["RGGB", *(pytest.param(b, marks=pytest.mark.thorough) for b in ("BGGR", "GRBG")), "gbrg"],
+)
 @pytest.mark.parametrize("demosaic", ["within", "after", "before"])
 @pytest.mark.parametrize("kind", KINDS)
 def test_colours_of_a_mosaic(device, bayer, demosaic, kind):

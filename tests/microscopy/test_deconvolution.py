@@ -56,6 +56,7 @@ def test_two_points_five_micrometres_apart(projector):
     assert found[6].sum() > 0.97 * found.sum()  # reference .986
 
 
+@pytest.mark.thorough
 def test_background_white_and_series(projector):
     voxels = [(2, 22, 22)]
     white = 1 - 0.4 * np.random.default_rng(2).random(projector.frame_shape).astype(np.float32)
@@ -258,7 +259,13 @@ def uneven(device):
 
 
 @pytest.mark.parametrize(
-    ("prior", "accelerate"), [("tv", False), ("gaussian", False), (None, True), ("tv", True)]
+    ("prior", "accelerate"),
+    [
+        pytest.param("tv", False, marks=pytest.mark.thorough),
+        ("gaussian", False),
+        pytest.param(None, True, marks=pytest.mark.thorough),
+        ("tv", True),
+    ],
 )
 def test_steps(uneven, prior, accelerate):
     projector = uneven

@@ -88,6 +88,7 @@ def test_hot_pixels_of_a_stack_are_replaced(camera, stack):
     assert without_hot_pixels(at_all, sharpest)[1] == 0
 
 
+@pytest.mark.thorough
 def test_a_stack_becomes_a_file(tmp_path, camera, stack):
     parameters, frames, psf = (tmp_path / name for name in ("camera.toml", "bead.tif", "psf.h5"))
     parameters.write_text(
