@@ -122,6 +122,7 @@ def test_render(tmp_path: Path, raw_file: Path, device: Device) -> None:
     assert imageio.imread(png).shape == picture.shape
 
 
+@pytest.mark.thorough
 def test_sweeps(tmp_path: Path, raw_file: Path, device: Device) -> None:
     out = tmp_path / "a.gif"
     done(run(device, "render", raw_file, "-o", out, "--sweep", "focus", "--m", "0.15:0.25:3"))

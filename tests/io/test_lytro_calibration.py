@@ -70,7 +70,14 @@ def a_picture(path: Path, frame: np.ndarray, *, camera=illum, **words: object) -
 @pytest.mark.parametrize("camera", [illum, f01])
 @pytest.mark.parametrize("kind", WRITERS)
 @pytest.mark.parametrize(
-    ("zoom", "focus", "number"), [(470, 700, 5), (0, 0, 0), (9999, 9999, 11), (901, 250, 7)]
+    ("zoom", "focus", "number"),
+    [
+        (470, 700, 5),
+        *(
+            pytest.param(*one, marks=pytest.mark.thorough)
+            for one in [(0, 0, 0), (9999, 9999, 11), (901, 250, 7)]
+        ),
+    ],
 )
 def test_the_right_one_of_twelve(tmp_path: Path, kind, camera, zoom, focus, number):
     suffix = ".tar" if kind == "archive" else ""

@@ -165,6 +165,7 @@ def test_planes_of_points(device):
     assert np.array_equal(point_planes(lf, narrow)[0], narrow)
 
 
+@pytest.mark.thorough
 def test_default_planes_are_those_of_the_commands(device):
     values = beads(9, count=1, size=(35, 41))[0].astype(np.float32)
     for spacing in (None, (-1e-3, -1e-3, 1e-3, 1e-3), (-2.0, -2.0, 1e-5, 1e-5)):

@@ -121,6 +121,7 @@ def test_two_points_behind_each_other(fine):
     assert light[6] / min(light[5], light[7]) == pytest.approx(0.5, abs=0.1)  # reference .50
 
 
+@pytest.mark.thorough
 def test_acceleration(projector):
     """Twelve iterations go as far as twenty."""
     frame = counted(projector, [(6, 22, 18), (6, 22, 26), (2, 15, 22)])
