@@ -67,7 +67,7 @@ def a_picture(path: Path, frame: np.ndarray, *, camera=illum, **words: object) -
     return a_container(path, raw, about, newer=camera is illum)
 
 
-@pytest.mark.parametrize("camera", [illum, f01])
+@pytest.mark.parametrize("camera", [illum, pytest.param(f01, marks=pytest.mark.thorough)])
 @pytest.mark.parametrize("kind", WRITERS)
 @pytest.mark.parametrize(
     ("zoom", "focus", "number"),

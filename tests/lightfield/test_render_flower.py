@@ -45,6 +45,7 @@ def test_interpolations(flower: LightField):
     assert linear < 0.9 * cubic < cubic < fourier
 
 
+@pytest.mark.thorough
 def test_all_in_focus_is_as_sharp_as_the_best_plane_or_more(flower: LightField):
     stack = focal_stack(flower, disparities=np.linspace(-1, 0, 21))
     best = max(detail(plane) for plane in stack.to_numpy())
