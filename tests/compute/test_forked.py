@@ -193,7 +193,9 @@ def test_pools_of_forked_processes_are_refused(device: Device, tmp_path: Path) -
     assert lines[7:] == ["nothing of OpenCL", "0"]
 
 
-@pytest.mark.parametrize("method", ["fork", "spawn", pytest.param("forkserver", marks=pytest.mark.thorough)])
+@pytest.mark.parametrize(
+    "method", ["fork", "spawn", pytest.param("forkserver", marks=pytest.mark.thorough)]
+)
 def test_processes_that_open_their_own_device_work(
     device: Device, tmp_path: Path, method: str
 ) -> None:
