@@ -201,9 +201,7 @@ def test_pictures_as_pdf_and_help(tmp_path: Path, pytestconfig: pytest.Config) -
     ("arguments", "words"),
     [
         (("--device", "abacus"), "abacus"),
-        pytest.param(
-            ("-o", "taken"), "there is a file of this name", marks=pytest.mark.thorough
-        ),
+        pytest.param(("-o", "taken"), "there is a file of this name", marks=pytest.mark.thorough),
     ],
 )
 def test_bad_options_get_a_sentence(tmp_path: Path, arguments: tuple[str, str], words: str) -> None:
