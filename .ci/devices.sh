@@ -1,21 +1,24 @@
 #!/usr/bin/env bash
 # The device matrix: the same tests on independent OpenCL implementations.
 #
-#   .ci/devices.sh [PYTHON] [pocl|vkfft|intel|intel-towers|oclgrind|oclgrind-both|rusticl|debian-pocl|all]...
-#                                                                               (default: python, all)
+#   .ci/devices.sh [PYTHON] [MODE]...                                (default: python, all of these)
 #
-# PYTHON is the interpreter in whose environment clplen and its test extra are installed.
+# PYTHON is the interpreter in whose environment clplen and its test extra are installed. Every mode
+# installs what it needs.
 #
+#   install   what vkfft, intel and oclgrind need, and no tests
 #   pocl      the whole suite on PoCL, which `pip install clplen` brings
 #   vkfft     the FFT tests on PoCL with VkFFT, built here for OpenCL
 #   intel     the tests of kernels and devices, less the thorough ones, on
 #             Intel's CPU runtime (which is installed here from PyPI and runs on AMD processors too).
-#             clplen shows it to the OpenCL loader by itself.
+#             clplen shows it to the OpenCL loader by itself. Kernels have the mapping of
+#             work-items of CPUs.
+#   intel-both  the kernels with the mapping of GPUs too; not part of CI
 #   intel-towers  the same of the towers and the cameras; not part of CI, whose time is limited
 #   oclgrind  tests/kernels on Debian's simulator Oclgrind, with no report of an access out of
-#             bounds or of a data race; of stored samples uint8 and float32, since all are indexed
-#             alike; every other file with the mapping of work-items of CPUs, the rest with that
-#             of GPUs
+#             bounds or of a data race; of stored samples uint8 and float32, and of waves those in single
+#             precision, since all are indexed alike; every other file with the mapping of work-items
+#             of CPUs, the rest with that of GPUs
 #   oclgrind-both  the same with both mappings of every file; not part of CI
 #   rusticl   the tests of kernels and devices on Mesa's OpenCL, which drives AMD and Intel GPUs
 #             under Linux, here on its CPU, llvmpipe: single precision alone. Not part of CI: one
@@ -96,6 +99,12 @@ planted() {
     echo "planted fault '$1': $(reports) report(s)"
 }
 
+run_install() {
+    need_intel
+    need_oclgrind
+    need_vkfft
+}
+
 run_pocl() { "$python" -m pytest -n auto --dist loadfile --device pocl -q; }
 
 run_vkfft() {
@@ -116,6 +125,8 @@ on_intel() {
 }
 
 run_intel() { on_intel tests/kernels tests/compute; }
+
+run_intel-both() { on_intel tests/kernels --mapping both; }
 
 run_intel-towers() { on_intel tests/wave tests/lightfield tests/cameras; }
 
@@ -154,16 +165,16 @@ run_oclgrind() {
     for ((part = 0; part < parts; ++part)); do
         local some=()
         for ((n = part; n < ${#files[@]}; n += parts)); do some+=("${files[n]}"); done
-        local other=uint16
+        local mapping=both
         if [ "${1:-one}" != both ]; then
-            if ((part % 2)); then other="[row-"; else other="[sample-"; fi
+            if ((part % 2)); then mapping=sample; else mapping=row; fi
         fi
         [ "$part" -lt 2 ] || wait -n
         (
             log=$log.$part code=0
             simulate "$python" -m pytest "${some[@]}" --device oclgrind -q --capture=sys \
-                -m "not thorough and not nightly" \
-                -k "not uint16 and not float16 and not $other" || code=$?
+                --mapping "$mapping" -m "not thorough and not nightly" \
+                -k "not uint16 and not float16 and not -double]" || code=$?
             echo "$code" >"$log.code"
         ) &
     done
@@ -181,10 +192,11 @@ run_oclgrind() {
 
 python=${1:-python}
 [ $# -gt 0 ] && shift
-[ "${*:-all}" != all ] || set -- pocl vkfft intel intel-towers oclgrind-both rusticl debian-pocl
+[ "${*:-all}" != all ] || set -- pocl vkfft intel intel-both intel-towers oclgrind-both rusticl debian-pocl
 for mode in "$@"; do
     case $mode in
-    pocl | vkfft | intel | intel-towers | oclgrind | oclgrind-both | rusticl | debian-pocl) "run_$mode" ;;
-    *) fail "unknown mode '$mode': pocl, vkfft, intel, intel-towers, oclgrind, oclgrind-both, rusticl, debian-pocl or all" ;;
+    install | pocl | vkfft | intel | intel-both | intel-towers | oclgrind | oclgrind-both | rusticl | debian-pocl)
+        "run_$mode" ;;
+    *) fail "unknown mode '$mode': install, pocl, vkfft, intel, intel-both, intel-towers, oclgrind, oclgrind-both, rusticl, debian-pocl or all" ;;
     esac
 done

@@ -1,17 +1,36 @@
 #!/usr/bin/env bash
 # The documentation site, built as the README says, warnings being errors; its links; docstrings.
 #
-#   .ci/docs.sh [PYTHON]                                                      (default: python)
+#   .ci/docs.sh [PYTHON] [install|build]...                      (default: python, install build)
 #
 # PYTHON is the interpreter in whose environment clplen and its test extra are installed.
+#
+#   install   Sphinx and its extensions from PyPI
+#   build     the site, with tutorials that run, its links, and the tests of docstrings
 set -euo pipefail
 cd "$(dirname "$0")/.."
 python=${1:-python}
-folder=$(dirname "$(command -v "$python")")
+[ $# -gt 0 ] && shift
+[ $# -gt 0 ] || set -- install build
 
-"$python" -c "import myst_nb, numpydoc, sphinx_click" 2>/dev/null || "$python" -m pip install --quiet ".[docs]"
-site=$(mktemp -d)
-trap 'rm -rf "$site"' EXIT
-PATH="$folder:$PATH" "$python" -m sphinx -q -W --keep-going docs "$site"
-"$python" docs/tools/links.py "$site"
-"$python" -m pytest -q -m "thorough or not thorough" tests/test_docstrings.py tests/test_site.py
+install() {
+    "$python" -c "import myst_nb, numpydoc, sphinx_click" 2>/dev/null ||
+        "$python" -m pip install --quiet ".[docs]"
+}
+
+build() {
+    local folder
+    folder=$(dirname "$(command -v "$python")")
+    site=$(mktemp -d)
+    trap 'rm -rf "$site"' EXIT
+    PATH="$folder:$PATH" "$python" -m sphinx -q -W --keep-going docs "$site"
+    "$python" docs/tools/links.py "$site"
+    "$python" -m pytest -q -m "thorough or not thorough" tests/test_docstrings.py tests/test_site.py
+}
+
+for step in "$@"; do
+    case $step in
+    install | build) "$step" ;;
+    *) echo "docs.sh: $step is neither install nor build" >&2; exit 1 ;;
+    esac
+done

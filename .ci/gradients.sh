@@ -7,7 +7,8 @@
 #
 #   install   PyTorch and JAX for CPUs from PyPI. The version of PyTorch is one whose wheel brings no
 #             libraries of a GPU, which would be gigabytes.
-#   test      the tests that need them, and the page on training, whose blocks are run
+#   test      the tests that need them, and the page on training, whose blocks are run; on every
+#             OpenCL device of the machine, or on that of $CLPLEN_DEVICE
 set -euo pipefail
 cd "$(dirname "$0")/.."
 python=${1:-python}
@@ -18,7 +19,9 @@ install() {
 }
 
 run_tests() {
-    "$python" -m pytest -q -m "not nightly" tests/gradients tests/test_foreign_arrays.py
+    local device=()
+    [ -z "${CLPLEN_DEVICE:-}" ] || device=(--device "$CLPLEN_DEVICE")
+    "$python" -m pytest -q -m "not nightly" "${device[@]}" tests/gradients tests/test_foreign_arrays.py
     "$python" -m pytest -q -m "not nightly" tests/test_docs.py -k train_with_torch
 }
 

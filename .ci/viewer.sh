@@ -5,7 +5,7 @@
 #
 # PYTHON is the interpreter in whose environment clplen and its test extra are installed.
 #
-#   fetch   installs Debian's Chromium, and Biome and axe-core from npm into $CLPLEN_NODE
+#   fetch   installs Debian's Chromium, playwright, and Biome and axe-core from npm into $CLPLEN_NODE
 #           (default: a folder beside this one's checkout, node/)
 #   test    lints, and runs the tests marked `browser`
 #
@@ -25,6 +25,7 @@ fetch() {
         as_root apt-get install -y -qq chromium >/dev/null 2>&1 ||
             { as_root apt-get update -qq && as_root apt-get install -y -qq chromium >/dev/null; }
     fi
+    "$python" -c "import playwright" 2>/dev/null || "$python" -m pip install --quiet ".[browser]"
     if command -v npm >/dev/null; then
         mkdir -p "$node"
         npm install --prefix "$node" --no-audit --no-fund --silent "@biomejs/biome@$biome" "axe-core@$axe"
@@ -37,7 +38,6 @@ run_tests() {
     else
         echo "no npm: the viewer's JavaScript is not linted, and axe-core judges no page"
     fi
-    "$python" -c "import playwright" 2>/dev/null || "$python" -m pip install --quiet ".[browser]"
     CLPLEN_AXE="$node/node_modules/axe-core/axe.min.js" \
         "$python" -m pytest -m "browser and not nightly" -n 1 -q tests/viewer
 }

@@ -31,6 +31,14 @@ def pytest_addoption(parser: pytest.Parser) -> None:
     )
 
     parser.addoption(
+        "--mapping",
+        choices=("row", "sample", "both"),
+        default=None,
+        help="mapping of work-items of the tests of kernels; default: the device's own, and the "
+        "other one in the thorough tests",
+    )
+
+    parser.addoption(
         "--device-tests-only",
         action="store_true",
         help="leave out what does not depend on the device: references, files, scripts",

@@ -116,9 +116,17 @@ def room_of(module: str) -> tuple[str, str]:
     return unit, module.split(".")[2] if inside else ""
 
 
+def statements(node: ast.AST) -> Iterator[ast.AST]:
+    """All statements in a node, without their expressions."""
+    for field in ("body", "orelse", "finalbody", "handlers", "cases"):
+        for inner in getattr(node, field, []):
+            yield inner
+            yield from statements(inner)
+
+
 def imports(module: str, source: str, modules: set[str]) -> Iterator[tuple[str, int]]:
     """(module, line) of everything that a module imports, wherever the import stands."""
-    for node in ast.walk(ast.parse(source)):
+    for node in statements(ast.parse(source)):
         if isinstance(node, ast.Import):
             yield from ((alias.name, node.lineno) for alias in node.names)
         elif isinstance(node, ast.ImportFrom):

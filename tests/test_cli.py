@@ -194,6 +194,7 @@ def test_depth_writes_values_and_a_picture(tmp_path: Path, views: Path, device: 
     assert imageio.imread(tmp_path / "d.png").ndim == 3
 
 
+@pytest.mark.thorough
 def test_simulate_then_stack_by_alpha(tmp_path: Path, camera_file: Path, device: Device):
     out = tmp_path / "simulated"
     result = run("simulate", camera_file, "-o", out, "--device", device.place)
@@ -498,6 +499,7 @@ def test_an_interrupt_while_writing_leaves_nothing(tmp_path: Path, views: Path):
     assert [file.name for file in tmp_path.iterdir()] == ["views"]
 
 
+@pytest.mark.thorough
 def test_an_interrupt_while_computing(tmp_path: Path):
     code = "from clplen.cli import main; main(prog_name='clplen')"
     child = subprocess.Popen(

@@ -125,6 +125,7 @@ def test_without_dask_one_process_does_it(job: Path, monkeypatch: pytest.MonkeyP
     assert 'pip install "clplen[batch]"' in worker.output
 
 
+@pytest.mark.thorough
 def test_a_second_run_at_the_same_time_is_refused(tmp_path: Path, device: Device):
     """Nothing is done twice; the first goes on undisturbed, also when it is interrupted."""
     random = np.random.default_rng(1)

@@ -54,7 +54,14 @@ def done(result: Result) -> str:
     return result.stdout
 
 
-@pytest.mark.parametrize("cue", ["energy", "correspondence", "structure-tensor"])
+@pytest.mark.parametrize(
+    "cue",
+    [
+        "energy",
+        pytest.param("correspondence", marks=pytest.mark.thorough),
+        pytest.param("structure-tensor", marks=pytest.mark.thorough),
+    ],
+)
 def test_maps_of_a_cue(device: Device, tmp_path: Path, views: Path, cue: str):
     out, sure = tmp_path / "d.npy", tmp_path / "c.tif"
     text = done(run(device, views, "-o", out, "--cue", cue, "--confidence", sure, *PLANES))
@@ -79,6 +86,7 @@ def test_an_old_name_of_an_option_is_taken_with_a_note(device: Device, tmp_path:
     assert result.stderr.count("the option --focal-mm is called --focal-length-mm now") == 1
 
 
+@pytest.mark.thorough
 def test_metres_and_points(device: Device, tmp_path: Path, views: Path):
     out, metric, ply = tmp_path / "d.pfm", tmp_path / "z.pfm", tmp_path / "p.ply"
     words = ("-o", out, "--cue", "energy", "--metric", metric, "--ply", ply, *PLANES, *LENGTHS)
@@ -203,6 +211,7 @@ def test_planes_that_end_before_the_scene(
     assert ("Note:" in result.stderr) == bool(said)
 
 
+@pytest.mark.thorough
 def test_an_aperture_leaves_out_views(device: Device, tmp_path: Path, views: Path):
     out = tmp_path / "d.npy"
     done(run(device, views, "-o", out, "--cue", "energy", "--aperture", "3", *PLANES))

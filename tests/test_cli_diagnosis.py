@@ -127,6 +127,7 @@ def test_a_frame_is_checked_before_anything_is_made(
     assert not (tmp_path / "p.h5").exists()
 
 
+@pytest.mark.thorough
 def test_another_pitch_and_a_smaller_pupil_are_told(
     tmp_path: Path, psf: Path, device: Device
 ) -> None:
@@ -147,6 +148,7 @@ def test_another_pitch_and_a_smaller_pupil_are_told(
     assert changed["job"]["radiometric"] is True
 
 
+@pytest.mark.thorough
 def test_a_told_lattice(tmp_path: Path, psf: Path, device: Device) -> None:
     frame = frame_of(psf, device)
     wide = np.pad(frame, ((3, 2), (5, 1)))

@@ -122,6 +122,7 @@ def test_render(tmp_path: Path, raw_file: Path, device: Device) -> None:
     assert imageio.imread(png).shape == picture.shape
 
 
+@pytest.mark.thorough
 def test_sweeps(tmp_path: Path, raw_file: Path, device: Device) -> None:
     out = tmp_path / "a.gif"
     done(run(device, "render", raw_file, "-o", out, "--sweep", "focus", "--m", "0.15:0.25:3"))
@@ -195,6 +196,7 @@ def shot(tmp_path: Path) -> tuple[Path, Any]:
     return tmp_path / "shot.xml", made
 
 
+@pytest.mark.thorough
 def test_a_captured_frame(tmp_path: Path, device: Device, shot: tuple[Path, Any]) -> None:
     xml, made = shot
     out, white = tmp_path / "out.tif", xml.with_name("white.tif")
@@ -246,6 +248,7 @@ def test_a_raw_picture_needs_a_word_that_it_is_focused(
     assert expected == pytest.approx((focused_depth(raw).median - pupil) / (1 + pupil))
 
 
+@pytest.mark.thorough
 def test_info_names_what_was_written(tmp_path: Path, raw_file: Path, device: Device) -> None:
     for command, name, words, kind, m in (
         ("render", "a.tif", (), "a picture of a focused camera", "0.2"),

@@ -175,7 +175,7 @@ def raw_files(tmp_path: Path) -> tuple[Path, Path]:
     return tmp_path / "raw.tif", tmp_path / "white.tif"
 
 
-@pytest.mark.parametrize("words", [[], ["--flip-u"]])
+@pytest.mark.parametrize("words", [[], pytest.param(["--flip-u"], marks=pytest.mark.thorough)])
 def test_a_raw_image_with_its_white_image(tmp_path, raw_files, device, words):
     raw, white = raw_files
     grid = tmp_path / "grid.json"
@@ -210,6 +210,7 @@ def test_what_is_wrong_is_one_sentence(tmp_path, device):
     assert "--save-grid is for raw images" in result.stderr
 
 
+@pytest.mark.thorough
 def test_brightness_of_views(tmp_path, device):
     """One line for views that differ, one for those that hold hardly any light."""
     a = views((3, 5))

@@ -150,6 +150,7 @@ def test_project_is_the_projection(tmp_path: Path, psf: Path, projector: Project
     assert "has 2 voxels that are negative" in said(run("project", tmp_path / "minus.npy", *words))
 
 
+@pytest.mark.thorough
 def test_a_volume_in_ome_tiff(tmp_path: Path, psf: Path, frame: Path, device: Device) -> None:
     out = tmp_path / "v.ome.tif"
     words = ["deconvolve", frame, "-c", psf, "-o", out, "--background", 2, "--device", device.place]
@@ -252,6 +253,7 @@ def test_a_stack_of_frames_is_a_series(
     np.testing.assert_allclose(together, made, rtol=1e-4, atol=1e-5 * made[0].max())
 
 
+@pytest.mark.thorough
 def test_a_killed_series_loses_no_finished_frame(
     tmp_path: Path, psf: Path, frame: Path, device: Device
 ) -> None:

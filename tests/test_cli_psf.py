@@ -36,10 +36,11 @@ def psf(tmp_path_factory: pytest.TempPathFactory, device: Device) -> Path:
     ("old", "new", "message"),
     [
         ("na = 1.2", "na = 1.4", "1.4"),
-        (
+        pytest.param(
             "num_slices = 3\num_per_slice = 2.5",
             "num_slices = 300000\num_per_slice = 0.0006",
             "This computer has not enough memory: 3 images of each of 300000 planes take",
+            marks=pytest.mark.thorough,
         ),
         ("num_slices = 3", "num_slices = 9001", "The plane at z = -11250 um needs"),
         ("ulens_pitch", "ulens_pich", "unknown key ulens_pich; did you mean ulens_pitch?"),
@@ -149,6 +150,7 @@ def test_the_example_is_the_vesicle(tmp_path: Path, psf: Path, device: Device) -
     assert json.loads(info.output)["planes"] == [-2.5e-6, 0, 2.5e-6]
 
 
+@pytest.mark.thorough
 def test_planes_are_told_from_the_objective_on(
     tmp_path: Path, psf: Path, device: Device, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -69,6 +69,7 @@ def folder(tmp_path_factory):
     return place
 
 
+@pytest.mark.thorough
 def test_hot_pixels_are_no_beads(folder, device):
     words = ("-c", "scope.toml", *WORDS, "--device", device.place)
     spoilt = run(folder, "hot.tif", "--mask", "mask.tif", *words)
@@ -84,6 +85,7 @@ def test_hot_pixels_are_no_beads(folder, device):
     assert found[0] == pytest.approx(found[1], abs=0.5)
 
 
+@pytest.mark.thorough
 def test_beads_to_parameters(folder, device):
     words = ("beads.tif", "-c", "scope.toml", "-o", "found.toml", *WORDS)
     found = run(folder, *words)

@@ -109,6 +109,7 @@ def test_one_file_of_all_frames(tmp_path: Path, folder: Path, device: Device, en
     assert [path.name for path in tmp_path.iterdir() if path.name[0] == "."] == []
 
 
+@pytest.mark.thorough
 def test_other_programs_read_it(tmp_path: Path, folder: Path, device: Device) -> None:
     zarr = pytest.importorskip("zarr")
     for ending in ENDINGS:
@@ -151,8 +152,9 @@ def fresh(words: list[object], before: str = "") -> subprocess.CompletedProcess[
     )
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("ending", ENDINGS)
-@pytest.mark.parametrize("start", ["none", pytest.param("limited", marks=pytest.mark.thorough)])
+@pytest.mark.parametrize("start", ["none", "limited"])
 def test_kill_and_resume_lose_nothing(
     tmp_path: Path, folder: Path, device: Device, ending: str, start: str
 ) -> None:

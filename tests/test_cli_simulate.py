@@ -70,6 +70,7 @@ def simulated(file: Path, tables: str, device: Device, *words: object) -> tuple[
     return CliRunner().invoke(cli.main, [str(word) for word in typed]), out / "raw.tif"
 
 
+@pytest.mark.thorough
 def test_simulate_a_scene_of_points_and_pictures(small: Path, device: Device):
     points = "points_mm = [[0.2, -0.1, 3.0]]\npower = 0.5\n"
     lines = "[coherence]\nlines_nm = [532, 500]\nline_powers = [3, 1]\n"
@@ -111,6 +112,7 @@ def test_simulate_passes_on_what_the_file_says(
     assert given["checkpoint"] == small.parent / "c"
 
 
+@pytest.mark.thorough
 def test_simulate_goes_on_after_an_interrupt(
     small: Path, device: Device, monkeypatch: pytest.MonkeyPatch
 ):

@@ -231,16 +231,26 @@ SAMPLES: dict[str, Callable[[], Names]] = {
 }  # fmt: skip
 
 
-# Pages whose blocks take more than five seconds on a slow CPU.
+# Pages whose blocks take more than a second.
 LONG = (
     "README.md",
     "docs/batch.md",
     "docs/calibration.md",
     "docs/focused.md",
+    "docs/fourier_microscope.md",
+    "docs/gradients.md",
+    "docs/howto/export_to_imagej.md",
+    "docs/howto/nerf_and_splats.md",
+    "docs/howto/point_cloud.md",
+    "docs/howto/refocus_in_metres.md",
+    "docs/howto/stereo_and_lenticular.md",
+    "docs/howto/white_image_not_found.md",
+    "docs/microscope_lattices.md",
     "docs/microscope_tracks.md",
     "docs/propagation.md",
     "docs/rendering.md",
     "docs/scenes.md",
+    "docs/start/first_picture.md",
     "docs/start/own_light_field.md",
 )
 

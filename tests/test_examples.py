@@ -199,7 +199,10 @@ def test_pictures_as_pdf_and_help(tmp_path: Path, pytestconfig: pytest.Config) -
 
 @pytest.mark.parametrize(
     ("arguments", "words"),
-    [(("--device", "abacus"), "abacus"), (("-o", "taken"), "there is a file of this name")],
+    [
+        (("--device", "abacus"), "abacus"),
+        pytest.param(("-o", "taken"), "there is a file of this name", marks=pytest.mark.thorough),
+    ],
 )
 def test_bad_options_get_a_sentence(tmp_path: Path, arguments: tuple[str, str], words: str) -> None:
     (tmp_path / "taken").touch()

@@ -166,6 +166,7 @@ if __name__ == "__main__":
 """
 
 
+@pytest.mark.thorough
 def test_objects_go_to_another_process_by_spawn(device: Device, tmp_path: Path) -> None:
     (tmp_path / "script.py").write_text(SPAWN)
     paths = [str(ROOT), str(ROOT / "tests"), *sys.path]

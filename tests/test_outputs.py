@@ -201,7 +201,13 @@ COMMANDS = {
 }
 
 
-@pytest.mark.parametrize("command", COMMANDS)
+@pytest.mark.parametrize(
+    "command",
+    [
+        pytest.param(c, marks=pytest.mark.thorough if c in ("depth", "epi", "render sweep") else ())
+        for c in COMMANDS
+    ],
+)
 def test_commands_replace_their_own_files_only(
     tmp_path: Path, lf: LightField, device: Device, command: str
 ):

@@ -11,6 +11,8 @@ from pathlib import Path
 
 import pytest
 
+pytestmark = pytest.mark.thorough  # builds a wheel; CI installs one
+
 ROOT = Path(__file__).parents[1]
 FIND = (
     "import clplen; from clplen.compute.drivers.program import kernel_folder; "

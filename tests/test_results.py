@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -111,7 +111,13 @@ def test_volumes_know_their_voxels(tmp_path: Path, device: Device) -> None:
     assert found.voxel == (projector.images.side,) * 2
 
 
-@pytest.mark.parametrize("name", sorted(kinds(Plottable)))
+def one_in_three(names: Iterable[str]) -> list[Any]:
+    """All names, two of three of them among the long tests: each draws a figure."""
+    thorough = pytest.mark.thorough
+    return [n if k % 3 == 0 else pytest.param(n, marks=thorough) for k, n in enumerate(names)]
+
+
+@pytest.mark.parametrize("name", one_in_three(sorted(kinds(Plottable))))
 def test_plots_are_figures_and_pictures_of_notebooks(name: str, device: Device) -> None:
     from matplotlib.figure import Figure
 
@@ -164,7 +170,7 @@ ODD: dict[str, Callable[[Device], Any]] = {
 
 
 @pytest.mark.filterwarnings("error")
-@pytest.mark.parametrize("name", ODD)
+@pytest.mark.parametrize("name", one_in_three(ODD))
 def test_unusual_results_are_drawn(name: str, device: Device) -> None:
     assert ODD[name](device)._repr_png_().startswith(PNG)
 

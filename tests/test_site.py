@@ -29,6 +29,7 @@ def load(path: str) -> ModuleType:
     return module
 
 
+@pytest.mark.thorough
 def test_pictures_of_the_gallery_are_those_of_the_scripts() -> None:
     """Every script that draws has a small picture, made of the script as it is."""
     pictures = load("gallery/make_pictures.py")

@@ -226,6 +226,7 @@ def test_depth_scan_makes_what_is_asked_for(device: Device) -> None:
     assert far.notes == ("",) or "pixels of" in far.notes[0]
 
 
+@pytest.mark.thorough
 def test_contrast_over_depth_is_that_of_the_object(device: Device) -> None:
     # Magnification 1/3: 1 cycle a metre on the image is 1/3 of one on the object.
     camera = focused(device)

@@ -38,6 +38,7 @@ def gaussian(width: float, pitch: float) -> PSF:
     return PSF(np.outer(line, line), pitch)
 
 
+@pytest.mark.thorough
 def test_reasons_are_given_where_they_make_the_numbers(device: Device) -> None:
     camera = focused(device)  # 4/(pi^2 N) = 3.4 %
     coma = camera.with_aberrations(Aberrations(main_lens={8: LAM / 5}, sensor_shift=2e-6))

@@ -113,6 +113,7 @@ def test_an_item_that_kills_its_workers_fails_alone(tmp_path: Path, device: Devi
     assert batchworks.wrong_outputs(tmp_path / "out", whole, device) == []
 
 
+@pytest.mark.thorough
 def test_a_worker_without_a_device_is_refused(tmp_path: Path):
     """Before it fails one item after the other."""
     executor = local_cluster(tmp_path, workers=1, devices=["no such"], memory=None, retries=0)

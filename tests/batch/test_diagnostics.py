@@ -118,7 +118,10 @@ def test_voxels_have_their_place_on_the_raw_frame(device: Device) -> None:
     assert flat == {"first": (0.5, 0.5), "down": (2.0, 0.0), "right": (0.0, 2.0)}
 
 
-@pytest.mark.parametrize(("name", "pixels", "dark"), [("guv", 15, None), ("beads", 20, 88.8)])
+@pytest.mark.parametrize(
+    ("name", "pixels", "dark"),
+    [("guv", 15, None), pytest.param("beads", 20, 88.8, marks=pytest.mark.thorough)],
+)
 def test_real_frames(device: Device, data_folder: Path, name: str, pixels: int, dark: Any) -> None:
     folder = data_folder / f"lfm_{name}"
     if not folder.is_dir():

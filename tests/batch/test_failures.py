@@ -92,6 +92,7 @@ def test_an_input_that_changes_meanwhile(
     assert "was changed while it was read" in summary.failed["field_000"]
 
 
+@pytest.mark.thorough
 def test_an_output_folder_that_vanishes(
     small: tuple[Path, list[Path]], device: Device, monkeypatch: pytest.MonkeyPatch
 ):

@@ -383,6 +383,7 @@ def test_strangers_are_refused_beyond_the_loopback_interface(
     assert {host for _, host, _ in found} <= {OWN, "127.0.0.1"}
 
 
+@pytest.mark.thorough
 def test_other_users_of_this_computer_are_refused(tmp_path: Path, place: str, strangers: Any):
     """Workers of a job know each other by certificates that nobody else has."""
     canary = tmp_path / "canary"
@@ -398,6 +399,7 @@ def test_other_users_of_this_computer_are_refused(tmp_path: Path, place: str, st
         assert exploit(addresses[2], friend, canary) == ""
 
 
+@pytest.mark.thorough
 def test_who_has_the_certificates_may_join(
     tmp_path: Path, place: str, certificates: Path, caplog: Any
 ):

@@ -18,8 +18,8 @@ zarr = pytest.importorskip("zarr", reason="the extra batch is not installed")
 SCRIPT = Path(__file__).parents[2] / "examples" / "object_storage.py"
 
 
-@pytest.mark.parametrize("source", ["memory", "local"])
-@pytest.mark.parametrize("target", ["memory", "local"])
+@pytest.mark.parametrize("source", ["memory", pytest.param("local", marks=pytest.mark.thorough)])
+@pytest.mark.parametrize("target", [pytest.param("memory", marks=pytest.mark.thorough), "local"])
 def test_from_store_to_store(
     tmp_path: Path, device: Device, source: str, target: str, monkeypatch: pytest.MonkeyPatch
 ):

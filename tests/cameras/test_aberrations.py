@@ -60,6 +60,7 @@ def psf(camera: Plenoptic1) -> PSF:
     return PSF(intensity / intensity.sum(), camera.pixel_pitch, camera.grid.origin)
 
 
+@pytest.mark.thorough
 def test_strehl_ratio_of_each_low_term(device: Device) -> None:
     camera = camera_of(device)
     ideal = psf(camera)
@@ -127,9 +128,15 @@ TURNED = MicrolensArray(150e-6, 3e-3, count=(31, 27), lattice="hexagonal", rotat
     ("bad", "mla"),
     [
         (Aberrations(scatter=LensletScatter(tilt=1e-3, seed=4)), TURNED),
-        (Aberrations(scatter=LensletScatter(position=4e-6, seed=5)), SQUARE),
+        pytest.param(
+            *(Aberrations(scatter=LensletScatter(position=4e-6, seed=5)), SQUARE),
+            marks=pytest.mark.thorough,
+        ),
         (Aberrations(lenslets={2: 100e-9, 3: -60e-9}), TURNED),
-        (Aberrations(lenslets={2: 100e-9, 3: -60e-9}, lenslet_circle=213e-6), SQUARE),
+        pytest.param(
+            *(Aberrations(lenslets={2: 100e-9, 3: -60e-9}, lenslet_circle=213e-6), SQUARE),
+            marks=pytest.mark.thorough,
+        ),
     ],
     ids=["tilt", "position", "wavefront of a disc", "wavefront"],
 )
@@ -158,6 +165,7 @@ def test_lenslets_out_of_place_move_their_sub_images(
     assert by_rays <= 0.08 * camera.pixel_pitch  # rays are few
 
 
+@pytest.mark.thorough
 def test_scatter_of_focal_lengths_widens_the_spots(device: Device) -> None:
     """A lenslet of f' puts a geometric blur d abs(1 - f/f') over its sub-image."""
     point = PointSources((1e-4, -2e-4, 60e-3))
@@ -218,6 +226,7 @@ def test_rays_turn_by_the_slope_of_the_wavefront(device: Device) -> None:
         assert math.sqrt(variance) == pytest.approx(F * math.sqrt(6) * LAM / R, rel=0.02)
 
 
+@pytest.mark.thorough
 def test_defocus_is_found_as_depth(device: Device) -> None:
     """W = c sqrt(3) (2 rho^2 - 1) adds 4 sqrt(3) c F/R^2 u to x = X + u (1 - alpha)."""
     camera = camera_of(device, aberrations=Aberrations(main_lens={4: 0.6 * LAM}))
@@ -267,6 +276,7 @@ def test_the_focused_camera(device: Device) -> None:
 # Ways into the raw image
 
 
+@pytest.mark.thorough
 def test_wavefronts_of_the_field(device: Device) -> None:
     """Each point has that of its own image, (Y, X) = -(y, x) F/z; in one batch, and by rays."""
     places = [(0.4e-3, -0.3e-3, 5e-3), (-0.2e-3, 0.5e-3, 0.0)]

@@ -71,8 +71,8 @@ CASES: dict[str, dict[str, Any]] = {
         ),
     },
 }
-LONG = [pytest.param(c, marks=pytest.mark.thorough) for c in ("hexagonal", "focused", "colours")]
-SHORT = ["plain", "tilted", "field lens", "integrating"]
+SHORT = ["tilted", "integrating"]
+LONG = [pytest.param(c, marks=pytest.mark.thorough) for c in CASES if c not in SHORT]
 
 
 def maker(device: Device, case: str) -> Callable[..., ExposureOperator]:
@@ -177,6 +177,7 @@ def test_it_is_the_transpose_of_the_gradients(device: Device, precise: Device, c
         assert {"pitch", "diameter", "rotation", "offset"} < set(found.lenslets)
 
 
+@pytest.mark.thorough
 def test_pictures_and_several_wavelengths(precise: Device) -> None:
     camera = camera_of(precise, {}, {"sensor_tilt": TILT})
     image = np.array([[1.0, 0, 0.5], [0.2, 2.0, 0]])

@@ -51,6 +51,7 @@ def like(one, other):
     return np.corrcoef(one.ravel(), other.ravel())[0, 1]
 
 
+@pytest.mark.thorough
 def test_the_rendering_is_the_picture_upside_down_blurred_and_sampled_by_lenslets(device):
     camera = small(device)
     # 1.3 lenslets between samples: they lie everywhere in the cells

@@ -40,7 +40,10 @@ def camera_of(device: Device, m: float, f: Any = 10e-3, **words: Any) -> Plenopt
 
 @pytest.mark.parametrize(
     ("m", "words"),
-    [(0.3, {"offset": (20e-6, -30e-6)}), (-0.3, {"lattice": "hexagonal"})],
+    [
+        pytest.param(0.3, {"offset": (20e-6, -30e-6)}, marks=pytest.mark.thorough),
+        (-0.3, {"lattice": "hexagonal"}),
+    ],
 )
 def test_pictures_from_patterns_are_those_of_points(m: float, words: Any, device: Device) -> None:
     small = {"count": (17, 19), "aperture_diameter": 1.8e-3, "pixels": 22}  # 15 leave 1e-2
@@ -144,7 +147,9 @@ class TestSeveralFocalLengths:
         )  # fmt: skip
 
     @pytest.mark.parametrize(("model", "gain"), [("waves", 1.2), ("rays", 2.5)])
-    @pytest.mark.parametrize("kind", [0, 1, 2])
+    @pytest.mark.parametrize(
+        "kind", [1, *(pytest.param(kind, marks=pytest.mark.thorough) for kind in (0, 2))]
+    )
     def test_each_type_is_sharp_at_its_own_distance(
         self, kind: int, model: Any, gain: float, device: Device
     ) -> None:

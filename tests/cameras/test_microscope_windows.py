@@ -37,6 +37,7 @@ def test_pixels_integrate(device: Device, place: Any) -> None:
     assert np.linalg.norm(got.to_numpy() - expected) <= 0.01 * np.linalg.norm(expected)
 
 
+@pytest.mark.thorough
 def test_beads_of_many_depths_add_up(device: Device) -> None:
     places, power = [(0, 0, 3e-6), (5e-6, 0, -4e-6), (0, 4e-6, 3e-6)], [1.0, 0.5, 2.0]
     camera = microscope(device, 9, pixels=PixelArray(fill_factor=0.6))

@@ -42,6 +42,7 @@ def test_an_edge(x: float, z: float, dz: float) -> None:
     assert np.abs(np.abs(row) ** 2 - np.abs(expected) ** 2)[np.abs(w) < 2].max() < 5e-3
 
 
+@pytest.mark.thorough
 def test_a_screen_against_its_angular_spectrum() -> None:
     """Squares of any opacity, off the axis, beside a numerical propagation in float64."""
     random = np.random.default_rng(5)

@@ -98,7 +98,7 @@ def scattered() -> OPDMaps:
     return OPDMaps([maps], fields=fields, wavelengths=[LAM])
 
 
-@pytest.mark.parametrize("make", [on_grid, scattered])
+@pytest.mark.parametrize("make", [on_grid, pytest.param(scattered, marks=pytest.mark.thorough)])
 def test_maps_over_the_field_are_the_zernike_terms(make: Any, device: Device) -> None:
     maps = make()
     terms, mapped = exposures(
@@ -128,6 +128,7 @@ def test_symmetric_maps_are_turned(device: Device) -> None:
     assert relative_max(terms, mapped) <= 1e-4
 
 
+@pytest.mark.thorough
 def test_rays_follow_the_slopes_of_maps(device: Device) -> None:
     maps, camera = on_grid(), camera_of(device)
     v, u = RNG.uniform(-0.7, 0.7, (2, 50))
@@ -227,6 +228,7 @@ def lens_area(s: float, r: float = 1.0) -> float:
     return (a + r**2 * b - root / 2) / math.pi
 
 
+@pytest.mark.thorough
 def test_vignetting_by_two_circles(device: Device) -> None:
     """Energies of waves and rays are those of the overlap of two circles, by field."""
     radii, r, per_metre = np.array([0.0, 0.8e-3, 1.7e-3]), 1.05, 0.6 / 1.7e-3
@@ -287,6 +289,7 @@ def test_the_side_that_is_vignetted(device: Device) -> None:
         assert abs(x.sum()) < 0.02 * abs(expected)
 
 
+@pytest.mark.thorough
 def test_a_shifted_pupil_moves_the_blur_and_keeps_the_light(device: Device) -> None:
     flat, shift = sampled({}, 17, 19) + pupil(17, 19)[2] * 0, np.array([0.13, -0.21])
     maps = OPDMaps([[flat]], fields=[(0, 0)], pupil_shift=[shift])
@@ -335,6 +338,7 @@ def test_the_path_of_the_main_lens(device: Device) -> None:
 # Pictures, slides, samples
 
 
+@pytest.mark.thorough
 def test_pictures_and_slides(device: Device) -> None:
     """One map goes the way of patterns and slides; several go by points, and no slide."""
     camera = camera_of(device, count=13, aperture_diameter=1.5e-3)

@@ -121,6 +121,7 @@ def test_patterns_equal_one_field_a_sample(device, array, more):
     assert 1e-5 < exposure.error <= 1.5e-3
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("fill", ["full", "circular"])
 def test_hexagonal_lattice(device, fill):
     camera = camera_of(device, lattice="hexagonal", fill=fill, count=(18, 17))
@@ -263,6 +264,7 @@ def test_turned_array_falls_back(device):
         camera.expose(plane, method="isoplanatic")
 
 
+@pytest.mark.thorough
 def test_planes_and_points_add_up(device):
     camera = camera_of(device)
     near, far, point = picture(dz=-0.02), picture(dz=0.03), PointSources((1e-4, 0, 0))
@@ -284,6 +286,7 @@ def test_units_of_brightness_and_a_sensor(device):
     assert electrons.exposure.route == "isoplanatic"
 
 
+@pytest.mark.thorough
 def test_progress_and_batches(device, monkeypatch):
     camera, plane = camera_of(device, count=(9, 9)), picture(shape=(2, 2), width=1e-4)
     whole = camera.expose(plane, method="isoplanatic").to_numpy()

@@ -213,7 +213,9 @@ def test_sampling_rule_counts_the_defocus(device):
 
 
 @pytest.mark.parametrize("lattice", ["square", "hexagonal"])
-@pytest.mark.parametrize("degrees", [0, 30, 45])
+@pytest.mark.parametrize(
+    "degrees", [30, *(pytest.param(d, marks=pytest.mark.thorough) for d in (0, 45))]
+)
 def test_turned_arrays_obey_the_shear_law(device, lattice, degrees):
     """Refocused on its true alpha a point is sharp, however the array is turned."""
     mla = MicrolensArray(

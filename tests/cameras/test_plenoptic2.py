@@ -68,6 +68,7 @@ def test_raw_image_against_the_twin(m: float, device: Device) -> None:
     assert relative_max(expected, got.astype(np.float64)) <= 5e-6  # complex64; type1 has 3e-6
 
 
+@pytest.mark.thorough
 def test_raw_image_in_double(precise: Device) -> None:
     point = (-0.2e-3, 0.1e-3, -3e-3)
     mla = MicrolensArray(150e-6, 10e-3, count=(57, 61), fill="full")

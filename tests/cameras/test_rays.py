@@ -69,11 +69,13 @@ def spread(lf: LightField, disparity: Any) -> float:
 @pytest.mark.parametrize(
     "words",
     [
-        {},
-        {"field_lens": True},
+        pytest.param({}, marks=pytest.mark.thorough),
+        pytest.param({"field_lens": True}, marks=pytest.mark.thorough),
         {"rotation": 0.05},
         {"lattice": "hexagonal"},
-        {"pixels": 9.4, "fill": "circular", "count": (30, 27)},
+        pytest.param(
+            {"pixels": 9.4, "fill": "circular", "count": (30, 27)}, marks=pytest.mark.thorough
+        ),
     ],
 )
 def test_the_light_field_obeys_its_truth(words: Any, device: Device) -> None:

@@ -91,6 +91,7 @@ def test_light_by_waves_is_flattened_only_by_diffraction(device: Device) -> None
     assert 0.85 < slope / (1 - camera.alpha(point[2])) < 1
 
 
+@pytest.mark.thorough
 def test_m_of_three_kinds_of_lenslets(device: Device) -> None:
     """A virtual depth of 5 b, at which no kind is in focus."""
     camera = read_camera(CAMERAS / "raytrix_r12.toml", device=device, count=(15, 17))

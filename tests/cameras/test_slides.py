@@ -96,6 +96,7 @@ def test_incoherent_light_makes_a_slide_shine(camera):
     assert 0.5 / np.sqrt(snapshots) <= ratio <= 1.5 / np.sqrt(snapshots)
 
 
+@pytest.mark.thorough
 def test_partially_coherent_light_lies_between(camera):
     plane = slide(camera, samples=2)
     window = camera.grid.extent[1]
@@ -124,6 +125,7 @@ def test_wavelengths_of_points_add(camera):
     assert np.abs(raw - expected).max() <= 1e-5 * expected.max()
 
 
+@pytest.mark.thorough
 def test_planes_add_without_occlusion(camera):
     near, far = slide(camera, -3e-3), PicturePlane(picture(), slide(camera).width, 3e-3)
     light = Coherence()

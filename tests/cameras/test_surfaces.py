@@ -211,6 +211,7 @@ def test_a_mirrored_picture_has_no_seam() -> None:
     assert picture(np.full((3, 4), 255, np.uint8)).samples.max() == pytest.approx(1)
 
 
+@pytest.mark.thorough
 def test_sample_scenes_are_varied_repeatable_and_within_range(device: Device) -> None:
     shape = (48, 64)
     names = []

@@ -69,6 +69,7 @@ def test_light_that_is_no_texture_does_not_count(device: Device) -> None:
     np.testing.assert_array_equal(operator.forward(GREY.samples), expected)
 
 
+@pytest.mark.thorough
 def test_a_texture_is_found(device: Device) -> None:
     operator = operator_of(device, "plane", "standard", "square")
     target = operator.camera.expose(operator.scene, model="rays").to_numpy()

@@ -50,7 +50,9 @@ def by_sums(field: np.ndarray, grid: Grid, distance: np.ndarray) -> np.ndarray:
     return found
 
 
-@pytest.mark.parametrize("tilt", [(0.03, -0.02), (0.0, 0.1)])
+@pytest.mark.parametrize(
+    "tilt", [(0.03, -0.02), pytest.param((0.0, 0.1), marks=pytest.mark.thorough)]
+)
 def test_each_pixel_has_its_own_distance(
     device: Device, precise: Device, tilt: tuple[float, float]
 ) -> None:

@@ -186,13 +186,16 @@ def test_every_way_to_a_device_is_refused_in_a_fork(device: Device, tmp_path: Pa
     assert lines[len(WAYS) :] == ["<Device  <Image ", "collected", "child 7", "parent 256.0 256.0"]
 
 
+@pytest.mark.thorough
 def test_pools_of_forked_processes_are_refused(device: Device, tmp_path: Path) -> None:
     lines = run(tmp_path, USED + POOLS, device.place)
     assert [line for line in lines[:7] if not says_spawn(line)] == []
     assert lines[7:] == ["nothing of OpenCL", "0"]
 
 
-@pytest.mark.parametrize("method", ["fork", "spawn", "forkserver"])
+@pytest.mark.parametrize(
+    "method", ["fork", "spawn", pytest.param("forkserver", marks=pytest.mark.thorough)]
+)
 def test_processes_that_open_their_own_device_work(
     device: Device, tmp_path: Path, method: str
 ) -> None:

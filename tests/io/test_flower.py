@@ -23,6 +23,7 @@ def curve(folder: Path, device: Device, **layout: bool) -> np.ndarray:
     return sharpness_curve(focal_stack(lf, disparities=PLANES))
 
 
+@pytest.mark.thorough
 def test_wrong_view_axes_lower_the_peak_threefold(data_folder: Path, device: Device):
     right = curve(data_folder, device)
     assert PLANES[right.argmax()] == pytest.approx(-0.65, abs=0.1)

@@ -67,10 +67,17 @@ def a_picture(path: Path, frame: np.ndarray, *, camera=illum, **words: object) -
     return a_container(path, raw, about, newer=camera is illum)
 
 
-@pytest.mark.parametrize("camera", [illum, f01])
+@pytest.mark.parametrize("camera", [illum, pytest.param(f01, marks=pytest.mark.thorough)])
 @pytest.mark.parametrize("kind", WRITERS)
 @pytest.mark.parametrize(
-    ("zoom", "focus", "number"), [(470, 700, 5), (0, 0, 0), (9999, 9999, 11), (901, 250, 7)]
+    ("zoom", "focus", "number"),
+    [
+        (470, 700, 5),
+        *(
+            pytest.param(*one, marks=pytest.mark.thorough)
+            for one in [(0, 0, 0), (9999, 9999, 11), (901, 250, 7)]
+        ),
+    ],
 )
 def test_the_right_one_of_twelve(tmp_path: Path, kind, camera, zoom, focus, number):
     suffix = ".tar" if kind == "archive" else ""
@@ -166,6 +173,7 @@ def test_equal_bytes_are_no_doubt(tmp_path: Path):
     choose_white_image(metadata, read_white_images(place), picture=path, calibration=place)
 
 
+@pytest.mark.thorough
 def test_levels_and_colours(tmp_path: Path, device: Device):
     """An even scene: linear light in which 1 is white, balanced, through the matrix."""
     black, top = 64, 1023
@@ -219,6 +227,7 @@ def test_a_bright_picture_shows_its_lattice(tmp_path: Path, device: Device, capl
     assert lf.raw.lattice.neighbour == pytest.approx(10, abs=0.01)
 
 
+@pytest.mark.thorough
 def test_a_lattice_is_sought_once(tmp_path: Path, monkeypatch, device: Device):
     from clplen.io.raw import lattice_cache
 

@@ -252,6 +252,7 @@ def run(*words):
     return done.output
 
 
+@pytest.mark.thorough
 def test_commands_with_a_budget(device, tmp_path):
     values = np.random.default_rng(3).integers(0, 255, (3, 4, 300, 160, 3)).astype(np.uint8)
     np.save(tmp_path / "lf.npy", values)

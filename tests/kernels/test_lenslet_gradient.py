@@ -167,7 +167,10 @@ def test_no_sample_is_left_out(device, lattice, count, rotation):
     assert (np.rint(found) == found).all()
 
 
-@pytest.mark.parametrize("name", ARRAYS)
+@pytest.mark.parametrize(
+    "name",
+    [n if n == "hexagonal" else pytest.param(n, marks=pytest.mark.thorough) for n in ARRAYS],
+)
 def test_tangents_are_the_transpose(device, precise, name):
     """Re <G, dt> is the gradient: for rates of every lenslet, and for the array's parameters."""
     mla, values = ARRAYS[name], loss_gradient()

@@ -43,8 +43,15 @@ def ray(w: LocalWindows, n: int, v: Any, u: Any) -> tuple[Any, Any]:
     return s, path
 
 
-@pytest.mark.parametrize("lens", ["corrected", "thin"])
-@pytest.mark.parametrize("bent", [False, True])
+@pytest.mark.parametrize(
+    ("lens", "bent"),
+    [
+        ("corrected", True),
+        ("thin", False),
+        pytest.param("corrected", False, marks=pytest.mark.thorough),
+        pytest.param("thin", True, marks=pytest.mark.thorough),
+    ],
+)
 def test_spectra(device: Device, lens: str, bent: bool, monkeypatch: pytest.MonkeyPatch) -> None:
     terms = {5: 40e-9, 8: -30e-9, 11: 25e-9}
     made = windows(device, lens, aberrations=Aberrations(main_lens=terms if bent else {}))

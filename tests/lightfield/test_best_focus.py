@@ -101,6 +101,7 @@ def test_high_na_is_said_with_what_rays_make_of_it(device, name, z):
     assert abs(found.z - z) < found.z_uncertainty < 0.6 * abs(z)
 
 
+@pytest.mark.thorough
 def test_uncertainty_holds_what_the_paraxial_law_leaves_out(device):
     camera = microscope(device, "20x", 15)
     with warnings.catch_warnings():

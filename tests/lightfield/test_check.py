@@ -53,7 +53,14 @@ def mends(words, wrong, right) -> bool:
     return any(np.array_equal(made, a) for a in (right, right[::-1, ::-1]))
 
 
-@pytest.mark.parametrize("views", [(5, 5), (4, 4), (3, 6), (6, 3), (2, 2)])
+@pytest.mark.parametrize(
+    "views",
+    [
+        *(pytest.param(views, marks=pytest.mark.thorough) for views in [(5, 5), (4, 4), (6, 3)]),
+        (3, 6),
+        (2, 2),
+    ],
+)
 def test_every_wrong_order_is_named(device, views):
     right = scene(views)
     for words in ORDERS if views == (3, 6) else DISTINCT:
@@ -198,6 +205,7 @@ def test_flower(device, flower):
         assert report.factor > 3
 
 
+@pytest.mark.thorough
 def test_flower_by_the_guess(device, data_folder):
     """Three numbers vary in its names, so a pattern is asked for; a wrong one is judged."""
     folder = data_folder / "lytro_f01_flower"
@@ -209,6 +217,7 @@ def test_flower_by_the_guess(device, data_folder):
     assert "swap_uv=True (at -0.65)" in str(report)
 
 
+@pytest.mark.thorough
 def test_nearly_black_views_and_the_brightness_of_the_others(device):
     """Below 2 % of the median of the views that count; a black view and one without weight do
     not."""

@@ -77,6 +77,7 @@ def light_field(surfaces: list[Any], views: tuple[int, int], size: tuple[int, in
     return lf, np.asarray(truth.disparity)
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize(
     "name",
     [

@@ -118,6 +118,7 @@ def test_energy_is_pulled_towards_focus(fields, dz):
     assert found.uncertainty == pytest.approx(0.08 * TOLERANCE, rel=0.15)
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("dz", [-0.05, 0.05])
 def test_thesis_equals_its_twin(fields, images, dz):
     found = estimate_alpha(fields[dz], method="thesis", at=(15, 17))
@@ -166,6 +167,7 @@ def test_window(device, colours, at):
     np.testing.assert_array_equal(read_window(lf, at, 11), clipped)
 
 
+@pytest.mark.thorough
 def test_a_lenslet_off_the_object_or_at_the_border(fields):
     lf = fields[-0.05]
     centred = estimate_alpha(lf).alpha
@@ -342,6 +344,7 @@ def test_nothing_to_focus_on(device, value):
         estimate_alpha(flat, method="energy", at=(11, 13))
 
 
+@pytest.mark.thorough
 def test_the_old_spelling_of_the_lenslet(fields):
     lf = fields[-0.05]
     with warnings.catch_warnings():

@@ -61,7 +61,15 @@ def test_pictures(pair):
     same(lambda lf: lf.render(aperture=0.7), pair)
 
 
-@pytest.mark.parametrize("cue", ["energy", "correspondence", "structure-tensor", "combined"])
+@pytest.mark.parametrize(
+    "cue",
+    [
+        "energy",
+        "correspondence",
+        "structure-tensor",
+        pytest.param("combined", marks=pytest.mark.thorough),
+    ],
+)
 def test_depth(pair, cue):
     maps = [depth_map(lf, disparities=PLANES, cue=cue) for lf in pair]
     np.testing.assert_array_equal(maps[0].disparity, maps[1].disparity)

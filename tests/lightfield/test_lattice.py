@@ -131,7 +131,7 @@ def test_sharp_borders_of_bright_and_dim_lenslets_are_trusted(kind, pitch, degre
 
 
 @pytest.mark.parametrize("kind", ["square", "hexagonal", "turned"])
-@pytest.mark.parametrize("pitch", [5.0, 6.0])
+@pytest.mark.parametrize("pitch", [5.0, pytest.param(6.0, marks=pytest.mark.thorough)])
 @pytest.mark.parametrize("name", ["disc", "gauss"])
 def test_small_pitches_of_whole_pixels(kind, pitch, name):
     """All lenslets are sampled alike, which moves the phases of discs by up to .05 px."""
@@ -144,7 +144,7 @@ def test_small_pitches_of_whole_pixels(kind, pitch, name):
 
 
 @pytest.mark.parametrize(("pitch", "level"), [(5.0, 0.4), (5.0, 0.25), (8.0, 0.25), (10.0, 0.4)])
-@pytest.mark.parametrize("noise", [0, 0.1])
+@pytest.mark.parametrize("noise", [0, pytest.param(0.1, marks=pytest.mark.thorough)])
 def test_chessboards_of_lenslets(pitch, level, noise):
     """The bright lenslets alone make a lattice that is turned by 45 degrees."""
     shape = (120, 131)
@@ -171,7 +171,7 @@ def fallen(law: str, r2: np.ndarray) -> np.ndarray:
     return 0.15**r2 if law == "gauss" else (1 + (0.3**-0.5 - 1) * r2) ** -2
 
 
-@pytest.mark.parametrize("whole", [True, False])
+@pytest.mark.parametrize("whole", [pytest.param(True, marks=pytest.mark.thorough), False])
 @pytest.mark.parametrize(
     ("kind", "pitch", "degrees", "law"),
     [("square", 7.3, 0, "gauss"), ("square", 14.0, 0, "cos4"),
@@ -277,7 +277,7 @@ def texture(name: str) -> np.ndarray:
     }[name]
 
 
-@pytest.mark.parametrize("gaps", [False, True])
+@pytest.mark.parametrize("gaps", [False, pytest.param(True, marks=pytest.mark.thorough)])
 @pytest.mark.parametrize("name", ["noise", "repeated", "bricks"])
 def test_a_textured_scene_is_not_trusted(name, gaps):
     found = estimate_lattice(lenslets(texture(name), pitch=23.0, patch=16.0, gaps=gaps))

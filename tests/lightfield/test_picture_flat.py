@@ -16,6 +16,7 @@ ARRAYS = [
 ]
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("array", ARRAYS, ids=lambda a: a.kind)
 @pytest.mark.parametrize("scene", [mosaics.edges])
 def test_vignetting_of_a_picture(array, scene):

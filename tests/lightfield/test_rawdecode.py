@@ -283,7 +283,10 @@ def mosaic(picture: np.ndarray, bayer: str) -> np.ndarray:
     return out
 
 
-@pytest.mark.parametrize("bayer", ["RGGB", "BGGR", "GRBG", "gbrg"])
+@pytest.mark.parametrize(
+    "bayer",
+    ["RGGB", *(pytest.param(b, marks=pytest.mark.thorough) for b in ("BGGR", "GRBG")), "gbrg"],
+)
 @pytest.mark.parametrize("demosaic", ["within", "after", "before"])
 @pytest.mark.parametrize("kind", KINDS)
 def test_colours_of_a_mosaic(device, bayer, demosaic, kind):
@@ -480,6 +483,7 @@ def test_a_vesicle_is_sharp_on_both_sides(data_folder, device):
 # A camera of this package ----------------------------------------------------------------------
 
 
+@pytest.mark.thorough
 def test_a_simulated_frame_by_its_white_image(device):
     """What is found on a white image decodes as the camera's own geometry does."""
     array = MicrolensArray(150e-6, 10e-3, count=27, fill="full")

@@ -29,6 +29,7 @@ def flower(data_folder: Path, device: Device) -> LightField:
     return read_lightfield(folder, device=device, pattern="IMG_0001_{n}_{u}_{v}.png")
 
 
+@pytest.mark.thorough
 def test_views_between_views(flower: LightField):
     """Along rays the detail of a view is kept; without, it is ghosted away."""
     own = detail(flower.view(4, 1).to_numpy())
@@ -44,6 +45,7 @@ def test_interpolations(flower: LightField):
     assert linear < 0.9 * cubic < cubic < fourier
 
 
+@pytest.mark.thorough
 def test_all_in_focus_is_as_sharp_as_the_best_plane_or_more(flower: LightField):
     stack = focal_stack(flower, disparities=np.linspace(-1, 0, 21))
     best = max(detail(plane) for plane in stack.to_numpy())

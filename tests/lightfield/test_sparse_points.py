@@ -117,6 +117,7 @@ def test_in_tiles_as_in_memory(device, tmp_path):
     assert np.abs(judged(whole, places, d)[0]).max() < 0.02
 
 
+@pytest.mark.thorough
 def test_textures_hold_no_points(device):
     for sample in sample_scenes(8, (68, 77)):
         lf, _ = sample.scene.light_field((3, 3), (68, 77), device=device, noise=sample.noise)
@@ -164,6 +165,7 @@ def test_planes_of_points(device):
     assert np.array_equal(point_planes(lf, narrow)[0], narrow)
 
 
+@pytest.mark.thorough
 def test_default_planes_are_those_of_the_commands(device):
     values = beads(9, count=1, size=(35, 41))[0].astype(np.float32)
     for spacing in (None, (-1e-3, -1e-3, 1e-3, 1e-3), (-2.0, -2.0, 1e-5, 1e-5)):

@@ -25,7 +25,9 @@ def orientations(L, shears, weights):
     return (np.array(part) for part in zip(*found, strict=True))
 
 
-@pytest.mark.parametrize("shape", [(5, 4, 24, 31), (3, 3, 20, 23, 3)])
+@pytest.mark.parametrize(
+    "shape", [pytest.param((5, 4, 24, 31), marks=pytest.mark.thorough), (3, 3, 20, 23, 3)]
+)
 def test_against_its_definition(device, shape):
     random = np.random.default_rng(2)
     V, U, ny, nx = shape[:4]

@@ -27,6 +27,7 @@ def hexagonal_camera(device, count=35):
     )
 
 
+@pytest.mark.thorough
 def test_slope_of_hexagonal_arrays_has_no_bias(device):
     """Corners of the views hold neighbours' spots, and odd rows are interpolated: up to +.35."""
     camera = hexagonal_camera(device)

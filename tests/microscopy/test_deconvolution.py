@@ -56,6 +56,7 @@ def test_two_points_five_micrometres_apart(projector):
     assert found[6].sum() > 0.97 * found.sum()  # reference .986
 
 
+@pytest.mark.thorough
 def test_background_white_and_series(projector):
     voxels = [(2, 22, 22)]
     white = 1 - 0.4 * np.random.default_rng(2).random(projector.frame_shape).astype(np.float32)
@@ -99,6 +100,7 @@ def test_background_of_each_pixel_and_frame(projector):
             deconvolve(seen, projector, background=bad)
 
 
+@pytest.mark.thorough
 def test_two_points_in_the_native_plane(device):
     """References of an independent simulation, to .1: the least between over the lower peak."""
     projector = projector_of(device, [0.0])
@@ -112,12 +114,14 @@ def test_two_points_in_the_native_plane(device):
         assert row[[0, -1]].sum() < 0.4 * found.sum()  # .29 to .37: degenerate
 
 
+@pytest.mark.thorough
 def test_two_points_behind_each_other(fine):
     found = deconvolve(counted(fine, [(5, 22, 22), (7, 22, 22)]), fine, iterations=40).volume
     light = found.sum(axis=(1, 2))
     assert light[6] / min(light[5], light[7]) == pytest.approx(0.5, abs=0.1)  # reference .50
 
 
+@pytest.mark.thorough
 def test_acceleration(projector):
     """Twelve iterations go as far as twenty."""
     frame = counted(projector, [(6, 22, 18), (6, 22, 26), (2, 15, 22)])
@@ -147,6 +151,7 @@ def test_ahead_no_farther_than_the_last_step(device):
     assert np.allclose(device.download(volumes), expected, rtol=1e-6)
 
 
+@pytest.mark.thorough
 def test_total_variation_never_doubles_a_step(uneven):
     dark = np.full((1, *uneven.frame_shape), 1e-4)
     (a,) = TotalVariation(uneven, dark, 1.0).weights
@@ -173,6 +178,7 @@ def test_memory_is_asked_for_before_anything_is_allocated(projector, monkeypatch
     assert asked[0] - asked[-1] == 2 * volume + 4 * frame
 
 
+@pytest.mark.thorough
 def test_stopping_at_the_noise(fine):
     frame, true = setups.counted(fine, setups.shell(fine, 15), 2e4)
     found = deconvolve(frame, fine, iterations=40, residual="noise")
@@ -254,7 +260,13 @@ def uneven(device):
 
 
 @pytest.mark.parametrize(
-    ("prior", "accelerate"), [("tv", False), ("gaussian", False), (None, True), ("tv", True)]
+    ("prior", "accelerate"),
+    [
+        pytest.param("tv", False, marks=pytest.mark.thorough),
+        ("gaussian", False),
+        pytest.param(None, True, marks=pytest.mark.thorough),
+        ("tv", True),
+    ],
 )
 def test_steps(uneven, prior, accelerate):
     projector = uneven
@@ -268,6 +280,7 @@ def test_steps(uneven, prior, accelerate):
     assert np.abs(found - expected).max() < 2e-4 * expected.max()
 
 
+@pytest.mark.thorough
 def test_noise_of_a_step(fine):
     """What voxels see of Poisson counts where the volume is right."""
     bead, _ = setups.counted(fine, voxels(fine, (5, 22, 22)), 1e4)
@@ -291,6 +304,7 @@ def test_how_far_light_reaches():
     assert found == pytest.approx(np.abs(z) * 60 * np.tan(np.arcsin(1.2 / 1.33)) / 1e-4)
 
 
+@pytest.mark.thorough
 def test_total_variation_against_noise(fine):
     frame, true = setups.counted(fine, setups.shell(fine, 15), 1e4)
     free = wrong(deconvolve(frame, fine, iterations=20).volume, true)
@@ -300,6 +314,7 @@ def test_total_variation_against_noise(fine):
     assert wrong(found.volume, true) < wrong(less.volume, true) < free
 
 
+@pytest.mark.thorough
 def test_gaussian_against_the_native_plane(fine):
     """Nothing lies within 6 um of the native plane."""
     volume, near = setups.filaments(fine), blurs(fine.images) < 0.5

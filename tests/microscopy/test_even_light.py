@@ -90,6 +90,7 @@ def test_a_pupil_that_fits(device):
     assert (found.na, found.apodisation, found.share) == (0.5, 0.5, 0)
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("pitch", [15.0, 14.62])
 def test_a_smaller_pupil_is_found_and_corrected(device, pitch):
     white = white_of(0.475, 0.5, pitch=pitch)
@@ -111,6 +112,7 @@ def test_a_smaller_pupil_is_found_and_corrected(device, pitch):
     assert corrected(Preparation(N, device, None, None, None), found).sensitivity is None
 
 
+@pytest.mark.thorough
 def test_a_pupil_is_not_asked_for_without_a_white_frame(device):
     assert check_pupil(images_of(), preparation(N, device=device)) is None
     white = white_of(0.5, 0.5)

@@ -54,6 +54,7 @@ def test_without_noise(camera, stack):
     assert np.mean([found.images.kept(plane) for plane in range(3)]) == pytest.approx(1, abs=0.02)
 
 
+@pytest.mark.thorough
 def test_noise_is_left_out(camera, stack):
     """1e5 photons a frame, 5 a pixel besides: less than half of the frames' own noise remains."""
     photons = np.random.default_rng(0).poisson(stack * 1e5 + 5)
@@ -87,6 +88,7 @@ def test_hot_pixels_of_a_stack_are_replaced(camera, stack):
     assert without_hot_pixels(at_all, sharpest)[1] == 0
 
 
+@pytest.mark.thorough
 def test_a_stack_becomes_a_file(tmp_path, camera, stack):
     parameters, frames, psf = (tmp_path / name for name in ("camera.toml", "bead.tif", "psf.h5"))
     parameters.write_text(

@@ -83,7 +83,9 @@ def test_arrays_are_layouts():
     assert layout.spacing == pytest.approx(1e-3)
 
 
-@pytest.mark.parametrize("lenslet", [4, 1, 8])
+@pytest.mark.parametrize(
+    "lenslet", [4, *(pytest.param(n, marks=pytest.mark.thorough) for n in (1, 8))]
+)
 def test_point_images_of_an_independent_simulation(camera, lenslet):
     """Whole lenslets and one on the rim, a wide stop; 1e-3 of the largest pixel."""
     wide = replace(camera, field_stop=2.5 * camera.field_stop)
@@ -95,6 +97,7 @@ def test_point_images_of_an_independent_simulation(camera, lenslet):
     assert np.abs(found - expected).max() < 1e-3 * frame.max()
 
 
+@pytest.mark.thorough
 def test_places_of_sub_images(device):
     """Upright, and moved by the slope of their lenslet; NA .8 in water, hexagons."""
     mla = MicrolensArray(0.6e-3, 18e-3, count=5, lattice="hexagonal", fill="full")
@@ -127,6 +130,7 @@ def test_energy_apart_from_gaps(camera):
     assert frame.sum() == pytest.approx(covered, abs=0.02)
 
 
+@pytest.mark.thorough
 def test_sensor_and_powers(camera):
     two = PointSources([POINT, (0, 0, 0)], power=[2, 3])
     frame = camera.expose(two).to_numpy()

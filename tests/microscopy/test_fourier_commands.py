@@ -43,7 +43,7 @@ def run(*words, code=0):
     return result.output
 
 
-@pytest.mark.parametrize("lenslets", [LATTICE, ANYWHERE])
+@pytest.mark.parametrize("lenslets", [LATTICE, pytest.param(ANYWHERE, marks=pytest.mark.thorough)])
 def test_from_parameters_to_a_volume(tmp_path, device, lenslets):
     parameters, psf = tmp_path / "camera.toml", tmp_path / "psf.h5"
     parameters.write_text(CAMERA.format(lenslets=lenslets))

@@ -105,6 +105,7 @@ def test_voxels_are_what_the_camera_sees(device, camera):
     assert relative_max(seen, found) < 5e-3
 
 
+@pytest.mark.thorough
 def test_voxels_beyond_the_field_stop_are_dark(device, images):
     projector = FourierProjector(images, (101, 101), device=device)
     volume = np.zeros(projector.volume_shape)

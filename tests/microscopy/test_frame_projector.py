@@ -167,6 +167,7 @@ def test_frame_is_what_the_camera_sees(device, array):
     assert np.linalg.norm(moved - seen) > 0.5 * np.linalg.norm(seen)
 
 
+@pytest.mark.thorough
 def test_a_point_is_found_on_a_hexagonal_lattice(device):
     hexagonal = {"lattice": "hexagonal", "rotation": 0.1}
     images = point_images(

@@ -57,7 +57,9 @@ def volumes(projector):
     yield rng.random(projector.volume_shape) ** 4
 
 
-@pytest.mark.parametrize("photons", [None, 1e6, 2e4])
+@pytest.mark.parametrize(
+    "photons", [1e6, *(pytest.param(n, marks=pytest.mark.thorough) for n in (None, 2e4))]
+)
 def test_light_is_not_hot(images, projector, photons):
     rng, sharpest = np.random.default_rng(7), sharpness(images)
     for volume in volumes(projector):

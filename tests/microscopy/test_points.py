@@ -135,6 +135,7 @@ def test_what_holds_no_points(stack, options, words):
         find_points(stack, **options)
 
 
+@pytest.mark.thorough
 def test_gain_and_noise_halves(monkeypatch):
     monkeypatch.syspath_prepend(EXAMPLES)
     beads = importlib.import_module("beads")

@@ -66,6 +66,7 @@ def scene(device, terms=TRUE, shape=(8, 7), seed=1):
     return projector.forward(volume).astype(np.float64) + 0.01, how
 
 
+@pytest.mark.thorough
 def test_anything(device):
     frame, how = scene(device)
     found = fit_pupil(
@@ -94,6 +95,7 @@ def test_slopes_are_those_of_what_is_left(device):
     assert np.linalg.norm(middle.slopes[0]) == pytest.approx(np.linalg.norm(slope), rel=0.2)
 
 
+@pytest.mark.thorough
 def test_patches(device):
     frame, how = scene(device, shape=(5, 10))
     parts = fit_pupil_patches(

@@ -118,6 +118,7 @@ def test_counts_stay_those_of_the_camera(device):
     assert np.abs(preparation.haze(hazy, got.white) - 0.25 * preparation.level).max() < 2
 
 
+@pytest.mark.thorough
 def test_a_volume_without_rectifying(device, tmp_path):
     images, true = setup(device, "three kinds")
     imwrite(tmp_path / "white.tif", white_of(images, true)[0])

@@ -22,6 +22,7 @@ def example(monkeypatch: pytest.MonkeyPatch) -> ModuleType:
     return importlib.import_module("vesicle")
 
 
+@pytest.mark.thorough
 def test_a_real_vesicle_is_a_hollow_sphere(device, data_folder, example):
     if not (data_folder / "lfm_guv").is_dir():
         pytest.skip(f"no lfm_guv in {data_folder}")

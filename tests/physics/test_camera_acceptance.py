@@ -11,6 +11,8 @@ from clplen.cameras.camera_base import scene_energy
 from clplen.lightfield.refocusing.focal_stacks import refocus
 from clplen.wave.field.field import row_powers
 
+pytestmark = pytest.mark.thorough
+
 POINTS = {"A": (-3e-3, -3e-3, -0.05), "B": (0.0, 0.0, 0.0), "C": (3e-3, 3e-3, 0.05)}
 ALPHA = {"A": 0.736842, "B": 1.0, "C": 1.172414}
 LENSLET = {"A": 75.26, "B": 50.0, "C": 33.45}  # where each lies, in lenslets, both axes
@@ -29,7 +31,6 @@ def test_raw_image_against_the_independent_simulation(raws, twin_raws, name):
     assert relative_max(expected, got) <= 2e-6
 
 
-@pytest.mark.thorough
 def test_energy_table(camera):
     scene = PointSources(list(POINTS.values()), diameter=10e-6)
     table = (0.99931, 0.99974, 0.99953)

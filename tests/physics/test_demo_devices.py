@@ -24,6 +24,7 @@ print(json.dumps({"alpha": alpha, "note": device.note, "peak": float(raw.to_nump
 """
 
 
+@pytest.mark.thorough
 def test_same_alphas_and_raw_images_on_every_device(device):
     first = Device.all()[0]
     reference = Device.open(f"{first.platform}") if device.platform != first.platform else None

@@ -110,6 +110,7 @@ def test_slope(camera, measure):
             assert abs(found.alpha - camera.alpha(point[2])) < 3 * found.uncertainty
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize(("dz", "blur"), [(0.125, 8.2), (0.25, 12.2)])
 def test_slope_far_beyond_the_focus(measure, dz, blur):
     """Figure 3.12."""
@@ -118,6 +119,7 @@ def test_slope_far_beyond_the_focus(measure, dz, blur):
     assert found.blur == pytest.approx(blur, rel=0.05)
 
 
+@pytest.mark.thorough
 def test_slope_in_focus(measure):
     assert measure((0.0, 0.0, 0.0))["slope"].in_focus
 

@@ -121,7 +121,9 @@ def test_errors_of_the_field(device, precise, case, length):
 
 
 @pytest.mark.parametrize("method", ["as", "blas", "cblas", "rs"])
-@pytest.mark.parametrize("z", [1e-3, 0.03, 0.24, 1.0])
+@pytest.mark.parametrize(
+    "z", [1e-3, 0.24, *(pytest.param(z, marks=pytest.mark.thorough) for z in (0.03, 1.0))]
+)
 def test_one_step_keeps_120_db(device, precise, method, z):
     """Where the method is valid, up to 1 m on samples of 6.6 um."""
     u, dx = two_fields(720), 6.6e-6

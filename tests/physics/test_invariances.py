@@ -120,6 +120,7 @@ def sums() -> dict[str, tuple[np.ndarray, np.ndarray]]:
     }
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize(
     ("method", "options"),
     [("auto", {}), ("rs", {}), ("cblas", {}), ("blas", {"pad": 8}), ("as", {"pad": 8})],

@@ -25,6 +25,8 @@ from clplen.wave.elements.hard_apertures import rectangular_aperture
 from clplen.wave.systems.components import Lens
 from clplen.wave.systems.optical_system import OpticalSystem
 
+pytestmark = pytest.mark.thorough  # tests/wave shows that each of them is avoided
+
 TABLE = 0.5  # dB, to which the design's printed figures are reproduced
 
 

@@ -77,6 +77,7 @@ def test_slit(either, z, along):
         assert got["corrected"] >= got["BLAS"] >= got["AS pad 2"]
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("share", [0.7, 0.87, 1.1, 1.3])
 def test_auto_leaves_the_kernel_before_it_is_aliased(either, share):
     """Random field of 90 % of the Nyquist band, f_geo a share of f_nyq: the best is 59 to 260 dB.

@@ -12,7 +12,10 @@ from tolerance import snr_db
 from clplen import Device, Field, propagate, thin_lens
 from clplen.wave.systems.optical_system import imaging_system
 
-pytestmark = pytest.mark.filterwarnings("ignore::clplen.errors.SamplingWarning")
+pytestmark = [
+    pytest.mark.thorough,
+    pytest.mark.filterwarnings("ignore::clplen.errors.SamplingWarning"),
+]
 
 RIM = 13636.0  # cycles/m, D/(2 lam z2): the ideal spectrum is a disc of this radius
 WAYS = {  # full window, r < .5 mm in dB; intensity of the peak, ideal 1

@@ -121,6 +121,7 @@ def test_no_platform_is_one_sentence(monkeypatch: pytest.MonkeyPatch) -> None:
     assert result.stderr.startswith("Error: There is no OpenCL platform.")
 
 
+@pytest.mark.thorough
 def test_rows_come_in_order(device: Device) -> None:
     names = [check.name for check in CHECKS if check.name.startswith("FFT")] + ["finite", "window"]
     seen: list[str] = []

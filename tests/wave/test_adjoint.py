@@ -250,6 +250,7 @@ def test_gradients_through_a_system_against_differences(precise):
     assert got == pytest.approx((above - below) / 2e-6, rel=1e-6)
 
 
+@pytest.mark.thorough
 def test_gradients_in_single_precision(device):
     grid = clplen.Grid((31, 48), (4e-6, 5e-6))
     target = np.random.default_rng(1).random((27, 33))

@@ -90,7 +90,7 @@ def distances(grid: Grid) -> np.ndarray:
 
 
 @pytest.mark.parametrize("grid", GRIDS, ids=str)
-@pytest.mark.parametrize("lit", [1, 0.5, 0.1])
+@pytest.mark.parametrize("lit", [1, pytest.param(0.5, marks=pytest.mark.thorough), 0.1])
 def test_the_rules_everywhere(grid: Grid, lit: float) -> None:
     support = tuple(lit * e for e in grid.extent)
     for z in distances(grid):

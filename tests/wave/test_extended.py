@@ -44,6 +44,7 @@ def check_degree(estimator, source, lags):
     assert wrong.max() <= 0.02
 
 
+@pytest.mark.thorough
 def test_disc(device):
     source = ExtendedSource(2e-3, 0.1, points=200)
     estimator, first, second = parts(source, device)
@@ -187,6 +188,7 @@ def test_snapshots_do_not_depend_on_their_order(device):
     assert not np.allclose(forward[1], forward[0], atol=0.1)
 
 
+@pytest.mark.thorough
 def test_a_line_sees_the_projected_disc(device):
     source, grid = ExtendedSource(2e-3, 0.1, points=50), Grid((1, 96), 4e-6)
     lags = np.arange(1, 25)

@@ -42,6 +42,7 @@ def deviation(mask, device, grid=GRID, count=40):
     return math.sqrt((near**2).mean())
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("kernel", ["square", "gaussian"])
 def test_degree_of_coherence_does_not_depend_on_the_distance(device, kernel):
     fields = {}

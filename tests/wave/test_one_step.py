@@ -156,6 +156,7 @@ def re_percent(why: str) -> float:
     return float(why.split(";")[1].split("%")[0])
 
 
+@pytest.mark.thorough
 def test_auto_takes_it_only_where_it_is_exact_and_less_work():
     grid = Grid((64, 60), 4e-6)
     seen = set()

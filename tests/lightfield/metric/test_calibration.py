@@ -62,6 +62,7 @@ def test_corners_are_found_to_a_hundredth_of_a_pixel(pictures: list[np.ndarray])
         assert abs(off.mean()) < 0.003
 
 
+@pytest.mark.thorough
 def test_views_without_the_board_are_left_out_and_colours_averaged(pictures: list[np.ndarray]):
     views = np.stack([pictures[0][:2, :3]] * 3, -1) * (0.0, 1.0, 2.0) + (0.3, 0.0, 0.0)
     views[0, 1] = 0.3
@@ -128,6 +129,7 @@ def test_a_square_board_is_numbered_alike_in_all_views():
     assert np.ptp(moved - moved.mean(2, keepdims=True), axis=2).max() < 2
 
 
+@pytest.mark.thorough
 def test_intrinsics_of_traced_pictures(pictures: list[np.ndarray]):
     found = calibrate(pictures, BOARD, SPACING)
     H, K = found.matrix, CAMERA.matrix
@@ -145,6 +147,7 @@ def test_intrinsics_of_traced_pictures(pictures: list[np.ndarray]):
     assert np.abs(moved).max() < 0.02  # disparities, px
 
 
+@pytest.mark.thorough
 def test_rows_and_columns_of_a_board_may_be_swapped(pictures: list[np.ndarray]):
     corners = [find_corners(views[:, 1:4], BOARD[::-1]) for views in pictures[:3]]
     shape = (3, 3, 97, 128)
@@ -211,6 +214,7 @@ def test_views_in_reverse_order_are_refused():
         intrinsics_of(corners, CAMERA.shape, BOARD, SPACING)
 
 
+@pytest.mark.thorough
 def test_boards_that_are_held_alike_are_warned_of():
     alike = [Pose(z, (20.0 + z, 5.0, 0.0)) for z in (0.3, 0.4, 0.5)]
     random = np.random.default_rng(2)
