@@ -3,7 +3,7 @@
  *   L[v, u, i, k] = sum_ab h(a - y) h(b - x) raw[a, b],   (y, x) = row[i] + column[k] + down[v] + right[u]
  *
  * with h the cubic convolution kernel, a = -1/2 (Keys 1981, eq. 15), with -DLINEAR the triangle
- * 1 - |t|, or with -DSPLINE the cubic B-spline (Unser 1999, eq. 7), of which raw has the
+ * 1 - |t|, or with -DSPLINE the cubic B-spline (Unser 1999), of which raw has the
  * coefficients; pixels off the sensor count 0.
  * Positions come as tables (y, x) = at + part, an integer and a fraction in [0, 1) that is a
  * multiple of 2^-24: but for B-splines a whole position takes its pixel as it is.

@@ -160,7 +160,7 @@ def resample(
     interpolation : {"cubic", "linear", "spline"}
         "cubic" convolution (Keys 1981, eq. 15, a = -1/2); "linear", which never falls below the
         pixels around; "spline": the raw image has the coefficients of cubic B-splines about its
-        pixels (Unser 1999, eq. 7), whose sum is read. Lenslets of a row are then interpolated by
+        pixels (Unser 1999), whose sum is read. Lenslets of a row are then interpolated by
         cubic convolution.
 
     Returns

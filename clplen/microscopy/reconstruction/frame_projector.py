@@ -7,7 +7,7 @@ the frame:
     g = W H V,   V' = H' W' g,
 
 H the point images as coefficients of cubic B-splines about their pixels (spline_coefficients.py), W
-the sum of the splines at the centres of the camera's pixels (Unser 1999, eq. 7), times the area of
+the sum of the splines at the centres of the camera's pixels (Unser 1999), times the area of
 one in pixels of the other; W' its exact transpose. Counts are then those of the camera: whole,
 independent, and Poisson's.
 """

@@ -2,7 +2,7 @@
 
     f[k] = (c[k - 1] + 4 c[k] + c[k + 1])/6
 
-along either axis (Unser 1999, eq. 7 and box 2). A sum of splines between the pixels is off by some
+along either axis (Unser 1999). A sum of splines between the pixels is off by some
 h^4 of the pixel h where f is smooth, cubic convolution by h^3 (Keys 1981).
 """
 
