@@ -116,8 +116,8 @@ def fourier_point_images(
         corners.append(corner)
         if progress is not None:
             progress(number + 1, len(z))
-    camera.device.free_spare()  # fields are larger than anything that is made of the images
     camera.device.workspace.clear()
+    camera.device.free_spare()  # fields are larger than anything that is made of the images
     made = FourierPointImages(
         parameters,
         z,

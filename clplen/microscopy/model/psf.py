@@ -154,8 +154,8 @@ def point_images(
         values, scale = _packed(one, store)
         stored.append(values)
         scales.append(scale)
-    camera.device.free_spare()  # fields are larger than anything that is made of the images
     camera.device.workspace.clear()
+    camera.device.free_spare()  # fields are larger than anything that is made of the images
     n = round(camera.pixels_per_lenslet) // binning
     made = PointImages(
         parameters, z, voxels_per_lenslet, n, tuple(stored), np.array(scales, np.float64),
