@@ -50,7 +50,8 @@ def test_each_phase_is_simulated_or_a_mirror_image(device, voxels):
 
 def test_memory_of_fields_is_given_back(device):
     device.free_spare()
-    point_images(microscope(device), Z[:1], voxels_per_lenslet=2, cut=5e-3)
+    large = microscope(device, pixels_per_lenslet=45)
+    point_images(large, Z[:1], voxels_per_lenslet=2, cut=5e-3)
     assert device._spare.held_blocks == 0
     assert device.workspace.nbytes == 0
 
