@@ -416,7 +416,7 @@ def _sieved(device: Device) -> Pairs:
 
 VOLUME_CHECKS = (
     Check("projector", "volumes to frames of a microscope and back", _projected, 1e-5,
-          ("projector.cl", "lattice.cl", "lattice_spectra.cl")),
+          ("projector.cl", "lattice.cl", "lattice_spectra.cl", "lattice_transform.cl")),
     Check("richardson_lucy", "4 iterations of a deconvolution, accelerated", _deconvolved, 1e-4,
           ("richardson_lucy.cl",)),
     Check("total_variation", "what little variation asks of a step", _restrained, 2e-5,
