@@ -188,7 +188,10 @@ def work(folder: Path, device: Device, first: Path | None, say: Callable[[str], 
 @click.option("--device", "selectors", multiple=True, help="As Device.open takes it; repeatable.")
 @click.option("--keep", type=click.Path(path_type=Path), help="Leave all files there.")
 def main(selectors: tuple[str, ...], keep: Path | None) -> None:
-    devices = [Device.open(one) for one in selectors] or Device.all()
+    chosen = [Device.open(one) for one in selectors] or Device.all()
+    devices = list({one.place: one for one in chosen}.values())
+    if len(devices) < 2:
+        raise click.UsageError(f"{devices[0].name} is the only device: name another to compare.")
     with tempfile.TemporaryDirectory() as temporary:
         folder = keep or Path(temporary)
         folder.mkdir(parents=True, exist_ok=True)
