@@ -2,7 +2,8 @@
  *
  *   bad[i] = #{j in [i length, (i + 1) length) : not isfinite(a[j])}
  *
- * Mapping: one item a stretch. -DDOUBLE: float64, -DHALF: float16. A complex sample is two reals.
+ * Mapping: one item a stretch with -DROWS, else one group of GROUP items, whose neighbours read
+ * neighbours. -DDOUBLE: float64, -DHALF: float16. A complex sample is two reals.
  */
 #include "common.cl"
 
@@ -19,16 +20,34 @@ typedef uint bits;
 #define EXPONENT 0x7f800000u
 #endif
 
+#ifdef ROWS
+#define GROUP 1
+#else
+#define GROUP 64
+#endif
+
 __kernel void count_bad(__global int *restrict bad, __global const real *restrict a,
                         const long size, const int length)
 {
-    const long start = (long)get_global_id(0) * length;
-    if (start >= size)
-        return;
-    __global const bits *from = (__global const bits *)a + start;
+    const int stretch = get_global_id(0) / GROUP;
+    const int first = get_global_id(0) % GROUP;
+    const long start = (long)stretch * length;
     const int n = (int)min((long)length, size - start);
+    __global const bits *from = (__global const bits *)a + start;
     int count = 0;
-    for (int j = 0; j < n; ++j)
+    for (int j = first; j < n; j += GROUP)
         count += (from[j] & EXPONENT) == EXPONENT;
-    bad[get_global_id(0)] = count;
+#ifdef ROWS
+    bad[stretch] = count;
+#else
+    __local int counts[GROUP];
+    counts[first] = count;
+    for (int step = GROUP / 2; step > 0; step /= 2) {
+        barrier(CLK_LOCAL_MEM_FENCE);
+        if (first < step)
+            counts[first] += counts[first + step];
+    }
+    if (first == 0)
+        bad[stretch] = counts[0];
+#endif
 }

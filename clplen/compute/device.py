@@ -24,7 +24,9 @@ from clplen.errors import DeviceError
 
 Precision = Literal["single", "double"]
 
-_PLAN_SHARE = 4  # plans may hold a quarter of the device's memory
+_PLAN_SHARE = 4  # plans may hold a quarter of the device's memory,
+_PLAN_BYTES = 2**32  # and no more than this: other programs use the device too
+_TRANSFORM_BYTES = 2**30  # of plans of Fourier transforms on a GPU
 _TABLE_BYTES = 2**24  # of small tables that are kept
 _NOTE = 70  # characters of the note that the representation shows
 
@@ -217,12 +219,23 @@ class Device(Launcher):
     @cached_property
     def plans(self) -> PlanCache:
         """Plans of this device (transfer functions, arrays of lenslets), bounded in bytes."""
-        return PlanCache(self.memory_bytes // _PLAN_SHARE)
+        return PlanCache(min(_PLAN_BYTES, self.memory_bytes // _PLAN_SHARE))
+
+    @cached_property
+    def transforms(self) -> PlanCache:
+        """Plans of Fourier transforms that run on the device, bounded in bytes."""
+        return PlanCache(min(_TRANSFORM_BYTES, self.memory_bytes // _PLAN_SHARE))
 
     @cached_property
     def tables(self) -> PlanCache:
         """Small tables of recent launches, for the next one like them."""
         return PlanCache(min(_TABLE_BYTES, self.memory_bytes // _PLAN_SHARE))
+
+    def make_room(self) -> None:
+        """Give back everything that is kept for later calls: plans, tables, spare buffers."""
+        for kept in (self.plans, self.transforms, self.tables):
+            kept.clear()
+        self.free_spare()
 
     @cached_property
     def tuning(self) -> Tuning:

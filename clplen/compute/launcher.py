@@ -118,7 +118,7 @@ class Launcher(Memory):
         plain: list[Any] = [arg.data if isinstance(arg, cla.Array) else arg for arg in args]
         with self._lock:
             try:
-                done = kernel(self.queue, total, tuple(group), *plain)
+                done = self.roomy(lambda: kernel(self.queue, total, tuple(group), *plain))
             except cl.Error as error:
                 step = f"The kernel {kernel.function_name!r}"
                 raise device_error(self.cl_device, step, error) from error

@@ -11,22 +11,23 @@ import ctypes
 import math
 import os
 import sys
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from functools import cache, cached_property
 from pathlib import Path
-from typing import Any, cast
+from typing import Any, TypeVar, cast
 
 import numpy as np
 import pyopencl as cl
 import pyopencl.array as cla
 from pyopencl.tools import ImmediateAllocator, MemoryPool
 
-from clplen.compute.drivers.failures import device_errors
+from clplen.compute.drivers.failures import device_errors, is_want_of_memory
 from clplen.compute.drivers.forked import Guard, HoldsOpenCL, require_own_process
 from clplen.compute.profile import Profile
 from clplen.errors import DeviceError, ShapeError
 
+T = TypeVar("T")
 LEAST_BYTES = 2**22  # below this the request costs as much as it saves
 _PAGE = 4096
 _MADV_HUGEPAGE = 14
@@ -65,7 +66,8 @@ def _madvise() -> Any:
     return function
 
 
-_SPARE_SHARE = 16  # a sixteenth of the memory for buffers kept for use again
+_SPARE_SHARE = 16  # a sixteenth of the memory for buffers kept for use again,
+_SPARE_BYTES = 2**31  # and no more than this: other programs use the device too
 _POOL_STEP = 8  # their sizes are rounded up by less than an eighth
 
 
@@ -145,12 +147,15 @@ class Memory(HoldsOpenCL):
         held = self._spare.managed_bytes
         with device_errors(self.cl_device, f"An array of shape {shape} ({np.dtype(dtype)})"):
             allocator = self._spare if spare else None
-            array = cla.empty(self.queue, shape, np.dtype(dtype), allocator=allocator)
+            array = self.roomy(
+                lambda: cla.empty(self.queue, shape, np.dtype(dtype), allocator=allocator)
+            )
         if not spare:
             return array
         if self.is_cpu and self._spare.managed_bytes > held:
             ask_for_large_pages(self.queue, _buffer(array))
-        if self._spare.managed_bytes - self._spare.active_bytes > self.memory_bytes // _SPARE_SHARE:
+        most = min(_SPARE_BYTES, self.memory_bytes // _SPARE_SHARE)
+        if self._spare.managed_bytes - self._spare.active_bytes > most:
             self._spare.free_held()
         return array
 
@@ -158,6 +163,20 @@ class Memory(HoldsOpenCL):
     def _spare(self) -> MemoryPool:
         """Large buffers that were let go, for the next one of their size: fresh ones cost time."""
         return MemoryPool(ImmediateAllocator(self.queue))
+
+    def make_room(self) -> None:
+        """Give back everything that is kept for later calls."""
+        raise NotImplementedError
+
+    def roomy(self, act: Callable[[], T]) -> T:
+        """What ``act`` gives; where memory is wanting, once more without what is kept."""
+        try:
+            return act()
+        except cl.Error as error:
+            if not is_want_of_memory(error):
+                raise
+        self.make_room()
+        return act()
 
     def free_spare(self) -> None:
         """Give back the large buffers that are kept for use again."""
@@ -183,7 +202,7 @@ class Memory(HoldsOpenCL):
         if small and self._profile is None:
             flags = cl.mem_flags.READ_WRITE | cl.mem_flags.COPY_HOST_PTR
             with device_errors(self.cl_device, "A copy to the device"):
-                buffer = cl.Buffer(self.context, flags, hostbuf=values)
+                buffer = self.roomy(lambda: cl.Buffer(self.context, flags, hostbuf=values))
             return cla.Array(self.queue, values.shape, values.dtype, data=buffer)
         array = self.empty(values.shape, values.dtype)
         if values.nbytes:

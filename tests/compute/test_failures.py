@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import Any
+from typing import Any, cast
 
 import numpy as np
 import pyopencl as cl
+import pyopencl.array as cla
 import pytest
 from click.testing import CliRunner
 
@@ -94,6 +95,49 @@ def test_every_step_of_memory(
     assert words in str(caught.value)
     assert device.name in str(caught.value)
     assert caught.value.__cause__ is error
+
+
+def test_kept_plans_and_buffers_make_room(
+    device: Device, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """What one program keeps is given back before its own want of memory is an error."""
+    fresh = Device(device.cl_device)
+    kernel = fresh.kernel("multiply.cl", "multiply")
+    one = fresh.upload(np.full((2, 3), 2 + 1j, np.complex64))
+    size = np.int32(2), np.int32(3)
+    steps: list[tuple[Any, str, Callable[[], Any]]] = [
+        (cl, "Buffer", lambda: fresh.upload(np.ones(7, np.float32))),
+        (cla, "empty", lambda: fresh.empty((3, 5), np.float32)),
+    ]
+    for owner, function, step in steps:
+        act = getattr(owner, function)
+        errors = [cl.MemoryError("clCreateBuffer failed: MEM_OBJECT_ALLOCATION_FAILURE")]
+
+        def refused(*args: Any, act: Any = act, errors: Any = errors, **more: Any) -> Any:
+            if errors:
+                raise errors.pop()
+            return act(*args, **more)
+
+        fresh.plans.get("kept", lambda: "plan", lambda _: 7)
+        with monkeypatch.context() as patched:
+            patched.setattr(owner, function, refused)
+            step()
+        assert len(fresh.plans) == 0
+    errors = [cl.RuntimeError("clEnqueueNDRangeKernel failed: OUT_OF_HOST_MEMORY")]
+
+    class Refused:
+        function_name = "multiply"
+
+        def __call__(self, *args: Any) -> Any:
+            if errors:
+                raise errors.pop()
+            return kernel(*args)
+
+    fresh.plans.get("kept", lambda: "plan", lambda _: 7)
+    product = fresh.zeros((2, 3), np.complex64)
+    fresh.launch_rows(cast(Any, Refused()), (2, 3), product, one, one, *size)
+    assert len(fresh.plans) == 0
+    assert np.allclose(fresh.download(product), 3 + 4j)
 
 
 def test_the_command_line_says_one_sentence_of_what_nobody_expected(

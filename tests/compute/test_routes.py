@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import importlib.util
 import warnings
+from types import SimpleNamespace
 
 import numpy as np
 import pyopencl as cl
@@ -201,3 +202,65 @@ def test_a_gpu_without_vkfft_propagates_like_a_cpu(device: Device, gpu: Device) 
         ]
     # Two transforms each, and kernels that round by less than they do.
     assert relative_max(*results) <= 4 * fft_tolerance((63, 128), np.complex64)
+
+
+class Refusing:
+    """An application of VkFFT that is refused a number of times."""
+
+    tmp_buffer_nbytes = 0
+
+    def __init__(self, times: int) -> None:
+        self.left = times
+
+    def fft(self, *_: object, queue: object) -> None:
+        if self.left:
+            self.left -= 1
+            raise RuntimeError("VkFFT error 4039: VKFFT_ERROR_FAILED_TO_LAUNCH_KERNEL")
+
+
+@pytest.mark.parametrize(("times", "fails"), [(0, False), (1, False), (2, True)])
+def test_a_transform_that_is_refused_is_tried_once_more(
+    device: Device, monkeypatch: pytest.MonkeyPatch, times: int, fails: bool
+) -> None:
+    fresh = Device(device.cl_device)
+    fresh.plans.get("kept", lambda: "plan", lambda _: 7)
+    app = Refusing(times)
+    monkeypatch.setattr(routes, "_vkfft_app", lambda *_: app)
+    array = fresh.zeros((4, 6), np.complex64)
+    if fails:
+        with pytest.raises(DeviceError, match=r"shape \(4, 6\) by VkFFT failed on .*4039"):
+            FFTRoute("vkfft", 1).forward(array, fresh)
+    else:
+        FFTRoute("vkfft", 1).forward(array, fresh)
+    assert len(fresh.plans) == (0 if times else 1)
+
+
+def test_vkfft_is_not_asked_for_a_single_sample(
+    device: Device, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(routes, "_vkfft_app", lambda *_: pytest.fail("asked"))
+    values = np.full((3, 1, 1), 2 - 3j, np.complex64)
+    array = device.upload(values)
+    FFTRoute("vkfft", 1).forward(array, device)
+    FFTRoute("vkfft", 1).inverse(array, device)
+    assert np.array_equal(device.download(array), values)
+
+
+def test_vkfft_runs_on_the_queue_of_a_profile(
+    device: Device, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    queues = []
+
+    def fft(*_: object, queue: object) -> None:
+        queues.append(queue)
+
+    app = SimpleNamespace(fft=fft)
+    monkeypatch.setattr(routes, "_vkfft_app", lambda *_: app)
+    fresh = Device(device.cl_device)
+    array = fresh.zeros((4, 6), np.complex64)
+    with fresh.profiling():
+        FFTRoute("vkfft", 1).forward(array, fresh)
+        during = fresh.queue
+    FFTRoute("vkfft", 1).forward(array, fresh)
+    assert queues == [during, fresh.queue]
+    assert during != fresh.queue

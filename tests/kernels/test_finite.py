@@ -31,5 +31,14 @@ def test_every_stretch_counts(device, monkeypatch):
     assert count_bad(device.upload(values), device) == 5
 
 
+@pytest.mark.parametrize("size", [1, 63, 64, 65, 4095, 4097, 3 * 2**14 + 77])
+def test_any_size(device, size):
+    values = np.ones(size, np.float32)
+    assert count_bad(device.upload(values), device) == 0
+    bad = np.unique([0, size // 3, size // 2, size - 1])
+    values[bad] = np.inf
+    assert count_bad(device.upload(values), device) == bad.size
+
+
 def test_integers_are_finite(device):
     assert count_bad(device.upload(np.full((3, 4), 65535, np.uint16)), device) == 0

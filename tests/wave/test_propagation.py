@@ -101,14 +101,19 @@ def test_distances_of_one_window_share_a_transform(device, monkeypatch):
     assert len({Propagator(grid, one, wavelength=LAM, method="as", pad=2, device=device).report
                 .padded_shape for one in z}) == 1  # fmt: skip
     calls = []
-    lines = FFTRoute.lines
+    lines, transform = FFTRoute.lines, FFTRoute.transform
 
     def counted(self: FFTRoute, *arguments: object, **more: object) -> None:
         calls.append(arguments[-1])  # whether forward
         lines(self, *arguments, **more)
 
+    def noted(self: FFTRoute, *arguments: object, forward: bool, **more: object) -> None:
+        calls.append(forward)
+        transform(self, *arguments, forward=forward, **more)
+
     propagate(field, z, method="as")
-    monkeypatch.setattr(FFTRoute, "lines", counted)
+    monkeypatch.setattr(FFTRoute, "lines", counted)  # of the host
+    monkeypatch.setattr(FFTRoute, "transform", noted)  # of a GPU
     propagate(field, z[0], method="as")
     forward, inverse = calls.count(True), calls.count(False)
     assert min(forward, inverse) > 0

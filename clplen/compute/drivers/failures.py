@@ -36,13 +36,18 @@ def device_errors(device: cl.Device, step: str) -> Iterator[None]:
         raise device_error(device, step, error) from error
 
 
-def device_error(device: cl.Device, step: str, error: cl.Error) -> DeviceError:
-    """The sentence on a step that OpenCL refused; arguments as in `device_errors`."""
+def is_want_of_memory(error: Exception) -> bool:
+    """Whether OpenCL says that memory is used up, of the device or of the host."""
+    return isinstance(error, cl.MemoryError) or "OUT_OF_HOST_MEMORY" in str(error)
+
+
+def device_error(device: cl.Device, step: str, error: Exception) -> DeviceError:
+    """The sentence on a step that OpenCL (or VkFFT) refused; arguments as in `device_errors`."""
     where = (
         f"{device.name.strip()} ({device.platform.name.strip()} {device.driver_version.strip()})"
     )
     reason = (str(error).splitlines() or [type(error).__name__])[0]
-    if isinstance(error, cl.MemoryError):
+    if is_want_of_memory(error):
         return DeviceError(
             f"{step} needs more memory than {where} has left ({reason}): use fewer planes or "
             "samples at a time, integer instead of float storage, or a device with more memory."
