@@ -11,6 +11,7 @@ import ctypes
 import math
 import os
 import sys
+from collections import deque
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from functools import cache, cached_property
@@ -68,6 +69,7 @@ def _madvise() -> Any:
 
 _SPARE_SHARE = 16  # a sixteenth of the memory for buffers kept for use again,
 _SPARE_BYTES = 2**31  # and no more than this: other programs use the device too
+_COPIES = 64  # small arrays on their way to a GPU
 _POOL_STEP = 8  # their sizes are rounded up by less than an eighth
 
 
@@ -84,6 +86,8 @@ class Memory(HoldsOpenCL):
         # mapped buffers: their bytes, and how many use them
         self._maps: dict[tuple[int, bool], list[Any]] = {}
         self._maps_lock = Guard()
+        # copies to a GPU under way, which hold what they copy; the oldest is waited for
+        self._copies: deque[Any] = deque(maxlen=_COPIES)
 
     @property
     def context(self) -> cl.Context:
@@ -143,7 +147,8 @@ class Memory(HoldsOpenCL):
                 f"largest that {self.name} gives is {_bytes(largest)}: use fewer planes or samples "
                 "at a time, integer instead of float storage, or a device with more memory."
             )
-        spare = LEAST_BYTES <= nbytes <= largest - nbytes // _POOL_STEP
+        least = LEAST_BYTES if self.is_cpu else 1  # what a GPU allocates or frees, it waits for
+        spare = least <= nbytes <= largest - nbytes // _POOL_STEP
         held = self._spare.managed_bytes
         with device_errors(self.cl_device, f"An array of shape {shape} ({np.dtype(dtype)})"):
             allocator = self._spare if spare else None
@@ -199,6 +204,14 @@ class Memory(HoldsOpenCL):
         """
         values = np.asarray(values, order="C")
         small = 0 < values.nbytes < min(LEAST_BYTES, self.memory_bytes)
+        if small and self._profile is None and not self.is_cpu:
+            array = self.empty(values.shape, values.dtype)
+            with device_errors(self.cl_device, "A copy to the device"):
+                done = cl.enqueue_copy(
+                    self.queue, _buffer(array), values.copy(), is_blocking=False
+                )
+            self._copies.append(done)
+            return array
         if small and self._profile is None:
             flags = cl.mem_flags.READ_WRITE | cl.mem_flags.COPY_HOST_PTR
             with device_errors(self.cl_device, "A copy to the device"):
