@@ -84,6 +84,8 @@ def test_every_step_of_memory(
     words: str,
 ) -> None:
     fresh = Device(device.cl_device)
+    if function == "Buffer" and not fresh.is_cpu:
+        pytest.skip("a GPU's copy is another step")
     array = fresh.upload(np.arange(6, dtype=np.float32))
 
     def failing(*args: Any, **options: Any) -> None:
@@ -109,7 +111,7 @@ def test_kept_plans_and_buffers_make_room(
         (cl, "Buffer", lambda: fresh.upload(np.ones(7, np.float32))),
         (cla, "empty", lambda: fresh.empty((3, 5), np.float32)),
     ]
-    for owner, function, step in steps:
+    for owner, function, step in steps if fresh.is_cpu else steps[1:]:
         act = getattr(owner, function)
         errors = [cl.MemoryError("clCreateBuffer failed: MEM_OBJECT_ALLOCATION_FAILURE")]
 

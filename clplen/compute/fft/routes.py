@@ -259,5 +259,5 @@ def _vkfft_app(array: cla.Array, device: TransformDevice, axes: tuple[int, ...])
     config.WARN_OPENCL_QUEUE_MISMATCH = False  # a profile has a queue of its own
     which = {"ndim": 2} if axes == (-2, -1) else {"axes": [array.ndim + axis for axis in axes]}
     return VkFFTApp(
-        array.shape, array.dtype, device.queue, inplace=True, norm=1, use_lut=True, **which
+        array.shape, array.dtype, device.queue, inplace=True, norm=1, useLUT=1, **which
     )
