@@ -173,11 +173,9 @@ static void copy_tile(__local float *tile, __global const SAMPLE *view, const in
                       const int ny, const int samples, const int channels)
 {
     barrier(CLK_LOCAL_MEM_FENCE);
-    for (int r = 0; r < rows; ++r) {
-        __global const SAMPLE *line = view + (size_t)clamp(top + r, 0, ny - 1) * samples;
-        for (int i = get_local_id(0); i < wide; i += GROUP)
-            tile[r * pitch + i] = tap(line, first + i, samples, channels);
-    }
+    for (int i = get_local_id(0); i < rows * wide; i += GROUP)
+        tile[i / wide * pitch + i % wide] = tap(view + (size_t)clamp(top + i / wide, 0, ny - 1)
+                                                * samples, first + i % wide, samples, channels);
     barrier(CLK_LOCAL_MEM_FENCE);
 }
 #endif

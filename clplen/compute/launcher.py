@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator, Sequence
 from contextlib import AbstractContextManager, contextmanager, nullcontext
 from typing import Any
 
-import numpy as np
 import pyopencl as cl
 import pyopencl.array as cla
 
@@ -131,7 +131,7 @@ class Launcher(Memory):
     ) -> None:
         """Enqueue a kernel written with ``FOR_X`` over (..., ny, nx): see common.cl."""
         *batch, ny, nx = (int(n) for n in shape)
-        count = int(np.prod(batch, dtype=np.int64))
+        count = math.prod(batch)
         self.launch(kernel, (1 if self.rows else nx, ny, count), *args, operations=operations)
 
     def finish(self) -> None:

@@ -23,7 +23,7 @@ import pyopencl as cl
 import pyopencl.array as cla
 from pyopencl.tools import ImmediateAllocator, MemoryPool
 
-from clplen.compute.drivers.failures import device_errors, is_want_of_memory
+from clplen.compute.drivers.failures import device_error, device_errors, is_want_of_memory
 from clplen.compute.drivers.forked import Guard, HoldsOpenCL, require_own_process
 from clplen.compute.profile import Profile
 from clplen.errors import DeviceError, ShapeError
@@ -150,11 +150,14 @@ class Memory(HoldsOpenCL):
         least = LEAST_BYTES if self.is_cpu else 1  # what a GPU allocates or frees, it waits for
         spare = least <= nbytes <= largest - nbytes // _POOL_STEP
         held = self._spare.managed_bytes
-        with device_errors(self.cl_device, f"An array of shape {shape} ({np.dtype(dtype)})"):
-            allocator = self._spare if spare else None
+        allocator = self._spare if spare else None
+        try:
             array = self.roomy(
                 lambda: cla.empty(self.queue, shape, np.dtype(dtype), allocator=allocator)
             )
+        except cl.Error as error:
+            what = f"An array of shape {shape} ({np.dtype(dtype)})"
+            raise device_error(self.cl_device, what, error) from error
         if not spare:
             return array
         if self.is_cpu and self._spare.managed_bytes > held:

@@ -19,7 +19,7 @@ def gpu(device: Device) -> Device:
 def test_an_array_may_be_changed_after_it_was_uploaded(gpu: Device) -> None:
     values = np.arange(300, dtype=np.float32)
     kept = [gpu.upload(values)]
-    for t in range(200):
+    for _ in range(200):
         values += 1
         kept.append(gpu.upload(values))
     first = np.arange(300, dtype=np.float32)

@@ -6,6 +6,7 @@ device.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator, Sequence
 from contextlib import ExitStack, contextmanager
 from itertools import zip_longest
@@ -152,7 +153,7 @@ def run(
     batch, shape = tuple(data.shape[:-2]), (data.shape[-2], data.shape[-1])
     last = back[0].shape_after(into.shape_after(shape)) if back else into.shape_after(shape)
     results = [device.empty((*batch, *last), device.complex) for _ in range(max(1, len(spectra)))]
-    count = int(np.prod(batch, dtype=np.int64))
+    count = math.prod(batch)
     with ExitStack() as held:
         source = held.enter_context(device.on_host(data, write=False)).reshape(count, *shape)
         targets = [
@@ -175,25 +176,29 @@ def _on_device(
 ) -> list[cla.Array]:
     work = data
     for y, x in zip_longest(into.y, into.x):
-        work = _stage(work, y, x, device)
+        work = _stage(work, y, x, device, own=work is not data)
     if not spectra:
         return [window(data, data.shape, device) if work is data else work]
     results = []
     for place, (spectrum, way) in enumerate(zip(spectra, back, strict=True), 1):
         made = multiplied(work, spectrum, device, copy=work is data or place < len(spectra))
         for y, x in zip_longest(way.y, way.x):
-            made = _stage(made, y, x, device)
+            made = _stage(made, y, x, device, own=True)
         results.append(made)
     return results
 
 
-def _stage(data: cla.Array, y: Line | None, x: Line | None, device: FieldDevice) -> cla.Array:
-    """One line along each axis; None: the axis waits."""
+def _stage(
+    data: cla.Array, y: Line | None, x: Line | None, device: FieldDevice, *, own: bool
+) -> cla.Array:
+    """One line along each axis; None: the axis waits. ``own``: data may be changed."""
     y, x = y or still(data.shape[-2]), x or still(data.shape[-1])
     if y.kind == x.kind == "none":
         return data
     batch = data.shape[:-2]
-    work = window(data, (*batch, y.length, x.length), device, place=(y.place, x.place))
+    work, shape = data, (*batch, y.length, x.length)
+    if not own or shape != data.shape or (y.place, x.place) != (0, 0):
+        work = window(data, shape, device, place=(y.place, x.place))
     multiply_tables(work, _placed(y), _placed(x), device)
     for kinds, forward in ((("forward", "convolve"), True), (("inverse",), False)):
         _transform(work, y.kind in kinds, x.kind in kinds, forward, device)

@@ -127,7 +127,7 @@ _NORM_FLOATS = 1 << 23  # of the weights that samples use, in one launch
 _MOST_PLANES = 64  # of one launch without blocks
 _INTEL = "Intel(R) OpenCL"  # whose compiler takes minutes to read integers in place
 _PREFETCH = ("Portable Computing Language", _INTEL)  # their compilers have it
-_GPU_PLANES, _GPU_HEIGHT, _GPU_GROUP = 4, 4, 64  # what a GPU's work-item and group do
+_GPU_PLANES, _GPU_HEIGHT, _GPU_GROUP = 4, 8, 64  # what a GPU's work-item and group do
 _SLOW = 1.5e10  # samples of a plane that a core adds in a second, at least
 _WORTH, _TRIAL = 0.1, 0.06  # seconds of work that is worth timing, and of one trial
 
@@ -243,7 +243,10 @@ def _forms(device: Device) -> tuple[str, ...]:
     forced = os.environ.get("CLPLEN_SHEAR", "")
     if forced and forced not in FORMS:
         raise ValueError(f"CLPLEN_SHEAR is one of {', '.join(FORMS)}, not {forced!r}.")
-    usual = ("blocks", "samples") if device.rows else ("staged", "samples")
+    if device.rows:
+        usual = ("blocks", "samples")
+    else:  # a GPU's first-level cache serves items faster than they copy to local memory
+        usual = ("staged", "samples") if device.is_cpu else ("samples", "staged")
     return (forced, *(form for form in usual if form != forced)) if forced else usual
 
 
@@ -335,12 +338,17 @@ def _enqueue_staged(work: _Sum) -> bool:
 
 def _tile(views: Views) -> tuple[int, int]:
     """(rows, samples) of a view that the planes of one work-group see at most."""
-    rows, samples = 0, 0
-    for first in range(0, views.planes, _GPU_PLANES):
-        part = views.part(first, _GPU_PLANES)
+    rows, samples, together = 0, 0, _together(views.planes)
+    for first in range(0, views.planes, together):
+        part = views.part(first, together)
         rows = max(rows, int(np.ptp(part.down, axis=0).max()))
         samples = max(samples, int(np.ptp(part.right, axis=0).max()) * views.channels)
     return _GPU_HEIGHT + 1 + rows, _GPU_GROUP + views.channels + samples
+
+
+def _together(planes: int) -> int:
+    """Planes of a work-item of a GPU: no more than there are, up to the next power of two."""
+    return int(min(_GPU_PLANES, 2 ** (planes - 1).bit_length()))
 
 
 def _enqueue_samples(work: _Sum) -> bool:
@@ -355,17 +363,18 @@ def _launch_samples(
     work: _Sum, views: Views, first: int, tile: tuple[int, int], **defines: Any
 ) -> None:
     """Enqueue some planes, with local memory for so many (rows, samples)."""
+    together = _together(views.planes)
     kernel = work.device.kernel(
         "shear.cl",
         "shear_samples",
         HEIGHT=_GPU_HEIGHT,
-        PLANES=_GPU_PLANES,
+        PLANES=together,
         **work.defines,
         **defines,
     )
     work.device.launch(
         kernel,
-        (views.samples, -(-views.planes // _GPU_PLANES), -(-views.ny // _GPU_HEIGHT)),
+        (views.samples, -(-views.planes // together), -(-views.ny // _GPU_HEIGHT)),
         *_arguments(work, views, first, views.samples),
         np.int32(tile[1]),
         cl.LocalMemory(4 * tile[0] * tile[1]),

@@ -336,7 +336,7 @@ def samples_held(description: Description) -> int:
     if description.kind == "nothing":
         return 0
     stored = factor_samples(description)
-    result = int(np.prod(description.out_grid.shape, dtype=np.int64))
+    result = math.prod(description.out_grid.shape)
     return stored + table_samples(description) + 2 * description.work_samples + result
 
 

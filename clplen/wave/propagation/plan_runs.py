@@ -7,7 +7,6 @@ from collections.abc import Sequence
 from dataclasses import replace
 from typing import Any, Protocol
 
-import numpy as np
 import pyopencl.array as cla
 
 from clplen.compute.device import Device
@@ -114,7 +113,7 @@ def require_memory(batch: tuple[int, ...], plans: Sequence[Plan]) -> None:
     DeviceError
     """
     first, device = plans[0].description, plans[0].device
-    count = int(np.prod(batch, dtype=np.int64))
+    count = math.prod(batch)
     out = max(math.prod(first.out_grid.shape), math.prod(first.request.grid.shape))
     samples = first.work_samples
     if device.fft.name == "vkfft":
