@@ -108,7 +108,7 @@ def stack(shape: tuple[int, ...], device: Device, torch: Any, repeats: int) -> s
         disparities = sign * disparities
         hand[sign] = by_hand().permute(0, 2, 3, 1).cpu().numpy()[:, inside, inside]
     difference = min(float(np.abs(mine - one).max()) for one in hand.values() if one is not None)
-    rays = PLANES * float(np.prod(shape))
+    rays = PLANES * float(np.prod(shape[:4]))  # a pixel of a view, used for one plane
     return (
         f"stack {'x'.join(map(str, shape))}: clplen {rays / ours / 1e9:.4g} Gray/s "
         f"({ours * 1e3:.3g} ms), torch {rays / theirs / 1e9:.4g} ({theirs * 1e3:.3g} ms); torch "
