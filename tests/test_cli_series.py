@@ -154,12 +154,13 @@ def fresh(words: list[object], before: str = "") -> subprocess.CompletedProcess[
 
 @pytest.mark.thorough
 @pytest.mark.parametrize("ending", ENDINGS)
-@pytest.mark.parametrize("start", ["none", "limited"])
+@pytest.mark.parametrize("start", ["none", "limited", "time"])
 def test_kill_and_resume_lose_nothing(
     tmp_path: Path, folder: Path, device: Device, ending: str, start: str
 ) -> None:
     whole, out = tmp_path / f"whole.{ending}", tmp_path / f"killed.{ending}"
-    more = ("--start", start, "--rolling-background", 3)
+    option = ("--prior", "time") if start == "time" else ("--start", start)
+    more = (*option, "--rolling-background", 3)
     words = ["microscope", *words_of(folder, device, "-o", out, *more)]
     assert fresh(["microscope", *words_of(folder, device, "-o", whole, *more)]).returncode == 0
     assert fresh(words, KILLED).returncode == -signal.SIGKILL
@@ -170,6 +171,21 @@ def test_kill_and_resume_lose_nothing(
     assert np.array_equal(volumes_in(out)[:2], part)
     assert np.array_equal(volumes_in(out), volumes_in(whole))
     assert series_in(out) == series_in(whole)
+
+
+def test_frames_that_are_compared_are_in_one_file(
+    tmp_path: Path, folder: Path, device: Device
+) -> None:
+    words = ["deconvolve", folder / "frame3.tif", "-c", folder / "psf.h5", "--prior", "time"]
+    place = ("--device", device.place)
+    result = run(*words, "-o", tmp_path / "one.tif", *place)
+    assert "--prior time is of a series in one file: give several frames" in said(result, 2)
+    out = tmp_path / "s.ome.zarr"
+    done(run(*words_of(folder, device, "-o", out, "--prior", "time", "--gain", 2)))
+    plain = tmp_path / "plain.ome.zarr"
+    done(run(*words_of(folder, device, "-o", plain, "--gain", 2)))
+    changes = [np.abs(np.diff(volumes_in(one), axis=0)).sum() for one in (out, plain)]
+    assert changes[0] < changes[1]
 
 
 def test_killed_between_the_files_of_a_time_point(

@@ -20,7 +20,14 @@ from clplen.lightfield.raw.lenslet_grid import LensletGrid
 from clplen.lightfield.raw.raw_image import RawImage
 from clplen.microscopy.model.images import PointImages
 from clplen.microscopy.reconstruction.deconvolution import LEAST, deconvolve
-from clplen.microscopy.reconstruction.priors import EVEN, SMOOTH, Sieve, TotalVariation, blurs
+from clplen.microscopy.reconstruction.priors import (
+    EVEN,
+    SMOOTH,
+    Sieve,
+    TimeVariation,
+    TotalVariation,
+    blurs,
+)
 from clplen.microscopy.reconstruction.projector import Projector
 from clplen.selftest import twins
 from clplen.selftest.check import Check, Pairs
@@ -399,6 +406,22 @@ def _restrained(device: Device) -> Pairs:
     yield expected, device.download(target)[0]
 
 
+def _restrained_in_time(device: Device) -> Pairs:
+    """B/(1 - a (p[t] - p[t - 1])), p of the change to the next frame."""
+    projector = _projector(device)
+    volumes, back = (twins.reals(k, 3, *projector.volume_shape) for k in (11, 12))
+    before = twins.reals(13, *projector.volume_shape)
+    counts = twins.reals(14, 3, *projector.frame_shape, high=100)
+    prior = TimeVariation(projector, counts, 1.0, before)
+    e = SMOOTH * counts.sum(axis=(1, 2), dtype=float) / before.size
+    change = np.diff(np.concatenate([before[None], volumes, volumes[-1:]]).astype(float), axis=0)
+    p = change / np.sqrt(change**2 + np.concatenate([e[:1], e])[:, None, None, None] ** 2)
+    expected = back / (1 - prior.weights[:, None, None, None] * np.diff(p, axis=0))
+    target = device.upload(back)
+    prior.restrain(target, device.upload(volumes))
+    yield expected, device.download(target)
+
+
 def _sieved(device: Device) -> Pairs:
     """Each plane smoothed by its own Gaussian, of so many voxels, reflected at the edges."""
     projector = _projector(device)
@@ -421,5 +444,7 @@ VOLUME_CHECKS = (
           ("richardson_lucy.cl",)),
     Check("total_variation", "what little variation asks of a step", _restrained, 2e-5,
           ("total_variation.cl",)),
+    Check("time_variation", "what little variation in time asks of a step", _restrained_in_time,
+          2e-5, ("time_variation.cl",)),
     Check("sieve", "planes smoothed by windows of their own", _sieved, 1e-6, ("sieve.cl",)),
 )  # fmt: skip

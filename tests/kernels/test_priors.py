@@ -1,6 +1,7 @@
-"""total_variation.cl and sieve.cl against NumPy in float64."""
+"""total_variation.cl, time_variation.cl and sieve.cl against NumPy in float64."""
 
 import numpy as np
+import pytest
 from scipy.ndimage import correlate1d
 from setups_microscope import divergence
 from tolerance import relative_max
@@ -38,6 +39,24 @@ def test_restrain(device):
         device.launch_rows(kernel, (FRAMES * PLANES, NY, NX), *args, *sizes)
     # a difference of two voxels over e = .01 loses two digits
     assert relative_max(expected, device.download(target)) < 5e-6
+
+
+@pytest.mark.parametrize("begun", [False, True])
+def test_restrain_in_time(device, begun):
+    frames = 5
+    V, B = RNG.random((2, frames, PLANES, NY, NX), np.float32)
+    V[3] = V[2]  # nothing changes there
+    before = RNG.random((PLANES, NY, NX), np.float32)
+    a, e = RNG.uniform(0.05, 0.25, (2, frames)).astype(np.float32)
+    first = before if begun else V[0]
+    change = np.diff(np.concatenate([first[None], V, V[-1:]]).astype(float), axis=0)
+    p = change / np.sqrt(change**2 + np.append(e[0], e)[:, None, None, None].astype(float) ** 2)
+    expected = B / (1 - a[:, None, None, None].astype(float) * np.diff(p, axis=0))
+    target, volumes, start, a, e = uploaded(device, (B, V, before, a, e))
+    kernel = device.kernel("time_variation.cl", "restrain_time")
+    sizes = (np.int32(n) for n in (begun, frames, PLANES, NY, NX))
+    device.launch_rows(kernel, (PLANES, NY, NX), target, volumes, start, a, e, *sizes)
+    assert relative_max(expected, device.download(target)) < 1e-6
 
 
 def test_sieve(device):

@@ -367,7 +367,7 @@ def test_bad_input(device, projector):
         deconvolve(0 * np.abs(frame), projector, prior="tv")
     with pytest.raises(ValueError, match="from 1 on"):
         deconvolve(np.abs(frame), projector, iterations=0)
-    with pytest.raises(ValueError, match="prior is 'tv', 'gaussian' or None, not 'TV'"):
+    with pytest.raises(ValueError, match="prior is 'tv', 'gaussian', 'time' or None, not 'TV'"):
         deconvolve(np.abs(frame), projector, prior="TV")
     with pytest.raises(ValueError, match="strength is positive and finite, not 0"):
         deconvolve(np.abs(frame), projector, prior="tv", strength=0)

@@ -81,6 +81,55 @@ def test_starts_are_what_they_say(projector):
         assert np.allclose(one, expected, rtol=1e-4)
 
 
+def test_what_does_not_change_has_less_noise_in_time(projector):
+    volume = np.zeros(projector.volume_shape)
+    volume[:, 5:8, 4:9] = 3.0
+    volumes = np.repeat(volume[None], FRAMES, axis=0)
+    volumes[FRAMES // 2 :, 1, 6, 6] *= 5  # one voxel changes once
+    counts = np.random.default_rng(3).poisson(projector.forward(volumes)).astype(float)
+    plain, smooth = (
+        np.stack([
+            one.volume
+            for one in deconvolve_series(counts, projector, batch=3, iterations=30, prior=prior)
+        ])
+        for prior in (None, "time")
+    )  # fmt: skip
+    still = np.ones(volume.shape, bool)
+    still[1, 6, 6] = False
+    flicker = [np.diff(one[:, still], axis=0).std() for one in (plain, smooth)]
+    assert flicker[1] < 0.7 * flicker[0]
+    after, until = smooth[FRAMES // 2 :, 1, 6, 6].mean(), smooth[: FRAMES // 2, 1, 6, 6].mean()
+    assert after > 2.5 * until
+    errors = [np.square(one - volumes).sum() for one in (plain, smooth)]
+    assert errors[1] < errors[0]
+
+
+def test_batches_compare_with_the_volume_before(projector, counts):
+    found = list(deconvolve_series(counts, projector, batch=2, iterations=4, prior="time"))
+    begun = deconvolve(counts[:2], projector, iterations=4, prior="time").volume
+    then = deconvolve(counts[2:4], projector, iterations=4, prior="time", before=begun[1]).volume
+    apart = deconvolve(counts[2:4], projector, iterations=4, prior="time").volume
+    for one, expected in zip(found, [*begun, *then], strict=False):
+        assert relative_max(expected, one.volume) < 1e-5
+    assert relative_max(apart, then) > 1e-3
+    (first, *_) = deconvolve_series(counts, projector, batch=1, iterations=4, prior="time")
+    alone = deconvolve(counts[0], projector, iterations=4).volume
+    assert relative_max(alone, first.volume) < 1e-5
+
+
+def test_what_is_not_compared_in_time(projector, counts):
+    with pytest.raises(ValueError, match="compares the frames of a series, and this is one frame"):
+        deconvolve(counts[0], projector, prior="time")
+    volume = np.ones(projector.volume_shape)
+    with pytest.raises(ValueError, match="before is the volume that prior='time' compares with"):
+        deconvolve(counts[:2], projector, before=volume)
+    with pytest.raises(ShapeError, match="The volume before is one volume"):
+        deconvolve(counts[:2], projector, prior="time", before=volume[None])
+    volume[0, 0, 0] = np.nan
+    with pytest.raises(ValueError, match="The volume before has 1 negative"):
+        deconvolve(counts[:2], projector, prior="time", before=volume)
+
+
 def test_frames_with_other_pixels_left_out_are_found_apart(projector, counts):
     whites = [np.ones(projector.frame_shape, np.float32) for _ in range(FRAMES)]
     whites[2][3, 4] = 0

@@ -111,6 +111,7 @@ FAULTS = {
     "support.cl": ("from[x] * there[x]", "there[x]"),
     "surfaces.cl": ("s[GY] * ray.y + s[GX] * ray.x", "s[GX] * ray.y + s[GY] * ray.x"),
     "tensor.cl": ("b.smooth - a.smooth", "a.smooth - b.smooth"),
+    "time_variation.cl": ("(own - last)", "(own + last)"),
     "total_variation.cl": ("* own - other", "* own + other"),
     "transfer_slope.cl": ("-k * turns", "k * turns"),
     "transfer.cl": ("tr * ci + ti * cr", "tr * ci - ti * cr"),

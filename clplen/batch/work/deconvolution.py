@@ -77,7 +77,7 @@ class DeconvolutionSettings:
     haze: bool = False
     residual: float | Literal["noise"] | None = None
     accelerate: bool = False
-    prior: Literal["tv", "gaussian"] | None = None
+    prior: Literal["tv", "gaussian", "time"] | None = None
     strength: float = 1.0
     radiometric: bool = False
     keep_hot: bool = False

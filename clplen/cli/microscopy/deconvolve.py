@@ -109,8 +109,9 @@ class Residual(click.ParamType):
 )  # fmt: skip
 @click.option("--accelerate", is_flag=True, help="Fewer iterations, but memory for four volumes.")
 @click.option(
-    "--prior", type=click.Choice(["tv", "gaussian"]),
-    help="tv: against noise; gaussian: nothing finer than a lenslet about the native plane.",
+    "--prior", type=click.Choice(["tv", "gaussian", "time"]),
+    help="tv: against noise; gaussian: nothing finer than a lenslet about the native plane; time: "
+    "voxels of a series seldom change.",
 )  # fmt: skip
 @click.option("--strength", type=options.FINITE, help="Of the prior; default 1.")
 @click.option(
@@ -159,7 +160,7 @@ def deconvolve(
     haze: bool,
     residual: float | Literal["noise"] | None,
     accelerate: bool,
-    prior: Literal["tv", "gaussian"] | None,
+    prior: Literal["tv", "gaussian", "time"] | None,
     strength: float | None,
     saturation: float | None,
     warm_start: bool,
@@ -204,7 +205,7 @@ def deconvolve(
     if radiometric and white is None:
         raise click.UsageError("--radiometric corrects by the white frame: give --white.")
     if strength is not None and prior is None:
-        raise click.UsageError("--strength is of a --prior: give tv or gaussian.")
+        raise click.UsageError("--strength is of a --prior: give tv, gaussian or time.")
     if memory is not None and memory < _LEAST_MEMORY:
         raise click.UsageError(f"--memory is at least 1MiB, not {memory} bytes: did you mean 1GB?")
     name = _start_name(start, warm_start, motion_um)
@@ -229,7 +230,8 @@ def deconvolve(
     if in_one:
         series_file.check(output, preview, pages, others, force)
     else:
-        _refuse_without_series(batch, rolling_background, preview)
+        in_time = "time" if prior == "time" else None
+        _refuse_without_series(batch, rolling_background, preview, in_time)
         outputs = _outputs(pages, output, others, force)
     images = read_psf(source)
     if preview is not None and not isinstance(images, PointImages):
@@ -288,9 +290,17 @@ def _start_name(start: str | None, warm_start: bool, motion_um: float | None) ->
 
 
 def _refuse_without_series(
-    batch: int | None, rolling_background: int | None, preview: Path | None
+    batch: int | None,
+    rolling_background: int | None,
+    preview: Path | None,
+    in_time: str | None,
 ) -> None:
-    given = {"--batch": batch, "--rolling-background": rolling_background, "--preview": preview}
+    given = {
+        "--batch": batch,
+        "--rolling-background": rolling_background,
+        "--preview": preview,
+        "--prior time": in_time,
+    }
     for name, value in given.items():
         if value is not None:
             raise click.UsageError(
@@ -302,8 +312,8 @@ def _refuse_without_series(
 def _tell_what_is_missing(
     gain: float | None, residual: Any, prior: str | None, white: Path | None, dark: Path | None
 ) -> None:
-    if gain is None and (residual == "noise" or prior == "tv"):
-        what = "--residual noise" if residual == "noise" else "--prior tv"
+    if gain is None and (residual == "noise" or prior in ("tv", "time")):
+        what = "--residual noise" if residual == "noise" else f"--prior {prior}"
         note(f"{what} takes each count as a photon: give the --gain of the camera.")
     if white is not None and dark is None:
         note(

@@ -136,8 +136,9 @@ def deconvolve(
     residual: float | Literal["noise"] | None = None,
     variance: float = 1.0,
     accelerate: bool = False,
-    prior: Literal["tv", "gaussian"] | None = None,
+    prior: Literal["tv", "gaussian", "time"] | None = None,
     strength: float = 1.0,
+    before: Any = None,
     progress: Progress | None = None,
     watch: Callable[[Vector], None] | None = None,
 ) -> DeconvolutionResult:
@@ -170,13 +171,16 @@ def deconvolve(
     accelerate : bool
         Begin each iteration ahead of the volume found (Biggs and Andrews 1997): fewer iterations
         for the same residual and the same noise, but memory for four volumes more.
-    prior : {"tv", "gaussian"}, optional
+    prior : {"tv", "gaussian", "time"}, optional
         "tv": little total variation (Dey et al. 2006), against noise. "gaussian": nothing finer
         than a lenslet about the native plane (Snyder and Miller 1985; Stefanoiu et al. 2019).
+        "time": voxels that seldom change from frame to frame, little total variation along time.
     strength : float
-        Of the prior, positive. "tv": times the noise of a step if counts are photons,
+        Of the prior, positive. "tv" and "time": times the noise of a step if counts are photons,
         `clplen.microscopy.reconstruction.priors.noise_level`. "gaussian": times the width of a
         lenslet.
+    before : array_like, optional
+        Volume of the frame before the first one, with which "time" compares that.
     progress : callable, optional
         Called as ``progress(done, total)`` after each iteration.
     watch : callable, optional
@@ -246,7 +250,7 @@ def deconvolve(
         raise ValueError("A frame is black: there is nothing to find.")
     dim = _background(background, np.shape(frame)).reshape(counts.shape)
     counts = np.where(weight > 0, counts, dim)
-    known = prior_of(prior, strength, projector, counts)
+    known = prior_of(prior, strength, projector, counts, _before(before, prior, projector))
     found = _Iteration(projector, known, counts, weight, dim, start)
     least = variance * found.noise if residual == "noise" else residual
     ahead = Acceleration(found.volumes, found.device) if accelerate else None
@@ -273,6 +277,18 @@ def deconvolve(
         images.planes,
         images.sides,
     )
+
+
+def _before(values: Any, prior: str | None, projector: AnyProjector) -> Vector | None:
+    """The volume of the frame before."""
+    if values is None:
+        return None
+    if prior != "time":
+        raise ValueError("before is the volume that prior='time' compares with: give that prior.")
+    found = _positive(values, projector.volume_shape, "The volume before", "volumes have none")
+    if found.ndim != len(projector.volume_shape):
+        raise ShapeError(f"The volume before is one volume, not of shape {found.shape}.")
+    return found
 
 
 def volumes_held(accelerate: bool, prior: str | None) -> int:

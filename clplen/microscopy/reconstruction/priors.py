@@ -5,6 +5,8 @@
 "gaussian"  nothing finer than a lenslet where lenslets see no more: about the native plane the
             volume is V = G U with Gaussian windows G, and U is sought (method of sieves, Snyder
             and Miller 1985; windows that depend on depth: Stefanoiu et al. 2019)
+"time"      few changes from frame to frame: little total variation of every voxel along time
+            (Rudin, Osher and Fatemi 1992), in steps as those of "tv"
 """
 
 from __future__ import annotations
@@ -22,10 +24,11 @@ from clplen.microscopy.reconstruction.projector import Projector
 
 Vector = np.ndarray[Any, Any]
 
-NAMES = ("tv", "gaussian")
+NAMES = ("tv", "gaussian", "time")
 EVEN = 1 / np.sqrt(12)  # standard deviation of what is spread evenly over 1
 SMOOTH = 1e-3  # of the mean voxel: gradients below count as none
 REACH = 4.0  # sigma of a window
+MOST_IN_TIME = 0.125  # abs(p[t] - p[t - 1]) <= 2: steps are changed by a third at most
 
 
 class Prior:
@@ -95,6 +98,50 @@ class TotalVariation(Prior):
             self.device.launch_rows(kernel, (frames * planes, ny, nx), *args, *sizes)
 
 
+class TimeVariation(Prior):
+    """Voxels of a series that seldom change.
+
+    Parameters
+    ----------
+    projector : Projector or FourierProjector
+    counts : numpy.ndarray
+        Shape (frames, ny, nx), in the order in which they were taken.
+    strength : float
+        a over `noise_level`.
+    before : numpy.ndarray, optional
+        Volume of the frame before the first one, shape (planes, rows, columns).
+
+    Attributes
+    ----------
+    weights : numpy.ndarray
+        float64, shape (frames,): a, at most `MOST_IN_TIME`. Larger ones make volumes alternate.
+    """
+
+    def __init__(
+        self,
+        projector: Projector | FourierProjector,
+        counts: Vector,
+        strength: float,
+        before: Vector | None = None,
+    ) -> None:
+        self.device = device = projector.device
+        self.weights = np.minimum(strength * noise_level(counts, projector.images), MOST_IN_TIME)
+        voxels = np.prod(projector.volume_shape)
+        small = SMOOTH * counts.sum(axis=(1, 2), dtype=np.float64) / voxels
+        self._a, self._e = (device.upload(one.astype(np.float32)) for one in (self.weights, small))
+        self._begun = before is not None
+        start = np.zeros(1, np.float32) if before is None else before
+        self._before = device.upload(np.ascontiguousarray(start, np.float32))
+
+    def restrain(self, back: cla.Array, unknowns: cla.Array) -> None:
+        """B/(1 - a (p[t] - p[t - 1])) with p of the volumes."""
+        frames, planes, ny, nx = (int(n) for n in back.shape)
+        kernel = self.device.kernel("time_variation.cl", "restrain_time")
+        sizes = (np.int32(n) for n in (self._begun, frames, planes, ny, nx))
+        tables = (self._before, self._a, self._e)
+        self.device.launch_rows(kernel, (planes, ny, nx), back, unknowns, *tables, *sizes)
+
+
 class Sieve(Prior):
     """Volumes without detail within a lenslet near the native plane.
 
@@ -140,15 +187,19 @@ class Sieve(Prior):
 
 
 def prior_of(
-    name: str | None, strength: float, projector: Projector | FourierProjector, counts: Vector
+    name: str | None,
+    strength: float,
+    projector: Projector | FourierProjector,
+    counts: Vector,
+    before: Vector | None = None,
 ) -> Prior:
-    """The prior of that name for frames.
+    """The prior of that name for frames, and the volume of the frame before them.
 
     Raises
     ------
     ValueError
-        For another name, a strength that is not positive and finite, or "gaussian" for a Fourier
-        microscope.
+        For another name, a strength that is not positive and finite, "gaussian" for a Fourier
+        microscope, or "time" for one frame with none before it.
     """
     if name not in (None, *NAMES):
         raise ValueError(f"prior is {', '.join(map(repr, NAMES))} or None, not {name!r}.")
@@ -156,6 +207,13 @@ def prior_of(
         raise ValueError(f"strength is positive and finite, not {strength!r}.")
     if name == "tv":
         return TotalVariation(projector, counts, strength)
+    if name == "time":
+        if len(counts) == 1 and before is None:
+            raise ValueError(
+                "prior='time' compares the frames of a series, and this is one frame: give several "
+                "of them, or before=, the volume of the frame before it."
+            )
+        return TimeVariation(projector, counts, strength, before)
     if name is None:
         return Prior()
     if isinstance(projector, FourierProjector):

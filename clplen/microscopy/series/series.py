@@ -88,7 +88,8 @@ def deconvolve_series(
         How far things move from a frame to the next one in "limited", in metres (standard deviation
         along an axis); default half a voxel.
     before : array_like, optional
-        Volume that the first batch begins with, that of the frame before it.
+        Volume that the first batch begins with, that of the frame before it, or that the prior
+        "time" compares with.
     background : float or array_like
         As of `deconvolve`, the same for all frames.
     rolling : int, optional
@@ -196,10 +197,19 @@ def found_in_batches(
             part = begun
             if begun is not None and len(begun) > 1:
                 part = begun[first : first + len(alike)]
-            for one in _found(alike, projector, part, options):
+            for one in _found(alike, projector, part, _in_time(options, last, len(alike))):
                 last = one.volume
                 yield one
             first += len(alike)
+
+
+def _in_time(options: dict[str, Any], last: Vector | None, frames: int) -> dict[str, Any]:
+    """Options with the volume before, where the prior compares frames."""
+    if options.get("prior") != "time":
+        return options
+    if last is None and frames == 1:  # the first frame, alone: there is nothing to compare
+        return options | {"prior": None}
+    return options | {"before": last}
 
 
 def _found(
