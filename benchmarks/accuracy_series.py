@@ -6,9 +6,10 @@ A simulated series: a dozen beads, .6 voxels wide (standard deviation), that dri
 length a frame, each in its own direction, with Poisson noise; 60x/1.2 water, 13 x 13 lenslets, 15
 planes, voxels of .333 um. Each frame is deconvolved in 8 iterations from an even volume (none),
 from the volume before (previous), from its square root (decayed) and from it as wide as beads move
-(limited); and in 20 from an even one, also with little variation in time. The error of a place is the distance along y and x of the
-centroid of 7 x 7 voxels in three planes from where the bead was; the error of the volume is norm
-over norm after a Gaussian of one voxel. Means of the frames from the third on. About two minutes.
+(limited); and in 20 from an even one, also with little variation in time. The error of a place is
+the distance along y and x of the centroid of 7 x 7 voxels in three planes from where the bead was;
+the error of the volume is norm over norm after a Gaussian of one voxel. Means of the frames from
+the third on. About two minutes.
 """
 
 from __future__ import annotations
@@ -121,8 +122,8 @@ def main(selector: str | None, frames: int, photons: float) -> None:
                 ]
                 place, norm, residual = np.mean(each[2:], axis=0)
                 print(
-                    f"  {name:16s} {iterations:3d} iterations, batch {batch}: place {place:.3f} um, "
-                    f"norm {norm:.3f}, residual {residual:.4f}"
+                    f"  {name:16s} {iterations:3d} iterations, batch {batch}: place {place:.3f} "
+                    f"um, norm {norm:.3f}, residual {residual:.4f}"
                 )
 
 

@@ -27,7 +27,8 @@ import numpy as np
 import tifffile
 
 from clplen import Device, MicrolensArray, PlenopticCamera, Projector, point_images
-from clplen.io import read_volume_series
+from clplen.errors import ClplenError
+from clplen.io import read_volume_series, series_in
 from clplen.microscopy import read_point_images, write_point_images
 
 BEADS, DRIFT, ITERATIONS, KILLS = 60, 0.1, 8, 3
@@ -71,26 +72,46 @@ def make_frames(path: Path, images: Path, lenslets: int, frames: int, device: De
             file.write(counts.astype(np.uint16), photometric="minisblack", contiguous=True)
 
 
-def deconvolve(frames: Path, images: Path, out: Path, place: str, killed: float) -> list[str]:
-    """Run the command; after ``killed`` seconds, if any, kill it. What it printed last."""
+def deconvolve(frames: Path, images: Path, out: Path, place: str) -> list[str]:
+    """Run the command; its peak of memory and what it printed last."""
+    with started(frames, images, out, place) as process:
+        _, status, used = os.wait4(process.pid, 0)
+        process.returncode = os.waitstatus_to_exitcode(status)
+    said = out.with_suffix(".log").read_text().splitlines()
+    if process.returncode:
+        raise click.ClickException("\n".join(said[-3:]))
+    return [f"peak {used.ru_maxrss / 2**20:.2f} GiB", *said[-1:]]
+
+
+def kill_after(frames: Path, images: Path, out: Path, place: str, count: int) -> int:
+    """Kill the command when so many volumes are there; how many are."""
+    with started(frames, images, out, place) as process:
+        while (made := volumes_in(out)) < count:
+            if process.poll() is not None:
+                raise click.ClickException(f"It ended with {made} volumes, before it was killed.")
+            time.sleep(0.05)
+        process.send_signal(signal.SIGKILL)
+        if process.wait() != -signal.SIGKILL:
+            raise click.ClickException("It ended before it was killed.")
+    return volumes_in(out)
+
+
+def started(frames: Path, images: Path, out: Path, place: str) -> subprocess.Popen[bytes]:
+    """The command, which prints to a file beside its output."""
     words = ["microscope", "deconvolve", str(frames), "-c", str(images), "-o", str(out)]
     words += ["--iterations", str(ITERATIONS), "--warm-start", "--device", place]
-    log = out.with_suffix(".log")
-    with log.open("w") as file:
-        process = subprocess.Popen(
-            [sys.executable, "-m", "clplen", *words], stdout=file, stderr=subprocess.STDOUT
+    with out.with_suffix(".log").open("w") as log:
+        return subprocess.Popen(
+            [sys.executable, "-m", "clplen", *words], stdout=log, stderr=subprocess.STDOUT
         )
-        if killed:
-            try:
-                process.wait(killed)
-            except subprocess.TimeoutExpired:
-                process.send_signal(signal.SIGKILL)
-        _, status, used = os.wait4(process.pid, 0) if process.poll() is None else (0, 0, None)
-    said = log.read_text().splitlines()
-    if not killed and status:
-        raise click.ClickException("\n".join(said[-3:]))
-    peak = f"peak {used.ru_maxrss / 2**20:.2f} GiB" if used else ""
-    return [peak, *said[-2:]]
+
+
+def volumes_in(out: Path) -> int:
+    """How many volumes a file of a series holds."""
+    try:
+        return len(series_in(out)[1])
+    except (OSError, ClplenError):  # it is not there yet
+        return 0
 
 
 @click.command(help=__doc__)
@@ -120,7 +141,7 @@ def main(
     if out.exists():
         shutil.rmtree(out)
     start = time.perf_counter()
-    said = deconvolve(tiff, images, out, device.place, 0)
+    said = deconvolve(tiff, images, out, device.place)
     took = time.perf_counter() - start
     nbytes = sum(path.stat().st_size for path in out.rglob("*") if path.is_file())
     click.echo(
@@ -131,14 +152,19 @@ def main(
     click.echo("\n".join(said))
     if kill:
         whole = out.rename(folder / "whole.ome.zarr")
-        for part in range(KILLS):
-            deconvolve(tiff, images, out, device.place, took * (part + 2) / (KILLS + 4))
-        deconvolve(tiff, images, out, device.place, 0)
+        at = [
+            kill_after(tiff, images, out, device.place, part * frames // (KILLS + 1))
+            for part in range(1, KILLS + 1)
+        ]
+        deconvolve(tiff, images, out, device.place)
         same = [
             np.array_equal(read_volume_series(out, t), read_volume_series(whole, t))
             for t in range(frames)
         ]
-        click.echo(f"killed {KILLS} times and resumed: {sum(same)} of {frames} volumes the same")
+        click.echo(
+            f"killed with {', '.join(map(str, at))} volumes and resumed: {sum(same)} of {frames} "
+            "volumes the same"
+        )
         keep or shutil.rmtree(whole)
     keep or shutil.rmtree(out)
 

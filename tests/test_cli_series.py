@@ -249,6 +249,7 @@ def test_what_is_refused_before_anything_is_written(
         (("-o", out, "--warm-start", "--start", "limited"), 2, "--warm-start is --start previous"),
         (("-o", out, "--motion-um", 1), 2, "--motion-um is a positive length, of --start limited"),
         (("-o", tmp_path / "{name}.tif"), 2, "--batch is of a series in one file"),
+        (("-o", out, "--prior", "time", "--strength", 0), 2, "--strength is positive, not 0"),
     ):
         assert text in said(run(*words_of(folder, device, *more)), code)
     (tmp_path / "s.ome.zarr").mkdir()

@@ -12,6 +12,7 @@ import pyopencl as cl
 
 from clplen.bench.report import Benchmark, Report
 from clplen.compute.device import Device
+from clplen.compute.drivers.failures import is_want_of_memory
 from clplen.compute.memory import free_memory
 from clplen.errors import ClplenError, DeviceError
 
@@ -96,6 +97,6 @@ def _room(device: Device) -> int:
 
 def is_of_memory(error: DeviceError) -> bool:
     """Whether a device refused something because it is too large."""
-    if isinstance(error.__cause__, cl.MemoryError):
+    if is_want_of_memory(error.__cause__):
         return True
     return any(words in str(error) for words in _REFUSED) and "bytes" in str(error)

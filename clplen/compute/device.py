@@ -25,7 +25,7 @@ from clplen.errors import DeviceError
 Precision = Literal["single", "double"]
 
 _PLAN_SHARE = 4  # plans may hold a quarter of the device's memory,
-_PLAN_BYTES = 2**32  # and no more than this: other programs use the device too
+_PLAN_BYTES = 2**32  # on a GPU no more than this: other programs use it, too
 _TRANSFORM_BYTES = 2**30  # of plans of Fourier transforms on a GPU
 _TABLE_BYTES = 2**24  # of small tables that are kept
 _NOTE = 70  # characters of the note that the representation shows
@@ -219,7 +219,8 @@ class Device(Launcher):
     @cached_property
     def plans(self) -> PlanCache:
         """Plans of this device (transfer functions, arrays of lenslets), bounded in bytes."""
-        return PlanCache(min(_PLAN_BYTES, self.memory_bytes // _PLAN_SHARE))
+        share = self.memory_bytes // _PLAN_SHARE
+        return PlanCache(share if self.is_cpu else min(_PLAN_BYTES, share))
 
     @cached_property
     def transforms(self) -> PlanCache:
@@ -232,10 +233,13 @@ class Device(Launcher):
         return PlanCache(min(_TABLE_BYTES, self.memory_bytes // _PLAN_SHARE))
 
     def make_room(self) -> None:
-        """Give back everything that is kept for later calls: plans, tables, spare buffers."""
-        for kept in (self.plans, self.transforms, self.tables):
-            kept.clear()
-        self.free_spare()
+        """Give back what this hardware keeps for later calls: plans, tables, spare buffers."""
+        with _registry_lock:
+            same = {one for (hardware, _), one in _registry.items() if hardware == self.cl_device}
+        for one in same | {self}:  # of both precisions
+            for kept in (one.plans, one.transforms, one.tables):
+                kept.clear()
+            one.free_spare()
 
     @cached_property
     def tuning(self) -> Tuning:

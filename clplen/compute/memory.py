@@ -68,7 +68,7 @@ def _madvise() -> Any:
 
 
 _SPARE_SHARE = 16  # a sixteenth of the memory for buffers kept for use again,
-_SPARE_BYTES = 2**31  # and no more than this: other programs use the device too
+_SPARE_BYTES = 2**31  # on a GPU no more than this: other programs use it, too
 _COPIES = 64  # small arrays on their way to a GPU
 _POOL_STEP = 8  # their sizes are rounded up by less than an eighth
 
@@ -162,7 +162,8 @@ class Memory(HoldsOpenCL):
             return array
         if self.is_cpu and self._spare.managed_bytes > held:
             ask_for_large_pages(self.queue, _buffer(array))
-        most = min(_SPARE_BYTES, self.memory_bytes // _SPARE_SHARE)
+        most = self.memory_bytes // _SPARE_SHARE
+        most = most if self.is_cpu else min(_SPARE_BYTES, most)
         if self._spare.managed_bytes - self._spare.active_bytes > most:
             self._spare.free_held()
         return array
@@ -180,7 +181,7 @@ class Memory(HoldsOpenCL):
         """What ``act`` gives; where memory is wanting, once more without what is kept."""
         try:
             return act()
-        except cl.Error as error:
+        except (RuntimeError, cl.Error) as error:  # VkFFT raises the first
             if not is_want_of_memory(error):
                 raise
         self.make_room()
@@ -189,7 +190,8 @@ class Memory(HoldsOpenCL):
     def free_spare(self) -> None:
         """Give back the large buffers that are kept for use again."""
         require_own_process()
-        self._spare.free_held()
+        if "_spare" in self.__dict__:  # else nothing was kept yet
+            self._spare.free_held()
 
     def zeros(self, shape: Sequence[int], dtype: Any) -> cla.Array:
         """An array of zeros on the device."""

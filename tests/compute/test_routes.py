@@ -5,6 +5,7 @@ from __future__ import annotations
 import importlib.util
 import warnings
 from types import SimpleNamespace
+from typing import Any
 
 import numpy as np
 import pyopencl as cl
@@ -204,35 +205,70 @@ def test_a_gpu_without_vkfft_propagates_like_a_cpu(device: Device, gpu: Device) 
     assert relative_max(*results) <= 4 * fft_tolerance((63, 128), np.complex64)
 
 
-class Refusing:
-    """An application of VkFFT that is refused a number of times."""
+class Application:
+    """Of VkFFT; it changes the array before it is refused, if it is."""
 
     tmp_buffer_nbytes = 0
 
-    def __init__(self, times: int) -> None:
-        self.left = times
+    def __init__(self, error: RuntimeError | None = None) -> None:
+        self.error = error
 
-    def fft(self, *_: object, queue: object) -> None:
-        if self.left:
-            self.left -= 1
-            raise RuntimeError("VkFFT error 4039: VKFFT_ERROR_FAILED_TO_LAUNCH_KERNEL")
+    def fft(self, array: Any, *_: object, queue: object) -> None:
+        array += 1
+        if self.error is not None:
+            raise self.error
 
 
-@pytest.mark.parametrize(("times", "fails"), [(0, False), (1, False), (2, True)])
-def test_a_transform_that_is_refused_is_tried_once_more(
-    device: Device, monkeypatch: pytest.MonkeyPatch, times: int, fails: bool
+NO_MEMORY = RuntimeError("VkFFT error 4001: VKFFT_ERROR_FAILED_TO_ALLOCATE_MEMORY")
+NO_LAUNCH = RuntimeError("VkFFT error 4039: VKFFT_ERROR_FAILED_TO_LAUNCH_KERNEL")
+
+
+@pytest.mark.parametrize(
+    ("errors", "words"),
+    [
+        ([], None),
+        ([NO_MEMORY], None),
+        ([NO_MEMORY, NO_MEMORY], "by VkFFT needs more memory than .*4001"),
+        ([NO_LAUNCH], "by VkFFT failed on .*4039"),
+    ],
+)
+def test_a_plan_that_has_no_memory_is_made_once_more(
+    device: Device,
+    monkeypatch: pytest.MonkeyPatch,
+    errors: list[RuntimeError],
+    words: str | None,
 ) -> None:
     fresh = Device(device.cl_device)
     fresh.plans.get("kept", lambda: "plan", lambda _: 7)
-    app = Refusing(times)
-    monkeypatch.setattr(routes, "_vkfft_app", lambda *_: app)
+    left = list(errors)
+
+    def made(*_: object) -> Application:
+        if left:
+            raise left.pop()
+        return Application()
+
+    monkeypatch.setattr(routes, "_vkfft_app", made)
     array = fresh.zeros((4, 6), np.complex64)
-    if fails:
-        with pytest.raises(DeviceError, match=r"shape \(4, 6\) by VkFFT failed on .*4039"):
-            FFTRoute("vkfft", 1).forward(array, fresh)
-    else:
+    if words is None:
         FFTRoute("vkfft", 1).forward(array, fresh)
-    assert len(fresh.plans) == (0 if times else 1)
+        assert np.array_equal(fresh.download(array), np.ones((4, 6)))
+    else:
+        with pytest.raises(DeviceError, match=rf"shape \(4, 6\) {words}"):
+            FFTRoute("vkfft", 1).forward(array, fresh)
+    assert len(fresh.plans) == (0 if NO_MEMORY in errors else 1)
+
+
+@pytest.mark.parametrize("error", [NO_MEMORY, NO_LAUNCH])
+def test_a_transform_that_is_refused_is_not_repeated(
+    device: Device, monkeypatch: pytest.MonkeyPatch, error: RuntimeError
+) -> None:
+    """It is done in place, and may have been done in part."""
+    monkeypatch.setattr(routes, "_vkfft_app", lambda *_: Application(error))
+    fresh = Device(device.cl_device)
+    array = fresh.zeros((4, 6), np.complex64)
+    with pytest.raises(DeviceError, match=r"shape \(4, 6\) by VkFFT"):
+        FFTRoute("vkfft", 1).forward(array, fresh)
+    assert np.array_equal(fresh.download(array), np.ones((4, 6)))
 
 
 def test_vkfft_is_not_asked_for_a_single_sample(

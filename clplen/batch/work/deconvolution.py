@@ -56,7 +56,7 @@ class DeconvolutionSettings:
     haze : bool
         Whether light from far beyond the volume is told from it; see `Preparation.haze`.
     residual, accelerate, prior, strength
-        Of `deconvolve`.
+        Of `deconvolve`; prior "time" only of a series (`Deconvolver.series`).
     radiometric : bool
         Whether what the modelled pupil lacks beside the white frame goes into the sensitivity; see
         `clplen.microscopy.corrected`.

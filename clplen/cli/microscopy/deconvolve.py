@@ -206,6 +206,8 @@ def deconvolve(
         raise click.UsageError("--radiometric corrects by the white frame: give --white.")
     if strength is not None and prior is None:
         raise click.UsageError("--strength is of a --prior: give tv, gaussian or time.")
+    if strength is not None and strength <= 0:
+        raise click.UsageError(f"--strength is positive, not {strength:g}.")
     if memory is not None and memory < _LEAST_MEMORY:
         raise click.UsageError(f"--memory is at least 1MiB, not {memory} bytes: did you mean 1GB?")
     name = _start_name(start, warm_start, motion_um)

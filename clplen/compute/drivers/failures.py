@@ -36,9 +36,10 @@ def device_errors(device: cl.Device, step: str) -> Iterator[None]:
         raise device_error(device, step, error) from error
 
 
-def is_want_of_memory(error: Exception) -> bool:
-    """Whether OpenCL says that memory is used up, of the device or of the host."""
-    return isinstance(error, cl.MemoryError) or "OUT_OF_HOST_MEMORY" in str(error)
+def is_want_of_memory(error: BaseException | None) -> bool:
+    """Whether OpenCL or VkFFT says that memory is used up, of the device or of the host."""
+    words = ("OUT_OF_HOST_MEMORY", "FAILED_TO_ALLOCATE")
+    return isinstance(error, cl.MemoryError) or any(word in str(error) for word in words)
 
 
 def device_error(device: cl.Device, step: str, error: Exception) -> DeviceError:

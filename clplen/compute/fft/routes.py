@@ -14,18 +14,20 @@ from contextlib import AbstractContextManager
 from dataclasses import dataclass
 from functools import cache
 from importlib.util import find_spec
-from typing import Any, Protocol
+from typing import Any, Protocol, TypeVar
 
 import numpy as np
 import pyopencl as cl
 import pyopencl.array as cla
 
 from clplen.compute.drivers.failures import device_error
+from clplen.compute.drivers.forked import Guard
 from clplen.compute.fft.plans import PlanCache
 from clplen.deprecation import warn_caller
 from clplen.errors import DeviceError
 from clplen.types import Array
 
+T = TypeVar("T")
 VKFFT_BYTES = 2**20  # what the kernels and tables of one VkFFT plan are taken to hold
 HostFFT = Callable[[Array, Array, "tuple[int, ...]", bool, int], None]
 _MODULES = {"vkfft": "pyvkfft", "ducc0": "ducc0", "scipy": "scipy"}
@@ -48,7 +50,7 @@ class TransformDevice(Protocol):
     @property
     def cl_device(self) -> cl.Device: ...
 
-    def make_room(self) -> None: ...
+    def roomy(self, act: Callable[[], T]) -> T: ...
 
     def timed(
         self, what: str, *, nbytes: int, operations: float = 0.0
@@ -221,42 +223,46 @@ def _scipy(values: Array, out: Array, axes: tuple[int, ...], forward: bool, thre
 _HOST: dict[str, HostFFT] = {"ducc0": _ducc0, "scipy": _scipy}
 
 
+@dataclass(frozen=True)
+class _Transform:
+    """An application of VkFFT, which holds its arguments while it runs: one caller at a time."""
+
+    app: Any
+    lock: Guard
+
+    def run(self, array: cla.Array, queue: cl.CommandQueue, forward: bool) -> None:
+        with self.lock:
+            self.app.queue = queue  # that of a profile is another one, which is no mistake
+            (self.app.fft if forward else self.app.ifft)(array, array, queue=queue)
+
+    @property
+    def nbytes(self) -> int:
+        return int(getattr(self.app, "tmp_buffer_nbytes", 0)) + VKFFT_BYTES
+
+
 def _vkfft(array: cla.Array, device: TransformDevice, axes: tuple[int, ...], forward: bool) -> None:
     """By VkFFT, on the queue of the device: the array's own one may be that of a profile before."""
     if all(array.shape[axis] == 1 for axis in axes):
         return
+    key = (array.shape, array.dtype.str, axes)
+
+    def made() -> _Transform:
+        return _Transform(device.roomy(lambda: _vkfft_app(array, device, axes)), Guard())
+
     try:
-        _transform_by_vkfft(array, device, axes, forward)
-    except (RuntimeError, cl.Error):  # where other programs hold the memory: with less of ours
-        device.make_room()
-        try:
-            _transform_by_vkfft(array, device, axes, forward)
-        except (RuntimeError, cl.Error) as error:
-            what = f"A Fourier transform of shape {array.shape} by VkFFT"
-            raise device_error(device.cl_device, what, error) from error
-
-
-def _transform_by_vkfft(
-    array: cla.Array, device: TransformDevice, axes: tuple[int, ...], forward: bool
-) -> None:
-    app = device.transforms.get(
-        (array.shape, array.dtype.str, axes),
-        lambda: _vkfft_app(array, device, axes),
-        lambda made: int(getattr(made, "tmp_buffer_nbytes", 0)) + VKFFT_BYTES,
-    )
-    (app.fft if forward else app.ifft)(array, array, queue=device.queue)
+        device.transforms.get(key, made, lambda one: one.nbytes).run(array, device.queue, forward)
+    except (RuntimeError, cl.Error) as error:
+        what = f"A Fourier transform of shape {array.shape} by VkFFT"
+        raise device_error(device.cl_device, what, error) from error
 
 
 def _vkfft_app(array: cla.Array, device: TransformDevice, axes: tuple[int, ...]) -> Any:
     """A plan whose twiddle factors are read from tables.
 
-    Those that a GPU computes in single precision are wrong by some 3e-7 of themselves, the
-    transform by three times as much as with tables.
+    Those that a GPU computes in single precision make transforms three times as wrong.
     """
-    from pyvkfft import config
     from pyvkfft.opencl import VkFFTApp
 
-    config.WARN_OPENCL_QUEUE_MISMATCH = False  # a profile has a queue of its own
     which = {"ndim": 2} if axes == (-2, -1) else {"axes": [array.ndim + axis for axis in axes]}
     return VkFFTApp(
         array.shape, array.dtype, device.queue, inplace=True, norm=1, useLUT=1, **which

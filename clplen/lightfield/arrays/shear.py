@@ -12,6 +12,7 @@ import pyopencl as cl
 import pyopencl.array as cla
 
 from clplen.compute.device import Device
+from clplen.compute.drivers.failures import is_want_of_memory
 from clplen.errors import DeviceError, KernelBuildError, ShapeError
 from clplen.lightfield.arrays.shear_tables import (
     Norm,
@@ -229,7 +230,7 @@ def _run_first_form(work: _Sum) -> None:
             if _ENQUEUE[form](work):
                 return
         except (KernelBuildError, DeviceError) as error:
-            if form == forms[-1] or isinstance(error.__cause__, cl.MemoryError):
+            if form == forms[-1] or is_want_of_memory(error.__cause__):
                 raise
             tuning.leave(f"shear {form}", error)
     raise DeviceError(

@@ -88,8 +88,9 @@ def deconvolve_series(
         How far things move from a frame to the next one in "limited", in metres (standard deviation
         along an axis); default half a voxel.
     before : array_like, optional
-        Volume that the first batch begins with, that of the frame before it, or that the prior
-        "time" compares with.
+        Volume of the frame before the first one. With a start other than None the first batch
+        begins with it; the prior "time" compares the first frame with it. (Without it a first frame
+        that is found alone has no prior.)
     background : float or array_like
         As of `deconvolve`, the same for all frames.
     rolling : int, optional
@@ -134,6 +135,8 @@ def deconvolve_series(
     _refuse_unknown(options)
     together = batch_for(projector, batch, **options)
     series: Iterable[SeriesFrame]
+    if before is not None and start is None and options.get("prior") != "time":
+        raise ValueError("before is for a start or for prior='time': give one of them.")
     if rolling is None:
         series = (SeriesFrame(_counts(one), background, white) for one in frames)
     else:
