@@ -173,6 +173,20 @@ def test_kill_and_resume_lose_nothing(
     assert series_in(out) == series_in(whole)
 
 
+def test_a_file_without_a_volume_is_begun_anew(
+    tmp_path: Path, folder: Path, device: Device
+) -> None:
+    pytest.importorskip("zarr")
+    out = tmp_path / "s.ome.zarr"
+    done(run(*words_of(folder, device, "-o", out)))
+    about = json.loads((out / ".zattrs").read_text())
+    about["clplen"]["records"] = []
+    (out / ".zattrs").write_text(json.dumps(about))
+    result = done(run(*words_of(folder, device, "-o", out, "--iterations", 4)))
+    assert "holds 5 volumes" in result.output
+    assert count_whole(out) == FRAMES
+
+
 def test_frames_that_are_compared_are_in_one_file(
     tmp_path: Path, folder: Path, device: Device
 ) -> None:

@@ -103,7 +103,7 @@ def write(
     }
     about, records = series_in(asked.output)
     job = json.loads(json.dumps(job))
-    go_on = bool(about) and _is_same(asked, about, job, len(records))
+    go_on = bool(records) and _is_same(asked, about, job, len(records))
     if go_on and count_whole(asked.output) == len(asked.pages) and asked.output.exists():
         click.echo(f"{asked.output} is there already, of the same frames and words.")
         return
