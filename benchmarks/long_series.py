@@ -26,8 +26,7 @@ import click
 import numpy as np
 import tifffile
 
-from clplen import Device, MicrolensArray, PlenopticCamera, Projector, point_images
-from clplen.errors import ClplenError
+from clplen import ClplenError, Device, MicrolensArray, PlenopticCamera, Projector, point_images
 from clplen.io import read_volume_series, series_in
 from clplen.microscopy import read_point_images, write_point_images
 
