@@ -356,8 +356,8 @@ def microscopic(device: Device) -> None:
     projector = Projector(images, (2, 3), device=device, memory=memory)  # one plane at a time
     projector.backward(projector.forward(np.ones(projector.volume_shape, np.float32)))
     small = point_images(camera, [1e-7], voxels_per_lenslet=1, cut=0.2)
-    for prior in ("tv", "gaussian"):
-        deconvolve(np.ones((75, 75)), Projector(small, (5, 5), device=device), iterations=2,
+    for prior in ("tv", "gaussian", "time"):
+        deconvolve(np.ones((2, 75, 75)), Projector(small, (5, 5), device=device), iterations=2,
                    accelerate=True, prior=prior)  # fmt: skip
 
 
