@@ -89,8 +89,8 @@ def deconvolve_series(
         along an axis); default half a voxel.
     before : array_like, optional
         Volume of the frame before the first one. With a start other than None the first batch
-        begins with it; the prior "time" compares the first frame with it. (Without it a first frame
-        that is found alone has no prior.)
+        begins with it; the prior "time" compares the first frame with it. Without it a first frame
+        that is found alone has no prior.
     background : float or array_like
         As of `deconvolve`, the same for all frames.
     rolling : int, optional
