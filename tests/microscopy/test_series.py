@@ -189,6 +189,7 @@ def test_batches_fit_the_memory(projector, monkeypatch):
         ({"decay": 1.5}, ValueError, "decay is a number from 0 to 1"),
         ({"motion": -1e-6}, ValueError, "motion is a positive length"),
         ({"motion": np.nan}, ValueError, "motion is a positive length"),
+        ({"before": 1.0}, ValueError, "before is for a start or for prior='time'"),
         ({"whites": 1}, TypeError, "deconvolve_series has no whites"),
         ({"projector": None}, TypeError, "projector"),
         ({"frames": np.ones((1, 3, 3))}, ShapeError, "A frame has shape"),
