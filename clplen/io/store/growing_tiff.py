@@ -84,18 +84,15 @@ class GrowingTiff:
         hidden = _hidden(self.path)
         with said_of(self.path):
             hidden.unlink(missing_ok=True)  # a link could lead to a file of others
-        with (
-            said_of(self.path),
-            tifffile.TiffWriter(hidden, ome=True, bigtiff=self.nbytes > _BIG) as writer,
-        ):
-            self._start, _ = writer.write(
-                shape=(layout.frames, *layout.shape),
-                dtype=np.float32,
-                photometric="minisblack",
-                metadata=metadata,
-                software=MARK,
-                returnoffset=True,
-            )
+            with tifffile.TiffWriter(hidden, ome=True, bigtiff=self.nbytes > _BIG) as writer:
+                self._start, _ = writer.write(
+                    shape=(layout.frames, *layout.shape),
+                    dtype=np.float32,
+                    photometric="minisblack",
+                    metadata=metadata,
+                    software=MARK,
+                    returnoffset=True,
+                )
         self._count()
 
     def resume(self, records: list[Record]) -> None:
