@@ -132,7 +132,7 @@ def round_of(seed: int, folder: Path, items: int, device: Device) -> list[str]:
     main = start(["-m", "clplen", "batch", str(job), *extra], log)
     wrong: list[str] = []
     begun = time.monotonic()
-    while not list(out.glob("*/item.json")) and time.monotonic() - begun < 40:
+    while not list(out.glob("*/item.json")) and time.monotonic() - begun < 240:
         if main.poll() is not None:
             break
         time.sleep(0.02)
