@@ -10,7 +10,7 @@ import shutil
 from collections.abc import Iterator
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import ExitStack, contextmanager, suppress
-from pathlib import Path
+from pathlib import Path, PureWindowsPath
 
 from clplen.errors import ShapeError
 from clplen.interrupts import unfinished
@@ -18,12 +18,30 @@ from clplen.interrupts import unfinished
 PathLike = str | os.PathLike[str]
 _ERRNO = re.compile(r"errno = (\d+)")  # as HDF5 says it, in the midst of other things
 _TEMPORARY = re.compile(
-    r"\.(?P<stem>.+)-[0-9a-f]{12}\.(?P<state>partial|replaced)(?P<suffix>(\.[^.]*)?)", re.DOTALL
+    r"\.(?P<stem>(?!\.-).+)-[0-9a-f]{12}\.(?P<state>partial|replaced)(?P<suffix>(\.[^.]*)?)",
+    re.DOTALL,
 )
 _REPLACED = "replaced"
 _OCCUPIED = (errno.ENOTEMPTY, errno.EEXIST)
 _THERE = "is there already and not empty: name a new folder."
 _SYNCS = 8  # files that wait for the disk at a time
+_MAX_NAME = 255  # bytes of a file name that common file systems take
+
+
+def is_plain_name(name: object) -> bool:
+    """Return whether a name that a file holds leads to nothing outside of its own folder.
+
+    Parameters
+    ----------
+    name : object
+        As a record names a file beside itself; on every system without separators and drive.
+    """
+    if not isinstance(name, str) or name in ("", "..") or "\0" in name:
+        return False
+    try:
+        return name == PureWindowsPath(name).name and len(os.fsencode(name)) <= _MAX_NAME
+    except UnicodeEncodeError:
+        return False
 
 
 def check_writable(path: PathLike) -> Path:
@@ -74,7 +92,8 @@ def check_folder(path: PathLike) -> Path:
         folder.mkdir(parents=True, exist_ok=True)
     except FileExistsError as error:
         raise NotADirectoryError(
-            f"{folder} is to be a folder, but there is a file of this name: choose another."
+            f"{folder} is to be a folder, but there is a file of this name, or a link to nothing: "
+            "remove it, or choose another."
         ) from error
     except OSError as error:
         raise type(error)(

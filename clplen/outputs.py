@@ -17,7 +17,7 @@ from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
-from clplen.files import PathLike, check_folder, check_writable, filling
+from clplen.files import PathLike, check_folder, check_writable, filling, is_plain_name
 from clplen.interrupts import unfinished
 
 MARK = "Written by clplen"
@@ -192,9 +192,19 @@ def updating(folder: PathLike, contents: str, *, force: bool = False) -> Iterato
 
 
 def _listed_in(file: Path) -> set[str]:
-    """The names in the last line of a file of `listed`; none if there is no such line."""
+    """Return the names in the last line of a file of `listed` that clplen may replace.
+
+    Others may have written the line: it leads to no other folder, and to no file that could have
+    the mark and has none.
+    """
     if not is_ours(file):
         return set()
     last = file.read_text(encoding="utf-8", errors="replace").rstrip().rpartition("\n")[2]
     found = re.fullmatch(rf"<!-- {MARK}: (.*) -->", last)
-    return {name for name in found[1].split(" | ") if name == Path(name).name} if found else set()
+    names = filter(is_plain_name, found[1].split(" | ") if found else ())
+    paths = (file.with_name(name) for name in names)
+    return {path.name for path in paths if path.is_file() and (_is_csv(path) or is_ours(path))}
+
+
+def _is_csv(path: Path) -> bool:
+    return path.suffix == ".csv" and not path.is_symlink()

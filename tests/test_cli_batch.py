@@ -5,8 +5,11 @@ from __future__ import annotations
 import json
 import os
 import signal
+import socket
+import socketserver
 import subprocess
 import sys
+import threading
 import time
 from pathlib import Path
 from typing import Any
@@ -108,6 +111,40 @@ def test_wrong_words_get_one_sentence(
     assert done.exit_code in (1, 2)
     assert said in done.output
     assert "Traceback" not in done.output
+
+
+@pytest.mark.parametrize("files", ["/", ".", "./", "//", ".."])
+def test_a_folder_without_a_name(tmp_path: Path, files: str):
+    job = batchworks.write_job(tmp_path, files=files)
+    done = clplen("batch", job)
+    assert done.exit_code == 1
+    assert "inputs.0.name: an item cannot have the name" in done.output
+    assert "give another, such as name = 'views'" in done.output
+
+
+def test_a_worker_without_a_scheduler(monkeypatch: pytest.MonkeyPatch):
+    """A port that is closed, one that is silent, and one that speaks something else."""
+    pytest.importorskip("distributed", reason="the extra batch is not installed")
+    monkeypatch.setattr("clplen.batch.running.network._GREETING", 0.1)
+    monkeypatch.setattr("clplen.batch.running.network.check_certificates.__defaults__", (0.1,))
+    monkeypatch.setattr("os.execve", lambda *_: pytest.fail("started"))
+
+    class Other(socketserver.BaseRequestHandler):
+        def handle(self) -> None:
+            self.request.sendall(b"SSH-2.0-OpenSSH_9.6\r\n")
+
+    with (
+        socket.create_server(("127.0.0.1", 0)) as silent,
+        socketserver.TCPServer(("127.0.0.1", 0), Other) as other,
+    ):
+        thread = threading.Thread(target=other.serve_forever, args=(0.01,))
+        thread.start()
+        for port in (9, silent.getsockname()[1], other.server_address[1]):
+            done = clplen("worker", f"tcp://127.0.0.1:{port}")
+            assert done.exit_code == 1
+            assert f"No Dask scheduler answers at tcp://127.0.0.1:{port} within" in done.output
+        other.shutdown()
+        thread.join()
 
 
 def test_options_stand_above_the_file(job: Path, device: Device):

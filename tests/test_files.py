@@ -23,6 +23,7 @@ from clplen.files import (
     check_writable,
     clear_temporaries,
     filling,
+    is_plain_name,
     output_folder,
     replacing,
 )
@@ -333,3 +334,26 @@ def test_room_on_a_disk(tmp_path: Path):
         check_space(tmp_path / "a.tif", 10**18)
     with pytest.raises(FileNotFoundError, match=r"no folder .*nowhere"):
         check_space(tmp_path / "nowhere" / "a.tif", 1)
+
+
+@pytest.mark.parametrize(
+    "name", ["stack.ome.tif", "a b", "..a", "-", "\N{GREEK SMALL LETTER MU}.h5"]
+)
+def test_names_in_their_own_folder(name: str):
+    assert is_plain_name(name)
+
+
+@pytest.mark.parametrize(
+    "name",
+    ["", ".", "..", "../a", "a/b", "a/", "/a", "a\\b", "\\\\host\\a", "C:a", "a\0b", "\ud800",
+     "a" * 256, "\N{EURO SIGN}" * 86, b"a", None, 3],
+)  # fmt: skip
+def test_names_that_lead_elsewhere(name: object):
+    assert not is_plain_name(name)
+
+
+def test_temporary_names_of_nothing_are_left(tmp_path: Path):
+    for stem in (".", ".."):
+        (tmp_path / f".{stem}-0123456789ab.replaced").mkdir()
+    clear_temporaries(tmp_path)
+    assert tmp_path.is_dir()

@@ -174,6 +174,21 @@ def test_folders_of_an_earlier_run(tmp_path: Path):
     assert [path.name for path in tmp_path.iterdir()] == ["out"]
 
 
+def test_a_list_of_others_removes_nothing_of_others(tmp_path: Path):
+    """The line may be anybody's: it names files of clplen in its own folder, or none."""
+    folder = tmp_path / "out"
+    fill(folder, a="1")
+    (folder / "inside").mkdir()
+    kept = [tmp_path / "b.csv", folder / "notes.txt", folder / "inside" / "c.csv"]
+    for path in kept:
+        path.write_text(NOTES)
+    names = ["report.md", "../b.csv", str(tmp_path / "b.csv"), "notes.txt", "inside/c.csv"]
+    (folder / "report.md").write_text(f"{listed([*names, 'inside', '.', '..', '', 'a.csv'])}")
+    fill(folder, d="4")
+    assert [path.read_text() for path in kept] == [NOTES] * 3
+    assert not (folder / "a.csv").exists()
+
+
 def test_folders_of_others(tmp_path: Path):
     (tmp_path / "notes.txt").write_text(NOTES)
     with pytest.raises(FileExistsError, match="not empty, and clplen did not write it"):

@@ -110,6 +110,21 @@ def test_certificates_that_have_expired(tmp_path: Path, monkeypatch: pytest.Monk
         Certificates.read(tmp_path / "old")
 
 
+def test_certificates_that_are_not_valid_yet(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+    """Not an advice to try fewer workers."""
+    monkeypatch.setattr(certificates, "_SKEW", timedelta(hours=-2))
+    make_certificates(tmp_path / "new")
+    with pytest.raises(FormatError, match=r"ca\.pem is not valid before .* UTC: see to the clock"):
+        Certificates.read(tmp_path / "new")
+
+
+def test_certificates_of_another_authority(folder: Path, tmp_path: Path):
+    make_certificates(tmp_path / "others")
+    shutil.copy(tmp_path / "others" / "ca.pem", folder / "ca.pem")
+    with pytest.raises(FormatError, match=r"would refuse .*certificate\.pem by .*ca\.pem \(\w+"):
+        Certificates.read(folder)
+
+
 @posix
 def test_a_key_that_others_read_is_said(folder: Path):
     (folder / "key.pem").chmod(0o644)

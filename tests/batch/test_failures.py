@@ -22,7 +22,7 @@ from clplen.batch.jobs.items import tasks_of
 from clplen.batch.jobs.task import Report
 from clplen.batch.running.job import local_executor
 from clplen.batch.running.manifest import Manifest, status_of
-from clplen.batch.running.runner import execute_job
+from clplen.batch.running.runner import execute_job, plan_tasks
 from clplen.batch.work import products as making
 from clplen.batch.work.execution import execute_task
 from clplen.batch.work.resources import Resources
@@ -188,6 +188,119 @@ def test_a_damaged_record_is_none(small: tuple[Path, list[Path]], device: Device
     record.write_text(content)
     assert [state for _, state, _ in status_of(Job.read(job))] == ["damaged"]
     assert run(job, device)[0].done == 1
+
+
+_STAMP = {"bytes": 4, "sha256": "00"}
+_DAMAGES: tuple[Any, ...] = (
+    *("[" * 100_000, '{"settings": {"a": ' * 5000, "9" * 10_000),
+    {"outputs": {}},
+    {"outputs": ["stack.ome.tif"]},
+    {"outputs": {"stack.ome.tif": {"bytes": "4", "sha256": "00"}}},
+    {"outputs": {"stack.ome.tif": {"bytes": 4.0, "sha256": "00"}}},
+    {"outputs": {"stack.ome.tif": {"bytes": 4, "sha256": []}}},
+    {"outputs": {"x" * 5000: _STAMP}},
+    {"inputs": {"in/field_000.h5": _STAMP | {"changed": 10**400}}},
+    *({"seconds": "x"}, {"seconds": {"total": "x"}}, {"seconds": {"total": float("inf")}}),
+    *({"started": "x"}, {"started": None}, {"started": float("nan")}, {"started": 10**400}),
+    *({"name": "field_001"}, {"name": 3}, {"state": "failed"}, {"state": ["done"]}),
+    *({"worker": "\ud800"}, {"error": {}}, {"passing": 1}, {"unknown": 1}),
+    {"settings": {"a": json.loads("[" * 100 + "]" * 100)}},
+)
+
+
+def test_every_damage_of_a_record_is_found(small: tuple[Path, list[Path]], device: Device):
+    """It neither ends the run nor counts as done."""
+    job, files = small
+    for file in files[2:]:
+        file.unlink()
+    run(job, device)
+    record = job.parent / "out" / "field_000" / "item.json"
+    known = json.loads(record.read_text())
+    for content in _DAMAGES:
+        damaged = content if isinstance(content, str) else json.dumps(known | content)
+        record.write_text(damaged)
+        found = [state for _, state, _ in status_of(Job.read(job))]
+        assert found == ["damaged", "done"], damaged[:200]
+        assert len(plan_tasks(tasks_of(Job.read(job))).todo) == 1
+    summary, _ = run(job, device)
+    assert (summary.done, summary.skipped, summary.failed) == (1, 1, {})
+
+
+def test_a_record_deletes_nothing_of_others(small: tuple[Path, list[Path]], device: Device):
+    """Whoever wrote it: it names files of clplen in the folder of its item."""
+    job, files = small
+    for file in files[2:]:
+        file.unlink()
+    run(job, device)
+    out, folder = job.parent / "out", job.parent / "folder"
+    folder.mkdir()
+    own = out / "field_000"
+    kept = [job.parent / "a.txt", out / "b.txt", out / "field_001" / "c.txt", own / "d.txt"]
+    kept += [folder / "e.txt", job.parent / "ours.txt"]
+    for path in kept:
+        path.write_text("precious")
+    kept[-1].write_text("precious, Written by clplen")
+    before = [path.read_text() for path in kept]
+    record = own / "item.json"
+    known = json.loads(record.read_text())
+    names = ["../../a.txt", "../b.txt", "../field_001/c.txt", "../../folder", "..", "."]
+    names += ["", "a/../../b.txt", str(kept[0]), str(folder), "../../ours.txt", "a\0b"]
+    for listed in (names, ["d.txt"]):
+        record.write_text(json.dumps(known | {"outputs": dict.fromkeys(listed, _STAMP)}))
+        assert [state for _, state, _ in status_of(Job.read(job))] == ["damaged", "done"]
+        assert run(job, device)[0].done == 1
+        assert [path.read_text() for path in kept] == before
+
+
+def test_what_another_job_made_goes(small: tuple[Path, list[Path]], device: Device):
+    """Unless others changed it meanwhile."""
+    job, files = small
+    for file in files[2:]:
+        file.unlink()
+    run(job, device)
+    out = job.parent / "out"
+    (out / "field_001" / "depth.ome.tif").write_text("notes of the user")
+    job.write_text(job.read_text().replace('[depth]\ndisparities = "-1:1:5"\ncue = "energy"', ""))
+    assert run(job, device, force=True)[0].done == 2
+    left = sorted(str(path.relative_to(out)) for path in out.glob("*/depth*"))
+    assert left == [os.path.join("field_001", "depth.ome.tif")]
+
+
+@pytest.mark.skipif(os.name != "posix", reason="pipes and links are those of POSIX")
+def test_a_record_or_lock_that_is_no_file(small: tuple[Path, list[Path]], device: Device):
+    """A pipe, which would be waited for, and a link to a file of others."""
+    job, files = small
+    for file in files[1:]:
+        file.unlink()
+    run(job, device)
+    out = job.parent / "out"
+    record, holder = out / "field_000" / "item.json", out / ".clplen" / "job.holder"
+    record.unlink()
+    os.mkfifo(record)
+    (job.parent / "notes.txt").write_text("precious")
+    holder.unlink()
+    holder.symlink_to(job.parent / "notes.txt")
+    assert [state for _, state, _ in status_of(Job.read(job))] == ["damaged"]
+    assert run(job, device)[0].done == 1
+    assert record.is_file()
+    assert (job.parent / "notes.txt").read_text() == "precious"
+
+
+def test_links_that_lead_nowhere(small: tuple[Path, list[Path]], device: Device):
+    """Of an input, and of an item's folder: the status says what the run said."""
+    job, files = small
+    for file in files[1:]:
+        file.unlink()
+    try:
+        (job.parent / "in" / "gone.npy").symlink_to("nowhere")
+        (job.parent / "out").mkdir()
+        (job.parent / "out" / files[0].stem).symlink_to("nowhere")
+    except OSError:
+        pytest.skip("no links can be made here")
+    summary, _ = run(job, device)
+    assert summary.failed.keys() == {"field_000", "gone"}
+    found = {task.name: (state, why) for task, state, why in status_of(Job.read(job))}
+    assert found == {name: ("failed", said) for name, said in summary.failed.items()}
 
 
 def test_a_bug_stops_one_item(

@@ -67,6 +67,56 @@ def test_another_database_is_refused(tmp_path: Path):
         Manifest(tmp_path, create=True)
 
 
+@pytest.mark.parametrize(
+    "change",
+    [
+        "started = 'x'", "error = NULL", "error = x'ff00'", "name = x'ff'",
+        "error = 'x', started = 'never'",
+    ],
+)  # fmt: skip
+def test_a_damaged_row_is_left_out(tmp_path: Path, change: str):
+    with Manifest(tmp_path, create=True) as manifest:
+        manifest.put(report("a"), report("b", "failed"))
+    with sqlite3.connect(tmp_path / NAME) as file:
+        file.execute(f"UPDATE items SET {change} WHERE name = 'b'")
+    with Manifest(tmp_path) as manifest:
+        assert manifest.known() == {"a": ("done", 1.5, "")}
+
+
+def test_a_text_that_is_no_utf8_is_read(tmp_path: Path):
+    with Manifest(tmp_path, create=True) as manifest:
+        manifest.put(report("b", "failed"))
+    with sqlite3.connect(tmp_path / NAME) as file:
+        file.execute("UPDATE items SET error = CAST(x'61ff' AS TEXT)")
+    with Manifest(tmp_path) as manifest:
+        assert manifest.known()["b"].error == "a\N{REPLACEMENT CHARACTER}"
+
+
+@pytest.mark.parametrize(
+    "damage",
+    [
+        f"UPDATE meta SET value = '{'[' * 100_000}'",
+        "UPDATE meta SET value = x'ff'",
+        "DROP TABLE items; CREATE TABLE items (name TEXT)",
+        "DROP TABLE items",
+        "ALTER TABLE items RENAME TO others; CREATE VIEW items AS WITH RECURSIVE c(x) AS "
+        "(SELECT 1 UNION ALL SELECT x + 1 FROM c) "
+        "SELECT x AS name, x AS state, x AS started, x AS error FROM c",  # never ends
+        "CREATE TRIGGER t AFTER INSERT ON items BEGIN DELETE FROM items; END",
+    ],
+    ids=["nested", "bytes", "columns", "table", "view", "trigger"],
+)
+def test_a_damaged_manifest_gets_one_sentence(tmp_path: Path, damage: str):
+    Manifest(tmp_path, create=True).close()
+    with sqlite3.connect(tmp_path / NAME) as file:
+        file.executescript(damage)
+    with (
+        pytest.raises(FormatError, match=r"no manifest of clplen.*: move it away"),
+        Manifest(tmp_path) as manifest,
+    ):
+        manifest.known()
+
+
 def test_a_full_disk_is_said(tmp_path: Path):
     with Manifest(tmp_path, create=True) as manifest:
         manifest.put(report("a"))

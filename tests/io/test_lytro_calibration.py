@@ -249,3 +249,16 @@ def test_a_lattice_is_sought_once(tmp_path: Path, monkeypatch, device: Device):
     with pytest.raises(AssertionError, match="sought again"):
         read_lightfield(path, device=device)
     assert lenslet_frames.kept_lattice is lattice_cache.kept_lattice
+
+
+@pytest.mark.parametrize(
+    "note", ["[" * 100_000, "[]", "\xff", json.dumps({SERIAL: 5}), json.dumps({SERIAL: "x" * 5000})]
+)
+def test_a_damaged_note_of_a_calibration_is_ignored(tmp_path: Path, note: str):
+    cache = tmp_path / "cache"
+    cache.mkdir()
+    (cache / "lytro-calibrations.json").write_text(note, encoding="latin-1")
+    path = a_picture(tmp_path / "a.lfr", flat())
+    metadata = read_lytro_frame(path)[2]
+    assert metadata.serial == SERIAL
+    assert lytro_calibration.find_calibration(metadata, None) is None

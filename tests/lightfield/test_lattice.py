@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import math
+import os
 from dataclasses import replace
 from pathlib import Path
 
@@ -480,6 +481,15 @@ def test_broken_files_are_refused(text, message, tmp_path: Path):
 def test_a_missing_file_is_refused(tmp_path: Path):
     with pytest.raises(FormatError, match=r"none\.json"):
         Lattice.load(tmp_path / "none.json")
+
+
+def test_what_is_no_file_is_not_waited_for(tmp_path: Path):
+    with pytest.raises(FormatError, match="no ordinary file"):
+        Lattice.load(tmp_path)
+    if hasattr(os, "mkfifo"):
+        os.mkfifo(tmp_path / "pipe.json")
+        with pytest.raises(FormatError, match="no ordinary file"):
+            Lattice.load(tmp_path / "pipe.json")
 
 
 def test_the_old_name_of_a_square_lattice_is_read():

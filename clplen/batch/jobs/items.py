@@ -148,7 +148,7 @@ def _name(template: str, path: str, index: int, key: str) -> str:
         "stem": file.name if file.suffix == "" else file.stem,
         "name": file.name,
         "parent": file.parent.name,
-        "path": PurePosixPath(file.with_suffix("")).as_posix().lstrip("/"),
+        "path": PurePosixPath(file.parent, file.stem).as_posix().lstrip("/"),
         "index": index,
     }
     try:
@@ -167,7 +167,7 @@ def _check_name(name: str, key: str) -> None:
     if not parts or any(part.startswith(".") for part in parts) or name.startswith("/"):
         raise FormatError(
             f"{key}.name: an item cannot have the name {name!r}: its folder lies in the output's, "
-            "and begins with no dot."
+            "and begins with no dot; give another, such as name = 'views'."
         )
 
 

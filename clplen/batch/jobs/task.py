@@ -4,10 +4,15 @@ from __future__ import annotations
 
 import hashlib
 import json
-from dataclasses import asdict, dataclass, field
+import math
+from dataclasses import asdict, dataclass, field, fields
 from typing import Any
 
+from clplen.files import is_plain_name
 from clplen.reprs import OneLine
+
+_INT64 = 1 << 63  # sizes and times of files are below
+_MAX_NESTING = 64  # levels of a report; those of camera files, the deepest part, are below ten
 
 
 @dataclass(frozen=True, repr=False)
@@ -113,22 +118,49 @@ class Report(OneLine):
 
     @classmethod
     def from_json(cls, text: str) -> Report:
-        """The inverse of `to_json`.
+        """Read a report of unknown origin, as `to_json` writes it.
 
         Raises
         ------
         ValueError
-            If it is none.
+            If it is none, nested too deeply, or names a file outside of the item's folder.
         """
         try:
-            found = cls(**json.loads(text))
-            for entry in (*found.inputs.values(), *found.outputs.values()):
-                int(entry["bytes"]), str(entry["sha256"])
-            for entry in found.inputs.values():
-                int(entry["changed"])
-        except (TypeError, KeyError, AttributeError) as error:
-            raise ValueError(f"It is no report: {error!r}.") from error
+            content = json.loads(text)
+            found = cls(**content)
+        except (TypeError, RecursionError) as error:
+            raise ValueError(f"It is no report: {error}.") from error
+        typical = cls("", "", "", 0.0)
+        if not (
+            all(type(getattr(found, f.name)) is type(getattr(typical, f.name)) for f in fields(cls))
+            and all(map(_is_finite, (found.started, *found.seconds.values())))
+            and all(_has_stamp(entry, "bytes", "changed") for entry in found.inputs.values())
+            and all(_has_stamp(entry, "bytes") for entry in found.outputs.values())
+            and all(map(is_plain_name, found.outputs))
+            and (found.outputs or found.state != "done")
+            and _is_shallow(content, _MAX_NESTING)
+        ):
+            raise ValueError("It is no report: a value is of another type, or a name leads away.")
+        "".join((found.device, found.software, found.worker, found.error)).encode()  # surrogates
         return found
+
+
+def _is_finite(value: object) -> bool:
+    return type(value) is float and math.isfinite(value)
+
+
+def _has_stamp(entry: Any, *names: str) -> bool:
+    """Return whether what is known of a file has a digest and whole numbers of these names."""
+    if type(entry) is not dict or type(entry.get("sha256")) is not str:
+        return False
+    numbers = [entry.get(name) for name in names]
+    return all(type(number) is int and abs(number) < _INT64 for number in numbers)
+
+
+def _is_shallow(value: Any, levels: int) -> bool:
+    """Return whether JSON is nested no deeper than so many levels."""
+    inner = value.values() if type(value) is dict else value if type(value) is list else ()
+    return levels > 0 and all(_is_shallow(one, levels - 1) for one in inner)
 
 
 @dataclass(frozen=True)

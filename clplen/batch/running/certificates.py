@@ -76,8 +76,8 @@ class Certificates:
         Raises
         ------
         FormatError
-            If a file is missing, is not what its name says, or has expired; if the package
-            cryptography is not installed.
+            If a file is missing, is not what its name says, is not valid now, or does not fit the
+            others; if the package cryptography is not installed.
         """
         paths = [Path(folder, name).absolute() for name in FILES]
         for path in paths:
@@ -93,11 +93,38 @@ class Certificates:
                 f"({getattr(error, 'reason', None) or error}); {MAKE}."
             ) from error
         for path in paths[:2]:
-            end = _end_of(path)
+            begin, end = _validity(path)
+            if begin > datetime.now(timezone.utc):
+                raise FormatError(
+                    f"{path} is not valid before {begin:%d %B %Y, %H:%M} UTC: see to the clock of "
+                    f"this computer; {MAKE} anew."
+                )
             if end < datetime.now(timezone.utc):
                 raise FormatError(f"{path} has expired on {end:%d %B %Y}; {MAKE} anew.")
+        found = cls(authority, certificate, key)
+        found._check_handshake(context)
         _warn_of_readers(paths[2])
-        return cls(authority, certificate, key)
+        return found
+
+    def _check_handshake(self, client: ssl.SSLContext) -> None:
+        """Refuse files with which members of a cluster would not accept each other."""
+        server = ssl.create_default_context(ssl.Purpose.CLIENT_AUTH, cafile=self.authority)
+        server.load_cert_chain(self.certificate, self.key)
+        server.verify_mode = ssl.CERT_REQUIRED
+        client.check_hostname = False  # members have one certificate, wherever they are
+        there, back = ssl.MemoryBIO(), ssl.MemoryBIO()
+        ends = (client.wrap_bio(back, there), server.wrap_bio(there, back, server_side=True))
+        for end in ends * 2:  # each speaks twice
+            try:
+                end.do_handshake()
+            except ssl.SSLWantReadError:
+                pass
+            except ssl.SSLError as error:
+                reason = getattr(error, "verify_message", None) or error.reason
+                raise FormatError(
+                    f"Members of a cluster would refuse {self.certificate} by {self.authority} "
+                    f"({reason}); {MAKE} anew."
+                ) from error
 
     def write(self, folder: PathLike) -> None:
         """Write them to a new folder; only the owner may read the key.
@@ -165,12 +192,13 @@ def _require_cryptography() -> None:
         ) from error
 
 
-def _end_of(path: Path) -> datetime:
-    """When a certificate ends."""
+def _validity(path: Path) -> tuple[datetime, datetime]:
+    """Return when the validity of a certificate begins and ends."""
     _require_cryptography()
     from cryptography import x509
 
-    return x509.load_pem_x509_certificate(path.read_bytes()).not_valid_after_utc
+    found = x509.load_pem_x509_certificate(path.read_bytes())
+    return found.not_valid_before_utc, found.not_valid_after_utc
 
 
 def _signed(key: Any, signer: Any, *, is_authority: bool) -> Any:

@@ -210,7 +210,8 @@ def local_cluster(
             client = stack.enter_context(distributed.Client(cluster))
         except (OSError, RuntimeError, *_LATE) as error:
             raise DeviceError(
-                f"The {workers} workers did not start ({' '.join(str(error).split())}): try fewer."
+                f"The {workers} workers did not start ({' '.join(str(error).split())}): if memory "
+                "or cores are short, try fewer."
             ) from error
         check_workers(client, "this computer")
         _invite(cluster.scheduler_address, network)
@@ -273,14 +274,11 @@ def existing_cluster(
         If the scheduler does not answer, has no workers, or its workers cannot do the job.
     """
     _, distributed = require_dask()
-    check_certificates(network)
+    check_certificates(network, _ANSWER)
     try:
         client = distributed.Client(network.scheduler, timeout=_ANSWER, security=network.security)
     except (OSError, ValueError) as error:
-        raise DeviceError(
-            f"No Dask scheduler answers at {network.scheduler} within {_ANSWER:g} s: start one "
-            "with 'dask scheduler', or mend the address (tls:// where it has certificates)."
-        ) from error
+        raise _gone() from error
     with client:
         sharing = check_workers(client, str(network.scheduler))
         yield ClusterExecutor(client, folder, memory=memory, sharing=sharing)

@@ -35,6 +35,9 @@ COMMIT;
 """
 
 
+_OWN = {("table", "meta"), ("table", "items")}
+
+
 class Known(NamedTuple):
     """What the manifest knows of an item: as in its last `Report`."""
 
@@ -71,14 +74,16 @@ class Manifest:
     def _open(self, create: bool) -> None:
         with _said(self._path):
             self._connection = sqlite3.connect(self._path, check_same_thread=False)
+            self._connection.text_factory = lambda text: text.decode("utf-8", "replace")
             self._connection.execute("PRAGMA synchronous = FULL")
-            count = self._connection.execute("SELECT count(*) FROM sqlite_master").fetchone()[0]
-            if not count and not create:  # its maker has not come to the tables
+            held = set(self._connection.execute("SELECT type, name FROM sqlite_master"))
+            if not held and not create:  # its maker has not come to the tables
                 raise FormatError(f"The manifest {self._path} is empty: run the job first.")
-            if not count:
+            if not held:
                 self._connection.executescript(_TABLES)
             self._inode = self._path.stat().st_ino
-            version = self._get("version")
+            is_own = not held or (held >= _OWN and "trigger" not in {kind for kind, _ in held})
+            version = self._get("version") if is_own else None  # views and triggers are programs
         if not isinstance(version, int):
             raise FormatError(f"{self._path} is no manifest of clplen: move it away.")
         if version > VERSION:
@@ -110,10 +115,17 @@ class Manifest:
             self._set("job", content)
 
     def known(self) -> dict[str, Known]:
-        """What became of each item last; their whole reports are in the column ``report``."""
+        """Return what became of each item last; the column ``report`` has their whole reports.
+
+        A damaged row is left out: the records of the items say the same.
+        """
         with self._lock, _said(self._path):
             rows = self._connection.execute("SELECT name, state, started, error FROM items")
-            return {name: Known(*rest) for name, *rest in rows}
+            return {
+                name: Known(*rest)
+                for name, *rest in rows
+                if all(map(isinstance, (name, *rest), (str, str, float, str)))
+            }
 
     def put(self, *reports: Report) -> None:
         """Take in what became of items.
@@ -177,6 +189,8 @@ def _said(path: Path) -> Iterator[None]:
     try:
         yield
     except (sqlite3.OperationalError, sqlite3.InternalError) as error:
+        if "no such" in str(error):  # table or column
+            raise _damaged(path, error) from error
         full = "full" in str(error)
         raise OSError(
             errno.ENOSPC if full else errno.EIO,
@@ -184,11 +198,15 @@ def _said(path: Path) -> Iterator[None]:
             + ("make room on the disk and run again" if full else "see to its folder"),
             str(path),
         ) from error
-    except (sqlite3.DatabaseError, ValueError) as error:
-        raise FormatError(
-            f"{path} is damaged or no manifest of clplen ({error}): move it away; what it says is "
-            "also in the item.json of every item."
-        ) from error
+    except (sqlite3.DatabaseError, ValueError, RecursionError) as error:
+        raise _damaged(path, error) from error
+
+
+def _damaged(path: Path, error: Exception) -> FormatError:
+    return FormatError(
+        f"{path} is damaged or no manifest of clplen ({error}): move it away; what it says is also "
+        "in the item.json of every item."
+    )
 
 
 STATES = ("done", "failed", "changed", "damaged", "missing")
@@ -207,10 +225,10 @@ def state_of(task: Task, known: Known | None, *, verify: bool = False) -> tuple[
     """
     record = read_record(task)
     if record is None:
+        if known is not None and known.state == "failed":
+            return "failed", known.error
         if known is None or not result_folder(task).exists():
             return "missing", "not done yet" if known is None else "its folder is gone"
-        if known.state == "failed":
-            return "failed", known.error
         is_there = (result_folder(task) / RECORD).exists()
         return "damaged", f"{RECORD} is {'no record' if is_there else 'missing'}"
     if known is not None and known.state == "failed" and known.started > record.started:

@@ -11,7 +11,8 @@ import ipaddress
 import re
 import socket
 import ssl
-from contextlib import suppress
+import time
+from contextlib import ExitStack, suppress
 from dataclasses import dataclass
 from typing import Any
 
@@ -23,6 +24,8 @@ LOOPBACK = "127.0.0.1"
 STATUS_PAGES = f"{LOOPBACK}:0"  # Dask always has a server for them, here without pages
 _ADDRESS = re.compile(r"(?:(tcp|tls)://)?(\[[^][]+\]|[^][:/@\s]+):(\d{1,5})/?")
 _GREETING = 5.0  # seconds
+_MAX_GREETING = 1 << 20  # bytes; those of Dask have some hundred
+_PAUSE = 0.2  # seconds between two attempts to connect
 _ROLES = ("client", "scheduler", "worker")
 
 
@@ -175,28 +178,54 @@ def check_reachable(network: Network) -> None:
         )
 
 
-def check_certificates(network: Network) -> None:
-    """Refuse a scheduler whose certificates are others; one that does not answer is left alone.
+def check_certificates(network: Network, seconds: float = 20.0) -> None:
+    """Refuse a scheduler that does not answer, or whose certificates are others.
+
+    Dask's own client waits without end for what takes connections and is no scheduler of Dask,
+    which greets whoever connects.
+
+    Parameters
+    ----------
+    network : Network
+        With the address of its scheduler.
+    seconds : float
+        For which a scheduler that is being started is waited for.
 
     Raises
     ------
     ValueError
         If the certificates do not fit.
+    DeviceError
+        If no scheduler answers.
     """
-    if network.protocol != "tls":
-        return
     place = _address_of(network.scheduler or "")[1:]
-    context = network.security.get_connection_args("client")["ssl_context"]
-    try:
-        with socket.create_connection(place, _GREETING) as plain:
-            context.wrap_socket(plain).close()
-    except ssl.SSLError as error:
-        raise ValueError(
-            f"What answers at {network.scheduler} has other certificates than these, or none "
-            f"({error.reason}): name those that the scheduler was started with."
-        ) from error
-    except OSError:  # Dask's own client waits for it, and says so
-        pass
+    context = network.security.get_connection_args("client").get("ssl_context")
+    end = time.monotonic() + seconds
+    while True:
+        try:
+            with socket.create_connection(place, _GREETING) as plain, ExitStack() as stack:
+                link = stack.enter_context(context.wrap_socket(plain)) if context else plain
+                if _is_of_dask(link.makefile("rb").read(8)):
+                    return
+        except ssl.SSLError as error:
+            raise ValueError(
+                f"What answers at {network.scheduler} has other certificates than these, or none "
+                f"({getattr(error, 'verify_message', None) or error.reason}): name those that the "
+                "scheduler was started with."
+            ) from error
+        except OSError:
+            pass
+        if time.monotonic() >= end:
+            raise DeviceError(
+                f"No Dask scheduler answers at {network.scheduler} within {seconds:g} s: start one "
+                "with 'dask scheduler', or mend the address (tls:// where it has certificates)."
+            )
+        time.sleep(_PAUSE)
+
+
+def _is_of_dask(greeting: bytes) -> bool:
+    """Return whether a message begins with its own length, as those of Dask do."""
+    return len(greeting) == 8 and 0 < int.from_bytes(greeting, "little") < _MAX_GREETING
 
 
 def security_of(certificates: PathLike) -> Any:
@@ -215,7 +244,7 @@ def security_of(certificates: PathLike) -> Any:
     Raises
     ------
     FormatError
-        If a file is missing, damaged or has expired, or the extra ``batch`` is not installed.
+        If a file is missing, damaged or not valid now, or the extra ``batch`` is not installed.
 
     Examples
     --------

@@ -25,6 +25,7 @@ from clplen.io.store.digest import digest, size_of
 from clplen.outputs import is_ours
 
 RECORD = "item.json"
+_MAX_RECORD = 16 << 20  # bytes: 200 for each of 80,000 files of one item
 # Errors of the system that trying again does not mend.
 _LASTING = (errno.ENOSPC, errno.EDQUOT, errno.EACCES, errno.EPERM, errno.EROFS)
 logger = logging.getLogger(__name__)
@@ -92,18 +93,21 @@ def result_folder(task: Task) -> Path:
 
 
 def read_record(task: Task) -> Report | None:
-    """The record beside the results of an item, if there is a whole one."""
+    """Return the record beside the results of an item, if there is a whole one."""
+    path = result_folder(task) / RECORD
     try:
-        return Report.from_json((result_folder(task) / RECORD).read_text(encoding="utf-8"))
+        if not path.is_file() or path.stat().st_size > _MAX_RECORD:
+            return None
+        found = Report.from_json(path.read_text(encoding="utf-8"))
     except (OSError, ValueError):
         return None
+    return found if (found.name, found.state) == (task.name, "done") else None
 
 
 def is_current(task: Task, known: Report) -> bool:
     """Whether what is known of an item is what the task asks for, with its files in place."""
     return (
-        known.state == "done"
-        and known.parameters == task.parameters
+        known.parameters == task.parameters
         and not find_damage(result_folder(task), known.outputs)
         and is_unchanged(task.base, task.files, known.inputs)
     )
@@ -149,9 +153,10 @@ def _check_own(folder: Path, names: set[str]) -> None:
 
 
 def _remove(folder: Path, names: set[str]) -> None:
-    """What an earlier run made and this one does not."""
-    for name in names:
-        path = folder / name
+    """Remove what an earlier run made and this one does not; files of others stay."""
+    for path in (folder / name for name in names):
+        if not is_ours(path):
+            continue
         if path.is_dir():
             shutil.rmtree(path, ignore_errors=True)
         else:

@@ -75,11 +75,16 @@ def find_damage(folder: Path, outputs: dict[str, dict[str, Any]], *, thorough: b
     """
     for name, known in outputs.items():
         path, size = folder / name, known["bytes"]
-        if not path.exists():
+        try:
+            found = size_of(path)
+            is_other = thorough and found == size and digest(path) != known["sha256"]
+        except FileNotFoundError:
             return f"{name} is missing"
-        if size_of(path) != size:
-            return f"{name} has {size_of(path):,} bytes, not {size:,}"
-        if thorough and digest(path) != known["sha256"]:
+        except OSError as error:
+            return f"{name} cannot be read ({error.strerror})"
+        if found != size:
+            return f"{name} has {found:,} bytes, not {size:,}"
+        if is_other:
             return (
                 f"{name} is not what was written (its digest differs, its size does not): remove "
                 "it and run again"

@@ -30,12 +30,14 @@ def job_lock(folder: Path) -> Iterator[None]:
     lock = _lock(folder, "job.lock")
     holder = folder / HIDDEN / "job.holder"  # an attempt to lock may empty the lock's own file
     if not _acquire(lock, folder):
-        name = holder.read_text(errors="replace") if holder.exists() else ""
+        name = holder.read_text(errors="replace") if holder.is_file() else ""
         raise BlockingIOError(
             f"{name or 'another process'} is at work on {folder}: wait until it has ended, or "
             "give this job another output."
         )
     try:
+        if holder.is_symlink() or not holder.is_file():  # a link could lead to a file of others
+            holder.unlink(missing_ok=True)
         holder.write_text(f"The process {os.getpid()} on {platform.node()}")
         yield
     finally:

@@ -235,7 +235,7 @@ def find_calibration(metadata: LytroMetadata, given: PathLike | None) -> Path | 
             raise FormatError(f"{words} {path} is not there: give a folder or a tar archive.")
         return path
     known = _remembered().get(metadata.serial or "")
-    return Path(known) if known and Path(known).exists() else None
+    return Path(known) if known and os.path.exists(known) else None
 
 
 def remember_calibration(metadata: LytroMetadata, path: Path) -> None:
@@ -264,7 +264,7 @@ def no_calibration(picture: PathLike, metadata: LytroMetadata) -> str:
 def _remembered() -> dict[str, str]:
     try:
         found = json.loads((cache_dir() / _REMEMBERED).read_text(encoding="utf-8"))
-    except (OSError, ValueError):
+    except (OSError, ValueError, RecursionError):
         return {}
     pairs = found.items() if isinstance(found, dict) else ()
     return {key: value for key, value in pairs if isinstance(value, str)}

@@ -187,7 +187,10 @@ def read_volume_series(path: PathLike, frame: int) -> Array:
         raise FormatError(f"{path} is no series of volumes that clplen wrote.")
     if not 0 <= frame < len(records):
         raise FormatError(f"{path} has frames 0 to {len(records) - 1}, not {frame}.")
-    return _stored(path, about).read(frame)
+    series = _stored(path, about)
+    if not series.holds(frame):
+        raise FormatError(f"{path} is truncated or damaged: copy or write it again.")
+    return series.read(frame)
 
 
 def count_whole(path: PathLike) -> int:

@@ -20,7 +20,7 @@ import tifffile
 
 from clplen.files import replacing, said_of
 from clplen.io.store.picture_blocks import Array
-from clplen.io.store.series_layout import Record, SeriesLayout
+from clplen.io.store.series_layout import Record, SeriesLayout, checked_series
 from clplen.outputs import MARK
 
 _BIG = (1 << 32) - (1 << 25)  # bytes from which on BigTIFF is written
@@ -56,13 +56,13 @@ class GrowingTiff:
     def stored(path: Path) -> tuple[dict[str, Any], list[Record]]:
         """Description and records of what is there, whole or not; empty of anything else."""
         with suppress(Exception):  # what others wrote, or nothing
-            if _hidden(path).exists():
+            if _is_begun(path):
                 text = _counted(path).read_text(encoding="utf-8")
             else:
                 text = next(item.text or "" for item in _ome(path).iter() if _is_text(item))
-            about = dict(json.loads(text))
+            about, records = checked_series(json.loads(text))
             about.pop("software", None)
-            return about, list(about.pop("records"))
+            return about, records
         return {}, []
 
     def begin(self) -> None:
@@ -82,18 +82,17 @@ class GrowingTiff:
             places = [round(z * 1e6, 9) for z in layout.planes] * layout.frames
             metadata["Plane"] = {"PositionZ": places, "PositionZUnit": ["µm"] * len(places)}
         hidden = _hidden(self.path)
-        with (
-            said_of(self.path),
-            tifffile.TiffWriter(hidden, ome=True, bigtiff=self.nbytes > _BIG) as writer,
-        ):
-            self._start, _ = writer.write(
-                shape=(layout.frames, *layout.shape),
-                dtype=np.float32,
-                photometric="minisblack",
-                metadata=metadata,
-                software=MARK,
-                returnoffset=True,
-            )
+        with said_of(self.path):
+            hidden.unlink(missing_ok=True)  # a link could lead to a file of others
+            with tifffile.TiffWriter(hidden, ome=True, bigtiff=self.nbytes > _BIG) as writer:
+                self._start, _ = writer.write(
+                    shape=(layout.frames, *layout.shape),
+                    dtype=np.float32,
+                    photometric="minisblack",
+                    metadata=metadata,
+                    software=MARK,
+                    returnoffset=True,
+                )
         self._count()
 
     def resume(self, records: list[Record]) -> None:
@@ -104,11 +103,15 @@ class GrowingTiff:
 
     def whole(self, records: list[Record]) -> int:
         """Volumes that are there: all of `records`, or none where the file is damaged."""
+        return len(records) if self.holds(len(records) - 1) else 0
+
+    def holds(self, t: int) -> bool:
+        """Return whether the file has all bytes of the volume of a time point."""
         try:
-            wanted = self._offset() + 4 * len(records) * math.prod(self.layout.shape)
-            return len(records) if self._file().stat().st_size >= wanted else 0
+            wanted = self._offset() + 4 * (t + 1) * math.prod(self.layout.shape)
+            return self._file().stat().st_size >= wanted
         except Exception:  # tifffile raises all kinds on damaged files
-            return 0
+            return False
 
     def append(self, volumes: Sequence[Array], records: Sequence[Record]) -> None:
         """Put volumes, float32 (planes, y, x), to their places.
@@ -152,8 +155,7 @@ class GrowingTiff:
             _counted(self.path).unlink(missing_ok=True)
 
     def _file(self) -> Path:
-        hidden = _hidden(self.path)
-        return hidden if hidden.exists() else self.path
+        return _hidden(self.path) if _is_begun(self.path) else self.path
 
     def _offset(self) -> int:
         with tifffile.TiffFile(self._file(), is_ome=False) as file:
@@ -173,6 +175,11 @@ def _hidden(path: Path) -> Path:
 def _counted(path: Path) -> Path:
     """What counts its volumes."""
     return path.with_name(f".{path.stem}.unfinished.json")
+
+
+def _is_begun(path: Path) -> bool:
+    """Return whether there is a file with missing volumes, and what counts them; no links."""
+    return all(one.is_file() and not one.is_symlink() for one in (_hidden(path), _counted(path)))
 
 
 def _ome(path: Path) -> ET.Element:

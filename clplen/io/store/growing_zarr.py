@@ -12,7 +12,8 @@ import json
 import math
 import os
 import shutil
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
@@ -21,7 +22,7 @@ import numpy as np
 from clplen.files import filling, replacing, said_of
 from clplen.io.store.ome_zarr import level_sizes, means, multiscales, omero
 from clplen.io.store.picture_blocks import Array
-from clplen.io.store.series_layout import Record, SeriesLayout
+from clplen.io.store.series_layout import Record, SeriesLayout, checked_series
 from clplen.io.store.zarr_files import FORMAT_2, zarr_package
 from clplen.outputs import MARK
 
@@ -59,12 +60,9 @@ class GrowingZarr:
     @staticmethod
     def stored(path: Path) -> tuple[dict[str, Any], list[Record]]:
         """Description and records of what is there; empty of what is no such series."""
-        try:
-            attributes = json.loads((path / ".zattrs").read_text(encoding="utf-8"))
-            about = dict(attributes["clplen"])
-            return about, list(about.pop("records"))
-        except (OSError, ValueError, KeyError, TypeError):
-            return {}, []
+        with suppress(Exception):  # what others wrote, or nothing
+            return checked_series(_read_json(path / ".zattrs")["clplen"])
+        return {}, []
 
     def begin(self) -> None:
         """Make the folder, without a time point; what was there goes."""
@@ -93,20 +91,35 @@ class GrowingZarr:
             for level in range(len(self._sizes)):
                 self._set_length(level, len(records))
                 for name in (self.path / str(level)).iterdir():
-                    if name.is_dir() and name.name.isdigit() and int(name.name) >= len(records):
+                    is_time = name.is_dir() and name.name.isascii() and name.name.isdigit()
+                    if is_time and int(name.name) >= len(records):
                         shutil.rmtree(name)
 
     def whole(self, records: list[Record]) -> int:
         """Time points from the first one on whose files all have their size."""
-        for t in range(len(records)):
-            for level, size in enumerate(self._sizes):
-                sides = _sides(size)
-                nbytes = 4 * size[0] * math.prod(sides)
-                for i, k in _places(size, sides):
-                    name = self._chunk(level, t, i, k)
-                    if not name.is_file() or name.stat().st_size != nbytes:
-                        return t
-        return len(records)
+        if not all(map(self._is_own, range(len(self._sizes)))):
+            return 0
+        missing = (t for t in range(len(records)) if not self.holds(t))
+        return next(missing, len(records))
+
+    def holds(self, t: int) -> bool:
+        """Return whether all files of a time point have their size."""
+        for level, size in enumerate(self._sizes):
+            sides = _sides(size)
+            nbytes = 4 * size[0] * math.prod(sides)
+            for i, k in _places(size, sides):
+                name = self._chunk(level, t, i, k)
+                if not name.is_file() or name.stat().st_size != nbytes:
+                    return False
+        return True
+
+    def _is_own(self, level: int) -> bool:
+        """Return whether a level is a folder of this series, not a link to one of others."""
+        folder = self.path / str(level)
+        with suppress(Exception):  # what others wrote
+            shape = list(_read_json(folder / ".zarray")["shape"])
+            return not folder.is_symlink() and shape[1:] == [1, *self._sizes[level]]
+        return False
 
     def append(self, volumes: Sequence[Array], records: Sequence[Record]) -> None:
         """Add volumes, float32 (planes, y, x), with what is said of each.
@@ -158,7 +171,7 @@ class GrowingZarr:
 
     def _set_length(self, level: int, frames: int) -> None:
         name = self.path / str(level) / ".zarray"
-        about = json.loads(name.read_text(encoding="utf-8"))
+        about = _read_json(name)
         _write_json(name, {**about, "shape": [frames, *about["shape"][1:]]})
 
     def _attributes(self) -> dict[str, Any]:
@@ -182,13 +195,19 @@ def _sides(size: tuple[int, ...]) -> tuple[int, int]:
     return rows, columns
 
 
-def _places(size: tuple[int, ...], sides: tuple[int, int]) -> list[tuple[int, int]]:
+def _places(size: tuple[int, ...], sides: tuple[int, int]) -> Iterator[tuple[int, int]]:
     rows, columns = (range(-(-n // side)) for n, side in zip(size[-2:], sides, strict=True))
-    return [(i, k) for i in rows for k in columns]
+    return ((i, k) for i in rows for k in columns)
 
 
 def _part(number: int, side: int, total: int) -> slice:
     return slice(number * side, min((number + 1) * side, total))
+
+
+def _read_json(path: Path) -> Any:
+    if not path.is_file():  # a pipe would be waited for
+        raise FileNotFoundError(f"There is no file {path}.")
+    return json.loads(path.read_text(encoding="utf-8"))
 
 
 def _write_json(path: Path, values: dict[str, Any]) -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -39,3 +40,27 @@ class SeriesLayout:
     def first(self) -> float:
         """z of the first plane, where its place can be said."""
         return self.planes[0] if self.depth is not None else 0.0
+
+
+def checked_series(content: Any) -> tuple[dict[str, Any], list[Record]]:
+    """Return description and records of a series, out of JSON of unknown origin.
+
+    Parameters
+    ----------
+    content : object
+        The description with ``records`` in it.
+
+    Raises
+    ------
+    ValueError, TypeError, LookupError, OverflowError
+        If it is no such description.
+    """
+    about = dict(content)
+    records, shape, batch = about.pop("records"), about["shape"], about.get("batch", 1)
+    if len(shape) != 3 or not all(type(n) is int and n > 0 for n in (*shape, batch)):
+        raise ValueError("the shape of its volumes is none")
+    for record in records:
+        low, high = record["range"]
+        if not math.isfinite(low - high):
+            raise ValueError("the range of a volume is none")
+    return about, list(records)

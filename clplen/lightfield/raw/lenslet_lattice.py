@@ -446,6 +446,8 @@ class Lattice:
             If the file is missing, unreadable, or describes no lattice.
         """
         try:
+            if Path(path).exists() and not Path(path).is_file():
+                raise OSError("it is no ordinary file")  # a pipe would be waited for
             text = Path(path).read_text(encoding="utf-8")
         except (OSError, UnicodeDecodeError) as error:
             raise FormatError(f"The lattice {path} cannot be read ({error}).") from error
