@@ -1,5 +1,7 @@
 """Lengths in metres: how they are printed, and which unit was meant where one cannot be metres.
 
+Sizes of memory in bytes are read here, too.
+
 The bounds only tell metres from forgotten units. They hold whatever is built or observed, with
 room: gamma rays and radio waves, dishes of 500 m, telescopes of long focal length. Distances of
 propagation, of sources and of objects have none.
@@ -8,6 +10,7 @@ propagation, of sources and of objects have none.
 from __future__ import annotations
 
 import math
+import re
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Any
@@ -148,3 +151,25 @@ def both(values: Sequence[float], show: Callable[[float], str]) -> str:
     """What belongs to y and x; once where both read the same."""
     texts = [show(value) for value in values]
     return texts[0] if len(set(texts)) == 1 else " x ".join(texts) + " (y x)"
+
+
+_BYTES = {"": 1, "B": 1, "KB": 10**3, "MB": 10**6, "GB": 10**9, "TB": 10**12}
+_BYTES |= {"KIB": 1 << 10, "MIB": 1 << 20, "GIB": 1 << 30, "TIB": 1 << 40}
+_SIZE = re.compile(r"\s*([0-9]+(?:\.[0-9]+)?)\s*([KMGT]?I?B?)\s*", re.IGNORECASE)
+
+
+def bytes_of(value: Any) -> int:
+    """A size of memory, as 2000000, "512 MiB" or "4 GB", in bytes.
+
+    Raises
+    ------
+    ValueError
+        If it is none.
+    """
+    if isinstance(value, bool) or not isinstance(value, int | str):
+        raise ValueError('must be a whole number of bytes or a size such as "4 GiB"')
+    found = _SIZE.fullmatch(str(value))
+    unit = found[2].upper() if found else ""
+    if found is None or unit not in _BYTES:
+        raise ValueError('must be a whole number of bytes or a size such as "512 MiB" or "4 GB"')
+    return int(float(found[1]) * _BYTES[unit])

@@ -10,10 +10,11 @@ from typing import Any, Literal
 
 import numpy as np
 import pyopencl as cl
+from pyopencl.tools import MemoryPool
 
 from clplen.compute.drivers import pocl, selection
 from clplen.compute.drivers.failures import device_errors
-from clplen.compute.drivers.forked import is_forked
+from clplen.compute.drivers.forked import is_forked, require_own_process
 from clplen.compute.drivers.selection import find_devices, select
 from clplen.compute.fft.plans import PlanCache, Workspace
 from clplen.compute.fft.routes import FFTRoute, choose_route
@@ -21,13 +22,15 @@ from clplen.compute.launcher import Launcher
 from clplen.compute.tuning import Tuning
 from clplen.deprecation import warn_caller
 from clplen.errors import DeviceError
+from clplen.units import bytes_of
 
 Precision = Literal["single", "double"]
 
-_PLAN_SHARE = 4  # plans may hold a quarter of the device's memory,
-_PLAN_BYTES = 2**32  # on a GPU no more than this: other programs use it, too
-_TRANSFORM_BYTES = 2**30  # of plans of Fourier transforms on a GPU
-_TABLE_BYTES = 2**24  # of small tables that are kept
+_SPARE_BYTES = 2**30  # that both precisions of a CPU keep for later calls
+_GPU_SPARE_BYTES = 6 * 2**30  # on a GPU: other programs use it, too
+_SPARE_SHARE = 4  # of the device's memory: at most a quarter
+_PLAN_SHARE = 5 / 8  # of what is kept: plans, which take longest to make again; buffers the rest
+_WORKSPACE_SHARE = 1 / 4
 _NOTE = 70  # characters of the note that the representation shows
 
 
@@ -42,6 +45,8 @@ class Device(Launcher):
         Precision of the wave tower: "double" computes it in float64.
     place : str
         The "platform:device" selector that opens it.
+    beside : Device, optional
+        The same hardware in the other precision, with which it shares what may be kept.
 
     Attributes
     ----------
@@ -75,7 +80,12 @@ class Device(Launcher):
     """
 
     def __init__(
-        self, cl_device: cl.Device, *, precision: Precision = "single", place: str = ""
+        self,
+        cl_device: cl.Device,
+        *,
+        precision: Precision = "single",
+        place: str = "",
+        beside: Device | None = None,
     ) -> None:
         if precision not in ("single", "double"):
             raise ValueError(f"precision is 'single' or 'double', not {precision!r}.")
@@ -95,6 +105,17 @@ class Device(Launcher):
         self._usable = False
         self._fft: FFTRoute | None = None
         self._context: cl.Context | None = None
+        self.spare_bytes = min(_spare_limit(self.is_cpu), self.memory_bytes // _SPARE_SHARE)
+        limit = int(_PLAN_SHARE * self.spare_bytes)
+        # plans (transfer functions, arrays of lenslets), bounded in bytes with those below
+        self.plans = PlanCache(limit, beside.plans if beside else None)
+        self.transforms = PlanCache(limit, self.plans)  # Fourier transforms that the device runs
+        self.tables = PlanCache(limit, self.plans)  # small ones of recent launches
+        # host memory that transforms on the host use again and again
+        workspace = beside.workspace if beside else None
+        self.workspace = workspace or Workspace(int(_WORKSPACE_SHARE * self.spare_bytes))
+        self._precisions: list[Device] = beside._precisions if beside else []
+        self._precisions.append(self)
         if precision == "double" and not self.has_fp64:
             raise DeviceError(
                 f"precision='double' was asked for, but {self.name} ({self.platform}) has no "
@@ -216,40 +237,38 @@ class Device(Launcher):
     def fft(self, route: FFTRoute) -> None:
         self._fft = route
 
-    @cached_property
-    def plans(self) -> PlanCache:
-        """Plans of this device (transfer functions, arrays of lenslets), bounded in bytes."""
-        share = self.memory_bytes // _PLAN_SHARE
-        return PlanCache(share if self.is_cpu else min(_PLAN_BYTES, share))
+    def held_bytes(self) -> int:
+        """Bytes of large arrays on this hardware, in use or kept for use again."""
+        return sum(pool.managed_bytes for pool in self._pools())
 
-    @cached_property
-    def transforms(self) -> PlanCache:
-        """Plans of Fourier transforms that run on the device, bounded in bytes."""
-        return PlanCache(min(_TRANSFORM_BYTES, self.memory_bytes // _PLAN_SHARE))
+    def _pools(self) -> list[MemoryPool]:
+        """The spare buffers of both precisions, where there are any yet."""
+        devices = tuple(self._precisions)
+        return [one._spare for one in devices if "_spare" in one.__dict__]
 
-    @cached_property
-    def tables(self) -> PlanCache:
-        """Small tables of recent launches, for the next one like them."""
-        return PlanCache(min(_TABLE_BYTES, self.memory_bytes // _PLAN_SHARE))
+    def _trim(self) -> None:
+        pools = self._pools()
+        spare = sum(pool.managed_bytes - pool.active_bytes for pool in pools)
+        if spare > self.spare_bytes - self.plans.shared_bytes - self.workspace.nbytes:
+            for pool in pools:
+                pool.free_held()
 
-    def make_room(self) -> None:
-        """Give back what this hardware keeps for later calls: plans, tables, spare buffers."""
-        with _registry_lock:
-            same = {one for (hardware, _), one in _registry.items() if hardware == self.cl_device}
-        for one in same | {self}:  # of both precisions
-            for kept in (one.plans, one.transforms, one.tables):
+    def free_spare(self) -> None:
+        """Give back what this hardware keeps for later calls, in both precisions.
+
+        These are plans, tables, spare buffers and the working memory of Fourier transforms.
+        """
+        require_own_process()
+        for one in tuple(self._precisions):
+            for kept in (one.plans, one.transforms, one.tables, one.workspace):
                 kept.clear()
-            one.free_spare()
+        for pool in self._pools():
+            pool.free_held()
 
     @cached_property
     def tuning(self) -> Tuning:
         """Which forms of kernels are fastest here, and which cannot be run."""
         return Tuning(self)
-
-    @cached_property
-    def workspace(self) -> Workspace:
-        """Host memory that transforms on the host use again and again."""
-        return Workspace(self.memory_bytes // _PLAN_SHARE)
 
     @property
     def real(self) -> np.dtype[Any]:
@@ -312,8 +331,20 @@ def _registered(cl_device: cl.Device, precision: Precision, place: str) -> Devic
     with _registry_lock:
         key = (cl_device, precision)
         if key not in _registry:
-            _registry[key] = Device(cl_device, precision=precision, place=place)
+            others = (one for (known, _), one in _registry.items() if known == cl_device)
+            _registry[key] = Device(
+                cl_device, precision=precision, place=place, beside=next(others, None)
+            )
         return _registry[key]
+
+
+def _spare_limit(is_cpu: bool) -> int:
+    """Bytes that may be kept for later calls: ``$CLPLEN_SPARE_MEMORY``, else the default."""
+    asked = os.environ.get("CLPLEN_SPARE_MEMORY", "").strip()
+    try:
+        return bytes_of(asked) if asked else (_SPARE_BYTES if is_cpu else _GPU_SPARE_BYTES)
+    except ValueError as error:
+        raise DeviceError(f"CLPLEN_SPARE_MEMORY {error}, got {asked!r}.") from error
 
 
 DeviceLike = Device | str

@@ -10,13 +10,13 @@ from typing import Any
 import pyopencl as cl
 import pyopencl.array as cla
 
-from clplen.compute.drivers import pocl
+from clplen.compute.drivers import limits, pocl
 from clplen.compute.drivers.failures import ADVICE, device_error, device_errors
 from clplen.compute.drivers.forked import Guard
 from clplen.compute.drivers.program import build_program
 from clplen.compute.memory import Memory
 from clplen.compute.profile import Profile, bytes_of, label
-from clplen.errors import KernelBuildError
+from clplen.errors import DeviceError, KernelBuildError
 
 _GPU_GROUP = 64  # work-items of one row that a GPU runs as a group
 
@@ -60,10 +60,21 @@ class Launcher(Memory):
         if key not in self._programs:
             # PoCL keeps binaries by the CPU's own name: what was built under another one has to
             # be told from them where machines share a cache.
+            self._require_build_room(f"Building the kernel file {file!r}")
             name = pocl.written_name(self.cl_device) if self.note else ""
             options = [f"-DCPU_NAME={name}"] if name else []
             self._programs[key] = build_program(self.context, file, dict(defines), options)
         return self._programs[key]
+
+    def _require_build_room(self, what: str) -> None:
+        """Refuse a compiler that would end the process; what is kept is given back before."""
+        if not self.is_cpu:
+            return
+        try:
+            limits.require_build_room(what, first=not self._programs)
+        except DeviceError:
+            self.free_spare()
+            limits.require_build_room(what, first=not self._programs)
 
     def _create(self, program: cl.Program, file: str, name: str) -> cl.Kernel:
         """A kernel of a program; some drivers find only now that they cannot build it."""
@@ -117,6 +128,7 @@ class Launcher(Memory):
             return
         plain: list[Any] = [arg.data if isinstance(arg, cla.Array) else arg for arg in args]
         with self._lock:
+            self._require_build_room(f"The kernel {kernel.function_name!r}")  # PoCL links it now
             try:
                 done = self.roomy(lambda: kernel(self.queue, total, tuple(group), *plain))
             except cl.Error as error:

@@ -9,13 +9,11 @@ from __future__ import annotations
 
 import ctypes
 import math
-import os
 import sys
 from collections import deque
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from functools import cache, cached_property
-from pathlib import Path
 from typing import Any, TypeVar, cast
 
 import numpy as np
@@ -23,8 +21,9 @@ import pyopencl as cl
 import pyopencl.array as cla
 from pyopencl.tools import ImmediateAllocator, MemoryPool
 
-from clplen.compute.drivers.failures import device_error, device_errors, is_want_of_memory
-from clplen.compute.drivers.forked import Guard, HoldsOpenCL, require_own_process
+from clplen.compute.drivers import limits
+from clplen.compute.drivers.failures import device_errors, is_want_of_memory
+from clplen.compute.drivers.forked import Guard, HoldsOpenCL
 from clplen.compute.profile import Profile
 from clplen.errors import DeviceError, ShapeError
 
@@ -67,8 +66,6 @@ def _madvise() -> Any:
     return function
 
 
-_SPARE_SHARE = 16  # a sixteenth of the memory for buffers kept for use again,
-_SPARE_BYTES = 2**31  # on a GPU no more than this: other programs use it, too
 _COPIES = 64  # small arrays on their way to a GPU
 _POOL_STEP = 8  # their sizes are rounded up by less than an eighth
 
@@ -83,6 +80,7 @@ class Memory(HoldsOpenCL):
 
     def __init__(self) -> None:
         self._profile: Profile | None = None
+        self._unchecked_bytes = 0  # allocated since the limits were last looked at
         # mapped buffers: their bytes, and how many use them
         self._maps: dict[tuple[int, bool], list[Any]] = {}
         self._maps_lock = Guard()
@@ -115,11 +113,50 @@ class Memory(HoldsOpenCL):
             With the bytes needed and the bytes there are.
         """
         if nbytes > self.memory_bytes:
-            raise DeviceError(
-                f"{what} needs {_bytes(nbytes)}, but {self.name} has {_bytes(self.memory_bytes)}: "
-                "use fewer planes or samples at a time, integer instead of float storage, or a "
-                "device with more memory."
-            )
+            raise self._too_much(nbytes, what)
+        if self.is_cpu and nbytes > LEAST_BYTES:
+            free = limits.array_room(nbytes)
+            # What is there already may be among what is needed.
+            room = free._replace(nbytes=max(free.nbytes, 0) + self.held_bytes())
+            if nbytes > room.nbytes:
+                raise self._too_much(nbytes, what, room)
+
+    def _too_much(self, nbytes: int, what: str, room: limits.Room | None = None) -> DeviceError:
+        """The refusal of a size, for want of the device's memory or within a limit."""
+        there = f"{self.name} has {_bytes(self.memory_bytes)}"
+        remedy = "a device with more memory"
+        if room is not None:
+            there = f"{room.limit} leaves {_bytes(max(room.nbytes, 0))} to arrays"
+            remedy = "raise the limit" if "limit" in room.limit else remedy
+        return DeviceError(
+            f"{what} needs {_bytes(nbytes)}, but {there}: use fewer planes or samples at a time, "
+            f"integer instead of float storage, or {remedy}."
+        )
+
+    def held_bytes(self) -> int:
+        """Bytes of large arrays on this hardware, in use or kept for use again."""
+        raise NotImplementedError
+
+    def _require_room(self, nbytes: int, what: str) -> None:
+        """Refuse an array of a CPU that a limit of the process or the computer does not admit.
+
+        What is kept for later calls is given back before. Small arrays are looked at together.
+
+        Raises
+        ------
+        DeviceError
+            With the bytes needed and the bytes left.
+        """
+        self._unchecked_bytes += nbytes
+        if not self.is_cpu or self._unchecked_bytes < LEAST_BYTES:
+            return
+        self._unchecked_bytes = 0
+        if nbytes <= limits.array_room(nbytes).nbytes:
+            return
+        self.free_spare()
+        room = limits.array_room(nbytes)
+        if nbytes > room.nbytes:
+            raise self._too_much(nbytes, what, room)
 
     def empty(self, shape: Sequence[int], dtype: Any) -> cla.Array:
         """An uninitialised C-contiguous array on the device.
@@ -138,60 +175,61 @@ class Memory(HoldsOpenCL):
         DeviceError
             If it is larger than the device allows.
         """
-        shape = tuple(int(n) for n in shape)
-        nbytes = math.prod(shape) * np.dtype(dtype).itemsize
+        shape, dtype = tuple(int(n) for n in shape), np.dtype(dtype)
+        what = f"An array of shape {shape} ({dtype})"
+        nbytes = math.prod(shape) * dtype.itemsize
         largest = min(self.memory_bytes, int(self.cl_device.max_mem_alloc_size))
         if nbytes > largest:
-            raise DeviceError(
-                f"An array of shape {shape} ({np.dtype(dtype)}) needs {_bytes(nbytes)}, but the "
-                f"largest that {self.name} gives is {_bytes(largest)}: use fewer planes or samples "
-                "at a time, integer instead of float storage, or a device with more memory."
-            )
+            raise self._too_much(nbytes, what, limits.Room(largest, self.name))
+        self._require_room(nbytes, what)
         least = LEAST_BYTES if self.is_cpu else 1  # what a GPU allocates or frees, it waits for
         spare = least <= nbytes <= largest - nbytes // _POOL_STEP
         held = self._spare.managed_bytes
-        allocator = self._spare if spare else None
-        try:
-            array = self.roomy(
-                lambda: cla.empty(self.queue, shape, np.dtype(dtype), allocator=allocator)
-            )
-        except cl.Error as error:
-            what = f"An array of shape {shape} ({np.dtype(dtype)})"
-            raise device_error(self.cl_device, what, error) from error
-        if not spare:
-            return array
+        allocator = self._spare if spare else self._allocator
+        with device_errors(self.cl_device, what):
+            array = self.roomy(lambda: cla.empty(self.queue, shape, dtype, allocator=allocator))
         if self.is_cpu and self._spare.managed_bytes > held:
             ask_for_large_pages(self.queue, _buffer(array))
-        most = self.memory_bytes // _SPARE_SHARE
-        most = most if self.is_cpu else min(_SPARE_BYTES, most)
-        if self._spare.managed_bytes - self._spare.active_bytes > most:
-            self._spare.free_held()
+        self._trim()
         return array
+
+    @property
+    def _flags(self) -> cl.mem_flags:
+        """A CPU's memory is allocated at once: PoCL fails later, and there without an error."""
+        late = cl.mem_flags.READ_WRITE
+        return cast(cl.mem_flags, late | cl.mem_flags.ALLOC_HOST_PTR) if self.is_cpu else late
+
+    @cached_property
+    def _allocator(self) -> Callable[[int], cl.Buffer]:
+        """What allocates small arrays."""
+        context, flags = self.context, self._flags
+        return lambda nbytes: cl.Buffer(context, flags, nbytes)
 
     @cached_property
     def _spare(self) -> MemoryPool:
         """Large buffers that were let go, for the next one of their size: fresh ones cost time."""
-        return MemoryPool(ImmediateAllocator(self.queue))
+        return MemoryPool(ImmediateAllocator(self.queue, self._flags))
 
-    def make_room(self) -> None:
-        """Give back everything that is kept for later calls."""
+    def _trim(self) -> None:
+        """Give back spare buffers beyond what may be kept."""
         raise NotImplementedError
 
     def roomy(self, act: Callable[[], T]) -> T:
         """What ``act`` gives; where memory is wanting, once more without what is kept."""
         try:
             return act()
-        except (RuntimeError, cl.Error) as error:  # VkFFT raises the first
+        except Exception as error:
             if not is_want_of_memory(error):
                 raise
-        self.make_room()
+        self.free_spare()
         return act()
 
     def free_spare(self) -> None:
-        """Give back the large buffers that are kept for use again."""
-        require_own_process()
-        if "_spare" in self.__dict__:  # else nothing was kept yet
-            self._spare.free_held()
+        """Give back what this hardware keeps for later calls, in both precisions.
+
+        These are plans, tables, spare buffers and the working memory of Fourier transforms.
+        """
+        raise NotImplementedError
 
     def zeros(self, shape: Sequence[int], dtype: Any) -> cla.Array:
         """An array of zeros on the device."""
@@ -208,23 +246,23 @@ class Memory(HoldsOpenCL):
         A small one does not wait for what was enqueued before.
         """
         values = np.asarray(values, order="C")
+        what = "A copy to the device"
         small = 0 < values.nbytes < min(LEAST_BYTES, self.memory_bytes)
         if small and self._profile is None and not self.is_cpu:
             array = self.empty(values.shape, values.dtype)
-            with device_errors(self.cl_device, "A copy to the device"):
-                done = cl.enqueue_copy(
-                    self.queue, _buffer(array), values.copy(), is_blocking=False
-                )
+            with device_errors(self.cl_device, what):
+                done = cl.enqueue_copy(self.queue, _buffer(array), values.copy(), is_blocking=False)
             self._copies.append(done)
             return array
         if small and self._profile is None:
             flags = cl.mem_flags.READ_WRITE | cl.mem_flags.COPY_HOST_PTR
-            with device_errors(self.cl_device, "A copy to the device"):
+            self._require_room(values.nbytes, what)
+            with device_errors(self.cl_device, what):
                 buffer = self.roomy(lambda: cl.Buffer(self.context, flags, hostbuf=values))
             return cla.Array(self.queue, values.shape, values.dtype, data=buffer)
         array = self.empty(values.shape, values.dtype)
         if values.nbytes:
-            with device_errors(self.cl_device, "A copy to the device"):
+            with device_errors(self.cl_device, what):
                 done = cl.enqueue_copy(self.queue, _buffer(array), values, is_blocking=True)
             self._note("upload", done, values.nbytes)
         return array
@@ -232,7 +270,10 @@ class Memory(HoldsOpenCL):
     def download(self, array: cla.Array) -> np.ndarray[Any, Any]:
         """A copy of a C-contiguous device array on the host, same shape and dtype."""
         _require_contiguous(array)
-        values = np.empty(array.shape, array.dtype)
+        what = f"A copy to the host, of shape {array.shape} ({array.dtype}),"
+        self._require_room(array.nbytes, what)
+        with device_errors(self.cl_device, what):
+            values = self.roomy(lambda: np.empty(array.shape, array.dtype))
         if values.nbytes:
             with device_errors(self.cl_device, "A copy to the host"):
                 done = cl.enqueue_copy(
@@ -375,15 +416,7 @@ _UNKNOWN = 4 << 30  # where a system does not say how much memory is free
 
 
 def free_memory() -> int:
-    """Bytes of host memory that are free now."""
-    try:
-        with Path("/proc/meminfo").open(encoding="ascii") as file:
-            for line in file:
-                if line.startswith("MemAvailable:"):
-                    return 1024 * int(line.split()[1])
-    except (OSError, ValueError):
-        pass
-    try:
-        return os.sysconf("SC_AVPHYS_PAGES") * os.sysconf("SC_PAGE_SIZE")
-    except (AttributeError, OSError, ValueError):
-        return _UNKNOWN
+    """Bytes of host memory that this process may still take."""
+    rooms = limits.machine_room(swap=False), limits.process_room(), limits.group_room()
+    free = min(room.nbytes for room in rooms)
+    return _UNKNOWN if free == sys.maxsize else max(free, 0)

@@ -9,9 +9,10 @@ import pytest
 
 from clplen.batch import Job
 from clplen.batch.jobs.items import layout_in, tasks_of
-from clplen.batch.jobs.tables import bytes_of, planes_of
+from clplen.batch.jobs.tables import planes_of
 from clplen.batch.running.runner import check_same
 from clplen.errors import FormatError
+from clplen.units import bytes_of
 
 BASE = 'output = "out"\n[[inputs]]\nfiles = "in/*.npy"\n'
 

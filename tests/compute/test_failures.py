@@ -163,6 +163,6 @@ def test_other_errors_pass(device: Device) -> None:
 def test_both_precisions_of_a_device_make_room(device: Device, precise: Device) -> None:
     one, other = Device.open(precise.place), precise
     other.plans.get("kept by the other precision", lambda: "plan", lambda _: 7)
-    one.make_room()
+    one.free_spare()
     assert len(other.plans) == len(one.plans) == 0
     assert device.download(device.upload(np.arange(3, dtype=np.float32))).tolist() == [0, 1, 2]

@@ -103,10 +103,11 @@ def test_what_is_let_go_is_used_again_within_bounds(
     small = device.empty((memory.LEAST_BYTES - 1,), np.uint8)
     assert spare.managed_bytes == taken
     del again
-    monkeypatch.setattr(device, "memory_bytes", 16 * LARGE // 2)
-    other = device.empty((memory.LEAST_BYTES,), np.uint8)  # more than half of LARGE would be held
+    kept = device.plans.shared_bytes + device.workspace.nbytes
+    monkeypatch.setattr(device, "spare_bytes", kept + LARGE // 2)
+    other = device.empty((3 * LARGE,), np.uint8)  # more than half of LARGE would be held
     assert spare.managed_bytes - spare.active_bytes - rounding <= LARGE // 2
-    assert small.nbytes + 1 == other.nbytes
+    assert (small.nbytes + 1, other.nbytes) == (memory.LEAST_BYTES, 3 * LARGE)
 
 
 @pytest.mark.parametrize("nbytes", [1, PAGE, memory.LEAST_BYTES - 1])

@@ -9,10 +9,12 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
+from clplen import Field, Grid, propagate
 from clplen.compute.device import Device
 from clplen.compute.fft import routes
 from clplen.compute.fft.plans import PlanCache
 from clplen.compute.fft.routes import FFTRoute
+from clplen.errors import DeviceError
 
 
 def put(cache: PlanCache, key: str, nbytes: int = 40) -> str:
@@ -114,6 +116,62 @@ def test_threads_that_make_the_same_value_get_one() -> None:
     assert all(other is first for other in others)
     assert cache.get("a", lambda: pytest.fail("made again"), lambda _: 0) is first
     assert (cache.nbytes, len(cache), cache.hits, cache.misses) == (40, 1, 1, 3)
+
+
+def test_caches_beside_each_other_keep_to_one_limit() -> None:
+    one = PlanCache(100)
+    other = PlanCache(100, one)
+    put(one, "a")
+    put(other, "a")
+    assert (len(one), len(other), one.shared_bytes) == (1, 1, 80)
+    put(one, "a")
+    put(other, "b")  # the other's "a" was used longest ago
+    assert (one.nbytes, other.nbytes, other.shared_bytes) == (40, 40, 80)
+    assert (is_kept(one, "a"), is_kept(other, "a"), is_kept(other, "b")) == (True, False, True)
+    one.clear()
+    assert (len(one), one.nbytes, len(other), other.shared_bytes) == (0, 0, 1, 40)
+
+
+def kept_bytes(one: Device) -> int:
+    """Bytes that a device keeps for later calls."""
+    pools = [each._spare for each in one._precisions if "_spare" in each.__dict__]
+    spare = sum(pool.managed_bytes - pool.active_bytes for pool in pools)
+    return one.plans.shared_bytes + spare + one.workspace.nbytes
+
+
+def test_a_sweep_keeps_to_one_limit_in_both_precisions(
+    device: Device, precise: Device, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("CLPLEN_SPARE_MEMORY", "12 MiB")
+    single = Device(device.cl_device)
+    double = Device(precise.cl_device, precision="double", beside=single)
+    double.fft = single.fft = FFTRoute("scipy", 2)
+    assert (single.spare_bytes, double.spare_bytes) == (12 << 20, 12 << 20)
+    for n in range(12):
+        for one in (single, double):
+            u = np.ones((170 + n, 190), one.complex)
+            grid = Grid(u.shape, 5e-6)
+            field = Field.from_array(u, grid, wavelength=5e-7, device=one)
+            propagate(field, 0.005, method="as")
+            del field
+            one.empty((2**20 + n * 2**18,), np.float32)
+            one.empty((8,), np.float32)  # what was let go is counted now
+            assert kept_bytes(one) <= 12 << 20
+    assert len(single.plans) > 0  # neither drives out the other
+    assert len(double.plans) > 0
+    double.free_spare()
+    assert (len(single.plans), len(double.plans), kept_bytes(single)) == (0, 0, 0)
+
+
+def test_the_default_is_a_gibibyte_on_a_cpu(
+    device: Device, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.delenv("CLPLEN_SPARE_MEMORY", raising=False)
+    if device.is_cpu:
+        assert Device(device.cl_device).spare_bytes == min(2**30, device.memory_bytes // 4)
+    monkeypatch.setenv("CLPLEN_SPARE_MEMORY", "much")
+    with pytest.raises(DeviceError, match=r"CLPLEN_SPARE_MEMORY must be .* got 'much'"):
+        Device(device.cl_device)
 
 
 def test_plans_of_vkfft_count_in_bytes(device: Device, monkeypatch: pytest.MonkeyPatch) -> None:

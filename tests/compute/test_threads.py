@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from threading import Barrier, get_ident
+from threading import Barrier, Thread, get_ident
 from time import sleep
 
 import pytest
 
+from clplen.compute.fft import columns
 from clplen.compute.fft.columns import share
 
 
@@ -99,3 +100,18 @@ def test_an_interrupt_between_parts_ends_the_work_of_all() -> None:
     with pytest.raises(KeyboardInterrupt):
         share(work, Interrupted(range(100)), ["caller", "other"])
     assert len(done) < 50  # of 100, which the other would have gone on with
+
+
+def test_the_caller_does_everything_where_no_thread_starts(monkeypatch: pytest.MonkeyPatch) -> None:
+    """As under a limit of address space, which their stacks do not fit into."""
+
+    def refused(self: Thread) -> None:
+        raise RuntimeError("can't start new thread")
+
+    columns._kept.cache_clear()
+    done: list[tuple[int, str]] = []
+    with monkeypatch.context() as patch:
+        patch.setattr(Thread, "start", refused)
+        share(lambda part, own: done.append((part, own)), range(9), ["caller", "a", "b"])
+    assert done == [(part, "caller") for part in range(9)]
+    assert len(together()) == 2  # later ones start again

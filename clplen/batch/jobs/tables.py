@@ -13,28 +13,9 @@ from clplen.batch.jobs.sweep import SweepTable, swept_once
 from clplen.cameras.scenes.gallery import SCENES
 from clplen.config.tables import Count, NotNegative, Positive, Seed, Switch, Table, listed
 from clplen.deprecation import warn_caller
+from clplen.units import bytes_of
 
-_UNITS = {"": 1, "B": 1, "KB": 10**3, "MB": 10**6, "GB": 10**9, "TB": 10**12}
-_UNITS |= {"KIB": 1 << 10, "MIB": 1 << 20, "GIB": 1 << 30, "TIB": 1 << 40}
-_SIZE = re.compile(r"\s*([0-9]+(?:\.[0-9]+)?)\s*([KMGT]?I?B?)\s*", re.IGNORECASE)
 _MOST_PLANES = 100_000
-
-
-def bytes_of(value: Any) -> int:
-    """A size of memory, as 2000000, "512 MiB" or "4 GB", in bytes.
-
-    Raises
-    ------
-    ValueError
-        If it is none.
-    """
-    if isinstance(value, bool) or not isinstance(value, int | str):
-        raise ValueError('must be a whole number of bytes or a size such as "4 GiB"')
-    found = _SIZE.fullmatch(str(value))
-    unit = found[2].upper() if found else ""
-    if found is None or unit not in _UNITS:
-        raise ValueError('must be a whole number of bytes or a size such as "512 MiB" or "4 GB"')
-    return int(float(found[1]) * _UNITS[unit])
 
 
 def planes_of(value: Any) -> list[float]:

@@ -78,6 +78,10 @@ class Commands(click.Group):
                 raise
             except (ClplenError, ValueError, OSError, MemoryError) as error:
                 raise click.ClickException(error_sentence(error)) from error
+            except ImportError as error:
+                if "failed to map segment" not in str(error):  # a limit of address space
+                    raise
+                raise click.ClickException(error_sentence(MemoryError(str(error)))) from error
             except _opencl_errors() as error:
                 reason = (str(error).splitlines() or [type(error).__name__])[0]
                 raise click.ClickException(

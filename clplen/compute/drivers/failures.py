@@ -7,7 +7,7 @@ from contextlib import contextmanager
 
 import pyopencl as cl
 
-from clplen.errors import DeviceError
+from clplen.errors import ClplenError, DeviceError
 
 ADVICE = (
     "run `clplen devices --check` to see what works there, update the driver, or choose another "
@@ -17,7 +17,7 @@ ADVICE = (
 
 @contextmanager
 def device_errors(device: cl.Device, step: str) -> Iterator[None]:
-    """Turn every error of OpenCL inside this block into a `DeviceError`.
+    """Turn every error of OpenCL, and want of host memory, inside this block into a `DeviceError`.
 
     Parameters
     ----------
@@ -28,18 +28,30 @@ def device_errors(device: cl.Device, step: str) -> Iterator[None]:
     Raises
     ------
     DeviceError
-        With OpenCL's own error as its cause.
+        With the error itself as its cause.
     """
     try:
         yield
-    except cl.Error as error:
+    except Exception as error:
+        if not (isinstance(error, cl.Error) or is_want_of_memory(error)):
+            raise
         raise device_error(device, step, error) from error
 
 
+_NO_MEMORY = (
+    "OUT_OF_HOST_MEMORY",  # OpenCL
+    "FAILED_TO_ALLOCATE",  # VkFFT
+    "failed to map segment",  # the loader of libraries, as an ImportError
+    "cannot allocate memory",
+)
+
+
 def is_want_of_memory(error: BaseException | None) -> bool:
-    """Whether OpenCL or VkFFT says that memory is used up, of the device or of the host."""
-    words = ("OUT_OF_HOST_MEMORY", "FAILED_TO_ALLOCATE")
-    return isinstance(error, cl.MemoryError) or any(word in str(error) for word in words)
+    """Whether memory is used up, of the device or of the host."""
+    if isinstance(error, ClplenError):  # said already
+        return False
+    found = any(word in str(error) for word in _NO_MEMORY)
+    return found or isinstance(error, MemoryError | cl.MemoryError)
 
 
 def device_error(device: cl.Device, step: str, error: Exception) -> DeviceError:

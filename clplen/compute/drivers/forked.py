@@ -78,6 +78,11 @@ def begin_use() -> None:
     _Process.used = True
 
 
+def is_in_use() -> bool:
+    """Whether this process, or one that it was forked from, has loaded OpenCL drivers."""
+    return _Process.used
+
+
 def require_own_process() -> None:
     """Refuse a process that was forked from one that used OpenCL.
 

@@ -8,8 +8,8 @@ import re
 import numpy as np
 import pyopencl as cl
 
-from clplen.compute.drivers import environment
-from clplen.compute.drivers.forked import begin_use
+from clplen.compute.drivers import environment, limits
+from clplen.compute.drivers.forked import begin_use, is_in_use
 from clplen.errors import DeviceError
 
 ITERATIONS = 70_000
@@ -82,8 +82,11 @@ def find_devices() -> list[Found]:
     ------
     DeviceError
         If there is no platform, or no platform has a device (it names what to install), or this
-        process was forked from one that looked for devices.
+        process was forked from one that looked for devices, or may not take the memory that
+        drivers need.
     """
+    if not is_in_use():
+        limits.require_driver_room()
     begin_use()
     environment.ensure_cache()
     environment.expose_intel_runtime()

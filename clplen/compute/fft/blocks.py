@@ -16,6 +16,7 @@ import numpy as np
 import pyopencl as cl
 import pyopencl.array as cla
 
+from clplen.compute.drivers.failures import device_errors
 from clplen.compute.drivers.forked import Guard
 from clplen.compute.fft.columns import Factors, Product, run_on_host
 from clplen.compute.fft.lines import Line, Separable, still
@@ -163,7 +164,10 @@ def run(
             Product(held.enter_context(one.on_host(device)), way)
             for one, way in zip(spectra, back, strict=True)
         ]
-        run_on_host(source, into, products, targets, device.fft, device.workspace)
+        with device_errors(device.cl_device, f"A Fourier transform of shape {data.shape}"):
+            device.roomy(
+                lambda: run_on_host(source, into, products, targets, device.fft, device.workspace)
+            )
     return results
 
 

@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import os
 from collections.abc import Callable, Sequence
-from concurrent.futures import ThreadPoolExecutor, wait
+from concurrent.futures import Future, ThreadPoolExecutor, wait
 from contextlib import ExitStack
 from dataclasses import dataclass
 from functools import cache
@@ -56,11 +56,19 @@ def share(work: Callable[[Part, Own], None], parts: Sequence[Part], owned: Seque
             failed.set()
             raise
 
-    helpers = owned[1 : len(parts)]
-    others = [_kept(len(owned) - 1).submit(run, own) for own in helpers]
+    others: list[Future[None]] = []
+    full: ThreadPoolExecutor | None = None
+    try:
+        for own in owned[1 : len(parts)]:
+            others.append(_kept(len(owned) - 1).submit(run, own))
+    except RuntimeError:  # no memory for one more thread: the caller and those that began do it
+        full = _kept(len(owned) - 1)
+        _kept.cache_clear()
     try:
         run(owned[0])
     finally:
+        if full is not None:  # what was refused a thread is queued all the same
+            full.shutdown(cancel_futures=True)
         begun = [other for other in others if not other.cancel()]
         try:
             wait(begun)

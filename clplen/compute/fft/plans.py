@@ -23,6 +23,8 @@ class PlanCache:
     ----------
     limit_bytes : int
         Sum of the sizes of the kept values. A single larger value is returned but not kept.
+    beside : PlanCache, optional
+        Another one, whose values count within the limit, too.
 
     Attributes
     ----------
@@ -32,16 +34,24 @@ class PlanCache:
         Bytes held now.
     """
 
-    def __init__(self, limit_bytes: int) -> None:
+    def __init__(self, limit_bytes: int, beside: PlanCache | None = None) -> None:
         self.limit_bytes = limit_bytes
         self.hits = 0
         self.misses = 0
         self.nbytes = 0
-        self._items: OrderedDict[Hashable, tuple[Any, int]] = OrderedDict()
+        self._items: OrderedDict[tuple[PlanCache, Hashable], tuple[Any, int]] = OrderedDict()
         self._lock = Guard()
+        if beside is not None:
+            self._items, self._lock = beside._items, beside._lock
 
     def __len__(self) -> int:
-        return len(self._items)
+        return sum(owner is self for owner, _ in tuple(self._items))
+
+    @property
+    def shared_bytes(self) -> int:
+        """Bytes held by this cache and by those beside it."""
+        with self._lock:
+            return sum(nbytes for _, nbytes in self._items.values())
 
     def get(self, key: Hashable, make: Callable[[], T], size: Callable[[T], int]) -> T:
         """The value of ``key``, made by ``make`` when it is not there.
@@ -55,29 +65,31 @@ class PlanCache:
         size : callable
             Bytes that a value holds.
         """
+        place = (self, key)
         with self._lock:
-            if key in self._items:
+            if place in self._items:
                 self.hits += 1
-                self._items.move_to_end(key)
-                return self._items[key][0]
+                self._items.move_to_end(place)
+                return self._items[place][0]
         value = make()
         nbytes = size(value)
         with self._lock:
             self.misses += 1
-            if key in self._items:  # made by another thread meanwhile: one plan for both
-                return self._items[key][0]
+            if place in self._items:  # made by another thread meanwhile: one plan for both
+                return self._items[place][0]
             if nbytes <= self.limit_bytes:
-                self._items[key] = (value, nbytes)
+                self._items[place] = (value, nbytes)
                 self.nbytes += nbytes
-                while self.nbytes > self.limit_bytes:
-                    _, (_, dropped) = self._items.popitem(last=False)
-                    self.nbytes -= dropped
+                while self.shared_bytes > self.limit_bytes:
+                    (owner, _), (_, dropped) = self._items.popitem(last=False)
+                    owner.nbytes -= dropped
         return value
 
     def clear(self) -> None:
         """Drop every value."""
         with self._lock:
-            self._items.clear()
+            for place in [place for place in self._items if place[0] is self]:
+                del self._items[place]
             self.nbytes = 0
 
 

@@ -87,6 +87,11 @@ def reading(path: Path) -> Iterator[None]:
         yield
     except UNREADABLE as error:
         reason = (str(error).splitlines() or [""])[0].strip(" .'\"") or type(error).__name__
+        if isinstance(error, MemoryError):
+            raise FormatError(
+                f"{path} asks for more memory than this process may take ({reason[:200]}): it is "
+                "damaged, or too large."
+            ) from error
         raise FormatError(
             f"{path} is truncated or damaged ({reason[:200]}): copy or write it again."
         ) from error

@@ -116,7 +116,6 @@ def fourier_point_images(
         corners.append(corner)
         if progress is not None:
             progress(number + 1, len(z))
-    camera.device.workspace.clear()
     camera.device.free_spare()  # fields are larger than anything that is made of the images
     made = FourierPointImages(
         parameters,

@@ -154,7 +154,6 @@ def point_images(
         values, scale = _packed(one, store)
         stored.append(values)
         scales.append(scale)
-    camera.device.workspace.clear()
     camera.device.free_spare()  # fields are larger than anything that is made of the images
     n = round(camera.pixels_per_lenslet) // binning
     made = PointImages(
