@@ -30,7 +30,7 @@ VENDOR_FOLDERS = (Path("/etc/OpenCL/vendors"), Path(sys.prefix) / "etc/OpenCL/ve
 MIN_CACHE_BYTES = 2**24  # a process with all kernels of the test suite writes 23 MB, few write 5
 MIN_BUILD_BYTES = 2**21  # the largest program takes 0.4 MB with its source and kernels
 TRIAL_BYTES = 2**19  # the largest file that PoCL writes has 0.2 MB
-REMEDY = "free space there, or name another folder in POCL_CACHE_DIR (or XDG_CACHE_HOME)"
+REMEDY = "make it usable, or name another folder in POCL_CACHE_DIR (or XDG_CACHE_HOME)"
 
 _lock = threading.RLock()
 _tested: set[Path] = set()
