@@ -23,6 +23,12 @@ from typing import Any, NoReturn
 STATUS = 130  # 128 + SIGINT, as shells count
 SENTENCE = "Interrupted; no file was left half-written."
 GRACE = 1.2  # seconds in which everything that is open may end by itself
+_SIGACTION_BYTES = 256  # more than the C structure takes anywhere (152 in glibc)
+_ENDING = [
+    getattr(signal, name)
+    for name in ("SIGHUP", "SIGINT", "SIGTERM", "SIGUSR1", "SIGUSR2")
+    if hasattr(signal, name)
+]
 _NAMES = ("clplen", "clplen.exe", "clplen-script.py", "clplen-script.pyw")
 
 _unfinished: dict[Path, bool] = {}  # whether it goes although it holds something
@@ -144,6 +150,33 @@ def _watch(woken: socket.socket) -> None:
             if number[0] == signal.SIGINT:
                 time.sleep(GRACE)
                 leave()
+
+
+@contextmanager
+def signals_kept() -> Iterator[None]:
+    """Leave signals to Python although a library is loaded in this block that takes them.
+
+    LLVM, which PoCL brings, handles signals that ask a process to end by deleting what it is
+    writing, before Python's handler runs: the kernel "does not build". Threads that are started in
+    the block, and the linkers that they start, do not see these signals either; a linker that
+    Ctrl-C ends would make PoCL abort the process.
+    """
+    if not hasattr(signal, "pthread_sigmask"):
+        yield
+        return
+    import ctypes
+
+    sigaction = ctypes.CDLL(None).sigaction
+    handlers = {number: ctypes.create_string_buffer(_SIGACTION_BYTES) for number in _ENDING}
+    for number, handler in handlers.items():
+        sigaction(number, None, handler)
+    mask = signal.pthread_sigmask(signal.SIG_BLOCK, _ENDING)
+    try:
+        yield
+    finally:
+        for number, handler in handlers.items():
+            sigaction(number, handler, None)
+        signal.pthread_sigmask(signal.SIG_SETMASK, mask)
 
 
 leave_at_once()

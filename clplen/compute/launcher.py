@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import math
+import pickle
+import sqlite3
 from collections.abc import Iterator, Sequence
 from contextlib import AbstractContextManager, contextmanager, nullcontext
 from typing import Any
@@ -11,6 +13,7 @@ import pyopencl as cl
 import pyopencl.array as cla
 
 from clplen.compute.drivers import limits, pocl
+from clplen.compute.drivers.environment import require_room
 from clplen.compute.drivers.failures import ADVICE, device_error, device_errors
 from clplen.compute.drivers.forked import Guard
 from clplen.compute.drivers.program import build_program
@@ -26,6 +29,7 @@ class Launcher(Memory):
 
     precision: Any
     driver: str
+    platform: str
     rows: bool
     note: str
 
@@ -62,6 +66,8 @@ class Launcher(Memory):
             # be told from them where machines share a cache.
             self._require_build_room(f"Building the kernel file {file!r}")
             name = pocl.written_name(self.cl_device) if self.note else ""
+            if self.platform == pocl.PLATFORM:
+                require_room(f"PoCL, which is to compile {file},")
             options = [f"-DCPU_NAME={name}"] if name else []
             self._programs[key] = build_program(self.context, file, dict(defines), options)
         return self._programs[key]
@@ -79,7 +85,12 @@ class Launcher(Memory):
     def _create(self, program: cl.Program, file: str, name: str) -> cl.Kernel:
         """A kernel of a program; some drivers find only now that they cannot build it."""
         try:
-            return cl.Kernel(program, name)
+            try:
+                return cl.Kernel(program, name)
+            except (OSError, sqlite3.Error, pickle.UnpicklingError):
+                # pyopencl's own database of calls, in the cache folder, is damaged or full
+                cl._PYOPENCL_NO_CACHE = True
+                return cl.Kernel(program, name)
         except cl.Error as error:
             raise KernelBuildError(
                 f"{self.name} ({self.driver}) made no kernel {name!r} of the file {file!r}, which "

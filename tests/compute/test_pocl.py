@@ -11,9 +11,11 @@ import json
 import mmap
 import os
 import re
+import signal
 import subprocess
 import sys
 from array import array
+from collections.abc import Callable
 from pathlib import Path
 from types import SimpleNamespace
 
@@ -22,7 +24,7 @@ import pytest
 from _pytest.mark import ParameterSet
 from forcing import caches_in, forced_environment
 
-from clplen.compute.drivers import builtin_functions, pocl, pocl_trial
+from clplen.compute.drivers import builtin_functions, environment, pocl, pocl_trial
 from clplen.errors import DeviceError
 
 if not sys.platform.startswith("linux"):
@@ -218,8 +220,188 @@ def test_wrong_values_are_a_bad_verdict(tmp_path: Path) -> None:
     done = subprocess.run(
         [*command, FITTING, str(source)], env=environment, capture_output=True, text=True
     )
-    assert done.returncode == 1
+    assert done.returncode == pocl_trial.UNFIT
     assert done.stderr.endswith("Wrong values: floor; floor of double.\n")
+
+
+# What is a verdict
+
+DYING = """
+import os, signal, sys
+print("ready" * {ready}, flush=True)
+print("Final linking failed.", file=sys.stderr, flush=True)
+signal.signal(signal.SIGXCPU, signal.SIG_DFL)
+os.kill(os.getpid(), {status}) if {status} > 0 else os._exit(-{status})
+"""
+
+
+@pytest.fixture
+def dying(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Callable[..., bool]:
+    """A trial that ends in a chosen way: by a signal, or by an exit status below 0."""
+    monkeypatch.setenv("POCL_CACHE_DIR", str(tmp_path))
+
+    def trial(status: int, *, ready: bool = True) -> bool:
+        program = tmp_path / "dying.py"
+        program.write_text(DYING.format(status=int(status), ready=int(ready)))
+        monkeypatch.setattr(pocl_trial, "__file__", str(program))
+        return pocl._survives(tmp_path / "library", "some-cpu")
+
+    return trial
+
+
+@pytest.mark.parametrize(
+    "status",
+    [
+        signal.SIGXCPU,
+        signal.SIGILL,
+        signal.SIGSEGV,
+        signal.SIGABRT,
+        signal.SIGBUS,
+        -pocl_trial.UNFIT,
+    ],
+)
+def test_faults_of_compiled_code_are_verdicts(dying: Callable[..., bool], status: int) -> None:
+    assert dying(status) is False
+
+
+@pytest.mark.parametrize("status", [signal.SIGKILL, signal.SIGTERM, signal.SIGHUP])
+def test_signals_of_others_are_no_verdict(dying: Callable[..., bool], status: int) -> None:
+    with pytest.raises(OSError, match=f"killed by signal {int(status)}"):
+        dying(status)
+
+
+@pytest.mark.parametrize("status", [signal.SIGSEGV, signal.SIGABRT, -1, -2])
+def test_what_also_ends_a_kernel_without_built_in_functions_is_no_verdict(
+    dying: Callable[..., bool], status: int
+) -> None:
+    with pytest.raises(DeviceError, match=r"\(Final linking failed\.\): it needs memory"):
+        dying(status, ready=False)
+
+
+def test_a_fault_on_a_full_disk_is_no_verdict(
+    dying: Callable[..., bool], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(environment, "find_obstacle", lambda *_: "No space left on device")
+    with pytest.raises(DeviceError, match="No space left"):
+        dying(signal.SIGABRT)
+
+
+def test_a_trial_that_does_not_end_is_no_verdict(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    endless = tmp_path / "endless.py"
+    endless.write_text("import time\ntime.sleep(60)")
+    monkeypatch.setenv("POCL_CACHE_DIR", str(tmp_path))
+    monkeypatch.setattr(pocl_trial, "__file__", str(endless))
+    monkeypatch.setattr(pocl, "PATIENCE", 0.01)
+    monkeypatch.setattr(pocl, "TRIAL_SECONDS", 0.01)
+    with pytest.raises(OSError, match="did not end"):
+        pocl._survives(tmp_path / "library", "some-cpu")
+
+
+def test_a_compiler_that_never_ends_is_ended_by_sigxcpu() -> None:
+    code = """
+import sys
+from clplen.compute.drivers import pocl_trial
+sys.path.append(pocl_trial.__file__.rpartition("/")[0])
+pocl_trial.SECONDS = 1
+def compile_for_ever(library):
+    while True:
+        pass
+pocl_trial._PoCL = compile_for_ever
+pocl_trial.main("", "", "")
+"""
+    done = python(code, dict(os.environ) | {"PYTHONPATH": os.pathsep.join(sys.path)})
+    assert done.returncode == -signal.SIGXCPU, done.stderr
+
+
+@pytest.mark.parametrize(
+    ("answers", "name", "kept"),
+    [
+        ({"haswell": False, "sandybridge": True}, "sandybridge", ["sandybridge"]),
+        ({"haswell": False, "sandybridge": False}, None, [None]),
+        ({"haswell": OSError("killed"), "sandybridge": True}, "sandybridge", []),
+        ({"haswell": OSError("killed"), "sandybridge": False}, "haswell", []),
+        ({"haswell": OSError("killed"), "sandybridge": OSError("killed")}, "haswell", []),
+    ],
+)
+def test_only_whole_verdicts_are_kept(
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    answers: dict[str, bool | OSError],
+    name: str | None,
+    kept: list[str | None],
+) -> None:
+    def survives(library: Path, name: str) -> bool:
+        if isinstance(answers[name], OSError):
+            raise answers[name]
+        return answers[name]
+
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
+    monkeypatch.setattr(pocl, "_survives", survives)
+    target = pocl._Target("a CPU", "3.0", Path(__file__), None, "haswell")
+    assert pocl._verdict(target, list(answers)) == name
+    assert verdicts(tmp_path) == kept
+    answers.update(haswell=True)  # a later process
+    assert pocl._verdict(target, list(answers)) == (kept[0] if kept else "haswell")
+
+
+def test_an_unfit_name_is_not_trusted_where_no_trial_ended(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def survives(library: Path, name: str) -> bool:
+        raise OSError("the trial was killed by signal 9")
+
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
+    monkeypatch.setattr(pocl, "_survives", survives)
+    target = pocl._Target("a CPU", "3.0", Path(__file__), None, "znver3")
+    with pytest.raises(DeviceError, match="killed by signal 9"):
+        pocl._verdict(target, ["skylake-avx512", "znver3"])
+    assert verdicts(tmp_path) == []
+
+
+@pytest.mark.parametrize("damage", ["", "[]", "[" * 100_000, '{"name": 5}', "\0" * 50])
+def test_a_damaged_verdict_is_no_verdict(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, damage: str
+) -> None:
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
+    monkeypatch.setattr(pocl, "_survives", lambda library, name: True)
+    target = pocl._Target("a CPU", "3.0", Path(__file__), None, "haswell")
+    path = pocl._verdict_path(target, ["haswell"])
+    path.parent.mkdir()
+    path.write_text(damage)
+    assert pocl._verdict(target, ["haswell"]) == "haswell"
+    assert verdicts(tmp_path) == ["haswell"]
+
+
+INTERRUPTED = """
+import ctypes, os, signal, threading
+from clplen.compute.drivers.program import build_program
+from clplen.compute.drivers.selection import find_devices, select
+signal.signal(signal.SIGINT, lambda *_: None)
+((_, device),) = select(find_devices(), "pocl")[:1]
+context = cl.Context([device])
+building = True
+def interrupt():
+    while building:
+        os.kill(os.getpid(), signal.SIGINT)
+        threading.Event().wait(0.002)
+thread = threading.Thread(target=interrupt)
+thread.start()
+try:
+    for number in range(4):
+        build_program(context, "finite.cl", {"ROWS": True, f"NUMBER_{number}": number})
+finally:
+    building = False
+    thread.join()
+print("ran")
+"""
+
+
+@needs_pocl
+def test_signals_do_not_break_a_build(tmp_path: Path) -> None:
+    done = python("import pyopencl as cl" + INTERRUPTED, caches_in(tmp_path))
+    assert done.stdout == "ran\n", done.stderr
 
 
 def test_a_device_that_is_not_on_x86_64_is_asked_for_one_kernel(

@@ -18,10 +18,23 @@ import os
 import shutil
 import sys
 import tempfile
+import threading
+from contextlib import suppress
 from importlib import metadata
 from pathlib import Path
 
+from clplen.deprecation import warn_caller
+from clplen.errors import DeviceError
+
 VENDOR_FOLDERS = (Path("/etc/OpenCL/vendors"), Path(sys.prefix) / "etc/OpenCL/vendors")
+MIN_CACHE_BYTES = 2**24  # a process with all kernels of the test suite writes 23 MB, few write 5
+MIN_BUILD_BYTES = 2**21  # the largest program takes 0.4 MB with its source and kernels
+TRIAL_BYTES = 2**19  # the largest file that PoCL writes has 0.2 MB
+REMEDY = "make it usable, or name another folder in POCL_CACHE_DIR (or XDG_CACHE_HOME)"
+
+_lock = threading.RLock()
+_tested: set[Path] = set()
+_temporary: list[Path] = []  # of this process, where the user's take no files
 
 
 def cache_dir() -> Path:
@@ -35,23 +48,163 @@ def cache_dir() -> Path:
     return _base() / "clplen"
 
 
-def ensure_cache() -> None:
-    """Give this process a cache folder where the user's cannot be written (read-only homes).
+def kernel_cache() -> Path:
+    """Name the folder where PoCL keeps kernels, as `ensure_cache` left it."""
+    default = _base() / "pocl" / "kcache"
+    return Path(os.environ.get("POCL_CACHE_DIR") or default).absolute()
 
-    PoCL shows no device and pyopencl makes no kernel without one. A temporary folder, removed at
-    the end of the process, is then named in ``$XDG_CACHE_HOME``.
+
+def ensure_cache() -> None:
+    """Test the cache folders, and replace those that take no files by a temporary one.
+
+    PoCL aborts the process where it cannot write a kernel or load a kept one, and shows no device
+    without a folder; pyopencl makes no kernel. The temporary folder is removed at the end of the
+    process, and one warning names it. PoCL reads ``$POCL_CACHE_DIR``, which is set in any case, so
+    that one rule decides where it writes. Folders are tested once a process.
     """
-    base = _base()
-    existing = next(folder for folder in (base, *base.parents) if folder.exists())
-    if os.access(existing, os.W_OK | os.X_OK):
-        return
-    folder = tempfile.mkdtemp(prefix="clplen-cache-")
-    atexit.register(shutil.rmtree, folder, ignore_errors=True)
-    os.environ["XDG_CACHE_HOME"] = folder
+    with _lock:
+        for variable, folder_of, test in (
+            ("XDG_CACHE_HOME", _base, find_obstacle),
+            ("POCL_CACHE_DIR", kernel_cache, _find_kernel_obstacle),
+        ):
+            folder = folder_of()
+            problem = "" if folder in _tested else test(folder)
+            if problem:
+                folder = _temporary_cache(f"{folder} cannot be used ({problem})")
+            if problem or variable == "POCL_CACHE_DIR":
+                os.environ[variable] = str(folder)
+            _tested.add(folder)
+
+
+def require_room(what: str) -> None:
+    """Refuse to let PoCL write where it cannot: it would abort the process.
+
+    Parameters
+    ----------
+    what : str
+        What needs the room, as the subject of the sentence.
+
+    Raises
+    ------
+    DeviceError
+        Naming the folder and the obstacle.
+    """
+    folder = kernel_cache()
+    obstacle = find_obstacle(folder, MIN_BUILD_BYTES)
+    if obstacle:
+        raise DeviceError(f"{what} cannot keep kernels in {folder} ({obstacle}): {REMEDY}.")
+
+
+def find_obstacle(folder: Path, nbytes: int = MIN_CACHE_BYTES) -> str:
+    """Return why kernels cannot be kept in a folder; the empty string if they can.
+
+    The folder is made, and a file is written, because a quota shows at that moment only.
+    """
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        with tempfile.TemporaryFile(dir=folder) as file:
+            file.write(bytes(TRIAL_BYTES))
+            file.flush()
+        free = shutil.disk_usage(folder).free
+        if hasattr(os, "ST_NOEXEC") and os.statvfs(folder).f_flag & os.ST_NOEXEC:
+            return "its file system forbids to execute files"
+    except OSError as error:
+        return error.strerror or str(error)
+    if free < nbytes:
+        return f"{free / 1e6:.1f} MB are free of the {nbytes / 1e6:.1f} MB that kernels may take"
+    return ""
+
+
+def _find_kernel_obstacle(folder: Path) -> str:
+    """Test PoCL's folder; remove damaged kernels from it, which PoCL then compiles again."""
+    obstacle = find_obstacle(folder)
+    if obstacle:
+        return obstacle
+    try:
+        for parent, folders, files in os.walk(folder):
+            if not os.access(parent, os.W_OK | os.X_OK):
+                return f"{parent} cannot be written"
+            for name in filter(_is_compiled, folders):
+                shutil.rmtree(os.path.join(parent, name))
+            for name in filter(_is_compiled, files):
+                if not _is_whole(Path(parent, name)):
+                    os.unlink(os.path.join(parent, name))
+    except FileNotFoundError:  # another process was first to remove it
+        return ""
+    except OSError as error:
+        return error.strerror or str(error)
+    return ""
+
+
+def _is_compiled(name: str) -> bool:
+    """Whether a file has its last name; those that are being written begin with "tempfile_"."""
+    return name == "program.bc" or (name.endswith(".so") and not name.startswith("tempfile_"))
+
+
+def _is_whole(path: Path) -> bool:
+    """Whether a compiled program or kernel has its head and its end.
+
+    PoCL writes under another name and renames, so that no other process sees a part; what a full
+    disk or a power cut leaves is shorter than its head says, or zero at the end.
+    """
+    if not path.is_file():
+        return False
+    with path.open("rb") as file:
+        size = os.fstat(file.fileno()).st_size
+        head = file.read(64)
+        if path.suffix == ".so":  # ELF; its table of sections stands at the end
+            if head[:5] != b"\x7fELF\x02":
+                return head[:5] == b"\x7fELF\x01" and size > 64
+            table, length, count = (
+                int.from_bytes(head[begin:end], "little")
+                for begin, end in ((40, 48), (58, 60), (60, 62))
+            )
+            end = table + length * count
+            file.seek(max(end - 64, 0))
+            return 64 < end <= size and any(file.read(64))
+        # LLVM's bitcode: blocks, each with its length in words at its fifth byte
+        place = 4
+        while head[:2] == b"BC" and place + 8 <= size:
+            file.seek(place)
+            begin = file.read(8)
+            if begin[0] & 3 != 1:  # no block begins there
+                return False
+            place += 8 + 4 * int.from_bytes(begin[4:], "little")
+        return place == size > 64
+
+
+def _temporary_cache(reason: str) -> Path:
+    """Return this process's own cache folder, which is made once, with a warning that names it."""
+    with _lock:
+        if _temporary:
+            return _temporary[0]
+        folder = Path(os.devnull, "cache")  # which cannot be made, if no other can
+        for place in (None, "/dev/shm", "/var/tmp"):
+            with suppress(OSError):
+                folder = Path(tempfile.mkdtemp(prefix="clplen-cache-", dir=place))
+                atexit.register(_remove, folder, os.getpid())
+                if not find_obstacle(folder):
+                    break
+        _temporary.append(folder)
+    warn_caller(
+        f"Kernels are kept in the temporary folder {folder}, which is removed when this process "
+        f"ends, because {reason}: {REMEDY}.",
+        RuntimeWarning,
+    )
+    return folder
+
+
+def _remove(folder: Path, owner: int) -> None:
+    if os.getpid() == owner:  # not a process that was forked from it
+        shutil.rmtree(folder, ignore_errors=True)
 
 
 def _base() -> Path:
-    return Path(os.environ.get("XDG_CACHE_HOME") or os.path.expanduser("~/.cache")).absolute()
+    folder = os.path.expanduser(os.environ.get("XDG_CACHE_HOME") or "~/.cache")
+    if folder.startswith("~"):
+        folder = str(_temporary_cache("this user has no home folder"))
+        os.environ["XDG_CACHE_HOME"] = folder
+    return Path(folder).absolute()
 
 
 def expose_intel_runtime() -> None:

@@ -13,7 +13,8 @@ device object, and there another one can be written: one that fits the library.
 What is done is decided by trial. Before the first use of a device a child process, which may die,
 builds and runs every built-in function that clplen's kernels call (pocl_trial.py), under the name
 that is there, then under those that fit the CPU's flags. The first name that survives is taken,
-and the verdict is kept in the user's cache folder.
+and the verdict is kept in the user's cache folder. A child that is killed from outside, or lacks
+memory, a linker or room for files, gives no verdict, and later processes try again.
 
 ``CLPLEN_POCL_CPU=off`` leaves the name as it is; any other value is the only name to try.
 """
@@ -27,6 +28,7 @@ import logging
 import os
 import platform
 import secrets
+import signal
 import subprocess
 import sys
 import tempfile
@@ -38,7 +40,7 @@ from pathlib import Path
 import pyopencl as cl
 
 from clplen.compute.drivers import builtin_functions, pocl_trial
-from clplen.compute.drivers.environment import cache_dir
+from clplen.compute.drivers.environment import cache_dir, kernel_cache, require_room
 from clplen.compute.drivers.program import kernel_folder
 from clplen.errors import DeviceError
 
@@ -47,6 +49,10 @@ PROBE = "kernel void probe(global int *a) { a[0] = 1; }"
 TRIAL_SECONDS = (
     120.0  # a limit for machines that do much else; its own work is limited in the child
 )
+# Signals by which a process ends itself, or is ended for what its code did.
+_FAULTS = {
+    getattr(signal, f"SIG{name}", None) for name in ("ILL", "SEGV", "ABRT", "BUS", "FPE", "TRAP")
+}
 PATIENCE = 1.0  # seconds after which a trial is spoken of
 INSTEAD = (
     "install another OpenCL driver for the CPU: `apt install pocl-opencl-icd` (Debian, Ubuntu) or "
@@ -220,20 +226,26 @@ def cpu_info() -> dict[str, str]:
 def _verdict(target: _Target, names: Sequence[str]) -> str | None:
     """The first name under which everything runs: the kept verdict, else a trial's."""
     path = _verdict_path(target, names)
-    with suppress(OSError, ValueError, KeyError, TypeError):
+    with suppress(OSError, ValueError, KeyError, TypeError, RecursionError):
         kept = json.loads(path.read_text("utf-8"))["name"]
         if kept is None or kept in names:
             return str(kept) if kept is not None else None
-    try:
-        survivor = next((name for name in names if _survives(target.library, name)), None)
-    except OSError as error:  # no child process can be started: what is likely to fit is trusted
+    survivor, doubt = None, None
+    for name in names:
+        try:
+            if _survives(target.library, name):
+                survivor = name
+                break
+        except OSError as error:
+            doubt = error
+    if doubt is None:
+        _keep(path, survivor)
+    elif survivor is None:  # what is likely to fit is trusted
         if _register_width(names[0]) == 0 or names[0] != target.name:
             raise DeviceError(
-                f"{_unfit(target)}, and another CPU name cannot be tried, because no child "
-                f"process could be started ({error}); {INSTEAD}"
-            ) from error
+                f"{_unfit(target)}, and another CPU name cannot be tried ({doubt}); {INSTEAD}"
+            ) from doubt
         return names[0]
-    _keep(path, survivor)
     return survivor
 
 
@@ -277,40 +289,62 @@ def _survives(library: Path, name: str) -> bool:
     Raises
     ------
     OSError
-        If no child process can be started.
+        No child process can be started, or it was ended from outside: there is no verdict.
+    DeviceError
+        PoCL does not run a kernel without built-in functions either: nor is there one.
     """
     if getattr(sys, "frozen", False) or not sys.executable:
         raise OSError("this program is not run by a Python interpreter of its own")
     command = [sys.executable, "-I", "-S", pocl_trial.__file__, str(library), name, str(_source())]
-    with tempfile.TemporaryDirectory(prefix="clplen-pocl-") as folder:
+    # in PoCL's own folder, which was found to take kernels, as the system's for temporary files
+    # need not
+    with tempfile.TemporaryDirectory(prefix="clplen-trial-", dir=kernel_cache()) as folder:
         environment = os.environ | {"POCL_CACHE_DIR": folder, "POCL_MAX_PTHREAD_COUNT": "1"}
-        silent = subprocess.DEVNULL
         child = subprocess.Popen(
             command,
             env=environment,
             cwd=folder,
-            stdin=silent,
+            stdin=subprocess.DEVNULL,
             stdout=subprocess.PIPE,
-            stderr=silent,
+            stderr=subprocess.PIPE,
         )
         try:
-            return _wait(child) == 0
+            printed, complaint = _wait(child)
         finally:
             child.kill()
             child.communicate()
+    status = child.returncode
+    if status == 0:
+        return True
+    require_room("PoCL")
+    if status in (pocl_trial.UNFIT, -signal.SIGXCPU) or (
+        pocl_trial.READY in printed and -status in _FAULTS
+    ):
+        return False
+    last = (complaint.decode(errors="replace").strip().splitlines() or ["no message"])[-1]
+    if status in (-signal.SIGKILL, -signal.SIGTERM, -signal.SIGINT, -signal.SIGHUP):
+        raise OSError(f"the trial was killed by signal {-status}")
+    raise DeviceError(
+        f"PoCL cannot run a kernel here, since its trial ended with status {status} ({last}): it "
+        f"needs memory, room for files and the linker `ld` (apt install binutils); else {INSTEAD}."
+    )
 
 
-def _wait(child: subprocess.Popen[bytes]) -> int | None:
-    """The exit status of a trial, None where it does not end; a long one is spoken of."""
+def _wait(child: subprocess.Popen[bytes]) -> tuple[bytes, bytes]:
+    """What a trial prints to both streams; a long one is spoken of.
+
+    Raises
+    ------
+    OSError
+        If it does not end.
+    """
     for seconds in (PATIENCE, TRIAL_SECONDS):
         try:
-            child.communicate(timeout=seconds)  # which returns at once when the child ends
+            return child.communicate(timeout=seconds)  # which returns at once when the child ends
         except subprocess.TimeoutExpired:
             if seconds == PATIENCE:
                 _logger.warning("Trying the compiler of PoCL on this CPU, which is done once.")
-        else:
-            return child.returncode
-    return None
+    raise OSError(f"the trial did not end within {TRIAL_SECONDS:.0f} s")
 
 
 def _unfit(target: _Target) -> str:

@@ -2,7 +2,9 @@
 
 It needs the standard library alone and speaks to PoCL's library without an OpenCL loader, so that
 it starts in a few hundredths of a second. pocl.py starts it and reads its exit status: 0 where
-every built-in function that clplen's kernels call builds, runs and is right.
+every built-in function that clplen's kernels call builds, runs and is right, `UNFIT` where one does
+not. Before them a kernel without any is run, and "ready" printed: a child that dies earlier lacks a
+linker, memory or room for files, which says nothing about the name.
 
 OpenCL's functions are reached as a loader reaches them: the first word of a platform is the
 address of a table of functions, in the order of ``cl_icd.h`` (Khronos, cl_khr_icd).
@@ -14,6 +16,7 @@ import ctypes
 import re
 import sys
 from array import array
+from contextlib import suppress
 from importlib import import_module
 from pathlib import Path
 from typing import Any
@@ -21,6 +24,9 @@ from typing import Any
 Pointer = ctypes.c_uint64
 SEARCHED_BYTES = 1024
 SECONDS = 15  # of computing; a compiler that was given an unfit name may never end
+UNFIT = 3  # exit status, other than those of Python itself
+READY = b"ready"
+HEADROOM = 2**28  # bytes of address space beside PoCL's own; a trial takes 0.4e9 in all
 _TRIPLE = re.compile(rb"x86_64-[a-z0-9_-]+\Z")
 _NAME = re.compile(rb"[a-z0-9][a-z0-9_.-]{1,30}\Z")
 _LONGEST = 64
@@ -42,6 +48,8 @@ _TABLE = {
 _DEVICE_TYPE_ALL = 0xFFFFFFFF
 _DEVICE_EXTENSIONS = 0x1030
 _MEM_COPY_HOST_PTR = 1 << 5
+_MEMORY = (-4, -5, -6)  # statuses of a want of memory
+_PLAIN = b"kernel void builtins(global float *a, const int n) { a[0] = n; }"
 
 
 def find_name(address: int) -> Pointer | None:
@@ -116,6 +124,10 @@ def _text(address: int, memory: list[tuple[int, int]]) -> bytes:
     end = next((end for begin, end in memory if begin <= address < end), address)
     text, zero, _ = ctypes.string_at(address, min(_LONGEST, end - address)).partition(b"\0")
     return text if zero else b""
+
+
+class _RefusalError(Exception):
+    """A step that OpenCL refuses, but not for want of memory."""
 
 
 class _PoCL:
@@ -211,8 +223,10 @@ class _PoCL:
 
 
 def _require(status: int) -> None:
+    if status in _MEMORY:
+        raise MemoryError(f"OpenCL error {status}")
     if status:
-        raise RuntimeError(f"OpenCL error {status}")
+        raise _RefusalError(f"OpenCL error {status}")
 
 
 def main(library: str, name: str, source: str) -> None:
@@ -230,33 +244,42 @@ def main(library: str, name: str, source: str) -> None:
     Raises
     ------
     SystemExit
-        With a sentence where the name cannot be written or values are wrong.
-    RuntimeError
-        Where OpenCL refuses a step.
+        `UNFIT`, with a sentence before it, where a step is refused or values are wrong.
     """
+    import mmap
     import resource
 
     functions: Any = import_module("builtin_functions")  # it lies beside this file
 
-    resource.setrlimit(resource.RLIMIT_CPU, (SECONDS, SECONDS))
+    hard = resource.getrlimit(resource.RLIMIT_CPU)[1]
+    with suppress(ValueError):  # a limit of the user's ends it earlier, by SIGKILL
+        # below the hard limit: by SIGXCPU, which no other process sends
+        resource.setrlimit(resource.RLIMIT_CPU, (SECONDS, hard))
     resource.setrlimit(resource.RLIMIT_CORE, (0, 0))
     pocl = _PoCL(library)
+    mmap.mmap(-1, HEADROOM).close()
     if name:
         pointer = find_name(pocl.address)
         if pointer is None:
             sys.exit("PoCL's device holds no CPU name that can be found.")
         write_name(pointer, name)
-    double = pocl.has_double()
-    x, *samples = functions.inputs()
-    size = 4 * functions.COUNT * len(functions.expected(double=double))
-    options = _OPTIONS + (b" -DDOUBLE" if double else b"")
-    values = array("f")
-    inputs = [x.tobytes(), *samples]
-    text = Path(source).read_bytes()
-    values.frombytes(pocl.run(text, inputs, functions.COUNT, size, options))
-    wrong = functions.wrong(values, double=double)
-    if wrong:
-        sys.exit(f"Wrong values: {'; '.join(wrong)}.")
+    try:
+        pocl.run(_PLAIN, [], 1, 4, _OPTIONS)
+        print(READY.decode(), flush=True)
+        double = pocl.has_double()
+        x, *samples = functions.inputs()
+        size = 4 * functions.COUNT * len(functions.expected(double=double))
+        options = _OPTIONS + (b" -DDOUBLE" if double else b"")
+        values = array("f")
+        inputs = [x.tobytes(), *samples]
+        text = Path(source).read_bytes()
+        values.frombytes(pocl.run(text, inputs, functions.COUNT, size, options))
+        wrong = functions.wrong(values, double=double)
+        if wrong:
+            raise _RefusalError(f"Wrong values: {'; '.join(wrong)}.")
+    except _RefusalError as refusal:
+        print(refusal, file=sys.stderr, flush=True)
+        sys.exit(UNFIT)
 
 
 if __name__ == "__main__":

@@ -11,6 +11,7 @@ import pyopencl as cl
 from clplen.compute.drivers import environment, limits
 from clplen.compute.drivers.forked import begin_use, is_in_use
 from clplen.errors import DeviceError
+from clplen.interrupts import signals_kept
 
 ITERATIONS = 70_000
 _PROBE = """
@@ -90,18 +91,20 @@ def find_devices() -> list[Found]:
     begin_use()
     environment.ensure_cache()
     environment.expose_intel_runtime()
-    try:
-        platforms = cl.get_platforms()
-    except cl.LogicError as error:
-        raise DeviceError(f"There is no OpenCL platform. {INSTALL_HELP}") from error
     found = []
-    for p, platform in enumerate(platforms):
+    with signals_kept():
         try:
-            devices = platform.get_devices()
-        except cl.RuntimeError:  # a driver without hardware
-            continue
-        found += [(f"{p}:{d}", device) for d, device in enumerate(devices)]
+            platforms = cl.get_platforms()
+        except cl.LogicError as error:
+            raise DeviceError(f"There is no OpenCL platform. {INSTALL_HELP}") from error
+        for p, platform in enumerate(platforms):
+            try:
+                devices = platform.get_devices()
+            except cl.RuntimeError:  # a driver without hardware
+                continue
+            found += [(f"{p}:{d}", device) for d, device in enumerate(devices)]
     if not found:
+        environment.require_room("PoCL")
         raise DeviceError(f"The OpenCL platforms here have no device. {INSTALL_HELP}")
     return found
 
