@@ -23,6 +23,7 @@ from http import HTTPStatus
 from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
 from typing import Any
 
+from clplen.reprs import printable
 from clplen.viewer.computations import Computations, Compute, OvertakenError, Request, sentence_of
 
 ADDRESS = "127.0.0.1"
@@ -345,7 +346,7 @@ class _Handler(BaseHTTPRequestHandler):
             except (OSError, ValueError) as error:
                 if isinstance(error, ConnectionError | TimeoutError):
                     raise
-                said = f"{sentence_of(error)}\n".encode()
+                said = f"{printable(sentence_of(error))}\n".encode()
                 self._send(said, "text/plain; charset=utf-8", HTTPStatus.GONE)
         elif alive:
             self._stay()

@@ -202,7 +202,7 @@ def _target(device: cl.Device) -> _Target | None:
 def _library_of(device: cl.Device) -> Path | None:
     """The file from which PoCL's code was loaded: the one that holds its first function."""
     function = pocl_trial.table_of(device.platform.int_ptr)[0]
-    for line in Path("/proc/self/maps").read_text().splitlines():
+    for line in Path("/proc/self/maps").read_text(errors="replace").splitlines():
         span, _, _, _, _, *path = line.split(maxsplit=5)
         begin, end = (int(word, 16) for word in span.split("-"))
         if begin <= function < end and path and Path(path[0]).is_file():
