@@ -17,6 +17,7 @@ from clplen.deprecation import warn_caller
 _UNITS = {"": 1, "B": 1, "KB": 10**3, "MB": 10**6, "GB": 10**9, "TB": 10**12}
 _UNITS |= {"KIB": 1 << 10, "MIB": 1 << 20, "GIB": 1 << 30, "TIB": 1 << 40}
 _SIZE = re.compile(r"\s*([0-9]+(?:\.[0-9]+)?)\s*([KMGT]?I?B?)\s*", re.IGNORECASE)
+_DIGITS = 30  # of a size; a float holds ten times as many
 _MOST_PLANES = 100_000
 
 
@@ -32,7 +33,7 @@ def bytes_of(value: Any) -> int:
         raise ValueError('must be a whole number of bytes or a size such as "4 GiB"')
     found = _SIZE.fullmatch(str(value))
     unit = found[2].upper() if found else ""
-    if found is None or unit not in _UNITS:
+    if found is None or unit not in _UNITS or len(found[1]) > _DIGITS:
         raise ValueError('must be a whole number of bytes or a size such as "512 MiB" or "4 GB"')
     return int(float(found[1]) * _UNITS[unit])
 
@@ -116,7 +117,7 @@ class LayoutTable(Table):
     allow_missing: Switch = False
     positions: str | None = None
     srgb: Switch = False
-    step: float | None = None
+    step: Positive | None = None
     lattice: Annotated[Literal["square", "hexagonal"], BeforeValidator(present_lattice)] | None = (
         None
     )
