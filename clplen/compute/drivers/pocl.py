@@ -37,6 +37,7 @@ from pathlib import Path
 
 import pyopencl as cl
 
+from clplen.checks import install_advice
 from clplen.compute.drivers import builtin_functions, pocl_trial
 from clplen.compute.drivers.environment import cache_dir
 from clplen.compute.drivers.program import kernel_folder
@@ -50,7 +51,7 @@ TRIAL_SECONDS = (
 PATIENCE = 1.0  # seconds after which a trial is spoken of
 INSTEAD = (
     "install another OpenCL driver for the CPU: `apt install pocl-opencl-icd` (Debian, Ubuntu) or "
-    '`pip install "clplen[intel]"` (that is `pip install intel-opencl-rt intel-cmplr-lib-rt`)'
+    f"`{install_advice('intel')}` (that is `pip install intel-opencl-rt intel-cmplr-lib-rt`)"
 )
 
 _logger = logging.getLogger("clplen")
