@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import sys
 from numbers import Real
 from typing import Any, Literal
 
@@ -27,6 +28,19 @@ def require(kind: type, value: Any, what: str, source: str) -> None:
             f"{what} is {article} {kind.__name__}, as {source} gives it, not of type "
             f"{type(value).__name__}."
         )
+
+
+_MIN_PYTHON = {"lenses": (3, 11), "zarr": (3, 11)}  # of the extras in pyproject.toml
+
+
+def install_advice(extra: str) -> str:
+    """Return how the optional libraries of an extra are installed, and in which Python."""
+    advice = f'pip install "clplen[{extra}]"'
+    least = _MIN_PYTHON.get(extra, (3,))
+    if sys.version_info >= least:
+        return advice
+    wanted, found = (".".join(map(str, version[:2])) for version in (least, sys.version_info))
+    return f"{advice} in Python {wanted} or newer (this is {found})"
 
 
 def is_finite(value: object) -> bool:

@@ -24,6 +24,7 @@ _TEMPORARY = re.compile(
 _REPLACED = "replaced"
 _OCCUPIED = (errno.ENOTEMPTY, errno.EEXIST)
 _THERE = "is there already and not empty: name a new folder."
+_MAX_NAME_BYTES = 255  # NAME_MAX of Linux and macOS
 _SYNCS = 8  # files that wait for the disk at a time
 _MAX_NAME = 255  # bytes of a file name that common file systems take
 
@@ -168,8 +169,16 @@ def _remove(file: Path) -> None:
 
 
 def _beside(path: Path, state: str = "partial") -> Path:
-    """Name a hidden file that nobody else uses, with the same suffix in the same folder."""
-    return path.with_name(f".{path.stem}-{secrets.token_hex(6)}.{state}{path.suffix}")
+    """Name a hidden file that nobody else uses, with the same suffix in the same folder.
+
+    What will be written gets a name that a disk takes wherever it takes the final one; what was
+    replaced keeps its whole name, for `clear_temporaries`.
+    """
+    stem, end = path.stem, f"-{secrets.token_hex(6)}.{state}{path.suffix}"
+    if state != _REPLACED:
+        room = _MAX_NAME_BYTES - len(os.fsencode(f".{end}"))
+        stem = os.fsencode(stem)[: max(1, room)].decode(errors="ignore") or "_"
+    return path.with_name(f".{stem}{end}")
 
 
 def clear_temporaries(folder: PathLike) -> list[Path]:
@@ -296,13 +305,20 @@ def said_of(target: Path) -> Iterator[None]:
 def _advice(error: OSError) -> str:
     if isinstance(error, FileNotFoundError):
         return "its folder is gone; make it again, or choose another"
+    if _number(error) == errno.ENAMETOOLONG:
+        return "choose a shorter name"
     return "if the disk is full, make room on it or choose another folder"
 
 
 def _reason(error: OSError) -> str:
     """What the system says, out of what a library made of it."""
-    number = error.errno or next(iter(_ERRNO.findall(str(error))), 0)
-    return os.strerror(int(number)) if number else str(error).partition("\n")[0]
+    number = _number(error)
+    return os.strerror(number) if number else str(error).partition("\n")[0]
+
+
+def _number(error: OSError) -> int:
+    """The errno of an error, from the words of HDF5 where it has none; 0 if nothing tells."""
+    return error.errno or int(next(iter(_ERRNO.findall(str(error))), 0))
 
 
 @contextmanager

@@ -178,7 +178,7 @@ def updating(folder: PathLike, contents: str, *, force: bool = False) -> Iterato
         )
     check_folder(target)
     with (
-        tempfile.TemporaryDirectory(dir=target.parent, prefix=f".{target.name}-") as staged,
+        tempfile.TemporaryDirectory(dir=target.parent, prefix=".clplen-") as staged,
         unfinished(Path(staged)),
     ):
         yield Path(staged)

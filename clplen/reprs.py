@@ -1,4 +1,4 @@
-"""Representations of one line, whatever a data class holds."""
+"""Representations of one line, whatever a data class or the name of a file holds."""
 
 from __future__ import annotations
 
@@ -31,6 +31,14 @@ def one_line(thing: object, values: dict[str, Any]) -> str:
         texts[name] = "..."
     line = _line(thing, texts)
     return line if len(line) <= LONGEST else f"{line[: LONGEST - 4]}...)"
+
+
+def printable(text: str) -> str:
+    """Return a text of a file's name or metadata with escapes for what cannot be printed.
+
+    Line breaks, control characters, marks of direction and bytes that are not UTF-8 are replaced.
+    """
+    return "".join(one if one.isprintable() else ascii(one)[1:-1] for one in text)
 
 
 def _line(thing: object, texts: dict[str, str]) -> str:

@@ -156,6 +156,7 @@ def both(values: Sequence[float], show: Callable[[float], str]) -> str:
 _BYTES = {"": 1, "B": 1, "KB": 10**3, "MB": 10**6, "GB": 10**9, "TB": 10**12}
 _BYTES |= {"KIB": 1 << 10, "MIB": 1 << 20, "GIB": 1 << 30, "TIB": 1 << 40}
 _SIZE = re.compile(r"\s*([0-9]+(?:\.[0-9]+)?)\s*([KMGT]?I?B?)\s*", re.IGNORECASE)
+_MAX_DIGITS = 30  # of a size; a float holds ten times as many
 
 
 def bytes_of(value: Any) -> int:
@@ -170,6 +171,6 @@ def bytes_of(value: Any) -> int:
         raise ValueError('must be a whole number of bytes or a size such as "4 GiB"')
     found = _SIZE.fullmatch(str(value))
     unit = found[2].upper() if found else ""
-    if found is None or unit not in _BYTES:
+    if found is None or unit not in _BYTES or len(found[1]) > _MAX_DIGITS:
         raise ValueError('must be a whole number of bytes or a size such as "512 MiB" or "4 GB"')
     return int(float(found[1]) * _BYTES[unit])

@@ -109,6 +109,27 @@ def test_help_has_an_example_of_each_command():
         assert ("--device" in options) == (name not in ("sampling", "score"))  # need none
 
 
+def test_names_that_are_no_text(tmp_path: Path, device: Device):
+    """Bytes that are not UTF-8, a formula, a line break, HTML, quotes, placeholders, escapes."""
+    name = os.fsdecode(b"-\xff $5_$9^\n<b>\"'%s{}#?\x1b[31m")
+    source, out = tmp_path / f"{name}.h5", tmp_path / "out" / name
+    out.parent.mkdir()
+    write_lightfield(source, LightField.from_array(np.random.default_rng(1).random((3, 2, 20, 30))))
+    for words in (
+        ("depth", source, "-o", f"{out}.pfm", "--disparities", "-1:1:3"),
+        ("view", source, "--depth-map", f"{out}.pfm", "-o", f"{out}.html"),
+    ):
+        result = run(*words, "--device", device.place)
+        assert result.exit_code == 0, result.output
+        assert "a picture" in result.stdout or "\\udcff $5_$9^\n<b>" in result.stdout
+    assert read_pfm(f"{out}.pfm").shape == (20, 30)
+    assert Path(f"{out}.png").stat().st_size > 0
+    page = Path(f"{out}.html").read_text(encoding="utf-8")
+    assert "<title>-\\udcff $5_$9^\\n&lt;b&gt;&quot;&#x27;%s{}#?\\x1b[31m</title>" in page
+    data = json.loads(run("info", source, "--json", "--device", device.place).stdout)
+    assert str(source) in data.values()
+
+
 def test_devices_lists_everything_and_gives_the_reason(device: Device):
     result = run("devices", "--device", device.place)
     assert result.exit_code == 0

@@ -79,8 +79,10 @@ def test_a_pair_is_compared(run: Run, tmp_path: Path, device: Device) -> None:
 
 
 def test_only_some_of_one_camera(run: Run, tmp_path: Path, device: Device) -> None:
-    result = run("--only", "crosstalk, sampling", "--device", device.place, one=FOCUSED)
+    name = os.fsdecode(b"_$5_$9^\n\xff|")
+    result = run("--only", "crosstalk, sampling", "--device", device.place, **{name: FOCUSED})
     assert result.exit_code == 0, result.output
+    assert "| | `_$5_$9^\\n\\udcff\\|` | unit |" in result.stdout
     names = {file.name for file in (tmp_path / "out").iterdir()}
     assert names == {"report.md", "summary.csv", "sampling.csv", "sampling.png"}
     assert "What limits it" in result.output

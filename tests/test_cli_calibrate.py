@@ -187,7 +187,7 @@ def test_bad_boards(boards: list[Path], tmp_path: Path):
 def test_without_opencv(boards: list[Path], tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
     monkeypatch.setitem(sys.modules, "cv2", None)
     words = ("--board", "4x6", "--spacing", "25mm", "-o", tmp_path / "camera.json")
-    assert "pip install 'clplen[calibrate]'" in said(run("calibrate", *boards, *words))
+    assert 'pip install "clplen[calibrate]"' in said(run("calibrate", *boards, *words))
 
 
 def test_intrinsics_that_do_not_fit(camera: Path, scene: Path, tmp_path: Path):

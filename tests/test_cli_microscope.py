@@ -7,6 +7,7 @@ import json
 import subprocess
 import sys
 import time
+import warnings
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -518,3 +519,33 @@ def test_parameters_are_no_point_images(tmp_path: Path, frame: Path) -> None:
     (tmp_path / "k.toml").write_text(KNOWN)
     result = run("deconvolve", frame, "-c", tmp_path / "k.toml", "-o", tmp_path / "v.tif")
     assert "make them by 'clplen microscope psf" in said(result)
+
+
+@pytest.mark.parametrize("command", ["psf", "pupil"])
+def test_force_takes_a_doubtful_white_frame(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, command: str, device: Device
+) -> None:
+    """As the message that refuses it says."""
+    wave = 1 + np.cos(2 * np.pi * np.arange(120) / 15)
+    counts = np.random.default_rng(0).poisson(0.03 * np.outer(wave, wave))  # too few of them
+    tifffile.imwrite(tmp_path / "white.tif", counts.astype(np.float32))
+    tifffile.imwrite(tmp_path / "frame.tif", np.ones((120, 120), np.float32))
+    (tmp_path / "known.toml").write_text(KNOWN)
+    words = {
+        "psf": ("psf", tmp_path / "known.toml", "-o", tmp_path / "psf.h5"),
+        "pupil": ("pupil", tmp_path / "frame.tif", "-c", tmp_path / "known.toml", "--planes-um",
+                  "-2:2:3", "--keep-hot"),
+    }[command]  # fmt: skip
+    words += ("--white", tmp_path / "white.tif", "--device", device.place)
+
+    def reached(*_: object, **__: object) -> None:
+        raise FormatError("the white frame was taken")
+
+    monkeypatch.setattr("clplen.cli.microscopy.microscope._simulated", reached)
+    monkeypatch.setattr("clplen.microscopy.frames.prepare.Preparation.__call__", reached)
+    assert "or --force to go on" in said(run(*words))
+    with warnings.catch_warnings():
+        warnings.simplefilter("always")
+        result = run(*words, "--force")
+    assert "not to be trusted" in result.stderr
+    assert "the white frame was taken" in said(result)

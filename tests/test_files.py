@@ -49,6 +49,19 @@ def test_nothing_is_left_after_an_exception(tmp_path: Path, error: type[BaseExce
     assert target.read_text() == "old"
 
 
+@pytest.mark.parametrize("name", ["x" * 251 + ".txt", "\u4e2d" * 83 + ".txt"])
+def test_names_as_long_as_a_disk_takes(tmp_path: Path, name: str):
+    with replacing(tmp_path / name) as temporary:
+        assert temporary.suffix == ".txt"
+        temporary.write_text("new")
+    with filling(tmp_path / name[1:]) as temporary:
+        (temporary / "a").touch()
+    assert sorted(path.name for path in tmp_path.iterdir()) == sorted([name, name[1:]])
+    too_long = pytest.raises(OSError, match=r"File name too long\): choose a shorter name\.")
+    with too_long, filling(tmp_path / name[1:], replace=True):
+        pass  # the old folder would be moved aside under its whole name
+
+
 def test_the_new_file_replaces_the_old(tmp_path: Path):
     target = tmp_path / "a.txt"
     target.write_text("old")

@@ -21,7 +21,7 @@ from clplen.compute.device import Device
 from clplen.lightfield.model.light_field import LightField
 from clplen.lightfield.raw.raw_image import RawImage
 from clplen.lightfield.refocusing.focal_stacks import FocalStack
-from clplen.plot.base import spread
+from clplen.plot.base import spread, verbatim
 from clplen.wave.elements.lenslets import MicrolensArray
 
 SHAPE = (4, 5, 7, 9)
@@ -225,6 +225,21 @@ def test_depth_has_units_and_says_what_it_cuts():
     assert not figure.get_supxlabel()
     assert "disparity / pixel per view step" in left.images[0].colorbar.ax.get_ylabel()
     assert (right.images[0].norm.vmin, right.images[0].norm.vmax) == (0, 1)
+
+
+def test_names_are_drawn_as_they_are():
+    """Two dollar signs begin no formula."""
+    name = "_a$5_$9^\\$\udcff\n\u202e"
+    values = np.eye(4, 5)
+    figure = plot.magnification(values, values, title=f"m of {verbatim(name)}")
+    assert plot.rendered(figure, dpi=40).shape[2] == 3
+    drawn = figure.axes[0].get_title().replace(r"\$", "$")
+    assert drawn.endswith("a$5_$9^\\$\\udcff\\n\\u202e")
+    figure = plot.new_figure(9, 4)
+    axes = figure.add_subplot()
+    axes.plot([1, 2], label=verbatim(name))
+    assert len(axes.legend().get_texts()) == 1  # matplotlib leaves out what begins with _
+    plot.rendered(figure, dpi=40)
 
 
 def test_depth_without_texture_says_so():

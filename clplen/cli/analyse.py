@@ -9,6 +9,7 @@ import click
 
 from clplen.cli.shared import options
 from clplen.cli.shared.console import note, note_link, open_device, progress_bar, update_bar
+from clplen.reprs import printable
 
 if TYPE_CHECKING:
     from clplen.analysis.cameras.comparison import Comparison
@@ -136,12 +137,13 @@ def _read(paths: tuple[Path, ...]) -> dict[str, CameraFile]:
 
     found: dict[str, CameraFile] = {}
     for path in paths:
-        if path.stem in found:
+        name = printable(path.stem)
+        if name in found:
             raise click.UsageError(
-                f"Two camera files are named {path.stem!r}: figures and tables tell cameras apart "
+                f"Two camera files are named {name!r}: figures and tables tell cameras apart "
                 "by the names of their files; rename one."
             )
-        found[path.stem] = read_camera_file(path)
+        found[name] = read_camera_file(path)
     return found
 
 

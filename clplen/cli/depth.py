@@ -112,6 +112,7 @@ def depth(
     from clplen import plot
     from clplen.io import write_depth
     from clplen.lightfield.model.light_field import LightField
+    from clplen.plot.base import verbatim
 
     check_planes(disparities, alphas)
     lengths = metric.lengths_of(words)
@@ -151,7 +152,7 @@ def depth(
         write_depth(output, found, spacing=lf.spacing, replace=True)
     if confidence is not None:
         metric.write_map(confidence, found.confidence)
-    plot.save(plot.depth(found, title=f"disparity of {source.name}"), picture)
+    plot.save(plot.depth(found, title=f"disparity of {verbatim(source.name)}"), picture)
     known = found.disparity[np.isfinite(found.disparity)]
     tried = tried_disparities(lf, planes)
     noted = note_end(tried, known, "for more than half of the pixels the sharpest plane is")

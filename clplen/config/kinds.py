@@ -84,8 +84,9 @@ def require_fourier(content: dict[str, Any], path: Path) -> None:
     """
     camera = content.get("camera")
     if isinstance(camera, dict):
-        kind = kind_of(content) or ("" if _FOURIER_ALONE in camera else "plenoptic1")
-        if kind == FOURIER or kind not in _TAKEN:
+        default = "" if _FOURIER_ALONE in camera else "plenoptic1"
+        kind = camera.get("kind", default)
+        if kind == FOURIER or not isinstance(kind, str) or kind not in _TAKEN:
             return
         said, taken = f"kind {kind!r}", _TAKEN[kind]
     elif "ulens_pitch" in content:

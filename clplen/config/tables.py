@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import difflib
+import reprlib
 import sys
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -21,6 +22,21 @@ else:
     import tomli as tomllib
 
 Model = TypeVar("Model", bound=BaseModel)
+_SHORT = reprlib.Repr()  # of a value in a message
+_SHORT.maxstring = _SHORT.maxlong = _SHORT.maxother = 80
+# What values must be, where pydantic's words are of Python: by its names of errors.
+_EXPECTED = {
+    "model_type": "must be a table",
+    "dict_type": "must be a table",
+    "bool_type": "must be true or false",
+    "list_type": "must be a list",
+    "tuple_type": "must be a list",
+    "string_type": "must be a text",
+    "int_type": "must be a whole number",
+    "float_type": "must be a number",
+    "too_short": "must have {min_length} or more values",
+    "too_long": "must have {max_length} or fewer values",
+}
 
 
 def read_toml(path: Path, what: str) -> dict[str, Any]:
@@ -115,10 +131,13 @@ def _model_in(annotation: Any) -> type[BaseModel] | None:
 
 def _wrong_value(error: Any) -> str:
     """A value, or values of a whole table that do not go together."""
-    said = error["msg"].removeprefix("Value error, ").replace("Input should", "must", 1)
+    if error["type"] in _EXPECTED:
+        said = _EXPECTED[error["type"]].format(**error.get("ctx", {}))
+    else:
+        said = error["msg"].removeprefix("Value error, ").replace("Input should", "must", 1)
     sentence = f"{_key(error)} {said[0].lower()}{said[1:]}".lstrip()
     is_table = error["type"] == "value_error" and isinstance(error["input"], dict)
-    return sentence if is_table else f"{sentence} (found {error['input']!r})"
+    return sentence if is_table else f"{sentence} (found {_SHORT.repr(error['input'])})"
 
 
 def _key(error: Any) -> str:
@@ -133,7 +152,7 @@ def _key(error: Any) -> str:
 Positive = Annotated[float, Field(gt=0, allow_inf_nan=False, strict=True)]
 NotNegative = Annotated[float, Field(ge=0, allow_inf_nan=False, strict=True)]
 Finite = Annotated[float, Field(allow_inf_nan=False, strict=True)]
-Count = Annotated[int, Field(ge=1, strict=True)]
+Count = Annotated[int, Field(ge=1, lt=2**31, strict=True)]
 Seed = Annotated[int, Field(ge=0, lt=2**64, strict=True)]
 Switch = Annotated[bool, Field(strict=True)]
 
@@ -164,7 +183,11 @@ def _there(value: Any, info: ValidationInfo) -> Path:
     if not isinstance(value, str):
         raise ValueError("must be the name of a file")
     path = Path((info.context or {}).get("folder", "."), value)
-    if not path.is_file():
+    try:
+        is_there = path.is_file()
+    except (OSError, ValueError):  # a name that no disk takes
+        is_there = False
+    if not is_there:
         raise ValueError(f"must name a file, and there is none at {path}")
     return path
 

@@ -14,6 +14,7 @@ from matplotlib.figure import Figure
 
 from clplen.files import PathLike, replacing
 from clplen.outputs import MARK
+from clplen.reprs import printable
 
 Array = np.ndarray[Any, Any]
 Scale = Literal["linear", "log", "root"]
@@ -228,6 +229,15 @@ def norm_of(values: Array, scale: Scale, decades: int = _DECADES) -> Normalize:
     if scale == "root":
         return PowerNorm(0.5, 0, highest)
     return Normalize(min(0.0, float(known.min(initial=0.0))), highest)
+
+
+def verbatim(text: str) -> str:
+    """Return a name or another foreign text as matplotlib draws it unchanged.
+
+    Dollar signs begin no formula, and an underscore at the beginning hides no line of a legend.
+    """
+    hidden = "\u200b" if text.startswith("_") else ""
+    return hidden + printable(text).replace("$", r"\$")
 
 
 def said(scale: Scale) -> str:

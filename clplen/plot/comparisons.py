@@ -11,7 +11,7 @@ from matplotlib.figure import Figure
 
 from clplen.analysis.cameras.comparison import Comparison, Measured
 from clplen.analysis.cameras.imaging import Rendered
-from clplen.plot.base import bar, new_figure, styled
+from clplen.plot.base import bar, new_figure, styled, verbatim
 
 COLOURS = ("#0072b2", "#cc3311", "#009e73", "#e69f00", "#cc79a7", "#56b4e9")
 _MARKERS = "osD^vP"
@@ -64,7 +64,7 @@ def sampling(found: Comparison) -> Figure:
     axes = figure.add_subplot()
     for one, colour, marker in _each(found):
         at = (one.sampling.spatial_samples, one.sampling.independent_views)
-        axes.plot(*at, marker, color=colour, ms=9, label=one.name)
+        axes.plot(*at, marker, color=colour, ms=9, label=verbatim(one.name))
     (left, right), (low, high) = _wider(axes.get_xlim()), _wider(axes.get_ylim())
     places = np.geomspace(left, right, 2)
     products = {one.sampling.spatial_samples * one.sampling.independent_views
@@ -107,7 +107,7 @@ def point_spread(found: Comparison) -> Figure:
         shown = np.clip(psf.values / psf.peak, 0, 1)
         drawn = panel.imshow(np.sqrt(shown), cmap="gray", vmin=0, vmax=1, extent=extent)
         sides = (-reach * 1e6, reach * 1e6)
-        panel.set(xlim=sides, ylim=sides[::-1], title=one.name, xlabel="x / µm")
+        panel.set(xlim=sides, ylim=sides[::-1], title=verbatim(one.name), xlabel="x / µm")
         places, line = psf.profile(1)
         below = upper[1][column]
         below.plot((places - x) * 1e6, line / psf.peak, color=colour, lw=1.4)
@@ -132,7 +132,7 @@ def mtf(found: Comparison) -> Figure:
     for one, colour, _ in _each(found):
         for axis, style in ((0, "--"), (1, "-")):
             curve = one.mtf(axis)
-            label = one.name if axis else None
+            label = verbatim(one.name) if axis else None
             axes.plot(curve.frequency * 1e-3, curve.value, style, color=colour, lw=1.4, label=label)
             seen = curve.frequency[curve.value > _PARTS]
             right = max(right, float(seen.max()) * 1.05)
@@ -157,7 +157,7 @@ def two_points(found: Comparison) -> Figure:
     widest = [max(2 * one.sampling.spatial_pitch, one.two_point_limit()) for one in found.cameras]
     s = np.linspace(0, 1.3 * np.nanmax(widest), _FINE)
     for one, colour, marker in _each(found):
-        axes.plot(s * 1e6, one.mid_over_peak(s), color=colour, lw=1.4, label=one.name)
+        axes.plot(s * 1e6, one.mid_over_peak(s), color=colour, lw=1.4, label=verbatim(one.name))
         limit = one.two_point_limit()
         if np.isfinite(limit):
             axes.plot(limit * 1e6, one.mid_over_peak([limit])[0], marker, color=colour, ms=6)
@@ -180,7 +180,7 @@ def energy(found: Comparison) -> Figure:
     axes = figure.add_subplot()
     for one, colour, _ in _each(found):
         radii, shares = one.encircled()
-        axes.plot(radii * 1e6, shares, color=colour, lw=1.4, label=one.name)
+        axes.plot(radii * 1e6, shares, color=colour, lw=1.4, label=verbatim(one.name))
     axes.axhline(0.8, color="0.85", lw=0.7, zorder=0)
     axes.set(
         xlim=(0, 3e6 * max(_radius(one) for one in found.cameras)),
@@ -204,7 +204,9 @@ def transfer(found: Comparison) -> Figure:
     for panel, (one, colour, marker) in zip(panels, _each(found), strict=True):
         assert one.transfer is not None
         dz, half = one.transfer.dz, one.transfer.mtf50
-        upper.plot(dz * 1e3, half * 1e-3, color=colour, marker=marker, ms=5, label=one.name)
+        upper.plot(
+            dz * 1e3, half * 1e-3, color=colour, marker=marker, ms=5, label=verbatim(one.name)
+        )
         _depth_curves(panel, one)
     upper.set(
         ylim=(0, None),
@@ -228,7 +230,7 @@ def _depth_curves(panel: Axes, one: Measured) -> None:
             label = f"{dz * 1e3:g} mm"
             panel.plot(curve.frequency * 1e-3, curve.value, color=shade, lw=1.2, label=label)
             right = max(right, float(curve.frequency[curve.value > 0.1].max()))
-    panel.set(xlim=(0, right * 1e-3 or 1), ylim=(0, 1.02), title=one.name)
+    panel.set(xlim=(0, right * 1e-3 or 1), ylim=(0, 1.02), title=verbatim(one.name))
     panel.set_xlabel("cycles per mm of the object")
     if right:
         panel.legend(frameon=False, title="dz", fontsize=7, title_fontsize=7)
@@ -244,7 +246,7 @@ def depth_errors(found: Comparison) -> Figure:
         dz = one.depth.dz * 1e3
         for place in one.depth.errors.T:
             upper.plot(dz, place * 1e3, marker, color=colour, ms=4, mfc="none")
-        upper.plot(dz, one.depth.mean * 1e3, color=colour, lw=1, label=one.name)
+        upper.plot(dz, one.depth.mean * 1e3, color=colour, lw=1, label=verbatim(one.name))
         lower.plot(dz, one.depth.rms * 1e3, color=colour, marker=marker, ms=5, lw=1.2)
     upper.axhline(0, color="0.6", lw=0.8, zorder=0)
     upper.set(ylabel="measured - true dz / mm", title="depth of a point at places under a lenslet")
@@ -252,7 +254,9 @@ def depth_errors(found: Comparison) -> Figure:
     if any(np.nanmax(one.depth.rms, initial=0) > 0 for one in found.cameras if one.depth):
         lower.set_yscale("log")
     lower.set(xlabel="dz / mm (positive: farther from the lens)", ylabel="rms error / mm")
-    missing = [f"{one.name}: none at dz = {_list(one)} mm" for one in found.cameras if _list(one)]
+    missing = [
+        f"{verbatim(one.name)}: none at dz = {_list(one)} mm" for one in found.cameras if _list(one)
+    ]
     if missing:
         figure.supxlabel("; ".join(missing), fontsize=8, color="0.3")
     return figure
@@ -275,7 +279,7 @@ def pictures(found: Comparison) -> Figure:
         ny, nx = image.values.shape
         extent = [edge * 1e3 for edge in _extent(image)]
         panel.imshow(image.values, cmap="gray", vmin=0, extent=extent)
-        panel.set(title=f"{one.name}: of {ny} x {nx} samples", ylabel="y / mm")
+        panel.set(title=f"{verbatim(one.name)}: of {ny} x {nx} samples", ylabel="y / mm")
         panel.set(xlim=(left * 1e3, right * 1e3), ylim=(bottom * 1e3, top * 1e3))
     panels[-1].set_xlabel("x / mm on the main lens' image")
     return figure

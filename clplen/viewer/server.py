@@ -10,21 +10,26 @@ from __future__ import annotations
 import base64
 import errno
 import hmac
+import io
 import json
 import re
 import secrets
+import socket
 import threading
 import time
 from collections.abc import Callable, Sequence
+from contextlib import suppress
 from http import HTTPStatus
 from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
 from typing import Any
 
+from clplen.reprs import printable
 from clplen.viewer.computations import Computations, Compute, OvertakenError, Request, sentence_of
 
 ADDRESS = "127.0.0.1"
 MOST_BODY = 64 * 1024  # bytes
-MOST_CONNECTIONS = 64
+MAX_REQUEST = 2 * MOST_BODY  # bytes with the headers, as many again as of a body
+MAX_CONNECTIONS = 64
 _POLICY = (
     "default-src 'none'; script-src 'unsafe-inline'; style-src 'unsafe-inline'; "
     "img-src data: blob:; connect-src 'self'; frame-ancestors 'none'"
@@ -103,7 +108,6 @@ class ViewerServer:
         self.seen = False
         self.last_seen = time.monotonic()
         self.ended = threading.Event()
-        self._slots = threading.BoundedSemaphore(MOST_CONNECTIONS)
         self._lock = threading.Lock()
         try:
             self._http = _Http((ADDRESS, port), _Handler, self)
@@ -151,13 +155,6 @@ class ViewerServer:
             thread.join()
         self._http.server_close()
 
-    def enter(self) -> bool:
-        """Take one more connection, if there is room."""
-        return self._slots.acquire(blocking=False)
-
-    def leave(self) -> None:
-        self._slots.release()
-
     def page_opened(self) -> None:
         with self._lock:
             self.open_pages += 1
@@ -187,6 +184,8 @@ class _Http(ThreadingHTTPServer):
 
     def __init__(self, address: tuple[str, int], handler: Any, viewer: ViewerServer) -> None:
         self.viewer = viewer
+        self.is_arriving: dict[Any, bool] = {}  # of the request of each connection, oldest first
+        self._lock = threading.Lock()
         super().__init__(address, handler)
 
     def server_bind(self) -> None:
@@ -194,19 +193,74 @@ class _Http(ThreadingHTTPServer):
         self.server_address = self.socket.getsockname()
 
     def process_request(self, request: Any, client_address: Any) -> None:
-        if self.viewer.enter():
-            super().process_request(request, client_address)
-        else:
+        if not self._admit(request):
             self.shutdown_request(request)
+            return
+        try:
+            super().process_request(request, client_address)
+        except BaseException:  # no thread could be started
+            self._forget(request)
+            raise
 
     def process_request_thread(self, request: Any, client_address: Any) -> None:
         try:
             super().process_request_thread(request, client_address)
         finally:
-            self.viewer.leave()
+            self._forget(request)
+
+    def _admit(self, connection: Any) -> bool:
+        """Take a connection; where all are in use, in place of the slowest to send its request."""
+        with self._lock:
+            if len(self.is_arriving) >= MAX_CONNECTIONS:
+                slowest = next(
+                    (one for one, arriving in self.is_arriving.items() if arriving), None
+                )
+                if slowest is None:
+                    return False
+                del self.is_arriving[slowest]
+                with suppress(OSError):
+                    slowest.shutdown(socket.SHUT_RDWR)
+            self.is_arriving[connection] = True
+        return True
+
+    def set_arrived(self, connection: Any) -> None:
+        """Keep the connection of a whole request until it is answered."""
+        with self._lock:
+            if connection not in self.is_arriving:
+                raise ConnectionAbortedError
+            self.is_arriving[connection] = False
+
+    def _forget(self, connection: Any) -> None:
+        with self._lock:
+            self.is_arriving.pop(connection, None)
 
     def handle_error(self, request: Any, client_address: Any) -> None:
         """A client that went away is no error."""
+
+
+class _BoundedReader(io.RawIOBase):
+    """The bytes of one request: at most so many, within so many seconds altogether."""
+
+    def __init__(self, connection: Any, seconds: float) -> None:
+        self._connection = connection
+        self._seconds = seconds
+        self._end = time.monotonic() + seconds
+        self._left = MAX_REQUEST
+
+    def readable(self) -> bool:
+        return True
+
+    def readinto(self, buffer: Any) -> int:
+        seconds = self._end - time.monotonic()
+        if seconds <= 0 or not self._left:
+            raise TimeoutError
+        self._connection.settimeout(seconds)
+        try:
+            count = self._connection.recv_into(memoryview(buffer)[: self._left])
+        finally:
+            self._connection.settimeout(self._seconds)  # of each answer
+        self._left -= count
+        return count
 
 
 class _Handler(BaseHTTPRequestHandler):
@@ -217,7 +271,9 @@ class _Handler(BaseHTTPRequestHandler):
 
     def setup(self) -> None:
         super().setup()
-        self.connection.settimeout(self.server.viewer.read_timeout)
+        seconds = self.server.viewer.read_timeout
+        self.connection.settimeout(seconds)
+        self.rfile = io.BufferedReader(_BoundedReader(self.connection, seconds))
 
     def log_message(self, format: str, *args: Any) -> None:
         """Nothing is printed."""
@@ -278,6 +334,7 @@ class _Handler(BaseHTTPRequestHandler):
         return route
 
     def _get(self, route: str) -> None:
+        self.server.set_arrived(self.connection)
         viewer = self.server.viewer
         part = _NUMBER.fullmatch(route)
         alive = _PAGE.fullmatch(route.removeprefix("alive?")) if route[:6] == "alive?" else None
@@ -289,7 +346,7 @@ class _Handler(BaseHTTPRequestHandler):
             except (OSError, ValueError) as error:
                 if isinstance(error, ConnectionError | TimeoutError):
                     raise
-                said = f"{sentence_of(error)}\n".encode()
+                said = f"{printable(sentence_of(error))}\n".encode()
                 self._send(said, "text/plain; charset=utf-8", HTTPStatus.GONE)
         elif alive:
             self._stay()
@@ -312,6 +369,7 @@ class _Handler(BaseHTTPRequestHandler):
         if route != "compute" or viewer.computations is None:
             raise _RefusedError(HTTPStatus.NOT_FOUND)
         asked = self._body()
+        self.server.set_arrived(self.connection)
         request = Request((asked["page"], asked["channel"]))
         self._begin("application/x-ndjson")
 

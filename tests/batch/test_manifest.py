@@ -5,6 +5,7 @@ from __future__ import annotations
 import errno
 import shutil
 import sqlite3
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
@@ -29,6 +30,15 @@ def test_reports_come_back(tmp_path: Path):
         assert manifest.known() == {"a": ("done", 1.5, ""), "b": ("done", 1.5, "")}
     rows = sqlite3.connect(tmp_path / NAME).execute("SELECT name, state, seconds FROM items")
     assert sorted(rows) == [("a", "done", 0.25), ("b", "done", 0.25)]
+
+
+def test_names_that_are_not_utf8(tmp_path: Path):
+    name = "a\udcffb"  # the byte FF of a file's name
+    with Manifest(tmp_path, create=True) as manifest:
+        manifest.put(replace(report(name, "failed"), error=f"{name} is no file."), report("a"))
+        manifest.put(report(name))
+    with Manifest(tmp_path) as manifest:
+        assert manifest.known() == {name: ("done", 1.5, ""), "a": ("done", 1.5, "")}
 
 
 def test_there_is_none(tmp_path: Path):

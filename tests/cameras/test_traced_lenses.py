@@ -135,5 +135,5 @@ def test_lenses_that_are_refused() -> None:
 
 @pytest.mark.skipif(HAS_OPTILAND, reason="optiland is installed")
 def test_without_optiland_it_is_named() -> None:
-    with pytest.raises(ModuleNotFoundError, match=r"pip install 'clplen\[lenses\]'"):
+    with pytest.raises(ModuleNotFoundError, match=r"pip install .clplen\[lenses\]"):
         OPDMaps.traced("lens.zmx")

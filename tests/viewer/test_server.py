@@ -16,7 +16,7 @@ import pytest
 
 from clplen.errors import ShapeError
 from clplen.viewer import computations
-from clplen.viewer.server import ADDRESS, MOST_BODY, ViewerServer
+from clplen.viewer.server import ADDRESS, MAX_CONNECTIONS, MOST_BODY, ViewerServer
 
 PAGE = b"<!doctype html><title>page</title>"
 
@@ -347,14 +347,54 @@ def test_two_hundred_requests_whose_clients_are_killed(server, computing):
 
 
 def test_no_more_connections_than_there_is_room_for(server):
-    held = [socket.create_connection((ADDRESS, server.port), timeout=5) for _ in range(64)]
-    time.sleep(0.1)
+    held = [stay(server) for _ in range(MAX_CONNECTIONS)]
     with pytest.raises((ConnectionError, http.client.HTTPException)):
         ask(server)
     for client in held:
         client.close()
-    until(lambda: server._slots._value == 64)
+    until(lambda: not server.open_pages)
     assert ask(server)[0] == 200
+
+
+def test_unfinished_requests_make_room_for_others(server, computing, monkeypatch):
+    monkeypatch.setattr(server, "read_timeout", 60)
+    page = stay(server)
+    post = f"POST /{server.token}/compute HTTP/1.1\r\nHost: {ADDRESS}:{server.port}\r\n"
+    post += f"Origin: http://{ADDRESS}:{server.port}\r\nContent-Type: application/json\r\n"
+    starts = [
+        "",
+        "GET",
+        f"GET /{server.token}/ HTTP/1.1\r\nX: y\r\n",
+        f"{post}Content-Length: 9\r\n\r\n{{",
+    ]
+    slow = []
+    for n in range(2 * MAX_CONNECTIONS):
+        slow.append(socket.create_connection((ADDRESS, server.port), timeout=5))
+        with contextlib.suppress(ConnectionError):
+            slow[-1].sendall(starts[n % len(starts)].encode())
+    for _ in range(3):
+        assert ask(server)[2] == PAGE
+    assert compute(server, request("a"))[-1]["result"] == {"name": "a"}
+    assert server.open_pages == 1  # a whole request stays
+    for client in (page, *slow):
+        client.close()
+
+
+def is_refused(client: socket.socket, data: bytes) -> bool:
+    try:
+        client.sendall(data)
+    except ConnectionError:
+        return True
+    return False
+
+
+def test_a_request_arrives_within_its_time_and_size(server):
+    line = f"GET /{server.token}/ HTTP/1.1\r\nHost: {ADDRESS}:{server.port}\r\n".encode()
+    with socket.create_connection((ADDRESS, server.port), timeout=5) as client:
+        client.sendall(line)
+        until(lambda: is_refused(client, b"X"))
+    many = b"".join(b"X-%d: %s\r\n" % (n, b"y" * 60000) for n in range(3))
+    assert PAGE not in raw(server, line + many + b"\r\n")
 
 
 def stay(server) -> socket.socket:

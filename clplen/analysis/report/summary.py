@@ -238,7 +238,7 @@ def report(comparison: Comparison) -> str:
     -------
     str
     """
-    names = [f"`{one.name}`" for one in comparison.cameras]
+    names = [f"`{one.name}`".replace("|", r"\|") for one in comparison.cameras]
     lines = ["# Comparison of plenoptic cameras", ""]
     lines += [f"| | {' | '.join(names)} | unit |", "|" + "---|" * (len(names) + 2)]
     lines += [f"| {' | '.join(row)} |" for row in _rows(comparison)]

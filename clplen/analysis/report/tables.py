@@ -58,7 +58,10 @@ class Table(OneLine):
         OSError
             If it cannot be written.
         """
-        with replacing(path) as temporary, open(temporary, "w", newline="") as file:
+        with (
+            replacing(path) as temporary,
+            open(temporary, "w", newline="", encoding="utf-8") as file,
+        ):
             writer = csv.writer(file)
             writer.writerow(self.header)
             writer.writerows([_written(cell) for cell in row] for row in self.rows)

@@ -97,7 +97,7 @@ class LayoutTable(Table):
     allow_missing: Switch = False
     positions: str | None = None
     srgb: Switch = False
-    step: float | None = None
+    step: Positive | None = None
     lattice: Annotated[Literal["square", "hexagonal"], BeforeValidator(present_lattice)] | None = (
         None
     )

@@ -141,7 +141,7 @@ class Report(OneLine):
             and _is_shallow(content, _MAX_NESTING)
         ):
             raise ValueError("It is no report: a value is of another type, or a name leads away.")
-        "".join((found.device, found.software, found.worker, found.error)).encode()  # surrogates
+        "".join((found.device, found.software, found.worker)).encode()  # surrogates
         return found
 
 

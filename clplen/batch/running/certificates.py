@@ -10,6 +10,7 @@ from datetime import datetime, timedelta, timezone
 from pathlib import Path
 from typing import Any
 
+from clplen.checks import install_advice
 from clplen.deprecation import warn_caller
 from clplen.errors import FormatError
 from clplen.files import PathLike, filling
@@ -188,7 +189,7 @@ def _require_cryptography() -> None:
         import cryptography  # noqa: F401
     except ImportError as error:
         raise FormatError(
-            'Certificates need the package cryptography: pip install "clplen[batch]".'
+            f"Certificates need the package cryptography: {install_advice('batch')}."
         ) from error
 
 

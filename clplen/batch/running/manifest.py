@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import errno
 import json
+import os
 import sqlite3
 import threading
 from collections import Counter
@@ -20,6 +21,7 @@ from clplen.batch.work.execution import RECORD, read_record, result_folder
 from clplen.batch.work.fingerprints import find_damage, is_unchanged
 from clplen.errors import FormatError
 from clplen.io.store.digest import digest
+from clplen.reprs import printable
 
 NAME = "manifest.sqlite"
 VERSION = 1  # of the tables
@@ -122,9 +124,9 @@ class Manifest:
         with self._lock, _said(self._path):
             rows = self._connection.execute("SELECT name, state, started, error FROM items")
             return {
-                name: Known(*rest)
+                os.fsdecode(name): Known(*rest)
                 for name, *rest in rows
-                if all(map(isinstance, (name, *rest), (str, str, float, str)))
+                if all(map(isinstance, (name, *rest), (str | bytes, str, float, str)))
             }
 
     def put(self, *reports: Report) -> None:
@@ -137,13 +139,13 @@ class Manifest:
         """
         rows = [
             (
-                one.name,
+                _storable(one.name),
                 one.state,
                 one.started,
                 one.seconds.get("total"),
                 one.device,
                 one.worker,
-                one.error,
+                printable(one.error),
                 one.to_json(),
             )
             for one in reports
@@ -181,6 +183,15 @@ class Manifest:
         self._connection.execute(
             "INSERT OR REPLACE INTO meta VALUES (?, ?)", (key, json.dumps(value))
         )
+
+
+def _storable(name: str) -> str | bytes:
+    """The name of an item as SQLite takes it: its bytes where they are not UTF-8."""
+    try:
+        name.encode()
+    except UnicodeEncodeError:
+        return os.fsencode(name)
+    return name
 
 
 @contextmanager

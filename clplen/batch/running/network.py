@@ -17,6 +17,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from clplen.batch.running.certificates import MAKE, Certificates
+from clplen.checks import install_advice
 from clplen.errors import DeviceError, FormatError
 from clplen.files import PathLike
 
@@ -325,7 +326,7 @@ def require_dask() -> tuple[Any, Any]:
         import distributed
     except ImportError as error:
         raise FormatError(
-            'Several workers need the package distributed: pip install "clplen[batch]", or leave '
+            f"Several workers need the package distributed: {install_advice('batch')}, or leave "
             "workers at 1."
         ) from error
     return dask, distributed

@@ -330,8 +330,8 @@ def check_same(known: dict[str, Any] | None, job: JobSpec, *, force: bool, where
     more = len(found) - _DIFFERENCES
     said = "; ".join(found[:_DIFFERENCES]) + (f"; and {more} more" if more > 0 else "")
     raise FormatError(
-        f"The job was changed since it ran last in {where}: {said}. Use --force (force=True) to "
-        "go on and make anew what that changes, or give the job another output."
+        f"The job was changed since it ran last in {where}: {said}. Give the job another "
+        "output, or force=True to make anew what that changes."
     )
 
 

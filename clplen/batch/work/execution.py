@@ -225,7 +225,8 @@ def describe_error(error: BaseException) -> str:
     """What went wrong, in one line."""
     if isinstance(error, MemoryError):
         return "This computer has not enough memory for it: lower memory= or workers=."
-    text = str(error.args[0]) if error.args and not isinstance(error, OSError) else str(error)
+    is_whole = isinstance(error, OSError | UnicodeError)
+    text = str(error.args[0]) if error.args and not is_whole else str(error)
     text = " ".join(text.split())
     known = isinstance(error, ClplenError | ValueError | OSError)
     if known and text:

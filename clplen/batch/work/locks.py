@@ -64,7 +64,7 @@ def item_lock(
     OSError
         As `job_lock`.
     """
-    file = f"items/{hashlib.sha256(name.encode()).hexdigest()[:4]}.lock"
+    file = f"items/{hashlib.sha256(os.fsencode(name)).hexdigest()[:4]}.lock"
     while not _acquire(lock := _lock(folder, file), folder):
         check()
         time.sleep(_POLL)

@@ -14,6 +14,7 @@ import numpy as np
 
 from clplen import units
 from clplen.cameras.optics.map_interpolation import require_room
+from clplen.checks import install_advice
 
 Values = np.ndarray[Any, np.dtype[np.float64]]
 MM = 1e-3  # optiland's lengths are in millimetres, its wavelengths in micrometres
@@ -223,7 +224,7 @@ def _opened(optic: Any) -> Any:
         import optiland.fileio as files
     except ModuleNotFoundError as error:
         raise ModuleNotFoundError(
-            "Lenses are traced by optiland, which is not installed: pip install 'clplen[lenses]'."
+            f"Lenses are traced by optiland, which is not installed: {install_advice('lenses')}."
         ) from error
     if not isinstance(optic, str | os.PathLike):
         if not hasattr(optic, "trace_generic"):

@@ -103,7 +103,7 @@ def told_lattice(
     return found
 
 
-def check_frames(file: MicroscopeFile, frame: Path | None, white: Path | None) -> None:
+def check_frames(file: MicroscopeFile, frame: Path | None, white: Path | None, force: bool) -> None:
     """Refuse frames that point images of this file will not fit, before these are made."""
     from clplen.batch.work.deconvolution_files import read_picture
 
@@ -123,10 +123,12 @@ def check_frames(file: MicroscopeFile, frame: Path | None, white: Path | None) -
                 "a white frame (--white), or a lattice for 'clplen microscope deconvolve'."
             )
         return
-    _check_white(file, n, white, None if picture is None else picture.shape)
+    _check_white(file, n, white, None if picture is None else picture.shape, force)
 
 
-def _check_white(file: MicroscopeFile, n: int, white: Path, shape: tuple[int, ...] | None) -> None:
+def _check_white(
+    file: MicroscopeFile, n: int, white: Path, shape: tuple[int, ...] | None, force: bool
+) -> None:
     """Refuse a white frame of another camera, and say where the pitch is another."""
     from clplen.batch.work.deconvolution_files import read_picture
     from clplen.files import naming
@@ -143,7 +145,7 @@ def _check_white(file: MicroscopeFile, n: int, white: Path, shape: tuple[int, ..
         )
     with naming(white):
         lattice = estimate_lattice(level, kind="square", pitch=n)
-        require_trust(lattice, "The white frame")
+        require_trust(lattice, "The white frame", force=force)
     if n < LEAST * max(lattice.pitch):
         raise click.ClickException(
             f"{white} has lenslets {max(lattice.pitch):.5g} pixels apart, the point images would "

@@ -115,7 +115,7 @@ def _print_example(ctx: click.Context, _: click.Parameter, wanted: bool) -> None
     "--fourier", is_flag=True, is_eager=True, expose_value=False, callback=fourier.print_example,
     help="Print a commented CAMERA.toml of a Fourier microscope, and stop.",
 )  # fmt: skip
-@options.force_output
+@options.force
 @options.device
 def psf(camera: Path, output: Path, force: bool, selector: str | None, **sampling: Any) -> None:
     """Simulate the point images of a microscope, and keep them in a file.
@@ -163,7 +163,7 @@ def psf(camera: Path, output: Path, force: bool, selector: str | None, **samplin
     z = _planes_of(file, sampling, camera)
     check_output(output, force, [camera])
     if file.rectified:
-        check_frames(file, sampling["frame"], sampling["white"])
+        check_frames(file, sampling["frame"], sampling["white"], force)
     with _ended_politely():
         images = _simulated(file, z, sampling, open_device(selector), output)
     kept = min(images.kept(plane) for plane in range(len(z)))

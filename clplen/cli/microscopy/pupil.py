@@ -74,7 +74,7 @@ class Terms(click.ParamType):
               help="Of a lenslet along an axis.")  # fmt: skip
 @click.option("--binning", type=click.IntRange(1), help="As of psf.")
 @click.option("--steps", type=click.IntRange(1), default=3, show_default=True, help="At most.")
-@options.force_output
+@options.force
 @options.device
 def pupil(
     frame: Path,
@@ -140,7 +140,7 @@ def pupil(
     if not keep_hot:
         beside["sharpest"] = _sharpness(camera, z, file.binning)
     with naming(str(white or mask or frame)):
-        prepare = preparation(n, device=camera.device, **beside)
+        prepare = preparation(n, device=camera.device, force=force, **beside)
     with naming(str(frame)):
         seen = prepare(read_picture(frame))
     if seen.hot:

@@ -120,7 +120,7 @@ def error_sentence(error: BaseException) -> str:
     if isinstance(error, MemoryError):
         detail = str(error).rstrip(".")
         return "This computer has not enough memory" + (f": {detail}." if detail else " for it.")
-    if isinstance(error, OSError) and error.errno is not None:
+    if isinstance(error, UnicodeError) or (isinstance(error, OSError) and error.errno is not None):
         return str(error)
     return to_option_names(str(error.args[0]) if error.args else type(error).__name__)
 

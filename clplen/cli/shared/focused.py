@@ -313,6 +313,7 @@ def find_depth(
     from clplen.io import write_focused_depth
     from clplen.lightfield.focused.focused_depth import focused_depth, focused_maps
     from clplen.lightfield.focused.focused_picture import PictureGrid
+    from clplen.plot.base import verbatim
 
     if metric is not None and opened.raw.camera is None:
         raise click.UsageError(
@@ -332,7 +333,7 @@ def find_depth(
     if ply is not None:
         files += f", {ply} the points {_write_points(ply, opened, found, maps)}"
     picture = output.with_suffix(".png")
-    figure = plot.magnification(maps.m, maps.confidence, title=f"m = b/a of {title}")
+    figure = plot.magnification(maps.m, maps.confidence, title=f"m = b/a of {verbatim(title)}")
     plot.save(figure, picture)
     click.echo(f"{output} holds m on the picture, {picture} shows it{files}.")
     click.echo(_summary(found))

@@ -39,6 +39,7 @@ from pathlib import Path
 
 import pyopencl as cl
 
+from clplen.checks import install_advice
 from clplen.compute.drivers import builtin_functions, pocl_trial
 from clplen.compute.drivers.environment import cache_dir, kernel_cache, require_room
 from clplen.compute.drivers.program import kernel_folder
@@ -56,7 +57,7 @@ _FAULTS = {
 PATIENCE = 1.0  # seconds after which a trial is spoken of
 INSTEAD = (
     "install another OpenCL driver for the CPU: `apt install pocl-opencl-icd` (Debian, Ubuntu) or "
-    '`pip install "clplen[intel]"` (that is `pip install intel-opencl-rt intel-cmplr-lib-rt`)'
+    f"`{install_advice('intel')}` (that is `pip install intel-opencl-rt intel-cmplr-lib-rt`)"
 )
 
 _logger = logging.getLogger("clplen")
@@ -208,7 +209,7 @@ def _target(device: cl.Device) -> _Target | None:
 def _library_of(device: cl.Device) -> Path | None:
     """The file from which PoCL's code was loaded: the one that holds its first function."""
     function = pocl_trial.table_of(device.platform.int_ptr)[0]
-    for line in Path("/proc/self/maps").read_text().splitlines():
+    for line in Path("/proc/self/maps").read_text(errors="replace").splitlines():
         span, _, _, _, _, *path = line.split(maxsplit=5)
         begin, end = (int(word, 16) for word in span.split("-"))
         if begin <= function < end and path and Path(path[0]).is_file():

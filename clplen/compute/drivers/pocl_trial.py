@@ -109,7 +109,7 @@ def table_of(platform: int) -> ctypes.Array[ctypes.c_uint64]:
 def _mapped_memory() -> tuple[list[tuple[int, int]], list[tuple[int, int]]]:
     """The readable and the writable mappings of this process, as (begin, end)."""
     readable, writable = [], []
-    for line in Path("/proc/self/maps").read_text().splitlines():
+    for line in Path("/proc/self/maps").read_text(errors="replace").splitlines():
         span, rights = line.split()[:2]
         begin, end = (int(word, 16) for word in span.split("-"))
         if rights.startswith("r"):

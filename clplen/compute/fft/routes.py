@@ -20,6 +20,7 @@ import numpy as np
 import pyopencl as cl
 import pyopencl.array as cla
 
+from clplen.checks import install_advice
 from clplen.compute.drivers.failures import device_error
 from clplen.compute.drivers.forked import Guard
 from clplen.compute.fft.plans import PlanCache
@@ -32,8 +33,8 @@ VKFFT_BYTES = 2**20  # what the kernels and tables of one VkFFT plan are taken t
 HostFFT = Callable[[Array, Array, "tuple[int, ...]", bool, int], None]
 _MODULES = {"vkfft": "pyvkfft", "ducc0": "ducc0", "scipy": "scipy"}
 _EXTRAS = {
-    "vkfft": 'VKFFT_BACKEND=opencl pip install "clplen[gpu]"',
-    "ducc0": 'pip install "clplen[fast]"',
+    "vkfft": f"VKFFT_BACKEND=opencl {install_advice('gpu')}",
+    "ducc0": install_advice("fast"),
     "scipy": "pip install scipy",
 }
 
@@ -264,6 +265,4 @@ def _vkfft_app(array: cla.Array, device: TransformDevice, axes: tuple[int, ...])
     from pyvkfft.opencl import VkFFTApp
 
     which = {"ndim": 2} if axes == (-2, -1) else {"axes": [array.ndim + axis for axis in axes]}
-    return VkFFTApp(
-        array.shape, array.dtype, device.queue, inplace=True, norm=1, useLUT=1, **which
-    )
+    return VkFFTApp(array.shape, array.dtype, device.queue, inplace=True, norm=1, useLUT=1, **which)

@@ -10,6 +10,7 @@ from typing import Any
 
 import numpy as np
 
+from clplen.checks import install_advice
 from clplen.outputs import MARK
 
 Array = np.ndarray[Any, Any]
@@ -41,7 +42,7 @@ def encoder() -> str:
         import imageio_ffmpeg
     except ImportError as error:
         raise ValueError(
-            'MP4 needs the package imageio-ffmpeg: pip install "clplen[video]", or write .gif.'
+            f"MP4 needs the package imageio-ffmpeg: {install_advice('video')}, or write .gif."
         ) from error
     try:
         return str(imageio_ffmpeg.get_ffmpeg_exe())

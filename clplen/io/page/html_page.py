@@ -25,6 +25,7 @@ from clplen.lightfield.model.light_field import LightField
 from clplen.lightfield.raw.raw_image import RawImage
 from clplen.lightfield.refocusing.focal_stacks import FocalStack
 from clplen.outputs import MARK
+from clplen.reprs import printable
 
 # In the order in which one needs the other.
 _SCRIPTS = (
@@ -243,7 +244,7 @@ def page_of(content: Content, blobs: list[bytes] | None) -> bytes:
     parts = {
         "connect": "'self'" if blobs is None else "'none'",
         "version": f"{version('clplen')}. {MARK}",
-        "title": html.escape(str(about["title"])),
+        "title": html.escape(printable(str(about["title"]))),
         "style": style(),
         "script": script(),
         "content": _json(about),

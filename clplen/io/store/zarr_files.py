@@ -10,6 +10,7 @@ from typing import Any
 
 import numpy as np
 
+from clplen.checks import install_advice
 from clplen.errors import FormatError
 from clplen.io.formats.untrusted import require_bytes
 from clplen.io.store import attributes
@@ -39,12 +40,12 @@ def zarr_package(instead: str) -> Any:
         import zarr
     except ImportError as error:
         raise FormatError(
-            f'Zarr needs the package zarr: pip install "clplen[zarr]", or {instead}.'
+            f"Zarr needs the package zarr: {install_advice('zarr')}, or {instead}."
         ) from error
     if zarr.__version__.startswith("2."):
         raise FormatError(
             f"Zarr needs the package zarr 3 (Python 3.11 or newer), not {zarr.__version__}, which "
-            f'runs code that data contain: pip install "clplen[zarr]", or {instead}.'
+            f"runs code that data contain: {install_advice('zarr')}, or {instead}."
         )
     return zarr
 

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from scipy.ndimage import median_filter
 
-from clplen.checks import is_integer
+from clplen.checks import install_advice, is_integer
 from clplen.compute.device import DeviceLike
 from clplen.lightfield.metric.corner_fit import fitted_corners
 from clplen.lightfield.model.light_field import LightField
@@ -116,7 +116,7 @@ def opencv() -> Any:
     except ModuleNotFoundError as error:
         raise ModuleNotFoundError(
             "Checkerboards are found by OpenCV, which is not installed: "
-            "pip install 'clplen[calibrate]'."
+            f"{install_advice('calibrate')}."
         ) from error
     return cv2
 
