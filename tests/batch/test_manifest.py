@@ -80,7 +80,7 @@ def test_another_database_is_refused(tmp_path: Path):
 @pytest.mark.parametrize(
     "change",
     [
-        "started = 'x'", "error = NULL", "error = x'ff00'", "name = x'ff'",
+        "started = 'x'", "error = NULL", "error = x'ff00'",
         "error = 'x', started = 'never'",
     ],
 )  # fmt: skip
