@@ -15,6 +15,7 @@ import numpy as np
 import pyopencl.array as cla
 from numpy.typing import ArrayLike
 
+from clplen.checks import host_array, masked_array
 from clplen.compute.arrays import HostArray
 from clplen.compute.device import DeviceLike, as_device, require_same_device
 from clplen.errors import ShapeError
@@ -25,6 +26,7 @@ from clplen.lightfield.model.sample_checks import (
     checked_positions,
     checked_spacing,
     checked_weights,
+    fill_masked,
     storage_dtype,
     weights_where,
 )
@@ -128,6 +130,11 @@ class StoredLightField(AlphaLaw, HostArray):
         """
         shape = tuple(int(n) for n in a.shape)
         check_shape(shape)
+        valid = None
+        if isinstance(a, np.ma.MaskedArray):
+            a, mask = masked_array(a, "A light field")
+            if mask is not None:
+                a, valid = fill_masked(a, mask)
         chunks = tuple(getattr(a, "chunks", None) or (1, 1, 1, shape[3]))
         bytes_of_chunk = math.prod(chunks) * math.prod(shape[len(chunks) :]) * a.dtype.itemsize
         at_once = (int(chunks[0]), int(chunks[1]))
@@ -143,6 +150,8 @@ class StoredLightField(AlphaLaw, HostArray):
             camera,
         )
         known = found.lit_weights() if weights is None else checked_weights(weights, found)
+        if valid is not None:
+            known = checked_weights(known * valid, found)
         return replace(found, weights=known, positions=checked_positions(positions, found))
 
     @classmethod
@@ -310,7 +319,7 @@ def _copy(a: Any, at_once: tuple[int, int], block: Block, out: Array) -> None:
             for u in range(0, out.shape[1], across):
                 part = out[v : v + down, u : u + across]
                 views = slice(v0 + v, v0 + v + part.shape[0]), slice(u0 + u, u0 + u + part.shape[1])
-                part[...] = a[views[0], views[1], rows, columns]
+                part[...] = host_array(a[views[0], views[1], rows, columns], "A light field")
 
 
 def as_lightfield(
