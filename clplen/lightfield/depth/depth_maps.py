@@ -23,7 +23,7 @@ from clplen.lightfield.depth import (
 from clplen.lightfield.depth.best_focus import default_disparities, high_na_message
 from clplen.lightfield.depth.cue import Cue
 from clplen.lightfield.depth.energy_cue import LocalEnergy
-from clplen.lightfield.model.alpha_law import depth_at
+from clplen.lightfield.model.alpha_law import depth_at, require_overlap
 from clplen.lightfield.model.light_field import LightField
 from clplen.lightfield.model.stored_light_field import StoredLightField, as_lightfield
 from clplen.lightfield.raw.raw_image import is_telecentric
@@ -191,6 +191,8 @@ def distinct_planes(
             "A depth map needs a list of at least three different finite planes, not "
             f"{np.unique(values).size} of shape {values.shape}."
         )
+    if not isinstance(source, FocalStack):
+        require_overlap(source, source.weights, values)
     return np.unique(values)
 
 

@@ -157,6 +157,51 @@ def row_ratio(spacing: Spacing | None) -> float:
     return (dv / du if np.isfinite([dv, du]).all() else 1.0) * dx / dy
 
 
+def require_overlap(lf: SampledViews, weights: Vector, disparities: ArrayLike) -> None:
+    """Refuse planes on which no two views overlap within the picture.
+
+    Parameters
+    ----------
+    lf : LightField
+    weights : numpy.ndarray
+        Of the views that count, shape (V, U), not all 0. A single view must overlap the picture.
+    disparities : array_like
+        One plane, or several, all of which must pass; or a surface, shape (y, x), of which one
+        pixel must.
+
+    Raises
+    ------
+    ValueError
+        With the limits of the disparity.
+    """
+    require_steps_overlap(unit_steps(lf)[weights > 0], lf.shape, disparities)
+
+
+def require_steps_overlap(steps: Vector, shape: tuple[int, ...], disparities: ArrayLike) -> None:
+    """`require_overlap` for the `unit_steps` of some views, shape (n, 2), of a light field."""
+    values, limit = np.asarray(disparities, np.float64), overlap_limit(steps, shape)
+    size = np.abs(values)
+    tested = values.flat[size.argmin() if values.ndim == 2 else size.argmax()]
+    if abs(tested) >= limit:
+        raise ValueError(
+            f"At disparity {tested:.6g} no two views overlap in pictures of {shape[2]} x "
+            f"{shape[3]} pixels: choose planes nearer to 0 than {limit:.4g}."
+        )
+
+
+def overlap_limit(steps: Vector, shape: tuple[int, ...]) -> float:
+    """Disparity from which no two views of these `unit_steps` overlap within the picture."""
+    places = steps / shape[2:4]
+    reach = np.abs(places).max(axis=1)
+    first = places[np.argsort(reach)[:2]]
+    bound = max(np.abs(first).max(), np.abs(first[0] - first[-1]).max())
+    near = places[reach <= bound]  # all others are farther out than these two are apart
+    apart = np.abs(near[:, None] - near).max(axis=-1)
+    outer = np.maximum.outer(*2 * [np.abs(near).max(axis=1)])
+    pairs = np.maximum(apart, outer)[np.triu_indices(len(near), 1 if len(near) > 1 else 0)]
+    return float(1 / pairs.min()) if pairs.min() else np.inf
+
+
 def unit_steps(lf: SampledViews) -> Vector:
     """Pixels (y, x) from a point's position in the centre view to that in each view, for d = 1.
 

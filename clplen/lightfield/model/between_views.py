@@ -18,7 +18,7 @@ from numpy.typing import ArrayLike
 from clplen.compute.arrays import Image
 from clplen.lightfield.arrays.ray_samples import checked_disparity
 from clplen.lightfield.arrays.stored_samples import plane
-from clplen.lightfield.model.alpha_law import unit_steps
+from clplen.lightfield.model.alpha_law import require_overlap, unit_steps
 from clplen.lightfield.model.apertures import aperture_weights
 from clplen.lightfield.model.light_field import LightField
 from clplen.lightfield.model.sampled_views import SampledViews
@@ -165,6 +165,7 @@ class _Recorded:
         self.lf = lf
         self.disparity = np.broadcast_to(d, lf.shape[2:4])
         self.steps = unit_steps(lf)
+        require_overlap(lf, lf.weights, d)
         self._views: OrderedDict[tuple[int, int], _View] = OrderedDict()
 
     def seen_from(self, nearest: Array) -> Array:

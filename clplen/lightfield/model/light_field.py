@@ -349,8 +349,9 @@ class LightField(AlphaLaw, Savable, Plottable, OnDevice):
         Raises
         ------
         ValueError
-            If the statistic or the interpolation is unknown, a disparity is not finite, more than
-            1024 views go into a median, or from `render`.
+            If the statistic or the interpolation is unknown, a disparity is not finite, no two
+            views overlap on the plane or anywhere on the surface, more than 1024 views go into a
+            median, or from `render`.
         ShapeError
             If disparities or mask are not one for every pixel or ray.
         """

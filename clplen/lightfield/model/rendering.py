@@ -13,7 +13,12 @@ from clplen.errors import ShapeError
 from clplen.lightfield.arrays.ray_samples import along_rays, checked_disparity
 from clplen.lightfield.arrays.shear import shear_sum
 from clplen.lightfield.arrays.stored_samples import plane
-from clplen.lightfield.model.alpha_law import shifts, unit_steps
+from clplen.lightfield.model.alpha_law import (
+    require_overlap,
+    require_steps_overlap,
+    shifts,
+    unit_steps,
+)
 from clplen.lightfield.model.apertures import Weights, aperture_weights
 from clplen.lightfield.model.sampled_views import DeviceViews, SampledViews
 
@@ -193,6 +198,7 @@ def _view_along_rays(lf: DeviceViews, viewpoint: Any, disparity: Any, interpolat
     steps = unit_steps(lf)
     viewpoint_step = np.tensordot(nearest.astype(np.float64), steps, 2)
     d = checked_disparity(disparity, (lf.shape[2], lf.shape[3]))
+    require_steps_overlap((steps - viewpoint_step)[weights > 0], lf.shape, d)
     picture = along_rays(
         lf.data,
         "mean",
@@ -237,6 +243,7 @@ def flatten(
     """See `LightField.flatten`."""
     weights = view_weights(lf, aperture, viewpoint)
     d = checked_disparity(disparity, (lf.shape[2], lf.shape[3]))
+    require_overlap(lf, weights, d)
     if statistic == "mean" and d.ndim == 0 and mask is None and interpolation == "linear":
         picture = shear_sum(lf.data, weights, *shifts(lf, d.reshape(1)), device=lf.device)
         return Image(picture.reshape(lf.shape[2:]), lf.device)

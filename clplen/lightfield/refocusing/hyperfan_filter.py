@@ -9,7 +9,7 @@ import numpy as np
 import pyopencl.array as cla
 
 from clplen.compute.device import DeviceLike
-from clplen.lightfield.model.alpha_law import row_ratio, unit_steps
+from clplen.lightfield.model.alpha_law import require_overlap, row_ratio, unit_steps
 from clplen.lightfield.model.light_field import LightField
 from clplen.lightfield.model.stored_light_field import as_lightfield
 from clplen.lightfield.refocusing.phase_ramps import (
@@ -75,6 +75,7 @@ def hyperfan(
     """
     lf = as_lightfield(lf, device=device)
     _check(lf, low, high, bandwidth)
+    require_overlap(lf, lf.weights, [low, high])
     V, U, ny, nx = lf.shape[:4]
     nbytes = 8 * ny * nx * (4 + 2 + 1) * V * U + 4 * lf.data.size + lf.data.nbytes
     lf.device.require_memory(nbytes, "The spectrum of a channel for a hyperfan")
