@@ -52,6 +52,15 @@ def positive_integer(value: Any, what: str) -> int:
     return int(value)
 
 
+_PROTOCOLS = ("__array__", "__array_interface__", "__dlpack__")
+
+
+def is_array(value: Any) -> bool:
+    """Whether something is an array of some library, a nested list or tuple, or a memoryview."""
+    has_samples = any(hasattr(value, name) for name in _PROTOCOLS) and not isinstance(value, type)
+    return has_samples or isinstance(value, list | tuple | memoryview)
+
+
 def host_array(values: Any, what: str) -> Array:
     """What is given as an array, on the host: of NumPy or of another library, without a copy.
 
@@ -160,7 +169,7 @@ def _place_elsewhere(values: Any) -> str:
 
 
 def real_array(values: Any, what: str, dtype: Any = np.float32) -> Array:
-    """An array of real numbers; those that ``dtype`` cannot hold are infinite.
+    """An array of real numbers; those that ``dtype`` cannot hold are infinite; None keeps its type.
 
     Raises
     ------
@@ -173,7 +182,7 @@ def real_array(values: Any, what: str, dtype: Any = np.float32) -> Array:
     if result.dtype.kind not in "biuf":
         raise TypeError(f"{what} is an array of numbers, not of type {type(values).__name__}.")
     with np.errstate(over="ignore"):
-        return result.astype(dtype, copy=False)
+        return result if dtype is None else result.astype(dtype, copy=False)
 
 
 def finite_batch(values: Any, shape: tuple[int, ...], what: str) -> Array:

@@ -19,6 +19,7 @@ import math
 from typing import Any
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from clplen.deprecation import warn_caller
 from clplen.errors import SamplingWarning
@@ -26,6 +27,7 @@ from clplen.lightfield.arrays.spectral_sharpness import BAND, Peak
 from clplen.lightfield.model.alpha_law import depth_at, overlap_limit, unit_steps
 from clplen.lightfield.model.light_field import LightField
 from clplen.lightfield.model.sampled_views import FocusableViews
+from clplen.lightfield.model.stored_light_field import as_lightfield
 from clplen.lightfield.raw.raw_image import is_telecentric
 
 DEFAULT_DISPARITIES = (-2.0, 2.0, 33)  # first, last, how many
@@ -143,12 +145,12 @@ def high_na_message(camera: Any, disparity: float) -> str:
     )
 
 
-def suitable_planes(lf: FocusableViews, *, count: int | None = None) -> dict[str, Any]:
+def suitable_planes(lf: FocusableViews | ArrayLike, *, count: int | None = None) -> dict[str, Any]:
     """Choose planes that suit a light field, as ``alphas`` or ``disparities`` of `focal_stack`.
 
     Parameters
     ----------
-    lf : LightField
+    lf : LightField or array_like
         The light field.
     count : int, optional
         How many; default 33, and for a microscope at least as many as resolve its depth range:
@@ -169,6 +171,8 @@ def suitable_planes(lf: FocusableViews, *, count: int | None = None) -> dict[str
     >>> len(planes), float(planes[0]), float(planes[-1])
     (33, -2.0, 2.0)
     """
+    if not hasattr(lf, "alpha"):
+        lf = as_lightfield(lf)
     if np.isfinite(lf.alpha(0.0)):
         low, high, many = DEFAULT_ALPHAS
         if lf.camera is not None:

@@ -34,7 +34,7 @@ _MOST_SPARE = 12  # of these other views
 _KEPT = 32  # views on the host at a time
 
 
-def view_between(lf: LightField, v: float, u: float, disparity: ArrayLike) -> Image:
+def view_between(lf: LightField | ArrayLike, v: float, u: float, disparity: ArrayLike) -> Image:
     """Return the view at (v, u), rendered along the depth of the scene.
 
     Each pixel is looked up in the four recorded views round (v, u), or the two or the one among
@@ -44,7 +44,7 @@ def view_between(lf: LightField, v: float, u: float, disparity: ArrayLike) -> Im
 
     Parameters
     ----------
-    lf : LightField
+    lf : LightField or array_like
         Or an array (v, u, y, x[, c]).
     v, u : float
         0 <= v <= V - 1, 0 <= u <= U - 1.
@@ -84,13 +84,13 @@ def view_between(lf: LightField, v: float, u: float, disparity: ArrayLike) -> Im
 
 
 def views_between(
-    lf: LightField, viewpoints: Iterable[tuple[float, float]], disparity: ArrayLike
+    lf: LightField | ArrayLike, viewpoints: Iterable[tuple[float, float]], disparity: ArrayLike
 ) -> Iterator[Image]:
     """Return `view_between` of many viewpoints, which share what recorded views need.
 
     Parameters
     ----------
-    lf : LightField
+    lf : LightField or array_like
         Or an array (v, u, y, x[, c]).
     viewpoints : iterable of tuple of float
         (v, u) of each view.

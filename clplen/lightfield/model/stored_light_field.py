@@ -15,7 +15,7 @@ import numpy as np
 import pyopencl.array as cla
 from numpy.typing import ArrayLike
 
-from clplen.checks import host_array, masked_array
+from clplen.checks import host_array, is_array, masked_array
 from clplen.compute.arrays import HostArray
 from clplen.compute.device import DeviceLike, as_device, require_same_device
 from clplen.errors import ShapeError
@@ -155,8 +155,9 @@ class StoredLightField(AlphaLaw, HostArray):
         return replace(found, weights=known, positions=checked_positions(positions, found))
 
     @classmethod
-    def from_light_field(cls, lf: LightField) -> StoredLightField:
+    def from_light_field(cls, lf: LightField | ArrayLike) -> StoredLightField:
         """A light field on a device, read back part by part."""
+        lf = as_lightfield(lf)
         return cls(
             lf.shape,
             lf.dtype,
@@ -330,7 +331,7 @@ def as_lightfield(
     Parameters
     ----------
     source : LightField or array_like
-        An array, of NumPy or with ``__array__`` or ``__dlpack__``, is L[v, u, y, x(, c)].
+        An array, as `is_array` knows them, is L[v, u, y, x(, c)].
     streams : str, optional
         The function that takes a stored light field.
     device : Device or str, optional
@@ -361,9 +362,7 @@ def as_lightfield(
     if isinstance(source, StoredLightField):
         other = f"take {streams}, or .load(device)" if streams else "take .load(device)"
         raise TypeError(f"This light field is stored, not on a device: {other} where it fits.")
-    has_samples = any(hasattr(type(source), name) for name in ("__array__", "__dlpack__"))
-    is_array = has_samples and not isinstance(source, HostArray)
-    if is_array or isinstance(source, cla.Array):
+    if isinstance(source, cla.Array) or (is_array(source) and not isinstance(source, HostArray)):
         return LightField.from_array(source, device=as_device(device))
     raise TypeError(
         "A light field is needed, as LightField.from_array and read_lightfield give it, or an "

@@ -11,6 +11,7 @@ from numpy.typing import ArrayLike
 from clplen.errors import ShapeError
 from clplen.lightfield.model.alpha_law import unit_steps
 from clplen.lightfield.model.sampled_views import SampledViews
+from clplen.lightfield.model.stored_light_field import as_lightfield
 from clplen.lightfield.raw.raw_image import is_telecentric
 from clplen.reprs import OneLine
 
@@ -123,7 +124,7 @@ class ViewCameras(OneLine):
 
 
 def view_cameras(
-    lf: SampledViews,
+    lf: SampledViews | ArrayLike,
     *,
     baseline: float | None = None,
     focal_length: float | None = None,
@@ -138,7 +139,7 @@ def view_cameras(
 
     Parameters
     ----------
-    lf : LightField
+    lf : LightField or array_like
         Or a `StoredLightField`: its shape, spacing and camera are looked at.
     baseline, focal_length, pixel_pitch : float, optional
         The step from view to view of a row, the distance from pinhole to sensor and the pitch of
@@ -177,6 +178,8 @@ def view_cameras(
     for name, value in checked.items() if given else ():
         if value is None or not (np.isfinite(value) and value > 0):
             raise ValueError(f"{name} is a length, positive and finite, not {value!r}.")
+    if not hasattr(lf, "weights"):
+        lf = as_lightfield(lf)
     steps = unit_steps(lf)
     if baseline is None or focal_length is None or pixel_pitch is None:
         step, focal, focus = _of_camera(lf)

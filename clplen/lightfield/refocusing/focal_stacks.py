@@ -104,7 +104,7 @@ class FocalStack(Savable, Plottable, OnDevice):
 
 
 def refocus(
-    lf: LightField,
+    lf: LightField | ArrayLike,
     *,
     alpha: float | None = None,
     disparity: ArrayLike | None = None,
@@ -126,7 +126,7 @@ def refocus(
 
     Parameters
     ----------
-    lf : LightField
+    lf : LightField or array_like
         On a device, or an array of shape (v, u, y, x[, c]).
     alpha : float, optional
         F/F', above 1 for planes farther than the one in focus; needs ``lf.spacing``.
@@ -177,7 +177,7 @@ def refocus(
     (64, 64)
     """
     lf = as_lightfield(lf, "focal_stack", device=device)
-    given = _exactly_one(alpha=alpha, disparity=disparity)
+    given = real_array(_exactly_one(alpha=alpha, disparity=disparity), "A plane", np.float64)
     _check_options(np.ndim(given), rescale, interpolation, upsample)
     if np.ndim(given) == 1:
         raise ValueError("refocus makes one picture: give one number, or use focal_stack.")

@@ -28,7 +28,7 @@ _WIDTHS = range(2, 13)  # taps of a slice along each axis of views
 
 
 def fourier_stack(
-    lf: LightField,
+    lf: LightField | ArrayLike,
     *,
     alphas: ArrayLike | None = None,
     disparities: ArrayLike | None = None,
@@ -51,7 +51,7 @@ def fourier_stack(
 
     Parameters
     ----------
-    lf : LightField
+    lf : LightField or array_like
         Its views on the regular grid (no ``positions``).
     alphas, disparities : array_like, optional
         Shape (n,); exactly one of the two.

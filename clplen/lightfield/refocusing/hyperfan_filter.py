@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 import pyopencl.array as cla
+from numpy.typing import ArrayLike
 
 from clplen.compute.device import DeviceLike
 from clplen.lightfield.model.alpha_law import require_overlap, row_ratio, unit_steps
@@ -23,7 +24,7 @@ from clplen.lightfield.refocusing.phase_ramps import (
 
 
 def hyperfan(
-    lf: LightField,
+    lf: LightField | ArrayLike,
     low: float,
     high: float,
     *,
@@ -43,7 +44,7 @@ def hyperfan(
 
     Parameters
     ----------
-    lf : LightField
+    lf : LightField or array_like
         Its views on the regular grid (no ``positions``). Weights count as 0 or not.
     low, high : float
         Disparities, pixels a view step along x, low <= high, less than 2 apart. Near 2 the finest
