@@ -135,7 +135,8 @@ def masked_array(values: Any, what: str) -> tuple[Array, Array | None]:
     mask = None
     if isinstance(result, np.ma.MaskedArray) and result.mask is not np.ma.nomask:
         flags = np.ascontiguousarray(result.mask).view(np.bool_)  # of all fields of a record
-        mask = flags.reshape(*result.shape, -1).any(axis=-1) if flags.any() else None
+        any_field = np.asarray(flags.reshape(*result.shape, -1).any(axis=-1))
+        mask = any_field if flags.any() else None
     return np.asarray(result), mask
 
 
@@ -183,6 +184,13 @@ def real_array(values: Any, what: str, dtype: Any = np.float32) -> Array:
         raise TypeError(f"{what} is an array of numbers, not of type {type(values).__name__}.")
     with np.errstate(over="ignore"):
         return result if dtype is None else result.astype(dtype, copy=False)
+
+
+def real_map(values: Any, what: str, dtype: Any = np.float32) -> Array:
+    """`real_array` for maps in which NaN means unknown: masked samples become NaN."""
+    given, mask = masked_array(values, what)
+    result = real_array(given, what, dtype)
+    return result if mask is None else np.where(mask, result.dtype.type(np.nan), result)
 
 
 def finite_batch(values: Any, shape: tuple[int, ...], what: str) -> Array:

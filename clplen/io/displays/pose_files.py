@@ -209,6 +209,7 @@ def _checked(pictures: ArrayLike, cameras: ViewCameras) -> Array:
         raise ShapeError(
             f"These cameras see pictures of shape {wanted} or {(*wanted, 3)}, not {pictures.shape}."
         )
+    return pictures
 
 
 def _known(points: ArrayLike | None, colours: ArrayLike | None) -> tuple[Array, Array]:

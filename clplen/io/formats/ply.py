@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from clplen.checks import host_array, masked_array, real_array
+from clplen.checks import host_array, real_map
 from clplen.errors import FormatError, ShapeError
 from clplen.files import PathLike, replacing
 from clplen.lightfield.depth.depth_maps import metric_depth
@@ -205,11 +205,9 @@ def points_of(
     >>> comment
     'metres from the centre view: x right, y down, z along the optical axis'
     """
-    given, mask = masked_array(disparity, "A disparity map")
-    if given.ndim != 2:
-        raise ShapeError(f"A disparity map has shape (y, x), not {given.shape}.")
-    d = real_array(given, "A disparity map", np.float64)
-    d = d if mask is None else np.where(mask, np.nan, d)
+    d = real_map(disparity, "A disparity map", np.float64)
+    if d.ndim != 2:
+        raise ShapeError(f"A disparity map has shape (y, x), not {d.shape}.")
     y, x = np.indices(d.shape, dtype=np.float64)
     if all(n is None for n in (baseline, focal_length, pixel_pitch, focus_distance)):
         return np.stack([x, y, d], -1).reshape(-1, 3), _PIXELS

@@ -171,22 +171,21 @@ def suitable_planes(lf: FocusableViews | ArrayLike, *, count: int | None = None)
     >>> len(planes), float(planes[0]), float(planes[-1])
     (33, -2.0, 2.0)
     """
-    if not hasattr(lf, "alpha"):
-        lf = as_lightfield(lf)
-    if np.isfinite(lf.alpha(0.0)):
+    views: Any = lf if hasattr(lf, "alpha") else as_lightfield(lf)
+    if np.isfinite(views.alpha(0.0)):
         low, high, many = DEFAULT_ALPHAS
-        if lf.camera is not None:
-            high = min(high, lf.camera.alpha(_FAR))
+        if views.camera is not None:
+            high = min(high, views.camera.alpha(_FAR))
         alphas = np.linspace(low, high, count or many)
-        if _stay_in_view(lf, lf.disparity(alphas)):
+        if _stay_in_view(views, views.disparity(alphas)):
             return {"alphas": alphas}
     low, high, many = DEFAULT_DISPARITIES
-    if is_telecentric(lf):
-        high = farthest_disparity(lf.camera)
+    if is_telecentric(views):
+        high = farthest_disparity(views.camera)
         low = -high
-        many = max(many, 2 * math.ceil(high * lf.camera.pixels_per_lenslet) + 1)
+        many = max(many, 2 * math.ceil(high * views.camera.pixels_per_lenslet) + 1)
     else:
-        limit = SEARCH_SHARE * overlap_limit(unit_steps(lf)[lf.weights > 0], lf.shape)
+        limit = SEARCH_SHARE * overlap_limit(unit_steps(views)[views.weights > 0], views.shape)
         low, high = max(low, -limit), min(high, limit)
     return {"disparities": np.linspace(low, high, count or many)}
 

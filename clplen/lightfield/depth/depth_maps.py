@@ -8,7 +8,7 @@ from typing import Any, ClassVar
 import numpy as np
 from numpy.typing import ArrayLike
 
-from clplen.checks import masked_array, real_array, require
+from clplen.checks import real_array, real_map, require
 from clplen.compute.arrays import HostArray
 from clplen.compute.device import DeviceLike
 from clplen.deprecation import warn_caller
@@ -97,12 +97,9 @@ def as_depth_map(depth: DepthMap | ArrayLike) -> DepthMap:
     """
     if isinstance(depth, DepthMap):
         return depth
-    given, mask = masked_array(getattr(depth, "disparity", depth), "A depth map")
-    disparity = real_array(given, "A depth map")
+    disparity = real_map(getattr(depth, "disparity", depth), "A depth map")
     if disparity.ndim != 2:
         raise ShapeError(f"A depth map has shape (y, x), not {disparity.shape}.")
-    if mask is not None:
-        disparity = np.where(mask, np.float32(np.nan), disparity)
     unknown = np.full(disparity.shape, np.nan, np.float32)
     return DepthMap(disparity, unknown, unknown, unknown)
 

@@ -11,8 +11,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
+from clplen.checks import real_array
 from clplen.lightfield.model.sampled_views import Parametrised, SampledViews
 from clplen.lightfield.raw.raw_image import CameraModel, Spacing, is_telecentric
+from clplen.types import Array
 
 Vector = np.ndarray[Any, np.dtype[np.float64]]
 
@@ -46,7 +48,7 @@ class AlphaLaw:
     def disparity_of_shear(self, alpha: ArrayLike) -> Vector:
         """`disparity` of 1 minus a shear, whether there is an F or not."""
         ratio = self._view_ratio()
-        values = np.asarray(alpha, np.float64)
+        values = real_array(alpha, "alpha", np.float64)
         if not (np.isfinite(values).all() and (values > 0).all()):
             raise ValueError(f"alpha = F/F' is positive and finite, not {alpha!r}.")
         return -ratio * ((1 / values - 1) if self._inverse else (1 - values))
@@ -54,12 +56,12 @@ class AlphaLaw:
     def alpha(self, disparity: ArrayLike) -> Vector:
         """The inverse of `disparity`; NaN without spacing and for a telecentric camera."""
         if is_telecentric(self):
-            return np.full_like(np.asarray(disparity, np.float64), np.nan)
+            return np.full_like(real_array(disparity, "disparity", np.float64), np.nan)
         return self.shear_alpha(disparity)
 
     def shear_alpha(self, disparity: ArrayLike) -> Vector:
         """1 - dx/du of a plane, which is alpha where there is an F; NaN without spacing."""
-        values = np.asarray(disparity, np.float64)
+        values = real_array(disparity, "disparity", np.float64)
         if self.spacing is None or not np.isfinite(self.spacing).all():
             return np.full_like(values, np.nan)
         scaled = -values / self._view_ratio()
@@ -157,7 +159,7 @@ def row_ratio(spacing: Spacing | None) -> float:
     return (dv / du if np.isfinite([dv, du]).all() else 1.0) * dx / dy
 
 
-def require_overlap(lf: SampledViews, weights: Vector, disparities: ArrayLike) -> None:
+def require_overlap(lf: SampledViews, weights: Array, disparities: ArrayLike) -> None:
     """Refuse planes on which no two views overlap within the picture.
 
     Parameters

@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
+from clplen.checks import real_array
 from clplen.compute.arrays import Image
 from clplen.errors import ShapeError
 from clplen.lightfield.arrays.ray_samples import along_rays, checked_disparity
@@ -61,7 +62,7 @@ def plane_through(points: ArrayLike, shape: tuple[int, ...]) -> DisparityMap:
     >>> f"{tilted[16, 31]:.1f}"
     '1.0'
     """
-    values = np.asarray(points, np.float64)
+    values = real_array(points, "points", np.float64)
     if values.ndim != 2 or values.shape[1:] != (3,) or len(values) < 3:
         raise ShapeError(
             f"A plane goes through at least three points (y, x, d), shape (n, 3), not "
@@ -255,6 +256,6 @@ def flatten(
         steps=unit_steps(lf),
         disparity=d,
         interpolation=interpolation,
-        mask=None if mask is None else np.asarray(mask),
+        mask=mask,
     )
     return Image(picture, lf.device)

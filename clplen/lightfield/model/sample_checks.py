@@ -39,7 +39,8 @@ def fill_masked(values: Array, mask: Array) -> tuple[Array, Array]:
     """Replace masked samples by 0; return which views (v, u) have none."""
     check_shape(values.shape)
     of_views = mask.reshape(*mask.shape[:2], -1)
-    valid, some = ~of_views.any(axis=-1), int(np.sum(of_views.any(-1) & ~of_views.all(-1)))
+    valid = np.asarray(~of_views.any(axis=-1))
+    some = np.count_nonzero(~valid & ~of_views.all(axis=-1))
     if not valid.any():
         raise ValueError(
             "A light field must have a view without masked samples, as weights belong to whole "

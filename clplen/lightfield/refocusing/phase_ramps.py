@@ -9,6 +9,7 @@ import numpy as np
 import pyopencl.array as cla
 from numpy.typing import ArrayLike
 
+from clplen.checks import real_array
 from clplen.compute.device import Device, DeviceLike
 from clplen.errors import ShapeError
 from clplen.lightfield.arrays.stored_samples import C_TYPE
@@ -214,7 +215,7 @@ def shift_views(
     True
     """
     lf = as_lightfield(lf, device=device)
-    shift = np.asarray(steps, np.float64)
+    shift = real_array(steps, "steps", np.float64)
     V, U, ny, nx = lf.shape[:4]
     if shift.shape != (V, U, 2):
         raise ShapeError(f"Views are moved by (y, x) each, shape {(V, U, 2)}, not {shift.shape}.")
