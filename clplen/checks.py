@@ -66,6 +66,15 @@ def positive_integer(value: Any, what: str) -> int:
     return int(value)
 
 
+_PROTOCOLS = ("__array__", "__array_interface__", "__dlpack__")
+
+
+def is_array(value: Any) -> bool:
+    """Whether something is an array of some library, a nested list or tuple, or a memoryview."""
+    has_samples = any(hasattr(value, name) for name in _PROTOCOLS) and not isinstance(value, type)
+    return has_samples or isinstance(value, list | tuple | memoryview)
+
+
 def host_array(values: Any, what: str) -> Array:
     """What is given as an array, on the host: of NumPy or of another library, without a copy.
 
@@ -87,6 +96,25 @@ def host_array(values: Any, what: str) -> Array:
     TypeError
         If they are no array, have gradients, which would be lost, lie in the memory of a GPU, or
         are of a type that NumPy does not have.
+    ValueError
+        If samples are masked (`numpy.ma`), whose values would be used.
+    """
+    result, mask = masked_array(values, what)
+    if mask is not None:
+        raise ValueError(
+            f"{what} must have no masked samples, got {np.count_nonzero(mask):,} of {mask.size:,}: "
+            "replace them by array.filled(value), or leave them out."
+        )
+    return result
+
+
+def masked_array(values: Any, what: str) -> tuple[Array, Array | None]:
+    """`host_array` for callers with weights: the samples and the mask, None where all are valid.
+
+    Raises
+    ------
+    TypeError
+        As `host_array`.
     """
     if getattr(values, "requires_grad", False) is True:
         raise TypeError(
@@ -102,8 +130,12 @@ def host_array(values: Any, what: str) -> Array:
     if hasattr(values, "resolve_conj"):  # tensors of which only a mark says that they are conj(x)
         values = values.resolve_conj().resolve_neg()
     is_foreign = hasattr(values, "__dlpack__") and not hasattr(values, "__array__")
+    if isinstance(getattr(values, "_meta", None), np.ma.MaskedArray):
+        values = values.compute()  # Dask drops the mask in __array__
     try:
-        result = np.from_dlpack(values) if is_foreign else np.asarray(values)
+        if _has_masked_parts(values):
+            values = _stack_masked(values)
+        result = np.from_dlpack(values) if is_foreign else np.asanyarray(values)
     except ValueError:
         raise TypeError(f"{what} is one array of numbers, not rows of unequal lengths.") from None
     except (TypeError, RuntimeError, BufferError) as error:
@@ -114,7 +146,25 @@ def host_array(values: Any, what: str) -> Array:
         ) from error
     if result.dtype.kind == "V" and result.dtype.names is None:
         raise TypeError(f"{what} is of {result.dtype}, which NumPy lacks: convert it to float32.")
-    return result
+    mask = None
+    if isinstance(result, np.ma.MaskedArray) and result.mask is not np.ma.nomask:
+        flags = np.ascontiguousarray(result.mask).view(np.bool_)  # of all fields of a record
+        any_field = np.asarray(flags.reshape(*result.shape, -1).any(axis=-1))
+        mask = any_field if flags.any() else None
+    return np.asarray(result), mask
+
+
+def _has_masked_parts(values: Any) -> bool:
+    """Whether a nested list or tuple holds masked arrays, whose masks NumPy would drop."""
+    return isinstance(values, list | tuple) and any(
+        isinstance(part, np.ma.MaskedArray) or _has_masked_parts(part) for part in values
+    )
+
+
+def _stack_masked(values: Any) -> Any:
+    """A nested list or tuple as one masked array."""
+    is_nested = isinstance(values, list | tuple)
+    return np.ma.stack([_stack_masked(part) for part in values]) if is_nested else values
 
 
 _ON_HOST = (1, 3)  # DLPack's kDLCPU, and kDLCUDAHost: memory of the host that a GPU reaches
@@ -134,7 +184,7 @@ def _place_elsewhere(values: Any) -> str:
 
 
 def real_array(values: Any, what: str, dtype: Any = np.float32) -> Array:
-    """An array of real numbers; those that ``dtype`` cannot hold are infinite.
+    """An array of real numbers; those that ``dtype`` cannot hold are infinite; None keeps its type.
 
     Raises
     ------
@@ -147,7 +197,14 @@ def real_array(values: Any, what: str, dtype: Any = np.float32) -> Array:
     if result.dtype.kind not in "biuf":
         raise TypeError(f"{what} is an array of numbers, not of type {type(values).__name__}.")
     with np.errstate(over="ignore"):
-        return result.astype(dtype, copy=False)
+        return result if dtype is None else result.astype(dtype, copy=False)
+
+
+def real_map(values: Any, what: str, dtype: Any = np.float32) -> Array:
+    """`real_array` for maps in which NaN means unknown: masked samples become NaN."""
+    given, mask = masked_array(values, what)
+    result = real_array(given, what, dtype)
+    return result if mask is None else np.where(mask, result.dtype.type(np.nan), result)
 
 
 def finite_batch(values: Any, shape: tuple[int, ...], what: str) -> Array:

@@ -362,6 +362,13 @@ def test_planes_beyond_the_picture_are_noted(tmp_path: Path, views: Path):
     assert "Note: 1 of 2 planes move the outermost views by more than a whole" in result.stderr
 
 
+def test_a_plane_on_which_no_views_overlap_writes_nothing(tmp_path: Path, views: Path):
+    output = tmp_path / "far.png"
+    words = said(run("refocus", views, "-o", output, "--disparity", "1e6"))
+    assert "Error: At disparity 1e+06 no two views overlap" in words
+    assert not output.exists()
+
+
 def test_default_planes_suit_a_known_camera(tmp_path: Path, device: Device):
     values = np.random.default_rng(1).random((5, 5, 20, 20), np.float32)
     cases = {1.35: None, 1.08: 1.35}  # largest alpha: where infinity lies at 1.35 or beyond, or not

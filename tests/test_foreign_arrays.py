@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -13,6 +14,7 @@ from setups_microscope import any_projector
 import clplen
 from clplen.checks import host_array
 from clplen.compute.device import Device
+from clplen.errors import SamplingWarning
 
 Maker = Callable[[np.ndarray], Any]
 
@@ -117,8 +119,6 @@ ENTRANCES: dict[str, tuple[np.ndarray, Callable[[Any, Device], Any]]] = {
 @pytest.mark.parametrize("name", ENTRANCES)
 def test_an_entrance_takes_arrays_of_a_library(name: str, library: str, device: Device) -> None:
     values, function = ENTRANCES[name]
-    if library == "interface" and name == "focal_stack":
-        pytest.skip("what functions take in place of a light field has __array__ or __dlpack__")
     found = function(MAKERS[library](values), device)
     np.testing.assert_array_equal(np.asarray(found), np.asarray(function(values, device)))
 
@@ -211,3 +211,152 @@ def test_libraries_take_results(name: str, library: str, device: Device) -> None
         jax = pytest.importorskip("jax", reason='JAX: pip install "clplen[jax]"')
         found = jax.numpy.asarray(one)
     np.testing.assert_array_equal(np.asarray(found), one.to_numpy())
+
+
+# Masks of numpy.ma
+
+VIEWS = objects.samples(3, 4, 17, 23)
+
+
+def masked_at(values: np.ndarray, *places: tuple[Any, ...]) -> Any:
+    """A copy in which values at some places are absurd and masked."""
+    found = np.ma.array(values.copy(), mask=np.zeros(values.shape, bool))
+    for place in places:
+        found[place] = 1e6
+        found[place] = np.ma.masked
+    return found
+
+
+class ReadMasked:
+    """What gives masked arrays when it is read, as variables of netCDF4 do."""
+
+    def __init__(self, values: Any) -> None:
+        self.values, self.shape, self.dtype = values, values.shape, values.dtype
+
+    def __array__(self, *_: Any, **__: Any) -> Any:
+        return self.values
+
+    def __getitem__(self, place: Any) -> Any:
+        return self.values[place]
+
+
+@pytest.mark.parametrize("name", [n for n in ENTRANCES if n not in ("LightField", "focal_stack")])
+def test_an_entrance_without_weights_refuses_masked_samples(name: str, device: Device) -> None:
+    values, function = ENTRANCES[name]
+    with pytest.raises(ValueError, match=r"must have no masked samples, got 1 of [\d,]+: replace"):
+        function(masked_at(values, (0,) * values.ndim), device)
+    function(np.ma.array(values), device)
+
+
+REFUSING: dict[str, Callable[[Any, Device], Any]] = {
+    "disparities": lambda m, d: clplen.focal_stack(VIEWS, disparities=m[0, 0, 0, :3], device=d),
+    "planes": lambda m, d: clplen.depth_map(VIEWS, disparities=m[0, 0, 0], device=d),
+    "alphas": lambda m, d: clplen.focal_stack(VIEWS, alphas=m[0, 0, 0, :3], device=d),
+    "surface": lambda m, d: clplen.refocus(VIEWS, disparity=m[0, 0], device=d),
+    "known depth": lambda m, d: clplen.all_in_focus(VIEWS, depth=m[0, 0], device=d),
+    "positions": lambda m, d: clplen.LightField.from_array(VIEWS, positions=m[..., 0, :2]),
+    "mask": lambda m, d: clplen.LightField.from_array(VIEWS).flatten("median", mask=m),
+    "frame of lenslets": lambda m, d: clplen.estimate_lattice(np.ma.concatenate(2 * [m[0, 0]])),
+    "places": lambda m, d: clplen.PointSources(m[0, 0, :, :3] * 1e-6),
+    "powers": lambda m, d: clplen.PointSources(VIEWS[0, 0, :, :3] * 1e-6, power=m[0, 0, :, 0]),
+    "picture plane": lambda m, d: clplen.PicturePlane(m[0, 0], 1e-3),
+    "edge": lambda m, d: clplen.analysis.slanted_edge(m[0, 0], pitch=1e-6),
+    "spectrum": lambda m, d: clplen.Spectrum.lines(m[0, 0, 0, :3], VIEWS[0, 0, 0, :3]),
+    "volume": lambda m, d: clplen.io.write_volume("v.tif", m[0], planes=range(4), voxel=(1, 1)),
+    "frame": lambda m, d: clplen.microscopy.hot_pixels(m[0, 0], (1.0, 1.0), objects.LATTICE),
+    "picture": lambda m, d: clplen.plot.picture(m[0, 0]),
+    "list": lambda m, d: clplen.cameras.Texture([list(m[0, 0]), list(m[0, 0])]),
+    "netCDF": lambda m, d: clplen.cameras.Texture(ReadMasked(m[0, 0])),
+    "stored": lambda m, d: clplen.StoredLightField.from_array(ReadMasked(m)).load(d),
+    "array in a file": lambda m, d: clplen.io.write_npy("a.npy", m),
+}
+
+
+@pytest.mark.parametrize("name", REFUSING)
+def test_a_public_function_refuses_masked_samples(name: str, device: Device) -> None:
+    with pytest.raises(ValueError, match="must have no masked samples"):
+        REFUSING[name](masked_at(VIEWS, (0, 0, 0, 0)), device)
+
+
+def test_a_view_with_masked_samples_has_no_weight(device: Device) -> None:
+    masked = masked_at(VIEWS, (1, 2), (2, 0, 3, 4))
+    masked.data[1, 2] = np.nan
+    expected = np.ones((3, 4))
+    expected[[1, 2], [2, 0]] = 0
+    own = objects.samples(3, 4) + 0.1
+    for given in (masked, [list(row) for row in masked], ReadMasked(masked)):
+        with pytest.warns(SamplingWarning, match="1 of 12 views have masked samples and valid"):
+            lf = clplen.LightField.from_array(given, device=device)
+        np.testing.assert_array_equal(lf.weights, expected)
+        for picture in (clplen.refocus(lf, disparity=0.0), lf.render()):
+            assert np.asarray(picture).max() < 1
+        assert np.isfinite(lf.to_numpy()).all()
+    with pytest.warns(SamplingWarning):
+        stored = clplen.StoredLightField.from_array(masked, weights=own)
+    np.testing.assert_array_equal(stored.weights, np.float32(own * expected))
+    np.testing.assert_array_equal(stored.to_numpy(), lf.to_numpy())
+    whole = clplen.LightField.from_array(masked_at(VIEWS, (1, 2)), device=device)
+    assert whole.weights.sum() == 11
+    assert clplen.LightField.from_array(np.ma.array(VIEWS), device=device).weights.all()
+    with pytest.raises(ValueError, match="must have a view without masked samples"):
+        clplen.LightField.from_array(masked_at(VIEWS, np.s_[:, :, 5, 5]), device=device)
+
+
+def test_masked_weights_are_zero_and_masked_maps_unknown() -> None:
+    weights = masked_at(np.ones((3, 4), np.float32), (0, 1))
+    assert clplen.LightField.from_array(VIEWS, weights=weights).weights[0, 1] == 0
+    truth = np.linspace(-1, 1, 17 * 23).reshape(17, 23)
+    scores = clplen.analysis.score(truth, masked_at(truth + 0.01, (8, 9)), border=2)
+    assert scores.mse == pytest.approx(0.01, rel=1e-6)  # 100 (0.01 px)^2: 1e6 does not count
+    points, _ = clplen.io.points_of(masked_at(truth, (0, 1)))
+    assert np.flatnonzero(np.isnan(points[:, 2])).tolist() == [1]
+    phase = np.random.default_rng(3).normal(size=(5, 7))
+    weight = np.ones((5, 7))
+    weight[2, 3] = 0
+    found = clplen.analysis.wavefront_rms(masked_at(phase, (2, 3)))
+    assert found == pytest.approx(clplen.analysis.wavefront_rms(phase, weight=weight))
+
+
+# Arrays in place of light fields, pictures and depth maps
+
+PICTURE = VIEWS[0, 0]
+FORMS: dict[str, Maker] = {
+    "NumPy": np.asarray,
+    "list": np.ndarray.tolist,
+    "memoryview": memoryview,
+    "F order": np.asfortranarray,
+    "DLPack": ByDLPack,
+    "interface": ByInterface,
+    "PyTorch": by_torch,
+}
+TAKING: dict[str, tuple[np.ndarray, Callable[[Any], Any]]] = {
+    "HDF5": (VIEWS, lambda a: clplen.write_lightfield("views.h5", a)),
+    "folder": (VIEWS, lambda a: clplen.write_lightfield("views", a)),
+    "write_views": (VIEWS, lambda a: clplen.io.write_views("hci", a, pattern="hci")),
+    "write_mosaic": (VIEWS, lambda a: clplen.io.write_mosaic("mosaic.tif", a)),
+    "write_html": (PICTURE, lambda a: clplen.io.write_html("page.html", VIEWS, depth=a)),
+    "refocus": (VIEWS, lambda a: clplen.refocus(a, disparity=0.5)),
+    "suitable_planes": (VIEWS, clplen.lightfield.suitable_planes),
+    "StoredLightField": (VIEWS, clplen.StoredLightField.from_light_field),
+    "plot.views": (VIEWS, clplen.plot.views),
+    "plot.epi": (VIEWS, clplen.plot.epi),
+    "plot.picture": (PICTURE, clplen.plot.picture),
+    "plot.refocused": (PICTURE, lambda a: clplen.plot.refocused([a, a], ["a", "b"])),
+    "write_image": (PICTURE, lambda a: clplen.io.write_image("image.tif", a)),
+    "write_picture": (PICTURE, lambda a: clplen.io.write_picture("picture.tif", a)),
+    "write_pfm": (PICTURE, lambda a: clplen.io.write_pfm("a.pfm", a)),
+    "plot.depth": (PICTURE, clplen.plot.depth),
+    "write_depth": (PICTURE, lambda a: clplen.io.write_depth("depth.ome.tif", a)),
+    "points_of": (PICTURE, clplen.io.points_of),
+    "surface": (PICTURE, lambda a: clplen.refocus(VIEWS, disparity=a)),
+}
+
+
+@pytest.mark.parametrize("name", TAKING)
+@pytest.mark.parametrize("form", FORMS)
+def test_a_public_function_takes_arrays(
+    name: str, form: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    values, function = TAKING[name]
+    function(FORMS[form](values))

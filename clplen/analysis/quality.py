@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from clplen.cameras.scenes.ground_truth import Truth
-from clplen.checks import host_array
+from clplen.checks import host_array, real_map
 from clplen.errors import ShapeError
 from clplen.reprs import OneLine
 
@@ -145,7 +145,8 @@ def score(
 ) -> Scores:
     """Judge a disparity map.
 
-    Pixels without a truth (nan) are left out; pixels without a result (nan, infinite) are bad.
+    Pixels without a truth (nan, masked) are left out; pixels without a result (nan, infinite,
+    masked) are bad.
 
     Parameters
     ----------
@@ -187,8 +188,8 @@ def score(
     >>> f"{scores.badpix_07:.1f} % bad, MSE x 100 = {scores.mse:.2f}"
     '11.1 % bad, MSE x 100 = 0.25'
     """
-    known = np.asarray(host_array(getattr(truth, "disparity", truth), "The truth"), np.float64)
-    found = np.asarray(host_array(result, "The result"), np.float64)
+    known = real_map(getattr(truth, "disparity", truth), "The truth", np.float64)
+    found = real_map(result, "The result", np.float64)
     if known.ndim != 2 or found.ndim != 2:
         raise ShapeError(
             f"Disparity maps have shape (y, x); the result has {found.shape}, the truth "

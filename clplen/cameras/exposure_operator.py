@@ -30,7 +30,7 @@ from clplen.cameras.light_field_microscope import Microscope, microscope_images
 from clplen.cameras.optics.pixel_array import PixelArray
 from clplen.cameras.scenes.occluders import Occluder
 from clplen.cameras.scenes.scene_sources import Source, as_occluders, as_sources
-from clplen.checks import is_finite, require
+from clplen.checks import is_finite, real_array, require
 from clplen.compute.device import Device
 from clplen.compute.linear_map import linear_operator, mapped
 from clplen.errors import ShapeError
@@ -510,7 +510,7 @@ class ExposureOperator:
                 f"method='points', not of {self.method!r}: give that, with a camera whose pixels "
                 "sample the light."
             )
-        energies = np.asarray(values, np.float64)
+        energies = real_array(values, "values", np.float64)
         if energies.shape != self.in_shape:
             raise ShapeError(
                 f"Gradients take energies of shape {self.in_shape}, not {energies.shape}."
@@ -524,7 +524,7 @@ class ExposureOperator:
 
     def _raw(self, cotangent: Any) -> Values:
         """A cotangent of the raw image, checked."""
-        raw = np.asarray(cotangent, np.float64)
+        raw = real_array(cotangent, "A cotangent", np.float64)
         if raw.shape != self.out_shape:
             raise ShapeError(
                 f"Gradients take a cotangent of the raw image's shape {self.out_shape}, not "

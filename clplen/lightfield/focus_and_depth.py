@@ -68,9 +68,10 @@ def focal_stack(
     ------
     ValueError
         If both or neither of alphas and disparities are given, or they are no finite numbers in
-        one dimension, the aperture does not fit, the interpolation is unknown, or a stored light
-        field does not fit into the memory: its stack itself (take `stream_stack`, or
-        ``clplen stack``), its smallest tile, or whole views for "fourier".
+        one dimension, no two views overlap on a plane, the aperture does not fit, the
+        interpolation is unknown, or a stored light field does not fit into the memory: its stack
+        itself (take `stream_stack`, or ``clplen stack``), its smallest tile, or whole views for
+        "fourier".
     DeviceError
         If the stack and the light field together are larger than the device's memory.
     OSError, FormatError
@@ -135,8 +136,9 @@ def depth_map(
     ------
     ValueError
         If the cue is unknown or needs the views that a stack does not have, alphas and disparities
-        are both given or given with a stack, or there are fewer than three planes; or
-        the smallest tile of a stored light field does not fit into the memory.
+        are both given or given with a stack, there are fewer than three planes or no two
+        views overlap on one; or the smallest tile of a stored light field does not fit into the
+        memory.
     DeviceError
         If what is needed is larger than the device's memory.
     OSError, FormatError
@@ -224,8 +226,9 @@ def all_in_focus(
     Raises
     ------
     ValueError
-        If a disparity is not finite, or planes are given that are not used; or the smallest tile
-        of a stored light field does not fit into the memory.
+        If a disparity is not finite, no two views overlap on a plane or anywhere on the surface,
+        or planes are given that are not used; or the smallest tile of a stored light field does
+        not fit into the memory.
     ShapeError
         If the depth map is not of the size of the views.
     DeviceError

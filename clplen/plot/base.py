@@ -11,7 +11,9 @@ from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.colors import LogNorm, Normalize, PowerNorm
 from matplotlib.figure import Figure
+from numpy.typing import ArrayLike
 
+from clplen.checks import real_array
 from clplen.files import PathLike, replacing
 from clplen.outputs import MARK
 from clplen.reprs import printable
@@ -185,7 +187,7 @@ def centred(shape: tuple[int, ...], step: float) -> tuple[float, float, float, f
     return (-x, x, y, -y)
 
 
-def norm_of(values: Array, scale: Scale, decades: int = _DECADES) -> Normalize:
+def norm_of(values: ArrayLike, scale: Scale, decades: int = _DECADES) -> Normalize:
     """Return how values become colours, with the largest of them at the end of the scale.
 
     The scale begins at 0; "linear" begins at the least value if that is negative, "log" so many
@@ -220,6 +222,7 @@ def norm_of(values: Array, scale: Scale, decades: int = _DECADES) -> Normalize:
     >>> float(norm(2.0))
     0.5
     """
+    values = real_array(values, "values", None)
     if scale not in get_args(Scale):
         raise ValueError(f"A scale of values is one of {get_args(Scale)}, not {scale!r}.")
     known = values[np.isfinite(values)]
@@ -253,12 +256,12 @@ def cut(values: Array, norm: Normalize) -> str:
     )
 
 
-def for_display(values: Array, norm: Normalize) -> Array:
+def for_display(values: ArrayLike, norm: Normalize) -> Array:
     """Return values that the colour scale can show; colours become 0 to 1, linearly.
 
     Parameters
     ----------
-    values : numpy.ndarray
+    values : array_like
         Shape (y, x), or (y, x, 3) of a colour picture.
     norm : matplotlib.colors.Normalize
         As `norm_of` returns it.
@@ -276,6 +279,7 @@ def for_display(values: Array, norm: Normalize) -> Array:
     >>> clplen.plot.for_display(values, norm).round(3).tolist()
     [[0.8, 2.0], [4.0, 8.0]]
     """
+    values = real_array(values, "values", None)
     if values.ndim == 3:
         return np.clip(values / norm.vmax, 0, 1)
     return np.clip(values, norm.vmin, None)

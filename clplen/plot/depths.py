@@ -8,12 +8,15 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 from matplotlib.colors import Normalize, PowerNorm
 from matplotlib.figure import Figure
+from numpy.typing import ArrayLike
 
 from clplen.cameras.scenes.ground_truth import Truth
+from clplen.checks import real_array
 from clplen.lightfield.depth.alpha_estimate import AlphaEstimate
-from clplen.lightfield.depth.depth_maps import DepthMap
+from clplen.lightfield.depth.depth_maps import DepthMap, as_depth_map
 from clplen.lightfield.focused.focused_depth import FocusedMaps
 from clplen.lightfield.model.light_field import LightField
+from clplen.lightfield.model.stored_light_field import as_lightfield
 from clplen.lightfield.raw.raw_image import CameraModel
 from clplen.plot.base import LIGHT, Array, bar, coordinates, cut, new_figure, styled
 
@@ -127,7 +130,11 @@ def alpha_curve(
 
 @styled
 def phase_space(
-    lf: LightField, *, rows: Sequence[int], labels: Sequence[str], truths: Sequence[float] = ()
+    lf: LightField | ArrayLike,
+    *,
+    rows: Sequence[int],
+    labels: Sequence[str],
+    truths: Sequence[float] = (),
 ) -> Figure:
     """Draw slices (x, u) of a light field in metres: place on the lenslets and on the main lens.
 
@@ -135,7 +142,7 @@ def phase_space(
 
     Parameters
     ----------
-    lf : LightField
+    lf : LightField or array_like
         One channel, with spacing.
     rows : sequence of int
         Row y of each slice; each is summed over v and three rows about y.
@@ -163,6 +170,7 @@ def phase_space(
     >>> [axes.get_title() for axes in figure.axes[:2]]
     ['y = 8', 'y = 16']
     """
+    lf = as_lightfield(lf)
     if lf.spacing is None or len(lf.shape) != 4:
         raise ValueError("A phase-space plot needs one channel and the spacing in metres.")
     values = lf.to_numpy()
@@ -193,7 +201,7 @@ def phase_space(
 
 
 @styled
-def depth(found: DepthMap, *, title: str = "") -> Figure:
+def depth(found: DepthMap | ArrayLike, *, title: str = "") -> Figure:
     """Draw a disparity map and its confidence, with colour bars.
 
     The colours span the 2nd to the 98th percentile of all pixels but those of confidence 0. What
@@ -204,8 +212,8 @@ def depth(found: DepthMap, *, title: str = "") -> Figure:
 
     Parameters
     ----------
-    found : DepthMap
-        As `clplen.depth_map` returns it.
+    found : DepthMap or array_like
+        As `clplen.depth_map` returns it, or its disparities, shape (y, x).
     title : str
         Over the disparity; default "disparity".
 
@@ -223,6 +231,7 @@ def depth(found: DepthMap, *, title: str = "") -> Figure:
     >>> [axes.get_title() for axes in figure.axes[:2]]
     ['noise', 'confidence']
     """
+    found = as_depth_map(found)
     return _map(found.disparity, found.confidence, title or "disparity", _DISPARITY)
 
 
@@ -291,12 +300,12 @@ def focused_depth(found: FocusedMaps, *, title: str = "") -> Figure:
 
 
 @styled
-def magnification(m: Array, confidence: Array, *, title: str = "") -> Figure:
+def magnification(m: ArrayLike, confidence: ArrayLike, *, title: str = "") -> Figure:
     """Draw a map of m = b/a of a focused camera and its confidence, as `depth` does.
 
     Parameters
     ----------
-    m, confidence : numpy.ndarray
+    m, confidence : array_like
         Shape (y, x), such as those of `clplen.lightfield.focused.focused_depth.FocusedMaps`.
     title : str
         Over the map of m; default "m = b/a".
@@ -313,7 +322,8 @@ def magnification(m: Array, confidence: Array, *, title: str = "") -> Figure:
     >>> [axes.get_title() for axes in figure.axes[:2]]
     ['m of a ramp', 'confidence']
     """
-    return _magnification(m, confidence, title)
+    maps = real_array(m, "m"), real_array(confidence, "A confidence")
+    return _magnification(*maps, title)
 
 
 def _magnification(m: Array, confidence: Array, title: str) -> Figure:

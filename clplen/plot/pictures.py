@@ -9,11 +9,14 @@ from matplotlib.axes import Axes
 from matplotlib.colors import Normalize
 from matplotlib.figure import Figure
 from matplotlib.patches import Rectangle
+from numpy.typing import ArrayLike
 
+from clplen.checks import is_array, real_array
 from clplen.compute.arrays import Image
 from clplen.errors import ShapeError
 from clplen.lightfield.model.light_field import LightField
-from clplen.lightfield.model.phase_space import PhaseSpace
+from clplen.lightfield.model.phase_space import PhaseSpace, phase_space
+from clplen.lightfield.model.stored_light_field import as_lightfield
 from clplen.lightfield.raw.raw_image import RawImage
 from clplen.lightfield.refocusing.focal_stacks import FocalStack
 from clplen.plot.base import (
@@ -152,13 +155,17 @@ def _detail(
 
 @styled
 def views(
-    lf: LightField, *, shown: int = 8, scale: Scale = "linear", region: Region | None = None
+    lf: LightField | ArrayLike,
+    *,
+    shown: int = 8,
+    scale: Scale = "linear",
+    region: Region | None = None,
 ) -> Figure:
     """Draw a mosaic of views in even steps, symmetric about the centre view.
 
     Parameters
     ----------
-    lf : LightField
+    lf : LightField or array_like
         Shape (v, u, y, x) or (v, u, y, x, 3).
     shown : int
         At most this many rows and columns of views.
@@ -180,6 +187,7 @@ def views(
     >>> figure.axes[0].get_title()
     'views: 3 x 3 of 5 x 5'
     """
+    lf = as_lightfield(lf)
     vs, us = (spread(count, shown) for count in lf.shape[:2])
     values = lf.to_numpy()[np.ix_(vs, us)][WHOLE + (region or WHOLE)]
     height, width = values.shape[2:4]
@@ -203,12 +211,12 @@ def views(
 
 
 @styled
-def picture(image: Image, *, title: str = "", scale: Scale = "linear") -> Figure:
+def picture(image: Image | ArrayLike, *, title: str = "", scale: Scale = "linear") -> Figure:
     """Draw one image: a view, a rendering, a refocus.
 
     Parameters
     ----------
-    image : Image
+    image : Image or array_like
         Shape (y, x) or (y, x, 3).
     title : str
         Over the picture; default none.
@@ -223,7 +231,7 @@ def picture(image: Image, *, title: str = "", scale: Scale = "linear") -> Figure
     Raises
     ------
     TypeError
-        If ``image`` is no `Image`; `intensity` and `phase` draw a field.
+        If ``image`` is no picture of real numbers; `intensity` and `phase` draw a field.
     ShapeError
         For another shape.
 
@@ -234,10 +242,12 @@ def picture(image: Image, *, title: str = "", scale: Scale = "linear") -> Figure
     >>> [axes.get_ylabel() for axes in figure.axes]
     ['y / pixel', 'value']
     """
-    if not isinstance(image, Image):
+    if isinstance(image, Field) or not is_array(image):
         of_a_field = " (plot.intensity draws a field)" * isinstance(image, Field)
-        raise TypeError(f"A picture is an Image, not {type(image).__name__}{of_a_field}.")
-    values = image.to_numpy()
+        raise TypeError(
+            f"A picture is an Image or an array, not {type(image).__name__}{of_a_field}."
+        )
+    values = real_array(image, "A picture", None)
     if values.ndim not in (2, 3) or values.shape[2:] not in ((), (3,)):
         raise ShapeError(
             f"A picture is one image (y, x) or (y, x, 3), not {values.shape}: choose one plane."
@@ -251,7 +261,7 @@ def picture(image: Image, *, title: str = "", scale: Scale = "linear") -> Figure
 
 @styled
 def refocused(
-    images: Sequence[Image],
+    images: Sequence[Image | ArrayLike],
     titles: Sequence[str],
     *,
     scale: Scale = "linear",
@@ -261,7 +271,7 @@ def refocused(
 
     Parameters
     ----------
-    images : sequence of Image
+    images : sequence of Image or array_like
         All of one shape, (y, x) or (y, x, 3).
     titles : sequence of str
         One for each.
@@ -290,7 +300,8 @@ def refocused(
     ['far', 'near']
     """
     region = region or WHOLE
-    values = [image.to_numpy()[region] for image in images]
+    whole = [real_array(image, "A picture", None) for image in images]
+    values = [picture[region] for picture in whole]
     ratio = values[0].shape[0] / values[0].shape[1]
     figure = new_figure(3.2 * len(values) + 0.8, 3.2 * ratio + 0.5)
     panels = figure.subplots(1, len(values), squeeze=False)[0]
@@ -298,7 +309,7 @@ def refocused(
     drawn = None
     for panel, shown, title in zip(panels, values, titles, strict=True):
         drawn = panel.imshow(
-            for_display(shown, norm), cmap=LIGHT, norm=norm, extent=placed(region, images[0].shape)
+            for_display(shown, norm), cmap=LIGHT, norm=norm, extent=placed(region, whole[0].shape)
         )
         panel.set(title=title, xlabel="x / pixel")
     panels[0].set_ylabel("y / pixel")
@@ -362,7 +373,9 @@ def montage(
 
 
 @styled
-def epi(found: PhaseSpace, *, title: str = "", scale: Scale = "linear") -> Figure:
+def epi(
+    found: PhaseSpace | LightField | ArrayLike, *, title: str = "", scale: Scale = "linear"
+) -> Figure:
     """Draw an epipolar slice or phase space: position across, place on the main lens down.
 
     With a camera, a second axis gives the angle of the rays at the middle of the picture,
@@ -370,8 +383,9 @@ def epi(found: PhaseSpace, *, title: str = "", scale: Scale = "linear") -> Figur
 
     Parameters
     ----------
-    found : PhaseSpace
-        As `clplen.lightfield.phase_space` returns it.
+    found : PhaseSpace, LightField or array_like
+        As `clplen.lightfield.phase_space` returns it; of a light field, the slice along x through
+        its middle.
     title : str
         Over the slice; default "epipolar slice" and its two axes.
     scale : {"linear", "log", "root"}
@@ -390,6 +404,9 @@ def epi(found: PhaseSpace, *, title: str = "", scale: Scale = "linear") -> Figur
     >>> figure.axes[0].get_title(), figure.axes[0].get_ylabel()
     ('epipolar slice (x, u)', 'u from the middle / view')
     """
+    if not isinstance(found, PhaseSpace):
+        lf = as_lightfield(found)
+        found = phase_space(lf, y=lf.shape[2] // 2, v=lf.shape[0] // 2)
     norm = norm_of(found.values, scale)
     figure = new_figure(7.4, 3.2)
     axes = figure.add_subplot()

@@ -6,6 +6,8 @@ import html
 from importlib.util import find_spec
 from typing import Any
 
+from numpy.typing import ArrayLike
+
 from clplen.compute.device import Device
 from clplen.io.page.html_page import content_of, page_of, script, style
 from clplen.io.page.light_field_item import PageOptions
@@ -22,7 +24,7 @@ def view(
     subject: Any,
     *,
     title: str | None = None,
-    depth: DepthMap | None = None,
+    depth: DepthMap | ArrayLike | None = None,
     compare: bool = False,
     height: int = 600,
     quality: int | None = None,
@@ -41,7 +43,7 @@ def view(
         What is shown, as in `clplen.io.write_html`.
     title : str, optional
         Of the page, as in `clplen.io.write_html`.
-    depth : DepthMap, optional
+    depth : DepthMap or array_like, optional
         Of the centre view of a light field.
     compare : bool
         Whether several are shown side by side.

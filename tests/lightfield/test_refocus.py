@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from itertools import combinations
 from types import SimpleNamespace
 
 import numpy as np
@@ -11,8 +12,10 @@ from reference_lightfield import apply, magnify, sampling_matrix
 from reference_lightfield import refocus as twin
 from tolerance import relative_max
 
+import clplen
 from clplen.errors import DeviceError
 from clplen.lightfield.focus_and_depth import focal_stack
+from clplen.lightfield.model.alpha_law import overlap_limit
 from clplen.lightfield.model.apertures import aperture_weights
 from clplen.lightfield.model.light_field import LightField
 from clplen.lightfield.refocusing.focal_stacks import refocus
@@ -233,3 +236,61 @@ def test_nothing_is_changed(device):
     second = focal_stack(lf, disparities=DISPARITIES).to_numpy()
     np.testing.assert_array_equal(first, second)
     np.testing.assert_array_equal(lf.to_numpy(), a)
+
+
+APART = 23.0  # pixels a view step: the width of the views, from which neighbours share nothing
+OPPOSITE = np.pad([[1.0]], ((0, 2), (0, 3))) + np.pad([[1.0]], ((2, 0), (3, 0)))
+SURFACE = np.full((17, 23), APART)
+BEYOND = {
+    "refocus": lambda lf: refocus(lf, disparity=APART),
+    "alpha": lambda lf: refocus(replace(lf, spacing=SPACING), alpha=1 + APART / 0.8),
+    "cubic": lambda lf: refocus(lf, disparity=-1e6, interpolation="cubic"),
+    "fourier": lambda lf: refocus(lf, disparity=1e6, interpolation="fourier"),
+    "upsample": lambda lf: refocus(lf, disparity=1e6, upsample=2),
+    "surface": lambda lf: refocus(lf, disparity=SURFACE),
+    "focal_stack": lambda lf: focal_stack(lf, disparities=[0, -APART]),
+    "aperture": lambda lf: focal_stack(lf, disparities=[7.7], aperture=OPPOSITE),
+    "fourier_stack": lambda lf: clplen.lightfield.fourier_stack(lf, disparities=[APART]),
+    "depth_map": lambda lf: clplen.depth_map(lf, disparities=[0, 1, APART]),
+    "all_in_focus": lambda lf: clplen.all_in_focus(lf, disparities=[0, APART]),
+    "depth=": lambda lf: clplen.all_in_focus(lf, depth=SURFACE),
+    "flatten": lambda lf: lf.flatten("median", disparity=APART),
+    "view": lambda lf: lf.view(1.5, 1.5, disparity=APART),
+    "view_between": lambda lf: clplen.lightfield.view_between(lf, 1.5, 1.5, APART),
+    "hyperfan": lambda lf: clplen.lightfield.hyperfan(lf, APART, APART + 1),
+    "stored stack": lambda lf: focal_stack(stored(lf), disparities=[0, APART]),
+    "stored depth": lambda lf: clplen.depth_map(stored(lf), disparities=[0, 1, APART]),
+    "stored picture": lambda lf: clplen.all_in_focus(stored(lf), disparities=[0, APART]),
+    "stored depth=": lambda lf: clplen.all_in_focus(stored(lf), depth=SURFACE),
+}
+
+
+def stored(lf):
+    return clplen.StoredLightField.from_light_field(lf)
+
+
+@pytest.mark.parametrize("name", BEYOND)
+def test_a_plane_on_which_no_two_views_overlap_is_refused(device, name):
+    with pytest.raises(ValueError, match="no two views overlap in pictures of 17 x 23 pixels"):
+        BEYOND[name](light_field(device))
+
+
+def test_planes_on_which_some_views_overlap_are_taken(device):
+    lf = light_field(device)
+    assert refocus(lf, disparity=APART - 0.5).to_numpy().any()
+    assert refocus(lf, disparity=np.where(np.eye(17, 23) > 0, 0, 1e6)).to_numpy().any()
+    one = LightField.from_array(values()[:1, :1], device=device)
+    np.testing.assert_array_equal(refocus(one, disparity=1e6), one.view(0, 0))
+    assert focal_stack(lf, disparities=[7.6], aperture=OPPOSITE).to_numpy().any()
+    few = LightField.from_array(values()[..., :2, :1], device=device)
+    assert np.abs(clplen.depth_map(few).disparity).max() < 2
+
+
+def test_the_limit_of_overlap_is_that_of_the_best_pair():
+    rng = np.random.default_rng(5)
+    for count in (1, 2, 3, 30):
+        steps = rng.normal(size=(count, 2)).round(1)
+        places = steps / (17, 23)
+        pairs = combinations(places, 2) if count > 1 else [2 * [places[0]]]
+        least = min(np.abs([a, b, a - b]).max() for a, b in pairs)
+        assert overlap_limit(steps, (1, count, 17, 23)) == pytest.approx(1 / least)

@@ -30,6 +30,7 @@ from clplen.analysis.point.samples import Values
 from clplen.analysis.point.twopoint import SLIT, TwoPoints
 from clplen.cameras.camera_base import Plenoptic
 from clplen.cameras.scenes.scene_sources import PointSources, as_sources
+from clplen.checks import real_array
 from clplen.errors import SamplingError
 from clplen.reprs import OneLine
 from clplen.wave.elements.lenslets import circumscribed
@@ -317,7 +318,7 @@ def compare(
                 _check_scene(camera, scenes[name])
     if depths is None:
         depths = default_depths(next(iter(cameras.values())), quick=quick)
-    plan = _Plan(wanted, np.asarray(depths, np.float64), QUICK if quick else PLACES)
+    plan = _Plan(wanted, real_array(depths, "depths", np.float64), QUICK if quick else PLACES)
     total = sum(plan.exposures(camera) for camera in cameras.values())
     count = 0
 

@@ -12,6 +12,7 @@ import numpy as np
 
 from clplen.analysis.point.psf import PSF
 from clplen.analysis.point.samples import Pair, Values, check_axis, check_positive, first_fall
+from clplen.checks import real_array
 from clplen.compute.arrays import HostArray
 from clplen.errors import ShapeError
 from clplen.reprs import OneLine
@@ -351,10 +352,10 @@ def pixel_mtf(frequency: Any, *, width: float) -> Values:
     [1.0, 0.637, 0.0]
     """
     check_positive(width=width)
-    return np.abs(np.sinc(np.asarray(frequency, np.float64) * width))
+    return np.abs(np.sinc(real_array(frequency, "frequency", np.float64) * width))
 
 
 def _fraction(frequency: Any, wavelength: float, distance: float, width: float) -> Values:
     """Frequency over the incoherent cut-off."""
     check_positive(wavelength=wavelength, distance=distance, width=width)
-    return np.asarray(frequency, np.float64) * (wavelength * distance / width)
+    return real_array(frequency, "frequency", np.float64) * (wavelength * distance / width)

@@ -19,6 +19,7 @@ from clplen.analysis.point.samples import (
     first_fall,
     line_of,
 )
+from clplen.checks import masked_array, real_array
 from clplen.compute.arrays import HostArray
 from clplen.errors import ShapeError
 from clplen.results import Plottable
@@ -543,7 +544,7 @@ def strehl_of_rms(rms: Any) -> Any:
     >>> f"{clplen.analysis.strehl_of_rms(2 * np.pi / 14):.2f}"  # Marechal's limit of lam/14
     '0.82'
     """
-    sigma = np.asarray(rms, np.float64)
+    sigma = real_array(rms, "The rms of a wavefront", np.float64)
     if not (np.isfinite(sigma).all() and (sigma >= 0).all()):
         raise ValueError(f"The rms of a wavefront is finite and not negative, not {rms!r}.")
     found = np.exp(-(sigma**2))
@@ -551,8 +552,11 @@ def strehl_of_rms(rms: Any) -> Any:
 
 
 def _pupil(phase: Any, weight: Any) -> tuple[Any, Any]:
-    phi = np.asarray(phase, np.float64)
-    w = np.ones(phi.shape) if weight is None else np.asarray(weight, np.float64)
+    given, mask = masked_array(phase, "A phase")
+    phi = real_array(given, "A phase", np.float64)
+    w = np.ones(phi.shape) if weight is None else real_array(weight, "weight", np.float64)
+    if mask is not None and w.shape == phi.shape:
+        phi, w = np.where(mask, 0, phi), np.where(mask, 0, w)
     if w.shape != phi.shape:
         raise ShapeError(f"The phase has shape {phi.shape}, its weights {w.shape}.")
     if not (np.isfinite(phi).all() and np.isfinite(w).all() and (w >= 0).all() and w.sum() > 0):

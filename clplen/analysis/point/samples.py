@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from clplen.checks import is_finite
+from clplen.checks import host_array, is_finite
 from clplen.errors import ShapeError
 
 Values = np.ndarray[Any, np.dtype[np.float64]]
@@ -25,7 +25,7 @@ def checked(values: Any, what: str, *, least: int = 1) -> Values:
     """
     if np.iscomplexobj(values):
         raise ValueError(f"{what} is real, an intensity; take abs(amplitude)**2 first.")
-    picture = np.array(values, np.float64)
+    picture = np.array(host_array(values, what), np.float64)
     if picture.ndim != 2 or min(picture.shape) < least:
         raise ShapeError(
             f"{what} has shape (ny, nx) of at least {least} samples a side, not {picture.shape}."

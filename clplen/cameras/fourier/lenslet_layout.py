@@ -10,7 +10,7 @@ from typing import Any, Literal
 import numpy as np
 
 from clplen import units
-from clplen.checks import is_finite
+from clplen.checks import is_finite, real_array
 from clplen.reprs import OneLine
 from clplen.units import metres
 from clplen.wave.elements.lenslets import MicrolensArray
@@ -253,8 +253,8 @@ def covered(inside: Vector, step: float) -> Vector:
 def _numbers(values: Any, what: str) -> Vector:
     """Finite real numbers, float64."""
     try:
-        found = np.asarray(values, np.float64)
-    except (TypeError, ValueError):
+        found = real_array(values, what, np.float64)
+    except TypeError:
         raise ValueError(f"{what} are real numbers of metres, not {values!r}.") from None
     if not np.isfinite(found).all():
         raise ValueError(f"{what} are finite numbers of metres: some are not.")

@@ -16,6 +16,7 @@ from functools import lru_cache
 from typing import Any
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from clplen import units
 from clplen.cameras.optics.lenslet_camera import Row
@@ -483,7 +484,7 @@ NONE = Aberrations()
 
 
 def correct_aberrations(
-    lf: LightField, zernike: Mapping[int, float], *, camera: CameraModel | None = None
+    lf: LightField | ArrayLike, zernike: Mapping[int, float], *, camera: CameraModel | None = None
 ) -> LightField:
     """Return the light field as if the main lens had no such wavefront.
 
@@ -494,7 +495,7 @@ def correct_aberrations(
 
     Parameters
     ----------
-    lf : LightField
+    lf : LightField or array_like
         Decoded with "calibrated" sub-images; with a spacing in metres.
     zernike : mapping of int to float
         Noll's index to metres of path, rms over the aperture, as `Aberrations.main_lens`.

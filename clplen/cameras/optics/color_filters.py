@@ -10,6 +10,7 @@ from typing import Any, Literal
 
 import numpy as np
 
+from clplen.checks import real_array
 from clplen.reprs import OneLine
 from clplen.wave.spectrum.spectral_distribution import SpectralDistribution, as_spectrum
 from clplen.wave.spectrum.spectral_quadrature import Signal
@@ -202,7 +203,7 @@ class ColorFilterArray(OneLine):
         numpy.ndarray
             Shape (n, filters), in the order of ``names``.
         """
-        lam = np.asarray(wavelengths, np.float64)
+        lam = real_array(wavelengths, "wavelengths", np.float64)
         found = np.stack([curve(lam) for curve in self.sensitivities], axis=-1)
         return found * (lam / reference)[..., None] if self.per == "photon" else found
 

@@ -511,7 +511,7 @@ _KEPT = ("digest", "_steepest", "_whole", "_tables", "_cut")  # made again when 
 
 def _on_disc(v: Any, u: Any) -> tuple[Values, Values]:
     """Places of the disc, those beyond it brought to the rim."""
-    v, u = np.broadcast_arrays(np.asarray(v, np.float64), np.asarray(u, np.float64))
+    v, u = np.broadcast_arrays(*(real_array(x, "v and u", np.float64) for x in (v, u)))
     out = np.maximum(np.hypot(v, u), 1)
     return v / out, u / out
 

@@ -13,7 +13,7 @@ import pyopencl.array as cla
 
 from clplen import units
 from clplen.cameras.optics.color_filters import ColorFilterArray
-from clplen.checks import is_finite, is_integer
+from clplen.checks import is_finite, is_integer, real_array
 from clplen.compute.device import Device
 from clplen.reprs import OneLine
 from clplen.wave.elements.lenslets import MicrolensArray
@@ -192,7 +192,7 @@ def _correlated(image: Values, kernel: Values) -> Values:
 def _shares(crosstalk: Any) -> tuple[tuple[float, ...], ...]:
     """A kernel of crosstalk, checked."""
     try:
-        values = np.asarray(crosstalk, np.float64)
+        values = real_array(crosstalk, "crosstalk", np.float64)
     except (TypeError, ValueError):
         raise ValueError(
             f"crosstalk is numbers in rows of one length, not {crosstalk!r}."

@@ -23,6 +23,7 @@ import pyopencl.array as cla
 from clplen.cameras.optics.camera_aberrations import NONE, Aberrations
 from clplen.cameras.optics.lenslet_camera import LensletCamera, lenslet_grid
 from clplen.cameras.optics.pixel_array import PixelArray
+from clplen.checks import real_array
 from clplen.compute.device import Device
 from clplen.errors import SamplingError
 from clplen.lightfield.raw.lenslet_grid import LensType
@@ -114,7 +115,7 @@ class RayOptics(LensletCamera, ABC):
         ValueError
             If the object does not lie in front of the lens.
         """
-        z = self.object_distance + np.asarray(dz, np.float64)
+        z = self.object_distance + real_array(dz, "dz", np.float64)
         if not (z > 0).all():
             raise ValueError(
                 f"dz = {np.min(dz):g} m lies behind the lens, {self.object_distance:g} m from the "
@@ -125,7 +126,7 @@ class RayOptics(LensletCamera, ABC):
 
     def dz(self, alpha: Any) -> Any:
         """The inverse of `alpha`, in metres; infinite at F/f, NaN beyond."""
-        rest = 1 / self.focal_length - np.asarray(alpha, np.float64) / self.image_distance
+        rest = 1 / self.focal_length - real_array(alpha, "alpha", np.float64) / self.image_distance
         with np.errstate(divide="ignore", invalid="ignore"):
             z = np.where(rest >= 0, 1 / np.maximum(rest, 0), np.nan) - self.object_distance
         return float(z) if z.ndim == 0 else z
@@ -162,12 +163,12 @@ class RayOptics(LensletCamera, ABC):
         numpy.ndarray
             Shape (n, 2), metres.
         """
-        places = np.atleast_2d(np.asarray(positions, np.float64))
+        places = np.atleast_2d(real_array(positions, "positions", np.float64))
         return np.asarray(places[:, :2] * self.array_scale(places[:, 2])[:, None])
 
     def array_scale(self, dz: Any) -> Any:
         """-z2/(object distance + dz): a place on the array over that of its object."""
-        return -self.array_distance / (self.object_distance + np.asarray(dz, np.float64))
+        return -self.array_distance / (self.object_distance + real_array(dz, "dz", np.float64))
 
     @property
     def spot_variance(self) -> float:

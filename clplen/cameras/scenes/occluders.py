@@ -7,7 +7,7 @@ from typing import Any, ClassVar
 
 import numpy as np
 
-from clplen.checks import is_finite
+from clplen.checks import is_finite, real_array
 from clplen.compute.arrays import HostArray
 from clplen.errors import ShapeError
 from clplen.reprs import OneLine
@@ -65,8 +65,8 @@ class Occluder(OneLine, HostArray):
 
     def __init__(self, opacity: Any, width: float, z: float = 0.0) -> None:
         try:
-            values = np.array(opacity, np.float64)
-        except (TypeError, ValueError) as error:
+            values = np.array(real_array(opacity, "An opacity", np.float64))
+        except TypeError as error:
             raise TypeError(
                 f"An opacity is an array of real numbers, (ny, nx), not {type(opacity).__name__}."
             ) from error

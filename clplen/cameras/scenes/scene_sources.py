@@ -10,7 +10,7 @@ import numpy as np
 
 from clplen import units
 from clplen.cameras.scenes.occluders import Occluder
-from clplen.checks import is_finite
+from clplen.checks import is_finite, real_array
 from clplen.compute.arrays import HostArray
 from clplen.deprecation import renamed_argument, renamed_attribute
 from clplen.errors import ShapeError
@@ -123,8 +123,8 @@ class PointSources(OneLine):
 def _numbers(values: Any, what: str) -> np.ndarray[Any, np.dtype[np.float64]]:
     """An array of real numbers."""
     try:
-        return np.asarray(values, np.float64)
-    except (TypeError, ValueError):
+        return real_array(values, what, np.float64)
+    except TypeError:
         raise ValueError(f"{what} are real numbers, not {values!r}.") from None
 
 
@@ -215,8 +215,8 @@ class PicturePlane(OneLine, HostArray):
         opacity: Any = None,
     ) -> None:
         try:
-            values = np.array(image, np.float64)
-        except (TypeError, ValueError) as error:
+            values = np.array(real_array(image, "A picture", np.float64))
+        except TypeError as error:
             raise TypeError(
                 f"A picture is an array of real numbers, (ny, nx), not {type(image).__name__}."
             ) from error

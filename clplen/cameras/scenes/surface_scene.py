@@ -12,6 +12,7 @@ import pyopencl.array as cla
 
 from clplen.cameras.scenes.ground_truth import Truth, truth_of
 from clplen.cameras.scenes.surfaces import Bars, Ellipse, Plane, Polygon, Sphere, require_numbers
+from clplen.checks import real_array
 from clplen.compute.device import Device, DeviceLike, as_device
 from clplen.errors import ShapeError
 from clplen.lightfield.model.light_field import LightField
@@ -363,7 +364,7 @@ def _counts(pair: Any, what: str) -> tuple[int, int]:
 
 def _spread(noise: Any, shape: tuple[int, int]) -> np.ndarray[Any, Any]:
     """Standard deviation of the noise, broadcastable to (ny, nx, 1)."""
-    values = np.asarray(noise, np.float32)
+    values = real_array(noise, "noise")
     try:
         np.broadcast_to(values, shape)
     except ValueError as error:
@@ -375,7 +376,7 @@ def _spread(noise: Any, shape: tuple[int, int]) -> np.ndarray[Any, Any]:
 
 def _gains(gain: Any, views: tuple[int, int]) -> np.ndarray[Any, Any]:
     """Brightness of each view, float32, shape (V, U)."""
-    values = np.ones(views, np.float32) if gain is None else np.asarray(gain, np.float32)
+    values = np.ones(views, np.float32) if gain is None else real_array(gain, "gain")
     if values.shape != views:
         raise ShapeError(f"gain has one number for each of {views} views, not {values.shape}.")
     if not np.isfinite(values).all():

@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 
 from clplen.cameras.scenes.textures import Texture, uniform
+from clplen.checks import real_array
 from clplen.deprecation import renamed_argument, renamed_attribute
 from clplen.reprs import OneLine
 
@@ -167,7 +168,9 @@ class Polygon(OneLine):
     contours: tuple[Vector, ...]
 
     def __init__(self, *contours: Sequence[Pair] | np.ndarray[Any, Any]) -> None:
-        lines = tuple(np.array(contour, np.float64) for contour in contours)
+        lines = tuple(
+            np.array(real_array(contour, "A contour", np.float64)) for contour in contours
+        )
         for line in lines:
             if line.ndim != 2 or line.shape[1] != 2 or len(line) < 3:
                 raise ValueError(

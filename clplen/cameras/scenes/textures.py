@@ -8,7 +8,7 @@ from typing import Any, ClassVar
 
 import numpy as np
 
-from clplen.checks import host_array, is_finite
+from clplen.checks import host_array, is_finite, real_array
 from clplen.compute.arrays import HostArray
 from clplen.errors import ShapeError
 from clplen.reprs import OneLine
@@ -152,7 +152,7 @@ def uniform(level: float | tuple[float, float, float] = 0.5) -> Texture:
     >>> orange.samples.tolist()
     [[[1.0, 0.5, 0.0]]]
     """
-    return Texture(np.atleast_3d(np.asarray(level, np.float32)).reshape(1, 1, -1))
+    return Texture(np.atleast_3d(real_array(level, "level")).reshape(1, 1, -1))
 
 
 def noise(

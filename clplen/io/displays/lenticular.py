@@ -11,9 +11,10 @@ from collections.abc import Iterable, Sized
 from typing import Any
 
 import numpy as np
+from numpy.typing import ArrayLike
 from PIL import Image, ImageDraw, ImageFont
 
-from clplen.checks import is_finite, positive_integer
+from clplen.checks import host_array, is_finite, positive_integer
 from clplen.compute.memory import free_memory
 from clplen.errors import ShapeError
 
@@ -139,7 +140,7 @@ def lens_views(pixels: int, pitch: float, views: int, *, centre: float | None = 
 
 
 def interlace(
-    views: Iterable[Array],
+    views: Iterable[ArrayLike],
     pitch: float,
     *,
     count: int | None = None,
@@ -150,7 +151,7 @@ def interlace(
 
     Parameters
     ----------
-    views : iterable of numpy.ndarray
+    views : iterable of array_like
         uint8, each of the print's shape (y, x) or (y, x, 3). The leftmost viewpoint comes first,
         as in a quilt; for horizontal lenses the topmost. One is held at a time.
     pitch : float
@@ -197,7 +198,7 @@ def interlace(
     made: Array | None = None
     owner = np.empty(0, np.int64)
     seen = 0
-    for view in views:
+    for view in (host_array(view, "A view") for view in views):
         if made is None:
             owner, made = _empty(view, pitch, count, lenses, centre)
         if view.dtype != np.uint8:

@@ -14,7 +14,9 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from numpy.typing import ArrayLike
 
+from clplen.checks import host_array, real_array
 from clplen.errors import ShapeError
 from clplen.files import PathLike, filling
 from clplen.io.formats.picture import write_picture
@@ -30,12 +32,12 @@ _POINTS = "points.ply"
 
 def write_nerf(
     folder: PathLike,
-    pictures: Array,
+    pictures: ArrayLike,
     cameras: ViewCameras,
     *,
-    points: Array | None = None,
-    colours: Array | None = None,
-    keep: Array | None = None,
+    points: ArrayLike | None = None,
+    colours: ArrayLike | None = None,
+    keep: ArrayLike | None = None,
 ) -> None:
     """Write views and a transforms.json for instant-ngp, nerfstudio and programs like these.
 
@@ -46,16 +48,16 @@ def write_nerf(
     ----------
     folder : path-like
         New or empty.
-    pictures : numpy.ndarray
+    pictures : array_like
         uint8, shape (v, u, y, x) or (v, u, y, x, 3).
     cameras : ViewCameras
         Of all views.
-    points : numpy.ndarray, optional
+    points : array_like, optional
         Shape (n, 3), as `ViewCameras.points` gives them; written as points.ply, in the world's
         axes, where nerfstudio looks for them. Those that are not finite are left out.
-    colours : numpy.ndarray, optional
+    colours : array_like, optional
         Of the points: shape (n, 3), uint8.
-    keep : numpy.ndarray, optional
+    keep : array_like, optional
         Shape (v, u); views where it is False are left out.
 
     Raises
@@ -79,7 +81,8 @@ def write_nerf(
     >>> frames[4]["file_path"], [row[3] for row in frames[4]["transform_matrix"]]
     ('images/view_00_04.png', [2.0, 1.0, 0.0, 1.0])
     """
-    _check(pictures, cameras)
+    pictures = _checked(pictures, cameras)
+    keep = None if keep is None else host_array(keep, "keep")
     fy, fx = cameras.focal
     height, width = cameras.size
     shared: dict[str, Any] = {
@@ -106,7 +109,12 @@ def write_nerf(
     with filling(folder) as target:
         _write_views(target, pictures, keep)
         if points is not None:
-            write_ply(target / _POINTS, points * (1, -1, -1), colours, comment="world of the poses")
+            write_ply(
+                target / _POINTS,
+                real_array(points, "Points", np.float64) * (1, -1, -1),
+                colours,
+                comment="world of the poses",
+            )
             shared["ply_file_path"] = _POINTS
         text = json.dumps(shared | {"frames": frames}, indent=1)
         (target / "transforms.json").write_text(text + "\n", encoding="utf-8")
@@ -114,12 +122,12 @@ def write_nerf(
 
 def write_colmap(
     folder: PathLike,
-    pictures: Array,
+    pictures: ArrayLike,
     cameras: ViewCameras,
     *,
-    points: Array | None = None,
-    colours: Array | None = None,
-    keep: Array | None = None,
+    points: ArrayLike | None = None,
+    colours: ArrayLike | None = None,
+    keep: ArrayLike | None = None,
 ) -> None:
     """Write views and a sparse model in COLMAP's text format, as Gaussian splatting takes it.
 
@@ -131,16 +139,16 @@ def write_colmap(
     ----------
     folder : path-like
         New or empty.
-    pictures : numpy.ndarray
+    pictures : array_like
         uint8, shape (v, u, y, x) or (v, u, y, x, 3).
     cameras : ViewCameras
         Of all views.
-    points : numpy.ndarray, optional
+    points : array_like, optional
         Shape (n, 3), as `ViewCameras.points` gives them; without tracks. Those that are not finite
         are left out.
-    colours : numpy.ndarray, optional
+    colours : array_like, optional
         Of the points: shape (n, 3), uint8; default grey.
-    keep : numpy.ndarray, optional
+    keep : array_like, optional
         Shape (v, u); views where it is False are left out.
 
     Raises
@@ -162,7 +170,8 @@ def write_colmap(
     ...     file.readlines()[-1]
     '1 PINHOLE 32 24 32.0 32.0 16.0 12.0\\n'
     """
-    _check(pictures, cameras)
+    pictures = _checked(pictures, cameras)
+    keep = None if keep is None else host_array(keep, "keep")
     points, colours = _known(points, colours)
     fy, fx = cameras.focal
     height, width = cameras.size
@@ -190,8 +199,9 @@ def write_colmap(
             file.write_text("\n".join(text) + "\n", encoding="ascii")
 
 
-def _check(pictures: Array, cameras: ViewCameras) -> None:
-    """Refuse pictures that are not one a camera, in 8 bits."""
+def _checked(pictures: ArrayLike, cameras: ViewCameras) -> Array:
+    """Pictures, one a camera, in 8 bits."""
+    pictures = host_array(pictures, "The pictures of views")
     if pictures.dtype != np.uint8:
         raise ValueError(f"The pictures of views are uint8, not {pictures.dtype}.")
     wanted = (*cameras.centres.shape[:2], *cameras.size)
@@ -199,14 +209,17 @@ def _check(pictures: Array, cameras: ViewCameras) -> None:
         raise ShapeError(
             f"These cameras see pictures of shape {wanted} or {(*wanted, 3)}, not {pictures.shape}."
         )
+    return pictures
 
 
-def _known(points: Array | None, colours: Array | None) -> tuple[Array, Array]:
+def _known(points: ArrayLike | None, colours: ArrayLike | None) -> tuple[Array, Array]:
     """Finite points (n, 3) and their colours."""
-    places = np.empty((0, 3)) if points is None else np.asarray(points, np.float64)
+    places = np.empty((0, 3)) if points is None else real_array(points, "Points", np.float64)
     if places.ndim != 2 or places.shape[1] != 3:
         raise ShapeError(f"Points have shape (n, 3), not {places.shape}.")
-    shades = np.full(places.shape, 128, np.uint8) if colours is None else np.asarray(colours)
+    shades = (
+        np.full(places.shape, 128, np.uint8) if colours is None else host_array(colours, "Colours")
+    )
     if shades.shape != places.shape:
         raise ShapeError(f"Colours have shape {places.shape} as the points, not {shades.shape}.")
     finite = np.isfinite(places).all(1)

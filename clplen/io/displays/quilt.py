@@ -14,8 +14,9 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from numpy.typing import ArrayLike
 
-from clplen.checks import positive_integer
+from clplen.checks import host_array, positive_integer
 from clplen.compute.memory import free_memory
 from clplen.errors import ShapeError
 from clplen.files import PathLike
@@ -150,14 +151,14 @@ DISPLAYS = {
 }
 
 
-def write_quilt(path: PathLike, tiles: Iterable[Array], layout: QuiltLayout) -> Path:
+def write_quilt(path: PathLike, tiles: Iterable[ArrayLike], layout: QuiltLayout) -> Path:
     """Write the views of a quilt as a PNG, whose name tells the layout.
 
     Parameters
     ----------
     path : path-like
         ``.png``; ``_qs{columns}x{rows}a{aspect}`` is added where the stem does not end in it.
-    tiles : iterable of numpy.ndarray
+    tiles : iterable of array_like
         uint8, of the tile's shape (y, x) or (y, x, 3), the leftmost viewpoint first.
     layout : QuiltLayout
         Columns, rows and size.
@@ -190,7 +191,7 @@ def write_quilt(path: PathLike, tiles: Iterable[Array], layout: QuiltLayout) -> 
         raise ValueError(f"A quilt is written as .png, not as {target.name}.")
     quilt: Array | None = None
     count = 0
-    for tile in tiles:
+    for tile in (host_array(tile, "A tile") for tile in tiles):
         if tile.dtype != np.uint8:
             raise ValueError(f"The tiles of a quilt are uint8, not {tile.dtype}.")
         fits = tile.shape[:2] == layout.tile and tile.shape[2:] in ((), (3,))

@@ -5,7 +5,9 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
+from numpy.typing import ArrayLike
 
+from clplen.checks import host_array
 from clplen.errors import ShapeError
 from clplen.io.formats.picture import encoded, linear
 
@@ -26,12 +28,12 @@ ANAGLYPHS: dict[str, tuple[Any, Any]] = {
 ARRANGEMENTS = ("anaglyph", "side-by-side", "cross-eyed")
 
 
-def anaglyph(left: Array, right: Array, *, colours: str = "dubois") -> Array:
+def anaglyph(left: ArrayLike, right: ArrayLike, *, colours: str = "dubois") -> Array:
     """Return one picture for red-cyan glasses, red before the left eye.
 
     Parameters
     ----------
-    left, right : numpy.ndarray
+    left, right : array_like
         uint8, sRGB as a screen shows it, shape (y, x) or (y, x, 3): what each eye is to see.
     colours : {"dubois", "colour", "grey"}
         "dubois" comes nearest to the colours of both eyes through the filters, and has the least
@@ -75,12 +77,14 @@ def anaglyph(left: Array, right: Array, *, colours: str = "dubois") -> Array:
     return np.rint(255 * encoded(np.asarray(mixed))).astype(np.uint8)
 
 
-def paired(left: Array, right: Array, *, arrangement: str, colours: str = "dubois") -> Array:
+def paired(
+    left: ArrayLike, right: ArrayLike, *, arrangement: str, colours: str = "dubois"
+) -> Array:
     """Return two pictures as one.
 
     Parameters
     ----------
-    left, right : numpy.ndarray
+    left, right : array_like
         As in `anaglyph`.
     arrangement : {"anaglyph", "side-by-side", "cross-eyed"}
         "side-by-side" has the left eye's picture at the left, for viewers and parallel eyes,
@@ -103,11 +107,12 @@ def paired(left: Array, right: Array, *, arrangement: str, colours: str = "duboi
         raise ValueError(f"Two views are arranged as {known}, not {arrangement!r}.")
     if arrangement == "anaglyph":
         return anaglyph(left, right, colours=colours)
-    left, right = _checked(left, right)
-    return np.concatenate((left, right) if arrangement == "side-by-side" else (right, left), axis=1)
+    pair = _checked(left, right)
+    return np.concatenate(pair if arrangement == "side-by-side" else pair[::-1], axis=1)
 
 
-def _checked(left: Array, right: Array) -> tuple[Array, Array]:
+def _checked(left: ArrayLike, right: ArrayLike) -> tuple[Array, Array]:
+    left, right = (host_array(picture, "A picture") for picture in (left, right))
     if left.shape != right.shape or left.ndim not in (2, 3) or left.shape[2:] not in ((), (3,)):
         raise ShapeError(
             f"The pictures for two eyes have one shape, (y, x) or (y, x, 3), not {left.shape} and "

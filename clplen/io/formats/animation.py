@@ -8,7 +8,9 @@ from typing import Any
 
 import imageio.v3 as imageio
 import numpy as np
+from numpy.typing import ArrayLike
 
+from clplen.checks import host_array
 from clplen.files import PathLike, replacing
 from clplen.io.formats.picture import encoded
 from clplen.io.formats.video import encoder, write_mp4
@@ -24,16 +26,14 @@ _SHORTEST, _LONGEST = 0.02, 3600  # seconds of a picture
 _GLINT = 3  # times that percentile: a larger maximum is cut
 
 
-def write_animation(
-    path: PathLike, pictures: Iterable[np.ndarray[Any, Any]], *, seconds: float = 0.1
-) -> None:
+def write_animation(path: PathLike, pictures: Iterable[ArrayLike], *, seconds: float = 0.1) -> None:
     """Write pictures as an animated GIF that repeats for ever, or as a film.
 
     Parameters
     ----------
     path : path-like
         ``.gif``, or ``.mp4`` with ``pip install "clplen[video]"``.
-    pictures : iterable of numpy.ndarray
+    pictures : iterable of array_like
         Of uint8, all of one shape (y, x) or (y, x, 3), at least one. A GIF keeps 256
         colours a picture: colours are dithered to 32 levels of each first, greys stay.
         MP4 is H.264 in yuv420p, BT.709; of an odd number of rows or columns the last one stands
@@ -57,7 +57,7 @@ def write_animation(
     ...     file.read(6)
     b'GIF89a'
     """
-    frames = list(pictures)
+    frames = [host_array(picture, "A picture") for picture in pictures]
     suffix = Path(path).suffix.lower()
     if suffix not in FILMS:
         raise ValueError(f"An animation is written as .gif or .mp4, not as {Path(path).name}.")

@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from clplen.checks import host_array
 from clplen.errors import ShapeError
@@ -28,7 +29,7 @@ _LARGEST = 2**32 - 1  # bytes of a file
 
 
 def write_glb(
-    path: PathLike, points: Array, colours: Array | None = None, *, comment: str = ""
+    path: PathLike, points: ArrayLike, colours: ArrayLike | None = None, *, comment: str = ""
 ) -> None:
     """Write points, each with its colour, as binary glTF.
 
@@ -39,10 +40,10 @@ def write_glb(
     ----------
     path : path-like
         ``.glb``.
-    points : numpy.ndarray
+    points : array_like
         Shape (n, 3): x right, y down, z along the optical axis, in metres; stored as float32.
         Points with a coordinate that is NaN or infinite are left out.
-    colours : numpy.ndarray, optional
+    colours : array_like, optional
         Shape (n, 3), uint8: red, green, blue of sRGB.
     comment : str, optional
         What the coordinates are; kept in ``asset.extras``.
@@ -68,6 +69,7 @@ def write_glb(
     if Path(path).suffix.lower() != ".glb":
         raise ValueError(f"Binary glTF is written as .glb, not as {Path(path).name}.")
     points = host_array(points, "Points")
+    colours = None if colours is None else host_array(colours, "Colours of points")
     if points.ndim != 2 or points.shape[1] != 3:
         raise ShapeError(f"Points have shape (n, 3), not {points.shape}.")
     if colours is not None and colours.shape != points.shape:
@@ -101,7 +103,7 @@ def write_glb(
 
 
 def write_points(
-    path: PathLike, points: Array, colours: Array | None = None, *, comment: str = ""
+    path: PathLike, points: ArrayLike, colours: ArrayLike | None = None, *, comment: str = ""
 ) -> None:
     """Write a point cloud as PLY or binary glTF, by the suffix; words as for `write_glb`."""
     write = write_glb if Path(path).suffix.lower() == ".glb" else write_ply

@@ -6,7 +6,9 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from numpy.typing import ArrayLike
 
+from clplen.checks import host_array
 from clplen.errors import FormatError
 from clplen.files import PathLike, replacing
 from clplen.io.formats.untrusted import require_bytes
@@ -17,14 +19,14 @@ SUFFIXES = (".npy",)
 _VERSION = b"\x01\0"  # the length of the header follows in two bytes
 
 
-def write_npy(path: PathLike, values: np.ndarray[Any, Any], *, durable: bool = False) -> None:
+def write_npy(path: PathLike, values: ArrayLike, *, durable: bool = False) -> None:
     """Write an array for `numpy.load`, with the header of `clplen.outputs`.
 
     Parameters
     ----------
     path : path-like
         The file; its name is taken as it is.
-    values : numpy.ndarray
+    values : array_like
         Of real numbers; written in C order.
     durable : bool
         Whether to wait until the disk has the file, as in `clplen.files.replacing`.
@@ -40,7 +42,7 @@ def write_npy(path: PathLike, values: np.ndarray[Any, Any], *, durable: bool = F
     >>> np.load("disparity.npy").tolist()
     [-1.0, -0.5, 0.0, 0.5, 1.0]
     """
-    array = np.ascontiguousarray(values)
+    array = np.ascontiguousarray(host_array(values, "An array of a file"))
     about = np.lib.format.header_data_from_array_1_0(array)
     length = NPY_HEADER - len(MAGIC + _VERSION) - 2
     header = repr(about).encode("ascii").ljust(length - 1) + b"\n"

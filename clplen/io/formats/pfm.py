@@ -12,7 +12,9 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from numpy.typing import ArrayLike
 
+from clplen.checks import host_array
 from clplen.errors import FormatError, ShapeError
 from clplen.files import PathLike, replacing
 from clplen.outputs import PFM_SCALE
@@ -83,14 +85,14 @@ def read_pfm(path: PathLike) -> np.ndarray[Any, np.dtype[np.float32]]:
     return rows[::-1].astype(np.float32)
 
 
-def write_pfm(path: PathLike, values: np.ndarray[Any, Any], *, durable: bool = False) -> None:
+def write_pfm(path: PathLike, values: ArrayLike, *, durable: bool = False) -> None:
     """Write a PFM file, little endian.
 
     Parameters
     ----------
     path : path-like
         The file, such as ``disparity.pfm``.
-    values : numpy.ndarray
+    values : Image or array_like
         Shape (y, x) or (y, x, 3), row 0 at the top; written as float32.
     durable : bool
         Whether to wait until the disk has the file, as in `clplen.files.replacing`.
@@ -107,6 +109,7 @@ def write_pfm(path: PathLike, values: np.ndarray[Any, Any], *, durable: bool = F
     >>> clplen.io.read_disparity("disparity.pfm").shape
     (24, 32)
     """
+    values = host_array(values, "A picture")
     if values.ndim not in (2, 3) or values.shape[2:] not in ((), (3,)):
         raise ShapeError(f"PFM holds (y, x) or (y, x, 3), not {values.shape}.")
     kind = "Pf" if values.ndim == 2 else "PF"

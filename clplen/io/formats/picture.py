@@ -15,9 +15,10 @@ from typing import Any
 import imageio.v3 as imageio
 import numpy as np
 import tifffile
+from numpy.typing import ArrayLike
 from PIL.PngImagePlugin import PngInfo
 
-from clplen.checks import is_finite
+from clplen.checks import host_array, is_finite
 from clplen.errors import FormatError
 from clplen.files import PathLike, replacing
 from clplen.io.formats import tiff
@@ -356,7 +357,7 @@ def _by_pillow(content: bytes, header: Header) -> Array:
 
 def write_picture(
     path: PathLike,
-    values: Array,
+    values: ArrayLike,
     *,
     description: str = "",
     durable: bool = False,
@@ -368,7 +369,7 @@ def write_picture(
     ----------
     path : path-like
         ``.png`` takes uint8 (y, x) and (y, x, 3) and uint16 (y, x); ``.tif`` any real dtype.
-    values : numpy.ndarray
+    values : Image or array_like
         Shape (y, x) or (y, x, 3).
     description : str, optional
         What the values are, in ASCII; kept by TIFF only.
@@ -391,6 +392,7 @@ def write_picture(
     ('float64', True)
     """
     path = Path(path)
+    values = host_array(values, "A picture")
     suffix = path.suffix.lower()
     if dpi is not None and not (is_finite(dpi) and dpi > 0):
         raise ValueError(f"The dpi of a picture is positive, not {dpi!r}.")

@@ -6,8 +6,9 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from numpy.typing import ArrayLike
 
-from clplen.checks import host_array
+from clplen.checks import host_array, real_map
 from clplen.errors import FormatError, ShapeError
 from clplen.files import PathLike, replacing
 from clplen.lightfield.depth.depth_maps import metric_depth
@@ -26,7 +27,7 @@ _PIXELS = "no camera: x and y in pixels, y down, z is the disparity in pixels pe
 
 
 def write_ply(
-    path: PathLike, points: Array, colours: Array | None = None, *, comment: str = ""
+    path: PathLike, points: ArrayLike, colours: ArrayLike | None = None, *, comment: str = ""
 ) -> None:
     """Write points, each with its colour.
 
@@ -34,10 +35,10 @@ def write_ply(
     ----------
     path : path-like
         ``.ply``.
-    points : numpy.ndarray
+    points : array_like
         Shape (n, 3): x, y, z; stored as float32. Points with a coordinate that is NaN or infinite
         are left out.
-    colours : numpy.ndarray, optional
+    colours : array_like, optional
         Shape (n, 3), uint8: red, green, blue.
     comment : str, optional
         What the coordinates are, in ASCII.
@@ -61,6 +62,7 @@ def write_ply(
     if Path(path).suffix.lower() != ".ply":
         raise ValueError(f"A point cloud is written as .ply, not as {Path(path).name}.")
     points = host_array(points, "Points")
+    colours = None if colours is None else host_array(colours, "Colours of points")
     if points.ndim != 2 or points.shape[1] != 3:
         raise ShapeError(f"Points have shape (n, 3), not {points.shape}.")
     if colours is not None and colours.shape != points.shape:
@@ -153,7 +155,7 @@ def _header(vertices: Array, comment: str) -> str:
 
 
 def points_of(
-    disparity: Array,
+    disparity: ArrayLike,
     *,
     baseline: float | None = None,
     focal_length: float | None = None,
@@ -167,8 +169,8 @@ def points_of(
 
     Parameters
     ----------
-    disparity : numpy.ndarray
-        Shape (y, x), pixels a view step.
+    disparity : DepthMap or array_like
+        Shape (y, x), pixels a view step; NaN and masked values are unknown.
     baseline : float, optional
         The step b from view to view, in metres. With ``focal_length`` and ``pixel_pitch``, or not
         at all.
@@ -203,9 +205,9 @@ def points_of(
     >>> comment
     'metres from the centre view: x right, y down, z along the optical axis'
     """
-    if disparity.ndim != 2:
-        raise ShapeError(f"A disparity map has shape (y, x), not {disparity.shape}.")
-    d = disparity.astype(np.float64)
+    d = real_map(disparity, "A disparity map", np.float64)
+    if d.ndim != 2:
+        raise ShapeError(f"A disparity map has shape (y, x), not {d.shape}.")
     y, x = np.indices(d.shape, dtype=np.float64)
     if all(n is None for n in (baseline, focal_length, pixel_pitch, focus_distance)):
         return np.stack([x, y, d], -1).reshape(-1, 3), _PIXELS

@@ -9,6 +9,8 @@ from dataclasses import fields, replace
 from pathlib import Path
 from typing import Any
 
+from numpy.typing import ArrayLike
+
 from clplen.compute.device import DeviceLike, as_device
 from clplen.errors import FormatError
 from clplen.files import PathLike
@@ -26,7 +28,7 @@ from clplen.io.store import hdf5_files, zarr_files
 from clplen.lightfield.metric.intrinsics import Intrinsics
 from clplen.lightfield.metric.rectification import rectify_views
 from clplen.lightfield.model.light_field import LightField
-from clplen.lightfield.model.stored_light_field import StoredLightField
+from clplen.lightfield.model.stored_light_field import StoredLightField, as_lightfield
 
 logger = logging.getLogger("clplen.io")
 
@@ -261,7 +263,7 @@ def files_of(path: PathLike, **layout: Any) -> list[Path]:
     return [*(path / name for name in find_views(path, words)[2].values()), *beside]
 
 
-def write_lightfield(path: PathLike, lf: LightField) -> None:
+def write_lightfield(path: PathLike, lf: LightField | ArrayLike) -> None:
     """Write a light field so that `read_lightfield` gives it back.
 
     Parameters
@@ -269,7 +271,7 @@ def write_lightfield(path: PathLike, lf: LightField) -> None:
     path : path-like
         ``.h5``, ``.hdf5`` and ``.zarr`` (a new folder) keep everything; a name without suffix
         becomes a new folder of pictures, which keeps the samples only.
-    lf : LightField
+    lf : LightField or array_like
         Shape (v, u, y, x[, c]).
 
     Raises
@@ -288,6 +290,7 @@ def write_lightfield(path: PathLike, lf: LightField) -> None:
     >>> clplen.read_lightfield("views.h5")
     <LightField (5, 5, 32, 48) float32, ...>
     """
+    lf = as_lightfield(lf)
     suffix = Path(path).suffix.lower()
     if suffix in hdf5_files.SUFFIXES:
         write_hdf5(path, lf)

@@ -12,6 +12,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from clplen.compute.device import Device
 from clplen.errors import FormatError
@@ -24,6 +25,7 @@ from clplen.io.lightfields.view_folders import pictured
 from clplen.io.lightfields.view_positions import positions_of
 from clplen.io.lightfields.view_set import form_of, new_samples
 from clplen.lightfield.model.light_field import LightField
+from clplen.lightfield.model.stored_light_field import as_lightfield
 
 Array = np.ndarray[Any, Any]
 
@@ -246,14 +248,14 @@ def _weights(alpha: Array, whole: Array, path: Path) -> Array:
     return weights
 
 
-def write_mosaic(path: PathLike, lf: LightField, *, order: str = "yvxu") -> None:
+def write_mosaic(path: PathLike, lf: LightField | ArrayLike, *, order: str = "yvxu") -> None:
     """Write a light field as one picture.
 
     Parameters
     ----------
     path : path-like
         ``.png`` takes uint8 and grey uint16, ``.tif`` everything.
-    lf : LightField
+    lf : LightField or array_like
         Views (v, u, y, x), or (v, u, y, x, c) of 1 or 3 channels.
     order : {"yvxu", "vyux"}
         Lenslet images, or views, side by side.
@@ -273,7 +275,7 @@ def write_mosaic(path: PathLike, lf: LightField, *, order: str = "yvxu") -> None
     (48, 120)
     """
     plain = _order(order)
-    values = pictured(lf)
+    values = pictured(as_lightfield(lf))
     V, U, ny, nx = values.shape[:4]
     picture = np.empty((V * ny, U * nx, *values.shape[4:]), values.dtype)
     as_views(picture, (V, U), plain or "yvxu")[...] = values

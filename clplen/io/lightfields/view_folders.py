@@ -12,6 +12,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from clplen.compute.device import Device
 from clplen.errors import FormatError, ShapeError
@@ -23,7 +24,7 @@ from clplen.io.lightfields.layout import NAME_WORDS, ZIP, Kind, Layout, View
 from clplen.io.lightfields.view_names import DEFAULT_PATTERN, Pattern, arranged, views_only
 from clplen.io.lightfields.view_set import ViewSet, assemble, stored_views
 from clplen.lightfield.model.light_field import LightField
-from clplen.lightfield.model.stored_light_field import StoredLightField
+from clplen.lightfield.model.stored_light_field import StoredLightField, as_lightfield
 
 _PATTERNS = {"hci": "input_Cam{i:03d}", "stanford": "out_{v:02d}_{u:02d}_{y:.6f}_{x:.6f}_"}
 _RATIO = {zipfile.ZIP_STORED: 1.0, zipfile.ZIP_DEFLATED: DEFLATE}
@@ -128,7 +129,9 @@ def find_views(folder: Path, layout: Layout) -> tuple[Pattern, View, dict[View, 
     return arranged(names, pictures, layout, str(folder))
 
 
-def write_views(path: PathLike, lf: LightField, *, pattern: str = DEFAULT_PATTERN) -> None:
+def write_views(
+    path: PathLike, lf: LightField | ArrayLike, *, pattern: str = DEFAULT_PATTERN
+) -> None:
     """Write a light field as a new folder of pictures.
 
     uint8 becomes PNG; uint16, float16 and float32 become TIFF, which keeps them; float16 is read
@@ -138,7 +141,7 @@ def write_views(path: PathLike, lf: LightField, *, pattern: str = DEFAULT_PATTER
     ----------
     path : path-like
         A folder that does not exist yet, or is empty.
-    lf : LightField
+    lf : LightField or array_like
         Views (v, u, y, x), or (v, u, y, x, c) of 1 or 3 channels.
     pattern : str
         Names without suffix, by ``{v}`` and ``{u}`` or by ``{i}`` row by row, formatted as Python
@@ -164,6 +167,7 @@ def write_views(path: PathLike, lf: LightField, *, pattern: str = DEFAULT_PATTER
     >>> clplen.read_lightfield("scene").shape
     (3, 3, 16, 16)
     """
+    lf = as_lightfield(lf)
     values = pictured(lf)
     name = _namer(pattern, lf)
     suffix = ".png" if lf.dtype == np.uint8 else ".tif"

@@ -12,6 +12,7 @@ from pathlib import Path
 from typing import Any, Protocol, runtime_checkable
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from clplen.checks import host_array
 from clplen.compute.arrays import Image
@@ -20,7 +21,7 @@ from clplen.files import PathLike, replacing
 from clplen.io.page.light_field_item import PageOptions, light_field_item
 from clplen.io.page.samples import Content
 from clplen.io.page.volume_item import volume_item
-from clplen.lightfield.depth.depth_maps import DepthMap
+from clplen.lightfield.depth.depth_maps import DepthMap, as_depth_map
 from clplen.lightfield.model.light_field import LightField
 from clplen.lightfield.raw.raw_image import RawImage
 from clplen.lightfield.refocusing.focal_stacks import FocalStack
@@ -55,7 +56,7 @@ def write_html(
     subject: Any,
     *,
     title: str | None = None,
-    depth: DepthMap | None = None,
+    depth: DepthMap | ArrayLike | None = None,
     quality: int | None = None,
     downscale: int = 1,
     views: tuple[int, int] | None = None,
@@ -77,7 +78,7 @@ def write_html(
         as such. Of a list or dict {name: subject} each has a tab.
     title : str, optional
         Of the page.
-    depth : DepthMap, optional
+    depth : DepthMap or array_like, optional
         Of the centre view of a light field: then a click focuses by it, viewpoints between views
         follow it, and everything can be in focus.
     quality : int, optional
@@ -129,13 +130,14 @@ def content_of(
     subject: Any,
     *,
     title: str | None = None,
-    depth: DepthMap | None = None,
+    depth: DepthMap | ArrayLike | None = None,
     options: PageOptions | None = None,
     compare: bool = False,
 ) -> Content:
     """What a page of some subjects shows; parameters as of `write_html`."""
     options = options or PageOptions()
     content = Content()
+    depth = None if depth is None else as_depth_map(depth)
     named = subject if isinstance(subject, dict) else _named(subject)
     if not named:
         raise ValueError("There is nothing to show: give at least one light field or picture.")

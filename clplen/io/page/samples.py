@@ -93,7 +93,7 @@ class Levels:
         """Values (y, x[, c]) as gzip: differences along rows, all low bytes, then all high ones."""
         levels = self.sixteen(values).reshape(len(values), -1)
         difference = np.diff(levels, axis=1, prepend=np.uint16(0))
-        halves = difference.astype("<u2").view(np.uint8).reshape(-1, 2)
+        halves = difference.astype("<u2", order="C").view(np.uint8).reshape(-1, 2)
         return gzip.compress(np.ascontiguousarray(halves.T).tobytes(), _LEVEL, mtime=0)
 
 

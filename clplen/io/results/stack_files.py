@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from numpy.typing import ArrayLike
 from tqdm import tqdm
 
 from clplen.checks import host_array
@@ -21,7 +22,7 @@ from clplen.io.formats.picture import write_picture
 from clplen.io.results.disparity_maps import read_disparity
 from clplen.io.store.picture_blocks import Block, Tiles, as_block
 from clplen.io.store.picture_series import is_ome, is_series, read_series, write_series
-from clplen.lightfield.depth.depth_maps import DepthMap
+from clplen.lightfield.depth.depth_maps import DepthMap, as_depth_map
 from clplen.lightfield.model.alpha_law import depth_at
 from clplen.lightfield.raw.raw_image import Spacing, is_telecentric
 from clplen.lightfield.refocusing.focal_stacks import FocalStack
@@ -205,7 +206,7 @@ def numbers(values: Any) -> list[float | None]:
 
 def write_depth(
     path: PathLike,
-    depth: DepthMap,
+    depth: DepthMap | ArrayLike,
     *,
     spacing: Spacing | None = None,
     durable: bool = False,
@@ -219,8 +220,8 @@ def write_depth(
         ``.pfm``, or ``.tif`` for one float32 page; ``.ome.tif`` for OME-TIFF, ``.zarr`` for
         OME-Zarr (a folder), with the channels disparity, confidence and, where known, alpha and z
         (metres).
-    depth : DepthMap
-        Its maps have the shape (y, x); stored as float32.
+    depth : DepthMap or array_like
+        Its maps, or an array of disparities, have the shape (y, x); stored as float32.
     spacing : tuple of float, optional
         That of the light field, signed (dv, du, dy, dx) in metres; kept by OME-TIFF and OME-Zarr.
     durable, replace : bool
@@ -247,6 +248,7 @@ def write_depth(
     >>> clplen.io.read_disparity("disparity.pfm").shape
     (32, 32)
     """
+    depth = as_depth_map(depth)
     suffixes = [suffix.lower() for suffix in Path(path).suffixes]
     if suffixes[-1:] == [".pfm"]:
         write_pfm(path, depth.disparity, durable=durable)
@@ -328,7 +330,7 @@ def read_depth(path: PathLike, *, max_bytes: int | None = None) -> DepthMap:
 
 def write_image(
     path: PathLike,
-    image: Any,
+    image: Image | ArrayLike,
     *,
     spacing: Spacing | None = None,
     description: str = "",
@@ -341,7 +343,7 @@ def write_image(
     ----------
     path : path-like
         ``.tif`` or ``.tiff``, OME-TIFF; ``.zarr``, OME-Zarr (a folder).
-    image : Image or numpy.ndarray
+    image : Image or array_like
         Shape (y, x) or (y, x, c); stored as float32.
     spacing : tuple of float, optional
         That of the light field, signed (dv, du, dy, dx) in metres.

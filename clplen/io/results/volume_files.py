@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 
+from clplen.checks import real_array
 from clplen.errors import FormatError, ShapeError
 from clplen.files import PathLike
 from clplen.io.formats import npy
@@ -63,7 +64,7 @@ def write_volume(
     """
     if not is_series(path):
         raise ValueError(f"A volume is written as .tif or .zarr, not as {Path(path).name}.")
-    values, z = np.asarray(volume, np.float32), np.asarray(planes, np.float64)
+    values, z = real_array(volume, "A volume"), real_array(planes, "planes", np.float64)
     if values.ndim != 3 or z.shape != values.shape[:1]:
         raise ShapeError(
             f"A volume has shape (planes, y, x) and a z for each plane, not {values.shape} and "

@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 
+from clplen.checks import real_array
 from clplen.errors import FormatError
 from clplen.files import PathLike, check_space
 from clplen.io.results.volume_files import plane_step
@@ -56,7 +57,7 @@ class VolumeSeries:
         batch: int = 1,
     ) -> None:
         self.path = Path(path)
-        z = np.asarray(planes, np.float64)
+        z = real_array(planes, "planes", np.float64)
         about = {
             **description,
             "planes_um": [round(one * 1e6, 9) for one in z],

@@ -13,7 +13,7 @@ from clplen.lightfield.arrays.stored_samples import plane
 from clplen.lightfield.depth.energy_cue import LocalEnergy
 from clplen.lightfield.model.alpha_law import unit_steps
 from clplen.lightfield.model.light_field import LightField
-from clplen.lightfield.refocusing.focal_stacks import focal_stack_in_memory
+from clplen.lightfield.refocusing.focal_stacks import stack_on_planes
 
 Real = np.ndarray[Any, np.dtype[np.float64]]
 
@@ -203,7 +203,8 @@ class _Pictures:
         )
         blocks = []
         for first in range(0, len(planes), _AT_ONCE):
-            stack = focal_stack_in_memory(lf, disparities=planes[first : first + _AT_ONCE])
+            some = planes[first : first + _AT_ONCE]
+            stack = stack_on_planes(lf, some, lf.alpha(some), lf.weights)
             self._measure(self._energy, stack, start=0, count=stack.shape[0])
             for energy in self._device.download(self._energy)[: stack.shape[0]]:
                 blocks.append(_in_blocks(energy[self._inside]))

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from clplen.compute.device import DeviceLike
 from clplen.lightfield.arrays.stored_samples import extremes
@@ -147,7 +148,7 @@ class LightFieldReport(OneLine):
 
 
 def check_light_field(
-    lf: LightField, *, farthest: float = _FARTHEST, device: DeviceLike | None = None
+    lf: LightField | ArrayLike, *, farthest: float = _FARTHEST, device: DeviceLike | None = None
 ) -> LightFieldReport:
     """Look at a light field: its samples, and which order of the view axes suits it.
 
@@ -163,7 +164,7 @@ def check_light_field(
 
     Parameters
     ----------
-    lf : LightField
+    lf : LightField or array_like
         The light field.
     farthest : float
         Planes from -farthest to farthest, in pixels a view step, are tried, and more, up to 8,

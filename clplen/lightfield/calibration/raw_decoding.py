@@ -12,6 +12,7 @@ import pyopencl.array as cla
 from numpy.typing import ArrayLike
 
 from clplen import units
+from clplen.checks import real_array
 from clplen.compute.device import Device, DeviceLike, as_device
 from clplen.errors import ShapeError
 from clplen.lightfield.calibration import sensor_frames
@@ -198,7 +199,7 @@ def _check_balance(factors: Any, bayer: Mosaic | None) -> None:
         return
     if bayer is None:
         raise ValueError("white_balance is of colours: give bayer= too.")
-    values = np.asarray(factors, np.float64)
+    values = real_array(factors, "factors", np.float64)
     if values.shape != (3,) or not (np.isfinite(values).all() and (values > 0).all()):
         raise ValueError(
             f"white_balance is the factors of red, green and blue, three numbers above 0, not "
@@ -211,7 +212,7 @@ def _checked_matrix(matrix: Any, bayer: Mosaic | None) -> Frame | None:
         return None
     if bayer is None:
         raise ValueError("colour_matrix mixes colours: give bayer= too.")
-    values = np.asarray(matrix, np.float64)
+    values = real_array(matrix, "A colour matrix", np.float64)
     if values.shape != (3, 3) or not np.isfinite(values).all():
         raise ValueError(f"colour_matrix has shape (3, 3) and is finite, not {matrix!r}.")
     return values.astype(np.float32)

@@ -46,12 +46,12 @@ def all_in_focus_in_memory(
     check_planes(depth if not isinstance(source, FocalStack) else source, disparities)
     if isinstance(source, FocalStack):
         if depth is None:
-            return Image(_blended(source), source.device)
+            return Image(blended(source), source.device)
         return Image(_between(source, disparity_of(depth, source.shape[1:3])), source.device)
     if depth is not None:
         return refocus(source, disparity=disparity_of(depth, source.shape[2:4]))
     planes = default_disparities(source) if disparities is None else disparities
-    return Image(_blended(focal_stack_in_memory(source, disparities=planes)), source.device)
+    return Image(blended(focal_stack_in_memory(source, disparities=planes)), source.device)
 
 
 def blend_memory(source: StoredLightField, planes: Vector) -> MemoryEstimate:
@@ -127,7 +127,7 @@ def _between(stack: FocalStack, disparity: np.ndarray[Any, Any]) -> cla.Array:
     return _launch("between", stack, data, stack.device.upload(position))
 
 
-def _blended(stack: FocalStack) -> cla.Array:
+def blended(stack: FocalStack) -> cla.Array:
     """The planes by their local energy."""
     count, ny, nx = stack.shape[:3]
     device = stack.device

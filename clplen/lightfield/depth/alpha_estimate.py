@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from clplen.deprecation import warn_caller
 from clplen.lightfield.arrays.spectral_sharpness import (
@@ -129,7 +130,7 @@ class AlphaEstimate(OneLine):
 
 
 def estimate_alpha(
-    lf: LightField,
+    lf: LightField | ArrayLike,
     *,
     at: tuple[int, int] | None = None,
     method: str = "compensated",
@@ -154,7 +155,7 @@ def estimate_alpha(
 
     Parameters
     ----------
-    lf : LightField
+    lf : LightField or array_like
         "compensated" needs its spacing and camera, "thesis" its raw image; "energy" and "slope"
         nothing, but without spacing they know the disparity only.
     at : tuple of int, optional

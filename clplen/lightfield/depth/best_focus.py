@@ -16,15 +16,18 @@ NA/n = .3 and 1.10 for .5.
 from __future__ import annotations
 
 import math
-from typing import Any, Protocol
+from typing import Any
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from clplen.deprecation import warn_caller
 from clplen.errors import SamplingWarning
 from clplen.lightfield.arrays.spectral_sharpness import BAND, Peak
-from clplen.lightfield.model.alpha_law import depth_at
+from clplen.lightfield.model.alpha_law import depth_at, overlap_limit, unit_steps
 from clplen.lightfield.model.light_field import LightField
+from clplen.lightfield.model.sampled_views import FocusableViews
+from clplen.lightfield.model.stored_light_field import as_lightfield
 from clplen.lightfield.raw.raw_image import is_telecentric
 
 DEFAULT_DISPARITIES = (-2.0, 2.0, 33)  # first, last, how many
@@ -142,26 +145,12 @@ def high_na_message(camera: Any, disparity: float) -> str:
     )
 
 
-class _AlphaSource(Protocol):
-    """What knows its camera and turns disparity into alpha."""
-
-    @property
-    def camera(self) -> Any: ...
-
-    @property
-    def shape(self) -> tuple[int, ...]: ...
-
-    def alpha(self, disparity: Any) -> Any: ...
-
-    def disparity(self, alpha: Any) -> Any: ...
-
-
-def suitable_planes(lf: _AlphaSource, *, count: int | None = None) -> dict[str, Any]:
+def suitable_planes(lf: FocusableViews | ArrayLike, *, count: int | None = None) -> dict[str, Any]:
     """Choose planes that suit a light field, as ``alphas`` or ``disparities`` of `focal_stack`.
 
     Parameters
     ----------
-    lf : LightField
+    lf : LightField or array_like
         The light field.
     count : int, optional
         How many; default 33, and for a microscope at least as many as resolve its depth range:
@@ -172,7 +161,8 @@ def suitable_planes(lf: _AlphaSource, *, count: int | None = None) -> dict[str, 
     dict
         ``alphas`` from .65 to 1.35, at most up to infinity, where the spacing is known and these
         move no view by the size of a picture; ``disparities`` over the depth range of a
-        microscope, to where its ends are sharpest; else from -2 to 2.
+        microscope, to where its ends are sharpest; else from -2 to 2, or to where views of few
+        pixels still overlap.
 
     Examples
     --------
@@ -181,26 +171,30 @@ def suitable_planes(lf: _AlphaSource, *, count: int | None = None) -> dict[str, 
     >>> len(planes), float(planes[0]), float(planes[-1])
     (33, -2.0, 2.0)
     """
-    if np.isfinite(lf.alpha(0.0)):
+    views: Any = lf if hasattr(lf, "alpha") else as_lightfield(lf)
+    if np.isfinite(views.alpha(0.0)):
         low, high, many = DEFAULT_ALPHAS
-        if lf.camera is not None:
-            high = min(high, lf.camera.alpha(_FAR))
+        if views.camera is not None:
+            high = min(high, views.camera.alpha(_FAR))
         alphas = np.linspace(low, high, count or many)
-        if _stay_in_view(lf, lf.disparity(alphas)):
+        if _stay_in_view(views, views.disparity(alphas)):
             return {"alphas": alphas}
     low, high, many = DEFAULT_DISPARITIES
-    if is_telecentric(lf):
-        high = farthest_disparity(lf.camera)
+    if is_telecentric(views):
+        high = farthest_disparity(views.camera)
         low = -high
-        many = max(many, 2 * math.ceil(high * lf.camera.pixels_per_lenslet) + 1)
+        many = max(many, 2 * math.ceil(high * views.camera.pixels_per_lenslet) + 1)
+    else:
+        limit = SEARCH_SHARE * overlap_limit(unit_steps(views)[views.weights > 0], views.shape)
+        low, high = max(low, -limit), min(high, limit)
     return {"disparities": np.linspace(low, high, count or many)}
 
 
-def _stay_in_view(lf: _AlphaSource, disparities: Any) -> bool:
+def _stay_in_view(lf: FocusableViews, disparities: Any) -> bool:
     """Whether no view is moved by the size of a picture: cameras far apart have other alphas."""
     V, U, ny, nx = lf.shape[:4]
     farthest = float(np.abs(disparities).max())
-    return farthest * (max(V, U) - 1) / 2 < min(ny, nx)
+    return farthest * max(1, (max(V, U) - 1) / 2) < min(ny, nx)
 
 
 def default_disparities(lf: Any) -> Any:

@@ -8,11 +8,11 @@ from typing import Any, ClassVar
 import numpy as np
 from numpy.typing import ArrayLike
 
-from clplen.checks import require
+from clplen.checks import real_array, real_map, require
 from clplen.compute.arrays import HostArray
 from clplen.compute.device import DeviceLike
 from clplen.deprecation import warn_caller
-from clplen.errors import SamplingWarning
+from clplen.errors import SamplingWarning, ShapeError
 from clplen.lightfield.arrays.peaks import Map
 from clplen.lightfield.depth import (
     combined_cue,
@@ -23,7 +23,7 @@ from clplen.lightfield.depth import (
 from clplen.lightfield.depth.best_focus import default_disparities, high_na_message
 from clplen.lightfield.depth.cue import Cue
 from clplen.lightfield.depth.energy_cue import LocalEnergy
-from clplen.lightfield.model.alpha_law import depth_at
+from clplen.lightfield.model.alpha_law import depth_at, require_overlap
 from clplen.lightfield.model.light_field import LightField
 from clplen.lightfield.model.stored_light_field import StoredLightField, as_lightfield
 from clplen.lightfield.raw.raw_image import is_telecentric
@@ -83,6 +83,25 @@ class DepthMap(Savable, Plottable, HostArray):
         known = self.disparity[np.isfinite(self.disparity)]
         span = f"disparity {known.min():.4g} to {known.max():.4g}" if known.size else "unknown"
         return f"<DepthMap {self.disparity.shape} {self.disparity.dtype}, {span}>"
+
+
+def as_depth_map(depth: DepthMap | ArrayLike) -> DepthMap:
+    """Return a depth map as it is, and disparities as one whose other maps are NaN.
+
+    Masked disparities are NaN, and so count as unknown.
+
+    Raises
+    ------
+    TypeError, ShapeError
+        If they are no array of real numbers of shape (y, x).
+    """
+    if isinstance(depth, DepthMap):
+        return depth
+    disparity = real_map(getattr(depth, "disparity", depth), "A depth map")
+    if disparity.ndim != 2:
+        raise ShapeError(f"A depth map has shape (y, x), not {disparity.shape}.")
+    unknown = np.full(disparity.shape, np.nan, np.float32)
+    return DepthMap(disparity, unknown, unknown, unknown)
 
 
 def depth_map_in_memory(
@@ -170,27 +189,28 @@ def distinct_planes(
 ) -> Vector:
     """The disparities to try, rising, each once."""
     options = {"alphas": alphas, "disparities": disparities}
-    given = [name for name, value in options.items() if value is not None]
+    names = [name for name, value in options.items() if value is not None]
     if isinstance(source, FocalStack):
-        if given:
+        if names:
             raise ValueError(
-                f"A focal stack has its own planes; depth_map takes {' and '.join(given)} only "
+                f"A focal stack has its own planes; depth_map takes {' and '.join(names)} only "
                 "with a light field."
             )
         values = source.disparities
-    elif len(given) == 2:
+    elif len(names) == 2:
         raise ValueError("Give alphas or disparities, not both.")
     elif alphas is not None:
         values = source.disparity(alphas)
     else:
-        values = np.asarray(
-            default_disparities(source) if disparities is None else disparities, float
-        )
+        given = default_disparities(source) if disparities is None else disparities
+        values = real_array(given, "A list of planes", np.float64)
     if values.ndim != 1 or not np.isfinite(values).all() or np.unique(values).size < 3:
         raise ValueError(
             "A depth map needs a list of at least three different finite planes, not "
             f"{np.unique(values).size} of shape {values.shape}."
         )
+    if not isinstance(source, FocalStack):
+        require_overlap(source, source.weights, values)
     return np.unique(values)
 
 
@@ -275,6 +295,7 @@ def metric_depth(
         if not (np.isfinite(value) and value > 0):
             raise ValueError(f"{name} is a length in metres, positive and finite, not {value!r}.")
     at_focus = 0.0 if focus_distance is None else 1 / focus_distance
-    inverse = np.asarray(disparity, np.float64) * pixel_pitch / (baseline * focal_length) + at_focus
+    d = real_array(disparity, "A disparity", np.float64)
+    inverse = d * pixel_pitch / (baseline * focal_length) + at_focus
     with np.errstate(divide="ignore", invalid="ignore"):
         return np.where(inverse >= 0, 1 / np.abs(inverse), np.nan)

@@ -18,7 +18,7 @@ from clplen.lightfield.depth.cue import AT_ONCE, Cue, depth_memory, nearest_zero
 from clplen.lightfield.model.alpha_law import view_shifts
 from clplen.lightfield.model.light_field import LightField
 from clplen.lightfield.model.stored_light_field import StoredLightField
-from clplen.lightfield.refocusing.focal_stacks import FocalStack, focal_stack_in_memory
+from clplen.lightfield.refocusing.focal_stacks import FocalStack, stack_on_planes
 from clplen.lightfield.refocusing.memory_estimate import MemoryEstimate
 
 Vector = np.ndarray[Any, np.dtype[np.float64]]
@@ -105,7 +105,8 @@ def _focused(
             yield source, int(index), source.disparities[index : index + 1]
         return
     for start in range(0, planes.size, PICTURES):
-        stack = focal_stack_in_memory(source, disparities=planes[start : start + PICTURES])
+        some = planes[start : start + PICTURES]
+        stack = stack_on_planes(source, some, source.alpha(some), source.weights)
         for first in range(0, stack.disparities.size, AT_ONCE):
             yield stack, first, stack.disparities[first : first + AT_ONCE]
 

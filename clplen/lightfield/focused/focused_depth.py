@@ -15,7 +15,7 @@ from typing import Any, ClassVar
 import numpy as np
 from numpy.typing import ArrayLike
 
-from clplen.checks import require
+from clplen.checks import real_array, require
 from clplen.compute.arrays import count_bad
 from clplen.lightfield.focused.focused_geometry import FocusedGeometry, Values, z_of_m
 from clplen.lightfield.focused.focused_matching import Match, Matcher
@@ -210,7 +210,7 @@ def _checked_window(geometry: FocusedGeometry, window: float | None) -> float:
 
 
 def _checked_range(geometry: FocusedGeometry, ms: Any) -> tuple[float, float]:
-    values = np.asarray(ms, np.float64)
+    values = real_array(ms, "ms", np.float64)
     if values.shape != (2,) or not np.isfinite(values).all() or not values[0] < values[1]:
         raise ValueError(f"ms is (least, greatest) of m to try, not {ms!r}.")
     if values[0] * values[1] <= 0:

@@ -11,8 +11,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
+from clplen.checks import real_array
 from clplen.lightfield.model.sampled_views import Parametrised, SampledViews
 from clplen.lightfield.raw.raw_image import CameraModel, Spacing, is_telecentric
+from clplen.types import Array
 
 Vector = np.ndarray[Any, np.dtype[np.float64]]
 
@@ -46,7 +48,7 @@ class AlphaLaw:
     def disparity_of_shear(self, alpha: ArrayLike) -> Vector:
         """`disparity` of 1 minus a shear, whether there is an F or not."""
         ratio = self._view_ratio()
-        values = np.asarray(alpha, np.float64)
+        values = real_array(alpha, "alpha", np.float64)
         if not (np.isfinite(values).all() and (values > 0).all()):
             raise ValueError(f"alpha = F/F' is positive and finite, not {alpha!r}.")
         return -ratio * ((1 / values - 1) if self._inverse else (1 - values))
@@ -54,12 +56,12 @@ class AlphaLaw:
     def alpha(self, disparity: ArrayLike) -> Vector:
         """The inverse of `disparity`; NaN without spacing and for a telecentric camera."""
         if is_telecentric(self):
-            return np.full_like(np.asarray(disparity, np.float64), np.nan)
+            return np.full_like(real_array(disparity, "disparity", np.float64), np.nan)
         return self.shear_alpha(disparity)
 
     def shear_alpha(self, disparity: ArrayLike) -> Vector:
         """1 - dx/du of a plane, which is alpha where there is an F; NaN without spacing."""
-        values = np.asarray(disparity, np.float64)
+        values = real_array(disparity, "disparity", np.float64)
         if self.spacing is None or not np.isfinite(self.spacing).all():
             return np.full_like(values, np.nan)
         scaled = -values / self._view_ratio()
@@ -155,6 +157,51 @@ def row_ratio(spacing: Spacing | None) -> float:
         return 1.0
     dv, du, dy, dx = spacing
     return (dv / du if np.isfinite([dv, du]).all() else 1.0) * dx / dy
+
+
+def require_overlap(lf: SampledViews, weights: Array, disparities: ArrayLike) -> None:
+    """Refuse planes on which no two views overlap within the picture.
+
+    Parameters
+    ----------
+    lf : LightField
+    weights : numpy.ndarray
+        Of the views that count, shape (V, U), not all 0. A single view must overlap the picture.
+    disparities : array_like
+        One plane, or several, all of which must pass; or a surface, shape (y, x), of which one
+        pixel must.
+
+    Raises
+    ------
+    ValueError
+        With the limits of the disparity.
+    """
+    require_steps_overlap(unit_steps(lf)[weights > 0], lf.shape, disparities)
+
+
+def require_steps_overlap(steps: Vector, shape: tuple[int, ...], disparities: ArrayLike) -> None:
+    """`require_overlap` for the `unit_steps` of some views, shape (n, 2), of a light field."""
+    values, limit = np.asarray(disparities, np.float64), overlap_limit(steps, shape)
+    size = np.abs(values)
+    tested = values.flat[size.argmin() if values.ndim == 2 else size.argmax()]
+    if abs(tested) >= limit:
+        raise ValueError(
+            f"At disparity {tested:.6g} no two views overlap in pictures of {shape[2]} x "
+            f"{shape[3]} pixels: choose planes nearer to 0 than {limit:.4g}."
+        )
+
+
+def overlap_limit(steps: Vector, shape: tuple[int, ...]) -> float:
+    """Disparity from which no two views of these `unit_steps` overlap within the picture."""
+    places = steps / shape[2:4]
+    reach = np.abs(places).max(axis=1)
+    first = places[np.argsort(reach)[:2]]
+    bound = max(np.abs(first).max(), np.abs(first[0] - first[-1]).max())
+    near = places[reach <= bound]  # all others are farther out than these two are apart
+    apart = np.abs(near[:, None] - near).max(axis=-1)
+    outer = np.maximum.outer(*2 * [np.abs(near).max(axis=1)])
+    pairs = np.maximum(apart, outer)[np.triu_indices(len(near), 1 if len(near) > 1 else 0)]
+    return float(1 / pairs.min()) if pairs.min() else np.inf
 
 
 def unit_steps(lf: SampledViews) -> Vector:

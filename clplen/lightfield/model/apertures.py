@@ -16,7 +16,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from clplen.checks import host_array
+from clplen.checks import host_array, real_array
 from clplen.errors import ShapeError
 from clplen.lightfield.model.sampled_views import SampledViews
 
@@ -134,7 +134,7 @@ def polygon(views: Views, corners: ArrayLike) -> Weights:
     >>> weights.shape
     (5, 5)
     """
-    at = np.asarray(corners, np.float64)
+    at = real_array(corners, "corners", np.float64)
     if at.ndim != 2 or at.shape[1] != 2 or len(at) < 3:
         raise ShapeError(f"A polygon has at least three corners (v, u), not shape {at.shape}.")
     if not np.isfinite(at).all():

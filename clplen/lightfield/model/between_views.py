@@ -18,7 +18,7 @@ from numpy.typing import ArrayLike
 from clplen.compute.arrays import Image
 from clplen.lightfield.arrays.ray_samples import checked_disparity
 from clplen.lightfield.arrays.stored_samples import plane
-from clplen.lightfield.model.alpha_law import unit_steps
+from clplen.lightfield.model.alpha_law import require_overlap, unit_steps
 from clplen.lightfield.model.apertures import aperture_weights
 from clplen.lightfield.model.light_field import LightField
 from clplen.lightfield.model.sampled_views import SampledViews
@@ -34,7 +34,7 @@ _MOST_SPARE = 12  # of these other views
 _KEPT = 32  # views on the host at a time
 
 
-def view_between(lf: LightField, v: float, u: float, disparity: ArrayLike) -> Image:
+def view_between(lf: LightField | ArrayLike, v: float, u: float, disparity: ArrayLike) -> Image:
     """Return the view at (v, u), rendered along the depth of the scene.
 
     Each pixel is looked up in the four recorded views round (v, u), or the two or the one among
@@ -44,7 +44,7 @@ def view_between(lf: LightField, v: float, u: float, disparity: ArrayLike) -> Im
 
     Parameters
     ----------
-    lf : LightField
+    lf : LightField or array_like
         Or an array (v, u, y, x[, c]).
     v, u : float
         0 <= v <= V - 1, 0 <= u <= U - 1.
@@ -84,13 +84,13 @@ def view_between(lf: LightField, v: float, u: float, disparity: ArrayLike) -> Im
 
 
 def views_between(
-    lf: LightField, viewpoints: Iterable[tuple[float, float]], disparity: ArrayLike
+    lf: LightField | ArrayLike, viewpoints: Iterable[tuple[float, float]], disparity: ArrayLike
 ) -> Iterator[Image]:
     """Return `view_between` of many viewpoints, which share what recorded views need.
 
     Parameters
     ----------
-    lf : LightField
+    lf : LightField or array_like
         Or an array (v, u, y, x[, c]).
     viewpoints : iterable of tuple of float
         (v, u) of each view.
@@ -165,6 +165,7 @@ class _Recorded:
         self.lf = lf
         self.disparity = np.broadcast_to(d, lf.shape[2:4])
         self.steps = unit_steps(lf)
+        require_overlap(lf, lf.weights, d)
         self._views: OrderedDict[tuple[int, int], _View] = OrderedDict()
 
     def seen_from(self, nearest: Array) -> Array:

@@ -107,7 +107,7 @@ class LightField(AlphaLaw, Savable, Plottable, OnDevice):
             Shape (v, u, y, x) or (v, u, y, x, c). uint8, uint16, float16 and float32 are kept
             as they are on the device; other real types become float32. Pictures and maps are
             float32 in any case. A contiguous array of this device is taken without a copy, a
-            NumPy array is copied once.
+            NumPy array is copied once. A view with masked samples (`numpy.ma`) has weight 0.
         device : Device or str, optional
             Where the light field will live; default ``Device.open()``.
         spacing : tuple of float, optional
@@ -136,10 +136,17 @@ class LightField(AlphaLaw, Savable, Plottable, OnDevice):
             If the samples are complex, or on the device and of none of the four types.
         DeviceError
             If it is larger than the device's memory, or an array of another device.
+
+        Warns
+        -----
+        SamplingWarning
+            If views have masked samples beside valid ones, which are lost with them.
         """
         device = as_device(device)
-        data = checked_samples(a, device)
+        data, valid = checked_samples(a, device)
         known = weights_of_lit(data, device) if weights is None else checked_weights(weights, data)
+        if valid is not None:
+            known = checked_weights(known * valid, data)
         at = checked_positions(positions, data)
         return cls(data, device, checked_spacing(spacing), known, camera, positions=at)
 
@@ -342,8 +349,9 @@ class LightField(AlphaLaw, Savable, Plottable, OnDevice):
         Raises
         ------
         ValueError
-            If the statistic or the interpolation is unknown, a disparity is not finite, more than
-            1024 views go into a median, or from `render`.
+            If the statistic or the interpolation is unknown, a disparity is not finite, no two
+            views overlap on the plane or anywhere on the surface, more than 1024 views go into a
+            median, or from `render`.
         ShapeError
             If disparities or mask are not one for every pixel or ray.
         """

@@ -6,6 +6,7 @@ from dataclasses import dataclass
 from typing import Any, ClassVar
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from clplen.compute.arrays import HostArray
 from clplen.compute.device import DeviceLike
@@ -63,7 +64,7 @@ class PhaseSpace(OneLine, Plottable, HostArray):
 
 
 def phase_space(
-    lf: LightField,
+    lf: LightField | ArrayLike,
     *,
     y: int | None = None,
     x: int | None = None,
@@ -75,7 +76,7 @@ def phase_space(
 
     Parameters
     ----------
-    lf : LightField
+    lf : LightField or array_like
         With ``spacing`` the axes are in metres, signed; with a ``camera`` too, the angles of the
         rays are known.
     y, x, v, u : int, optional

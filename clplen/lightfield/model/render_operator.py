@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 import pyopencl.array as cla
 
-from clplen.checks import is_integer
+from clplen.checks import is_array, is_integer
 from clplen.compute.arrays import Image
 from clplen.compute.device import Device, DeviceLike, as_device
 from clplen.lightfield.arrays.linear_step import LinearStep
@@ -18,6 +18,7 @@ from clplen.lightfield.model.alpha_law import AlphaLaw
 from clplen.lightfield.model.light_field import LightField
 from clplen.lightfield.model.rendering import render_weights
 from clplen.lightfield.model.sample_checks import check_shape
+from clplen.lightfield.model.stored_light_field import as_lightfield
 from clplen.lightfield.raw.raw_image import CameraModel, Spacing
 
 
@@ -45,6 +46,8 @@ class ViewGeometry(AlphaLaw):
         ShapeError
             If it is no shape of a light field.
         """
+        if is_array(lf) and not isinstance(lf, LightField | tuple | list):
+            lf = as_lightfield(lf, device=device)
         if isinstance(lf, LightField):
             return cls(
                 lf.shape, lf.device, lf.spacing, lf.weights, lf.camera, lf.positions, lf.decode,
@@ -52,7 +55,7 @@ class ViewGeometry(AlphaLaw):
             )  # fmt: skip
         if not isinstance(lf, tuple | list) or not all(is_integer(n) and n >= 0 for n in lf):
             raise TypeError(
-                "A linear map of light fields is made of a LightField or of a shape "
+                "A linear map of light fields is made of a LightField, an array or a shape "
                 f"(v, u, y, x[, c]), not of type {type(lf).__name__}."
             )
         shape = tuple(int(n) for n in lf)

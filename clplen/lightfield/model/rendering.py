@@ -8,12 +8,18 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
+from clplen.checks import real_array
 from clplen.compute.arrays import Image
 from clplen.errors import ShapeError
 from clplen.lightfield.arrays.ray_samples import along_rays, checked_disparity
 from clplen.lightfield.arrays.shear import shear_sum
 from clplen.lightfield.arrays.stored_samples import plane
-from clplen.lightfield.model.alpha_law import shifts, unit_steps
+from clplen.lightfield.model.alpha_law import (
+    require_overlap,
+    require_steps_overlap,
+    shifts,
+    unit_steps,
+)
 from clplen.lightfield.model.apertures import Weights, aperture_weights
 from clplen.lightfield.model.sampled_views import DeviceViews, SampledViews
 
@@ -56,7 +62,7 @@ def plane_through(points: ArrayLike, shape: tuple[int, ...]) -> DisparityMap:
     >>> f"{tilted[16, 31]:.1f}"
     '1.0'
     """
-    values = np.asarray(points, np.float64)
+    values = real_array(points, "points", np.float64)
     if values.ndim != 2 or values.shape[1:] != (3,) or len(values) < 3:
         raise ShapeError(
             f"A plane goes through at least three points (y, x, d), shape (n, 3), not "
@@ -193,6 +199,7 @@ def _view_along_rays(lf: DeviceViews, viewpoint: Any, disparity: Any, interpolat
     steps = unit_steps(lf)
     viewpoint_step = np.tensordot(nearest.astype(np.float64), steps, 2)
     d = checked_disparity(disparity, (lf.shape[2], lf.shape[3]))
+    require_steps_overlap((steps - viewpoint_step)[weights > 0], lf.shape, d)
     picture = along_rays(
         lf.data,
         "mean",
@@ -237,6 +244,7 @@ def flatten(
     """See `LightField.flatten`."""
     weights = view_weights(lf, aperture, viewpoint)
     d = checked_disparity(disparity, (lf.shape[2], lf.shape[3]))
+    require_overlap(lf, weights, d)
     if statistic == "mean" and d.ndim == 0 and mask is None and interpolation == "linear":
         picture = shear_sum(lf.data, weights, *shifts(lf, d.reshape(1)), device=lf.device)
         return Image(picture.reshape(lf.shape[2:]), lf.device)
@@ -248,6 +256,6 @@ def flatten(
         steps=unit_steps(lf),
         disparity=d,
         interpolation=interpolation,
-        mask=None if mask is None else np.asarray(mask),
+        mask=mask,
     )
     return Image(picture, lf.device)

@@ -7,12 +7,14 @@ from typing import Any, Protocol
 import numpy as np
 import pyopencl.array as cla
 
-from clplen.checks import host_array
+from clplen.checks import host_array, masked_array
 from clplen.compute.arrays import count_bad
 from clplen.compute.device import Device
-from clplen.errors import DeviceError, ShapeError
+from clplen.deprecation import warn_caller
+from clplen.errors import DeviceError, SamplingWarning, ShapeError
 from clplen.lightfield.arrays.stored_samples import C_TYPE, lit_views
 from clplen.lightfield.raw.raw_image import Spacing
+from clplen.types import Array
 
 
 class Shaped(Protocol):
@@ -22,12 +24,35 @@ class Shaped(Protocol):
     def shape(self) -> tuple[int, ...]: ...
 
 
-def checked_samples(a: Any, device: Device) -> cla.Array:
-    """The samples on the device in a storage type of the light field, all of them finite."""
-    data = _adopt(a, device)
+def checked_samples(a: Any, device: Device) -> tuple[cla.Array, Array | None]:
+    """The samples on the device in a storage type of the light field, all of them finite.
+
+    The second array is False for views with masked samples; None where no sample is masked.
+    """
+    data, valid = _adopt(a, device)
     check_shape(data.shape)
     require_finite(count_bad(data, device))
-    return data
+    return data, valid
+
+
+def fill_masked(values: Array, mask: Array) -> tuple[Array, Array]:
+    """Replace masked samples by 0; return which views (v, u) have none."""
+    check_shape(values.shape)
+    of_views = mask.reshape(*mask.shape[:2], -1)
+    valid = np.asarray(~of_views.any(axis=-1))
+    some = np.count_nonzero(~valid & ~of_views.all(axis=-1))
+    if not valid.any():
+        raise ValueError(
+            "A light field must have a view without masked samples, as weights belong to whole "
+            "views: replace the samples by array.filled(value), or give flatten their mask."
+        )
+    if some:
+        warn_caller(
+            f"{some} of {valid.size} views have masked samples and valid ones; weights belong to "
+            "whole views, so these views have weight 0.",
+            SamplingWarning,
+        )
+    return np.where(mask, np.zeros((), values.dtype), values), valid
 
 
 def check_shape(shape: Any) -> None:
@@ -56,13 +81,16 @@ def storage_dtype(dtype: np.dtype[Any]) -> np.dtype[Any]:
     return native if native in C_TYPE else np.dtype(np.float32)
 
 
-def _adopt(a: Any, device: Device) -> cla.Array:
+def _adopt(a: Any, device: Device) -> tuple[cla.Array, Array | None]:
     if isinstance(a, cla.Array):
-        return _adopt_device(a, device)
-    values = host_array(a, "A light field")
+        return _adopt_device(a, device), None
+    values, mask = masked_array(a, "A light field")
     dtype = storage_dtype(values.dtype)
     device.require_memory(values.size * dtype.itemsize, "This light field")
-    return device.upload(values.astype(dtype, copy=False))
+    valid = None
+    if mask is not None:
+        values, valid = fill_masked(values, mask)
+    return device.upload(values.astype(dtype, copy=False)), valid
 
 
 def _adopt_device(a: cla.Array, device: Device) -> cla.Array:
@@ -99,7 +127,7 @@ def checked_positions(positions: Any, data: Shaped) -> np.ndarray[Any, np.dtype[
     """(y, x) of each view, float64, or None."""
     if positions is None:
         return None
-    values = np.array(positions, np.float64)
+    values = np.array(host_array(positions, "positions"), np.float64)
     views = (int(data.shape[0]), int(data.shape[1]))
     if values.shape != (*views, 2):
         raise ShapeError(
@@ -124,8 +152,9 @@ def weights_where(
 
 
 def checked_weights(weights: Any, data: Shaped) -> np.ndarray[Any, np.dtype[np.float32]]:
-    """One of each view, float32, not negative."""
-    values = np.array(weights, np.float32)
+    """One of each view, float32, not negative; masked weights are 0."""
+    given, mask = masked_array(weights, "weights")
+    values = np.array(given if mask is None else np.where(mask, 0, given), np.float32)
     views = (int(data.shape[0]), int(data.shape[1]))
     if values.shape != views:
         raise ShapeError(f"The weights have shape {values.shape}, the views {views}.")

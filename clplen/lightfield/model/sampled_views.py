@@ -6,6 +6,7 @@ from typing import Any, Protocol
 
 import numpy as np
 import pyopencl.array as cla
+from numpy.typing import ArrayLike
 
 from clplen.compute.device import Device
 from clplen.lightfield.raw.raw_image import CameraModel, Spacing
@@ -45,6 +46,16 @@ class SampledViews(Parametrised, Protocol):
     @property
     def decode(self) -> str:
         """ "calibrated" or "naive"."""
+
+
+class FocusableViews(SampledViews, Protocol):
+    """Views whose planes are given by disparity or by alpha."""
+
+    def disparity(self, alpha: ArrayLike) -> np.ndarray[Any, np.dtype[np.float64]]:
+        """Disparity of the plane alpha = F/F'."""
+
+    def alpha(self, disparity: ArrayLike) -> np.ndarray[Any, np.dtype[np.float64]]:
+        """The inverse; NaN without spacing."""
 
 
 class DeviceViews(SampledViews, Protocol):

@@ -15,6 +15,7 @@ import numpy as np
 import pyopencl.array as cla
 from numpy.typing import ArrayLike
 
+from clplen.checks import host_array, is_array, masked_array
 from clplen.compute.arrays import HostArray
 from clplen.compute.device import DeviceLike, as_device, require_same_device
 from clplen.errors import ShapeError
@@ -25,6 +26,7 @@ from clplen.lightfield.model.sample_checks import (
     checked_positions,
     checked_spacing,
     checked_weights,
+    fill_masked,
     storage_dtype,
     weights_where,
 )
@@ -128,6 +130,11 @@ class StoredLightField(AlphaLaw, HostArray):
         """
         shape = tuple(int(n) for n in a.shape)
         check_shape(shape)
+        valid = None
+        if isinstance(a, np.ma.MaskedArray):
+            a, mask = masked_array(a, "A light field")
+            if mask is not None:
+                a, valid = fill_masked(a, mask)
         chunks = tuple(getattr(a, "chunks", None) or (1, 1, 1, shape[3]))
         bytes_of_chunk = math.prod(chunks) * math.prod(shape[len(chunks) :]) * a.dtype.itemsize
         at_once = (int(chunks[0]), int(chunks[1]))
@@ -143,11 +150,14 @@ class StoredLightField(AlphaLaw, HostArray):
             camera,
         )
         known = found.lit_weights() if weights is None else checked_weights(weights, found)
+        if valid is not None:
+            known = checked_weights(known * valid, found)
         return replace(found, weights=known, positions=checked_positions(positions, found))
 
     @classmethod
-    def from_light_field(cls, lf: LightField) -> StoredLightField:
+    def from_light_field(cls, lf: LightField | ArrayLike) -> StoredLightField:
         """A light field on a device, read back part by part."""
+        lf = as_lightfield(lf)
         return cls(
             lf.shape,
             lf.dtype,
@@ -310,7 +320,7 @@ def _copy(a: Any, at_once: tuple[int, int], block: Block, out: Array) -> None:
             for u in range(0, out.shape[1], across):
                 part = out[v : v + down, u : u + across]
                 views = slice(v0 + v, v0 + v + part.shape[0]), slice(u0 + u, u0 + u + part.shape[1])
-                part[...] = a[views[0], views[1], rows, columns]
+                part[...] = host_array(a[views[0], views[1], rows, columns], "A light field")
 
 
 def as_lightfield(
@@ -321,7 +331,7 @@ def as_lightfield(
     Parameters
     ----------
     source : LightField or array_like
-        An array, of NumPy or with ``__array__`` or ``__dlpack__``, is L[v, u, y, x(, c)].
+        An array, as `is_array` knows them, is L[v, u, y, x(, c)].
     streams : str, optional
         The function that takes a stored light field.
     device : Device or str, optional
@@ -352,9 +362,7 @@ def as_lightfield(
     if isinstance(source, StoredLightField):
         other = f"take {streams}, or .load(device)" if streams else "take .load(device)"
         raise TypeError(f"This light field is stored, not on a device: {other} where it fits.")
-    has_samples = any(hasattr(type(source), name) for name in ("__array__", "__dlpack__"))
-    is_array = has_samples and not isinstance(source, HostArray)
-    if is_array or isinstance(source, cla.Array):
+    if isinstance(source, cla.Array) or (is_array(source) and not isinstance(source, HostArray)):
         return LightField.from_array(source, device=as_device(device))
     raise TypeError(
         "A light field is needed, as LightField.from_array and read_lightfield give it, or an "

@@ -8,9 +8,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
+from clplen.checks import real_array
 from clplen.errors import ShapeError
 from clplen.lightfield.model.alpha_law import unit_steps
 from clplen.lightfield.model.sampled_views import SampledViews
+from clplen.lightfield.model.stored_light_field import as_lightfield
 from clplen.lightfield.raw.raw_image import is_telecentric
 from clplen.reprs import OneLine
 
@@ -71,7 +73,7 @@ class ViewCameras(OneLine):
         numpy.ndarray
             Shape (V, U, n, 2): (y, x) in pixels.
         """
-        x, y, z = np.moveaxis(np.asarray(points, np.float64), -1, 0)
+        x, y, z = np.moveaxis(real_array(points, "points", np.float64), -1, 0)
         across = np.stack((y, x), -1)
         with np.errstate(divide="ignore", invalid="ignore"):
             moved = (across - self.centres[:, :, None]) / z[:, None]
@@ -90,7 +92,7 @@ class ViewCameras(OneLine):
         numpy.ndarray
             float64: 1/z = d/(f_x b) + 1/z0 (Honauer et al. 2016).
         """
-        inverse = np.asarray(disparity, np.float64) / (self.focal[1] * self.baseline)
+        inverse = real_array(disparity, "disparity", np.float64) / (self.focal[1] * self.baseline)
         inverse = inverse + 1 / self.focus
         with np.errstate(divide="ignore"):
             return np.where(inverse >= 0, 1 / np.abs(inverse), np.nan)
@@ -113,7 +115,7 @@ class ViewCameras(OneLine):
         ShapeError
             If there is not one disparity for every pixel.
         """
-        d = np.asarray(disparity, np.float64)
+        d = real_array(disparity, "disparity", np.float64)
         if d.shape != self.size:
             raise ShapeError(f"The map has shape {d.shape}, the views have {self.size} pixels.")
         z = self.distance(d)
@@ -123,7 +125,7 @@ class ViewCameras(OneLine):
 
 
 def view_cameras(
-    lf: SampledViews,
+    lf: SampledViews | ArrayLike,
     *,
     baseline: float | None = None,
     focal_length: float | None = None,
@@ -138,7 +140,7 @@ def view_cameras(
 
     Parameters
     ----------
-    lf : LightField
+    lf : LightField or array_like
         Or a `StoredLightField`: its shape, spacing and camera are looked at.
     baseline, focal_length, pixel_pitch : float, optional
         The step from view to view of a row, the distance from pinhole to sensor and the pitch of
@@ -177,15 +179,16 @@ def view_cameras(
     for name, value in checked.items() if given else ():
         if value is None or not (np.isfinite(value) and value > 0):
             raise ValueError(f"{name} is a length, positive and finite, not {value!r}.")
-    steps = unit_steps(lf)
+    views: Any = lf if hasattr(lf, "weights") else as_lightfield(lf)
+    steps = unit_steps(views)
     if baseline is None or focal_length is None or pixel_pitch is None:
-        step, focal, focus = _of_camera(lf)
+        step, focal, focus = _of_camera(views)
     else:
         step, focal = float(baseline), (focal_length / pixel_pitch,) * 2
         focus = np.inf if focus_distance is None else float(focus_distance)
     across = np.array([focal[1] / focal[0], 1.0]) * step  # (y, x) for a pixel of a step
     centres = 0.0 - steps * across
-    size = (int(lf.shape[2]), int(lf.shape[3]))
+    size = (int(views.shape[2]), int(views.shape[3]))
     middle = (np.array(size) - 1) / 2
     return ViewCameras(
         centres, middle + np.array(focal) * centres / focus, focal, step, focus, size

@@ -10,15 +10,22 @@ import numpy as np
 import pyopencl.array as cla
 from numpy.typing import ArrayLike
 
+from clplen.checks import real_array
 from clplen.compute.arrays import Image, OnDevice
 from clplen.compute.device import Device, DeviceLike
 from clplen.lightfield.arrays.ray_samples import INTERPOLATIONS, along_rays
 from clplen.lightfield.arrays.shear import shear_sum
 from clplen.lightfield.arrays.stored_samples import C_TYPE
-from clplen.lightfield.model.alpha_law import AlphaLaw, shifts, unit_steps
+from clplen.lightfield.model.alpha_law import (
+    require_overlap,
+    require_steps_overlap,
+    shifts,
+    unit_steps,
+)
 from clplen.lightfield.model.apertures import Weights
 from clplen.lightfield.model.light_field import LightField
 from clplen.lightfield.model.rendering import view_weights
+from clplen.lightfield.model.sampled_views import FocusableViews
 from clplen.lightfield.model.stored_light_field import StoredLightField, as_lightfield
 from clplen.lightfield.raw.raw_image import CameraModel, Spacing, is_telecentric
 from clplen.lightfield.refocusing.magnification import magnify
@@ -97,7 +104,7 @@ class FocalStack(Savable, Plottable, OnDevice):
 
 
 def refocus(
-    lf: LightField,
+    lf: LightField | ArrayLike,
     *,
     alpha: float | None = None,
     disparity: ArrayLike | None = None,
@@ -119,7 +126,7 @@ def refocus(
 
     Parameters
     ----------
-    lf : LightField
+    lf : LightField or array_like
         On a device, or an array of shape (v, u, y, x[, c]).
     alpha : float, optional
         F/F', above 1 for planes farther than the one in focus; needs ``lf.spacing``.
@@ -152,7 +159,8 @@ def refocus(
     ------
     ValueError
         If both or neither of alpha and disparity are given, the value is not finite or alpha is
-        not positive, what alpha needs is not known, or options do not go together.
+        not positive, no two views overlap on the plane or anywhere on the surface, what alpha needs
+        is not known, or options do not go together.
     TypeError
         If it is stored and not on a device, or a raw image.
     ShapeError
@@ -169,15 +177,15 @@ def refocus(
     (64, 64)
     """
     lf = as_lightfield(lf, "focal_stack", device=device)
-    given = _exactly_one(alpha=alpha, disparity=disparity)
+    given = real_array(_exactly_one(alpha=alpha, disparity=disparity), "A plane", np.float64)
     _check_options(np.ndim(given), rescale, interpolation, upsample)
     if np.ndim(given) == 1:
         raise ValueError("refocus makes one picture: give one number, or use focal_stack.")
     disparities, alphas = _planes(lf, np.atleast_1d(given), alpha is not None)
     rescale = rescale and not is_telecentric(lf)
+    require_overlap(lf, lf.weights, disparities)
     if np.ndim(given):
-        picture = _on_surface(lf, lf.weights, disparities, interpolation)
-        return Image(picture, lf.device)
+        return Image(on_surface(lf, disparities, interpolation), lf.device)
     if rescale:
         require_alphas(alphas)
     if upsample != 1:
@@ -199,9 +207,16 @@ def focal_stack_in_memory(
 ) -> FocalStack:
     """`clplen.focal_stack` of a light field on a device, in one pass over it."""
     lf = as_lightfield(lf, "focal_stack", device=device)
-    planes, ratios = stack_planes(lf, alphas=alphas, disparities=disparities)
-    _check_options(0, False, interpolation, 1)
     weights = view_weights(lf, aperture, None)
+    planes, ratios = stack_planes(lf, weights, alphas=alphas, disparities=disparities)
+    _check_options(0, False, interpolation, 1)
+    return stack_on_planes(lf, planes, ratios, weights, interpolation)
+
+
+def stack_on_planes(
+    lf: LightField, planes: Vector, ratios: Vector, weights: Weights, interpolation: str = "linear"
+) -> FocalStack:
+    """`focal_stack_in_memory` of checked planes; of a tile, views may overlap only beyond it."""
     stack = 4 * planes.size * int(np.prod(lf.shape[2:], dtype=np.int64))
     lf.device.require_memory(stack + lf.data.nbytes, "This focal stack with its light field")
     data = _mean_of_views(lf, planes, weights, interpolation)
@@ -261,24 +276,33 @@ def stack_memory(
 
 
 def stack_planes(
-    lf: AlphaLaw,
+    lf: FocusableViews,
+    weights: Weights | None,
     *,
     alphas: ArrayLike | None,
     disparities: ArrayLike | None,
 ) -> tuple[Vector, Vector]:
     """(disparities, alphas) of the planes of a stack, given as one of them.
 
+    Views of these weights must overlap on every plane; None for a linear map, where planes beyond
+    the views are zero.
+
     Raises
     ------
     ValueError
         As in `focal_stack`.
     """
-    given = np.asarray(_exactly_one(alphas=alphas, disparities=disparities), np.float64)
+    given = real_array(
+        _exactly_one(alphas=alphas, disparities=disparities), "A list of planes", np.float64
+    )
     if given.ndim != 1 or given.size == 0:
         raise ValueError(
             f"A focal stack takes a list of at least one plane, not shape {given.shape}."
         )
-    return _planes(lf, given, alphas is not None)
+    planes = _planes(lf, given, alphas is not None)
+    if weights is not None:
+        require_overlap(lf, weights, planes[0])
+    return planes
 
 
 def _check_options(ndim: int, rescale: bool, interpolation: str, upsample: int) -> None:
@@ -323,9 +347,9 @@ def _exactly_one(**given: Any) -> Any:
     return values[0]
 
 
-def _planes(lf: AlphaLaw, given: Any, are_alphas: bool) -> tuple[Vector, Vector]:
+def _planes(lf: FocusableViews, given: Any, are_alphas: bool) -> tuple[Vector, Vector]:
     """(disparities, alphas) of planes given as one of them."""
-    values = np.asarray(given, np.float64)
+    values = real_array(given, "A plane", np.float64)
     if not np.isfinite(values).all():
         raise ValueError(f"Planes are finite numbers, not {given!r}.")
     if are_alphas:
@@ -349,6 +373,11 @@ def _mean_of_views(
     if interpolation == "nearest":
         down, right = np.floor(down + 0.5), np.floor(right + 0.5)
     return shear_sum(lf.data, weights, down, right, device=lf.device)
+
+
+def on_surface(lf: LightField, disparity: Any, interpolation: str = "linear") -> cla.Array:
+    """`refocus` on a surface, shape (y, x); of a tile, views may overlap only beyond it."""
+    return _on_surface(lf, lf.weights, disparity, interpolation)
 
 
 def _on_surface(lf: LightField, weights: Any, disparity: Any, interpolation: str) -> cla.Array:
@@ -402,7 +431,9 @@ def upsampled(lf: LightField, disparity: float, n: int, weights: Any) -> cla.Arr
     out_shape = (n * ny, n * nx, *lf.shape[4:])
     lf.device.require_memory(4 * n * n * ny * nx * channels + lf.data.nbytes, "The finer picture")
     out = lf.device.empty(out_shape, np.float32)
-    steps = unit_steps(lf).reshape(-1, 2)[views] * disparity
+    steps = unit_steps(lf).reshape(-1, 2)[views]
+    require_steps_overlap(steps, lf.shape, disparity)
+    steps = steps * disparity
     phases = (np.arange(n) + 0.5) / n - 0.5
     tables: list[Any] = [views.astype(np.int32), np.float32(weights).ravel()[views]]
     for along in (0, 1):

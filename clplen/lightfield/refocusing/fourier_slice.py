@@ -28,7 +28,7 @@ _WIDTHS = range(2, 13)  # taps of a slice along each axis of views
 
 
 def fourier_stack(
-    lf: LightField,
+    lf: LightField | ArrayLike,
     *,
     alphas: ArrayLike | None = None,
     disparities: ArrayLike | None = None,
@@ -51,7 +51,7 @@ def fourier_stack(
 
     Parameters
     ----------
-    lf : LightField
+    lf : LightField or array_like
         Its views on the regular grid (no ``positions``).
     alphas, disparities : array_like, optional
         Shape (n,); exactly one of the two.
@@ -91,8 +91,8 @@ def fourier_stack(
             "use focal_stack, with interpolation='fourier' if periodic edges are wanted."
         )
     require_two_plane(lf, "A Fourier slice")
-    planes, ratios = stack_planes(lf, alphas=alphas, disparities=disparities)
     weights = view_weights(lf, aperture, None)
+    planes, ratios = stack_planes(lf, weights, alphas=alphas, disparities=disparities)
     sizes = tuple(max(_OVERSAMPLING * n, width) for n in weights.shape)
     _, _, ny, nx = lf.shape[:4]
     spectrum = 8 * ny * nx * sizes[1] * (sizes[0] + 2 * weights.shape[0])

@@ -7,9 +7,10 @@ from typing import Any
 
 import numpy as np
 import pyopencl.array as cla
+from numpy.typing import ArrayLike
 
 from clplen.compute.device import DeviceLike
-from clplen.lightfield.model.alpha_law import row_ratio, unit_steps
+from clplen.lightfield.model.alpha_law import require_overlap, row_ratio, unit_steps
 from clplen.lightfield.model.light_field import LightField
 from clplen.lightfield.model.stored_light_field import as_lightfield
 from clplen.lightfield.refocusing.phase_ramps import (
@@ -23,7 +24,7 @@ from clplen.lightfield.refocusing.phase_ramps import (
 
 
 def hyperfan(
-    lf: LightField,
+    lf: LightField | ArrayLike,
     low: float,
     high: float,
     *,
@@ -43,7 +44,7 @@ def hyperfan(
 
     Parameters
     ----------
-    lf : LightField
+    lf : LightField or array_like
         Its views on the regular grid (no ``positions``). Weights count as 0 or not.
     low, high : float
         Disparities, pixels a view step along x, low <= high, less than 2 apart. Near 2 the finest
@@ -75,6 +76,7 @@ def hyperfan(
     """
     lf = as_lightfield(lf, device=device)
     _check(lf, low, high, bandwidth)
+    require_overlap(lf, lf.weights, [low, high])
     V, U, ny, nx = lf.shape[:4]
     nbytes = 8 * ny * nx * (4 + 2 + 1) * V * U + 4 * lf.data.size + lf.data.nbytes
     lf.device.require_memory(nbytes, "The spectrum of a channel for a hyperfan")

@@ -7,7 +7,9 @@ from typing import Any
 
 import numpy as np
 import pyopencl.array as cla
+from numpy.typing import ArrayLike
 
+from clplen.checks import real_array
 from clplen.compute.device import Device, DeviceLike
 from clplen.errors import ShapeError
 from clplen.lightfield.arrays.stored_samples import C_TYPE
@@ -173,7 +175,9 @@ def _ramp(shift: Vector, n: int) -> np.ndarray[Any, np.dtype[np.complex64]]:
     return np.exp(2j * np.pi * (turns - np.rint(turns))).astype(np.complex64)
 
 
-def shift_views(lf: LightField, steps: Any, *, device: DeviceLike | None = None) -> LightField:
+def shift_views(
+    lf: LightField | ArrayLike, steps: Any, *, device: DeviceLike | None = None
+) -> LightField:
     """A light field whose views are moved, each by its own distance.
 
     What lay at (y + steps[v, u, 0], x + steps[v, u, 1]) of view (v, u) comes to (y, x), by the
@@ -182,7 +186,7 @@ def shift_views(lf: LightField, steps: Any, *, device: DeviceLike | None = None)
 
     Parameters
     ----------
-    lf : LightField
+    lf : LightField or array_like
         The light field.
     steps : array_like
         Shape (V, U, 2), (y, x) in pixels, finite.
@@ -211,7 +215,7 @@ def shift_views(lf: LightField, steps: Any, *, device: DeviceLike | None = None)
     True
     """
     lf = as_lightfield(lf, device=device)
-    shift = np.asarray(steps, np.float64)
+    shift = real_array(steps, "steps", np.float64)
     V, U, ny, nx = lf.shape[:4]
     if shift.shape != (V, U, 2):
         raise ShapeError(f"Views are moved by (y, x) each, shape {(V, U, 2)}, not {shift.shape}.")

@@ -89,7 +89,7 @@ class StackOperator(LinearStep):
         self._geometry = ViewGeometry.of(lf, device)
         self.device = self._geometry.device
         self.disparities, self.alphas = stack_planes(
-            self._geometry, alphas=alphas, disparities=disparities
+            self._geometry, None, alphas=alphas, disparities=disparities
         )
         self.weights = view_weights(self._geometry, aperture, None)
         self.in_shape = self._geometry.shape

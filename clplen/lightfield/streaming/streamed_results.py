@@ -18,8 +18,8 @@ from numpy.typing import ArrayLike
 from clplen.compute.device import Device, DeviceLike, as_device
 from clplen.lightfield.arrays.ray_samples import INTERPOLATIONS
 from clplen.lightfield.depth.all_in_focus import (
-    all_in_focus_in_memory,
     blend_memory,
+    blended,
     check_planes,
     disparity_of,
     surface_memory,
@@ -34,6 +34,7 @@ from clplen.lightfield.depth.depth_maps import (
     distinct_planes,
     with_depth,
 )
+from clplen.lightfield.model.alpha_law import require_overlap
 from clplen.lightfield.model.light_field import LightField
 from clplen.lightfield.model.rendering import view_weights
 from clplen.lightfield.model.stored_light_field import StoredLightField
@@ -41,9 +42,10 @@ from clplen.lightfield.raw.raw_image import CameraModel, Spacing
 from clplen.lightfield.refocusing.focal_stacks import (
     FocalStack,
     focal_stack_in_memory,
-    refocus,
+    on_surface,
     stack_memory,
     stack_of,
+    stack_on_planes,
     stack_planes,
 )
 from clplen.lightfield.streaming.tile_plan import StreamPlan, Tile, bands, memory_budget, plan_tiles
@@ -200,7 +202,8 @@ def assemble_stack(
     """
     device = _check_source(source, device)
     given: dict[str, Any] = {"alphas": alphas, "disparities": disparities}
-    planes, ratios = stack_planes(source, **given)
+    weights = view_weights(source, aperture, None)
+    planes, ratios = stack_planes(source, weights, **given)
     shape = (planes.size, *source.shape[2:])
     nbytes = 4 * math.prod(shape)
     budget = memory_budget(memory, device)
@@ -226,7 +229,6 @@ def assemble_stack(
     with device.on_host(data) as pictures:
         for group, rows, columns, values in tiles:
             pictures[group, rows, columns] = values
-    weights = view_weights(source, aperture, None)
     return stack_of(source, data, device, planes, ratios, weights, interpolation)
 
 
@@ -248,14 +250,15 @@ def _stack_tiles(
             f"A stack that is made in tiles takes interpolation={known}, not {interpolation!r}"
             + (", which needs every pixel of a view." if interpolation == "fourier" else ".")
         )
-    planes, ratios = stack_planes(source, **given)
-    view_weights(source, aperture, None)  # which says what is wrong before anything is read
+    weights = view_weights(source, aperture, None)
+    planes, ratios = stack_planes(source, weights, **given)
     estimates = stack_memory(source, planes, kept=kept)
     plan = plan_tiles(source, estimates, memory=memory, device=device)
 
     def process(tile: Tile, lf: LightField) -> Iterator[Part]:
         for group in plan.planes:
-            pictures = _pictures(lf, tile, planes[group], aperture, interpolation)
+            some = planes[group], ratios[group], weights, interpolation
+            pictures = _pictures(stack_on_planes(lf, *some), tile)
             yield group, tile.rows, tile.columns, pictures
 
     return StackTiles(
@@ -385,19 +388,20 @@ def stream_all_in_focus(
     check_planes(depth, disparities)
     if depth is not None:
         surface = disparity_of(depth, source.shape[2:4])
+        require_overlap(source, source.weights, surface)
         estimate = surface_memory(source, surface)
     else:
         given = default_disparities(source) if disparities is None else disparities
-        planes, _ = stack_planes(source, alphas=None, disparities=given)
+        planes, ratios = stack_planes(source, source.weights, alphas=None, disparities=given)
         estimate = blend_memory(source, planes)
     plan = plan_tiles(source, [estimate], memory=memory, device=device)
 
     def process(tile: Tile, lf: LightField) -> Iterator[Pictures]:
         if depth is None:
-            picture = all_in_focus_in_memory(lf, disparities=planes)
+            pictures = blended(stack_on_planes(lf, planes, ratios, lf.weights))
         else:
-            picture = refocus(lf, disparity=surface[tile.outer_rows, tile.outer_columns])
-        yield picture.to_numpy()[tile.inside]
+            pictures = on_surface(lf, surface[tile.outer_rows, tile.outer_columns])
+        yield device.download(pictures)[tile.inside]
 
     out = np.empty(source.shape[2:], np.float32)
     with fast_source(source, plan) as fast:
@@ -415,14 +419,9 @@ def _check_source(source: Any, device: DeviceLike | None) -> Device:
     return as_device(device)
 
 
-def _pictures(
-    lf: LightField, tile: Tile, planes: Vector, aperture: Any, interpolation: str
-) -> Pictures:
+def _pictures(stack: FocalStack, tile: Tile) -> Pictures:
     """Some planes of a tile on the host, without its halo."""
-    stack = focal_stack_in_memory(
-        lf, disparities=planes, aperture=aperture, interpolation=interpolation
-    )
-    with lf.device.on_host(stack.data, write=False) as pictures:
+    with stack.device.on_host(stack.data, write=False) as pictures:
         rows, columns = tile.inside
         return np.array(pictures[:, rows, columns])
 

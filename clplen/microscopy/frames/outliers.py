@@ -15,6 +15,7 @@ from typing import Any
 import numpy as np
 from scipy.ndimage import convolve, median_filter
 
+from clplen.checks import real_array
 from clplen.lightfield.raw.lenslet_lattice import Lattice
 from clplen.microscopy.frames.surroundings import moved, steps_around, sums_around
 
@@ -56,7 +57,7 @@ def hot_pixels(
     >>> np.argwhere(clplen.microscopy.hot_pixels(frame, (0.3, 0.4, 0.5), 10)).tolist()
     [[20, 31]]
     """
-    light = np.asarray(frame, np.float32)
+    light = real_array(frame, "A frame")
     floor, gain = noise(light, _across(lattice))
     found, least = np.zeros(light.shape, bool), ROUNDING * light.max(initial=0)
     steps, z = steps_around(lattice), DEVIATIONS
@@ -68,9 +69,7 @@ def hot_pixels(
     return found
 
 
-def without_hot_pixels(
-    stack: Vector, sharpest: tuple[float, float, float]
-) -> tuple[Vector, int]:
+def without_hot_pixels(stack: Vector, sharpest: tuple[float, float, float]) -> tuple[Vector, int]:
     """Frames of a Fourier microscope with the median around each hot pixel in its place.
 
     Parameters

@@ -17,7 +17,7 @@ import numpy as np
 from scipy.ndimage import gaussian_filter, maximum_filter
 from scipy.spatial import cKDTree
 
-from clplen.checks import host_array
+from clplen.checks import host_array, real_array
 from clplen.deprecation import renamed_argument
 from clplen.errors import ShapeError
 from clplen.files import PathLike
@@ -228,7 +228,8 @@ def match_points(first: Vector, second: Vector, *, tolerance: Sequence[float]) -
     [[0, 1], [2, 0]]
     """
     one, other = (
-        np.asarray(points, np.float64).reshape(-1, 3) / tolerance for points in (first, second)
+        real_array(points, "positions", np.float64).reshape(-1, 3) / tolerance
+        for points in (first, second)
     )
     if not (len(one) and len(other)):
         return np.empty((0, 2), int)
@@ -275,7 +276,7 @@ def coordinates_of(axes: Sequence[Any] | None, shape: tuple[int, ...]) -> list[V
         raise ShapeError(f"axes are those of planes, y and x, not {len(given)}.")
     found = []
     for axis, count in zip(given, shape, strict=True):
-        places = np.arange(count) if axis is None else np.asarray(axis)
+        places = np.arange(count) if axis is None else real_array(axis, "An axis", None)
         if places.shape != (count,):
             raise ShapeError(f"An axis of {count} samples has shape {places.shape}.")
         places = places.astype(np.float64)

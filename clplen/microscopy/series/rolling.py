@@ -13,7 +13,7 @@ from typing import Any
 
 import numpy as np
 
-from clplen.checks import positive_integer
+from clplen.checks import host_array, positive_integer
 
 Vector = np.ndarray[Any, Any]
 
@@ -50,7 +50,7 @@ def rolling_minimum(frames: Iterable[Any], window: int) -> Iterator[tuple[Vector
     held: deque[Vector] = deque()
     before = 0  # frames held before the next one that is given
     for frame in frames:
-        held.append(np.asarray(frame))
+        held.append(host_array(frame, "A frame"))
         if len(held) - before > ahead:
             yield held[before], np.minimum.reduce(held)
             before += 1

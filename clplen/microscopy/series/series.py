@@ -14,8 +14,9 @@ from typing import Any
 
 import numpy as np
 
-from clplen.checks import positive_integer, require
+from clplen.checks import positive_integer, real_array, require
 from clplen.errors import DeviceError
+from clplen.microscopy.frames.prepared import samples
 from clplen.microscopy.reconstruction import deconvolution
 from clplen.microscopy.reconstruction.deconvolution import (
     AnyProjector,
@@ -192,7 +193,7 @@ def found_in_batches(
     in frames that are found together. All of them begin with the volume before the batch.
     """
     series = iter(frames)
-    last = None if before is None else np.asarray(before, np.float32)
+    last = None if before is None else real_array(before, "before")
     while some := list(islice(series, batch)):
         begun = None if last is None else start.volumes(last, len(some))
         first = 0
@@ -253,7 +254,7 @@ def _same(one: SeriesFrame, other: SeriesFrame) -> bool:
 
 
 def _counts(frame: Any) -> Vector:
-    return np.asarray(frame.to_numpy() if hasattr(frame, "to_numpy") else frame)
+    return samples(frame)
 
 
 def _refuse_unknown(options: dict[str, Any]) -> None:

@@ -13,6 +13,7 @@ from typing import Any, Literal, NamedTuple
 
 import numpy as np
 
+from clplen.checks import host_array, real_array
 from clplen.compute.arrays import Image
 from clplen.compute.device import Device
 from clplen.compute.fft.lines import smooth_length
@@ -362,7 +363,7 @@ def _check_field(field: Field) -> None:
 
 
 def _checked_transfer(transfer: Any, shape: tuple[int, ...]) -> Values:
-    H = np.asarray(transfer, np.complex128)
+    H = np.asarray(host_array(transfer, "transfer"), np.complex128)
     if H.shape != shape:
         raise ShapeError(f"The transfer function has shape {H.shape}, not {shape}.")
     if not np.isfinite(H).all():
@@ -373,7 +374,7 @@ def _checked_transfer(transfer: Any, shape: tuple[int, ...]) -> Values:
 
 
 def _checked_source(source: Any, shape: tuple[int, ...]) -> Values:
-    S = np.asarray(source, np.float64)
+    S = real_array(source, "source", np.float64)
     if S.shape != shape:
         raise ShapeError(f"The source has shape {S.shape}, not {shape}.")
     total = S.sum()

@@ -10,7 +10,7 @@ from typing import Any, ClassVar, Literal, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike
 
-from clplen.checks import is_finite
+from clplen.checks import is_finite, real_array
 from clplen.compute.device import Device, DeviceLike, as_device
 from clplen.deprecation import warn_caller
 from clplen.errors import SamplingError, SamplingWarning, ShapeError
@@ -458,7 +458,7 @@ class ExtendedSource(OneLine):
 
 def _intensities(picture: ArrayLike) -> Array:
     """A picture of a source as float64 that nobody changes."""
-    values = np.array(picture, np.float64)
+    values = np.array(real_array(picture, "A picture", np.float64))
     if values.ndim != 2 or values.size == 0:
         raise ValueError(
             f"The picture of a source is a 2-D array of intensities, not of shape {values.shape}."

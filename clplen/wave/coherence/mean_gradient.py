@@ -9,6 +9,7 @@ from typing import Any, Protocol
 
 import numpy as np
 
+from clplen.checks import real_array
 from clplen.compute.arrays import Image
 from clplen.compute.device import Device
 from clplen.compute.fft.blocks import add
@@ -117,7 +118,7 @@ class MeanPullback:
         cotangent : Image or array_like
             dL/dI of the mean intensity, real, shape (my, mx).
         """
-        weights = np.asarray(cotangent, np.float64)
+        weights = real_array(cotangent, "A cotangent", np.float64)
         if self.method == "incoherent":
             return SystemGradient(self._incoherent(weights), {})
         device, scaled = self.object.device, dict[float, Image]()

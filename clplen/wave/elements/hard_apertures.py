@@ -9,7 +9,7 @@ import numpy as np
 import pyopencl.array as cla
 
 from clplen import units
-from clplen.checks import check_centre, check_diameter
+from clplen.checks import check_centre, check_diameter, real_array
 from clplen.errors import ShapeError
 from clplen.wave.elements.edges import (
     NOTHING,
@@ -363,7 +363,7 @@ def polygonal_aperture(field: Field, vertices: Any, *, edges: Edges = "area") ->
     """
     require_field(field)
     check_edges(edges)
-    corners = np.asarray(vertices, np.float64)
+    corners = real_array(vertices, "vertices", np.float64)
     if corners.ndim != 2 or corners.shape[0] < 3 or corners.shape[1] != 2:
         raise ValueError(
             f"A polygon has vertices of shape (n, 2), n at least 3, (y, x) in metres, not "

@@ -9,7 +9,7 @@ from typing import Any, Literal
 import numpy as np
 
 from clplen import units
-from clplen.checks import Aliasing, act_on_aliasing, check_centre, is_finite
+from clplen.checks import Aliasing, act_on_aliasing, check_centre, is_finite, real_array
 from clplen.wave.elements.transparency import apply_transmission
 from clplen.wave.field.field import Field, Grid, require_field
 from clplen.wave.field.transmission import offsets, phasor
@@ -58,7 +58,7 @@ def zernike(n: int, m: int, rho: Any, theta: Any) -> Values:
             f"m = {m!r}."
         )
     order = abs(int(m))
-    r, angle = np.asarray(rho, np.float64), np.asarray(theta, np.float64)
+    r, angle = real_array(rho, "rho", np.float64), real_array(theta, "theta", np.float64)
     from scipy.special import eval_jacobi
 
     radial = r**order * eval_jacobi((int(n) - order) // 2, 0, order, 2 * r * r - 1)

@@ -7,6 +7,7 @@ from collections.abc import Callable
 
 import numpy as np
 
+from clplen.checks import host_array
 from clplen.compute.arrays import Image
 from clplen.compute.device import require_same_device
 from clplen.errors import ShapeError
@@ -91,7 +92,8 @@ def intensity_gradient(field: Field, cotangent: Image | Array) -> Field:
     device, (ny, nx) = field.device, field.grid.shape
     if isinstance(cotangent, Image):
         require_same_device(cotangent.device, device)
-    shape = cotangent.shape if isinstance(cotangent, Image) else np.shape(cotangent)
+    given = cotangent if isinstance(cotangent, Image) else host_array(cotangent, "A cotangent")
+    shape = given.shape
     if tuple(shape) != field.shape:
         raise ShapeError(
             f"The gradient by the intensity has the shape of the field, {field.shape}, not "
@@ -100,7 +102,7 @@ def intensity_gradient(field: Field, cotangent: Image | Array) -> Field:
     if isinstance(cotangent, Image):
         weights = cotangent.data
     else:
-        weights = device.upload(np.ascontiguousarray(cotangent, device.real))
+        weights = device.upload(np.ascontiguousarray(given, device.real))
     out = device.empty(field.shape, device.complex)
     kernel = device.kernel("adjoint.cl", "intensity_slope", **device.wave_defines())
     arguments = (out, weights, field.data, np.int32(ny), np.int32(nx))

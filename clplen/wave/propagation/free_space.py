@@ -10,6 +10,7 @@ from typing import Any, overload
 
 import numpy as np
 
+from clplen.checks import real_array
 from clplen.compute.device import Device, DeviceLike, as_device
 from clplen.errors import SamplingError
 from clplen.wave.field.field import Field, Grid, require_field
@@ -159,7 +160,7 @@ def propagate(
             raise ValueError("Partially coherent light is propagated to one distance at a time.")
         space = FreeSpace(z, method, pad, out_grid, guard, border, support, lens)
         return average_of(coherence)(space, field, **averaging)
-    distances = [z] if np.ndim(z) == 0 else list(np.asarray(z))
+    distances = [z] if np.ndim(z) == 0 else list(real_array(z, "z", np.float64))
     if not distances or np.ndim(z) > 1:
         raise ValueError(f"z is one distance or a list of them, in metres, not {z!r}.")
     requests = [

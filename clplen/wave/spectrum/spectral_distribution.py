@@ -9,7 +9,7 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import ArrayLike
 
-from clplen.checks import is_finite
+from clplen.checks import is_finite, real_array
 from clplen.reprs import OneLine
 from clplen.wave.spectrum import spectrum_tables
 from clplen.wave.spectrum.lineshapes import Vector
@@ -165,7 +165,7 @@ class SpectralDistribution(OneLine):
 
     def __call__(self, wavelengths: ArrayLike) -> Vector:
         """Values at wavelengths in metres, float64, of the same shape."""
-        lam = np.asarray(wavelengths, np.float64)
+        lam = real_array(wavelengths, "wavelengths", np.float64)
         return np.asarray(np.interp(lam, self.wavelengths, self.values, left=0.0, right=0.0))
 
     def __mul__(self, other: SpectralDistribution | float) -> SpectralDistribution:

@@ -16,7 +16,7 @@ from typing import Literal
 import numpy as np
 from numpy.typing import ArrayLike
 
-from clplen.checks import is_finite
+from clplen.checks import is_finite, real_array
 from clplen.reprs import OneLine
 from clplen.wave.spectrum import spectrum_tables
 from clplen.wave.spectrum.lineshapes import (
@@ -223,7 +223,7 @@ class Spectrum(OneLine):
         """
         if math.isinf(self.shape.square):
             raise ValueError("Lines without a width have no finite density: give them a fwhm.")
-        return self.shape.density(np.asarray(nu, dtype=float))
+        return self.shape.density(real_array(nu, "nu", float))
 
     def gamma(self, tau: ArrayLike) -> Complex:
         """Complex degree of temporal coherence at delays in seconds.
@@ -242,12 +242,12 @@ class Spectrum(OneLine):
         numpy.ndarray
             complex128, the shape of ``tau``; gamma(0) = 1, gamma(-tau) = conj gamma(tau).
         """
-        delays = np.asarray(tau, dtype=float)
+        delays = real_array(tau, "tau", float)
         return self.shape.gamma(delays.ravel()).reshape(delays.shape)
 
     def degree(self, path: ArrayLike) -> Vector:
         """abs(gamma) at path differences in metres: the fringe visibility of equal beams."""
-        return np.abs(self.gamma(np.asarray(path, dtype=float) / C))
+        return np.abs(self.gamma(real_array(path, "path", float) / C))
 
     def coherence_length(self, definition: Definition = "goodman") -> float:
         """Path difference up to which two copies of this light interfere.

@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from clplen.checks import is_finite
+from clplen.checks import is_finite, real_array
 from clplen.errors import FormatError
 from clplen.units import metres
 
@@ -94,7 +94,7 @@ def check_table(wavelengths: Any, values: Any) -> tuple[Vector, Vector]:
     ------
     ValueError
     """
-    lam, density = np.array(wavelengths, dtype=float), np.array(values, dtype=float)
+    lam, density = (np.array(real_array(a, "A spectrum", float)) for a in (wavelengths, values))
     if lam.ndim != 1 or lam.shape != density.shape:
         raise ValueError(
             "A spectrum has one value for each wavelength, two rows of the same length, not "
@@ -140,7 +140,7 @@ def check_powers(wavelengths: Any, powers: Any) -> tuple[list[float], list[float
     ------
     ValueError
     """
-    lam, power = np.array(wavelengths, dtype=float), np.array(powers, dtype=float)
+    lam, power = (np.array(real_array(a, "A spectrum", float)) for a in (wavelengths, powers))
     if lam.ndim != 1 or lam.shape != power.shape or not lam.size:
         raise ValueError(
             "Lines have one power each, two rows of the same length, not shapes "

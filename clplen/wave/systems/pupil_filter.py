@@ -10,6 +10,7 @@ from typing import Any, Literal
 import numpy as np
 
 from clplen import units
+from clplen.checks import real_array
 from clplen.compute.device import Device
 from clplen.compute.fft.blocks import Spectrum, run
 from clplen.compute.fft.lines import Separable, cropped_inverse, padded_spectrum
@@ -236,7 +237,7 @@ def otf(s: Any, *, shape: Rim = "circular") -> Values:
     [1.0, 0.391, 0.0]
     """
     require_shape(shape, SHAPES)
-    s = np.minimum(np.abs(np.asarray(s, np.float64)), 1)
+    s = np.minimum(np.abs(real_array(s, "s", np.float64)), 1)
     if shape != "circular":
         return np.asarray(1 - s)
     return np.asarray(2 / np.pi * (np.arccos(s) - s * np.sqrt(1 - s * s)))
@@ -265,7 +266,9 @@ def coherent_edge(x_fc: Any) -> Values:
     """
     from scipy.special import sici
 
-    return np.asarray((0.5 + sici(2 * np.pi * np.asarray(x_fc, np.float64))[0] / np.pi) ** 2)
+    return np.asarray(
+        (0.5 + sici(2 * np.pi * real_array(x_fc, "x_fc", np.float64))[0] / np.pi) ** 2
+    )
 
 
 def incoherent_edge(x_fc: Any, *, shape: Rim = "circular") -> Values:
@@ -298,7 +301,7 @@ def incoherent_edge(x_fc: Any, *, shape: Rim = "circular") -> Values:
     [0.032, 0.5, 0.968]
     """
     require_shape(shape, SHAPES)
-    a = 4 * np.pi * np.asarray(x_fc, np.float64)
+    a = 4 * np.pi * real_array(x_fc, "x_fc", np.float64)
     if shape != "circular":
         from scipy.special import sici
 
