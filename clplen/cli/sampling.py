@@ -15,7 +15,7 @@ from clplen.units import angle, both, interval, metres
 from clplen.wave.elements.lens import LensSampling, lens_sampling, lenslet_sampling
 from clplen.wave.elements.lenslets import SMALLEST_PITCH
 from clplen.wave.field.field import Grid
-from clplen.wave.propagation import fresnel, transfer_function
+from clplen.wave.propagation import fresnel
 from clplen.wave.propagation.band import GUARD, fully_sampled_distance
 from clplen.wave.propagation.description import FREE_GRID, METHODS, Description, Request
 from clplen.wave.propagation.methods import describe
@@ -145,21 +145,13 @@ def _grid_rows(grid: Grid, wavelength: float) -> Rows:
 
 def _propagation_rows(made: Description) -> Rows:
     """The report, and what auto would have done where it was not asked."""
-    (_, method), *rest = report(made, _phase(made)).rows
+    (_, method), *rest = report(made, "tables").rows
     wanted = made.request
     yield ("auto takes" if wanted.method == "auto" else "method"), method
     if wanted.method != "auto":
         choice = describe(replace(wanted, method="auto"))
         yield "auto would take", f"{choice.method}: {choice.why}"
     yield from rest
-
-
-def _phase(made: Description) -> str:
-    limits = {"rs": transfer_function.LARGEST_KERNEL_RESIDUAL}
-    limit = limits.get(made.method, transfer_function.LARGEST_TABLE_RESIDUAL)
-    if made.factor is None or made.factor.residual_turns() <= limit:
-        return "tables"
-    return "fp64 or two-float"
 
 
 def _say_methods(wanted: list[Request]) -> None:

@@ -304,10 +304,6 @@ class SeriesFactor:
         """0: the factor is made in float64."""
         return 0.0
 
-    def phase_route(self, device: Device) -> str:
-        """ "tables": the factor is made in float64."""
-        return "tables"
-
     def on_device(self, device: Device, phase: str) -> Spectrum:
         """The samples on a device; the phase is formed on the host whatever it is."""
         out = np.empty(self.series.shape, device.complex)

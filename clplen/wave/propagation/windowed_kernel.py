@@ -19,11 +19,7 @@ from clplen.compute.fft.blocks import Spectrum, multiply_tables, window
 from clplen.compute.fft.lines import smooth_length
 from clplen.wave.propagation.band import AxisSpan
 from clplen.wave.propagation.distance_slope import multiply_kernel_slope
-from clplen.wave.propagation.transfer_function import (
-    kernel_samples,
-    residual_phase_route,
-    residual_turns,
-)
+from clplen.wave.propagation.transfer_function import kernel_samples, residual_turns
 
 Vector = np.ndarray[Any, Any]
 Pair = tuple[float, float]
@@ -135,10 +131,6 @@ class WindowedKernel:
     def residual_turns(self) -> float:
         """Rk = (r_max - z)^2/(2 z lam) at the farthest displacement."""
         return residual_turns(sum(axis.farthest**2 for axis in self.axes), self.z, self.wavelength)
-
-    def phase_route(self, device: Device) -> str:
-        """ "tables", "fp64" or "twofloat": how a device forms the phase to 2.5e-5 rad."""
-        return residual_phase_route(self.residual_turns(), device)
 
     def on_device(self, device: Device, phase: str) -> Spectrum:
         """The spectrum on a device, rising frequencies.
