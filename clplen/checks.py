@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+import difflib
+import inspect
 import math
+from collections.abc import Callable, Iterable
 from numbers import Real
 from typing import Any, Literal
 
@@ -27,6 +30,36 @@ def require(kind: type, value: Any, what: str, source: str) -> None:
             f"{what} is {article} {kind.__name__}, as {source} gives it, not of type "
             f"{type(value).__name__}."
         )
+
+
+def keywords_of(function: Callable[..., Any]) -> list[str]:
+    """Names of the arguments that a function takes by keyword alone."""
+    parameters = inspect.signature(function).parameters.values()
+    return [one.name for one in parameters if one.kind is one.KEYWORD_ONLY]
+
+
+def check_keywords(given: Iterable[str], known: Iterable[str], what: str) -> None:
+    """Refuse keywords that a function does not have, with the nearest one that it has.
+
+    Parameters
+    ----------
+    given : iterable of str
+        Names that were given by ``**``.
+    known : iterable of str
+        Names that the function takes.
+    what : str
+        Name of the function.
+
+    Raises
+    ------
+    TypeError
+    """
+    names = list(known)
+    for name in given:
+        if name not in names:
+            near = difflib.get_close_matches(name, names, n=1, cutoff=0.5)
+            hint = f"did you mean {near[0]}=?" if near else f"it has {', '.join(names) or 'none'}."
+            raise TypeError(f"{what} has no keyword {name!r}: {hint}")
 
 
 def is_finite(value: object) -> bool:

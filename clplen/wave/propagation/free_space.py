@@ -13,7 +13,12 @@ import numpy as np
 from clplen.compute.device import Device, DeviceLike, as_device
 from clplen.errors import SamplingError
 from clplen.wave.field.field import Field, Grid, require_field
-from clplen.wave.field.intensity import MeanIntensity, PartialCoherence, average_of
+from clplen.wave.field.intensity import (
+    MeanIntensity,
+    PartialCoherence,
+    average_of,
+    check_averaging,
+)
 from clplen.wave.propagation.description import BORDER, Request, request
 from clplen.wave.propagation.plan_runs import run_plans
 from clplen.wave.propagation.propagator import Propagator
@@ -152,9 +157,8 @@ def propagate(
         raise TypeError(
             f"propagate takes a Field, as Field.from_array makes it, not a {type(field).__name__}."
         )
-    if coherence is not None or averaging:
-        if coherence is None:
-            raise TypeError(f"{', '.join(averaging)} belong to an average: give coherence= too.")
+    check_averaging(averaging, coherence, propagate, "propagate")
+    if coherence is not None:
         if isinstance(z, Sequence | np.ndarray):
             raise ValueError("Partially coherent light is propagated to one distance at a time.")
         space = FreeSpace(z, method, pad, out_grid, guard, border, support, lens)

@@ -16,7 +16,13 @@ from clplen.reprs import OneLine
 from clplen.results import Plottable
 from clplen.units import metres
 from clplen.wave.field.field import Field, Grid, require_field, require_grid
-from clplen.wave.field.intensity import MeanIntensity, Object, PartialCoherence, average_of
+from clplen.wave.field.intensity import (
+    MeanIntensity,
+    Object,
+    PartialCoherence,
+    average_of,
+    check_averaging,
+)
 from clplen.wave.propagation.propagator import Propagator
 from clplen.wave.systems.components import (
     ConvergingLight,
@@ -113,10 +119,9 @@ class OpticalSystem(OneLine, Plottable):
         TypeError
             For options of an average without ``coherence``.
         """
+        check_averaging(averaging, coherence, OpticalSystem.__call__, "OpticalSystem")
         if coherence is not None:
             return average_of(coherence)(self, field, **averaging)
-        if averaging:
-            raise TypeError(f"{', '.join(averaging)} belong to an average: give coherence= too.")
         for _, _, behind in self.trace(field):
             field = behind
         return field
