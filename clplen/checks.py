@@ -63,8 +63,11 @@ def check_keywords(given: Iterable[str], known: Iterable[str], what: str) -> Non
 
 
 def is_finite(value: object) -> bool:
-    """Whether something is one finite real number."""
-    return isinstance(value, Real) and math.isfinite(value)
+    """Whether something is one finite real number that float64 holds."""
+    try:
+        return isinstance(value, Real) and math.isfinite(value)
+    except OverflowError:  # whole numbers and fractions above 1.8e308
+        return False
 
 
 def is_integer(value: Any) -> bool:

@@ -280,7 +280,6 @@ def _check_wave(grid: Grid, wavelength: float, device: DeviceLike | None) -> Dev
     if not (math.isfinite(wavelength) and wavelength > 0):
         raise ValueError(f"The wavelength is positive, in metres, not {wavelength!r}.")
     units.WAVELENGTH.check(wavelength, "The wavelength")
-    units.PITCH.check(grid.pitch, "The pitch of a field's grid")
     nbytes = 2 * grid.shape[0] * grid.shape[1] * device.complex.itemsize
     device.require_memory(nbytes, "This wave")
     return device

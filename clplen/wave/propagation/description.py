@@ -35,7 +35,7 @@ METHODS = (
 )
 SELF_PADDED = ("auto", "cblas", "rs", "one-step")  # methods that size their own windows
 FREE_GRID = ("auto", "cblas", "rs", "one-step", "fresnel-1fft")  # methods that take any output grid
-FARTHEST = 1e12  # metres
+FARTHEST = units.DISTANCE.most
 BORDER = 0.4  # of half the window, the taper of fresnel-multistep
 _SAME = 1e-9  # of a pitch
 

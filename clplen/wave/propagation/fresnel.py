@@ -15,7 +15,7 @@ from clplen.compute.fft.lines import (
     still,
 )
 from clplen.errors import SamplingError
-from clplen.wave.field.field import Grid
+from clplen.wave.field.field import Grid, derived_grid
 from clplen.wave.field.transmission import phasor
 from clplen.wave.propagation.description import Description, Request, padded_length, whole_bands
 
@@ -99,7 +99,7 @@ def one_step(r: Request) -> Description:
             f"lens it is sampled from {nearest:.4g} m on. Use method='auto', or name the width "
             "that carries light by support=."
         )
-    out_grid = Grid(r.grid.shape, (pitches[0], pitches[1]), origin=r.grid.origin)
+    out_grid = derived_grid(r.grid.shape, (pitches[0], pitches[1]), r.grid.origin)
     valid = (nearest, math.inf)
     made = r.out_grid or out_grid
     return _separable(r, "fresnel-1fft", lines, "chirp", step, valid, warning, made)

@@ -16,7 +16,7 @@ from clplen.compute.fft.lines import Separable, cropped_inverse, padded_spectrum
 from clplen.reprs import OneLine
 from clplen.units import metres
 from clplen.wave.elements.hard_apertures import disc_coverage, interval_coverage
-from clplen.wave.field.field import Field, Grid
+from clplen.wave.field.field import Field, Grid, derived_grid
 from clplen.wave.field.transmission import offsets, phasor
 from clplen.wave.propagation.description import request
 from clplen.wave.propagation.free_space import FreeSpace
@@ -132,7 +132,7 @@ class Pupil(OneLine):
         """
         fc = self.cutoff(wavelength)
         (ny, nx), (dy, dx) = grid.shape, grid.pitch
-        lattice = Grid(grid.shape, (1 / (ny * dy), 1 / (nx * dx)))
+        lattice = derived_grid(grid.shape, (1 / (ny * dy), 1 / (nx * dx)))
         P = self._covered(lattice, fc).astype(np.complex128)
         if self.path is not None:
             row, column = np.nonzero(P)
