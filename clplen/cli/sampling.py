@@ -11,6 +11,7 @@ import click
 
 from clplen.cli.shared.console import note, to_option_names
 from clplen.cli.shared.options import Length, Lengths, Shape
+from clplen.errors import SamplingError
 from clplen.units import angle, both, interval, metres
 from clplen.wave.elements.lens import LensSampling, lens_sampling, lenslet_sampling
 from clplen.wave.elements.lenslets import SMALLEST_PITCH
@@ -188,7 +189,10 @@ def _verdict(r: Request, method: str) -> str:
     if method == "fresnel-multistep":
         word = "yes" if abs(r.z) < fresnel.absorbed_distance(own) else "no"
         return f"{word}, whole steps: {fresnel.steps(own)}"
-    made = describe(own)
+    try:
+        made = describe(own)
+    except SamplingError:  # more work than is done
+        return "no"
     low, high = made.valid
     if not low * (1 - _SAME) <= abs(r.z) <= high * (1 + _SAME):
         return "no"

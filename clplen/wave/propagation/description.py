@@ -263,6 +263,8 @@ class Description:
         ((fy low, fy high), (fx low, fx high)) that is used, in cycles a metre.
     warning : str
         What is wrong with the sampling and what to do; empty where nothing is.
+    is_refused : bool
+        Whether it is so wrong that no plan is made: the warning is the error's sentence.
     terms : tuple of tuple of Separable
         (into, back) of every term of a sum, the first as ``into`` and ``back``; empty: no sum.
     """
@@ -281,6 +283,7 @@ class Description:
     valid: tuple[float, float]
     band: tuple[tuple[float, float], tuple[float, float]]
     warning: str = ""
+    is_refused: bool = False
     terms: tuple[tuple[Separable, Separable], ...] = ()
 
     @property
@@ -297,6 +300,15 @@ class Description:
         (ny, _), (my, mx) = self.request.grid.shape, self.into.shape_after(self.request.grid.shape)
         rows = max(ny, self.out_grid.shape[0]) if self.factor is not None else ny
         return max(rows, my if self.factor is None else 0) * max(mx, self.out_grid.shape[1])
+
+
+def outshines(r: Request) -> bool:
+    """Whether one sample of the kernel gives more light than there is: d^2 > lam z, or at z < d."""
+    if not r.axes:
+        return False
+    shares = [r.grid.pitch[axis] / math.sqrt(r.wavelength * abs(r.z)) for axis in r.axes]
+    near = math.hypot(1, r.wavelength / (2 * math.pi * r.z))  # of 1/r - ik over k
+    return max(*shares, math.prod(shares) * near) > 1
 
 
 def whole_bands(request: Request) -> tuple[tuple[float, float], tuple[float, float]]:

@@ -128,8 +128,9 @@ def propagate(
     ValueError
         For an unknown method, z that is not finite, or pad < 1.
     SamplingError
-        For an output grid that the method cannot give, fresnel-1fft at z = 0, or several distances
-        with fresnel-1fft, whose results have different pitches.
+        For an output grid that the method cannot give, fresnel-1fft at z = 0, several distances
+        with fresnel-1fft, whose results have different pitches, or a method so far outside its
+        range that its result would be no field.
     DeviceError
         If the windows do not fit the device.
 

@@ -110,7 +110,8 @@ class Propagator:
     ValueError
         For an unknown method or phase, or a number outside its range.
     SamplingError
-        For an output grid that the method cannot give, or fresnel-1fft at z = 0.
+        For an output grid that the method cannot give, fresnel-1fft at z = 0, or a method so far
+        outside its range that its result would be no field.
 
     Warns
     -----
@@ -168,6 +169,8 @@ class Propagator:
         self.grid, self.z, self.wavelength = request.grid, request.z, request.wavelength
         device.require_memory(least_samples(request) * device.complex.itemsize, "This propagation")
         description = describe(request)
+        if description.is_refused:
+            raise SamplingError(description.warning)
         self.description = _in_precision(description, device)
         self.method, self.why = description.method, description.why
         self.out_grid = description.out_grid

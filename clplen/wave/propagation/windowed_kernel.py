@@ -58,6 +58,28 @@ class KernelAxis:
         return float(np.abs(self.displacements).max())
 
 
+def _fall_and_highest(span: AxisSpan) -> tuple[float, float]:
+    """Width of the taper on either side in metres, highest frequency: see `kernel_axis`."""
+    wanted = span.lit + span.wanted
+    product = 2 * STEEPNESS**2 / math.pi
+    steepest = 1 / span.wavelength
+    fall = math.sqrt(product * wanted / 2 / steepest)
+    reach = abs(span.offset) + wanted / 2 + fall
+    steepest = span.geometric(reach)
+    if span.wavelength * steepest > 0.5:
+        # All that propagates, and evanescent waves while exp(-2 pi z sqrt(f^2 - 1/lam^2)) > LEFT.
+        steepest = math.hypot(1 / span.wavelength, -math.log(LEFT) / (2 * math.pi * abs(span.z)))
+    return fall, steepest + product / fall
+
+
+def kernel_length(span: AxisSpan) -> float:
+    """Least number of the kernel's samples along an axis, before any are made."""
+    if span.n == 1:
+        return 1.0
+    fall, highest = _fall_and_highest(span)
+    return 2 * highest * (span.lit + span.wanted + 2 * fall) + 1
+
+
 def kernel_axis(span: AxisSpan, limit: float) -> KernelAxis:
     """How one axis is sampled.
 
@@ -76,15 +98,7 @@ def kernel_axis(span: AxisSpan, limit: float) -> KernelAxis:
         still = np.zeros(1)
         return KernelAxis(still, still, np.ones(1), 1.0, is_still=True)
     wanted = span.lit + span.wanted
-    product = 2 * STEEPNESS**2 / math.pi
-    steepest = 1 / span.wavelength
-    fall = math.sqrt(product * wanted / 2 / steepest)
-    reach = abs(span.offset) + wanted / 2 + fall
-    steepest = span.geometric(reach)
-    if span.wavelength * steepest > 0.5:
-        # All that propagates, and evanescent waves while exp(-2 pi z sqrt(f^2 - 1/lam^2)) > LEFT.
-        steepest = math.hypot(1 / span.wavelength, -math.log(LEFT) / (2 * math.pi * abs(span.z)))
-    highest = steepest + product / fall
+    fall, highest = _fall_and_highest(span)
     width = wanted + 2 * fall
     count = smooth_length(2 * math.ceil(highest * width) + 1)
     kept = min(count, 2 * math.floor(limit * width * (1 + 1e-12)) + 1) if limit < highest else count
