@@ -64,10 +64,31 @@ def check_keywords(given: Iterable[str], known: Iterable[str], what: str) -> Non
 
 def is_finite(value: object) -> bool:
     """Whether something is one finite real number that float64 holds."""
+    return isinstance(value, Real) and fits_float64(value)
+
+
+def fits_float64(value: Any) -> bool:
+    """Whether a number is finite, as `math.isfinite`; whole numbers above 1.8e308 are not."""
     try:
-        return isinstance(value, Real) and math.isfinite(value)
-    except OverflowError:  # whole numbers and fractions above 1.8e308
+        return math.isfinite(value)
+    except OverflowError:
         return False
+
+
+def float64_array(values: Any) -> Array:
+    """Numbers as a float64 array; whole numbers above 1.8e308 are infinite.
+
+    Raises
+    ------
+    TypeError, ValueError
+        As NumPy, for what are no numbers.
+    """
+    try:
+        return np.asarray(values, np.float64)
+    except OverflowError:
+        exact = np.asarray(values, object)
+        floats = [float(one) if fits_float64(one) else math.inf for one in exact.flat]
+        return np.array(floats).reshape(exact.shape)
 
 
 def is_integer(value: Any) -> bool:

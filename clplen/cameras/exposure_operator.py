@@ -30,7 +30,7 @@ from clplen.cameras.light_field_microscope import Microscope, microscope_images
 from clplen.cameras.optics.pixel_array import PixelArray
 from clplen.cameras.scenes.occluders import Occluder
 from clplen.cameras.scenes.scene_sources import Source, as_occluders, as_sources
-from clplen.checks import is_finite, require
+from clplen.checks import float64_array, is_finite, require
 from clplen.compute.device import Device
 from clplen.compute.linear_map import linear_operator, mapped
 from clplen.errors import ShapeError
@@ -510,7 +510,7 @@ class ExposureOperator:
                 f"method='points', not of {self.method!r}: give that, with a camera whose pixels "
                 "sample the light."
             )
-        energies = np.asarray(values, np.float64)
+        energies = float64_array(values)
         if energies.shape != self.in_shape:
             raise ShapeError(
                 f"Gradients take energies of shape {self.in_shape}, not {energies.shape}."

@@ -12,6 +12,7 @@ import numpy as np
 
 from clplen.analysis.point.psf import PSF
 from clplen.analysis.point.samples import Pair, Values, check_axis, check_positive, first_fall
+from clplen.checks import float64_array
 from clplen.compute.arrays import HostArray
 from clplen.errors import ShapeError
 from clplen.reprs import OneLine
@@ -351,7 +352,7 @@ def pixel_mtf(frequency: Any, *, width: float) -> Values:
     [1.0, 0.637, 0.0]
     """
     check_positive(width=width)
-    return np.abs(np.sinc(np.asarray(frequency, np.float64) * width))
+    return np.abs(np.sinc(float64_array(frequency) * width))
 
 
 def _fraction(frequency: Any, wavelength: float, distance: float, width: float) -> Values:

@@ -14,6 +14,7 @@ import numpy as np
 
 from clplen.analysis.point.psf import FINER, PSF
 from clplen.analysis.point.samples import Pair, Values, check_axis, finer, line_of
+from clplen.checks import float64_array
 
 RAYLEIGH = 0.73503  # mid/peak of two Airy patterns whose maximum lies on the other's first zero
 SLIT = 0.81057  # 8/pi^2, the same of two sinc^2: a slit, or a square along one of its sides
@@ -143,7 +144,7 @@ class TwoPoints:
         ValueError
             If a separation is not positive, or larger.
         """
-        s = np.asarray(separations, np.float64)
+        s = float64_array(separations)
         if not (s > 0).all():
             raise ValueError(f"Separations are positive, in metres, not {separations!r}.")
         t = np.linspace(0, 1, _BESIDE) * s[..., None]

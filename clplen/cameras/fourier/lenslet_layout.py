@@ -10,7 +10,7 @@ from typing import Any, Literal
 import numpy as np
 
 from clplen import units
-from clplen.checks import is_finite
+from clplen.checks import float64_array, is_finite
 from clplen.reprs import OneLine
 from clplen.units import metres
 from clplen.wave.elements.lenslets import MicrolensArray
@@ -253,7 +253,7 @@ def covered(inside: Vector, step: float) -> Vector:
 def _numbers(values: Any, what: str) -> Vector:
     """Finite real numbers, float64."""
     try:
-        found = np.asarray(values, np.float64)
+        found = float64_array(values)
     except (TypeError, ValueError):
         raise ValueError(f"{what} are real numbers of metres, not {values!r}.") from None
     if not np.isfinite(found).all():

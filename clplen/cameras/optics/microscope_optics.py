@@ -19,6 +19,7 @@ from clplen.cameras.optics.lenslet_camera import Described, Description, Lenslet
 from clplen.cameras.optics.objective import APODISATION, CoverGlass, Objective
 from clplen.cameras.optics.pixel_array import PixelArray
 from clplen.cameras.optics.pupil_aberration import PupilAberration
+from clplen.checks import float64_array
 from clplen.compute.device import Device
 from clplen.errors import SamplingError
 from clplen.lightfield.depth.best_focus import focus_ratio, focus_ratio_of_disparity
@@ -164,7 +165,7 @@ class MicroscopeOptics(Described, LensletCamera):
         ValueError
             For another law.
         """
-        given = np.asarray(dz, np.float64)
+        given = float64_array(dz)
         return _as_given(-given * self._ratio(law, given, focus_ratio) / self._depth_of_disparity)
 
     def z(self, disparity: Any, *, law: Law = "paraxial") -> Any:
@@ -187,7 +188,7 @@ class MicroscopeOptics(Described, LensletCamera):
         ValueError
             For another law.
         """
-        given = np.asarray(disparity, np.float64)
+        given = float64_array(disparity)
         ratio = self._ratio(law, given, focus_ratio_of_disparity)
         return _as_given(-given * self._depth_of_disparity / ratio)
 

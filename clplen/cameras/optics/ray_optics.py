@@ -23,6 +23,7 @@ import pyopencl.array as cla
 from clplen.cameras.optics.camera_aberrations import NONE, Aberrations
 from clplen.cameras.optics.lenslet_camera import LensletCamera, lenslet_grid
 from clplen.cameras.optics.pixel_array import PixelArray
+from clplen.checks import float64_array
 from clplen.compute.device import Device
 from clplen.errors import SamplingError
 from clplen.lightfield.raw.lenslet_grid import LensType
@@ -114,7 +115,7 @@ class RayOptics(LensletCamera, ABC):
         ValueError
             If the object does not lie in front of the lens.
         """
-        z = self.object_distance + np.asarray(dz, np.float64)
+        z = self.object_distance + float64_array(dz)
         if not (z > 0).all():
             raise ValueError(
                 f"dz = {np.min(dz):g} m lies behind the lens, {self.object_distance:g} m from the "

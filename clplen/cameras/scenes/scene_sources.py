@@ -10,7 +10,7 @@ import numpy as np
 
 from clplen import units
 from clplen.cameras.scenes.occluders import Occluder
-from clplen.checks import is_finite
+from clplen.checks import float64_array, is_finite
 from clplen.compute.arrays import HostArray
 from clplen.deprecation import renamed_argument, renamed_attribute
 from clplen.errors import ShapeError
@@ -123,7 +123,7 @@ class PointSources(OneLine):
 def _numbers(values: Any, what: str) -> np.ndarray[Any, np.dtype[np.float64]]:
     """An array of real numbers."""
     try:
-        return np.asarray(values, np.float64)
+        return float64_array(values)
     except (TypeError, ValueError):
         raise ValueError(f"{what} are real numbers, not {values!r}.") from None
 

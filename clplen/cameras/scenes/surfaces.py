@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 
 from clplen.cameras.scenes.textures import Texture, uniform
+from clplen.checks import float64_array
 from clplen.deprecation import renamed_argument, renamed_attribute
 from clplen.reprs import OneLine
 
@@ -231,7 +232,7 @@ def _rectangle(centre: Pair, half: Pair, angle: float) -> Vector:
 
 
 def _finite(numbers: Any, count: int, what: str, positive: bool = False) -> None:
-    values = np.asarray(numbers, np.float64)
+    values = float64_array(numbers)
     if values.size != count or not np.isfinite(values).all() or (positive and (values <= 0).any()):
         kind = "positive and finite" if positive else "finite"
         raise ValueError(f"{what}: {count} numbers, {kind}, in pixels, not {numbers!r}.")

@@ -6,8 +6,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-
+from clplen.checks import float64_array
 from clplen.errors import FormatError
 from clplen.files import PathLike, check_space
 from clplen.io.results.volume_files import plane_step
@@ -56,7 +55,7 @@ class VolumeSeries:
         batch: int = 1,
     ) -> None:
         self.path = Path(path)
-        z = np.asarray(planes, np.float64)
+        z = float64_array(planes)
         about = {
             **description,
             "planes_um": [round(one * 1e6, 9) for one in z],

@@ -8,7 +8,7 @@ from typing import Any, ClassVar
 import numpy as np
 from numpy.typing import ArrayLike
 
-from clplen.checks import require
+from clplen.checks import float64_array, require
 from clplen.compute.arrays import HostArray
 from clplen.compute.device import DeviceLike
 from clplen.deprecation import warn_caller
@@ -275,6 +275,6 @@ def metric_depth(
         if not (np.isfinite(value) and value > 0):
             raise ValueError(f"{name} is a length in metres, positive and finite, not {value!r}.")
     at_focus = 0.0 if focus_distance is None else 1 / focus_distance
-    inverse = np.asarray(disparity, np.float64) * pixel_pitch / (baseline * focal_length) + at_focus
+    inverse = float64_array(disparity) * pixel_pitch / (baseline * focal_length) + at_focus
     with np.errstate(divide="ignore", invalid="ignore"):
         return np.where(inverse >= 0, 1 / np.abs(inverse), np.nan)

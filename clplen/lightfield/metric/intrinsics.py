@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from clplen.checks import is_finite
+from clplen.checks import float64_array, is_finite
 from clplen.errors import ShapeError
 from clplen.lightfield.metric.ray_model import (
     Shape,
@@ -103,7 +103,7 @@ class Intrinsics(OneLine):
         for name, wanted in (shapes | {"view_rms": (V, U), "deviations": (5, 5)}).items():
             if getattr(self, name) is None:
                 continue
-            values = np.array(getattr(self, name), np.float64)
+            values = np.array(float64_array(getattr(self, name)))
             if values.shape != wanted:
                 raise ShapeError(f"{name} has shape {wanted}, not {values.shape}.")
             values.setflags(write=False)
@@ -202,7 +202,7 @@ class Intrinsics(OneLine):
             (y, x) in pixels, shape (V, U, n, 2), float64; NaN of points that are not before the
             views.
         """
-        at = np.asarray(points, np.float64)
+        at = float64_array(points)
         if at.ndim != 2 or at.shape[1] != 3:
             raise ShapeError(f"Points are (x, y, z), shape (n, 3), not {at.shape}.")
         V, U = self.shape[:2]
@@ -232,7 +232,7 @@ class Intrinsics(OneLine):
         ValueError
             If a distance is not positive.
         """
-        far = np.asarray(z, np.float64)
+        far = float64_array(z)
         if not (far > 0).all():
             raise ValueError(f"Distances are positive, in metres, not {z!r}.")
         H = self.matrix
@@ -253,7 +253,7 @@ class Intrinsics(OneLine):
             z in metres, float64: (H11 - d H13)/(d H33 - H31); inf at the disparity of what is
             infinitely far, NaN beyond it or where ``disparity`` is NaN.
         """
-        d = np.asarray(disparity, np.float64)
+        d = float64_array(disparity)
         H = self.matrix
         above, below = H[0, 0] - d * H[0, 2], d * H[2, 2] - H[2, 0]
         with np.errstate(divide="ignore", invalid="ignore"):

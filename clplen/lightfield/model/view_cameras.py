@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
+from clplen.checks import float64_array
 from clplen.errors import ShapeError
 from clplen.lightfield.model.alpha_law import unit_steps
 from clplen.lightfield.model.sampled_views import SampledViews
@@ -71,7 +72,7 @@ class ViewCameras(OneLine):
         numpy.ndarray
             Shape (V, U, n, 2): (y, x) in pixels.
         """
-        x, y, z = np.moveaxis(np.asarray(points, np.float64), -1, 0)
+        x, y, z = np.moveaxis(float64_array(points), -1, 0)
         across = np.stack((y, x), -1)
         with np.errstate(divide="ignore", invalid="ignore"):
             moved = (across - self.centres[:, :, None]) / z[:, None]
@@ -90,7 +91,7 @@ class ViewCameras(OneLine):
         numpy.ndarray
             float64: 1/z = d/(f_x b) + 1/z0 (Honauer et al. 2016).
         """
-        inverse = np.asarray(disparity, np.float64) / (self.focal[1] * self.baseline)
+        inverse = float64_array(disparity) / (self.focal[1] * self.baseline)
         inverse = inverse + 1 / self.focus
         with np.errstate(divide="ignore"):
             return np.where(inverse >= 0, 1 / np.abs(inverse), np.nan)

@@ -10,6 +10,7 @@ import numpy as np
 import pyopencl.array as cla
 from numpy.typing import ArrayLike
 
+from clplen.checks import float64_array
 from clplen.compute.arrays import Image, OnDevice
 from clplen.compute.device import Device, DeviceLike
 from clplen.lightfield.arrays.ray_samples import INTERPOLATIONS, along_rays
@@ -273,7 +274,7 @@ def stack_planes(
     ValueError
         As in `focal_stack`.
     """
-    given = np.asarray(_exactly_one(alphas=alphas, disparities=disparities), np.float64)
+    given = float64_array(_exactly_one(alphas=alphas, disparities=disparities))
     if given.ndim != 1 or given.size == 0:
         raise ValueError(
             f"A focal stack takes a list of at least one plane, not shape {given.shape}."
@@ -325,7 +326,7 @@ def _exactly_one(**given: Any) -> Any:
 
 def _planes(lf: AlphaLaw, given: Any, are_alphas: bool) -> tuple[Vector, Vector]:
     """(disparities, alphas) of planes given as one of them."""
-    values = np.asarray(given, np.float64)
+    values = float64_array(given)
     if not np.isfinite(values).all():
         raise ValueError(f"Planes are finite numbers, not {given!r}.")
     if are_alphas:

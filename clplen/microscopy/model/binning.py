@@ -17,6 +17,7 @@ import numpy as np
 from clplen.cameras.light_field_microscope import Microscope
 from clplen.cameras.optics.lenslet_camera import sensor_grid
 from clplen.cameras.scenes.scene_sources import PointSources
+from clplen.checks import float64_array
 from clplen.microscopy.model.psf import lenslets_across
 from clplen.wave.elements.lenslets import MicrolensArray
 
@@ -80,7 +81,7 @@ def binning_error(camera: Microscope, planes: Vector, binning: int) -> float:
     >>> f"{clplen.microscopy.binning_error(camera, [0.0, 50e-6], 2):.1%}"
     '0.7%'
     """
-    z = np.asarray(planes, np.float64)
+    z = float64_array(planes)
     counts = np.array([lenslets_across(camera, float(one)) + 2 * AROUND for one in z])
     pixels = round(camera.pixels_per_lenslet)
     small = np.flatnonzero(2 * counts * pixels <= LARGEST)

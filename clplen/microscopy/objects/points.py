@@ -17,7 +17,7 @@ import numpy as np
 from scipy.ndimage import gaussian_filter, maximum_filter
 from scipy.spatial import cKDTree
 
-from clplen.checks import host_array
+from clplen.checks import float64_array, host_array
 from clplen.deprecation import renamed_argument
 from clplen.errors import ShapeError
 from clplen.files import PathLike
@@ -227,9 +227,7 @@ def match_points(first: Vector, second: Vector, *, tolerance: Sequence[float]) -
     >>> clplen.microscopy.match_points(found, expected, tolerance=(2e-6, 0.5, 0.5)).tolist()
     [[0, 1], [2, 0]]
     """
-    one, other = (
-        np.asarray(points, np.float64).reshape(-1, 3) / tolerance for points in (first, second)
-    )
+    one, other = (float64_array(points).reshape(-1, 3) / tolerance for points in (first, second))
     if not (len(one) and len(other)):
         return np.empty((0, 2), int)
     far, there = (np.asarray(found) for found in cKDTree(other).query(one))

@@ -16,6 +16,7 @@ from typing import Any, Literal
 import numpy as np
 from scipy.ndimage import gaussian_filter
 
+from clplen.checks import float64_array
 from clplen.errors import ShapeError
 from clplen.files import PathLike
 from clplen.microscopy.objects.csv_tables import UNITS, position_columns, write_table
@@ -203,7 +204,7 @@ def sphere_labels(positions: Any, radius: float, axes: Sequence[Any]) -> Vector:
     >>> [int(np.count_nonzero(plane)) for plane in labels]
     [0, 0, 0, 0, 13, 0, 0, 0, 0]
     """
-    centres = np.asarray(positions, np.float64)
+    centres = float64_array(positions)
     if centres.ndim != 2 or centres.shape[1] != 3 or not len(centres):
         raise ShapeError(f"Positions are (z, y, x) of at least one point, not {centres.shape}.")
     if not (np.isfinite(radius) and radius > 0):

@@ -10,7 +10,7 @@ from typing import Any, ClassVar, Literal, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike
 
-from clplen.checks import is_finite
+from clplen.checks import float64_array, is_finite
 from clplen.compute.device import Device, DeviceLike, as_device
 from clplen.deprecation import warn_caller
 from clplen.errors import SamplingError, SamplingWarning, ShapeError
@@ -348,7 +348,7 @@ class ExtendedSource(OneLine):
         """
         from scipy import special  # here, because it takes a third of the package's import time
 
-        fy, fx = (np.asarray(d, np.float64) / (wavelength * self.distance) for d in (dy, dx))
+        fy, fx = (float64_array(d) / (wavelength * self.distance) for d in (dy, dx))
         if self.picture is not None:
             return self._transform(self.picture, fy, fx)
         if self.shape == "square":

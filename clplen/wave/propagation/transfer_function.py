@@ -10,6 +10,7 @@ from typing import Any, Protocol
 import numpy as np
 import pyopencl.array as cla
 
+from clplen.checks import fits_float64
 from clplen.compute.device import Device
 from clplen.compute.fft.blocks import Spectrum, lanes_defines, window
 from clplen.wave.field.transmission import phasor, split
@@ -198,7 +199,7 @@ def _defines(device: Device, phase: str) -> dict[str, Any]:
 
 
 def _check(z: float, device: Device, phase: str) -> None:
-    if not (math.isfinite(z) and z != 0):
+    if not (fits_float64(z) and z != 0):
         raise ValueError(f"The impulse response needs a finite distance z other than 0, not {z!r}.")
     there = ["tables"]
     if device.precision == "single":

@@ -9,7 +9,7 @@ from numbers import Real
 from typing import Any, ClassVar, overload
 
 from clplen import units
-from clplen.checks import Aliasing
+from clplen.checks import Aliasing, fits_float64
 from clplen.compute.device import DeviceLike, as_device
 from clplen.deprecation import renamed_argument
 from clplen.reprs import OneLine
@@ -308,7 +308,7 @@ def imaging_system(
 def _part(item: Any, number: int) -> Part:
     """What was given for a part, as a part."""
     if isinstance(item, Real) and not isinstance(item, bool):
-        if not math.isfinite(item):
+        if not fits_float64(item):
             raise ValueError(
                 f"Part {number} of the system is a distance of {item!r}: a distance is one finite "
                 "number of metres."

@@ -10,6 +10,7 @@ from typing import Any, Literal
 import numpy as np
 
 from clplen import units
+from clplen.checks import fits_float64, float64_array
 from clplen.compute.device import Device
 from clplen.compute.fft.blocks import Spectrum, run
 from clplen.compute.fft.lines import Separable, cropped_inverse, padded_spectrum
@@ -101,7 +102,7 @@ class Pupil(OneLine):
         shape, path
             As of `Pupil`.
         """
-        if not (math.isfinite(fc) and fc > 0):
+        if not (fits_float64(fc) and fc > 0):
             raise ValueError(f"A cut-off frequency is positive, in cycles a metre, not {fc!r}.")
         require_positive("The wavelength", wavelength)
         units.WAVELENGTH.check(wavelength, "The wavelength")
@@ -236,7 +237,7 @@ def otf(s: Any, *, shape: Rim = "circular") -> Values:
     [1.0, 0.391, 0.0]
     """
     require_shape(shape, SHAPES)
-    s = np.minimum(np.abs(np.asarray(s, np.float64)), 1)
+    s = np.minimum(np.abs(float64_array(s)), 1)
     if shape != "circular":
         return np.asarray(1 - s)
     return np.asarray(2 / np.pi * (np.arccos(s) - s * np.sqrt(1 - s * s)))
@@ -265,7 +266,7 @@ def coherent_edge(x_fc: Any) -> Values:
     """
     from scipy.special import sici
 
-    return np.asarray((0.5 + sici(2 * np.pi * np.asarray(x_fc, np.float64))[0] / np.pi) ** 2)
+    return np.asarray((0.5 + sici(2 * np.pi * float64_array(x_fc))[0] / np.pi) ** 2)
 
 
 def incoherent_edge(x_fc: Any, *, shape: Rim = "circular") -> Values:
@@ -298,7 +299,7 @@ def incoherent_edge(x_fc: Any, *, shape: Rim = "circular") -> Values:
     [0.032, 0.5, 0.968]
     """
     require_shape(shape, SHAPES)
-    a = 4 * np.pi * np.asarray(x_fc, np.float64)
+    a = 4 * np.pi * float64_array(x_fc)
     if shape != "circular":
         from scipy.special import sici
 
