@@ -87,8 +87,13 @@ def float64_array(values: Any) -> Array:
         return np.asarray(values, np.float64)
     except OverflowError:
         exact = np.asarray(values, object)
-        floats = [float(one) if fits_float64(one) else math.inf for one in exact.flat]
-        return np.array(floats).reshape(exact.shape)
+        floats = [
+            one
+            if not isinstance(one, int) or fits_float64(one)
+            else math.inf * (1 if one > 0 else -1)
+            for one in exact.flat
+        ]
+        return np.array(floats, np.float64).reshape(exact.shape)
 
 
 def is_integer(value: Any) -> bool:

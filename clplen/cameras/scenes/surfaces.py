@@ -60,7 +60,7 @@ class Ellipse:
         """Both radii."""
         if isinstance(self.radii, tuple | list):
             return (float(self.radii[0]), float(self.radii[1]))
-        return (float(self.radii), float(self.radii))
+        return (float(float64_array(self.radii)),) * 2
 
     def corners(self) -> Vector:
         """Corners of a rectangle about it, (Y, X), shape (4, 2)."""
@@ -123,7 +123,7 @@ class Bars:
         """Of a bar at its first end and at its last."""
         if isinstance(self.width, tuple | list):
             return (float(self.width[0]), float(self.width[1]))
-        return (float(self.width), float(self.width))
+        return (float(float64_array(self.width)),) * 2
 
     @property
     def half(self) -> Pair:

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 from tqdm import tqdm
 
-from clplen.checks import host_array
+from clplen.checks import float64_array, host_array
 from clplen.compute.arrays import Image
 from clplen.compute.device import DeviceLike, as_device
 from clplen.errors import FormatError
@@ -163,7 +163,7 @@ def _vector(values: Any, count: int) -> np.ndarray[Any, np.dtype[np.float64]] | 
         return None
     if not all(value is None or isinstance(value, int | float) for value in values):
         return None
-    return np.array([math.nan if value is None else value for value in values], np.float64)
+    return float64_array([math.nan if value is None else value for value in values])
 
 
 def _planes(stack: FocalStack) -> Iterator[Block]:

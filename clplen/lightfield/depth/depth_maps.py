@@ -183,9 +183,7 @@ def distinct_planes(
     elif alphas is not None:
         values = source.disparity(alphas)
     else:
-        values = np.asarray(
-            default_disparities(source) if disparities is None else disparities, float
-        )
+        values = float64_array(default_disparities(source) if disparities is None else disparities)
     if values.ndim != 1 or not np.isfinite(values).all() or np.unique(values).size < 3:
         raise ValueError(
             "A depth map needs a list of at least three different finite planes, not "

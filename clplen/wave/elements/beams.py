@@ -7,7 +7,7 @@ import math
 import numpy as np
 
 from clplen import units
-from clplen.checks import fits_float64
+from clplen.checks import fits_float64, float64_array
 from clplen.compute.device import Device, DeviceLike, as_device
 from clplen.deprecation import warn_caller
 from clplen.errors import SamplingWarning
@@ -287,7 +287,7 @@ def _check_wave(grid: Grid, wavelength: float, device: DeviceLike | None) -> Dev
 
 
 def _check_direction(direction: Pair) -> None:
-    cosines = np.asarray(direction, np.float64)
+    cosines = float64_array(direction)
     if cosines.shape != (2,) or not np.hypot(*cosines) < 1:
         raise ValueError(
             f"A direction is (y, x) direction cosines with a sum of squares below 1, not "

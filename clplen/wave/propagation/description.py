@@ -14,7 +14,7 @@ from typing import Any, Literal
 import numpy as np
 
 from clplen import units
-from clplen.checks import is_finite
+from clplen.checks import float64_array, is_finite
 from clplen.compute.fft.lines import Line, Separable
 from clplen.errors import SamplingError
 from clplen.wave.field.field import Grid
@@ -229,10 +229,10 @@ def request(
     if support is not None:
         if np.shape(support) not in ((), (2,)):
             raise ValueError(f"support is one width or (y, x), in metres, not {support!r}.")
-        both = np.broadcast_to(np.asarray(support, np.float64), (2,))
+        both = np.broadcast_to(float64_array(support), (2,))
         support = (float(both[0]), float(both[1]))
     distance = z.item() if isinstance(z, np.ndarray) and z.ndim == 0 else z
-    distance = float(distance) if isinstance(distance, Real) else distance
+    distance = float(float64_array(distance)) if isinstance(distance, Real) else distance
     return Request(grid, distance, wavelength, method, pad, out_grid, guard, border, support, lens)
 
 

@@ -10,6 +10,7 @@ from typing import Any, overload
 
 import numpy as np
 
+from clplen.checks import float64_array
 from clplen.compute.device import Device, DeviceLike, as_device
 from clplen.errors import SamplingError
 from clplen.wave.field.field import Field, Grid, require_field
@@ -224,7 +225,7 @@ def propagate_wavelengths(
         raise ValueError("wavelengths is one wavelength or several, in metres, not an empty list.")
     return [
         propagate(replace(field, wavelength=float(wavelength)), z, **options)
-        for wavelength in np.atleast_1d(wavelengths)
+        for wavelength in np.atleast_1d(float64_array(wavelengths))
     ]
 
 

@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from clplen.checks import fits_float64, is_finite
+from clplen.checks import fits_float64, float64_array, is_finite
 from clplen.errors import FormatError
 from clplen.units import metres
 
@@ -93,7 +93,7 @@ def check_table(wavelengths: Any, values: Any) -> tuple[Vector, Vector]:
     ------
     ValueError
     """
-    lam, density = np.array(wavelengths, dtype=float), np.array(values, dtype=float)
+    lam, density = np.array(float64_array(wavelengths)), np.array(float64_array(values))
     if lam.ndim != 1 or lam.shape != density.shape:
         raise ValueError(
             "A spectrum has one value for each wavelength, two rows of the same length, not "

@@ -99,7 +99,7 @@ class Lens:
     def __post_init__(self) -> None:
         if (
             not isinstance(self.focal_length, Real)
-            or math.isnan(self.focal_length)
+            or self.focal_length != self.focal_length
             or self.focal_length == 0
         ):
             raise ValueError(f"The focal length is not 0, in metres; got {self.focal_length!r}.")

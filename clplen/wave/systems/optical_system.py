@@ -9,7 +9,7 @@ from numbers import Real
 from typing import Any, ClassVar, overload
 
 from clplen import units
-from clplen.checks import Aliasing, fits_float64
+from clplen.checks import Aliasing, fits_float64, float64_array, is_finite
 from clplen.compute.device import DeviceLike, as_device
 from clplen.deprecation import renamed_argument
 from clplen.reprs import OneLine
@@ -167,7 +167,7 @@ class OpticalSystem(OneLine, Plottable):
             Default ``Device.open()``.
         """
         require_grid(grid)
-        return SystemOperator(self.parts, grid, float(wavelength), as_device(device))
+        return SystemOperator(self.parts, grid, float(float64_array(wavelength)), as_device(device))
 
     def adjoint(self, field: Field, *, grid: Grid | None = None) -> Field:
         """The adjoint, <S u, v> = <u, S' v>, from behind the last part to before the first.
@@ -293,7 +293,7 @@ def imaging_system(
     units.FOCAL_LENGTH.check(focal_length, "The focal length of an imaging system")
     require_positive("The diameter of its lens", diameter)
     units.DIAMETER.check(diameter, "The diameter of its lens")
-    if not (isinstance(magnification, Real) and 0 < magnification < math.inf):
+    if not (is_finite(magnification) and magnification > 0):
         raise ValueError(f"The magnification is positive and finite, not {magnification!r}.")
     z1 = focal_length * (1 + 1 / magnification)
     z2 = focal_length * (1 + magnification)
