@@ -2,8 +2,12 @@
 
 from __future__ import annotations
 
+import difflib
+import inspect
 import math
 import sys
+from collections.abc import Callable, Iterable
+from contextlib import suppress
 from numbers import Real
 from typing import Any, Literal
 
@@ -43,9 +47,68 @@ def install_advice(extra: str) -> str:
     return f"{advice} in Python {wanted} or newer (this is {found})"
 
 
+def keywords_of(function: Callable[..., Any]) -> list[str]:
+    """Names of the arguments that a function takes by keyword alone."""
+    parameters = inspect.signature(function).parameters.values()
+    return [one.name for one in parameters if one.kind is one.KEYWORD_ONLY]
+
+
+def check_keywords(given: Iterable[str], known: Iterable[str], what: str) -> None:
+    """Refuse keywords that a function does not have, with the nearest one that it has.
+
+    Parameters
+    ----------
+    given : iterable of str
+        Names that were given by ``**``.
+    known : iterable of str
+        Names that the function takes.
+    what : str
+        Name of the function.
+
+    Raises
+    ------
+    TypeError
+    """
+    names = list(known)
+    for name in given:
+        if name not in names:
+            near = difflib.get_close_matches(name, names, n=1, cutoff=0.5)
+            hint = f"did you mean {near[0]}=?" if near else f"it has {', '.join(names) or 'none'}."
+            raise TypeError(f"{what} has no keyword {name!r}: {hint}")
+
+
 def is_finite(value: object) -> bool:
-    """Whether something is one finite real number."""
-    return isinstance(value, Real) and math.isfinite(value)
+    """Whether something is one finite real number that float64 holds."""
+    return isinstance(value, Real) and fits_float64(value)
+
+
+def fits_float64(value: Any) -> bool:
+    """Whether a number is finite, as `math.isfinite`; whole numbers above 1.8e308 are not."""
+    try:
+        return math.isfinite(value)
+    except OverflowError:
+        return False
+
+
+def float64_array(values: Any) -> Array:
+    """Numbers as a float64 array; whole numbers above 1.8e308 are infinite.
+
+    Raises
+    ------
+    TypeError, ValueError
+        As NumPy, for what are no numbers.
+    """
+    try:
+        return np.asarray(values, np.float64)
+    except OverflowError:
+        exact = np.asarray(values, object)
+        floats = [
+            one
+            if not isinstance(one, int) or fits_float64(one)
+            else math.inf * (1 if one > 0 else -1)
+            for one in exact.flat
+        ]
+        return np.array(floats, np.float64).reshape(exact.shape)
 
 
 def is_integer(value: Any) -> bool:
@@ -192,6 +255,9 @@ def real_array(values: Any, what: str, dtype: Any = np.float32) -> Array:
         For anything else.
     """
     result = host_array(values, what)
+    if result.dtype.kind == "O":  # whole numbers that no integer type of NumPy holds
+        with suppress(TypeError, ValueError):
+            result = float64_array(result)
     if result.dtype.kind == "c":
         raise TypeError(f"{what} holds real numbers, not {result.dtype}: take the intensity.")
     if result.dtype.kind not in "biuf":

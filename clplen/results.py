@@ -11,6 +11,7 @@ from io import BytesIO
 from pathlib import Path
 from typing import Any, ClassVar
 
+from clplen.checks import check_keywords, keywords_of
 from clplen.errors import ClplenError
 
 _DPI = 100  # of the picture in a notebook
@@ -38,7 +39,9 @@ class Savable:
         OSError
             If the file cannot be written.
         """
-        getattr(import_module("clplen.io"), self._writer)(path, self, **options)
+        writer = getattr(import_module("clplen.io"), self._writer)
+        check_keywords(options, keywords_of(writer), f"{type(self).__name__}.save")
+        writer(path, self, **options)
 
 
 class Plottable:
@@ -60,7 +63,9 @@ class Plottable:
         matplotlib.figure.Figure
             `clplen.plot.save` writes it.
         """
-        return getattr(import_module("clplen.plot"), self._figure)(self, **options)
+        figure = getattr(import_module("clplen.plot"), self._figure)
+        check_keywords(options, keywords_of(figure), f"{type(self).__name__}.plot")
+        return figure(self, **options)
 
     def _repr_png_(self) -> bytes | None:
         """The figure as a notebook shows it; None where this cannot be drawn."""

@@ -4,7 +4,7 @@ Sizes of memory in bytes are read here, too.
 
 The bounds only tell metres from forgotten units. They hold whatever is built or observed, with
 room: gamma rays and radio waves, dishes of 500 m, telescopes of long focal length. Distances of
-propagation, of sources and of objects have none.
+propagation, of sources and of objects have none but 1e12 m.
 """
 
 from __future__ import annotations
@@ -59,6 +59,10 @@ class Length:
             numbers = np.abs(np.asarray(values, np.float64))
         except (TypeError, ValueError):  # which the caller refuses in its own words
             return
+        except OverflowError:
+            raise ValueError(
+                f"{what} is in metres, at most {self.most:g}, not a number above 1e308."
+            ) from None
         beyond = numbers[np.isfinite(numbers) & (numbers > self.most)]
         if beyond.size:
             largest = float(beyond.max())
@@ -78,9 +82,11 @@ class Length:
 
 # From gamma rays to radio waves of 1 GHz; light, from X-rays to terahertz, is what is meant.
 WAVELENGTH = Length(0.3, (1e-7, 3e-3), ("nm", "um", "mm"))
-# Where a field begins, pixels and periods of gratings: 1 m samples a dish of 500 m. A grid by
-# itself has no bound, since light that has gone far is sampled as coarsely.
+# Grids, pixels and periods of gratings: 1 m samples a dish of 500 m. Where fresnel-1fft samples
+# light that has gone far there is no bound.
 PITCH = Length(1.0, (1e-8, 5e-3), ("um", "nm", "mm"))
+# Distances and places of output grids: no unit is told from another, but squares stay finite.
+DISTANCE = Length(1e12, (0.0, 0.0), ())
 # Lenslets, up to the lenses of an array of cameras.
 LENSLET_PITCH = Length(0.1, (2e-6, 2e-2), ("um", "mm"))
 PIXEL_PITCH = Length(1e-3, (2e-7, 1e-4), ("um", "nm", "mm"))

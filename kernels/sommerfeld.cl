@@ -8,7 +8,8 @@
  * quadrant is built, (Ly/2 + 1, Lx/2 + 1) samples, and unfolded.
  *
  * -DPHASE_TABLES    q = s/2 - q^2/2: the first term is a product of two 1-D phasor tables made in
- *                   double on the host, the second a small residual in turns
+ *                   double on the host, the second a residual in turns, in pairs of float32 or in
+ *                   double
  * -DPHASE_FP64      the phase in double, reduced, then float32 sincos
  * -DPHASE_TWOFLOAT  the phase in pairs of float32 (Dekker 1971), for devices without fp64
  * -DROWS, -DDOUBLE  see common.cl
@@ -16,7 +17,7 @@
  * Mapping: FOR_X of common.cl over the quadrant (sommerfeld) or the window (unfold).
  */
 #include "common.cl"
-#ifdef PHASE_TWOFLOAT
+#ifndef DOUBLE
 #include "twofloat.cl"
 #endif
 #ifdef PHASE_FP64
@@ -33,9 +34,11 @@ inline cplx spherical(cplx ex, cplx ey, real2 ax, real2 ay, real2 zl, real q)
     return cis_turns((real)(t - rint(t)));
 #elif defined(PHASE_TWOFLOAT)
     /* -(z/lam) s/(1 + sqrt(1 - s)) of twofloat.cl, with -s for s */
-    return cis_turns(two_phase(-ax, -ay, zl));
-#elif defined(PHASE_TABLES)
+    return cis_turns(two_phase(-ax.x, -ax.y, -ay.x, -ay.y, zl.x, zl.y));
+#elif defined(PHASE_TABLES) && defined(DOUBLE)
     return cmul(cmul(ex, ey), cis_turns(-(zl.x / 2 * q) * q));
+#elif defined(PHASE_TABLES)
+    return cmul(cmul(ex, ey), cis_turns(two_residual(-ax.x, -ax.y, -ay.x, -ay.y, zl.x, zl.y)));
 #else
 #error "choose PHASE_TABLES, PHASE_FP64 or PHASE_TWOFLOAT"
 #endif

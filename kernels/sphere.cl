@@ -7,7 +7,8 @@
  *
  * -DSOURCE          the amplitude 1/r of a point source
  * -DPHASE_TABLES    q = s/2 - q^2/2: the first term is a product of two 1-D phasor tables made in
- *                   double on the host, the second a small residual in turns
+ *                   double on the host, the second a residual in turns, in pairs of float32 or in
+ *                   double
  * -DPHASE_FP64      the phase in double, reduced, then float32 sincos
  * -DPHASE_TWOFLOAT  the phase in pairs of float32 (Dekker 1971), for devices without fp64
  * -DLANES           sixteen samples at a time (with -DROWS and -DPHASE_TABLES, in float32)
@@ -17,11 +18,11 @@
  * Mapping: FOR_X of common.cl. in and out may be the same array.
  */
 #include "common.cl"
-#ifdef PHASE_TWOFLOAT
-#include "twofloat.cl"
-#endif
 #ifdef LANES
 #include "lanes_complex.cl"
+#endif
+#ifndef DOUBLE
+#include "twofloat.cl"
 #endif
 #ifdef PHASE_FP64
 #pragma OPENCL EXTENSION cl_khr_fp64 : enable
@@ -34,11 +35,13 @@ inline cplx spherical(cplx ey, cplx ex, real2 ay, real2 ax, real2 zl)
     const double t = ((double)zl.x + zl.y) * s / (1 + sqrt(1 + s));
     return cis_turns((real)(t - rint(t)));
 #elif defined(PHASE_TWOFLOAT)
-    return cis_turns(two_phase(-ax, -ay, zl)); /* -(z/lam) (-s)/(1 + sqrt(1 - (-s))) */
-#elif defined(PHASE_TABLES)
+    return cis_turns(two_phase(-ax.x, -ax.y, -ay.x, -ay.y, zl.x, zl.y)); /* -(z/lam) (-s)/(1 + sqrt(1 - (-s))) */
+#elif defined(PHASE_TABLES) && defined(DOUBLE)
     const real s = ax.x + ay.x;
     const real q = s / (1 + sqrt(1 + s));
     return cmul(cmul(ey, ex), cis_turns(-(zl.x / 2 * q) * q));
+#elif defined(PHASE_TABLES)
+    return cmul(cmul(ey, ex), cis_turns(two_residual(-ax.x, -ax.y, -ay.x, -ay.y, zl.x, zl.y)));
 #else
 #error "choose PHASE_TABLES, PHASE_FP64 or PHASE_TWOFLOAT"
 #endif
@@ -50,17 +53,15 @@ inline void lanes(__global float *out, __global const float *in, __global const 
                   __global const float *ax, const cplx ey, const real2 ay, const real2 zl,
                   const real per_z)
 {
-    float16 re, im, s, low, cr, ci;
-    deal(ax, &s, &low);
-    s += ay.x;
-    const float16 root = sqrt(1 + s);
-    const float16 q = s / (1 + root);
-    cis16(-(zl.x / 2 * q) * q, &cr, &ci);
+    float16 re, im, high, low, cr, ci;
+    deal(ax, &high, &low);
+    cis16(two_residual16(-high, -low, -ay.x, -ay.y, zl.x, zl.y), &cr, &ci);
     deal(ex, &re, &im);
     float16 tr = re * ey.x - im * ey.y, ti = re * ey.y + im * ey.x;
 #ifdef SOURCE
-    tr *= per_z / root;
-    ti *= per_z / root;
+    const float16 fading = per_z / sqrt(1 + (high + ay.x));
+    tr *= fading;
+    ti *= fading;
 #endif
     times16(out, in, tr * cr - ti * ci, tr * ci + ti * cr);
 }

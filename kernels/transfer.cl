@@ -9,7 +9,8 @@
  * (spectral_filter.cl). The tables may be of any other frequencies.
  *
  * -DPHASE_TABLES    c - 1 = -s/2 - q^2/2 with q = s/(1 + c): the first term is a product of two 1-D
- *                   phasor tables made in double on the host, the second a small residual in turns
+ *                   phasor tables made in double on the host, the second a residual in turns, in
+ *                   pairs of float32 or in double
  * -DPHASE_FP64      the phase in double, reduced, then float32 sincos
  * -DPHASE_TWOFLOAT  the phase in pairs of float32 (Dekker 1971), for devices without fp64
  * -DLANES           sixteen samples at a time (with -DROWS and -DPHASE_TABLES, in float32), where all
@@ -22,7 +23,7 @@
 #ifdef LANES
 #include "lanes_complex.cl"
 #endif
-#ifdef PHASE_TWOFLOAT
+#ifndef DOUBLE
 #include "twofloat.cl"
 #endif
 #ifdef PHASE_FP64
@@ -41,12 +42,13 @@ inline cplx propagating(cplx ex, cplx ey, real2 ax, real2 ay, real2 zl)
     const double t = -((double)zl.x + zl.y) * s / (1 + sqrt(fmax(1 - s, (double)0)));
     return cis_turns((real)(t - rint(t)));
 #elif defined(PHASE_TWOFLOAT)
-    return cis_turns(two_phase(ax, ay, zl));
-#elif defined(PHASE_TABLES)
+    return cis_turns(two_phase(ax.x, ax.y, ay.x, ay.y, zl.x, zl.y));
+#elif defined(PHASE_TABLES) && defined(DOUBLE)
     const real s = ax.x + ay.x;
     const real q = s / (1 + sqrt(1 - s));
-    const real t = -(zl.x / 2 * q) * q;
-    return cmul(cmul(ex, ey), cis_turns(t));
+    return cmul(cmul(ex, ey), cis_turns(-(zl.x / 2 * q) * q));
+#elif defined(PHASE_TABLES)
+    return cmul(cmul(ex, ey), cis_turns(two_residual(ax.x, ax.y, ay.x, ay.y, zl.x, zl.y)));
 #else
 #error "choose PHASE_TABLES, PHASE_FP64 or PHASE_TWOFLOAT"
 #endif
@@ -58,12 +60,9 @@ inline void lanes(__global float *H, __global const float *ex, __global const fl
                   __global const float *wx, const cplx ey, const real2 ay, const real wy,
                   const real2 zl)
 {
-    float16 re, im, s, low, cr, ci;
-    deal(ax, &s, &low);
-    s += ay.x;
-    s = s < 1 ? s : 1; /* beyond the band, where the weight is 0 */
-    const float16 q = s / (1 + sqrt(1 - s));
-    cis16(-(zl.x / 2 * q) * q, &cr, &ci);
+    float16 re, im, high, low, cr, ci;
+    deal(ax, &high, &low);
+    cis16(two_residual16(high, low, ay.x, ay.y, zl.x, zl.y), &cr, &ci);
     deal(ex, &re, &im);
     const float16 weight = load16(wx) * wy;
     const float16 tr = weight * (re * ey.x - im * ey.y), ti = weight * (re * ey.y + im * ey.x);

@@ -1,50 +1,76 @@
 /* Arithmetic with unevaluated sums of two float32 (high, low): about 48 bits.
  *
- *   two_sum   Knuth 1969 (TAOCP 2, 4.2.2, theorem B): a + b = high + low exactly
- *   two_prod  Dekker 1971 with a fused multiply-add: a * b = high + low exactly
+ *   sum   Knuth 1969 (TAOCP 2, 4.2.2, theorem B): a + b = high + low exactly
+ *   rest  Dekker 1971 with a fused multiply-add: a * b = p + rest exactly, p the rounded product
  *
- * Contraction is switched off here: a compiler that fuses these lines destroys the low parts.
+ * For s = a + b and z/lam = l, all as pairs, s at most 1:
+ *
+ *   quotient  q = s/(1 + sqrt(1 - s)) as a pair
+ *   phase     -(z/lam) q in turns, abs(phase) <= 1
+ *   residual  -(z/lam) q^2/2 in turns likewise: the phase beside the tables of -(z/lam) s/2
+ *
+ * TWO_FLOAT makes them for float and, with -DLANES, for sixteen floats. Contraction is switched off
+ * here: a compiler that fuses these lines destroys the low parts.
  */
 #ifndef CLPLEN_TWOFLOAT
 #define CLPLEN_TWOFLOAT
 
 #pragma OPENCL FP_CONTRACT OFF
 
-inline float2 two_sum(float a, float b)
-{
-    const float high = a + b;
-    const float other = high - a;
-    return (float2)(high, (a - (high - other)) + (b - other));
-}
+#define TWO_FLOAT(real, sum, rest, quotient, phase, residual)                                      \
+    inline real sum(const real a, const real b, real *low)                                         \
+    {                                                                                              \
+        const real high = a + b;                                                                   \
+        const real other = high - a;                                                               \
+        *low = (a - (high - other)) + (b - other);                                                 \
+        return high;                                                                               \
+    }                                                                                              \
+    inline real rest(const real a, const real b, const real product)                               \
+    {                                                                                              \
+        return fma(a, b, -product);                                                                \
+    }                                                                                              \
+    inline real quotient(const real ah, const real al, const real bh, const real bl, real *low)    \
+    {                                                                                              \
+        real sl, cl, dl;                                                                           \
+        const real near = sum(ah, bh, &sl);                                                        \
+        const real s = sum(near, sl + (al + bl), &sl);                                             \
+        const real about = sum((real)1, -s, &cl);                                                  \
+        real left = sum(about, cl - sl, &cl);                                                      \
+        left = left > 0 ? left : 0;                                                                \
+        /* the root of left: one Newton step from that of float32 */                               \
+        const real root = sqrt(left);                                                              \
+        const real square = root * root;                                                           \
+        const real miss = ((left - square) - rest(root, root, square)) + cl;                       \
+        const real d = sum((real)1, root, &dl);                                                    \
+        dl += root > 0 ? miss / (2 * root) : 0;                                                    \
+        const real q = s / d; /* one correction of the quotient of float32 */                      \
+        const real back = q * d;                                                                   \
+        *low = ((((s - back) - rest(q, d, back)) + sl) - q * dl) / d;                              \
+        return q;                                                                                  \
+    }                                                                                              \
+    inline real phase(const real ah, const real al, const real bh, const real bl, const real lh,   \
+                      const real ll)                                                               \
+    {                                                                                              \
+        real ql;                                                                                   \
+        const real q = quotient(ah, al, bh, bl, &ql);                                              \
+        const real turns = lh * q;                                                                 \
+        return (rint(turns) - turns) - (rest(lh, q, turns) + (lh * ql + ll * q));                  \
+    }                                                                                              \
+    inline real residual(const real ah, const real al, const real bh, const real bl,               \
+                         const real lh, const real ll)                                             \
+    {                                                                                              \
+        real ql;                                                                                   \
+        const real q = quotient(ah, al, bh, bl, &ql);                                              \
+        const real half_square = q * q / 2;                                                        \
+        const real low = rest(q, q / 2, half_square) + q * ql;                                     \
+        const real turns = lh * half_square;                                                       \
+        return (rint(turns) - turns)                                                               \
+               - (rest(lh, half_square, turns) + (lh * low + ll * half_square));                   \
+    }
 
-inline float2 two_prod(float a, float b)
-{
-    const float high = a * b;
-    return (float2)(high, fma(a, b, -high));
-}
-
-/* -(z/lam) s/(1 + sqrt(1 - s)) in turns, reduced to |t| <= 1/2; s = ax + ay, all as pairs. */
-inline float two_phase(float2 ax, float2 ay, float2 zl)
-{
-    float2 s = two_sum(ax.x, ay.x);
-    s.y += ax.y + ay.y;
-    float2 left = two_sum(1.0f, -s.x);
-    left.y -= s.y;
-    /* c = sqrt(left): one Newton step from the float32 root */
-    const float root = sqrt(left.x);
-    const float2 square = two_prod(root, root);
-    const float miss = ((left.x - square.x) - square.y) + left.y;
-    const float tail = root > 0.0f ? miss / (2.0f * root) : 0.0f;
-    float2 d = two_sum(1.0f, root);
-    d.y += tail;
-    /* q = s/d: one correction of the float32 quotient */
-    const float q = s.x / d.x;
-    const float2 back = two_prod(q, d.x);
-    const float rest = (((s.x - back.x) - back.y) + s.y) - q * d.y;
-    const float low = rest / d.x;
-    const float2 turns = two_prod(zl.x, q);
-    const float t = (turns.x - rint(turns.x)) + (turns.y + zl.x * low + zl.y * q);
-    return -t;
-}
+TWO_FLOAT(float, two_sum, two_rest, two_quotient, two_phase, two_residual)
+#ifdef LANES
+TWO_FLOAT(float16, two_sum16, two_rest16, two_quotient16, two_phase16, two_residual16)
+#endif
 
 #endif

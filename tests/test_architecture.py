@@ -22,8 +22,8 @@ PACKAGE = ROOT / "clplen"
 # An import counts wherever it stands, in functions and under TYPE_CHECKING too.
 STOREYS: tuple[set[str], ...] = (
     {"errors", "interrupts", "deprecation", "types", "units", "reprs"},
-    {"checks", "files", "hdf5_safety", "results"},
-    {"outputs"},
+    {"checks", "files", "hdf5_safety"},
+    {"outputs", "results"},
     {"compute"},
     {"wave", "lightfield"},
     {"cameras"},

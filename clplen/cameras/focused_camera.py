@@ -8,7 +8,6 @@ plenoptic camera"). The point X of the main image appears under the lenslet at c
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass
 from numbers import Real
 from typing import ClassVar
@@ -17,6 +16,7 @@ from clplen import units
 from clplen.cameras.camera_base import Plenoptic
 from clplen.cameras.optics import camera_aberrations, exposure_rows
 from clplen.cameras.optics.lenslet_camera import Description, Kind, Row
+from clplen.checks import fits_float64
 from clplen.wave.elements.lenslets import MicrolensArray
 
 
@@ -187,14 +187,14 @@ def magnification(f: float, m: float | None, a: float | None) -> float:
             f"A 2.0 camera has either m or a, and m = {m!r}, a = {a!r}: give exactly one of them."
         )
     if a is not None:
-        if not math.isfinite(a) or 0 <= a <= f:
+        if not fits_float64(a) or 0 <= a <= f:
             raise ValueError(
                 f"a = {a!r} m lies within the lenslets' focal length of {f:g} m, where they form "
                 "no real image: use a > f (Keplerian) or a < 0 (Galilean)."
             )
         return f / (a - f)
     assert m is not None
-    if not math.isfinite(m) or m == 0:
+    if not fits_float64(m) or m == 0:
         raise ValueError(
             f"m = b/a is finite and not 0, not {m!r}: use m > 0 (Keplerian) or -1 < m < 0."
         )

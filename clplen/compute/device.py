@@ -108,12 +108,12 @@ class Device(Launcher):
         self.spare_bytes = min(_spare_limit(self.is_cpu), self.memory_bytes // _SPARE_SHARE)
         limit = int(_PLAN_SHARE * self.spare_bytes)
         # plans (transfer functions, arrays of lenslets), bounded in bytes with those below
-        self.plans = PlanCache(limit, beside.plans if beside else None)
+        self.plans: PlanCache = PlanCache(limit, beside.plans if beside else None)
         self.transforms = PlanCache(limit, self.plans)  # Fourier transforms that the device runs
         self.tables = PlanCache(limit, self.plans)  # small ones of recent launches
         # host memory that transforms on the host use again and again
         workspace = beside.workspace if beside else None
-        self.workspace = workspace or Workspace(int(_WORKSPACE_SHARE * self.spare_bytes))
+        self.workspace: Workspace = workspace or Workspace(int(_WORKSPACE_SHARE * self.spare_bytes))
         self._precisions: list[Device] = beside._precisions if beside else []
         self._precisions.append(self)
         if precision == "double" and not self.has_fp64:

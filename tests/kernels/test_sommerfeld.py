@@ -5,11 +5,7 @@ import pytest
 import reference_sommerfeld as reference
 from tolerance import relative_max
 
-from clplen.wave.propagation.transfer_function import (
-    impulse_response,
-    kernel_phase_route,
-    kernel_residual_turns,
-)
+from clplen.wave.propagation.transfer_function import impulse_response, kernel_residual_turns
 
 # shape, pitch, z, wavelength; Rk = 2e-7, 9.1, 91, 9.6e3, 0.045, 0.004 turns
 CASES = [
@@ -33,15 +29,10 @@ def phases(device):
 @pytest.mark.parametrize(("shape", "pitch", "z", "wavelength"), CASES)
 def test_error_stays_below_its_bound(device, shape, pitch, z, wavelength):
     expected = reference.impulse_response(shape, pitch, z, wavelength)
-    residual = kernel_residual_turns(shape, pitch, z, wavelength)
     for phase in phases(device):
         got = device.download(impulse_response(shape, pitch, z, wavelength, device, phase))
         assert got.dtype == np.complex64
-        if phase != "tables":
-            assert relative_max(expected, got) <= ROUNDING, phase
-        elif residual <= 10:
-            # the residual itself is rounded a few times
-            assert relative_max(expected, got) <= ROUNDING + 2.5e-6 * residual
+        assert relative_max(expected, got) <= ROUNDING, phase
 
 
 @pytest.mark.parametrize(("shape", "pitch", "z", "wavelength"), CASES)
@@ -82,19 +73,13 @@ def test_a_line_beyond_the_range_of_the_hankel_function(precise):
     assert above / below == pytest.approx(np.sqrt(8.7534 / 8.7536), rel=1e-9)
 
 
-def test_route_follows_the_residual(device, precise):
+def test_residual():
     shape, pitch, wavelength = (31, 16), (9e-5, 16e-5), 550e-9
     # corner displacement 15 dy, 8 dx
     z, rho = 6.6e-3, np.hypot(15 * pitch[0], 8 * pitch[1])
     expected = (np.hypot(rho, z) - z) ** 2 / (2 * z * wavelength)
     assert kernel_residual_turns(shape, pitch, z, wavelength) == pytest.approx(expected, rel=1e-9)
     assert kernel_residual_turns(shape, pitch, -z, wavelength) == pytest.approx(expected, rel=1e-9)
-    above = "fp64" if device.has_fp64 else "twofloat"
-    near = 0.9 * z
-    assert kernel_residual_turns(shape, pitch, near, wavelength) > 10 > expected
-    assert kernel_phase_route(shape, pitch, z, wavelength, device) == "tables"
-    assert kernel_phase_route(shape, pitch, near, wavelength, device) == above
-    assert kernel_phase_route(shape, pitch, near, wavelength, precise) == "tables"
 
 
 def test_bad_input_is_refused(device, precise):

@@ -190,7 +190,7 @@ def test_batches_fit_the_memory(projector, monkeypatch):
         ({"motion": -1e-6}, ValueError, "motion is a positive length"),
         ({"motion": np.nan}, ValueError, "motion is a positive length"),
         ({"before": 1.0}, ValueError, "before is for a start or for prior='time'"),
-        ({"whites": 1}, TypeError, "deconvolve_series has no whites"),
+        ({"whites": 1}, TypeError, "no keyword 'whites': did you mean white="),
         ({"projector": None}, TypeError, "projector"),
         ({"frames": np.ones((1, 3, 3))}, ShapeError, "A frame has shape"),
         ({"frames": -np.ones((1, 15, 18))}, ValueError, "negative"),

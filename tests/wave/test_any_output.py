@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import warnings
 from collections.abc import Sequence
 
 import numpy as np
@@ -11,7 +12,7 @@ from fields import field_of
 from reference_sommerfeld import sum_at
 from tolerance import err_db
 
-from clplen import Device, Grid, Propagator, SamplingWarning
+from clplen import Device, Grid, Propagator, SamplingError, SamplingWarning
 from clplen.wave.propagation.description import Request
 from clplen.wave.propagation.methods import describe
 from clplen.wave.propagation.plan_report import PlanReport, report
@@ -210,3 +211,28 @@ def test_the_error_of_single_precision_is_that_of_all_the_light(device, precise,
     assert -20 * math.log10(error / (there / math.sqrt(share))) >= 130
     assert -20 * math.log10(error / there) >= of_window
     assert (share > 0.01) == (beside == 0)
+
+
+@pytest.mark.parametrize("z", [2.5e-7, 1e-12, -1e-9])
+def test_a_kernel_near_the_plane_is_refused_before_it_is_made(device, z):
+    """By the bytes and the seconds it would take; auto does without."""
+    grid, out = Grid((3, 100), (1.1e-6, 2.7e-6)), Grid((100, 7), (1.2e-6, 2.6e-6), origin=(1e-6, 0))
+    with pytest.raises(SamplingError, match=r"samples, .*B in complex64 .* s: use method='auto'"):
+        Propagator(grid, z, wavelength=5.1e-7, method="rs", device=device, out_grid=out)
+    assert Propagator(grid, z, wavelength=5.1e-7, device=device, out_grid=out).method == "cblas"
+
+
+@pytest.mark.parametrize(
+    ("method", "out"), [("rs", None), ("fresnel-ir", None), ("fresnel-1fft", Grid((9, 12), 5e-6))]
+)
+@pytest.mark.parametrize("pitch", [(4e-6, 3e-6), (1e-7, 4e-6)])
+@pytest.mark.parametrize("pad", [1, 2])
+def test_a_kernel_of_one_sample_is_refused(device, method, out, pitch, pad):
+    """dx^2 > lam z along an axis: more light would come out than goes in."""
+    near, far = (share * 4e-6**2 / LAM for share in (0.99, 1.01))
+    options = {"wavelength": LAM, "method": method, "pad": pad, "out_grid": out, "device": device}
+    with pytest.raises(SamplingError, match="is aliased"):
+        Propagator(Grid((21, 32), pitch[::-1]), -near, **options)
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        Propagator(Grid((21, 32), pitch[::-1]), -far, **options)

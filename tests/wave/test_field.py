@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from clplen import Field, Grid, ShapeError
+from clplen import Field, Grid, ShapeError, propagate
 
 
 @pytest.mark.parametrize("shape", [(4, 5), (5, 4), (1, 7)])
@@ -21,7 +21,30 @@ def test_one_pitch_serves_both_axes():
     assert Grid((3, 4), 5e-6) == Grid((3, 4), (5e-6, 5e-6))
 
 
-@pytest.mark.parametrize("shape", [(3,), 5, (0, 4), (2.5, 4), (2, 3, 4)])
+@pytest.mark.parametrize(
+    ("pitch", "hint"), [(10, "1e-05"), ((5e-6, 6.6), "6.6e-06"), (650.0, "0.00065")]
+)
+def test_a_forgotten_unit_of_the_pitch(pitch, hint):
+    with pytest.raises(ValueError, match=f"pitch is in metres, at most 1, not .*mean {hint}"):
+        Grid((3, 4), pitch)
+
+
+@pytest.mark.parametrize("origin", [(1e300, 0.0), (0, -2e12), (10**400, 0)])
+def test_an_origin_is_not_beyond_everything(origin):
+    with pytest.raises(ValueError, match="A grid's origin is "):
+        Grid((3, 4), 5e-6, origin=origin)
+
+
+def test_samples_of_light_that_has_gone_far_may_be_wider(device):
+    field = Field.from_array(np.ones((3, 4)), Grid((3, 4), 1e-3), wavelength=5e-7, device=device)
+    far = propagate(field, 1e9, method="fresnel-1fft", pad=1)
+    assert far.grid.pitch == pytest.approx((5e-7 * 1e9 / 3e-3, 5e-7 * 1e9 / 4e-3))
+    assert Field.from_array(far.to_numpy(), far.grid, wavelength=5e-7, device=device).power() > 0
+
+
+@pytest.mark.parametrize(
+    "shape", [(3,), 5, (0, 4), (2.5, 4), (2, 3, 4), (np.nan, 4), (10**400, 4), "ab"]
+)
 def test_bad_shape(shape):
     with pytest.raises(ShapeError, match=r"\(ny, nx\), two positive integers"):
         Grid(shape, 1e-6)

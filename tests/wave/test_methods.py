@@ -376,7 +376,7 @@ def test_complex64_keeps_the_phase_at_camera_distances(device, precise, method, 
 
 
 @pytest.mark.parametrize(("method", "z"), [("as", 1e-3), ("rs", 6e-4)])
-def test_a_residual_of_many_turns_leaves_the_tables(device, method, z):
+def test_a_residual_of_many_turns_is_formed_by_every_route(device, method, z):
     grid = Grid((256, 250), (0.5e-6, 0.55e-6))
     u = band_limited(grid.shape, 3)
     expected = (
@@ -384,14 +384,10 @@ def test_a_residual_of_many_turns_leaves_the_tables(device, method, z):
         if method == "as"
         else sommerfeld(u, grid.pitch, z, wavelength=LAM)
     )
-    phases = ["twofloat", *(["fp64"] if device.has_fp64 else [])]
-    for phase in (None, *phases):
+    for phase in ("tables", "twofloat", *(["fp64"] if device.has_fp64 else [])):
         plan = quiet_plan(grid, z, device, method=method, phase=phase)
         assert err_db(expected, plan(field_of(u, grid, device)).to_numpy()) >= SINGLE, phase
-    if method == "as":
-        plan = quiet_plan(grid, z, device, method=method)
         assert plan.report.residual_turns > 1
-        assert plan.phase == phases[-1]
 
 
 def quiet_plan(grid: Grid, z: float, device, **options) -> Propagator:

@@ -269,3 +269,19 @@ def test_the_polynomial_is_the_path_and_the_amplitude_to_the_fourth_power(side, 
     ratio = left[0].sum() / left[1].sum()
     assert 25 < ratio < 40
     assert left[0].max() < 2e-4
+
+
+@pytest.mark.parametrize(
+    ("grid", "wavelength", "z"),
+    [
+        (Grid((31, 100), (8e-6, 4.3e-7)), 6.1e-7, 2.9e-5),
+        (Grid((64, 48), (2.26e-5, 1.25e-6), origin=(2.9e-6, 2.3e-6)), 1.46e-6, -1.9e-5),
+        (Grid((1, 200), 2e-6), LAM, 1e-5),
+    ],
+)
+def test_a_series_that_does_not_converge_is_refused(device, grid, wavelength, z):
+    """1e17 to 1e25 times the light came back, and NaN."""
+    with pytest.raises(SamplingError, match=r"does not converge in one-step .* Use method='auto'"):
+        Propagator(grid, z, wavelength=wavelength, method="one-step", device=device)
+    field = field_of(np.ones(grid.shape), grid, device, wavelength)
+    assert 0 < propagate(field, z).power() <= field.power() * 1.01

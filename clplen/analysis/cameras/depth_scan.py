@@ -22,7 +22,7 @@ from clplen.analysis.point.otf import Curve
 from clplen.analysis.point.samples import Values
 from clplen.cameras.camera_base import Plenoptic
 from clplen.cameras.optics.ray_optics import view_step
-from clplen.checks import real_array
+from clplen.checks import fits_float64, real_array
 from clplen.errors import SamplingError, SamplingWarning
 from clplen.lightfield.depth.alpha_estimate import estimate_alpha, search_limit
 from clplen.lightfield.focused.focused_spots import point_m
@@ -110,7 +110,7 @@ def measured_depth(raw: RawImage, *, c_max: float = LEAST_SEARCH) -> float:
 
 
 def _of_object(z: float) -> float:
-    if not math.isfinite(z):
+    if not fits_float64(z):
         raise ValueError("measured at a place where no object can be")
     return z
 

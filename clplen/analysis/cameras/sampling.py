@@ -9,13 +9,12 @@ throw it on the sensor at distance b: with m = b/a, abs(m) of the sensor's resol
 
 from __future__ import annotations
 
-import math
 from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
 from clplen.analysis.point.samples import check_positive
-from clplen.checks import require
+from clplen.checks import fits_float64, require
 from clplen.reprs import OneLine
 
 
@@ -198,7 +197,7 @@ def type2_sampling(
     >>> f"{found.spatial_samples:.0f} places, {found.views:.0f} views"
     '500 places, 4 views'
     """
-    if not (math.isfinite(a) and a != 0):
+    if not (fits_float64(a) and a != 0):
         raise ValueError(f"a is finite and not 0, negative for a Galilean camera, not {a!r}.")
     _check(
         lenslets=lenslets,

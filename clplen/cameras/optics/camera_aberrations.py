@@ -21,6 +21,7 @@ from numpy.typing import ArrayLike
 from clplen import units
 from clplen.cameras.optics.lenslet_camera import Row
 from clplen.cameras.optics.opd_maps import OPDMaps
+from clplen.checks import fits_float64
 from clplen.lightfield.model.alpha_law import require_two_plane
 from clplen.lightfield.model.light_field import LightField
 from clplen.lightfield.model.stored_light_field import as_lightfield
@@ -83,7 +84,7 @@ class LensletScatter:
     def __post_init__(self) -> None:
         for name in ("focal_length", "tilt", "position"):
             value = getattr(self, name)
-            if not (math.isfinite(value) and value >= 0):
+            if not (fits_float64(value) and value >= 0):
                 raise ValueError(f"The scatter of {name} is an rms, 0 or more, not {value!r}.")
             object.__setattr__(self, name, float(value))
         if self.focal_length > LARGEST_FOCAL_SCATTER:
@@ -198,12 +199,10 @@ class Aberrations(OneLine):
         sensor_shift: float = 0.0,
         sensor_tilt: Pair = (0.0, 0.0),
     ) -> None:
-        if lenslet_circle is not None and not (
-            math.isfinite(lenslet_circle) and lenslet_circle > 0
-        ):
+        if lenslet_circle is not None and not (fits_float64(lenslet_circle) and lenslet_circle > 0):
             raise ValueError(f"lenslet_circle is positive, in metres, not {lenslet_circle!r}.")
         units.LENSLET_PITCH.check(lenslet_circle or 0.0, "lenslet_circle")
-        if not math.isfinite(sensor_shift):
+        if not fits_float64(sensor_shift):
             raise ValueError(f"sensor_shift is finite, in metres, not {sensor_shift!r}.")
         if np.shape(sensor_tilt) != (2,) or not np.isfinite(sensor_tilt).all():
             raise ValueError(
@@ -462,7 +461,7 @@ def _pairs(given: Mapping[int, Any] | Iterable[Any], name: str) -> list[tuple[in
 def _terms(given: Mapping[int, float] | Terms, name: str) -> Terms:
     found = []
     for j, metres in _pairs(given, name):
-        if not (np.ndim(metres) == 0 and math.isfinite(metres)):
+        if not (np.ndim(metres) == 0 and fits_float64(metres)):
             raise ValueError(f"{name}[{j}] is finite, in metres, not {metres!r}.")
         units.WAVEFRONT.check(metres, f"{name}[{j}]")
         found.append((j, float(metres)))

@@ -8,7 +8,6 @@ pupil (Born and Wolf 1999, section 5.1), the place where the chief ray arrives, 
 from __future__ import annotations
 
 import hashlib
-import math
 from collections.abc import Sequence
 from functools import cached_property
 from typing import Any, ClassVar
@@ -35,7 +34,7 @@ from clplen.cameras.optics.map_interpolation import (
     spline,
 )
 from clplen.cameras.optics.traced_maps import trace_maps
-from clplen.checks import real_array
+from clplen.checks import fits_float64, real_array
 from clplen.reprs import one_line
 from clplen.results import Savable
 from clplen.units import metres
@@ -680,7 +679,7 @@ def _require_steps(maps: OPDMaps) -> None:
 def _length(given: float | None, name: str) -> float | None:
     if given is None:
         return None
-    if not (math.isfinite(given) and given > 0):
+    if not (fits_float64(given) and given > 0):
         raise ValueError(f"{name} is positive and finite, in metres, not {given!r}.")
     units.CAMERA_DIAMETER.check(given, name)
     return float(given)

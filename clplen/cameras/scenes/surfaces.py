@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from clplen.cameras.scenes.textures import Texture, uniform
-from clplen.checks import real_array
+from clplen.checks import float64_array, real_array
 from clplen.deprecation import renamed_argument, renamed_attribute
 from clplen.reprs import OneLine
 
@@ -60,7 +60,7 @@ class Ellipse:
         """Both radii."""
         if isinstance(self.radii, tuple | list):
             return (float(self.radii[0]), float(self.radii[1]))
-        return (float(self.radii), float(self.radii))
+        return (float(float64_array(self.radii)),) * 2
 
     def corners(self) -> Vector:
         """Corners of a rectangle about it, (Y, X), shape (4, 2)."""
@@ -123,7 +123,7 @@ class Bars:
         """Of a bar at its first end and at its last."""
         if isinstance(self.width, tuple | list):
             return (float(self.width[0]), float(self.width[1]))
-        return (float(self.width), float(self.width))
+        return (float(float64_array(self.width)),) * 2
 
     @property
     def half(self) -> Pair:
@@ -234,7 +234,7 @@ def _rectangle(centre: Pair, half: Pair, angle: float) -> Vector:
 
 
 def _finite(numbers: Any, count: int, what: str, positive: bool = False) -> None:
-    values = np.asarray(numbers, np.float64)
+    values = float64_array(numbers)
     if values.size != count or not np.isfinite(values).all() or (positive and (values <= 0).any()):
         kind = "positive and finite" if positive else "finite"
         raise ValueError(f"{what}: {count} numbers, {kind}, in pixels, not {numbers!r}.")

@@ -8,7 +8,7 @@ from typing import Any, ClassVar
 
 import numpy as np
 
-from clplen.checks import host_array, is_finite, real_array
+from clplen.checks import fits_float64, host_array, is_finite, real_array
 from clplen.compute.arrays import HostArray
 from clplen.errors import ShapeError
 from clplen.reprs import OneLine
@@ -84,7 +84,7 @@ class Texture(OneLine, HostArray):
             raise ShapeError(f"A texture has at most {LARGEST_SIDE} samples a side.")
         if not np.isfinite(values).all():
             raise ValueError("The samples of a texture are finite.")
-        if not (math.isfinite(scale) and scale > 0):
+        if not (fits_float64(scale) and scale > 0):
             raise ValueError(f"The scale of a texture is positive, in pixels, not {scale!r}.")
         if not np.isfinite(centre).all():
             raise ValueError(f"The centre of a texture is finite, in pixels, not {centre!r}.")

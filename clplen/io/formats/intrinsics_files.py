@@ -8,7 +8,7 @@ from typing import Any, NoReturn
 
 import numpy as np
 
-from clplen.checks import is_finite, is_integer, require
+from clplen.checks import float64_array, is_finite, is_integer, require
 from clplen.errors import FormatError, ShapeError
 from clplen.files import PathLike, replacing
 from clplen.lightfield.metric.intrinsics import Intrinsics
@@ -201,6 +201,6 @@ def _array(name: str, value: Any) -> np.ndarray[Any, Any] | None:
             raise ValueError("its matrix is empty.")
         return None
     try:
-        return np.array(value, np.float64)
+        return float64_array(value)
     except (TypeError, ValueError):
         raise ValueError(f"its {name} is an array of numbers.") from None

@@ -11,6 +11,7 @@ from typing import Any
 
 from numpy.typing import ArrayLike
 
+from clplen.checks import check_keywords
 from clplen.compute.device import DeviceLike, as_device
 from clplen.errors import FormatError
 from clplen.files import PathLike
@@ -209,7 +210,7 @@ def open_lightfield(
     """
     path = Path(path)
     kind = kind_of(path)
-    words, camera = _without_intrinsics(Layout(**layout))
+    words, camera = _without_intrinsics(_layout_of(layout, "open_lightfield"))
     words.require(kind.words, kind.name)
     device = as_device(device)
     with ExitStack() as held:
@@ -222,6 +223,12 @@ def open_lightfield(
             stored = StoredLightField.from_light_field(lf)
         logger.info("opened %s", took)
         yield stored
+
+
+def _layout_of(layout: dict[str, Any], what: str) -> Layout:
+    """The words of layout that a function was given by ``**``."""
+    check_keywords(layout, [one.name for one in fields(Layout)], what)
+    return Layout(**layout)
 
 
 def files_of(path: PathLike, **layout: Any) -> list[Path]:
@@ -254,7 +261,7 @@ def files_of(path: PathLike, **layout: Any) -> list[Path]:
     ['view_00_00.png', 'view_00_01.png', 'view_01_00.png', 'view_01_01.png']
     """
     path = Path(path)
-    words = Layout(**layout)
+    words = _layout_of(layout, "files_of")
     named = (words.white, words.dark, words.grid, words.calibration, words.positions)
     given = [file for file in (*named, words.intrinsics) if file is not None]
     beside = [Path(file) for file in given if str(file) != NAMES]

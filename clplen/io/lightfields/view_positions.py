@@ -11,6 +11,7 @@ from typing import Any
 
 import numpy as np
 
+from clplen.checks import fits_float64
 from clplen.errors import FormatError
 from clplen.files import PathLike
 from clplen.io.formats.untrusted import listed
@@ -155,7 +156,7 @@ def _number(path: Path, line: int, name: str, text: str) -> float:
         value = float(text)
     except ValueError:
         value = math.nan
-    if not math.isfinite(value):
+    if not fits_float64(value):
         raise FormatError(f"{path}, line {line}: {name} is {text.strip()[:40]!r}, no number.")
     return value
 
@@ -195,7 +196,7 @@ def _line(index: Positions, value: Positions, axis: str) -> tuple[float, float]:
     if not centred.any():
         return float(value.mean()), 0.0
     slope = float(centred @ value / (centred @ centred))
-    if slope == 0 or not math.isfinite(slope):
+    if slope == 0 or not fits_float64(slope):
         raise FormatError(
             f"The camera positions in the names do not change with {axis}: give a table v,u,y,x."
         )

@@ -17,6 +17,7 @@ from xml.sax.saxutils import escape, quoteattr
 
 import numpy as np
 
+from clplen.checks import fits_float64
 from clplen.errors import FormatError
 from clplen.files import PathLike, replacing
 from clplen.lightfield.raw.lenslet_grid import LensType
@@ -361,7 +362,7 @@ class _Element:
             value = float(text)
         except ValueError:
             value = math.nan
-        if not math.isfinite(value):
+        if not fits_float64(value):
             raise FormatError(
                 f"{self.path}: <{self.element.tag}> holds {text[:40]!r}, not a finite number."
             )

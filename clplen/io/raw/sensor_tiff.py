@@ -17,6 +17,7 @@ from typing import Any
 import numpy as np
 import tifffile
 
+from clplen.checks import fits_float64
 from clplen.errors import FormatError
 from clplen.files import PathLike, replacing
 from clplen.io.formats import tiff
@@ -143,7 +144,7 @@ def write_sensor_tiff(
     if white_balance is not None:
         tags.append((_NEUTRAL, _RATIONAL, 3, _neutral(white_balance), True))
     pitch = raw.pixel_pitch
-    resolution = (0.01 / pitch, 0.01 / pitch) if math.isfinite(pitch) else None
+    resolution = (0.01 / pitch, 0.01 / pitch) if fits_float64(pitch) else None
     with replacing(path, durable=durable) as temporary:
         tifffile.imwrite(
             temporary,
@@ -216,7 +217,7 @@ def _values(tag: Any, path: Path) -> list[float]:
         numbers = [
             n / d if d else math.nan for n, d in zip(numbers[::2], numbers[1::2], strict=True)
         ]
-    if not numbers or not all(isinstance(n, int | float) and math.isfinite(n) for n in numbers):
+    if not numbers or not all(isinstance(n, int | float) and fits_float64(n) for n in numbers):
         raise FormatError(f"{path}: the tag {tag.code} holds {value!r}"[:200] + ", not numbers.")
     return [float(n) for n in numbers]
 

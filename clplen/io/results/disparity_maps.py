@@ -16,6 +16,7 @@ import h5py
 import numpy as np
 
 from clplen.cameras.scenes.ground_truth import Truth
+from clplen.checks import fits_float64
 from clplen.errors import FormatError
 from clplen.files import PathLike, replacing
 from clplen.io.formats import npy, pfm, picture
@@ -270,7 +271,7 @@ def _from_depth(
         )
     found = attributes_of(file, _NUMBERS, path)
     values = {name: number(found.get(name, math.nan)) for name in _NUMBERS}
-    bad = [name for name, value in values.items() if not math.isfinite(value)]
+    bad = [name for name, value in values.items() if not fits_float64(value)]
     if bad:
         raise FormatError(
             f"{path} lacks {', '.join(bad)}: d = dH focalLength / depth - shift needs each as one "

@@ -21,6 +21,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
+from clplen.checks import fits_float64, float64_array
 from clplen.errors import FormatError
 from clplen.files import PathLike, replacing
 from clplen.io.formats.pfm import read_pfm
@@ -114,7 +115,7 @@ class HciParameters(OneLine):
         """
         scale, focused = self._scale()
         with np.errstate(divide="ignore"):
-            return np.asarray(scale / (1e3 * np.asarray(Z_m, np.float64)) - focused)
+            return np.asarray(scale / (1e3 * float64_array(Z_m)) - focused)
 
     def depth(self, d: ArrayLike) -> Array:
         """The inverse of `disparity`.
@@ -288,7 +289,7 @@ def _value(file: Path, name: str, kind: str, text: str) -> Any:
         number = math.nan
     signed = name.startswith("disp_")
     whole = kind.startswith("int")
-    if not math.isfinite(number) or (number <= 0 and not signed) or (whole and number % 1):
+    if not fits_float64(number) or (number <= 0 and not signed) or (whole and number % 1):
         wanted = (
             "a number" if signed else "a positive whole number" if whole else "a positive number"
         )

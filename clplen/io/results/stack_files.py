@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 from tqdm import tqdm
 
-from clplen.checks import host_array
+from clplen.checks import float64_array, host_array
 from clplen.compute.arrays import Image
 from clplen.compute.device import DeviceLike, as_device
 from clplen.errors import FormatError
@@ -164,7 +164,7 @@ def _vector(values: Any, count: int) -> np.ndarray[Any, np.dtype[np.float64]] | 
         return None
     if not all(value is None or isinstance(value, int | float) for value in values):
         return None
-    return np.array([math.nan if value is None else value for value in values], np.float64)
+    return float64_array([math.nan if value is None else value for value in values])
 
 
 def _planes(stack: FocalStack) -> Iterator[Block]:

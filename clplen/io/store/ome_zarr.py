@@ -15,6 +15,7 @@ from typing import Any
 
 import numpy as np
 
+from clplen.checks import fits_float64
 from clplen.errors import FormatError
 from clplen.files import PathLike, check_space, filling
 from clplen.io.formats.untrusted import reading, require_bytes
@@ -229,7 +230,7 @@ def _pictures(place: tuple[int, ...], picture: Array) -> Iterator[tuple[tuple[in
 def _wider(limits: tuple[float, float], picture: Array) -> tuple[float, float]:
     """A range that also holds the finite values of a picture."""
     low, high = float(picture.min()), float(picture.max())
-    if not (math.isfinite(low) and math.isfinite(high)):
+    if not (fits_float64(low) and fits_float64(high)):
         finite = picture[np.isfinite(picture)]
         if finite.size == 0:
             return limits
@@ -319,7 +320,7 @@ def omero(names: tuple[str, ...], limits: Limits, *, colour: bool) -> dict[str, 
     for index, name in enumerate(names):
         low, high = limits[index if len(limits) > 1 else 0]
         if not low < high:  # one value throughout, or none
-            low, high = (low, low + 1) if math.isfinite(low) else (0.0, 1.0)
+            low, high = (low, low + 1) if fits_float64(low) else (0.0, 1.0)
         channels.append(
             {
                 "label": name,

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 import pyopencl.array as cla
 
-from clplen.checks import host_array
+from clplen.checks import float64_array, host_array
 from clplen.compute.device import Device
 from clplen.errors import ShapeError
 from clplen.lightfield.arrays.stored_samples import C_TYPE
@@ -117,7 +117,7 @@ def checked_disparity(disparity: Any, size: tuple[int, int]) -> Table:
     ValueError
         If one is not finite.
     """
-    d = np.asarray(host_array(disparity, "A disparity"), np.float64)
+    d = float64_array(host_array(disparity, "A disparity"))
     if d.shape not in ((), size):
         raise ShapeError(
             f"A disparity is one number or one of every pixel, shape {size}, not {d.shape}."

@@ -10,7 +10,7 @@ from typing import Any, ClassVar
 import numpy as np
 import pyopencl.array as cla
 
-from clplen.checks import require
+from clplen.checks import fits_float64, require
 from clplen.compute.arrays import Image, OnDevice
 from clplen.compute.device import Device
 from clplen.deprecation import renamed_attribute
@@ -55,7 +55,7 @@ class PictureGrid:
         """
         if step is None:
             step = geometry.pitch / max(1, round(patch))
-        if not (math.isfinite(step) and step > 0):
+        if not (fits_float64(step) and step > 0):
             raise ValueError(
                 f"step, pixels of the sensor from sample to sample, is positive, not {step!r}."
             )

@@ -13,7 +13,7 @@ import numpy as np
 import pyopencl.array as cla
 from numpy.typing import ArrayLike
 
-from clplen.checks import host_array
+from clplen.checks import float64_array, host_array
 from clplen.compute.arrays import count_bad
 from clplen.errors import ShapeError
 from clplen.lightfield.focused.focused_depth import FocusedDepth, focused_depth, reference_m
@@ -190,7 +190,7 @@ def focused_stack(
     3
     """
     gather = _Gather(raw, white, interpolation, view, aperture)
-    planes = np.asarray(ms, np.float64)
+    planes = float64_array(ms)
     if planes.ndim != 1 or planes.size == 0:
         raise ValueError(f"ms is a list of planes b/a, not an array of shape {planes.shape}.")
     ratios = np.array([checked_ratio(gather.geometry, float(m)) for m in planes])

@@ -16,7 +16,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from clplen.checks import host_array, real_array
+from clplen.checks import float64_array, host_array, real_array
 from clplen.errors import ShapeError
 from clplen.lightfield.model.sampled_views import SampledViews
 
@@ -367,7 +367,7 @@ def _views(views: Views) -> tuple[int, int]:
 
 
 def _pair(radius: Any) -> Pair:
-    values = np.broadcast_to(np.asarray(radius, np.float64), 2)
+    values = np.broadcast_to(float64_array(radius), 2)
     if not (np.isfinite(values).all() and (values > 0).all()):
         raise ValueError(f"A radius is positive, in view steps, or one along v and u: {radius!r}.")
     return float(values[0]), float(values[1])
@@ -504,7 +504,7 @@ def f_number_radius(lf: SampledViews, f_number: str) -> Pair:
 
 
 def _checked_viewpoint(viewpoint: Any, views: tuple[int, int]) -> Pair:
-    values = np.asarray(viewpoint, np.float64)
+    values = float64_array(viewpoint)
     if values.shape != (2,):
         raise ValueError(f"A viewpoint is (v, u), not {viewpoint!r}.")
     if not ((values >= 0) & (values <= np.asarray(views) - 1)).all():

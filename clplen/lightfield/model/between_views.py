@@ -15,6 +15,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike
 
+from clplen.checks import float64_array
 from clplen.compute.arrays import Image
 from clplen.lightfield.arrays.ray_samples import checked_disparity
 from clplen.lightfield.arrays.stored_samples import plane
@@ -115,7 +116,7 @@ def views_between(
     9
     """
     lf = as_lightfield(lf)
-    wanted = [(float(v), float(u)) for v, u in viewpoints]
+    wanted = [(float(v), float(u)) for v, u in map(float64_array, viewpoints)]
     nearest = [aperture_weights(lf, None, at).astype(np.float64) for at in wanted]
     return _rendered(_Recorded(lf, disparity), nearest)
 

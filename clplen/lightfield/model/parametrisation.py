@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 
+from clplen.checks import fits_float64
 from clplen.lightfield.arrays.stored_samples import C_TYPE
 from clplen.lightfield.model.sampled_views import DeviceViews
 from clplen.lightfield.raw.raw_image import is_telecentric
@@ -130,7 +131,7 @@ def _image_distance(lf: DeviceViews, image_distance: float | None) -> float:
     """F, in metres."""
     if image_distance is None and lf.camera is not None:
         image_distance = float(lf.camera.image_distance)
-    if image_distance is None or not (math.isfinite(image_distance) and image_distance > 0):
+    if image_distance is None or not (fits_float64(image_distance) and image_distance > 0):
         raise ValueError(
             "Another parametrisation needs F > 0, the distance from the main lens to the image "
             f"plane, by the camera or image_distance= in metres; it is {image_distance!r}."

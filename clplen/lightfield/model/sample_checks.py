@@ -7,7 +7,7 @@ from typing import Any, Protocol
 import numpy as np
 import pyopencl.array as cla
 
-from clplen.checks import host_array, masked_array
+from clplen.checks import float64_array, host_array, masked_array
 from clplen.compute.arrays import count_bad
 from clplen.compute.device import Device
 from clplen.deprecation import warn_caller
@@ -117,9 +117,11 @@ def checked_spacing(spacing: Any) -> Spacing | None:
     """Four signed steps, none of them 0, or None."""
     if spacing is None:
         return None
-    values = tuple(float(s) for s in spacing)
-    if len(values) != 4 or 0.0 in values:
-        raise ValueError(f"spacing is (dv, du, dy, dx) in metres, none of them 0, not {spacing!r}.")
+    values = tuple(float(s) for s in float64_array(spacing))
+    if len(values) != 4 or 0.0 in values or not np.isfinite(values).all():
+        raise ValueError(
+            f"spacing is (dv, du, dy, dx) in metres, finite and none of them 0, not {spacing!r}."
+        )
     return values
 
 

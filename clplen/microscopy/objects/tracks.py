@@ -8,7 +8,7 @@ from typing import Any, Literal, Protocol
 
 import numpy as np
 
-from clplen.checks import is_integer
+from clplen.checks import float64_array, is_integer
 from clplen.errors import FormatError, ShapeError
 from clplen.files import PathLike
 from clplen.microscopy.objects.csv_tables import (
@@ -256,7 +256,7 @@ def track_points(
 
 def _checked(step: Any, gaps: int, motion: str, shortest: int) -> Vector:
     """The half axes (z, y, x) of the largest step."""
-    half_axes = np.asarray(step, np.float64)
+    half_axes = float64_array(step)
     if half_axes.shape not in ((), (3,)) or not (np.isfinite(half_axes) & (half_axes > 0)).all():
         raise ValueError(f"A step is one positive number or three (z, y, x), not {step!r}.")
     if not (is_integer(gaps) and gaps >= 0):

@@ -11,7 +11,14 @@ import numpy as np
 from clplen.cameras.light_field_microscope import Microscope
 from clplen.cameras.optics.microscope_optics import check_positions
 from clplen.cameras.optics.pupil_aberration import PupilAberration
-from clplen.checks import is_finite, positive_integer, real_array, require
+from clplen.checks import (
+    check_keywords,
+    is_finite,
+    keywords_of,
+    positive_integer,
+    real_array,
+    require,
+)
 from clplen.errors import ShapeError
 from clplen.microscopy.model.psf import checked_planes
 from clplen.microscopy.pupil.bead_places import find_beads
@@ -259,6 +266,7 @@ def fit_pupil_patches(
     """
     if "beads" in options:
         raise ValueError("Beads of a frame are fitted together; patches are those of a volume.")
+    check_keywords(options, keywords_of(fit_pupil), "fit_pupil_patches")
     frame = frame.to_numpy() if hasattr(frame, "to_numpy") else frame
     counts = real_array(frame, "A frame")
     if np.shape(patches) != (2,):

@@ -14,7 +14,7 @@ from typing import Any
 
 import numpy as np
 
-from clplen.checks import positive_integer, real_array, require
+from clplen.checks import check_keywords, keywords_of, positive_integer, real_array, require
 from clplen.errors import DeviceError
 from clplen.microscopy.frames.prepared import samples
 from clplen.microscopy.reconstruction import deconvolution
@@ -31,6 +31,7 @@ from clplen.wave.coherence.averaging import Progress
 Vector = np.ndarray[Any, Any]
 
 BATCH = 8  # frames: beyond that a frame takes no less time
+_OPTIONS = ("iterations", "residual", "variance", "accelerate", "prior", "strength", "watch")
 
 
 @dataclass(frozen=True, eq=False)
@@ -133,7 +134,7 @@ def deconvolve_series(
     """
     require(Projector, projector, "projector", "Projector(images, shape, device=device)")
     how = Start(start, projector.images, decay=decay, motion=motion)
-    _refuse_unknown(options)
+    check_keywords(options, (*keywords_of(deconvolve_series), *_OPTIONS), "deconvolve_series")
     together = batch_for(projector, batch, **options)
     series: Iterable[SeriesFrame]
     if before is not None and start is None and options.get("prior") != "time":
@@ -255,11 +256,3 @@ def _same(one: SeriesFrame, other: SeriesFrame) -> bool:
 
 def _counts(frame: Any) -> Vector:
     return samples(frame)
-
-
-def _refuse_unknown(options: dict[str, Any]) -> None:
-    unknown = set(options) - {
-        "iterations", "residual", "variance", "accelerate", "prior", "strength", "watch",
-    }  # fmt: skip
-    if unknown:
-        raise TypeError(f"deconvolve_series has no {', '.join(sorted(unknown))}.")

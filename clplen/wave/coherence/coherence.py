@@ -11,6 +11,7 @@ from typing import Any, Literal
 import numpy as np
 import pyopencl.array as cla
 
+from clplen.checks import check_keywords, keywords_of
 from clplen.compute.device import DeviceLike, as_device
 from clplen.errors import ShapeError
 from clplen.files import PathLike
@@ -306,6 +307,7 @@ class Coherence(OneLine):
         -------
         CoherencePlan
         """
+        check_keywords(options, keywords_of(plan_coherence), "Coherence.plan")
         return plan_coherence(cls, system, snr=snr, **options)
 
     def _check(self, system: System, objects: list[Field]) -> None:

@@ -10,7 +10,7 @@ from typing import Any, ClassVar, Literal, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike
 
-from clplen.checks import is_finite, real_array
+from clplen.checks import float64_array, is_finite, real_array
 from clplen.compute.device import Device, DeviceLike, as_device
 from clplen.deprecation import warn_caller
 from clplen.errors import SamplingError, SamplingWarning, ShapeError
@@ -18,7 +18,7 @@ from clplen.reprs import OneLine
 from clplen.units import metres
 from clplen.wave.coherence.spatial_models import uniform
 from clplen.wave.elements.hard_apertures import disc_coverage, interval_coverage
-from clplen.wave.field.field import Field, Grid
+from clplen.wave.field.field import Field, Grid, derived_grid
 from clplen.wave.field.transmission import multiply_separable, offsets, phasor
 
 Vector = np.ndarray[Any, Any]
@@ -348,7 +348,7 @@ class ExtendedSource(OneLine):
         """
         from scipy import special  # here, because it takes a third of the package's import time
 
-        fy, fx = (np.asarray(d, np.float64) / (wavelength * self.distance) for d in (dy, dx))
+        fy, fx = (float64_array(d) / (wavelength * self.distance) for d in (dy, dx))
         if self.picture is not None:
             return self._transform(self.picture, fy, fx)
         if self.shape == "square":
@@ -445,7 +445,7 @@ class ExtendedSource(OneLine):
         """Power of the source within cells of (y, x) sides about -order times cell, any unit."""
         at = [-k * side for k, side in zip(order, cell, strict=True)]
         if self.picture is None and self.shape == "circular":
-            frame = Grid((len(at[0]), len(at[1])), (cell[0], cell[1]))
+            frame = derived_grid((len(at[0]), len(at[1])), (cell[0], cell[1]))
             return disc_coverage(frame, self.size / 2, (0.0, 0.0))
         picture = np.ones((1, 1)) if self.picture is None else self.picture
         half = self.size / picture.shape[1] / 2

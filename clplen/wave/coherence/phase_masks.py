@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from clplen import units
-from clplen.checks import is_finite
+from clplen.checks import float64_array, is_finite
 from clplen.compute.device import Device, DeviceLike, as_device
 from clplen.deprecation import warn_caller
 from clplen.errors import SamplingError, SamplingWarning
@@ -200,7 +200,7 @@ class RandomPhaseMask:
         numpy.ndarray
             float64, 1 at (0, 0).
         """
-        shifts = np.asarray(dy, np.float64), np.asarray(dx, np.float64)
+        shifts = float64_array(dy), float64_array(dx)
         along = [np.abs(s) / p for s, p in zip(shifts, self.cells, strict=True)]
         if self.kernel == "square":
             mu = np.maximum(1 - along[0], 0) * np.maximum(1 - along[1], 0)

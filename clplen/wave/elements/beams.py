@@ -7,6 +7,7 @@ import math
 import numpy as np
 
 from clplen import units
+from clplen.checks import fits_float64, float64_array
 from clplen.compute.device import Device, DeviceLike, as_device
 from clplen.deprecation import warn_caller
 from clplen.errors import SamplingWarning
@@ -162,7 +163,7 @@ def spherical_wave(
     ((64, 64), '10.00 1/m')
     """
     device = _check_wave(grid, wavelength, device)
-    if not math.isfinite(z) or z == 0:
+    if not fits_float64(z) or z == 0:
         raise ValueError(f"The distance z of a point source is finite and not 0, not {z!r} m.")
     if not np.isfinite(source).all():
         raise ValueError(f"The place of a source is finite, (y, x) in metres, not {source!r}.")
@@ -228,10 +229,10 @@ def gaussian_beam(
     "0.500 of the waist's intensity"
     """
     device = _check_wave(grid, wavelength, device)
-    if not (math.isfinite(waist) and waist > 0):
+    if not (fits_float64(waist) and waist > 0):
         raise ValueError(f"The waist of a beam is positive, in metres, not {waist!r}.")
     units.DIAMETER.check(waist, "The waist of a beam")
-    if not (math.isfinite(z) and np.isfinite(centre).all()):
+    if not (fits_float64(z) and np.isfinite(centre).all()):
         raise ValueError(f"z and centre of a beam are finite, in metres, not {z!r} and {centre!r}.")
     _check_direction(direction)
     spread = tuple(f + 1 / (math.pi * waist) for f in _frequencies(direction, wavelength))
@@ -277,17 +278,16 @@ def _frequencies(direction: Pair, wavelength: float) -> Pair:
 def _check_wave(grid: Grid, wavelength: float, device: DeviceLike | None) -> Device:
     require_grid(grid)
     device = as_device(device)
-    if not (math.isfinite(wavelength) and wavelength > 0):
+    if not (fits_float64(wavelength) and wavelength > 0):
         raise ValueError(f"The wavelength is positive, in metres, not {wavelength!r}.")
     units.WAVELENGTH.check(wavelength, "The wavelength")
-    units.PITCH.check(grid.pitch, "The pitch of a field's grid")
     nbytes = 2 * grid.shape[0] * grid.shape[1] * device.complex.itemsize
     device.require_memory(nbytes, "This wave")
     return device
 
 
 def _check_direction(direction: Pair) -> None:
-    cosines = np.asarray(direction, np.float64)
+    cosines = float64_array(direction)
     if cosines.shape != (2,) or not np.hypot(*cosines) < 1:
         raise ValueError(
             f"A direction is (y, x) direction cosines with a sum of squares below 1, not "

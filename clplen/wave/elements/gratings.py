@@ -8,7 +8,7 @@ from typing import Any, Literal
 import numpy as np
 
 from clplen import units
-from clplen.checks import Aliasing, act_on_aliasing, check_centre
+from clplen.checks import Aliasing, act_on_aliasing, check_centre, fits_float64
 from clplen.errors import SamplingError
 from clplen.wave.elements.transparency import apply_transmission
 from clplen.wave.field.field import Field, Grid, require_field
@@ -149,7 +149,7 @@ def axicon(
     [-72.0, -144.0, 144.0]
     """
     require_field(field)
-    if not math.isfinite(angle):
+    if not fits_float64(angle):
         raise ValueError(f"The angle of an axicon is finite, in radians, not {angle!r}.")
     check_centre(centre, "an axicon")
     pitch = max(
@@ -197,14 +197,14 @@ def half_plane(distance: Values, width: tuple[float, float]) -> Values:
 def _check(period: float, kind: str, orientation: float, duty: float, offset: float) -> None:
     if kind not in ("binary", "sinusoidal", "phase", "blazed"):
         raise ValueError(f"A grating is 'binary', 'sinusoidal', 'phase' or 'blazed', not {kind!r}.")
-    if not (math.isfinite(period) and period > 0):
+    if not (fits_float64(period) and period > 0):
         raise ValueError(f"The period of a grating is positive, in metres, not {period!r}.")
     units.PITCH.check(period, "The period of a grating")
-    if not math.isfinite(orientation):
+    if not fits_float64(orientation):
         raise ValueError(
             f"The orientation of a grating is finite, in radians, not {orientation!r}."
         )
-    if not math.isfinite(offset):
+    if not fits_float64(offset):
         raise ValueError(f"The offset of a grating is finite, in metres, not {offset!r}.")
     if not 0 < duty < 1:
         raise ValueError(f"The duty of a grating lies between 0 and 1, not {duty!r}.")
@@ -217,7 +217,7 @@ def _depth(kind: str, depth: float | None) -> float:
     if kind == "phase" and depth is None:
         raise ValueError("A phase grating needs its depth in radians.")
     value = {"sinusoidal": 1.0, "blazed": 2 * np.pi}.get(kind, 0.0) if depth is None else depth
-    if not math.isfinite(value):
+    if not fits_float64(value):
         raise ValueError(f"The depth of a grating is finite, not {depth!r}.")
     if kind == "sinusoidal" and not 0 <= value <= 1:
         raise ValueError(f"The depth of a sinusoidal grating lies in 0..1, not {depth!r}.")

@@ -9,7 +9,7 @@ import numpy as np
 import pyopencl.array as cla
 
 from clplen import units
-from clplen.checks import check_centre, check_diameter, real_array
+from clplen.checks import check_centre, check_diameter, fits_float64, float64_array, real_array
 from clplen.errors import ShapeError
 from clplen.wave.elements.edges import (
     NOTHING,
@@ -245,13 +245,13 @@ def rectangular_aperture(
     '0.080 mm^2 of 0.2 mm x 0.4 mm'
     """
     require_field(field)
-    sides = np.asarray(size, np.float64)
+    sides = float64_array(size)
     if sides.shape not in ((), (2,)) or not (np.isfinite(sides).all() and (sides > 0).all()):
         raise ValueError(f"A rectangle's size is positive, (y, x) in metres, not {size!r}.")
     units.DIAMETER.check(sides, "A rectangle's size")
     check_centre(centre, "an aperture")
     check_edges(edges)
-    if not math.isfinite(rotation):
+    if not fits_float64(rotation):
         raise ValueError(f"A rotation is finite, in radians, not {rotation!r}.")
     height, width = (float(side) for side in np.broadcast_to(sides, 2))
     if rotation == 0:

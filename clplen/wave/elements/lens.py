@@ -9,7 +9,13 @@ from typing import Literal
 import numpy as np
 
 from clplen import units
-from clplen.checks import Aliasing, act_on_aliasing, check_aliasing, check_diameter
+from clplen.checks import (
+    Aliasing,
+    act_on_aliasing,
+    check_aliasing,
+    check_diameter,
+    float64_array,
+)
 from clplen.deprecation import renamed_argument
 from clplen.wave.elements.hard_apertures import disc
 from clplen.wave.field.field import Field, Grid, require_field, require_grid
@@ -91,7 +97,7 @@ def thin_lens(
     """
     require_field(field)
     f = focal_length
-    if math.isnan(f) or f == 0:
+    if f != f or f == 0:
         raise ValueError(f"The focal length is not 0, in metres; got {f!r}.")
     units.WEAK_LENS.check(f, "The focal length")
     check_diameter(diameter)
@@ -338,6 +344,8 @@ def lens_sampling(
     """
     require_grid(grid)
     _check_focal_length(f)
+    check_diameter(diameter)
+    f, wavelength = map(float, float64_array([f, wavelength]))
     used = []
     for axis, coordinates in enumerate((grid.y, grid.x)):
         reach = float(np.abs(coordinates).max())
@@ -429,6 +437,8 @@ def lenslet_sampling(
     'lenslets of f = 1.28 mm or more are sampled'
     """
     _check_focal_length(f)
+    given = float64_array([pitch, f, samples, wavelength, diameter, z])
+    pitch, f, samples, wavelength, diameter, z = map(float, given)
     limit, lens = wavelength / (2 * samples), diameter / (2 * abs(z))
     left = limit - lens
     shortest = pitch / (2 * left) if left > 0 else math.inf

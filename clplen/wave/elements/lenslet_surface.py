@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 
 from clplen import units
-from clplen.checks import real_array
+from clplen.checks import fits_float64, float64_array, real_array
 from clplen.errors import ShapeError
 from clplen.reprs import one_line
 from clplen.wave.elements.glass import LINE_D, Glass, index_of
@@ -135,7 +135,7 @@ class LensletSurface:
 
     def sag(self, r: Any) -> Values:
         """Sag in metres at distances from the vertex in metres."""
-        u = np.asarray(r, np.float64) ** 2
+        u = float64_array(r) ** 2
         conic = u / (self.radius * (1 + self._root(u)))
         return np.asarray(conic + u**2 * np.polyval(self.aspheric[::-1] or (0.0,), u))
 
@@ -241,7 +241,7 @@ class LensletMap:
         else:
             values = values.copy()
             _LARGEST_SAG.check(np.ptp(values), "The range of a map of sag")
-        spacing = np.asarray(pitch, np.float64)
+        spacing = float64_array(pitch)
         if spacing.shape not in ((), (2,)) or not (np.isfinite(spacing) & (spacing > 0)).all():
             raise ValueError(f"The pitch of a map is positive, in metres, not {pitch!r}.")
         units.LENSLET_PITCH.check(spacing, "The pitch of a map")
@@ -403,6 +403,6 @@ def _number(value: Any, what: str) -> float:
     """A finite number."""
     if isinstance(value, bool) or not isinstance(value, int | float | np.number):
         raise ValueError(f"{what} a number, not {value!r}.")
-    if not math.isfinite(value):
+    if not fits_float64(value):
         raise ValueError(f"{what} finite, not {value!r}.")
     return float(value)

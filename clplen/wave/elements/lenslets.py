@@ -12,7 +12,7 @@ import numpy as np
 import pyopencl.array as cla
 
 from clplen import units
-from clplen.checks import Aliasing, is_finite
+from clplen.checks import Aliasing, is_finite, is_integer
 from clplen.compute.device import Device, DeviceLike, as_device
 from clplen.deprecation import renamed_argument, renamed_attribute
 from clplen.errors import SamplingError, ShapeError
@@ -137,7 +137,7 @@ class MicrolensArray(OneLine):
         if not (is_finite(pitch) and pitch > 0):
             raise ValueError(f"The pitch of lenslets is positive, in metres, not {pitch!r}.")
         units.LENSLET_PITCH.check(pitch, "The pitch of lenslets")
-        if any(int(n) != n or n < 1 for n in counts):
+        if not all(is_integer(n) and n >= 1 for n in counts):
             raise ValueError(f"The count of lenslets is positive integers (ny, nx), not {count!r}.")
         if lattice not in ("square", "hexagonal"):
             raise ValueError(f"lattice is 'square' or 'hexagonal', not {lattice!r}.")

@@ -10,7 +10,14 @@ from typing import Any
 import numpy as np
 
 from clplen import units
-from clplen.checks import Aliasing, act_on_aliasing, check_centre, host_array
+from clplen.checks import (
+    Aliasing,
+    act_on_aliasing,
+    check_centre,
+    fits_float64,
+    float64_array,
+    host_array,
+)
 from clplen.errors import ShapeError
 from clplen.wave.elements.edges import (
     NOTHING,
@@ -201,7 +208,7 @@ def _place(
     shape: tuple[int, ...], pitch: float | tuple[float, float], centre: tuple[float, float]
 ) -> Grid:
     """The pixels as a grid, with messages that speak of a picture."""
-    spacing = np.broadcast_to(np.asarray(pitch, np.float64), (2,))
+    spacing = np.broadcast_to(float64_array(pitch), (2,))
     if not (np.isfinite(spacing).all() and (spacing > 0).all()):
         raise ValueError(f"A picture's pitch is positive and finite, in metres, not {pitch!r}.")
     units.PITCH.check(pitch, "A picture's pitch")
@@ -499,7 +506,7 @@ def siemens_star(
     require_grid(grid)
     if spokes != int(spokes) or spokes < 2:
         raise ValueError(f"A Siemens star has an integer of at least 2 spokes, not {spokes!r}.")
-    if not (math.isfinite(diameter) and diameter > 0):
+    if not (fits_float64(diameter) and diameter > 0):
         raise ValueError(f"The diameter of a star is positive, in metres, not {diameter!r}.")
     units.DIAMETER.check(diameter, "The diameter of a star")
     check_centre(centre, "a star")

@@ -9,7 +9,14 @@ from typing import Any, Literal
 import numpy as np
 
 from clplen import units
-from clplen.checks import Aliasing, act_on_aliasing, check_centre, is_finite, real_array
+from clplen.checks import (
+    Aliasing,
+    act_on_aliasing,
+    check_centre,
+    fits_float64,
+    is_finite,
+    real_array,
+)
 from clplen.wave.elements.transparency import apply_transmission
 from clplen.wave.field.field import Field, Grid, require_field
 from clplen.wave.field.transmission import offsets, phasor
@@ -225,7 +232,7 @@ def osa(j: int) -> tuple[int, int]:
 
 
 def _is_whole(j: Any) -> bool:
-    return isinstance(j, int | float | np.integer) and math.isfinite(j) and j == int(j)
+    return isinstance(j, int | float | np.integer) and fits_float64(j) and j == int(j)
 
 
 def phase_plate(
@@ -289,7 +296,7 @@ def phase_plate(
     """
     require_field(field)
     terms = plate_terms(coefficients, indexing)
-    if not (math.isfinite(diameter) and diameter > 0):
+    if not (fits_float64(diameter) and diameter > 0):
         raise ValueError(f"The diameter of a plate is positive, in metres, not {diameter!r}.")
     units.DIAMETER.check(diameter, "The diameter of a plate")
     check_centre(centre, "a plate")
@@ -384,7 +391,7 @@ def plate_terms(
     if not isinstance(coefficients, Mapping):
         raise TypeError(f"The coefficients are {{index: metres}}, not {coefficients!r}.")
     for j, metres in coefficients.items():
-        if not math.isfinite(metres):
+        if not fits_float64(metres):
             raise ValueError(
                 f"Coefficient {j!r} of the plate is finite, in metres, not {metres!r}."
             )

@@ -10,7 +10,7 @@ import numpy as np
 import pyopencl.array as cla
 
 from clplen import units
-from clplen.checks import host_array, require
+from clplen.checks import float64_array, host_array, is_integer, require
 from clplen.compute.arrays import Image, OnDevice, count_bad
 from clplen.compute.device import Device, DeviceLike, as_device
 from clplen.errors import ShapeError
@@ -32,7 +32,7 @@ class Grid:
         (ny, nx), each at least 1. An axis of length 1 means that nothing varies along it (the
         cylindrical problem): it is never padded and carries no frequency.
     pitch : float or tuple of float
-        Sample spacing in metres, (dy, dx) or one number for both.
+        Sample spacing in metres, (dy, dx) or one number for both; at most 1 m.
     origin : tuple of float, optional
         (y, x) coordinate of sample N//2 in metres. Half a pitch puts the axis between the two
         central samples of an even grid.
@@ -51,7 +51,7 @@ class Grid:
     ShapeError
         If the shape is not two positive integers.
     ValueError
-        If a pitch is not positive and finite, or an origin is not finite.
+        If a pitch is not positive, finite and at most 1 m, or an origin is not finite.
 
     Examples
     --------
@@ -74,16 +74,16 @@ class Grid:
         origin: tuple[float, float] = (0.0, 0.0),
     ) -> None:
         sizes = tuple(shape) if np.ndim(shape) == 1 else ()
-        if len(sizes) != 2 or any(int(n) != n or n < 1 for n in sizes):
+        if len(sizes) != 2 or not all(is_integer(n) and n >= 1 for n in sizes):
             raise ShapeError(f"A grid's shape is (ny, nx), two positive integers, not {shape!r}.")
         pitches, origins = _pair(pitch), _pair(origin)
         if not (np.isfinite(pitches).all() and (pitches > 0).all()):
             raise ValueError(f"A grid's pitch is positive and finite, in metres, not {pitch!r}.")
+        units.PITCH.check(pitch, "A grid's pitch")
         if not np.isfinite(origins).all():
             raise ValueError(f"A grid's origin is finite, in metres, not {origin!r}.")
-        object.__setattr__(self, "shape", (int(sizes[0]), int(sizes[1])))
-        object.__setattr__(self, "pitch", (float(pitches[0]), float(pitches[1])))
-        object.__setattr__(self, "origin", (float(origins[0]), float(origins[1])))
+        units.DISTANCE.check(origin, "A grid's origin")
+        self._set((sizes[0], sizes[1]), (pitches[0], pitches[1]), (origins[0], origins[1]))
 
     @property
     def y(self) -> Vector:
@@ -110,16 +110,34 @@ class Grid:
         """Width of the window in metres, (ny dy, nx dx)."""
         return (self.shape[0] * self.pitch[0], self.shape[1] * self.pitch[1])
 
+    def _set(
+        self, shape: tuple[int, int], pitch: tuple[float, float], origin: tuple[float, float]
+    ) -> None:
+        object.__setattr__(self, "shape", (int(shape[0]), int(shape[1])))
+        object.__setattr__(self, "pitch", (float(pitch[0]), float(pitch[1])))
+        object.__setattr__(self, "origin", (float(origin[0]), float(origin[1])))
+
     def _axis(self, axis: int) -> Vector:
         n = self.shape[axis]
         return self.origin[axis] + (np.arange(n) - n // 2) * self.pitch[axis]
+
+
+def derived_grid(
+    shape: tuple[int, int],
+    pitch: tuple[float, float],
+    origin: tuple[float, float] = (0.0, 0.0),
+) -> Grid:
+    """A grid that follows from others, of any pitch: far away, or of frequencies."""
+    grid = object.__new__(Grid)
+    grid._set(shape, pitch, origin)
+    return grid
 
 
 def _pair(values: Any) -> Vector:
     """One number or two as two; NaN where they are something else."""
     try:
         return np.broadcast_to(np.asarray(values, dtype=np.float64), (2,))
-    except (TypeError, ValueError):
+    except (TypeError, ValueError, OverflowError):
         return np.full(2, np.nan)
 
 
@@ -189,8 +207,8 @@ class Field(Plottable, OnDevice):
         if not (isinstance(wavelength, Real) and 0 < wavelength < np.inf):
             raise ValueError(f"The wavelength is positive, in metres, not {wavelength!r}.")
         units.WAVELENGTH.check(wavelength, "The wavelength")
-        units.PITCH.check(grid.pitch, "The pitch of a field's grid")
         values = host_array(u, "A field")
+        values = float64_array(values) if values.dtype == object else values
         if values.shape[-2:] != grid.shape:
             raise ShapeError(
                 f"The field has shape {values.shape}, the grid {grid.shape}: the last two axes "

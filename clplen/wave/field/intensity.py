@@ -10,6 +10,7 @@ from typing import Any, ClassVar, Protocol, cast, runtime_checkable
 import numpy as np
 import pyopencl.array as cla
 
+from clplen.checks import check_keywords, keywords_of
 from clplen.compute.arrays import HostArray, Image
 from clplen.compute.device import Device
 from clplen.wave.field.field import Field, Grid, row_powers
@@ -230,6 +231,24 @@ class PartialCoherence(Protocol):
 
     def average(self, *arguments: Any, **keywords: Any) -> MeanIntensity:
         """The mean intensity behind a system whose object this light illuminates."""
+
+
+AVERAGING = ("snapshots", "rtol", "region", "checkpoint", "progress", "method")
+
+
+def check_averaging(
+    averaging: dict[str, Any], coherence: Any, function: Callable[..., Any], what: str
+) -> None:
+    """Refuse keywords beside those of a function and of `Coherence.average`.
+
+    Raises
+    ------
+    TypeError
+        For an unknown keyword, and for those of an average without ``coherence``.
+    """
+    check_keywords(averaging, dict.fromkeys((*keywords_of(function), *AVERAGING)), what)
+    if averaging and coherence is None:
+        raise TypeError(f"{', '.join(averaging)} belong to an average: give coherence= too.")
 
 
 def average_of(coherence: Any) -> Callable[..., Any]:

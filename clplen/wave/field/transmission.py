@@ -2,7 +2,7 @@
 
 ``exp(i k z sqrt(1 - s))`` in float32 loses the field at camera distances. Every large phase of the
 package is therefore a product of 1-D tables, whose turns are reduced in double on the host, times a
-small residual in the kernel.
+residual that the kernel forms in pairs of float32.
 """
 
 from __future__ import annotations
@@ -13,7 +13,6 @@ from typing import Any
 import numpy as np
 import pyopencl.array as cla
 
-from clplen.compute.device import Device
 from clplen.compute.fft.blocks import lanes_defines
 from clplen.wave.field.field import Field, Grid
 
@@ -92,8 +91,6 @@ def whole_and_part(values: Table, dtype: np.dtype[Any]) -> Table:
 
 Pair = tuple[float, float]
 
-LARGEST_TABLE_RESIDUAL = 1.0  # turns; above, float32 tables lose more than 1e-5 rad
-
 
 def multiply_sphere(
     field: Field,
@@ -102,7 +99,7 @@ def multiply_sphere(
     *,
     fades: bool = False,
     out: cla.Array | None = None,
-    phase: str | None = None,
+    phase: str = "tables",
 ) -> Field:
     """``field`` times exp(ik(r - abs(z)) sign z), r the distance from a point abs(z) away.
 
@@ -121,8 +118,8 @@ def multiply_sphere(
         Whether the amplitude is 1/r, else 1.
     out : pyopencl.array.Array, optional
         Where the samples go; it may be the field's own data.
-    phase : {"tables", "fp64", "twofloat"}, optional
-        By default whatever keeps 1e-5 rad on the device.
+    phase : {"tables", "fp64", "twofloat"}
+        How the phase is formed.
 
     Returns
     -------
@@ -131,8 +128,6 @@ def multiply_sphere(
     device, (ny, nx) = field.device, field.grid.shape
     if out is None:
         out = device.empty(field.shape, device.complex)
-    if phase is None:
-        phase = phase_route(residual_turns(field.grid, z, centre, field.wavelength), device)
     coordinates = offsets(field.grid, centre)
     tables = [phasor(t**2 / (2 * field.wavelength * z), device.complex) for t in coordinates]
     squares = [split((t / z) ** 2, device.real) for t in coordinates]
@@ -153,20 +148,6 @@ def multiply_sphere(
         np.int32(nx),
     )
     return field.with_data(out)
-
-
-def residual_turns(grid: Grid, z: float, centre: Pair, wavelength: float) -> float:
-    """Largest phase beside the tables on a grid, (r - abs(z))^2/(2 abs(z) lam), in turns."""
-    reach = math.hypot(*(float(np.abs(t).max()) for t in offsets(grid, centre)))
-    beyond = reach**2 / (math.hypot(reach, z) + abs(z))
-    return beyond**2 / (2 * abs(z) * wavelength)
-
-
-def phase_route(turns: float, device: Device) -> str:
-    """ "tables", "fp64" or "twofloat": how a device forms the phase to 1e-5 rad."""
-    if device.precision == "double" or turns <= LARGEST_TABLE_RESIDUAL:
-        return "tables"
-    return "fp64" if device.has_fp64 else "twofloat"
 
 
 def sampled_radius(z: float, pitch: float, wavelength: float) -> float:

@@ -14,7 +14,7 @@ from typing import Any, Literal
 import numpy as np
 
 from clplen import units
-from clplen.checks import is_finite
+from clplen.checks import float64_array, is_finite
 from clplen.compute.fft.lines import Line, Separable
 from clplen.errors import SamplingError
 from clplen.wave.field.field import Grid
@@ -35,7 +35,7 @@ METHODS = (
 )
 SELF_PADDED = ("auto", "cblas", "rs", "one-step")  # methods that size their own windows
 FREE_GRID = ("auto", "cblas", "rs", "one-step", "fresnel-1fft")  # methods that take any output grid
-FARTHEST = 1e12  # metres
+FARTHEST = units.DISTANCE.most
 BORDER = 0.4  # of half the window, the taper of fresnel-multistep
 _SAME = 1e-9  # of a pitch
 
@@ -229,10 +229,10 @@ def request(
     if support is not None:
         if np.shape(support) not in ((), (2,)):
             raise ValueError(f"support is one width or (y, x), in metres, not {support!r}.")
-        both = np.broadcast_to(np.asarray(support, np.float64), (2,))
+        both = np.broadcast_to(float64_array(support), (2,))
         support = (float(both[0]), float(both[1]))
     distance = z.item() if isinstance(z, np.ndarray) and z.ndim == 0 else z
-    distance = float(distance) if isinstance(distance, Real) else distance
+    distance = float(float64_array(distance)) if isinstance(distance, Real) else distance
     return Request(grid, distance, wavelength, method, pad, out_grid, guard, border, support, lens)
 
 
@@ -263,6 +263,8 @@ class Description:
         ((fy low, fy high), (fx low, fx high)) that is used, in cycles a metre.
     warning : str
         What is wrong with the sampling and what to do; empty where nothing is.
+    is_refused : bool
+        Whether it is so wrong that no plan is made: the warning is the error's sentence.
     terms : tuple of tuple of Separable
         (into, back) of every term of a sum, the first as ``into`` and ``back``; empty: no sum.
     """
@@ -281,6 +283,7 @@ class Description:
     valid: tuple[float, float]
     band: tuple[tuple[float, float], tuple[float, float]]
     warning: str = ""
+    is_refused: bool = False
     terms: tuple[tuple[Separable, Separable], ...] = ()
 
     @property
@@ -297,6 +300,15 @@ class Description:
         (ny, _), (my, mx) = self.request.grid.shape, self.into.shape_after(self.request.grid.shape)
         rows = max(ny, self.out_grid.shape[0]) if self.factor is not None else ny
         return max(rows, my if self.factor is None else 0) * max(mx, self.out_grid.shape[1])
+
+
+def outshines(r: Request) -> bool:
+    """Whether one sample of the kernel gives more light than there is: d^2 > lam z, or at z < d."""
+    if not r.axes:
+        return False
+    shares = [r.grid.pitch[axis] / math.sqrt(r.wavelength * abs(r.z)) for axis in r.axes]
+    near = math.hypot(1, r.wavelength / (2 * math.pi * r.z))  # of 1/r - ik over k
+    return max(*shares, math.prod(shares) * near) > 1
 
 
 def whole_bands(request: Request) -> tuple[tuple[float, float], tuple[float, float]]:

@@ -10,11 +10,16 @@ from typing import Any, overload
 
 import numpy as np
 
-from clplen.checks import real_array
+from clplen.checks import float64_array, real_array
 from clplen.compute.device import Device, DeviceLike, as_device
 from clplen.errors import SamplingError
 from clplen.wave.field.field import Field, Grid, require_field
-from clplen.wave.field.intensity import MeanIntensity, PartialCoherence, average_of
+from clplen.wave.field.intensity import (
+    MeanIntensity,
+    PartialCoherence,
+    average_of,
+    check_averaging,
+)
 from clplen.wave.propagation.description import BORDER, Request, request
 from clplen.wave.propagation.plan_runs import run_plans
 from clplen.wave.propagation.propagator import Propagator
@@ -124,8 +129,9 @@ def propagate(
     ValueError
         For an unknown method, z that is not finite, or pad < 1.
     SamplingError
-        For an output grid that the method cannot give, fresnel-1fft at z = 0, or several distances
-        with fresnel-1fft, whose results have different pitches.
+        For an output grid that the method cannot give, fresnel-1fft at z = 0, several distances
+        with fresnel-1fft, whose results have different pitches, or a method so far outside its
+        range that its result would be no field.
     DeviceError
         If the windows do not fit the device.
 
@@ -153,9 +159,8 @@ def propagate(
         raise TypeError(
             f"propagate takes a Field, as Field.from_array makes it, not a {type(field).__name__}."
         )
-    if coherence is not None or averaging:
-        if coherence is None:
-            raise TypeError(f"{', '.join(averaging)} belong to an average: give coherence= too.")
+    check_averaging(averaging, coherence, propagate, "propagate")
+    if coherence is not None:
         if isinstance(z, Sequence | np.ndarray):
             raise ValueError("Partially coherent light is propagated to one distance at a time.")
         space = FreeSpace(z, method, pad, out_grid, guard, border, support, lens)
@@ -220,7 +225,7 @@ def propagate_wavelengths(
         raise ValueError("wavelengths is one wavelength or several, in metres, not an empty list.")
     return [
         propagate(replace(field, wavelength=float(wavelength)), z, **options)
-        for wavelength in np.atleast_1d(wavelengths)
+        for wavelength in np.atleast_1d(float64_array(wavelengths))
     ]
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 
 import numpy as np
 
@@ -15,9 +16,15 @@ from clplen.compute.fft.lines import (
     still,
 )
 from clplen.errors import SamplingError
-from clplen.wave.field.field import Grid
+from clplen.wave.field.field import Grid, derived_grid
 from clplen.wave.field.transmission import phasor
-from clplen.wave.propagation.description import Description, Request, padded_length, whole_bands
+from clplen.wave.propagation.description import (
+    Description,
+    Request,
+    outshines,
+    padded_length,
+    whole_bands,
+)
 
 WHOLE = 1e-9  # of a step: rounding that makes no further one
 LIMIT_STEPS = 10**5
@@ -57,14 +64,15 @@ def impulse_response(r: Request) -> Description:
         h = _constant(r) * d * phasor(x**2 / (2 * r.wavelength * r.z))
         lines.append(convolution(n, n, np.fft.fft(h)))
         critical = max(critical, length * d * d / r.wavelength)
-    step = critical / abs(r.z)
+    step, refused = critical / abs(r.z), outshines(r)
     warning = ""
-    if step > 1 and r.pad != 1:
+    if step > 1 and (r.pad != 1 or refused):
         warning = (
             f"Fresnel's impulse response at z = {r.z:g} m is aliased: it is sampled from "
             f"{critical:.4g} m on. Use method='fresnel-tf', or 'auto'."
         )
-    return _separable(r, "fresnel-ir", lines, "kernel", step, (critical, math.inf), warning)
+    made = _separable(r, "fresnel-ir", lines, "kernel", step, (critical, math.inf), warning)
+    return replace(made, is_refused=refused)
 
 
 def one_step(r: Request) -> Description:
@@ -99,10 +107,12 @@ def one_step(r: Request) -> Description:
             f"lens it is sampled from {nearest:.4g} m on. Use method='auto', or name the width "
             "that carries light by support=."
         )
-    out_grid = Grid(r.grid.shape, (pitches[0], pitches[1]), origin=r.grid.origin)
+    out_grid = derived_grid(r.grid.shape, (pitches[0], pitches[1]), r.grid.origin)
     valid = (nearest, math.inf)
     made = r.out_grid or out_grid
-    return _separable(r, "fresnel-1fft", lines, "chirp", step, valid, warning, made)
+    described = _separable(r, "fresnel-1fft", lines, "chirp", step, valid, warning, made)
+    refused = bool(warning) and r.out_grid is not None and outshines(r)
+    return replace(described, is_refused=refused)
 
 
 def many_steps(r: Request) -> Description:

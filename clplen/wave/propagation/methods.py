@@ -11,6 +11,7 @@ from dataclasses import replace
 
 import numpy as np
 
+from clplen import units
 from clplen.compute.fft.lines import (
     Line,
     Separable,
@@ -39,11 +40,12 @@ from clplen.wave.propagation.description import (
     Request,
     any_distance,
     flops,
+    outshines,
     padded_length,
     whole_bands,
 )
 from clplen.wave.propagation.transfer_function import Sommerfeld, Transfer, fft_frequencies
-from clplen.wave.propagation.windowed_kernel import WindowedKernel, kernel_axis
+from clplen.wave.propagation.windowed_kernel import WindowedKernel, kernel_axis, kernel_length
 
 FFT_WINDOW = 2.5  # times the grid, up to which the FFT route is the cheaper one
 LATTICE_SLACK = 1e-9  # of a frequency step
@@ -55,6 +57,10 @@ NEAR_WINDOW = 2.2  # times the grid, up to which FFTs of the window beat everyth
 SAMPLED_KERNEL = 0.8  # of the Nyquist frequency, up to which the RS kernel is accurate
 DECAYED = 18.4  # nepers that evanescent waves of the Nyquist frequency lose: 160 dB
 FAINT = 4.0  # the same, from which the sum over samples is nearer to the light than a cut band
+MOST_KERNEL_SAMPLES = 2**24  # of a windowed kernel, a few seconds of a CPU,
+KERNEL_SHARE = 64  # or so many times the samples of a window that holds both grids
+KERNEL_BYTES = 24  # a sample at the peak, in complex64: kernel, transform, tables
+KERNEL_SECONDS, LINE_SECONDS = 2e-7, 1e-6  # a sample, and one of its axes, on two cores
 SMOOTH_KERNEL = 3  # samples of z from which the kernel's peak is sampled to 160 dB: exp(-2 pi z/dx)
 
 MOVED = "the output has another pitch or centre"
@@ -163,8 +169,10 @@ def _one_step(r: Request, series: one_step.Series, why: str) -> Description:
     if not automatic:
         nearest = max(nearest, one_step.nearest(r))
     if series.bound[1] > one_step.TOLERANCE:
+        refused = series.bound[1] > one_step.MOST_ERROR
+        wrong = "does not converge" if refused else "is not exact"
         warning = (
-            f"The path between the grids is not exact in one-step at z = {r.z:g} m: from "
+            f"The path between the grids {wrong} in one-step at z = {r.z:g} m: from "
             f"{nearest:.4g} m on the error is below 1e-9 of the field. Use method='auto' or "
             "'cblas'."
         )
@@ -183,6 +191,7 @@ def _one_step(r: Request, series: one_step.Series, why: str) -> Description:
         valid=any_distance() if automatic else (nearest, math.inf),
         band=whole_bands(r),
         warning="" if automatic else warning,
+        is_refused=series.bound[1] > one_step.MOST_ERROR,
         terms=tuple(terms),
     )
 
@@ -458,6 +467,7 @@ def sommerfeld(r: Request, why: str = "asked for") -> Description:
         valid=(nearest, math.inf),
         band=whole_bands(r),
         warning=warning,
+        is_refused=outshines(r),
     )
 
 
@@ -484,6 +494,7 @@ def _windowed_kernel(r: Request, why: str) -> Description:
     if r.z == 0:
         return corrected(r, why, "chirp-z")
     axes, into, back = [], [], []
+    _require_small_kernel(r)
     for axis, n in enumerate(r.grid.shape):
         span = r.span(axis)
         made = kernel_axis(span, math.inf if _has_sampled_kernel(span, FAINT) else span.nyquist)
@@ -514,6 +525,21 @@ def _windowed_kernel(r: Request, why: str) -> Description:
         band=(band[0], band[1]),
         warning="" if automatic else warning,
     )
+
+
+def _require_small_kernel(r: Request) -> None:
+    """Refuse a kernel that is asked for so near that it has far more samples than the grids."""
+    lengths = [kernel_length(r.span(axis)) for axis in (0, 1)]
+    both = math.prod(n + m for n, m in zip(r.grid.shape, r.target.shape, strict=True))
+    count = math.prod(lengths)
+    most = max(MOST_KERNEL_SAMPLES, KERNEL_SHARE * both)
+    if r.method == "rs" and (count > most or max(lengths) > MOST_FREQUENCIES):
+        seconds = KERNEL_SECONDS * count + LINE_SECONDS * sum(lengths)
+        raise SamplingError(
+            f"rs onto another grid at z = {r.z:g} m would take a kernel of {lengths[0]:.3g} x "
+            f"{lengths[1]:.3g} samples, {units.amount(KERNEL_BYTES * count, 'B')} in "
+            f"complex64 and about {seconds:.2g} s: use method='auto'."
+        )
 
 
 def _finer(band: Band) -> Band:

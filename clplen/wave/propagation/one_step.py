@@ -30,6 +30,7 @@ Vector = np.ndarray[Any, Any]
 Powers = tuple[int, int]
 
 TOLERANCE = 1e-9  # of the field's norm, 180 dB, as a guard of 6 Fresnel widths
+MOST_ERROR = 1e-2  # of the field's norm; where the bound is higher the series may diverge
 MOST_POWERS = 6  # of t
 _LATTICE = 17  # points along each axis at which the remainder is bounded
 _SAFETY = 1.1  # of the largest value there over the largest anywhere
@@ -303,10 +304,6 @@ class SeriesFactor:
     def residual_turns(self) -> float:
         """0: the factor is made in float64."""
         return 0.0
-
-    def phase_route(self, device: Device) -> str:
-        """ "tables": the factor is made in float64."""
-        return "tables"
 
     def on_device(self, device: Device, phase: str) -> Spectrum:
         """The samples on a device; the phase is formed on the host whatever it is."""

@@ -43,9 +43,9 @@ class PlanReport(OneLine):
     lost_band : float
         Fraction of the sampled band that is not used.
     residual_turns : float
-        Phase left to float32 beside the 1-D tables.
-    phase : str
-        "tables", "fp64" or "twofloat".
+        Phase that the 1-D tables leave to the kernel.
+    phase : {"tables", "fp64", "twofloat"}
+        How the phase is formed: see `Propagator`.
     paraxial_error : float
         Phase error of Fresnel's approximation at the highest frequency that arrives, pi z lam^3
         f^4/4 in radians; 0 for a method that is exact.

@@ -93,8 +93,8 @@ class Propagator:
         Focal length in metres of a paraxial thin lens on the axis right before a fresnel-1fft,
         joined to its chirp before that is sampled: nothing aliases at z = lens.
     phase : {"tables", "fp64", "twofloat"}, optional
-        How the phase of H is formed; by default whatever is exact to 1e-5 rad on the device
-        (less next to the grazing frequency 1/lam).
+        How the factor's phase is formed, each right to 6e-7 of the light (less next to the
+        grazing frequency 1/lam); "tables" by default, whatever the device and the distance.
 
     Attributes
     ----------
@@ -110,7 +110,8 @@ class Propagator:
     ValueError
         For an unknown method or phase, or a number outside its range.
     SamplingError
-        For an output grid that the method cannot give, or fresnel-1fft at z = 0.
+        For an output grid that the method cannot give, fresnel-1fft at z = 0, or a method so far
+        outside its range that its result would be no field.
 
     Warns
     -----
@@ -168,12 +169,12 @@ class Propagator:
         self.grid, self.z, self.wavelength = request.grid, request.z, request.wavelength
         device.require_memory(least_samples(request) * device.complex.itemsize, "This propagation")
         description = describe(request)
+        if description.is_refused:
+            raise SamplingError(description.warning)
         self.description = _in_precision(description, device)
         self.method, self.why = description.method, description.why
         self.out_grid = description.out_grid
-        self.phase = "tables"
-        if description.factor is not None:
-            self.phase = phase or description.factor.phase_route(device)
+        self.phase = "tables" if description.factor is None or phase is None else phase
         if description.warning:
             warn_caller(description.warning, SamplingWarning)
         self._spectrum: Spectrum | None = None
@@ -365,8 +366,7 @@ class Propagator:
                 f"{self.method!r}: make the plan with method='auto'."
             )
         factor = replace(made.factor, is_slope=True)
-        phase = made.factor.phase_route(self.device)
-        return [(made.into, factor_on_device(factor, self.device, phase), made.back)]
+        return [(made.into, factor_on_device(factor, self.device, self.phase), made.back)]
 
     def energy(self, field: Field) -> Energy:
         """Where the energy of a field goes, each part computed by itself.

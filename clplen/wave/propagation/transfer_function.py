@@ -10,6 +10,7 @@ from typing import Any, Protocol
 import numpy as np
 import pyopencl.array as cla
 
+from clplen.checks import fits_float64
 from clplen.compute.device import Device
 from clplen.compute.fft.blocks import Spectrum, lanes_defines, window
 from clplen.wave.field.transmission import phasor, split
@@ -23,13 +24,11 @@ Shape = tuple[int, int]
 Pitch = tuple[float, float]
 Samples = np.ndarray[Any, Any]
 
-LARGEST_KERNEL_RESIDUAL = 10.0  # turns; above, float32 tables lose more than 2.5e-5 of the maximum
-
 
 def kernel_residual_turns(shape: Shape, pitch: Pitch, z: float, wavelength: float) -> float:
     """Rk = (r_max - z)^2/(2 z lam), r_max at the corner displacement of a window.
 
-    The phase that float32 tables of rho^2/(2 lam z) leave to the kernel, for abs(z) > 0.
+    The phase that tables of rho^2/(2 lam z) leave to the kernel, for abs(z) > 0.
     """
     rho2 = sum((n // 2 * d) ** 2 for n, d in zip(shape, pitch, strict=True))
     return residual_turns(rho2, z, wavelength)
@@ -39,20 +38,6 @@ def residual_turns(rho2: float, z: float, wavelength: float) -> float:
     """(r - z)^2/(2 z lam) at a squared displacement in square metres."""
     excess = rho2 / (math.sqrt(rho2 + z * z) + abs(z))
     return excess * excess / (2 * abs(z) * wavelength)
-
-
-def kernel_phase_route(
-    shape: Shape, pitch: Pitch, z: float, wavelength: float, device: Device
-) -> str:
-    """ "tables", "fp64" or "twofloat": how a device forms the phase to 2.5e-5 rad."""
-    return residual_phase_route(kernel_residual_turns(shape, pitch, z, wavelength), device)
-
-
-def residual_phase_route(residual: float, device: Device) -> str:
-    """The phase route of a kernel that leaves so many turns beside its tables."""
-    if device.precision == "double" or residual <= LARGEST_KERNEL_RESIDUAL:
-        return "tables"
-    return "fp64" if device.has_fp64 else "twofloat"
 
 
 def impulse_response(
@@ -84,8 +69,7 @@ def impulse_response(
         In metres.
     device : Device
     phase : {"tables", "fp64", "twofloat"}
-        How the phase is formed, as `kernel_phase_route` says. Line sources are made on the host in
-        float64 whatever it is.
+        How the phase is formed. Line sources are made on the host in float64 whatever it is.
     slope : bool
         The derivative by z in place of h, per metre.
 
@@ -215,7 +199,7 @@ def _defines(device: Device, phase: str) -> dict[str, Any]:
 
 
 def _check(z: float, device: Device, phase: str) -> None:
-    if not (math.isfinite(z) and z != 0):
+    if not (fits_float64(z) and z != 0):
         raise ValueError(f"The impulse response needs a finite distance z other than 0, not {z!r}.")
     there = ["tables"]
     if device.precision == "single":
@@ -230,17 +214,12 @@ def _check(z: float, device: Device, phase: str) -> None:
 Vector = np.ndarray[Any, Any]
 Pair = tuple[float, float]
 
-LARGEST_TABLE_RESIDUAL = 1.0  # turns; above, float32 tables lose more than 1e-5
-
 
 class Factor(Protocol):
     """What a spectrum is multiplied by, before it is on a device."""
 
     def residual_turns(self) -> float:
-        """Phase left to the device's precision beside 1-D tables made in double."""
-
-    def phase_route(self, device: Device) -> str:
-        """ "tables", "fp64" or "twofloat": how a device forms the phase."""
+        """Phase that 1-D tables made in double leave to the kernel."""
 
     def on_device(self, device: Device, phase: str) -> Spectrum:
         """The samples, the phase formed as said."""
@@ -315,15 +294,6 @@ class Transfer:
         s = min(self._corner(), 1.0)
         q = s / (1 + math.sqrt(1 - s))
         return abs(self.z) / self.wavelength * q * q / 2
-
-    def phase_route(self, device: Device) -> str:
-        """ "tables", "fp64" or "twofloat": how a device forms the phase to 1e-5 rad.
-
-        Less only at s = 1 within 1e-3, where waves graze.
-        """
-        if device.precision == "double" or self.residual_turns() <= LARGEST_TABLE_RESIDUAL:
-            return "tables"
-        return "fp64" if device.has_fp64 else "twofloat"
 
     def on_device(self, device: Device, phase: str) -> Spectrum:
         """The samples on a device.
@@ -400,10 +370,6 @@ class Sommerfeld:
     def residual_turns(self) -> float:
         """Rk = (r_max - z)^2/(2 z lam) at the corner displacement."""
         return kernel_residual_turns(self.shape, self.pitch, self.z, self.wavelength)
-
-    def phase_route(self, device: Device) -> str:
-        """ "tables", "fp64" or "twofloat": how a device forms the phase to 2.5e-5 rad."""
-        return kernel_phase_route(self.shape, self.pitch, self.z, self.wavelength, device)
 
     def on_device(self, device: Device, phase: str) -> Spectrum:
         """The transform of the kernel's samples on a device.

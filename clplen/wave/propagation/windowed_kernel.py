@@ -19,11 +19,7 @@ from clplen.compute.fft.blocks import Spectrum, multiply_tables, window
 from clplen.compute.fft.lines import smooth_length
 from clplen.wave.propagation.band import AxisSpan
 from clplen.wave.propagation.distance_slope import multiply_kernel_slope
-from clplen.wave.propagation.transfer_function import (
-    kernel_samples,
-    residual_phase_route,
-    residual_turns,
-)
+from clplen.wave.propagation.transfer_function import kernel_samples, residual_turns
 
 Vector = np.ndarray[Any, Any]
 Pair = tuple[float, float]
@@ -62,6 +58,28 @@ class KernelAxis:
         return float(np.abs(self.displacements).max())
 
 
+def _fall_and_highest(span: AxisSpan) -> tuple[float, float]:
+    """Width of the taper on either side in metres, highest frequency: see `kernel_axis`."""
+    wanted = span.lit + span.wanted
+    product = 2 * STEEPNESS**2 / math.pi
+    steepest = 1 / span.wavelength
+    fall = math.sqrt(product * wanted / 2 / steepest)
+    reach = abs(span.offset) + wanted / 2 + fall
+    steepest = span.geometric(reach)
+    if span.wavelength * steepest > 0.5:
+        # All that propagates, and evanescent waves while exp(-2 pi z sqrt(f^2 - 1/lam^2)) > LEFT.
+        steepest = math.hypot(1 / span.wavelength, -math.log(LEFT) / (2 * math.pi * abs(span.z)))
+    return fall, steepest + product / fall
+
+
+def kernel_length(span: AxisSpan) -> float:
+    """Least number of the kernel's samples along an axis, before any are made."""
+    if span.n == 1:
+        return 1.0
+    fall, highest = _fall_and_highest(span)
+    return 2 * highest * (span.lit + span.wanted + 2 * fall) + 1
+
+
 def kernel_axis(span: AxisSpan, limit: float) -> KernelAxis:
     """How one axis is sampled.
 
@@ -80,15 +98,7 @@ def kernel_axis(span: AxisSpan, limit: float) -> KernelAxis:
         still = np.zeros(1)
         return KernelAxis(still, still, np.ones(1), 1.0, is_still=True)
     wanted = span.lit + span.wanted
-    product = 2 * STEEPNESS**2 / math.pi
-    steepest = 1 / span.wavelength
-    fall = math.sqrt(product * wanted / 2 / steepest)
-    reach = abs(span.offset) + wanted / 2 + fall
-    steepest = span.geometric(reach)
-    if span.wavelength * steepest > 0.5:
-        # All that propagates, and evanescent waves while exp(-2 pi z sqrt(f^2 - 1/lam^2)) > LEFT.
-        steepest = math.hypot(1 / span.wavelength, -math.log(LEFT) / (2 * math.pi * abs(span.z)))
-    highest = steepest + product / fall
+    fall, highest = _fall_and_highest(span)
     width = wanted + 2 * fall
     count = smooth_length(2 * math.ceil(highest * width) + 1)
     kept = min(count, 2 * math.floor(limit * width * (1 + 1e-12)) + 1) if limit < highest else count
@@ -135,10 +145,6 @@ class WindowedKernel:
     def residual_turns(self) -> float:
         """Rk = (r_max - z)^2/(2 z lam) at the farthest displacement."""
         return residual_turns(sum(axis.farthest**2 for axis in self.axes), self.z, self.wavelength)
-
-    def phase_route(self, device: Device) -> str:
-        """ "tables", "fp64" or "twofloat": how a device forms the phase to 2.5e-5 rad."""
-        return residual_phase_route(self.residual_turns(), device)
 
     def on_device(self, device: Device, phase: str) -> Spectrum:
         """The spectrum on a device, rising frequencies.

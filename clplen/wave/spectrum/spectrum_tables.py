@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 import os
 import re
 from pathlib import Path
@@ -10,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from clplen.checks import is_finite, real_array
+from clplen.checks import fits_float64, is_finite, real_array
 from clplen.errors import FormatError
 from clplen.units import metres
 
@@ -162,8 +161,8 @@ def fault_of(wavelengths: Vector, values: Vector) -> tuple[int | None, str] | No
         fault = _no_wavelength(lam)
         if fault:
             return i, fault
-        if not math.isfinite(value) or value < 0:
-            why = "is no number" if not math.isfinite(value) else "is negative"
+        if not fits_float64(value) or value < 0:
+            why = "is no number" if not fits_float64(value) else "is negative"
             return i, f"the value {value:g} {why}: a density is at least 0, set noise below 0 to 0."
         if i and lam <= wavelengths[i - 1]:
             before = metres(float(wavelengths[i - 1]))

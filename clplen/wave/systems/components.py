@@ -11,7 +11,7 @@ from typing import Literal, Protocol, runtime_checkable
 import numpy as np
 
 from clplen import units
-from clplen.checks import Aliasing
+from clplen.checks import Aliasing, is_finite
 from clplen.deprecation import renamed_argument, renamed_attribute, warn_caller
 from clplen.errors import SamplingWarning
 from clplen.units import metres
@@ -99,7 +99,7 @@ class Lens:
     def __post_init__(self) -> None:
         if (
             not isinstance(self.focal_length, Real)
-            or math.isnan(self.focal_length)
+            or self.focal_length != self.focal_length
             or self.focal_length == 0
         ):
             raise ValueError(f"The focal length is not 0, in metres; got {self.focal_length!r}.")
@@ -414,7 +414,7 @@ def require_positive(what: str, value: float) -> None:
     ValueError
         With the name of the length.
     """
-    if not (isinstance(value, Real) and math.isfinite(value) and value > 0):
+    if not (is_finite(value) and value > 0):
         raise ValueError(f"{what} is positive, in metres, not {value!r}.")
 
 

@@ -9,14 +9,20 @@ from numbers import Real
 from typing import Any, ClassVar, overload
 
 from clplen import units
-from clplen.checks import Aliasing
+from clplen.checks import Aliasing, fits_float64, float64_array, is_finite
 from clplen.compute.device import DeviceLike, as_device
 from clplen.deprecation import renamed_argument
 from clplen.reprs import OneLine
 from clplen.results import Plottable
 from clplen.units import metres
 from clplen.wave.field.field import Field, Grid, require_field, require_grid
-from clplen.wave.field.intensity import MeanIntensity, Object, PartialCoherence, average_of
+from clplen.wave.field.intensity import (
+    MeanIntensity,
+    Object,
+    PartialCoherence,
+    average_of,
+    check_averaging,
+)
 from clplen.wave.propagation.propagator import Propagator
 from clplen.wave.systems.components import (
     ConvergingLight,
@@ -113,10 +119,9 @@ class OpticalSystem(OneLine, Plottable):
         TypeError
             For options of an average without ``coherence``.
         """
+        check_averaging(averaging, coherence, OpticalSystem.__call__, "OpticalSystem")
         if coherence is not None:
             return average_of(coherence)(self, field, **averaging)
-        if averaging:
-            raise TypeError(f"{', '.join(averaging)} belong to an average: give coherence= too.")
         for _, _, behind in self.trace(field):
             field = behind
         return field
@@ -162,7 +167,7 @@ class OpticalSystem(OneLine, Plottable):
             Default ``Device.open()``.
         """
         require_grid(grid)
-        return SystemOperator(self.parts, grid, float(wavelength), as_device(device))
+        return SystemOperator(self.parts, grid, float(float64_array(wavelength)), as_device(device))
 
     def adjoint(self, field: Field, *, grid: Grid | None = None) -> Field:
         """The adjoint, <S u, v> = <u, S' v>, from behind the last part to before the first.
@@ -288,7 +293,7 @@ def imaging_system(
     units.FOCAL_LENGTH.check(focal_length, "The focal length of an imaging system")
     require_positive("The diameter of its lens", diameter)
     units.DIAMETER.check(diameter, "The diameter of its lens")
-    if not (isinstance(magnification, Real) and 0 < magnification < math.inf):
+    if not (is_finite(magnification) and magnification > 0):
         raise ValueError(f"The magnification is positive and finite, not {magnification!r}.")
     z1 = focal_length * (1 + 1 / magnification)
     z2 = focal_length * (1 + magnification)
@@ -303,7 +308,7 @@ def imaging_system(
 def _part(item: Any, number: int) -> Part:
     """What was given for a part, as a part."""
     if isinstance(item, Real) and not isinstance(item, bool):
-        if not math.isfinite(item):
+        if not fits_float64(item):
             raise ValueError(
                 f"Part {number} of the system is a distance of {item!r}: a distance is one finite "
                 "number of metres."

@@ -10,14 +10,14 @@ from typing import Any, Literal
 import numpy as np
 
 from clplen import units
-from clplen.checks import real_array
+from clplen.checks import fits_float64, real_array
 from clplen.compute.device import Device
 from clplen.compute.fft.blocks import Spectrum, run
 from clplen.compute.fft.lines import Separable, cropped_inverse, padded_spectrum
 from clplen.reprs import OneLine
 from clplen.units import metres
 from clplen.wave.elements.hard_apertures import disc_coverage, interval_coverage
-from clplen.wave.field.field import Field, Grid
+from clplen.wave.field.field import Field, Grid, derived_grid
 from clplen.wave.field.transmission import offsets, phasor
 from clplen.wave.propagation.description import request
 from clplen.wave.propagation.free_space import FreeSpace
@@ -102,7 +102,7 @@ class Pupil(OneLine):
         shape, path
             As of `Pupil`.
         """
-        if not (math.isfinite(fc) and fc > 0):
+        if not (fits_float64(fc) and fc > 0):
             raise ValueError(f"A cut-off frequency is positive, in cycles a metre, not {fc!r}.")
         require_positive("The wavelength", wavelength)
         units.WAVELENGTH.check(wavelength, "The wavelength")
@@ -133,7 +133,7 @@ class Pupil(OneLine):
         """
         fc = self.cutoff(wavelength)
         (ny, nx), (dy, dx) = grid.shape, grid.pitch
-        lattice = Grid(grid.shape, (1 / (ny * dy), 1 / (nx * dx)))
+        lattice = derived_grid(grid.shape, (1 / (ny * dy), 1 / (nx * dx)))
         P = self._covered(lattice, fc).astype(np.complex128)
         if self.path is not None:
             row, column = np.nonzero(P)

@@ -2,10 +2,9 @@
 
 from __future__ import annotations
 
-import math
 from dataclasses import KW_ONLY, dataclass
-from numbers import Real
 
+from clplen.checks import is_finite
 from clplen.compute.device import DeviceLike
 from clplen.reprs import OneLine
 from clplen.units import metres
@@ -56,7 +55,7 @@ class Space(OneLine):
     label = "space"
 
     def __post_init__(self) -> None:
-        if not (isinstance(self.z, Real) and math.isfinite(self.z)):
+        if not (is_finite(self.z)):
             raise ValueError(f"A distance is one finite number of metres, not {self.z!r}.")
 
     @property
