@@ -7,8 +7,10 @@ import shutil
 import subprocess
 import sys
 import tempfile
+from collections.abc import Callable
 from pathlib import Path
 from types import SimpleNamespace
+from typing import Any
 
 import pyopencl as cl
 import pytest
@@ -43,7 +45,7 @@ def home(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     return tmp_path / "not" / "there" / "yet"
 
 
-def run(environment: dict[str, str], **options: object) -> subprocess.CompletedProcess[str]:
+def run(environment: dict[str, str], **options: Any) -> subprocess.CompletedProcess[str]:
     command = [sys.executable, "-c", RUN]
     return subprocess.run(command, env=environment, capture_output=True, text=True, **options)
 
@@ -105,7 +107,10 @@ def _noexec(home: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     ],
 )
 def test_a_folder_that_takes_no_kernels_is_replaced_with_one_sentence(
-    home: Path, monkeypatch: pytest.MonkeyPatch, obstruct: object, reason: str
+    home: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    obstruct: Callable[[Path, pytest.MonkeyPatch], None],
+    reason: str,
 ) -> None:
     monkeypatch.setattr(tempfile, "tempdir", None)
     obstruct(home, monkeypatch)

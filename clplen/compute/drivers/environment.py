@@ -13,12 +13,14 @@ reads nothing else. PoCL's wheel is found by pyopencl's own loader in either cas
 from __future__ import annotations
 
 import atexit
+import errno
 import hashlib
 import os
 import shutil
 import sys
 import tempfile
 import threading
+from collections.abc import Iterator
 from contextlib import suppress
 from importlib import metadata
 from pathlib import Path
@@ -30,6 +32,7 @@ VENDOR_FOLDERS = (Path("/etc/OpenCL/vendors"), Path(sys.prefix) / "etc/OpenCL/ve
 MIN_CACHE_BYTES = 2**24  # a process with all kernels of the test suite writes 23 MB, few write 5
 MIN_BUILD_BYTES = 2**21  # the largest program takes 0.4 MB with its source and kernels
 TRIAL_BYTES = 2**19  # the largest file that PoCL writes has 0.2 MB
+TRIAL_PREFIX = "clplen-trial-"  # of folders in PoCL's own, which come and go
 REMEDY = "make it usable, or name another folder in POCL_CACHE_DIR (or XDG_CACHE_HOME)"
 
 _lock = threading.RLock()
@@ -121,38 +124,40 @@ def _find_kernel_obstacle(folder: Path) -> str:
     if obstacle:
         return obstacle
     try:
-        for parent, folders, files in os.walk(folder):
-            if not os.access(parent, os.W_OK | os.X_OK):
-                return f"{parent} cannot be written"
-            for name in filter(_is_compiled, folders):
-                shutil.rmtree(os.path.join(parent, name))
-            for name in filter(_is_compiled, files):
-                if not _is_whole(Path(parent, name)):
-                    os.unlink(os.path.join(parent, name))
-    except FileNotFoundError:  # another process was first to remove it
-        return ""
+        for entry in _compiled_in(os.fspath(folder)):
+            with suppress(FileNotFoundError):  # where another process was first to remove it
+                if entry.is_dir(follow_symlinks=False):
+                    shutil.rmtree(entry.path)
+                elif not (entry.is_file() and _is_whole(entry.path)):
+                    os.unlink(entry.path)
     except OSError as error:
-        return error.strerror or str(error)
+        return f"{error.filename}: {error.strerror}"
     return ""
 
 
-def _is_compiled(name: str) -> bool:
-    """Whether a file has its last name; those that are being written begin with "tempfile_"."""
-    return name == "program.bc" or (name.endswith(".so") and not name.startswith("tempfile_"))
+def _compiled_in(folder: str) -> Iterator[os.DirEntry[str]]:
+    """Yield compiled programs and kernels; what is being written begins with "tempfile_"."""
+    if not os.access(folder, os.W_OK | os.X_OK):
+        raise PermissionError(errno.EACCES, os.strerror(errno.EACCES), folder)
+    with os.scandir(folder) as entries:
+        for entry in entries:
+            name = entry.name
+            if name == "program.bc" or (name.endswith(".so") and not name.startswith("tempfile_")):
+                yield entry
+            elif entry.is_dir(follow_symlinks=False) and not name.startswith(TRIAL_PREFIX):
+                yield from _compiled_in(entry.path)
 
 
-def _is_whole(path: Path) -> bool:
+def _is_whole(path: str) -> bool:
     """Whether a compiled program or kernel has its head and its end.
 
     PoCL writes under another name and renames, so that no other process sees a part; what a full
     disk or a power cut leaves is shorter than its head says, or zero at the end.
     """
-    if not path.is_file():
-        return False
-    with path.open("rb") as file:
+    with open(path, "rb", buffering=0) as file:
         size = os.fstat(file.fileno()).st_size
         head = file.read(64)
-        if path.suffix == ".so":  # ELF; its table of sections stands at the end
+        if path.endswith(".so"):  # ELF; its table of sections stands at the end
             if head[:5] != b"\x7fELF\x02":
                 return head[:5] == b"\x7fELF\x01" and size > 64
             table, length, count = (

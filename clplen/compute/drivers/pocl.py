@@ -41,7 +41,12 @@ import pyopencl as cl
 
 from clplen.checks import install_advice
 from clplen.compute.drivers import builtin_functions, pocl_trial
-from clplen.compute.drivers.environment import cache_dir, kernel_cache, require_room
+from clplen.compute.drivers.environment import (
+    TRIAL_PREFIX,
+    cache_dir,
+    kernel_cache,
+    require_room,
+)
 from clplen.compute.drivers.program import kernel_folder
 from clplen.errors import DeviceError
 
@@ -299,7 +304,7 @@ def _survives(library: Path, name: str) -> bool:
     command = [sys.executable, "-I", "-S", pocl_trial.__file__, str(library), name, str(_source())]
     # in PoCL's own folder, which was found to take kernels, as the system's for temporary files
     # need not
-    with tempfile.TemporaryDirectory(prefix="clplen-trial-", dir=kernel_cache()) as folder:
+    with tempfile.TemporaryDirectory(prefix=TRIAL_PREFIX, dir=kernel_cache()) as folder:
         environment = os.environ | {"POCL_CACHE_DIR": folder, "POCL_MAX_PTHREAD_COUNT": "1"}
         child = subprocess.Popen(
             command,
