@@ -49,7 +49,7 @@ def test_nothing_is_left_after_an_exception(tmp_path: Path, error: type[BaseExce
     assert target.read_text() == "old"
 
 
-@pytest.mark.parametrize("name", ["x" * 251 + ".txt", "\u4e2d" * 83 + ".txt"])
+@pytest.mark.parametrize("name", ["x" * 251 + ".txt", "\u4e2d" * 83 + ".txt"], ids=["x", "zhong"])
 def test_names_as_long_as_a_disk_takes(tmp_path: Path, name: str):
     with replacing(tmp_path / name) as temporary:
         assert temporary.suffix == ".txt"
