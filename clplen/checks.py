@@ -207,6 +207,8 @@ def masked_array(values: Any, what: str) -> tuple[Array, Array | None]:
             f"{what} is an array that NumPy can take, not of {kind} ({error}): convert it, to "
             "float32 for instance."
         ) from error
+    if result.dtype == object and all(isinstance(one, Real) for one in result.flat):
+        result = float64_array(result)  # of whole numbers above 2^64
     if result.dtype.kind == "V" and result.dtype.names is None:
         raise TypeError(f"{what} is of {result.dtype}, which NumPy lacks: convert it to float32.")
     mask = None

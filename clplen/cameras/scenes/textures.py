@@ -8,7 +8,7 @@ from typing import Any, ClassVar
 
 import numpy as np
 
-from clplen.checks import fits_float64, host_array, is_finite, real_array
+from clplen.checks import fits_float64, float64_array, host_array, is_finite, is_integer, real_array
 from clplen.compute.arrays import HostArray
 from clplen.errors import ShapeError
 from clplen.reprs import OneLine
@@ -201,7 +201,7 @@ def noise(
     >>> f"{texture.samples.mean():.2f} +- {texture.samples.std():.2f}"
     '0.50 +- 0.10'
     """
-    if side < 4 or not 0 <= coarsest < finest <= 0.5:
+    if not is_integer(side) or side < 4 or not 0 <= coarsest < finest <= 0.5:
         raise ValueError(
             f"Noise has a side of 4 or more and 0 <= coarsest < finest <= 0.5 cycles a pixel, not "
             f"side {side}, {coarsest!r} and {finest!r}."
@@ -346,6 +346,7 @@ def stripes(
     '0.100'
     """
     _require_positive("The period of stripes", period)
+    mean, contrast = map(float, float64_array([mean, contrast]))
     wave = mean + contrast * math.sqrt(2) * np.sin(2 * np.pi * np.arange(32) / 32)
     values = np.tile(wave, (4, 1))
     return Texture(values.T if angle else values, period / 32)

@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 from PIL import Image, ImageDraw, ImageFont
 
-from clplen.checks import host_array, is_finite, positive_integer
+from clplen.checks import float64_array, host_array, is_finite, positive_integer
 from clplen.compute.memory import free_memory
 from clplen.errors import ShapeError
 
@@ -303,7 +303,7 @@ def pitch_test(
         raise ValueError(f"The spread is above 0 and at most 20 per cent, not {spread!r}.")
     if not 3 <= positive_integer(bands, "The number of bands") <= 101:
         raise ValueError(f"A pitch test has 3 to 101 bands, not {bands}.")
-    tried = lpi * (1 + np.linspace(-spread, spread, bands) / 100)
+    tried = float(float64_array(lpi)) * (1 + np.linspace(-spread, spread, bands) / 100)
     pitches = [lens_pitch(float(one), dpi) for one in tried]
 
     def pixels(millimetres: float) -> int:

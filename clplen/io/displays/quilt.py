@@ -16,7 +16,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from clplen.checks import host_array, positive_integer
+from clplen.checks import host_array, is_finite, positive_integer
 from clplen.compute.memory import free_memory
 from clplen.errors import ShapeError
 from clplen.files import PathLike
@@ -80,10 +80,10 @@ class QuiltLayout:
                     f"A quilt has 1 to {_MOST_PIXELS:,} pixels a side, not {count:,}: no display "
                     "takes more."
                 )
-        if not 1 / _WIDEST <= self.aspect <= _WIDEST:
+        if not (is_finite(self.aspect) and 1 / _WIDEST <= self.aspect <= _WIDEST):
             raise ValueError(
                 f"The aspect is width over height, {1 / _WIDEST:g} to {_WIDEST:g}, not "
-                f"{self.aspect:g}."
+                f"{self.aspect!r}."
             )
         if min(self.tile) < _LEAST_TILE:
             raise ValueError(

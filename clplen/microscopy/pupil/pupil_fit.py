@@ -14,6 +14,7 @@ from clplen.cameras.optics.pupil_aberration import PupilAberration
 from clplen.checks import (
     check_keywords,
     is_finite,
+    is_integer,
     keywords_of,
     positive_integer,
     real_array,
@@ -383,7 +384,7 @@ def _check_array(camera: Microscope) -> None:
 
 
 def _checked_terms(terms: Any) -> tuple[int, ...]:
-    found = tuple(int(j) for j in np.atleast_1d(terms) if float(j) == int(j) and j >= 1)
+    found = tuple(int(j) for j in np.atleast_1d(terms) if is_integer(j) and j >= 1)
     if len(found) != np.size(terms) or len(set(found)) != len(found) or not found:
         raise ValueError(f"terms are Noll's indices, each once, not {terms!r}.")
     if min(found) in (1, *_WITH_OBJECT):

@@ -17,6 +17,7 @@ from clplen.checks import (
     fits_float64,
     float64_array,
     host_array,
+    is_integer,
 )
 from clplen.errors import ShapeError
 from clplen.wave.elements.edges import (
@@ -504,7 +505,7 @@ def siemens_star(
     ((64, 64), '0.500 of the disc is clear')
     """
     require_grid(grid)
-    if spokes != int(spokes) or spokes < 2:
+    if not is_integer(spokes) or spokes < 2:
         raise ValueError(f"A Siemens star has an integer of at least 2 spokes, not {spokes!r}.")
     if not (fits_float64(diameter) and diameter > 0):
         raise ValueError(f"The diameter of a star is positive, in metres, not {diameter!r}.")

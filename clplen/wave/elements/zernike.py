@@ -15,6 +15,7 @@ from clplen.checks import (
     check_centre,
     fits_float64,
     is_finite,
+    is_integer,
     real_array,
 )
 from clplen.wave.elements.transparency import apply_transmission
@@ -59,7 +60,7 @@ def zernike(n: int, m: int, rho: Any, theta: Any) -> Values:
     >>> np.round(clplen.wave.zernike(2, 0, rho, 0.0), 3).tolist()  # defocus
     [-1.732, -0.866, 1.732]
     """
-    if n != int(n) or m != int(m) or n < abs(m) or (n - m) % 2:
+    if not (is_integer(n) and is_integer(m)) or n < abs(m) or (n - m) % 2:
         raise ValueError(
             f"A Zernike polynomial has integer orders n >= abs(m) with n - m even, not n = {n!r}, "
             f"m = {m!r}."

@@ -10,7 +10,7 @@ import numpy as np
 import pyopencl.array as cla
 
 from clplen import units
-from clplen.checks import float64_array, host_array, is_integer, require
+from clplen.checks import host_array, is_integer, require
 from clplen.compute.arrays import Image, OnDevice, count_bad
 from clplen.compute.device import Device, DeviceLike, as_device
 from clplen.errors import ShapeError
@@ -208,7 +208,6 @@ class Field(Plottable, OnDevice):
             raise ValueError(f"The wavelength is positive, in metres, not {wavelength!r}.")
         units.WAVELENGTH.check(wavelength, "The wavelength")
         values = host_array(u, "A field")
-        values = float64_array(values) if values.dtype == object else values
         if values.shape[-2:] != grid.shape:
             raise ShapeError(
                 f"The field has shape {values.shape}, the grid {grid.shape}: the last two axes "
