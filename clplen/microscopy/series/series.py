@@ -14,9 +14,8 @@ from typing import Any
 
 import numpy as np
 
-from clplen.checks import positive_integer, real_array, require
+from clplen.checks import host_array, positive_integer, real_array, require
 from clplen.errors import DeviceError
-from clplen.microscopy.frames.prepared import samples
 from clplen.microscopy.reconstruction import deconvolution
 from clplen.microscopy.reconstruction.deconvolution import (
     AnyProjector,
@@ -254,7 +253,7 @@ def _same(one: SeriesFrame, other: SeriesFrame) -> bool:
 
 
 def _counts(frame: Any) -> Vector:
-    return samples(frame)
+    return host_array(frame.to_numpy() if hasattr(frame, "to_numpy") else frame, "A frame")
 
 
 def _refuse_unknown(options: dict[str, Any]) -> None:
