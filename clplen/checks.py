@@ -134,8 +134,10 @@ _PROTOCOLS = ("__array__", "__array_interface__", "__dlpack__")
 
 def is_array(value: Any) -> bool:
     """Whether something is an array of some library, a nested list or tuple, or a memoryview."""
+    if isinstance(value, list | tuple):
+        return bool(value) and (isinstance(value[0], list | tuple) or is_array(value[0]))
     has_samples = any(hasattr(value, name) for name in _PROTOCOLS) and not isinstance(value, type)
-    return has_samples or isinstance(value, list | tuple | memoryview)
+    return has_samples or isinstance(value, memoryview)
 
 
 def host_array(values: Any, what: str) -> Array:

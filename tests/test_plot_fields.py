@@ -169,8 +169,9 @@ def test_other_scales_are_refused(device):
 def test_what_is_no_picture_gets_a_sentence(device):
     with pytest.raises(TypeError, match=r"not Field \(plot.intensity draws a field\)"):
         plot.picture(field(device))
-    with pytest.raises(TypeError, match=r"is an Image, not ndarray\.$"):
-        plot.picture(np.ones((4, 5)))
+    with pytest.raises(TypeError, match=r"is an Image or an array, not str\.$"):
+        plot.picture("picture.png")
+    assert plot.picture(np.ones((4, 5))).axes[0].images
     for shape in ((3, 4, 5), (2, 3, 4, 3)):
         planes = Image(device.upload(np.ones(shape, np.float32)), device)
         with pytest.raises(ShapeError, match=r"one image \(y, x\) or .*choose one plane"):

@@ -85,7 +85,7 @@ class DepthMap(Savable, Plottable, HostArray):
         return f"<DepthMap {self.disparity.shape} {self.disparity.dtype}, {span}>"
 
 
-def as_depth_map(depth: DepthMap | ArrayLike) -> DepthMap:
+def as_depth_map(depth: Any) -> DepthMap:
     """Return a depth map as it is, and disparities as one whose other maps are NaN.
 
     Masked disparities are NaN, and so count as unknown.
@@ -95,8 +95,9 @@ def as_depth_map(depth: DepthMap | ArrayLike) -> DepthMap:
     TypeError, ShapeError
         If they are no array of real numbers of shape (y, x).
     """
-    if isinstance(depth, DepthMap):
-        return depth
+    if hasattr(depth, "disparity") and hasattr(depth, "confidence"):
+        known: DepthMap = depth
+        return known
     disparity = real_map(getattr(depth, "disparity", depth), "A depth map")
     if disparity.ndim != 2:
         raise ShapeError(f"A depth map has shape (y, x), not {disparity.shape}.")

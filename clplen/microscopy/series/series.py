@@ -14,9 +14,15 @@ from typing import Any
 
 import numpy as np
 
-from clplen.checks import check_keywords, keywords_of, positive_integer, real_array, require
+from clplen.checks import (
+    check_keywords,
+    host_array,
+    keywords_of,
+    positive_integer,
+    real_array,
+    require,
+)
 from clplen.errors import DeviceError
-from clplen.microscopy.frames.prepared import samples
 from clplen.microscopy.reconstruction import deconvolution
 from clplen.microscopy.reconstruction.deconvolution import (
     AnyProjector,
@@ -255,4 +261,4 @@ def _same(one: SeriesFrame, other: SeriesFrame) -> bool:
 
 
 def _counts(frame: Any) -> Vector:
-    return samples(frame)
+    return host_array(frame.to_numpy() if hasattr(frame, "to_numpy") else frame, "A frame")
