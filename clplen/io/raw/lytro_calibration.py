@@ -264,7 +264,7 @@ def no_calibration(picture: PathLike, metadata: LytroMetadata) -> str:
 def _remembered() -> dict[str, str]:
     try:
         found = json.loads((cache_dir() / _REMEMBERED).read_text(encoding="utf-8"))
-    except (OSError, ValueError):
+    except (OSError, ValueError, RecursionError):
         return {}
     pairs = found.items() if isinstance(found, dict) else ()
     return {key: value for key, value in pairs if isinstance(value, str)}

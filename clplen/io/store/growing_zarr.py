@@ -63,7 +63,7 @@ class GrowingZarr:
             attributes = json.loads((path / ".zattrs").read_text(encoding="utf-8"))
             about = dict(attributes["clplen"])
             return about, list(about.pop("records"))
-        except (OSError, ValueError, KeyError, TypeError):
+        except (OSError, ValueError, KeyError, TypeError, RecursionError):
             return {}, []
 
     def begin(self) -> None:
