@@ -17,7 +17,14 @@ from clplen.compute.device import Device
 from clplen.errors import FormatError
 from clplen.files import PathLike, naming
 from clplen.io.formats import picture as pictures
-from clplen.io.formats.picture import linear, read_channels, without_alpha, write_picture
+from clplen.io.formats.picture import (
+    NOTES,
+    linear,
+    read_channels,
+    with_channel_axis,
+    without_alpha,
+    write_picture,
+)
 from clplen.io.lightfields.layout import RAW_WORDS, VIEW_WORDS, Kind, Layout, View
 from clplen.io.lightfields.lenslet_frames import decode_frame
 from clplen.io.lightfields.view_folders import pictured
@@ -68,7 +75,7 @@ def read_mosaic(
     """
     path = Path(path)
     picture = read_channels(path, max_bytes=layout.max_bytes)
-    if _is_raw(picture, path, layout):
+    if _is_raw(picture.shape[2:], path, layout):
         frame = without_alpha(picture, path)
         if frame.ndim == 3:
             raise FormatError(
@@ -79,11 +86,11 @@ def read_mosaic(
     return _read_mosaic(picture, path, device, layout)
 
 
-def _is_raw(picture: Array, path: Path, layout: Layout) -> bool:
+def _is_raw(channels: tuple[int, ...], path: Path, layout: Layout) -> bool:
     if any(word in layout.given() for word in RAW_WORDS if word != "views"):
         return True
     known = layout.views is not None or layout.order is not None or _named_eslf(path)
-    return not known and picture.shape[2:] in ((), (2,))
+    return not known and channels in ((), (2,))
 
 
 def _named_eslf(path: Path) -> bool:
@@ -98,6 +105,8 @@ def _read_mosaic(
     colours = picture if alpha is None else picture[..., :-1]
     if colours.shape[2:] == (1,):
         colours = colours[..., 0]
+    with path.open("rb") as file:
+        colours = with_channel_axis(colours, file.read(NOTES))
     if tuple(views) == _ESLF and order != "vyux":
         colours, alpha = _padded(colours, views), None if alpha is None else _padded(alpha, views)
     _require_multiple(colours.shape[:2], views, path)
@@ -273,11 +282,11 @@ def write_mosaic(path: PathLike, lf: LightField, *, order: str = "yvxu") -> None
     (48, 120)
     """
     plain = _order(order)
-    values = pictured(lf)
+    values, description = pictured(lf)
     V, U, ny, nx = values.shape[:4]
     picture = np.empty((V * ny, U * nx, *values.shape[4:]), values.dtype)
     as_views(picture, (V, U), plain or "yvxu")[...] = values
-    write_picture(path, picture)
+    write_picture(path, picture, description=description)
 
 
 PICTURE = Kind(
