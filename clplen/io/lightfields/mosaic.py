@@ -20,6 +20,7 @@ from clplen.io.formats import picture as pictures
 from clplen.io.formats.picture import (
     NOTES,
     linear,
+    pixels_of,
     read_channels,
     with_channel_axis,
     without_alpha,
@@ -30,6 +31,7 @@ from clplen.io.lightfields.lenslet_frames import decode_frame
 from clplen.io.lightfields.view_folders import pictured
 from clplen.io.lightfields.view_positions import positions_of
 from clplen.io.lightfields.view_set import form_of, new_samples
+from clplen.io.raw.raw_files import require_decoding
 from clplen.lightfield.model.light_field import LightField
 
 Array = np.ndarray[Any, Any]
@@ -74,6 +76,8 @@ def read_mosaic(
         If ``order`` is another one, or a sample is NaN or infinite.
     """
     path = Path(path)
+    if _is_raw((), path, layout):  # before anything is decoded
+        require_decoding(pixels_of(path), path, layout.max_bytes)
     picture = read_channels(path, max_bytes=layout.max_bytes)
     if _is_raw(picture.shape[2:], path, layout):
         frame = without_alpha(picture, path)
