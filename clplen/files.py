@@ -12,7 +12,7 @@ from concurrent.futures import ThreadPoolExecutor
 from contextlib import ExitStack, contextmanager, suppress
 from pathlib import Path, PureWindowsPath
 
-from clplen.errors import ShapeError
+from clplen.errors import FormatError, ShapeError
 from clplen.interrupts import unfinished
 
 PathLike = str | os.PathLike[str]
@@ -69,6 +69,30 @@ def check_writable(path: PathLike) -> Path:
         raise OSError(f"{target} is a device or a pipe: name an ordinary file.")
     _check_takes_files(target.parent, target)
     return target
+
+
+def require_file(path: PathLike, what: str, *, folder: bool = False) -> Path:
+    """Refuse to read what is no file: opening a pipe or a device may wait for ever.
+
+    Parameters
+    ----------
+    path : path-like
+    what : str
+        What it should hold, as "camera".
+    folder : bool
+        Whether it may be a folder.
+
+    Raises
+    ------
+    FormatError
+    """
+    path = Path(path)
+    if path.is_file() or (folder and path.is_dir()):
+        return path
+    if not path.exists():
+        raise FormatError(f"There is no {what} {path}.")
+    kinds = "neither a file nor a folder" if folder else "not a file"
+    raise FormatError(f"The {what} {path} is {kinds}: name a file.")
 
 
 def check_folder(path: PathLike) -> Path:

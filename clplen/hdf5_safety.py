@@ -12,6 +12,7 @@ from __future__ import annotations
 
 import mmap
 import struct
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
@@ -19,6 +20,8 @@ import h5py
 
 from clplen.errors import FormatError
 
+MAX_OBJECTS = 20_000  # links of a file: listed in about a second
+MAX_DEPTH = 256  # levels of groups: HDF5's time grows with their square
 _START = b"GCOL\1\0\0\0"
 _HEAD = 16  # bytes, of a collection and of an object
 _INSIDE = (h5py.h5l.TYPE_HARD, h5py.h5l.TYPE_SOFT)
@@ -39,23 +42,72 @@ def require_own(file: h5py.File, path: Path) -> None:
     FormatError
         Naming the link or dataset.
     """
+    for name, dataset in members(file, path):
+        if dataset is None:
+            raise FormatError(f"{path}: {name!r} is a link to another file: bring them into one.")
+        made = dataset.get_create_plist()
+        if made.get_layout() == h5py.h5d.VIRTUAL or made.get_external_count():
+            raise FormatError(
+                f"{path}: the samples of {name!r} lie in other files: bring them into one."
+            )
 
-    def foreign_link(name: Any, info: Any) -> str | None:
-        return None if info.type in _INSIDE else _text(name)
 
-    named = file.id.links.visit(foreign_link, info=True)
-    if named is not None:
-        raise FormatError(f"{path}: {named!r} is a link to another file: bring them into one.")
+def members(file: h5py.File, path: Path) -> Iterator[tuple[str, h5py.h5d.DatasetID | None]]:
+    """Every dataset of a file once, and every link that leads out of it.
 
-    def foreign_samples(name: str, item: Any) -> str | None:
-        is_foreign = isinstance(item, h5py.Dataset) and (item.is_virtual or item.external)
-        return name if is_foreign else None
+    Parameters
+    ----------
+    file : h5py.File
+        Open.
+    path : pathlib.Path
+        For the message.
 
-    named = file.visititems(foreign_samples)
-    if named is not None:
-        raise FormatError(
-            f"{path}: the samples of {named!r} lie in other files: bring them into one."
-        )
+    Yields
+    ------
+    str, h5py.h5d.DatasetID or None
+        The name without the first slash; None for a link to another file. Soft links are not
+        followed.
+
+    Raises
+    ------
+    FormatError
+        If there are more than `MAX_OBJECTS` links or `MAX_DEPTH` levels of groups.
+    """
+    seen = {_address(file.id, b".")}
+    groups = [(file.id, b"", 1)]  # opened from their own group: HDF5 resolves no long path
+    count = 0
+    while groups:
+        parent, name, depth = groups.pop()
+        group = h5py.h5g.open(parent, name or b".")
+        prefix = _text(h5py.h5i.get_name(group) or b"").strip("/")
+        links: list[tuple[bytes, int]] = []
+
+        def add(link: bytes, info: Any, links: list[tuple[bytes, int]] = links) -> bool | None:
+            links.append((link, info.type))
+            return True if len(links) > MAX_OBJECTS else None
+
+        group.links.iterate(add, info=True)
+        count += len(links)
+        if count > MAX_OBJECTS or depth > MAX_DEPTH:
+            limits = f"{MAX_OBJECTS:,} links or {MAX_DEPTH} levels of groups"
+            raise FormatError(f"{path} holds more than {limits}: copy its data to a new file.")
+        for link, kind in links:
+            whole = f"{prefix}/{_text(link)}".lstrip("/")
+            if kind not in _INSIDE:
+                yield whole, None
+            if kind != h5py.h5l.TYPE_HARD or (address := _address(group, link)) in seen:
+                continue
+            seen.add(address)
+            if address[2] == h5py.h5o.TYPE_GROUP:
+                groups.append((group, link, depth + 1))
+            elif address[2] == h5py.h5o.TYPE_DATASET:
+                yield whole, h5py.h5d.open(group, link)
+
+
+def _address(group: Any, name: bytes) -> tuple[int, int, int]:
+    """Where an object lies, and its type."""
+    info = h5py.h5o.get_info(group, name)
+    return info.fileno, info.addr, info.type
 
 
 def _text(name: Any) -> str:

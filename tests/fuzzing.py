@@ -96,16 +96,31 @@ def outcome(parser: Parser, path: Path, device: Device) -> tuple[str, int]:
     """
     tracemalloc.start()
     try:
-        parser.read(path, device)
-        said = "read"
-    except ALLOWED as error:
-        if type(error) not in ALLOWED or not str(error):
-            raise
-        said = type(error).__name__
+        said, _ = attempt(parser, path, device)
     finally:
         peak = tracemalloc.get_traced_memory()[1]
         tracemalloc.stop()
     return said, peak
+
+
+def attempt(parser: Parser, path: Path, device: Device) -> tuple[str, Any]:
+    """What reading says and gives. Raises whatever is not allowed."""
+    try:
+        return "read", parser.read(path, device)
+    except ALLOWED as error:
+        if type(error) not in ALLOWED or not str(error):
+            raise
+        return type(error).__name__, None
+
+
+def bytes_of(result: Any, depth: int = 3) -> int:
+    """Bytes of the arrays in what reading gives."""
+    if hasattr(result, "nbytes"):
+        return int(result.nbytes)
+    inside = list(result.values()) if isinstance(result, dict) else result
+    if not isinstance(inside, list | tuple):
+        inside = list(getattr(result, "__dict__", {}).values())
+    return sum(bytes_of(part, depth - 1) for part in inside) if depth else 0
 
 
 def light_field(device: Device, *, dtype: Any = np.uint8, colour: bool = True) -> LightField:

@@ -1,9 +1,11 @@
-"""Damage to files on purpose: bytes, and the structures of TIFF, zip, JSON and Zarr's metadata."""
+"""Damage to files on purpose: bytes, numbers, names, nesting, and the structures of TIFF, zip, JSON
+and Zarr's metadata; and small files that declare much: sparse ones and bombs."""
 
 from __future__ import annotations
 
 import io
 import json
+import os
 import random
 import re
 import struct
@@ -13,9 +15,38 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
-Operation = tuple[int, float, int]  # what, where (0 to 1), with which number
-KINDS = 13  # of operations
+import h5py
+import imageio.v3 as imageio
+import numpy as np
+import scipy.io
+import tifffile
 
+Operation = tuple[int, float, int]  # what, where (0 to 1), with which number
+KINDS = 16  # of operations
+
+_EXTREMES = (b"1" + b"0" * 400, b"-1" + b"0" * 400, b"9" * 5000, b"1e400", b"-1e308", b"5e-324")
+_EXTREMES += (
+    b"18446744073709551616",
+    b"-9223372036854775809",
+    b"Infinity",
+    b"-0.0",
+    b"0.0",
+    b"1e9",
+)
+_NAMES = (
+    b"../../x",
+    b"/etc/passwd",
+    b"/dev/zero",
+    b"$x$",
+    b"\xff\xfe",
+    b"x" * 70000,
+    b"a\0b",
+    b".",
+)
+_DEPTHS = (100, 1000, 20000)
+_OPENED = ((b"[", b"]"), (b'{"a":', b"}"), (b"{a=", b"}"), (b"a.", b""), (b"<a>", b"</a>"))
+SPARSE = 1 << 30  # bytes of a file with a hole
+BOMB = 12000  # pixels a side
 _LENGTHS = (2**32 - 1, 2**31, 2**31 - 1, 0, 1, 2**16, 2**24)
 _NUMBERS = (b"-1", b"0", b"999999999999", b"nan", b"1e999", b"", b"[]", b"null")
 _VALUES = (None, -1, 0, 1, 2**31 - 1, 2**62, 1e308, "", "x", [], {}, [1, 2], {"a": 1}, True)
@@ -79,6 +110,31 @@ def _of_bytes(data: bytes, what: int, where: float, number: int) -> bytes:
         case _:
             out[place] = number % 256
     return bytes(out)
+
+
+def _extreme_number(data: bytes, where: float, number: int, _: str) -> bytes | None:
+    """A number in a text becomes far too large, too small or none."""
+    return _exchanged(rb"-?\d+(?:\.\d+)?", data, where, _EXTREMES[number % len(_EXTREMES)])
+
+
+def _name(data: bytes, where: float, number: int, _: str) -> bytes | None:
+    """A text between quotes becomes another name."""
+    return _exchanged(rb"(?<=\")[\w .:-]+(?=\")", data, where, _NAMES[number % len(_NAMES)])
+
+
+def _nesting(data: bytes, where: float, number: int, _: str) -> bytes | None:
+    """A number in a text comes to lie deep in lists, tables, elements or a dotted key."""
+    start, end = _OPENED[number % len(_OPENED)]
+    depth = _DEPTHS[number // 5 % len(_DEPTHS)]
+    return _exchanged(rb"\b\d+(?:\.\d+)?", data, where, start * depth + b"1" + end * depth)
+
+
+def _exchanged(pattern: bytes, data: bytes, where: float, new: bytes) -> bytes | None:
+    places = list(re.finditer(pattern, data[:100000]))
+    if not places:
+        return None
+    start, end = places[int(where * len(places))].span()
+    return data[:start] + new + data[end:]
 
 
 def _tiff_tag(data: bytes, where: float, number: int, _: str) -> bytes | None:
@@ -229,14 +285,69 @@ _OF_STRUCTURES: dict[int, Callable[[bytes, float, int, str], bytes | None]] = {
     10: _zip_truncated,
     11: _json_value,
     12: _zarr_codec,
+    13: _extreme_number,
+    14: _name,
+    15: _nesting,
 }
+
+
+def enlarge(path: Path) -> None:
+    """Make a file longer by a hole that takes no room on the disk."""
+    os.truncate(_one_file(path, random.Random(1)), SPARSE)
+
+
+def bomb(path: Path) -> bool:
+    """Replace a file by a small one of its kind that declares much; False where none is known."""
+    suffix, zeros = path.suffix.lower(), np.zeros((BOMB, BOMB), np.uint8)
+    if path.is_dir():
+        parts = [part for part in path.rglob("*") if part.suffix.lower() in (".png", ".tif")]
+        return bool(parts) and bomb(sorted(parts)[0])
+    if suffix == ".png":
+        imageio.imwrite(path, zeros, plugin="pillow", extension=".png")
+    elif suffix == ".tif":
+        tifffile.imwrite(path, zeros, compression="zlib", tile=(4000, 4000), metadata=None)
+    elif suffix == ".h5":
+        with h5py.File(path, "r+") as file:
+            found: list[h5py.Dataset] = []
+            file.visititems(lambda _, item: found.append(item))
+            for old in [item for item in found if isinstance(item, h5py.Dataset) and item.ndim > 1]:
+                name, about, ones = old.name, dict(old.attrs), (1,) * (old.ndim - 2)
+                shape, chunks = (BOMB, BOMB, *ones), (1000, 1000, *ones)
+                kind = old.dtype
+                del file[name]
+                made = file.create_dataset(name, shape, kind, chunks=chunks, compression="gzip")
+                for column in range(0, BOMB, 1000):  # the other rows of chunks are missing
+                    part = zlib.compress(bytes(1_000_000 * kind.itemsize))
+                    made.id.write_direct_chunk((0, column, *(0 for _ in ones)), part)
+                made.attrs.update(about)
+    elif suffix == ".mat":
+        scipy.io.savemat(path, {"LF": zeros.reshape(3, 4, -1, 100)}, do_compression=True)
+    elif suffix == ".npy":
+        head = np.lib.format.header_data_from_array_1_0(zeros) | {"shape": (3, 4, BOMB, BOMB // 12)}
+        with path.open("wb") as file:
+            np.lib.format.write_array_header_1_0(file, head)
+            file.truncate(file.tell() + zeros.size)
+    elif suffix == ".zip":
+        with zipfile.ZipFile(path, "a", zipfile.ZIP_DEFLATED) as file:
+            for name in file.namelist()[:1]:
+                file.writestr(f"{name}.png", bytes(1 << 27))
+    elif suffix in (".json", ".toml", ".cfg", ".xml", ".csv", ".txt", ".ply", ".pfm"):
+        text = path.read_bytes()
+        path.write_bytes(text + text.splitlines(keepends=True)[-1] * 200_000)
+    else:
+        return False
+    return True
+
+
+def _one_file(path: Path, source: random.Random) -> Path:
+    if path.is_dir():
+        return source.choice(sorted(file for file in path.rglob("*") if file.is_file()))
+    return path
 
 
 def damage(path: Path, ops: list[Operation], source: random.Random) -> bytes:
     """Damage a file, or one file of a folder, and return what it is now."""
-    file = path
-    if path.is_dir():
-        file = source.choice(sorted(f for f in path.rglob("*") if f.is_file()))
+    file = _one_file(path, source)
     data = mutated(file.read_bytes(), ops, file.name)
     if data[:4] == b"\x89PNG" and source.random() < 0.7:
         data = with_checksums(data)

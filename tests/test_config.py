@@ -17,7 +17,7 @@ import tifffile
 from pydantic import BaseModel
 
 import clplen
-from clplen.batch import JobSpec
+from clplen.batch import Job, JobSpec
 from clplen.cameras.focused_camera import Plenoptic2
 from clplen.cameras.light_field_microscope import Microscope
 from clplen.cameras.optics.camera_aberrations import LensletScatter
@@ -37,9 +37,9 @@ from clplen.config.camera import (
 )
 from clplen.config.fourier_microscope import FourierCameraFile
 from clplen.config.kinds import refuse_fourier, require_fourier
-from clplen.config.microscope import KnownTable
+from clplen.config.microscope import KnownTable, read_microscope_file
 from clplen.config.scene import KEYS, SPECTRA, PictureTable, SceneTable
-from clplen.config.tables import Table
+from clplen.config.tables import Table, read_toml
 from clplen.errors import FormatError
 from clplen.io.store.attributes import CAMERA_NAMES, of_camera, read_camera
 from clplen.lightfield.raw.raw_image import Sensor
@@ -918,3 +918,42 @@ def test_read_camera(tmp_path: Path, device: Device):
         clplen.read_camera(path, device=device, count=0)
     with pytest.raises(FormatError, match="There is no camera file"):
         clplen.read_camera(tmp_path / "none.toml", device=device)
+
+
+LONG_KEY = ".".join("a" * 1000)
+
+
+@pytest.mark.parametrize(
+    ("text", "said"),
+    [
+        ("a = " + "[" * 5000 + "]" * 5000, "nests arrays or tables too deeply"),
+        ("a = " + "{a = " * 3000 + "1" + "}" * 3000, "nests arrays or tables too deeply"),
+        (f"# a comment\n{LONG_KEY} = 1", "more than 32 parts in line 2"),
+        (f"[{LONG_KEY}]", "more than 32 parts in line 1"),
+        ("x = {" + " . ".join(['"!"'] * 40) + " = 1}", "more than 32 parts in line 1"),
+        ("a = " + "1" * 5000, "is not TOML"),
+        ("a = [", "is not TOML"),
+    ],
+)
+@pytest.mark.parametrize("reader", [read_camera_file, Job.read, read_microscope_file])
+def test_toml_that_would_take_too_long(tmp_path: Path, text: str, said: str, reader: Any):
+    path = tmp_path / "a.toml"
+    path.write_text(text, encoding="utf-8")
+    with pytest.raises(FormatError, match=said):
+        reader(path)
+
+
+def test_toml_that_only_looks_deep(tmp_path: Path):
+    path = tmp_path / "a.toml"
+    dots = "a.b" * 50
+    numbers = ", ".join(["1.5"] * 50)
+    text = f'\ufeff# {dots}\na = \'{dots}\'\nb = """\n\\"{dots}\n"""\nc = [{numbers}]\n'
+    path.write_text(text, encoding="utf-8")
+    assert read_toml(path, "file") == {"a": dots, "b": f'"{dots}\n', "c": [1.5] * 50}
+
+
+def test_a_long_wrong_value_is_cut(tmp_path: Path):
+    text = re.sub("(?m)^wavelength_nm = .*$", f"wavelength_nm = '{'x' * 5000}'", EXAMPLE)
+    with pytest.raises(FormatError, match=r"\(found 'x{100,199}\.\.\.\)") as raised:
+        read(tmp_path, text)
+    assert len(str(raised.value)) < 1000

@@ -4,9 +4,11 @@ from __future__ import annotations
 
 from pathlib import Path
 
+import h5py
 import numpy as np
 import pytest
 
+from clplen import hdf5_safety
 from clplen.compute.device import Device
 from clplen.errors import FormatError
 from clplen.hdf5_safety import require_heaps
@@ -33,3 +35,42 @@ def test_heaps_that_are_cut_off_end_themselves(tmp_path: Path):
     for rest in (b"", b"\1", b"\0\x10" + bytes(6), (1 << 40).to_bytes(8, "little") + b"\1" * 40):
         path.write_bytes(b"data GCOL\1\0\0\0" + rest)
         require_heaps(path)
+
+
+def test_groups_that_are_too_deep_or_too_many(
+    tmp_path: Path, device: Device, monkeypatch: pytest.MonkeyPatch
+):
+    path = tmp_path / "a.h5"
+    write_lightfield(path, LightField.from_array(np.zeros((1, 2, 3, 4)), device=device))
+    with h5py.File(path, "a") as file:
+        group = file
+        for _ in range(hdf5_safety.MAX_DEPTH - 1):
+            group = group.create_group("g")
+    read_lightfield(path, device=device)
+    with h5py.File(path, "a") as file:
+        file["/".join("g" * (hdf5_safety.MAX_DEPTH - 1))].create_group("g")
+    with pytest.raises(FormatError, match=r"a\.h5 holds more than .* levels of groups"):
+        read_lightfield(path, device=device)
+    with h5py.File(path, "a") as file:
+        del file["g"]
+        for name in "abc":
+            file.create_dataset(f"few/{name}", data=np.zeros(2))
+    read_lightfield(path, device=device)
+    monkeypatch.setattr(hdf5_safety, "MAX_OBJECTS", 4)
+    with pytest.raises(FormatError, match=r"a\.h5 holds more than 4 links"):
+        read_lightfield(path, device=device)
+
+
+def test_every_dataset_is_listed_once(tmp_path: Path):
+    path = tmp_path / "a.h5"
+    with h5py.File(path, "w") as file:
+        first = file.create_group("a/b")
+        first["up"], first["root"], file["again"] = file["a"], file["/"], first
+        first["nowhere"], first["self"] = h5py.SoftLink("/none"), h5py.SoftLink("/a/b/self")
+        first["x"] = file["y"] = np.arange(3)
+        file["z"] = file["y"]
+        found = [name for name, _ in hdf5_safety.members(file, path)]
+        assert len(found) == 2
+        assert {file[name].id.get_offset() for name in found} == {
+            file[name].id.get_offset() for name in ("a/b/x", "y")
+        }

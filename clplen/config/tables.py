@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import difflib
+import re
 import reprlib
 import sys
 from collections.abc import Iterator
@@ -38,6 +39,15 @@ _EXPECTED = {
     "too_long": "must have {max_length} or fewer values",
 }
 
+MAX_TOML_BYTES = 1 << 24  # 16 MiB: a job with 100 000 file names takes 10
+MAX_KEY_PARTS = 32  # of a dotted key; tomllib's time grows with their square
+_TOKEN = re.compile(  # the end of a string is optional, so that no character is read twice
+    r"""\"{3}(?:\\.|[^\\])*?(?:\"{3}|\Z)|'{3}.*?(?:'{3}|\Z)"""  # strings of several lines
+    r"""|(?P<part>"(?:\\.|[^"\\\n])*"?|'[^'\n]*'?|[\w-]+)|(?P<dot>\.)|(?P<blank>[ \t]+)"""
+    r"""|\#[^\n]*|.""",
+    re.DOTALL,
+)
+
 
 def read_toml(path: Path, what: str) -> dict[str, Any]:
     """The content of a TOML file.
@@ -55,16 +65,37 @@ def read_toml(path: Path, what: str) -> dict[str, Any]:
     Raises
     ------
     FormatError
-        If there is no such file, or it is not TOML.
+        If there is no such file, it is not TOML, or it is larger or nested more deeply than any
+        file of settings.
     """
     if not path.is_file():
         raise FormatError(f"There is no {what}.")
+    if path.stat().st_size > MAX_TOML_BYTES:
+        raise FormatError(f"{path} has more than {MAX_TOML_BYTES:,} bytes: name a TOML file.")
     try:
-        return tomllib.loads(path.read_text(encoding="utf-8"))
+        text = path.read_text(encoding="utf-8-sig")
+        _require_short_keys(text, path)
+        return tomllib.loads(text)
     except UnicodeDecodeError as error:
         raise FormatError(f"{path} is no text, so no TOML: is it another file?") from error
-    except tomllib.TOMLDecodeError as error:
-        raise FormatError(f"{path} is not TOML: {error}.") from error
+    except RecursionError as error:
+        raise FormatError(f"{path} nests arrays or tables too deeply: flatten them.") from error
+    except ValueError as error:  # of TOML, and whole numbers of more digits than Python reads
+        raise FormatError(f"{path} is not TOML: {str(error).rstrip('.')}.") from error
+
+
+def _require_short_keys(text: str, path: Path) -> None:
+    """Refuse a key such as ``a.b.c`` of more parts than tomllib reads in reasonable time."""
+    if all(line.count(".") < MAX_KEY_PARTS for line in text.split("\n")):
+        return
+    dots = 0
+    for token in _TOKEN.finditer(text):
+        dots = {"dot": dots + 1, "part": dots, "blank": dots}.get(token.lastgroup or "", 0)
+        if dots >= MAX_KEY_PARTS:
+            number = text.count("\n", 0, token.start()) + 1
+            raise FormatError(
+                f"{path} has a key of more than {MAX_KEY_PARTS} parts in line {number}: flatten it."
+            )
 
 
 def validated(model: type[Model], content: dict[str, Any], path: Path) -> Model:

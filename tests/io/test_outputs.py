@@ -126,6 +126,22 @@ def test_depth_in_another_format(tmp_path: Path):
         write_depth(tmp_path / "d.png", SimpleNamespace(disparity=np.zeros((2, 2), np.float32)))
 
 
+@pytest.mark.parametrize("shape", [(4,), (3, 4, 1), (3, 1, 1), (3, 4, 2), (3, 4, 4), (0, 4)])
+@pytest.mark.parametrize("suffix", [".png", ".tif"])
+def test_shapes_that_are_no_picture(tmp_path: Path, shape: tuple[int, ...], suffix: str):
+    with pytest.raises(ShapeError, match=r"shape \(y, x\) or \(y, x, 3\), not"):
+        write_picture(tmp_path / f"a{suffix}", np.zeros(shape, np.uint8))
+
+
+def test_types_of_pictures(tmp_path: Path):
+    for shape in ((3, 5), (1, 9, 3), (3, 4, 3)):
+        mask = np.random.default_rng(3).random(shape) > 0.5
+        write_picture(tmp_path / "a.tif", mask)
+        np.testing.assert_array_equal(read_picture(tmp_path / "a.tif"), mask.astype(np.uint8))
+    with pytest.raises(ValueError, match="real numbers, not complex64"):
+        write_picture(tmp_path / "a.tif", np.zeros((2, 3), np.complex64))
+
+
 def test_png_takes_integers_only(tmp_path: Path):
     values = np.arange(12, dtype=np.uint8).reshape(3, 4)
     write_picture(tmp_path / "a.png", values)

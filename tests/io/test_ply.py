@@ -8,8 +8,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from clplen.errors import ShapeError
-from clplen.io.formats.ply import points_of, write_ply
+from clplen.errors import FormatError, ShapeError
+from clplen.io.formats.ply import points_of, read_ply, write_ply
 
 POINTS = np.array([[1, 2, 3], [4, np.nan, 6], [7, 8, np.inf], [-1.5, 0.25, 9]])
 COLOURS = np.array([[10, 20, 30], [1, 1, 1], [2, 2, 2], [255, 0, 128]], np.uint8)
@@ -98,3 +98,25 @@ def test_half_a_camera():
         points_of(d, baseline=1, focal_length=0, pixel_pitch=1)
     with pytest.raises(ShapeError, match=r"\(y, x\), not \(3,\)"):
         points_of(np.zeros(3))
+
+
+HEADS = [
+    b"", b"ply", b"ply\nformat", b"ply\nformat ascii 1.0\nelement vertex 1",
+    b"element vertex 1\nply", b"ply\nformat binary_little_endian 1.0\nelement",
+    b"ply\nformat binary_little_endian 1.0\nelement vertex",
+    b"ply\nformat binary_little_endian 1.0\nelement vertex 1\nproperty",
+    b"ply\nformat binary_little_endian 1.0\nelement vertex 1\nproperty float",
+    b"ply\nformat binary_little_endian 1.0\nelement vertex -1\nproperty float x",
+    b"ply\nformat binary_little_endian 1.0\nelement vertex 1" + b"0" * 400,
+    b"ply\nformat binary_little_endian 1.0\nelement vertex 1\nproperty list uchar int x",
+    b"ply\nformat binary_little_endian 1.0\nelement vertex 1" + b"\nproperty float x" * 2,
+]  # fmt: skip
+
+
+@pytest.mark.parametrize("head", HEADS)
+def test_heads_that_are_none(tmp_path: Path, head: bytes):
+    path = tmp_path / "a.ply"
+    for end in (b"end_header\n", b"\nend_header\n", b"\nend_header\n" + bytes(64)):
+        path.write_bytes(head + end)
+        with pytest.raises(FormatError, match=r"a\.ply"):
+            read_ply(path)

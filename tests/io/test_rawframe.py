@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import logging
+import tracemalloc
 from pathlib import Path
 from typing import Any
 
@@ -271,3 +272,30 @@ def test_info_keeps_the_lattice(folder: Path, values: dict[str, np.ndarray], dev
     assert (lattice.shape, lattice.trust) == (SHAPE, "high")
     true = drawn_lattice("square", PITCH, degrees=1.5, origin=(81.4, 85.2))
     assert np.sqrt((true.off(lattice.centres()) ** 2).sum(1).mean()) < 0.05
+
+
+def test_a_frame_that_would_take_too_much_memory(tmp_path: Path, one_device: Device):
+    path, needed = tmp_path / "a.tif", "3,000,000 pixels needs 72,000,000 bytes"
+    tifffile.imwrite(path, np.zeros((2000, 1500), np.uint8), compression="zlib", tile=(512, 512))
+    tracemalloc.start()
+    try:
+        with pytest.raises(
+            FormatError,
+            match=rf"a\.tif: finding the lenslets among {needed}, more than 50,000,000 ",
+        ):
+            read_lightfield(path, device=one_device, max_bytes=50_000_000)
+        assert tracemalloc.get_traced_memory()[1] < 2_000_000  # nothing was decoded
+        with pytest.raises(FormatError, match="nothing repeats"):
+            read_lightfield(path, device=one_device)
+        assert tracemalloc.get_traced_memory()[1] < 12_000_000  # a frame of zeros is not converted
+    finally:
+        tracemalloc.stop()
+
+
+def test_more_views_than_memory(folder: Path, one_device: Device):
+    path = folder / "raw.tif"
+    words = {**words_of(folder, "white"), "device": one_device}
+    nbytes = 24 * tifffile.imread(path).size  # finding the lenslets
+    read_lightfield(path, max_bytes=nbytes, **words)
+    with pytest.raises(FormatError, match=r"raw\.tif: decoding .* samples needs .* bytes"):
+        read_lightfield(path, views=(90, 90), step=0.1, max_bytes=nbytes, **words)

@@ -8,8 +8,10 @@ import os
 import pickle
 import shutil
 import stat
+import threading
 import zipfile
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
@@ -22,13 +24,21 @@ import tifffile
 from clplen.compute.device import Device
 from clplen.errors import FormatError
 from clplen.io import (
+    is_volume,
     open_lightfield,
+    open_volumes,
+    read_depth,
     read_disparity,
+    read_frame,
+    read_intrinsics,
+    read_lattice,
     read_lightfield,
     read_masks,
+    read_opd_maps,
     read_picture,
     read_raw,
     read_raytrix,
+    read_stack,
     read_truth,
     write_lightfield,
     write_picture,
@@ -38,6 +48,7 @@ from clplen.io.results.focused_files import describe_focused
 from clplen.io.results.volume_files import read_volume
 from clplen.io.store.picture_series import describe_series
 from clplen.lightfield.model.light_field import LightField
+from clplen.lightfield.raw.lenslet_lattice import Lattice
 from clplen.microscopy.model import point_image_files
 
 SHAPE = (2, 3, 5, 4)
@@ -386,3 +397,53 @@ def test_a_frame_of_many_needs_no_more_memory_than_it_has(tmp_path: Path) -> Non
         assert np.array_equal(values, frames[number])
     with pytest.raises(FormatError, match="more than 1,535"):
         read_tiff_frame(path, frame=0, max_bytes=frames[0].nbytes - 1)
+
+
+@contextmanager
+def pipe_at(path: Path) -> Iterator[Path]:
+    """A pipe whose writer ends as soon as it is read, so that a test fails and does not wait."""
+    os.mkfifo(path)
+    writer = threading.Thread(target=lambda: os.close(os.open(path, os.O_WRONLY)), daemon=True)
+    writer.start()
+    yield path
+    os.close(os.open(path, os.O_RDONLY | os.O_NONBLOCK))
+    writer.join(10)
+
+
+@pytest.mark.skipif(not hasattr(os, "mkfifo"), reason="named pipes are of POSIX")
+@pytest.mark.parametrize(
+    ("read", "suffix"),
+    [
+        (read_opd_maps, ".h5"),
+        (read_intrinsics, ".json"),
+        (lambda path: read_lattice(path, (32, 32)), ".json"),
+        (Lattice.load, ".json"),
+        (read_depth, ".ome.tif"),
+        (read_depth, ".zarr"),
+        (read_stack, ".tif"),
+        (open_volumes, ".tif"),
+        (open_volumes, ".zarr"),
+    ],
+)
+def test_pipes_are_not_waited_for(tmp_path: Path, read: Callable[[Path], Any], suffix: str):
+    refused = pytest.raises(
+        FormatError, match=r"pipe\S* is (not a file|neither a file nor a folder)"
+    )
+    with pipe_at(tmp_path / f"pipe{suffix}") as path, refused:
+        read(path)
+
+
+@pytest.mark.skipif(not hasattr(os, "mkfifo"), reason="named pipes are of POSIX")
+def test_a_pipe_is_no_volume(tmp_path: Path):
+    with pipe_at(tmp_path / "pipe") as path:
+        assert not is_volume(path)
+        assert describe_series(path) == {}
+
+
+@pytest.mark.parametrize("text", ["[" * 100_000, '{"a":' * 100_000, "1" * 5000, '{"views": 1e999}'])
+def test_json_that_is_too_deep_or_too_long(tmp_path: Path, text: str):
+    path = tmp_path / "a.json"
+    path.write_text(text)
+    for read in (read_intrinsics, Lattice.load, read_frame):
+        with pytest.raises(FormatError, match=r"a\.json"):
+            read(path)

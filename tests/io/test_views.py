@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import logging
+import shutil
 from pathlib import Path
 
 import imageio.v3 as imageio
@@ -13,7 +14,14 @@ from png_writer import SIGNATURE, chunk, encode, header
 
 from clplen.compute.device import Device
 from clplen.errors import DeviceError, FormatError
-from clplen.io import files_of, read_lightfield, write_lightfield, write_views
+from clplen.io import (
+    files_of,
+    open_lightfield,
+    read_lightfield,
+    write_lightfield,
+    write_mosaic,
+    write_views,
+)
 from clplen.lightfield.model.light_field import LightField
 
 SHAPE = (3, 4, 7, 11)  # V, U, y, x: all different
@@ -88,6 +96,27 @@ def test_written_and_read_again(
     again = read_lightfield(tmp_path / "out", device=device)
     assert again.dtype == dtype
     np.testing.assert_array_equal(again.to_numpy(), values)
+
+
+@pytest.mark.parametrize("shape", [(1, 1, 7, 5), (1, 3, 1, 5), (3, 1, 7, 1, 1), (1, 1, 4, 1, 3)])
+@pytest.mark.parametrize("form", ["views", "hci", "stanford", "zip", "tif", "png"])
+def test_axes_of_length_1_are_kept(tmp_path: Path, device: Device, shape: tuple, form: str):
+    dtype = np.float32 if form == "tif" else np.uint8
+    values = np.random.default_rng(1).integers(1, 200, shape).astype(dtype)
+    lf = LightField.from_array(values, device=device)
+    path, words = tmp_path / f"a.{form}", {"views": shape[:2]}
+    if form in ("tif", "png"):
+        write_mosaic(path, lf, order="vyux")
+        words["order"] = "vyux"
+    else:
+        folder = tmp_path / "folder"
+        write_views(folder, lf, **({"pattern": form} if form in ("hci", "stanford") else {}))
+        path = Path(shutil.make_archive(str(path), "zip", folder)) if form == "zip" else folder
+    found = read_lightfield(path, device=device, **words)
+    assert found.shape == shape
+    np.testing.assert_array_equal(found.to_numpy(), values)
+    with open_lightfield(path, device=device, **words) as stored:
+        assert stored.shape == shape
 
 
 def test_a_png_of_16_bits_is_kept(tmp_path: Path, device: Device):

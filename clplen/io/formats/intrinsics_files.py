@@ -10,7 +10,7 @@ import numpy as np
 
 from clplen.checks import float64_array, is_finite, is_integer, require
 from clplen.errors import FormatError, ShapeError
-from clplen.files import PathLike, replacing
+from clplen.files import PathLike, replacing, require_file
 from clplen.lightfield.metric.intrinsics import Intrinsics
 
 FORMAT = "clplen intrinsics"
@@ -136,6 +136,7 @@ def _parsed(path: Path) -> _Words:
     def constant(name: str) -> NoReturn:
         raise FormatError(f"{path} holds {name}, which is no number: calibrate again.")
 
+    require_file(path, "file of intrinsics")
     try:
         if path.stat().st_size > _LARGEST:
             raise FormatError(f"{path} is larger than any file of intrinsics: name another.")
@@ -143,7 +144,7 @@ def _parsed(path: Path) -> _Words:
         words = json.loads(text, parse_constant=constant)
     except OSError as error:
         raise FormatError(f"The intrinsics {path} cannot be read ({error}).") from error
-    except (UnicodeDecodeError, json.JSONDecodeError, RecursionError) as error:
+    except (ValueError, RecursionError) as error:
         raise FormatError(f"{path} is no JSON ({error}): name a file of intrinsics.") from error
     if not isinstance(words, dict):
         _refuse(path, "is no file of intrinsics: 'clplen calibrate'")

@@ -17,6 +17,7 @@ from numpy.typing import ArrayLike
 from clplen.checks import host_array
 from clplen.errors import FormatError, ShapeError
 from clplen.files import PathLike, replacing
+from clplen.io.formats.untrusted import require_room
 from clplen.outputs import PFM_SCALE
 
 SUFFIXES = (".pfm",)
@@ -65,15 +66,15 @@ def read_pfm(path: PathLike) -> np.ndarray[Any, np.dtype[np.float32]]:
     if not path.is_file():
         raise FormatError(f"There is no file {path}.")
     try:
-        content = path.read_bytes()
+        with path.open("rb") as file:
+            header = _HEADER.match(file.read(_LONGEST))
     except OSError as error:
         raise FormatError(f"{path} cannot be read ({error.strerror}).") from error
-    header = _HEADER.match(content[:_LONGEST])
     if header is None:
         raise FormatError(f"{path} is not a PFM file: it does not begin with Pf or PF and a size.")
     kind, width, height, scale = header.groups()
     shape = (int(height), int(width)) + ((3,) if kind == b"PF" else ())
-    needed, found = 4 * math.prod(shape), len(content) - header.end()
+    needed, found = 4 * math.prod(shape), path.stat().st_size - header.end()
     if not needed:
         raise FormatError(f"{path} declares {shape} samples, which is no picture.")
     if found < needed:
@@ -81,7 +82,8 @@ def read_pfm(path: PathLike) -> np.ndarray[Any, np.dtype[np.float32]]:
             f"{path} is truncated: {shape} samples need {needed} bytes, {found} are there."
         )
     order = "<f4" if float(scale) < 0 else ">f4"
-    rows = np.frombuffer(content, order, needed // 4, header.end()).reshape(shape)
+    require_room(2 * needed, path=path, what="the map", max_bytes=None)
+    rows = np.fromfile(path, order, needed // 4, offset=header.end()).reshape(shape)
     return rows[::-1].astype(np.float32)
 
 

@@ -9,6 +9,7 @@ from __future__ import annotations
 import re
 import struct
 from dataclasses import dataclass
+from mmap import ACCESS_READ, mmap
 from pathlib import Path
 from typing import Any
 
@@ -19,7 +20,7 @@ from numpy.typing import ArrayLike
 from PIL.PngImagePlugin import PngInfo
 
 from clplen.checks import host_array, is_finite
-from clplen.errors import FormatError
+from clplen.errors import FormatError, ShapeError
 from clplen.files import PathLike, replacing
 from clplen.io.formats import tiff
 from clplen.io.formats.png16 import decode_png16
@@ -40,8 +41,11 @@ _SPACE = rb"(?:\s|#[^\n]*\n)+"
 _PNM = re.compile(
     rb"P([56])" + _SPACE + rb"(\d{1,9})" + _SPACE + rb"(\d{1,9})" + _SPACE + rb"(\d{1,5})\s"
 )
+_HEAD = 1 << 16  # bytes that declare the size; of a JPEG, before longer notes
 SUFFIXES = (".png", ".tif", ".tiff", ".jpg", ".jpeg", ".bmp", ".pgm", ".ppm")
 _MOST_PIXELS = 89_478_485  # from here on Pillow warns of bombs, at twice as many it refuses
+CHANNEL_AXIS = "light field with a channel axis of length 1"  # description of such a picture
+NOTES = 4096  # bytes in which our writers put the description
 Array = np.ndarray[Any, Any]
 
 
@@ -101,6 +105,12 @@ def without_alpha(values: Array, name: PathLike) -> Array:
     if not (alpha == highest).all():
         raise FormatError(f"The picture {name} has transparent pixels: flatten first.")
     return values[..., 0] if values.shape[2] == 2 else values[..., :-1]
+
+
+def with_channel_axis(values: Array, content: bytes | mmap) -> Array:
+    """A grey picture with a channel axis of length 1 if its description is `CHANNEL_AXIS`."""
+    has_axis = values.ndim == 2 and CHANNEL_AXIS.encode() in content[:NOTES]
+    return values[..., None] if has_axis else values
 
 
 @dataclass(frozen=True)
@@ -248,6 +258,21 @@ def read_picture(path: PathLike, *, max_bytes: int | None = None) -> Array:
     return without_alpha(read_channels(path, max_bytes=max_bytes), path)
 
 
+def pixels_of(path: Path) -> int:
+    """How many pixels a picture declares; 0 where it cannot be told, which reading explains."""
+    try:
+        if not path.is_file():
+            return 0
+        with path.open("rb") as file:
+            head = file.read(_HEAD)
+        if head[:4] not in TIFF:
+            return header_of(head).pixels
+        with tiff.open_tiff(path) as opened:
+            return int(opened.pages.first.imagelength * opened.pages.first.imagewidth)
+    except Exception:  # tifffile raises all kinds on damaged files
+        return 0
+
+
 def read_channels(path: PathLike, *, max_bytes: int | None = None) -> Array:
     """Read one picture with its alpha channel, if it has one.
 
@@ -272,18 +297,24 @@ def read_channels(path: PathLike, *, max_bytes: int | None = None) -> Array:
     size = path.stat().st_size
     require_bytes(size, path=path, what="the picture", stored=size, ratio=1, max_bytes=max_bytes)
     try:
-        content = path.read_bytes()
+        with path.open("rb") as file:
+            if size and file.read(4) in TIFF:  # mapped, without a second copy of its samples
+                with mmap(file.fileno(), 0, access=ACCESS_READ) as mapped:
+                    return decode_picture(mapped, path, max_bytes=max_bytes)
+            file.seek(0)
+            content = file.read()
     except OSError as error:
         raise FormatError(f"The picture {path} cannot be read ({error.strerror}).") from error
     return decode_picture(content, path, max_bytes=max_bytes)
 
 
-def decode_picture(content: bytes, name: PathLike, *, max_bytes: int | None = None) -> Array:
+def decode_picture(content: bytes | mmap, name: PathLike, *, max_bytes: int | None = None) -> Array:
     """Decode one picture from memory, with its alpha channel, if it has one.
 
     Parameters
     ----------
-    content : bytes
+    content : bytes or mmap.mmap
+        Mapped for TIFF only.
     name : path-like
         For messages.
     max_bytes : int, optional
@@ -317,9 +348,11 @@ def decode_picture(content: bytes, name: PathLike, *, max_bytes: int | None = No
     return values.astype(values.dtype.newbyteorder("="), copy=False)
 
 
-def _decoded(content: bytes, path: Path, max_bytes: int | None) -> Array:
+def _decoded(content: bytes | mmap, path: Path, max_bytes: int | None) -> Array:
     if not content:
         raise ValueError("it is empty")
+    if isinstance(content, mmap):
+        return decode_tiff(content, path, max_bytes=max_bytes)
     header = header_of(content)
     if header.kind == "TIFF":
         return decode_tiff(content, path, max_bytes=max_bytes)
@@ -368,11 +401,12 @@ def write_picture(
     Parameters
     ----------
     path : path-like
-        ``.png`` takes uint8 (y, x) and (y, x, 3) and uint16 (y, x); ``.tif`` any real dtype.
+        ``.png`` takes uint8 (y, x) and (y, x, 3) and uint16 (y, x); ``.tif`` any real dtype, of
+        which bool becomes uint8.
     values : Image or array_like
         Shape (y, x) or (y, x, 3).
     description : str, optional
-        What the values are, in ASCII; kept by TIFF only.
+        What the values are, in ASCII.
     durable : bool
         Whether to wait until the disk has the file, as in `clplen.files.replacing`.
     dpi : float, optional
@@ -380,6 +414,8 @@ def write_picture(
 
     Raises
     ------
+    ShapeError
+        If the values have another shape.
     ValueError
         If the suffix is another one, a PNG cannot hold the values, or dpi is not positive.
 
@@ -394,6 +430,12 @@ def write_picture(
     path = Path(path)
     values = host_array(values, "A picture")
     suffix = path.suffix.lower()
+    if values.size == 0 or values.ndim not in (2, 3) or values.shape[2:] not in ((), (3,)):
+        raise ShapeError(f"A picture has shape (y, x) or (y, x, 3), not {values.shape}.")
+    if values.dtype.kind not in "buif":
+        raise ValueError(f"A picture holds real numbers, not {values.dtype}.")
+    if values.dtype == bool:  # tifffile does not read all of the bits that it writes
+        values = values.astype(np.uint8)
     if dpi is not None and not (is_finite(dpi) and dpi > 0):
         raise ValueError(f"The dpi of a picture is positive, not {dpi!r}.")
     if suffix in tiff.SUFFIXES:
@@ -418,6 +460,8 @@ def write_picture(
         )
     about = PngInfo()
     about.add_text("Software", MARK)
+    if description:
+        about.add_text("Description", description)
     with replacing(path, durable) as temporary:
         words: Any = {"pnginfo": about} | ({} if dpi is None else {"dpi": (dpi, dpi)})
         imageio.imwrite(temporary, values, plugin="pillow", extension=".png", **words)

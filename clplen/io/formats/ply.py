@@ -126,7 +126,7 @@ def read_ply(path: PathLike) -> tuple[Array, Array | None]:
     )
     elements = [index for index, line in enumerate(lines) if line[:1] == ["element"]]
     first = lines[elements[0]] if elements else []
-    if not end or lines[0] != ["ply"] or order is None or first[1:2] != ["vertex"]:
+    if not end or lines[:1] != [["ply"]] or order is None or first[1:2] != ["vertex"]:
         raise FormatError(f"{path} is no binary PLY of points.")
     inside = lines[elements[0] + 1 : elements[1] if len(elements) > 1 else None]
     try:

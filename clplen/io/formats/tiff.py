@@ -17,6 +17,7 @@ import numpy as np
 import tifffile
 
 from clplen.errors import FormatError
+from clplen.files import require_file
 from clplen.io.formats.untrusted import DEFLATE, require_bytes
 
 # Largest ratio of each compression (TIFF 6.0 and Adobe's supplements): none, LZW (a code of 12
@@ -32,14 +33,26 @@ _IMAGEJ = {"T": "frames", "Z": "slices", "C": "channels"}  # the slowest first
 _LONGEST = 1 << 16  # characters of an OME description in which <Pixels> is looked for
 
 
+def open_tiff(path: Path) -> tifffile.TiffFile:
+    """A TIFF file to read, whose pages are taken one by one.
+
+    Raises
+    ------
+    FormatError
+        If there is no such file; tifffile's own errors where it is damaged.
+    """
+    return tifffile.TiffFile(require_file(path, "TIFF file"), is_ome=False, is_imagej=False)
+
+
 def decode_tiff(
-    content: bytes, path: Path, *, max_bytes: int | None, page: int | None = None
+    content: bytes | mmap, path: Path, *, max_bytes: int | None, page: int | None = None
 ) -> np.ndarray[Any, Any]:
     """One page of a TIFF file.
 
     Parameters
     ----------
-    content : bytes
+    content : bytes or mmap.mmap
+        Mapped is the file ``path`` itself.
     path : pathlib.Path
         For messages.
     max_bytes : int or None
@@ -60,7 +73,8 @@ def decode_tiff(
         If it holds several pages, a colour table or an unknown compression; tifffile's own errors
         where it is damaged.
     """
-    with tifffile.TiffFile(BytesIO(content), is_ome=False, is_imagej=False) as file:
+    source: Any = BytesIO(content) if isinstance(content, bytes) else path
+    with tifffile.TiffFile(source, is_ome=False, is_imagej=False) as file:
         if page is None and len(file.pages) > 1:
             raise ValueError(f"it holds {len(file.pages)} pictures, one is meant")
         return _values(file.pages[page or 0], content, path, max_bytes)
@@ -132,7 +146,7 @@ def stack_axes(path: Path) -> dict[str, int]:
     dict
         As OME or ImageJ describe them; of other files Z is the number of pages.
     """
-    with tifffile.TiffFile(path, is_ome=False, is_imagej=False) as file:
+    with open_tiff(path) as file:
         count, text = len(file.pages), file.pages.first.description[:_LONGEST]
     found = _axes(text, count)
     if not found and text.startswith("ImageJ="):
@@ -287,7 +301,7 @@ def frames_in(path: Path) -> int:
     if path.suffix.lower() not in SUFFIXES:
         return 1
     try:
-        with tifffile.TiffFile(path, is_ome=False, is_imagej=False) as file:
+        with open_tiff(path) as file:
             return max(1, len(file.pages))
     except Exception:  # reading it says why
         return 1

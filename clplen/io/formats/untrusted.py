@@ -71,6 +71,27 @@ def require_bytes(
             f"{path}: {what} declares {wanted:,} bytes, more than {stored:,} stored bytes can "
             "hold: the file is damaged."
         )
+    require_room(wanted, path=path, what=what, max_bytes=max_bytes)
+
+
+def require_room(wanted: int, *, path: Path, what: str, max_bytes: int | None) -> None:
+    """Refuse a step, such as reading or decoding, that would take more memory than allowed.
+
+    Parameters
+    ----------
+    wanted : int
+        Bytes that the step takes.
+    path : pathlib.Path
+    what : str
+        The step, as the subject of a sentence: "decoding 50 x 60 pixels".
+    max_bytes : int or None
+        Largest allocation; None for half of the free memory.
+
+    Raises
+    ------
+    FormatError
+        Naming the file, the size and the limit.
+    """
     limit = free_memory() // 2 if max_bytes is None else max_bytes
     if wanted > limit:
         rule = "half of the free memory" if max_bytes is None else "the given limit"

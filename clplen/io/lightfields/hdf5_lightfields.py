@@ -168,7 +168,7 @@ def find_dataset(file: h5py.File, path: Path, name: str | None) -> h5py.Dataset:
     for usual in _USUAL:
         if isinstance(file.get(usual), h5py.Dataset):
             return file[usual]
-    fitting = [item for item in datasets(file).values() if _may_be(item)]
+    fitting = [item for _, item in datasets(file) if _may_be(item)]
     if len(fitting) == 1:
         return fitting[0]
     count = "several datasets" if fitting else "no dataset"

@@ -16,11 +16,12 @@ from clplen.deprecation import warn_caller
 from clplen.errors import FormatError, SamplingWarning
 from clplen.files import PathLike, naming
 from clplen.io.formats.picture import linear
+from clplen.io.formats.untrusted import require_room
 from clplen.io.lightfields.layout import Kind, Layout
 from clplen.io.lightfields.view_positions import positions_of
 from clplen.io.raw import raytrix
 from clplen.io.raw.lattice_cache import kept_lattice
-from clplen.io.raw.raw_files import read_frame, read_lattice
+from clplen.io.raw.raw_files import read_frame, read_lattice, require_decoding
 from clplen.io.raw.raytrix import read_raytrix
 from clplen.io.raw.sensor_tiff import sensor_tags
 from clplen.lightfield.calibration.lattice_fit import visible_lattice
@@ -30,7 +31,7 @@ from clplen.lightfield.calibration.lattice_trust import (
     require_trust,
 )
 from clplen.lightfield.calibration.picture_flat import flat_of_picture
-from clplen.lightfield.calibration.raw_decoding import decode_raw
+from clplen.lightfield.calibration.raw_decoding import decode_raw, decoding_bytes
 from clplen.lightfield.calibration.sensor_frames import subtract_dark
 from clplen.lightfield.model.light_field import LightField
 from clplen.lightfield.raw.lenslet_lattice import Lattice
@@ -133,6 +134,7 @@ def decode_frame(
         If a sample is NaN or infinite, or a word is out of range.
     """
     path = Path(path)
+    require_decoding(frame.size, path, layout.max_bytes)
     if frame.ndim != 2:
         raise FormatError(f"{path} has shape {frame.shape}; a raw lenslet image has one channel.")
     if layout.order is not None:
@@ -159,6 +161,7 @@ def decode_frame(
             else ", and their vignetting from it"
         )
     with naming(path):
+        _require_views(lattice, path, layout, has_white=white is not None)
         lf = decode_raw(
             frame,
             lattice,
@@ -178,6 +181,16 @@ def decode_frame(
     if layout.bayer and capture.span is not None:
         lf = replace(lf, linear=True)
     return lf, _sentence(lf, path, lattice, whence, layout)
+
+
+def _require_views(lattice: Lattice, path: Path, layout: Layout, *, has_white: bool) -> None:
+    """Refuse a light field that decoding could not hold in the memory allowed."""
+    grid = lattice.grid(layout.views or lattice.views(), step=layout.step, square=True)
+    nbytes = decoding_bytes(
+        grid, bayer=layout.bayer, demosaic=layout.demosaic or "within", has_white=has_white
+    )
+    what = f"decoding {' x '.join(map(str, grid.shape))} samples"
+    require_room(nbytes, path=path, what=what, max_bytes=layout.max_bytes)
 
 
 def _of_tiff(path: Path, shape: tuple[int, int]) -> Capture:

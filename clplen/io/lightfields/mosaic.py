@@ -18,12 +18,21 @@ from clplen.compute.device import Device
 from clplen.errors import FormatError
 from clplen.files import PathLike, naming
 from clplen.io.formats import picture as pictures
-from clplen.io.formats.picture import linear, read_channels, without_alpha, write_picture
+from clplen.io.formats.picture import (
+    NOTES,
+    linear,
+    pixels_of,
+    read_channels,
+    with_channel_axis,
+    without_alpha,
+    write_picture,
+)
 from clplen.io.lightfields.layout import RAW_WORDS, VIEW_WORDS, Kind, Layout, View
 from clplen.io.lightfields.lenslet_frames import decode_frame
 from clplen.io.lightfields.view_folders import pictured
 from clplen.io.lightfields.view_positions import positions_of
 from clplen.io.lightfields.view_set import form_of, new_samples
+from clplen.io.raw.raw_files import require_decoding
 from clplen.lightfield.model.light_field import LightField
 from clplen.lightfield.model.stored_light_field import as_lightfield
 
@@ -69,8 +78,10 @@ def read_mosaic(
         If ``order`` is another one, or a sample is NaN or infinite.
     """
     path = Path(path)
+    if _is_raw((), path, layout):  # before anything is decoded
+        require_decoding(pixels_of(path), path, layout.max_bytes)
     picture = read_channels(path, max_bytes=layout.max_bytes)
-    if _is_raw(picture, path, layout):
+    if _is_raw(picture.shape[2:], path, layout):
         frame = without_alpha(picture, path)
         if frame.ndim == 3:
             raise FormatError(
@@ -81,11 +92,11 @@ def read_mosaic(
     return _read_mosaic(picture, path, device, layout)
 
 
-def _is_raw(picture: Array, path: Path, layout: Layout) -> bool:
+def _is_raw(channels: tuple[int, ...], path: Path, layout: Layout) -> bool:
     if any(word in layout.given() for word in RAW_WORDS if word != "views"):
         return True
     known = layout.views is not None or layout.order is not None or _named_eslf(path)
-    return not known and picture.shape[2:] in ((), (2,))
+    return not known and channels in ((), (2,))
 
 
 def _named_eslf(path: Path) -> bool:
@@ -100,6 +111,8 @@ def _read_mosaic(
     colours = picture if alpha is None else picture[..., :-1]
     if colours.shape[2:] == (1,):
         colours = colours[..., 0]
+    with path.open("rb") as file:
+        colours = with_channel_axis(colours, file.read(NOTES))
     if tuple(views) == _ESLF and order != "vyux":
         colours, alpha = _padded(colours, views), None if alpha is None else _padded(alpha, views)
     _require_multiple(colours.shape[:2], views, path)
@@ -275,11 +288,11 @@ def write_mosaic(path: PathLike, lf: LightField | ArrayLike, *, order: str = "yv
     (48, 120)
     """
     plain = _order(order)
-    values = pictured(as_lightfield(lf))
+    values, description = pictured(as_lightfield(lf))
     V, U, ny, nx = values.shape[:4]
     picture = np.empty((V * ny, U * nx, *values.shape[4:]), values.dtype)
     as_views(picture, (V, U), plain or "yvxu")[...] = values
-    write_picture(path, picture)
+    write_picture(path, picture, description=description)
 
 
 PICTURE = Kind(

@@ -18,7 +18,15 @@ from clplen.compute.device import Device
 from clplen.errors import FormatError, ShapeError
 from clplen.files import PathLike, filling
 from clplen.io.formats import picture
-from clplen.io.formats.picture import decode_picture, read_picture, without_alpha, write_picture
+from clplen.io.formats.picture import (
+    CHANNEL_AXIS,
+    NOTES,
+    decode_picture,
+    read_picture,
+    with_channel_axis,
+    without_alpha,
+    write_picture,
+)
 from clplen.io.formats.untrusted import DEFLATE, UNREADABLE, require_bytes
 from clplen.io.lightfields.layout import NAME_WORDS, ZIP, Kind, Layout, View
 from clplen.io.lightfields.view_names import DEFAULT_PATTERN, Pattern, arranged, views_only
@@ -90,7 +98,12 @@ def open_folder(
 
 def _folder_views(folder: Path, layout: Layout) -> ViewSet:
     pattern, shape, files = find_views(folder, layout)
-    load = partial(read_picture, max_bytes=layout.max_bytes)
+
+    def load(file: Path) -> np.ndarray[Any, Any]:
+        values = read_picture(file, max_bytes=layout.max_bytes)
+        with file.open("rb") as opened:
+            return with_channel_axis(values, opened.read(NOTES))
+
     return ViewSet(folder, pattern, shape, files, load)
 
 
@@ -168,16 +181,17 @@ def write_views(
     (3, 3, 16, 16)
     """
     lf = as_lightfield(lf)
-    values = pictured(lf)
+    values, description = pictured(lf)
     name = _namer(pattern, lf)
     suffix = ".png" if lf.dtype == np.uint8 else ".tif"
     with filling(path) as folder:
         for v, u in np.ndindex(*values.shape[:2]):
-            write_picture(folder / (name(v, u) + suffix), values[v, u])
+            file = folder / (name(v, u) + suffix)
+            write_picture(file, values[v, u], description=description)
 
 
-def pictured(lf: LightField) -> np.ndarray[Any, Any]:
-    """The samples of a light field as pictures hold them: one channel without its axis.
+def pictured(lf: LightField) -> tuple[np.ndarray[Any, Any], str]:
+    """The samples of a light field as pictures hold them, and the description of each.
 
     Parameters
     ----------
@@ -185,8 +199,8 @@ def pictured(lf: LightField) -> np.ndarray[Any, Any]:
 
     Returns
     -------
-    numpy.ndarray
-        Shape (v, u, y, x) or (v, u, y, x, 3).
+    numpy.ndarray, str
+        Shape (v, u, y, x) or (v, u, y, x, 3); `CHANNEL_AXIS` where an axis of length 1 is left out.
 
     Raises
     ------
@@ -198,7 +212,7 @@ def pictured(lf: LightField) -> np.ndarray[Any, Any]:
             f"Pictures have 1 or 3 channels, this light field {lf.shape[4]}: write .h5 instead."
         )
     values = lf.to_numpy()
-    return values[..., 0] if values.ndim == 5 and values.shape[4] == 1 else values
+    return (values[..., 0], CHANNEL_AXIS) if values.shape[4:] == (1,) else (values, "")
 
 
 def _namer(pattern: str, lf: LightField) -> Any:
@@ -302,7 +316,7 @@ def _archive_views(archive: zipfile.ZipFile, path: Path, layout: Layout) -> View
         info = members[where.relative_to(path).as_posix()]
         content = _content(archive, info, where, size, layout.max_bytes)
         values = decode_picture(content, where, max_bytes=layout.max_bytes)
-        return without_alpha(values, where)
+        return with_channel_axis(without_alpha(values, where), content)
 
     return ViewSet(path / inside, *found, load)
 

@@ -14,12 +14,10 @@ from clplen.io.formats.untrusted import listed
 from clplen.io.lightfields.layout import Layout, View
 
 DEFAULT_PATTERN = "view_{v:02d}_{u:02d}"  # and .png or .tif
-_KNOWN = (
-    "view_{v}_{u}.png",
-    "view_{v}_{u}.tif",
-    "input_Cam{i}.png",
-    "out_{v}_{u}_*.png",
-    "out_{v}_{u}_*.jpg",
+_KNOWN = tuple(
+    text + suffix
+    for text in ("view_{v}_{u}", "input_Cam{i}", "out_{v}_{u}_*")
+    for suffix in (".png", ".tif", ".jpg")
 )
 _FIELD = re.compile(r"\{(\w*)(?::\w*)?\}|(\*)")
 _NUMBER = re.compile(r"\d+")
@@ -248,7 +246,8 @@ def guess(names: Sequence[str], *, where: str = "the folder") -> Pattern:
 
 def _guessed(names: Sequence[str], where: str) -> Pattern:
     for text in _KNOWN:
-        if len(Pattern(text).numbers(names)) > 1:
+        count = len(Pattern(text).numbers(names))
+        if count > 1 or count == len(names) == 1:
             return Pattern(text)
     forms = Counter(_NUMBER.sub("{}", name) for name in names)
     if not forms:

@@ -30,6 +30,7 @@ _TABLE, _CONTENT = b"\x89LFM\r\n\x1a\n", b"\x89LFC\r\n\x1a\n"
 _HEAD = 16  # bytes of type, version and length
 _NAME = 80  # bytes of the name with its zeros
 _BLOCK = 1 << 16
+_PADDING = 1 << 20  # zero bytes between sections; cameras pad to 16
 _MOST = 4096  # sections
 _JSON = 1 << 21  # bytes: a table with thousands of entries
 _LISTED = 12  # sections that a message names
@@ -237,13 +238,13 @@ def _sections(path: Path, file: BufferedReader) -> Iterator[Section]:
     file.seek(0)
     if file.read(_HEAD) != MAGIC + bytes(4):
         raise FormatError(f"{path} does not begin as a Lytro container of version 1.")
-    place = _next_section(file, _HEAD)
+    place = _next_section(path, file, _HEAD)
     for number in range(_MOST):
         if place >= size:
             return
         section = _section(path, file, place, size, number)
         yield section
-        place = _next_section(file, section.start + section.length)
+        place = _next_section(path, file, section.start + section.length)
     raise FormatError(f"{path} has more than {_MOST} sections: it is damaged.")
 
 
@@ -266,14 +267,18 @@ def _section(path: Path, file: BufferedReader, place: int, size: int, number: in
     return Section(head[:8] == _TABLE, name, start, length)
 
 
-def _next_section(file: BufferedReader, place: int) -> int:
+def _next_section(path: Path, file: BufferedReader, place: int) -> int:
     """The first byte from ``place`` on that is not 0, or the end of the file."""
+    end = place + _PADDING
     file.seek(place)
     while block := file.read(_BLOCK):
         rest = block.lstrip(b"\0")
         if rest:
             return place + len(block) - len(rest)
         place += len(block)
+        if place > end:
+            start = end - _PADDING
+            raise FormatError(f"{path} is empty from byte {start:,} on: copy it again.")
     return place
 
 

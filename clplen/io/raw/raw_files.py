@@ -23,7 +23,7 @@ from clplen.files import PathLike, naming, replacing
 from clplen.io.formats import picture, tiff
 from clplen.io.formats.picture import read_picture, without_alpha
 from clplen.io.formats.tiff import read_tiff_frame
-from clplen.io.formats.untrusted import require_bytes
+from clplen.io.formats.untrusted import require_bytes, require_room
 from clplen.io.raw import lytro_container, raytrix
 from clplen.io.raw.lytro_container import read_container
 from clplen.io.raw.raytrix import read_raytrix
@@ -42,6 +42,7 @@ from clplen.outputs import MARK
 Frame = np.ndarray[Any, Any]
 Bayer = str | tuple[tuple[str, ...], ...]  # filters as `decode_raw` takes them
 LEVELS = "levels"
+DECODING_BYTES = 24  # a pixel: measured peak with white image and dark frame, without views
 
 
 def write_raw(
@@ -289,6 +290,17 @@ def read_frame(
     return read_picture(path, max_bytes=max_bytes), None
 
 
+def require_decoding(pixels: int, path: Path, max_bytes: int | None) -> None:
+    """Refuse a frame whose lenslets cannot be found, nor views be cut out, in the memory allowed.
+
+    Raises
+    ------
+    FormatError
+    """
+    what = f"finding the lenslets among {pixels:,} pixels"
+    require_room(DECODING_BYTES * pixels, path=path, what=what, max_bytes=max_bytes)
+
+
 def read_raw(
     path: PathLike,
     *,
@@ -504,6 +516,7 @@ def _lattice(
             f"Nothing tells where the lenslets of {path} lie: give white=, a white image of the "
             "same camera, or grid=, a lattice saved before."
         )
+    require_decoding(frame.size, path, None)
     flat, bayer = _like(white, frame, path)
     black = None if dark is None else _grey(dark)
     with naming(white):

@@ -180,7 +180,7 @@ def sensor_tags(path: Path) -> SensorTags | None:
     if path.suffix.lower() not in tiff.SUFFIXES:
         return None
     try:
-        with tifffile.TiffFile(path, is_ome=False, is_imagej=False) as file:
+        with tiff.open_tiff(path) as file:
             tags = file.pages.first.tags
             found = {
                 code: _values(tags[code], path)

@@ -12,7 +12,6 @@ from typing import Any
 
 import h5py
 import numpy as np
-import tifffile
 
 from clplen.errors import FormatError
 from clplen.files import PathLike, replacing
@@ -244,7 +243,7 @@ def _found_in_hdf5(path: Path) -> tuple[str, dict[str, Any]] | None:
 
 def _found_in_tiff(path: Path) -> tuple[str, dict[str, Any]] | None:
     try:
-        with tifffile.TiffFile(path, is_ome=False, is_imagej=False) as file:
+        with tiff.open_tiff(path) as file:
             first, count = file.pages.first, len(file.pages)
             about, shape = first.description, tuple(first.shape)
         if about == _MAP:

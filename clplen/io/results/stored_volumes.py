@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 
 from clplen.errors import FormatError
-from clplen.files import PathLike
+from clplen.files import PathLike, require_file
 from clplen.io.formats import npy, tiff
 from clplen.io.formats.npy import map_npy
 from clplen.io.formats.tiff import read_tiff_stacks, stack_axes
@@ -203,8 +203,7 @@ def open_volumes(
 
 def _described(path: Path, max_bytes: int | None) -> StoredFile:
     """What a file holds, without its samples."""
-    if not path.exists():
-        raise FormatError(f"There is no volume {path}.")
+    require_file(path, "volume", folder=True)
     try:
         axes, sides, kind = _axes(path)
     except FormatError:

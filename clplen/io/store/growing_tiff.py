@@ -19,6 +19,7 @@ import numpy as np
 import tifffile
 
 from clplen.files import replacing, said_of
+from clplen.io.formats import tiff
 from clplen.io.store.picture_blocks import Array
 from clplen.io.store.series_layout import Record, SeriesLayout, checked_series
 from clplen.outputs import MARK
@@ -183,7 +184,7 @@ def _is_begun(path: Path) -> bool:
 
 
 def _ome(path: Path) -> ET.Element:
-    with tifffile.TiffFile(path, is_ome=False, is_imagej=False) as file:
+    with tiff.open_tiff(path) as file:
         text = file.pages.first.description or "<OME/>"
     if "<!DOCTYPE" in text or "<!ENTITY" in text:  # could claim any amount of memory
         raise ValueError("a description with entities")

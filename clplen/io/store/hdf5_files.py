@@ -12,7 +12,8 @@ import h5py
 import numpy as np
 
 from clplen.errors import FormatError
-from clplen.hdf5_safety import require_heaps, require_own
+from clplen.files import require_file
+from clplen.hdf5_safety import members, require_heaps, require_own
 from clplen.io.formats.untrusted import DEFLATE, listed, reading, require_bytes
 from clplen.io.store.attributes import plain
 
@@ -43,21 +44,17 @@ def opened(path: Path) -> Iterator[h5py.File]:
     FormatError
         Also if it leads to other files.
     """
+    require_file(path, "HDF5 file")
     with reading(path), h5py.File(path, "r") as file:
         require_own(file, path)
         yield file
 
 
-def datasets(file: h5py.File) -> dict[str, h5py.Dataset]:
-    """Every dataset of a file, by its name without the first slash; links are not followed."""
-    found: dict[str, h5py.Dataset] = {}
-
-    def visit(name: str, item: Any) -> None:
-        if isinstance(item, h5py.Dataset):
-            found[name] = item
-
-    file.visititems(visit)
-    return found
+def datasets(file: h5py.File) -> Iterator[tuple[str, h5py.Dataset]]:
+    """Every dataset of a file, by its name without the first slash; soft links are not followed."""
+    for name, item in members(file, Path(file.filename)):
+        if item is not None:
+            yield name, h5py.Dataset(item)
 
 
 def dataset_of(file: h5py.File, name: str, path: Path) -> h5py.Dataset:
@@ -76,7 +73,7 @@ def dataset_of(file: h5py.File, name: str, path: Path) -> h5py.Dataset:
 
 def contents(file: h5py.File) -> str:
     """The datasets of a file with shapes and types, for a message."""
-    found = [f"{name} {item.shape} {item.dtype}" for name, item in datasets(file).items()]
+    found = [f"{name} {item.shape} {item.dtype}" for name, item in datasets(file)]
     return listed(found) if found else "no dataset"
 
 

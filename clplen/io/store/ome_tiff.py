@@ -23,6 +23,7 @@ from clplen.io.store.picture_blocks import Array, Block, checked_blocks, write_r
 from clplen.lightfield.raw.raw_image import Spacing
 from clplen.outputs import MARK
 
+CHANNELS = "channels"  # key of a description: an axis of that length, which TIFF leaves out
 _BIG = (1 << 32) - (1 << 25)  # bytes from which on BigTIFF is written; the rest is for the heads
 
 
@@ -77,8 +78,9 @@ def write_ome(
     if Path(path).suffix.lower() not in tiff.SUFFIXES:
         raise ValueError(f"OME-TIFF is written as .tif, not as {Path(path).name}.")
     stored = shape if axes[0] in "ZC" else shape[1:]
-    if shape[3:] == (1,):  # TIFF knows no axis of one sample
+    if shape[3:] == (1,):  # TIFF knows no axis of one sample: the description keeps it
         stored, axes = stored[:-1], axes.removesuffix("S")
+        description = {**description, CHANNELS: 1}
     metadata: dict[str, Any] = {"axes": axes, "Description": json.dumps(description)}
     if spacing is not None:
         for axis, step in zip("YX", spacing[2:], strict=True):

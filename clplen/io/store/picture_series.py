@@ -11,15 +11,14 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import tifffile
 
 from clplen.errors import FormatError
-from clplen.files import PathLike
+from clplen.files import PathLike, require_file
 from clplen.io.formats import tiff
 from clplen.io.formats.tiff import decode_tiff_stack
 from clplen.io.formats.untrusted import require_bytes
 from clplen.io.store import zarr_files
-from clplen.io.store.ome_tiff import write_ome
+from clplen.io.store.ome_tiff import CHANNELS, write_ome
 from clplen.io.store.ome_zarr import write_omezarr
 from clplen.io.store.picture_blocks import Array, Block
 from clplen.io.store.zarr_files import opened_store, storage
@@ -96,8 +95,7 @@ def read_series(
     """
     path = Path(path)
     noun, axes = what.partition(" ")[2], ""
-    if not path.exists():
-        raise FormatError(f"There is no {noun} {path}.")
+    require_file(path, noun, folder=True)
     try:
         if path.suffix.lower() == zarr_files.SUFFIX:
             values, axes = _zarr_pictures(path, what, max_bytes)
@@ -113,9 +111,12 @@ def read_series(
         raise
     except Exception as error:  # what parsers raise on damaged files
         raise FormatError(f"{path} is no {noun} that can be read ({str(error)[:200]}).") from error
+    about = describe_series(path)
+    if values.ndim == 3 and not axes and about.get(CHANNELS) == 1:
+        values = values[..., None]
     if values.ndim not in (3, 4) or values.dtype.kind not in "uif" or values.size == 0:
         raise FormatError(f"{path} holds {values.dtype} of shape {values.shape}, no {noun}.")
-    return PictureSeries(values, describe_series(path), _pixel(path), axes)
+    return PictureSeries(values, about, _pixel(path), axes)
 
 
 def _zarr_pictures(path: Path, what: str, max_bytes: int | None) -> tuple[Array, str]:
@@ -164,7 +165,7 @@ def describe_series(path: PathLike) -> dict[str, Any]:
 
 def _ome(path: Path) -> ET.Element:
     """The OME description of a TIFF."""
-    with tifffile.TiffFile(path, is_ome=False, is_imagej=False) as file:
+    with tiff.open_tiff(path) as file:
         text = file.pages.first.description or "<OME/>"
     if "<!DOCTYPE" in text or "<!ENTITY" in text:  # could claim any amount of memory
         raise ValueError("a description with entities")

@@ -32,6 +32,7 @@ from zarr.abc.store import OffsetByteRequest, RangeByteRequest, SuffixByteReques
 from zarr.storage import LocalStore, WrapperStore, ZipStore
 
 from clplen.errors import FormatError
+from clplen.files import require_file
 from clplen.io.formats.untrusted import DEFLATE, SLACK, reading, require_bytes
 from clplen.io.store.zarr_metadata import Packing, checked_arrays, is_metadata
 
@@ -193,6 +194,7 @@ def open_store(path: Path, max_bytes: int | None = None) -> Iterator[Any]:
         If it is damaged, leads out of its folder, or names a codec or a data type that is not
         accepted.
     """
+    require_file(path, "Zarr store", folder=True)
     with reading(path):
         if path.is_dir():
             sizes = _files(path)

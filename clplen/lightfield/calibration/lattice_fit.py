@@ -113,6 +113,8 @@ def estimate_lattice(
     """
     kind = None if kind is None else lattice_kind(kind)
     _check_pitch(pitch)
+    if dark is None and _is_even(white):
+        return _no_lattice(np.shape(white), kind or "square", pitch)
     picture = _prepared(white, dark, bayer)
     pitches = PITCHES if pitch is None else (0.75 * pitch, 1.3 * pitch)
     found = _best_candidate(picture, kind, pitches)
@@ -140,7 +142,7 @@ def visible_lattice(
         None where it explains less than half of the contrast, or other doubts remain than those
         that a scene raises.
     """
-    if min(np.shape(frame)[:2]) < _LEAST:
+    if min(np.shape(frame)[:2]) < _LEAST or (dark is None and _is_even(frame)):
         return None
     found = _best_candidate(_prepared(frame, dark, bayer), None, PITCHES)
     if found is None or found.explained < _VISIBLE or found.share < _SHARE:
@@ -153,6 +155,13 @@ def visible_lattice(
 def _check_pitch(pitch: float | None) -> None:
     if pitch is not None and not 3 <= pitch <= 200:
         raise ValueError(f"The pitch is 3 to 200 pixels, not {pitch!r}.")
+
+
+def _is_even(frame: Any) -> bool:
+    """Whether the middle of a frame, where a lattice is sought first, has pixels of one value."""
+    picture = as_frame(frame, "white image")
+    middle = central_crop(picture)
+    return min(picture.shape) >= _LEAST and bool(middle.min() == middle.max())
 
 
 def _prepared(white: Any, dark: Any, bayer: Mosaic | None) -> Values:

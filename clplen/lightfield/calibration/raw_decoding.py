@@ -154,9 +154,8 @@ def decode_raw(
     divide = white is not None if devignette is None else devignette
     chosen = lattice.views() if views is None else (int(views[0]), int(views[1]))
     grid = lattice.grid(chosen, step=step, complete=complete, square=True)
-    # of one channel, at once
-    arrays = (1 if white is None else 3) if bayer is None else 4 if demosaic == "within" else 10
-    device.require_memory(4 * arrays * math.prod(grid.shape), "Decoding this light field")
+    nbytes = decoding_bytes(grid, bayer=bayer, demosaic=demosaic, has_white=white is not None)
+    device.require_memory(nbytes, "Decoding this light field")
     pixels = _cleaned(frame, white if divide else None, dark, bayer)
     if white_balance is not None and pixels.tile is not None:
         balanced = _balanced(pixels.picture, pixels.tile, white_balance)
@@ -168,6 +167,14 @@ def decode_raw(
         data, level = _coloured(kept, pixels, grid, demosaic, matrix)
     weights = np.ones(grid.shape[:2], np.float32) if level is None else _weights(level, device)
     return LightField(data, device, kept.spacing, weights, raw=kept)
+
+
+def decoding_bytes(
+    grid: LensletGrid, *, bayer: Mosaic | None, demosaic: str, has_white: bool
+) -> int:
+    """Bytes of the arrays of views that decoding holds at once."""
+    channels = (3 if has_white else 1) if bayer is None else 4 if demosaic == "within" else 10
+    return 4 * channels * math.prod(grid.shape)
 
 
 def _check(

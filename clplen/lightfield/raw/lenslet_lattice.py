@@ -15,7 +15,7 @@ import numpy as np
 
 from clplen.deprecation import warn_caller
 from clplen.errors import FormatError, ShapeError
-from clplen.files import PathLike, replacing
+from clplen.files import PathLike, replacing, require_file
 from clplen.lightfield.raw.lenslet_grid import LensletGrid
 from clplen.outputs import MARK
 
@@ -445,6 +445,7 @@ class Lattice:
         FormatError
             If the file is missing, unreadable, or describes no lattice.
         """
+        require_file(path, "lattice")
         try:
             if Path(path).exists() and not Path(path).is_file():
                 raise OSError("it is no ordinary file")  # a pipe would be waited for

@@ -25,7 +25,15 @@ Parameters = dict[str, Any]
 
 _DEFLATE = 1032  # largest ratio of gzip
 _SLACK = 1 << 20  # bytes that any file may ask for
-_DAMAGED = (OSError, AttributeError, LookupError, RuntimeError, TypeError, ValueError)
+_DAMAGED = (
+    OSError,
+    ArithmeticError,
+    AttributeError,
+    LookupError,
+    RuntimeError,
+    TypeError,
+    ValueError,
+)
 
 
 def write_planes(
@@ -122,6 +130,8 @@ def opened(path: Path, formats: Collection[str], what: str) -> Iterator[h5py.Fil
 
 def has_format(path: PathLike, formats: Collection[str]) -> bool:
     """Whether a file says that it is of one of these formats."""
+    if not Path(path).is_file():
+        return False
     try:
         require_heaps(Path(path))
         with h5py.File(path, "r") as file:
