@@ -19,6 +19,7 @@ from clplen.compute.drivers.selection import find_devices, select
 from clplen.compute.fft.plans import PlanCache, Workspace
 from clplen.compute.fft.routes import FFTRoute, choose_route
 from clplen.compute.launcher import Launcher
+from clplen.compute.memory import trim_heap
 from clplen.compute.tuning import Tuning
 from clplen.deprecation import warn_caller
 from clplen.errors import DeviceError
@@ -108,12 +109,12 @@ class Device(Launcher):
         self.spare_bytes = min(_spare_limit(self.is_cpu), self.memory_bytes // _SPARE_SHARE)
         limit = int(_PLAN_SHARE * self.spare_bytes)
         # plans (transfer functions, arrays of lenslets), bounded in bytes with those below
-        self.plans = PlanCache(limit, beside.plans if beside else None)
+        self.plans: PlanCache = PlanCache(limit, beside.plans if beside else None)
         self.transforms = PlanCache(limit, self.plans)  # Fourier transforms that the device runs
         self.tables = PlanCache(limit, self.plans)  # small ones of recent launches
         # host memory that transforms on the host use again and again
         workspace = beside.workspace if beside else None
-        self.workspace = workspace or Workspace(int(_WORKSPACE_SHARE * self.spare_bytes))
+        self.workspace: Workspace = workspace or Workspace(int(_WORKSPACE_SHARE * self.spare_bytes))
         self._precisions: list[Device] = beside._precisions if beside else []
         self._precisions.append(self)
         if precision == "double" and not self.has_fp64:
@@ -264,6 +265,7 @@ class Device(Launcher):
                 kept.clear()
         for pool in self._pools():
             pool.free_held()
+        trim_heap()
 
     @cached_property
     def tuning(self) -> Tuning:
