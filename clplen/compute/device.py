@@ -19,6 +19,7 @@ from clplen.compute.drivers.selection import find_devices, select
 from clplen.compute.fft.plans import PlanCache, Workspace
 from clplen.compute.fft.routes import FFTRoute, choose_route
 from clplen.compute.launcher import Launcher
+from clplen.compute.memory import trim_heap
 from clplen.compute.tuning import Tuning
 from clplen.deprecation import warn_caller
 from clplen.errors import DeviceError
@@ -264,6 +265,7 @@ class Device(Launcher):
                 kept.clear()
         for pool in self._pools():
             pool.free_held()
+        trim_heap()
 
     @cached_property
     def tuning(self) -> Tuning:

@@ -66,6 +66,14 @@ def _madvise() -> Any:
     return function
 
 
+def trim_heap() -> None:
+    """Let the C library give freed memory back to Linux; it keeps that of many small buffers."""
+    if sys.platform == "linux":
+        trim = getattr(ctypes.CDLL(None), "malloc_trim", None)  # glibc's
+        if trim is not None:
+            trim(0)
+
+
 _COPIES = 64  # small arrays on their way to a GPU
 _POOL_STEP = 8  # their sizes are rounded up by less than an eighth
 
