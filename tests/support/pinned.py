@@ -217,8 +217,7 @@ def run_share(names: list[str]) -> dict[str, dict[str, Leaf]]:
 def load() -> None:
     """Fill the table of cases."""
     sys.modules["pinned"] = sys.modules[__name__]
-    import pinned_results
-    import pinned_surfaces  # noqa: F401
+    import pinned_surfaces  # noqa: F401 - it and pinned_results, which it imports, register cases
 
 
 def record(folder: Path, patterns: list[str]) -> None:
@@ -309,6 +308,9 @@ def compare(old: Path, new: Path, expected: Path | None) -> int:
         print(f"{name}: {state}" + (f", as expected: {reason}" if reason else ""))
         if state == "other" and reason is None:
             print("\n".join(f"    {line}" for line in lines))
+    for one in reasons:
+        if not any(fits(name, [one]) for name in [*before, *after] if name not in states["same"]):
+            print(f"{one}: is the same, though it is expected to differ")
     print(f"{len(states['same'])} cases are the same, {len(states['other'])} differ,", end=" ")
     print(f"{len(states['missing'])} are missing, {len(states['new'])} new;", end=" ")
     print(f"{len(unexpected)} of these are not expected.")

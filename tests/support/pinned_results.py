@@ -505,15 +505,25 @@ def stored_light_field(lf):
     }
 
 
-@pinned(**BOTH)
-def streamed(lf):
-    stored = clplen.StoredLightField.from_light_field(lf())
-    tiles = lightfield.stream_stack(stored, disparities=[-1, 0.5], memory=2**20)
+@lru_cache
+def large(colour: bool) -> clplen.StoredLightField:
+    """A slanted wall on 3 x 4 views that are cut into several tiles where memory is short."""
+    wall = cameras.Plane(0.3, (0.002, 0.003), texture=cameras.noise(3, 256))
+    lf, _ = clplen.SurfaceScene(wall).light_field((3, 4), (180, 210))
+    grey = np.uint8(200 * np.clip(lf.to_numpy(), 0, 1))
+    values = np.stack([grey, grey // 2, 255 - grey], axis=-1) if colour else lf.to_numpy()
+    return clplen.StoredLightField.from_array(values)
+
+
+@pinned(grey={"colour": False}, colour={"colour": True})
+def streamed(colour):
+    stored, planes = large(colour), np.linspace(-1, 1, 5)
+    tiles = lightfield.stream_stack(stored, disparities=planes, memory=7 * 2**17)
     files.write_stack("stack.tif", tiles)
-    words = {"disparities": np.linspace(-1, 1, 5), "memory": 2**21}
+    depth = lightfield.stream_depth(stored, disparities=planes, cue="energy", memory=3 * 2**20)
     return {
-        "depth": parts(lightfield.stream_depth(stored, **words), "disparity confidence"),
-        "sharp": lightfield.stream_all_in_focus(stored, **words),
+        "depth": parts(depth, "disparity confidence"),
+        "sharp": lightfield.stream_all_in_focus(stored, disparities=planes, memory=5 * 2**19),
         "tiles": [[one.rows.stop, one.columns.stop] for one in tiles.plan.tiles],
     }
 
