@@ -159,8 +159,9 @@ def decoded(path: Path) -> Any:
     if kind in (".png", ".gif"):
         from PIL import Image, ImageSequence
 
-        with Image.open(path) as file:
-            return {"pixels": np.stack([np.array(one) for one in ImageSequence.Iterator(file)])}
+        with Image.open(path) as file:  # of a GIF some frames have a palette and others none
+            frames = ImageSequence.Iterator(file) if kind == ".gif" else ()
+            return np.stack([np.array(one.convert("RGB")) for one in frames] or [np.array(file)])
     if kind == ".h5":
         import h5py
 

@@ -203,7 +203,8 @@ def inputs() -> Path:
     frame = np.uint16(light / 10 * made.samples(*light.shape))
     tifffile.imwrite(folder / "white.tif", np.uint16(light))
     tifffile.imwrite(folder / "frame.tif", frame)
-    tifffile.imwrite(folder / "frames.tif", np.stack([frame, frame // 2, frame // 3]))
+    series = np.stack([frame, frame // 2, frame // 3])
+    tifffile.imwrite(folder / "frames.tif", series, photometric="minisblack")
     for number in range(3):
         tifffile.imwrite(folder / f"t{number}.tif", frame // (number + 1))
     for t, volume in enumerate(made.movie()):
