@@ -19,8 +19,7 @@ from clplen.compute.fft.plans import PlanCache, Workspace
 from clplen.compute.fft.routes import FFTRoute, choose_route
 from clplen.compute.launcher import Launcher
 from clplen.compute.tuning import Tuning
-from clplen.deprecation import warn_caller
-from clplen.errors import DeviceError
+from clplen.errors import DeviceError, warn_caller
 
 Precision = Literal["single", "double"]
 

@@ -212,9 +212,7 @@ class Memory(HoldsOpenCL):
         if small and self._profile is None and not self.is_cpu:
             array = self.empty(values.shape, values.dtype)
             with device_errors(self.cl_device, "A copy to the device"):
-                done = cl.enqueue_copy(
-                    self.queue, _buffer(array), values.copy(), is_blocking=False
-                )
+                done = cl.enqueue_copy(self.queue, _buffer(array), values.copy(), is_blocking=False)
             self._copies.append(done)
             return array
         if small and self._profile is None:

@@ -371,9 +371,7 @@ def _refine(device: Device) -> Pairs:
             yield channels * expected, device.download(got)
     picture = twins.reals(16, *scene.size, high=40)
     noise = twins.reals(17, *scene.size, low=0.5, high=4)
-    plane, known = combined_cue._refined(
-        scene.lf, disparity, device.upload(picture), noise, found
-    )
+    plane, known = combined_cue._refined(scene.lf, disparity, device.upload(picture), noise, found)
     maps = (*wanted, disparity.astype(float))
     fitted = _fitted(maps, picture.astype(float), noise)
     yield fitted[0], plane

@@ -480,12 +480,3 @@ def test_broken_files_are_refused(text, message, tmp_path: Path):
 def test_a_missing_file_is_refused(tmp_path: Path):
     with pytest.raises(FormatError, match=r"none\.json"):
         Lattice.load(tmp_path / "none.json")
-
-
-def test_the_old_name_of_a_square_lattice_is_read():
-    with pytest.warns(DeprecationWarning, match="'square'"):
-        old = Lattice("rectangular", SQUARE.origin, SQUARE.row, SQUARE.column, SQUARE.shape)
-    assert old == SQUARE
-    assert old.kind == "square"
-    text = SQUARE.to_json().replace('"square"', '"rectangular"')
-    assert Lattice.from_json(text).kind == "square"

@@ -10,8 +10,7 @@ from datetime import datetime, timedelta, timezone
 from pathlib import Path
 from typing import Any
 
-from clplen.deprecation import warn_caller
-from clplen.errors import FormatError
+from clplen.errors import FormatError, warn_caller
 from clplen.files import PathLike, filling
 
 FILES = ("ca.pem", "certificate.pem", "key.pem")

@@ -23,8 +23,7 @@ import pyopencl.array as cla
 from clplen.compute.drivers.failures import device_error
 from clplen.compute.drivers.forked import Guard
 from clplen.compute.fft.plans import PlanCache
-from clplen.deprecation import warn_caller
-from clplen.errors import DeviceError
+from clplen.errors import DeviceError, warn_caller
 from clplen.types import Array
 
 T = TypeVar("T")
@@ -264,6 +263,4 @@ def _vkfft_app(array: cla.Array, device: TransformDevice, axes: tuple[int, ...])
     from pyvkfft.opencl import VkFFTApp
 
     which = {"ndim": 2} if axes == (-2, -1) else {"axes": [array.ndim + axis for axis in axes]}
-    return VkFFTApp(
-        array.shape, array.dtype, device.queue, inplace=True, norm=1, useLUT=1, **which
-    )
+    return VkFFTApp(array.shape, array.dtype, device.queue, inplace=True, norm=1, useLUT=1, **which)

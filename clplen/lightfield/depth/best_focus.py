@@ -20,8 +20,7 @@ from typing import Any, Protocol
 
 import numpy as np
 
-from clplen.deprecation import warn_caller
-from clplen.errors import SamplingWarning
+from clplen.errors import SamplingWarning, warn_caller
 from clplen.lightfield.arrays.spectral_sharpness import BAND, Peak
 from clplen.lightfield.model.alpha_law import depth_at
 from clplen.lightfield.model.light_field import LightField

@@ -68,9 +68,7 @@ def hot_pixels(
     return found
 
 
-def without_hot_pixels(
-    stack: Vector, sharpest: tuple[float, float, float]
-) -> tuple[Vector, int]:
+def without_hot_pixels(stack: Vector, sharpest: tuple[float, float, float]) -> tuple[Vector, int]:
     """Frames of a Fourier microscope with the median around each hot pixel in its place.
 
     Parameters

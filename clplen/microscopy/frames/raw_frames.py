@@ -181,8 +181,15 @@ def raw_preparation(
     level = np.where(bad, np.float32(0), light)
     sensitivity = _sensitivity(projector, level, ~bad)
     return RawPreparation(
-        images.pixels, projector.device, black, projector.lattice, sensitivity, level,
-        out, sharpest, projector,
+        images.pixels,
+        projector.device,
+        black,
+        projector.lattice,
+        sensitivity,
+        level,
+        out,
+        sharpest,
+        projector,
     )
 
 
