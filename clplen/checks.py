@@ -8,15 +8,17 @@ import math
 import sys
 from collections.abc import Callable, Iterable
 from contextlib import suppress
+from functools import wraps
 from numbers import Real
-from typing import Any, Literal
+from typing import Any, Literal, TypeVar
 
 import numpy as np
 
 from clplen import units
-from clplen.deprecation import warn_caller
-from clplen.errors import SamplingError, SamplingWarning, ShapeError
+from clplen.errors import SamplingError, SamplingWarning, ShapeError, warn_caller
 from clplen.types import Array
+
+Target = TypeVar("Target", bound=Callable[..., Any])
 
 
 def require(kind: type, value: Any, what: str, source: str) -> None:
@@ -361,3 +363,32 @@ def act_on_aliasing(message: str, aliasing: Aliasing) -> None:
         raise SamplingError(message + " aliasing='warn' or 'allow' goes on all the same.")
     if message and aliasing == "warn":
         warn_caller(message, SamplingWarning)
+
+
+def alias_argument(**aliases: str) -> Callable[[Target], Target]:
+    """Decorate a function or class whose arguments have a second keyword.
+
+    Parameters
+    ----------
+    **aliases : str
+        Second keyword and the argument it stands for: ``f="focal_length"``. Both in one call
+        raise a `TypeError`.
+    """
+
+    def decorate(target: Target) -> Target:
+        if isinstance(target, type):
+            target.__init__ = decorate(target.__init__)  # type: ignore[misc]
+            return target
+
+        @wraps(target)
+        def aliased(*arguments: Any, **keywords: Any) -> Any:
+            resolved = {aliases.get(key, key): value for key, value in keywords.items()}
+            if len(resolved) < len(keywords):
+                name = target.__qualname__.removesuffix(".__init__")
+                pairs = ", ".join(f"{old}= is {new}=" for old, new in aliases.items())
+                raise TypeError(f"{name}() got one argument twice: {pairs}.")
+            return target(*arguments, **resolved)
+
+        return aliased  # type: ignore[return-value]
+
+    return decorate

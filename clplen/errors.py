@@ -20,6 +20,11 @@ Wrong plain arguments (a negative pitch, both or neither of two options) are `Va
 
 from __future__ import annotations
 
+import sys
+import warnings
+
+_PACKAGE = __name__.partition(".")[0]
+
 
 class ClplenError(Exception):
     """Base class of every error that clplen raises on purpose.
@@ -137,3 +142,22 @@ class SamplingWarning(UserWarning):
     >>> caught[0].category.__name__
     'SamplingWarning'
     """
+
+
+def warn_caller(message: str, category: type[Warning]) -> None:
+    """Warn from the line outside the package that led here.
+
+    Parameters
+    ----------
+    message : str
+    category : type of Warning
+    """
+    level, frame = 1, sys._getframe()
+    while frame.f_back is not None and _is_inside(frame.f_globals.get("__name__", "")):
+        level, frame = level + 1, frame.f_back
+    warnings.warn(message, category, stacklevel=level)
+
+
+def _is_inside(module: str) -> bool:
+    """Return whether a frame belongs to the package or to a wrapper of the standard library."""
+    return module.partition(".")[0] in (_PACKAGE, "contextlib", "functools")

@@ -21,7 +21,7 @@ PACKAGE = ROOT / "clplen"
 # each other. `clplen` is the list of public names on top: only what stands above it imports it.
 # An import counts wherever it stands, in functions and under TYPE_CHECKING too.
 STOREYS: tuple[set[str], ...] = (
-    {"errors", "interrupts", "deprecation", "types", "units", "reprs"},
+    {"errors", "interrupts", "types", "units", "reprs"},
     {"checks", "files", "hdf5_safety"},
     {"outputs", "results"},
     {"compute"},

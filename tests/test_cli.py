@@ -21,7 +21,6 @@ import clplen
 from clplen.cameras.plenoptic_camera import PlenopticCamera
 from clplen.cli import main
 from clplen.cli.shared.console import error_sentence
-from clplen.cli.shared.options import Lattice
 from clplen.compute.device import Device
 from clplen.config import EXAMPLE, read_camera_file
 from clplen.io import read_lightfield, read_pfm, write_lightfield
@@ -562,11 +561,3 @@ def test_a_stack_as_ome_zarr(tmp_path: Path, device: Device):
         assert run.exit_code == 0, run.output
         written = zarr.open_group(str(tmp_path / "s.zarr"), mode="r")["0"]
         assert written.shape == (count, 21, 17)
-
-
-def test_words_for_lattices():
-    kind = Lattice()
-    assert kind.convert("hexagonal", None, None) == "hexagonal"
-    assert kind.convert("square", None, None) == "square"
-    with pytest.warns(FutureWarning, match="'rectangular' is called 'square' now"):
-        assert kind.convert("rectangular", None, None) == "square"

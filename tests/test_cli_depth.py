@@ -79,12 +79,6 @@ def test_maps_of_a_cue(device: Device, tmp_path: Path, views: Path, cue: str):
     assert "metre" not in text
 
 
-def test_an_old_name_of_an_option_is_taken_with_a_note(device: Device, tmp_path: Path, views: Path):
-    lengths = ["--focal-mm" if word == "--focal-length-mm" else word for word in LENGTHS]
-    result = run(device, views, "-o", tmp_path / "d.pfm", "--cue", "energy", *PLANES, *lengths)
-    assert "Distances: median" in done(result)
-    assert result.stderr.count("the option --focal-mm is called --focal-length-mm now") == 1
-
 
 @pytest.mark.thorough
 def test_metres_and_points(device: Device, tmp_path: Path, views: Path):

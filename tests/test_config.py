@@ -398,24 +398,6 @@ def test_a_kind_that_is_no_word(value: Any):
     refuse_fourier(content, Path("camera.toml"))
 
 
-OLD_PICTURE = """
-[[scene.pictures]]
-file = "a.png"
-width_mm = 1.0
-dz_mm = 2.0
-"""
-
-
-def test_old_names_of_keys_are_taken_with_a_warning(tmp_path: Path):
-    (tmp_path / "a.png").touch()
-    with pytest.warns(FutureWarning, match="the key dz_mm is called z_mm now"):
-        file = read(tmp_path, EXAMPLE.replace("[sensor]", f"{OLD_PICTURE}\n[sensor]", 1))
-    assert file.scene.pictures[0].z_mm == 2
-    both = OLD_PICTURE + "z_mm = 1.0\n"
-    with pytest.raises(FormatError, match="has z_mm and dz_mm, its old name"):
-        read(tmp_path, EXAMPLE.replace("[sensor]", f"{both}\n[sensor]", 1))
-
-
 FOCUSED = """
     [camera]
     kind = "plenoptic2"

@@ -8,14 +8,12 @@ import inspect
 import pkgutil
 import types
 import typing
-import warnings
 from typing import Any
 
 import pytest
 from public_names import TOPICS, public_classes, public_functions, public_objects, topic_names
 
 import clplen
-from clplen import _MOVED
 
 # What has no counterpart, and why.
 ONE_WAY = {
@@ -129,15 +127,6 @@ def test_what_is_written_is_read() -> None:
     writers = {name[6:] for name in names if name.startswith("write_")}
     assert readers ^ writers == set(ONE_WAY)
 
-
-@pytest.mark.parametrize("name", sorted(_MOVED))
-def test_former_names_on_top_work_and_say_where_they_are(name: str) -> None:
-    with pytest.warns(DeprecationWarning, match=rf"clplen\.{_MOVED[name]}\.{name}"):
-        value = getattr(clplen, name)
-    assert value is getattr(getattr(clplen, _MOVED[name]), name)
-    with warnings.catch_warnings():
-        warnings.simplefilter("error")
-        assert name not in clplen.__all__
 
 
 def test_topics_are_attributes() -> None:

@@ -24,7 +24,6 @@ from clplen.cameras.scenes.scene_sources import (
     as_sources,
 )
 from clplen.cameras.scenes.surface_scene import SurfaceScene
-from clplen.deprecation import renamed_argument
 from clplen.files import PathLike
 from clplen.lightfield.raw.raw_image import RawImage, Sensor
 from clplen.wave.coherence.averaging import Averaging, Progress
@@ -202,7 +201,6 @@ class Plenoptic(Described, RayOptics):
         """
         return replace(raw_image(self, data), camera=self)
 
-    @renamed_argument(old="whole", new="full_grid")
     def pupil(
         self, scene: PointSources, chosen: slice = slice(None), *, full_grid: bool = True
     ) -> Field:

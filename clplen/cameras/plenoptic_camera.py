@@ -23,8 +23,7 @@ from clplen.cameras.optics.ray_optics import LensModel, thin_spherical
 from clplen.cameras.standard_camera import Plenoptic1
 from clplen.checks import is_finite
 from clplen.compute.device import Device, DeviceLike, as_device
-from clplen.deprecation import warn_caller
-from clplen.errors import SamplingError, SamplingWarning
+from clplen.errors import SamplingError, SamplingWarning, warn_caller
 from clplen.wave.elements.lenslets import MicrolensArray
 from clplen.wave.spectrum.spectrum_tables import check_wavelength
 

@@ -21,8 +21,7 @@ from clplen.compute.fft.routes import FFTRoute, choose_route
 from clplen.compute.launcher import Launcher
 from clplen.compute.memory import trim_heap
 from clplen.compute.tuning import Tuning
-from clplen.deprecation import warn_caller
-from clplen.errors import DeviceError
+from clplen.errors import DeviceError, warn_caller
 from clplen.units import bytes_of
 
 Precision = Literal["single", "double"]

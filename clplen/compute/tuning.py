@@ -15,7 +15,7 @@ from typing import Protocol
 from clplen.compute.drivers.environment import cache_dir
 from clplen.compute.drivers.forked import Guard
 from clplen.compute.drivers.program import kernel_source
-from clplen.deprecation import warn_caller
+from clplen.errors import warn_caller
 
 FILE = "tuning.json"
 _FORMAT = "clplen tuning 1"

@@ -20,7 +20,6 @@ from clplen.config.tables import (
     Table,
     listed,
     of,
-    rename_key,
     twice,
     value_of,
 )
@@ -49,11 +48,6 @@ class PictureTable(Table):
     mode: Literal["emission", "transmission"] = "emission"
     srgb: Switch = False
     opacity_file: File | None = None
-
-    @model_validator(mode="before")
-    @classmethod
-    def _take_old_key(cls, content: Any) -> Any:
-        return rename_key(content, "dz_mm", "z_mm")
 
     def build(self) -> PicturePlane:
         """The picture in grey and linear light, in SI units."""

@@ -13,7 +13,6 @@ from typing import Annotated, Any, TypeVar, get_args
 
 from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, ValidationError, ValidationInfo
 
-from clplen.deprecation import warn_caller
 from clplen.errors import ClplenError, FormatError
 from clplen.reprs import one_line
 
@@ -234,28 +233,6 @@ class Table(BaseModel):
     def __repr__(self) -> str:
         known = [name for name in type(self).model_fields if name in self.model_fields_set]
         return one_line(self, {name: getattr(self, name) for name in known})
-
-
-def rename_key(content: Any, old: str, new: str) -> Any:
-    """The content of a table with a key by its present name; its old name is warned about.
-
-    Parameters
-    ----------
-    content : object
-        Of a validator before others; what is no table is left alone.
-    old, new : str
-
-    Raises
-    ------
-    ValueError
-        If both are there.
-    """
-    if not isinstance(content, dict) or old not in content:
-        return content
-    if new in content:
-        raise ValueError(f"has {new} and {old}, its old name: leave one out")
-    warn_caller(f"the key {old} is called {new} now; its old name is deprecated.", FutureWarning)
-    return {new if key == old else key: value for key, value in content.items()}
 
 
 @contextmanager

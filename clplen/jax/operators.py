@@ -12,7 +12,7 @@ import numpy as np
 
 from clplen.compute.differentiation import name_of, require_linear_map, run_linear
 from clplen.compute.linear_map import LinearMap, leading_axes
-from clplen.deprecation import warn_caller
+from clplen.errors import warn_caller
 
 
 def apply(

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-import warnings
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -342,20 +341,3 @@ def test_nothing_to_focus_on(device, value):
     flat = LightField.from_array(np.full((5, 6, 23, 27), value), device=device)
     with pytest.raises(ValueError, match="black or without any detail"):
         estimate_alpha(flat, method="energy", at=(11, 13))
-
-
-@pytest.mark.thorough
-def test_the_old_spelling_of_the_lenslet(fields):
-    lf = fields[-0.05]
-    with warnings.catch_warnings():
-        warnings.simplefilter("error")
-        expected = estimate_alpha(lf, at=(20, 13), method="energy")
-    with pytest.warns(DeprecationWarning, match=r"at=\(y, x\)") as record:
-        found = estimate_alpha(lf, near=(13, 20), method="energy")
-    assert [warning.filename for warning in record] == [__file__]
-    assert (found.at, found.alpha) == (expected.at, expected.alpha) == ((20, 13), found.alpha)
-    with pytest.warns(DeprecationWarning, match=r"read \.at") as record:
-        assert found.near == (13, 20)
-    assert [warning.filename for warning in record] == [__file__]
-    with pytest.raises(TypeError, match="at= and its old spelling"):
-        estimate_alpha(lf, at=(20, 13), near=(13, 20))

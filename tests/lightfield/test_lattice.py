@@ -490,12 +490,3 @@ def test_what_is_no_file_is_not_waited_for(tmp_path: Path):
         os.mkfifo(tmp_path / "pipe.json")
         with pytest.raises(FormatError, match="no ordinary file"):
             Lattice.load(tmp_path / "pipe.json")
-
-
-def test_the_old_name_of_a_square_lattice_is_read():
-    with pytest.warns(DeprecationWarning, match="'square'"):
-        old = Lattice("rectangular", SQUARE.origin, SQUARE.row, SQUARE.column, SQUARE.shape)
-    assert old == SQUARE
-    assert old.kind == "square"
-    text = SQUARE.to_json().replace('"square"', '"rectangular"')
-    assert Lattice.from_json(text).kind == "square"

@@ -186,10 +186,3 @@ def test_what_cannot_be_resampled(device):
             lf.resample("point-angle", **options)
     with pytest.raises(ValueError, match="parametrisation is 'two-plane' or 'point-angle'"):
         spaced.resample("spherical")
-
-
-def test_the_old_name_of_the_image_distance_warns(device):
-    lf = LightField.from_array(point(0.9), device=device, spacing=SPACING)
-    with pytest.warns(DeprecationWarning, match="image_distance="):
-        old = lf.resample("point-angle", focal=F)
-    assert old.spacing == lf.resample("point-angle", image_distance=F).spacing

@@ -341,8 +341,3 @@ def test_a_curvature_too_coarse():
         source.check(Grid((1, 128), 20e-6), wavelength=WAVELENGTH)
     with pytest.raises(ValueError, match="focal length -100 mm"):
         source.power_spectrum(Grid((1, 64), 20e-6), wavelength=WAVELENGTH)
-
-
-def test_the_old_word_for_a_circular_source_is_deprecated():
-    with pytest.warns(DeprecationWarning, match="circular"):
-        assert ExtendedSource(1e-3, 0.1, shape="disc").shape == "circular"

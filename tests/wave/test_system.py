@@ -284,13 +284,3 @@ def test_a_window_as_wide_as_the_lens_is_enough(device, n):
     quiet(Grid((n, n), 1e-5), Lens(1, diameter=n * 1e-5), device)
     quiet(Grid((n, n), 1e-5, origin=(1, 1)), Lens(1, aliasing="allow"), device)
     quiet(Grid((n, n), 1e-5, origin=(1, 1)), Stop(1e-4, centre=(1, 1)), device)
-
-
-def test_the_old_word_for_a_focal_length_is_deprecated():
-    with pytest.warns(DeprecationWarning, match="focal_length"):
-        lens = Lens(f=0.1, diameter=1e-3)
-    assert lens == Lens(0.1, diameter=1e-3)
-    with pytest.warns(DeprecationWarning, match=r"Lens\.f is deprecated"):
-        assert lens.f == 0.1
-    with pytest.warns(DeprecationWarning, match="imaging_system"):
-        assert imaging_system(f=0.1, diameter=1e-3) == imaging_system(0.1, diameter=1e-3)

@@ -12,7 +12,6 @@ from pydantic import AfterValidator, BeforeValidator, Field, model_validator
 from clplen.batch.jobs.sweep import SweepTable, swept_once
 from clplen.cameras.scenes.gallery import SCENES
 from clplen.config.tables import Count, NotNegative, Positive, Seed, Switch, Table, listed
-from clplen.deprecation import warn_caller
 from clplen.units import bytes_of
 
 _MOST_PLANES = 100_000
@@ -59,17 +58,6 @@ def aperture_of(value: Any) -> int | float | str:
     raise ValueError('must be views across (9), a fraction of the diameter (0.5) or "f/66"')
 
 
-def present_lattice(value: Any) -> Any:
-    """A lattice of lenslets by its present word; the old one is warned about."""
-    if value != "rectangular":
-        return value
-    warn_caller(
-        "the lattice 'rectangular' is called 'square' now; its old name is deprecated.",
-        FutureWarning,
-    )
-    return "square"
-
-
 Size = Annotated[int, BeforeValidator(bytes_of), Field(ge=1)]
 Planes = Annotated[list[float], BeforeValidator(planes_of)]
 Aperture = Annotated[Any, BeforeValidator(aperture_of)]
@@ -98,9 +86,7 @@ class LayoutTable(Table):
     positions: str | None = None
     srgb: Switch = False
     step: Positive | None = None
-    lattice: Annotated[Literal["square", "hexagonal"], BeforeValidator(present_lattice)] | None = (
-        None
-    )
+    lattice: Literal["square", "hexagonal"] | None = None
     bayer: Literal["RGGB", "BGGR", "GRBG", "GBRG"] | None = None
     demosaic: Literal["within", "after", "before"] | None = None
     devignette: Switch | None = None

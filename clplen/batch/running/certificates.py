@@ -11,8 +11,7 @@ from pathlib import Path
 from typing import Any
 
 from clplen.checks import install_advice
-from clplen.deprecation import warn_caller
-from clplen.errors import FormatError
+from clplen.errors import FormatError, warn_caller
 from clplen.files import PathLike, filling
 
 FILES = ("ca.pem", "certificate.pem", "key.pem")

@@ -38,8 +38,7 @@ from clplen.cameras.optics.wave_optics import WaveOptics, padded_shape
 from clplen.cameras.scenes.scene_sources import PicturePlane, PointSources, Source
 from clplen.compute.arrays import Image
 from clplen.compute.device import Device
-from clplen.deprecation import warn_caller
-from clplen.errors import SamplingError, SamplingWarning
+from clplen.errors import SamplingError, SamplingWarning, warn_caller
 from clplen.lightfield.raw.raw_image import Exposure, RawImage, Transforms
 from clplen.wave.coherence.averaging import Averaging, Progress
 from clplen.wave.coherence.coherence import Coherence

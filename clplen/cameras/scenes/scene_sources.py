@@ -12,7 +12,6 @@ from clplen import units
 from clplen.cameras.scenes.occluders import Occluder
 from clplen.checks import is_finite, real_array
 from clplen.compute.arrays import HostArray
-from clplen.deprecation import renamed_argument, renamed_attribute
 from clplen.errors import ShapeError
 from clplen.reprs import OneLine
 from clplen.wave.spectrum.spectral_distribution import SpectralDistribution, as_spectrum
@@ -131,7 +130,6 @@ def _numbers(values: Any, what: str) -> np.ndarray[Any, np.dtype[np.float64]]:
 Vector = np.ndarray[Any, np.dtype[np.float64]]
 
 
-@renamed_argument(old="dz", new="z")
 @dataclass(frozen=True, init=False, eq=False, repr=False)
 class PicturePlane(OneLine, HostArray):
     """A flat picture across the optical axis.
@@ -251,8 +249,6 @@ class PicturePlane(OneLine, HostArray):
         object.__setattr__(self, "mode", mode)
         object.__setattr__(self, "spectra", light)
         object.__setattr__(self, "occluder", self._occluder(opacity))
-
-    dz = renamed_attribute("dz", "z")
 
     @property
     def is_slide(self) -> bool:

@@ -11,7 +11,6 @@ import numpy as np
 
 from clplen.cameras.scenes.textures import Texture, uniform
 from clplen.checks import float64_array, real_array
-from clplen.deprecation import renamed_argument, renamed_attribute
 from clplen.reprs import OneLine
 
 Pair = tuple[float, float]
@@ -240,7 +239,6 @@ def _finite(numbers: Any, count: int, what: str, positive: bool = False) -> None
         raise ValueError(f"{what}: {count} numbers, {kind}, in pixels, not {numbers!r}.")
 
 
-@renamed_argument(old="d", new="disparity")
 @dataclass(frozen=True)
 class Spot:
     """A highlight: a Gaussian spot of light on a surface that moves with the view.
@@ -276,15 +274,12 @@ class Spot:
     strength: float = 0.4
     disparity: float = 0.0
 
-    d = renamed_attribute("d", "disparity")
-
     def __post_init__(self) -> None:
         require_numbers("A spot", *self.centre, self.width, self.strength, self.disparity)
         if not self.width > 0:
             raise ValueError(f"The width of a spot is positive, in pixels, not {self.width!r}.")
 
 
-@renamed_argument(old="d", new="disparity")
 @dataclass(frozen=True, eq=False, repr=False)
 class Plane(OneLine):
     """A plane, d = d0 + gy Y + gx X with (Y, X) in pixels from the middle of the picture.
@@ -329,8 +324,6 @@ class Plane(OneLine):
     shade: Pair = (0.0, 0.0)
     spots: Sequence[Spot] = ()
 
-    d = renamed_attribute("d", "disparity")
-
     def __post_init__(self) -> None:
         require_numbers("A plane", self.disparity, *self.slope, *self.shade)
 
@@ -342,7 +335,6 @@ class Plane(OneLine):
         return np.column_stack([corners, self.disparity + corners @ np.asarray(self.slope)])
 
 
-@renamed_argument(old="d", new="disparity")
 @dataclass(frozen=True, eq=False, repr=False)
 class Sphere(OneLine):
     """An ellipsoid, (d - d0)^2/height^2 + r^2/radius^2 = 1, r from its centre in (Y, X).
@@ -385,8 +377,6 @@ class Sphere(OneLine):
     texture: Texture = field(default_factory=uniform)
     shade: Pair = (0.0, 0.0)
     spots: Sequence[Spot] = ()
-
-    d = renamed_attribute("d", "disparity")
 
     def __post_init__(self) -> None:
         lengths = (self.radius, self.disparity, self.height)

@@ -51,18 +51,8 @@ _TYPED = (
 )
 
 
-_RENAMED = {("depth", "--focal-mm"): "--focal-length-mm"}  # old options that are still taken
-
-
 class Commands(click.Group):
     """Commands whose expected failures are one sentence, not a traceback."""
-
-    def resolve_command(
-        self, ctx: click.Context, args: list[str]
-    ) -> tuple[str | None, click.Command | None, list[str]]:
-        """The command that is meant, with its options by their present names."""
-        name, command, words = super().resolve_command(ctx, args)
-        return name, command, [_present_option(name, word) for word in words]
 
     def invoke(self, ctx: click.Context) -> Any:
         with interrupts.unwinding(), warnings.catch_warnings():
@@ -88,16 +78,6 @@ class Commands(click.Group):
                     f"OpenCL failed ({reason}): run `clplen devices --check` to see what works, or "
                     "choose another device by --device."
                 ) from error
-
-
-def _present_option(command: str | None, word: str) -> str:
-    """A word of the command line; an old option by its present name, with a note."""
-    old, equals, value = word.partition("=")
-    new = _RENAMED.get((command or "", old))
-    if new is None:
-        return word
-    note(f"the option {old} is called {new} now; its old name is deprecated.")
-    return f"{new}{equals}{value}"
 
 
 def _opencl_errors() -> tuple[type[Exception], ...]:

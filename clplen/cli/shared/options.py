@@ -10,7 +10,6 @@ from typing import Any, Literal, NoReturn
 import click
 import numpy as np
 
-from clplen.deprecation import warn_caller
 from clplen.lightfield.depth import best_focus as planes_default
 
 _MOST_PLANES = 10**6
@@ -88,22 +87,6 @@ class Aperture(click.ParamType):
                 param,
                 ctx,
             )
-
-
-class Lattice(click.Choice):
-    """A lattice of lenslets: square or hexagonal."""
-
-    def __init__(self) -> None:
-        super().__init__(["square", "hexagonal"])
-
-    def convert(self, value: Any, param: Any, ctx: Any) -> str:
-        if value == "rectangular":
-            message = (
-                "the lattice 'rectangular' is called 'square' now; its old name is deprecated."
-            )
-            warn_caller(message, FutureWarning)
-            value = "square"
-        return str(super().convert(value, param, ctx))
 
 
 class Size(click.ParamType):
@@ -217,7 +200,7 @@ layout = _with_options(
     click.option("--step", type=float, help="Pixels a view of a raw image; default: pitch over N."),
     click.option(
         "--lattice",
-        type=Lattice(),
+        type=click.Choice(["square", "hexagonal"]),
         help="Of the lenslets; default: found out.",
     ),
     click.option(

@@ -25,8 +25,7 @@ from contextlib import suppress
 from importlib import metadata
 from pathlib import Path
 
-from clplen.deprecation import warn_caller
-from clplen.errors import DeviceError
+from clplen.errors import DeviceError, warn_caller
 
 VENDOR_FOLDERS = (Path("/etc/OpenCL/vendors"), Path(sys.prefix) / "etc/OpenCL/vendors")
 MIN_CACHE_BYTES = 2**24  # a process with all kernels of the test suite writes 23 MB, few write 5

@@ -24,8 +24,7 @@ from clplen.checks import install_advice
 from clplen.compute.drivers.failures import device_error
 from clplen.compute.drivers.forked import Guard
 from clplen.compute.fft.plans import PlanCache
-from clplen.deprecation import warn_caller
-from clplen.errors import DeviceError
+from clplen.errors import DeviceError, warn_caller
 from clplen.types import Array
 
 T = TypeVar("T")

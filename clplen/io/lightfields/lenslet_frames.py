@@ -12,8 +12,7 @@ from typing import Any, NoReturn
 import numpy as np
 
 from clplen.compute.device import Device
-from clplen.deprecation import warn_caller
-from clplen.errors import FormatError, SamplingWarning
+from clplen.errors import FormatError, SamplingWarning, warn_caller
 from clplen.files import PathLike, naming
 from clplen.io.formats.picture import linear
 from clplen.io.formats.untrusted import require_room

@@ -24,8 +24,7 @@ from clplen.cameras.optics.pixel_array import PixelArray
 from clplen.cameras.plenoptic_camera import PlenopticCamera
 from clplen.cameras.standard_camera import Plenoptic1
 from clplen.compute.device import Device
-from clplen.deprecation import warn_caller
-from clplen.errors import ClplenError, FormatError
+from clplen.errors import ClplenError, FormatError, warn_caller
 from clplen.io.formats.untrusted import UNREADABLE
 from clplen.lightfield.model.light_field import LightField
 from clplen.wave.elements.lenslet_surface import LensletSurface

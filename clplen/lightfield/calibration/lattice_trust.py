@@ -25,8 +25,7 @@ from typing import Any
 import numpy as np
 
 from clplen.checks import host_array
-from clplen.deprecation import warn_caller
-from clplen.errors import SamplingWarning
+from clplen.errors import SamplingWarning, warn_caller
 from clplen.lightfield.calibration.lattice_fit import visible_lattice
 from clplen.lightfield.calibration.sensor_frames import Mosaic
 from clplen.lightfield.raw.demosaicing import tile_of

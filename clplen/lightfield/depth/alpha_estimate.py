@@ -4,12 +4,10 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from clplen.deprecation import warn_caller
 from clplen.lightfield.arrays.spectral_sharpness import (
     BAND,
     Peak,
@@ -119,15 +117,6 @@ class AlphaEstimate(OneLine):
     z_uncertainty: float = math.nan
     bias: float = math.nan
 
-    @property
-    def near(self) -> tuple[int, int]:
-        """The old name of ``at``, with x first."""
-        warn_caller(
-            "AlphaEstimate.near, which is (x, y), is deprecated: read .at, which is (y, x).",
-            DeprecationWarning,
-        )
-        return self.at[::-1]
-
 
 def estimate_alpha(
     lf: LightField | ArrayLike,
@@ -136,7 +125,6 @@ def estimate_alpha(
     method: str = "compensated",
     window: int = 21,
     c_max: float | None = None,
-    near: tuple[int, int] | None = None,
 ) -> AlphaEstimate:
     """Estimate the depth of one object from where its refocused image is sharpest.
 
@@ -169,8 +157,6 @@ def estimate_alpha(
         Search range, -c_max to c_max pixels a view step (lenslets a sub-image pixel). A larger
         one lowers the highest frequency that "compensated" uses. Default .3, and the depth range
         of a microscope.
-    near : tuple of int, optional
-        Deprecated: ``at`` with x first.
 
     Returns
     -------
@@ -202,7 +188,7 @@ def estimate_alpha(
     'alpha = 1.05, of the camera 1.05'
     """
     lf = as_lightfield(lf)
-    at = _checked(lf, _new_spelling(at, near), method, window)
+    at = _checked(lf, at, method, window)
     if method == "thesis":
         if is_telecentric(lf):
             raise ValueError(
@@ -284,19 +270,6 @@ def _checked(
             f"at is (y, x) of a lenslet with 0 <= y < {ny} and 0 <= x < {nx}, not {at!r}."
         )
     return int(y), int(x)
-
-
-def _new_spelling(at: tuple[int, int] | None, near: tuple[int, int] | None) -> Any:
-    """``at``, or what the deprecated ``near`` says in its place."""
-    if near is None:
-        return at
-    if at is not None:
-        raise TypeError("estimate_alpha() got at= and its old spelling near=: give at=(y, x) only.")
-    warn_caller(
-        "estimate_alpha() takes at=(y, x); its old spelling near=(x, y) is deprecated.",
-        DeprecationWarning,
-    )
-    return tuple(near)[::-1]
 
 
 def search_limit(lf: LightField, *, window: int = 21) -> float:

@@ -21,8 +21,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from clplen.deprecation import warn_caller
-from clplen.errors import SamplingWarning
+from clplen.errors import SamplingWarning, warn_caller
 from clplen.lightfield.arrays.spectral_sharpness import BAND, Peak
 from clplen.lightfield.model.alpha_law import depth_at, overlap_limit, unit_steps
 from clplen.lightfield.model.light_field import LightField

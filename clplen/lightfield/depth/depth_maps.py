@@ -11,8 +11,7 @@ from numpy.typing import ArrayLike
 from clplen.checks import real_array, real_map, require
 from clplen.compute.arrays import HostArray
 from clplen.compute.device import DeviceLike
-from clplen.deprecation import warn_caller
-from clplen.errors import SamplingWarning, ShapeError
+from clplen.errors import SamplingWarning, ShapeError, warn_caller
 from clplen.lightfield.arrays.peaks import Map
 from clplen.lightfield.depth import (
     combined_cue,

@@ -18,6 +18,7 @@ import math
 from collections.abc import Iterator
 from dataclasses import dataclass
 from itertools import product
+from operator import attrgetter
 from typing import Any
 
 import numpy as np
@@ -25,7 +26,6 @@ import pyopencl.array as cla
 
 from clplen.checks import require
 from clplen.compute.device import DeviceLike, as_device
-from clplen.deprecation import renamed_attribute
 from clplen.errors import ShapeError
 from clplen.lightfield.raw.lenslet_grid import LensletGrid, LensType
 from clplen.lightfield.raw.lenslet_lattice import Lattice
@@ -144,7 +144,7 @@ class FocusedGeometry:
         index = np.moveaxis(np.indices(self.kinds.shape), 0, -1)
         return np.asarray(self.origin) + index @ np.array([self.first, self.second])
 
-    places = renamed_attribute("places", "centres", warn=False)
+    places = property(attrgetter("centres"), doc="Alias of `centres`.")
 
     def ratio(self, m: Any) -> Any:
         """(m - b/z2)/(1 + b/z2), the size of a patch in pitches of the sub-images."""

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 from itertools import product
+from operator import attrgetter
 from typing import Any, ClassVar
 
 import numpy as np
@@ -13,7 +14,6 @@ import pyopencl.array as cla
 from clplen.checks import fits_float64, require
 from clplen.compute.arrays import Image, OnDevice
 from clplen.compute.device import Device
-from clplen.deprecation import renamed_attribute
 from clplen.lightfield.focused.focused_geometry import FocusedGeometry, Pair, Values
 from clplen.results import Savable
 
@@ -127,7 +127,7 @@ class FocusedImage(Image):
         y, x = self.grid.axes()
         return (y - self.geometry.axis[0]) * self._scale, (x - self.geometry.axis[1]) * self._scale
 
-    places = renamed_attribute("places", "positions", warn=False)
+    places = property(attrgetter("positions"), doc="Alias of `positions`.")
 
     @property
     def _scale(self) -> float:

@@ -8,7 +8,6 @@ from dataclasses import dataclass
 import numpy as np
 
 from clplen.compute.arrays import count_bad
-from clplen.deprecation import renamed_attribute
 from clplen.lightfield.focused.focused_geometry import FocusedGeometry, Pair, Values, z_of_m
 from clplen.lightfield.raw.raw_image import RawImage
 
@@ -56,8 +55,6 @@ class SpotFit:
     spots: int
     residual: float
     uncertainty: float = math.nan
-
-    place = renamed_attribute("place", "position", warn=False)
 
 
 def point_m(raw: RawImage, *, least: float = 0.25) -> SpotFit:

@@ -9,8 +9,7 @@ import numpy as np
 
 from clplen.checks import is_finite
 from clplen.compute.device import DeviceLike
-from clplen.deprecation import warn_caller
-from clplen.errors import SamplingWarning, ShapeError
+from clplen.errors import SamplingWarning, ShapeError, warn_caller
 from clplen.lightfield.metric.board_corners import checked_board, find_corners, opencv
 from clplen.lightfield.metric.bundle_adjustment import Adjusted, Sighting, adjusted, rotation
 from clplen.lightfield.metric.intrinsics import Intrinsics

@@ -11,7 +11,6 @@ from numpy.typing import ArrayLike
 
 from clplen.compute.arrays import Image, OnDevice
 from clplen.compute.device import Device, DeviceLike, as_device
-from clplen.deprecation import renamed_argument
 from clplen.lightfield.model import parametrisation as parametrisations
 from clplen.lightfield.model import rendering
 from clplen.lightfield.model.alpha_law import AlphaLaw
@@ -365,7 +364,6 @@ class LightField(AlphaLaw, Savable, Plottable, OnDevice):
             interpolation=interpolation,
         )
 
-    @renamed_argument(old="focal", new="image_distance")
     def resample(
         self,
         parametrisation: str,

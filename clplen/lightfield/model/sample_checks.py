@@ -10,8 +10,7 @@ import pyopencl.array as cla
 from clplen.checks import float64_array, host_array, masked_array
 from clplen.compute.arrays import count_bad
 from clplen.compute.device import Device
-from clplen.deprecation import warn_caller
-from clplen.errors import DeviceError, SamplingWarning, ShapeError
+from clplen.errors import DeviceError, SamplingWarning, ShapeError, warn_caller
 from clplen.lightfield.arrays.stored_samples import C_TYPE, lit_views
 from clplen.lightfield.raw.raw_image import Spacing
 from clplen.types import Array

@@ -13,7 +13,6 @@ from typing import Any
 
 import numpy as np
 
-from clplen.deprecation import warn_caller
 from clplen.errors import FormatError, ShapeError
 from clplen.files import PathLike, replacing, require_file
 from clplen.lightfield.raw.lenslet_grid import LensletGrid
@@ -89,7 +88,7 @@ def _own_model(model: dict[str, Any], source: str) -> dict[str, Any]:
         (residual,) = _numbers(model, "residual", 1, source)
     pairs = {name: tuple(_numbers(model, name, 2, source)) for name in ("origin", "row", "column")}
     return {
-        "kind": _OLD_KINDS.get(str(model.get("kind")), str(model.get("kind"))),
+        "kind": str(model.get("kind")),
         **pairs,
         "shape": shape,
         "residual": residual,
@@ -152,24 +151,19 @@ Values = np.ndarray[Any, np.dtype[np.float64]]
 
 KINDS = ("square", "hexagonal")
 TRUST = ("high", "low")
-_OLD_KINDS = {"rectangular": "square"}
 
 
 def lattice_kind(name: str) -> str:
-    """The kind of a lattice, "square" or "hexagonal", from that name or its old one.
+    """Return the kind of a lattice, "square" or "hexagonal".
 
     Raises
     ------
     ValueError
         If it is neither.
     """
-    if name in _OLD_KINDS:
-        message = f"A lattice is {_OLD_KINDS[name]!r}; its old name {name!r} is deprecated."
-        warn_caller(message, DeprecationWarning)
-    kind = _OLD_KINDS.get(name, name)
-    if kind not in KINDS:
+    if name not in KINDS:
         raise ValueError(f"A lattice is {' or '.join(KINDS)}, not {name!r}.")
-    return kind
+    return name
 
 
 @dataclass(frozen=True)

@@ -17,8 +17,7 @@ from scipy import ndimage
 from clplen.cameras.fourier.fourier_microscope import FourierMicroscope
 from clplen.cameras.fourier.fourier_optics import LIT, WHOLE
 from clplen.checks import is_finite, real_array
-from clplen.deprecation import warn_caller
-from clplen.errors import SamplingWarning, ShapeError
+from clplen.errors import SamplingWarning, ShapeError, warn_caller
 from clplen.microscopy.fourier.fourier_images import FourierPointImages
 from clplen.microscopy.fourier.fourier_psf import centres_of, checked_planes, described
 from clplen.reprs import OneLine

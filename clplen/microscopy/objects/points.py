@@ -18,7 +18,6 @@ from scipy.ndimage import gaussian_filter, maximum_filter
 from scipy.spatial import cKDTree
 
 from clplen.checks import host_array, real_array
-from clplen.deprecation import renamed_argument
 from clplen.errors import ShapeError
 from clplen.files import PathLike
 from clplen.lightfield.refocusing.focal_stacks import FocalStack
@@ -202,7 +201,6 @@ def find_points(
     )
 
 
-@renamed_argument(old="within", new="tolerance")
 def match_points(first: Vector, second: Vector, *, tolerance: Sequence[float]) -> Vector:
     """Match the positions of two lists that are nearest neighbours of each other.
 

@@ -20,8 +20,7 @@ import pyopencl.array as cla
 
 from clplen.checks import is_finite
 from clplen.compute.device import Device
-from clplen.deprecation import warn_caller
-from clplen.errors import FormatError, SamplingWarning
+from clplen.errors import FormatError, SamplingWarning, warn_caller
 from clplen.files import PathLike, check_writable, replacing
 from clplen.wave.field.field import Field, Grid
 from clplen.wave.field.intensity import MeanIntensity, Region, Statistics, Window

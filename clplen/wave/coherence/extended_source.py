@@ -12,8 +12,7 @@ from numpy.typing import ArrayLike
 
 from clplen.checks import float64_array, is_finite, real_array
 from clplen.compute.device import Device, DeviceLike, as_device
-from clplen.deprecation import warn_caller
-from clplen.errors import SamplingError, SamplingWarning, ShapeError
+from clplen.errors import SamplingError, SamplingWarning, ShapeError, warn_caller
 from clplen.reprs import OneLine
 from clplen.units import metres
 from clplen.wave.coherence.spatial_models import uniform
@@ -208,9 +207,6 @@ class ExtendedSource(OneLine):
             value = getattr(self, name)
             if not (is_finite(value) and value > 0):
                 raise ValueError(f"The {name} of a source is positive, in metres, not {value!r}.")
-        if self.shape == "disc":
-            warn_caller("ExtendedSource(shape='disc') is now 'circular'.", DeprecationWarning)
-            object.__setattr__(self, "shape", "circular")
         if self.shape not in ("circular", "square"):
             raise ValueError(f"A source is 'circular' or 'square', not {self.shape!r}.")
         if (

@@ -12,8 +12,7 @@ from numpy.typing import ArrayLike
 from clplen import units
 from clplen.checks import float64_array, is_finite
 from clplen.compute.device import Device, DeviceLike, as_device
-from clplen.deprecation import warn_caller
-from clplen.errors import SamplingError, SamplingWarning
+from clplen.errors import SamplingError, SamplingWarning, warn_caller
 from clplen.units import metres
 from clplen.wave.coherence.spatial_models import key_of, periodic_power_spectrum, uniform
 from clplen.wave.field.field import Field, Grid

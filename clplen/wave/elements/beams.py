@@ -9,8 +9,7 @@ import numpy as np
 from clplen import units
 from clplen.checks import fits_float64, float64_array
 from clplen.compute.device import Device, DeviceLike, as_device
-from clplen.deprecation import warn_caller
-from clplen.errors import SamplingWarning
+from clplen.errors import SamplingWarning, warn_caller
 from clplen.wave.field.field import Field, Grid, require_field, require_grid
 from clplen.wave.field.transmission import (
     Vector,

@@ -12,11 +12,11 @@ from clplen import units
 from clplen.checks import (
     Aliasing,
     act_on_aliasing,
+    alias_argument,
     check_aliasing,
     check_diameter,
     float64_array,
 )
-from clplen.deprecation import renamed_argument
 from clplen.wave.elements.hard_apertures import disc
 from clplen.wave.field.field import Field, Grid, require_field, require_grid
 from clplen.wave.field.field_gradients import (
@@ -36,7 +36,7 @@ from clplen.wave.field.transmission import (
 Form = Literal["paraxial", "stigmatic"]
 
 
-@renamed_argument(old="f", new="focal_length", warn=False)
+@alias_argument(f="focal_length")
 def thin_lens(
     field: Field,
     focal_length: float,

@@ -6,15 +6,15 @@ import copy
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, fields
+from operator import attrgetter
 from typing import Any, Literal
 
 import numpy as np
 import pyopencl.array as cla
 
 from clplen import units
-from clplen.checks import Aliasing, is_finite, is_integer
+from clplen.checks import Aliasing, alias_argument, is_finite, is_integer
 from clplen.compute.device import Device, DeviceLike, as_device
-from clplen.deprecation import renamed_argument, renamed_attribute
 from clplen.errors import SamplingError, ShapeError
 from clplen.reprs import OneLine, one_line
 from clplen.wave.elements.lens import check_lens_sampling
@@ -35,7 +35,7 @@ _CONTRADICTION = 0.005  # of a focal length, from that of the surface
 Values = np.ndarray[Any, np.dtype[np.float64]]
 
 
-@renamed_argument(old="f", new="focal_length", warn=False)
+@alias_argument(f="focal_length")
 @dataclass(frozen=True, init=False, repr=False)
 class MicrolensArray(OneLine):
     """Thin lenslets on a square or hexagonal lattice, centred on the axis.
@@ -114,7 +114,7 @@ class MicrolensArray(OneLine):
     surface: tuple[LensletSurface, ...]
     gap: str
     map: LensletMap | None
-    f = renamed_attribute("f", "focal_length", warn=False)
+    f = property(attrgetter("focal_length"), doc="Focal length in metres.")
 
     def __init__(
         self,

@@ -14,8 +14,7 @@ from clplen.compute.drivers.forked import Guard
 from clplen.compute.fft.blocks import Spectrum
 from clplen.compute.fft.lines import Separable, adjoint_maps
 from clplen.compute.linear_map import linear_operator
-from clplen.deprecation import warn_caller
-from clplen.errors import SamplingError, SamplingWarning, ShapeError
+from clplen.errors import SamplingError, SamplingWarning, ShapeError, warn_caller
 from clplen.wave.field.field import Field, Grid
 from clplen.wave.propagation.description import (
     BORDER,

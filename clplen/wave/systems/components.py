@@ -6,14 +6,14 @@ import math
 from collections.abc import Callable
 from dataclasses import KW_ONLY, dataclass
 from numbers import Real
+from operator import attrgetter
 from typing import Literal, Protocol, runtime_checkable
 
 import numpy as np
 
 from clplen import units
-from clplen.checks import Aliasing, is_finite
-from clplen.deprecation import renamed_argument, renamed_attribute, warn_caller
-from clplen.errors import SamplingWarning
+from clplen.checks import Aliasing, alias_argument, is_finite
+from clplen.errors import SamplingWarning, warn_caller
 from clplen.units import metres
 from clplen.wave.elements.edges import Edges, check_edges
 from clplen.wave.elements.hard_apertures import aperture
@@ -56,7 +56,7 @@ class Part(Protocol):
         """The field behind the part."""
 
 
-@renamed_argument(old="f", new="focal_length")
+@alias_argument(f="focal_length")
 @dataclass(frozen=True)
 class Lens:
     """A thin lens, by `thin_lens`.
@@ -94,7 +94,7 @@ class Lens:
     form: Form = "paraxial"
     aliasing: Aliasing = "raise"
     label = "lens"
-    f = renamed_attribute("f", "focal_length")
+    f = property(attrgetter("focal_length"), doc="Focal length in metres.")
 
     def __post_init__(self) -> None:
         if (

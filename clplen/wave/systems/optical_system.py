@@ -11,7 +11,6 @@ from typing import Any, ClassVar, overload
 from clplen import units
 from clplen.checks import Aliasing, fits_float64, float64_array, is_finite
 from clplen.compute.device import DeviceLike, as_device
-from clplen.deprecation import renamed_argument
 from clplen.reprs import OneLine
 from clplen.results import Plottable
 from clplen.units import metres
@@ -236,7 +235,6 @@ class OpticalSystem(OneLine, Plottable):
         return "\n".join(lines)
 
 
-@renamed_argument(old="f", new="focal_length")
 def imaging_system(
     focal_length: float,
     *,
