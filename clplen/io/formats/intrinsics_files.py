@@ -122,7 +122,7 @@ def read_intrinsics(path: PathLike) -> Intrinsics:
         _refuse(path, f"has no {' and no '.join(map(repr, missing))}: the file is incomplete;")
     try:
         return _made(path, words)
-    except (ValueError, ShapeError) as error:
+    except (ValueError, ShapeError, OverflowError) as error:
         raise FormatError(f"{path} describes no camera: {error}") from error
 
 
