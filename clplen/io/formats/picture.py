@@ -301,7 +301,7 @@ def read_channels(path: PathLike, *, max_bytes: int | None = None) -> Array:
             if size and file.read(4) in TIFF:  # mapped, without a second copy of its samples
                 with mmap(file.fileno(), 0, access=ACCESS_READ) as mapped:
                     return decode_picture(mapped, path, max_bytes=max_bytes)
-            if size > _LARGEST and size > 4 * pixels_of(path) * 8:
+            if size > _LARGEST and 0 < 32 * pixels_of(path) < size:
                 raise FormatError(f"{path} has {size:,} bytes, far more than its pixels need.")
             file.seek(0)
             content = file.read()
