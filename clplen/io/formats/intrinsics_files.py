@@ -136,7 +136,8 @@ def _parsed(path: Path) -> _Words:
     def constant(name: str) -> NoReturn:
         raise FormatError(f"{path} holds {name}, which is no number: calibrate again.")
 
-    require_file(path, "file of intrinsics")
+    if path.exists():
+        require_file(path, "file of intrinsics")
     try:
         if path.stat().st_size > _LARGEST:
             raise FormatError(f"{path} is larger than any file of intrinsics: name another.")
