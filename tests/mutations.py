@@ -245,7 +245,7 @@ def _in_json(data: bytes, number: int, name: str, change: Callable[[Any], None])
         return None
     try:
         document = json.loads(data)
-    except ValueError:
+    except (ValueError, RecursionError):
         return None
     change(document)
     return json.dumps(document).encode()

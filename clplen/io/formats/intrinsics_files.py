@@ -122,7 +122,7 @@ def read_intrinsics(path: PathLike) -> Intrinsics:
         _refuse(path, f"has no {' and no '.join(map(repr, missing))}: the file is incomplete;")
     try:
         return _made(path, words)
-    except (ValueError, ShapeError) as error:
+    except (ValueError, ShapeError, OverflowError) as error:
         raise FormatError(f"{path} describes no camera: {error}") from error
 
 
@@ -136,7 +136,8 @@ def _parsed(path: Path) -> _Words:
     def constant(name: str) -> NoReturn:
         raise FormatError(f"{path} holds {name}, which is no number: calibrate again.")
 
-    require_file(path, "file of intrinsics")
+    if path.exists():
+        require_file(path, "file of intrinsics")
     try:
         if path.stat().st_size > _LARGEST:
             raise FormatError(f"{path} is larger than any file of intrinsics: name another.")

@@ -41,6 +41,7 @@ _SPACE = rb"(?:\s|#[^\n]*\n)+"
 _PNM = re.compile(
     rb"P([56])" + _SPACE + rb"(\d{1,9})" + _SPACE + rb"(\d{1,9})" + _SPACE + rb"(\d{1,5})\s"
 )
+_LARGEST = 1 << 26  # bytes of a file from which on they are compared with its pixels
 _HEAD = 1 << 16  # bytes that declare the size; of a JPEG, before longer notes
 SUFFIXES = (".png", ".tif", ".tiff", ".jpg", ".jpeg", ".bmp", ".pgm", ".ppm")
 _MOST_PIXELS = 89_478_485  # from here on Pillow warns of bombs, at twice as many it refuses
@@ -301,6 +302,8 @@ def read_channels(path: PathLike, *, max_bytes: int | None = None) -> Array:
             if size and file.read(4) in TIFF:  # mapped, without a second copy of its samples
                 with mmap(file.fileno(), 0, access=ACCESS_READ) as mapped:
                     return decode_picture(mapped, path, max_bytes=max_bytes)
+            if size > _LARGEST and 0 < 32 * pixels_of(path) < size:
+                raise FormatError(f"{path} has {size:,} bytes, far more than its pixels need.")
             file.seek(0)
             content = file.read()
     except OSError as error:

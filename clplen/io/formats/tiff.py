@@ -80,7 +80,9 @@ def decode_tiff(
         return _values(file.pages[page or 0], content, path, max_bytes)
 
 
-def decode_tiff_stack(content: bytes, path: Path, *, max_bytes: int | None) -> np.ndarray[Any, Any]:
+def decode_tiff_stack(
+    content: bytes | mmap, path: Path, *, max_bytes: int | None
+) -> np.ndarray[Any, Any]:
     """All pages of a TIFF file, which are alike.
 
     Parameters
@@ -98,7 +100,8 @@ def decode_tiff_stack(content: bytes, path: Path, *, max_bytes: int | None) -> n
     FormatError, ValueError
         As `decode_tiff`, and if pages are of several shapes or types.
     """
-    with tifffile.TiffFile(BytesIO(content), is_ome=False, is_imagej=False) as file:
+    source: Any = BytesIO(content) if isinstance(content, bytes) else path
+    with tifffile.TiffFile(source, is_ome=False, is_imagej=False) as file:
         return _stack(list(file.pages), content, path, max_bytes)
 
 

@@ -7,6 +7,7 @@ import math
 import xml.etree.ElementTree as ET
 from collections.abc import Iterable
 from dataclasses import dataclass
+from mmap import ACCESS_READ, mmap
 from pathlib import Path
 from typing import Any
 
@@ -104,7 +105,8 @@ def read_series(
             require_bytes(
                 size, path=path, what=f"the {noun}", stored=size, ratio=1, max_bytes=max_bytes
             )
-            values = decode_tiff_stack(path.read_bytes(), path, max_bytes=max_bytes)
+            with path.open("rb") as file, mmap(file.fileno(), 0, access=ACCESS_READ) as content:
+                values = decode_tiff_stack(content, path, max_bytes=max_bytes)
         else:
             raise ValueError(f"{noun}s are {kinds}")
     except FormatError:

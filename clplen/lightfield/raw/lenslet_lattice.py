@@ -18,6 +18,7 @@ from clplen.files import PathLike, replacing, require_file
 from clplen.lightfield.raw.lenslet_grid import LensletGrid
 from clplen.outputs import MARK
 
+_LARGEST = 1 << 24  # bytes of a file
 _FORMAT = "clplen lattice"
 _VERSION = 1
 _FARTHEST = 1e9  # pixels: beyond it a number is no place on a sensor
@@ -439,7 +440,8 @@ class Lattice:
         FormatError
             If the file is missing, unreadable, or describes no lattice.
         """
-        require_file(path, "lattice")
+        if require_file(path, "lattice").stat().st_size > _LARGEST:
+            raise FormatError(f"{path} is larger than any file of a lattice: name another.")
         try:
             if Path(path).exists() and not Path(path).is_file():
                 raise OSError("it is no ordinary file")  # a pipe would be waited for
