@@ -52,7 +52,8 @@ CHANGING = (
     (re.compile(r"[0-9a-f]{8}(-[0-9a-f]{4}){3}-[0-9a-f]{12}"), "UUID"),
     (re.compile(r"0x[0-9a-f]{6,}"), "ADDRESS"),
     (re.compile(r"The process \d+ on \S+"), "The process N on HOST"),
-    (re.compile(r'"(changed|sha256|compute|digest|read|total|waiting|write)": [^,\n]+'), "N"),
+    (re.compile(r'"(changed|compute|digest|read|total|waiting|write)": [\d.e-]+'), "N"),
+    (re.compile(r'"sha256": "[0-9a-f]+"'), "DIGEST"),
     (re.compile(r"\d\.\d{12,}(e[-+]\d+)?"), lambda found: f"{float(found[0]):.9g}"),
 )
 
@@ -269,7 +270,7 @@ def differences(old: dict[str, Leaf], new: dict[str, Leaf]) -> Iterator[str]:
         elif isinstance(old[at], str) and isinstance(new[at], str):
             lines = (str(one[at]).splitlines() for one in (old, new))
             changes = list(difflib.unified_diff(*lines, n=0, lineterm=""))[2:]
-            yield from [f"{at}:"] * bool(changes) + [f"    {line}" for line in changes[:10]]
+            yield from [f"{at}:"] * bool(changes) + [f"    {line[:200]}" for line in changes[:10]]
         elif not isinstance(old[at], str) and not isinstance(new[at], str):
             yield from [f"{at}: {line}" for line in [apart(old[at], new[at])] if line]
         else:
