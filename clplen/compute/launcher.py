@@ -139,7 +139,7 @@ class Launcher(Memory):
             return
         plain: list[Any] = [arg.data if isinstance(arg, cla.Array) else arg for arg in args]
         with self._lock:
-            self._require_build_room(f"The kernel {kernel.function_name!r}")  # PoCL links it now
+            self._require_build_room("Running a kernel")  # PoCL links it now
             try:
                 done = self.roomy(lambda: kernel(self.queue, total, tuple(group), *plain))
             except cl.Error as error:

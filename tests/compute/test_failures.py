@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import weakref
 from collections.abc import Callable
 from typing import Any, cast
 
@@ -99,9 +100,7 @@ def test_every_step_of_memory(
     assert caught.value.__cause__ is error
 
 
-def test_kept_plans_and_buffers_make_room(
-    device: Device, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_kept_plans_and_buffers_make_room(device: Device, monkeypatch: pytest.MonkeyPatch) -> None:
     """What one program keeps is given back before its own want of memory is an error."""
     fresh = Device(device.cl_device)
     kernel = fresh.kernel("multiply.cl", "multiply")
@@ -166,3 +165,23 @@ def test_both_precisions_of_a_device_make_room(device: Device, precise: Device) 
     one.free_spare()
     assert len(other.plans) == len(one.plans) == 0
     assert device.download(device.upload(np.arange(3, dtype=np.float32))).tolist() == [0, 1, 2]
+
+
+def test_a_context_is_made_once_more_without_devices_that_nobody_holds(
+    device: Device, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def lost_device() -> weakref.ref[Device]:
+        lost = Device(device.cl_device)
+        lost.plans.get("plan", lambda: lost, lambda _: 8)  # plans refer to their device
+        return weakref.ref(lost)
+
+    lost, made = lost_device(), cl.Context
+
+    def context(devices: Any) -> Any:
+        if lost() is not None:
+            raise cl.RuntimeError("Context failed: OUT_OF_HOST_MEMORY")
+        return made(devices)
+
+    fresh = Device(device.cl_device)
+    monkeypatch.setattr(cl, "Context", context)
+    assert fresh.upload(np.ones(3, np.float32)).get().sum() == 3

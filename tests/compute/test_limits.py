@@ -113,7 +113,7 @@ def test_a_kernel_is_not_built_where_its_compiler_does_not_fit(
     left[0] += 1
     kernel = fresh.kernel("multiply.cl", "multiply")
     left[0] = limits.BUILD_BYTES - 1
-    with pytest.raises(DeviceError, match="The kernel 'multiply' needs"):
+    with pytest.raises(DeviceError, match="Running a kernel needs"):
         fresh.launch(kernel, (1,))
 
 
