@@ -113,7 +113,7 @@ def estimate_lattice(
     """
     kind = None if kind is None else lattice_kind(kind)
     _check_pitch(pitch)
-    if dark is None and _is_even(white):
+    if dark is None and bayer is None and _is_even(white):
         return _no_lattice(np.shape(white), kind or "square", pitch)
     picture = _prepared(white, dark, bayer)
     pitches = PITCHES if pitch is None else (0.75 * pitch, 1.3 * pitch)
