@@ -208,7 +208,7 @@ def test_files_that_are_no_lattice_or_mask(tmp_path: Path, psf: Path, device: De
         (tmp_path / "l.json").write_bytes(content)
         text = said(run(*given, "--lattice", tmp_path / "l.json"))
         assert any(word in text for word in words.split("|")) or "cannot be read" in text
-    assert "cannot be read" in said(run(*given, "--lattice", tmp_path / "none.json"))
+    assert "There is no lattice" in said(run(*given, "--lattice", tmp_path / "none.json"))
     masks = {
         "the mask (5, 5)": np.zeros((5, 5), np.uint8),
         "holds others": np.full((132, 143), np.nan, np.float32),
