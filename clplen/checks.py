@@ -7,7 +7,6 @@ import inspect
 import math
 import sys
 from collections.abc import Callable, Iterable
-from contextlib import suppress
 from functools import wraps
 from numbers import Real
 from typing import Any, Literal, TypeVar
@@ -261,9 +260,8 @@ def real_array(values: Any, what: str, dtype: Any = np.float32) -> Array:
         For anything else.
     """
     result = host_array(values, what)
-    if result.dtype.kind == "O":  # whole numbers that no integer type of NumPy holds
-        with suppress(TypeError, ValueError):
-            result = float64_array(result)
+    if result.dtype.kind == "O" and all(isinstance(one, int | float) for one in result.flat):
+        result = float64_array(result)  # whole numbers that no integer type of NumPy holds
     if result.dtype.kind == "c":
         raise TypeError(f"{what} holds real numbers, not {result.dtype}: take the intensity.")
     if result.dtype.kind not in "biuf":

@@ -936,6 +936,6 @@ def test_toml_that_only_looks_deep(tmp_path: Path):
 
 def test_a_long_wrong_value_is_cut(tmp_path: Path):
     text = re.sub("(?m)^wavelength_nm = .*$", f"wavelength_nm = '{'x' * 5000}'", EXAMPLE)
-    with pytest.raises(FormatError, match=r"\(found 'x{100,199}\.\.\.\)") as raised:
+    with pytest.raises(FormatError, match=r"\(found 'x+\.\.\.x+'\)") as raised:
         read(tmp_path, text)
     assert len(str(raised.value)) < 1000

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from clplen.batch import Job
-from clplen.batch.jobs.items import layout_in, tasks_of
+from clplen.batch.jobs.items import tasks_of
 from clplen.batch.jobs.tables import planes_of
 from clplen.batch.running.runner import check_same
 from clplen.errors import FormatError
@@ -213,11 +213,3 @@ def test_single_brackets_are_one_table(tmp_path: Path):
     inputs(tmp_path, "a.npy")
     job = read(tmp_path, BASE.replace("[[inputs]]", "[inputs]") + "[stack]\n")
     assert [task.name for task in tasks_of(job)] == ["a"]
-
-
-def test_the_old_word_for_a_square_lattice_is_taken_with_a_warning():
-    table = {"files": ["a.h5"], "layout": {"lattice": "rectangular"}}
-    with pytest.warns(FutureWarning, match="'rectangular' is called 'square' now"):
-        job = Job(output="out", inputs=table, views={})
-    assert job.inputs[0].layout.lattice == "square"
-    assert layout_in({"lattice": "square"}, ".") == {"lattice": "square"}

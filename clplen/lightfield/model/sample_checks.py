@@ -7,7 +7,7 @@ from typing import Any, Protocol
 import numpy as np
 import pyopencl.array as cla
 
-from clplen.checks import float64_array, host_array, masked_array
+from clplen.checks import host_array, masked_array
 from clplen.compute.arrays import count_bad
 from clplen.compute.device import Device
 from clplen.errors import DeviceError, SamplingWarning, ShapeError, warn_caller
@@ -113,13 +113,16 @@ def _adopt_device(a: cla.Array, device: Device) -> cla.Array:
 
 
 def checked_spacing(spacing: Any) -> Spacing | None:
-    """Four signed steps, none of them 0, or None."""
+    """Four signed steps, none of them 0 or NaN, or None; infinite where views are telecentric."""
     if spacing is None:
         return None
-    values = tuple(float(s) for s in float64_array(spacing))
-    if len(values) != 4 or 0.0 in values or not np.isfinite(values).all():
+    try:
+        values = tuple(float(s) for s in spacing)
+    except OverflowError:  # a whole number above 1.8e308
+        values = ()
+    if len(values) != 4 or 0.0 in values or np.isnan(values).any():
         raise ValueError(
-            f"spacing is (dv, du, dy, dx) in metres, finite and none of them 0, not {spacing!r}."
+            f"spacing is (dv, du, dy, dx) in metres, none of them 0 or NaN, not {spacing!r}."
         )
     return values
 

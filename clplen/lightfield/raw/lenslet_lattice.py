@@ -443,8 +443,6 @@ class Lattice:
         if require_file(path, "lattice").stat().st_size > _LARGEST:
             raise FormatError(f"{path} is larger than any file of a lattice: name another.")
         try:
-            if Path(path).exists() and not Path(path).is_file():
-                raise OSError("it is no ordinary file")  # a pipe would be waited for
             text = Path(path).read_text(encoding="utf-8")
         except (OSError, UnicodeDecodeError) as error:
             raise FormatError(f"The lattice {path} cannot be read ({error}).") from error

@@ -18,7 +18,6 @@ from clplen.lightfield.arrays.shear import shear_sum
 from clplen.lightfield.arrays.stored_samples import C_TYPE
 from clplen.lightfield.model.alpha_law import (
     require_overlap,
-    require_steps_overlap,
     shifts,
     unit_steps,
 )
@@ -432,7 +431,6 @@ def upsampled(lf: LightField, disparity: float, n: int, weights: Any) -> cla.Arr
     lf.device.require_memory(4 * n * n * ny * nx * channels + lf.data.nbytes, "The finer picture")
     out = lf.device.empty(out_shape, np.float32)
     steps = unit_steps(lf).reshape(-1, 2)[views]
-    require_steps_overlap(steps, lf.shape, disparity)
     steps = steps * disparity
     phases = (np.arange(n) + 0.5) / n - 0.5
     tables: list[Any] = [views.astype(np.int32), np.float32(weights).ravel()[views]]
