@@ -54,7 +54,7 @@ CHANGING = (
     (re.compile(r"The process \d+ on \S+"), "The process N on HOST"),
     (re.compile(r'"(changed|compute|digest|read|started|total|waiting|write)": [\d.e-]+'), "N"),
     (re.compile(r'"(sha256|worker)": "[^"]+"'), "WORD"),
-    (re.compile(r"\d\.\d{12,}(e[-+]\d+)?"), lambda found: f"{float(found[0]):.9g}"),
+    (re.compile(r"\d\.\d{12,}(e[-+]\d+)?"), lambda found: f"{float(found[0]):.7g}"),
 )
 
 Case = Callable[[], Any]
