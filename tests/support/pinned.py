@@ -52,9 +52,9 @@ CHANGING = (
     (re.compile(r"[0-9a-f]{8}(-[0-9a-f]{4}){3}-[0-9a-f]{12}"), "UUID"),
     (re.compile(r"0x[0-9a-f]{6,}"), "ADDRESS"),
     (re.compile(r"The process \d+ on \S+"), "The process N on HOST"),
-    (re.compile(r'"(changed|compute|digest|read|total|waiting|write)": [\d.e-]+'), "N"),
-    (re.compile(r'"sha256": "[0-9a-f]+"'), "DIGEST"),
-    (re.compile(r"\d\.\d{12,}(e[-+]\d+)?"), lambda found: f"{float(found[0]):.9g}"),
+    (re.compile(r'"(changed|compute|digest|read|started|total|waiting|write)": [\d.e-]+'), "N"),
+    (re.compile(r'"(sha256|worker)": "[^"]+"'), "WORD"),
+    (re.compile(r"\d\.\d{12,}(e[-+]\d+)?"), lambda found: f"{float(found[0]):.7g}"),
 )
 
 Case = Callable[[], Any]
