@@ -243,5 +243,5 @@ def test_spots(device: Device) -> None:
     found = point_m(raw)
     # Squared Gaussians of sigma 0.55 px, cut at the rim, if at all, at 3 sigma.
     assert found.m == pytest.approx(ratio, abs=1e-3)
-    assert found.place == pytest.approx(tuple(centre), abs=0.03)
+    assert found.position == pytest.approx(tuple(centre), abs=0.03)
     assert found.spots >= 6

@@ -113,16 +113,16 @@ def _adopt_device(a: cla.Array, device: Device) -> cla.Array:
 
 
 def checked_spacing(spacing: Any) -> Spacing | None:
-    """Four signed steps, none of them 0 or NaN, or None; infinite where views are telecentric."""
+    """Four signed steps, none of them 0, or None; NaN and infinite where a camera has none."""
     if spacing is None:
         return None
     try:
         values = tuple(float(s) for s in spacing)
     except OverflowError:  # a whole number above 1.8e308
         values = ()
-    if len(values) != 4 or 0.0 in values or np.isnan(values).any():
+    if len(values) != 4 or 0.0 in values:
         raise ValueError(
-            f"spacing is (dv, du, dy, dx) in metres, none of them 0 or NaN, not {spacing!r}."
+            f"spacing is (dv, du, dy, dx) in metres, none of them 0, not {spacing!r}."
         )
     return values
 

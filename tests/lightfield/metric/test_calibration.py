@@ -272,5 +272,5 @@ def test_light_fields_of_several_shapes_or_one_view():
 
 def test_without_opencv_one_sentence_names_the_extra(monkeypatch: pytest.MonkeyPatch):
     monkeypatch.setitem(sys.modules, "cv2", None)
-    with pytest.raises(ModuleNotFoundError, match=r"pip install 'clplen\[calibrate\]'"):
+    with pytest.raises(ModuleNotFoundError, match=r'pip install "clplen\[calibrate\]"'):
         calibrate([np.ones((3, 3, 40, 40))] * 3, BOARD, SPACING)
