@@ -370,9 +370,12 @@ def _is_store(path: Path) -> bool:
 
 def _zarr_bomb(path: Path) -> None:
     """A large array in place of the largest of a store, three quarters of whose chunks lack."""
+    import numcodecs
     import zarr
 
     group = zarr.open_group(str(path), mode="r+")
+    form = group.metadata.zarr_format
+    packed = numcodecs.GZip(1) if form == 2 else zarr.codecs.GzipCodec(level=1)
     name, old = max(group.arrays(), key=lambda found: found[1].size)
     first, second = sorted(range(old.ndim), key=lambda axis: old.shape[axis])[-2:]
     side = int(BOMB / (old.size / old.shape[first] / old.shape[second]) ** 0.5)
@@ -380,7 +383,7 @@ def _zarr_bomb(path: Path) -> None:
     chunks = [-(-side // 4) if axis in (first, second) else 1 for axis in range(old.ndim)]
     made = group.create_array(
         name, shape=shape, chunks=chunks, dtype=old.dtype, attributes=dict(old.attrs),
-        overwrite=True, fill_value=1,
+        overwrite=True, fill_value=1, compressors=packed,
     )  # fmt: skip
     made[tuple(slice(chunks[axis] if axis == first else None) for axis in range(old.ndim))] = 0
 

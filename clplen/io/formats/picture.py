@@ -289,16 +289,16 @@ def require_pixels(head: bytes, size: int, path: Path) -> None:
     Raises
     ------
     FormatError
-        Naming the file and its size.
+        Naming the file and its size, or if it is no picture.
     """
     if size <= _LARGEST or head[:4] in TIFF:
         return
     try:
         pixels = header_of(head).pixels
-    except ValueError:
+    except ValueError as error:
         if head[:3] == _JPEG:  # its size may stand far behind
             return
-        pixels = 0
+        raise FormatError(f"The picture {path} cannot be read ({error}).") from error
     if 32 * pixels < size:
         raise FormatError(f"The picture {path} has {size:,} bytes, far more than its pixels need.")
 
