@@ -315,7 +315,8 @@ def bomb(path: Path) -> bool:
     suffix, zeros = path.suffix.lower(), np.zeros((BOMB, BOMB), np.uint8)
     if suffix == ".zarr":
         _zarr_bomb(path)
-    elif path.is_dir():
+        return True
+    if path.is_dir():
         parts = [part for part in path.rglob("*") if part.suffix.lower() in (".png", ".tif")]
         return bool(parts) and bomb(sorted(parts)[0])
     if suffix == ".png":
