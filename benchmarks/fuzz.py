@@ -81,7 +81,7 @@ def changed(path: Path, source: random.Random) -> None:
     """Damage a file, or make it sparse or a bomb."""
     kind = source.random()
     if kind < RARE:
-        mutations.enlarge(path)
+        mutations.enlarge(path, source)
     elif kind > 2 * RARE or not mutations.bomb(path):
         mutations.damage(path, mutations.operations(source), source)
 

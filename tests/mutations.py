@@ -8,7 +8,9 @@ import json
 import os
 import random
 import re
+import shutil
 import struct
+import tempfile
 import zipfile
 import zlib
 from collections.abc import Callable
@@ -47,6 +49,7 @@ _DEPTHS = (100, 1000, 20000)
 _OPENED = ((b"[", b"]"), (b'{"a":', b"}"), (b"{a=", b"}"), (b"a.", b""), (b"<a>", b"</a>"))
 SPARSE = 1 << 30  # bytes of a file with a hole
 BOMB = 12000  # pixels a side
+_PICTURE = 9000  # of a PNG, which Pillow still reads
 _LENGTHS = (2**32 - 1, 2**31, 2**31 - 1, 0, 1, 2**16, 2**24)
 _NUMBERS = (b"-1", b"0", b"999999999999", b"nan", b"1e999", b"", b"[]", b"null")
 _VALUES = (None, -1, 0, 1, 2**31 - 1, 2**62, 1e308, "", "x", [], {}, [1, 2], {"a": 1}, True)
@@ -291,19 +294,33 @@ _OF_STRUCTURES: dict[int, Callable[[bytes, float, int, str], bytes | None]] = {
 }
 
 
-def enlarge(path: Path) -> None:
-    """Make a file longer by a hole that takes no room on the disk."""
-    os.truncate(_one_file(path, random.Random(1)), SPARSE)
+def enlarge(path: Path, source: random.Random) -> None:
+    """Make a file, or a member of an archive, longer by zeros that take no room on the disk."""
+    if path.suffix == ".zip" and source.random() < 0.5:
+        with zipfile.ZipFile(path) as old:
+            parts = {name: old.read(name) for name in old.namelist() if name[-1] != "/"}
+        longer = source.choice(sorted(parts))
+        with zipfile.ZipFile(path, "w", zipfile.ZIP_DEFLATED, compresslevel=1) as new:
+            for name, content in parts.items():
+                with new.open(name, "w") as member:
+                    member.write(content)
+                    for _ in range(SPARSE >> 25 if name == longer else 0):
+                        member.write(bytes(1 << 24))
+        return
+    os.truncate(_one_file(path, source), SPARSE)
 
 
 def bomb(path: Path) -> bool:
     """Replace a file by a small one of its kind that declares much; False where none is known."""
     suffix, zeros = path.suffix.lower(), np.zeros((BOMB, BOMB), np.uint8)
+    if suffix == ".zarr":
+        _zarr_bomb(path)
+        return True
     if path.is_dir():
         parts = [part for part in path.rglob("*") if part.suffix.lower() in (".png", ".tif")]
         return bool(parts) and bomb(sorted(parts)[0])
     if suffix == ".png":
-        imageio.imwrite(path, zeros, plugin="pillow", extension=".png")
+        imageio.imwrite(path, zeros[:_PICTURE, :_PICTURE], plugin="pillow", extension=".png")
     elif suffix == ".tif":
         tifffile.imwrite(path, zeros, compression="zlib", tile=(4000, 4000), metadata=None)
     elif suffix == ".h5":
@@ -327,6 +344,13 @@ def bomb(path: Path) -> bool:
         with path.open("wb") as file:
             np.lib.format.write_array_header_1_0(file, head)
             file.truncate(file.tell() + zeros.size)
+    elif suffix == ".zip" and _is_store(path):
+        with tempfile.TemporaryDirectory() as place:
+            shutil.unpack_archive(path, place)
+            _zarr_bomb(Path(place))
+            shutil.make_archive(str(path.with_suffix("")), "zip", place)
+    elif suffix == ".lfp":
+        _lytro_bomb(path)
     elif suffix == ".zip":
         with zipfile.ZipFile(path, "a", zipfile.ZIP_DEFLATED) as file:
             for name in file.namelist()[:1]:
@@ -337,6 +361,46 @@ def bomb(path: Path) -> bool:
     else:
         return False
     return True
+
+
+def _is_store(path: Path) -> bool:
+    """Whether an archive holds a Zarr store."""
+    with zipfile.ZipFile(path) as file:
+        return bool({".zgroup", "zarr.json"} & set(file.namelist()))
+
+
+def _zarr_bomb(path: Path) -> None:
+    """A large array in place of the largest of a store, three quarters of whose chunks lack."""
+    import numcodecs
+    import zarr
+
+    group = zarr.open_group(str(path), mode="r+")
+    form = group.metadata.zarr_format
+    packed = numcodecs.GZip(1) if form == 2 else zarr.codecs.GzipCodec(level=1)
+    name, old = max(group.arrays(), key=lambda found: found[1].size)
+    first, second = sorted(range(old.ndim), key=lambda axis: old.shape[axis])[-2:]
+    side = int(BOMB / (old.size / old.shape[first] / old.shape[second]) ** 0.5)
+    shape = [side if axis in (first, second) else n for axis, n in enumerate(old.shape)]
+    chunks = [-(-side // 4) if axis in (first, second) else 1 for axis in range(old.ndim)]
+    made = group.create_array(
+        name, shape=shape, chunks=chunks, dtype=old.dtype, attributes=dict(old.attrs),
+        overwrite=True, fill_value=1, compressors=packed,
+    )  # fmt: skip
+    made[tuple(slice(chunks[axis] if axis == first else None) for axis in range(old.ndim))] = 0
+
+
+def _lytro_bomb(path: Path) -> None:
+    """A container whose raw image is a hole."""
+    data, nbytes = path.read_bytes(), BOMB * BOMB * 12 // 8
+    raw = data.index(b"\x89LFC")
+    about = data.index(b"\x89LFC", raw + 1)
+    start = about + 96
+    text = re.sub(rb'("(?:width|height)": )\d+', rb"\g<1>%d" % BOMB, data[start:].rstrip(b"\0"))
+    with path.open("wb") as file:
+        file.write(data[: raw + 12] + struct.pack(">I", nbytes) + data[raw + 16 : raw + 96])
+        file.seek(nbytes, os.SEEK_CUR)
+        file.write(data[about : about + 12] + struct.pack(">I", len(text)))
+        file.write(data[about + 16 : start] + text)
 
 
 def _one_file(path: Path, source: random.Random) -> Path:

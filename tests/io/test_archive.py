@@ -16,6 +16,7 @@ from png_writer import encode
 from clplen.compute.device import Device
 from clplen.errors import FormatError
 from clplen.io import files_of, read_lightfield
+from clplen.io.formats import picture
 
 SHAPE = (3, 4, 5, 7)
 
@@ -142,6 +143,19 @@ def test_a_bomb_is_read_up_to_its_declared_size(make: Callable[..., Path], devic
     path.write_bytes(bytes(content))
     tracemalloc.start()
     with pytest.raises(FormatError, match=r"view_3_0\.png cannot be read \(Bad CRC-32"):
+        read_lightfield(path, device=device, allow_missing=True)
+    peak = tracemalloc.get_traced_memory()[1]
+    tracemalloc.stop()
+    assert peak < 4 << 20
+
+
+def test_a_member_with_a_long_hole(
+    make: Callable[..., Path], device: Device, monkeypatch: pytest.MonkeyPatch
+):
+    monkeypatch.setattr(picture, "_LARGEST", 1 << 20)
+    path = make("view_{v}_{u}.png", {"view_3_0.png": encode(samples()[0, 0]) + bytes(8 << 20)})
+    tracemalloc.start()
+    with pytest.raises(FormatError, match=r"view_3_0\.png has 8,\d+,\d+ bytes, far more than its"):
         read_lightfield(path, device=device, allow_missing=True)
     peak = tracemalloc.get_traced_memory()[1]
     tracemalloc.stop()

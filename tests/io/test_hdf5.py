@@ -282,6 +282,20 @@ def test_more_is_declared_than_stored(tmp_path: Path, device: Device):
         read_lightfield(tmp_path / "a.h5", device=device, max_bytes=1000)
 
 
+def test_weights_of_which_most_chunks_are_missing(tmp_path: Path, device: Device):
+    path = tmp_path / "a.h5"
+    with h5py.File(path, "w") as file:
+        for name, kind in (("lightfield", np.uint8), ("weights", np.float32)):
+            shape, ones = (3000, 2000), (1, 1) if kind == np.uint8 else ()
+            chunks = (100, 100, *ones)
+            words = {"chunks": chunks, "compression": "gzip"}
+            data = file.create_dataset(name, (*shape, *ones), kind, **words)
+            data[:100, :100] = 0
+        file["lightfield"].attrs["axes"] = "vuyx"
+    with pytest.raises(FormatError, match=r"'weights' declares 24,000,000 bytes, more than"):
+        read_lightfield(path, device=device)
+
+
 def test_the_given_limit(tmp_path: Path, device: Device):
     write_lightfield(tmp_path / "a.h5", light_field(device))
     size = 2 * np.prod(SHAPE)

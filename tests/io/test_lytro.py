@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import tracemalloc
 from pathlib import Path
 
 import numpy as np
@@ -42,6 +43,18 @@ def test_twelve_bits_are_all_kept(tmp_path: Path):
     raw, metadata = f01(frame)
     path = a_container(tmp_path / "a.lfp", raw, metadata, newer=False)
     np.testing.assert_array_equal(read_container(path)[0], frame)
+
+
+def test_the_stored_image_takes_no_memory(tmp_path: Path):
+    frame = np.arange(1400 * 2500, dtype=np.uint16).reshape(1400, 2500) % 1000
+    for write in (f01, illum):
+        path = a_container(tmp_path / "a.lfp", *write(frame), newer=True)
+        tracemalloc.start()
+        read = read_container(path)[0]
+        peak = tracemalloc.get_traced_memory()[1]
+        tracemalloc.stop()
+        np.testing.assert_array_equal(read, frame)
+        assert peak < 1.4 * frame.nbytes
 
 
 @pytest.mark.parametrize(("bits", "order"), [(8, "big"), (16, "big"), (16, "little")])

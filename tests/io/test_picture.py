@@ -31,6 +31,25 @@ def tiff(array: np.ndarray, **words) -> bytes:
     return file.getvalue()
 
 
+@pytest.mark.parametrize(
+    ("head", "message"),
+    [
+        (encode(values()), r"a\.png has 1,073,741,824 bytes, far more than"),
+        (b"no picture", r"a\.png cannot be read \(it begins like no PNG"),
+    ],
+)
+def test_a_picture_with_a_long_hole(tmp_path: Path, head: bytes, message: str):
+    with (tmp_path / "a.png").open("wb") as file:
+        file.write(head)
+        file.truncate(1 << 30)
+    tracemalloc.start()
+    with pytest.raises(FormatError, match=message):
+        read_picture(tmp_path / "a.png")
+    peak = tracemalloc.get_traced_memory()[1]
+    tracemalloc.stop()
+    assert peak < 1 << 22
+
+
 @pytest.mark.parametrize("kinds", [[0], [1], [2], [3], [4], [4, 3, 1, 0, 2]])
 @pytest.mark.parametrize("channels", [2, 3, 4])
 def test_png_of_16_bit_colour(channels: int, kinds: list[int]):

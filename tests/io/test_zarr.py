@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import logging
+import os
 import shutil
 import sys
 import zipfile
@@ -266,6 +267,28 @@ def test_members_of_an_archive_that_are_too_large(tmp_path: Path, device: Device
         (tmp_path / "a.zip").write_bytes(lies)
         with pytest.raises(FormatError, match=rf"a\.zip: its member .*{message}"):
             read_lightfield(tmp_path / "a.zip", device=device)
+
+
+@pytest.mark.parametrize("form", FORMATS)
+def test_files_of_a_store_with_a_long_hole(tmp_path: Path, device: Device, form: int):
+    good = tmp_path / "good.zarr"
+    write(good, form, "", values_of())
+    for file in sorted(file for file in good.rglob("*") if file.is_file()):
+        bad = tmp_path / f"bad {file.name}.zarr"
+        shutil.copytree(good, bad)
+        os.truncate(bad / file.relative_to(good), 1 << 30)
+        with pytest.raises(FormatError, match=r"member .* declares 1,073,741,824 bytes.*at most"):
+            read_lightfield(bad, device=device)
+
+
+def test_long_metadata_in_an_archive(tmp_path: Path, device: Device):
+    write(tmp_path / "a.zarr", 2, "", values_of())
+    with zipfile.ZipFile(tmp_path / "a.zip", "w", zipfile.ZIP_DEFLATED, compresslevel=1) as archive:
+        for file in sorted((tmp_path / "a.zarr").iterdir()):
+            archive.write(file, file.name)
+        archive.writestr(".zgroup", b" " * (5 << 20))
+    with pytest.raises(FormatError, match=r"'\.zgroup' declares 5,242,880 bytes, metadata"):
+        read_lightfield(tmp_path / "a.zip", device=device)
 
 
 def test_a_truncated_archive(tmp_path: Path, device: Device):

@@ -174,10 +174,12 @@ def read_variable(file: BinaryIO, variable: Variable) -> Array:
         matrix, nbytes = file.read(8 + nbytes), 8 + nbytes
     if len(matrix) < nbytes:
         raise EOFError(f"{variable.name} ends after {len(matrix):,} bytes")
+    content = header + matrix
+    del matrix  # before SciPy makes the next copy
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")
         try:
-            held = loadmat(BytesIO(header + matrix), squeeze_me=False)
+            held = loadmat(BytesIO(content), squeeze_me=False)
         except MatReadError as error:
             raise ValueError(str(error)) from error
     (values,) = (np.asarray(value) for name, value in held.items() if name not in _ABOUT)

@@ -23,6 +23,7 @@ _GROUPS = {
     (16, "little"): (1, 2),
     (16, "big"): (1, 2),
 }
+_BAND = 1 << 18  # groups of pixels that are unpacked at a time
 _BAYER = {"r": "RGGB", "gr": "GRBG", "gb": "GBRG", "b": "BGGR"}  # by the pixel at the upper left
 _TILE = "r,gr:gb,b"
 
@@ -166,6 +167,13 @@ def unpack(data: Bytes, packing: Packing) -> Frame:
     pixels, size = _GROUPS[packing.bits, packing.order]
     groups = data.reshape(-1, size)
     out = np.empty((len(groups), pixels), np.uint16)
+    for start in range(0, len(groups), _BAND):
+        _unpack_band(groups[start : start + _BAND], packing, out[start : start + _BAND])
+    return out.reshape(-1)[: packing.width * packing.height].reshape(packing.height, packing.width)
+
+
+def _unpack_band(groups: Bytes, packing: Packing, out: Frame) -> None:
+    """Unpack groups (n, bytes) of pixels into (n, pixels)."""
     if packing.bits == 12:
         out[:, 0] = groups[:, 1] >> 4
         out[:, 0] |= groups[:, 0].astype(np.uint16) << 4
@@ -183,4 +191,3 @@ def unpack(data: Bytes, packing: Packing) -> Frame:
         out[:, 0] |= groups[:, low]
     else:
         out[:, 0] = groups[:, 0]
-    return out.reshape(-1)[: packing.width * packing.height].reshape(packing.height, packing.width)

@@ -42,7 +42,7 @@ _PNM = re.compile(
     rb"P([56])" + _SPACE + rb"(\d{1,9})" + _SPACE + rb"(\d{1,9})" + _SPACE + rb"(\d{1,5})\s"
 )
 _LARGEST = 1 << 26  # bytes of a file from which on they are compared with its pixels
-_HEAD = 1 << 16  # bytes that declare the size; of a JPEG, before longer notes
+HEAD = 1 << 16  # bytes that declare the size; of a JPEG, before longer notes
 SUFFIXES = (".png", ".tif", ".tiff", ".jpg", ".jpeg", ".bmp", ".pgm", ".ppm")
 _MOST_PIXELS = 89_478_485  # from here on Pillow warns of bombs, at twice as many it refuses
 CHANNEL_AXIS = "light field with a channel axis of length 1"  # description of such a picture
@@ -265,13 +265,42 @@ def pixels_of(path: Path) -> int:
         if not path.is_file():
             return 0
         with path.open("rb") as file:
-            head = file.read(_HEAD)
+            head = file.read(HEAD)
         if head[:4] not in TIFF:
             return header_of(head).pixels
         with tiff.open_tiff(path) as opened:
             return int(opened.pages.first.imagelength * opened.pages.first.imagewidth)
     except Exception:  # tifffile raises all kinds on damaged files
         return 0
+
+
+def require_pixels(head: bytes, size: int, path: Path) -> None:
+    """Refuse a picture whose file is far larger than the pixels that its first bytes declare.
+
+    Parameters
+    ----------
+    head : bytes
+        First bytes of the file; those of a TIFF declare no pixels and are accepted.
+    size : int
+        Bytes of the file.
+    path : pathlib.Path
+        For the message.
+
+    Raises
+    ------
+    FormatError
+        Naming the file and its size, or if it is no picture.
+    """
+    if size <= _LARGEST or head[:4] in TIFF:
+        return
+    try:
+        pixels = header_of(head).pixels
+    except ValueError as error:
+        if head[:3] == _JPEG:  # its size may stand far behind
+            return
+        raise FormatError(f"The picture {path} cannot be read ({error}).") from error
+    if 32 * pixels < size:
+        raise FormatError(f"The picture {path} has {size:,} bytes, far more than its pixels need.")
 
 
 def read_channels(path: PathLike, *, max_bytes: int | None = None) -> Array:
@@ -302,8 +331,8 @@ def read_channels(path: PathLike, *, max_bytes: int | None = None) -> Array:
             if size and file.read(4) in TIFF:  # mapped, without a second copy of its samples
                 with mmap(file.fileno(), 0, access=ACCESS_READ) as mapped:
                     return decode_picture(mapped, path, max_bytes=max_bytes)
-            if size > _LARGEST and 0 < 32 * pixels_of(path) < size:
-                raise FormatError(f"{path} has {size:,} bytes, far more than its pixels need.")
+            file.seek(0)
+            require_pixels(file.read(HEAD), size, path)
             file.seek(0)
             content = file.read()
     except OSError as error:

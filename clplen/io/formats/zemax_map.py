@@ -32,6 +32,8 @@ _GRID = re.compile(r"Pupil grid size:?\s*(\d{1,6})\s+by\s+(\d{1,6})", re.IGNOREC
 _CENTRE = re.compile(r"Center point is:?\s*Col\s+(\d{1,6}),\s*Row\s+(\d{1,6})", re.IGNORECASE)
 _DIAMETER = re.compile(r"Exit Pupil Diameter:?\s*" + _NUMBER + r"\s*(\w+)", re.IGNORECASE)
 _UNITS = {"millimeters": 1e-3, "centimeters": 1e-2, "meters": 1.0, "inches": 0.0254}
+_HEAD = 1 << 16  # bytes that hold the lines before the numbers
+_LONGEST = 64  # bytes of a number: 14 letters of UTF-16, and as many more
 _LEAST = 5  # samples along an axis
 
 
@@ -82,8 +84,9 @@ def read_zemax_map(path: PathLike, *, max_bytes: int | None = None) -> ZemaxMap:
         raise FormatError(f"There is no file {path}.")
     size = path.stat().st_size
     require_bytes(12 * size, path=path, what="its text", stored=size, ratio=12, max_bytes=max_bytes)
-    text = _decoded(path.read_bytes())
-    colour, grid = _WAVELENGTH.search(text), _GRID.search(text)
+    with path.open("rb") as file:
+        head = _decoded(file.read(_HEAD))
+    colour, grid = _WAVELENGTH.search(head), _GRID.search(head)
     if grid is None or colour is None:
         what = "'Pupil grid size: ... by ...'" if grid is None else "'... um at ...'"
         raise FormatError(
@@ -91,6 +94,12 @@ def read_zemax_map(path: PathLike, *, max_bytes: int | None = None) -> ZemaxMap:
             "the text of the analysis Wavefront Map."
         )
     columns, rows = (int(n) for n in grid.groups())
+    if size > _HEAD + _LONGEST * columns * rows:
+        raise FormatError(
+            f"{path} has {size:,} bytes, far more than its {columns} by {rows} numbers need: it is "
+            "damaged."
+        )
+    text = _decoded(path.read_bytes())
     centre = _CENTRE.search(text)
     column, row = (int(n) for n in centre.groups()) if centre else (columns // 2 + 1, rows // 2)
     if centre is None and rows % 2:

@@ -17,6 +17,7 @@ Those of other programs:
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator
 from contextlib import ExitStack, contextmanager
 from pathlib import Path
@@ -29,7 +30,7 @@ from clplen.compute.device import Device
 from clplen.errors import FormatError
 from clplen.files import PathLike, replacing
 from clplen.hdf5_safety import require_own
-from clplen.io.formats.untrusted import reading
+from clplen.io.formats.untrusted import reading, require_bytes
 from clplen.io.lightfields.array_sources import (
     OpenSource,
     Selection,
@@ -355,7 +356,7 @@ def _open_source(file: h5py.File, path: Path, device: Device, layout: Layout) ->
     if str(dataset.name).strip("/") != attributes.SAMPLES:
         return OpenSource(source)
     found = attributes_of(dataset, attributes.NAMES, path)
-    known: dict[str, Any] = dict(_arrays_beside(file, path, source.views))
+    known: dict[str, Any] = dict(_arrays_beside(file, path, source.views, layout.max_bytes))
     placed = "positions" in known or layout.positions is not None
     spacing = attributes.spacing_in(found, path)
     if spacing is not None:  # positions stay where they are, and so does their unit
@@ -365,13 +366,22 @@ def _open_source(file: h5py.File, path: Path, device: Device, layout: Layout) ->
 
 
 def _arrays_beside(
-    file: h5py.File, path: Path, views: tuple[int, int]
+    file: h5py.File, path: Path, views: tuple[int, int], max_bytes: int | None
 ) -> dict[str, np.ndarray[Any, Any]]:
     found = {}
     for name in attributes.BESIDE:
         if name in file:
             dataset = dataset_of(file, name, path)
             require_size(dataset, 2 * views[0] * views[1], path)
+            stored, ratio = storage(dataset, path, max_bytes)
+            require_bytes(
+                math.prod(dataset.shape) * dataset.dtype.itemsize,
+                path=path,
+                what=f"the dataset {name!r}",
+                stored=stored,
+                ratio=ratio,
+                max_bytes=max_bytes,
+            )
             found[name] = dataset[...]
     return found
 

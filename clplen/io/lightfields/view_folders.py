@@ -23,6 +23,7 @@ from clplen.io.formats.picture import (
     NOTES,
     decode_picture,
     read_picture,
+    require_pixels,
     with_channel_axis,
     without_alpha,
     write_picture,
@@ -364,6 +365,8 @@ def _content(
     )
     try:
         with archive.open(info) as member:
+            require_pixels(member.read(picture.HEAD), info.file_size, where)
+            member.seek(0)
             content = member.read(info.file_size + 1)
     except UNREADABLE as error:
         raise FormatError(f"The picture {where} cannot be read ({error}).") from error

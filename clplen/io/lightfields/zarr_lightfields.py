@@ -19,7 +19,7 @@ import numpy as np
 from clplen.compute.device import Device
 from clplen.errors import FormatError
 from clplen.files import PathLike, filling
-from clplen.io.formats.untrusted import listed, reading
+from clplen.io.formats.untrusted import listed, reading, require_bytes
 from clplen.io.lightfields.array_sources import (
     OpenSource,
     Source,
@@ -240,7 +240,16 @@ def _arrays_beside(
             array = root[name]
             if not _is_array(array) or tuple(array.shape) not in (views, (*views, 2)):
                 raise FormatError(f"{path}: {name!r} is no array of {views[0]} x {views[1]} views.")
-            storage(array, path, f"the array {name!r}", max_bytes)
+            what = f"the array {name!r}"
+            stored, ratio = storage(array, path, what, max_bytes)
+            require_bytes(
+                math.prod(array.shape) * np.dtype(array.dtype).itemsize,
+                path=path,
+                what=what,
+                stored=stored,
+                ratio=ratio,
+                max_bytes=max_bytes,
+            )
             found[name] = np.asarray(array[...])
     return found
 

@@ -228,8 +228,8 @@ def _read_image(
         ratio=2,
         max_bytes=max_bytes,
     )
-    file.seek(section.start)
-    return unpack(np.frombuffer(file.read(section.length), np.uint8), packing), packing.bayer
+    stored = np.memmap(file, np.uint8, "r", section.start, (section.length,))
+    return unpack(stored, packing), packing.bayer
 
 
 def _sections(path: Path, file: BufferedReader) -> Iterator[Section]:

@@ -43,6 +43,7 @@ _ZSTD_BLOCK = 1 << 17  # bytes of a block, at most
 _STORED, _REPEATED = 0, 1  # kinds of a block of zstd
 _ROOTS = ("zarr.json", ".zgroup", ".zarray")
 _METHODS = (zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED)
+_MAX_METADATA = 1 << 22  # bytes of a file of JSON, which takes some 30 times as much when parsed
 _KEPT = 64  # shards whose index is kept
 _MISSING = np.uint64(2**64 - 1)  # place of a chunk that a shard does not hold
 
@@ -204,8 +205,8 @@ def open_store(path: Path, max_bytes: int | None = None) -> Iterator[Any]:
             with zipfile.ZipFile(path) as archive:
                 sizes = _members(archive, path, max_bytes)
                 arrays = checked_arrays(_metadata_of_archive(archive), path, _format(sizes))
-            _require_members(sizes, arrays, path)
             inner = ZipStore(path, mode="r")
+        _require_members(sizes, arrays, path)
         if not any(root in sizes for root in _ROOTS):
             raise FormatError(f"{path} is no Zarr store: it holds none of {', '.join(_ROOTS)}.")
         store = CheckedStore(inner, sizes, arrays)
@@ -255,13 +256,24 @@ def _files(root: Path) -> dict[str, int]:
 
 def _metadata_of_folder(root: Path, sizes: dict[str, int]) -> Iterator[tuple[str, bytes]]:
     for key in filter(is_metadata, sizes):
+        _require_metadata(key, sizes[key], root)
         yield key, (root / key).read_bytes()
 
 
 def _metadata_of_archive(archive: zipfile.ZipFile) -> Iterator[tuple[str, bytes]]:
     for item in archive.infolist():  # of the same name, each one
         if is_metadata(item.filename):
+            _require_metadata(item.filename, item.file_size, Path(archive.filename or ""))
             yield item.filename, archive.read(item)
+
+
+def _require_metadata(key: str, size: int, path: Path) -> None:
+    """Refuse metadata that are larger than those of any store."""
+    if size > _MAX_METADATA:
+        raise FormatError(
+            f"{path}: its member {key[:200]!r} declares {size:,} bytes, metadata have at most "
+            f"{_MAX_METADATA:,}: the file is damaged."
+        )
 
 
 def _members(archive: zipfile.ZipFile, path: Path, max_bytes: int | None) -> dict[str, int]:
@@ -292,7 +304,7 @@ def _members(archive: zipfile.ZipFile, path: Path, max_bytes: int | None) -> dic
 
 
 def _require_members(sizes: dict[str, int], arrays: dict[str, Packing], path: Path) -> None:
-    """Refuse members of an archive that are larger than the chunks that they hold."""
+    """Refuse members that are larger than the chunks that they hold."""
     for key, size in sizes.items():
         packing = None if is_metadata(key) else _packing_of(key, arrays)
         if packing is None:
