@@ -368,7 +368,7 @@ class Lattice:
         ny, nx = self._shape()
         matrix = np.linalg.inv(np.array([self.row, self.column]).T)
         corners = np.array([(y, x) for y in (-0.5, ny) for x in (-0.5, nx)]) - self.origin
-        places = corners @ matrix.T
+        places = np.clip(corners @ matrix.T, -1e15, 1e15)  # whole numbers, however far it lies
         low, high = np.floor(places.min(0)).astype(int) - 1, np.ceil(places.max(0)).astype(int) + 1
         i, k = np.mgrid[low[0] : high[0] + 1, low[1] : high[1] + 1]
         return i.ravel(), k.ravel()

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 
+from clplen.checks import check_finite, check_positive
 from clplen.errors import ShapeError
 from clplen.lightfield.raw.lenslet_lattice import Lattice
 
@@ -50,13 +51,10 @@ def square_lattice(
     >>> clplen.microscopy.square_lattice(33.04, (500, 600)).column
     (0.0, 33.04)
     """
-    corner = ((pitch - 1) / 2, (pitch - 1) / 2)
-    first = corner if offset is None else offset
-    if not all(map(math.isfinite, (pitch, rotation, *first))):
-        raise ValueError(
-            "The pitch, the offset and the rotation of a lattice are finite numbers, not "
-            f"{pitch}, {first} and {rotation}."
-        )
+    check_finite(
+        pitch=pitch, rotation=rotation, offset=0 if offset is None else offset, shape=shape
+    )
+    first = ((pitch - 1) / 2, (pitch - 1) / 2) if offset is None else offset
     cos, sin = pitch * math.cos(rotation), pitch * math.sin(rotation)
     if not (cos > 0 and pitch >= SMALLEST):
         raise ValueError(
@@ -121,6 +119,7 @@ def pitch_sentence(lattice: Lattice, nominal: float) -> str | None:
     >>> print(clplen.microscopy.pitch_sentence(lattice, 33.04))
     lenslets lie 33.67 pixels apart, 33.04 by the parameters: 1.91 % more. ...
     """
+    check_positive(nominal=nominal)
     measured = math.sqrt(math.prod(lattice.pitch))
     ratio = measured / nominal
     if abs(ratio - 1) <= CLOSE:
