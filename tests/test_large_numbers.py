@@ -16,6 +16,7 @@ from clplen import (
     LightField,
     MicrolensArray,
     PlenopticCamera,
+    analysis,
     cameras,
     io,
     microscopy,
@@ -95,6 +96,10 @@ CALLS = {
     "voxel": lambda d: io.write_volume("x.tif", np.ones((1, 2, 3)), planes=[0], voxel=(HUGE, 1)),
     "picture": lambda d: io.write_image("x.tif", np.ones((2, 3)), spacing=(1, 1, HUGE, 1)),
     "map": lambda d: io.HciParameters(HUGE, 35, None, 512, 512, None, None, 45, 8).depth(0.1),
+    "border": lambda d: analysis.score(np.ones((3, 4)), np.ones((3, 4)), border=np.inf),
+    "sides": lambda d: clplen.lightfield.regular_polygon((5, 7), np.inf, 2.0),
+    "seed": lambda d: cameras.LensletScatter(0.01, seed=np.inf),
+    "count": lambda d: MicrolensArray(**LENSLETS | {"count": 1e308}),
     "figure": lambda d: clplen.plot.new_figure(HUGE, 3.0),
     "length": lambda d: clplen.plot.round_length(HUGE),
 }
@@ -112,6 +117,8 @@ def test_arrays_and_whole_numbers():
         float64_array([[1, HUGE], [-HUGE, 2]]), [[1, np.inf], [-np.inf, 2]]
     )
     assert not is_integer(HUGE)
+    assert not is_integer(1e308)  # whole, but no number of samples
+    assert not is_integer(np.inf)
     with pytest.raises(TypeError):
         float64_array([1, None, object()])
 
@@ -137,6 +144,6 @@ def test_hostile_numbers_do_not_warn():
     H = np.diag([1e-3, 1e-3, 1e-3, 1e308, 1.0])
     with pytest.raises(ValueError, match="H holds 12 numbers"), np.errstate(all="raise"):
         clplen.lightfield.Intrinsics(H, np.zeros(5), (3, 5, 8, 9))
-    maps = cameras.OPDMaps(np.zeros((6, 6)), fields=None)
+    maps = cameras.OPDMaps(np.zeros((1, 1, 9, 9)), fields=[(0, 0)])
     with pytest.raises(ValueError, match="finite"):
         maps.path(0, 0, 5e-7, v=HUGE, u=[0, 1])

@@ -182,7 +182,7 @@ def regular_polygon(
     >>> weights.shape
     (5, 5)
     """
-    if sides != int(sides) or sides < 3:
+    if not is_integer(sides) or sides < 3:
         raise ValueError(f"A polygon has at least 3 sides, not {sides!r}.")
     (high, wide), (v, u) = _pair(radius), _centre(views, centre)
     turn = angle + 2 * np.pi * np.arange(int(sides)) / int(sides)

@@ -13,6 +13,7 @@ from typing import Any
 
 import numpy as np
 
+from clplen.checks import is_integer
 from clplen.errors import FormatError, ShapeError
 from clplen.files import PathLike, replacing, require_file
 from clplen.lightfield.raw.lenslet_grid import LensletGrid
@@ -81,7 +82,7 @@ def _own_model(model: dict[str, Any], source: str) -> dict[str, Any]:
     shape = None
     if model.get("shape") is not None:
         ny, nx = _numbers(model, "shape", 2, source)
-        if min(ny, nx) < 1 or int(ny) != ny or int(nx) != nx:
+        if not (is_integer(ny) and is_integer(nx) and min(ny, nx) >= 1):
             raise FormatError(f"{source}: 'shape' is two positive integers, not {[ny, nx]}.")
         shape = (int(ny), int(nx))
     residual = math.nan

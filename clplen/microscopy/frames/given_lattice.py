@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 
-from clplen.checks import check_finite, check_positive
+from clplen.checks import check_positive, fits_float64
 from clplen.errors import ShapeError
 from clplen.lightfield.raw.lenslet_lattice import Lattice
 
@@ -51,9 +51,11 @@ def square_lattice(
     >>> clplen.microscopy.square_lattice(33.04, (500, 600)).column
     (0.0, 33.04)
     """
-    check_finite(
-        pitch=pitch, rotation=rotation, offset=0 if offset is None else offset, shape=shape
-    )
+    if not all(map(fits_float64, (pitch, rotation, *(offset or ()), *shape))):
+        raise ValueError(
+            "The pitch, the offset, the rotation and the shape of a lattice are finite numbers, "
+            f"not {pitch}, {offset}, {rotation} and {shape}."
+        )
     first = ((pitch - 1) / 2, (pitch - 1) / 2) if offset is None else offset
     cos, sin = pitch * math.cos(rotation), pitch * math.sin(rotation)
     if not (cos > 0 and pitch >= SMALLEST):
