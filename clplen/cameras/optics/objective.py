@@ -102,7 +102,7 @@ class CoverGlass:
         s = real_array(s, "s", np.float64)
         check_finite(s=s)
         # sqrt(g^2 - s^2) - g without cancellation
-        return sum((-t * s**2 / (np.sqrt(g**2 - s**2) + g) for t, g in layers), np.zeros_like(s))
+        return sum((-t * s**2 / (np.sqrt(g * g - s**2) + g) for t, g in layers), np.zeros_like(s))
 
     def slope(self, s: Vector, n: float) -> Vector:
         """-dW/ds in metres: sum t s/sqrt(g^2 - s^2) over the layers.
@@ -118,7 +118,7 @@ class CoverGlass:
         -------
         numpy.ndarray
         """
-        return sum((t * s / np.sqrt(g**2 - s**2) for t, g in self._layers(n)), np.zeros_like(s))
+        return sum((t * s / np.sqrt(g * g - s**2) for t, g in self._layers(n)), np.zeros_like(s))
 
     def _layers(self, n: float) -> tuple[tuple[float, float], ...]:
         """Thickness and index of the glass, of the designed one taken away, of the refocusing."""
@@ -218,7 +218,7 @@ class Objective:
             In metres, to the side of the ray in the pupil where positive z carries it.
         """
         check_finite(z=z)
-        found = z * s / np.sqrt(self.medium_index**2 - s**2)
+        found = z * s / np.sqrt(self.medium_index * self.medium_index - s**2)
         if self.cover is not None:
             found = found + self.cover.slope(s, self.medium_index)
         return np.asarray(self.magnification * found)
