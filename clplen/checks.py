@@ -8,7 +8,7 @@ import math
 import sys
 from collections.abc import Callable, Iterable
 from functools import wraps
-from numbers import Real
+from numbers import Complex, Real
 from typing import Any, Literal, TypeVar
 
 import numpy as np
@@ -91,6 +91,30 @@ def fits_float64(value: Any) -> bool:
         return False
 
 
+def check_finite(**numbers: Any) -> None:
+    """Refuse what holds a number that is not finite; names as the caller knows them.
+
+    Raises
+    ------
+    ValueError
+    """
+    for name, value in numbers.items():
+        if not np.isfinite(float64_array(value)).all():
+            raise ValueError(f"{name} is finite, not {value!r}.")
+
+
+def check_positive(**numbers: Any) -> None:
+    """Refuse what is not a positive finite number; names as the caller knows them.
+
+    Raises
+    ------
+    ValueError
+    """
+    for name, value in numbers.items():
+        if not (is_finite(value) and value > 0):
+            raise ValueError(f"{name} is positive and finite, not {value!r}.")
+
+
 def float64_array(values: Any) -> Array:
     """Numbers as a float64 array; whole numbers above 1.8e308 are infinite.
 
@@ -102,19 +126,26 @@ def float64_array(values: Any) -> Array:
     try:
         return np.asarray(values, np.float64)
     except OverflowError:
-        exact = np.asarray(values, object)
-        floats = [
-            one
-            if not isinstance(one, int) or fits_float64(one)
-            else math.inf * (1 if one > 0 else -1)
-            for one in exact.flat
-        ]
-        return np.array(floats, np.float64).reshape(exact.shape)
+        return _with_infinities(values, np.float64)
+
+
+def _with_infinities(values: Any, dtype: Any) -> Array:
+    """Numbers as an array in which whole numbers above 1.8e308 are infinite."""
+    exact = np.asarray(values, object)
+    floats = [
+        one
+        if not isinstance(one, int) or fits_float64(one)
+        else math.copysign(math.inf, one > 0 or -1)
+        for one in exact.flat
+    ]
+    return np.array(floats, dtype).reshape(exact.shape)
 
 
 def is_integer(value: Any) -> bool:
-    """Whether something is one whole number; True and False are none."""
-    return not isinstance(value, bool) and is_finite(value) and value == int(value)
+    """Whether something is one whole number that int64 holds; True and False are none."""
+    if isinstance(value, bool) or not is_finite(value):
+        return False
+    return bool(abs(value) < 2**63 and value == int(value))
 
 
 def positive_integer(value: Any, what: str) -> int:
@@ -210,8 +241,9 @@ def masked_array(values: Any, what: str) -> tuple[Array, Array | None]:
             f"{what} is an array that NumPy can take, not of {kind} ({error}): convert it, to "
             "float32 for instance."
         ) from error
-    if result.dtype == object and all(isinstance(one, Real) for one in result.flat):
-        result = float64_array(result)  # of whole numbers above 2^64
+    if result.dtype == object and all(isinstance(one, Complex) for one in result.flat):
+        is_real = all(isinstance(one, Real) for one in result.flat)
+        result = _with_infinities(result, np.float64 if is_real else np.complex128)  # above 2^64
     if result.dtype.kind == "V" and result.dtype.names is None:
         raise TypeError(f"{what} is of {result.dtype}, which NumPy lacks: convert it to float32.")
     mask = None
@@ -260,8 +292,6 @@ def real_array(values: Any, what: str, dtype: Any = np.float32) -> Array:
         For anything else.
     """
     result = host_array(values, what)
-    if result.dtype.kind == "O" and all(isinstance(one, int | float) for one in result.flat):
-        result = float64_array(result)  # whole numbers that no integer type of NumPy holds
     if result.dtype.kind == "c":
         raise TypeError(f"{what} holds real numbers, not {result.dtype}: take the intensity.")
     if result.dtype.kind not in "biuf":
@@ -314,7 +344,7 @@ def check_centre(centre: tuple[float, float], what: str) -> None:
     ------
     ValueError
     """
-    if np.shape(centre) != (2,) or not np.isfinite(centre).all():
+    if np.shape(centre) != (2,) or not np.isfinite(float64_array(centre)).all():
         raise ValueError(f"The centre of {what} is finite, (y, x) in metres, not {centre!r}.")
 
 

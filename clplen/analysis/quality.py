@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from clplen.cameras.scenes.ground_truth import Truth
-from clplen.checks import host_array, real_map
+from clplen.checks import host_array, is_integer, real_map
 from clplen.errors import ShapeError
 from clplen.reprs import OneLine
 
@@ -195,7 +195,7 @@ def score(
             f"Disparity maps have shape (y, x); the result has {found.shape}, the truth "
             f"{known.shape}."
         )
-    if border != int(border) or border < 0:
+    if not is_integer(border) or border < 0:
         raise ValueError(f"border is a whole number of pixels, not negative, not {border!r}.")
     inner = _inside(known.shape, int(border)) & np.isfinite(known)
     if where is not None:

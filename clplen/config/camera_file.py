@@ -11,6 +11,7 @@ from pydantic import model_validator
 from clplen.cameras.focused_camera import Plenoptic2
 from clplen.cameras.light_field_microscope import Microscope
 from clplen.cameras.standard_camera import Plenoptic1
+from clplen.checks import is_integer
 from clplen.compute.device import DeviceLike, as_device
 from clplen.config.camera import CameraTable, SensorTable
 from clplen.config.kinds import refuse_fourier
@@ -146,7 +147,7 @@ def read_camera(
     table = validated(_CameraAlone, content, path).camera
     if count is not None:
         counts = np.ravel(count)
-        if counts.size not in (1, 2) or any(int(n) != n or n < 1 for n in counts):
+        if counts.size not in (1, 2) or not all(is_integer(n) and n >= 1 for n in counts):
             raise ValueError(f"count is lenslets, (ny, nx) or one number for both, not {count!r}.")
         ny, nx = (int(n) for n in np.broadcast_to(counts, (2,)))
         changes: dict[str, Any] = {

@@ -13,7 +13,7 @@ from matplotlib.colors import LogNorm, Normalize, PowerNorm
 from matplotlib.figure import Figure
 from numpy.typing import ArrayLike
 
-from clplen.checks import real_array
+from clplen.checks import check_finite, check_positive, real_array
 from clplen.files import PathLike, replacing
 from clplen.outputs import MARK
 from clplen.reprs import printable
@@ -71,6 +71,7 @@ def save(figure: Figure, path: PathLike, *, dpi: int = 150) -> None:
             f"A figure is written as {', '.join(_ENDINGS)}, not as {Path(path).name!r}: name a "
             "file that ends so."
         )
+    check_positive(dpi=dpi)
     about = {"Software" if ending == ".png" else "Creator": MARK}
     with replacing(path) as temporary:
         figure.savefig(temporary, dpi=dpi, format=ending[1:], metadata=about)
@@ -96,6 +97,7 @@ def rendered(figure: Figure, *, dpi: int = 100) -> Array:
     >>> clplen.plot.rendered(clplen.plot.new_figure(2.0, 1.5), dpi=50).shape
     (75, 100, 3)
     """
+    check_positive(dpi=dpi)
     figure.set_dpi(dpi)
     canvas = FigureCanvasAgg(figure)
     canvas.draw()
@@ -121,6 +123,7 @@ def new_figure(width: float, height: float) -> Figure:
     >>> [float(inches) for inches in figure.get_size_inches()]
     [5.0, 3.0]
     """
+    check_positive(width=width, height=height)
     return Figure(figsize=(width, height), layout="constrained")
 
 
@@ -154,6 +157,7 @@ def coordinates(count: int, step: float) -> Array:
     >>> clplen.plot.coordinates(5, 150e-6).round(3).tolist()
     [-0.3, -0.15, 0.0, 0.15, 0.3]
     """
+    check_finite(count=count, step=step)
     return (np.arange(count) - (count - 1) / 2) * step * 1e3
 
 
@@ -183,6 +187,7 @@ def centred(shape: tuple[int, ...], step: float) -> tuple[float, float, float, f
     >>> clplen.plot.centred((20, 40), 0.25)
     (-5.0, 5.0, 2.5, -2.5)
     """
+    check_finite(shape=shape, step=step)
     y, x = shape[0] * step / 2, shape[1] * step / 2
     return (-x, x, y, -y)
 
@@ -226,6 +231,7 @@ def norm_of(values: ArrayLike, scale: Scale, decades: int = _DECADES) -> Normali
     if scale not in get_args(Scale):
         raise ValueError(f"A scale of values is one of {get_args(Scale)}, not {scale!r}.")
     known = values[np.isfinite(values)]
+    check_finite(decades=decades)
     highest = float(known.max() if known.size else 0.0) or 1.0
     if scale == "log":
         return LogNorm(highest * 10.0**-decades, highest)

@@ -11,7 +11,7 @@ from matplotlib.figure import Figure
 from numpy.typing import ArrayLike
 
 from clplen.cameras.scenes.ground_truth import Truth
-from clplen.checks import real_array
+from clplen.checks import check_finite, float64_array, real_array
 from clplen.lightfield.depth.alpha_estimate import AlphaEstimate
 from clplen.lightfield.depth.depth_maps import DepthMap, as_depth_map
 from clplen.lightfield.focused.focused_depth import FocusedMaps
@@ -65,6 +65,7 @@ def energy_curves(
         for colour, (label, estimate, truth) in zip(_COLOURS, members, strict=False):
             alphas, energy = (np.asarray(values) for values in estimate.curve)
             panel.plot(alphas, energy / energy.max(), color=colour, lw=1.4, label=label)
+            check_finite(truth=truth)
             panel.axvline(truth, color=colour, lw=0.9, ls=":")
             panel.plot(estimate.alpha, 1.03, "v", color=colour, ms=5, clip_on=False)
         panel.set(xlabel=r"$\alpha$", title=title)
@@ -112,11 +113,12 @@ def alpha_curve(
     """
     figure = new_figure(6.0, 5.4)
     upper, lower = figure.subplots(2, 1, sharex=True, height_ratios=[2, 1])
+    check_finite(reach=reach)
     dz = np.linspace(-reach, reach, 401)
     upper.plot(dz * 1e3, camera.alpha(dz), color="0.25", lw=1.3, label="F/F' by the lens law")
     lower.axhline(0, color="0.25", lw=1.3)
     for colour, marker, (name, points) in zip(_COLOURS, "s^ox", estimates.items(), strict=False):
-        at, found = (np.array(values) for values in zip(*points, strict=True))
+        at, found = (float64_array(values) for values in zip(*points, strict=True))
         style = {"color": colour, "marker": marker, "ls": "", "ms": 6, "mfc": "none", "mew": 1.4}
         upper.plot(at * 1e3, found, label=name, **style)
         lower.plot(at * 1e3, found - camera.alpha(at), **style)
@@ -173,6 +175,8 @@ def phase_space(
     lf = as_lightfield(lf)
     if lf.spacing is None or len(lf.shape) != 4:
         raise ValueError("A phase-space plot needs one channel and the spacing in metres.")
+    if not all(0 <= y < lf.shape[2] for y in rows):
+        raise ValueError(f"Rows lie in a view, 0 to {lf.shape[2] - 1}, not {rows!r}.")
     values = lf.to_numpy()
     _, du, _, dx = lf.spacing
     u, x = coordinates(lf.shape[1], du), coordinates(lf.shape[3], dx)

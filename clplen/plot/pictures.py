@@ -11,7 +11,7 @@ from matplotlib.figure import Figure
 from matplotlib.patches import Rectangle
 from numpy.typing import ArrayLike
 
-from clplen.checks import is_array, real_array
+from clplen.checks import check_finite, is_array, real_array
 from clplen.compute.arrays import Image
 from clplen.errors import ShapeError
 from clplen.lightfield.model.light_field import LightField
@@ -96,6 +96,7 @@ def raw_image(raw: RawImage, *, details: Mapping[str, tuple[float, float]] | Non
     )
     axes.set(xlabel="x on the sensor / mm", ylabel="y on the sensor / mm", title="raw image")
     bar(figure, drawn, axes, "value of a pixel (logarithmic)", extend=cut(coarse, norm))
+    check_finite(details=list(details.values()))
     for row, (name, (y, x)) in enumerate(details.items()):
         panel = figure.add_subplot(grid[row, 1])
         _detail(axes, panel, values, raw, (y * 1e3, x * 1e3), norm, name)

@@ -12,6 +12,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from clplen.checks import check_finite, float64_array
 from clplen.plot.base import Array
 from clplen.reprs import OneLine
 from clplen.units import metres
@@ -104,6 +105,7 @@ def rays_through(optics: OpticalSystem, *, height: float | None = None) -> Rays:
     >>> (rays.axial * 1e3).round(3).tolist()
     [[0.0, 0.0], [-1.8, 1.8], [-1.8, 1.8], [0.0, 0.0]]
     """
+    check_finite(height=0 if height is None else height)
     distant = _is_distant(optics)
     fan, field = ((1.0, 0.0), (0.0, 1.0)) if distant else ((0.0, 1.0), (1.0, 0.0))
     z, one = trace(optics, *fan, clip=False)
@@ -164,7 +166,8 @@ def trace(
     >>> (heights[-1] * 1e3).round(3).tolist()
     [-1.0, -1.0, nan]
     """
-    y, s = (np.atleast_1d(np.asarray(v, np.float64)) for v in np.broadcast_arrays(height, slope))
+    check_finite(height=height, slope=slope)
+    y, s = np.broadcast_arrays(*(np.atleast_1d(float64_array(v)) for v in (height, slope)))
     heights = [y]
     for part in optics:
         if isinstance(part, Lens):

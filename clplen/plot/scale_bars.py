@@ -7,6 +7,8 @@ import math
 from matplotlib.axes import Axes
 from matplotlib.patheffects import withStroke
 
+from clplen.checks import check_positive
+
 _SHARE = 0.25  # of the picture's width that a bar takes, at most
 _INSET = 0.05  # of the picture, between its edge and the bar
 _UNITS = ((1.0, "m"), (1e-3, "mm"), (1e-6, "µm"), (1e-9, "nm"), (1e-12, "pm"))
@@ -35,8 +37,7 @@ def round_length(width: float) -> float:
     >>> clplen.plot.round_length(90e-6), clplen.plot.round_length(7.9e-3)
     (2e-05, 0.001)
     """
-    if not 0 < width < math.inf:
-        raise ValueError(f"A width is positive, not {width!r}.")
+    check_positive(width=width)
     longest = _SHARE * width * (1 + 1e-9)
     power = math.floor(math.log10(longest))
     factor = next(n for n in (5, 2, 1) if n * 10.0**power <= longest or n == 1)
@@ -74,6 +75,7 @@ def scale_bar(axes: Axes, unit: float, *, label: bool = True) -> float:
     >>> clplen.plot.scale_bar(axes, 1e-6)
     1e-05
     """
+    check_positive(unit=unit)
     left, right = axes.get_xlim()
     bottom, top = axes.get_ylim()
     length = round_length(abs(right - left) * unit)

@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 from matplotlib.figure import Figure
 
+from clplen.checks import check_finite
 from clplen.errors import ShapeError
 from clplen.microscopy.reconstruction.deconvolution import DeconvolutionResult
 from clplen.plot.base import (
@@ -122,6 +123,7 @@ def _ends(found: DeconvolutionResult) -> tuple[Pair, Pair, Pair, tuple[str, str]
         z, units[0] = (first - half, last + half), "µm"
     steps = (1.0, 1.0)
     if found.voxel is not None:
+        check_finite(voxel=found.voxel)
         steps = (found.voxel[0] * _MICRONS, found.voxel[1] * _MICRONS)
         units[1] = "µm"
     y, x = ((-n * step / 2, n * step / 2) for n, step in zip((ny, nx), steps, strict=True))

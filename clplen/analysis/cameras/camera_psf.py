@@ -23,6 +23,7 @@ from clplen.analysis.point.otf import Curve
 from clplen.analysis.point.psf import PSF
 from clplen.analysis.point.samples import Values, between
 from clplen.cameras.camera_base import Plenoptic
+from clplen.checks import is_integer
 from clplen.lightfield.raw.raw_image import RawImage
 from clplen.reprs import OneLine
 
@@ -88,7 +89,7 @@ def check_places(places: int) -> None:
     ------
     ValueError
     """
-    if places != int(places) or places < 1 or places % 2 == 0:
+    if not is_integer(places) or places < 1 or places % 2 == 0:
         raise ValueError(f"places is an odd number of at least 1, not {places!r}.")
 
 

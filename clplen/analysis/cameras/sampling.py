@@ -13,8 +13,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
-from clplen.analysis.point.samples import check_positive
-from clplen.checks import fits_float64, require
+from clplen.checks import check_positive, fits_float64, require
 from clplen.reprs import OneLine
 
 

@@ -11,8 +11,8 @@ from typing import Any, ClassVar
 import numpy as np
 
 from clplen.analysis.point.psf import PSF
-from clplen.analysis.point.samples import Pair, Values, check_axis, check_positive, first_fall
-from clplen.checks import real_array
+from clplen.analysis.point.samples import Pair, Values, check_axis, first_fall
+from clplen.checks import check_positive, real_array
 from clplen.compute.arrays import HostArray
 from clplen.errors import ShapeError
 from clplen.reprs import OneLine
@@ -352,7 +352,8 @@ def pixel_mtf(frequency: Any, *, width: float) -> Values:
     [1.0, 0.637, 0.0]
     """
     check_positive(width=width)
-    return np.abs(np.sinc(real_array(frequency, "frequency", np.float64) * width))
+    with np.errstate(invalid="ignore"):  # of infinite frequencies
+        return np.abs(np.sinc(real_array(frequency, "frequency", np.float64) * width))
 
 
 def _fraction(frequency: Any, wavelength: float, distance: float, width: float) -> Values:

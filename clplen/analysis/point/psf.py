@@ -19,7 +19,7 @@ from clplen.analysis.point.samples import (
     first_fall,
     line_of,
 )
-from clplen.checks import masked_array, real_array
+from clplen.checks import is_integer, masked_array, real_array
 from clplen.compute.arrays import HostArray
 from clplen.errors import ShapeError
 from clplen.results import Plottable
@@ -431,7 +431,7 @@ class PSF(Plottable, HostArray):
         return np.abs(np.arange(sums.size) - 2.0) * step, sums
 
     def _finer(self, line: Values, axis: int, factor: int) -> tuple[Values, Values]:
-        if factor != int(factor) or factor < 1:
+        if not is_integer(factor) or factor < 1:
             raise ValueError(f"oversampling is a whole number of at least 1, not {factor!r}.")
         x = self.coordinates(axis)
         if factor == 1:

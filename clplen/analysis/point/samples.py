@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from clplen.checks import host_array, is_finite
+from clplen.checks import host_array
 from clplen.errors import ShapeError
 
 Values = np.ndarray[Any, np.dtype[np.float64]]
@@ -47,18 +47,6 @@ def check_axis(axis: int) -> int:
     if axis not in (0, 1):
         raise ValueError(f"axis is 0 for y or 1 for x, not {axis!r}.")
     return int(axis)
-
-
-def check_positive(**lengths: float) -> None:
-    """Refuse what is not a positive finite number; names as the caller knows them.
-
-    Raises
-    ------
-    ValueError
-    """
-    for name, value in lengths.items():
-        if not (is_finite(value) and value > 0):
-            raise ValueError(f"{name} is positive and finite, not {value!r}.")
 
 
 def dirichlet(offset: Any, n: int) -> Values:

@@ -13,6 +13,7 @@ import numpy as np
 from clplen.analysis.cameras.camera_psf import object_nyquist
 from clplen.analysis.cameras.comparison import Comparison, Measured
 from clplen.analysis.cameras.sampling import Sampling
+from clplen.checks import fits_float64
 from clplen.files import PathLike, replacing
 from clplen.reprs import OneLine
 
@@ -201,4 +202,6 @@ def _depth(one: Measured) -> Iterator[Row]:
 def _written(cell: Any) -> str:
     if isinstance(cell, str):
         return cell
-    return "" if math.isnan(cell) else f"{cell:.9g}"
+    if not fits_float64(cell):
+        return "" if cell != cell else str(cell)
+    return f"{cell:.9g}"

@@ -21,7 +21,7 @@ from numpy.typing import ArrayLike
 from clplen import units
 from clplen.cameras.optics.lenslet_camera import Row
 from clplen.cameras.optics.opd_maps import OPDMaps
-from clplen.checks import fits_float64
+from clplen.checks import fits_float64, is_integer
 from clplen.lightfield.model.alpha_law import require_two_plane
 from clplen.lightfield.model.light_field import LightField
 from clplen.lightfield.model.stored_light_field import as_lightfield
@@ -92,7 +92,7 @@ class LensletScatter:
                 f"The scatter of focal_length is relative, at most {LARGEST_FOCAL_SCATTER}, not "
                 f"{self.focal_length!r}: some lenslets would have no focal length."
             )
-        if self.seed != int(self.seed) or self.seed < 0:
+        if not is_integer(self.seed) or self.seed < 0:
             raise ValueError(f"A seed is a whole number, 0 or more, not {self.seed!r}.")
         object.__setattr__(self, "seed", int(self.seed))
 

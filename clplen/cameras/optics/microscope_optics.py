@@ -207,7 +207,7 @@ class MicroscopeOptics(Described, LensletCamera):
     @property
     def _depth_of_disparity(self) -> float:
         """n f_mu p/(M^2 dx): abs(z) of d = 1."""
-        scale = self.medium_index / self.magnification**2
+        scale = self.medium_index / (self.magnification * self.magnification)
         return scale * self.mla.focal_length * self.mla.pitch / self.pixel_pitch
 
     def describe(self) -> Description:

@@ -22,7 +22,7 @@ import pyopencl.array as cla
 
 from clplen.cameras.optics.pupil_aberration import PupilAberration
 from clplen.cameras.scenes.scene_sources import PointSources
-from clplen.checks import is_finite
+from clplen.checks import check_finite, check_positive, is_finite, real_array
 from clplen.compute.device import DeviceLike, as_device
 from clplen.wave.field.field import Field, Grid
 from clplen.wave.field.transmission import phasor
@@ -99,8 +99,10 @@ class CoverGlass:
         numpy.ndarray
         """
         layers = self._layers(n)
+        s = real_array(s, "s", np.float64)
+        check_finite(s=s)
         # sqrt(g^2 - s^2) - g without cancellation
-        return sum((-t * s**2 / (np.sqrt(g**2 - s**2) + g) for t, g in layers), np.zeros_like(s))
+        return sum((-t * s**2 / (np.sqrt(g * g - s**2) + g) for t, g in layers), np.zeros_like(s))
 
     def slope(self, s: Vector, n: float) -> Vector:
         """-dW/ds in metres: sum t s/sqrt(g^2 - s^2) over the layers.
@@ -116,10 +118,11 @@ class CoverGlass:
         -------
         numpy.ndarray
         """
-        return sum((t * s / np.sqrt(g**2 - s**2) for t, g in self._layers(n)), np.zeros_like(s))
+        return sum((t * s / np.sqrt(g * g - s**2) for t, g in self._layers(n)), np.zeros_like(s))
 
     def _layers(self, n: float) -> tuple[tuple[float, float], ...]:
         """Thickness and index of the glass, of the designed one taken away, of the refocusing."""
+        check_positive(n=n)
         moved = self.thickness / self.index - self.designed_thickness / self.designed_index
         return (
             (self.thickness, self.index),
@@ -166,6 +169,11 @@ class Objective:
     apodisation: float = APODISATION
     aberration: PupilAberration | None = None
 
+    def __post_init__(self) -> None:
+        check_finite(na=self.na)
+        names = ("magnification", "medium_index", "wavelength")
+        check_positive(**{name: getattr(self, name) for name in names})
+
     @property
     def cutoff(self) -> float:
         """NA/(M lam), the highest frequency on the image side in cycles a metre."""
@@ -209,7 +217,8 @@ class Objective:
         numpy.ndarray
             In metres, to the side of the ray in the pupil where positive z carries it.
         """
-        found = z * s / np.sqrt(self.medium_index**2 - s**2)
+        check_finite(z=z)
+        found = z * s / np.sqrt(self.medium_index * self.medium_index - s**2)
         if self.cover is not None:
             found = found + self.cover.slope(s, self.medium_index)
         return np.asarray(self.magnification * found)

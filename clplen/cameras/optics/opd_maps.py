@@ -34,7 +34,7 @@ from clplen.cameras.optics.map_interpolation import (
     spline,
 )
 from clplen.cameras.optics.traced_maps import trace_maps
-from clplen.checks import fits_float64, real_array
+from clplen.checks import check_finite, fits_float64, real_array
 from clplen.reprs import one_line
 from clplen.results import Savable
 from clplen.units import metres
@@ -510,6 +510,7 @@ _KEPT = ("digest", "_steepest", "_whole", "_tables", "_cut")  # made again when 
 
 def _on_disc(v: Any, u: Any) -> tuple[Values, Values]:
     """Places of the disc, those beyond it brought to the rim."""
+    check_finite(v=v, u=u)
     v, u = np.broadcast_arrays(*(real_array(x, "v and u", np.float64) for x in (v, u)))
     out = np.maximum(np.hypot(v, u), 1)
     return v / out, u / out

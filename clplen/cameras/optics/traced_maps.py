@@ -14,7 +14,7 @@ import numpy as np
 
 from clplen import units
 from clplen.cameras.optics.map_interpolation import require_room
-from clplen.checks import install_advice
+from clplen.checks import install_advice, is_integer
 
 Values = np.ndarray[Any, np.dtype[np.float64]]
 MM = 1e-3  # optiland's lengths are in millimetres, its wavelengths in micrometres
@@ -254,7 +254,7 @@ def _fractions(fields: int | Sequence[float]) -> Values:
 
 
 def _count(samples: int) -> int:
-    if samples != int(samples) or samples < 5:
+    if not is_integer(samples) or samples < 5:
         raise ValueError(f"samples of a map are 5 or more along each axis, not {samples!r}.")
     return int(samples)
 

@@ -20,6 +20,7 @@ from clplen.cameras.scenes.surfaces import (
     rectangle,
 )
 from clplen.cameras.scenes.textures import Texture, bricks, checker, noise, picture
+from clplen.checks import positive_integer
 from clplen.reprs import OneLine
 
 Random = np.random.Generator
@@ -155,6 +156,10 @@ def sample_scenes(
     >>> len(names), names[:5]
     (15, ['plane', 'slant', 'layers', 'roof', 'valley'])
     """
+    shape = (
+        positive_integer(shape[0], "ny of a scene"),
+        positive_integer(shape[1], "nx of a scene"),
+    )
     for number, (name, make) in enumerate(SCENES.items()):
         random = np.random.default_rng([seed, number])
         studio = Studio(random, shape, pictures, bool((seed + number) % 2))

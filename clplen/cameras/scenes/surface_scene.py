@@ -236,7 +236,9 @@ def surface_tables(scene: SurfaceScene, device: Device) -> SurfaceTables:
             len(lines), places[id(texture)], ny, nx, len(spots), len(one.spots),
         )  # fmt: skip
         edges.append(lines)
-        spots += [(*s.centre, 0.5 / s.width**2, s.strength, s.disparity) for s in one.spots]
+        spots += [
+            (*s.centre, 0.5 / (s.width * s.width), s.strength, s.disparity) for s in one.spots
+        ]
     return SurfaceTables(
         scene,
         device,

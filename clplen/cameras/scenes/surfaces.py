@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from clplen.cameras.scenes.textures import Texture, uniform
-from clplen.checks import float64_array, real_array
+from clplen.checks import float64_array, is_integer, real_array
 from clplen.reprs import OneLine
 
 Pair = tuple[float, float]
@@ -110,7 +110,7 @@ class Bars:
     def __post_init__(self) -> None:
         _finite(self.centre, 2, "The centre of bars")
         _finite((self.length, self.period), 2, "Length and period of bars", positive=True)
-        if self.count != int(self.count) or self.count < 1:
+        if not is_integer(self.count) or self.count < 1:
             raise ValueError(f"There is at least one bar, not {self.count!r}.")
         if not all(0 <= width <= self.period for width in self.widths):
             raise ValueError(

@@ -8,7 +8,14 @@ from typing import Any, ClassVar
 
 import numpy as np
 
-from clplen.checks import fits_float64, float64_array, host_array, is_finite, is_integer, real_array
+from clplen.checks import (
+    check_finite,
+    fits_float64,
+    host_array,
+    is_finite,
+    is_integer,
+    real_array,
+)
 from clplen.compute.arrays import HostArray
 from clplen.errors import ShapeError
 from clplen.reprs import OneLine
@@ -206,6 +213,7 @@ def noise(
             f"Noise has a side of 4 or more and 0 <= coarsest < finest <= 0.5 cycles a pixel, not "
             f"side {side}, {coarsest!r} and {finest!r}."
         )
+    check_finite(mean=mean, contrast=contrast, exponent=exponent)
     fy, fx = np.fft.fftfreq(side)[:, None], np.fft.rfftfreq(side)[None, :]
     f = np.hypot(fy, fx)
     band = (f >= coarsest) & (f <= finest) & (f > 0)
@@ -346,7 +354,7 @@ def stripes(
     '0.100'
     """
     _require_positive("The period of stripes", period)
-    mean, contrast = map(float, float64_array([mean, contrast]))
+    check_finite(mean=mean, contrast=contrast)
     wave = mean + contrast * math.sqrt(2) * np.sin(2 * np.pi * np.arange(32) / 32)
     values = np.tile(wave, (4, 1))
     return Texture(values.T if angle else values, period / 32)

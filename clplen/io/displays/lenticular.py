@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 from PIL import Image, ImageDraw, ImageFont
 
-from clplen.checks import float64_array, host_array, is_finite, positive_integer
+from clplen.checks import check_finite, float64_array, host_array, is_finite, positive_integer
 from clplen.compute.memory import free_memory
 from clplen.errors import ShapeError
 
@@ -305,6 +305,7 @@ def pitch_test(
         raise ValueError(f"A pitch test has 3 to 101 bands, not {bands}.")
     tried = float(float64_array(lpi)) * (1 + np.linspace(-spread, spread, bands) / 100)
     pitches = [lens_pitch(float(one), dpi) for one in tried]
+    check_finite(pixels=1000 * width * dpi)
 
     def pixels(millimetres: float) -> int:
         return max(round(millimetres / _MM * dpi), 1)

@@ -14,6 +14,8 @@ from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 
+import numpy as np
+
 from clplen.compute.memory import free_memory
 from clplen.errors import FormatError
 
@@ -105,7 +107,8 @@ def require_room(wanted: int, *, path: Path, what: str, max_bytes: int | None) -
 def reading(path: Path) -> Iterator[None]:
     """Make a FormatError, naming the file, of what a library says of one that it cannot read."""
     try:
-        yield
+        with np.errstate(over="ignore", invalid="ignore"):  # casts of hostile numbers
+            yield
     except UNREADABLE as error:
         reason = (str(error).splitlines() or [""])[0].strip(" .'\"") or type(error).__name__
         if isinstance(error, MemoryError):

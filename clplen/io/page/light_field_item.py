@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 
+from clplen.checks import is_integer
 from clplen.compute.device import DeviceLike
 from clplen.errors import ShapeError
 from clplen.io.formats.animation import white_level
@@ -50,7 +51,7 @@ class PageOptions:
     def __post_init__(self) -> None:
         if self.quality is not None and not 1 <= self.quality <= 100:
             raise ValueError(f"quality is that of JPEG, 1 to 100, not {self.quality!r}.")
-        if self.downscale != int(self.downscale) or self.downscale < 1:
+        if not is_integer(self.downscale) or self.downscale < 1:
             raise ValueError(f"downscale is a whole number from 1 on, not {self.downscale!r}.")
         if self.views is not None and min(self.views) < 1:
             raise ValueError(f"views are at least 1 x 1, not {self.views!r}.")

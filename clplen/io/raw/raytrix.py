@@ -17,7 +17,7 @@ from xml.sax.saxutils import escape, quoteattr
 
 import numpy as np
 
-from clplen.checks import fits_float64
+from clplen.checks import check_finite, fits_float64
 from clplen.errors import FormatError
 from clplen.files import PathLike, replacing
 from clplen.lightfield.raw.lenslet_grid import LensType
@@ -67,6 +67,9 @@ class Distortion:
     parameters: tuple[float, ...]
     offset: Vector
 
+    def __post_init__(self) -> None:
+        check_finite(parameters=self.parameters, offset=self.offset)
+
 
 @dataclass(frozen=True)
 class FocusType:
@@ -91,6 +94,9 @@ class FocusType:
 
     offset: Vector
     depth_range: Vector
+
+    def __post_init__(self) -> None:
+        check_finite(offset=self.offset, depth_range=self.depth_range)
 
 
 @dataclass(frozen=True)
@@ -142,6 +148,9 @@ class RaytrixCalibration:
     lens_types: tuple[FocusType, ...] = ()
 
     def __post_init__(self) -> None:
+        names = ("offset", "rotation", "lens_border", "tcp", "sub_grid_base")
+        found = {name: getattr(self, name) for name in names}
+        check_finite(**{name: value for name, value in found.items() if value is not None})
         if not 1 <= self.diameter <= _LARGEST:
             raise ValueError(
                 f"The diameter of a lens is 1 to {_LARGEST} pixels, not {self.diameter}."
@@ -154,6 +163,7 @@ class RaytrixCalibration:
 
     def origin(self, shape: tuple[int, int]) -> Vector:
         """(y, x) in pixels, y downwards, of a lens' centre in an image of a shape (ny, nx)."""
+        check_finite(shape=shape)
         return (shape[0] - 1) / 2 - self.offset[1], (shape[1] - 1) / 2 + self.offset[0]
 
     def on_sensor(self, vector: Vector) -> Vector:

@@ -21,7 +21,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from clplen.checks import fits_float64, float64_array
+from clplen.checks import check_finite, fits_float64, float64_array
 from clplen.errors import FormatError
 from clplen.files import PathLike, replacing
 from clplen.io.formats.pfm import read_pfm
@@ -136,7 +136,7 @@ class HciParameters(OneLine):
             If a parameter that it needs is not known.
         """
         scale, focused = self._scale()
-        inverse = np.asarray(d, np.float64) + focused
+        inverse = float64_array(d) + focused
         with np.errstate(divide="ignore"):
             return np.asarray(np.where(inverse > 0, 1e-3 * scale / np.abs(inverse), np.inf))
 
@@ -182,6 +182,7 @@ class HciParameters(OneLine):
                 + ", ".join(missing or ["image_resolution_x_px"])
                 + ", which the parameters do not give."
             )
+        check_finite(**lengths, sizes=sizes)
         scale = lengths["baseline_mm"] * lengths["focal_length_mm"] * max(sizes)
         scale /= lengths["sensor_size_mm"]
         return scale, scale / (1e3 * lengths["focus_distance_m"])

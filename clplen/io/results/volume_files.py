@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from clplen.checks import real_array
+from clplen.checks import check_finite, real_array
 from clplen.errors import FormatError, ShapeError
 from clplen.files import PathLike
 from clplen.io.formats import npy
@@ -70,6 +70,7 @@ def write_volume(
             f"A volume has shape (planes, y, x) and a z for each plane, not {values.shape} and "
             f"{z.shape}."
         )
+    check_finite(planes=z)
     write_series(
         path,
         as_block(values),

@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from clplen.checks import real_array
+from clplen.checks import check_finite, positive_integer, real_array
 from clplen.errors import FormatError
 from clplen.files import PathLike, check_space
 from clplen.io.results.volume_files import plane_step
@@ -58,6 +58,9 @@ class VolumeSeries:
     ) -> None:
         self.path = Path(path)
         z = real_array(planes, "planes", np.float64)
+        check_finite(voxel=voxel, planes=z)
+        for number in (frames, *shape):
+            positive_integer(number, "An axis of a series")
         about = {
             **description,
             "planes_um": [round(one * 1e6, 9) for one in z],

@@ -13,6 +13,7 @@ from typing import Any
 
 import numpy as np
 
+from clplen.checks import check_finite, float64_array
 from clplen.errors import FormatError
 from clplen.files import PathLike, require_file
 from clplen.io.formats import tiff
@@ -42,6 +43,8 @@ def is_ome(path: PathLike) -> bool:
 
 def write_series(path: PathLike, blocks: Iterable[Block], *, replace: bool, **known: Any) -> None:
     """Write OME-TIFF or OME-Zarr, by the suffix."""
+    spacing = float64_array(known.get("spacing") or ())
+    check_finite(spacing=spacing[~np.isnan(spacing)])
     if Path(path).suffix.lower() == zarr_files.SUFFIX:
         write_omezarr(path, blocks, replace=replace, **known)
     else:

@@ -12,7 +12,7 @@ import pyopencl.array as cla
 from numpy.typing import ArrayLike
 
 from clplen import units
-from clplen.checks import real_array
+from clplen.checks import is_integer, real_array
 from clplen.compute.device import Device, DeviceLike, as_device
 from clplen.errors import ShapeError
 from clplen.lightfield.calibration import sensor_frames
@@ -186,7 +186,7 @@ def _check(
     white: Any,
     pixel_pitch: Any,
 ) -> None:
-    if views is not None and (len(views) != 2 or not all(n >= 1 and n == int(n) for n in views)):
+    if views is not None and (len(views) != 2 or not all(is_integer(n) and n >= 1 for n in views)):
         raise ValueError(f"views is (V, U), two whole numbers from 1 on, not {views!r}.")
     if step is not None and not 0 < step < math.inf:
         raise ValueError(f"step is a positive number of pixels, not {step!r}.")

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike
 
+from clplen.checks import is_integer
 from clplen.lightfield.arrays.spectral_sharpness import (
     BAND,
     Peak,
@@ -259,13 +260,13 @@ def _checked(
     """The central lenslet, after the checks that every method shares."""
     if method not in METHODS:
         raise ValueError(f"method is one of {', '.join(map(repr, METHODS))}, not {method!r}.")
-    if window != int(window) or window % 2 == 0 or window < 9:
+    if not is_integer(window) or window % 2 == 0 or window < 9:
         raise ValueError(f"window is an odd number of lenslets, at least 9, not {window!r}.")
     if at is None:
         return brightest(lf, window)
     ny, nx = lf.shape[2:4]
     y, x = at
-    if not (x == int(x) and y == int(y) and 0 <= x < nx and 0 <= y < ny):
+    if not (is_integer(x) and is_integer(y) and 0 <= x < nx and 0 <= y < ny):
         raise ValueError(
             f"at is (y, x) of a lenslet with 0 <= y < {ny} and 0 <= x < {nx}, not {at!r}."
         )

@@ -21,6 +21,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
+from clplen.checks import check_finite
 from clplen.errors import SamplingWarning, warn_caller
 from clplen.lightfield.arrays.spectral_sharpness import BAND, Peak
 from clplen.lightfield.model.alpha_law import depth_at, overlap_limit, unit_steps
@@ -69,6 +70,7 @@ def focus_ratio(camera: Any, z: float) -> float:
     """
     from scipy import special  # here: slow to import
 
+    check_finite(z=z)
     x, weights = np.polynomial.legendre.leggauss(_NODES)
     s = camera.na / camera.medium_index * (x + 1) / 2
     c = np.sqrt(1 - s**2)

@@ -221,8 +221,8 @@ def checked_ratio(geometry: FocusedGeometry, m: float) -> float:
         )
     if abs(m) >= 1 or abs(ratio) >= 1:
         raise ValueError(
-            f"At m = {m:g} a point is seen by {1 / m**2:.2g} lenslets on average, but every point "
-            "has to be seen by one: abs(m) is below 1."
+            f"At m = {m:g} a point is seen by {1 / (m * m):.2g} lenslets on average, but every "
+            "point has to be seen by one: abs(m) is below 1."
         )
     return ratio
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import sys
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
@@ -9,7 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from clplen.checks import is_finite, real_array
+from clplen.checks import is_finite, is_integer, real_array
 from clplen.errors import ShapeError
 from clplen.lightfield.metric.ray_model import (
     Shape,
@@ -95,8 +96,8 @@ class Intrinsics(OneLine):
     deviations: Array | None = None
 
     def __post_init__(self) -> None:
-        shape = tuple(int(n) for n in self.shape[:4])
-        if len(shape) != 4 or min(shape) < 1:
+        shape = tuple(int(n) for n in self.shape[:4] if is_integer(n) and n >= 1)
+        if len(shape) != 4:
             raise ShapeError(f"A light field has a shape (V, U, y, x), not {self.shape!r}.")
         V, U = shape[:2]
         shapes: dict[str, tuple[int, ...]] = {"matrix": (5, 5), "distortion": (5,)}
@@ -122,10 +123,12 @@ class Intrinsics(OneLine):
             )
         if H[0, 0] == 0 or H[1, 1] == 0:
             raise ValueError("H11 and H22, metres between views, are not 0.")
-        wanted = matrix_of(self._parameters, self.shape)
-        scale = np.abs(H[:, :4]).max(1, keepdims=True) * max(self.shape)
-        scale[4] = 1
-        wrong = np.argwhere(np.abs(H - wanted) > _EXACT * scale)
+        with np.errstate(over="ignore", invalid="ignore"):  # of numbers near 1.8e308
+            wanted = matrix_of(self._parameters, self.shape)
+            scale = np.abs(H[:, :4]).max(1, keepdims=True) * float(max(self.shape))
+            scale[4] = 1
+            limit = np.minimum(_EXACT * scale, sys.float_info.max)
+            wrong = np.argwhere(~(np.abs(H - wanted) <= limit))
         if len(wrong):
             row, column = wrong[0]
             raise ValueError(
@@ -200,7 +203,7 @@ class Intrinsics(OneLine):
         -------
         numpy.ndarray
             (y, x) in pixels, shape (V, U, n, 2), float64; NaN of points that are not before the
-            views.
+            views, or not finite.
         """
         at = real_array(points, "points", np.float64)
         if at.ndim != 2 or at.shape[1] != 3:
@@ -208,7 +211,7 @@ class Intrinsics(OneLine):
         V, U = self.shape[:2]
         (i, k), (j, l) = middles(self.shape)  # noqa: E741
         row, column = np.mgrid[:V, :U].reshape(2, -1)
-        behind = ~(at[:, 2] > 0)
+        behind = ~((at[:, 2] > 0) & np.isfinite(at).all(1))
         safe = np.where(behind[:, None], [0.0, 0.0, 1.0], at)
         pixels = pixels_of(self._parameters, np.stack([column - i, row - j], -1), safe)
         pixels[:, behind] = np.nan
@@ -255,8 +258,8 @@ class Intrinsics(OneLine):
         """
         d = real_array(disparity, "disparity", np.float64)
         H = self.matrix
-        above, below = H[0, 0] - d * H[0, 2], d * H[2, 2] - H[2, 0]
-        with np.errstate(divide="ignore", invalid="ignore"):
+        with np.errstate(all="ignore"):
+            above, below = H[0, 0] - d * H[0, 2], d * H[2, 2] - H[2, 0]
             z = above / below
         return np.where(below == 0, np.inf, np.where(z > 0, z, np.nan))
 

@@ -16,7 +16,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from clplen.checks import float64_array, host_array, real_array
+from clplen.checks import float64_array, host_array, is_integer, real_array
 from clplen.errors import ShapeError
 from clplen.lightfield.model.sampled_views import SampledViews
 
@@ -182,7 +182,7 @@ def regular_polygon(
     >>> weights.shape
     (5, 5)
     """
-    if sides != int(sides) or sides < 3:
+    if not is_integer(sides) or sides < 3:
         raise ValueError(f"A polygon has at least 3 sides, not {sides!r}.")
     (high, wide), (v, u) = _pair(radius), _centre(views, centre)
     turn = angle + 2 * np.pi * np.arange(int(sides)) / int(sides)
@@ -361,7 +361,7 @@ def _disc_area(y: Vector, x: Vector) -> Vector:
 
 
 def _views(views: Views) -> tuple[int, int]:
-    if len(views) < 2 or min(views[:2]) < 1:
+    if len(views) < 2 or not all(is_integer(n) and n >= 1 for n in views[:2]):
         raise ShapeError(f"Views are (V, U), as in lf.shape, not {views!r}.")
     return int(views[0]), int(views[1])
 
@@ -377,7 +377,7 @@ def _centre(views: Views, centre: Any) -> Pair:
     V, U = _views(views)
     if centre is None:
         return (V - 1) / 2, (U - 1) / 2
-    values = np.asarray(centre, np.float64)
+    values = float64_array(centre)
     if values.shape != (2,) or not np.isfinite(values).all():
         raise ValueError(f"The centre of an aperture is (v, u), not {centre!r}.")
     return float(values[0]), float(values[1])

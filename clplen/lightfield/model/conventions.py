@@ -12,6 +12,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
+from clplen.checks import float64_array
+
 Real = np.ndarray[Any, np.dtype[np.float64]]
 
 
@@ -21,7 +23,7 @@ def from_plenopticam(a: ArrayLike) -> Real:
     >>> float(from_plenopticam(2))
     2.0
     """
-    return np.asarray(a, np.float64)
+    return float64_array(a)
 
 
 def to_plenopticam(d: ArrayLike) -> Real:
@@ -30,7 +32,7 @@ def to_plenopticam(d: ArrayLike) -> Real:
     >>> float(to_plenopticam(1.8))
     2.0
     """
-    return np.rint(np.asarray(d, np.float64))
+    return np.rint(float64_array(d))
 
 
 def from_plenpy(slope: ArrayLike, *, views: int) -> Real:
@@ -45,7 +47,7 @@ def from_plenpy(slope: ArrayLike, *, views: int) -> Real:
     >>> round(float(from_plenpy(0.8, views=9)), 6)
     0.9
     """
-    return np.asarray(slope, np.float64) / _span(views)
+    return float64_array(slope) / _span(views)
 
 
 def to_plenpy(d: ArrayLike, *, views: int) -> Real:
@@ -54,7 +56,7 @@ def to_plenpy(d: ArrayLike, *, views: int) -> Real:
     >>> round(float(to_plenpy(0.9, views=9)), 6)
     0.8
     """
-    return np.asarray(d, np.float64) * _span(views)
+    return float64_array(d) * _span(views)
 
 
 def from_lftoolbox(slope: ArrayLike, *, views: int) -> Real:
@@ -90,7 +92,7 @@ def to_plenoptomos(d: ArrayLike) -> Real:
     >>> float(to_plenoptomos(0.25))
     0.8
     """
-    return 1 / _positive("1 + d", 1 + np.asarray(d, np.float64))
+    return 1 / _positive("1 + d", 1 + float64_array(d))
 
 
 def from_ng(alpha: ArrayLike, *, kappa: float) -> Real:
@@ -115,7 +117,7 @@ def to_ng(d: ArrayLike, *, kappa: float) -> Real:
     >>> round(float(to_ng(0.16, kappa=0.8)), 6)
     1.25
     """
-    ratio = np.asarray(d, np.float64) / _positive("kappa", kappa)
+    ratio = float64_array(d) / _positive("kappa", kappa)
     return 1 / _positive("1 - d/kappa", 1 - ratio)
 
 
@@ -125,7 +127,7 @@ def from_lightfieldlab(shift: ArrayLike) -> Real:
     >>> float(from_lightfieldlab(-0.5))
     0.5
     """
-    return -np.asarray(shift, np.float64)
+    return -float64_array(shift)
 
 
 def to_lightfieldlab(d: ArrayLike) -> Real:
@@ -134,7 +136,7 @@ def to_lightfieldlab(d: ArrayLike) -> Real:
     >>> float(to_lightfieldlab(0.5))
     -0.5
     """
-    return -np.asarray(d, np.float64)
+    return -float64_array(d)
 
 
 def from_epi_slope(slope: ArrayLike) -> Real:
@@ -143,7 +145,7 @@ def from_epi_slope(slope: ArrayLike) -> Real:
     >>> float(from_epi_slope(-0.5))
     0.5
     """
-    return -np.asarray(slope, np.float64)
+    return -float64_array(slope)
 
 
 def to_epi_slope(d: ArrayLike) -> Real:
@@ -152,7 +154,7 @@ def to_epi_slope(d: ArrayLike) -> Real:
     >>> float(to_epi_slope(0.5))
     -0.5
     """
-    return -np.asarray(d, np.float64)
+    return -float64_array(d)
 
 
 def from_virtual_depth(virtual_depth: ArrayLike, *, pitch: float) -> Real:
@@ -218,7 +220,7 @@ def distance_of_disparity(
     0.19
     """
     scale = _positive("kappa", kappa) * _positive("image_distance", image_distance)
-    near = np.asarray(d, np.float64) / scale + 1 / _positive("focus", focus)
+    near = float64_array(d) / scale + 1 / _positive("focus", focus)
     with np.errstate(divide="ignore"):
         return np.asarray(1 / np.maximum(near, 0))
 
@@ -298,7 +300,7 @@ def _span(views: int) -> float:
 
 
 def _positive(name: str, value: ArrayLike, *, infinite: bool = False) -> Real:
-    values = np.asarray(value, np.float64)
+    values = float64_array(value)
     limit = np.isfinite(values) | (infinite & np.isposinf(values))
     if not ((values > 0) & limit).all():
         raise ValueError(f"{name} is above 0 and finite, not {value!r}.")
@@ -306,7 +308,7 @@ def _positive(name: str, value: ArrayLike, *, infinite: bool = False) -> Real:
 
 
 def _not_zero(name: str, value: ArrayLike) -> Real:
-    values = np.asarray(value, np.float64)
+    values = float64_array(value)
     if not (np.isfinite(values) & (values != 0)).all():
         raise ValueError(f"{name} is finite and not 0, not {value!r}.")
     return values

@@ -13,6 +13,7 @@ from typing import Any
 
 import numpy as np
 
+from clplen.checks import is_integer
 from clplen.errors import FormatError, ShapeError
 from clplen.files import PathLike, replacing, require_file
 from clplen.lightfield.raw.lenslet_grid import LensletGrid
@@ -81,7 +82,7 @@ def _own_model(model: dict[str, Any], source: str) -> dict[str, Any]:
     shape = None
     if model.get("shape") is not None:
         ny, nx = _numbers(model, "shape", 2, source)
-        if min(ny, nx) < 1 or int(ny) != ny or int(nx) != nx:
+        if not (is_integer(ny) and is_integer(nx) and min(ny, nx) >= 1):
             raise FormatError(f"{source}: 'shape' is two positive integers, not {[ny, nx]}.")
         shape = (int(ny), int(nx))
     residual = math.nan
@@ -368,7 +369,7 @@ class Lattice:
         ny, nx = self._shape()
         matrix = np.linalg.inv(np.array([self.row, self.column]).T)
         corners = np.array([(y, x) for y in (-0.5, ny) for x in (-0.5, nx)]) - self.origin
-        places = corners @ matrix.T
+        places = np.clip(corners @ matrix.T, -1e15, 1e15)  # whole numbers, however far it lies
         low, high = np.floor(places.min(0)).astype(int) - 1, np.ceil(places.max(0)).astype(int) + 1
         i, k = np.mgrid[low[0] : high[0] + 1, low[1] : high[1] + 1]
         return i.ravel(), k.ravel()

@@ -6,6 +6,7 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 
+from clplen.checks import is_integer
 from clplen.compute.device import Device
 from clplen.compute.memory import free_memory
 from clplen.lightfield.model.stored_light_field import StoredLightField
@@ -181,7 +182,7 @@ def memory_budget(memory: int | None, device: Device) -> int:
     """
     if memory is None:
         memory = min(free_memory(), device.memory_bytes) // 2
-    if isinstance(memory, bool) or int(memory) != memory or memory < 1:
+    if not is_integer(memory) or memory < 1:
         raise ValueError(f"memory is a positive number of bytes, not {memory!r}.")
     return int(memory)
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 
+from clplen.checks import check_positive, fits_float64
 from clplen.errors import ShapeError
 from clplen.lightfield.raw.lenslet_lattice import Lattice
 
@@ -50,13 +51,12 @@ def square_lattice(
     >>> clplen.microscopy.square_lattice(33.04, (500, 600)).column
     (0.0, 33.04)
     """
-    corner = ((pitch - 1) / 2, (pitch - 1) / 2)
-    first = corner if offset is None else offset
-    if not all(map(math.isfinite, (pitch, rotation, *first))):
+    if not all(map(fits_float64, (pitch, rotation, *(offset or ()), *shape))):
         raise ValueError(
-            "The pitch, the offset and the rotation of a lattice are finite numbers, not "
-            f"{pitch}, {first} and {rotation}."
+            "The pitch, the offset, the rotation and the shape of a lattice are finite numbers, "
+            f"not {pitch}, {offset}, {rotation} and {shape}."
         )
+    first = ((pitch - 1) / 2, (pitch - 1) / 2) if offset is None else offset
     cos, sin = pitch * math.cos(rotation), pitch * math.sin(rotation)
     if not (cos > 0 and pitch >= SMALLEST):
         raise ValueError(
@@ -121,6 +121,7 @@ def pitch_sentence(lattice: Lattice, nominal: float) -> str | None:
     >>> print(clplen.microscopy.pitch_sentence(lattice, 33.04))
     lenslets lie 33.67 pixels apart, 33.04 by the parameters: 1.91 % more. ...
     """
+    check_positive(nominal=nominal)
     measured = math.sqrt(math.prod(lattice.pitch))
     ratio = measured / nominal
     if abs(ratio - 1) <= CLOSE:

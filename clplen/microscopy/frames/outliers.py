@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 from scipy.ndimage import convolve, median_filter
 
-from clplen.checks import real_array
+from clplen.checks import check_finite, positive_integer, real_array
 from clplen.lightfield.raw.lenslet_lattice import Lattice
 from clplen.microscopy.frames.surroundings import moved, steps_around, sums_around
 
@@ -58,6 +58,7 @@ def hot_pixels(
     [[20, 31]]
     """
     light = real_array(frame, "A frame")
+    check_finite(sharpest=sharpest)
     floor, gain = noise(light, _across(lattice))
     found, least = np.zeros(light.shape, bool), ROUNDING * light.max(initial=0)
     steps, z = steps_around(lattice), DEVIATIONS
@@ -163,4 +164,6 @@ def noise(frame: Vector, across: int) -> tuple[float, float]:
 def _across(lattice: Lattice | int | None) -> int:
     if lattice is None:
         return BLOCK
-    return lattice if isinstance(lattice, int) else max(1, round(min(lattice.pitch)))
+    if isinstance(lattice, int):
+        return positive_integer(lattice, "Pixels a lenslet")
+    return max(1, round(min(lattice.pitch)))

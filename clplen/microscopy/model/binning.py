@@ -17,7 +17,7 @@ import numpy as np
 from clplen.cameras.light_field_microscope import Microscope
 from clplen.cameras.optics.lenslet_camera import sensor_grid
 from clplen.cameras.scenes.scene_sources import PointSources
-from clplen.checks import real_array
+from clplen.checks import check_finite, check_positive, real_array
 from clplen.microscopy.model.psf import lenslets_across
 from clplen.wave.elements.lenslets import MicrolensArray
 
@@ -52,8 +52,14 @@ def suitable_binning(
     >>> clplen.microscopy.suitable_binning(1.4, 63, 0.52, 125, 2800, 8.3)
     3
     """
+    check_positive(
+        na=na, magnification=magnification, wavelength=wavelength, diameter=diameter,
+        focal_length=focal_length, pixel=pixel,
+    )  # fmt: skip
     slope = na / magnification + diameter / (2 * focal_length)
-    return max(1, math.ceil(round(FINE * pixel * 2 * slope / wavelength, 6)))
+    parts = FINE * pixel * 2 * slope / wavelength
+    check_finite(parts=parts)
+    return max(1, math.ceil(round(parts, 6)))
 
 
 def binning_error(camera: Microscope, planes: Vector, binning: int) -> float:

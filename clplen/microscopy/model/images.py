@@ -4,10 +4,12 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 from functools import cached_property
+from numbers import Real
 from typing import Any
 
 import numpy as np
 
+from clplen.checks import check_finite
 from clplen.microscopy.model.cells import Cell, cell_in, cell_of
 
 Vector = np.ndarray[Any, Any]
@@ -59,6 +61,10 @@ class PointImages:
     stored: tuple[Vector, ...]
     scales: Vector
     notes: dict[str, float] = field(default_factory=dict)
+
+    def __post_init__(self) -> None:
+        about = {name: one for name, one in self.parameters.items() if isinstance(one, Real)}
+        check_finite(**about, planes=self.planes, voxels=self.voxels, pixels=self.pixels)
 
     def __repr__(self) -> str:
         size = sum(one.nbytes for one in self.stored) / 2**20

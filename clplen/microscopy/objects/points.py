@@ -17,7 +17,7 @@ import numpy as np
 from scipy.ndimage import gaussian_filter, maximum_filter
 from scipy.spatial import cKDTree
 
-from clplen.checks import host_array, real_array
+from clplen.checks import check_finite, host_array, real_array
 from clplen.errors import ShapeError
 from clplen.files import PathLike
 from clplen.lightfield.refocusing.focal_stacks import FocalStack
@@ -225,6 +225,7 @@ def match_points(first: Vector, second: Vector, *, tolerance: Sequence[float]) -
     >>> clplen.microscopy.match_points(found, expected, tolerance=(2e-6, 0.5, 0.5)).tolist()
     [[0, 1], [2, 0]]
     """
+    check_finite(first=first, second=second, tolerance=tolerance)
     one, other = (
         real_array(points, "positions", np.float64).reshape(-1, 3) / tolerance
         for points in (first, second)

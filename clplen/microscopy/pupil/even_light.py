@@ -15,12 +15,14 @@ add up to where both are fine enough.
 from __future__ import annotations
 
 import math
+from numbers import Real
 from typing import Any
 
 import numpy as np
 from scipy import fft
 from scipy.ndimage import map_coordinates
 
+from clplen.checks import check_finite
 from clplen.compute.fft.lines import smooth_length
 from clplen.lightfield.raw.lenslet_lattice import Lattice
 
@@ -70,6 +72,7 @@ class EvenLight:
         missing = [name for name in NEEDED if name not in about]
         if missing:
             raise ValueError(f"Even light needs {missing[0]} among the parameters of the images.")
+        check_finite(**{name: one for name, one in about.items() if isinstance(one, Real)})
         self._about = about
         self.largest = min(LARGER * about["na"], 0.999 * about["medium_index"])
         pitch, lam = about["lenslet_pitch"], about["wavelength"]
@@ -139,6 +142,7 @@ class EvenLight:
         """
         if not 0 < na <= self.largest:
             raise ValueError(f"The NA lies between 0 and {self.largest:.4g} here, not {na!r}.")
+        check_finite(apodisation=apodisation)
         about = self._about
         part = ((np.arange(PARTS) + 0.5) / PARTS - 0.5) * self._step
         fy, fx = self._fy[:, None, None] + part[:, None], self._fx[:, None, None] + part

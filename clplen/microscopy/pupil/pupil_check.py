@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 from scipy.optimize import least_squares
 
-from clplen.checks import require
+from clplen.checks import check_finite, require
 from clplen.lightfield.raw.lenslet_lattice import Lattice
 from clplen.microscopy.frames.prepare import Preparation, rectify
 from clplen.microscopy.model.images import PointImages
@@ -68,6 +68,10 @@ class PupilCheck(OneLine):
     left: float
     model: Vector
     white: Vector
+
+    def __post_init__(self) -> None:
+        names = ("misfit", "noise", "na", "apodisation", "left")
+        check_finite(**{name: getattr(self, name) for name in names})
 
     @property
     def fits(self) -> bool:

@@ -257,6 +257,6 @@ def blurs(images: PointImages) -> Vector:
     float64, shape (planes,). Below 1/2 a lenslet sees its voxels alike.
     """
     about = images.parameters
-    tangent = about["na"] / np.sqrt(about["medium_index"] ** 2 - about["na"] ** 2)
+    tangent = about["na"] / np.sqrt(np.square(about["medium_index"]) - np.square(about["na"]))
     scale = about["magnification"] * tangent / about["lenslet_pitch"]
     return np.asarray(np.abs(images.planes) * scale)

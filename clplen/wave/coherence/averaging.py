@@ -235,6 +235,7 @@ Progress = Callable[[int, int], None]
 
 DEFAULT = 100  # snapshots, where neither a number nor a tolerance is given
 MOST = 100_000  # where only a tolerance is given
+LARGEST = 10**9  # some days even of tiny fields
 LEAST = 16  # before a tolerance may stop an average: the error itself is uncertain by 1/sqrt(2 k)
 SAVE_SECONDS = 5.0  # between checkpoints
 
@@ -274,9 +275,13 @@ class Averaging:
     def __post_init__(self) -> None:
         number = self.snapshots
         if number is not None and not (
-            isinstance(number, (int, np.integer)) and not isinstance(number, bool) and number >= 1
+            isinstance(number, (int, np.integer))
+            and not isinstance(number, bool)
+            and 1 <= number <= LARGEST
         ):
-            raise ValueError(f"snapshots is a whole number from 1 on, not {number!r}.")
+            raise ValueError(
+                f"snapshots is a whole number from 1 to {LARGEST:.0e}, not {number!r}."
+            )
         if self.rtol is not None and not (is_finite(self.rtol) and self.rtol > 0):
             raise ValueError(f"rtol, standard error over mean, is positive, not {self.rtol!r}.")
 

@@ -11,7 +11,7 @@ from typing import Any, Literal
 import numpy as np
 import pyopencl.array as cla
 
-from clplen.checks import check_keywords, keywords_of
+from clplen.checks import check_keywords, check_positive, keywords_of
 from clplen.compute.device import DeviceLike, as_device
 from clplen.errors import ShapeError
 from clplen.files import PathLike
@@ -168,6 +168,7 @@ class Coherence(OneLine):
             if self.spectrum is None:
                 raise ValueError("Snapshots of light without a spectrum need wavelength=.")
             wavelength = self.spectrum.centre
+        check_positive(wavelength=wavelength)
         lam = wavelength
         if self.spatial is not None:
             self.spatial.check(grid, wavelength=lam)

@@ -10,7 +10,7 @@ from typing import Any, ClassVar, Literal, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike
 
-from clplen.checks import float64_array, is_finite, real_array
+from clplen.checks import check_positive, float64_array, is_finite, real_array
 from clplen.compute.device import Device, DeviceLike, as_device
 from clplen.errors import SamplingError, SamplingWarning, ShapeError, warn_caller
 from clplen.reprs import OneLine
@@ -257,6 +257,7 @@ class ExtendedSource(OneLine):
         SamplingWarning
             If ``curved`` and the curvature is beyond it towards the edge of the window.
         """
+        check_positive(wavelength=wavelength)
         for axis, (n, pitch, size) in enumerate(
             zip(grid.shape, grid.pitch, self.extent, strict=True)
         ):
@@ -342,6 +343,7 @@ class ExtendedSource(OneLine):
         numpy.ndarray
             1 at (0, 0); float64, of a picture complex128.
         """
+        check_positive(wavelength=wavelength)
         from scipy import special  # here, because it takes a third of the package's import time
 
         fy, fx = (float64_array(d) / (wavelength * self.distance) for d in (dy, dx))

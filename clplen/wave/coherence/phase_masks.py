@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from clplen import units
-from clplen.checks import float64_array, is_finite
+from clplen.checks import check_positive, float64_array, is_finite
 from clplen.compute.device import Device, DeviceLike, as_device
 from clplen.errors import SamplingError, SamplingWarning, warn_caller
 from clplen.units import metres
@@ -138,6 +138,7 @@ class RandomPhaseMask:
 
     def least_distance(self, grid: Grid, wavelength: float) -> float:
         """4 p^2/lam in metres, p the longer side of a cell along the axes that vary."""
+        check_positive(wavelength=wavelength)
         sides = [p for p, n in zip(self.cells, grid.shape, strict=True) if n > 1]
         return ENOUGH * max(sides, default=0.0) ** 2 / wavelength
 

@@ -278,6 +278,7 @@ Values = np.ndarray[Any, Any]
 # element 1 of its even group G; the next layer is four times smaller.
 _LAYER_WIDTH = 26.0
 _INNER = (6.5, 12.1)
+_FINEST = 30  # group whose bars are 0.5 pm wide
 # How far the polygon of a Siemens star may lie from its circle, in samples.
 _SAGITTA = 1e-4
 
@@ -532,7 +533,11 @@ def _frequency(group: int, element: int) -> float:
 
 def _groups(groups: Sequence[int]) -> list[int]:
     numbers = list(groups) if np.ndim(groups) == 1 else []
-    if not numbers or any(g != int(g) for g in numbers) or len(set(numbers)) < len(numbers):
+    if (
+        not numbers
+        or not all(is_integer(g) and abs(g) <= _FINEST for g in numbers)
+        or len(set(numbers)) < len(numbers)
+    ):
         raise ValueError(
             f"The groups of a target are different integers, such as (0, 1), not {groups!r}."
         )

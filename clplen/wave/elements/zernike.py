@@ -13,7 +13,9 @@ from clplen.checks import (
     Aliasing,
     act_on_aliasing,
     check_centre,
+    check_finite,
     fits_float64,
+    float64_array,
     is_finite,
     is_integer,
     real_array,
@@ -23,6 +25,7 @@ from clplen.wave.field.field import Field, Grid, require_field
 from clplen.wave.field.transmission import offsets, phasor
 
 Values = np.ndarray[Any, Any]
+HIGHEST = 500  # radial order; the coefficients of higher ones leave float64
 
 
 def zernike(n: int, m: int, rho: Any, theta: Any) -> Values:
@@ -36,7 +39,7 @@ def zernike(n: int, m: int, rho: Any, theta: Any) -> Values:
     Parameters
     ----------
     n : int
-        Radial order, not negative.
+        Radial order, 0 to 500.
     m : int
         Azimuthal order: abs(m) <= n, n - m even; positive takes cos, negative sin.
     rho : array_like
@@ -60,10 +63,10 @@ def zernike(n: int, m: int, rho: Any, theta: Any) -> Values:
     >>> np.round(clplen.wave.zernike(2, 0, rho, 0.0), 3).tolist()  # defocus
     [-1.732, -0.866, 1.732]
     """
-    if not (is_integer(n) and is_integer(m)) or n < abs(m) or (n - m) % 2:
+    if not (is_integer(n) and is_integer(m)) or not abs(m) <= n <= HIGHEST or (n - m) % 2:
         raise ValueError(
-            f"A Zernike polynomial has integer orders n >= abs(m) with n - m even, not n = {n!r}, "
-            f"m = {m!r}."
+            "A Zernike polynomial has integer orders n >= abs(m) with n - m even, n up to "
+            f"{HIGHEST}, not n = {n!r}, m = {m!r}."
         )
     order = abs(int(m))
     r, angle = real_array(rho, "rho", np.float64), real_array(theta, "theta", np.float64)
@@ -100,7 +103,7 @@ def zernike_gradient(n: int, m: int, y: Any, x: Any) -> tuple[Values, Values]:
         For orders that do not exist.
     """
     zernike(n, m, 0.0, 0.0)
-    y, x = np.broadcast_arrays(np.asarray(y, np.float64), np.asarray(x, np.float64))
+    y, x = np.broadcast_arrays(float64_array(y), float64_array(x))
     from scipy.special import eval_jacobi
 
     order = abs(int(m))
@@ -187,7 +190,7 @@ def noll(j: int) -> tuple[int, int]:
     >>> [clplen.wave.noll(j) for j in (5, 6, 11)]
     [(2, -2), (2, 2), (4, 0)]
     """
-    if not _is_whole(j) or j < 1:
+    if not is_integer(j) or j < 1:
         raise ValueError(f"Noll's index is an integer of at least 1, not {j!r}.")
     j = int(j)
     n = (math.isqrt(8 * j - 7) - 1) // 2
@@ -225,15 +228,11 @@ def osa(j: int) -> tuple[int, int]:
     >>> [clplen.wave.osa(j) for j in (3, 5, 12)]
     [(2, -2), (2, 2), (4, 0)]
     """
-    if not _is_whole(j) or j < 0:
+    if not is_integer(j) or j < 0:
         raise ValueError(f"The OSA index is an integer of at least 0, not {j!r}.")
     j = int(j)
     n = (math.isqrt(8 * j + 1) - 1) // 2
     return n, 2 * j - n * (n + 2)
-
-
-def _is_whole(j: Any) -> bool:
-    return isinstance(j, int | float | np.integer) and fits_float64(j) and j == int(j)
 
 
 def phase_plate(
@@ -353,6 +352,7 @@ def wavefront(
     on_plate, rho, theta = plate_places(grid, diameter, centre)
     path = np.zeros(grid.shape)
     for (n, m), metres in terms.items():
+        check_finite(path=metres)
         path[on_plate] += metres * zernike(n, m, rho, theta)
     return path, on_plate
 

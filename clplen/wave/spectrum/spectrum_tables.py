@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from clplen.checks import fits_float64, is_finite, real_array
+from clplen.checks import fits_float64, is_finite, is_integer, real_array
 from clplen.errors import FormatError
 from clplen.units import metres
 
@@ -115,7 +115,7 @@ def check_count(n: object) -> int:
     ------
     ValueError
     """
-    if not is_finite(n) or n != int(n) or n < 1:  # type: ignore[call-overload, operator]
+    if not is_integer(n) or n < 1:  # type: ignore[operator]
         raise ValueError(f"A number of samples is a whole number, at least 1, not {n!r}.")
     return int(n)  # type: ignore[call-overload]
 

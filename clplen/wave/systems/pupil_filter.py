@@ -10,7 +10,7 @@ from typing import Any, Literal
 import numpy as np
 
 from clplen import units
-from clplen.checks import fits_float64, real_array
+from clplen.checks import check_finite, fits_float64, real_array
 from clplen.compute.device import Device
 from clplen.compute.fft.blocks import Spectrum, run
 from clplen.compute.fft.lines import Separable, cropped_inverse, padded_spectrum
@@ -110,6 +110,7 @@ class Pupil(OneLine):
 
     def cutoff(self, wavelength: float) -> float:
         """fc = D/(2 lam z2) in cycles a metre (Goodman 2005, section 6.2.2)."""
+        require_positive("The wavelength", wavelength)
         return self.diameter / (2 * wavelength * self.distance)
 
     def transfer(self, grid: Grid, wavelength: float) -> Values:
@@ -301,6 +302,7 @@ def incoherent_edge(x_fc: Any, *, shape: Rim = "circular") -> Values:
     [0.032, 0.5, 0.968]
     """
     require_shape(shape, SHAPES)
+    check_finite(x_fc=x_fc)
     a = 4 * np.pi * real_array(x_fc, "x_fc", np.float64)
     if shape != "circular":
         from scipy.special import sici
