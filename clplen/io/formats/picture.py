@@ -108,6 +108,13 @@ def without_alpha(values: Array, name: PathLike) -> Array:
     return values[..., 0] if values.shape[2] == 2 else values[..., :-1]
 
 
+def read_view(path: PathLike, *, max_bytes: int | None = None) -> Array:
+    """Read a picture of a light field, with a channel axis of length 1 where it was written so."""
+    values = read_picture(path, max_bytes=max_bytes)
+    with Path(path).open("rb") as file:
+        return with_channel_axis(values, file.read(NOTES))
+
+
 def with_channel_axis(values: Array, content: bytes | mmap) -> Array:
     """A grey picture with a channel axis of length 1 if its description is `CHANNEL_AXIS`."""
     has_axis = values.ndim == 2 and CHANNEL_AXIS.encode() in content[:NOTES]

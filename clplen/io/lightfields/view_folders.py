@@ -20,9 +20,8 @@ from clplen.files import PathLike, filling
 from clplen.io.formats import picture
 from clplen.io.formats.picture import (
     CHANNEL_AXIS,
-    NOTES,
     decode_picture,
-    read_picture,
+    read_view,
     require_pixels,
     with_channel_axis,
     without_alpha,
@@ -99,12 +98,7 @@ def open_folder(
 
 def _folder_views(folder: Path, layout: Layout) -> ViewSet:
     pattern, shape, files = find_views(folder, layout)
-
-    def load(file: Path) -> np.ndarray[Any, Any]:
-        values = read_picture(file, max_bytes=layout.max_bytes)
-        with file.open("rb") as opened:
-            return with_channel_axis(values, opened.read(NOTES))
-
+    load = partial(read_view, max_bytes=layout.max_bytes)
     return ViewSet(folder, pattern, shape, files, load)
 
 
