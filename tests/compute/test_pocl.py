@@ -230,7 +230,8 @@ DYING = """
 import os, signal, sys
 print("ready" * {ready}, flush=True)
 print("Final linking failed.", file=sys.stderr, flush=True)
-signal.signal(signal.SIGXCPU, signal.SIG_DFL)
+if {status} > 0 and {status} != signal.SIGKILL:  # which `nohup` or a shell may have ignored
+    signal.signal({status}, signal.SIG_DFL)
 os.kill(os.getpid(), {status}) if {status} > 0 else os._exit(-{status})
 """
 
