@@ -173,7 +173,7 @@ def test_a_point_by_the_pitch_of_its_spots(device: Device, m: float, at: float) 
     scale = (rig.z2 + rig.b) / (rig.z2 - rig.b / at)
     expected = np.array(rig.axis) + np.array(place) * scale
     # A tenth of a pixel on the sensor is 1/ratio times as much here.
-    assert found.place == pytest.approx(tuple(expected), abs=0.1 / abs(at))
+    assert found.position == pytest.approx(tuple(expected), abs=0.1 / abs(at))
     assert found.spots >= 4
     assert found.residual < 0.3
     assert found.z == pytest.approx(float(z_of_m(raw, at)), abs=0.005 * raw.camera.object_distance)

@@ -81,6 +81,7 @@ def test_adjoint_of_every_method(wave, method, z):
             continue
         grid = clplen.Grid(shape, (4e-6, 5e-6), origin=(1e-6, -3e-6))
         target = clplen.Grid(out, (6e-6, 3e-6), origin=(20e-6, 10e-6)) if out else None
+        z = 0.02 if (method, z) == ("one-step", 1e-3) else z  # which is refused so near
         plan = clplen.Propagator(
             grid, z, wavelength=LAM, method=method, out_grid=target, device=wave
         )
