@@ -146,7 +146,8 @@ def test_a_finished_run_is_not_done_again(device, tmp_path):
 CHILD = """
 import sys
 import numpy as np
-from clplen import Coherence, Device, Field, Grid, OpticalSystem, RandomPhaseMask, Space, Spectrum
+from clplen import Coherence, Device, Field, Grid, OpticalSystem, Spectrum
+from clplen.wave import RandomPhaseMask, Space
 from clplen.wave.coherence import averaging
 averaging.SAVE_SECONDS = 0.0
 device = Device.open(sys.argv[1])
