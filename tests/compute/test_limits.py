@@ -26,7 +26,7 @@ device = clplen.Device.open(sys.argv[1])
 lf = clplen.LightField.from_array(np.zeros((3, 5, 30, 40), np.uint8), device=device)
 clplen.refocus(lf, disparity=0.5).to_numpy()
 field = clplen.wave.plane_wave(clplen.Grid((900, 700), 5e-6), wavelength=5e-7, device=device)
-large, whole = np.zeros(70_000_000, np.uint8), device.empty((70_000_000,), np.uint8)
+large, whole = np.zeros(90_000_000, np.uint8), device.empty((90_000_000,), np.uint8)
 used = int(open("/proc/self/statm").read().split()[int(sys.argv[3])]) * resource.getpagesize()
 most = used + (260 << 20)
 resource.setrlimit(getattr(resource, sys.argv[2]), (most, most))
@@ -41,7 +41,7 @@ steps = {
     "small and untouched": lambda: [device.empty((900, 1000), np.float32) for _ in range(200)],
     "small uploads": lambda: [device.upload(large[:3_000_000]) for _ in range(200)],
     "upload": lambda: device.upload(large),
-    "large": lambda: device.zeros((80_000_000,), np.uint8),
+    "large": lambda: device.zeros((100_000_000,), np.uint8),
     "download": lambda: device.download(whole),
     "stack": lambda: clplen.focal_stack(lf, disparities=np.linspace(-1, 1, 20_000)),
     "fields": lambda: kept.extend(clplen.propagate(field, 5e-3 + n * 1e-3) for n in range(60)),
