@@ -176,6 +176,11 @@ def require_overlap(lf: SampledViews, weights: Array, disparities: ArrayLike) ->
     ValueError
         With the limits of the disparity.
     """
+    if lf.positions is None:
+        V, U, ny, nx = lf.shape[:4]
+        apart = max((V - 1) * abs(row_ratio(lf.spacing)) / ny, (U - 1) / nx)  # outermost views
+        if np.abs(disparities).max() * apart < 1:
+            return
     require_steps_overlap(unit_steps(lf)[weights > 0], lf.shape, disparities)
 
 
