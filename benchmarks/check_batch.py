@@ -253,6 +253,7 @@ def main(
 ) -> None:
     """All of it."""
     device = Device.open(selector)
+    os.environ["CLPLEN_DEVICE"] = device.place  # of jobs that name none
     small(device, items)
     with tempfile.TemporaryDirectory() as name:
         real(device, keep or Path(name))

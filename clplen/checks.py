@@ -21,12 +21,7 @@ Target = TypeVar("Target", bound=Callable[..., Any])
 
 
 def require(kind: type, value: Any, what: str, source: str) -> None:
-    """Refuse what is not of a kind, with what gives one.
-
-    Raises
-    ------
-    TypeError
-    """
+    """Refuse what is not of a kind, with what gives one."""
     if not isinstance(value, kind):
         article = "an" if kind.__name__[0] in "AEIO" else "a"
         raise TypeError(
@@ -55,21 +50,7 @@ def keywords_of(function: Callable[..., Any]) -> list[str]:
 
 
 def check_keywords(given: Iterable[str], known: Iterable[str], what: str) -> None:
-    """Refuse keywords that a function does not have, with the nearest one that it has.
-
-    Parameters
-    ----------
-    given : iterable of str
-        Names that were given by ``**``.
-    known : iterable of str
-        Names that the function takes.
-    what : str
-        Name of the function.
-
-    Raises
-    ------
-    TypeError
-    """
+    """Refuse keywords that a function does not have, with the nearest one that it has."""
     names = list(known)
     for name in given:
         if name not in names:
@@ -92,37 +73,21 @@ def fits_float64(value: Any) -> bool:
 
 
 def check_finite(**numbers: Any) -> None:
-    """Refuse what holds a number that is not finite; names as the caller knows them.
-
-    Raises
-    ------
-    ValueError
-    """
+    """Refuse what holds a number that is not finite; names as the caller knows them."""
     for name, value in numbers.items():
         if not np.isfinite(float64_array(value)).all():
             raise ValueError(f"{name} is finite, not {value!r}.")
 
 
 def check_positive(**numbers: Any) -> None:
-    """Refuse what is not a positive finite number; names as the caller knows them.
-
-    Raises
-    ------
-    ValueError
-    """
+    """Refuse what is not a positive finite number; names as the caller knows them."""
     for name, value in numbers.items():
         if not (is_finite(value) and value > 0):
             raise ValueError(f"{name} is positive and finite, not {value!r}.")
 
 
 def float64_array(values: Any) -> Array:
-    """Numbers as a float64 array; whole numbers above 1.8e308 are infinite.
-
-    Raises
-    ------
-    TypeError, ValueError
-        As NumPy, for what are no numbers.
-    """
+    """Numbers as a float64 array; whole numbers above 1.8e308 are infinite."""
     try:
         return np.asarray(values, np.float64)
     except OverflowError:
@@ -149,13 +114,7 @@ def is_integer(value: Any) -> bool:
 
 
 def positive_integer(value: Any, what: str) -> int:
-    """One whole number from 1 on.
-
-    Raises
-    ------
-    ValueError
-        For anything else.
-    """
+    """One whole number from 1 on."""
     if not is_integer(value) or value < 1:
         raise ValueError(f"{what} is a whole number from 1 on, not {value!r}.")
     return int(value)
@@ -177,24 +136,6 @@ def host_array(values: Any, what: str) -> Array:
 
     Arrays of other libraries come by ``__array__`` (PyTorch on the host, JAX, xarray, results of
     clplen) or, where they have none, by DLPack.
-
-    Parameters
-    ----------
-    values : array_like
-    what : str
-        What they are, as the subject of a message.
-
-    Returns
-    -------
-    numpy.ndarray
-
-    Raises
-    ------
-    TypeError
-        If they are no array, have gradients, which would be lost, lie in the memory of a GPU, or
-        are of a type that NumPy does not have.
-    ValueError
-        If samples are masked (`numpy.ma`), whose values would be used.
     """
     result, mask = masked_array(values, what)
     if mask is not None:
@@ -206,13 +147,7 @@ def host_array(values: Any, what: str) -> Array:
 
 
 def masked_array(values: Any, what: str) -> tuple[Array, Array | None]:
-    """`host_array` for callers with weights: the samples and the mask, None where all are valid.
-
-    Raises
-    ------
-    TypeError
-        As `host_array`.
-    """
+    """`host_array` for callers with weights: the samples and the mask, None where all are valid."""
     if getattr(values, "requires_grad", False) is True:
         raise TypeError(
             f"{what} is given as a tensor with requires_grad, whose gradient would end here: give "
@@ -284,13 +219,7 @@ def _place_elsewhere(values: Any) -> str:
 
 
 def real_array(values: Any, what: str, dtype: Any = np.float32) -> Array:
-    """An array of real numbers; those that ``dtype`` cannot hold are infinite; None keeps its type.
-
-    Raises
-    ------
-    TypeError
-        For anything else.
-    """
+    """Return an array of reals; what ``dtype`` cannot hold is infinite, None keeps the type."""
     result = host_array(values, what)
     if result.dtype.kind == "c":
         raise TypeError(f"{what} holds real numbers, not {result.dtype}: take the intensity.")
@@ -308,17 +237,7 @@ def real_map(values: Any, what: str, dtype: Any = np.float32) -> Array:
 
 
 def finite_batch(values: Any, shape: tuple[int, ...], what: str) -> Array:
-    """Volumes or frames for a projector, float32, with one leading axis.
-
-    Raises
-    ------
-    TypeError
-        If they are no array of real numbers.
-    ShapeError
-        If their last axes are others, or there are none.
-    ValueError
-        If some are not finite.
-    """
+    """Volumes or frames for a projector, float32, with one leading axis."""
     result = real_array(values, what)
     if result.shape[-len(shape) :] != shape or not result.size:
         raise ShapeError(
@@ -338,54 +257,26 @@ Aliasing = Literal["raise", "warn", "allow"]
 
 
 def check_centre(centre: tuple[float, float], what: str) -> None:
-    """Refuse a centre that is not two finite numbers.
-
-    Raises
-    ------
-    ValueError
-    """
+    """Refuse a centre that is not two finite numbers."""
     if np.shape(centre) != (2,) or not np.isfinite(float64_array(centre)).all():
         raise ValueError(f"The centre of {what} is finite, (y, x) in metres, not {centre!r}.")
 
 
 def check_diameter(diameter: float | None) -> None:
-    """Refuse a diameter that is not positive; None is none.
-
-    Raises
-    ------
-    ValueError
-    """
+    """Refuse a diameter that is not positive; None is none."""
     if diameter is not None and not (is_finite(diameter) and diameter > 0):
         raise ValueError(f"A diameter is positive, in metres, not {diameter!r}.")
     units.DIAMETER.check(diameter, "A diameter")
 
 
 def check_aliasing(aliasing: str) -> None:
-    """Refuse a word that says nothing about aliasing.
-
-    Raises
-    ------
-    ValueError
-    """
+    """Refuse a word that says nothing about aliasing."""
     if aliasing not in ("raise", "warn", "allow"):
         raise ValueError(f"aliasing is 'raise', 'warn' or 'allow', not {aliasing!r}.")
 
 
 def act_on_aliasing(message: str, aliasing: Aliasing) -> None:
-    """Raise, warn or go on, where ``message`` is not empty.
-
-    Raises
-    ------
-    SamplingError
-        Where there is a message and ``aliasing`` is "raise".
-    ValueError
-        If ``aliasing`` is none of the three words.
-
-    Warns
-    -----
-    SamplingWarning
-        Where there is a message and ``aliasing`` is "warn".
-    """
+    """Raise, warn or go on, where ``message`` is not empty."""
     check_aliasing(aliasing)
     if message and aliasing == "raise":
         raise SamplingError(message + " aliasing='warn' or 'allow' goes on all the same.")
@@ -394,14 +285,7 @@ def act_on_aliasing(message: str, aliasing: Aliasing) -> None:
 
 
 def alias_argument(**aliases: str) -> Callable[[Target], Target]:
-    """Decorate a function or class whose arguments have a second keyword.
-
-    Parameters
-    ----------
-    **aliases : str
-        Second keyword and the argument it stands for: ``f="focal_length"``. Both in one call
-        raise a `TypeError`.
-    """
+    """Decorate a function or class whose arguments have a second keyword."""
 
     def decorate(target: Target) -> Target:
         if isinstance(target, type):

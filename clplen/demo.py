@@ -56,19 +56,7 @@ STEPS = 6 + len(DEPTHS)  # of `run`
 
 
 def camera(device: Device, *, count: int = 101) -> Plenoptic1:
-    """The camera of section 1.5, at 532 nm.
-
-    Parameters
-    ----------
-    device : Device
-    count : int
-        Lenslets across; 101 in the thesis, at least 53 for all three points.
-
-    Returns
-    -------
-    Plenoptic1
-        f = 120 mm in 2f-2f, lenslets of 150 um and f_mu = 10 mm, 30 pixels each.
-    """
+    """The camera of section 1.5, at 532 nm."""
     lenslets = MicrolensArray(150e-6, 10e-3, count=count, fill="full")
     return PlenopticCamera.type1(
         focal_length=0.120, mla=lenslets, wavelength=532e-9, pixels_per_lenslet=30, device=device
@@ -145,18 +133,6 @@ def run(
     """Simulate everything and write tables, pictures and data.
 
     The tables are in ``tables.txt`` too, the light field in ``lightfield.h5``.
-
-    Parameters
-    ----------
-    folder : pathlib.Path
-        An existing folder; nothing is written outside it.
-    device : Device
-    say : callable
-        Takes the tables, as text.
-    step : callable
-        Takes the name of each step as it begins; there are `STEPS`.
-    count : int
-        As for `camera`.
     """
     tables: list[str] = []
 

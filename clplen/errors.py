@@ -145,13 +145,7 @@ class SamplingWarning(UserWarning):
 
 
 def warn_caller(message: str, category: type[Warning]) -> None:
-    """Warn from the line outside the package that led here.
-
-    Parameters
-    ----------
-    message : str
-    category : type of Warning
-    """
+    """Warn from the line outside the package that led here."""
     level, frame = 1, sys._getframe()
     while frame.f_back is not None and _is_inside(frame.f_globals.get("__name__", "")):
         level, frame = level + 1, frame.f_back

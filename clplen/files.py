@@ -30,13 +30,7 @@ _MAX_NAME = 255  # bytes of a file name that common file systems take
 
 
 def is_plain_name(name: object) -> bool:
-    """Return whether a name that a file holds leads to nothing outside of its own folder.
-
-    Parameters
-    ----------
-    name : object
-        As a record names a file beside itself; on every system without separators and drive.
-    """
+    """Return whether a name that a file holds leads to nothing outside of its own folder."""
     if not isinstance(name, str) or name in ("", "..") or "\0" in name:
         return False
     try:
@@ -46,22 +40,7 @@ def is_plain_name(name: object) -> bool:
 
 
 def check_writable(path: PathLike) -> Path:
-    """Find out whether a file can be written, before anything is computed for it.
-
-    Parameters
-    ----------
-    path : path-like
-        The file that will be written; it may exist and will then be replaced.
-
-    Returns
-    -------
-    pathlib.Path
-
-    Raises
-    ------
-    OSError
-        If ``path`` is a folder, a device or a pipe, or its folder does not exist or takes no files.
-    """
+    """Find out whether a file can be written, before anything is computed for it."""
     target = Path(path)
     if target.is_dir():
         raise IsADirectoryError(f"{target} is a folder: name the file to write in it.")
@@ -72,20 +51,7 @@ def check_writable(path: PathLike) -> Path:
 
 
 def require_file(path: PathLike, what: str, *, folder: bool = False) -> Path:
-    """Refuse to read what is no file: opening a pipe or a device may wait for ever.
-
-    Parameters
-    ----------
-    path : path-like
-    what : str
-        What it should hold, as "camera".
-    folder : bool
-        Whether it may be a folder.
-
-    Raises
-    ------
-    FormatError
-    """
+    """Refuse to read what is no file: opening a pipe or a device may wait for ever."""
     path = Path(path)
     if path.is_file() or (folder and path.is_dir()):
         return path
@@ -96,22 +62,7 @@ def require_file(path: PathLike, what: str, *, folder: bool = False) -> Path:
 
 
 def check_folder(path: PathLike) -> Path:
-    """Make an output folder if it is not there, and find out whether it takes files.
-
-    Parameters
-    ----------
-    path : path-like
-        The folder; its parents are made too.
-
-    Returns
-    -------
-    pathlib.Path
-
-    Raises
-    ------
-    OSError
-        If it cannot be made or takes no files.
-    """
+    """Make an output folder if it is not there, and find out whether it takes files."""
     folder = Path(path)
     try:
         folder.mkdir(parents=True, exist_ok=True)
@@ -130,16 +81,7 @@ def check_folder(path: PathLike) -> Path:
 
 @contextmanager
 def output_folder(path: PathLike) -> Iterator[Path]:
-    """Make an output folder as `check_folder` does; after an exception no empty one is left.
-
-    Parameters
-    ----------
-    path : path-like
-
-    Yields
-    ------
-    pathlib.Path
-    """
+    """Make an output folder as `check_folder` does; after an exception no empty one is left."""
     wanted = Path(path)
     new = [folder for folder in (wanted, *wanted.parents) if not folder.exists()]
     try:
@@ -156,12 +98,7 @@ def output_folder(path: PathLike) -> Iterator[Path]:
 
 @contextmanager
 def naming(path: PathLike) -> Iterator[None]:
-    """Put the name of a file before what is said about its values.
-
-    Parameters
-    ----------
-    path : path-like
-    """
+    """Put the name of a file before what is said about its values."""
     try:
         yield
     except (ValueError, ShapeError) as error:
@@ -210,21 +147,6 @@ def clear_temporaries(folder: PathLike) -> list[Path]:
 
     A folder that `filling` had moved aside takes its own name again if nothing has it. Call this
     while nobody writes there: the files of a living process look the same.
-
-    Parameters
-    ----------
-    folder : path-like
-        Folders in it are not looked into.
-
-    Returns
-    -------
-    list of pathlib.Path
-        What was removed or took its own name again, by its temporary name.
-
-    Raises
-    ------
-    OSError
-        If there is no such folder, or something in it cannot be removed.
     """
     cleared = []
     for path in sorted(Path(folder).iterdir()):
@@ -243,20 +165,7 @@ def clear_temporaries(folder: PathLike) -> list[Path]:
 
 
 def check_space(path: PathLike, nbytes: int) -> None:
-    """Find out whether a disk has room for a file, before anything is computed for it.
-
-    Parameters
-    ----------
-    path : path-like
-        The file or folder that will be written.
-    nbytes : int
-        Its size in bytes.
-
-    Raises
-    ------
-    OSError
-        If there is less room, or its folder does not exist or takes no files.
-    """
+    """Find out whether a disk has room for a file, before anything is computed for it."""
     target = Path(path)
     _check_takes_files(target.parent, target)
     free = shutil.disk_usage(target.parent).free
@@ -274,24 +183,6 @@ def replacing(path: PathLike, durable: bool = False) -> Iterator[Path]:
     After any exception, an interrupt included, neither the temporary file nor a part of the
     wanted one is left, and a file that was there before is untouched. What a killed process
     leaves, `clear_temporaries` removes.
-
-    Parameters
-    ----------
-    path : path-like
-        The file to write.
-    durable : bool
-        Whether to wait until the disk has the file before it takes its name, and then the name
-        (fsync): after a loss of power it is whole, or the old one.
-
-    Yields
-    ------
-    pathlib.Path
-        The name to write to.
-
-    Raises
-    ------
-    OSError
-        If the disk is full or refuses the file for another reason.
     """
     target = check_writable(path)
     temporary = _beside(target)
@@ -309,13 +200,7 @@ def replacing(path: PathLike, durable: bool = False) -> Iterator[Path]:
 
 @contextmanager
 def said_of(target: Path) -> Iterator[None]:
-    """Say in one sentence what a disk refused.
-
-    Parameters
-    ----------
-    target : pathlib.Path
-        The file or folder that is written.
-    """
+    """Say in one sentence what a disk refused."""
     try:
         yield
     except FileExistsError:
@@ -353,28 +238,6 @@ def filling(path: PathLike, durable: bool = False, replace: bool = False) -> Ite
     takes its name, and the old one is removed. A crash between the first two leaves the old folder
     under a temporary name only; `clear_temporaries` brings it back, or removes it where the new
     one has come. Of several writers of one folder the last one stays.
-
-    Parameters
-    ----------
-    path : path-like
-        A folder that does not exist yet, or is empty.
-    durable : bool
-        As in `replacing`, for every file in it.
-    replace : bool
-        Whether it may exist and hold something.
-
-    Yields
-    ------
-    pathlib.Path
-        The folder to write into.
-
-    Raises
-    ------
-    FileExistsError
-        If there is a file, or a folder that holds something and is not to be replaced: old and
-        new files would mix.
-    OSError
-        If the disk is full or refuses the folder for another reason.
     """
     target = Path(path)
     _check_free(target, replace)

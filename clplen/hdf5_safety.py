@@ -28,20 +28,7 @@ _INSIDE = (h5py.h5l.TYPE_HARD, h5py.h5l.TYPE_SOFT)
 
 
 def require_own(file: h5py.File, path: Path) -> None:
-    """Refuse a file that holds a link to another file, or samples that lie in one.
-
-    Parameters
-    ----------
-    file : h5py.File
-        Open.
-    path : pathlib.Path
-        For the message.
-
-    Raises
-    ------
-    FormatError
-        Naming the link or dataset.
-    """
+    """Refuse a file that holds a link to another file, or samples that lie in one."""
     for name, dataset in members(file, path):
         if dataset is None:
             raise FormatError(f"{path}: {name!r} is a link to another file: bring them into one.")
@@ -53,26 +40,7 @@ def require_own(file: h5py.File, path: Path) -> None:
 
 
 def members(file: h5py.File, path: Path) -> Iterator[tuple[str, h5py.h5d.DatasetID | None]]:
-    """Every dataset of a file once, and every link that leads out of it.
-
-    Parameters
-    ----------
-    file : h5py.File
-        Open.
-    path : pathlib.Path
-        For the message.
-
-    Yields
-    ------
-    str, h5py.h5d.DatasetID or None
-        The name without the first slash; None for a link to another file. Soft links are not
-        followed.
-
-    Raises
-    ------
-    FormatError
-        If there are more than `MAX_OBJECTS` links or `MAX_DEPTH` levels of groups.
-    """
+    """Every dataset of a file once, and every link that leads out of it."""
     seen = {_address(file.id, b".")}
     groups = [(file.id, b"", 1)]  # opened from their own group: HDF5 resolves no long path
     count = 0
@@ -115,17 +83,7 @@ def _text(name: Any) -> str:
 
 
 def require_heaps(path: Path) -> None:
-    """Refuse a file with a collection whose objects do not come to an end.
-
-    Parameters
-    ----------
-    path : pathlib.Path
-
-    Raises
-    ------
-    FormatError
-        If an object takes no place (HDF5 up to 2.0 would read it again and again).
-    """
+    """Refuse a file with a collection whose objects do not come to an end."""
     with path.open("rb") as file, mmap.mmap(file.fileno(), 0, access=mmap.ACCESS_READ) as content:
         start = content.find(_START)
         while start >= 0:

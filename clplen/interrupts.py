@@ -36,15 +36,7 @@ _unfinished: dict[Path, bool] = {}  # whether it goes although it holds somethin
 
 @contextmanager
 def unfinished(path: Path, *, filled: bool = True) -> Iterator[None]:
-    """Within this block a file or folder is not whole: it goes if the process is interrupted.
-
-    Parameters
-    ----------
-    path : pathlib.Path
-        Of a temporary name.
-    filled : bool
-        Whether a folder goes although it holds something.
-    """
+    """Within this block a file or folder is not whole: it goes if the process is interrupted."""
     _unfinished[path] = filled
     try:
         yield

@@ -38,18 +38,7 @@ _FORCE = "name another output, or force=True replaces it"
 
 
 def is_ours(path: PathLike) -> bool:
-    """Whether clplen wrote a file or a Zarr folder, as far as it tells.
-
-    Parameters
-    ----------
-    path : path-like
-        A link is not followed: nobody knows what else it stands for.
-
-    Returns
-    -------
-    bool
-        False for what cannot be read.
-    """
+    """Whether clplen wrote a file or a Zarr folder, as far as it tells."""
     path = Path(path)
     if path.is_symlink():
         return False
@@ -71,25 +60,7 @@ def _is_marked(file: Path) -> bool:
 
 
 def check_output(path: PathLike, *, force: bool = False) -> Path:
-    """Find out whether a command may write a file, before anything is computed for it.
-
-    Parameters
-    ----------
-    path : path-like
-        The file, or the folder of a Zarr.
-    force : bool
-        Whether to replace what clplen did not write. A link is then replaced itself, and what it
-        points to stays.
-
-    Returns
-    -------
-    pathlib.Path
-
-    Raises
-    ------
-    OSError
-        If the file cannot be written, or must not be replaced.
-    """
+    """Find out whether a command may write a file, before anything is computed for it."""
     target = Path(path)
     if _is_system(target):
         raise OSError(f"{target} is no place for a file: name one in a folder of yours.")
@@ -123,12 +94,7 @@ def _is_system(target: Path) -> bool:
 
 
 def check_outputs(folder: PathLike, names: Iterable[str], *, force: bool = False) -> None:
-    """`check_output` of several files of a folder, where it is there already.
-
-    Raises
-    ------
-    OSError
-    """
+    """`check_output` of several files of a folder, where it is there already."""
     inside = Path(folder)
     if inside.is_dir():
         for name in names:
@@ -146,24 +112,6 @@ def updating(folder: PathLike, contents: str, *, force: bool = False) -> Iterato
 
     What the earlier run wrote goes, other files stay. The new files are written elsewhere first;
     after an exception the folder is as it was.
-
-    Parameters
-    ----------
-    folder : path-like
-    contents : str
-        Name of the file that lists the others.
-    force : bool
-        Whether the folder may hold something else, whose files of the same names are replaced.
-
-    Yields
-    ------
-    pathlib.Path
-        The folder to write into.
-
-    Raises
-    ------
-    OSError
-        If the folder holds files of others and ``force`` is False, or cannot be written.
     """
     target = Path(os.path.realpath(folder))
     if not target.is_dir() or not any(target.iterdir()):

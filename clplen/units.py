@@ -39,20 +39,7 @@ class Length:
     units: tuple[str, ...]
 
     def check(self, values: Any, what: str) -> None:
-        """Refuse numbers that are too large to be metres; anything but finite numbers passes.
-
-        Parameters
-        ----------
-        values : float or array_like
-            Of either sign.
-        what : str
-            The subject of the sentence.
-
-        Raises
-        ------
-        ValueError
-            With the number that another unit would have meant, where one is usual.
-        """
+        """Refuse numbers that are too large to be metres; anything but finite numbers passes."""
         if isinstance(values, float) and abs(values) <= self.most:
             return
         try:
@@ -129,15 +116,7 @@ def amount(value: float, unit: str) -> str:
 
 
 def angle(frequency: float, wavelength: float) -> str:
-    """The half angle asin(lam f) and the numerical aperture lam f of a spatial frequency.
-
-    Parameters
-    ----------
-    frequency : float
-        In cycles a metre, at least 0.
-    wavelength : float
-        In metres.
-    """
+    """The half angle asin(lam f) and the numerical aperture lam f of a spatial frequency."""
     sine = wavelength * frequency
     if sine > 1:
         return "half angle 90 deg and evanescent waves"
@@ -166,13 +145,7 @@ _MAX_DIGITS = 30  # of a size; a float holds ten times as many
 
 
 def bytes_of(value: Any) -> int:
-    """A size of memory, as 2000000, "512 MiB" or "4 GB", in bytes.
-
-    Raises
-    ------
-    ValueError
-        If it is none.
-    """
+    """A size of memory, as 2000000, "512 MiB" or "4 GB", in bytes."""
     if isinstance(value, bool) or not isinstance(value, int | str):
         raise ValueError('must be a whole number of bytes or a size such as "4 GiB"')
     found = _SIZE.fullmatch(str(value))

@@ -68,7 +68,7 @@ BRIDGES = ("jax", "torch")  # topics that need another library, of the same name
 SCRIPTS = (*TOPICS, "bench")  # what scripts of benchmarks may name, too
 ENTRIES = ("cli", "config", "selftest")  # folders whose names other storeys take
 LARGEST_FOLDER = 17  # modules
-LEAST = 40  # lines
+LEAST = 30  # lines
 SHORT = {"__main__", "preload", "types"}  # programs and names of types
 LONGEST_WAY = 10  # files
 # Who may import what is not in the Python standard library.

@@ -256,16 +256,6 @@ def roughness(error: Real) -> Real:
 
     Each derivative is Scharr's filter, (3, 10, 3)/16 across (1, 0, -1), as the benchmark uses it:
     twice the slope a pixel.
-
-    Parameters
-    ----------
-    error : numpy.ndarray
-        Shape (y, x).
-
-    Returns
-    -------
-    numpy.ndarray
-        float64, same shape.
     """
     slopes = [_scharr(error, axis) for axis in (0, 1)]
     total = sum(_scharr(slope, axis) ** 2 for slope in slopes for axis in (0, 1))

@@ -82,16 +82,7 @@ def _expose(cam: Plenoptic2) -> RawImage:
 
 
 def bare_ffts(transforms: Transforms, device: Device, what: str = "") -> Case:
-    """All the transforms of exposures, at their padded sizes, by the device's own route.
-
-    Parameters
-    ----------
-    transforms : tuple
-        (count, (ny, nx)) each, as `Exposure` tells them.
-    device : Device
-    what : str
-        What the name begins with.
-    """
+    """All the transforms of exposures, at their padded sizes, by the device's own route."""
     parts = [ceilings.bare_fft(shape, device, count=count) for count, shape in transforms]
     name = what + " + ".join(part.name for part in parts)
 

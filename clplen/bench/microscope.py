@@ -112,16 +112,7 @@ def images_of(device: Device, planes: int) -> PointImages:
 
 
 class Plain:
-    """The projector's sum with transforms of whole frames.
-
-    Parameters
-    ----------
-    images : PointImages
-    planes : int
-        The first so many.
-    count : int
-        Lenslets along an axis.
-    """
+    """The projector's sum with transforms of whole frames."""
 
     def __init__(self, images: PointImages, planes: int, count: int) -> None:
         self.planes, self.count = planes, count

@@ -163,13 +163,7 @@ def run_as_json(reports: Sequence[Report], environment: dict[str, Any]) -> str:
 
 
 def read_run(path: Path) -> dict[str, Any]:
-    """A saved run.
-
-    Raises
-    ------
-    FormatError
-        If the file holds something else.
-    """
+    """A saved run."""
     try:
         found = json.loads(path.read_text("utf-8"))
     except (ValueError, RecursionError) as error:

@@ -55,17 +55,7 @@ def measure_start(device: Device, size: str, repeats: int) -> Report:
 
 
 def child(imported: float, place: str, size: str) -> None:
-    """What a child does: prints the seconds of `_STEPS`.
-
-    Parameters
-    ----------
-    imported : float
-        Seconds of the import.
-    place : str
-        Of the device.
-    size : str
-        One of `SIZES`.
-    """
+    """What a child does: prints the seconds of `_STEPS`."""
     from clplen.compute.device import Device
 
     start = perf_counter()

@@ -315,13 +315,7 @@ def scene_energy(camera: Plenoptic, scene: PointSources) -> Sequence[tuple[float
 
 
 def _uses_rays(model: str, scene: Any, coherence: Coherence | None, averaging: Averaging) -> bool:
-    """Whether a raw image is to be found by rays.
-
-    Raises
-    ------
-    ValueError
-        If the model is unknown, or does not know the scene or what it is asked for.
-    """
+    """Whether a raw image is to be found by rays."""
     if model not in ("waves", "rays"):
         raise ValueError(f"model is 'waves' or 'rays', not {model!r}.")
     if model == "waves" and isinstance(scene, SurfaceScene):

@@ -157,27 +157,7 @@ def _focal_rows(mla: MicrolensArray) -> tuple[Row, ...]:
 
 
 def magnification(f: float, m: float | None, a: float | None) -> float:
-    """m of a 2.0 camera of which m or a is given.
-
-    Parameters
-    ----------
-    f : float
-        Of the lenslets in metres.
-    m, a : float or None
-        One of them.
-
-    Returns
-    -------
-    float
-        Above -1, not 0.
-
-    Raises
-    ------
-    TypeError
-        If one is no number.
-    ValueError
-        If both or none are given, or no real image falls on the sensor.
-    """
+    """m of a 2.0 camera of which m or a is given."""
     for name, value in (("m", m), ("a", a)):
         if value is not None and (isinstance(value, bool) or not isinstance(value, Real)):
             raise TypeError(f"{name} is one real number, not {value!r}.")
@@ -211,11 +191,6 @@ def matched_aperture(match: str, *, pitch: float, F: float, z2: float, b: float)
 
     "pupil": p z2/b, the image of the pupil fills a cell of the array. "cone": p F/b, a lenslet's
     cone as seen from the main image.
-
-    Raises
-    ------
-    ValueError
-        For another match, or an array that would lie before the main lens.
     """
     if match not in ("pupil", "cone"):
         raise ValueError(f"match is 'pupil' or 'cone', not {match!r}.")

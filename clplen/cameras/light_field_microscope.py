@@ -330,14 +330,7 @@ def wider(n: int, least: float) -> int:
 
 
 def microscope_images(camera: Microscope, points: PointSources) -> Iterator[DeviceImages]:
-    """Images of single points on the pixels, without crosstalk, some at a time.
-
-    Parameters
-    ----------
-    camera : Microscope
-    points : PointSources
-        Their power does not count: each has the energy 1 in the pupil.
-    """
+    """Images of single points on the pixels, without crosstalk, some at a time."""
     if camera.pixels is not None:
         for same, windows in camera._windows(points):
             yield window_images(same, windows, *window_samples(windows))

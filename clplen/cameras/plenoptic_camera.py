@@ -548,13 +548,7 @@ def _distances(
 
 
 def _check_lenslets(mla: MicrolensArray, wavelength: float) -> None:
-    """Refuse what is no array, or one whose lenslets are too narrow for the wavelength.
-
-    Raises
-    ------
-    TypeError, ValueError
-        Naming both.
-    """
+    """Refuse what is no array, or one whose lenslets are too narrow for the wavelength."""
     if not isinstance(mla, MicrolensArray):
         raise TypeError(f"mla is a MicrolensArray, not {mla!r}.")
     width = mla.pitch if mla.gap == "clear" else mla.diameter
@@ -575,16 +569,6 @@ def _check_aperture(D: float, F: float) -> None:
     """Refuse an aperture that no lens has; warn of one that scalar waves do not describe well.
 
     The numerical aperture at the image of a lens that obeys the sine condition is D/(2 F), below 1.
-
-    Raises
-    ------
-    ValueError
-        With the largest diameter.
-
-    Warns
-    -----
-    SamplingWarning
-        From NA .4 on.
     """
     na = D / (2 * F)
     if na >= 1:
@@ -629,15 +613,7 @@ def _shared(
 def _pixels_per_lenslet(
     mla: MicrolensArray, given: float | None, pixels: PixelArray | None
 ) -> float:
-    """Pixels a lenslet, from their number or their pitch.
-
-    Raises
-    ------
-    TypeError
-        If the pixels are something else.
-    ValueError
-        If neither is given, or they contradict each other.
-    """
+    """Pixels a lenslet, from their number or their pitch."""
     if pixels is not None and not isinstance(pixels, PixelArray):
         raise TypeError(f"pixels is a PixelArray, as PixelArray(), not {pixels!r}.")
     pitch = None if pixels is None else pixels.pitch
@@ -662,13 +638,7 @@ def _pixels_per_lenslet(
 def _lens_model(
     given: str, D: float, object_distance: float, image_distance: float, wavelength: float
 ) -> LensModel:
-    """The model of the main lens.
-
-    Raises
-    ------
-    ValueError
-        For an unknown one.
-    """
+    """The model of the main lens."""
     if given not in ("auto", "thin", "corrected"):
         raise ValueError(f"lens_model is 'auto', 'thin' or 'corrected', not {given!r}.")
     if given != "auto":
@@ -678,13 +648,7 @@ def _lens_model(
 
 
 def _require_lengths(**given: float | None) -> None:
-    """Refuse lengths that are not positive and finite, or no metres; None is left out.
-
-    Raises
-    ------
-    ValueError
-        With the name of the length.
-    """
+    """Refuse lengths that are not positive and finite, or no metres; None is left out."""
     for name, value in given.items():
         if value is not None and not (is_finite(value) and value > 0):
             raise ValueError(f"{name} is positive, in metres, not {value!r}.")
@@ -698,11 +662,6 @@ def _lens_law(
     """Object and image distance that satisfy 1/f = 1/object + 1/image, in metres.
 
     Neither given: 2f and 2f. One given: the other follows.
-
-    Raises
-    ------
-    ValueError
-        If both are given and contradict the law, or one lies within the focal length.
     """
     for name, distance in (("object", object_distance), ("image", image_distance)):
         if distance is not None and distance <= f:

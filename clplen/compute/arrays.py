@@ -32,13 +32,7 @@ class HostArray:
         return np.asarray(getattr(self, self._samples))
 
     def __array__(self, dtype: Any = None, copy: bool | None = None) -> Array:
-        """What ``numpy.asarray`` takes: the values on the host.
-
-        Raises
-        ------
-        ValueError
-            If ``copy`` is False where a copy is needed.
-        """
+        """What ``numpy.asarray`` takes: the values on the host."""
         values = self.to_numpy()
         same = dtype is None or np.dtype(dtype) == values.dtype
         if copy is False and (self._downloads or not same):
@@ -52,13 +46,7 @@ class HostArray:
         return values.copy() if copy and not self._downloads else values
 
     def __dlpack__(self, **options: Any) -> Any:
-        """The values on the host, for ``from_dlpack`` of any library.
-
-        Raises
-        ------
-        BufferError
-            If ``copy`` is False where a copy is needed.
-        """
+        """The values on the host, for ``from_dlpack`` of any library."""
         if options.get("copy") is False and self._downloads:
             raise BufferError(
                 f"A {type(self).__name__} on a device is on the host only by a copy: leave out "

@@ -298,26 +298,7 @@ class Device(Launcher):
 
 
 def as_device(device: DeviceLike | None, *, optional: bool = True) -> Device:
-    """The device that an argument ``device`` names.
-
-    Parameters
-    ----------
-    device : Device or str, optional
-        A string is a selector of `Device.open`.
-    optional : bool
-        Whether None is ``Device.open()``; else it is refused.
-
-    Returns
-    -------
-    Device
-
-    Raises
-    ------
-    TypeError
-        If it is anything else.
-    DeviceError
-        As `Device.open`.
-    """
+    """The device that an argument ``device`` names."""
     if isinstance(device, Device):
         return device
     if isinstance(device, str) or (device is None and optional):
@@ -329,13 +310,7 @@ def as_device(device: DeviceLike | None, *, optional: bool = True) -> Device:
 
 
 def require_same_device(a: Device, b: Device) -> None:
-    """Refuse data of two devices (or two precisions of one).
-
-    Raises
-    ------
-    DeviceError
-        Naming both.
-    """
+    """Refuse data of two devices (or two precisions of one)."""
     if a is not b:
         raise DeviceError(
             f"The operands live on two devices, {a!r} and {b!r}: bring both to one of them."
@@ -367,13 +342,7 @@ DeviceLike = Device | str
 
 
 def _reopened(place: str, name: str, platform: str, precision: Precision) -> Device:
-    """The device here that was pickled elsewhere; in a forked process the parent's, which refuses.
-
-    Raises
-    ------
-    DeviceError
-        If there is none of that name.
-    """
+    """Return the local device of a pickle; in a forked process the parent's, which refuses."""
     if is_forked():
         for (_, kept_as), device in _registry.items():
             if (device.name, device.platform, kept_as) == (name, platform, precision):

@@ -33,12 +33,7 @@ _PARTS = ("device", "in_shape", "out_shape", "dtype", "forward_data", "adjoint_d
 
 
 def require_linear_map(operator: Any) -> None:
-    """Refuse what is no linear map.
-
-    Raises
-    ------
-    TypeError
-    """
+    """Refuse what is no linear map."""
     if not all(hasattr(operator, part) for part in _PARTS):
         raise TypeError(
             "An operator is a linear map with its adjoint, such as a Projector, not of type "
@@ -59,30 +54,7 @@ def run_linear(
     of_gradient: bool = False,
     check_finite: bool = True,
 ) -> Array:
-    """An array of the host through a linear map, on a CPU device without a copy.
-
-    Parameters
-    ----------
-    linear : LinearMap
-    values : numpy.ndarray
-        Of the map's dtype, shape ``(..., *in_shape)``, of the adjoint ``(..., *out_shape)``.
-    adjoint : bool
-    of_gradient : bool
-        Whether the values are a gradient, for messages.
-    check_finite : bool
-        Whether values that are not finite are refused.
-
-    Returns
-    -------
-    numpy.ndarray
-
-    Raises
-    ------
-    ShapeError
-        If the values, or what the map gives, have another shape.
-    ValueError
-        If some are not finite, of the values or of the result.
-    """
+    """An array of the host through a linear map, on a CPU device without a copy."""
     name, device = name_of(linear), linear.device
     lead = leading_axes(linear, values.shape, adjoint=adjoint)
     shape = (*lead, *(linear.in_shape if adjoint else linear.out_shape))
@@ -128,11 +100,6 @@ class Step:
         """The output of inputs of the host, and its pullback between arrays of the host.
 
         The pullback may read the inputs, whose memory the device shares: they stay as they are.
-
-        Raises
-        ------
-        ValueError
-            If values are not finite.
         """
         device = self.device
         lent = [lend(values, device) for values in inputs[: self.arrays]]

@@ -60,17 +60,7 @@ class LinearMap(Protocol):
 
 
 def linear_operator(linear: LinearMap) -> LinearOperator:
-    """A linear map for solvers of SciPy, whose vectors are raveled arrays without leading axes.
-
-    Parameters
-    ----------
-    linear : LinearMap
-
-    Returns
-    -------
-    scipy.sparse.linalg.LinearOperator
-        Shape (outputs, inputs), of the map's dtype.
-    """
+    """A linear map for solvers of SciPy, whose vectors are raveled arrays without leading axes."""
     from scipy.sparse.linalg import LinearOperator
 
     def forward(x: Array) -> Array:
@@ -84,25 +74,7 @@ def linear_operator(linear: LinearMap) -> LinearOperator:
 
 
 def mapped(linear: LinearMap, values: Any, *, adjoint: bool = False) -> Array:
-    """An array of the host through a map, or through its adjoint, on the host again.
-
-    Parameters
-    ----------
-    linear : LinearMap
-    values : array_like
-        Shape ``(..., *in_shape)``, of the adjoint ``(..., *out_shape)``.
-    adjoint : bool
-
-    Returns
-    -------
-    numpy.ndarray
-        Of the map's dtype.
-
-    Raises
-    ------
-    ShapeError
-        If the values have another shape.
-    """
+    """An array of the host through a map, or through its adjoint, on the host again."""
     array = host_array(values, "What a linear map takes")
     leading_axes(linear, array.shape, adjoint=adjoint)
     data = linear.device.upload(np.ascontiguousarray(array, linear.dtype))
@@ -114,13 +86,7 @@ def mapped(linear: LinearMap, values: Any, *, adjoint: bool = False) -> Array:
 def leading_axes(
     linear: LinearMap, shape: tuple[int, ...], *, adjoint: bool = False
 ) -> tuple[int, ...]:
-    """The leading axes of an array that a map takes, or its adjoint.
-
-    Raises
-    ------
-    ShapeError
-        If the other axes are not those of the map.
-    """
+    """The leading axes of an array that a map takes, or its adjoint."""
     wanted = tuple(linear.out_shape if adjoint else linear.in_shape)
     lead = len(shape) - len(wanted)
     if lead < 0 or tuple(shape[lead:]) != wanted:

@@ -34,15 +34,7 @@ _MADV_HUGEPAGE = 14
 
 
 def ask_for_large_pages(queue: cl.CommandQueue, buffer: cl.Buffer) -> None:
-    """Ask Linux for large pages under a fresh buffer of a CPU device; elsewhere do nothing.
-
-    Parameters
-    ----------
-    queue : pyopencl.CommandQueue
-        Of the device.
-    buffer : pyopencl.Buffer
-        Not written yet.
-    """
+    """Ask Linux for large pages under a fresh buffer of a CPU device; elsewhere do nothing."""
     advise = _madvise()
     if advise is None or buffer.size < LEAST_BYTES:
         return
@@ -149,11 +141,6 @@ class Memory(HoldsOpenCL):
         """Refuse an array of a CPU that a limit of the process or the computer does not admit.
 
         What is kept for later calls is given back before. Small arrays are looked at together.
-
-        Raises
-        ------
-        DeviceError
-            With the bytes needed and the bytes left.
         """
         self._unchecked_bytes += nbytes
         if not self.is_cpu or self._unchecked_bytes < LEAST_BYTES:

@@ -24,17 +24,6 @@ def lend(values: Array, device: Device) -> cla.Array:
 
     Nothing may change ``values`` while the device reads them: wait (`Device.finish`, or `keep` of
     what was made of them) before they are given back to their owner.
-
-    Parameters
-    ----------
-    values : numpy.ndarray
-        Of any layout; one that is not C-contiguous, or not aligned to its samples, is copied.
-    device : Device
-
-    Returns
-    -------
-    pyopencl.array.Array
-        Only to be read.
     """
     flat = np.ascontiguousarray(values).reshape(values.shape)
     is_aligned = flat.ctypes.data % max(1, flat.itemsize) == 0
@@ -51,17 +40,6 @@ def keep(array: cla.Array, device: Device) -> Array:
 
     Everything that was enqueued before is done then. The memory lives as long as the result and
     its views, and is not used again before; so the array is left to the result.
-
-    Parameters
-    ----------
-    array : pyopencl.array.Array
-        C-contiguous.
-    device : Device
-
-    Returns
-    -------
-    numpy.ndarray
-        Of the same shape and dtype; it may be written to.
     """
     if not (device.is_cpu and array.size):
         return device.download(array)

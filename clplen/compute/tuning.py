@@ -40,10 +40,6 @@ class Tuning:
     kernel and class of problem. ``CLPLEN_TUNING=off`` takes what is expected to be fastest, times
     nothing and reads nothing.
 
-    Parameters
-    ----------
-    device : TimedDevice
-
     Attributes
     ----------
     set_aside : dict
@@ -71,17 +67,7 @@ class Tuning:
         self.set_aside[form] = (str(error).splitlines() or [type(error).__name__])[0]
 
     def found(self, file: str, problem: str, labels: Sequence[str]) -> str | None:
-        """The label that was fastest for this class of problem, if it is known and still offered.
-
-        Parameters
-        ----------
-        file : str
-            Name of the kernel file.
-        problem : str
-            Everything that decides which form is fastest.
-        labels : sequence of str
-            The forms that can be taken.
-        """
+        """Return the fastest label for this class of problem, if it is known and still offered."""
         if not self.enabled:
             return None
         with self._lock:
@@ -93,21 +79,7 @@ class Tuning:
     def fastest(
         self, file: str, problem: str, labels: Sequence[str], run: Callable[[str], float]
     ) -> str:
-        """The fastest form: what is known, else every form is timed, in turn, and it is kept.
-
-        Parameters
-        ----------
-        file, problem, labels
-            As in `found`; the first label is the one that is expected to be fastest.
-        run : callable
-            Enqueues a part of the work in one form and returns how much it was.
-
-        Returns
-        -------
-        str
-            The fastest label. No new round is begun, and no form is tried for the first time,
-            after a second; those that were not tried are not taken.
-        """
+        """The fastest form: what is known, else every form is timed, in turn, and it is kept."""
         if not self.enabled or len(labels) < 2:
             return labels[0]
         with self._lock:

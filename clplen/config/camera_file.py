@@ -47,37 +47,14 @@ class CameraFile(Table):
         return self
 
     def light(self) -> Coherence | None:
-        """The light on the slides and the spectrum of the scene, in SI units, or None.
-
-        Raises
-        ------
-        FormatError
-            If a spectrum is out of range, or its file cannot be read.
-        """
+        """The light on the slides and the spectrum of the scene, in SI units, or None."""
         if self.coherence is None:
             return None
         return self.coherence.build(self.camera.wavelength_nm / 1e9)
 
 
 def read_camera_file(path: PathLike) -> CameraFile:
-    """Read a camera file.
-
-    Parameters
-    ----------
-    path : path-like
-        TOML as ``clplen simulate --example`` prints it. Files that it names are seen from its
-        folder; they must be there, and are read later.
-
-    Returns
-    -------
-    CameraFile
-
-    Raises
-    ------
-    FormatError
-        If there is no such file, it is not TOML or of a Fourier microscope, or a key is unknown
-        (with the nearest known one), missing or out of range, or does not fit the others.
-    """
+    """Read a camera file."""
     path = Path(path)
     content = read_toml(path, f"camera file {path}; 'clplen simulate --example' prints one")
     refuse_fourier(content, path)

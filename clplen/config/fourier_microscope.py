@@ -140,34 +140,12 @@ class FourierFile:
 
 
 def is_fourier_file(path: PathLike) -> bool:
-    """Whether a TOML file has ``[camera]`` with ``kind = "fourier_microscope"``.
-
-    Raises
-    ------
-    FormatError
-        If there is no such file, or it is not TOML.
-    """
+    """Whether a TOML file has ``[camera]`` with ``kind = "fourier_microscope"``."""
     return kind_of(_content(Path(path))) == FOURIER
 
 
 def read_fourier_file(path: PathLike) -> FourierFile:
-    """Read the parameters of a Fourier microscope.
-
-    Parameters
-    ----------
-    path : path-like
-        TOML: ``[camera]`` with ``kind = "fourier_microscope"``, and ``[volume]``.
-
-    Returns
-    -------
-    FourierFile
-
-    Raises
-    ------
-    FormatError
-        If there is no such file, it is not TOML or of another camera, or a key is unknown, missing
-        or out of range.
-    """
+    """Read the parameters of a Fourier microscope."""
     path = Path(path)
     content = _content(path)
     require_fourier(content, path)

@@ -21,25 +21,13 @@ _TAKEN = {
 
 
 def kind_of(content: dict[str, Any]) -> Any:
-    """The ``kind`` in ``[camera]`` of a file's content, None where it has none.
-
-    Parameters
-    ----------
-    content : dict
-        Of a file, not checked yet.
-    """
+    """The ``kind`` in ``[camera]`` of a file's content, None where it has none."""
     camera = content.get("camera")
     return camera.get("kind") if isinstance(camera, dict) else None
 
 
 def what_takes(kind: str) -> str:
-    """The commands and the function that take files of a kind, as a clause.
-
-    Parameters
-    ----------
-    kind : str
-        That there is.
-    """
+    """The commands and the function that take files of a kind, as a clause."""
     return _TAKEN[kind]
 
 
@@ -47,18 +35,6 @@ def refuse_fourier(content: dict[str, Any], path: Path) -> None:
     """Refuse the file of a Fourier microscope where another camera is asked for.
 
     Most of its keys are others: checked one by one they would be a list of mistakes.
-
-    Parameters
-    ----------
-    content : dict
-        Of a file, not checked yet.
-    path : pathlib.Path
-        The file, for the message.
-
-    Raises
-    ------
-    FormatError
-        With what takes such a file.
     """
     if kind_of(content) == FOURIER:
         raise FormatError(
@@ -68,20 +44,7 @@ def refuse_fourier(content: dict[str, Any], path: Path) -> None:
 
 
 def require_fourier(content: dict[str, Any], path: Path) -> None:
-    """Refuse the file of another camera where a Fourier microscope is asked for.
-
-    Parameters
-    ----------
-    content : dict
-        Of a file, not checked yet.
-    path : pathlib.Path
-        The file, for the message.
-
-    Raises
-    ------
-    FormatError
-        With what takes such a file.
-    """
+    """Refuse the file of another camera where a Fourier microscope is asked for."""
     camera = content.get("camera")
     if isinstance(camera, dict):
         default = "" if _FOURIER_ALONE in camera else "plenoptic1"

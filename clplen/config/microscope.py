@@ -42,13 +42,7 @@ class Range:
     unit: str = ""
 
     def check(self, value: float) -> float:
-        """The value, refused outside the range.
-
-        Raises
-        ------
-        ValueError
-            With the value that another unit would have meant, where one is in the range.
-        """
+        """The value, refused outside the range."""
         if self.low <= value <= self.high:
             return value
         said = f"lies between {self.low:g} and {self.high:g}"
@@ -217,36 +211,7 @@ def read_microscope_file(
     pixels: int | None = None,
     rectified: bool = True,
 ) -> MicroscopeFile:
-    """Read the parameters of a light-field microscope.
-
-    Parameters
-    ----------
-    path : path-like
-        TOML: a camera file with ``kind = "microscope"``, whose scene may be missing, or the names
-        magnification, na, medium_index, wavelength (nm), tubelens_focal_length (mm), ulens_pitch,
-        ulens_focal_length, pixel_size (um), num_slices, um_per_slice, supersample,
-        pixels_per_lenslet (those of rectified frames); apodisation, cover and pupil_nm, as in
-        ``[camera]``.
-    binning : int, optional
-        Parts of a pixel of the sensor, along an axis, that light is simulated on; default as many
-        as `suitable_binning` finds by NA and lenslets.
-    pixels : int, optional
-        A lenslet of rectified frames; default what the file names, else the number that follows
-        from pitch and pixels: rounded where it is whole to a tenth, else up.
-    rectified : bool
-        Whether frames are to be rectified; those of hexagonal arrays, and of several focal lengths,
-        never are.
-
-    Returns
-    -------
-    MicroscopeFile
-
-    Raises
-    ------
-    FormatError
-        If there is no such file, it is not TOML or of another camera, or a key is unknown, missing
-        or out of range; if light would be stepped over by fewer pixels than .9 of those there are.
-    """
+    """Read the parameters of a light-field microscope."""
     path = Path(path)
     content = read_toml(path, f"file {path} of a microscope; {_PRINTED}")
     refuse_fourier(content, path)
@@ -344,23 +309,7 @@ def _unrectified(
 
 
 def whole_pixels(across: float) -> int:
-    """Pixels a lenslet of rectified frames: the nearest number within a tenth, else the next.
-
-    Parameters
-    ----------
-    across : float
-        Pixels a lenslet of the sensor.
-
-    Returns
-    -------
-    int
-
-    Examples
-    --------
-    >>> from clplen.config.microscope import whole_pixels
-    >>> [whole_pixels(across) for across in (33.000006, 33.038, 15.385)]
-    [33, 33, 16]
-    """
+    """Pixels a lenslet of rectified frames: the nearest number within a tenth, else the next."""
     nearest = round(across)
     return nearest if abs(across - nearest) <= NEAR else math.ceil(across)
 

@@ -107,13 +107,7 @@ class SceneTable(Table):
         return [i for i, one in enumerate(self.pictures) if one.mode == "transmission"]
 
     def build(self) -> list[PointSources | PicturePlane]:
-        """The point sources, if any, and the pictures, in SI units.
-
-        Raises
-        ------
-        FormatError
-            If a picture cannot be read or its values are out of range; naming its key.
-        """
+        """The point sources, if any, and the pictures, in SI units."""
         parts: list[PointSources | PicturePlane] = []
         if self.points_mm is not None:
             positions = [tuple(value / 1e3 for value in point) for point in self.points_mm]
@@ -226,22 +220,7 @@ class CoherenceTable(Table):
         return ["spatial"] * self.is_random + ["koehler"] * ("koehler" in self.model_fields_set)
 
     def build(self, wavelength: float) -> Coherence:
-        """The light, in SI units.
-
-        Parameters
-        ----------
-        wavelength : float
-            Of the camera in metres: the middle of a Gaussian spectrum.
-
-        Returns
-        -------
-        Coherence
-
-        Raises
-        ------
-        FormatError
-            If a spectrum is out of range, or its file cannot be read; naming the key.
-        """
+        """The light, in SI units."""
         return Coherence(
             self._spatial(),
             self._spectrum(wavelength),

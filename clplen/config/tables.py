@@ -49,24 +49,7 @@ _TOKEN = re.compile(  # the end of a string is optional, so that no character is
 
 
 def read_toml(path: Path, what: str) -> dict[str, Any]:
-    """The content of a TOML file.
-
-    Parameters
-    ----------
-    path : pathlib.Path
-    what : str
-        What is missing if it is not there, as "camera file CAMERA; 'clplen ...' prints one".
-
-    Returns
-    -------
-    dict
-
-    Raises
-    ------
-    FormatError
-        If there is no such file, it is not TOML, or it is larger or nested more deeply than any
-        file of settings.
-    """
+    """The content of a TOML file."""
     if not path.is_file():
         raise FormatError(f"There is no {what}.")
     if path.stat().st_size > MAX_TOML_BYTES:
@@ -98,26 +81,7 @@ def _require_short_keys(text: str, path: Path) -> None:
 
 
 def validated(model: type[Model], content: dict[str, Any], path: Path) -> Model:
-    """A file's content as a model; names of files in it are seen from its folder.
-
-    Parameters
-    ----------
-    model : type
-        Of pydantic.
-    content : dict
-    path : pathlib.Path
-        The file, for messages.
-
-    Returns
-    -------
-    model
-
-    Raises
-    ------
-    FormatError
-        If a key is unknown (with the nearest known one), missing or out of range, or does not fit
-        the others.
-    """
+    """A file's content as a model; names of files in it are seen from its folder."""
     try:
         return model.model_validate(content, context={"folder": path.parent})
     except ValidationError as error:

@@ -77,13 +77,7 @@ def apply(
 
 
 def require_array(x: Any, dtypes: tuple[np.dtype[Any], ...], what: str) -> jax.Array:
-    """An array of one of some types; a real one as the complex type of its precision.
-
-    Raises
-    ------
-    TypeError
-        For others, with what to do.
-    """
+    """An array of one of some types; a real one as the complex type of its precision."""
     dtype = jnp.result_type(x)
     if dtype in dtypes:
         return jnp.asarray(x)
@@ -101,13 +95,7 @@ def require_array(x: Any, dtypes: tuple[np.dtype[Any], ...], what: str) -> jax.A
 
 
 def warn_of_one_core() -> None:
-    """Say that JAX may wait for ever for arrays that it hands to the host on its only thread.
-
-    Warns
-    -----
-    RuntimeWarning
-        On one core, unless JAX computes on the CPU without a thread of its own.
-    """
+    """Say that JAX may wait for ever for arrays that it hands to the host on its only thread."""
     cores = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count()
     if cores == 1 and jax.config.values.get("jax_cpu_enable_async_dispatch", False):
         warn_caller(

@@ -114,18 +114,7 @@ def _arithmetic(device: Device) -> Pairs:
 
 
 def built_in_values(device: Device) -> np.ndarray[Any, np.dtype[np.float32]]:
-    """Values of every built-in function that kernels call.
-
-    Parameters
-    ----------
-    device : Device
-
-    Returns
-    -------
-    ndarray of float32
-        Shape (functions, samples), in the order of builtin_functions.py; with those
-        of doubles where the device has double precision.
-    """
+    """Values of every built-in function that kernels call."""
     x, halves, samples, shorts = builtin_functions.inputs()
     names = builtin_functions.expected(double=device.has_fp64)
     y = device.empty((len(names), builtin_functions.COUNT), np.float32)

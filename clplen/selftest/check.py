@@ -86,17 +86,7 @@ class WrongResultError(ClplenError):
 
 
 def run_check(check: Check, device: Device) -> CheckResult:
-    """Run one check; whatever goes wrong becomes its result.
-
-    Parameters
-    ----------
-    check : Check
-    device : Device
-
-    Returns
-    -------
-    CheckResult
-    """
+    """Run one check; whatever goes wrong becomes its result."""
     start, error, reason = perf_counter(), math.nan, ""
     status: Status = "left out"
     try:
@@ -117,13 +107,7 @@ def run_check(check: Check, device: Device) -> CheckResult:
 
 
 def largest_error(pairs: Pairs) -> float:
-    """The largest max|found - expected| / max|expected| of some pairs.
-
-    Raises
-    ------
-    WrongResultError
-        If a result has another shape than expected or is not finite, or there is no pair.
-    """
+    """The largest max|found - expected| / max|expected| of some pairs."""
     worst = -math.inf
     for expected, found in pairs:
         want, got = np.asarray(expected), np.asarray(found)

@@ -70,14 +70,7 @@ def summary(results: Sequence[CheckResult], seconds: float) -> str:
 
 
 def device_facts(device: Device, *, is_open: bool = False) -> dict[str, str]:
-    """A device in words, by what they tell.
-
-    Parameters
-    ----------
-    device : Device
-    is_open : bool
-        Whether it may be asked for its remedy and its route of transforms.
-    """
+    """A device in words, by what they tell."""
     found = device.cl_device
     facts = {
         "device": f"{device.place}  {device.name}",

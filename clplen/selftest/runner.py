@@ -46,27 +46,7 @@ CHECKS: tuple[Check, ...] = (
 def run_checks(
     device: Device, *, names: Iterable[str] | None = None, watch: Watch | None = None
 ) -> list[CheckResult]:
-    """Compare what a device computes with float64 NumPy, in this process.
-
-    Parameters
-    ----------
-    device : Device
-        In single precision.
-    names : iterable of str, optional
-        Of the checks to run; default all.
-    watch : callable, optional
-        Called with each result when it is there.
-
-    Returns
-    -------
-    list of CheckResult
-        One for each check, in the order of `CHECKS`; errors are results, not raised.
-
-    Raises
-    ------
-    ValueError
-        If there is no check of a name.
-    """
+    """Compare what a device computes with float64 NumPy, in this process."""
     results = []
     for check in chosen(names):
         results.append(run_check(check, device))
@@ -76,13 +56,7 @@ def run_checks(
 
 
 def chosen(names: Iterable[str] | None) -> list[Check]:
-    """The checks of these names, in order; None: all.
-
-    Raises
-    ------
-    ValueError
-        If there is no check of a name.
-    """
+    """The checks of these names, in order; None: all."""
     if names is None:
         return list(CHECKS)
     wanted = set(names)
@@ -103,24 +77,6 @@ def run_isolated(
     """`run_checks` in child processes, which a faulty driver may end.
 
     A check that ends its child is reported as failed, and another child goes on with the next one.
-
-    Parameters
-    ----------
-    device : Device
-        Opened by its ``place`` in the children; here only its description is read.
-    names : iterable of str, optional
-        Of the checks to run; default all.
-    watch : callable, optional
-        Called with each result, in the order of the checks.
-
-    Returns
-    -------
-    DeviceReport
-
-    Raises
-    ------
-    ValueError
-        If there is no check of a name.
     """
     wanted, start = [check.name for check in chosen(names)], perf_counter()
     count = max(1, min(MOST_CHILDREN, os.cpu_count() or 1, len(wanted)))
@@ -277,15 +233,7 @@ def _last_words(status: int, errors: IO[bytes]) -> str:
 
 
 def serve(place: str, names: Iterable[str]) -> None:
-    """Check one device, and say whatever happens.
-
-    Parameters
-    ----------
-    place : str
-        platform:device.
-    names : iterable of str
-        Of the checks.
-    """
+    """Check one device, and say whatever happens."""
     from clplen.compute.device import Device
 
     try:

@@ -19,13 +19,7 @@ _TYPES = {
 
 
 def require_tensor(x: Any, dtypes: Iterable[np.dtype[Any]], what: str) -> None:
-    """Refuse what is no dense tensor of one of some types in host memory.
-
-    Raises
-    ------
-    TypeError
-        With what to do.
-    """
+    """Refuse what is no dense tensor of one of some types in host memory."""
     if not isinstance(x, torch.Tensor):
         raise TypeError(
             f"{what} takes tensors, not of type {type(x).__name__}: make one with "
@@ -48,13 +42,7 @@ def require_tensor(x: Any, dtypes: Iterable[np.dtype[Any]], what: str) -> None:
 
 
 def constant(value: Any, what: str) -> Any:
-    """A value that has no gradient, of tensors as NumPy has it.
-
-    Raises
-    ------
-    TypeError
-        If it is a tensor with requires_grad, whose gradient would be lost.
-    """
+    """A value that has no gradient, of tensors as NumPy has it."""
     if not isinstance(value, torch.Tensor):
         return value
     if value.requires_grad:

@@ -60,21 +60,7 @@ class Computations:
         self._turn = threading.Condition()
 
     def run(self, request: Request, body: dict[str, Any], progress: Progress) -> Answer:
-        """Wait for the device, and compute.
-
-        Parameters
-        ----------
-        request : Request
-        body : dict
-            What is asked, as `Compute` takes it.
-        progress : callable
-            (share done, what is computed); called in this thread. Where it raises
-            `OvertakenError`, the computation ends.
-
-        Raises
-        ------
-        OvertakenError, BusyError
-        """
+        """Wait for the device, and compute."""
         with self._turn:
             for other in self._waiting:
                 if other.channel == request.channel:

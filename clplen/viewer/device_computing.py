@@ -47,25 +47,7 @@ class DeviceComputing:
     depths: dict[int, DepthMap] = field(default_factory=dict)
 
     def __call__(self, request: dict[str, Any], progress: Progress) -> Answer:
-        """Compute what is asked.
-
-        Parameters
-        ----------
-        request : dict
-            ``kind`` "depth" with ``cue`` (or None), or "picture" with the ``state`` of the whole
-            light field, ``interpolation``, ``upsample`` and ``region`` (y0, y1, x0, x1); ``item``
-            and, for depth, ``downscale`` of the page.
-        progress : callable
-
-        Returns
-        -------
-        dict, list of bytes
-
-        Raises
-        ------
-        ValueError
-            If the request is none of these.
-        """
+        """Compute what is asked."""
         number = _whole(request.get("item"), 0, 10**6, "item")
         lf = self.light_fields.get(number)
         if lf is None:

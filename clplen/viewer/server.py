@@ -59,31 +59,10 @@ class _RefusedError(Exception):
 class ViewerServer:
     """Serve a page and its data to the browser of this computer.
 
-    Parameters
-    ----------
-    page : bytes
-        HTML.
-    blobs : sequence of callable
-        Each gives the bytes of a part of the data; OSError where its file is gone.
-    compute : callable, optional
-        (request, progress) -> (result, blobs): what the page asks the device for. Runs one at a
-        time; `progress(share, what)` raises `OvertakenError` in it when nobody waits any longer.
-    port : int
-        0 takes any that is free.
-    keep : bool
-        Whether `run` goes on after the last page was closed.
-
     Attributes
     ----------
     url : str
         With the token; whoever knows it sees the page.
-
-    Raises
-    ------
-    ValueError
-        If the port is out of range.
-    OSError
-        If it is taken, or not allowed.
     """
 
     tick = 1.0  # seconds between signs of life to a page

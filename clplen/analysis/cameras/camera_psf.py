@@ -83,12 +83,7 @@ def camera_psf(camera: Plenoptic, *, places: int = PLACES, done: Done | None = N
 
 
 def check_places(places: int) -> None:
-    """Refuse a number of places that is not odd and positive.
-
-    Raises
-    ------
-    ValueError
-    """
+    """Refuse a number of places that is not odd and positive."""
     if not is_integer(places) or places < 1 or places % 2 == 0:
         raise ValueError(f"places is an odd number of at least 1, not {places!r}.")
 
@@ -229,20 +224,7 @@ class DepthTransfer(OneLine):
 
 
 def line_curve(line: Values, pitch: float) -> Curve:
-    """Modulus of the transfer function of a line's image (Bracewell 1956).
-
-    Parameters
-    ----------
-    line : numpy.ndarray
-        Intensities, shape (n,).
-    pitch : float
-        Of its samples in metres.
-
-    Returns
-    -------
-    Curve
-        Up to half a cycle a sample, two frequencies for one of the window's.
-    """
+    """Modulus of the transfer function of a line's image (Bracewell 1956)."""
     length = 2 * len(line)
     spectrum = np.abs(np.fft.rfft(line, length))
     frequency = np.asarray(np.fft.rfftfreq(length, pitch), np.float64)
@@ -250,27 +232,7 @@ def line_curve(line: Values, pitch: float) -> Curve:
 
 
 def transfer_of(raws: Sequence[RawImage], dz: float) -> Curve:
-    """Contrast along x of the pictures of one point, focused on its depth.
-
-    Parameters
-    ----------
-    raws : sequence of RawImage
-        Of one camera; the point moved along x in equal steps which together are a lenslet's pitch
-        (`clplen.analysis.cameras.imaging.sample_offsets`).
-    dz : float
-        Of the point, in metres.
-
-    Returns
-    -------
-    Curve
-        In cycles a metre of the object. 1.0: of the image of a line that the samples of all
-        pictures make up together. 2.0: the mean over the pictures.
-
-    Raises
-    ------
-    ValueError
-        If m of a focused camera is 1 or more at this depth.
-    """
+    """Contrast along x of the pictures of one point, focused on its depth."""
     camera: Any = raws[0].camera
     if is_focused(camera):
         return _mean([_focused_line(raw, dz) for raw in raws])

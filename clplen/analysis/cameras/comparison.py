@@ -240,13 +240,7 @@ class Comparison(OneLine):
     analyses: tuple[str, ...]
 
     def __getitem__(self, name: str) -> Measured:
-        """What was measured of the camera of this name.
-
-        Raises
-        ------
-        KeyError
-            Listing the names there are.
-        """
+        """What was measured of the camera of this name."""
         for one in self.cameras:
             if one.name == name:
                 return one
@@ -346,13 +340,7 @@ def prefix_errors(name: str) -> Iterator[None]:
 
 
 def check_analyses(names: Iterable[str]) -> tuple[str, ...]:
-    """These names, in the order of `ANALYSES`.
-
-    Raises
-    ------
-    ValueError
-        If one is unknown, with the nearest known one; or there is none.
-    """
+    """These names, in the order of `ANALYSES`."""
     asked = list(names)
     for name in asked:
         if name not in ANALYSES:

@@ -28,23 +28,6 @@ def cell_outline(cells: LensletGrid, cell: Cell) -> Values:
     """Corners (y, x) of a cell in pixels: of all places that are nearest to its centre.
 
     A rectangle of a square lattice, a hexagon of a hexagonal one, whatever it is turned by.
-
-    Parameters
-    ----------
-    cells : LensletGrid
-        With ``odd_row_shift`` 0 and steps at right angles, or with one half.
-    cell : tuple of int
-        (row, column).
-
-    Returns
-    -------
-    numpy.ndarray
-        float64, shape (4, 2) or (6, 2), in order.
-
-    Raises
-    ------
-    ValueError
-        If there is no such cell.
     """
     centre = cell_centres(cells)[_known(cells, cell)]
     row, column = np.asarray(cells.row_step), np.asarray(cells.column_step)
@@ -106,21 +89,7 @@ def cell_energies(raw: Any, cells: LensletGrid) -> Values:
 
 
 def energy_in_cell(raw: Any, cells: LensletGrid, cell: Cell) -> float:
-    """The light in one cell, with the exact part of every pixel that its outline cuts.
-
-    Parameters
-    ----------
-    raw : array_like
-        Intensities [y, x] on the sensor.
-    cells : LensletGrid
-    cell : tuple of int
-        (row, column).
-
-    Raises
-    ------
-    ShapeError, ValueError
-        If the picture is no real finite one, or there is no such cell.
-    """
+    """The light in one cell, with the exact part of every pixel that its outline cuts."""
     picture = checked(raw, "A raw image")
     outline = cell_outline(cells, cell)
     low = np.clip(np.floor(outline.min(axis=0)).astype(int) - 1, 0, np.array(picture.shape) - 1)

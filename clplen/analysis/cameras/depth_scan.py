@@ -78,19 +78,6 @@ def measured_depth(raw: RawImage, *, c_max: float = LEAST_SEARCH) -> float:
     """dz in metres of the point in a raw image, which lies by the middle lenslet.
 
     1.0: `estimate_alpha`, method "compensated". 2.0: `point_m`, by the pitch of its spots.
-
-    Parameters
-    ----------
-    raw : RawImage
-        With its camera, dark but for the point.
-    c_max : float
-        Search of `estimate_alpha`, in pixels a view step; where that is more than the light field
-        allows (`search_limit`), all that it allows.
-
-    Raises
-    ------
-    ValueError
-        If it cannot be measured: no peak inside the search, or a place where no object can be.
     """
     if is_focused(raw.camera):
         return _of_object(point_m(raw).z)

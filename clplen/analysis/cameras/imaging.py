@@ -38,16 +38,7 @@ def central_lenslet(camera: Plenoptic) -> tuple[int, int]:
 
 
 def point_at_lenslet(camera: Plenoptic, offset: Pair, dz: float) -> PointSources:
-    """A point whose chief ray meets the array beside the middle lenslet's centre.
-
-    Parameters
-    ----------
-    camera : Plenoptic
-    offset : tuple of float
-        Along the columns and the rows of the array, (y, x) in metres where it is not turned.
-    dz : float
-        Of the point, in metres.
-    """
+    """A point whose chief ray meets the array beside the middle lenslet's centre."""
     turn = camera.mla.rotation
     y, x = offset
     across = (y * np.cos(turn) + x * np.sin(turn), -y * np.sin(turn) + x * np.cos(turn))
@@ -101,14 +92,7 @@ class Rendered:
 
 
 def local_m(camera: Any, dz: float) -> float:
-    """z3/(z2 - F') of a focused camera's lenslets for an object at dz; infinite on the array.
-
-    Parameters
-    ----------
-    camera : Plenoptic2
-    dz : float
-        In metres from the focused plane.
-    """
+    """z3/(z2 - F') of a focused camera's lenslets for an object at dz; infinite on the array."""
     alpha = camera.alpha(dz)
     a = camera.array_distance - camera.image_distance / alpha if alpha else -math.inf
     return float(camera.sensor_distance / a) if a else math.inf
@@ -131,12 +115,6 @@ def blended_picture(raw: RawImage, dz: float) -> Rendered:
 
     `FINER` samples in the place of one that either the lenslets' diffraction, lam a/(2 d), or the
     pixels, dx/abs(m), call for.
-
-    Raises
-    ------
-    ValueError
-        If abs(m) at dz is 1 or more, where not every point is seen, or the main lens images dz at
-        infinity.
     """
     camera: Any = raw.camera
     m = local_m(camera, dz)

@@ -14,15 +14,7 @@ Pair = tuple[float, float]
 
 
 def checked(values: Any, what: str, *, least: int = 1) -> Values:
-    """A real picture as float64, finite and of at least so many samples a side.
-
-    Raises
-    ------
-    ShapeError
-        If it is not two-dimensional or smaller.
-    ValueError
-        If a sample is NaN, infinite or complex.
-    """
+    """A real picture as float64, finite and of at least so many samples a side."""
     if np.iscomplexobj(values):
         raise ValueError(f"{what} is real, an intensity; take abs(amplitude)**2 first.")
     picture = np.array(host_array(values, what), np.float64)
@@ -37,13 +29,7 @@ def checked(values: Any, what: str, *, least: int = 1) -> Values:
 
 
 def check_axis(axis: int) -> int:
-    """0 for y or 1 for x.
-
-    Raises
-    ------
-    ValueError
-        For anything else.
-    """
+    """0 for y or 1 for x."""
     if axis not in (0, 1):
         raise ValueError(f"axis is 0 for y or 1 for x, not {axis!r}.")
     return int(axis)
@@ -54,18 +40,6 @@ def dirichlet(offset: Any, n: int) -> Values:
 
     sin(pi t)/(n sin(pi t/n)) for odd n, sin(pi t)/(n tan(pi t/n)) for even n, where the highest
     frequency is shared between both signs.
-
-    Parameters
-    ----------
-    offset : array_like
-        t in samples.
-    n : int
-        Number of samples of the period.
-
-    Returns
-    -------
-    numpy.ndarray
-        float64, of the shape of ``offset``.
     """
     t = np.asarray(offset, np.float64)
     t = t - n * np.round(t / n)
@@ -76,20 +50,7 @@ def dirichlet(offset: Any, n: int) -> Values:
 
 
 def between(values: Any, rows: Any, columns: Any) -> Any:
-    """A picture at fractional indices, by Fourier interpolation.
-
-    Parameters
-    ----------
-    values : numpy.ndarray
-        Real or complex, shape (ny, nx), taken as one period.
-    rows, columns : array_like
-        Indices, shapes (m,) and (k,).
-
-    Returns
-    -------
-    numpy.ndarray
-        Shape (m, k), exact for a picture without frequencies beyond half a cycle a sample.
-    """
+    """A picture at fractional indices, by Fourier interpolation."""
     ny, nx = values.shape
     across = dirichlet(np.subtract.outer(np.asarray(rows, np.float64), np.arange(ny)), ny)
     along = dirichlet(np.subtract.outer(np.asarray(columns, np.float64), np.arange(nx)), nx)
@@ -97,41 +58,14 @@ def between(values: Any, rows: Any, columns: Any) -> Any:
 
 
 def line_of(values: Any, axis: int, index: float) -> Any:
-    """The line of a picture along an axis, at a fractional index of the other one.
-
-    Parameters
-    ----------
-    values : numpy.ndarray
-        Real or complex, shape (ny, nx).
-    axis : int
-        0 along y, 1 along x.
-    index : float
-        The column (axis 0) or row (axis 1).
-
-    Returns
-    -------
-    numpy.ndarray
-        Shape (ny,) or (nx,), interpolated as by `between`.
-    """
+    """The line of a picture along an axis, at a fractional index of the other one."""
     n = values.shape[1 - axis]
     weight = dirichlet(index - np.arange(n), n)
     return weight @ values if axis == 1 else values @ weight
 
 
 def finer(line: Any, factor: int) -> Any:
-    """A line with ``factor`` samples in the place of one, by Fourier interpolation.
-
-    Parameters
-    ----------
-    line : numpy.ndarray
-        Real or complex, shape (n,), taken as one period.
-    factor : int
-
-    Returns
-    -------
-    numpy.ndarray
-        Shape ((n - 1) factor + 1,); sample ``factor k`` is sample k of the line.
-    """
+    """A line with ``factor`` samples in the place of one, by Fourier interpolation."""
     from scipy.signal import resample
 
     n = len(line)

@@ -228,16 +228,7 @@ _MILLIMETRES = ("depth", "dz")
 
 
 def report(comparison: Comparison) -> str:
-    """Markdown: the numbers of all cameras, then what follows from them.
-
-    Parameters
-    ----------
-    comparison : Comparison
-
-    Returns
-    -------
-    str
-    """
+    """Markdown: the numbers of all cameras, then what follows from them."""
     names = [f"`{one.name}`".replace("|", r"\|") for one in comparison.cameras]
     lines = ["# Comparison of plenoptic cameras", ""]
     lines += [f"| | {' | '.join(names)} | unit |", "|" + "---|" * (len(names) + 2)]

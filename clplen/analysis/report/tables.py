@@ -69,12 +69,7 @@ class Table(OneLine):
 
 
 def tables(comparison: Comparison) -> dict[str, Table]:
-    """All tables of a comparison, by the names that their files get; "summary" is the first.
-
-    Parameters
-    ----------
-    comparison : Comparison
-    """
+    """All tables of a comparison, by the names that their files get; "summary" is the first."""
     makers = {
         "sampling": (_sampling, ("camera", "quantity", "value", "unit")),
         "psf": (_psf, ("camera", "axis", "position_m", "intensity_over_peak")),

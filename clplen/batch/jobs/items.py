@@ -21,23 +21,7 @@ _NAMES = "names"  # the one word of positions that is no file
 
 
 def tasks_of(job: JobSpec) -> list[Task]:
-    """What the job asks for, in the order of its tables.
-
-    Parameters
-    ----------
-    job : JobSpec
-
-    Returns
-    -------
-    list of Task
-        Each with a name of its own.
-
-    Raises
-    ------
-    FormatError
-        If a pattern names no file, two light fields would have one name, a file that a table
-        names is not there, or a sweep makes no camera.
-    """
+    """What the job asks for, in the order of its tables."""
     sources = list(_sources(job))
     _check_names(sources)
     work: dict[str, Any] = {

@@ -47,24 +47,6 @@ def simulations_of(table: SimulationTable, folder: Path) -> list[Source]:
 
     Nothing is simulated, but every rule that a camera, its sensor and its scene of points and
     pictures must obey is checked.
-
-    Parameters
-    ----------
-    table : SimulationTable
-    folder : pathlib.Path
-        Of the job file.
-
-    Returns
-    -------
-    list of Source
-        ``words`` hold the content of the camera file, and its folder as seen from the job's.
-
-    Raises
-    ------
-    FormatError
-        If there is no camera file, or a combination makes no camera; naming item and values.
-    DeviceError
-        If there is no OpenCL device.
     """
     path = folder / table.camera
     content, device = _content(path), _any_device()
@@ -83,26 +65,7 @@ def simulations_of(table: SimulationTable, folder: Path) -> list[Source]:
 
 
 def scenes_of(table: SceneTable, folder: Path) -> list[Source]:
-    """The items of sample scenes, one for each kind, seed and combination of what is swept.
-
-    Parameters
-    ----------
-    table : SceneTable
-    folder : pathlib.Path
-        Of the job file.
-
-    Returns
-    -------
-    list of Source
-
-    Raises
-    ------
-    FormatError
-        If there is no camera file, a combination makes no camera or no light field, or a camera or
-        a view would see a plane of a scene edge-on; naming item and values.
-    DeviceError
-        If there is a camera, but no OpenCL device.
-    """
+    """The items of sample scenes, one for each kind, seed and combination of what is swept."""
     path = folder / (table.camera or "")
     content = _own_content(table) if table.camera is None else _instrument_content(path)
     device = None if table.camera is None else _any_device()

@@ -36,12 +36,7 @@ class Setting(NamedTuple):
 
 
 def distinct(values: Any) -> Any:
-    """Refuse an empty sweep, and one that has a value twice.
-
-    Raises
-    ------
-    ValueError
-    """
+    """Refuse an empty sweep, and one that has a value twice."""
     if not isinstance(values, list) or not values:
         raise ValueError("must be a list of at least one value")
     for number, value in enumerate(values):
@@ -59,12 +54,7 @@ class SweepTable(Table):
 
 
 def swept_once(sweep: list[SweepTable]) -> list[SweepTable]:
-    """Refuse keys that set the same value, and names that two keys have.
-
-    Raises
-    ------
-    ValueError
-    """
+    """Refuse keys that set the same value, and names that two keys have."""
     for number, one in enumerate(sweep):
         for other in sweep[:number]:
             pairs = zip(one.key.split("."), other.key.split("."), strict=False)
@@ -78,17 +68,7 @@ def swept_once(sweep: list[SweepTable]) -> list[SweepTable]:
 
 
 def combinations(sweep: Sequence[SweepTable]) -> list[list[Setting]]:
-    """Every combination of the values of some keys, the last key fastest.
-
-    Parameters
-    ----------
-    sweep : sequence of SweepTable
-
-    Returns
-    -------
-    list of list of Setting
-        Without a key one empty combination.
-    """
+    """Every combination of the values of some keys, the last key fastest."""
     columns = [
         [
             Setting(one.key, value, f"{name}={text}")
@@ -109,21 +89,6 @@ def with_values(content: dict[str, Any], settings: Iterable[Setting]) -> dict[st
 
     The last word of a key may be new to its table: whether it is known there is found when the
     content is read.
-
-    Parameters
-    ----------
-    content : dict
-        Tables and lists of them.
-    settings : iterable of Setting
-
-    Returns
-    -------
-    dict
-
-    Raises
-    ------
-    ValueError
-        If a key leads nowhere; naming the nearest that does.
     """
     changed = copy.deepcopy(content)
     for setting in settings:

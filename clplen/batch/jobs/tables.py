@@ -18,13 +18,7 @@ _MOST_PLANES = 100_000
 
 
 def planes_of(value: Any) -> list[float]:
-    """Planes as a list, or as START:STOP:N, both ends included.
-
-    Raises
-    ------
-    ValueError
-        If it is neither.
-    """
+    """Planes as a list, or as START:STOP:N, both ends included."""
     if isinstance(value, str):
         return _range(value)
     if not isinstance(value, list) or not value:

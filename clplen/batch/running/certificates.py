@@ -50,11 +50,6 @@ class Certificates:
         """New ones in memory, for all members alike.
 
         The authority's own key is not kept, so that it never signs another certificate.
-
-        Raises
-        ------
-        FormatError
-            If the package cryptography is not installed.
         """
         _require_cryptography()
         from cryptography.hazmat.primitives import serialization
@@ -71,14 +66,7 @@ class Certificates:
 
     @classmethod
     def read(cls, folder: PathLike) -> Certificates:
-        """Those of a folder: ``ca.pem``, ``certificate.pem`` and ``key.pem``.
-
-        Raises
-        ------
-        FormatError
-            If a file is missing, is not what its name says, is not valid now, or does not fit the
-            others; if the package cryptography is not installed.
-        """
+        """Those of a folder: ``ca.pem``, ``certificate.pem`` and ``key.pem``."""
         paths = [Path(folder, name).absolute() for name in FILES]
         for path in paths:
             if not path.is_file():
@@ -127,13 +115,7 @@ class Certificates:
                 ) from error
 
     def write(self, folder: PathLike) -> None:
-        """Write them to a new folder; only the owner may read the key.
-
-        Raises
-        ------
-        OSError
-            If the folder holds something already or cannot be written.
-        """
+        """Write them to a new folder; only the owner may read the key."""
         with filling(folder, durable=True) as new:
             new.chmod(stat.S_IRWXU)
             for name, text in zip(FILES, (self.authority, self.certificate, self.key), strict=True):

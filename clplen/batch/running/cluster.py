@@ -44,18 +44,7 @@ _LATE = (TimeoutError, asyncio.TimeoutError)  # two of them in Python 3.10
 
 
 class ClusterExecutor:
-    """Does tasks on the workers of a Dask client.
-
-    Parameters
-    ----------
-    client : distributed.Client
-    folder : pathlib.Path
-        Of the job's output.
-    memory : int or None
-        Bytes for each worker.
-    sharing : int
-        How many workers share a computer.
-    """
+    """Does tasks on the workers of a Dask client."""
 
     def __init__(self, client: Any, folder: Path, *, memory: int | None, sharing: int) -> None:
         self._client = client
@@ -166,29 +155,7 @@ def local_cluster(
     retries: int,
     network: Network | None = None,
 ) -> Iterator[ClusterExecutor]:
-    """Worker processes on this computer, one a device; the cores of a CPU are shared out.
-
-    Parameters
-    ----------
-    folder : pathlib.Path
-        Of the job's output.
-    workers : int
-    devices : list of str or None
-        Of the workers in turn; None: $CLPLEN_DEVICE, or what `Device.open` takes.
-    memory : int or None
-        Bytes for each worker.
-    retries : int
-        How many workers an item may lose.
-    network : Network, optional
-        Where they listen; default: only this user, on this computer, reaches them.
-
-    Raises
-    ------
-    FormatError
-        If the extra ``batch`` is not installed.
-    DeviceError
-        If they do not start, or one has no device.
-    """
+    """Worker processes on this computer, one a device; the cores of a CPU are shared out."""
     dask, distributed = require_dask()
     network = network or network_of()
     specification = {
@@ -255,24 +222,7 @@ def _options(number: int, workers: int, devices: list[str] | None) -> dict[str, 
 def existing_cluster(
     folder: Path, *, network: Network, memory: int | None
 ) -> Iterator[ClusterExecutor]:
-    """The workers of a Dask cluster that is there.
-
-    Parameters
-    ----------
-    folder : pathlib.Path
-        Of the job's output; all workers see it and the inputs under the same names.
-    network : Network
-        With the address of its scheduler.
-    memory : int or None
-        Bytes for each worker.
-
-    Raises
-    ------
-    ValueError
-        If its certificates are others.
-    DeviceError
-        If the scheduler does not answer, has no workers, or its workers cannot do the job.
-    """
+    """The workers of a Dask cluster that is there."""
     _, distributed = require_dask()
     check_certificates(network, _ANSWER)
     try:
@@ -285,18 +235,7 @@ def existing_cluster(
 
 
 def check_workers(client: Any, scheduler: str) -> int:
-    """Refuse workers that cannot do the job.
-
-    Returns
-    -------
-    int
-        How many are on one computer, at most.
-
-    Raises
-    ------
-    DeviceError
-        If there are none, or some have no device, no clplen or another version of it.
-    """
+    """Refuse workers that cannot do the job."""
     from clplen.batch.running.worker import describe_worker
 
     try:
@@ -325,15 +264,7 @@ def check_workers(client: Any, scheduler: str) -> int:
 
 
 def worker_command(network: Network, selector: str | None) -> tuple[list[str], dict[str, str]]:
-    """The command that starts a worker of clplen, and its environment.
-
-    Parameters
-    ----------
-    network : Network
-        With the address of its scheduler.
-    selector : str or None
-        As for `Device.open`.
-    """
+    """The command that starts a worker of clplen, and its environment."""
     arguments = [sys.executable, "-m", "distributed.cli.dask_worker", str(network.scheduler)]
     arguments += ["--nthreads", str(PIPELINE_DEPTH), "--nworkers", "1", "--memory-limit", "0"]
     arguments += ["--preload", "clplen.batch.preload"]

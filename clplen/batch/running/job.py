@@ -162,29 +162,7 @@ def choose_executor(
     insecure: bool = False,
     running: Running | None = None,
 ) -> Callable[[Path], AbstractContextManager[Any]]:
-    """What `execute_job` takes, as a job says.
-
-    Parameters
-    ----------
-    job : JobSpec
-        Its ``workers``, ``device``, ``memory``, ``retries`` and ``certificates``.
-    scheduler : str, optional
-        Address of a Dask scheduler whose workers do it.
-    host, insecure
-        As for `network_of`.
-    running : callable, optional
-        As for `LocalExecutor`; other processes do not say how far they have come.
-
-    Returns
-    -------
-    callable
-        Output folder -> what does tasks, as a context.
-
-    Raises
-    ------
-    ValueError, FormatError, DeviceError
-        As `network_of`; if nothing is started here that could listen on ``host``.
-    """
+    """What `execute_job` takes, as a job says."""
     if host is not None and (scheduler is not None or job.workers == 1):
         raise ValueError(
             "--host (host=) is where a job's own workers listen, and this job starts none: give "

@@ -52,18 +52,6 @@ class Manifest:
     """States of items; each change is on the disk when its method returns.
 
     Written by one process at a time, which holds the job; others may read.
-
-    Parameters
-    ----------
-    folder : pathlib.Path
-        Of the job's output.
-    create : bool
-        Whether to make one where there is none.
-
-    Raises
-    ------
-    FormatError
-        If there is none, it is of a newer version, or no manifest.
     """
 
     def __init__(self, folder: Path, *, create: bool = False) -> None:
@@ -130,13 +118,7 @@ class Manifest:
             }
 
     def put(self, *reports: Report) -> None:
-        """Take in what became of items.
-
-        Raises
-        ------
-        OSError
-            If the disk is full, or refuses for another reason; nothing is lost but these.
-        """
+        """Take in what became of items."""
         rows = [
             (
                 _storable(one.name),
@@ -224,16 +206,7 @@ STATES = ("done", "failed", "changed", "damaged", "missing")
 
 
 def state_of(task: Task, known: Known | None, *, verify: bool = False) -> tuple[str, str]:
-    """One of `STATES`, and why.
-
-    Parameters
-    ----------
-    task : Task
-    known : Known or None
-        By the manifest.
-    verify : bool
-        Whether digests are compared, of outputs and of inputs.
-    """
+    """One of `STATES`, and why."""
     record = read_record(task)
     if record is None:
         if known is not None and known.state == "failed":

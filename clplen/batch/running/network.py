@@ -75,31 +75,7 @@ def network_of(
     certificates: PathLike | None = None,
     insecure: bool = False,
 ) -> Network:
-    """Addresses and certificates of a cluster; refuses what strangers could reach.
-
-    Parameters
-    ----------
-    scheduler : str, optional
-        Address of one that is there; default: it is started here.
-    host : str, optional
-        Address or name of this computer on which servers listen; default: 127.0.0.1.
-    certificates : path-like, optional
-        Folder of `make_certificates`. Default: those of Dask's own configuration for a scheduler at
-        ``tls://``, new ones in memory for workers that only this computer reaches.
-    insecure : bool
-        Whether anyone who reaches the addresses may run programs as this user.
-
-    Raises
-    ------
-    ValueError
-        If an address is reached from beyond this computer without certificates and not
-        ``insecure``; if ``host`` is no address of this computer; if the arguments exclude each
-        other.
-    FormatError
-        If the certificates cannot be used, or the extra ``batch`` is not installed.
-    DeviceError
-        If the address of the scheduler is none.
-    """
+    """Addresses and certificates of a cluster; refuses what strangers could reach."""
     if insecure and certificates is not None:
         raise ValueError(
             "Certificates and --insecure (insecure=True) exclude each other: leave one out."
@@ -164,13 +140,7 @@ def _refuse_beyond(addresses: list[str]) -> None:
 
 
 def check_reachable(network: Network) -> None:
-    """Refuse a worker that its scheduler cannot reach.
-
-    Raises
-    ------
-    ValueError
-        If the scheduler is on another computer and the worker listens on the loopback interface.
-    """
+    """Refuse a worker that its scheduler cannot reach."""
     address = _address_of(network.scheduler or "")[1]
     if network.is_private and not _is_own(address):
         raise ValueError(
@@ -184,20 +154,6 @@ def check_certificates(network: Network, seconds: float = 20.0) -> None:
 
     Dask's own client waits without end for what takes connections and is no scheduler of Dask,
     which greets whoever connects.
-
-    Parameters
-    ----------
-    network : Network
-        With the address of its scheduler.
-    seconds : float
-        For which a scheduler that is being started is waited for.
-
-    Raises
-    ------
-    ValueError
-        If the certificates do not fit.
-    DeviceError
-        If no scheduler answers.
     """
     place = _address_of(network.scheduler or "")[1:]
     context = network.security.get_connection_args("client").get("ssl_context")
@@ -314,13 +270,7 @@ def _in_brackets(address: str) -> str:
 
 
 def require_dask() -> tuple[Any, Any]:
-    """The packages dask and distributed.
-
-    Raises
-    ------
-    FormatError
-        If they are not installed.
-    """
+    """The packages dask and distributed."""
     try:
         import dask
         import distributed

@@ -132,14 +132,7 @@ class Plan:
 
 
 def plan_tasks(tasks: list[Task], known: dict[str, Known] | None = None) -> Plan:
-    """Which tasks are to be done: those without a record beside whole results that fits them.
-
-    Parameters
-    ----------
-    tasks : list of Task
-    known : dict, optional
-        Of the manifest; without it ``found`` stays empty.
-    """
+    """Which tasks are to be done: those without a record beside whole results that fits them."""
     plan = Plan([], [], [])
     for task in tasks:
         record = read_record(task)
@@ -314,13 +307,7 @@ def _with_retries(works: Executor, tasks: list[Task], retries: int) -> Iterator[
 
 
 def check_same(known: dict[str, Any] | None, job: JobSpec, *, force: bool, where: Path) -> None:
-    """Refuse a job that makes something else than the one that ran before, unless forced.
-
-    Raises
-    ------
-    FormatError
-        Naming what differs.
-    """
+    """Refuse a job that makes something else than the one that ran before, unless forced."""
     now = json.loads(json.dumps(job.contents()))
     if known is None or force or known == now:
         return

@@ -30,28 +30,7 @@ def describe_worker() -> dict[str, str]:
 
 
 def execute_on_worker(words: dict[str, Any], how: dict[str, Any], version: str) -> dict[str, Any]:
-    """Do one item on this worker.
-
-    Parameters
-    ----------
-    words : dict
-        Of a `Task`.
-    how : dict
-        ``folder``, ``memory``, ``sharing``, the number of workers of a computer, and ``run``, a
-        word of its own for each run of a job.
-    version : str
-        Of clplen where the job runs.
-
-    Returns
-    -------
-    dict
-        Of a `Report`.
-
-    Raises
-    ------
-    DeviceError
-        If this worker has another version.
-    """
+    """Do one item on this worker."""
     if version != __version__:
         raise DeviceError(f"it has clplen {__version__}, the job {version}")
     from distributed import get_worker
@@ -94,14 +73,7 @@ def usable_cores() -> list[int]:
 
 
 def share_cores(worker: int, workers: int) -> list[int]:
-    """The cores of one of several workers; beyond one a core they share them.
-
-    Parameters
-    ----------
-    worker : int
-        From 0.
-    workers : int
-    """
+    """The cores of one of several workers; beyond one a core they share them."""
     cores = usable_cores()
     if workers >= len(cores):
         return [cores[worker % len(cores)]]

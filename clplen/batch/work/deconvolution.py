@@ -385,14 +385,7 @@ def _under_the_middle(images: FourierPointImages) -> dict[str, tuple[float, floa
 
 
 def lowest(frames: Iterable[Prepared], window: int) -> Iterator[tuple[Prepared, Values]]:
-    """Frames with the minimum of each pixel over the frames about them; see `rolling_minimum`.
-
-    Parameters
-    ----------
-    frames : iterable of Prepared
-    window : int
-        Frames over which it is taken.
-    """
+    """Frames with the minimum of each pixel over the frames about them; see `rolling_minimum`."""
     held: deque[Prepared] = deque()
 
     def counts() -> Iterator[Values]:

@@ -58,20 +58,7 @@ def write_result(
     more: dict[str, Any],
     replace: bool = False,
 ) -> None:
-    """Write a volume with what is known of it.
-
-    Parameters
-    ----------
-    path : path-like
-        As of `write_volume`.
-    found : DeconvolutionResult
-        Of one frame.
-    images : PointImages or FourierPointImages
-    more : dict
-        What else its description says.
-    replace : bool
-        As of `write_volume`.
-    """
+    """Write a volume with what is known of it."""
     write_volume(
         path,
         found.volume,

@@ -22,21 +22,7 @@ UNEVEN = 2  # times the unevenness of the frame: a white frame that is more so i
 def diagnose_series(
     images: PointImages, prepare: Preparation, pupil: PupilCheck | None, is_corrected: bool
 ) -> list[str]:
-    """How the white frame, or the lattice, fits the point images.
-
-    Parameters
-    ----------
-    images : PointImages
-    prepare : Preparation
-    pupil : PupilCheck or None
-        Of both.
-    is_corrected : bool
-        Whether the sensitivity holds what the model lacks.
-
-    Returns
-    -------
-    list of str
-    """
+    """How the white frame, or the lattice, fits the point images."""
     said = []
     nominal = images.notes.get("sensor_pixels")
     if prepare.lattice is not None and nominal:
@@ -56,19 +42,7 @@ def diagnose_series(
 
 
 def diagnose_frame(prepare: Preparation, frame: Prepared, background: float) -> list[str]:
-    """What a frame looks like beside the white and the dark frame.
-
-    Parameters
-    ----------
-    prepare : Preparation
-    frame : Prepared
-    background : float
-        Counts of a pixel of the camera.
-
-    Returns
-    -------
-    list of str
-    """
+    """What a frame looks like beside the white and the dark frame."""
     said = _pixels(frame, prepare.noise)
     lit = frame.counts[frame.white > 0]
     mean = float(lit.mean(dtype=np.float64)) / prepare.area if lit.size else 0.0
@@ -139,30 +113,7 @@ def diagnose_volume(
     pupil: float = 0.0,
     placed: bool = True,
 ) -> list[str]:
-    """How well a volume explains its frame.
-
-    Parameters
-    ----------
-    residuals : numpy.ndarray
-        Of `DeconvolutionResult`, of one frame.
-    frame : Prepared
-    background : numpy.ndarray
-        Counts of each rectified pixel that come from nowhere in the volume.
-    level : numpy.ndarray or None
-        The white frame, rectified; the mean sub-image of the frame stands in for it.
-    pixels : int
-        n, of a lenslet along an axis.
-    variance : float
-        Of a count over its mean.
-    pupil : float
-        What a pupil that does not fit may leave, which was said already.
-    placed : bool
-        Whether a lattice told where lenslets are.
-
-    Returns
-    -------
-    list of str
-    """
+    """How well a volume explains its frame."""
     last, counts, n = float(residuals[-1]), frame.counts, pixels
     if last > 1:
         return [

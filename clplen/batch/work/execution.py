@@ -38,23 +38,6 @@ def execute_task(task: Task, resources: Resources, *, advance: Advance | None = 
 
     Another process that works on it is waited for, and what it did is taken over, as is what a
     worker did that was lost before it could say so.
-
-    Parameters
-    ----------
-    task : Task
-    resources : Resources
-    advance : callable, optional
-        (done, all) of the parts of a light field that is streamed, or of a simulation.
-
-    Returns
-    -------
-    Report
-        "done", or "failed" with one sentence.
-
-    Raises
-    ------
-    StoppedError
-        If the job was told to stop; nothing half-written is left.
     """
     started, began = time.time(), time.perf_counter()
     seconds: dict[str, float] = {}

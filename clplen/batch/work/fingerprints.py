@@ -12,13 +12,7 @@ Fingerprint = tuple[int, int]  # bytes, time of change in nanoseconds
 
 
 def fingerprint(path: Path) -> Fingerprint:
-    """Size and latest change; of a folder, of all files in it.
-
-    Raises
-    ------
-    OSError
-        If it is not there.
-    """
+    """Size and latest change; of a folder, of all files in it."""
     if not path.is_dir():
         found = path.stat()
         return found.st_size, found.st_mtime_ns
@@ -35,16 +29,7 @@ def fingerprints(base: str, files: Iterable[str]) -> dict[str, Fingerprint]:
 
 
 def is_unchanged(base: str, files: Iterable[str], known: dict[str, dict[str, Any]]) -> bool:
-    """Whether files are those that were read: by size and time of change, else by digest.
-
-    Parameters
-    ----------
-    base : str
-        From where the names are seen.
-    files : iterable of str
-    known : dict
-        As in `Report`.
-    """
+    """Whether files are those that were read: by size and time of change, else by digest."""
     names = tuple(files)
     if set(names) != set(known):
         return False
@@ -63,16 +48,7 @@ def is_unchanged(base: str, files: Iterable[str], known: dict[str, dict[str, Any
 
 
 def find_damage(folder: Path, outputs: dict[str, dict[str, Any]], *, thorough: bool = False) -> str:
-    """What is wrong with written files, in words; empty if nothing is.
-
-    Parameters
-    ----------
-    folder : pathlib.Path
-    outputs : dict
-        As in `Report`.
-    thorough : bool
-        Whether to compare digests too.
-    """
+    """What is wrong with written files, in words; empty if nothing is."""
     for name, known in outputs.items():
         path, size = folder / name, known["bytes"]
         try:

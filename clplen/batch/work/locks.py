@@ -18,15 +18,7 @@ _POLL = 0.1  # seconds
 
 @contextmanager
 def job_lock(folder: Path) -> Iterator[None]:
-    """Hold the output folder for one process that shares out its items.
-
-    Raises
-    ------
-    BlockingIOError
-        If another process holds it.
-    OSError
-        If the folder takes no files, or its file system has no locks.
-    """
+    """Hold the output folder for one process that shares out its items."""
     lock = _lock(folder, "job.lock")
     holder = folder / HIDDEN / "job.holder"  # an attempt to lock may empty the lock's own file
     if not _acquire(lock, folder):
@@ -48,22 +40,7 @@ def job_lock(folder: Path) -> Iterator[None]:
 def item_lock(
     folder: Path, name: str, *, check: Callable[[], None] = lambda: None
 ) -> Iterator[None]:
-    """Hold one item of a folder; wait while another process or thread holds it.
-
-    Parameters
-    ----------
-    folder : pathlib.Path
-        Of the job's output.
-    name : str
-        Of the item. Items share 65,536 lock files, by the digests of their names.
-    check : callable
-        Called while the lock is waited for; what it raises ends the wait.
-
-    Raises
-    ------
-    OSError
-        As `job_lock`.
-    """
+    """Hold one item of a folder; wait while another process or thread holds it."""
     file = f"items/{hashlib.sha256(os.fsencode(name)).hexdigest()[:4]}.lock"
     while not _acquire(lock := _lock(folder, file), folder):
         check()

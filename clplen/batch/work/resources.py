@@ -22,13 +22,6 @@ class StoppedError(Exception):
 class Resources:
     """What the items of one process share; several are under way, one in each stage.
 
-    Parameters
-    ----------
-    selector : str or None
-        As for `Device.open`.
-    memory : int or None
-        Bytes that all items together may take; None: half of what is free and of the device's.
-
     Attributes
     ----------
     device : Device
@@ -52,13 +45,7 @@ class Resources:
 
     @contextmanager
     def stage(self, name: str, seconds: dict[str, float]) -> Iterator[None]:
-        """One of `STAGES`, for one item at a time; its time is added to ``seconds``.
-
-        Raises
-        ------
-        StoppedError
-            If the job was told to stop.
-        """
+        """One of `STAGES`, for one item at a time; its time is added to ``seconds``."""
         asked = time.perf_counter()
         with self._gates[name]:
             self.check()
@@ -80,13 +67,7 @@ class Resources:
 
 
 class MemoryBudget:
-    """Memory that items take and give back; who comes first is served first.
-
-    Parameters
-    ----------
-    total : int
-        Bytes.
-    """
+    """Memory that items take and give back; who comes first is served first."""
 
     def __init__(self, total: int) -> None:
         self._total = self._free = total

@@ -42,22 +42,7 @@ def is_focused(raw: Any) -> bool:
 def focused_products(
     raw: RawImage, work: dict[str, Any], suffixes: dict[str, str]
 ) -> Iterator[Written]:
-    """Names and writers: raw.h5 always, stack, depth and all_in_focus where they are asked for.
-
-    Parameters
-    ----------
-    raw : RawImage
-        Of a `Plenoptic2`.
-    work : dict
-        The job's tables; [stack] needs ``alphas``, the planes F/F'.
-    suffixes : dict
-        Of the formats.
-
-    Raises
-    ------
-    ValueError
-        For a table that makes no sense here, or depth that cannot be told.
-    """
+    """Names and writers: raw.h5 always, stack, depth and all_in_focus where they are asked for."""
     for name, why in _NONE.items():
         if name in work:
             raise ValueError(f"A focused camera {why}.")
@@ -126,29 +111,7 @@ def simulate(
     base: PathLike = ".",
     progress: Progress | None = None,
 ) -> Simulated:
-    """Simulate an item; the same words give the same bits on the same device.
-
-    Parameters
-    ----------
-    words : dict
-        Of its `Source`.
-    device : Device
-    base : path-like
-        Folder of the job file, from where the folder of a camera file is seen.
-    progress : callable, optional
-        Called as ``progress(done, total)``; see `Plenoptic.expose`.
-
-    Returns
-    -------
-    Simulated
-
-    Raises
-    ------
-    FormatError
-        If the words make no camera, or a picture cannot be read.
-    ValueError, SamplingError, DeviceError
-        As `Plenoptic.expose` and `SurfaceScene.light_field`.
-    """
+    """Simulate an item; the same words give the same bits on the same device."""
     if words["kind"] == "camera":
         return _by_waves(words, Path(base, words["folder"]), device, progress)
     if "content" in words:

@@ -31,26 +31,7 @@ def volume_products(
     suffixes: dict[str, str],
     advance: Advance,
 ) -> Iterator[Written]:
-    """Names and writers of the volume of a frame.
-
-    Parameters
-    ----------
-    task : Task
-        Its work has [deconvolve].
-    raw : RawImage or None
-        The frame, if it was simulated.
-    resources : Resources
-        Keeps what the next frame needs too.
-    suffixes : dict
-        Of the formats.
-    advance : callable
-        (done, all) of the iterations.
-
-    Raises
-    ------
-    ValueError
-        If what was simulated is no frame of a microscope.
-    """
+    """Names and writers of the volume of a frame."""
     layout = layout_in(task.source.get("layout", {}), task.base)
     table = dict(task.work["deconvolve"])
     path = Path(task.base, task.source["path"]) if task.source["kind"] == "file" else None

@@ -28,22 +28,7 @@ LEAST = 4  # samples a pixel
 
 
 def point_images(optics: WaveOptics, dz: float, wavenumbers: Values) -> Values:
-    """Energy on a row of pixels from a point, by wavelength.
-
-    Parameters
-    ----------
-    optics : WaveOptics
-    dz : float
-        Of the point in metres from the focused plane.
-    wavenumbers : numpy.ndarray
-        1/lam in 1/m, shape (n,).
-
-    Returns
-    -------
-    numpy.ndarray
-        Shape (n, pixels): of all places between lenslets and kinds of lenslets side by side, in a
-        unit that does not depend on the wavelength.
-    """
+    """Energy on a row of pixels from a point, by wavelength."""
     from scipy import fft  # a slow import
 
     beta = float(optics.array_alpha(dz))

@@ -62,13 +62,7 @@ class ExposureJacobian(OneLine):
 
 
 def check_groups(by: Any) -> tuple[Any, ...]:
-    """Names of groups of derivatives, checked.
-
-    Raises
-    ------
-    ValueError
-        If there is another name, or none.
-    """
+    """Names of groups of derivatives, checked."""
     names = (by,) if isinstance(by, str) else tuple(by)
     wrong = [name for name in names if name not in GROUPS]
     if wrong or not names:
@@ -82,24 +76,7 @@ def check_groups(by: Any) -> tuple[Any, ...]:
 def exposure_jacobian(
     images: SceneImages, signals: PixelSignals, energies: Sequence[Values], by: Sequence[Any]
 ) -> ExposureJacobian:
-    """The Jacobian of all points of a scene.
-
-    Parameters
-    ----------
-    images : SceneImages
-    signals : PixelSignals
-    energies : sequence of numpy.ndarray
-        Of the points of each part, (n, channels).
-    by : sequence of str
-        As `check_groups` returns them.
-
-    Raises
-    ------
-    ValueError
-        If aberrations have no derivative in closed form, or lenslets are no thin lenses.
-    MemoryError
-        If the derivatives do not fit the host.
-    """
+    """The Jacobian of all points of a scene."""
     _check_memory(images, signals.shape, by)
     shape, parts = signals.shape, images.parts
     image, shared = np.zeros(shape), dict[str, Values]()

@@ -108,25 +108,7 @@ def raw_patterns(
     batch: int,
     progress: Progress | None,
 ) -> tuple[cla.Array, cla.Array]:
-    """The raw image of a picture, and that of a second picture beside it.
-
-    Parameters
-    ----------
-    optics : WaveOptics
-    plane : PicturePlane
-    plan : Layout
-    probes : numpy.ndarray
-        Samples of the second picture, shape (ny, nx), 0 where ``plane`` is.
-    batch : int
-        Fields that travel through the camera together.
-    progress : callable or None
-        Called as ``progress(done, total)`` with patterns.
-
-    Returns
-    -------
-    tuple of pyopencl.array.Array
-        Both real, shape of the camera's grid.
-    """
+    """The raw image of a picture, and that of a second picture beside it."""
     device = optics.device
     unit = plane.image.max()
     level = np.linalg.norm(plane.image / unit) / np.linalg.norm(probes)

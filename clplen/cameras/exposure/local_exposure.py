@@ -37,18 +37,7 @@ FINER_INTENSITY = 2  # samples of the intensity a sample of the field
 
 
 def check_windows(optics: WaveOptics, points: PointSources) -> None:
-    """Refuse points whose windows do not fit the device.
-
-    Parameters
-    ----------
-    optics : WaveOptics
-    points : PointSources
-
-    Raises
-    ------
-    DeviceError
-        Of the widest, with what it needs and what would do.
-    """
+    """Refuse points whose windows do not fit the device."""
     device, positions = optics.device, points.positions
     beta = np.atleast_1d(optics.array_alpha(positions[:, 2]))
     reach = np.abs(optics.on_array(positions)).max(axis=1) / optics.array_distance
@@ -77,29 +66,7 @@ def add_local(
     progress: Progress | None,
     energies: Any = None,
 ) -> Exposure:
-    """Add the energy of points to an image of the sensor, each in a window of its own.
-
-    Parameters
-    ----------
-    optics : WaveOptics
-        Without ``pixels`` the windows have the sensor's samples.
-    points : PointSources
-    total : pyopencl.array.Array
-        Real, shape of the sensor; changed.
-    progress : callable or None
-        Called as ``progress(done, total)`` after each batch.
-    energies : numpy.ndarray, optional
-        In place of the points' power: shape (n,), or (n, ty, tx) for pixels of a tile.
-
-    Returns
-    -------
-    Exposure
-
-    Raises
-    ------
-    DeviceError
-        If the windows do not fit the device.
-    """
+    """Add the energy of points to an image of the sensor, each in a window of its own."""
     energies = points.power if energies is None else energies
     done, transforms = 0, []
     for same, windows, region in window_batches(optics, points):
@@ -115,13 +82,7 @@ def add_local(
 def window_batches(
     optics: WaveOptics, points: PointSources
 ) -> Iterator[tuple[list[int], LocalWindows, Region | None]]:
-    """Windows of points in batches that travel together: indices, windows, and the array there.
-
-    Raises
-    ------
-    DeviceError
-        If the windows do not fit the device.
-    """
+    """Windows of points in batches that travel together: indices, windows, and the array there."""
     shapes = [_shape(optics, position, points.diameter) for position in points.positions]
     together = list(batches(shapes, optics.device))
     region: Region | None = None
@@ -161,13 +122,7 @@ def _region(
 
 
 def batches(shapes: Sequence[WindowShape], device: Device) -> Iterator[list[int]]:
-    """Indices of windows of one shape that travel together, all of them once.
-
-    Raises
-    ------
-    DeviceError
-        If one does not fit the device.
-    """
+    """Indices of windows of one shape that travel together, all of them once."""
     ranked = sorted(range(len(shapes)), key=lambda n: shapes[n].sizes)
     for _, run in groupby(ranked, key=lambda n: shapes[n].sizes):
         same = list(run)
@@ -190,39 +145,14 @@ def local_transforms(optics: WaveOptics, points: PointSources, count: int) -> Tr
 
 
 def add_integrated(total: cla.Array, fields: Field, weights: Any, active: float) -> None:
-    """Add intensities on the sensor's samples, integrated over the pixels about them.
-
-    Parameters
-    ----------
-    total : pyopencl.array.Array
-        Real, shape (ny, nx); changed.
-    fields : Field
-        Shape (n, ny, nx).
-    weights : array_like
-        Shape (n,), or (n, ty, tx) for pixels of a tile.
-    active : float
-        Side of the active square over the pitch; 0 takes the intensity in its middle.
-    """
+    """Add intensities on the sensor's samples, integrated over the pixels about them."""
     fine, sums, scale = pixel_samples(fields, active)
     for number, weight in enumerate(np.atleast_1d(weights)):
         sums.put(total, fine, number, scale * weight, fields.device)
 
 
 def pixel_samples(fields: Field, active: float) -> tuple[cla.Array, PixelSums, float]:
-    """Fields sampled so finely that pixels integrate their intensity.
-
-    Parameters
-    ----------
-    fields : Field
-        Shape (n, ny, nx), on the sensor's samples.
-    active : float
-        Side of the active square over the pitch; 0 takes the intensity in its middle.
-
-    Returns
-    -------
-    pyopencl.array.Array, PixelSums, float
-        Samples of the fields, the sums over them, and the factor to the unit of ``fields``.
-    """
+    """Fields sampled so finely that pixels integrate their intensity."""
     device = fields.device
     sums, _ = sample_sums(active, fields.grid.shape)
     if active == 0:
@@ -234,14 +164,7 @@ def pixel_samples(fields: Field, active: float) -> tuple[cla.Array, PixelSums, f
 
 
 def sample_sums(active: float, shape: tuple[int, int]) -> tuple[PixelSums, tuple[int, int]]:
-    """The sums over the samples of `pixel_samples`, and the shape of these.
-
-    Parameters
-    ----------
-    active : float
-    shape : tuple of int
-        (ny, nx) of the sensor.
-    """
+    """The sums over the samples of `pixel_samples`, and the shape of these."""
     if active == 0:
         return PixelSums((0, 0), 1, 0.0, (0, 0), shape), shape
     room, (ny, nx) = _surround(active, shape)
@@ -253,22 +176,7 @@ def sample_sums(active: float, shape: tuple[int, int]) -> tuple[PixelSums, tuple
 def transposed_samples(
     fine: cla.Array, active: float, shape: tuple[int, int], device: Device
 ) -> cla.Array:
-    """The transpose of the fine samples of `pixel_samples` as a map of the fields.
-
-    Parameters
-    ----------
-    fine : pyopencl.array.Array
-        Complex, of the shape of those samples; changed.
-    active : float
-    shape : tuple of int
-        (ny, nx) of the sensor.
-    device : Device
-
-    Returns
-    -------
-    pyopencl.array.Array
-        Complex, shape (n, ny, nx).
-    """
+    """The transpose of the fine samples of `pixel_samples` as a map of the fields."""
     if active == 0:
         return fine
     room, wide = _surround(active, shape)
@@ -298,18 +206,7 @@ def _shape(optics: WaveOptics, position: Any, diameter: float) -> WindowShape:
 def add_windows(
     windows: Windows, power: Any, total: cla.Array, region: Region | None = None
 ) -> None:
-    """Add the energy of points in their windows to an image of the sensor.
-
-    Parameters
-    ----------
-    windows : Windows
-    power : numpy.ndarray
-        Of each point, shape (n,), or (n, ty, tx) for pixels of a tile.
-    total : pyopencl.array.Array
-        Real, shape of the sensor; changed.
-    region : Region, optional
-        Of the array, which holds the windows.
-    """
+    """Add the energy of points in their windows to an image of the sensor."""
     fields, sums = window_samples(windows, region)
     for number, (pixels, gain) in enumerate(sums):
         pixels.put(total, fields, number, gain * power[number], windows.optics.device)
@@ -318,20 +215,7 @@ def add_windows(
 def window_samples(
     windows: Windows, region: Region | None = None
 ) -> tuple[cla.Array, list[tuple[PixelSums, float]]]:
-    """Fields of windows on the sensor, and the pixels that they fill.
-
-    Parameters
-    ----------
-    windows : Windows
-    region : Region, optional
-        Of the array, which holds the windows.
-
-    Returns
-    -------
-    pyopencl.array.Array, list of (PixelSums, float)
-        Complex, shape (n, samples, samples); for each the sums over pixels and the factor to a
-        point's energy 1.
-    """
+    """Fields of windows on the sensor, and the pixels that they fill."""
     optics, device = windows.optics, windows.optics.device
     active = 0.0 if optics.pixels is None else optics.pixels.active
     fields = windows.array_fields()

@@ -76,12 +76,7 @@ class PointGradients:
 
 
 def check_differentiable(optics: WaveOptics) -> None:
-    """Refuse cameras whose field of a point has no derivative in closed form.
-
-    Raises
-    ------
-    ValueError
-    """
+    """Refuse cameras whose field of a point has no derivative in closed form."""
     if optics.aberrations.varies and optics.aberrations.main_lens_opd is not None:
         raise ValueError(
             "Gradients by places know no OPD maps that change over the field: give a camera whose "
@@ -96,28 +91,7 @@ def point_gradients(
     pictures: Values,
     fields_of: Iterable[PointFields] | None = None,
 ) -> PointGradients:
-    """Derivatives of a loss by the energies and the places of points.
-
-    Parameters
-    ----------
-    optics : WaveOptics
-    points : PointSources
-    energies : numpy.ndarray
-        Of each point behind each filter, shape (filters, n).
-    pictures : numpy.ndarray
-        dL/dI of the pixels behind each filter, 0 elsewhere, shape (filters, ny, nx).
-    fields_of : iterable of PointFields, optional
-        Fields of all points that were computed already.
-
-    Returns
-    -------
-    PointGradients
-
-    Raises
-    ------
-    ValueError
-        If the aberrations have no derivative in closed form.
-    """
+    """Derivatives of a loss by the energies and the places of points."""
     check_differentiable(optics)
     counts = _on_samples(optics, pictures)
     by_energy = np.zeros(energies.shape)
@@ -142,12 +116,6 @@ def array_fields(
     """Fields right before the lenslets, and the gradients of a loss by those right behind them.
 
     Parameters are those of `point_gradients`.
-
-    Yields
-    ------
-    tuple of Field
-        Shape (n, ny, nx) both: u of some of the points, and dL/dRe u + i dL/dIm u behind ideal
-        lenslets.
     """
     to_sensor = optics.padding(points.positions)[1]
     counts = _on_samples(optics, pictures)
@@ -204,18 +172,7 @@ def _behind_array(
 def put_cotangents(
     h: cla.Array, fields: cla.Array, pictures: cla.Array, weights: Values, device: Device
 ) -> None:
-    """h[n] = 2 conj(fields[n]) sum_f weights[f, n] pictures[f].
-
-    Parameters
-    ----------
-    h, fields : pyopencl.array.Array
-        Complex, shape (n, ny, nx).
-    pictures : pyopencl.array.Array
-        Real, shape (filters, ny, nx).
-    weights : numpy.ndarray
-        Shape (filters, n).
-    device : Device
-    """
+    """h[n] = 2 conj(fields[n]) sum_f weights[f, n] pictures[f]."""
     device.launch_rows(
         device.kernel("source_images.cl", "cotangent", **device.wave_defines()),
         h.shape, h, fields, pictures, device.upload(np.ascontiguousarray(weights, device.real)),
@@ -259,27 +216,7 @@ def _by_place(
 def point_rows(
     optics: WaveOptics, e0: Field, h: cla.Array, places: Values, diameter: float, lost: Values
 ) -> Values:
-    """Derivatives of Re sum h e by places of points, of h behind the main lens.
-
-    Parameters
-    ----------
-    optics : WaveOptics
-    e0 : Field
-        Of the points without their size, without wavefront, shape (n, ny, nx).
-    h : pyopencl.array.Array
-        Complex, same shape.
-    places : numpy.ndarray
-        (x, y, dz) in metres, shape (n, 3).
-    diameter : float
-        Of each point, in metres.
-    lost : numpy.ndarray
-        By how much the loss falls where the energy of e grows, shape (n,).
-
-    Returns
-    -------
-    numpy.ndarray
-        By x, y, dz, and by the image (y, x) that a wavefront depends on, float64, shape (n, 5).
-    """
+    """Derivatives of Re sum h e by places of points, of h behind the main lens."""
     device, grid = optics.device, e0.grid
     real, (count, ny, nx) = device.real, e0.shape
     z = optics.object_distance + places[:, 2]

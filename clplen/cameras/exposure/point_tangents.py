@@ -53,19 +53,7 @@ class PointTangents:
 def point_tangents(
     optics: WaveOptics, points: PointSources, by: Sequence[Group]
 ) -> Iterator[PointTangents]:
-    """Images of points with their derivatives, some points at a time.
-
-    Parameters
-    ----------
-    optics : WaveOptics
-    points : PointSources
-    by : sequence of {"values", "positions", "lenslets", "sensor"}
-
-    Raises
-    ------
-    ValueError
-        If aberrations have no derivative in closed form, or lenslets are no thin lenses.
-    """
+    """Images of points with their derivatives, some points at a time."""
     check_differentiable(optics)
     pads = optics.padding(points.positions)
     for fields in point_fields(optics, points, share=SHARE):
@@ -151,21 +139,6 @@ def place_factors(
     e = e0 D exp(i phase of the main lens), D(v) = 2 J1(v)/v, v = pi d rho/(lam z); with r^2 =
     rho^2 + z^2 see kernels/source_images.cl. Where the wavefront of the main lens changes over the
     field, so does its phase with the place of the image.
-
-    Parameters
-    ----------
-    optics : WaveOptics
-    e0 : Field
-        Of points without size, without wavefront, shape (n, ny, nx).
-    places : numpy.ndarray
-        (x, y, dz) in metres, shape (n, 3).
-    diameter : float
-        Of each point, in metres.
-
-    Yields
-    ------
-    tuple of numpy.ndarray
-        complex128 and float64, shape (n, ny, nx) both.
     """
     z = (optics.object_distance + places[:, 2])[:, None, None]
     down = (e0.grid.y - places[:, 1:2])[:, :, None]

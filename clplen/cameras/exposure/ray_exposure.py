@@ -38,29 +38,6 @@ def expose_rays(optics: RayOptics, scene: SurfaceScene | Sequence[Source]) -> Ra
     No diffraction, no wavelength. Of aberrations the slopes of the wavefronts: the main lens' moves
     x by z2 dW/du, a lenslet's moves the place on the sensor by z3 dW/dx; a `SurfaceScene` takes a
     moved sensor only.
-
-    Parameters
-    ----------
-    optics : RayOptics
-    scene : SurfaceScene or sequence of PointSources and PicturePlane
-        Of a `SurfaceScene`, Y and X count rows and columns of lenslets from the middle of the
-        array and d is the disparity of the light field that the raw image decodes to; its
-        brightness 1, seen through the whole lenslet and within the main lens, is 1 in the raw
-        image. Points and pictures have the energies of `Plenoptic.expose`.
-
-    Returns
-    -------
-    RawImage
-        Without its camera; with ``truth`` for a `SurfaceScene`: on the lattice of the light field,
-        z in metres.
-
-    Raises
-    ------
-    ValueError
-        If a source is a slide, lies behind the lens, or is a plane seen edge-on, or a
-        `SurfaceScene` is seen through lenses with wavefronts of their own.
-    SamplingError
-        If a point is imaged beyond the array.
     """
     if isinstance(scene, SurfaceScene):
         return _surfaces(optics, scene)
@@ -130,15 +107,7 @@ class Rays:
 
 
 def point_rays(optics: RayOptics, source: PointSources, count: int) -> Iterator[Rays]:
-    """The rays of points in batches.
-
-    Parameters
-    ----------
-    optics : RayOptics
-    source : PointSources
-    count : int
-        Rays of each.
-    """
+    """The rays of points in batches."""
     spread = well_spread(count, 4)
     turns = well_spread(len(source), 4)
     places = optics.on_array(source.positions)[:, ::-1]  # (y, x)

@@ -115,14 +115,7 @@ class ScenePart:
 
 
 class SceneImages:
-    """Images of all points of a scene at all wavelengths, which are kept where they fit.
-
-    Parameters
-    ----------
-    parts : tuple of ScenePart
-    memory : int
-        Bytes of images that may be kept; where they take more, they are made anew each time.
-    """
+    """Images of all points of a scene at all wavelengths, which are kept where they fit."""
 
     def __init__(self, parts: tuple[ScenePart, ...], memory: int) -> None:
         self.parts, self.memory = parts, memory
@@ -168,13 +161,7 @@ class SceneImages:
 def wave_parts(
     optics: WaveOptics, sources: Sequence[Source], coherence: Coherence | None, method: Method
 ) -> list[ScenePart]:
-    """Points and self-luminous pictures exposed by waves.
-
-    Raises
-    ------
-    SamplingError, ValueError, DeviceError
-        As `Plenoptic.expose`.
-    """
+    """Points and self-luminous pictures exposed by waves."""
     if method not in ("auto", "points", "local"):
         raise ValueError(
             f"The method of a linear map is 'auto', 'points' or 'local', not {method!r}: patterns "
@@ -197,13 +184,7 @@ def wave_parts(
 def ray_parts(
     optics: WaveOptics, sources: Sequence[Source], coherence: Coherence | None, method: Method
 ) -> list[ScenePart]:
-    """Points and self-luminous pictures exposed by rays.
-
-    Raises
-    ------
-    SamplingError, ValueError
-        As `Plenoptic.expose`.
-    """
+    """Points and self-luminous pictures exposed by rays."""
     _refuse_slides(sources)
     if filters_of(optics) is not None:
         raise ValueError(
@@ -229,15 +210,7 @@ def ray_parts(
 def microscope_parts(
     sources: Sequence[Any], lines: Sequence[tuple[float, float]], camera: Any, maker: Maker
 ) -> list[ScenePart]:
-    """Points exposed by a `Microscope`, at wavelengths with their shares of the energy.
-
-    Raises
-    ------
-    SamplingError
-        If a point is imaged beyond the array.
-    ValueError
-        If a source is a picture.
-    """
+    """Points exposed by a `Microscope`, at wavelengths with their shares of the energy."""
     if not all(isinstance(source, PointSources) for source in sources):
         raise ValueError(
             "A microscope exposes PointSources, no pictures: give points, or project a volume "

@@ -60,13 +60,7 @@ class SlidePath:
 
 
 def _slide_path(optics: WaveOptics, plane: PicturePlane, koehler: bool) -> SlidePath:
-    """The path of a slide's light, padded where it would leave the window.
-
-    Raises
-    ------
-    ValueError
-        If the main lens' wavefront changes over the field.
-    """
+    """The path of a slide's light, padded where it would leave the window."""
     if optics.aberrations.varies:
         raise ValueError(
             "The light of a slide is one field, whose points have no wavefronts of their own: "
@@ -80,16 +74,6 @@ def slide_field(optics: WaveOptics, plane: PicturePlane) -> Field:
 
     Its square root is scaled so that a clear sample of the slide, lit by unit intensity, has the
     energy 1.
-
-    Parameters
-    ----------
-    optics : WaveOptics
-    plane : PicturePlane
-
-    Returns
-    -------
-    Field
-        Shape of the camera's grid.
     """
     grid, device = optics.grid, optics.device
     unit = np.full(grid.shape, grid.pitch[1] / plane.pitch)

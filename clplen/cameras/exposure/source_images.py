@@ -35,29 +35,10 @@ class SourceImages(Protocol):
         """Bytes that they take."""
 
     def add(self, totals: cla.Array, energies: Values) -> None:
-        """totals[b] += sum over the points of energies[b, n] times the image of point n.
-
-        Parameters
-        ----------
-        totals : pyopencl.array.Array
-            Real, shape (batch, ny, nx); changed.
-        energies : numpy.ndarray
-            Shape (batch, n).
-        """
+        """totals[b] += sum over the points of energies[b, n] times the image of point n."""
 
     def inner(self, pictures: cla.Array) -> Values:
-        """The sum over pixels of every image times every picture, the transpose of `add`.
-
-        Parameters
-        ----------
-        pictures : pyopencl.array.Array
-            Real, shape (batch, ny, nx).
-
-        Returns
-        -------
-        numpy.ndarray
-            float64, shape (batch, n).
-        """
+        """The sum over pixels of every image times every picture, the transpose of `add`."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -148,15 +129,7 @@ class PointFields:
 def point_fields(
     optics: WaveOptics, points: PointSources, *, share: int = 1
 ) -> Iterator[PointFields]:
-    """Fields as large as the sensor, in batches that travel through the camera together.
-
-    Parameters
-    ----------
-    optics : WaveOptics
-    points : PointSources
-    share : int
-        Batches are this many times smaller than those of an exposure.
-    """
+    """Fields as large as the sensor, in batches that travel through the camera together."""
     to_array, to_sensor = optics.padding(points.positions)
     widest = max(to_array, to_sensor) ** 2
     step = batch_size(optics, share * widest)
@@ -212,19 +185,7 @@ def window_images(
 def images_on_patches(
     which: Any, fields: cla.Array, sums: Sequence[PixelSums], gains: Values, device: Device
 ) -> DeviceImages:
-    """Images of fields by the sums of each over the pixels of a patch of its own.
-
-    Parameters
-    ----------
-    which : array_like
-        Which points of a scene, indices, shape (n,).
-    fields : pyopencl.array.Array
-        Complex, shape (n, ny, nx).
-    sums : sequence of PixelSums
-    gains : numpy.ndarray
-        Factors to the energy 1, shape (n,).
-    device : Device
-    """
+    """Images of fields by the sums of each over the pixels of a patch of its own."""
     places, shapes = (
         np.array([getattr(one, name) for one in sums], np.int64) for name in ("place", "shape")
     )

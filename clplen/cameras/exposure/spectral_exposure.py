@@ -66,27 +66,7 @@ def has_spectrum(source: Source) -> bool:
 def spectral_lines(
     optics: WaveOptics, source: Source, coherence: Coherence | None
 ) -> list[SpectralLine]:
-    """The wavelengths by which a self-luminous source is exposed.
-
-    Parameters
-    ----------
-    optics : WaveOptics
-        Its wavelength is that of sources without a spectrum, and the reference of filters.
-    source : PointSources or PicturePlane
-    coherence : Coherence or None
-        Its spectrum is that of sources without one; its ``wavelengths`` say how many.
-
-    Returns
-    -------
-    list of SpectralLine
-
-    Raises
-    ------
-    ValueError
-        If no filter sees the light of a channel, or a point lies behind the lens.
-    SamplingError
-        If a point is imaged beyond the array.
-    """
+    """The wavelengths by which a self-luminous source is exposed."""
     spectra, filters = _spectra_of(source, coherence, optics.wavelength), filters_of(optics)
     positions = (source.corners() if isinstance(source, PicturePlane) else source).positions
     check_in_view(replace(optics, wavelength=spectra[0].centre), positions)
@@ -110,22 +90,7 @@ def _tolerance(source: Source) -> float:
 def wavelengths_needed(
     optics: WaveOptics, depths: Sequence[float], signal: Signal, *, tolerance: float = TOLERANCE
 ) -> int:
-    """By how many wavelengths the raw image of a point is right to a tolerance.
-
-    Parameters
-    ----------
-    optics : WaveOptics
-    depths : sequence of float
-        dz of points in metres: the nearest, the farthest and the least blurred of them count.
-    signal : Signal
-    tolerance : float
-        L2 difference from the image by 41 wavelengths, relative.
-
-    Returns
-    -------
-    int
-        1 to 41: from there on, the image of the camera's twin of one dimension is right.
-    """
+    """By how many wavelengths the raw image of a point is right to a tolerance."""
     low, high = signal.band
     if high - low <= 1e-9 * high:
         return 1
@@ -167,20 +132,7 @@ def _white(signal: Signal, n: int, nu: Values, images: Values) -> Values:
 def energies_by_pixel(
     filters: ColorFilterArray | None, powers: Values, line: SpectralLine
 ) -> Values:
-    """The signal that points send to the pixels of a tile.
-
-    Parameters
-    ----------
-    filters : ColorFilterArray or None
-    powers : numpy.ndarray
-        Energy of each point and channel, shape (n, channels).
-    line : SpectralLine
-
-    Returns
-    -------
-    numpy.ndarray
-        Shape (n,) where all pixels are alike, else (n, ty, tx).
-    """
+    """The signal that points send to the pixels of a tile."""
     found = powers @ line.weights
     if filters is None or filters.mosaic is None:
         return np.asarray(found[:, 0])

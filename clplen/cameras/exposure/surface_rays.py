@@ -46,14 +46,7 @@ class SurfaceRays:
 
     @classmethod
     def of(cls, optics: RayOptics, scene: SurfaceScene) -> SurfaceRays:
-        """The rays of a camera.
-
-        Raises
-        ------
-        ValueError
-            If lenses have wavefronts of their own, the sensor is tilted, or a plane is seen
-            edge-on.
-        """
+        """The rays of a camera."""
         device, mla = optics.device, optics.mla
         if optics.aberrations.bends_main_lens or optics.aberrations.bends_lenslets:
             raise ValueError(
@@ -138,18 +131,6 @@ def sample_rays(mla: Any, *, count: int) -> np.ndarray[Any, np.dtype[np.float32]
 
     The additive recurrence of the generalised golden ratio in four dimensions (Roberts 2018),
     those within the lenslet's aperture; the mirror images make linear terms cancel.
-
-    Parameters
-    ----------
-    mla : MicrolensArray
-    count : int
-        Even.
-
-    Returns
-    -------
-    numpy.ndarray
-        float32, shape (count, 4): (y, x) in the lenslet in row pitches and pitches, (y, x) in the
-        pixel along the lattice's axes in pixels, all from their centres.
     """
     points = well_spread(64 * count, 4) - 0.5
     tall = 2 / math.sqrt(3) if mla.lattice == "hexagonal" and mla.fill == "full" else 1.0

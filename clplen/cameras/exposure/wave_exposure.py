@@ -84,13 +84,7 @@ class Light:
         return replace(self.coherence, seed=seed)
 
     def check(self, slides: int) -> None:
-        """Refuse slides without light, light without a slide, one checkpoint for two slides.
-
-        Raises
-        ------
-        ValueError
-            Saying which, and what would do.
-        """
+        """Refuse slides without light, light without a slide, one checkpoint for two slides."""
         coherence, averaging = self.coherence, self.averaging
         if slides and coherence is None:
             raise ValueError(
@@ -124,31 +118,7 @@ def expose_waves(
     method: Method,
     progress: Progress | None,
 ) -> RawImage:
-    """The raw image of points, self-luminous pictures and slides.
-
-    Parameters
-    ----------
-    optics : WaveOptics
-        With the occluders of the scene.
-    sources : sequence of PointSources and PicturePlane
-    light : Light
-    method : {"auto", "points", "local", "isoplanatic"}
-        As `Plenoptic.expose`; "auto" leaves the exact route of a picture, "points" or "local",
-        where it is not affordable and the other takes less than half as many operations.
-    progress : callable or None
-        Called as ``progress(done, total)`` after each batch of fields and each snapshot, from 0
-        again for each source.
-
-    Returns
-    -------
-    RawImage
-        float32, without its camera; ``exposure`` says how it was found.
-
-    Raises
-    ------
-    SamplingError, ValueError, FormatError, DeviceError
-        As `Plenoptic.expose`.
-    """
+    """The raw image of points, self-luminous pictures and slides."""
     if light.coherence is not None:
         average_of(light.coherence)
     if method not in METHODS:

@@ -432,15 +432,7 @@ def _steepest(terms: Terms) -> float:
 
 
 def slopes(terms: Mapping[Orders, float], y: Any, x: Any) -> tuple[Values, Values]:
-    """(dW/dy, dW/dx) at places on the unit disc, in metres over its radius.
-
-    Parameters
-    ----------
-    terms : mapping of (int, int) to float
-        Orders (n, m) to metres.
-    y, x : array_like
-        Of one shape, as fractions of the radius.
-    """
+    """(dW/dy, dW/dx) at places on the unit disc, in metres over its radius."""
     down, right = np.zeros(np.shape(y)), np.zeros(np.shape(x))
     for (n, m), metres in terms.items():
         steps = zernike_gradient(n, m, y, x)

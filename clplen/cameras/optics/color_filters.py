@@ -255,19 +255,7 @@ class ColorFilterArray(OneLine):
 
 
 def signal_of(filters: ColorFilterArray, spectra: Sequence[Spectrum], reference: float) -> Signal:
-    """The signal of spectra of unit energy behind each filter.
-
-    Parameters
-    ----------
-    filters : ColorFilterArray
-    spectra : sequence of Spectrum
-    reference : float
-        As for `ColorFilterArray.response`.
-
-    Returns
-    -------
-    Signal
-    """
+    """The signal of spectra of unit energy behind each filter."""
     knots = np.unique([lam for curve in filters.sensitivities for lam in curve.wavelengths])
     return Signal.of(spectra, lambda lam: filters.response(lam, reference), knots.tolist())
 

@@ -13,16 +13,7 @@ from clplen.cameras.optics.wave_optics import WaveOptics
 
 
 def rows(optics: WaveOptics) -> tuple[Row, ...]:
-    """Model of the main lens, pixels, and samples, window and error of a point in focus.
-
-    Parameters
-    ----------
-    optics : WaveOptics
-
-    Returns
-    -------
-    tuple of Row
-    """
+    """Model of the main lens, pixels, and samples, window and error of a point in focus."""
     return (_main_lens(optics), *_pixels(optics), *_exposure(optics))
 
 

@@ -86,20 +86,7 @@ class LensletCamera:
 def sensor_grid(
     mla: MicrolensArray, pixels_per_lenslet: float, pixels: PixelArray | None = None
 ) -> Grid:
-    """The sensor behind an array: as many pixels as cover it, the axis in its middle.
-
-    Parameters
-    ----------
-    mla : MicrolensArray
-    pixels_per_lenslet : float
-    pixels : PixelArray, optional
-        Its shape and offset take the place of these.
-
-    Raises
-    ------
-    SamplingError
-        If a lenslet has less than two pixels.
-    """
+    """The sensor behind an array: as many pixels as cover it, the axis in its middle."""
     if not (is_finite(pixels_per_lenslet) and pixels_per_lenslet >= SMALLEST_PITCH):
         known = is_finite(pixels_per_lenslet)
         number = f"{pixels_per_lenslet:g}" if known else repr(pixels_per_lenslet)
@@ -196,13 +183,7 @@ class Description(OneLine):
     rows: tuple[Row, ...]
 
     def __getitem__(self, name: str) -> float:
-        """Value of a parameter in SI units.
-
-        Raises
-        ------
-        KeyError
-            Listing the names there are.
-        """
+        """Value of a parameter in SI units."""
         for row in self.rows:
             if row.name == name:
                 return row.value

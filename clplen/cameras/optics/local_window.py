@@ -96,16 +96,7 @@ def slope_about_carrier(optics: WaveOptics, beta: float) -> float:
 
 
 def finer(optics: WaveOptics, beta: float, *, orders: float = 0.0) -> int:
-    """Samples a pixel and axis that the light of a point needs about its chief ray.
-
-    Parameters
-    ----------
-    optics : WaveOptics
-    beta : float
-        Its `array_alpha`.
-    orders : float
-        Orders of diffraction of a lenslet's rim, lam/d each, that are kept beside geometrical rays.
-    """
+    """Samples a pixel and axis that the light of a point needs about its chief ray."""
     slope = slope_about_carrier(optics, beta) + orders * optics.wavelength / optics.mla.diameter
     spare = 1 if orders == 0 else BAND
     return math.floor(2 * slope * optics.pixel_pitch / optics.wavelength / spare * (1 + 1e-9)) + 1
@@ -119,24 +110,7 @@ def window_shape(
     rings: float = RINGS,
     orders: float = ORDERS,
 ) -> WindowShape:
-    """The window of a point at (x, y, dz) in metres.
-
-    Parameters
-    ----------
-    optics : WaveOptics
-    position : numpy.ndarray
-    diameter : float
-        Of the source in metres.
-    rings : float
-        Airy radii of light about the geometrical blur.
-    orders : float
-        Of a lenslet's rim that are kept, see `finer`. 0: samples as fine as geometrical rays need,
-        whose rims have the covered share, as in a window as large as the sensor.
-
-    Returns
-    -------
-    WindowShape
-    """
+    """The window of a point at (x, y, dz) in metres."""
     beta = float(optics.array_alpha(position[2]))
     many = finer(optics, beta, orders=orders)
     dx = optics.pixel_pitch / many
@@ -262,24 +236,10 @@ class Windows:
 
     @abstractmethod
     def array_fields(self) -> cla.Array:
-        """Fields on the array before its lenslets, without carrier and quadratic phase.
-
-        Returns
-        -------
-        pyopencl.array.Array
-            Complex, shape (n, samples, samples).
-        """
+        """Fields on the array before its lenslets, without carrier and quadratic phase."""
 
     def behind_array(self, fields: cla.Array, region: Region | None = None) -> cla.Array:
-        """The same fields behind the lenslets, in place; still without their carrier.
-
-        Parameters
-        ----------
-        fields : pyopencl.array.Array
-            From `array_fields`.
-        region : Region, optional
-            Of the array, which holds all these windows; None: each has its own.
-        """
+        """The same fields behind the lenslets, in place; still without their carrier."""
         optics, shape, device = self.optics, self.shape, self.optics.device
         n = shape.samples
         real = device.real.type
@@ -307,13 +267,7 @@ class Windows:
         return fields
 
     def sensor_spectra(self, behind: cla.Array) -> cla.Array:
-        """Spectra of the fields on the sensor about the windows' centres there, in place.
-
-        Parameters
-        ----------
-        behind : pyopencl.array.Array
-            From `behind_array`.
-        """
+        """Spectra of the fields on the sensor about the windows' centres there, in place."""
         optics, shape, device = self.optics, self.shape, self.optics.device
         device.fft.forward(behind, device)
         rows, columns, middles = self._bins()
@@ -415,13 +369,7 @@ class LocalWindows(Windows):
         return self.optics.wavelength / (self.shape.period * self.shape.pitch)
 
     def array_fields(self) -> cla.Array:
-        """Fields on the array before its lenslets, without carrier and quadratic phase.
-
-        Returns
-        -------
-        pyopencl.array.Array
-            Complex, shape (n, samples, samples).
-        """
+        """Fields on the array before its lenslets, without carrier and quadratic phase."""
         optics, shape, device = self.optics, self.shape, self.optics.device
         count = len(self.positions)
         reach = optics.aperture_diameter / 2 + np.abs(self.positions[:, :2]).max()

@@ -26,12 +26,7 @@ SMOOTH, STRAIGHT = 3, 1  # degrees of interpolation between fields and wavelengt
 
 
 def require_room(samples: int) -> None:
-    """Refuse maps that do not fit the memory of this computer, before they are made.
-
-    Raises
-    ------
-    MemoryError
-    """
+    """Refuse maps that do not fit the memory of this computer, before they are made."""
     wanted, free = 8 * COPIES * samples, free_memory()
     if wanted > free:
         raise MemoryError(
@@ -57,18 +52,6 @@ def continued(maps: Values, known: np.ndarray[Any, np.dtype[np.bool_]]) -> Value
 
     Least is the sum of squares of all third differences, which keeps parabolas. Of a map that is
     known on all of the disc a polynomial of order 8 is continued as it is, and the rest so.
-
-    Parameters
-    ----------
-    maps : numpy.ndarray
-        Shape (n, n_v, n_u); those samples count that are known.
-    known : numpy.ndarray
-        bool, of the same shape; at least 10 of each map.
-
-    Returns
-    -------
-    numpy.ndarray
-        float64, of the same shape, finite.
     """
     out = np.where(known, maps, 0.0)
     flat = known.reshape(len(maps), -1)
@@ -140,18 +123,6 @@ def edges_of(lit: np.ndarray[Any, np.dtype[np.bool_]], inside: Any) -> Values:
 
     A map that is lit all over is as far within as the least vignetted one of its wavelength reaches
     beyond, so that the light is cut from the middle between both on.
-
-    Parameters
-    ----------
-    lit : numpy.ndarray
-        bool, shape (l, m, n_v, n_u).
-    inside : numpy.ndarray
-        bool, shape (n_v, n_u): the disc. Its rim is no edge.
-
-    Returns
-    -------
-    numpy.ndarray
-        float64, shape of ``lit``, as fractions of the pupil's radius.
     """
     from scipy.ndimage import distance_transform_edt
 
@@ -178,15 +149,7 @@ def continued_edges(edges: Values, inside: Any) -> Values:
 
 
 def part_within(middle: Values, down: Values, right: Values) -> Values:
-    """How much of cells lies where a plane is positive, 0 to 1.
-
-    Parameters
-    ----------
-    middle : numpy.ndarray
-        The plane's height in the middle of each cell.
-    down, right : numpy.ndarray
-        How much it rises across the cell along both axes, not negative.
-    """
+    """How much of cells lies where a plane is positive, 0 to 1."""
     steep = np.maximum(np.maximum(down, right), 1e-150)
     flat = np.maximum(np.minimum(down, right), 1e-6 * steep)
     above = np.clip(middle, -(steep + flat) / 2, (steep + flat) / 2) + (steep + flat) / 2
@@ -198,13 +161,7 @@ def part_within(middle: Values, down: Values, right: Values) -> Values:
 
 
 def coefficients(maps: Values) -> Values:
-    """Coefficients of the bicubic splines through maps, shape (..., n_v + 2, n_u + 2).
-
-    Parameters
-    ----------
-    maps : numpy.ndarray
-        Shape (..., n_v, n_u), at least 4 samples along each axis.
-    """
+    """Coefficients of the bicubic splines through maps, shape (..., n_v + 2, n_u + 2)."""
     n_v, n_u = maps.shape[-2:]
     return np.asarray(_through(n_v) @ maps @ _through(n_u).T)
 
@@ -220,17 +177,7 @@ def _through(n: int) -> Values:
 
 
 def spline(table: Values, v: Values, u: Values, *, order: tuple[int, int] = (0, 0)) -> Values:
-    """A bicubic spline, or a derivative of it, at places of the square from -1 to 1.
-
-    Parameters
-    ----------
-    table : numpy.ndarray
-        Coefficients, shape (n_v + 2, n_u + 2).
-    v, u : numpy.ndarray
-        Of one shape.
-    order : tuple of int
-        0 or 1 along v and u.
-    """
+    """A bicubic spline, or a derivative of it, at places of the square from -1 to 1."""
     down, row = _taps(v, table.shape[0] - 2, order[0])
     right, column = _taps(u, table.shape[1] - 2, order[1])
     flat, wide = table.ravel(), table.shape[1]
@@ -327,20 +274,7 @@ class Line:
 
 
 class FieldPlaces:
-    """Places (y, x) of fields on the image plane, and what counts between them.
-
-    Parameters
-    ----------
-    fields : numpy.ndarray
-        Shape (n, 2), metres, distinct.
-    symmetric : bool
-        Whether they lie along one radius and stand for all others, turned.
-
-    Raises
-    ------
-    ValueError
-        If they lie on one line and are not symmetric, or symmetric and on no radius.
-    """
+    """Places (y, x) of fields on the image plane, and what counts between them."""
 
     def __init__(self, fields: Values, symmetric: bool) -> None:
         self.fields, self.symmetric = fields, symmetric
@@ -407,13 +341,7 @@ class FieldPlaces:
         return math.sin(angle), math.cos(angle)
 
     def require(self, images: Values) -> None:
-        """Refuse places (y, x), shape (n, 2), in metres, that the fields do not reach.
-
-        Raises
-        ------
-        ValueError
-            Naming the first.
-        """
+        """Refuse places (y, x), shape (n, 2), in metres, that the fields do not reach."""
         if self.everywhere:
             return
         if self.symmetric:
@@ -427,20 +355,7 @@ class FieldPlaces:
             raise self._beyond(*(float(at) for at in images[~held][0]))
 
     def weights(self, y: float, x: float, degree: int) -> Values:
-        """How much of each field counts at a place.
-
-        Parameters
-        ----------
-        y, x : float
-            In metres.
-        degree : int
-            3 for splines, 1 for straight lines; triangles are always flat.
-
-        Raises
-        ------
-        ValueError
-            If the fields do not reach there.
-        """
+        """How much of each field counts at a place."""
         if self.everywhere:
             return np.ones(1)
         self.require(np.array([[y, x]]))

@@ -285,13 +285,7 @@ class MicroscopeOptics(Described, LensletCamera):
 
 
 def check_sampling(camera: MicroscopeOptics) -> None:
-    """Refuse light that the pixels cannot sample: NA/(M lam) + d/(2 f_mu lam) < 1/(2 dx).
-
-    Raises
-    ------
-    SamplingError
-        With both sides of the rule and what would do.
-    """
+    """Refuse light that the pixels cannot sample: NA/(M lam) + d/(2 f_mu lam) < 1/(2 dx)."""
     shortest = min(camera.mla.focal_lengths)
     slope = camera.na / camera.magnification + camera.mla.diameter / (2 * shortest)
     if 2 * camera.pixel_pitch * slope >= camera.wavelength:
@@ -306,13 +300,7 @@ def check_sampling(camera: MicroscopeOptics) -> None:
 
 
 def check_positions(places: Any) -> None:
-    """Refuse places about the native plane that are no metres, or of no microscope.
-
-    Raises
-    ------
-    ValueError
-        With what a number of micrometres should be.
-    """
+    """Refuse places about the native plane that are no metres, or of no microscope."""
     values = real_array(places, "places", np.float64)
     beyond = values[np.abs(values) > DEEPEST]
     if beyond.size:

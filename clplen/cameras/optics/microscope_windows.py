@@ -29,15 +29,7 @@ Values = np.ndarray[Any, np.dtype[np.float64]]
 def microscope_window_shape(
     optics: MicroscopeOptics, position: Values, diameter: float
 ) -> WindowShape:
-    """The window of a point at (x, y, z) in metres about the native plane.
-
-    Parameters
-    ----------
-    optics : MicroscopeOptics
-    position : numpy.ndarray
-    diameter : float
-        Of the source in metres.
-    """
+    """The window of a point at (x, y, z) in metres about the native plane."""
     M, lam, mla = optics.magnification, optics.wavelength, optics.mla
     slope = optics.na / M + mla.steepest_slope(lam)
     many = math.floor(

@@ -215,16 +215,6 @@ def pixel_weights(width: float) -> Values:
 
     Of the samples -n..n about the middle of the active width: the integral of sinc times Kaiser's
     window, scaled so that a constant is integrated exactly.
-
-    Parameters
-    ----------
-    width : float
-        In samples; 0: the middle sample alone.
-
-    Returns
-    -------
-    numpy.ndarray
-        Shape (2 n + 1,).
     """
     return _weights(float(width)).copy()
 
@@ -274,21 +264,7 @@ class PixelSums:
     def put(
         self, total: cla.Array, fields: cla.Array, number: int, gain: Any, device: Device
     ) -> None:
-        """Add abs(U)^2 times ``gain`` of one of several fields to the pixels of an image.
-
-        Parameters
-        ----------
-        total : pyopencl.array.Array
-            Real, shape of the sensor; changed.
-        fields : pyopencl.array.Array
-            Complex, shape (n, ny, nx).
-        number : int
-            Which of them.
-        gain : float or numpy.ndarray
-            One, or shape (ty, tx): of the pixels of a tile, which repeats from pixel (0, 0) of the
-            sensor on.
-        device : Device
-        """
+        """Add abs(U)^2 times ``gain`` of one of several fields to the pixels of an image."""
         if min(self.shape) < 1:
             return
         weights = pixel_weights(self.width)
@@ -313,18 +289,7 @@ class PixelSums:
         )  # fmt: skip
 
     def sums(self, values: Values) -> Values:
-        """What `put` adds of real samples in place of abs(U)^2, with gain 1, on the host.
-
-        Parameters
-        ----------
-        values : numpy.ndarray
-            Samples of the field's grid, shape (n, ny, nx).
-
-        Returns
-        -------
-        numpy.ndarray
-            Pixels of the patch, float64, shape (n, *shape).
-        """
+        """What `put` adds of real samples in place of abs(U)^2, with gain 1, on the host."""
         weights, found = pixel_weights(self.width), np.asarray(values, np.float64)
         for axis in (0, 1):
             first, along = self.first[axis] - len(weights) // 2, np.moveaxis(found, axis + 1, 0)
@@ -334,20 +299,7 @@ class PixelSums:
         return np.ascontiguousarray(found)
 
     def spread(self, image: Values, shape: tuple[int, int]) -> Values:
-        """The transpose of `put` as a map of abs(U)^2, with gain 1.
-
-        Parameters
-        ----------
-        image : numpy.ndarray
-            Shape of the sensor.
-        shape : tuple of int
-            (ny, nx) of the field.
-
-        Returns
-        -------
-        numpy.ndarray
-            What each sample of abs(U)^2 counts, float64, of that shape.
-        """
+        """The transpose of `put` as a map of abs(U)^2, with gain 1."""
         weights, (down, across) = pixel_weights(self.width), self.shape
         y, x = self.place
         found = np.asarray(image, np.float64)[y : y + down, x : x + across]

@@ -251,25 +251,7 @@ class PupilAberration:
 
 
 def fitted_terms(path: Callable[[Vector, Vector], Vector], last: int) -> dict[int, float]:
-    """Zernike terms 2 to ``last`` of a path, by their inner products over the pupil.
-
-    Parameters
-    ----------
-    path : callable
-        Of (rho, theta), in metres.
-    last : int
-        Noll's index, at least 4.
-
-    Returns
-    -------
-    dict of int to float
-        Those above 1e-15 m.
-
-    Raises
-    ------
-    ValueError
-        If ``last`` is below 4 or above 200.
-    """
+    """Zernike terms 2 to ``last`` of a path, by their inner products over the pupil."""
     if not (is_finite(last) and int(last) == last and 4 <= last <= 200):
         raise ValueError(f"terms is Noll's index of the last one, from 4 to 200, not {last!r}.")
     rho, theta, weights = _nodes()

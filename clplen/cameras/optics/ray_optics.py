@@ -303,19 +303,6 @@ def check_sampling(optics: RayOptics, reach: float, alpha: float) -> None:
     lenslets at the rim of the blur, abs(c - X) up to a D/(2 F) + d/2, bring that to d/(2 f),
     1/f = 1/a + 1/b. The steepest of several f counts, and aberrations add the slopes of their
     wavefronts. And the window holds the main lens' aperture.
-
-    Parameters
-    ----------
-    optics : RayOptics
-    reach : float
-        abs(X) on the array, largest along x or y, in metres.
-    alpha : float
-        beta = z2/F' of the point (for a 1.0 camera alpha = F/F'), at least 1.
-
-    Raises
-    ------
-    SamplingError
-        With both sides of the rule and what would do.
     """
     D, z2 = optics.lit_diameter, optics.array_distance
     bent = optics.main_slope(reach * optics.image_distance / z2)
@@ -341,19 +328,7 @@ def check_sampling(optics: RayOptics, reach: float, alpha: float) -> None:
 
 
 def check_in_view(optics: RayOptics, positions: Positions) -> None:
-    """Refuse points behind the lens, whose chief ray misses the array, or beyond OPD maps.
-
-    Parameters
-    ----------
-    optics : RayOptics
-    positions : numpy.ndarray
-        (x, y, dz) in metres, shape (n, 3).
-
-    Raises
-    ------
-    ValueError, SamplingError
-        Naming the first such point.
-    """
+    """Refuse points behind the lens, whose chief ray misses the array, or beyond OPD maps."""
     behind = optics.object_distance + positions[:, 2] <= 0
     if behind.any():
         x, y, dz = positions[behind][0]
@@ -399,15 +374,6 @@ def thin_spherical(D: float, object_distance: float, image_distance: float) -> f
 
     rho^4/8 (1/object^3 + 1/image^3), rho = D/2: what exact spherical waves differ by from a
     quadratic phase (Goodman 2005, eq. 5-10, carried one order further).
-
-    Parameters
-    ----------
-    D, object_distance, image_distance : float
-        In metres.
-
-    Returns
-    -------
-    float
     """
     return (D / 2) ** 4 / 8 * (object_distance**-3 + image_distance**-3)
 
@@ -426,15 +392,6 @@ def pupil_image(optics: RayOptics) -> tuple[float, float]:
     is larger, 1 + d^2/(8 f^2) to first order for a round parabolic lenslet and a small pupil, and
     scatter about it: aberrations of the lenslet. Rays that fall into another lenslet's sub-image do
     not count.
-
-    Parameters
-    ----------
-    optics : RayOptics
-
-    Returns
-    -------
-    tuple of float
-        Size of the pupil's image over the paraxial one, and the variance of the scatter in m^2.
     """
     mla, z2, z3 = optics.mla, optics.array_distance, optics.sensor_distance
     cell = math.sqrt(mla.pitch * mla.row_pitch / math.pi)
@@ -466,14 +423,6 @@ def raw_image(optics: RayOptics, data: cla.Array, *, paraxial: bool = False) -> 
 
     Where the array does not lie on the main lens' image there is no spacing: what a lenslet sees
     is a picture, and alpha is not that of the light field on the array.
-
-    Parameters
-    ----------
-    optics : RayOptics
-    data : pyopencl.array.Array
-    paraxial : bool
-        Whether the views look where paraxial rays come from, `view_step` apart; else steep
-        lenslets magnify the image of the main lens (`pupil_image`), if by more than 1e-3.
     """
     step = view_step(optics)
     on_image = optics.array_distance == optics.image_distance

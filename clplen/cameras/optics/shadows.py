@@ -30,22 +30,6 @@ def shadows(
     that this is a sum of products of Fresnel integrals along y and x, here in their means over the
     cells of ``axis``. Several screens multiply: light that one diffracts is not diffracted by
     another.
-
-    Parameters
-    ----------
-    occluders : sequence of Occluder
-        Those beyond a point, or beside it, leave its light as it is.
-    positions : numpy.ndarray
-        (x, y, dz) of the points in metres, shape (n, 3).
-    object_distance, wavelength : float
-        In metres.
-    axis : numpy.ndarray
-        u in metres, evenly spaced, both axes of the result.
-
-    Returns
-    -------
-    numpy.ndarray
-        Shape (n, v, u).
     """
     made = np.ones((len(positions), axis.size, axis.size), complex)
     for screen in occluders:

@@ -62,20 +62,7 @@ def reach_of(grid: Grid, tilt: Pair) -> float:
 def sensor_planes(
     grid: Grid, distance: float, tilt: Pair, wavelength: float, device: Device
 ) -> SensorPlanes:
-    """The planes of a sensor.
-
-    Parameters
-    ----------
-    grid : Grid
-        Of the pixels.
-    distance : float
-        Array to sensor on the axis, in metres.
-    tilt : tuple of float
-        Slopes (y, x) of the sensor.
-    wavelength : float
-        In metres.
-    device : Device
-    """
+    """The planes of a sensor."""
     square = sum((wavelength / (2 * pitch)) ** 2 for pitch in grid.pitch)
     half_turn = math.pi / wavelength * (1 - math.sqrt(max(0.0, 1 - square)))  # W/2
     reach = max(reach_of(grid, tilt), LEAST / half_turn)
@@ -100,10 +87,6 @@ def plane_count(phase: float, tolerance: float) -> int:
     A polynomial through K Chebyshev points departs from exp(i phase x), abs(x) <= 1, by up to
     2 (phase/2)^K/K! (Trefethen 2013, chapter 8; Sueli and Mayers 2003, theorem 8.7), and its
     derivative, over ``phase``, by about K/(K - 1)! (phase/2)^(K - 1), Markov's K^2 times as much.
-
-    Parameters
-    ----------
-    phase, tolerance : float
     """
     count = 3
     while count * (phase / 2) ** (count - 1) / math.factorial(count - 1) > tolerance:

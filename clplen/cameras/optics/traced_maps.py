@@ -34,15 +34,7 @@ class _Rays:
 def trace_maps(
     optic: Any, *, fields: int | Sequence[float], wavelengths: Sequence[float] | None, samples: int
 ) -> dict[str, Any]:
-    """The arguments of `OPDMaps` for a lens; see `OPDMaps.traced`.
-
-    Raises
-    ------
-    ModuleNotFoundError
-        If optiland is not installed.
-    ValueError
-        As `OPDMaps.traced`.
-    """
+    """The arguments of `OPDMaps` for a lens; see `OPDMaps.traced`."""
     fractions, samples = _fractions(fields), _count(samples)
     lens = _Lens(_opened(optic))
     colours = lens.wavelengths() if wavelengths is None else _checked(wavelengths)

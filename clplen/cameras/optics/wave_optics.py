@@ -50,31 +50,6 @@ def pupil_fields(
 
     An exact spherical wave from the source, times 2 J1(v)/v, v = pi d rho/(lam z), for a uniform
     coherent disc of diameter d (Goodman 2005, eq. 4-31), times aperture and lens.
-
-    Parameters
-    ----------
-    positions : numpy.ndarray
-        (x, y, dz) of the sources in metres from the axis point of the focused object plane, shape
-        (n, 3).
-    diameter : float
-        Of each source, in metres; 0 is a point.
-    grid : Grid
-        In the plane of the lens.
-    object_distance : float
-        Lens to focused object plane in metres.
-    focal_length, aperture_diameter, wavelength : float
-        In metres.
-    device : Device
-
-    Returns
-    -------
-    Field
-        Shape (n, ny, nx), each of unit amplitude at the pupil's brightest; not normalised.
-
-    Raises
-    ------
-    DeviceError
-        If a source is so near that its phase needs double precision and the device has none.
     """
     y, x = grid.y, grid.x
     z = object_distance + positions[:, 2]
@@ -732,19 +707,7 @@ def _within_a_sample(grid: Grid) -> tuple[float, float]:
 
 
 def aperture_grid(grid: Grid, diameter: float) -> Grid:
-    """The samples of a grid whose cells a circular aperture about the axis touches.
-
-    Parameters
-    ----------
-    grid : Grid
-    diameter : float
-        Of the aperture, in metres.
-
-    Returns
-    -------
-    Grid
-        About the same centre, at most as large as ``grid``: sample n//2 stays where it is.
-    """
+    """The samples of a grid whose cells a circular aperture about the axis touches."""
     shape = []
     for n, pitch, centre in zip(grid.shape, grid.pitch, grid.origin, strict=True):
         half = math.ceil((diameter / 2 + abs(centre)) / pitch + 0.5)
@@ -753,24 +716,7 @@ def aperture_grid(grid: Grid, diameter: float) -> Grid:
 
 
 def propagate_part(plan: Propagator, field: Field) -> Field:
-    """A field on a part of a plan's grid, propagated with zeros beside it.
-
-    Parameters
-    ----------
-    plan : Propagator
-    field : Field
-        Shape (..., ny, nx), on the plan's grid or on fewer samples about the same centre.
-
-    Returns
-    -------
-    Field
-        On the plan's output grid.
-
-    Raises
-    ------
-    ShapeError
-        If the field is on another grid.
-    """
+    """A field on a part of a plan's grid, propagated with zeros beside it."""
     if field.grid == plan.grid:
         return plan(field)
     fits = all(n <= m for n, m in zip(field.grid.shape, plan.grid.shape, strict=True))

@@ -69,21 +69,7 @@ class Truth(Savable, Plottable, HostArray):
 def truth_of(
     disparity: Any, surface: Any, is_smooth: Sequence[bool], *, z: Map | None = None
 ) -> Truth:
-    """The truth with its masks.
-
-    Parameters
-    ----------
-    disparity, surface : numpy.ndarray
-        As in `Truth`.
-    is_smooth : sequence of bool
-        For each surface of the scene, whether it is curved.
-    z : numpy.ndarray, optional
-        As in `Truth`; nan without.
-
-    Returns
-    -------
-    Truth
-    """
+    """The truth with its masks."""
     disparity = np.asarray(disparity, np.float32)
     near, far = _beside(disparity, surface)
     curved = np.append(np.asarray(is_smooth, bool), False)[surface]

@@ -319,12 +319,7 @@ def _spectra(given: Any) -> tuple[Spectrum, ...] | None:
 
 
 def _check_channels(shape: tuple[int, ...], spectra: tuple[Spectrum, ...] | None) -> None:
-    """Refuse channels that have not one spectrum each.
-
-    Raises
-    ------
-    ShapeError
-    """
+    """Refuse channels that have not one spectrum each."""
     channels = shape[2] if len(shape) == 3 else 1
     if spectra is None and len(shape) == 3:
         raise ShapeError(
@@ -342,15 +337,7 @@ Source = PointSources | PicturePlane
 
 
 def as_sources(scene: Any) -> tuple[Source, ...]:
-    """The sources of a scene: itself, or the members of a list or tuple that send light.
-
-    Raises
-    ------
-    TypeError
-        If a member is neither `PointSources`, `PicturePlane` nor `Occluder`.
-    ValueError
-        If there is no source.
-    """
+    """The sources of a scene: itself, or the members of a list or tuple that send light."""
     members = _members(scene)
     if not members:
         raise ValueError("The scene is an empty list: give PointSources or PicturePlanes.")

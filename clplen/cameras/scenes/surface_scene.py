@@ -202,17 +202,7 @@ class SurfaceTables:
 
 
 def surface_tables(scene: SurfaceScene, device: Device) -> SurfaceTables:
-    """SurfaceTables of a scene on a device.
-
-    Parameters
-    ----------
-    scene : SurfaceScene
-    device : Device
-
-    Returns
-    -------
-    SurfaceTables
-    """
+    """SurfaceTables of a scene on a device."""
     shape = np.zeros((len(scene.surfaces), SHAPE), np.float32)
     which = np.zeros((len(scene.surfaces), WHICH), np.int32)
     edges: list[Any] = [np.zeros((0, 4))]
@@ -253,21 +243,7 @@ def surface_tables(scene: SurfaceScene, device: Device) -> SurfaceTables:
 def rows_of_views(
     tables: SurfaceTables, gain: np.ndarray[Any, Any], shape: tuple[int, int]
 ) -> Iterator[np.ndarray[Any, np.dtype[np.float32]]]:
-    """Views of a scene without noise, a row of views at a time.
-
-    Parameters
-    ----------
-    tables : SurfaceTables
-    gain : numpy.ndarray
-        float32, shape (V, U).
-    shape : tuple of int
-        (ny, nx).
-
-    Yields
-    ------
-    numpy.ndarray
-        float32, shape (U, ny, nx, channels).
-    """
+    """Views of a scene without noise, a row of views at a time."""
     device, scene = tables.device, tables.scene
     (V, U), (ny, nx) = gain.shape, shape
     out = device.empty((U, ny, nx, scene.channels), np.float32)
@@ -284,19 +260,7 @@ def rows_of_views(
 
 
 def centre_truth(tables: SurfaceTables, shape: tuple[int, int]) -> Truth:
-    """Disparity and surface of every pixel of the centre view.
-
-    Parameters
-    ----------
-    tables : SurfaceTables
-    shape : tuple of int
-        (ny, nx).
-
-    Returns
-    -------
-    Truth
-        Without z.
-    """
+    """Disparity and surface of every pixel of the centre view."""
     device = tables.device
     disparity, seen = device.empty(shape, np.float32), device.empty(shape, np.int32)
     device.launch_rows(

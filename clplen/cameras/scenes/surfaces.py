@@ -398,12 +398,6 @@ class Sphere(OneLine):
 
 
 def require_numbers(what: str, *values: float) -> None:
-    """Refuse numbers that are not finite.
-
-    Raises
-    ------
-    ValueError
-        With what they are.
-    """
+    """Refuse numbers that are not finite."""
     if not np.isfinite(values).all():
         raise ValueError(f"{what} has finite numbers, not {values}.")

@@ -114,18 +114,7 @@ class Texture(OneLine, HostArray):
 
 
 def spline_coefficients(samples: Any) -> Any:
-    """Of the periodic cubic B-spline through samples, a symmetric linear map.
-
-    Parameters
-    ----------
-    samples : array_like
-        Shape (ny, nx, channels).
-
-    Returns
-    -------
-    numpy.ndarray
-        float64, same shape.
-    """
+    """Of the periodic cubic B-spline through samples, a symmetric linear map."""
     ny, nx = np.shape(samples)[:2]
     spectrum = np.fft.rfft2(np.asarray(samples, np.float64), axes=(0, 1))
     for axis, f in ((0, np.fft.fftfreq(ny)), (1, np.fft.rfftfreq(nx))):

@@ -169,11 +169,6 @@ def open_scene(
 
     ``along`` is the axis along which the viewpoints will lie; ``check`` may refuse the light field
     before its depth is computed.
-
-    Raises
-    ------
-    click.UsageError
-        If planes are given beside a map, or there is one view along that axis.
     """
     from clplen.io.formats.animation import white_level
     from clplen.lightfield.focus_and_depth import depth_map

@@ -37,21 +37,7 @@ def simulate(
     force: bool,
     selector: str | None,
 ) -> None:
-    """Point images of a camera file, kept in ``output``.
-
-    Parameters
-    ----------
-    path, output : pathlib.Path
-    z : numpy.ndarray
-        Of the planes, in metres.
-    sampling : dict
-        Options of `psf`.
-    cut : float or None
-        None: the default of `fourier_point_images`.
-    force : bool
-    selector : str or None
-        Of the device.
-    """
+    """Point images of a camera file, kept in ``output``."""
     from clplen.config.fourier_microscope import read_fourier_file
     from clplen.microscopy.fourier.fourier_psf import CUT, fourier_point_images
 
@@ -131,23 +117,7 @@ def _repaired(camera: FourierMicroscope, stack: Any, z: Any) -> Any:
 def projected(
     images: FourierPointImages, path: Path, values: Any, device: Device, memory: int | None
 ) -> tuple[Any, str]:
-    """The frame of a volume, and a sentence on it.
-
-    Parameters
-    ----------
-    images : FourierPointImages
-    path : pathlib.Path
-        Of the volume.
-    values : numpy.ndarray
-        The volume.
-    device : Device
-    memory : int or None
-        Of the projector.
-
-    Returns
-    -------
-    (numpy.ndarray, str)
-    """
+    """The frame of a volume, and a sentence on it."""
     from clplen.microscopy.fourier.fourier_projector import FourierProjector
 
     b = images.voxels

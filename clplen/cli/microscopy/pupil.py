@@ -207,20 +207,7 @@ def _tell(found: PupilFit) -> None:
 
 
 def with_pupil(text: str, found: PupilFit, source: Path) -> str:
-    """A camera file with the pupil that was found in place of its own.
-
-    Parameters
-    ----------
-    text : str
-        TOML of a microscope.
-    found : PupilFit
-    source : path-like
-        Named where its pupil cannot be replaced.
-
-    Returns
-    -------
-    str
-    """
+    """A camera file with the pupil that was found in place of its own."""
     terms = ", ".join(f"{j} = {c * 1e9:.3f}" for j, c in found.pupil.terms)
     line = f"pupil_nm = {{ {terms} }}  # Noll's index to nm of path, rms over the pupil\n"
     text = _KEY.sub("", text)

@@ -81,17 +81,7 @@ def check(
 def write(
     asked: Asked, shared: dict[str, Any], begin: Start, opened: Callable[[], Deconvolver]
 ) -> None:
-    """Write the volumes that are missing.
-
-    Parameters
-    ----------
-    asked : Asked
-    shared : dict
-        What all volumes depend on besides their frames.
-    begin : Start
-    opened : callable
-        Makes the deconvolver, once it is known that something is missing.
-    """
+    """Write the volumes that are missing."""
     from clplen.io.results.volume_series import count_whole, series_in
 
     job = {

@@ -148,13 +148,7 @@ class Opened:
 
 
 def is_meant(source: Path, words: dict[str, Any]) -> bool:
-    """Whether INPUT is a raw image of a focused camera: it tells, or a word that only those take.
-
-    Raises
-    ------
-    UsageError
-        If such a word is given with something else.
-    """
+    """Return whether INPUT is a raw image of a focused camera, by itself or by an option."""
     from clplen.io.lightfields.lightfield_files import kind_of
 
     if tells(source):
@@ -176,13 +170,7 @@ def tells(source: Path) -> bool:
 
 
 def refuse(**words: Any) -> None:
-    """Refuse words that are for light fields.
-
-    Raises
-    ------
-    UsageError
-        Naming the first that is given.
-    """
+    """Refuse words that are for light fields."""
     given = [name for name, value in words.items() if value is not None and value is not False]
     if given:
         raise click.UsageError(
@@ -192,13 +180,7 @@ def refuse(**words: Any) -> None:
 
 
 def check_kept(source: Path, image: Path | None, *outputs: Path) -> None:
-    """Refuse outputs that would replace the picture that belongs to a Raytrix XML.
-
-    Raises
-    ------
-    UsageError
-        Naming the output.
-    """
+    """Refuse outputs that would replace the picture that belongs to a Raytrix XML."""
     from clplen.io.raw.raw_files import picture_of
 
     if source.suffix.lower() not in _XML:
@@ -212,13 +194,7 @@ def check_kept(source: Path, image: Path | None, *outputs: Path) -> None:
 
 
 def read(source: Path, selector: str | None, layout: dict[str, Any], image: Path | None) -> Opened:
-    """The raw image with its lattice; with ``--grid`` the white image only evens it.
-
-    Raises
-    ------
-    UsageError
-        If files are given that it does not need.
-    """
+    """The raw image with its lattice; with ``--grid`` the white image only evens it."""
     from clplen.compute.device import Device
     from clplen.io import read_raw
     from clplen.io.lightfields.layout import Layout
@@ -260,13 +236,7 @@ def _white(white: Path | None, dark: Path | None) -> Values | None:
 
 
 def suitable_ms(opened: Opened, count: int) -> Values:
-    """Planes that hold what the sub-images show, equidistant in m.
-
-    Raises
-    ------
-    ValueError
-        If there is no texture to tell them by.
-    """
+    """Planes that hold what the sub-images show, equidistant in m."""
     from clplen.lightfield.focused.focused_depth import focused_depth
 
     depth = focused_depth(opened.raw, white=opened.flat)
@@ -277,13 +247,7 @@ def suitable_ms(opened: Opened, count: int) -> Values:
 
 
 def fraction(aperture: Any) -> float:
-    """The share of a sub-image's diameter.
-
-    Raises
-    ------
-    UsageError
-        For an f-number.
-    """
+    """The share of a sub-image's diameter."""
     if isinstance(aperture, str):
         raise click.UsageError(
             "--aperture of a focused raw image is a share of a sub-image's diameter, such as 0.5, "

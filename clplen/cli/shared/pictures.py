@@ -87,13 +87,7 @@ depth_map = click.option(
 
 
 def read_map(path: Path, lf: LightField) -> np.ndarray[Any, Any]:
-    """The disparity of every pixel of the views.
-
-    Raises
-    ------
-    ShapeError, ValueError
-        If it has another size, or pixels without a value.
-    """
+    """The disparity of every pixel of the views."""
     from clplen.io import read_disparity
 
     values = read_disparity(path)

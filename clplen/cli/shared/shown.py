@@ -76,13 +76,7 @@ class Shown:
         return Device.open(self.selector)
 
     def items(self, source: Path) -> list[Item]:
-        """The items of a file or folder.
-
-        Raises
-        ------
-        FormatError
-            If it is nothing that can be shown.
-        """
+        """The items of a file or folder."""
         if not source.exists():
             raise FormatError(f"There is no file or folder {source}.")
         if tells(source) and not self._is_ordinary(source):
@@ -321,13 +315,7 @@ class Shown:
 
 
 def series_of_times(items: list[Item], name: str) -> Item:
-    """One item of several alike, one for each time.
-
-    Raises
-    ------
-    FormatError
-        If they differ in kind or size.
-    """
+    """One item of several alike, one for each time."""
     first = items[0]
     same = all(
         item["kind"] == "volume" and item["shape"][1:] == first["shape"][1:] for item in items

@@ -66,15 +66,7 @@ _VECTOR: dict[str, Function] = {
 
 
 def inputs() -> tuple[array[float], bytes, bytes, bytes]:
-    """Arguments of the kernel: a and b as floats, then the integers of a as stored samples.
-
-    Returns
-    -------
-    x : array of float32
-        (2, `COUNT`): a in .3 to 4.4, b in -2.1 to 2.1.
-    halves, bytes, shorts : bytes
-        The integers of a as float16, uint8 and uint16.
-    """
+    """Arguments of the kernel: a and b as floats, then the integers of a as stored samples."""
     a = [0.3 + 0.131 * k for k in range(COUNT)]
     b = [2.1 - 0.1373 * ((7 * k) % COUNT) for k in range(COUNT)]
     whole = [int(value) for value in a]
@@ -87,18 +79,7 @@ def inputs() -> tuple[array[float], bytes, bytes, bytes]:
 
 
 def expected(*, double: bool) -> dict[str, list[float]]:
-    """What the kernel has to give, in its order.
-
-    Parameters
-    ----------
-    double : bool
-        Whether it was built with ``-DDOUBLE``.
-
-    Returns
-    -------
-    dict
-        `COUNT` values of each function, by a name that says its width and type.
-    """
+    """What the kernel has to give, in its order."""
     x = inputs()[0]
     pairs = list(zip(x[:COUNT], x[COUNT:], strict=True))
     named = {**_REAL, **_SCALAR}
@@ -127,15 +108,7 @@ def _shuffled(values: list[float]) -> list[float]:
 
 
 def wrong(values: array[float], *, double: bool) -> list[str]:
-    """Names of the functions whose values differ from those expected.
-
-    Parameters
-    ----------
-    values : array of float32
-        What the kernel gave, `COUNT` values of each function.
-    double : bool
-        As for `expected`.
-    """
+    """Names of the functions whose values differ from those expected."""
     found = []
     for number, (name, wanted) in enumerate(expected(double=double).items()):
         got = values[number * COUNT : (number + 1) * COUNT]

@@ -40,13 +40,7 @@ _temporary: list[Path] = []  # of this process, where the user's take no files
 
 
 def cache_dir() -> Path:
-    """Name the user's cache folder for clplen; it need not exist or be writable.
-
-    Returns
-    -------
-    Path
-        ``$XDG_CACHE_HOME/clplen``, else ``~/.cache/clplen``.
-    """
+    """Name the user's cache folder for clplen; it need not exist or be writable."""
     return _base() / "clplen"
 
 
@@ -79,18 +73,7 @@ def ensure_cache() -> None:
 
 
 def require_room(what: str) -> None:
-    """Refuse to let PoCL write where it cannot: it would abort the process.
-
-    Parameters
-    ----------
-    what : str
-        What needs the room, as the subject of the sentence.
-
-    Raises
-    ------
-    DeviceError
-        Naming the folder and the obstacle.
-    """
+    """Refuse to let PoCL write where it cannot: it would abort the process."""
     folder = kernel_cache()
     obstacle = find_obstacle(folder, MIN_BUILD_BYTES)
     if obstacle:

@@ -17,19 +17,7 @@ ADVICE = (
 
 @contextmanager
 def device_errors(device: cl.Device, step: str) -> Iterator[None]:
-    """Turn every error of OpenCL, and want of host memory, inside this block into a `DeviceError`.
-
-    Parameters
-    ----------
-    device : pyopencl.Device
-    step : str
-        What is done, as the subject of the sentence: "A copy to the host".
-
-    Raises
-    ------
-    DeviceError
-        With the error itself as its cause.
-    """
+    """Turn errors of OpenCL and want of host memory inside this block into a `DeviceError`."""
     try:
         yield
     except Exception as error:

@@ -67,13 +67,7 @@ class ForkedArray(cla.Array):
 
 
 def begin_use() -> None:
-    """Note that this process is about to load OpenCL drivers.
-
-    Raises
-    ------
-    DeviceError
-        If a process that it was forked from had done so.
-    """
+    """Note that this process is about to load OpenCL drivers."""
     require_own_process()
     _Process.used = True
 
@@ -84,13 +78,7 @@ def is_in_use() -> bool:
 
 
 def require_own_process() -> None:
-    """Refuse a process that was forked from one that used OpenCL.
-
-    Raises
-    ------
-    DeviceError
-        Naming ``multiprocessing.get_context("spawn")``.
-    """
+    """Refuse a process that was forked from one that used OpenCL."""
     if _Process.forked:
         raise DeviceError(FORKED)
 

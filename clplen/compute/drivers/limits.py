@@ -108,13 +108,7 @@ def machine_room(*, swap: bool) -> Room:
 
 
 def array_room(nbytes: int) -> Room:
-    """Bytes that arrays may take: less what libraries, threads and compilers are left.
-
-    Parameters
-    ----------
-    nbytes : int
-        Bytes that are wanted; for few the computer's memory is not looked at, which takes longer.
-    """
+    """Bytes that arrays may take: less what libraries, threads and compilers are left."""
     process, group = process_room(), group_room()
     room = min(
         Room(process.nbytes - RESERVE_BYTES, process.limit),
@@ -124,32 +118,13 @@ def array_room(nbytes: int) -> Room:
 
 
 def require_driver_room() -> None:
-    """Refuse to load OpenCL drivers where they would end the process.
-
-    Raises
-    ------
-    DeviceError
-        With the bytes needed and the bytes left.
-    """
+    """Refuse to load OpenCL drivers where they would end the process."""
     stacks = MIN_STACK_BYTES * (os.cpu_count() or 1)
     _require(DRIVER_BYTES + stacks, process_room(), "Loading the OpenCL drivers")
 
 
 def require_build_room(what: str, *, first: bool) -> None:
-    """Refuse to run a driver's compiler where it would end the process.
-
-    Parameters
-    ----------
-    what : str
-        What is built or run, as the subject of the message.
-    first : bool
-        Whether nothing was built by this process yet: the compiler is loaded then.
-
-    Raises
-    ------
-    DeviceError
-        With the bytes needed and the bytes left.
-    """
+    """Refuse to run a driver's compiler where it would end the process."""
     room = min(process_room(), group_room()) if first else process_room()
     _require(FIRST_BUILD_BYTES if first else BUILD_BYTES, room, what)
 

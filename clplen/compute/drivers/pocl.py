@@ -99,21 +99,6 @@ def ensure_usable(device: cl.Device) -> str:
     """Find out whether a PoCL device can run clplen's kernels, and give it a name that fits.
 
     The work is done once per device and process; later calls return the same sentence.
-
-    Parameters
-    ----------
-    device : pyopencl.Device
-        Any device; one that is not PoCL's is left alone.
-
-    Returns
-    -------
-    str
-        Empty when nothing had to be done, else one sentence that says what was done.
-
-    Raises
-    ------
-    DeviceError
-        Kernels do not build or do not run under any name that was tried.
     """
     if device.platform.name != PLATFORM:
         return ""
@@ -144,34 +129,13 @@ def written_name(device: cl.Device) -> str:
 
 
 def library(flags: str) -> str:
-    """Name the library of built-in functions that PoCL 3 takes on a CPU.
-
-    Parameters
-    ----------
-    flags : str
-        The line ``flags`` of ``/proc/cpuinfo``, words separated by spaces.
-    """
+    """Name the library of built-in functions that PoCL 3 takes on a CPU."""
     have = set(flags.split())
     return next(name for name, (needs, *_) in _LIBRARIES.items() if set(needs.split()) <= have)
 
 
 def names_to_try(present: str, flags: str, wanted: str = "") -> list[str]:
-    """Names of CPUs in the order in which they are tried.
-
-    Parameters
-    ----------
-    present : str
-        The name that is there; empty where it was not found and no other can be written.
-    flags : str
-        The line ``flags`` of ``/proc/cpuinfo``.
-    wanted : str
-        The value of ``CLPLEN_POCL_CPU``.
-
-    Returns
-    -------
-    list of str
-        The present name first, unless it is known not to fit the library: then last.
-    """
+    """Names of CPUs in the order in which they are tried."""
     if wanted == "off" or not present:
         return [present]
     if wanted:
@@ -290,15 +254,7 @@ def _keep(path: Path, survivor: str | None) -> None:
 
 
 def _survives(library: Path, name: str) -> bool:
-    """Whether every built-in function runs and is right under a name, in a child process.
-
-    Raises
-    ------
-    OSError
-        No child process can be started, or it was ended from outside: there is no verdict.
-    DeviceError
-        PoCL does not run a kernel without built-in functions either: nor is there one.
-    """
+    """Whether every built-in function runs and is right under a name, in a child process."""
     if getattr(sys, "frozen", False) or not sys.executable:
         raise OSError("this program is not run by a Python interpreter of its own")
     command = [sys.executable, "-I", "-S", pocl_trial.__file__, str(library), name, str(_source())]
@@ -337,13 +293,7 @@ def _survives(library: Path, name: str) -> bool:
 
 
 def _wait(child: subprocess.Popen[bytes]) -> tuple[bytes, bytes]:
-    """What a trial prints to both streams; a long one is spoken of.
-
-    Raises
-    ------
-    OSError
-        If it does not end.
-    """
+    """What a trial prints to both streams; a long one is spoken of."""
     for seconds in (PATIENCE, TRIAL_SECONDS):
         try:
             return child.communicate(timeout=seconds)  # which returns at once when the child ends
@@ -370,13 +320,7 @@ def _refusal(target: _Target, wanted: str, names: Sequence[str]) -> str:
 
 
 def _require_build(device: cl.Device) -> None:
-    """Build a one-line kernel.
-
-    Raises
-    ------
-    DeviceError
-        With the compiler's first complaint.
-    """
+    """Build a one-line kernel."""
     try:
         cl.Program(cl.Context([device]), PROBE).build()
     except cl.Error as error:

@@ -58,16 +58,6 @@ def find_name(address: int) -> Pointer | None:
     PoCL 3 keeps two strings one behind the other, the target of its compiler, as
     ``x86_64-unknown-linux-gnu``, and the name of the CPU. Nothing is read beyond the first
     kilobyte, behind which another device's object may lie, or outside of mapped memory.
-
-    Parameters
-    ----------
-    address : int
-        Of the device object.
-
-    Returns
-    -------
-    Pointer or None
-        The pointer itself, to be read or written; None where there are not exactly such two.
     """
     readable, writable = _mapped_memory()
     end = next((end for begin, end in writable if begin <= address < end), address)
@@ -95,13 +85,7 @@ def write_name(pointer: Pointer, name: str) -> None:
 
 
 def table_of(platform: int) -> ctypes.Array[ctypes.c_uint64]:
-    """The addresses of OpenCL's functions, in the order of ``cl_icd.h``.
-
-    Parameters
-    ----------
-    platform : int
-        Address of the platform object, whose first word leads to the table.
-    """
+    """The addresses of OpenCL's functions, in the order of ``cl_icd.h``."""
     address = ctypes.c_uint64.from_address(platform).value
     return (ctypes.c_uint64 * (max(_TABLE.values()) + 1)).from_address(address)
 
@@ -230,22 +214,7 @@ def _require(status: int) -> None:
 
 
 def main(library: str, name: str, source: str) -> None:
-    """Give PoCL's device a CPU name and compare every built-in function with its value.
-
-    Parameters
-    ----------
-    library : str
-        Path of PoCL's library.
-    name : str
-        CPU name; empty leaves the one that is there.
-    source : str
-        Path of ``builtins.cl``.
-
-    Raises
-    ------
-    SystemExit
-        `UNFIT`, with a sentence before it, where a step is refused or values are wrong.
-    """
+    """Give PoCL's device a CPU name and compare every built-in function with its value."""
     import mmap
     import resource
 

@@ -23,17 +23,7 @@ BUILD_OPTIONS = ("-cl-std=CL1.2", "-cl-kernel-arg-info", "-cl-mad-enable")
 
 
 def kernel_folder() -> Path:
-    """Folder of the ``.cl`` files, in a wheel, an sdist, an editable install or a checkout.
-
-    Returns
-    -------
-    pathlib.Path
-
-    Raises
-    ------
-    KernelBuildError
-        If the kernels are in none of the known places.
-    """
+    """Folder of the ``.cl`` files, in a wheel, an sdist, an editable install or a checkout."""
     for folder in _FOLDERS:
         if (folder / "common.cl").is_file():
             return folder
@@ -43,23 +33,7 @@ def kernel_folder() -> Path:
 
 @cache
 def kernel_source(file: str) -> str:
-    """Source of a kernel file with every ``#include "x.cl"`` expanded and ``#line`` kept.
-
-    Parameters
-    ----------
-    file : str
-        Name inside the kernel folder, for example ``"transfer.cl"``.
-
-    Returns
-    -------
-    str
-        One self-contained translation unit.
-
-    Raises
-    ------
-    KernelBuildError
-        If the file or one that it includes does not exist.
-    """
+    """Source of a kernel file with every ``#include "x.cl"`` expanded and ``#line`` kept."""
     return _expand(file, [])
 
 
@@ -84,27 +58,7 @@ def _expand(file: str, included: list[str]) -> str:
 def build_program(
     context: cl.Context, file: str, defines: dict[str, Any], options: Sequence[str] = ()
 ) -> cl.Program:
-    """Build one kernel file for a context.
-
-    Parameters
-    ----------
-    context : pyopencl.Context
-    file : str
-        Name inside the kernel folder.
-    defines : dict
-        Preprocessor definitions; a value of None or True defines the bare name.
-    options : sequence of str
-        More options of the compiler.
-
-    Returns
-    -------
-    pyopencl.Program
-
-    Raises
-    ------
-    KernelBuildError
-        With the numbered source in ``source`` and the compiler's words in ``log``.
-    """
+    """Build one kernel file for a context."""
     source = kernel_source(file)
     named = (_define(name, value) for name, value in defines.items())
     options = [*BUILD_OPTIONS, *named, *options]

@@ -32,13 +32,7 @@ def is_llvmpipe(device: cl.Device) -> bool:
 
 @functools.cache
 def loops_are_cut(device: cl.Device) -> bool:
-    """Whether a work-item's loop of `ITERATIONS` ends early.
-
-    Parameters
-    ----------
-    device : pyopencl.Device
-        Any device; one that is not llvmpipe is not tried.
-    """
+    """Whether a work-item's loop of `ITERATIONS` ends early."""
     if not is_llvmpipe(device):
         return False
     context = cl.Context([device])
@@ -72,20 +66,7 @@ INSTALL_HELP = (
 
 
 def find_devices() -> list[Found]:
-    """Everything that OpenCL shows, in platform order.
-
-    Returns
-    -------
-    list of tuple
-        ("platform:device", device) of each.
-
-    Raises
-    ------
-    DeviceError
-        If there is no platform, or no platform has a device (it names what to install), or this
-        process was forked from one that looked for devices, or may not take the memory that
-        drivers need.
-    """
+    """Everything that OpenCL shows, in platform order."""
     if not is_in_use():
         limits.require_driver_room()
     begin_use()
@@ -110,20 +91,7 @@ def find_devices() -> list[Found]:
 
 
 def select(devices: list[Found], selector: str | None) -> list[Found]:
-    """The devices that fit a selector, best first; llvmpipe last, unless it is named.
-
-    Parameters
-    ----------
-    devices : list of tuple
-        From `find_devices`.
-    selector : str or None
-        See `Device.open`.
-
-    Raises
-    ------
-    DeviceError
-        If none fits; it lists what is there.
-    """
+    """The devices that fit a selector, best first; llvmpipe last, unless it is named."""
     kinds = {"cpu": cl.device_type.CPU, "gpu": cl.device_type.GPU}
     if selector is None:
         return sorted(devices, key=_rank)

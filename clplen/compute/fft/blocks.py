@@ -57,20 +57,7 @@ class FieldDevice(TransformDevice, Protocol):
 
 
 class Spectrum:
-    """Factors of a 2-D spectrum, where its products are made: on the device or on the host.
-
-    Parameters
-    ----------
-    values : pyopencl.array.Array
-        Complex, shape (my, mx); or, even in both axes, the quadrant (my//2 + 1, mx//2 + 1).
-    shape : tuple of int
-        (my, mx).
-    turned : bool
-        Whether the axes of ``values`` are (x, y), the order in which the host reads them.
-    lit : numpy.ndarray, optional
-        bool, one for each column (x) of ``values``: False where all its factors are zero, which
-        the host skips. None: all True.
-    """
+    """Factors of a 2-D spectrum, where its products are made: on the device or on the host."""
 
     def __init__(
         self,
@@ -131,24 +118,7 @@ def run(
     back: Sequence[Separable],
     device: FieldDevice,
 ) -> list[cla.Array]:
-    """Map, multiply by each of several spectra, and map back.
-
-    Parameters
-    ----------
-    data : pyopencl.array.Array
-        Complex, shape (..., ny, nx); not changed.
-    into : Separable
-    spectra : sequence of Spectrum
-        None: ``into`` is all there is.
-    back : sequence of Separable
-        One for each spectrum, all to the same shape.
-    device : FieldDevice
-
-    Returns
-    -------
-    list of pyopencl.array.Array
-        Shape (..., my, mx), one for each spectrum (one in all where there is none).
-    """
+    """Map, multiply by each of several spectra, and map back."""
     if device.fft.name == "vkfft":
         return _on_device(data, into, spectra, back, device)
     batch, shape = tuple(data.shape[:-2]), (data.shape[-2], data.shape[-1])
@@ -272,18 +242,7 @@ def window(
     *,
     place: tuple[int, int] | None = None,
 ) -> cla.Array:
-    """A copy of complex samples in a larger or smaller window, zeros around them.
-
-    Parameters
-    ----------
-    data : pyopencl.array.Array
-        Shape (..., in_ny, in_nx).
-    shape : sequence of int
-        (..., ny, nx) of the result.
-    device : FieldDevice
-    place : tuple of int, optional
-        (y, x) index in the result of the first sample; by default sample N//2 stays on N//2.
-    """
+    """A copy of complex samples in a larger or smaller window, zeros around them."""
     out = device.empty(shape, device.complex)
     (ny, nx), (in_ny, in_nx) = shape[-2:], data.shape[-2:]
     if place is None:

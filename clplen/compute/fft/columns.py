@@ -29,21 +29,7 @@ Own = TypeVar("Own")
 
 
 def share(work: Callable[[Part, Own], None], parts: Sequence[Part], owned: Sequence[Own]) -> None:
-    """``work`` on every part, the calling thread and others taking the next one each.
-
-    Parameters
-    ----------
-    work : callable
-        Of a part and of what the thread owns.
-    parts : sequence
-    owned : sequence
-        One for each thread, the first for the caller's.
-
-    Raises
-    ------
-    BaseException
-        What ``work`` raised, in the calling thread before the others, when all have ended.
-    """
+    """``work`` on every part, the calling thread and others taking the next one each."""
     left, failed = iter(parts), Event()
 
     def run(own: Own) -> None:
@@ -159,21 +145,7 @@ def run_on_host(
     fft: FFTRoute,
     workspace: Workspace,
 ) -> None:
-    """Fill ``targets``, one for each product (one where there is none).
-
-    Parameters
-    ----------
-    source : numpy.ndarray
-        Complex, shape (n, ny, nx); not changed.
-    into : Separable
-    products : sequence of Product
-    targets : sequence of numpy.ndarray
-        Shape (n, my, mx).
-    fft : FFTRoute
-        Of a host library.
-    workspace : Workspace
-        Lends what is between the axes.
-    """
+    """Fill ``targets``, one for each product (one where there is none)."""
     count, ny, _ = source.shape
     width = into.shape_after(source.shape[-2:])[1]
     with ExitStack() as held:

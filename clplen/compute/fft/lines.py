@@ -135,13 +135,7 @@ class Separable:
 
 
 def adjoint_maps(into: Separable, back: Separable) -> tuple[Separable, Separable]:
-    """The maps before and after a product, of the adjoint of a product between two maps.
-
-    Parameters
-    ----------
-    into, back : Separable
-        Before and after the product; both the adjoint's change places.
-    """
+    """The maps before and after a product, of the adjoint of a product between two maps."""
     before, one = back.adjoint()
     after, other = into.adjoint()
     factor = one * other
@@ -197,15 +191,6 @@ def chirp_z(n: int, m: int, step: float, *, pre: Array, post: Array) -> Line:
 
     p and q count from the central samples m//2 and n//2. Bluestein (1970), eq. 4, by way of
     2 p q = p^2 + q^2 - (p - q)^2, as a convolution.
-
-    Parameters
-    ----------
-    n, m : int
-        Samples in and out.
-    step : float
-        In turns, of either sign.
-    pre, post : numpy.ndarray
-        Complex factors, shapes (n,) and (m,).
     """
     q, p = np.arange(n) - n // 2, np.arange(m) - m // 2
     length = smooth_length(n + m - 1)

@@ -19,13 +19,6 @@ T = TypeVar("T")
 class PlanCache:
     """Values kept by key until their bytes exceed a limit (least recently used first out).
 
-    Parameters
-    ----------
-    limit_bytes : int
-        Sum of the sizes of the kept values. A single larger value is returned but not kept.
-    beside : PlanCache, optional
-        Another one, whose values count within the limit, too.
-
     Attributes
     ----------
     hits, misses : int
@@ -54,17 +47,7 @@ class PlanCache:
             return sum(nbytes for _, nbytes in self._items.values())
 
     def get(self, key: Hashable, make: Callable[[], T], size: Callable[[T], int]) -> T:
-        """The value of ``key``, made by ``make`` when it is not there.
-
-        Parameters
-        ----------
-        key : hashable
-            Everything that determines the value.
-        make : callable
-            Makes the value.
-        size : callable
-            Bytes that a value holds.
-        """
+        """The value of ``key``, made by ``make`` when it is not there."""
         place = (self, key)
         with self._lock:
             if place in self._items:
@@ -94,13 +77,7 @@ class PlanCache:
 
 
 class Workspace:
-    """Keeps the largest array lent so far, up to a limit, for the next borrower.
-
-    Parameters
-    ----------
-    limit_bytes : int
-        A larger array is lent but not kept.
-    """
+    """Keeps the largest array lent so far, up to a limit, for the next borrower."""
 
     def __init__(self, limit_bytes: int) -> None:
         self.limit_bytes = limit_bytes
@@ -119,13 +96,7 @@ class Workspace:
 
     @contextmanager
     def borrow(self, shape: Sequence[int], dtype: np.dtype[Any]) -> Iterator[Array]:
-        """An uninitialised array; what two borrowers at a time get is never the same.
-
-        Parameters
-        ----------
-        shape : sequence of int
-        dtype : numpy.dtype
-        """
+        """An uninitialised array; what two borrowers at a time get is never the same."""
         wanted = math.prod(shape) * dtype.itemsize
         with self._lock:
             buffer, self._kept = self._kept, np.empty(0, np.uint8)

@@ -74,15 +74,7 @@ class FFTRoute:
     threads: int
 
     def forward(self, array: cla.Array, device: TransformDevice) -> None:
-        """``array`` becomes its discrete Fourier transform over the last two axes.
-
-        Parameters
-        ----------
-        array : pyopencl.array.Array
-            complex64 or complex128, shape (..., ny, nx), C-contiguous, changed in place.
-        device : TransformDevice
-            The device that holds it.
-        """
+        """``array`` becomes its discrete Fourier transform over the last two axes."""
         self.transform(array, device, axes=(-2, -1), forward=True)
 
     def inverse(self, array: cla.Array, device: TransformDevice) -> None:
@@ -92,18 +84,7 @@ class FFTRoute:
     def transform(
         self, array: cla.Array, device: TransformDevice, *, axes: tuple[int, ...], forward: bool
     ) -> None:
-        """`forward` or `inverse` over some of the last two axes.
-
-        Parameters
-        ----------
-        array : pyopencl.array.Array
-            complex64 or complex128, shape (..., ny, nx), C-contiguous, changed in place.
-        device : TransformDevice
-            The device that holds it.
-        axes : tuple of int
-            Of -2 and -1.
-        forward : bool
-        """
+        """`forward` or `inverse` over some of the last two axes."""
         operations = array.size * sum(5 * math.log2(array.shape[axis]) for axis in axes)
         with device.timed(f"FFT, {self.name}", nbytes=2 * array.nbytes, operations=operations):
             if self.name == "vkfft":
@@ -115,19 +96,7 @@ class FFTRoute:
     def lines(
         self, values: Array, out: Array, axis: int, forward: bool, *, careful: bool = False
     ) -> None:
-        """Transform along one axis of a host array, in the calling thread.
-
-        Parameters
-        ----------
-        values, out : numpy.ndarray
-            complex64 or complex128, of one shape; they may be the same array.
-        axis : int
-        forward : bool
-            Else the inverse, with the factor 1/length.
-        careful : bool
-            A length with a large prime factor, which the libraries transform with more rounding,
-            passes through double precision.
-        """
+        """Transform along one axis of a host array, in the calling thread."""
         transform = _HOST[self.name]
         if careful and values.dtype == np.complex64 and has_large_prime(values.shape[axis]):
             exact = values.astype(np.complex128)
@@ -147,26 +116,7 @@ def has_large_prime(n: int) -> bool:
 
 
 def choose_route(is_cpu: bool, platform: str = "") -> FFTRoute:
-    """The route of a device.
-
-    Parameters
-    ----------
-    is_cpu : bool
-        Whether the device is a CPU.
-    platform : str
-        Name of its OpenCL platform.
-
-    Returns
-    -------
-    FFTRoute
-        ``$CLPLEN_FFT`` if set; VkFFT on a GPU with pyvkfft; else ducc0, else SciPy, on the host.
-
-    Raises
-    ------
-    DeviceError
-        If ``$CLPLEN_FFT`` names an unknown library, one that is not installed, or VkFFT on Intel's
-        CPU runtime.
-    """
+    """The route of a device."""
     threads = _threads()
     forced = os.environ.get("CLPLEN_FFT", "").strip().lower()
     if forced:

@@ -36,25 +36,7 @@ class DisplayWindow:
         pixels: tuple[int, int],
         samples: tuple[int, int] | None = None,
     ) -> Array:
-        """The window of one view at another number of pixels.
-
-        Parameters
-        ----------
-        picture : numpy.ndarray
-            uint8, shape (y, x) or (y, x, 3).
-        shift : array_like
-            (y, x): where the depth that lies in the display's plane stands in this view, from
-            where it stands in the centre view, in pixels.
-        pixels : tuple of int
-            (y, x) of the result.
-        samples : tuple of int, optional
-            (y, x): how many of them the display can tell apart, at most; None is all.
-
-        Returns
-        -------
-        numpy.ndarray
-            uint8; bicubic, averaged where it becomes smaller or the display tells less apart.
-        """
+        """The window of one view at another number of pixels."""
         y, x = np.asarray(self.centre) + np.asarray(shift)
         height, width = self.size
         box = (x - width / 2, y - height / 2, x + width / 2, y + height / 2)
@@ -74,26 +56,7 @@ class DisplayWindow:
 def display_window(
     size: tuple[int, ...], shifts: ArrayLike, aspect: float | None = None
 ) -> DisplayWindow:
-    """The largest window that lies inside every view.
-
-    Parameters
-    ----------
-    size : tuple of int
-        (y, x) pixels of a view.
-    shifts : array_like
-        Shape (n, 2): of `DisplayWindow.shown`, for every view that will be shown.
-    aspect : float, optional
-        Width over height; None keeps what all views have in common.
-
-    Returns
-    -------
-    DisplayWindow
-
-    Raises
-    ------
-    ValueError
-        If less than a quarter of the height or the width is in all views.
-    """
+    """The largest window that lies inside every view."""
     moved = np.asarray(shifts, np.float64)
     low, high = moved.min(0), moved.max(0)
     room = np.asarray(size) - (high - low)

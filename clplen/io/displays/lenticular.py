@@ -100,29 +100,7 @@ def lens_pitch(
 
 
 def lens_views(pixels: int, pitch: float, views: int, *, centre: float | None = None) -> Array:
-    """Which view each printed column belongs to.
-
-    Parameters
-    ----------
-    pixels : int
-        Columns of the print.
-    pitch : float
-        Of the lenses, in pixels; any real number from 2 on.
-    views : int
-        2 to ``pitch``.
-    centre : float, optional
-        Where a lens has its axis, in pixels from the left edge; None is the middle of the print.
-
-    Returns
-    -------
-    numpy.ndarray
-        Whole numbers, shape (pixels,): ``views - 1`` at the left under each lens, 0 at the right.
-
-    Raises
-    ------
-    ValueError
-        If a number is out of range.
-    """
+    """Which view each printed column belongs to."""
     pixels = positive_integer(pixels, "The number of columns of a print")
     views = positive_integer(views, "The number of views")
     if not (is_finite(pitch) and pitch >= LEAST_PITCH):
@@ -229,19 +207,7 @@ def _empty(
 
 
 def check_print(size: tuple[int, int], channels: int) -> None:
-    """Refuse a print that does not fit into memory, before anything is computed for it.
-
-    Parameters
-    ----------
-    size : tuple of int
-        (y, x) pixels.
-    channels : int
-        1 or 3.
-
-    Raises
-    ------
-    MemoryError
-    """
+    """Refuse a print that does not fit into memory, before anything is computed for it."""
     needed, free = _COPIES * size[0] * size[1] * channels, free_memory()
     if needed > free:
         raise MemoryError(

@@ -214,18 +214,7 @@ def write_quilt(path: PathLike, tiles: Iterable[ArrayLike], layout: QuiltLayout)
 
 
 def check_memory(layout: QuiltLayout, channels: int) -> None:
-    """Refuse a quilt that does not fit, before its views are computed.
-
-    Parameters
-    ----------
-    layout : QuiltLayout
-    channels : int
-        1 or 3.
-
-    Raises
-    ------
-    MemoryError
-    """
+    """Refuse a quilt that does not fit, before its views are computed."""
     needed, free = _COPIES * int(np.prod(layout.size)) * channels, free_memory()
     if needed > free:
         raise MemoryError(

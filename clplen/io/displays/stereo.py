@@ -80,28 +80,7 @@ def anaglyph(left: ArrayLike, right: ArrayLike, *, colours: str = "dubois") -> A
 def paired(
     left: ArrayLike, right: ArrayLike, *, arrangement: str, colours: str = "dubois"
 ) -> Array:
-    """Return two pictures as one.
-
-    Parameters
-    ----------
-    left, right : array_like
-        As in `anaglyph`.
-    arrangement : {"anaglyph", "side-by-side", "cross-eyed"}
-        "side-by-side" has the left eye's picture at the left, for viewers and parallel eyes,
-        "cross-eyed" at the right.
-    colours : str
-        Of the anaglyph.
-
-    Returns
-    -------
-    numpy.ndarray
-        uint8.
-
-    Raises
-    ------
-    ShapeError, ValueError
-        As in `anaglyph`, or if the arrangement is none of these.
-    """
+    """Return two pictures as one."""
     if arrangement not in ARRANGEMENTS:
         known = ", ".join(map(repr, ARRANGEMENTS))
         raise ValueError(f"Two views are arranged as {known}, not {arrangement!r}.")

@@ -96,24 +96,7 @@ def _dithered(frame: np.ndarray[Any, Any]) -> np.ndarray[Any, Any]:
 
 
 def white_level(values: Array, dtype: np.dtype[Any], *, srgb: bool = False) -> float:
-    """The value that is shown as white.
-
-    Parameters
-    ----------
-    values : numpy.ndarray
-        All pictures that are shown alike.
-    dtype : dtype
-        Of the light field: 255 is white for uint8, so that its views look as their files do. Give
-        float32 for what is no brightness, such as a variance.
-    srgb : bool
-        Whether its values were decoded from sRGB: 1 is white then.
-
-    Returns
-    -------
-    float
-        Otherwise the largest value; where that is more than 3 times the 99.9th percentile of the
-        values, this percentile, so that a few glints do not darken all. 1 where none is positive.
-    """
+    """The value that is shown as white."""
     if srgb:
         return 1.0
     if dtype == np.uint8:
@@ -128,28 +111,7 @@ _DECADES = 3  # of the logarithmic curve
 
 
 def toned(values: Array, black: float, white: float, curve: str | float = "linear") -> Array:
-    """A picture as uint8, its values between black and white brought through a curve.
-
-    Parameters
-    ----------
-    values : numpy.ndarray
-        Shape (..., y, x[, c]).
-    black, white : float
-        Values that become 0 and 255; black below white.
-    curve : {"linear", "srgb", "log"} or float
-        Of t = (value - black)/(white - black), cut to 0 to 1: t, t encoded as sRGB,
-        log10(1 + 999 t)/3, or of a number t^(1/number).
-
-    Returns
-    -------
-    numpy.ndarray
-        uint8, same shape.
-
-    Raises
-    ------
-    ValueError
-        If black is not below white, or the curve is none of these.
-    """
+    """A picture as uint8, its values between black and white brought through a curve."""
     if not white > black:
         raise ValueError(f"Black lies below white, not at {black:g} and {white:g}.")
     part = np.clip((np.asarray(values, np.float64) - black) / (white - black), 0, 1)
@@ -166,20 +128,5 @@ def toned(values: Array, black: float, white: float, curve: str | float = "linea
 
 
 def to_eight_bits(values: Array, white: float, *, srgb: bool = False) -> Array:
-    """A picture as uint8: values over white, cut to 0 to 1, encoded as sRGB where asked.
-
-    Parameters
-    ----------
-    values : numpy.ndarray
-        Shape (..., y, x[, c]).
-    white : float
-        Positive.
-    srgb : bool
-        Whether the values are linear light that a screen is to show as such.
-
-    Returns
-    -------
-    numpy.ndarray
-        uint8, same shape.
-    """
+    """A picture as uint8: values over white, cut to 0 to 1, encoded as sRGB where asked."""
     return toned(values, 0.0, white, "srgb" if srgb else "linear")

@@ -69,13 +69,7 @@ class Variable:
 
 
 def variables(file: BinaryIO, path: Path) -> list[Variable]:
-    """The variables of a file, from their headers alone.
-
-    Raises
-    ------
-    FormatError
-        If a header is none.
-    """
+    """The variables of a file, from their headers alone."""
     size = path.stat().st_size
     file.seek(0)
     order = {b"IM": "<", b"MI": ">"}.get(file.read(_HEADER)[126:])
@@ -140,25 +134,7 @@ def _element(head: bytes, at: int, order: str) -> tuple[bytes, int]:
 
 
 def read_variable(file: BinaryIO, variable: Variable) -> Array:
-    """The samples of a variable of real numbers.
-
-    Parameters
-    ----------
-    file : binary file
-    variable : Variable
-
-    Returns
-    -------
-    numpy.ndarray
-        As stored, in the shape of MATLAB; contiguous in the order of the file.
-
-    Raises
-    ------
-    EOFError
-        If the file ends before.
-    ValueError, zlib.error
-        If it is damaged; SciPy raises others.
-    """
+    """The samples of a variable of real numbers."""
     from scipy.io import loadmat  # imported where it is needed: it takes a sixth of a second
     from scipy.io.matlab import MatReadError
 

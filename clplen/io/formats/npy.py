@@ -93,19 +93,7 @@ def read_npy(path: PathLike, *, max_bytes: int | None = None) -> np.ndarray[Any,
 
 
 def map_npy(path: PathLike, *, what: str = "an array") -> np.ndarray[Any, Any]:
-    """An array that is mapped, so that it cannot be larger than its file; it is never unpickled.
-
-    Parameters
-    ----------
-    path : path-like
-    what : str
-        What it is, for the message.
-
-    Raises
-    ------
-    FormatError
-        If it is missing or damaged.
-    """
+    """An array that is mapped, so that it cannot be larger than its file; it is never unpickled."""
     noun = what.partition(" ")[2]
     if not Path(path).is_file():
         raise FormatError(f"There is no {noun} {path}.")

@@ -61,27 +61,7 @@ ILLUM = Packing(7728, 5368, 10, "little", "GRBG")
 
 
 def packing_of(metadata: dict[str, Any], path: Path, length: int) -> Packing:
-    """The packing that metadata tell, or that of the Lytro camera whose images are as long.
-
-    Parameters
-    ----------
-    metadata : dict
-        With ``image.width``, ``image.height``, and ``pixelPacking`` and ``mosaic`` in ``image`` or
-        ``image.rawDetails``; empty where there are none.
-    path : pathlib.Path
-        For messages.
-    length : int
-        Bytes of the image.
-
-    Returns
-    -------
-    Packing
-
-    Raises
-    ------
-    FormatError
-        If they tell none that is known.
-    """
+    """The packing that metadata tell, or that of the Lytro camera whose images are as long."""
     image = _image(metadata)
     known = next((camera for camera in (F01, ILLUM) if camera.stored == length), None)
     if not image:
@@ -152,17 +132,6 @@ def unpack(data: Bytes, packing: Packing) -> Frame:
     Two pixels of 12 bits lie in three bytes, most significant bits first (Lytro F01). Four of 10
     bits lie in five: the upper eight bits of each, and a fifth byte with the lower two, those of
     the first pixel lowest (Lytro Illum).
-
-    Parameters
-    ----------
-    data : numpy.ndarray
-        uint8, shape (packing.stored,).
-    packing : Packing
-
-    Returns
-    -------
-    numpy.ndarray
-        uint16, shape (height, width).
     """
     pixels, size = _GROUPS[packing.bits, packing.order]
     groups = data.reshape(-1, size)

@@ -51,17 +51,7 @@ Array = np.ndarray[Any, Any]
 
 
 def linear(values: Array) -> Array:
-    """sRGB decoded to linear light, 0 to 1, float32 (IEC 61966-2-1:1999).
-
-    Parameters
-    ----------
-    values : numpy.ndarray
-        uint8 or uint16 of the full range, or floats from 0 to 1.
-
-    Returns
-    -------
-    numpy.ndarray
-    """
+    """sRGB decoded to linear light, 0 to 1, float32 (IEC 61966-2-1:1999)."""
     if values.dtype.kind == "u":
         levels = np.linspace(0, 1, int(np.iinfo(values.dtype).max) + 1)
         return np.asarray(_from_srgb(levels).astype(np.float32)[values])
@@ -80,25 +70,7 @@ def encoded(values: Array) -> Array:
 
 
 def without_alpha(values: Array, name: PathLike) -> Array:
-    """Colours or greys without an alpha channel that says nothing.
-
-    Parameters
-    ----------
-    values : numpy.ndarray
-        As `read_channels` gives them.
-    name : path-like
-        For messages.
-
-    Returns
-    -------
-    numpy.ndarray
-        Shape (y, x) or (y, x, 3).
-
-    Raises
-    ------
-    FormatError
-        If a pixel is transparent.
-    """
+    """Colours or greys without an alpha channel that says nothing."""
     if values.ndim == 2 or values.shape[2] == 3:
         return values
     alpha = values[..., -1]
@@ -146,21 +118,7 @@ class Header:
 
 
 def header_of(content: bytes) -> Header:
-    """What a picture declares.
-
-    Parameters
-    ----------
-    content : bytes
-
-    Returns
-    -------
-    Header
-
-    Raises
-    ------
-    ValueError
-        If it is no picture of a known kind, or its header is damaged.
-    """
+    """What a picture declares."""
     if content[:8] == PNG:
         return _png(content)
     if content[:4] in TIFF:
@@ -219,13 +177,7 @@ def _bmp(content: bytes) -> Header:
 
 
 def pnm_layout(content: bytes) -> tuple[tuple[int, int, int], int, int]:
-    """Of a binary PGM or PPM: (y, x, c), bytes a sample, and where the samples begin.
-
-    Raises
-    ------
-    ValueError
-        If the header is none.
-    """
+    """Of a binary PGM or PPM: (y, x, c), bytes a sample, and where the samples begin."""
     match = _PNM.match(content[:4096])
     if match is None:
         raise ValueError("its header is damaged")
@@ -282,22 +234,7 @@ def pixels_of(path: Path) -> int:
 
 
 def require_pixels(head: bytes, size: int, path: Path) -> None:
-    """Refuse a picture whose file is far larger than the pixels that its first bytes declare.
-
-    Parameters
-    ----------
-    head : bytes
-        First bytes of the file; those of a TIFF declare no pixels and are accepted.
-    size : int
-        Bytes of the file.
-    path : pathlib.Path
-        For the message.
-
-    Raises
-    ------
-    FormatError
-        Naming the file and its size, or if it is no picture.
-    """
+    """Refuse a picture whose file is far larger than the pixels that its first bytes declare."""
     if size <= _LARGEST or head[:4] in TIFF:
         return
     try:
@@ -311,23 +248,7 @@ def require_pixels(head: bytes, size: int, path: Path) -> None:
 
 
 def read_channels(path: PathLike, *, max_bytes: int | None = None) -> Array:
-    """Read one picture with its alpha channel, if it has one.
-
-    Parameters
-    ----------
-    path, max_bytes
-        As for `read_picture`.
-
-    Returns
-    -------
-    numpy.ndarray
-        Shape (y, x) or (y, x, c), c = 2, 3 or 4; the last of 2 or 4 is alpha.
-
-    Raises
-    ------
-    FormatError
-        As `read_picture`, save for transparent pixels.
-    """
+    """Read one picture with its alpha channel, if it has one."""
     path = Path(path)
     if not path.is_file():
         raise FormatError(f"There is no picture {path}.")
@@ -348,27 +269,7 @@ def read_channels(path: PathLike, *, max_bytes: int | None = None) -> Array:
 
 
 def decode_picture(content: bytes | mmap, name: PathLike, *, max_bytes: int | None = None) -> Array:
-    """Decode one picture from memory, with its alpha channel, if it has one.
-
-    Parameters
-    ----------
-    content : bytes or mmap.mmap
-        Mapped for TIFF only.
-    name : path-like
-        For messages.
-    max_bytes : int, optional
-        As for `read_picture`.
-
-    Returns
-    -------
-    numpy.ndarray
-        As `read_channels`.
-
-    Raises
-    ------
-    FormatError
-        As `read_channels`.
-    """
+    """Decode one picture from memory, with its alpha channel, if it has one."""
     path = Path(name)
     try:
         values = _decoded(content, path, max_bytes)

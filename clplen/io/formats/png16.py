@@ -24,23 +24,7 @@ Array = np.ndarray[Any, Any]
 
 
 def decode_png16(content: bytes) -> Array:
-    """Decode a PNG of 16-bit grey with alpha, RGB or RGBA.
-
-    Parameters
-    ----------
-    content : bytes
-        The file; its size must have been checked (`clplen.io.formats.picture`).
-
-    Returns
-    -------
-    numpy.ndarray
-        uint16, shape (y, x, c), c = 2, 3 or 4.
-
-    Raises
-    ------
-    ValueError
-        If it is damaged, truncated or interlaced.
-    """
+    """Decode a PNG of 16-bit grey with alpha, RGB or RGBA."""
     header, stored = _chunks(content)
     width, height, depth, colour, _, _, interlaced = struct.unpack(">IIBBBBB", header)
     if depth != 16 or colour not in _CHANNELS:

@@ -34,45 +34,14 @@ _LONGEST = 1 << 16  # characters of an OME description in which <Pixels> is look
 
 
 def open_tiff(path: Path) -> tifffile.TiffFile:
-    """A TIFF file to read, whose pages are taken one by one.
-
-    Raises
-    ------
-    FormatError
-        If there is no such file; tifffile's own errors where it is damaged.
-    """
+    """A TIFF file to read, whose pages are taken one by one."""
     return tifffile.TiffFile(require_file(path, "TIFF file"), is_ome=False, is_imagej=False)
 
 
 def decode_tiff(
     content: bytes | mmap, path: Path, *, max_bytes: int | None, page: int | None = None
 ) -> np.ndarray[Any, Any]:
-    """One page of a TIFF file.
-
-    Parameters
-    ----------
-    content : bytes or mmap.mmap
-        Mapped is the file ``path`` itself.
-    path : pathlib.Path
-        For messages.
-    max_bytes : int or None
-        As for `require_bytes`.
-    page : int or None
-        Which one; None where there must be one only.
-
-    Returns
-    -------
-    numpy.ndarray
-        Shape (y, x) or (y, x, c), the file's own dtype.
-
-    Raises
-    ------
-    FormatError
-        If it declares more than it holds, or more than ``max_bytes``.
-    ValueError
-        If it holds several pages, a colour table or an unknown compression; tifffile's own errors
-        where it is damaged.
-    """
+    """One page of a TIFF file."""
     source: Any = BytesIO(content) if isinstance(content, bytes) else path
     with tifffile.TiffFile(source, is_ome=False, is_imagej=False) as file:
         if page is None and len(file.pages) > 1:
@@ -83,23 +52,7 @@ def decode_tiff(
 def decode_tiff_stack(
     content: bytes | mmap, path: Path, *, max_bytes: int | None
 ) -> np.ndarray[Any, Any]:
-    """All pages of a TIFF file, which are alike.
-
-    Parameters
-    ----------
-    content, path, max_bytes
-        As of `decode_tiff`.
-
-    Returns
-    -------
-    numpy.ndarray
-        Shape (pages, y, x) or (pages, y, x, c), the file's own dtype.
-
-    Raises
-    ------
-    FormatError, ValueError
-        As `decode_tiff`, and if pages are of several shapes or types.
-    """
+    """All pages of a TIFF file, which are alike."""
     source: Any = BytesIO(content) if isinstance(content, bytes) else path
     with tifffile.TiffFile(source, is_ome=False, is_imagej=False) as file:
         return _stack(list(file.pages), content, path, max_bytes)
@@ -108,26 +61,7 @@ def decode_tiff_stack(
 def read_tiff_stacks(
     path: Path, groups: Iterable[Iterable[int]], *, max_bytes: int | None = None
 ) -> Iterator[np.ndarray[Any, Any]]:
-    """Several stacks of pages of one TIFF file, one after the other.
-
-    Parameters
-    ----------
-    path : pathlib.Path
-    groups : iterable of iterable of int
-        Numbers of the pages of each stack, from 0.
-    max_bytes : int, optional
-        Largest allocation, of one stack; default half of the free memory.
-
-    Yields
-    ------
-    numpy.ndarray
-        As `decode_tiff_stack` returns it.
-
-    Raises
-    ------
-    FormatError, ValueError
-        As `decode_tiff_stack`.
-    """
+    """Several stacks of pages of one TIFF file, one after the other."""
     with (
         path.open("rb") as file,
         mmap(file.fileno(), 0, access=ACCESS_READ) as content,
@@ -138,17 +72,7 @@ def read_tiff_stacks(
 
 
 def stack_axes(path: Path) -> dict[str, int]:
-    """Lengths of the axes T, C and Z of the pages of a TIFF, the slowest first.
-
-    Parameters
-    ----------
-    path : pathlib.Path
-
-    Returns
-    -------
-    dict
-        As OME or ImageJ describe them; of other files Z is the number of pages.
-    """
+    """Lengths of the axes T, C and Z of the pages of a TIFF, the slowest first."""
     with open_tiff(path) as file:
         count, text = len(file.pages), file.pages.first.description[:_LONGEST]
     found = _axes(text, count)
@@ -243,25 +167,6 @@ def read_tiff_frame(
     """One page of a TIFF file; which one is logged where there are several.
 
     Of the file only this page is read, however many it has.
-
-    Parameters
-    ----------
-    path : pathlib.Path
-    frame : int, optional
-        Number of the page, from 0, in the file's own order; not needed where there is one only.
-    max_bytes : int, optional
-        Largest allocation that it may ask for; default half of the free memory.
-
-    Returns
-    -------
-    numpy.ndarray
-        Shape (y, x) or (y, x, c), the file's own dtype.
-
-    Raises
-    ------
-    FormatError
-        If the file is damaged, or holds several frames and none or one that is not there is asked
-        for.
     """
     try:
         with (
@@ -295,12 +200,7 @@ def read_tiff_frame(
 
 
 def frames_in(path: Path) -> int:
-    """How many frames a picture holds; 1 where it is no TIFF or cannot be read.
-
-    Parameters
-    ----------
-    path : pathlib.Path
-    """
+    """How many frames a picture holds; 1 where it is no TIFF or cannot be read."""
     if path.suffix.lower() not in SUFFIXES:
         return 1
     try:

@@ -47,27 +47,7 @@ _LISTED = 10  # how many names a message lists
 def require_bytes(
     wanted: int, *, path: Path, what: str, stored: int, ratio: float, max_bytes: int | None
 ) -> None:
-    """Refuse a size that a file declares but cannot hold, or that would fill the memory.
-
-    Parameters
-    ----------
-    wanted : int
-        Bytes that would be allocated.
-    path : pathlib.Path
-    what : str
-        What they would be, as the subject of a sentence: "the dataset 'LF'".
-    stored : int
-        Bytes that the file has for it.
-    ratio : float
-        Largest ratio of its compression; 1 for what is not compressed.
-    max_bytes : int or None
-        Largest allocation; None for half of the free memory.
-
-    Raises
-    ------
-    FormatError
-        Naming the file, the size and the limit.
-    """
+    """Refuse a size that a file declares but cannot hold, or that would fill the memory."""
     if wanted < 0 or wanted > stored * ratio + SLACK:
         raise FormatError(
             f"{path}: {what} declares {wanted:,} bytes, more than {stored:,} stored bytes can "
@@ -77,23 +57,7 @@ def require_bytes(
 
 
 def require_room(wanted: int, *, path: Path, what: str, max_bytes: int | None) -> None:
-    """Refuse a step, such as reading or decoding, that would take more memory than allowed.
-
-    Parameters
-    ----------
-    wanted : int
-        Bytes that the step takes.
-    path : pathlib.Path
-    what : str
-        The step, as the subject of a sentence: "decoding 50 x 60 pixels".
-    max_bytes : int or None
-        Largest allocation; None for half of the free memory.
-
-    Raises
-    ------
-    FormatError
-        Naming the file, the size and the limit.
-    """
+    """Refuse a step, such as reading or decoding, that would take more memory than allowed."""
     limit = free_memory() // 2 if max_bytes is None else max_bytes
     if wanted > limit:
         rule = "half of the free memory" if max_bytes is None else "the given limit"

@@ -27,17 +27,7 @@ _COLOURS = ("-colorspace", "bt709", "-color_primaries", "bt709", "-color_trc", "
 
 
 def encoder() -> str:
-    """Return the path of ffmpeg.
-
-    Returns
-    -------
-    str
-
-    Raises
-    ------
-    ValueError
-        If the package is not installed, or finds no ffmpeg.
-    """
+    """Return the path of ffmpeg."""
     try:
         import imageio_ffmpeg
     except ImportError as error:
@@ -53,25 +43,7 @@ def encoder() -> str:
 
 
 def write_mp4(file: Path, frames: Sequence[Array], seconds: float) -> None:
-    """Write frames as H.264 in yuv420p.
-
-    Parameters
-    ----------
-    file : pathlib.Path
-        ``.mp4``.
-    frames : sequence of numpy.ndarray
-        uint8, all of one shape (y, x) or (y, x, 3). Of an odd number of rows or columns the last
-        one stands twice, because yuv420p has even sizes.
-    seconds : float
-        For how long each is shown.
-
-    Raises
-    ------
-    ValueError
-        If there is no ffmpeg.
-    OSError
-        If ffmpeg fails.
-    """
+    """Write frames as H.264 in yuv420p."""
     program = encoder()
     height, width = (n + n % 2 for n in frames[0].shape[:2])
     rate = Fraction(1 / seconds).limit_denominator(1000)

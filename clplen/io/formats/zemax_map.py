@@ -61,24 +61,7 @@ class ZemaxMap:
 
 
 def read_zemax_map(path: PathLike, *, max_bytes: int | None = None) -> ZemaxMap:
-    """Read a listing of a wavefront map.
-
-    Parameters
-    ----------
-    path : path-like
-        UTF-16 or UTF-8 text.
-    max_bytes : int, optional
-        Largest allocation; default half of the free memory.
-
-    Returns
-    -------
-    ZemaxMap
-
-    Raises
-    ------
-    FormatError
-        If it is missing, no such listing, or truncated.
-    """
+    """Read a listing of a wavefront map."""
     path = Path(path)
     if not path.is_file():
         raise FormatError(f"There is no file {path}.")

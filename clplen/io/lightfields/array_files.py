@@ -39,28 +39,7 @@ _ENCODED = (np.dtype(np.uint8), np.dtype(np.uint16))
 def read_npy(
     path: PathLike, *, device: Device, layout: Layout, progress: bool = False
 ) -> tuple[LightField, str]:
-    """Read an array of 4 or 5 dimensions; it is never unpickled.
-
-    Parameters
-    ----------
-    path : path-like
-    device : Device
-    layout : Layout
-        ``order`` names its axes; without it they are v, u, y, x and perhaps c.
-    progress : bool
-        Whether to show a bar on standard error.
-
-    Returns
-    -------
-    LightField, str
-        The light field, and what was taken for what, in one sentence.
-
-    Raises
-    ------
-    FormatError
-        If the file is truncated or damaged, holds something else than real numbers in 4 or 5
-        dimensions, or its values make no light field.
-    """
+    """Read an array of 4 or 5 dimensions; it is never unpickled."""
     with open(path, "rb") as file:
         found = _npy_source(file, Path(path), layout)
         return light_field(found, device=device, layout=layout, progress=progress)
@@ -70,24 +49,7 @@ def read_npy(
 def open_npy(
     path: PathLike, *, device: Device, layout: Layout
 ) -> Iterator[tuple[StoredLightField, str]]:
-    """What `read_npy` reads, part by part while the file is open.
-
-    Parameters
-    ----------
-    path : path-like
-    device : Device
-        Not used.
-    layout : Layout
-
-    Yields
-    ------
-    StoredLightField, str
-
-    Raises
-    ------
-    FormatError
-        As `read_npy`; what is NaN, when it is read.
-    """
+    """What `read_npy` reads, part by part while the file is open."""
     with open(path, "rb") as file:
         yield stored_light_field(_npy_source(file, Path(path), layout), layout)
 
@@ -128,26 +90,6 @@ def read_matlab(
     is our (v, u, y, x, c). 2 or 4 channels of ``LF`` are 1 or 3 and a weight: the weight of a view
     is its mean over the view, of the whole range of its type (of 1 if it is real), and 0 for a view
     that is dark throughout.
-
-    Parameters
-    ----------
-    path : path-like
-    device : Device
-    layout : Layout
-        ``order`` counts the axes as MATLAB does.
-    progress : bool
-        Whether to show a bar on standard error.
-
-    Returns
-    -------
-    LightField, str
-        The light field, and what was taken for what, in one sentence.
-
-    Raises
-    ------
-    FormatError
-        If the file is truncated or damaged, has no such variable or several, or its values make no
-        light field.
     """
     path = Path(path)
     with reading(path), path.open("rb") as file:

@@ -93,30 +93,7 @@ class Source:
 def axes_known(
     path: Path, what: str, shape: tuple[int, ...], *, order: str | None, own: str | None = None
 ) -> tuple[str, str]:
-    """The axes of an array, and how they are known.
-
-    Parameters
-    ----------
-    path : pathlib.Path
-    what : str
-        The array, as the subject of a sentence.
-    shape : tuple of int
-    order : str or None
-        What the user says.
-    own : str, optional
-        What the file says.
-
-    Returns
-    -------
-    str, str
-        A letter a dimension, and "axes v:u:y:x (guessed)", "(as given)" or "(as the file says)".
-
-    Raises
-    ------
-    FormatError
-        If there are not 4 or 5 dimensions, the axes are others, or they are only guessed and there
-        would be more views than pixels of a view.
-    """
+    """The axes of an array, and how they are known."""
     if len(shape) not in (4, 5):
         raise FormatError(
             f"{path}: {what} has shape {shape}; a light field has 4 or 5 dimensions, v, u, y, x "
@@ -149,24 +126,7 @@ def as_format_error(path: Path) -> Iterator[None]:
 
 
 def samples(source: Source, *, device: Device, layout: Layout, progress: bool) -> cla.Array:
-    """The samples of a source on a device, without a second copy of all on the host.
-
-    Parameters
-    ----------
-    source : Source
-    device : Device
-    layout : Layout
-    progress : bool
-
-    Returns
-    -------
-    pyopencl.array.Array
-        (v, u, y, x[, c]); uint8, uint16, float16 and float32 as stored, other types as float32.
-
-    Raises
-    ------
-    FormatError
-    """
+    """The samples of a source on a device, without a second copy of all on the host."""
     require_samples(source, layout)
     shape = shape_of(source, layout)
     array = device.empty(shape, device_dtype(source.dtype))
@@ -210,12 +170,7 @@ def fill_checked(source: Source, layout: Layout, wanted: Selection, out: Array) 
 
 
 def require_samples(source: Source, layout: Layout) -> None:
-    """Refuse samples that are no real numbers, none at all, or more than the file can hold.
-
-    Raises
-    ------
-    FormatError
-    """
+    """Refuse samples that are no real numbers, none at all, or more than the file can hold."""
     if source.dtype.kind not in "buif":
         raise FormatError(
             f"{source.path}: {source.what} holds {source.dtype}, no real numbers: convert it."
@@ -253,24 +208,7 @@ def blocks(
     *,
     first: Sequence[int] | None = None,
 ) -> Iterator[Selection]:
-    """Cut an array into blocks of whole chunks, as near to `_BLOCK` bytes as they get.
-
-    Parameters
-    ----------
-    shape : tuple of int
-    chunks : tuple of int or None
-        None where the order in the file is that of the axes.
-    itemsize : int
-        Bytes of a sample.
-    first : sequence of int, optional
-        Where the array begins in a larger one to whose chunks the blocks are cut; default its own
-        beginning.
-
-    Yields
-    ------
-    tuple of slice
-        In the order of the axes, the last one fastest.
-    """
+    """Cut an array into blocks of whole chunks, as near to `_BLOCK` bytes as they get."""
     whole = chunks or (1,) * len(shape)
     over = [a % c for a, c in zip(first or (0,) * len(shape), whole, strict=True)]
     sizes = [n + o for n, o in zip(shape, over, strict=True)]
@@ -306,27 +244,7 @@ class OpenSource:
 def light_field(
     found: OpenSource, *, device: Device, layout: Layout, progress: bool
 ) -> tuple[LightField, str]:
-    """Read the samples of a source and make them a light field.
-
-    Parameters
-    ----------
-    found : Found
-    device : Device
-    layout : Layout
-    progress : bool
-        Whether to show a bar on standard error.
-
-    Returns
-    -------
-    LightField, str
-        The light field, and what was taken for what, in one sentence.
-
-    Raises
-    ------
-    FormatError
-        If the file cannot hold what it declares, is damaged, or holds values that make no light
-        field.
-    """
+    """Read the samples of a source and make them a light field."""
     source = found.source
     known = _known(found, layout)
     data = samples(source, device=device, layout=layout, progress=progress)
@@ -339,23 +257,7 @@ def light_field(
 
 
 def stored_light_field(found: OpenSource, layout: Layout) -> tuple[StoredLightField, str]:
-    """A source as a light field that is read part by part.
-
-    Parameters
-    ----------
-    found : Found
-    layout : Layout
-
-    Returns
-    -------
-    StoredLightField, str
-        The light field, and what was taken for what, in one sentence.
-
-    Raises
-    ------
-    FormatError
-        As `light_field`; what is damaged or NaN, when it is read.
-    """
+    """A source as a light field that is read part by part."""
     source = found.source
     known = _known(found, layout)
     require_samples(source, replace(layout, max_bytes=sys.maxsize))  # it is not read as a whole

@@ -73,13 +73,7 @@ _USER_BLOCK = 512  # bytes that MATLAB 7.3 puts before the signature
 
 
 def vox_source(dataset: h5py.Dataset, path: Path, layout: Layout) -> Source:
-    """A raw picture as the source of a light field with axes y, v, x, u.
-
-    Raises
-    ------
-    FormatError
-        If the lenslets have no whole pixels, or the picture no whole lenslets.
-    """
+    """A raw picture as the source of a light field with axes y, v, x, u."""
     if layout.order is not None:
         raise FormatError(
             f"{path}: order= does not apply to the raw picture {IMAGE!r}, whose axes are y:v:x:u."
@@ -150,20 +144,7 @@ def _text(pair: np.ndarray[Any, Any]) -> str:
 
 
 def find_dataset(file: h5py.File, path: Path, name: str | None) -> h5py.Dataset:
-    """The dataset of the light field.
-
-    Parameters
-    ----------
-    file : h5py.File
-    path : pathlib.Path
-    name : str or None
-        As the user says; None takes a usual name, else the only dataset of 4 or 5 dimensions.
-
-    Raises
-    ------
-    FormatError
-        Listing the datasets, if it is not there or there are several.
-    """
+    """The dataset of the light field."""
     if name is not None:
         return dataset_of(file, name, path)
     for usual in _USUAL:
@@ -184,20 +165,7 @@ def _may_be(item: h5py.Dataset) -> bool:
 
 
 def dataset_source(dataset: h5py.Dataset, path: Path, layout: Layout) -> Source:
-    """A dataset as the source of a light field.
-
-    Parameters
-    ----------
-    dataset : h5py.Dataset
-    path : pathlib.Path
-    layout : Layout
-        Its ``order`` counts the axes of MATLAB files as MATLAB does.
-
-    Raises
-    ------
-    FormatError
-        If its axes are none, or it cannot be read.
-    """
+    """A dataset as the source of a light field."""
     name = str(dataset.name).strip("/")
     if name == IMAGE and dataset.ndim == 2:
         return vox_source(dataset, path, layout)
@@ -243,20 +211,7 @@ def _own_axes(attributes: dict[str, Any]) -> str | None:
 
 
 def write_hdf5(path: PathLike, lf: LightField) -> None:
-    """Write a light field with its spacing, weights, positions and camera.
-
-    Parameters
-    ----------
-    path : path-like
-    lf : LightField
-        Its samples are stored as they are (uint8, uint16, float16 or float32). The raw image that
-        it was decoded from is not stored.
-
-    Raises
-    ------
-    OSError
-        If the file cannot be written.
-    """
+    """Write a light field with its spacing, weights, positions and camera."""
     with replacing(path) as temporary:
         try:
             with h5py.File(temporary, "w") as file:
@@ -289,25 +244,6 @@ def read_hdf5(
     Taken is the dataset that ``dataset=`` names, else ``lightfield``, else that of a known
     program, else the only one of 4 or 5 dimensions. Its axes are those of ``order=``, else of its
     attribute ``axes``, else v, u, y, x, c.
-
-    Parameters
-    ----------
-    path : path-like
-    device : Device
-    layout : Layout
-    progress : bool
-        Whether to show a bar on standard error.
-
-    Returns
-    -------
-    LightField, str
-        The light field, and what was taken for what, in one sentence.
-
-    Raises
-    ------
-    FormatError
-        If the file is truncated or damaged, has no such dataset or several, its axes or camera are
-        none, or its values make no light field.
     """
     path = Path(path)
     with opened(path) as file:
@@ -319,23 +255,7 @@ def read_hdf5(
 def open_hdf5(
     path: PathLike, *, device: Device, layout: Layout
 ) -> Iterator[tuple[StoredLightField, str]]:
-    """What `read_hdf5` reads, part by part while the file is open.
-
-    Parameters
-    ----------
-    path : path-like
-    device : Device
-    layout : Layout
-
-    Yields
-    ------
-    StoredLightField, str
-
-    Raises
-    ------
-    FormatError
-        As `read_hdf5`; what is damaged or NaN, when it is read.
-    """
+    """What `read_hdf5` reads, part by part while the file is open."""
     path = Path(path)
     with ExitStack() as held:
         with reading(path):

@@ -68,13 +68,7 @@ class Layout:
         )
 
     def require(self, words: Iterable[str], kind: str) -> None:
-        """Refuse words that do not apply to a kind of file; ``force`` applies to all.
-
-        Raises
-        ------
-        ValueError
-            Naming them.
-        """
+        """Refuse words that do not apply to a kind of file; ``force`` applies to all."""
         taken = set(words)
         extra = [f"{name}=" for name in self.given() if name not in taken | {"force"}]
         if extra:
@@ -187,27 +181,7 @@ def _holds(path: Path, head: bytes, names: tuple[str, ...]) -> bool:
 
 
 def axes_of(order: str, ndim: int, *, letters: str = "vuyxc") -> str:
-    """An order of axes such as "vuyxc" or "v:u:y:x", checked.
-
-    Parameters
-    ----------
-    order : str
-        One letter a dimension, with or without colons.
-    ndim : int
-        Dimensions of the array.
-    letters : str
-        Every letter but c must be there.
-
-    Returns
-    -------
-    str
-        Without colons.
-
-    Raises
-    ------
-    FormatError
-        If the letters are others, or not as many as dimensions.
-    """
+    """An order of axes such as "vuyxc" or "v:u:y:x", checked."""
     axes = order.replace(":", "").replace(",", "").replace(" ", "").lower()
     needed = letters.replace("c", "")
     if sorted(axes) not in (sorted(needed), sorted(letters)) or len(axes) != ndim:

@@ -103,34 +103,6 @@ def decode_frame(
 
     The lattice of lenslets is that of ``grid=``, else of the white image, else of the frame itself,
     where even light and a plain object let it be trusted (fluorescence microscopy).
-
-    Parameters
-    ----------
-    frame : numpy.ndarray
-        Shape (ny, nx), as it lies on the sensor.
-    path : path-like
-        Of the frame, for messages.
-    device : Device
-    layout : Layout
-        ``white``, ``dark``, ``grid``, ``views``, ``step``, ``lattice``, ``bayer``, ``demosaic``,
-        ``devignette``, and how the view axes are turned.
-    progress : bool
-        Not used: decoding is one pass.
-    capture : Capture, optional
-        What the file tells; default the tags of a TIFF.
-
-    Returns
-    -------
-    LightField, str
-        The light field, and what was taken for what, in one sentence.
-
-    Raises
-    ------
-    FormatError
-        If a picture cannot be read or is of another size, the white image is none or of another
-        camera than the grid or the frame, or nothing tells where the lenslets are.
-    ValueError
-        If a sample is NaN or infinite, or a word is out of range.
     """
     path = Path(path)
     require_decoding(frame.size, path, layout.max_bytes)
@@ -363,13 +335,7 @@ def _sentence(lf: LightField, path: Path, lattice: Lattice, whence: str, layout:
 def refuse_raytrix(
     path: PathLike, *, device: Device, layout: Layout, progress: bool = False
 ) -> NoReturn:
-    """Refuse: a focused raw image becomes no light field by slicing.
-
-    Raises
-    ------
-    FormatError
-        Always.
-    """
+    """Refuse: a focused raw image becomes no light field by slicing."""
     read_raytrix(path)
     raise FormatError(
         f"{path} is the calibration of a focused (plenoptic 2.0) raw image, whose views are "

@@ -324,21 +324,7 @@ def _beginning(head: bytes) -> str:
 
 
 def kind_of(path: Path) -> Kind:
-    """What a file or folder is.
-
-    Parameters
-    ----------
-    path : pathlib.Path
-
-    Returns
-    -------
-    Kind
-
-    Raises
-    ------
-    FormatError
-        If there is none, or it is of no kind that is known.
-    """
+    """What a file or folder is."""
     if not path.exists():
         raise FormatError(f"There is no file or folder {path}.")
     if not path.is_file() and not path.is_dir():

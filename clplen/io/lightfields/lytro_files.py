@@ -41,28 +41,6 @@ def read_lytro(
 
     Black and white level, white balance and colour matrix are those of the metadata: samples are
     linear sRGB in which 1 is the sensor's white level.
-
-    Parameters
-    ----------
-    path : path-like
-        A container; or a raw image, or the JSON that describes it, which lie side by side.
-    device : Device
-    layout : Layout
-        With the user's white image, lenslet grid or calibration; else the calibration that is
-        known, else the lattice that the picture shows of itself.
-    progress : bool
-        Whether to show a bar on standard error.
-
-    Returns
-    -------
-    LightField, str
-        The light field, and what was taken for what, in one sentence.
-
-    Raises
-    ------
-    FormatError
-        If a file is damaged or holds no raw image, no white image fits, or nothing tells where the
-        lenslets are.
     """
     path = Path(path)
     frame, bayer, metadata = read_lytro_frame(path, max_bytes=layout.max_bytes)

@@ -47,36 +47,7 @@ _COMPARED = 1 << 22  # samples that a guess looks at along each axis
 def read_mosaic(
     path: PathLike, *, device: Device, layout: Layout, progress: bool = False
 ) -> tuple[LightField, str]:
-    """Read a picture that holds all views.
-
-    Parameters
-    ----------
-    path : path-like
-        A picture. With a word on raw images (``white``, ``grid``, ...), or in one channel without
-        ``views`` and ``order``, it is taken for a raw lenslet image. Else it is a mosaic: an ESLF
-        if its name holds "eslf", which is padded at its lower and right edges to whole lenslets of
-        14 x 14 views; in others ``views`` must be given. An alpha channel is the weight of the
-        views.
-    device : Device
-    layout : Layout
-        Without ``order``, both orders are tried: in the right one, neighbouring pixels of a view
-        and neighbouring views differ less.
-    progress : bool
-        Whether to show a bar on standard error.
-
-    Returns
-    -------
-    LightField, str
-        The light field, and what was taken for what, in one sentence.
-
-    Raises
-    ------
-    FormatError
-        If the picture cannot be read, the views are not known, its size is no multiple of them, or
-        both orders are alike.
-    ValueError
-        If ``order`` is another one, or a sample is NaN or infinite.
-    """
+    """Read a picture that holds all views."""
     path = Path(path)
     if _is_raw((), path, layout):  # before anything is decoded
         require_decoding(pixels_of(path), path, layout.max_bytes)
@@ -198,21 +169,7 @@ def _nearest(size: int, count: int) -> str:
 
 
 def as_views(picture: Array, views: View, order: str) -> Array:
-    """A picture seen as its views, without a copy.
-
-    Parameters
-    ----------
-    picture : numpy.ndarray
-        Shape (rows, columns[, c]), multiples of ``views``.
-    views : tuple of int
-        (V, U).
-    order : {"yvxu", "vyux"}
-
-    Returns
-    -------
-    numpy.ndarray
-        Shape (v, u, y, x[, c]).
-    """
+    """A picture seen as its views, without a copy."""
     (V, U), (rows, columns) = views, picture.shape[:2]
     rest = tuple(range(4, picture.ndim + 2))
     if order == "yvxu":

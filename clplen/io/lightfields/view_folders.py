@@ -43,30 +43,7 @@ _DRIVE = re.compile(r"[A-Za-z]:")
 def read_folder(
     path: PathLike, *, device: Device, layout: Layout, progress: bool = False
 ) -> tuple[LightField, str]:
-    """Read a folder of views.
-
-    Parameters
-    ----------
-    path : path-like
-        The folder.
-    device : Device
-    layout : Layout
-    progress : bool
-        Whether to show a bar on standard error.
-
-    Returns
-    -------
-    LightField, str
-        The light field, and what was taken for what, in one sentence.
-
-    Raises
-    ------
-    FormatError
-        Listing the views that are missing, and the pictures that cannot be read or have another
-        size than most.
-    ValueError
-        If a sample is NaN or infinite.
-    """
+    """Read a folder of views."""
     views = _folder_views(Path(path), layout)
     return assemble(views, device=device, layout=layout, progress=progress)
 
@@ -75,24 +52,7 @@ def read_folder(
 def open_folder(
     path: PathLike, *, device: Device, layout: Layout
 ) -> Iterator[tuple[StoredLightField, str]]:
-    """What `read_folder` reads, view by view when it is asked for.
-
-    Parameters
-    ----------
-    path : path-like
-    device : Device
-        Not used.
-    layout : Layout
-
-    Yields
-    ------
-    StoredLightField, str
-
-    Raises
-    ------
-    FormatError, ValueError
-        As `stored_views`.
-    """
+    """What `read_folder` reads, view by view when it is asked for."""
     yield stored_views(_folder_views(Path(path), layout), layout=layout)
 
 
@@ -106,23 +66,6 @@ def find_views(folder: Path, layout: Layout) -> tuple[Pattern, View, dict[View, 
     """Which file of a folder is which view, from the names alone.
 
     Masks, depths and object ids, as their names call them, are no views.
-
-    Parameters
-    ----------
-    folder : pathlib.Path
-    layout : Layout
-
-    Returns
-    -------
-    Pattern, (V, U), files
-        As `arrange`, with the pattern that was given or guessed.
-
-    Raises
-    ------
-    FormatError
-        If the names do not show what is what.
-    ValueError
-        If ``order`` is another than "lawnmower".
     """
     deep = layout.pattern is not None and "/" in layout.pattern
     try:
@@ -186,22 +129,7 @@ def write_views(
 
 
 def pictured(lf: LightField) -> tuple[np.ndarray[Any, Any], str]:
-    """The samples of a light field as pictures hold them, and the description of each.
-
-    Parameters
-    ----------
-    lf : LightField
-
-    Returns
-    -------
-    numpy.ndarray, str
-        Shape (v, u, y, x) or (v, u, y, x, 3); `CHANNEL_AXIS` where an axis of length 1 is left out.
-
-    Raises
-    ------
-    ShapeError
-        If it has other than 1 or 3 channels.
-    """
+    """The samples of a light field as pictures hold them, and the description of each."""
     if len(lf.shape) == 5 and lf.shape[4] not in (1, 3):
         raise ShapeError(
             f"Pictures have 1 or 3 channels, this light field {lf.shape[4]}: write .h5 instead."
@@ -234,27 +162,6 @@ def read_archive(
     """Read a zip archive with one picture a view.
 
     The names follow the rules of a folder, from the deepest folder on that holds all pictures.
-
-    Parameters
-    ----------
-    path : path-like
-    device : Device
-    layout : Layout
-    progress : bool
-        Whether to show a bar on standard error.
-
-    Returns
-    -------
-    LightField, str
-        The light field, and what was taken for what, in one sentence.
-
-    Raises
-    ------
-    FormatError
-        If the archive is damaged or encrypted, a member lies outside of it or declares more than it
-        can hold; else as for a folder of views.
-    ValueError
-        If a sample is NaN or infinite.
     """
     path = Path(path)
     with _opened_archive(path) as archive:
@@ -266,24 +173,7 @@ def read_archive(
 def open_archive(
     path: PathLike, *, device: Device, layout: Layout
 ) -> Iterator[tuple[StoredLightField, str]]:
-    """What `read_archive` reads, view by view while the archive is open.
-
-    Parameters
-    ----------
-    path : path-like
-    device : Device
-        Not used.
-    layout : Layout
-
-    Yields
-    ------
-    StoredLightField, str
-
-    Raises
-    ------
-    FormatError, ValueError
-        As `read_archive` and `stored_views`.
-    """
+    """What `read_archive` reads, view by view while the archive is open."""
     path = Path(path)
     with _opened_archive(path) as archive:
         yield stored_views(_archive_views(archive, path, layout), layout=layout)

@@ -36,19 +36,7 @@ _MOST = 10**6  # views
 
 
 class Pattern:
-    """File names with numbers in them.
-
-    Parameters
-    ----------
-    text : str
-        ``{v}`` and ``{u}`` are the row and the column of the view, ``{i}`` counts views row by
-        row, ``{n}`` is a counter that is ignored, ``*`` is anything. A ``/`` reaches into folders.
-
-    Raises
-    ------
-    ValueError
-        If it has neither both ``{v}`` and ``{u}`` nor ``{i}``, or another field.
-    """
+    """File names with numbers in them."""
 
     def __init__(self, text: str) -> None:
         matches = list(_FIELD.finditer(text))
@@ -93,33 +81,7 @@ def arrange(
     lawnmower: bool = False,
     where: str = "the folder",
 ) -> tuple[View, dict[View, str]]:
-    """Which file is which view, by rank: the first number and the step do not matter.
-
-    Parameters
-    ----------
-    pattern : Pattern
-    names : iterable of str
-        File names.
-    views : tuple of int, optional
-        (V, U), rows and columns as the names count them; needed for ``{i}`` unless the count is a
-        square.
-    lawnmower : bool
-        Whether ``{i}`` counts every other row of views, the second first, from its end.
-    where : str
-        The folder, for messages.
-
-    Returns
-    -------
-    (V, U), files
-        The counts, and the file of each (v, u) that is there.
-
-    Raises
-    ------
-    FormatError
-        If nothing matches, two files are the same view, or the counts are not those of ``views``.
-    ValueError
-        If ``lawnmower`` is asked of names that have row and column.
-    """
+    """Which file is which view, by rank: the first number and the step do not matter."""
     names = list(names)
     _require_one_number(pattern, lawnmower)
     found = pattern.numbers(names)
@@ -176,19 +138,7 @@ def _place(index: int, columns: int, *, lawnmower: bool) -> View:
 
 
 def views_only(names: Iterable[str], *, pattern: str | None = None) -> list[str]:
-    """Names without those that say they are masks, depths or the like, hidden ones neither.
-
-    Parameters
-    ----------
-    names : iterable of str
-        With ``/`` between folders; the last part counts.
-    pattern : str, optional
-        A pattern that itself holds such a word asks for them.
-
-    Returns
-    -------
-    list of str
-    """
+    """Names without those that say they are masks, depths or the like, hidden ones neither."""
     shown = [name for name in names if not any(part[:1] == "." for part in name.split("/"))]
     if pattern is not None and _OTHER.search(pattern.rsplit("/", 1)[-1]):
         return shown
@@ -224,11 +174,6 @@ def guess(names: Sequence[str], *, where: str = "the folder") -> Pattern:
     Two numbers that vary are taken for v and u in this order, also where one of the two is the same
     everywhere and below 100 (one row or column of views). One number alone is i. Pictures of other
     names are left out, and counted in the log.
-
-    Raises
-    ------
-    FormatError
-        If the names do not show what is what.
     """
     pattern = _guessed(names, where)
     left_out = len(names) - sum(len(files) for files in pattern.numbers(names).values())
@@ -308,30 +253,7 @@ def _proposed(
 def arranged(
     names: list[str], pictures: list[str], layout: Layout, where: str
 ) -> tuple[Pattern, View, dict[View, str]]:
-    """Which name is which view.
-
-    Parameters
-    ----------
-    names : list of str
-        All that a given pattern may match.
-    pictures : list of str
-        Those that a guess rests on.
-    layout : Layout
-    where : str
-        For messages.
-
-    Returns
-    -------
-    Pattern, (V, U), files
-        As `arrange`, with the pattern that was given or guessed.
-
-    Raises
-    ------
-    FormatError
-        If the names do not show what is what.
-    ValueError
-        If ``order`` is another than "lawnmower".
-    """
+    """Which name is which view."""
     if layout.order not in (None, "lawnmower"):
         raise ValueError(
             f"Names of views are in order='lawnmower' or row by row (leave order out), not in "

@@ -28,28 +28,7 @@ _NUMBER = re.compile(r"-?\d+(?:\.\d+)?")
 def positions_of(
     layout: Layout, views: View, *, names: Mapping[View, str] | None = None
 ) -> Positions | None:
-    """The positions that a layout asks for, in the order of the final light field.
-
-    Parameters
-    ----------
-    layout : Layout
-        Its ``swap_uv``, ``flip_v`` and ``flip_u`` are applied. A table says where each view lies,
-        which they do not change; numbers in names get their sign from the rows and columns.
-    views : tuple of int
-        (V, U) as the file counts them.
-    names : mapping, optional
-        The file name of each (v, u), as the file counts them.
-
-    Returns
-    -------
-    numpy.ndarray or None
-        float64, shape (V, U, 2), for ``LightField.positions``; None if none are asked for.
-
-    Raises
-    ------
-    FormatError
-        As `read_positions`.
-    """
+    """The positions that a layout asks for, in the order of the final light field."""
     if layout.positions is None:
         return None
     places = layout.oriented(read_positions(layout.positions, views, names=names))
@@ -63,33 +42,7 @@ def positions_of(
 def read_positions(
     source: PathLike, views: View, *, names: Mapping[View, str] | None = None
 ) -> Positions:
-    """Where the views lie, in view steps.
-
-    Parameters
-    ----------
-    source : path-like or "names"
-        A CSV with the columns v, u, y, x: row and column of the view, counted from 0, and its
-        place in view steps, y down and x to the right, from any origin. Or "names", for file names
-        of the Stanford archive, ``out_RR_CC_Y_X_.png``: the last two numbers are the camera's y
-        and x in a unit of their own. Least squares of y against v and of x against u give their
-        signs, and that of x its step (of y, with one column): one unit for both, since disparity
-        is counted in steps along x. A view without a name lies where the fit puts it.
-    views : tuple of int
-        (V, U).
-    names : mapping, optional
-        The file name of each (v, u); needed for "names".
-
-    Returns
-    -------
-    numpy.ndarray
-        float64, shape (V, U, 2), with mean 0.
-
-    Raises
-    ------
-    FormatError
-        With the line, if the table is none, a number is none, or a view is not there just once;
-        if the names have no such numbers, or these do not change with row and column.
-    """
+    """Where the views lie, in view steps."""
     if str(source) == NAMES:
         places = _from_names(views, names or {})
     else:

@@ -62,29 +62,7 @@ class ViewSet:
 def assemble(
     views: ViewSet, *, device: Device, layout: Layout, progress: bool = False
 ) -> tuple[LightField, str]:
-    """Read all views straight into the memory of the device.
-
-    Parameters
-    ----------
-    views : ViewSet
-    device : Device
-    layout : Layout
-    progress : bool
-        Whether to show a bar on standard error.
-
-    Returns
-    -------
-    LightField, str
-        The light field, and what was taken for what, in one sentence.
-
-    Raises
-    ------
-    FormatError
-        Listing the views that are missing, and the pictures that cannot be read or have another
-        size than most.
-    ValueError
-        If a sample is NaN or infinite.
-    """
+    """Read all views straight into the memory of the device."""
     missing = _missing(views, layout.allow_missing)
     places = positions_of(layout, views.shape, names=views.files)
     data = _decode(views, missing, device, layout, progress)
@@ -94,26 +72,7 @@ def assemble(
 
 
 def stored_views(views: ViewSet, *, layout: Layout) -> tuple[StoredLightField, str]:
-    """The same views read when they are asked for, each unpacked as a whole.
-
-    Parameters
-    ----------
-    views : ViewSet
-    layout : Layout
-
-    Returns
-    -------
-    StoredLightField, str
-        The light field, and what was taken for what, in one sentence. Reading a view that is
-        damaged or of another size than the first one raises a FormatError that names it.
-
-    Raises
-    ------
-    FormatError
-        If views are missing.
-    ValueError
-        If a sample is NaN or infinite.
-    """
+    """The same views read when they are asked for, each unpacked as a whole."""
     missing = _missing(views, layout.allow_missing)
     places = positions_of(layout, views.shape, names=views.files)
     first = _first_readable(views)[1]
@@ -211,34 +170,7 @@ def new_samples(
     layout: Layout,
     fill: Callable[[Array], None],
 ) -> cla.Array:
-    """A new light field on a device whose samples a function writes, on a CPU without a copy.
-
-    Parameters
-    ----------
-    shape : tuple of int
-        (V, U, y, x[, c]) as the file counts the views.
-    dtype : numpy.dtype
-        Of the file; other types than uint8 and uint16, and these too if sRGB is decoded, become
-        float32.
-    where : pathlib.Path
-        For messages.
-    device : Device
-    layout : Layout
-    fill : callable
-        Takes an uninitialised array of this shape.
-
-    Returns
-    -------
-    pyopencl.array.Array
-        In the final order of views.
-
-    Raises
-    ------
-    DeviceError
-        If the device has less memory.
-    FormatError
-        If it would be larger than ``max_bytes``.
-    """
+    """A new light field on a device whose samples a function writes, on a CPU without a copy."""
     kept = _kept(dtype, layout)
     nbytes = math.prod(shape) * kept.itemsize
     device.require_memory(nbytes, "This light field")

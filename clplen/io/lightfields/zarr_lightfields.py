@@ -48,24 +48,7 @@ _DEPTH = 4  # groups in groups that are looked into
 
 
 def write_zarr(path: PathLike, lf: LightField) -> None:
-    """Write a light field with its spacing, weights, positions and camera, in Zarr format 2.
-
-    Parameters
-    ----------
-    path : path-like
-        A folder that does not exist yet, or is empty.
-    lf : LightField
-        Its samples are stored as they are (uint8, uint16, float16 or float32), a chunk a row of
-        views, or as many lines of it as make up 64 MiB. The raw image that it was decoded from is
-        not stored.
-
-    Raises
-    ------
-    FormatError
-        If the package zarr is not installed.
-    OSError
-        If the folder holds something, or cannot be written.
-    """
+    """Write a light field with its spacing, weights, positions and camera, in Zarr format 2."""
     zarr = _zarr()
     with filling(path) as folder:
         store = zarr.storage.LocalStore(folder)  # a name may look like an address
@@ -100,26 +83,6 @@ def read_zarr(
     Taken is the array that ``dataset=`` names, else the only array itself, else ``lightfield``,
     else the only one of 4 or 5 dimensions. Its axes are those of ``order=``, else of its attribute
     ``axes``, else v, u, y, x, c.
-
-    Parameters
-    ----------
-    path : path-like
-        A folder or a zip archive.
-    device : Device
-    layout : Layout
-    progress : bool
-        Whether to show a bar on standard error.
-
-    Returns
-    -------
-    LightField, str
-        The light field, and what was taken for what, in one sentence.
-
-    Raises
-    ------
-    FormatError
-        If the package zarr is not installed; if the store is damaged, has no such array or
-        several, its axes or camera are none, or its values make no light field.
     """
     path = Path(path)
     with opened_store(path, "use .h5", max_bytes=layout.max_bytes) as root, reading(path):
@@ -131,23 +94,7 @@ def read_zarr(
 def open_zarr(
     path: PathLike, *, device: Device, layout: Layout
 ) -> Iterator[tuple[StoredLightField, str]]:
-    """What `read_zarr` reads, part by part while the store is open.
-
-    Parameters
-    ----------
-    path : path-like
-    device : Device
-    layout : Layout
-
-    Yields
-    ------
-    StoredLightField, str
-
-    Raises
-    ------
-    FormatError
-        As `read_zarr`; what is damaged or NaN, when it is read.
-    """
+    """What `read_zarr` reads, part by part while the store is open."""
     path = Path(path)
     with opened_store(path, "use .h5", max_bytes=layout.max_bytes) as root:
         with reading(path):

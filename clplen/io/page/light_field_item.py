@@ -68,33 +68,7 @@ def light_field_item(
     srgb: bool = False,
     device: DeviceLike | None = None,
 ) -> dict[str, Any]:
-    """Add a light field to a page; what describes it.
-
-    Parameters
-    ----------
-    lf : LightField or StoredLightField
-        Of one or three channels; of a stored one a view is read at a time.
-    content : Content
-    name : str
-    options : PageOptions
-    depth : DepthMap, optional
-        Of the centre view of ``lf``.
-    depth_file : str, optional
-        Where it was read from.
-    srgb : bool
-        Whether its samples were decoded from sRGB.
-    device : Device or str, optional
-        Where a stored light field goes; default ``Device.open()``.
-
-    Returns
-    -------
-    dict
-
-    Raises
-    ------
-    ShapeError
-        If it has another number of channels, or the views are too small.
-    """
+    """Add a light field to a page; what describes it."""
     if lf.shape[4:] not in ((), (1,), (3,)):
         raise ShapeError(
             f"A page shows one or three channels, and this light field has {lf.shape[4]}: take "
@@ -141,13 +115,7 @@ def smaller(
     n: int,
     device: DeviceLike | None = None,
 ) -> LightField:
-    """Some of the views, their pixels the means of n x n, as a light field of their own.
-
-    Raises
-    ------
-    ShapeError
-        If a view has fewer pixels than n along an axis.
-    """
+    """Some of the views, their pixels the means of n x n, as a light field of their own."""
     ny, nx = (size // n for size in lf.shape[2:4])
     if min(ny, nx) < 1:
         raise ShapeError(f"Views of {lf.shape[2]} x {lf.shape[3]} pixels have none by {n} x {n}.")

@@ -14,24 +14,7 @@ Values = np.ndarray[Any, Any]
 def add_tracks(
     item: dict[str, Any], frames: Values, ids: Values, positions: Values, *, downscale: int = 1
 ) -> None:
-    """Add tracks to what describes a volume.
-
-    Parameters
-    ----------
-    item : dict
-        As `volume_item` made it.
-    frames, ids : numpy.ndarray
-        Whole numbers, shape (n,), sorted by track and frame.
-    positions : numpy.ndarray
-        (z, y, x) in metres, shape (n, 3); y and x from the middle of voxel 0.
-    downscale : int
-        Voxels along y and x of one of the page.
-
-    Raises
-    ------
-    FormatError
-        If the item is no volume, or does not know where its voxels lie.
-    """
+    """Add tracks to what describes a volume."""
     planes, spacing = item.get("planes"), item.get("spacing")
     if item["kind"] != "volume":
         raise FormatError(f"Tracks go with a volume: {item['name']} is a {item['kind']}.")

@@ -28,40 +28,7 @@ def volume_item(
     dtype: np.dtype[Any] | None = None,
     srgb: bool = False,
 ) -> dict[str, Any]:
-    """Add a series of pictures to a page; what describes it.
-
-    Parameters
-    ----------
-    values : array_like
-        Shape (t, z, y, x) or (t, z, y, x, c) with 1 or 3 channels; NaN where nothing is known.
-    content : Content
-    name : str
-    downscale : int
-        Pixels along y and x for one of the page.
-    planes : tuple, optional
-        What tells the planes apart: its name, its unit ("m" or ""), its values.
-    first : int, optional
-        Plane to show at first; default the middle one.
-    voxel : tuple, optional
-        (dz, dy, dx) in metres; dz may be None.
-    unit : str, optional
-        Of the values.
-    table : {"grey", "viridis", "magma"}
-        Colours at first. Those of maps span the middle 98 % of the values, grey begins at 0.
-    dtype : numpy.dtype, optional
-        Of the samples that the values were made of; uint8 is shown from 0 to 255.
-    srgb : bool
-        Whether they were decoded from sRGB.
-
-    Returns
-    -------
-    dict
-
-    Raises
-    ------
-    ShapeError
-        If the shape is another one.
-    """
+    """Add a series of pictures to a page; what describes it."""
     data = np.asarray(values)
     if data.ndim not in (4, 5) or data.size == 0 or data.shape[4:] not in ((), (1,), (3,)):
         raise ShapeError(

@@ -32,24 +32,7 @@ def kept_lattice(
     bayer: str | tuple[tuple[str, ...], ...] | None = None,
     pitch: float | None = None,
 ) -> Lattice:
-    """The lattice of a white image: from the cache, or by `estimate_lattice`, and kept then.
-
-    Parameters
-    ----------
-    picture : numpy.ndarray
-        Shape (ny, nx).
-    dark, kind, bayer, pitch
-        As for `estimate_lattice`.
-
-    Returns
-    -------
-    Lattice
-
-    Raises
-    ------
-    ShapeError, ValueError
-        As `estimate_lattice`.
-    """
+    """The lattice of a white image: from the cache, or by `estimate_lattice`, and kept then."""
     words = {"kind": kind, "bayer": bayer, "pitch": pitch}
     file = cache_dir() / _FOLDER / f"{_digest(picture, dark, words)}.json"
     known = _read(file)

@@ -65,13 +65,7 @@ class WhiteImage:
     read_bytes: Source
 
     def read(self, *, max_bytes: int | None = None) -> np.ndarray[Any, np.dtype[np.uint16]]:
-        """The white image, uint16, shape (ny, nx), no level subtracted.
-
-        Raises
-        ------
-        FormatError
-            If its length is not that of its size and packing.
-        """
+        """The white image, uint16, shape (ny, nx), no level subtracted."""
         require_bytes(
             2 * self.packing.width * self.packing.height,
             path=Path(self.name),
@@ -104,24 +98,7 @@ class _Member:
 
 
 def read_white_images(path: PathLike) -> list[WhiteImage]:
-    """List the white images of a calibration.
-
-    Parameters
-    ----------
-    path : path-like
-        A folder, searched with all folders below and the archives in them; a tar archive; or a
-        volume ``data.C.0``.
-
-    Returns
-    -------
-    list of WhiteImage
-        By name.
-
-    Raises
-    ------
-    FormatError
-        If there is none, or a file is damaged.
-    """
+    """List the white images of a calibration."""
     path = Path(path)
     members = list(_members(path))
     images = {member.stem: member for member in members if member.name.lower().endswith(".raw")}
@@ -159,24 +136,6 @@ def choose_white_image(
 
     One that the picture itself refers to is taken; else of those with the same serial number the
     one nearest in zoom, and of these nearest in focus.
-
-    Parameters
-    ----------
-    metadata : LytroMetadata
-        Of the picture.
-    images : list of WhiteImage
-    picture, calibration : path-like
-        For messages.
-
-    Returns
-    -------
-    WhiteImage
-
-    Raises
-    ------
-    FormatError
-        If the white images are of other cameras, the picture does not tell its zoom and focus
-        where several could fit, or two fit alike and differ.
     """
     serials = sorted({image.metadata.serial for image in images if image.metadata.serial})
     if metadata.serial is not None and serials and metadata.serial not in serials:
@@ -207,25 +166,7 @@ def choose_white_image(
 
 
 def find_calibration(metadata: LytroMetadata, given: PathLike | None) -> Path | None:
-    """Where the calibration of a camera lies.
-
-    Parameters
-    ----------
-    metadata : LytroMetadata
-        Of the picture.
-    given : path-like or None
-        What the user says; else the variable ``CLPLEN_LYTRO``, else what was last used for a
-        picture of the same camera.
-
-    Returns
-    -------
-    pathlib.Path or None
-
-    Raises
-    ------
-    FormatError
-        If what is given, or the variable names, is not there.
-    """
+    """Where the calibration of a camera lies."""
     variable = os.environ.get(VARIABLE)
     for place, words in ((given, "The calibration"), (variable, f"${VARIABLE}")):
         if not place:

@@ -64,38 +64,14 @@ class Section:
 def read_container(
     path: PathLike, *, max_bytes: int | None = None
 ) -> tuple[np.ndarray[Any, np.dtype[np.uint16]], str | None]:
-    """The raw image of a container, or of a raw file with its JSON.
-
-    Parameters
-    ----------
-    path : path-like
-    max_bytes : int, optional
-        Largest allocation; default half of the free memory.
-
-    Returns
-    -------
-    numpy.ndarray, str or None
-        uint16, shape (ny, nx), as it lies on the sensor, no level subtracted; and its colour
-        filters, such as "GRBG".
-
-    Raises
-    ------
-    FormatError
-        If it is damaged or holds no raw image.
-    """
+    """The raw image of a container, or of a raw file with its JSON."""
     return read_lytro_frame(path, max_bytes=max_bytes)[:2]
 
 
 def read_lytro_frame(
     path: PathLike, *, max_bytes: int | None = None
 ) -> tuple[np.ndarray[Any, np.dtype[np.uint16]], str | None, LytroMetadata]:
-    """The raw image and colour filters as `read_container` gives them, and the metadata.
-
-    Raises
-    ------
-    FormatError
-        As `read_container`.
-    """
+    """The raw image and colour filters as `read_container` gives them, and the metadata."""
     path = Path(path)
     if not path.is_file():
         raise FormatError(f"There is no file {path}.")
@@ -137,13 +113,7 @@ def _read_container(
 
 
 def open_sections(path: PathLike) -> tuple[dict[str, Any], list[Section]]:
-    """The table of contents of a container and its sections.
-
-    Raises
-    ------
-    FormatError
-        If it is no container, or damaged.
-    """
+    """The table of contents of a container and its sections."""
     path = Path(path)
     with path.open("rb") as file:
         sections = list(_sections(path, file))
@@ -151,13 +121,7 @@ def open_sections(path: PathLike) -> tuple[dict[str, Any], list[Section]]:
 
 
 def processed_contents(path: PathLike) -> list[tuple[str, int]] | None:
-    """Titles and bytes of the sections of a container without a raw image; None of other files.
-
-    Raises
-    ------
-    FormatError
-        If it is a container and damaged.
-    """
+    """Titles and bytes of the sections of a container without a raw image; None of other files."""
     path = Path(path)
     if not path.is_file():
         return None
@@ -172,13 +136,7 @@ def processed_contents(path: PathLike) -> list[tuple[str, int]] | None:
 
 
 def listed_files(path: PathLike) -> list[tuple[str, int, int]]:
-    """Name, first byte and length of the files that a volume of a calibration holds.
-
-    Raises
-    ------
-    FormatError
-        If it is no container, or damaged.
-    """
+    """Name, first byte and length of the files that a volume of a calibration holds."""
     table, sections = open_sections(path)
     places = {section.name: section for section in sections}
     files = table.get("files")
@@ -295,24 +253,7 @@ def _json(path: Path, file: BufferedReader, section: Section, what: str) -> dict
 
 
 def parse_json(data: bytes, path: Path, what: str) -> dict[str, Any]:
-    """The object of a JSON text.
-
-    Parameters
-    ----------
-    data : bytes
-    path : pathlib.Path
-    what : str
-        What it is, as the subject of a sentence.
-
-    Returns
-    -------
-    dict
-
-    Raises
-    ------
-    FormatError
-        If it is longer than 2 MiB, no JSON or no object.
-    """
+    """The object of a JSON text."""
     if len(data) > _JSON:
         raise FormatError(f"{path}: {what} is longer than {_JSON:,} bytes: it is damaged.")
     try:

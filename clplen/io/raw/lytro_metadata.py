@@ -72,15 +72,7 @@ class LytroMetadata:
     def black_frame(
         self, shape: tuple[int, int], bayer: str | None
     ) -> np.ndarray[Any, np.dtype[np.float32]] | None:
-        """The black level of every pixel, float32; None where the metadata tell none.
-
-        Parameters
-        ----------
-        shape : tuple of int
-            (ny, nx).
-        bayer : str or None
-            Colour filters of the pixels (0, 0), (0, 1), (1, 0), (1, 1), such as "GRBG".
-        """
+        """The black level of every pixel, float32; None where the metadata tell none."""
         if self.black is None:
             return None
         tile = np.array(_levels_of(self.black, bayer), np.float32).reshape(2, 2)
@@ -98,17 +90,7 @@ class LytroMetadata:
 
 
 def lytro_metadata(*parts: dict[str, Any]) -> LytroMetadata:
-    """The metadata of a frame, from the objects that hold them.
-
-    Parameters
-    ----------
-    *parts : dict
-        Metadata, private metadata and the table of contents: each is looked at in turn.
-
-    Returns
-    -------
-    LytroMetadata
-    """
+    """The metadata of a frame, from the objects that hold them."""
     holders = [holder for part in parts for holder in _holders(part)]
 
     def first(*paths: str) -> Any:

@@ -167,26 +167,7 @@ def is_raw_file(path: PathLike) -> bool:
 def read_raw_file(
     path: PathLike, *, device: DeviceLike | None = None, max_bytes: int | None = None
 ) -> RawImage:
-    """Read what `write_raw` wrote.
-
-    Parameters
-    ----------
-    path : path-like
-    device : Device or str, optional
-        Default ``Device.open()``.
-    max_bytes : int, optional
-        Largest allocation that the file may ask for; default half of the free memory.
-
-    Returns
-    -------
-    RawImage
-        With ``camera``, and by it the places of sub-images and cells, the spacing and lens types.
-
-    Raises
-    ------
-    FormatError
-        If it is damaged, no such file, or its camera is none or of another sensor.
-    """
+    """Read what `write_raw` wrote."""
     path = Path(path)
     device = as_device(device)
     with opened(path) as file:
@@ -291,12 +272,7 @@ def read_frame(
 
 
 def require_decoding(pixels: int, path: Path, max_bytes: int | None) -> None:
-    """Refuse a frame whose lenslets cannot be found, nor views be cut out, in the memory allowed.
-
-    Raises
-    ------
-    FormatError
-    """
+    """Refuse a frame whose lattice or views would take more memory than is allowed."""
     what = f"finding the lenslets among {pixels:,} pixels"
     require_room(DECODING_BYTES * pixels, path=path, what=what, max_bytes=max_bytes)
 
@@ -482,13 +458,7 @@ def _refusing(path: Path) -> Iterator[None]:
 
 
 def picture_of(path: Path) -> Path:
-    """The picture of the same name beside a Raytrix XML.
-
-    Raises
-    ------
-    FormatError
-        If there is none.
-    """
+    """The picture of the same name beside a Raytrix XML."""
     for suffix in picture.SUFFIXES:
         for name in (path.with_suffix(suffix), path.with_suffix(suffix.upper())):
             if name.is_file():

@@ -227,13 +227,7 @@ class RaytrixCalibration:
 
 
 def lattice_vectors(first: Vector, second: Vector) -> tuple[str, Vector, Vector]:
-    """Kind, row and column of `Lattice` for any two base vectors (y, x).
-
-    Raises
-    ------
-    ValueError
-        If the lattice is neither square nor hexagonal.
-    """
+    """Kind, row and column of `Lattice` for any two base vectors (y, x)."""
     a, b = _shortest(np.array(first), np.array(second))
     cosine = float(a @ b / math.sqrt(a @ a * (b @ b)))
     if abs(cosine) < _SQUARE:

@@ -99,27 +99,7 @@ def write_sensor_tiff(
     white_balance: Sequence[float] | None = None,
     durable: bool = False,
 ) -> None:
-    """Write a raw image of whole numbers as TIFF of 16 bits with the tags of a mosaic.
-
-    Parameters
-    ----------
-    path : path-like
-        ``.tif`` or ``.tiff``.
-    raw : RawImage
-        Of a `Sensor` with ``bit_depth`` up to 16. Where its lenslets lie is not kept.
-    white_balance : sequence of float, optional
-        Factors of red, green and blue that make white grey, kept as AsShotNeutral.
-    durable : bool
-        Whether to wait until the disk has the file, as in `clplen.files.replacing`.
-
-    Raises
-    ------
-    ValueError
-        If the raw image has no levels or more than 16 bits, filters that CFAPattern has no number
-        for, or the white balance is none.
-    OSError
-        If the file cannot be written.
-    """
+    """Write a raw image of whole numbers as TIFF of 16 bits with the tags of a mosaic."""
     if raw.levels is None or raw.levels.bit_depth > _BITS or len(raw.data.shape) != 2:
         raise ValueError(
             "TIFF holds the whole numbers of a sensor, up to 16 bits: expose with "
@@ -170,13 +150,7 @@ def _neutral(factors: Any) -> tuple[int, ...]:
 
 
 def sensor_tags(path: Path) -> SensorTags | None:
-    """What the tags of a TIFF tell of its numbers; None where there are none, or it is no TIFF.
-
-    Raises
-    ------
-    FormatError
-        If a tag is damaged.
-    """
+    """What the tags of a TIFF tell of its numbers; None where there are none, or it is no TIFF."""
     if path.suffix.lower() not in tiff.SUFFIXES:
         return None
     try:

@@ -212,14 +212,7 @@ def write_focused_depth(
 
 
 def describe_focused(path: PathLike) -> tuple[str, dict[str, Any]] | None:
-    """What `write_focused` or `write_focused_depth` wrote into an HDF5 or OME-TIFF.
-
-    Returns
-    -------
-    (str, dict) or None
-        In words, with the shape and the m = b/a of its planes where there are such; None of any
-        other file.
-    """
+    """What `write_focused` or `write_focused_depth` wrote into an HDF5 or OME-TIFF."""
     path = Path(path)
     if not path.is_file():
         return None

@@ -299,25 +299,7 @@ def _value(file: Path, name: str, kind: str, text: str) -> Any:
 
 
 def read_truth(folder: PathLike, *, high: bool = False) -> np.ndarray[Any, np.dtype[np.float32]]:
-    """Read the true disparity of the centre view of a scene of the HCI 4D benchmark.
-
-    Parameters
-    ----------
-    folder : path-like
-        Of the scene; ``gt_disp_lowres.pfm``, else ``gt_depth_lowres.pfm`` with ``parameters.cfg``.
-    high : bool
-        Whether to read the ``highres`` maps, larger by ``depth_map_scale``.
-
-    Returns
-    -------
-    numpy.ndarray
-        float32, shape (y, x), pixels a view step of the views.
-
-    Raises
-    ------
-    FormatError
-        If there is no truth, or it is damaged.
-    """
+    """Read the true disparity of the centre view of a scene of the HCI 4D benchmark."""
     folder = Path(folder)
     size = "highres" if high else "lowres"
     disparity, depth = (folder / f"gt_{what}_{size}.pfm" for what in ("disp", "depth"))

@@ -22,23 +22,6 @@ from clplen.io.store.series_layout import Record, SeriesLayout
 class VolumeSeries:
     """A file of volumes that grows, and goes on after its writer was killed.
 
-    Parameters
-    ----------
-    path : path-like
-        ``.tif`` or ``.zarr``.
-    frames : int
-        Volumes of the whole series.
-    shape : tuple of int
-        (planes, y, x).
-    planes : array_like
-        z of each plane in metres.
-    voxel : tuple of float
-        (dy, dx) in metres.
-    description : dict
-        What else is known, of JSON; "job" tells one series from another one.
-    batch : int
-        Volumes that are written together: a series goes on at a whole batch.
-
     Attributes
     ----------
     done : int
@@ -85,13 +68,7 @@ class VolumeSeries:
         return self._file.records
 
     def open(self, *, go_on: bool) -> int:
-        """Begin, or go on with what is there; the number of volumes that are.
-
-        Parameters
-        ----------
-        go_on : bool
-            Whether what is there is of the same series.
-        """
+        """Begin, or go on with what is there; the number of volumes that are."""
         if go_on:
             _, records = self._file.stored(self.path)
             whole = self._file.whole(records[: self._frames])
@@ -198,12 +175,7 @@ def read_volume_series(path: PathLike, frame: int) -> Array:
 
 
 def count_whole(path: PathLike) -> int:
-    """Volumes of a series, from the first one on, that are there with all their bytes.
-
-    Parameters
-    ----------
-    path : path-like
-    """
+    """Volumes of a series, from the first one on, that are there with all their bytes."""
     about, records = series_in(path)
     return _stored(Path(path), about).whole(records) if about else 0
 

@@ -169,13 +169,7 @@ def axes_in(attributes: dict[str, Any]) -> str | None:
 
 
 def spacing_in(attributes: dict[str, Any], path: Path) -> tuple[float, float, float, float] | None:
-    """The signed spacing (dv, du, dy, dx) in metres that a file says; None without one.
-
-    Raises
-    ------
-    FormatError
-        If it is none.
-    """
+    """The signed spacing (dv, du, dy, dx) in metres that a file says; None without one."""
     spacing = attributes.get("spacing")
     if spacing is None:
         return None
@@ -189,18 +183,7 @@ def spacing_in(attributes: dict[str, Any], path: Path) -> tuple[float, float, fl
 
 
 def words_in(attributes: dict[str, Any], path: Path) -> dict[str, Any]:
-    """How the light field was decoded from its raw image, and what its views are.
-
-    Returns
-    -------
-    dict
-        ``decode`` and ``parametrisation`` of `LightField`.
-
-    Raises
-    ------
-    FormatError
-        If one is neither of its two words.
-    """
+    """How the light field was decoded from its raw image, and what its views are."""
     found = {name: str(attributes.get(name, known[0])) for name, known in _WORDS.items()}
     for name, word in found.items():
         if word not in _WORDS[name]:
@@ -214,22 +197,7 @@ def words_in(attributes: dict[str, Any], path: Path) -> dict[str, Any]:
 def read_camera(
     values: dict[str, Any], path: Path, device: Device, maps: OPDMaps | None = None
 ) -> Plenoptic1 | Plenoptic2 | Microscope | None:
-    """The camera of a light field or raw image; None where it is of a kind unknown here.
-
-    Parameters
-    ----------
-    values : dict
-        Attributes of its group, as plain Python.
-    path : pathlib.Path
-    device : Device
-    maps : OPDMaps, optional
-        Of its main lens, where there are some beside.
-
-    Raises
-    ------
-    FormatError
-        If a parameter is missing or out of range.
-    """
+    """The camera of a light field or raw image; None where it is of a kind unknown here."""
     kind = str(values.get("kind"))
     if kind not in _OF_KIND:
         return None

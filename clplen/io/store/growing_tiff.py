@@ -31,12 +31,6 @@ _NAMESPACE = "http://www.openmicroscopy.org/Schemas/OME/2016-06"
 class GrowingTiff:
     """A series in an OME-TIFF.
 
-    Parameters
-    ----------
-    path : pathlib.Path
-        ``.tif`` or ``.tiff``.
-    layout : SeriesLayout
-
     Attributes
     ----------
     records : list of dict
@@ -115,13 +109,7 @@ class GrowingTiff:
             return False
 
     def append(self, volumes: Sequence[Array], records: Sequence[Record]) -> None:
-        """Put volumes, float32 (planes, y, x), to their places.
-
-        Raises
-        ------
-        OSError
-            If the disk is full or refuses; those that were there before stay.
-        """
+        """Put volumes, float32 (planes, y, x), to their places."""
         nbytes = 4 * math.prod(self.layout.shape)
         with said_of(self.path), _hidden(self.path).open("r+b") as file:
             file.seek(self._start + nbytes * len(self.records))

@@ -34,12 +34,6 @@ _CHUNK = 512  # pixels along y and x, at most
 class GrowingZarr:
     """A series in an OME-Zarr folder.
 
-    Parameters
-    ----------
-    path : pathlib.Path
-        The folder, ``.zarr``.
-    layout : SeriesLayout
-
     Attributes
     ----------
     records : list of dict
@@ -122,13 +116,7 @@ class GrowingZarr:
         return False
 
     def append(self, volumes: Sequence[Array], records: Sequence[Record]) -> None:
-        """Add volumes, float32 (planes, y, x), with what is said of each.
-
-        Raises
-        ------
-        OSError
-            If the disk is full or refuses a file; what was there before stays whole.
-        """
+        """Add volumes, float32 (planes, y, x), with what is said of each."""
         with said_of(self.path):
             for t, volume in enumerate(volumes, start=len(self.records)):
                 for level, size in enumerate(self._sizes):

@@ -37,13 +37,7 @@ _OTHER = DEFLATE  # of scale-offset and of filters that plugins bring
 
 @contextmanager
 def opened(path: Path) -> Iterator[h5py.File]:
-    """An HDF5 file to read; what HDF5 says of a damaged one is a FormatError.
-
-    Raises
-    ------
-    FormatError
-        Also if it leads to other files.
-    """
+    """An HDF5 file to read; what HDF5 says of a damaged one is a FormatError."""
     require_file(path, "HDF5 file")
     with reading(path), h5py.File(path, "r") as file:
         require_own(file, path)
@@ -58,13 +52,7 @@ def datasets(file: h5py.File) -> Iterator[tuple[str, h5py.Dataset]]:
 
 
 def dataset_of(file: h5py.File, name: str, path: Path) -> h5py.Dataset:
-    """A dataset by its name.
-
-    Raises
-    ------
-    FormatError
-        Listing those that are there, with their shapes.
-    """
+    """A dataset by its name."""
     dataset = file.get(name)
     if not isinstance(dataset, h5py.Dataset):
         raise FormatError(f"{path} has no dataset {name!r}; it holds {contents(file)}.")
@@ -78,13 +66,7 @@ def contents(file: h5py.File) -> str:
 
 
 def attributes_of(item: Any, names: Iterable[str], path: Path) -> dict[str, Any]:
-    """Some attributes of a dataset or group as plain Python; those that are not there are left out.
-
-    Raises
-    ------
-    FormatError
-        If one is larger than an attribute may be.
-    """
+    """Return some attributes of a dataset or group as plain Python, without missing ones."""
     found = {}
     for name in names:
         if name not in item.attrs:
@@ -110,12 +92,7 @@ def _is_variable(kind: Any) -> bool:
 
 
 def require_size(dataset: h5py.Dataset, largest: int, path: Path) -> None:
-    """Refuse a small dataset of real numbers that is none or declares too many samples.
-
-    Raises
-    ------
-    FormatError
-    """
+    """Refuse a small dataset of real numbers that is none or declares too many samples."""
     if dataset.dtype.kind not in "buif" or math.prod(dataset.shape) > largest:
         raise FormatError(
             f"{path}: the dataset {dataset.name!r} of shape {dataset.shape} holds {dataset.dtype}, "
@@ -124,13 +101,7 @@ def require_size(dataset: h5py.Dataset, largest: int, path: Path) -> None:
 
 
 def storage(dataset: h5py.Dataset, path: Path, max_bytes: int | None) -> tuple[int, float]:
-    """Bytes that a file has for a dataset, and the largest ratio of their compression.
-
-    Raises
-    ------
-    FormatError
-        If they are compressed by a filter that is not there, or in chunks larger than they can be.
-    """
+    """Bytes that a file has for a dataset, and the largest ratio of their compression."""
     stored = min(dataset.id.get_storage_size(), path.stat().st_size)
     if dataset.chunks is None:
         return stored, 1.0

@@ -44,36 +44,6 @@ def write_ome(
 
     The file is laid out first, without compression, and each block then goes to its place, so that
     no more than one plane of one block is held besides the block.
-
-    Parameters
-    ----------
-    path : path-like
-        ``.tif`` or ``.tiff``.
-    blocks : iterable of Block
-        In any order.
-    shape : tuple of int
-        (n, y, x) or (n, y, x, c) of all of them together.
-    axes : str
-        A letter a dimension: Z planes, C channels, S samples of a colour; without Z and C n is 1.
-    description : dict
-        What the values are; written as JSON.
-    spacing : tuple of float or None
-        Signed (dv, du, dy, dx) in metres.
-    channels : tuple of str, optional
-        Names of the channels.
-    depth : float, optional
-        Distance of planes in metres.
-    positions : sequence of float, optional
-        z of each plane in metres: PositionZ.
-    durable : bool
-        Whether to wait until the disk has the file, as in `clplen.files.replacing`.
-
-    Raises
-    ------
-    ValueError, ShapeError
-        If the suffix is another one, or the blocks are not the whole.
-    OSError
-        If the file cannot be written.
     """
     if Path(path).suffix.lower() not in tiff.SUFFIXES:
         raise ValueError(f"OME-TIFF is written as .tif, not as {Path(path).name}.")
@@ -114,25 +84,7 @@ def write_ome(
 
 
 def read_ome_page(path: PathLike, index: int, *, max_bytes: int | None = None) -> Array:
-    """One picture of an OME-TIFF, as stored.
-
-    Parameters
-    ----------
-    path : path-like
-    index : int
-        Of the page, from 0.
-    max_bytes : int, optional
-        Largest allocation; default half of the free memory.
-
-    Returns
-    -------
-    numpy.ndarray
-
-    Raises
-    ------
-    FormatError
-        If it is damaged, or has no such page.
-    """
+    """One picture of an OME-TIFF, as stored."""
     path = Path(path)
     try:
         (page,) = next(read_tiff_stacks(path, [[index]], max_bytes=max_bytes))

@@ -54,44 +54,6 @@ def write_omezarr(
     has the samples as they are; pixels of every further one are means of 2 x 2 (at an odd edge of
     what is there), until the longer side has at most 256. Besides a block no more than one plane
     of it and a few chunks are held.
-
-    Parameters
-    ----------
-    path : path-like
-        ``.zarr``, such as ``stack.ome.zarr``.
-    blocks : iterable of Block
-        In any order.
-    shape : tuple of int
-        (n, y, x) or (n, y, x, c) of all of them together.
-    axes : str
-        A letter a dimension: Z planes, C channels, S samples of a colour; without Z and C n is 1.
-    description : dict
-        What the values are: the attribute "clplen".
-    spacing : tuple of float or None
-        Signed (dv, du, dy, dx) in metres: the size of a pixel, in micrometres; without it 1 and no
-        unit.
-    channels : tuple of str, optional
-        Names of the channels.
-    depth : float, optional
-        Distance of planes in metres; without it 1 and no unit.
-    positions : sequence of float, optional
-        z of each plane in metres; where ``depth`` is given the first one moves the picture.
-    durable : bool
-        Whether to wait until the disk has the folder, as in `clplen.files.filling`.
-    replace : bool
-        Whether an OME-Zarr of another shape may be there and goes; one of this shape always does.
-        What another writer of the same name ends in the meantime goes too.
-
-    Raises
-    ------
-    ValueError, ShapeError
-        If the suffix is another one, or the blocks are not the whole.
-    FormatError
-        If the package zarr is not installed.
-    FileExistsError
-        If there is an OME-Zarr of another shape that is not to be replaced, or something else.
-    OSError
-        If the folder cannot be written.
     """
     if Path(path).suffix.lower() != zarr_files.SUFFIX:
         raise ValueError(f"OME-Zarr is written as .zarr, not as {Path(path).name}.")
@@ -333,26 +295,7 @@ def omero(names: tuple[str, ...], limits: Limits, *, colour: bool) -> dict[str, 
 
 
 def read_omezarr_channel(path: PathLike, index: int, *, max_bytes: int | None = None) -> Array:
-    """One channel (y, x) of an OME-Zarr (c, y, x), at full size.
-
-    Parameters
-    ----------
-    path : path-like
-        The folder.
-    index : int
-        Of the channel, from 0.
-    max_bytes : int, optional
-        Largest allocation; default half of the free memory.
-
-    Returns
-    -------
-    numpy.ndarray
-
-    Raises
-    ------
-    FormatError
-        If the package zarr is not installed; if it is damaged, or no such OME-Zarr.
-    """
+    """One channel (y, x) of an OME-Zarr (c, y, x), at full size."""
     path = Path(path)
     with opened_store(path, _INSTEAD, max_bytes) as root, reading(path):
         level: Any = root.get("0")

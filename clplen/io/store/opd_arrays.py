@@ -54,13 +54,7 @@ def write_zarr_maps(group: Any, maps: OPDMaps, words: dict[str, Any]) -> None:
 
 
 def read_hdf5_maps(group: Any, path: Path, max_bytes: int | None = None) -> OPDMaps | None:
-    """The maps in a group of an HDF5 file; None without a group.
-
-    Raises
-    ------
-    FormatError
-        If they are none, or declare more than the file holds.
-    """
+    """The maps in a group of an HDF5 file; None without a group."""
     if not isinstance(group, h5py.Group):
         return None
     held = {name: group[name] for name in ARRAYS if isinstance(group.get(name), h5py.Dataset)}

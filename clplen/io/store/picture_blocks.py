@@ -74,43 +74,13 @@ class Tiles(Protocol):
 
 
 def as_block(values: Array) -> list[Block]:
-    """An array in host memory as one block.
-
-    Parameters
-    ----------
-    values : numpy.ndarray
-        Shape (n, y, x) or (n, y, x, c).
-
-    Returns
-    -------
-    list of Block
-    """
+    """An array in host memory as one block."""
     planes, rows, columns = (slice(0, n) for n in values.shape[:3])
     return [(planes, rows, columns, values)]
 
 
 def checked_blocks(blocks: Iterable[Block], shape: tuple[int, ...]) -> Generator[Block, None, None]:
-    """Pass blocks on as float32, and make sure that they make up the whole.
-
-    Parameters
-    ----------
-    blocks : iterable of Block
-        Closed in the end, if it is a generator.
-    shape : tuple of int
-        (n, y, x) or (n, y, x, c) of the whole.
-
-    Yields
-    ------
-    Block
-        With slices from 0 on.
-
-    Raises
-    ------
-    ShapeError
-        If the samples of a block do not fit its slices.
-    ValueError
-        If, after the last one, there are fewer or more samples than in the whole.
-    """
+    """Pass blocks on as float32, and make sure that they make up the whole."""
     iterator = iter(blocks)
     found = 0
     try:
@@ -140,19 +110,7 @@ def checked_blocks(blocks: Iterable[Block], shape: tuple[int, ...]) -> Generator
 
 
 def write_rows(file: BinaryIO, values: Array, *, start: int, step: int) -> None:
-    """Write a part of a picture to its place in a file; a map of it would count as memory in use.
-
-    Parameters
-    ----------
-    file : binary file
-        Open for writing.
-    values : numpy.ndarray
-        float32, shape (rows, columns[, c]).
-    start : int
-        Byte at which its first row begins.
-    step : int
-        Bytes from a row to the next one.
-    """
+    """Write a part of a picture to its place in a file, without a map, which counts as memory."""
     together = values[0].nbytes == step
     for number, run in enumerate([values] if together else values):
         file.seek(start + number * step)

@@ -76,27 +76,7 @@ class PictureSeries:
 def read_series(
     path: PathLike, *, what: str, kinds: str = ".tif and .zarr", max_bytes: int | None = None
 ) -> PictureSeries:
-    """Read all pictures of an OME-TIFF, of another TIFF whose pages are alike, or of an OME-Zarr.
-
-    Parameters
-    ----------
-    path : path-like
-    what : str
-        What they are, for messages: "a volume".
-    kinds : str
-        Suffixes of the files that hold such, for messages.
-    max_bytes : int, optional
-        Largest allocation; default half of the free memory.
-
-    Returns
-    -------
-    PictureSeries
-
-    Raises
-    ------
-    FormatError
-        If it is missing, damaged, of another kind, or holds no real numbers.
-    """
+    """Read all pictures of an OME-TIFF, an OME-Zarr, or a TIFF whose pages are alike."""
     path = Path(path)
     noun, axes = what.partition(" ")[2], ""
     require_file(path, noun, folder=True)
@@ -149,12 +129,7 @@ def _axes_in(group: Any) -> str:
 
 
 def describe_series(path: PathLike) -> dict[str, Any]:
-    """What `write_series` was given as description; empty if there is no such file.
-
-    Parameters
-    ----------
-    path : path-like
-    """
+    """What `write_series` was given as description; empty if there is no such file."""
     path = Path(path)
     try:
         if path.suffix.lower() == zarr_files.SUFFIX:
@@ -211,13 +186,7 @@ def times_in(path: PathLike) -> int:
 
 
 def plane_step(path: PathLike) -> tuple[float, float] | None:
-    """z of plane 0 and the distance of planes in metres, where a file says them in micrometres.
-
-    Parameters
-    ----------
-    path : path-like
-        OME-TIFF, whose first plane is then at 0, or OME-Zarr.
-    """
+    """z of plane 0 and the distance of planes in metres, where a file says them in micrometres."""
     path = Path(path)
     try:
         if path.suffix.lower() == zarr_files.SUFFIX:
@@ -241,27 +210,11 @@ def plane_step(path: PathLike) -> tuple[float, float] | None:
 
 
 def pixel_of(path: PathLike) -> tuple[float, float] | None:
-    """The size (dy, dx) of a pixel in metres, where a file says it in micrometres.
-
-    Parameters
-    ----------
-    path : path-like
-        OME-TIFF or OME-Zarr.
-    """
+    """The size (dy, dx) of a pixel in metres, where a file says it in micrometres."""
     return _pixel(Path(path))
 
 
 def multiscales(group: Any) -> dict[str, Any]:
-    """The first description of an OME-Zarr's pyramid, of OME-NGFF 0.4 or 0.5.
-
-    Parameters
-    ----------
-    group : zarr.Group
-
-    Raises
-    ------
-    KeyError, IndexError, TypeError
-        If there is none.
-    """
+    """The first description of an OME-Zarr's pyramid, of OME-NGFF 0.4 or 0.5."""
     attributes = dict(group.attrs)
     return dict(attributes.get("ome", attributes)["multiscales"][0])

@@ -43,18 +43,7 @@ class SeriesLayout:
 
 
 def checked_series(content: Any) -> tuple[dict[str, Any], list[Record]]:
-    """Return description and records of a series, out of JSON of unknown origin.
-
-    Parameters
-    ----------
-    content : object
-        The description with ``records`` in it.
-
-    Raises
-    ------
-    ValueError, TypeError, LookupError, OverflowError
-        If it is no such description.
-    """
+    """Return description and records of a series, out of JSON of unknown origin."""
     about = dict(content)
     records, shape, batch = about.pop("records"), about["shape"], about.get("batch", 1)
     if len(shape) != 3 or not all(type(n) is int and n > 0 for n in (*shape, batch)):

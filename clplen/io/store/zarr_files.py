@@ -24,18 +24,7 @@ _FEW = 1000  # chunks that any array may lack
 
 
 def zarr_package(instead: str) -> Any:
-    """The package, imported when it is needed.
-
-    Parameters
-    ----------
-    instead : str
-        What else serves, for the message: "use .h5".
-
-    Raises
-    ------
-    FormatError
-        If it is not installed, or is a version before 3.
-    """
+    """The package, imported when it is needed."""
     try:
         import zarr
     except ImportError as error:
@@ -52,22 +41,7 @@ def zarr_package(instead: str) -> Any:
 
 @contextmanager
 def opened_store(path: Path, instead: str, max_bytes: int | None = None) -> Iterator[Any]:
-    """The root of a store to read, a group or an array, whose metadata and chunks are checked.
-
-    Parameters
-    ----------
-    path : pathlib.Path
-        A folder or a zip archive.
-    instead : str
-        As for `zarr_package`.
-    max_bytes : int, optional
-        Largest member of an archive; default half of the free memory.
-
-    Raises
-    ------
-    FormatError
-        As `clplen.io.store.zarr_store.open_store`, and if the package zarr is not installed.
-    """
+    """The root of a store to read, a group or an array, whose metadata and chunks are checked."""
     zarr_package(instead)
     from clplen.io.store.zarr_store import open_store
 
@@ -85,13 +59,7 @@ def attributes_of(item: Any) -> dict[str, Any]:
 
 
 def storage(array: Any, path: Path, what: str, max_bytes: int | None) -> tuple[int, float]:
-    """Bytes that a store has for an array, and the largest ratio of their compression.
-
-    Raises
-    ------
-    FormatError
-        If chunks are missing, or larger than they can be.
-    """
+    """Bytes that a store has for an array, and the largest ratio of their compression."""
     inside = f"{array_name(array)}/" if array_name(array) else ""
     sizes = [size for key, size in array.store.sizes.items() if key.startswith(inside)]
     chunks = array.shards or array.chunks

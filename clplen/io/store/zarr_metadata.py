@@ -72,27 +72,7 @@ def is_metadata(key: str) -> bool:
 def checked_arrays(
     documents: Iterable[tuple[str, bytes]], path: Path, form: int
 ) -> dict[str, Packing]:
-    """Check the metadata of a store, and tell how its arrays are packed.
-
-    Parameters
-    ----------
-    documents : iterable of (str, bytes)
-        Key and content of each file that `is_metadata`.
-    path : pathlib.Path
-        Of the store, for messages.
-    form : {2, 3}
-        Format in which the store is read. Metadata of both are checked.
-
-    Returns
-    -------
-    dict of Packing
-        Of the arrays of that format, by their path in the store; "" is the root.
-
-    Raises
-    ------
-    FormatError
-        If metadata are damaged, or name a codec or a data type that is not accepted.
-    """
+    """Check the metadata of a store, and tell how its arrays are packed."""
     found: dict[int, dict[str, Packing]] = {2: {}, 3: {}}
     for key, content in documents:
         folder, _, name = key.rpartition("/")

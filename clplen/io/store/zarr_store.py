@@ -49,21 +49,7 @@ _MISSING = np.uint64(2**64 - 1)  # place of a chunk that a shard does not hold
 
 
 def require_chunk(content: bytes, packing: Packing, key: str) -> None:
-    """Refuse a chunk that becomes larger than its array declares.
-
-    Parameters
-    ----------
-    content : bytes
-        As stored.
-    packing : Packing
-    key : str
-        Of the chunk, for the message.
-
-    Raises
-    ------
-    ValueError
-        Naming the chunk and its size; what the decompressors say of damaged ones.
-    """
+    """Refuse a chunk that becomes larger than its array declares."""
     largest = packing.largest + SLACK
     name = packing.compressor
     if name is None or (name in ("gzip", "zlib") and len(content) * DEFLATE <= largest):
@@ -175,26 +161,7 @@ _SIZES: dict[str, Callable[[bytes, int], int]] = {
 
 @contextmanager
 def open_store(path: Path, max_bytes: int | None = None) -> Iterator[Any]:
-    """The root of a store to read, a group or an array, after a look at its metadata.
-
-    Parameters
-    ----------
-    path : pathlib.Path
-        A folder or a zip archive.
-    max_bytes : int, optional
-        Largest member of an archive; default half of the free memory.
-
-    Yields
-    ------
-    zarr.Group or zarr.Array
-        Its ``store`` is a `CheckedStore`.
-
-    Raises
-    ------
-    FormatError
-        If it is damaged, leads out of its folder, or names a codec or a data type that is not
-        accepted.
-    """
+    """The root of a store to read, a group or an array, after a look at its metadata."""
     require_file(path, "Zarr store", folder=True)
     with reading(path):
         if path.is_dir():
@@ -329,14 +296,6 @@ def _packing_of(key: str, arrays: dict[str, Packing]) -> Packing | None:
 
 class CheckedStore(WrapperStore[Any]):
     """A store that gives no chunk that would become larger than its array declares.
-
-    Parameters
-    ----------
-    store : zarr.abc.store.Store
-    sizes : dict of int
-        Bytes of each file, by its key.
-    arrays : dict of Packing
-        By the path of the array.
 
     Attributes
     ----------

@@ -17,20 +17,7 @@ _LENGTH = 4096  # pixels of an item on CPUs
 
 
 class PeakTracker:
-    """The highest of a curve at every pixel, while its planes come a few at a time.
-
-    Parameters
-    ----------
-    shape : tuple of int
-        (y, x).
-    device : Device
-    start : float
-        Value where the curve has no peak.
-    most : int
-        Planes that come at a time, at most.
-    lowest : bool
-        The curve is a cost, not negative: its lowest minimum.
-    """
+    """The highest of a curve at every pixel, while its planes come a few at a time."""
 
     def __init__(
         self,
@@ -54,13 +41,7 @@ class PeakTracker:
         self._values: list[float] = []
 
     def add(self, values: Vector) -> None:
-        """Take in planes that were written to ``curve`` from plane ``held`` on.
-
-        Parameters
-        ----------
-        values : numpy.ndarray
-            One a plane, rising, above those before.
-        """
+        """Take in planes that were written to ``curve`` from plane ``held`` on."""
         count = len(values)
         behind = 1 if self.held else 0  # the last plane had no neighbour above yet
         self._values.extend(float(value) for value in values)

@@ -37,40 +37,6 @@ def along_rays(
     w[v, u] times the share of their taps that is known. Linear interpolation leaves out taps
     outside a view (and brings the others to the sum 1), "nearest" rounds halves up, "cubic" (Keys
     1981, a = -1/2) repeats the edge sample within a view and takes no place outside it.
-
-    Parameters
-    ----------
-    data : pyopencl.array.Array
-        Shape (v, u, y, x[, c]), C-contiguous, uint8, uint16, float16 or float32.
-    statistic : {"mean", "variance", "median", "max", "min"}
-        Weighted; "max" and "min" take every sample of a weight. The median is the mean of the
-        lowest values whose weight with those below is at least, and more than, half of all.
-    device : Device
-    weights : numpy.ndarray
-        Shape (V, U), finite, not negative.
-    steps : numpy.ndarray
-        Shape (V, U, 2), pixels (y, x) for disparity 1.
-    disparity : float or numpy.ndarray
-        One number, split into whole pixels and a fraction in float64; or one of every pixel,
-        shape (y, x).
-    interpolation : {"linear", "nearest", "cubic"}
-    mask : numpy.ndarray, optional
-        Shape (V, U, y, x); where it is False, a sample is not known. Not with "cubic".
-
-    Returns
-    -------
-    pyopencl.array.Array
-        float32, shape (y, x[, c]); 0 where no view has any weight.
-
-    Raises
-    ------
-    ShapeError
-        If the disparities or the mask are not one for every pixel or ray.
-    ValueError
-        If the statistic or the interpolation is unknown, a disparity is not finite, or a median
-        is of more than 1024 views.
-    DeviceError
-        If the picture is larger than the device's memory.
     """
     _check(statistic, interpolation, mask)
     shape = tuple(int(n) for n in data.shape)
@@ -108,15 +74,7 @@ def along_rays(
 
 
 def checked_disparity(disparity: Any, size: tuple[int, int]) -> Table:
-    """Disparity of a picture, one number or one of every pixel; float64.
-
-    Raises
-    ------
-    ShapeError
-        If it is neither.
-    ValueError
-        If one is not finite.
-    """
+    """Disparity of a picture, one number or one of every pixel; float64."""
     d = float64_array(host_array(disparity, "A disparity"))
     if d.shape not in ((), size):
         raise ShapeError(

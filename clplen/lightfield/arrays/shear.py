@@ -149,40 +149,6 @@ def shear_sum(
     Picture p is the sum over v, u of w[v, u] L[v, u](y + shift_y[p, v], x + shift_x[p, u]) over
     the sum of the weights (Ng 2005, shift and add); views that lie on no grid have a shift of
     their own each. The result has the same bits in every run.
-
-    Parameters
-    ----------
-    lf_data : pyopencl.array.Array
-        Shape (v, u, y, x) or (v, u, y, x, c), C-contiguous, uint8, uint16, float16 or float32.
-    weights : numpy.ndarray
-        Shape (V, U), finite. A view of weight 0 is not read.
-    shift_y, shift_x : numpy.ndarray
-        Shapes (P, V) and (P, U), or (P, V, U) (either or both), finite, in pixels; split in
-        float64 into a whole number, which moves the view, and a fraction, by which it is
-        interpolated. A grid, (P, V), is summed faster.
-    device : Device
-        Where ``lf_data`` lives.
-    edge : {"normalised", "clamp"}
-        "normalised": a sample outside a view counts neither in the sum nor in the weights, and a
-        pixel that no view reaches is 0. "clamp": it is the nearest sample of the view.
-    total : bool
-        The sum itself, not divided by the weights.
-    out : pyopencl.array.Array, optional
-        float32, where the result goes.
-
-    Returns
-    -------
-    pyopencl.array.Array
-        float32, shape (P, y, x) or (P, y, x, c).
-
-    Raises
-    ------
-    ShapeError
-        If the shapes do not fit together.
-    ValueError
-        If a weight or shift is not finite, or ``edge`` is neither.
-    DeviceError
-        If the pictures need more memory than the device has, or no form of the kernel runs.
     """
     shape = tuple(int(n) for n in lf_data.shape)
     views = split_views(shape, weights, shift_y, shift_x, edge)

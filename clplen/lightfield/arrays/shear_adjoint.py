@@ -44,33 +44,6 @@ def shear_adjoint(
     Every picture is divided by the weights that `shear_sum` divides by, and each view is the sum of
     the pictures moved back by its shifts, interpolated linearly and 0 outside, times its weight.
     The result has the same bits in every run.
-
-    Parameters
-    ----------
-    pictures : pyopencl.array.Array
-        float32, shape (P, y, x) or (P, y, x, c), C-contiguous.
-    shape : tuple of int
-        (v, u, y, x) or (v, u, y, x, c) of the light field.
-    weights, shift_y, shift_x : numpy.ndarray
-        As given to `shear_sum`.
-    device : Device
-        Where the pictures live.
-    total : bool
-        As given to `shear_sum`: nothing is divided.
-
-    Returns
-    -------
-    pyopencl.array.Array
-        float32, of the light field's shape; views of weight 0 are 0.
-
-    Raises
-    ------
-    ShapeError
-        If the shapes do not fit together.
-    ValueError
-        If a weight or shift is not finite.
-    DeviceError
-        If the light field needs more memory than the device has.
     """
     views = split_views(shape, weights, shift_y, shift_x, "normalised")
     if tuple(pictures.shape) != (views.planes, *shape[2:]) or pictures.dtype != np.float32:

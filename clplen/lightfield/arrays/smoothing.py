@@ -23,12 +23,6 @@ class Smoother:
     """A separable window for maps of one size; beyond the edges they are reflected.
 
     d c b a | a b c d | d c b a, as often as needed.
-
-    Parameters
-    ----------
-    taps : numpy.ndarray
-        Weights at distance 0, 1, ... pixels, along both axes.
-    device : Device
     """
 
     def __init__(self, taps: Vector, *, device: Device) -> None:
@@ -37,17 +31,7 @@ class Smoother:
         self._taps = device.upload(whole_taps(taps, device))
 
     def __call__(self, out: cla.Array, maps: cla.Array, *, start: int, count: int) -> None:
-        """Smooth maps into another array.
-
-        Parameters
-        ----------
-        out : pyopencl.array.Array
-            float32, room for (start + count, y, x); not ``maps`` itself.
-        maps : pyopencl.array.Array
-            float32, shape (n, y, x) with n >= count.
-        start, count : int
-            How many maps, and the first of ``out``.
-        """
+        """Smooth maps into another array."""
         ny, nx = (int(n) for n in maps.shape[1:])
         launch_stretches(
             self._device,
@@ -68,24 +52,7 @@ def launch_stretches(
     channels: int = 1,
     **defines: Any,
 ) -> None:
-    """Launch a kernel written with separated.cl over (n, y, samples of a row).
-
-    Parameters
-    ----------
-    device : Device
-    name : tuple of str
-        Kernel file and kernel. Its last arguments are the length of a stretch, whole pixels, and
-        the lines of local memory.
-    shape : tuple of int
-    args : tuple
-        What comes before.
-    halos : tuple of int
-        One for each line: a stretch with so many samples on either side.
-    channels : int
-        Samples of a pixel.
-    **defines
-        Of the kernel, beside ``LINES`` and ``LANES``.
-    """
+    """Launch a kernel written with separated.cl over (n, y, samples of a row)."""
     batch, ny, samples = shape
     most = max(_STRETCH[device.rows] // channels, 1) * channels
     length = min(most, samples)
@@ -101,14 +68,7 @@ def launch_stretches(
 
 
 def whole_taps(taps: Vector, device: Device) -> np.ndarray[Any, np.dtype[np.float32]]:
-    """Weights at all distances, as separated.cl reads them, from those at 0, 1, ...
-
-    Parameters
-    ----------
-    taps : numpy.ndarray
-        Shape (..., n).
-    device : Device
-    """
+    """Weights at all distances, as separated.cl reads them, from those at 0, 1, ..."""
     both = np.concatenate((taps[..., :0:-1], taps), axis=-1)
     beside = [(0, 0)] * (taps.ndim - 1) + [(_LINES[device.rows] - 1,) * 2]
     return np.pad(both, beside).astype(np.float32)

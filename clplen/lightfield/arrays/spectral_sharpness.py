@@ -51,22 +51,7 @@ class LensletBlur:
     variance: float = 0.0
 
     def transfer(self, ky: Real, kx: Real, *, shear: tuple[float, float]) -> Real:
-        """Factor on the spectrum of a refocused image.
-
-        Parameters
-        ----------
-        ky, kx : numpy.ndarray
-            Frequencies in cycles a lenslet, 1-D.
-        shear : tuple of float
-            Lenslets a view by which it was refocused, (y, x).
-
-        Returns
-        -------
-        numpy.ndarray
-            Shape (ky, kx): the ambiguity function of the aperture at frequency k and offset
-            q shear k (lenslet diameters); 1 at the origin, 0 from an offset of 1. Times a
-            Gaussian for the other blur, which refocusing spreads over ``shear`` lenslets a pixel.
-        """
+        """Factor on the spectrum of a refocused image."""
         ny, nx = (k * fill for k, fill in zip((ky, kx), self.fill, strict=True))
         ty, tx = (np.abs(self.q * c * k) for k, c in zip((ky, kx), shear, strict=True))
         gy, gx = (
@@ -140,20 +125,6 @@ class Sharpness:
 
         To first order noise n moves the peak by -n dE'/dL / E''; derivatives are taken over
         ``step``.
-
-        Parameters
-        ----------
-        disparity : float
-            Of the peak.
-        variance : numpy.ndarray
-            Of every sample of the window, shape (c, v, u, y, x).
-        step : float
-            Pixels a view step, a fraction of the peak's width.
-
-        Returns
-        -------
-        float
-            inf where the curve does not bend down.
         """
         below, at, above = (self(disparity + side * step) for side in (-1, 0, 1))
         bend = (below - 2 * at + above) / step**2
@@ -203,25 +174,7 @@ def sharpness(
     aspect: float = 1.0,
     blur: LensletBlur | None = None,
 ) -> Sharpness:
-    """The sharpness measure of one window of a light field.
-
-    Parameters
-    ----------
-    window : numpy.ndarray
-        float64, shape (c, v, u, y, x); weights of the views multiplied in.
-    pad : int
-        Zeros on each side of the window, in lenslets, so that no view moves round the end.
-    band : tuple of float
-        Lowest and highest frequency in cycles a lenslet, below 1/2.
-    aspect : float
-        Shear along y over shear along x.
-    blur : LensletBlur, optional
-        To divide it out.
-
-    Returns
-    -------
-    Sharpness
-    """
+    """The sharpness measure of one window of a light field."""
     ny, nx = (n + 2 * pad for n in window.shape[-2:])
     ky = np.fft.fftfreq(ny)
     kx = np.fft.rfftfreq(nx)

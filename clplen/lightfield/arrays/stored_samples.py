@@ -18,19 +18,7 @@ C_TYPE = {
 
 
 def lit_views(data: cla.Array, device: Device) -> np.ndarray[Any, np.dtype[np.bool_]]:
-    """Which views have a sample that is not 0.
-
-    Parameters
-    ----------
-    data : pyopencl.array.Array
-        Shape (v, u, ...), uint8, uint16, float16 or float32.
-    device : Device
-
-    Returns
-    -------
-    numpy.ndarray
-        bool, shape (V, U).
-    """
+    """Which views have a sample that is not 0."""
     shape = tuple(int(n) for n in data.shape[:2])
     views = shape[0] * shape[1]
     lit = device.empty(shape, np.int32)
@@ -44,19 +32,7 @@ def lit_views(data: cla.Array, device: Device) -> np.ndarray[Any, np.dtype[np.bo
 def extremes(
     data: cla.Array, device: Device
 ) -> tuple[np.ndarray[Any, np.dtype[np.float32]], np.ndarray[Any, np.dtype[np.float32]]]:
-    """Smallest and largest sample of every view.
-
-    Parameters
-    ----------
-    data : pyopencl.array.Array
-        Shape (v, u, y, ...), C-contiguous, uint8, uint16, float16 or float32.
-    device : Device
-
-    Returns
-    -------
-    tuple of numpy.ndarray
-        float32, shape (V, U).
-    """
+    """Smallest and largest sample of every view."""
     V, U, ny = (int(n) for n in data.shape[:3])
     rows = V * U * ny
     found = device.empty((rows, 2), np.float32)
@@ -69,23 +45,7 @@ def extremes(
 def plane(
     data: cla.Array, fixed: dict[int, int], axes: tuple[int, int], device: Device
 ) -> cla.Array:
-    """The samples over two axes of a light field, the others being fixed.
-
-    Parameters
-    ----------
-    data : pyopencl.array.Array
-        Shape (v, u, y, x) or (v, u, y, x, c), C-contiguous, uint8, uint16, float16 or float32.
-    fixed : dict
-        Index along each of the other two of the first four axes.
-    axes : tuple of int
-        Rows and columns of the plane.
-    device : Device
-
-    Returns
-    -------
-    pyopencl.array.Array
-        float32, shape (rows, columns[, c]).
-    """
+    """The samples over two axes of a light field, the others being fixed."""
     shape = tuple(int(n) for n in data.shape)
     steps = [int(np.prod(shape[axis + 1 :], dtype=np.int64)) for axis in range(4)]
     rows, columns = (shape[axis] for axis in axes)

@@ -93,19 +93,7 @@ class AxisTest:
 
 
 def axis_test(lf: LightField, *, farthest: float) -> AxisTest:
-    """Refocus the middle of a light field in every order of its view axes.
-
-    Parameters
-    ----------
-    lf : LightField
-    farthest : float
-        Planes from -farthest to farthest are tried, and up to `FARTHEST` while much of the detail
-        is sharpest at an end.
-
-    Returns
-    -------
-    AxisTest
-    """
+    """Refocus the middle of a light field in every order of its view axes."""
     data, weights, places = _middle(lf)
     pictures = _Pictures(lf, data, weights)
     one = pictures.of_one_view(places)

@@ -32,18 +32,6 @@ def disparity_range(lf: LightField, *, farthest: float) -> tuple[float, float]:
     The views, at most 5 x 5 of them, are reduced to about 144 x 144 pixels by means over squares
     and matched (cue "combined"). Pixels count by area, however much detail they have; those whose
     disparity is not sure do not count.
-
-    Parameters
-    ----------
-    lf : LightField
-    farthest : float
-        Planes from -farthest to farthest are tried, and farther ones while more than 1 % of the
-        pixels lie at an end.
-
-    Returns
-    -------
-    tuple of float
-        (low, high), with a margin of 0.05; nan if there are fewer than two views or no detail.
     """
     V, U, ny, nx = lf.shape[:4]
     lit = lf.weights > 0

@@ -223,17 +223,7 @@ def check_light_field(
 
 
 def combine_layout_words(first: Sequence[str], then: Sequence[str]) -> Words:
-    """The words of layout that do what two sets of them do one after the other.
-
-    Parameters
-    ----------
-    first, then : sequence of str
-        Some of "swap_uv", "flip_v", "flip_u"; each set swaps first and then reverses.
-
-    Returns
-    -------
-    tuple of str
-    """
+    """The words of layout that do what two sets of them do one after the other."""
     flips = [word in first for word in ("flip_v", "flip_u")]
     if "swap_uv" in then:
         flips.reverse()

@@ -17,54 +17,19 @@ NEARLY_BLACK = 0.02  # of the median: views whose mean is lower hold hardly any 
 
 
 def relative_brightness(lf: LightField) -> Real:
-    """Mean sample of every view over the median of those with a weight.
-
-    Parameters
-    ----------
-    lf : LightField
-
-    Returns
-    -------
-    numpy.ndarray
-        float64, shape (V, U); nan throughout if the median is not positive.
-    """
+    """Mean sample of every view over the median of those with a weight."""
     sums = row_sums(lf).astype(np.float64).sum(axis=1).reshape(lf.weights.shape)
     median = float(np.median(sums[lf.weights > 0]))
     return sums / median if median > 0 else np.full_like(sums, np.nan)
 
 
 def nearly_black_views(lf: LightField, brightness: Real) -> Mask:
-    """Views with a weight whose mean is below 2 % of the median.
-
-    Parameters
-    ----------
-    lf : LightField
-    brightness : numpy.ndarray
-        From `relative_brightness`.
-
-    Returns
-    -------
-    numpy.ndarray
-        bool, shape (V, U). A view that is black throughout has weight 0 and is none of them, unless
-        the file gives it a weight.
-    """
+    """Views with a weight whose mean is below 2 % of the median."""
     return (lf.weights > 0) & (brightness < NEARLY_BLACK)
 
 
 def clear_aperture(lf: LightField, dim: Mask) -> int | None:
-    """Views across the widest aperture that leaves out some views, and is wider than one view.
-
-    Parameters
-    ----------
-    lf : LightField
-    dim : numpy.ndarray
-        bool, shape (V, U): which views.
-
-    Returns
-    -------
-    int or None
-        ``aperture=`` of `refocus` and others; None if each of them holds one of the views.
-    """
+    """Views across the widest aperture that leaves out some views, and is wider than one view."""
     for across in range(max(lf.shape[:2]), 1, -1):
         inside = aperture_weights(lf, across, None) * lf.weights > 0
         if not inside[dim].any() and np.count_nonzero(inside) > 1:

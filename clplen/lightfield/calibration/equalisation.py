@@ -120,23 +120,6 @@ def equalise_lenslets(
 
     The fall is the exponential of a polynomial of degree 4, fitted to the lenslets' means. A pixel
     on the border of two lenslets is scaled by the light of both, each by its share of the pixel.
-
-    Parameters
-    ----------
-    picture : numpy.ndarray
-        Shape (ny, nx).
-    cell : numpy.ndarray
-        Base vectors (y, x) of the lattice in pixels, as rows.
-    origin : numpy.ndarray
-        (y, x) of a lenslet's centre.
-    share : float
-        How much of the fall goes on within lenslets, 0 to 1
-        (`clplen.lightfield.calibration.equalisation`): 1 where it lies over the sensor's pixels, 0
-        where every lenslet is dimmed as a whole.
-
-    Returns
-    -------
-    Even
     """
     lenslets = _lenslets(cell, origin, picture.shape)
     light: Values = np.zeros(lenslets.shape[0] * lenslets.shape[1])
@@ -231,20 +214,7 @@ _OWN = 0.15  # of the fall's energy that no shift of the centres explains: less 
 
 
 def fall_off_share(even: EqualisedPicture, margin: int) -> float:
-    """The share s of the fall that goes on within lenslets, 0 to 1.
-
-    Parameters
-    ----------
-    even : Even
-        With the whole fall taken off (``share=1``), by a lattice that fits to a part of a pixel.
-    margin : int
-        Pixels along the border that are left out.
-
-    Returns
-    -------
-    float
-        1 where it cannot be told.
-    """
+    """The share s of the fall that goes on within lenslets, 0 to 1."""
     if np.hypot(*even.lenslets.cell.T).min() < _SMALL:
         return 1.0
     at, value = _sample(even.picture, margin)

@@ -127,21 +127,7 @@ def estimate_lattice(
 def visible_lattice(
     frame: ArrayLike, *, dark: ArrayLike | None = None, bayer: Mosaic | None = None
 ) -> Lattice | None:
-    """The lattice that a frame shows by itself, where it is plain that it is the lenslets'.
-
-    Parameters
-    ----------
-    frame : array_like
-        Raw frame, shape (ny, nx), of any scene.
-    dark, bayer
-        As for `estimate_lattice`.
-
-    Returns
-    -------
-    Lattice or None
-        None where it explains less than half of the contrast, or other doubts remain than those
-        that a scene raises.
-    """
+    """The lattice that a frame shows by itself, where it is plain that it is the lenslets'."""
     if min(np.shape(frame)[:2]) < _LEAST or (dark is None and _is_even(frame)):
         return None
     found = _best_candidate(_prepared(frame, dark, bayer), None, PITCHES)

@@ -44,34 +44,7 @@ def is_measured(lattice: Lattice) -> bool:
 def require_trust(
     lattice: Lattice, source: str, *, force: bool = False, error: type[Exception] = ValueError
 ) -> Lattice:
-    """Refuse the lattice of a white image that is not to be trusted.
-
-    Parameters
-    ----------
-    lattice : Lattice
-        As `estimate_lattice` finds it.
-    source : str
-        The white image, as the subject of a sentence.
-    force : bool
-        Whether to go on where something repeats, with a warning.
-    error : type
-        Of what is raised.
-
-    Returns
-    -------
-    Lattice
-        The same.
-
-    Raises
-    ------
-    error
-        If nothing repeats in the picture, or the trust is low and ``force`` is False.
-
-    Warns
-    -----
-    SamplingWarning
-        If ``force`` is needed.
-    """
+    """Refuse the lattice of a white image that is not to be trusted."""
     if not is_measured(lattice):
         raise error(
             f"{source} is no white image: nothing repeats in it, so that nothing tells where the "
@@ -98,27 +71,7 @@ def require_camera(
     bayer: Mosaic | None = None,
     error: type[Exception] = ValueError,
 ) -> None:
-    """Refuse a lattice beside that of a frame, where the middle of the frame shows its own one.
-
-    Parameters
-    ----------
-    frame : array_like
-        Raw frame, shape (ny, nx).
-    lattice : Lattice
-        Of the white image.
-    source : str
-        The white image, as the subject of a sentence.
-    dark : array_like, optional
-    bayer : str or sequence of str, optional
-        As for `estimate_lattice`.
-    error : type
-        Of what is raised.
-
-    Raises
-    ------
-    error
-        If the frame's lattice has other steps: it is of another camera.
-    """
+    """Refuse a lattice beside that of a frame, where the middle of the frame shows its own one."""
     own = visible_lattice(
         _central_crop(frame, bayer),
         dark=None if dark is None else _central_crop(dark, bayer),

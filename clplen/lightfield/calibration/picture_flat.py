@@ -35,22 +35,6 @@ def flat_of_picture(
     The median of these over all sub-images that are lit, by the place from the centre, is the
     vignetting: what the scene puts into single sub-images is odd or random. Fall of light
     over the sensor is not known from one picture and stays.
-
-    Parameters
-    ----------
-    raw : numpy.ndarray
-        Shape (ny, nx), as it lies on the sensor.
-    lattice : Lattice
-        Its lenslets.
-    dark : numpy.ndarray, optional
-        Dark frame, which is added to the result.
-    bayer : optional
-        As for `decode_raw`.
-
-    Returns
-    -------
-    numpy.ndarray or None
-        float32, shape (ny, nx); None where fewer than 300 sub-images have light enough.
     """
     shape = (int(raw.shape[0]), int(raw.shape[1]))
     picture = np.asarray(subtract_dark(raw, dark), np.float32)

@@ -45,21 +45,7 @@ class Peaks:
 def coarse_basis(
     picture: Values, pitches: tuple[float, float] = PITCHES
 ) -> tuple[Basis | None, float]:
-    """The coarsest reciprocal lattice that holds the peaks of a picture.
-
-    Parameters
-    ----------
-    picture : numpy.ndarray
-        float32, shape (ny, nx).
-    pitches : tuple of float
-        Smallest and largest pitch in pixels.
-
-    Returns
-    -------
-    tuple
-        Two reciprocal vectors (y, x) in cycles a pixel, good to a tenth of a bin, as rows, and the
-        share of the peaks' strength that they explain, 0 to 1. None and 0 without two clear peaks.
-    """
+    """The coarsest reciprocal lattice that holds the peaks of a picture."""
     found = spectral_peaks(picture, pitches)
     order = np.argsort(-found.strength)[:_MOST]
     found = Peaks(found.at[order], found.strength[order], found.bin)
@@ -235,21 +221,7 @@ class PhaseFit:
 
 
 def fit_lattice(picture: Values, basis: Basis, *, margin: int = 0) -> PhaseFit:
-    """Fit an affine lattice, from the middle of a picture outwards.
-
-    Parameters
-    ----------
-    picture : numpy.ndarray
-        Shape (ny, nx), linear in the light.
-    basis : numpy.ndarray
-        Two reciprocal vectors as rows, near enough to be followed over a few windows.
-    margin : int
-        Pixels along the picture's border that are left out.
-
-    Returns
-    -------
-    PhaseFit
-    """
+    """Fit an affine lattice, from the middle of a picture outwards."""
     ny, nx = picture.shape
     picture = picture[margin : ny - margin, margin : nx - margin]
     rows, columns = (_windows(n, basis) for n in picture.shape)

@@ -19,15 +19,7 @@ _LEVELS = (8, 10, 12, 14, 16)  # bits of a sample
 
 
 def as_frame(values: Any, what: str) -> Any:
-    """An array (ny, nx) of finite real numbers, its own dtype.
-
-    Raises
-    ------
-    ShapeError
-        If it is not two-dimensional.
-    ValueError
-        If it is complex, or a pixel is NaN or infinite.
-    """
+    """An array (ny, nx) of finite real numbers, its own dtype."""
     array = host_array(values, f"The {what}")
     if array.ndim != 2 or array.size == 0:
         raise ShapeError(f"The {what} has shape {array.shape}, not (ny, nx): give raw pixels.")
@@ -44,13 +36,7 @@ def as_frame(values: Any, what: str) -> Any:
 
 
 def subtract_dark(frame: Any, dark: Any) -> Frame:
-    """A frame less the dark frame, float32, fractions and values below 0 kept.
-
-    Raises
-    ------
-    ShapeError
-        If the dark frame is of another shape.
-    """
+    """A frame less the dark frame, float32, fractions and values below 0 kept."""
     picture = np.array(host_array(frame, "The frame"), np.float32)
     if dark is None:
         return picture

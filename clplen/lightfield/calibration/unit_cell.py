@@ -57,21 +57,7 @@ class MeanCell:
 
 
 def mean_cell(picture: Values, basis: Basis, phase: Values) -> MeanCell:
-    """Lay all cells of a picture over one another.
-
-    Parameters
-    ----------
-    picture : numpy.ndarray
-        Shape (ny, nx).
-    basis : numpy.ndarray
-        Two reciprocal vectors (y, x) in cycles a pixel, as rows.
-    phase : numpy.ndarray
-        Cycles, as in `clplen.lightfield.calibration.reciprocal.PhaseFit`.
-
-    Returns
-    -------
-    MeanCell
-    """
+    """Lay all cells of a picture over one another."""
     from scipy.ndimage import gaussian_filter
 
     pitch = float(np.hypot(*np.linalg.inv(basis)).max())
@@ -126,11 +112,6 @@ def denser_basis(cell: MeanCell, basis: Basis) -> Basis | None:
     Lenslets of unequal brightness make a coarser lattice than their centres: a chessboard of bright
     and dim ones repeats only after two. Each of the denser lattice's points must rise, dim or
     bright, over the darkest place on the way to each of its neighbours.
-
-    Returns
-    -------
-    numpy.ndarray or None
-        None if the lattice is as dense as it gets.
     """
     for matrix in _DENSER:
         closer = np.linalg.inv(matrix).T  # direct vectors in units of the cell's
@@ -197,16 +178,6 @@ def centre_offset(picture: Values, basis: Basis, phase: Values) -> Values:
     are sampled alike, and what is too fine for the pixels moves the phases. There a profile, a
     piecewise linear function of the distance from the centre, integrated over the pixels, is fitted
     to the mean lenslet with its centre, by least squares.
-
-    Parameters
-    ----------
-    picture, basis, phase
-        As for `mean_cell`, the lenslets made equal.
-
-    Returns
-    -------
-    numpy.ndarray
-        (y, x) in pixels; 0 where pixels lie anywhere in the lenslets, or these are not round.
     """
     cell = reduced_basis(np.linalg.inv(basis).T)
     if np.hypot(*cell.T).max() > _SMALL:

@@ -83,12 +83,7 @@ def surface_memory(source: StoredLightField, disparity: Vector) -> MemoryEstimat
 
 
 def check_planes(known: Any, disparities: Any) -> None:
-    """Refuse planes where a depth map or a stack is given already.
-
-    Raises
-    ------
-    ValueError
-    """
+    """Refuse planes where a depth map or a stack is given already."""
     if disparities is not None and known is not None:
         raise ValueError(
             "all_in_focus takes disparities= only for a light field without a depth map: leave "
@@ -97,13 +92,7 @@ def check_planes(known: Any, disparities: Any) -> None:
 
 
 def disparity_of(depth: Any, size: tuple[int, ...]) -> np.ndarray[Any, Any]:
-    """Disparity of every pixel, of a depth map or by itself; float64.
-
-    Raises
-    ------
-    ShapeError, ValueError
-        If it is not one of every pixel, or not finite.
-    """
+    """Disparity of every pixel, of a depth map or by itself; float64."""
     d = checked_disparity(getattr(depth, "disparity", depth), (size[0], size[1]))
     if d.ndim == 0:
         raise ShapeError(

@@ -274,19 +274,7 @@ def _checked(
 
 
 def search_limit(lf: LightField, *, window: int = 21) -> float:
-    """What ``c_max`` of `estimate_alpha` has to stay below: there alpha, window or band would end.
-
-    Parameters
-    ----------
-    lf : LightField
-    window : int
-        As for `estimate_alpha`.
-
-    Returns
-    -------
-    float
-        Pixels a view step.
-    """
+    """Return the bound of ``c_max`` of `estimate_alpha`, where alpha, window or band ends."""
     return _limit(lf, window, camera_optics(lf))
 
 

@@ -123,19 +123,7 @@ def farthest_disparity(camera: Any) -> float:
 
 
 def high_na_message(camera: Any, disparity: float) -> str:
-    """How far the paraxial law is off at a disparity that was found or searched; "" up to NA/n .7.
-
-    Parameters
-    ----------
-    camera : MicroscopeOptics
-    disparity : float
-        The farthest, where there are several.
-
-    Returns
-    -------
-    str
-        A sentence without its end.
-    """
+    """Return how far the paraxial law is off at a disparity; "" up to NA/n 0.7."""
     sine = camera.na / camera.medium_index
     if sine <= HIGH_NA:
         return ""

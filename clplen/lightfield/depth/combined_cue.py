@@ -106,24 +106,6 @@ def combined_disparity(lf: LightField, planes: Vector) -> tuple[Map, Map]:
     part with the plane that fits its neighbourhood. Where no plane makes the views agree, in strong
     noise or in the diffraction patterns of single points, the sharpest plane is taken
     (`energy_disparity`).
-
-    Parameters
-    ----------
-    lf : LightField
-    planes : numpy.ndarray
-        Disparities, rising, shape (P,), at least three.
-
-    Returns
-    -------
-    tuple of numpy.ndarray
-        Disparity and confidence (0 to 1), float32, shape (y, x).
-
-    Raises
-    ------
-    ValueError
-        If fewer than two views have a weight.
-    DeviceError
-        If what is needed is larger than the device's memory.
     """
     survey = LevelSurvey(lf)
     survey.add(slice(0, lf.shape[2]), lf)
@@ -134,24 +116,7 @@ def combined_disparity(lf: LightField, planes: Vector) -> tuple[Map, Map]:
 def match_views(
     lf: LightField, planes: Vector, levels: SampleLevels, *, inside: tuple[slice, ...] = ()
 ) -> PartialDepth:
-    """Disparity of each pixel from its neighbourhood, `_REACH` pixels wide, in the views.
-
-    Parameters
-    ----------
-    lf : LightField
-        All, or a part of its rows and columns.
-    planes : numpy.ndarray
-        Disparities, rising, at least three.
-    levels : SampleLevels
-        Of the whole light field.
-    inside : tuple of slice
-        Rows and columns that are wanted; default all.
-
-    Returns
-    -------
-    PartialDepth
-        Of the whole of ``lf``.
-    """
+    """Disparity of each pixel from its neighbourhood, `_REACH` pixels wide, in the views."""
     dense = _dense(planes)
     centre = centre_picture(lf, group_views(lf))
     result, margin = _believed(lf, dense, levels, centre)

@@ -52,21 +52,6 @@ def shear_moments(lf: LightField, planes: Vector) -> Moments:
 
     A sample outside a view counts in neither, in proportion to the taps that lie outside; the
     variance is that of the interpolated values, so that it is not separable along y and x.
-
-    Parameters
-    ----------
-    lf : LightField
-    planes : numpy.ndarray
-        Disparities, shape (P,), finite.
-
-    Returns
-    -------
-    Moments
-
-    Raises
-    ------
-    DeviceError
-        If they need more memory than the device has.
     """
     device = lf.device
     shape = (planes.size, *lf.shape[2:])
@@ -126,17 +111,6 @@ def correspondence_disparity(lf: LightField, planes: Vector) -> tuple[Map, Map]:
 
     V_d = B * (S2 - S1^2), the variances of the colours added, with B a box of 9 pixels; the lowest
     is refined by the parabola through it and its two neighbours.
-
-    Parameters
-    ----------
-    lf : LightField
-    planes : numpy.ndarray
-        Disparities, rising, at least three.
-
-    Returns
-    -------
-    tuple of numpy.ndarray
-        (disparity, confidence), float32, shape (y, x).
     """
     size = (lf.shape[2], lf.shape[3])
     require_maps(lf, AT_ONCE + 7 + (AT_ONCE if len(lf.shape) == 5 else 0), 2 * AT_ONCE)

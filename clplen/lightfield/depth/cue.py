@@ -109,26 +109,7 @@ def require_maps(source: LightField | FocalStack, maps: int, pictures: int) -> N
 def depth_memory(
     cue: str, source: StoredLightField, planes: Vector, *, reach: int, floats: int, largest: int
 ) -> MemoryEstimate:
-    """The estimate of a cue that needs one pass over the samples.
-
-    Parameters
-    ----------
-    cue : str
-        Its name.
-    source : StoredLightField
-    planes : numpy.ndarray
-        Disparities, rising.
-    reach : int
-        Pixels of the sheared views on every side that a pixel depends on.
-    floats : int
-        Temporary float32 values a pixel on the device.
-    largest : int
-        Those of the largest array among them.
-
-    Returns
-    -------
-    MemoryEstimate
-    """
+    """The estimate of a cue that needs one pass over the samples."""
     return MemoryEstimate(
         f"A depth map (cue={cue!r})",
         (slice(0, planes.size),),

@@ -88,11 +88,6 @@ def as_depth_map(depth: Any) -> DepthMap:
     """Return a depth map as it is, and disparities as one whose other maps are NaN.
 
     Masked disparities are NaN, and so count as unknown.
-
-    Raises
-    ------
-    TypeError, ShapeError
-        If they are no array of real numbers of shape (y, x).
     """
     if hasattr(depth, "disparity") and hasattr(depth, "confidence"):
         known: DepthMap = depth
@@ -135,13 +130,7 @@ def default_cue(source: LightField | FocalStack | StoredLightField) -> str:
 
 
 def cue_named(name: str) -> Cue:
-    """One of the cues.
-
-    Raises
-    ------
-    ValueError
-        If it is none.
-    """
+    """One of the cues."""
     if name not in CUES:
         raise ValueError(f"The cues of depth_map are {', '.join(map(repr, CUES))}, not {name!r}.")
     return _CUES[name]

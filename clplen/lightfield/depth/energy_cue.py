@@ -40,22 +40,6 @@ def energy_disparity(source: LightField | FocalStack, planes: Vector) -> tuple[M
     interpolation as a shift of half a pixel loses (`evening_taps`), or else whole disparities
     would be preferred. The peak is refined by the parabola through the highest plane and its two
     neighbours.
-
-    Parameters
-    ----------
-    source : LightField or FocalStack
-    planes : numpy.ndarray
-        Disparities, rising, at least three; those of a stack are its own.
-
-    Returns
-    -------
-    tuple of numpy.ndarray
-        (disparity, confidence), float32, shape (y, x).
-
-    Raises
-    ------
-    DeviceError
-        If what is needed is larger than the device's memory.
     """
     device = source.device
     shape = source.shape[1:] if isinstance(source, FocalStack) else source.shape[2:]
@@ -117,17 +101,6 @@ def stack_taps(stack: FocalStack, planes: slice) -> Vector:
     Views moved by whole pixels keep all their detail and others lose some, so that the sharpness
     of a focal stack has false peaks at whole disparities. After these taps every plane has
     lost the same, whatever the spectrum of the picture and its noise.
-
-    Parameters
-    ----------
-    stack : FocalStack
-        Not blurred if it has no weights.
-    planes : slice
-
-    Returns
-    -------
-    numpy.ndarray
-        float64, shape (n, 2, 3): along y and along x, at distance 0, 1 and 2.
     """
     disparities = stack.disparities[planes]
     if stack.weights is None:
@@ -151,18 +124,6 @@ def evening_taps(shift: Vector, weights: np.ndarray[Any, Any]) -> Vector:
     mean over the views to those of f = 1/2 (for independent steps m2 + n2 and
     m4 + 6 m2 n2 + n4), so that, for views that lie symmetrically, the transfer functions
     of all shifts agree up to the fifth power of the frequency.
-
-    Parameters
-    ----------
-    shift : numpy.ndarray
-        Of the views, in pixels.
-    weights : numpy.ndarray
-        Of the views, same shape, not negative, not all 0.
-
-    Returns
-    -------
-    numpy.ndarray
-        float64, shape (3,): at distance 0, 1 and 2; over both sides they sum to 1.
     """
     part = shift - np.floor(shift)
     spread = part * (1 - part)
@@ -182,17 +143,6 @@ class LocalEnergy:
     Every picture is first blurred until it has lost as much to interpolation as by half a pixel
     (`evening_taps`), which costs nothing here: both filters are one. Beyond the edges pictures are
     reflected.
-
-    Parameters
-    ----------
-    sigma : float
-        Of the Gaussian, in pixels.
-    shape : tuple of int
-        (y, x) or (y, x, c) of one picture.
-    device : Device
-    luma : bool
-        Colours weighted to luma (Rec. ITU-R BT.709) before squaring; otherwise the squares of the
-        channels are added. Pictures without three channels have no luma.
     """
 
     def __init__(
@@ -206,17 +156,7 @@ class LocalEnergy:
         self._defines |= {"LUMA": True} if luma and self._size[2] == 3 else {}
 
     def __call__(self, out: cla.Array, stack: FocalStack, *, start: int, count: int) -> None:
-        """Energies of some pictures of a stack.
-
-        Parameters
-        ----------
-        out : pyopencl.array.Array
-            float32, shape (count, y, x) or larger.
-        stack : FocalStack
-            Not evened if it has no weights.
-        start, count : int
-            Which pictures.
-        """
+        """Energies of some pictures of a stack."""
         ny, nx, channels = self._size
         radius = self._low.size - 1 + NO_TAPS.size - 1
         launch_stretches(

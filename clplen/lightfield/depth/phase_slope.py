@@ -92,21 +92,6 @@ def fit_slope(
     together. A lenslet at the rim of the blur is lit in part, and its light comes from nearer to
     the middle than its own centre: with the ``pupil`` x is the centroid of the light on it, where
     the rim is sharp.
-
-    Parameters
-    ----------
-    window : numpy.ndarray
-        float64, shape (c, v, u, y, x): about one point that lies alone in it.
-    aspect : float
-        Disparity along y over that along x.
-    y, x : numpy.ndarray, optional
-        Positions of the lenslets in pixels, shapes that broadcast to (y, x); default their indices.
-    pupil : Pupil, optional
-        None takes all lenslets as evenly lit.
-
-    Returns
-    -------
-    PhaseSlope
     """
     light = np.maximum(window.sum(axis=0), 0)
     noise = sample_noise(window).sum(axis=0)

@@ -42,12 +42,7 @@ class SampleLevels:
 
 
 class LevelSurvey:
-    """Gain and vignetting of a light field, seen in bands of full rows.
-
-    Parameters
-    ----------
-    source : LightField or StoredLightField
-    """
+    """Gain and vignetting of a light field, seen in bands of full rows."""
 
     def __init__(self, source: LightField | StoredLightField) -> None:
         self._views = group_views(source)

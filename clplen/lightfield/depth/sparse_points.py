@@ -67,16 +67,6 @@ def sparse_pixels(picture: Map) -> Mask:
     A point is a pixel with half of the largest difference a from the mean of the 25 x 25 pixels
     round it, above the noise, where the others are flat and their kurtosis, <a^4>/<a^2>^2 without
     that of the noise, is above 12: n of N pixels that are alike, on black, have N/n.
-
-    Parameters
-    ----------
-    picture : numpy.ndarray
-        The centre view, shape (y, x[, c]).
-
-    Returns
-    -------
-    numpy.ndarray
-        bool, shape (y, x).
     """
     from scipy.ndimage import maximum_filter  # here: slow to import
 
@@ -128,17 +118,6 @@ def point_disparity(lf: LightField, planes: Vector) -> tuple[Map, Map]:
     point in focus over planes on which the outermost views move less than a pixel apart, with a dip
     in the middle: there planes 1.5 pixels apart are tried, elsewhere planes half a pixel apart,
     over the range of the given ones.
-
-    Parameters
-    ----------
-    lf : LightField
-    planes : numpy.ndarray
-        Disparities, rising, at least three.
-
-    Returns
-    -------
-    tuple of numpy.ndarray
-        float32, shape (y, x), as of `energy_disparity`.
     """
     optics = camera_optics(lf)
     has_views = lf.camera is not None and lf.camera.kind != "focused"

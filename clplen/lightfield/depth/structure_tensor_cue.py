@@ -32,23 +32,6 @@ def structure_disparity(lf: LightField, planes: Vector) -> tuple[Map, Map]:
     each (Bigun and Granlund 1987; Wanner and Goldluecke 2012), gathered over a Gaussian of 2
     pixels. The two are added by their coherence, and d = d0 + <Lx Lu>/<Lx Lx> follows directly,
     without a search.
-
-    Parameters
-    ----------
-    lf : LightField
-    planes : numpy.ndarray
-        Disparities, rising: only their range counts, [first, last].
-
-    Returns
-    -------
-    tuple of numpy.ndarray
-        (disparity, confidence), float32, shape (y, x). Confidence is the coherence less the
-        highest one of another orientation; 0 without texture.
-
-    Raises
-    ------
-    ValueError
-        If the views have ``positions`` that lie in no rows and columns.
     """
     _require_rows(lf)
     device = lf.device
@@ -88,20 +71,7 @@ def _require_rows(lf: LightField) -> None:
 
 
 def epi_tensors(lf: LightField, shear: float) -> cla.Array:
-    """Sums of (Lx Lx, Lx Lu, Lu Lu) of the light field sheared by a plane.
-
-    Parameters
-    ----------
-    lf : LightField
-    shear : float
-        Disparity of the plane.
-
-    Returns
-    -------
-    pyopencl.array.Array
-        float32, shape (6, y, x): three along rows of views, three along columns; summed over
-        colours.
-    """
+    """Sums of (Lx Lx, Lx Lu, Lu Lu) of the light field sheared by a plane."""
     ny, nx, channels = (*lf.shape[2:], 1)[:3]
     J = lf.device.empty((6, ny, nx, channels), np.float32)
     for axis in (0, 1):

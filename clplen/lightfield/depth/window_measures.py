@@ -31,24 +31,7 @@ _SMOOTHING = 8  # windows are found in a picture smoothed by a Gaussian of windo
 def read_window(
     lf: LightField, at: tuple[int, int], size: int, *, fill: bool = False
 ) -> np.ndarray[Any, np.dtype[np.float64]]:
-    """The samples round one lenslet.
-
-    Parameters
-    ----------
-    lf : LightField
-    at : tuple of int
-        (y, x) of the central lenslet.
-    size : int
-        Lenslets across, odd.
-    fill : bool
-        Zeros for the lenslets beyond the border of the light field; otherwise they are left out.
-
-    Returns
-    -------
-    numpy.ndarray
-        float64, shape (c, v, u, y, x), c = 1 without colour; multiplied by the weights of the
-        views.
-    """
+    """The samples round one lenslet."""
     colours = lf.shape[4] if len(lf.shape) == 5 else 1
     ranges = [
         (max(centre - size // 2, 0), min(centre + size // 2 + 1, n))
@@ -87,16 +70,6 @@ def thesis_curve(window: Real) -> Real:
     above 0.1 cycles a lenslet. It shears the lenslets' own cells by eq. 3.9, with indices of
     lenslets and pixels in the place of lengths, and knows nothing of diffraction: all three pull
     alpha towards 1.
-
-    Parameters
-    ----------
-    window : numpy.ndarray
-        float64, shape (c, v, u, y, x): naive cells in raw pixel order.
-
-    Returns
-    -------
-    numpy.ndarray
-        float64, shape (121,).
     """
     c, V, U, ny, nx = window.shape
     colours = window.transpose(0, 1, 3, 2, 4).reshape(c, V * ny, U * nx)
@@ -147,20 +120,6 @@ def read_lenslets(lf: LightField, at: tuple[int, int], size: int) -> Lenslets:
     read from it, else the odd rows are left out. And the square of views is larger than the
     hexagonal cell, so that the corners hold the spots of neighbours: views outside the circle
     in the cell are 0.
-
-    Parameters
-    ----------
-    lf : LightField
-    at : tuple of int
-        (y, x) of the central pixel.
-    size : int
-        Pixels across, odd; clipped at the border of the light field.
-
-    Returns
-    -------
-    Lenslets
-        Those of a light field whose rows are all interpolated, as of captured images, cannot be
-        told apart and are its pixels.
     """
     samples = read_window(lf, at, size)
     top, left = (max(centre - size // 2, 0) for centre in at)
@@ -243,16 +202,6 @@ def sample_noise(window: Real) -> Real:
     "Fast noise variance estimation", eq. 4): each is an estimate of its own, to be summed over
     many. A sub-image is smooth over q = lam f_mu/(dx d) views; where that is less than about 3,
     part of the light is taken for noise.
-
-    Parameters
-    ----------
-    window : numpy.ndarray
-        float64, shape (c, v, u, y, x).
-
-    Returns
-    -------
-    numpy.ndarray
-        Same shape; 0 where there are fewer than three views along an axis.
     """
     out = np.zeros_like(window)
     if min(window.shape[1:3]) < 3:

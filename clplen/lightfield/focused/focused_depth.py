@@ -278,18 +278,7 @@ def _match_planes(
 
 
 def refine_outliers(matcher: Matcher, start: Values) -> Match:
-    """Refined ratios; what lies far from all neighbours is started again from their median.
-
-    Parameters
-    ----------
-    matcher : Matcher
-    start : numpy.ndarray
-        Ratios to start from, shape (lines, lenslets).
-
-    Returns
-    -------
-    Match
-    """
+    """Refined ratios; what lies far from all neighbours is started again from their median."""
     found = matcher.refined(start)
     near = median_of_neighbours(found.ratio, matcher.worth(found), matcher.geometry)
     astray = np.abs(found.ratio - near) > _OFF * np.abs(near)

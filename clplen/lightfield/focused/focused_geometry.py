@@ -171,14 +171,7 @@ class FocusedGeometry:
 
 
 def require_focused(raw: RawImage) -> None:
-    """Refuse a raw image whose camera is known to be no focused one.
-
-    Raises
-    ------
-    ValueError
-    TypeError
-        If it is no raw image.
-    """
+    """Refuse a raw image whose camera is known to be no focused one."""
     require(RawImage, raw, "raw", "read_raw or camera.expose")
     if raw.camera is not None and raw.camera.kind != "focused":
         raise ValueError(
@@ -319,18 +312,6 @@ def alpha_of_m(raw: RawImage, m: Any) -> Values:
 
     z2 is the distance from the main lens to the array, z3 that from there to the sensor, where this
     has moved too.
-
-    Parameters
-    ----------
-    raw : RawImage
-        Whose camera has ``image_distance`` (F), ``array_distance`` (z2) and ``sensor_distance``
-        (z3) in metres.
-    m : array_like
-
-    Returns
-    -------
-    numpy.ndarray
-        float64; NaN without a camera, where m is 0 or NaN, or F' <= 0.
     """
     m = np.asarray(m, np.float64)
     camera: Any = raw.camera
@@ -342,13 +323,7 @@ def alpha_of_m(raw: RawImage, m: Any) -> Values:
 
 
 def z_of_m(raw: RawImage, m: Any) -> Values:
-    """dz of the object in metres, farther than the focused plane positive, as in `PointSources`.
-
-    Returns
-    -------
-    numpy.ndarray
-        float64; NaN where `alpha_of_m` is.
-    """
+    """dz of the object in metres, farther than the focused plane positive, as in `PointSources`."""
     alpha = alpha_of_m(raw, m)
     if raw.camera is None:
         return alpha

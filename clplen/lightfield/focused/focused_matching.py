@@ -74,16 +74,6 @@ class Match:
 class Matcher:
     """Comparisons of all lenslets of one raw image with their neighbours.
 
-    Parameters
-    ----------
-    raw : RawImage
-    geometry : FocusedGeometry
-    window : float
-        Radius in pixels of what is compared.
-    white : array_like, optional
-        White image of shape (ny, nx), by which the raw image is divided; without it the dim rims
-        of sub-images are left out.
-
     Attributes
     ----------
     step : float
@@ -93,11 +83,6 @@ class Matcher:
     near, pairs : numpy.ndarray
         int32, shape (n, 4): pairs (i, j, i, j) of lenslets from a lenslet's own indices, those of
         the nearest distance, and those up to twice as far apart.
-
-    Raises
-    ------
-    ValueError
-        If no two lenslets of one type lie near one another.
     """
 
     def __init__(

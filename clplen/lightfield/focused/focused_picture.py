@@ -274,19 +274,7 @@ _COUNTING = 0.3  # weight from which on a neighbour counts for the median
 
 
 def median_of_neighbours(values: Values, weights: Values, geometry: FocusedGeometry) -> Values:
-    """Median over the neighbours within 1.8 pitches, the lenslet itself left out.
-
-    Parameters
-    ----------
-    values, weights : numpy.ndarray
-        Shape (lines, lenslets); neighbours of weight below 0.3 do not count.
-    geometry : FocusedGeometry
-
-    Returns
-    -------
-    numpy.ndarray
-        NaN where no neighbour counts.
-    """
+    """Median over the neighbours within 1.8 pitches, the lenslet itself left out."""
     known = np.where((weights >= _COUNTING) & (geometry.kinds >= 0), values, np.nan)
     lines, lenses = known.shape
     margin = 3
@@ -308,17 +296,6 @@ def fill_lenslets(values: Values, weights: Values, geometry: FocusedGeometry) ->
 
     Normalised convolution (Knutsson & Westin 1993) with the narrowest of some Gaussians that finds
     enough weight.
-
-    Parameters
-    ----------
-    values, weights : numpy.ndarray
-        Shape (lines, lenslets), weights 0 to 1, not 0 throughout.
-    geometry : FocusedGeometry
-
-    Returns
-    -------
-    numpy.ndarray
-        Shape (lines, lenslets), finite.
     """
     from scipy.ndimage import convolve
 
@@ -335,20 +312,7 @@ def fill_lenslets(values: Values, weights: Values, geometry: FocusedGeometry) ->
 
 
 def interpolate_lenslets(values: Values, geometry: FocusedGeometry, grid: PictureGrid) -> Values:
-    """Values at the samples of a picture, bilinear along the lattice's vectors.
-
-    Parameters
-    ----------
-    values : numpy.ndarray
-        Shape (lines, lenslets), finite; those at the edge go on beyond it.
-    geometry : FocusedGeometry
-    grid : PictureGrid
-
-    Returns
-    -------
-    numpy.ndarray
-        float64, shape (height, width).
-    """
+    """Values at the samples of a picture, bilinear along the lattice's vectors."""
     from scipy.ndimage import map_coordinates
 
     y, x = (axis - start for axis, start in zip(grid.axes(), geometry.origin, strict=True))

@@ -204,13 +204,7 @@ def focused_stack(
 
 
 def checked_ratio(geometry: FocusedGeometry, m: float) -> float:
-    """Patch over pitch of a plane.
-
-    Raises
-    ------
-    ValueError
-        If m is not finite or 0, or the patch is no part of a sub-image.
-    """
+    """Patch over pitch of a plane."""
     if not (np.ndim(m) == 0 and np.isfinite(m)) or m == 0:
         raise ValueError(f"m = b/a is a finite number other than 0, not {m!r}.")
     ratio = float(geometry.ratio(m))

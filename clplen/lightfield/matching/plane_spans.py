@@ -66,18 +66,6 @@ def likely_planes(detail: LightField, planes: Vector, gain: float) -> LikelyPlan
     The inner views move half as far from plane to plane as all of them, so that every second plane
     does. Costs are smoothed by a Gaussian of 1.5 pixels; one coarse plane more is tried at either
     end. Where costs hardly differ, as on plain surfaces, all planes are.
-
-    Parameters
-    ----------
-    detail : LightField
-    planes : numpy.ndarray
-        Disparities, rising.
-    gain : float
-        Levels a unit of the samples.
-
-    Returns
-    -------
-    LikelyPlanes
     """
     device, (ny, nx) = detail.device, detail.shape[2:4]
     if np.count_nonzero(detail.weights > 0) <= _FEW_VIEWS or planes.size <= _FEW_PLANES:
@@ -111,20 +99,7 @@ def all_planes(shape: tuple[int, ...], count: int) -> Spans:
 
 
 def block_spans(spans: Spans, count: int) -> Spans:
-    """Spans for blocks of 16 pixels of a row, or what is left of them at its end.
-
-    Parameters
-    ----------
-    spans : numpy.ndarray
-        int32, shape (y, x, 2), of the pixels.
-    count : int
-        Of all planes.
-
-    Returns
-    -------
-    numpy.ndarray
-        int32, shape (y, ceil(x/16), 2).
-    """
+    """Spans for blocks of 16 pixels of a row, or what is left of them at its end."""
     first, last = _without_none(spans, count)
     starts = np.arange(0, first.shape[1], VECTOR)
     return np.stack(

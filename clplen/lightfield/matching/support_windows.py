@@ -33,21 +33,7 @@ def gather_costs(
     scales: tuple[Map, Map],
     spans: Spans,
 ) -> None:
-    """Mean of the costs round a pixel, by nearness and likeness: gather of kernels/support.cl.
-
-    Parameters
-    ----------
-    lf : LightField
-    out, costs : pyopencl.array.Array
-        float32, shape (P, y, x).
-    picture : pyopencl.array.Array
-        float32, shape ([c,] y, x): whose likeness counts.
-    scales : tuple of numpy.ndarray
-        Of squared distances, and of squared differences of the picture, float32, shape (y, x).
-    spans : numpy.ndarray
-        int32, shape (y, ceil(x/16), 2): the first and last plane for 16 pixels of a row. Costs are
-        read there of all pixels at most 7 away.
-    """
+    """Mean of the costs round a pixel, by nearness and likeness: gather of kernels/support.cl."""
     device = lf.device
     planes, ny, nx = (int(n) for n in costs.shape)
     if in_vectors(lf):
@@ -150,27 +136,7 @@ def fit_planes(
     normal: tuple[cla.Array, cla.Array],
     limits: tuple[float, float, float],
 ) -> tuple[Map, Map]:
-    """Planes through the neighbours' steps: fit of kernels/refine.cl.
-
-    Parameters
-    ----------
-    lf : LightField
-    disparity : numpy.ndarray
-        float32, shape (y, x).
-    picture : pyopencl.array.Array
-        float32, shape ([c,] y, x): whose likeness counts.
-    maps : tuple of numpy.ndarray
-        Scales of squared differences of the picture and of squared distances, and the prior.
-    normal : tuple of pyopencl.array.Array
-        A and B of `normal_equations`.
-    limits : tuple of float
-        Scale of squared differences of disparity, ridge, and the largest step.
-
-    Returns
-    -------
-    tuple of numpy.ndarray
-        Disparity, and the sum of A that it rests on.
-    """
+    """Planes through the neighbours' steps: fit of kernels/refine.cl."""
     device = lf.device
     ny, nx = disparity.shape
     out, known = (device.empty((ny, nx), np.float32) for _ in range(2))

@@ -34,17 +34,6 @@ def view_detail(lf: LightField, gains: Map) -> LightField:
 
     Brightness that differs from view to view, smoothly over the picture, is gone; so is what tells
     the two sides of an outline apart, which is why samples are compared as well (`is_even`).
-
-    Parameters
-    ----------
-    lf : LightField
-    gains : numpy.ndarray
-        Levels a unit of the samples of each view, shape (V, U).
-
-    Returns
-    -------
-    LightField
-        uint16, which kernels read faster than float16.
     """
     device = lf.device
     V, U, ny, nx, channels = (*lf.shape, 1)[:5]
@@ -109,16 +98,6 @@ def is_even(costs: tuple[Map, Map], disparity: Map, around: Surroundings, channe
     Near outlines samples are believed where brightness is the same in all views, so that samples
     agree as well as their detail; or nearly so well, if their disparity lies between those that
     detail finds around.
-
-    Parameters
-    ----------
-    costs : tuple of numpy.ndarray
-        Least cost of samples and of detail in levels, shape (y, x).
-    disparity : numpy.ndarray
-        Of samples.
-    around : Surroundings
-        Of detail; near outlines samples were compared.
-    channels : int
     """
     near = around.near
     weight = np.maximum(gaussian_filter(near.astype(np.float32), _EVENED, mode="nearest"), _ANY)

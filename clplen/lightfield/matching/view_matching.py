@@ -75,11 +75,6 @@ def group_views(lf: LightField | StoredLightField) -> ViewGroups:
 
     The eight half apertures are bounded by lines through the middle, 45 degrees apart; a view on
     such a line belongs to both sides by one half, the middle view only to the whole.
-
-    Raises
-    ------
-    ValueError
-        If fewer than two views have a weight.
     """
     lit = np.flatnonzero(lf.weights.ravel() > 0).astype(np.int32)
     if lit.size < 2:
@@ -143,19 +138,6 @@ def shift_tables(views: ViewGroups, planes: Vector, gain: Vector, *, device: Dev
     The taps are samples of the bell (1 - t^2/4)^4, near to a Gaussian of 0.7 pixels and 0 from two
     pixels on, corrected to leave the place of every sample exact: unlike linear or cubic ones they
     blur, and pass noise, alike for all fractions, so that noise favours no plane.
-
-    Parameters
-    ----------
-    views : ViewGroups
-    planes : numpy.ndarray
-        Disparities, shape (P,).
-    gain : numpy.ndarray
-        Levels a unit of the samples, of each view, shape (K,).
-    device : Device
-
-    Returns
-    -------
-    ShiftTables
     """
     shift = np.clip(planes[:, None, None] * views.step, -(2**20), 2**20)
     whole = np.floor(shift)
@@ -184,13 +166,7 @@ def bell_taps(part: Vector) -> Vector:
 
 
 def row_sums(lf: LightField) -> np.ndarray[Any, np.dtype[np.float32]]:
-    """Sum of the samples of every row of every view.
-
-    Returns
-    -------
-    numpy.ndarray
-        float32, shape (V U, y).
-    """
+    """Sum of the samples of every row of every view."""
     V, U, ny, nx, channels = (*lf.shape, 1)[:5]
     sums = lf.device.empty((V * U, ny), np.float32)
     rows, samples = np.int32(V * U * ny), np.int32(nx * channels)
@@ -205,20 +181,6 @@ def match_costs(lf: LightField, views: ViewGroups, tables: ShiftTables, spans: S
     The mean over the views of the absolute difference to the centre, added over the channels and
     truncated; over the half aperture that agrees best where that is clearly better than the whole:
     what hides a place from one side of the aperture leaves it visible from the other.
-
-    Parameters
-    ----------
-    lf : LightField
-    views : ViewGroups
-    tables : ShiftTables
-    spans : numpy.ndarray
-        int32, shape (y, ceil(x/16), 2): the first and last plane for 16 pixels of a row. Other
-        costs are finite and mean nothing.
-
-    Returns
-    -------
-    pyopencl.array.Array
-        float32, shape (P, y, x), in levels.
     """
     device = lf.device
     ny, nx, channels = (*lf.shape[2:], 1)[:3]

@@ -84,13 +84,7 @@ def find_corners(
 
 
 def checked_board(board: Any) -> tuple[int, int]:
-    """(rows, columns) of inner corners.
-
-    Raises
-    ------
-    ValueError
-        If they are no two whole numbers from 3 on.
-    """
+    """(rows, columns) of inner corners."""
     try:
         rows, columns = board
     except (TypeError, ValueError):
@@ -104,13 +98,7 @@ def checked_board(board: Any) -> tuple[int, int]:
 
 
 def opencv() -> Any:
-    """The package cv2.
-
-    Raises
-    ------
-    ModuleNotFoundError
-        If it is not installed.
-    """
+    """The package cv2."""
     try:
         import cv2
     except ModuleNotFoundError as error:

@@ -69,20 +69,7 @@ class Adjusted:
 
 
 def adjusted(sightings: list[Sighting], shape: Shape, parameters: Array, poses: Array) -> Adjusted:
-    """Improve first values until the squares of the residuals are least.
-
-    Parameters
-    ----------
-    sightings : list of Sighting
-    shape : tuple of int
-        (V, U, y, x) of the light fields.
-    parameters, poses : numpy.ndarray
-        First values, as in `Adjusted`.
-
-    Returns
-    -------
-    Adjusted
-    """
+    """Improve first values until the squares of the residuals are least."""
     spread = _spread_of(shape)
     values = np.concatenate([np.linalg.pinv(spread) @ parameters, poses.ravel()])
     known = [np.asarray(np.isfinite(board.pixels).all(-1)) for board in sightings]

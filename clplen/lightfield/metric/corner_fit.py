@@ -25,22 +25,7 @@ _NARROWEST, _WIDEST = 0.15, 3.0  # pixels of w
 
 
 def fitted_corners(view: Array, corners: Array, board: tuple[int, int]) -> Array:
-    """The corners, placed by the samples around them.
-
-    Parameters
-    ----------
-    view : numpy.ndarray
-        Shape (y, x), float.
-    corners : numpy.ndarray
-        Shape (rows columns, 2), (y, x) to about a pixel, row by row.
-    board : tuple of int
-        (rows, columns).
-
-    Returns
-    -------
-    numpy.ndarray
-        The same shape; NaN where nothing was found within 1.5 pixels.
-    """
+    """The corners, placed by the samples around them."""
     grid = corners.reshape(*board, 2)
     down, across = (np.asarray(np.gradient(grid, axis=axis)).reshape(-1, 2) for axis in (0, 1))
     nearest = np.minimum(np.linalg.norm(down, axis=1), np.linalg.norm(across, axis=1))

@@ -28,22 +28,7 @@ _EXACT = 1e-13  # slope
 
 
 def distorted(direction: Array, distortion: Array) -> tuple[Array, Array, Array]:
-    """Directions as the camera distorts them.
-
-    Parameters
-    ----------
-    direction : numpy.ndarray
-        Slopes (u, v), shape (..., 2).
-    distortion : numpy.ndarray
-        b_u, b_v, k1, k2, k3.
-
-    Returns
-    -------
-    tuple of numpy.ndarray
-        b + (1 + k1 r^2 + k2 r^4 + k3 r^6) (direction - b) with r = abs(direction - b), shape
-        (..., 2); its derivatives by the direction, shape (..., 2, 2), and by the distortion, shape
-        (..., 2, 5).
-    """
+    """Directions as the camera distorts them."""
     b, (k1, k2, k3) = distortion[:2], distortion[2:]
     off = direction - b
     r2 = (off**2).sum(-1)
@@ -127,23 +112,7 @@ def pixels_of(parameters: Array, views: Array, points: Array) -> Array:
 
 
 def pixels_and_slopes(parameters: Array, views: Array, points: Array) -> tuple[Array, Array, Array]:
-    """Where views see points, and the derivatives.
-
-    Parameters
-    ----------
-    parameters : numpy.ndarray
-        `PARAMETERS`.
-    views : numpy.ndarray
-        (i', j') of views from the middle one, shape (m, 2).
-    points : numpy.ndarray
-        (X, Y, Z) in metres, shape (n, 3); Z > 0 is before the camera.
-
-    Returns
-    -------
-    tuple of numpy.ndarray
-        (k', l') from the middle pixel, shape (m, n, 2); its derivatives by the parameters, shape
-        (m, n, 2, 15), and by the points, shape (m, n, 2, 3).
-    """
+    """Where views see points, and the derivatives."""
     pixel, direction, at = _met(parameters, views[:, None], points)
     by_parameters, by_points = _derivatives(
         views[:, None], direction, at, tuple(parameters[2:10].reshape(4, 2))

@@ -84,13 +84,7 @@ class AlphaLaw:
 
 
 def require_two_plane(lf: Parametrised, what: str) -> None:
-    """Refuse a light field of directions.
-
-    Raises
-    ------
-    ValueError
-        Naming what needs the other kind.
-    """
+    """Refuse a light field of directions."""
     if lf.parametrisation != "two-plane":
         raise ValueError(
             f"{what} needs views that are positions on the main lens, and those of this light "
@@ -121,26 +115,7 @@ def view_shifts(
     *,
     positions: Vector | None = None,
 ) -> tuple[Vector, Vector]:
-    """Pixels from a point's position in the centre view to its position in every view.
-
-    Parameters
-    ----------
-    spacing : tuple of float or None
-        Signed (dv, du, dy, dx) of the light field, in metres.
-    views : tuple of int
-        (V, U).
-    disparities : numpy.ndarray
-        Shape (n,), pixels a view step along x.
-    positions : numpy.ndarray, optional
-        Of the views, shape (V, U, 2), as in `LightField`.
-
-    Returns
-    -------
-    tuple of numpy.ndarray
-        Along y, shape (n, V), and along x, shape (n, U); with positions, both (n, V, U); float64.
-        The sample of view (v, u) that belongs to (y, x) is the one at y + along_y[v] (or
-        along_y[v, u]), x + along_x[u].
-    """
+    """Pixels from a point's position in the centre view to its position in every view."""
     v, u = (np.arange(n) - (n - 1) / 2 for n in views)
     if positions is not None:
         v, u = np.moveaxis(positions, -1, 0)
@@ -160,22 +135,7 @@ def row_ratio(spacing: Spacing | None) -> float:
 
 
 def require_overlap(lf: SampledViews, weights: Array, disparities: ArrayLike) -> None:
-    """Refuse planes on which no two views overlap within the picture.
-
-    Parameters
-    ----------
-    lf : LightField
-    weights : numpy.ndarray
-        Of the views that count, shape (V, U), not all 0. A single view must overlap the picture.
-    disparities : array_like
-        One plane, or several, all of which must pass; or a surface, shape (y, x), of which one
-        pixel must.
-
-    Raises
-    ------
-    ValueError
-        With the limits of the disparity.
-    """
+    """Refuse planes on which no two views overlap within the picture."""
     if lf.positions is None:
         V, U, ny, nx = lf.shape[:4]
         apart = max((V - 1) * abs(row_ratio(lf.spacing)) / ny, (U - 1) / nx)  # outermost views
@@ -210,17 +170,7 @@ def overlap_limit(steps: Vector, shape: tuple[int, ...]) -> float:
 
 
 def unit_steps(lf: SampledViews) -> Vector:
-    """Pixels (y, x) from a point's position in the centre view to that in each view, for d = 1.
-
-    Parameters
-    ----------
-    lf : LightField
-
-    Returns
-    -------
-    numpy.ndarray
-        float64, shape (V, U, 2).
-    """
+    """Pixels (y, x) from a point's position in the centre view to that in each view, for d = 1."""
     down, right = (along[0] for along in shifts(lf, np.ones(1)))
     if lf.positions is None:
         down, right = np.broadcast_arrays(down[:, None], right[None, :])

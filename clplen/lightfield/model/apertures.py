@@ -225,17 +225,7 @@ def half_plane(views: Views, angle: float, *, centre: Pair | None = None) -> Wei
 def picture(
     views: Views, image: ArrayLike, radius: float | Pair, *, centre: Pair | None = None
 ) -> Weights:
-    """Any picture as an aperture, its pixels taken as small rectangles.
-
-    Parameters
-    ----------
-    views, centre
-        As of `disc`.
-    image : array_like
-        Transmission, shape (rows, columns) along v and u, finite, not negative.
-    radius : float or tuple of float
-        Half the picture's height and width in view steps.
-    """
+    """Any picture as an aperture, its pixels taken as small rectangles."""
     values = host_array(image, "A picture as aperture").astype(np.float64)
     if values.ndim != 2 or values.size == 0:
         raise ShapeError(f"A picture as aperture has shape (rows, columns), not {values.shape}.")
@@ -435,29 +425,6 @@ def aperture_weights(lf: SampledViews, aperture: Any, viewpoint: Any) -> Weights
 
     A rim that crosses a view gives it the covered fraction of its cell, one view step wide and
     high; what lies outside the views is cut off.
-
-    Parameters
-    ----------
-    lf : LightField
-    aperture : int, float, str, array_like or None
-        See `LightField.render`.
-    viewpoint : tuple of float or None
-        (v, u) of the aperture's centre; None leaves it where the aperture has it. Without an
-        aperture, the four nearest views (bilinear).
-
-    Returns
-    -------
-    numpy.ndarray
-        float32, shape (V, U).
-
-    Raises
-    ------
-    ValueError
-        If the aperture or the viewpoint lies outside the views, or what it needs is not known.
-    ShapeError
-        If an array of weights has not one for each view.
-    TypeError
-        If the aperture is none of these.
     """
     views = (lf.shape[0], lf.shape[1])
     centre = None if viewpoint is None else _checked_viewpoint(viewpoint, views)
@@ -480,25 +447,7 @@ def aperture_weights(lf: SampledViews, aperture: Any, viewpoint: Any) -> Weights
 
 
 def f_number_radius(lf: SampledViews, f_number: str) -> Pair:
-    """Radius of the main lens stopped down to an f-number at its image, for the shapes.
-
-    Parameters
-    ----------
-    lf : LightField
-        With camera and spacing.
-    f_number : str
-        Such as "f/66".
-
-    Returns
-    -------
-    tuple of float
-        In view steps along v and u.
-
-    Raises
-    ------
-    ValueError
-        If it is no f-number, wider than the lens, or camera or spacing are not known.
-    """
+    """Radius of the main lens stopped down to an f-number at its image, for the shapes."""
     along_v, along_u = _f_number_diameter(lf, f_number)
     return along_v / 2, along_u / 2
 

@@ -122,24 +122,7 @@ def views_between(
 
 
 def viewpoint_step(lf: SampledViews, v: float, u: float) -> Array:
-    """Return the pixels (y, x) from a point in the centre view to that at (v, u), for disparity 1.
-
-    Parameters
-    ----------
-    lf : LightField
-    v, u : float
-        0 <= v <= V - 1, 0 <= u <= U - 1.
-
-    Returns
-    -------
-    numpy.ndarray
-        float64, shape (2,).
-
-    Raises
-    ------
-    ValueError
-        If (v, u) lies outside the views.
-    """
+    """Return the shift (y, x) in pixels from the centre view to (v, u), at disparity 1."""
     nearest = aperture_weights(lf, None, (v, u)).astype(np.float64)
     return np.asarray(np.tensordot(nearest, unit_steps(lf), 2))
 
@@ -256,18 +239,6 @@ def carried(disparity: Array, step: Array) -> Array:
     What lies at p in the centre view is at p + step d(p) in the other; nearer points hide farther
     ones. Slits of one or two pixels, which open where a slanted surface grows wider, are closed;
     what the centre view does not see takes the smaller disparity of the two sides along the step.
-
-    Parameters
-    ----------
-    disparity : numpy.ndarray
-        Shape (y, x).
-    step : numpy.ndarray
-        (y, x) in pixels for disparity 1, as of `unit_steps`.
-
-    Returns
-    -------
-    numpy.ndarray
-        float64, shape (y, x).
     """
     from scipy.ndimage import grey_closing
 

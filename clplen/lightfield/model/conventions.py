@@ -36,17 +36,7 @@ def to_plenopticam(d: ArrayLike) -> Real:
 
 
 def from_plenpy(slope: ArrayLike, *, views: int) -> Real:
-    """d of plenpy's slope, whose views span N steps instead of N - 1: d = slope N/(N - 1).
-
-    Parameters
-    ----------
-    slope : array_like
-    views : int
-        N >= 2 along the axis; with V != U the tool shifts y and x unlike.
-
-    >>> round(float(from_plenpy(0.8, views=9)), 6)
-    0.9
-    """
+    """d of plenpy's slope, whose views span N steps instead of N - 1: d = slope N/(N - 1)."""
     return float64_array(slope) / _span(views)
 
 
@@ -96,18 +86,7 @@ def to_plenoptomos(d: ArrayLike) -> Real:
 
 
 def from_ng(alpha: ArrayLike, *, kappa: float) -> Real:
-    """d of Ng's alpha = F'/F > 0: d = kappa (1 - 1/alpha).
-
-    Parameters
-    ----------
-    alpha : array_like
-        The inverse of ours, F/F' (Ng 2006, chapter 4; thesis eq. 3.6).
-    kappa : float
-        |du|/dx > 0: step between views on the main lens over that between pixels.
-
-    >>> round(float(from_ng(1.25, kappa=0.8)), 6)
-    0.16
-    """
+    """d of Ng's alpha = F'/F > 0: d = kappa (1 - 1/alpha)."""
     return _positive("kappa", kappa) * (1 - 1 / _positive("alpha", alpha))
 
 
@@ -161,16 +140,6 @@ def from_virtual_depth(virtual_depth: ArrayLike, *, pitch: float) -> Real:
     """Shift between neighbouring micro-images of plenoptic 2.0, in pixels: pitch/v.
 
     It is the patch size of basic rendering.
-
-    Parameters
-    ----------
-    virtual_depth : array_like
-        v = a/b, not 0; negative behind the array (Galilean).
-    pitch : float
-        Of the lenslets, in pixels, > 0.
-
-    >>> float(from_virtual_depth(4, pitch=30))
-    7.5
     """
     return _positive("pitch", pitch) / _not_zero("The virtual depth", virtual_depth)
 
@@ -190,20 +159,6 @@ def disparity_of_distance(
     """d = kappa F (1/z - 1/z0) of an object at a distance z from the main lens.
 
     It follows from 1/z = 1/f - alpha/F and d = kappa (1 - alpha).
-
-    Parameters
-    ----------
-    z : array_like
-        Metres, > 0; infinity is allowed.
-    kappa : float
-        |du|/dx, as for `from_ng`.
-    image_distance : float
-        F, metres.
-    focus : float
-        z0, the distance in focus, metres.
-
-    >>> round(float(disparity_of_distance(0.19, kappa=0.8, image_distance=0.24, focus=0.24)), 5)
-    0.21053
     """
     scale = _positive("kappa", kappa) * _positive("image_distance", image_distance)
     return scale * (1 / _positive("z", z, infinite=True) - 1 / _positive("focus", focus))
@@ -238,25 +193,6 @@ def hci_disparity(
 
     The form of `disparity_of_distance` with kappa F = b f W/s (Honauer et al. 2016; its
     ``parameters.cfg`` gives millimetres).
-
-    Parameters
-    ----------
-    z : array_like
-        Z, metres, > 0.
-    baseline : float
-        b, metres between neighbouring views.
-    focal_length : float
-        f, metres.
-    focus : float
-        Z0, metres.
-    sensor_size : float
-        s, metres, of the longer side.
-    pixels : int
-        W, pixels of the longer side.
-
-    >>> camera = dict(baseline=0.05, focal_length=0.1, focus=10, sensor_size=0.035, pixels=512)
-    >>> round(float(hci_disparity(8, **camera)), 4)
-    1.8286
     """
     scale = hci_scale(baseline, focal_length, sensor_size=sensor_size, pixels=pixels)
     return disparity_of_distance(z, kappa=scale, image_distance=1, focus=focus)

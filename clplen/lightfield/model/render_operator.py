@@ -37,15 +37,7 @@ class ViewGeometry(AlphaLaw):
 
     @classmethod
     def of(cls, lf: Any, device: DeviceLike | None) -> ViewGeometry:
-        """That of a light field, or of a shape: views on a grid, all of weight 1.
-
-        Raises
-        ------
-        TypeError
-            If it is neither.
-        ShapeError
-            If it is no shape of a light field.
-        """
+        """That of a light field, or of a shape: views on a grid, all of weight 1."""
         if is_array(lf) and not isinstance(lf, LightField | tuple | list):
             lf = as_lightfield(lf, device=device)
         if isinstance(lf, LightField):

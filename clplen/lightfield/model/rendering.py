@@ -89,18 +89,6 @@ def carry_disparity(disparity: DisparityMap, step: DisparityMap) -> DisparityMap
     What lies at p in the centre view is at p + step d(p) in the other, so the map there solves
     e(q) = d(q - step e(q)): a fixed point, found in a few rounds. Where a surface hides another
     it takes one of the two, beyond the edges the nearest pixel.
-
-    Parameters
-    ----------
-    disparity : numpy.ndarray
-        Shape (y, x).
-    step : numpy.ndarray
-        (y, x) in pixels for disparity 1, as of `unit_steps`.
-
-    Returns
-    -------
-    numpy.ndarray
-        float64, shape (y, x).
     """
     from scipy.ndimage import map_coordinates
 
@@ -129,13 +117,7 @@ def render(lf: DeviceViews, *, aperture: Any, viewpoint: Any, total: bool) -> Im
 def render_weights(
     lf: SampledViews, aperture: Any, viewpoint: Any, total: bool
 ) -> np.ndarray[Any, Any]:
-    """Weights of the views in a picture that `LightField.render` makes; see there.
-
-    Returns
-    -------
-    numpy.ndarray
-        Shape (V, U), of sum 1 unless the total is asked for.
-    """
+    """Weights of the views in a picture that `LightField.render` makes; see there."""
     if aperture is None and viewpoint is not None and not total:
         return _to_one(_nearest(lf, viewpoint)[1])
     weights = view_weights(lf, aperture, viewpoint)
@@ -143,24 +125,7 @@ def render_weights(
 
 
 def view_weights(lf: SampledViews, aperture: Any, viewpoint: Any) -> Weights:
-    """Weights of an aperture times the light field's own.
-
-    Parameters
-    ----------
-    lf : LightField
-    aperture, viewpoint
-        See `LightField.render`.
-
-    Returns
-    -------
-    numpy.ndarray
-        float32, shape (V, U), not all 0.
-
-    Raises
-    ------
-    ValueError
-        If no view is left, or from `aperture_weights`.
-    """
+    """Weights of an aperture times the light field's own."""
     weights = aperture_weights(lf, aperture, viewpoint) * lf.weights
     if not weights.any():
         raise ValueError(

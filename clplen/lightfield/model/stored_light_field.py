@@ -326,30 +326,7 @@ def _copy(a: Any, at_once: tuple[int, int], block: Block, out: Array) -> None:
 def as_lightfield(
     source: Any, streams: str = "", *, device: DeviceLike | None = None
 ) -> LightField:
-    """A light field as it is, and an array as one on a device.
-
-    Parameters
-    ----------
-    source : LightField or array_like
-        An array, as `is_array` knows them, is L[v, u, y, x(, c)].
-    streams : str, optional
-        The function that takes a stored light field.
-    device : Device or str, optional
-        Where an array goes; default ``Device.open()``.
-
-    Returns
-    -------
-    LightField
-
-    Raises
-    ------
-    TypeError
-        If it is anything else; of a stored light field and a raw image with what takes them.
-    ShapeError, ValueError
-        As `LightField.from_array`.
-    DeviceError
-        If a light field is on another device.
-    """
+    """A light field as it is, and an array as one on a device."""
     if isinstance(source, LightField):
         if device is not None:
             require_same_device(source.device, as_device(device))

@@ -35,29 +35,7 @@ def fit_colours(
     device: Device,
     matrix: Frame | None = None,
 ) -> cla.Array:
-    """Views of a mosaic, each colour fitted by a quadratic to its pixels under the lenslet.
-
-    Parameters
-    ----------
-    picture, white : pyopencl.array.Array
-        Raw pixels, and what every pixel would be in even light; float32, shape (ny, nx).
-    grid : LensletGrid
-    bayer : str or sequence of str
-        As for `tile_of`.
-    noise : float or sequence of float
-        Variance of a bright pixel's noise over its value, as `noise_of` tells; one, or one of each
-        of red, green and blue.
-    floor : float
-        Of the white image: what is darker counts as this.
-    device : Device
-    matrix : numpy.ndarray, optional
-        float32, shape (3, 3): ``matrix @ rgb`` becomes of each sample's colours.
-
-    Returns
-    -------
-    pyopencl.array.Array
-        float32, shape (V, U, y, x, 3): ``picture`` over ``white``.
-    """
+    """Views of a mosaic, each colour fitted by a quadratic to its pixels under the lenslet."""
     mixed = device.upload(np.eye(3, dtype=np.float32) if matrix is None else matrix)
     out = device.empty((*grid.shape, 3), np.float32)
     (V, U), (rows, lenslets), (ny, nx) = grid.views, grid.count, picture.shape
@@ -106,15 +84,7 @@ def _places(tile: Any) -> Any:
 
 
 def _cell(grid: LensletGrid, period: tuple[int, int]) -> tuple[Frame, Frame]:
-    """The sides of a lenslet's cell, and where the views lie between them.
-
-    Returns
-    -------
-    edges : numpy.ndarray
-        float32, shape (2, 3): (y, x) of each normal for steps of twice the period of a mosaic.
-    sides : numpy.ndarray
-        float32, shape (V, U, 3): places of views between opposite sides, from -1/2 to 1/2.
-    """
+    """The sides of a lenslet's cell, and where the views lie between them."""
     column = np.array(grid.column_step)
     other = np.array(grid.row_step) + grid.odd_row_shift * column
     third = other - np.rint(other @ column / (column @ column) + 1e-9) * column
@@ -138,20 +108,6 @@ def noise_of(picture: Frame, white: Frame | None, bayer: str | Sequence[Sequence
 
     The four green pixels about a red or blue one tell it: those above and below less those on
     either side, in the plainest tenth of blocks of 48 pixels.
-
-    Parameters
-    ----------
-    picture : numpy.ndarray
-        Raw pixels, float32, shape (ny, nx).
-    white : numpy.ndarray or None
-        The white level of every pixel, 1 where it is bright; only bright pixels count.
-    bayer : str or sequence of str
-        As for `tile_of`.
-
-    Returns
-    -------
-    float
-        In the unit of the picture; 0 where nothing tells, as with other mosaics than Bayer's.
     """
     tile = tile_of(bayer)
     if "".join(itertools.chain(*tile)) not in BAYER:

@@ -67,22 +67,7 @@ def resample_upright(
 def taps_along(
     grid: LensletGrid, shape: tuple[int, int], interpolation: Interpolation
 ) -> tuple[tuple[Table, Table], tuple[Table, Table]]:
-    """Pixels and weights along y, view by view and row by row, and along x, of such a grid.
-
-    Parameters
-    ----------
-    grid : LensletGrid
-        Along the sensor's rows and columns: see `is_upright`.
-    shape : tuple of int
-        (ny, nx) of the raw image.
-    interpolation : {"cubic", "linear", "spline"}
-        As of `resample`.
-
-    Returns
-    -------
-    tuple
-        Of each axis the first of four pixels, int32, and their weights, float32, shape (4, ...).
-    """
+    """Pixels and weights along y, view by view and row by row, and along x, of such a grid."""
     (V, U), (rows, columns), (ny, nx) = grid.views, grid.count, shape
     y = _positions(grid.first[0], V, grid.row_view_step[0], rows, grid.row_step[0])
     x = _positions(grid.first[1], U, grid.column_view_step[1], columns, grid.column_step[1])
@@ -111,20 +96,7 @@ def _taps(position: Vector, n: int, interpolation: Interpolation) -> tuple[Table
 
 
 def tap_weights(t: Vector, interpolation: Interpolation) -> Table:
-    """Weights of the four samples about places between the second and the third of them.
-
-    Parameters
-    ----------
-    t : numpy.ndarray
-        Fractions of the way from the second to the third, in [0, 1).
-    interpolation : {"cubic", "linear", "spline"}
-        As of `resample`.
-
-    Returns
-    -------
-    numpy.ndarray
-        float64, shape (4, ...).
-    """
+    """Weights of the four samples about places between the second and the third of them."""
     if interpolation == "linear":
         return np.stack((0 * t, 1 - t, t, 0 * t))
     if interpolation == "spline":
@@ -150,32 +122,6 @@ def resample(
     are then interpolated by the same cubic, in the same pass, to the columns of the even rows, or
     all rows to the grid's own ``columns``, so that the views lie on a rectangular lattice; at the
     end of such a row its last lenslet stands for the one that is missing.
-
-    Parameters
-    ----------
-    raw : RawImage
-        Finite, float32.
-    grid : LensletGrid
-        Which pixels belong to which view and lenslet; rotated and sheared lattices too.
-    interpolation : {"cubic", "linear", "spline"}
-        "cubic" convolution (Keys 1981, eq. 15, a = -1/2); "linear", which never falls below the
-        pixels around; "spline": the raw image has the coefficients of cubic B-splines about its
-        pixels (Unser 1999), whose sum is read. Lenslets of a row are then interpolated by
-        cubic convolution.
-
-    Returns
-    -------
-    pyopencl.array.Array
-        float32, shape ``grid.shape``.
-
-    Raises
-    ------
-    ShapeError
-        If the grid has no lenslet or no view.
-    ValueError
-        If the raw image or the grid holds NaN or infinity.
-    DeviceError
-        If the light field is larger than the device's memory.
     """
     _check(raw, grid)
     device = raw.device

@@ -46,32 +46,6 @@ def resample_adjoint(
 
     Every sample of the views is spread to the pixels that it is interpolated from, by the same
     weights. The result has the same bits in every run.
-
-    Parameters
-    ----------
-    views : pyopencl.array.Array
-        float32, shape ``grid.shape``, C-contiguous.
-    shape : tuple of int
-        (ny, nx) of the raw image.
-    grid : LensletGrid
-    device : Device
-        Where the views live.
-    interpolation : {"cubic", "linear", "spline"}
-        As of `resample`.
-
-    Returns
-    -------
-    pyopencl.array.Array
-        float32, shape (ny, nx).
-
-    Raises
-    ------
-    ShapeError
-        If the views have another shape, or the grid has no lenslet or no view.
-    ValueError
-        If a number of the grid is not finite.
-    DeviceError
-        If the memory of the device does not suffice.
     """
     check_grid(grid)
     if tuple(views.shape) != grid.shape or views.dtype != np.float32:
@@ -131,21 +105,7 @@ def _by_pixel(first: Table, weights: Table, n: int) -> tuple[Table, Table, Table
 
 
 def sparse_rows(row: Table, index: Table, weight: Table, n: int) -> tuple[Table, Table, Table]:
-    """A sparse matrix by its rows, as kernels read it.
-
-    Parameters
-    ----------
-    row, index, weight : numpy.ndarray
-        Of every entry: its row, its column and what stands there.
-    n : int
-        Rows.
-
-    Returns
-    -------
-    tuple of numpy.ndarray
-        (start, index, weight): row r has the entries start[r] to start[r + 1]; int32, int32 and
-        float32. One entry follows that belongs to no row, since a device takes no empty array.
-    """
+    """A sparse matrix by its rows, as kernels read it."""
     order = np.lexsort((index, row))
     start = np.searchsorted(row[order], np.arange(n + 1))
     index, weight = (np.append(a[order], 0) for a in (index, weight))

@@ -24,19 +24,7 @@ _LEAST = 1e-5  # of the white level: less than any view has that a lenslet light
 
 
 def tile_of(bayer: str | Sequence[Sequence[str]]) -> Tile:
-    """The tile of a mosaic of red, green and blue, row by row, in capitals.
-
-    Parameters
-    ----------
-    bayer : str or sequence of str
-        One of the four Bayer mosaics, the colours of the pixels (0, 0), (0, 1), (1, 0), (1, 1); or
-        the rows of any tile, such as ``("RRGG", "RRGG", "GGBB", "GGBB")``.
-
-    Raises
-    ------
-    ValueError
-        If it is neither, or has not all three colours.
-    """
+    """The tile of a mosaic of red, green and blue, row by row, in capitals."""
     if isinstance(bayer, str):
         name = bayer.upper()
         if name not in BAYER:
@@ -71,22 +59,6 @@ def views_of_colours(
     from the same view of the neighbouring lenslets, so that directions are not mixed; where those
     miss the colour too (lenslets a whole, even number of pixels apart), from the nearest pixels of
     that colour under the lenslet.
-
-    Parameters
-    ----------
-    picture : numpy.ndarray
-        Raw pixels, float32, shape (ny, nx).
-    white : numpy.ndarray
-        What every pixel would be in even light, positive; ones to keep the vignetting.
-    grid : LensletGrid
-    bayer : str or sequence of str
-        As for `tile_of`.
-    device : Device
-
-    Returns
-    -------
-    pyopencl.array.Array
-        float32, shape (V, U, y, x, 3): ``picture`` over ``white``.
     """
     shape, tile = grid.shape, tile_of(bayer)
     down, across = len(tile), len(tile[0])

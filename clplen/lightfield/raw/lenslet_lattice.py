@@ -48,13 +48,7 @@ def _json_of(lattice: Lattice) -> str:
 
 
 def _parsed(text: str, source: str) -> dict[str, Any]:
-    """What `Lattice` takes, by name, from JSON of either form.
-
-    Raises
-    ------
-    FormatError
-        Naming the source and the entry.
-    """
+    """What `Lattice` takes, by name, from JSON of either form."""
     try:
         content = json.loads(text)
     except (ValueError, RecursionError) as error:
@@ -156,13 +150,7 @@ TRUST = ("high", "low")
 
 
 def lattice_kind(name: str) -> str:
-    """Return the kind of a lattice, "square" or "hexagonal".
-
-    Raises
-    ------
-    ValueError
-        If it is neither.
-    """
+    """Return the kind of a lattice, "square" or "hexagonal"."""
     if name not in KINDS:
         raise ValueError(f"A lattice is {' or '.join(KINDS)}, not {name!r}.")
     return name

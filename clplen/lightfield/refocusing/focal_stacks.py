@@ -239,21 +239,7 @@ def stack_of(
 def stack_memory(
     source: StoredLightField, planes: Vector, *, kept: int = 0
 ) -> list[MemoryEstimate]:
-    """What a focal stack needs: all planes of a tile at once, or fewer and fewer.
-
-    Parameters
-    ----------
-    source : StoredLightField
-    planes : numpy.ndarray
-        Disparities.
-    kept : int
-        Bytes a pixel that are held until the end.
-
-    Returns
-    -------
-    list of MemoryEstimate
-        The best one first.
-    """
+    """What a focal stack needs: all planes of a tile at once, or fewer and fewer."""
     channels = (*source.shape, 1)[4]
     halo = shear_halo(source, planes, 0)
     estimates, count = [], planes.size
@@ -285,11 +271,6 @@ def stack_planes(
 
     Views of these weights must overlap on every plane; None for a linear map, where planes beyond
     the views are zero.
-
-    Raises
-    ------
-    ValueError
-        As in `focal_stack`.
     """
     given = real_array(
         _exactly_one(alphas=alphas, disparities=disparities), "A list of planes", np.float64
@@ -321,13 +302,7 @@ def _check_options(ndim: int, rescale: bool, interpolation: str, upsample: int) 
 
 
 def require_alphas(alphas: Vector) -> None:
-    """Refuse to rescale planes whose alpha is not known or not positive.
-
-    Raises
-    ------
-    ValueError
-        With the first such alpha.
-    """
+    """Refuse to rescale planes whose alpha is not known or not positive."""
     wrong = alphas[~(alphas > 0)]
     if wrong.size:
         raise ValueError(
@@ -398,28 +373,6 @@ def upsampled(lf: LightField, disparity: float, n: int, weights: Any) -> cla.Arr
     put at its own place with a tent of one fine pixel to each side, and the sum divided by the
     weights; a tent of one pixel of the views with weight `UPSAMPLE_BASE` fills what
     none comes near. Fine pixel Y lies at (Y + 1/2)/n - 1/2 in pixels of the views.
-
-    Parameters
-    ----------
-    lf : LightField
-    disparity : float
-        Pixels (of the views) a view step along x.
-    n : int
-        1 to 16.
-    weights : numpy.ndarray
-        Shape (V, U), not all 0.
-
-    Returns
-    -------
-    pyopencl.array.Array
-        float32, shape (n y, n x[, c]).
-
-    Raises
-    ------
-    ValueError
-        If n is out of range.
-    DeviceError
-        If the picture is larger than the device's memory.
     """
     if not isinstance(n, Integral) or not 1 <= n <= _MOST_UPSAMPLE:
         raise ValueError(f"upsample is a whole number from 1 to {_MOST_UPSAMPLE}, not {n!r}.")

@@ -14,21 +14,7 @@ Table = np.ndarray[Any, Any]
 
 
 def magnify(picture: cla.Array, alpha: float, *, device: Device) -> cla.Array:
-    """A picture on the synthetic plane: alpha^2 R(alpha x') about the middle, linear, 0 outside.
-
-    Parameters
-    ----------
-    picture : pyopencl.array.Array
-        float32, shape (y, x) or (y, x, c).
-    alpha : float
-        F/F' > 0.
-    device : Device
-
-    Returns
-    -------
-    pyopencl.array.Array
-        float32, the picture's shape.
-    """
+    """A picture on the synthetic plane: alpha^2 R(alpha x') about the middle, linear, 0 outside."""
     ny, nx, count = _sizes(picture)
     out = device.empty(picture.shape, np.float32)
     tables = [table for n in (ny, nx) for table in _places(n, alpha)]

@@ -52,20 +52,7 @@ class MemoryEstimate:
 
 
 def shear_halo(source: StoredLightField, planes: Vector, reach: int) -> tuple[int, int]:
-    """Pixels (y, x) around a tile: as far as the planes shift views, and windows reach.
-
-    Parameters
-    ----------
-    source : StoredLightField
-    planes : numpy.ndarray
-        Disparities.
-    reach : int
-        Pixels on every side of the sheared views that a result depends on.
-
-    Returns
-    -------
-    tuple of int
-    """
+    """Pixels (y, x) around a tile: as far as the planes shift views, and windows reach."""
     ends = np.array([planes.min(), planes.max()])  # shifts are linear in the disparity
     down, right = shifts(source, ends)
     if source.positions is None:

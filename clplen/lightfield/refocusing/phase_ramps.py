@@ -27,17 +27,7 @@ def channels_of(lf: LightField) -> int:
 
 
 def take_views(lf: LightField, weights: Any, views: Any, channel: int) -> cla.Array:
-    """Views of one channel times their weights, complex64, shape (k, y, x).
-
-    Parameters
-    ----------
-    lf : LightField
-    weights : array_like
-        Shape (k,).
-    views : array_like
-        Shape (k,): v U + u of each.
-    channel : int
-    """
+    """Views of one channel times their weights, complex64, shape (k, y, x)."""
     ny, nx = lf.shape[2:4]
     views = np.asarray(views, np.int32)
     out = lf.device.empty((len(views), ny, nx), np.complex64)
@@ -79,17 +69,7 @@ def fourier_matrix(size: int, places: np.ndarray[Any, Any], *, inverse: bool = F
 def transform_views(
     values: cla.Array, matrix: Matrix, *, batch: int, n: int, device: Device
 ) -> cla.Array:
-    """A matrix (i, j) times one axis of an array: (batch, j, n) becomes (batch, i, n), complex64.
-
-    Parameters
-    ----------
-    values : pyopencl.array.Array
-        complex64; any shape of batch j n samples.
-    matrix : numpy.ndarray
-    batch, n : int
-        Lengths of what comes before and behind the axis.
-    device : Device
-    """
+    """Multiply an axis by a matrix (i, j): (batch, j, n) to (batch, i, n), complex64."""
     rows, columns = matrix.shape
     out = device.empty((batch, rows, n), np.complex64)
     device.launch_rows(
@@ -104,21 +84,7 @@ def transform_views(
 
 
 def fourier_refocus(lf: LightField, disparities: Vector, weights: Any) -> cla.Array:
-    """Mean of the views, each shifted exactly by a phase ramp in its spectrum; periodic edges.
-
-    Parameters
-    ----------
-    lf : LightField
-    disparities : numpy.ndarray
-        Shape (n,), float64.
-    weights : numpy.ndarray
-        Shape (V, U), not all 0.
-
-    Returns
-    -------
-    pyopencl.array.Array
-        float32, shape (n, y, x[, c]).
-    """
+    """Mean of the views, each shifted exactly by a phase ramp in its spectrum; periodic edges."""
     device, count = lf.device, len(disparities)
     _, U, ny, nx = lf.shape[:4]
     down, right = shifts(lf, disparities)
@@ -147,17 +113,7 @@ def fourier_refocus(lf: LightField, disparities: Vector, weights: Any) -> cla.Ar
 
 
 def shift_spectra(lf: LightField, spectra: cla.Array, down: Vector, right: Vector) -> None:
-    """Move pictures, given by their spectra (k, y, x), by so many pixels each, in place.
-
-    Parameters
-    ----------
-    lf : LightField
-        Of whose views they are.
-    spectra : pyopencl.array.Array
-        complex64, shape (k, y, x).
-    down, right : numpy.ndarray
-        Shape (k,): what becomes sample (y, x) lay at (y + down, x + right).
-    """
+    """Move pictures, given by their spectra (k, y, x), by so many pixels each, in place."""
     count, ny, nx = (int(n) for n in spectra.shape)
     lf.device.launch_rows(
         lf.device.kernel("fourier.cl", "turn_views"),

@@ -184,22 +184,7 @@ def assemble_stack(
     memory: int | None = None,
     device: DeviceLike | None = None,
 ) -> FocalStack:
-    """The focal stack of a stored light field on a device: whole where it fits, else from tiles.
-
-    Parameters
-    ----------
-    source, alphas, disparities, aperture, interpolation, memory, device
-        As in `stream_stack`; the stack counts too. "fourier" is possible where all fits at once.
-
-    Returns
-    -------
-    FocalStack
-
-    Raises
-    ------
-    ValueError, OSError, FormatError
-        As in `stream_stack`; if the stack itself does not fit into the memory.
-    """
+    """The focal stack of a stored light field on a device: whole where it fits, else from tiles."""
     device = _check_source(source, device)
     given: dict[str, Any] = {"alphas": alphas, "disparities": disparities}
     weights = view_weights(source, aperture, None)

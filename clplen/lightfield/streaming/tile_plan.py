@@ -137,26 +137,7 @@ def plan_tiles(
     memory: int | None,
     device: Device,
 ) -> StreamPlan:
-    """The largest tiles that fit: bands of full rows, or parts of rows where their halos cost less.
-
-    Parameters
-    ----------
-    source : StoredLightField
-    estimates : sequence of MemoryEstimate
-        Ways to do the same, the best one first.
-    memory : int or None
-        Bytes; None for half of what is free on the host, or of the device's memory if that is less.
-    device : Device
-
-    Returns
-    -------
-    StreamPlan
-
-    Raises
-    ------
-    ValueError
-        If not even the smallest tile fits, with what it needs.
-    """
+    """Return the largest tiles that fit: full rows, or parts where their halos cost less."""
     memory = memory_budget(memory, device)
     for estimate in estimates:
         plan = _planned(source, estimate, _Budget.of(source, estimate, memory, device))
@@ -173,13 +154,7 @@ def plan_tiles(
 
 
 def memory_budget(memory: int | None, device: Device) -> int:
-    """The bytes that may be taken: as given, or half of what is free on host and device.
-
-    Raises
-    ------
-    ValueError
-        If they are no positive whole number.
-    """
+    """The bytes that may be taken: as given, or half of what is free on host and device."""
     if memory is None:
         memory = min(free_memory(), device.memory_bytes) // 2
     if not is_integer(memory) or memory < 1:

@@ -47,24 +47,7 @@ class RawSamples:
     dtype: np.dtype[Any]
 
     def read(self, selection: tuple[slice, ...], out: Array | None = None) -> Array:
-        """The samples of a slice of each axis.
-
-        Parameters
-        ----------
-        selection : tuple of slice
-            With start and stop, one for each axis.
-        out : numpy.ndarray, optional
-            C-contiguous, of its shape and dtype.
-
-        Returns
-        -------
-        numpy.ndarray
-
-        Raises
-        ------
-        EOFError
-            If the file ends before.
-        """
+        """The samples of a slice of each axis."""
         size = tuple(part.stop - part.start for part in selection)
         out = np.empty(size, self.dtype) if out is None else out
         steps = [math.prod(self.shape[axis + 1 :]) for axis in range(len(size))]
@@ -87,12 +70,7 @@ class RawSamples:
 
 
 def require_disk(nbytes: int) -> None:
-    """Refuse a temporary file that the disk has no room for.
-
-    Raises
-    ------
-    OSError
-    """
+    """Refuse a temporary file that the disk has no room for."""
     folder = tempfile.gettempdir()
     free = shutil.disk_usage(folder).free
     if nbytes > free:
@@ -108,14 +86,6 @@ def spooled(source: StoredLightField) -> Iterator[StoredLightField]:
     """The same light field in a temporary file without a name, from which bands are read quickly.
 
     The views are copied in the groups in which they are stored; the file is in ``$TMPDIR``.
-
-    Parameters
-    ----------
-    source : StoredLightField
-
-    Yields
-    ------
-    StoredLightField
     """
     require_disk(source.nbytes)
     with tempfile.TemporaryFile(prefix="clplen-") as file:

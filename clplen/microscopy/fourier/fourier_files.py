@@ -143,30 +143,12 @@ def is_fourier(path: PathLike) -> bool:
 
 
 def read_fourier_parameters(path: PathLike) -> tuple[dict[str, Any], list[tuple[int, ...]]] | None:
-    """What a file's point images depend on, and their shapes, without reading them.
-
-    Parameters
-    ----------
-    path : path-like
-
-    Returns
-    -------
-    (dict, list of tuple) or None
-        None where there is no file that holds point images of a Fourier microscope.
-    """
+    """What a file's point images depend on, and their shapes, without reading them."""
     return parameters_in(path, (FORMAT,))
 
 
 def read_matching(path: PathLike, parameters: dict[str, Any]) -> FourierPointImages | None:
-    """Point images of a file, None if there is no file.
-
-    Raises
-    ------
-    ValueError
-        If they have other parameters, naming the first that differs.
-    FormatError
-        As `read_fourier_point_images`.
-    """
+    """Point images of a file, None if there is no file."""
     if not Path(path).is_file():
         return None
     images = read_fourier_point_images(path)

@@ -248,22 +248,7 @@ def _plane(
 
 
 def patch(camera: FourierMicroscope, z: float, lenslet: int, count: int) -> tuple[Vector, Vector]:
-    """Field behind a lenslet, times the area of a sample, about its centre.
-
-    Parameters
-    ----------
-    camera : FourierMicroscope
-    z : float
-        In metres, farther positive.
-    lenslet : int
-    count : int
-        Samples across.
-
-    Returns
-    -------
-    (numpy.ndarray, numpy.ndarray)
-        v in metres, shape (count,), and complex128, shape (count, count).
-    """
+    """Field behind a lenslet, times the area of a sample, about its centre."""
     layout = camera.lenslets
     step = 2 * layout.reach / count
     v = (np.arange(count) - (count - 1) / 2) * step

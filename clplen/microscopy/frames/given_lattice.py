@@ -69,16 +69,7 @@ def square_lattice(
 
 
 def check_given(lattice: Lattice) -> None:
-    """Refuse a lattice with which no frame can be rectified.
-
-    Raises
-    ------
-    ValueError
-        If its pitch is below 3 pixels, or it is square by name only; if it does not tell the shape
-        of its frame.
-    ShapeError
-        If no lenslet fits the frame.
-    """
+    """Refuse a lattice with which no frame can be rectified."""
     across, down = lattice.pitch
     if lattice.shape is None:
         raise ValueError("The lattice does not tell the shape of its frame: give it.")

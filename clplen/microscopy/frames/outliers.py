@@ -71,21 +71,7 @@ def hot_pixels(
 
 
 def without_hot_pixels(stack: Vector, sharpest: tuple[float, float, float]) -> tuple[Vector, int]:
-    """Frames of a Fourier microscope with the median around each hot pixel in its place.
-
-    Parameters
-    ----------
-    stack : numpy.ndarray
-        Counts with any background, shape (frames, ny, nx), finite.
-    sharpest : tuple of float
-        Of `sharpness`.
-
-    Returns
-    -------
-    (numpy.ndarray, int)
-        float64, the same shape; hot pixels in all. If they are more than 1 % of a frame, this frame
-        is as it was.
-    """
+    """Frames of a Fourier microscope with the median around each hot pixel in its place."""
     found, count = np.array(stack, np.float64), 0
     for frame in found:
         dark = np.percentile(frame, DARK)
@@ -97,21 +83,7 @@ def without_hot_pixels(stack: Vector, sharpest: tuple[float, float, float]) -> t
 
 
 def uneven_pixels(white: Vector, lattice: Lattice) -> Vector:
-    """Hot and dead pixels of a white frame.
-
-    Parameters
-    ----------
-    white : numpy.ndarray
-        White frame less the dark frame, shape (ny, nx), finite, not negative.
-    lattice : Lattice
-        Of it.
-
-    Returns
-    -------
-    numpy.ndarray
-        bool: more than 1.6 times as bright as the brightest of the pixels around and of the same
-        pixel of adjacent lenslets, or 1.6 times as dark as the darkest, by more than noise.
-    """
+    """Hot and dead pixels of a white frame."""
     light = np.asarray(white, np.float32)
     floor, gain = noise(light, _across(lattice))
     high, low = np.zeros_like(light), np.full_like(light, np.inf)
@@ -129,17 +101,6 @@ def noise(frame: Vector, across: int) -> tuple[float, float]:
     The second differences along y and x hold hardly any light (Immerkaer 1996): their mean squares
     in blocks of a lenslet over the blocks' means. Detail only adds to it, so that the lower
     quartile of the brighter half of the blocks is taken, on which what stands out has no bearing.
-
-    Parameters
-    ----------
-    frame : numpy.ndarray
-        Shape (ny, nx).
-    across : int
-        Pixels a lenslet.
-
-    Returns
-    -------
-    float, float
     """
     rows, columns = (max(1, size // across) for size in frame.shape)
     inside = frame[: rows * across, : columns * across].astype(np.float32)

@@ -471,26 +471,7 @@ def preparation(
 def white_light(
     white: Any, black: Vector | None, saturation: float | None
 ) -> tuple[Vector, Vector]:
-    """A white frame without its dark one, and which of its pixels are unknown.
-
-    Parameters
-    ----------
-    white : array_like
-    black : numpy.ndarray or None
-        Dark frame.
-    saturation : float or None
-        As of `preparation`.
-
-    Returns
-    -------
-    tuple of numpy.ndarray
-        float32, not negative, and bool, both of the shape of the frame.
-
-    Raises
-    ------
-    ShapeError, ValueError
-        As `preparation`.
-    """
+    """A white frame without its dark one, and which of its pixels are unknown."""
     values = samples(white)
     if black is not None and black.shape != values.shape:
         raise ShapeError(

@@ -72,27 +72,7 @@ def unknown(values: Vector, saturation: float | None) -> Vector:
 
 
 def mask_of(mask: Any, shape: tuple[int, ...] | None) -> Vector:
-    """Pixels that a mask leaves out: those that are not 0.
-
-    Parameters
-    ----------
-    mask : array_like
-        Whole numbers or bool, shape (ny, nx).
-    shape : tuple of int or None
-        Of the frames, where it is known.
-
-    Returns
-    -------
-    numpy.ndarray
-        bool, shape (ny, nx).
-
-    Raises
-    ------
-    ShapeError
-        If the mask has another shape than frames.
-    ValueError
-        If it holds negative numbers or NaN, or leaves out every pixel.
-    """
+    """Pixels that a mask leaves out: those that are not 0."""
     values = samples(mask)
     if values.ndim != 2 or (shape is not None and values.shape != shape):
         wanted = "(ny, nx)" if shape is None else str(shape)

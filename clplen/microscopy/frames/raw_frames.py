@@ -212,17 +212,7 @@ def _of_first_kind(images: PointImages, lattice: Lattice, light: Vector, device:
 
 
 def evenly_lit(images: PointImages) -> Vector:
-    """The picture of a cell under even light, that of the plane farthest from the native one.
-
-    Parameters
-    ----------
-    images : PointImages
-
-    Returns
-    -------
-    numpy.ndarray
-        float64, shape (ny, nx): energy on the pixels of a cell, of voxels of energy 1.
-    """
+    """The picture of a cell under even light, that of the plane farthest from the native one."""
     (ny, nx), even = images.cell.pixels, np.zeros(images.cell.pixels)
     plane = int(np.abs(images.planes).argmax())
     for phase in np.ndindex(images.cell.voxels):

@@ -63,20 +63,7 @@ def sharpness(images: PointImages | FourierPointImages) -> Bounds:
 
 
 def projected_sharpness(projector: FrameProjector, images: PointImages) -> Bounds:
-    """Return the same of points as the camera's own pixels see them.
-
-    Parameters
-    ----------
-    projector : FrameProjector
-        Onto frames that are not rectified.
-    images : PointImages
-        Those of the projector.
-
-    Returns
-    -------
-    tuple of float
-        As of `sharpness`.
-    """
+    """Return the same of points as the camera's own pixels see them."""
     return _most(_points(projector, images), steps_around(projector.lattice))
 
 

@@ -19,18 +19,7 @@ BRIGHTEST = 2  # that are left out of a sum, at most
 
 
 def steps_around(lattice: Lattice | int | None) -> list[Step]:
-    """Steps to the pixels around one, and to the same pixel of adjacent lenslets.
-
-    Parameters
-    ----------
-    lattice : Lattice, int or None
-        Of the frame; pixels a lenslet of a rectified one; None: no lenslets are adjacent.
-
-    Returns
-    -------
-    list of (int, int)
-        (y, x) in pixels: eight, or sixteen.
-    """
+    """Steps to the pixels around one, and to the same pixel of adjacent lenslets."""
     if lattice is None:
         return list(AROUND)
     if isinstance(lattice, int):
@@ -53,23 +42,7 @@ def moved(light: Vector, steps: list[Step], fill: float) -> Iterable[Vector]:
 
 
 def sums_around(light: Vector, steps: list[Step], *, beyond: bool) -> tuple[Vector, Vector, Vector]:
-    """Sums of the pixels at these steps, of all, without the brightest, without the two brightest.
-
-    Parameters
-    ----------
-    light : numpy.ndarray
-        Not negative, shape (ny, nx).
-    steps : list of (int, int)
-        Of `steps_around`.
-    beyond : bool
-        Whether pixels beyond the border are as bright as the third brightest that is on the frame;
-        else they are dark.
-
-    Returns
-    -------
-    tuple of numpy.ndarray
-        Three of the shape of ``light``.
-    """
+    """Sum the pixels at these steps: all, without the brightest, without the two brightest."""
     total, first, second, third = (np.zeros_like(light) for _ in range(4))
     missing = np.zeros_like(light)
     for one in moved(light, steps, np.nan):

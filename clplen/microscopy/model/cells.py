@@ -46,12 +46,6 @@ class Cell:
         Whether the exchange of y and x does.
     turned : bool
         Whether (y, x) -> (-y, -x) does.
-
-    Examples
-    --------
-    >>> cell = clplen.microscopy.model.cells.cell_of("hexagonal", 1, voxels=5, pixels=15)
-    >>> cell.lenslets, cell.voxels, cell.pixels
-    ((2, 1), (9, 5), (27, 15))
     """
 
     lenslets: Pair
@@ -79,18 +73,7 @@ class Cell:
         return all(sign > 0 or not mirror for mirror, sign in signs)
 
     def behind(self, orders: Sequence[int]) -> Cell:
-        """The cell as light sees it whose pupil has aberrations.
-
-        Parameters
-        ----------
-        orders : sequence of int
-            m of its Zernike polynomials, negative of sines.
-
-        Returns
-        -------
-        Cell
-            With the mirrors that both array and pupil have.
-        """
+        """The cell as light sees it whose pupil has aberrations."""
         return replace(
             self,
             mirror_y=self.mirror_y and all(m >= 0 for m in orders),
@@ -116,18 +99,7 @@ class Cell:
         return rows * (rows + 1) // 2 if self.transposed else rows * columns
 
     def folded(self, phase: Pair) -> tuple[Pair, tuple[bool, bool], bool]:
-        """The one of `phases` whose image that of a voxel is made of.
-
-        Parameters
-        ----------
-        phase : tuple of int
-
-        Returns
-        -------
-        tuple
-            That phase; whether its image, after the exchange, is reversed along y and x; whether y
-            and x are exchanged.
-        """
+        """The one of `phases` whose image that of a voxel is made of."""
         mirrors = (self.mirror_y, self.mirror_x)
         turned = [
             mirror and s > v - 1 - s
@@ -146,18 +118,6 @@ def cell_of(lattice: str, kinds: int, *, voxels: int, pixels: int) -> Cell:
     A hexagonal lattice has about as many of them along y, where rows are sqrt(3)/2 of the pitch
     apart: the next whole number of voxels of a cell, none higher than wide, and the next one of
     pixels that transforms quickly.
-
-    Parameters
-    ----------
-    lattice : {"square", "hexagonal"}
-    kinds : int
-        Of lenslets, as `clplen.MicrolensArray` lays them out.
-    voxels, pixels : int
-        v and n along x, of a lenslet.
-
-    Returns
-    -------
-    Cell
     """
     if lattice == "hexagonal":
         high = smooth_length(math.ceil(_ROOT * pixels))

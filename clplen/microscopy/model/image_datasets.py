@@ -48,26 +48,6 @@ def write_planes(
     """Write planes of point images with what belongs to them; the file appears whole or not at all.
 
     It is made in memory first: HDF5 ends the whole program where a disk is full.
-
-    Parameters
-    ----------
-    path : path-like
-        HDF5 file; one that is there is replaced.
-    planes : sequence of numpy.ndarray
-        Point images of each plane, compressed.
-    parameters : dict
-        What they depend on, kept as JSON.
-    attributes : mapping
-        More attributes of the file: its format and digest among them.
-    arrays : mapping
-        More datasets by name.
-    chunk_axes : int
-        First axes of a plane along which a chunk holds one index.
-
-    Raises
-    ------
-    OSError
-        If the file cannot be written, with the bytes it takes and those that the disk has free.
     """
     made = io.BytesIO()
     with h5py.File(made, "w") as file:
@@ -93,23 +73,7 @@ def write_planes(
 
 @contextmanager
 def opened(path: Path, formats: Collection[str], what: str) -> Iterator[h5py.File]:
-    """A file of point images; what is damaged is refused in one sentence.
-
-    Parameters
-    ----------
-    path : pathlib.Path
-    formats : collection of str
-        Attribute "format" of files that are read.
-    what : str
-        What other files do not hold, for the message.
-
-    Raises
-    ------
-    FormatError
-        If the file is of another format, leads to other files, or is damaged where it is read.
-    FileNotFoundError
-        If there is none.
-    """
+    """A file of point images; what is damaged is refused in one sentence."""
     if not path.is_file():
         raise FileNotFoundError(f"There is no file {path}.")
     try:
@@ -146,15 +110,7 @@ def planes_in(file: h5py.File) -> list[h5py.Dataset]:
 
 
 def check_memory(path: Path, datasets: Sequence[h5py.Dataset], remedy: str) -> None:
-    """Refuse more samples than the file can hold, or the memory.
-
-    Raises
-    ------
-    ValueError
-        If the file is too small for what it declares.
-    FormatError
-        If memory is too small, with the bytes and the remedy.
-    """
+    """Refuse more samples than the file can hold, or the memory."""
     chunks = [math.prod(one.chunks or ()) * one.dtype.itemsize for one in datasets]
     nbytes = sum(one.nbytes for one in datasets)
     if max(nbytes, *chunks) > path.stat().st_size * _DEFLATE + _SLACK:
@@ -168,13 +124,7 @@ def check_memory(path: Path, datasets: Sequence[h5py.Dataset], remedy: str) -> N
 
 
 def require_digest(path: Path, found: str, written: Any) -> None:
-    """Refuse numbers that are not those that were written.
-
-    Raises
-    ------
-    FormatError
-        If the digests differ.
-    """
+    """Refuse numbers that are not those that were written."""
     if found != written:
         raise FormatError(f"The point images in {path} are not those that were written: damaged.")
 
@@ -182,13 +132,7 @@ def require_digest(path: Path, found: str, written: Any) -> None:
 def parameters_in(
     path: PathLike, formats: Collection[str]
 ) -> tuple[Parameters, list[tuple[int, ...]]] | None:
-    """What a file's point images depend on, and their shapes, without reading them.
-
-    Returns
-    -------
-    (dict, list of tuple) or None
-        None where there is no file of these formats.
-    """
+    """What a file's point images depend on, and their shapes, without reading them."""
     try:
         with opened(Path(path), formats, "point images") as file:
             return json.loads(file.attrs["parameters"]), [one.shape for one in planes_in(file)]
@@ -197,13 +141,7 @@ def parameters_in(
 
 
 def require_parameters(path: PathLike, there: Parameters, wanted: Parameters) -> None:
-    """Refuse point images that were made with other parameters.
-
-    Raises
-    ------
-    ValueError
-        Naming the first that differs.
-    """
+    """Refuse point images that were made with other parameters."""
     for name, value in wanted.items():
         if there.get(name) != value:
             raise ValueError(

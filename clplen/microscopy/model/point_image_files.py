@@ -127,18 +127,7 @@ def read_point_images(path: PathLike) -> PointImages:
 
 
 def read_parameters(path: PathLike) -> tuple[dict[str, Any], list[tuple[int, ...]]] | None:
-    """What a file's point images depend on, and their shapes, without reading them.
-
-    Parameters
-    ----------
-    path : path-like
-
-    Returns
-    -------
-    (dict, list of tuple) or None
-        `PointImages.parameters` and the shape of `PointImages.stored` in each plane; None where
-        there is no file that holds point images.
-    """
+    """What a file's point images depend on, and their shapes, without reading them."""
     return parameters_in(path, (FORMAT, OF_CELLS))
 
 
@@ -151,15 +140,7 @@ def _numbers(notes: Any) -> dict[str, float]:
 
 
 def read_matching(path: PathLike, parameters: dict[str, Any]) -> PointImages | None:
-    """Point images of a file, None if there is no file.
-
-    Raises
-    ------
-    ValueError
-        If they have other parameters, naming the first that differs.
-    FormatError
-        As `read_point_images`.
-    """
+    """Point images of a file, None if there is no file."""
     if not Path(path).is_file():
         return None
     images = read_point_images(path)

@@ -173,35 +173,12 @@ def _cell(camera: Microscope, voxels: int, binning: int) -> Cell:
 
 
 def lenslets_across(camera: Microscope, z: float) -> int:
-    """Lenslets along an axis that the image of a point covers, by rays.
-
-    Parameters
-    ----------
-    camera : Microscope
-    z : float
-        In metres.
-
-    Returns
-    -------
-    int
-        Odd.
-    """
+    """Lenslets along an axis that the image of a point covers, by rays."""
     return 2 * math.ceil(camera.objective.blur(z) / camera.mla.pitch) + 1
 
 
 def effort(camera: Microscope, planes: Vector) -> Vector:
-    """Work of the simulation of an image of each plane, N log N for N samples, to compare planes.
-
-    Parameters
-    ----------
-    camera : Microscope
-    planes : numpy.ndarray
-        z in metres.
-
-    Returns
-    -------
-    numpy.ndarray
-    """
+    """Return the relative work of simulating each plane's image, N log N for N samples."""
     across = 2 * (np.ceil(camera.objective.blur(planes) / camera.mla.pitch) + MARGIN) + 1
     samples = (np.maximum(across, LEAST) * camera.pixels_per_lenslet) ** 2
     return np.asarray(samples * np.log2(samples))
@@ -257,13 +234,7 @@ def checked_planes(
     *,
     sensor_pixels: Any = None,
 ) -> Vector:
-    """The planes as numbers, after the checks of `point_images`.
-
-    Raises
-    ------
-    ValueError, TypeError
-        As `point_images`.
-    """
+    """The planes as numbers, after the checks of `point_images`."""
     require(Microscope, camera, "camera", "PlenopticCamera.microscope")
     if camera.pixels is not None:
         raise ValueError(

@@ -225,22 +225,7 @@ def traces(
 
 
 def rolling_percentile(values: Vector, window: int, percentile: float) -> Vector:
-    """Percentile in a window about each sample of the last axis, cut at its ends.
-
-    Parameters
-    ----------
-    values : numpy.ndarray
-        Finite, shape (n, frames).
-    window : int
-        Frames; of an even number one more lies before.
-    percentile : float
-        From 0 to 100, linear between samples.
-
-    Returns
-    -------
-    numpy.ndarray
-        float64, same shape.
-    """
+    """Percentile in a window about each sample of the last axis, cut at its ends."""
     frames = values.shape[1]
     found = np.empty(values.shape)
     for k in range(frames):

@@ -25,23 +25,7 @@ _LARGEST = 1 << 31  # bytes of a table that is read
 
 
 def write_table(path: PathLike, columns: dict[str, Vector]) -> None:
-    """Write columns of numbers, whole or not at all.
-
-    Parameters
-    ----------
-    path : path-like
-        ``.csv``.
-    columns : dict
-        Name and values of each column, all of one length; NaN is an empty cell. Whole numbers are
-        written as such, others with nine digits.
-
-    Raises
-    ------
-    ValueError
-        If the ending is another one.
-    OSError
-        If the file cannot be written.
-    """
+    """Write columns of numbers, whole or not at all."""
     if Path(path).suffix.lower() != _SUFFIX:
         raise ValueError(f"A table is written as .csv, not as {Path(path).name}.")
     texts = [_texts(np.asarray(values)) for values in columns.values()]
@@ -57,27 +41,7 @@ def _texts(values: Vector) -> list[str]:
 
 
 def read_table(path: PathLike, what: str, names: Sequence[str]) -> dict[str, Vector]:
-    """Read columns of numbers by their names; others are left out.
-
-    Parameters
-    ----------
-    path : path-like
-        As `write_table` writes it, or of another program.
-    what : str
-        What the rows are, for messages: "tracks".
-    names : sequence of str
-        Columns that are there.
-
-    Returns
-    -------
-    dict
-        float64 of each name; an empty cell is NaN.
-
-    Raises
-    ------
-    FormatError
-        If it is missing, no text, lacks a column, or a cell is no number.
-    """
+    """Read columns of numbers by their names; others are left out."""
     path = Path(path)
     if not path.is_file():
         raise FormatError(f"There is no table of {what} {path}.")
@@ -119,13 +83,7 @@ def _number(path: Path, line: int, row: list[str], place: int, header: list[str]
 
 
 def whole_numbers(path: PathLike, values: Vector, name: str) -> Vector:
-    """A column of numbers from 0 on without fractions, as int64.
-
-    Raises
-    ------
-    FormatError
-        If one is none.
-    """
+    """A column of numbers from 0 on without fractions, as int64."""
     bad = ~(np.isfinite(values) & (values >= 0) & (values == np.floor(values)) & (values < 2**53))
     if bad.any():
         raise FormatError(
@@ -140,13 +98,7 @@ def position_columns(unit: str) -> tuple[str, str, str]:
 
 
 def unit_of(path: PathLike) -> str:
-    """The unit of a table's positions by its header: "m" or "voxel".
-
-    Raises
-    ------
-    FormatError
-        If it names neither ``z_m`` nor ``z_voxel``, or there is no such file.
-    """
+    """The unit of a table's positions by its header: "m" or "voxel"."""
     path = Path(path)
     if not path.is_file():
         raise FormatError(f"There is no table {path}.")
@@ -163,18 +115,7 @@ def unit_of(path: PathLike) -> str:
 
 
 def read_positions(path: PathLike) -> tuple[Vector, str]:
-    """Positions (z, y, x) of a table of points or regions, and their unit.
-
-    Returns
-    -------
-    numpy.ndarray, str
-        float64, shape (n, 3); "m" or "voxel".
-
-    Raises
-    ------
-    FormatError
-        As `read_table`, and if a position is missing.
-    """
+    """Positions (z, y, x) of a table of points or regions, and their unit."""
     unit = unit_of(path)
     table = read_table(path, "positions", position_columns(unit))
     positions = np.stack(list(table.values()), axis=1)

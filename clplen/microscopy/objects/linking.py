@@ -23,27 +23,7 @@ LARGEST_GROUP = 4000  # tracks or positions that one assignment decides on
 
 
 def link(expected: Vector, reach: Vector, found: Vector) -> Vector:
-    """Pairs of tracks and positions.
-
-    Parameters
-    ----------
-    expected : numpy.ndarray
-        Where tracks are expected, shape (n, 3), in units of the largest step along each axis.
-    reach : numpy.ndarray
-        Largest distance from there, shape (n,), in the same units.
-    found : numpy.ndarray
-        Positions, shape (m, 3), in the same units.
-
-    Returns
-    -------
-    numpy.ndarray
-        int, shape (links, 2): track, rising, and position; each at most once.
-
-    Raises
-    ------
-    ValueError
-        If too many could be linked to each other.
-    """
+    """Pairs of tracks and positions."""
     if not (len(expected) and len(found)):
         return np.empty((0, 2), np.int64)
     tracks, places, costs = _candidates(expected, reach, found)

@@ -239,12 +239,7 @@ def match_points(first: Vector, second: Vector, *, tolerance: Sequence[float]) -
 
 
 def checked_stack(stack: Any) -> Vector:
-    """Samples (planes, y, x) that are finite, float64.
-
-    Raises
-    ------
-    ShapeError, ValueError
-    """
+    """Samples (planes, y, x) that are finite, float64."""
     values = host_array(stack, "A stack")
     shape = values.shape
     few = values.ndim != 3 or shape[0] in (0, 2) or min(shape[1:]) < 3
@@ -263,13 +258,7 @@ def checked_stack(stack: Any) -> Vector:
 
 
 def coordinates_of(axes: Sequence[Any] | None, shape: tuple[int, ...]) -> list[Vector]:
-    """Coordinates of the samples along each axis, float64.
-
-    Raises
-    ------
-    ShapeError, ValueError
-        If one does not fit the shape, or neither rises nor falls.
-    """
+    """Coordinates of the samples along each axis, float64."""
     given = (None, None, None) if axes is None else axes
     if len(given) != 3:
         raise ShapeError(f"axes are those of planes, y and x, not {len(given)}.")

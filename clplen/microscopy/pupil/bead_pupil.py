@@ -75,15 +75,7 @@ class _Model:
 
 
 class BeadFrame:
-    """A frame of beads, and the model of it.
-
-    Parameters
-    ----------
-    camera : Microscope
-    seen : Observed
-    terms : sequence of int
-    binning : int
-    """
+    """A frame of beads, and the model of it."""
 
     def __init__(
         self, camera: Microscope, seen: Observed, terms: Sequence[int], binning: int
@@ -94,13 +86,7 @@ class BeadFrame:
         self.side = camera.mla.pitch / camera.magnification
 
     def placed(self, position: Vector) -> tuple[PointSources, tuple[int, int]]:
-        """A bead about the middle of its lenslet, and (row, column) of that lenslet.
-
-        Parameters
-        ----------
-        position : numpy.ndarray
-            (x, y, z) in metres from the middle of the frame.
-        """
+        """A bead about the middle of its lenslet, and (row, column) of that lenslet."""
         middle = (np.array(self.shape) - 1) / 2
         lenslet = np.rint(position[1::-1] / self.side + middle).astype(int)
         y, x = position[1::-1] - (lenslet - middle) * self.side
@@ -109,13 +95,7 @@ class BeadFrame:
     def model(
         self, positions: Vector, energies: Vector, background: float, coefficients: Vector
     ) -> _Model:
-        """The frame of beads with derivatives by x, y, z, E of each, background and terms.
-
-        Parameters
-        ----------
-        positions, energies, coefficients : numpy.ndarray
-        background : float
-        """
+        """The frame of beads with derivatives by x, y, z, E of each, background and terms."""
         camera = with_coefficients(self.camera, self.terms, coefficients)
         white = self.seen.white
         mean = white * background + self.seen.background
@@ -167,18 +147,7 @@ class BeadFrame:
 def fit_beads(
     frame: BeadFrame, positions: Vector, start: Vector, *, progress: Progress | None = None
 ) -> Beads:
-    """Places, energies, background and coefficients that fit a frame best.
-
-    Parameters
-    ----------
-    frame : BeadFrame
-    positions : numpy.ndarray
-        Where beads are about, (x, y, z) in metres, shape (n, 3).
-    start : numpy.ndarray
-        Coefficients to begin with, in metres.
-    progress : callable, optional
-        Called as ``progress(done, total)`` after each step.
-    """
+    """Places, energies, background and coefficients that fit a frame best."""
     positions, c = positions.astype(np.float64).copy(), np.asarray(start, np.float64).copy()
     energies, background = _energies(frame, positions, c)
     damping, model = 1e-3, frame.model(positions, energies, background, c)

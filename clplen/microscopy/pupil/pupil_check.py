@@ -197,20 +197,7 @@ def corrected(prepare: Preparation, check: PupilCheck) -> Preparation:
 
 
 def mean_lenslet(level: Vector, n: int) -> tuple[Vector, float]:
-    """The mean of all lenslets, each over its own light, and its noise.
-
-    Parameters
-    ----------
-    level : numpy.ndarray
-        Rectified, shape (rows n, columns n); 0 where pixels are left out.
-    n : int
-        Pixels of a lenslet.
-
-    Returns
-    -------
-    numpy.ndarray, float
-        float64, shape (n, n), mean 1; the norm of its standard error over its own.
-    """
+    """The mean of all lenslets, each over its own light, and its noise."""
     cells = level.reshape(level.shape[0] // n, n, level.shape[1] // n, n).astype(np.float64)
     cells = cells.transpose(0, 2, 1, 3).reshape(-1, n, n)
     whole = cells[(cells > 0).all(axis=(1, 2))]

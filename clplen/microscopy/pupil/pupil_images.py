@@ -27,29 +27,7 @@ def images_and_tangents(
     cut: float,
     done: Callable[[], None] | None = None,
 ) -> tuple[PointImages, tuple[PointImages, ...]]:
-    """Point images of all phases, and their derivatives by coefficients, a metre of path.
-
-    Parameters
-    ----------
-    camera : Microscope
-        With the pupil about which derivatives are taken.
-    planes : numpy.ndarray
-        z in metres, rising.
-    terms : sequence of int
-        Noll's indices.
-    voxels, binning : int
-        Of `point_images`.
-    cut : float
-        Share of a voxel's light that may be left out; derivatives end where images do.
-    done : callable, optional
-        Called after each plane.
-
-    Returns
-    -------
-    images : PointImages
-    tangents : tuple of PointImages
-        One for each term; their values have both signs.
-    """
+    """Point images of all phases, and their derivatives by coefficients, a metre of path."""
     phases = list(np.ndindex(voxels, voxels))
     places = (np.array(phases) - (voxels - 1) / 2) / voxels * camera.mla.pitch
     x, y = places[:, 1] / camera.magnification, places[:, 0] / camera.magnification

@@ -52,19 +52,7 @@ class PupilWaves:
     def of(
         cls, camera: Microscope, z: float, *, binning: int = 1, margin: int = MARGIN
     ) -> PupilWaves:
-        """Waves of points up to a lenslet beside the middle and up to ``z`` from the native plane.
-
-        Parameters
-        ----------
-        camera : Microscope
-            Square lattice, a whole number of pixels a lenslet.
-        z : float
-            In metres; the sign does not matter.
-        binning : int
-            Pixels along an axis that are added up.
-        margin : int
-            Lenslets around the geometrical blur.
-        """
+        """Simulate points up to a lenslet off the middle and up to ``z`` from the native plane."""
         blur = float(np.max(camera.objective.blur(np.array([-abs(z), abs(z)]))))
         count = 2 * (int(np.ceil(blur / camera.mla.pitch)) + margin) + 1
         while smooth_length(count) != count:
@@ -82,17 +70,7 @@ class PupilWaves:
         return self.camera.mla.count[0]
 
     def images(self, points: PointSources) -> Vector:
-        """Energy on the pixels of each point, of 1 in the pupil.
-
-        Parameters
-        ----------
-        points : PointSources
-
-        Returns
-        -------
-        numpy.ndarray
-            float64, shape (n, ny, nx).
-        """
+        """Energy on the pixels of each point, of 1 in the pupil."""
         found = [
             self._binned(np.square(np.abs(u.astype(np.complex128))))
             for _, u in self._sensor(points)
@@ -102,21 +80,7 @@ class PupilWaves:
     def tangents(
         self, points: PointSources, parameters: Sequence[Parameter]
     ) -> tuple[Vector, Vector]:
-        """Images of points, and their derivatives.
-
-        Parameters
-        ----------
-        points : PointSources
-        parameters : sequence of int or str
-            Noll's indices, and "x", "y", "z".
-
-        Returns
-        -------
-        images : numpy.ndarray
-            float64, shape (n, ny, nx).
-        tangents : numpy.ndarray
-            float64, shape (parameters, n, ny, nx), by a metre of path or of place.
-        """
+        """Images of points, and their derivatives."""
         images, tangents = [], []
         for some, u in self._sensor(points):
             u = u.astype(np.complex128)
@@ -132,21 +96,7 @@ class PupilWaves:
     def gradient(
         self, points: PointSources, cotangents: Vector, parameters: Sequence[Parameter]
     ) -> Vector:
-        """Derivatives of a loss, from its derivatives by the pixels of each image.
-
-        Parameters
-        ----------
-        points : PointSources
-        cotangents : numpy.ndarray
-            dL/dI, shape (n, ny, nx) of `images`.
-        parameters : sequence of int or str
-            Noll's indices, and "x", "y", "z".
-
-        Returns
-        -------
-        numpy.ndarray
-            float64, shape (n, parameters), by a metre of path or of place.
-        """
+        """Derivatives of a loss, from its derivatives by the pixels of each image."""
         camera, found, start = self.camera, [], 0
         b, device = self.binning, camera.device
         weights = np.stack([self.phases(name) for name in parameters])
@@ -168,18 +118,7 @@ class PupilWaves:
         return np.concatenate(found)
 
     def phases(self, name: Parameter) -> Vector:
-        """g of a parameter over the frequencies of the window, radians a metre; 0 beyond the rim.
-
-        Parameters
-        ----------
-        name : int or str
-            Noll's index, or "x", "y", "z".
-
-        Returns
-        -------
-        numpy.ndarray
-            float64, shape (ny, nx), frequencies in FFT order.
-        """
+        """Return g of a parameter over the window's frequencies, rad/m; 0 beyond the rim."""
         camera, objective = self.camera, self.camera.objective
         fy, fx = camera.grid.fy[:, None], camera.grid.fx[None, :]
         f = np.hypot(fy, fx)

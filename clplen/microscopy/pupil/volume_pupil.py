@@ -98,17 +98,7 @@ def state_of(
     camera: Microscope, seen: Observed, terms: Sequence[int], how: Sampling,
     done: Callable[[], None] | None = None,
 ) -> State:  # fmt: skip
-    """The volume of a frame behind a pupil, and the derivatives of what is left.
-
-    Parameters
-    ----------
-    camera : Microscope
-    seen : Observed
-    terms : sequence of int
-    how : Sampling
-    done : callable, optional
-        Called after each plane.
-    """
+    """The volume of a frame behind a pupil, and the derivatives of what is left."""
     images, tangents = images_and_tangents(
         camera, how.planes, terms, voxels=how.voxels, binning=how.binning, cut=how.cut, done=done
     )
@@ -150,17 +140,7 @@ def state_of(
 
 
 def step_of(state: State) -> tuple[Vector, Vector]:
-    """A step of the coefficients, and the covariance of where it leads, both in metres.
-
-    Parameters
-    ----------
-    state : State
-
-    Returns
-    -------
-    tuple of numpy.ndarray
-        Shapes (terms,) and (terms, terms).
-    """
+    """A step of the coefficients, and the covariance of where it leads, both in metres."""
     normal = state.slopes @ state.slopes.T
     covariance = np.linalg.pinv(normal, hermitian=True)
     step = covariance @ (state.slopes @ state.left)

@@ -338,12 +338,6 @@ class Acceleration:
     and Andrews 1997, "Acceleration of iterative image restoration algorithms"). Voxels that come to
     0 stay there, dark ones for the most part: to leave them a tenth changes residuals and errors by
     no more than 1 %.
-
-    Parameters
-    ----------
-    volumes : pyopencl.array.Array
-        float32, shape (frames, planes, rows, columns): where it starts.
-    device : Device
     """
 
     def __init__(self, volumes: cla.Array, device: Device) -> None:

@@ -46,18 +46,6 @@ def displacement(counts: Vector, level: Vector, n: int) -> Displacement | None:
     white frame, cyclically because sub-images adjoin; a plane through the 16 places of the maxima
     is the displacement. Beads and edges light parts of the pupil only: where a part does not look
     like the white frame, or parts disagree, nothing is said.
-
-    Parameters
-    ----------
-    counts, level : numpy.ndarray
-        Frame and white frame, rectified, shape (rows n, columns n).
-    n : int
-        Pixels of a lenslet.
-
-    Returns
-    -------
-    Displacement or None
-        None where the frame does not tell.
     """
     cells, white = (one.reshape(-1, n, one.shape[1] // n, n) for one in (counts, level))
     rows, columns = cells.shape[0], cells.shape[2]
@@ -101,22 +89,7 @@ def _shift(part: Vector, known: Vector) -> tuple[Vector, float]:
 def without_depth(
     counts: Vector, white: Vector, background: Vector, level: Vector, n: int
 ) -> float:
-    """The residual that lenslets leave which are lit evenly, each as brightly as fits best.
-
-    Parameters
-    ----------
-    counts, white, background : numpy.ndarray
-        As of `deconvolve`, of one frame.
-    level : numpy.ndarray
-        The white frame, of which every lenslet has its part.
-    n : int
-        Pixels of a lenslet.
-
-    Returns
-    -------
-    float
-        sum (I - b - a L)^2 / sum I^2 over the pixels with w > 0, a of each lenslet.
-    """
+    """The residual that lenslets leave which are lit evenly, each as brightly as fits best."""
     seen, even, of = (
         np.where(white > 0, one, 0).reshape(-1, n, counts.shape[1] // n, n).astype(np.float64)
         for one in (counts - background, level, counts)

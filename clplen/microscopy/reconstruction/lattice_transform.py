@@ -22,15 +22,7 @@ _LINES = 10  # of scratch, besides a window
 
 
 class LatticeTransform:
-    """The kernels of lattice_transform.cl for one window of the lattice.
-
-    Parameters
-    ----------
-    device : Device
-        A CPU.
-    window : tuple of int
-        (ny, nx) points of the lattice, positive, without prime factors above 7.
-    """
+    """The kernels of lattice_transform.cl for one window of the lattice."""
 
     def __init__(self, device: Device, window: Pair) -> None:
         self.device, self.window = device, window
@@ -50,24 +42,7 @@ class LatticeTransform:
         shape: Pair,
         parts: tuple[int, ...],
     ) -> None:
-        """Packed spectra of pictures with wy x wx samples a cell.
-
-        Parameters
-        ----------
-        out : pyopencl.array.Array
-            float32, shape (frames, blocks, planes parts wy wx, 4, 16).
-        pictures : pyopencl.array.Array
-            float32, shape (frames, planes of a stack, rows wy, columns wx).
-        w : tuple of int
-            (wy, wx).
-        frames : int
-        stack : tuple of int
-            Planes that are taken, the first of them, and planes of a stack.
-        shape : tuple of int
-            (rows, columns) of cells.
-        parts : tuple of int
-            Of the picture: see lattice_spectra.cl.
-        """
+        """Packed spectra of pictures with wy x wx samples a cell."""
         self._launch("spectra", out, pictures, w, frames, stack, shape, parts)
 
     def pictures(
@@ -81,20 +56,7 @@ class LatticeTransform:
         parts: tuple[int, ...],
         least: float,
     ) -> None:
-        """Pictures from packed spectra, with the parameters of `spectra`.
-
-        Parameters
-        ----------
-        out : pyopencl.array.Array
-            float32, shape (frames, planes of a stack, rows wy, columns wx): planes that are not
-            taken stay.
-        spectra : pyopencl.array.Array
-            float32, shape (frames, blocks, planes parts wy wx, 4, 16).
-        w, frames, stack, shape, parts
-            As of `spectra`.
-        least : float
-            No sample is below it.
-        """
+        """Pictures from packed spectra, with the parameters of `spectra`."""
         self._launch("pictures", out, spectra, w, frames, stack, shape, parts, np.float32(least))
 
     def _launch(
@@ -134,13 +96,7 @@ class LatticeTransform:
 
 
 def radices_of(n: int) -> Array:
-    """The radices of a transform over n samples, in order, and 0; int32.
-
-    Parameters
-    ----------
-    n : int
-        Positive, without prime factors above 7.
-    """
+    """The radices of a transform over n samples, in order, and 0; int32."""
     found = []
     for radix in RADICES:
         while n % radix == 0:

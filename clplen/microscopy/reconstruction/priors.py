@@ -49,14 +49,6 @@ class Prior:
 class TotalVariation(Prior):
     """Volumes of little total variation, isotropic in metres.
 
-    Parameters
-    ----------
-    projector : Projector or FourierProjector
-    counts : numpy.ndarray
-        Shape (frames, ny, nx).
-    strength : float
-        a over `noise_level`.
-
     Attributes
     ----------
     weights : numpy.ndarray
@@ -101,16 +93,6 @@ class TotalVariation(Prior):
 class TimeVariation(Prior):
     """Voxels of a series that seldom change.
 
-    Parameters
-    ----------
-    projector : Projector or FourierProjector
-    counts : numpy.ndarray
-        Shape (frames, ny, nx), in the order in which they were taken.
-    strength : float
-        a over `noise_level`.
-    before : numpy.ndarray, optional
-        Volume of the frame before the first one, shape (planes, rows, columns).
-
     Attributes
     ----------
     weights : numpy.ndarray
@@ -148,12 +130,6 @@ class Sieve(Prior):
     The windows' standard deviation there is that of light spread evenly over a lenslet, d/(M sqrt
     12); it falls linearly to 0 where the blur of a point reaches the whole next lenslet. (Windows
     that end at once drive light into the first planes without one.)
-
-    Parameters
-    ----------
-    projector : Projector
-    strength : float
-        Times these standard deviations.
     """
 
     def __init__(self, projector: Projector, strength: float) -> None:
@@ -193,14 +169,7 @@ def prior_of(
     counts: Vector,
     before: Vector | None = None,
 ) -> Prior:
-    """The prior of that name for frames, and the volume of the frame before them.
-
-    Raises
-    ------
-    ValueError
-        For another name, a strength that is not positive and finite, "gaussian" for a Fourier
-        microscope, or "time" for one frame with none before it.
-    """
+    """The prior of that name for frames, and the volume of the frame before them."""
     if name not in (None, *NAMES):
         raise ValueError(f"prior is {', '.join(map(repr, NAMES))} or None, not {name!r}.")
     if not (is_finite(strength) and strength > 0):
@@ -231,17 +200,6 @@ def noise_level(counts: Vector, images: PointImages | FourierPointImages) -> Vec
     bright pixels that is 1/(P m): m = sum I (I - 1)/sum I, the counts of a pixel that sees light,
     and P = (sum h)^2/sum h^2, the pixels of an image. Of a shell, whose frame has brighter and
     dimmer pixels, it is .7 of the true one.
-
-    Parameters
-    ----------
-    counts : numpy.ndarray
-        I, shape (frames, ny, nx).
-    images : PointImages or FourierPointImages
-
-    Returns
-    -------
-    numpy.ndarray
-        float64, shape (frames,).
     """
     middle = (images.voxels // 2,) * 2
     of_planes = (images.image(z, middle).astype(np.float64) for z in range(len(images.planes)))

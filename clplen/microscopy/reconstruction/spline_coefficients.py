@@ -18,24 +18,7 @@ _BESIDE, _MIDDLE = 1 / 6, 2 / 3  # the spline at the next pixel and at its own
 
 
 def spline_coefficients(pictures: Vector) -> Vector:
-    """The coefficients c of B-splines that pass through all pixels; none lie outside a picture.
-
-    Parameters
-    ----------
-    pictures : numpy.ndarray
-        Real, shape (..., ny, nx).
-
-    Returns
-    -------
-    numpy.ndarray
-        float64, of that shape.
-
-    Examples
-    --------
-    >>> from clplen.microscopy.reconstruction.spline_coefficients import spline_coefficients
-    >>> spline_coefficients(np.array([[1.0, 4.0, 1.0]]) / 6).round(6) * 2 / 3
-    array([[0., 1., 0.]])
-    """
+    """The coefficients c of B-splines that pass through all pixels; none lie outside a picture."""
     found = np.asarray(pictures, np.float64)
     for axis in (-1, -2):
         found = np.moveaxis(_along_last(np.moveaxis(found, axis, -1)), -1, axis)

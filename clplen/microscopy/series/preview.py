@@ -23,19 +23,6 @@ def preview(counts: Vector, images: PointImages, device: Device) -> Vector:
 
     A lenslet is a pixel. Sub-images move from view to view by d = -z M^2 dx/(n f_mu p) lenslets, dx
     = p/N with N pixels a lenslet, in the paraxial limit (Levoy et al. 2006).
-
-    Parameters
-    ----------
-    counts : numpy.ndarray
-        Shape (rows N, columns N).
-    images : PointImages
-        Their planes, and the microscope.
-    device : Device
-
-    Returns
-    -------
-    numpy.ndarray
-        uint8, each lenslet as many pixels wide as makes the shorter side 256 at least.
     """
     n = images.pixels
     rows, columns = counts.shape[0] // n, counts.shape[1] // n

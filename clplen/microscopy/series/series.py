@@ -156,22 +156,7 @@ def deconvolve_series(
 
 
 def batch_for(projector: AnyProjector, batch: int | None = None, **options: Any) -> int:
-    """Frames that are found together: as asked, or at most eight for which there is memory.
-
-    Parameters
-    ----------
-    projector : Projector
-    batch : int, optional
-    **options
-        Those of `deconvolve` that take memory: ``accelerate`` and ``prior``.
-
-    Raises
-    ------
-    ValueError
-        If it is not positive.
-    DeviceError
-        If there is not even memory for one frame.
-    """
+    """Frames that are found together: as asked, or at most eight for which there is memory."""
     if batch is not None:
         return positive_integer(batch, "batch")
     volumes = deconvolution.volumes_held(options.get("accelerate", False), options.get("prior"))

@@ -29,25 +29,7 @@ WIDTH = 4.0  # standard deviations that a window reaches
 
 
 class Start:
-    """How frames of a series begin.
-
-    Parameters
-    ----------
-    name : {"previous", "decayed", "limited"} or None
-        None: evenly, each frame by itself.
-    images : PointImages or FourierPointImages
-        Side of a voxel and planes.
-    decay : float
-        s of "decayed", from 0 to 1.
-    motion : float or None
-        Of "limited": how far things move from frame to frame, metres (standard deviation along an
-        axis); None: half a voxel.
-
-    Raises
-    ------
-    ValueError
-        For another name, or a number out of range.
-    """
+    """How frames of a series begin."""
 
     def __init__(
         self,
@@ -75,20 +57,7 @@ class Start:
         return [self.name, number]
 
     def volumes(self, before: Vector, frames: int) -> Vector | None:
-        """Volumes to begin with.
-
-        Parameters
-        ----------
-        before : numpy.ndarray
-            Of the last frame before, shape (planes, y, x).
-        frames : int
-            That follow it.
-
-        Returns
-        -------
-        numpy.ndarray or None
-            float32, shape (frames, planes, y, x), or of one frame, which is that of all.
-        """
+        """Volumes to begin with."""
         if self.name is None:
             return None
         mean = float(before.mean(dtype=np.float64))

@@ -248,25 +248,7 @@ def incoherent_image(field: Field, transfer: Any) -> Image:
 def abbe_cost(
     grid: Grid, transfer: Any, source: Any, *, tolerance: float = 0.0, route: Route = "auto"
 ) -> float:
-    """Operations of `abbe_image`, 5 N log2 N a Fourier transform, and what goes beside it.
-
-    Parameters
-    ----------
-    grid : Grid
-        Of the object.
-    transfer, source, tolerance, route
-        As of `abbe_image`.
-
-    Returns
-    -------
-    float
-        An upper bound: source points whose light misses the pupil are found with the object.
-
-    Raises
-    ------
-    ShapeError, ValueError
-        As `abbe_image`.
-    """
+    """Operations of `abbe_image`, 5 N log2 N a Fourier transform, and what goes beside it."""
     H, S = _checked_transfer(transfer, grid.shape), _checked_source(source, grid.shape)
     return _choose(H, S, tolerance, route)[1]
 

@@ -56,14 +56,6 @@ def fingerprint(value: Any) -> str:
 
     Of arrays a digest, of data classes and other objects their fields, of a function its module and
     name, its defaults and what it encloses.
-
-    Parameters
-    ----------
-    value : object
-
-    Returns
-    -------
-    str
     """
     if isinstance(value, bool | np.bool_ | str | bytes | None):
         return repr(value)
@@ -108,20 +100,7 @@ def _constants(function: FunctionType) -> list[Any]:
 
 
 def save(path: PathLike, state: State, setup: SetUp) -> None:
-    """Write a checkpoint, whole or not at all.
-
-    Parameters
-    ----------
-    path : path-like
-    state : State
-    setup : mapping of str to str
-        Everything that decides the result, name by name.
-
-    Raises
-    ------
-    OSError
-        If the file cannot be written.
-    """
+    """Write a checkpoint, whole or not at all."""
     heading = {"format": FORMAT, "count": state.count, "unit": state.unit, "setup": dict(setup)}
     text = json.dumps(heading)
     with replacing(path) as temporary, temporary.open("wb") as file:
@@ -138,25 +117,7 @@ def save(path: PathLike, state: State, setup: SetUp) -> None:
 
 
 def load(path: PathLike, setup: SetUp) -> State | None:
-    """Read a checkpoint of this set-up; None where there is no file.
-
-    Parameters
-    ----------
-    path : path-like
-    setup : mapping of str to str
-
-    Returns
-    -------
-    State or None
-
-    Raises
-    ------
-    FormatError
-        If the file is damaged, no checkpoint, or one of another set-up; naming the first
-        difference.
-    OSError
-        If the file could not be written later.
-    """
+    """Read a checkpoint of this set-up; None where there is no file."""
     target = check_writable(path)
     if not target.exists():
         return None
@@ -173,13 +134,7 @@ def load(path: PathLike, setup: SetUp) -> State | None:
 
 
 def verify(path: PathLike) -> None:
-    """Refuse a file that cannot be written or is there and is no whole checkpoint.
-
-    Raises
-    ------
-    FormatError, OSError
-        As `load`.
-    """
+    """Refuse a file that cannot be written or is there and is no whole checkpoint."""
     target = check_writable(path)
     if target.exists():
         _read(target)
@@ -242,29 +197,7 @@ SAVE_SECONDS = 5.0  # between checkpoints
 
 @dataclass(frozen=True)
 class Averaging:
-    """When an average of snapshots stops, and what it does meanwhile.
-
-    Parameters
-    ----------
-    snapshots : int, optional
-        At most so many; by default 100, or 100 000 with ``rtol``.
-    rtol : float, optional
-        Stop when the standard error over the mean in the region is at most this, asked from 16
-        snapshots on, eight times until their number has doubled.
-    region : tuple of slice, optional
-        (rows, columns) of the image; by default all of it.
-    checkpoint : path-like, optional
-        A file that is written every 5 s and at the end; a run that finds it goes on from there,
-        with the same result bit for bit. One with more snapshots than are asked for is returned as
-        it is.
-    progress : callable, optional
-        Called as ``progress(done, most)``.
-
-    Raises
-    ------
-    ValueError
-        For a number of snapshots below 1 or a tolerance that is not positive.
-    """
+    """When an average of snapshots stops, and what it does meanwhile."""
 
     snapshots: int | None = None
     rtol: float | None = None
@@ -300,34 +233,7 @@ def average(
     how: Averaging,
     setup: SetUp,
 ) -> MeanIntensity:
-    """Add snapshots until enough are there.
-
-    Parameters
-    ----------
-    snapshot : callable
-        Field or image (device array of real numbers) number 0, 1, ... on ``grid``.
-    grid : Grid
-    device : Device
-    how : Averaging
-    setup : mapping of str to str
-        What decides the result, for the checkpoint.
-
-    Returns
-    -------
-    MeanIntensity
-
-    Raises
-    ------
-    FormatError
-        If the checkpoint is damaged or of another set-up.
-    ValueError
-        If the region holds no pixel, or a tolerance is asked for where there is no light.
-
-    Warns
-    -----
-    SamplingWarning
-        If the tolerance was not reached.
-    """
+    """Add snapshots until enough are there."""
     window = Window.of(how.region, grid.shape)
     setup = {**setup, "region": str(window)}
     statistics = Statistics(grid.shape, device)

@@ -145,39 +145,6 @@ def plan_coherence(
     window; d_c = 4 p^2/lam. A clear field is imaged with a speckle contrast c1(iota) a snapshot
     (c1/sqrt(M) after M), and mutually incoherent wavelengths of shares w_l reduce it by
     sqrt(sum w_l^2); so M = (c1/e)^2 sum w_l^2 with e = 1/snr.
-
-    Parameters
-    ----------
-    light : callable
-        ``light(spatial, spectrum, wavelengths=, seed=)`` makes the light: `Coherence`.
-    system : OpticalSystem, Pupil or camera
-        One that begins with free space and a lens, or consists of one `Pupil`; of a camera its main
-        lens.
-    snr : float
-        Mean intensity over its standard deviation in a clear field, positive.
-    grid : Grid, optional
-        Of the object; a camera has its own.
-    wavelength : float, optional
-        In metres; by default the centre of the spectrum, or the camera's.
-    iota : float
-        Resolution cell over coherence length, 0.03 to 10.
-    kind : {"phase", "field"}
-        Of the mask; the phase alone has less contrast where iota is small.
-    spectrum : Spectrum, optional
-    wavelengths : int, optional
-        Into which it is sampled.
-    seed : int
-
-    Returns
-    -------
-    CoherencePlan
-
-    Raises
-    ------
-    ValueError
-        For numbers out of range, or a system without a cut-off frequency that can be told.
-    SamplingError
-        If the grid has too few samples for a mask.
     """
     _check_wish(snr, iota, kind)
     window = getattr(system, "grid", None) if grid is None else grid
@@ -229,19 +196,7 @@ def _check_wish(snr: float, iota: float, kind: str) -> None:
 
 
 def object_cutoff(system: Any, wavelength: float) -> float:
-    """Coherent cut-off frequency on the object, D/(2 lam z1), in cycles a metre.
-
-    Parameters
-    ----------
-    system : OpticalSystem, Pupil or camera
-    wavelength : float
-        In metres.
-
-    Raises
-    ------
-    ValueError
-        If the system does not begin with free space and a lens or stop, and has no `Pupil`.
-    """
+    """Coherent cut-off frequency on the object, D/(2 lam z1), in cycles a metre."""
     if isinstance(system, MainLens):
         return float(system.aperture_diameter / (2 * wavelength * system.object_distance))
     z = 0.0
@@ -266,18 +221,6 @@ def check_reach(system: Any, field: Field, light: SpatialModel) -> None:
     Light leaves the object parallel to the axis, or towards the focus of `ConvergingLight`, and
     spreads by the half angle of the source. Only an `OpticalSystem` that begins with free space can
     be judged.
-
-    Parameters
-    ----------
-    system : callable
-    field : Field
-        The object, shape (ny, nx).
-    light : SpatialModel
-
-    Raises
-    ------
-    SamplingError
-        With where the light goes, how far it spreads and what would do.
     """
     opening = _first_opening(system.parts) if isinstance(system, OpticalSystem) else None
     if opening is not None:
@@ -306,18 +249,7 @@ class Opening:
 
 
 def check_opening(field: Field, light: SpatialModel, opening: Opening) -> None:
-    """As `check_reach`, of an opening that is known.
-
-    Parameters
-    ----------
-    field : Field
-    light : SpatialModel
-    opening : Opening
-
-    Raises
-    ------
-    SamplingError
-    """
+    """As `check_reach`, of an opening that is known."""
     angle = light.half_angle(field.wavelength)
     spread = opening.z * math.tan(min(angle, math.pi / 2 * (1 - 1e-9)))
     for axis, name in enumerate("yx"):

@@ -24,16 +24,6 @@ class DegreeEstimator:
     whose coherence is the same everywhere in it. The pairs are summed as power spectra (Wiener and
     Khinchin), in float64; memory is that of one spectrum.
 
-    Parameters
-    ----------
-    grid : Grid
-        Of the snapshots.
-    reach : tuple of int, optional
-        Largest lags (y, x) in samples that will be asked for, by default those that the window
-        holds. The shorter they are, the less a window that is not periodic costs.
-    periodic : bool
-        Whether the window repeats, as that of random phase masks: a lag then wraps around.
-
     Attributes
     ----------
     grid : Grid
@@ -41,11 +31,6 @@ class DegreeEstimator:
     reach : tuple of int
     count : int
         Snapshots so far.
-
-    Raises
-    ------
-    ValueError
-        If a lag is negative, not whole, or beyond the window.
     """
 
     def __init__(
@@ -68,18 +53,7 @@ class DegreeEstimator:
         self._power = np.zeros(lengths)
 
     def add(self, field: Field) -> None:
-        """Take in a snapshot, or each of a batch.
-
-        Parameters
-        ----------
-        field : Field
-            Of the estimator's grid.
-
-        Raises
-        ------
-        ShapeError
-            If its grid is another one.
-        """
+        """Take in a snapshot, or each of a batch."""
         if field.grid != self.grid:
             raise ShapeError(f"The estimator works on {self.grid}, the field is on {field.grid}.")
         for u in field.to_numpy().reshape(-1, *self.grid.shape):
@@ -88,23 +62,7 @@ class DegreeEstimator:
             self.count += 1
 
     def degree(self, dy: ArrayLike, dx: ArrayLike) -> Array:
-        """mu at lags in samples.
-
-        Parameters
-        ----------
-        dy, dx : array_like of int
-            Either sign; broadcast.
-
-        Returns
-        -------
-        numpy.ndarray
-            complex128, 1 at (0, 0).
-
-        Raises
-        ------
-        ValueError
-            If there was no snapshot or no light, or a lag is not whole or beyond the reach.
-        """
+        """mu at lags in samples."""
         rows, columns = _whole(dy, "A lag"), _whole(dx, "A lag")
         for lags, most, name in ((rows, self.reach[0], "y"), (columns, self.reach[1], "x")):
             if (np.abs(lags) > most).any():
@@ -120,19 +78,7 @@ class DegreeEstimator:
         return np.asarray(mean / products[0, 0].real)
 
     def map(self) -> Array:
-        """mu at every lag of the reach, 0 in the middle.
-
-        Returns
-        -------
-        numpy.ndarray
-            complex128; of shape (2 reach_y + 1, 2 reach_x + 1), lags from -reach to reach; of a
-            periodic window of its own shape, lag 0 at sample N//2.
-
-        Raises
-        ------
-        ValueError
-            If there was no snapshot or no light.
-        """
+        """mu at every lag of the reach, 0 in the middle."""
         if self.periodic:
             return np.fft.fftshift(self._products() / self._products()[0, 0].real)
         y, x = (np.arange(-most, most + 1) for most in self.reach)

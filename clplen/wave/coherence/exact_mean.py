@@ -28,13 +28,7 @@ def without_noise(image: Image, grid: Grid, method: str, terms: int) -> MeanInte
 
 
 def weighted(fields: Iterable[Field], shares: list[float]) -> tuple[Image, Grid]:
-    """Sum of the intensities of fields with weights, and the grid that they share.
-
-    Raises
-    ------
-    ShapeError
-        If a field is a batch, or the grids differ.
-    """
+    """Sum of the intensities of fields with weights, and the grid that they share."""
     total = grid = None
     for field, share in zip(fields, shares, strict=True):
         require_image(field)
@@ -53,12 +47,7 @@ def weighted(fields: Iterable[Field], shares: list[float]) -> tuple[Image, Grid]
 
 
 def require_image(field: object) -> None:
-    """Refuse what is no single field.
-
-    Raises
-    ------
-    TypeError, ShapeError
-    """
+    """Refuse what is no single field."""
     if not isinstance(field, Field):
         raise TypeError(f"A system returns a Field, not {type(field).__name__}.")
     if len(field.shape) != 2:
@@ -77,31 +66,7 @@ def sum_over_source(
     *,
     forced: bool,
 ) -> MeanIntensity | None:
-    """The exact mean, wavelength by wavelength.
-
-    Parameters
-    ----------
-    light : SpatialModel
-    system : callable
-    objects : list of Field
-        The object at each wavelength.
-    shares : list of float
-        Of the power.
-    how : Averaging
-        Of the snapshots that it would replace; its region is checked.
-    forced : bool
-        Whether to sum whatever it costs.
-
-    Returns
-    -------
-    MeanIntensity or None
-        None where "auto" would rather have snapshots.
-
-    Raises
-    ------
-    SamplingError
-        If it is forced and the system is not shift-invariant.
-    """
+    """The exact mean, wavelength by wavelength."""
     incoherent, terms, total = isinstance(light, IncoherentLight), 0, None
     for index, (transmission, share) in enumerate(zip(objects, shares, strict=True)):
         transfer = transfer_of(system, transmission.grid, transmission.wavelength)

@@ -36,31 +36,7 @@ class _Blocks(NamedTuple):
 def plane_waves(
     frequencies: Vector, amplitudes: Vector, *, grid: Grid, wavelength: float, device: Device
 ) -> Field:
-    """sum_p a_p exp(2 pi i (fy_p y + fx_p x)).
-
-    Parameters
-    ----------
-    frequencies : numpy.ndarray
-        Shape (points, 2), float64: (fy, fx) in cycles a metre. Along an axis of length 1 nothing
-        varies: there the frequency does not count.
-    amplitudes : numpy.ndarray
-        Shape (points,), complex128.
-    grid : Grid
-        Phases are 0 at its coordinate (0, 0), wherever its samples lie.
-    wavelength : float
-        In metres, of the field returned.
-    device : Device
-
-    Returns
-    -------
-    Field
-        Shape (ny, nx).
-
-    Raises
-    ------
-    ShapeError
-        If the shapes of frequencies and amplitudes do not fit.
-    """
+    """sum_p a_p exp(2 pi i (fy_p y + fx_p x))."""
     points = len(amplitudes)
     if np.shape(frequencies) != (points, 2) or points == 0:
         raise ShapeError(

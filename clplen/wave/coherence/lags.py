@@ -38,15 +38,7 @@ class Lags:
 
     @classmethod
     def of(cls, source: Values, tolerance: float) -> Lags:
-        """The lags of a source: mu(d) = sum_f S(f) exp(2 pi i f d) (van Cittert and Zernike).
-
-        Parameters
-        ----------
-        source : numpy.ndarray
-            S, float64, shape (ny, nx), FFT order.
-        tolerance : float
-            The weakest lags whose abs(mu) add up to at most this are left out.
-        """
+        """The lags of a source: mu(d) = sum_f S(f) exp(2 pi i f d) (van Cittert and Zernike)."""
         ny, nx = source.shape
         mu = np.fft.ifft2(source) * source.size
         row, column = np.divmod(np.arange(source.size), nx)
@@ -73,19 +65,6 @@ def lag_image(field: Field, transfer: Values, lags: Lags) -> Values:
     response, * a circular convolution: the image of the mutual intensity (Goodman 2015, section
     7.2.2) with the displacement as the outer sum. -d gives the conjugate of d. Two transforms a
     pair of displacements; of incoherent light, mu(d) = 0 but for d = 0, two in all.
-
-    Parameters
-    ----------
-    field : Field
-        t, shape (ny, nx).
-    transfer : numpy.ndarray
-        Complex, shape (ny, nx), FFT order.
-    lags : Lags
-
-    Returns
-    -------
-    numpy.ndarray
-        float64, shape (ny, nx).
     """
     device, shape = field.device, field.grid.shape
     h = device.upload(np.fft.ifft2(transfer).astype(device.complex))

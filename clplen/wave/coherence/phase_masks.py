@@ -342,28 +342,7 @@ class RandomPhaseMask:
 
 
 def cells_along(grid: Grid, axis: int, side: float, *, least: int, exactly: bool) -> int:
-    """Cells along an axis of a window, as near as may be to a wanted side; 1 if nothing varies.
-
-    Parameters
-    ----------
-    grid : Grid
-    axis : {0, 1}
-    side : float
-        Of a cell in metres.
-    least : int
-        Cells in a window.
-    exactly : bool
-        Whether a side that does not fit is refused.
-
-    Returns
-    -------
-    int
-
-    Raises
-    ------
-    SamplingError
-        If the window is too coarse for any cell, or this one does not fit.
-    """
+    """Cells along an axis of a window, as near as may be to a wanted side; 1 if nothing varies."""
     n, pitch, name = grid.shape[axis], grid.pitch[axis], "yx"[axis]
     if n == 1:
         return 1
@@ -394,16 +373,6 @@ def hard_limited(mu: ArrayLike) -> Array:
     """Degree of coherence of the phase alone of a circular Gaussian field of degree mu.
 
     (pi/4) mu 2F1(1/2, 1/2; 2; mu^2) (Reed 1962).
-
-    Parameters
-    ----------
-    mu : array_like
-        Real, -1..1.
-
-    Returns
-    -------
-    numpy.ndarray
-        float64.
     """
     from scipy import special  # here, because it takes a third of the package's import time
 

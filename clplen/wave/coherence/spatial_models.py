@@ -23,20 +23,7 @@ LARGEST_INDEX = 2**32 - 1
 
 
 def philox(counters: Any, key: Any) -> Words:
-    """Philox4x32-10: four random words for each counter (Salmon et al. 2011, section 3.3).
-
-    Parameters
-    ----------
-    counters : array_like of uint32
-        Shape (..., 4).
-    key : array_like of uint32
-        Shape (2,).
-
-    Returns
-    -------
-    numpy.ndarray of uint32
-        Shape (..., 4).
-    """
+    """Philox4x32-10: four random words for each counter (Salmon et al. 2011, section 3.3)."""
     words = [np.asarray(counters, np.uint32)[..., i] for i in range(4)]
     keys = np.asarray(key, np.uint32).copy()
     with np.errstate(over="ignore"):
@@ -49,47 +36,20 @@ def philox(counters: Any, key: Any) -> Words:
 
 
 def key_of(seed: int) -> Words:
-    """The key of a seed: its lower and its upper 32 bits.
-
-    Raises
-    ------
-    ValueError
-        If the seed is no whole number from 0 to 2^64 - 1.
-    """
+    """The key of a seed: its lower and its upper 32 bits."""
     check_seed(seed)
     return np.array([seed & 0xFFFFFFFF, int(seed) >> 32], np.uint32)
 
 
 def check_seed(seed: int) -> None:
-    """Refuse what is no whole number from 0 to 2^64 - 1.
-
-    Raises
-    ------
-    ValueError
-    """
+    """Refuse what is no whole number from 0 to 2^64 - 1."""
     whole = isinstance(seed, (int, np.integer)) and not isinstance(seed, bool)
     if not (whole and 0 <= seed <= LARGEST_SEED):
         raise ValueError(f"A seed is a whole number from 0 to 2^64 - 1, not {seed!r}.")
 
 
 def uniform(seed: int, index: int, stream: int, count: int) -> np.ndarray[Any, Any]:
-    """Four independent uniform numbers for each of ``count`` counters.
-
-    Parameters
-    ----------
-    seed : int
-        0 to 2^64 - 1.
-    index : int
-        Of the snapshot, 0 to 2^32 - 1.
-    stream : int
-        Numbers of different streams are independent; 0 is that of the cells of masks.
-    count : int
-
-    Returns
-    -------
-    numpy.ndarray
-        float64 in [0, 1), multiples of 2^-32, shape (count, 4).
-    """
+    """Four independent uniform numbers for each of ``count`` counters."""
     counters = np.zeros((count, 4), np.uint32)
     counters[:, 0] = np.arange(count)
     counters[:, 2], counters[:, 3] = index, stream
@@ -228,17 +188,6 @@ def periodic_power_spectrum(degree: Callable[[Array, Array], Array], grid: Grid)
 
     Wiener and Khinchin (Goodman 2015, section 3.4). What rounding or a degree too long for the
     window makes negative is set to 0.
-
-    Parameters
-    ----------
-    degree : callable
-        Of (dy, dx) in metres.
-    grid : Grid
-
-    Returns
-    -------
-    numpy.ndarray
-        float64, shape (ny, nx), FFT order, sum 1.
     """
     lags = [np.fft.fftfreq(n, 1 / (n * d)) for n, d in zip(grid.shape, grid.pitch, strict=True)]
     mu = degree(lags[0][:, None], lags[1][None, :])

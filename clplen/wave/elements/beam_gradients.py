@@ -183,11 +183,6 @@ def _beam_axis(sums: Complex128Array, waist: float, z: float, a: float, lam: flo
     """Of one axis: gradients with respect to waist, z, centre and direction cosine.
 
     log t = -log(q)/2 + 2 pi i a (s - a z/2)/lam - (s - a z)^2/(w^2 q), q = 1 + i z lam/(pi w^2).
-
-    Parameters
-    ----------
-    sums : numpy.ndarray
-        Of conj(g) t s^j, j = 0, 1, 2.
     """
     k, walk = 2j * math.pi / lam, a * z
     q, by_z = 1 + 1j * z * lam / (math.pi * waist**2), 1j * lam / (math.pi * waist**2)

@@ -15,12 +15,7 @@ NOTHING = 1e-9  # of a cell: rounding of coordinates up to a million cells away
 
 
 def check_edges(edges: str) -> None:
-    """Refuse another word.
-
-    Raises
-    ------
-    ValueError
-    """
+    """Refuse another word."""
     if edges not in EDGES:
         raise ValueError(f"edges is 'samples', 'area' or 'pixels', not {edges!r}.")
 
@@ -33,17 +28,7 @@ def interval_middles(offset: Vector, pitch: float, half: float) -> Vector:
 def disc_middles(
     grid: Grid, radius: float, centre: tuple[float, float], *, inner: float = 0.0
 ) -> Vector:
-    """1 where a sample's middle lies between two circles or on one of them, shape (ny, nx).
-
-    Parameters
-    ----------
-    grid : Grid
-        Along an axis of length 1 nothing varies.
-    radius, inner : float
-        In metres.
-    centre : tuple of float
-        (y, x) in metres.
-    """
+    """1 where a sample's middle lies between two circles or on one of them, shape (ny, nx)."""
     y, x = offsets(grid, centre)
     r, little = np.hypot(y[:, None], x), NOTHING * min(grid.pitch)
     return ((r <= radius + little) & (r >= inner - little)).astype(np.float64)
@@ -53,12 +38,6 @@ def polygon_middles(grid: Grid, vertices: Any) -> Vector:
     """1 where a sample's middle lies in a polygon or on its outline, shape (ny, nx).
 
     A middle is inside if the outline crosses the line from it to the left an odd number of times.
-
-    Parameters
-    ----------
-    grid : Grid
-    vertices : array_like
-        Shape (n, 2), (y, x) in metres; a polygon that does not cross itself.
     """
     (ny, nx), first = grid.shape, np.array([grid.y[0], grid.x[0]])
     corners = (np.asarray(vertices, np.float64) - first) / grid.pitch
@@ -87,11 +66,6 @@ def square_samples(mask: Vector) -> Vector:
     that spectrum up to the Nyquist frequency: the mask convolved with w(k) = (Si(pi (k + 1/2)) -
     Si(pi (k - 1/2)))/pi. Beyond the window the mask goes on as it is at its border. Axes of length
     1 are left as they are.
-
-    Parameters
-    ----------
-    mask : numpy.ndarray
-        float64 or complex128, any number of axes.
     """
     for axis, n in enumerate(mask.shape):
         if n > 1:

@@ -202,14 +202,7 @@ class Glass(OneLine):
 
 
 def index_of(glass: Glass | float, wavelength: float) -> float:
-    """The index of a glass at a wavelength; a number is its own at all.
-
-    Parameters
-    ----------
-    glass : Glass or float
-    wavelength : float
-        In metres.
-    """
+    """The index of a glass at a wavelength; a number is its own at all."""
     return float(glass.index(wavelength)) if isinstance(glass, Glass) else float(glass)
 
 

@@ -172,18 +172,6 @@ def half_plane(distance: Values, width: tuple[float, float]) -> Values:
     """Fraction of a rectangular cell on the lower side of a straight edge.
 
     Seen along the edge a cell is the convolution of two boxes, a trapezoid; this is its integral.
-
-    Parameters
-    ----------
-    distance : numpy.ndarray
-        Of the edge from the centre of the cell, positive if the centre is on the lower side.
-    width : tuple of float
-        Of the two boxes, in the unit of ``distance``: dy abs(sin) and dx abs(cos) of the normal.
-
-    Returns
-    -------
-    numpy.ndarray
-        0..1, shape of ``distance``.
     """
     narrow, wide = sorted(width)
     away = np.abs(distance)

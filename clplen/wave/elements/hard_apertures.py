@@ -32,17 +32,7 @@ def interval_coverage(offset: Vector, pitch: float, half: float) -> Vector:
 
 
 def disc_coverage(grid: Grid, radius: float, centre: tuple[float, float]) -> Vector:
-    """Fraction of each cell inside a disc, shape (ny, nx); only rim cells are integrated.
-
-    Parameters
-    ----------
-    grid : Grid
-        Without an axis of length 1.
-    radius : float
-        In metres; 0 covers nothing.
-    centre : tuple of float
-        (y, x) in metres.
-    """
+    """Fraction of each cell inside a disc, shape (ny, nx); only rim cells are integrated."""
     if radius == 0:
         return np.zeros(grid.shape)
     y, x = (offset / radius for offset in offsets(grid, centre))
@@ -73,17 +63,6 @@ def polygon_coverage(grid: Grid, vertices: Any) -> Vector:
     Every edge is cut at the borders of the cells. A piece of height h along y adds h to all cells
     to its right and, to its own cell, h times the part of the cell that is to its right: running
     sums along x then are the fractions (Green's theorem).
-
-    Parameters
-    ----------
-    grid : Grid
-    vertices : array_like
-        Shape (n, 2), (y, x) in metres, in order, either way round; the last joins the first.
-
-    Raises
-    ------
-    ValueError
-        If the polygon has no area or crosses itself.
     """
     corner = np.array([grid.y[0], grid.x[0]]) - np.array(grid.pitch) / 2
     corners = (np.asarray(vertices, np.float64) - corner) / grid.pitch

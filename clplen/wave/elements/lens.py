@@ -170,18 +170,6 @@ def focal_length_slope(field: Field, before: Field, focal_length: float, form: F
 
     That is conj(t) g = `before`, so that conj(u t) g of `thin_lens_gradient` is conj(u) times it:
     the field u and this one are read once.
-
-    Parameters
-    ----------
-    field, before : Field
-        In front of the lens, and the gradient by it.
-    focal_length, form
-        As of `thin_lens_gradient`.
-
-    Returns
-    -------
-    float
-        Per metre.
     """
     f, lam, (y, x) = focal_length, field.wavelength, offsets(field.grid)
     if form == "paraxial" or math.isinf(f):
@@ -206,25 +194,6 @@ def check_lens_sampling(
 
     Neighbouring samples differ by at most pi up to R_max = lam f/(2 dx), or f q/sqrt(1 - q^2) with
     q = lam/(2 dx) for a stigmatic lens.
-
-    Parameters
-    ----------
-    grid : Grid
-    f : float
-        Focal length in metres.
-    radius : float or None
-        Used radius of the lens in metres; None: the half window.
-    wavelength : float
-        In metres.
-    aliasing : {"raise", "warn", "allow"}
-    form : {"paraxial", "stigmatic"}
-
-    Raises
-    ------
-    SamplingError
-        With R, R_max and the focal length that would do.
-    ValueError
-        If ``aliasing`` or ``form`` is none of the words.
     """
     check_aliasing(aliasing)
     if form not in ("paraxial", "stigmatic"):

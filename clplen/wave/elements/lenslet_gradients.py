@@ -54,23 +54,7 @@ class LensletLattice(Protocol):
 def array_gradient(
     mla: LensletLattice, of_transmission: cla.Array, grid: Grid, wavelength: float, device: Device
 ) -> dict[str, Any]:
-    """Gradient with respect to an array of thin lenslets.
-
-    Parameters
-    ----------
-    mla : LensletLattice
-    of_transmission : pyopencl.array.Array
-        From `transmission_gradient`, of the field in front of the array.
-    grid : Grid
-    wavelength : float
-        In metres.
-    device : Device
-
-    Returns
-    -------
-    dict of str to float or numpy.ndarray
-        As `MicrolensArray.gradient` returns it.
-    """
+    """Gradient with respect to an array of thin lenslets."""
     sums = array_sums(mla, of_transmission, grid, wavelength, device)
     lengths = np.asarray(mla.focal_lengths)[mla.types()]
     cos, sin = math.cos(mla.rotation), math.sin(mla.rotation)
@@ -154,21 +138,7 @@ def _apertures(mla: LensletLattice, grid: Grid, wavelength: float, device: Devic
 
 
 def array_rates(mla: LensletLattice, wavelength: float) -> dict[str, Float64Array]:
-    """How each lenslet changes with the parameters of an array, in terms of lenslet_gradient.cl.
-
-    Parameters
-    ----------
-    mla : LensletLattice
-    wavelength : float
-        In metres.
-
-    Returns
-    -------
-    dict of str to numpy.ndarray
-        "pitch", "diameter", "rotation": shape (1, ny, nx, 7); "offset" (y, x): (2, ny, nx, 7);
-        "focal_lengths": one a kind. `array_gradient` is their sum times the seven sums of each
-        lenslet.
-    """
+    """How each lenslet changes with the parameters of an array, in terms of lenslet_gradient.cl."""
     lengths = np.asarray(mla.focal_lengths)[mla.types()]
     away, pitch = mla.centres() - mla.offset, mla.pitch
     cos, sin = math.cos(mla.rotation), math.sin(mla.rotation)
@@ -198,23 +168,7 @@ def array_rates(mla: LensletLattice, wavelength: float) -> dict[str, Float64Arra
 def array_tangents(
     mla: LensletLattice, rates: Float64Array, grid: Grid, wavelength: float, device: Device
 ) -> cla.Array:
-    """Derivatives of the transmission of an array, the transpose of `array_gradient`.
-
-    Parameters
-    ----------
-    mla : LensletLattice
-    rates : numpy.ndarray
-        As of `array_rates`, shape (n, ny, nx, 7) of the lenslets.
-    grid : Grid
-    wavelength : float
-        In metres.
-    device : Device
-
-    Returns
-    -------
-    pyopencl.array.Array
-        Complex, shape (n, ny, nx) of the grid.
-    """
+    """Derivatives of the transmission of an array, the transpose of `array_gradient`."""
     out = device.zeros((len(rates), *grid.shape), device.complex)
     device.launch_rows(
         device.kernel("lenslet_gradient.cl", "lenslet_tangent", **_defines(mla, device)),
@@ -231,25 +185,7 @@ def array_tangents(
 def lenslet_moments(
     mla: LensletLattice, of_log: cla.Array, grid: Grid, device: Device, order: int
 ) -> Float64Array:
-    """Moments of the gradient with respect to the phase over the samples of each lenslet.
-
-    Parameters
-    ----------
-    mla : LensletLattice
-    of_log : pyopencl.array.Array
-        From `transmission_gradient`, of the field behind the element.
-    grid : Grid
-    device : Device
-    order : int
-        The highest power.
-
-    Returns
-    -------
-    numpy.ndarray
-        float64, shape (rows, columns, order + 1, order + 1): sums times b^i a^k, i + k <= order,
-        with (b, a) from the nearest lenslet's centre along the array's rows and columns, in
-        pitches.
-    """
+    """Moments of the gradient with respect to the phase over the samples of each lenslet."""
     parts = _parts(mla, device)
     power = np.array([(i, k) for i in range(order + 1) for k in range(order + 1 - i)])
     out = device.empty((*mla.count, parts, len(power)), device.real)

@@ -20,16 +20,6 @@ def rim_weights(kept: float, stopped: float) -> Values:
 
     A step, convolved with Kaiser's low-pass filter (Kaiser 1974): frequencies across the rim up to
     ``kept`` stay as they are, those from ``stopped`` on are gone.
-
-    Parameters
-    ----------
-    kept, stopped : float
-        In cycles a sample, ``stopped`` the larger.
-
-    Returns
-    -------
-    numpy.ndarray
-        From 0 to 1, shape (2 RIM RIM_STEPS + 1,); not to be changed.
     """
     stop_db = 14.36 * 2 * RIM * max(stopped - kept, 0.0) + 7.95
     beta = 0.1102 * max(min(stop_db, STOP_DB) - 8.7, 0.0)

@@ -118,11 +118,6 @@ def sampled_picture(
     """The transmission of every sample of a grid behind a picture, as of `transparency`.
 
     It is linear in the picture.
-
-    Raises
-    ------
-    ShapeError, ValueError
-        As `transparency`.
     """
     _check_placed(picture.shape, grid, pitch, centre, edges)
     if pitch is None:

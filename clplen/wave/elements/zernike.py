@@ -84,23 +84,6 @@ def zernike_gradient(n: int, m: int, y: Any, x: Any) -> tuple[Values, Values]:
 
     R = rho^m P(2 rho^2 - 1), P = P_k^(0,m), has R' = m R/rho + 4 rho^(m+1) P'(2 rho^2 - 1), with
     P' = (k + m + 1)/2 P_(k-1)^(1,m+1) (DLMF 18.9.15); rho and theta are then turned into x and y.
-
-    Parameters
-    ----------
-    n, m : int
-        Orders, as in `zernike`.
-    y, x : array_like
-        Place from the centre as a fraction of the radius.
-
-    Returns
-    -------
-    tuple of numpy.ndarray
-        Both float64, of the broadcast shape of ``y`` and ``x``.
-
-    Raises
-    ------
-    ValueError
-        For orders that do not exist.
     """
     zernike(n, m, 0.0, 0.0)
     y, x = np.broadcast_arrays(float64_array(y), float64_array(x))
@@ -129,21 +112,6 @@ def zernike_monomials(n: int, m: int) -> Values:
 
     R_n^m from Noll (1976), eq. 2; rho^2s as (x^2 + y^2)^s, and rho^m cos(m theta) and
     rho^m sin(m theta) as the real and the imaginary part of (x + iy)^m.
-
-    Parameters
-    ----------
-    n, m : int
-        Orders, as in `zernike`.
-
-    Returns
-    -------
-    numpy.ndarray
-        float64, shape (n + 1, n + 1).
-
-    Raises
-    ------
-    ValueError
-        For orders that do not exist.
     """
     zernike(n, m, 0.0, 0.0)
     n, order = int(n), abs(int(m))
@@ -360,16 +328,7 @@ def wavefront(
 def plate_places(
     grid: Grid, diameter: float, centre: tuple[float, float]
 ) -> tuple[Values, Values, Values]:
-    """Which cells reach into the disc of a plate, and (rho, theta) there, where its path is taken.
-
-    Parameters
-    ----------
-    grid : Grid
-    diameter : float
-        Of the disc, in metres.
-    centre : tuple of float
-        (y, x) in metres.
-    """
+    """Return the cells that reach into a plate's disc, and (rho, theta) of their paths."""
     y, x = offsets(grid, centre)
     on_plate = _cells_of_disc(grid, y, x, diameter / 2)
     rows, columns = np.nonzero(on_plate)
@@ -380,13 +339,7 @@ def plate_places(
 def plate_terms(
     coefficients: Mapping[int, float], indexing: Literal["noll", "osa"]
 ) -> dict[tuple[int, int], float]:
-    """Orders (n, m) to metres, of coefficients {index: metres}.
-
-    Raises
-    ------
-    TypeError, ValueError
-        As `phase_plate`.
-    """
+    """Orders (n, m) to metres, of coefficients {index: metres}."""
     if indexing not in ("noll", "osa"):
         raise ValueError(f"indexing is 'noll' or 'osa', not {indexing!r}.")
     if not isinstance(coefficients, Mapping):

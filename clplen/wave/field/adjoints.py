@@ -30,18 +30,7 @@ def pointwise_adjoint(element: Callable[[Field], Field], field: Field) -> Field:
 
 
 def inner_product(a: Field, b: Field) -> complex:
-    """<a, b> = sum conj(a) b over all samples, without their area; sums in float64.
-
-    Parameters
-    ----------
-    a, b : Field
-        Of one shape.
-
-    Raises
-    ------
-    ShapeError
-        If the shapes differ.
-    """
+    """<a, b> = sum conj(a) b over all samples, without their area; sums in float64."""
     require_same_device(a.device, b.device)
     if a.shape != b.shape:
         raise ShapeError(

@@ -263,22 +263,12 @@ class Field(Plottable, OnDevice):
 
 
 def require_field(field: object) -> None:
-    """Refuse what is no field.
-
-    Raises
-    ------
-    TypeError
-    """
+    """Refuse what is no field."""
     require(Field, field, "field", "Field.from_array or plane_wave")
 
 
 def require_grid(grid: object) -> None:
-    """Refuse what is no grid.
-
-    Raises
-    ------
-    TypeError
-    """
+    """Refuse what is no grid."""
     require(Grid, grid, "grid", "Grid(shape, pitch)")
 
 

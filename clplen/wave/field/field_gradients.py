@@ -61,17 +61,7 @@ def polar_gradient(field: Field, cotangent: Field) -> dict[str, Array]:
 
 
 def check_cotangent(field: Any, cotangent: Any) -> None:
-    """Refuse a cotangent that is no field of the shape and on the device of a field.
-
-    Raises
-    ------
-    TypeError
-        If one of them is no field.
-    ShapeError
-        If the shapes differ.
-    DeviceError
-        If they live on two devices.
-    """
+    """Refuse a cotangent that is no field of the shape and on the device of a field."""
     require_field(field)
     require(Field, cotangent, "cotangent", "Field.from_array")
     require_same_device(field.device, cotangent.device)
@@ -82,26 +72,7 @@ def check_cotangent(field: Any, cotangent: Any) -> None:
 
 
 def transmission_gradient(field: Field, cotangent: Field) -> cla.Array:
-    """Gradient with respect to what multiplies a field: the sum of conj(u) g over a batch.
-
-    Parameters
-    ----------
-    field : Field
-        In front of the element; behind it, the result is conj(t) times the gradient, of which
-        Re and Im are those with respect to the logarithm of the amplitude and to the phase.
-    cotangent : Field
-        Of the field behind the element, of the shape of ``field``.
-
-    Returns
-    -------
-    pyopencl.array.Array
-        Complex, shape (ny, nx).
-
-    Raises
-    ------
-    TypeError, ShapeError, DeviceError
-        As `check_cotangent`.
-    """
+    """Gradient with respect to what multiplies a field: the sum of conj(u) g over a batch."""
     check_cotangent(field, cotangent)
     device, (ny, nx) = field.device, field.grid.shape
     out = device.empty((ny, nx), device.complex)
@@ -119,24 +90,7 @@ def transmission_gradient(field: Field, cotangent: Field) -> cla.Array:
 
 
 def log_moments(behind: Field, cotangent: Field, y: Array, x: Array, order: int = 2) -> Array:
-    """Moments of the gradient with respect to the logarithm of a transmission.
-
-    Parameters
-    ----------
-    behind : Field
-        The field behind the element.
-    cotangent : Field
-        Of this field.
-    y, x : numpy.ndarray
-        Places of the samples in metres, shapes (ny,) and (nx,).
-    order : int
-        The highest power.
-
-    Returns
-    -------
-    numpy.ndarray
-        complex128, shape (order + 1, order + 1): sums of conj(u t) g y^j x^k.
-    """
+    """Moments of the gradient with respect to the logarithm of a transmission."""
     check_cotangent(behind, cotangent)
     device, (ny, nx) = behind.device, behind.grid.shape
     unit = float(np.abs(x).max()) or 1.0

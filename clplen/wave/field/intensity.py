@@ -30,13 +30,7 @@ class Window:
 
     @classmethod
     def of(cls, region: Region | None, shape: tuple[int, int]) -> Window:
-        """The pixels of a region, (rows, columns) as slices; None: all.
-
-        Raises
-        ------
-        ValueError
-            If the region is no pair of slices without steps, or holds no pixel.
-        """
+        """The pixels of a region, (rows, columns) as slices; None: all."""
         parts = (slice(None), slice(None)) if region is None else region
         pair = isinstance(parts, tuple) and [type(part) for part in parts] == [slice, slice]
         if not pair or any(part.step not in (None, 1) for part in parts):
@@ -50,18 +44,7 @@ class Window:
 
 
 def accumulate(total: cla.Array, fields: cla.Array, weights: Any, device: Device) -> None:
-    """total[y, x] += sum_b weights[b] abs(fields[b, y, x])^2, on the device.
-
-    Parameters
-    ----------
-    total : pyopencl.array.Array
-        Real, shape (ny, nx).
-    fields : pyopencl.array.Array
-        Complex, shape (n, ny, nx), or (ny, nx) for n = 1.
-    weights : array_like
-        Shape (n,).
-    device : Device
-    """
+    """total[y, x] += sum_b weights[b] abs(fields[b, y, x])^2, on the device."""
     ny, nx = total.shape
     factors = np.atleast_1d(np.asarray(weights, device.real))
     kernel = device.kernel("intensity.cl", "accumulate", **device.wave_defines())
@@ -80,12 +63,6 @@ def add_scaled(total: cla.Array, picture: cla.Array, weight: float, device: Devi
 
 class Statistics:
     """Mean and variance of snapshots' intensities, pixel by pixel (Welford 1962).
-
-    Parameters
-    ----------
-    shape : tuple of int
-        (ny, nx).
-    device : Device
 
     Attributes
     ----------
@@ -239,26 +216,14 @@ AVERAGING = ("snapshots", "rtol", "region", "checkpoint", "progress", "method")
 def check_averaging(
     averaging: dict[str, Any], coherence: Any, function: Callable[..., Any], what: str
 ) -> None:
-    """Refuse keywords beside those of a function and of `Coherence.average`.
-
-    Raises
-    ------
-    TypeError
-        For an unknown keyword, and for those of an average without ``coherence``.
-    """
+    """Refuse keywords beside those of a function and of `Coherence.average`."""
     check_keywords(averaging, dict.fromkeys((*keywords_of(function), *AVERAGING)), what)
     if averaging and coherence is None:
         raise TypeError(f"{', '.join(averaging)} belong to an average: give coherence= too.")
 
 
 def average_of(coherence: Any) -> Callable[..., Any]:
-    """`Coherence.average` of what was given for one.
-
-    Raises
-    ------
-    TypeError
-        If it is no `Coherence`.
-    """
+    """`Coherence.average` of what was given for one."""
     average = getattr(coherence, "average", None)
     if average is None or isinstance(coherence, type):
         raise TypeError(

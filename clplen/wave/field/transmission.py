@@ -105,25 +105,6 @@ def multiply_sphere(
 
     r - abs(z) = rho^2/(2 abs(z)) - (r - abs(z))^2/(2 abs(z)): a product of 1-D tables, made in
     double, times a residual in turns.
-
-    Parameters
-    ----------
-    field : Field
-    z : float
-        In metres, not 0 and finite; positive: light from a point before the plane, negative: to a
-        point behind it.
-    centre : tuple of float
-        Foot (y, x) of the point in metres.
-    fades : bool
-        Whether the amplitude is 1/r, else 1.
-    out : pyopencl.array.Array, optional
-        Where the samples go; it may be the field's own data.
-    phase : {"tables", "fp64", "twofloat"}
-        How the phase is formed.
-
-    Returns
-    -------
-    Field
     """
     device, (ny, nx) = field.device, field.grid.shape
     if out is None:

@@ -177,12 +177,6 @@ def guarded_band(span: AxisSpan, guard: float = GUARD) -> Band:
     Each end of the band of geometric optics (Matsushima and Shimobaba 2009, eq. 13, for the true
     windows) is widened by ``guard`` Fresnel widths. The window keeps the aliases of the output,
     one window apart, clear of it. Where evanescent waves count the band is all that is sampled.
-
-    Parameters
-    ----------
-    span : AxisSpan
-    guard : float
-        In Fresnel widths; 0: a hard edge at the geometric limit.
     """
     spread = math.sqrt(span.wavelength * abs(span.z))
     cap = 4 * (span.lit + span.wanted + abs(span.offset)) + 2 * (guard + WINDOW_GUARD) * spread
@@ -218,13 +212,6 @@ def blas_limit(n: int, d: float, z: float, wavelength: float) -> float:
     """Band limit of one axis in cycles a metre, infinite where n = 1 or z = 0.
 
     1/(lam sqrt((2 df z)^2 + 1)), df = 1/(n d): Matsushima and Shimobaba (2009), eq. 13.
-
-    Parameters
-    ----------
-    n : int
-        Samples of the padded window.
-    d, z, wavelength : float
-        In metres.
     """
     if n == 1 or z == 0:
         return math.inf
@@ -237,13 +224,6 @@ def fully_sampled_distance(n: int, d: float, wavelength: float) -> float:
     z tan(asin(lam f_nyq)) <= W/2: the steepest phase of H then changes by at most pi a sample. On
     samples below lam/2 grazing waves are never sampled, but up to three wavelengths evanescent
     waves, which a band limit would drop, matter more: there it is 3 lam.
-
-    Parameters
-    ----------
-    n : int
-        Samples of the padded window.
-    d, wavelength : float
-        In metres.
     """
     sine = wavelength / (2 * d)
     if n == 1:

@@ -58,13 +58,6 @@ class Request:
         (y, x) widths that carry light, centred on the grid, in metres; None: the whole window.
     lens : float or None
         Focal length of a thin lens right before a fresnel-1fft, in metres.
-
-    Raises
-    ------
-    ValueError
-        For an unknown method or a number outside its range.
-    SamplingError
-        For an output grid that the method cannot give.
     """
 
     grid: Grid

@@ -19,18 +19,7 @@ LARGEST_HANKEL = 1e8  # argument; above, two terms of the asymptotic series are 
 def multiply_transfer_slope(
     H: cla.Array, frequencies: tuple[Array, Array], wavelength: float, device: Device
 ) -> None:
-    """Transfer functions times the derivative of their logarithm by z, in place.
-
-    Parameters
-    ----------
-    H : pyopencl.array.Array
-        Complex, shape (my, mx).
-    frequencies : tuple of numpy.ndarray
-        Along y and x, in cycles a metre.
-    wavelength : float
-        In metres.
-    device : Device
-    """
+    """Transfer functions times the derivative of their logarithm by z, in place."""
     fy, fx = frequencies
     squares = [device.upload(split((wavelength * f) ** 2, device.real)) for f in (fx, fy)]
     kernel = device.kernel("transfer_slope.cl", "transfer_slope", **device.wave_defines())
@@ -45,16 +34,6 @@ def multiply_kernel_slope(
 
     Of h = z/(2 pi r^2) (1/r - ik) exp(ik(r - z)), in place; of line sources,
     h = (i k z/(2 r)) H1(k r) exp(-ikz).
-
-    Parameters
-    ----------
-    h : pyopencl.array.Array
-        Complex, shape (my, mx).
-    y, x : numpy.ndarray or None
-        Displacements in metres; None: nothing varies along the axis.
-    z, wavelength : float
-        In metres; a negative distance has the conjugate of -z.
-    device : Device
     """
     far, k = abs(z), 2 * np.pi / wavelength
     rho2 = sum(

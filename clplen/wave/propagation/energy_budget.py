@@ -48,21 +48,7 @@ class Energy:
 
 
 def energy_budget(field: Field, description: Description, phase: str) -> Energy:
-    """Each part computed by itself.
-
-    Parameters
-    ----------
-    field : Field
-        Shape (..., ny, nx); a batch is added up.
-    description : Description
-    phase : str
-        How the phase of its factor is formed.
-
-    Raises
-    ------
-    SamplingError
-        If the sum is not done, and cannot be, by FFTs of a window of the field's own samples.
-    """
+    """Each part computed by itself."""
     device, grid = field.device, field.grid
     description = _by_fft(description)
     if description.factor is None:

@@ -68,13 +68,7 @@ GRAZING = "waves that graze the plane leave every window"
 
 
 def describe(r: Request) -> Description:
-    """How a request is done: everything but the device.
-
-    Raises
-    ------
-    SamplingError
-        For fresnel-1fft at z = 0 or with another output pitch.
-    """
+    """How a request is done: everything but the device."""
     if r.z == 0 and r.target == r.grid and r.method != "fresnel-1fft":
         return _identity(r)
     return automatic(r) if r.method == "auto" else _METHODS[r.method](r)
@@ -146,13 +140,7 @@ def _band_flops(r: Request, bands: list[Band], counts: list[int]) -> float:
 
 
 def rayleigh_sommerfeld_in_one_step(r: Request) -> Description:
-    """The sum over samples by a chirp-z transform between chirps, and a series for the rest.
-
-    Raises
-    ------
-    SamplingError
-        At z = 0.
-    """
+    """The sum over samples by a chirp-z transform between chirps, and a series for the rest."""
     if r.z == 0:
         raise SamplingError(
             "one-step is for a distance z other than 0: use method='auto' to sample a field anew."

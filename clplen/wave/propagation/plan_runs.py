@@ -38,19 +38,7 @@ class Plan(Protocol):
 
 
 def run_plans(field: Field, plans: Sequence[Plan]) -> list[Field]:
-    """A field by several plans; those that begin with the same transform share it.
-
-    Parameters
-    ----------
-    field : Field
-        On the grid of all plans.
-    plans : sequence of Propagator
-
-    Returns
-    -------
-    list of Field
-        One a plan, in their order.
-    """
+    """A field by several plans; those that begin with the same transform share it."""
     groups: dict[Any, list[int]] = {}
     for index, plan in enumerate(plans):
         into, shares = plan.description.into, plan.description.kind == "fft"
@@ -106,12 +94,7 @@ def sum_of_ways(data: cla.Array, ways: Sequence[Way], device: Device) -> cla.Arr
 
 
 def require_memory(batch: tuple[int, ...], plans: Sequence[Plan]) -> None:
-    """Refuse a batch of fields that does not fit the device.
-
-    Raises
-    ------
-    DeviceError
-    """
+    """Refuse a batch of fields that does not fit the device."""
     first, device = plans[0].description, plans[0].device
     count = math.prod(batch)
     out = max(math.prod(first.out_grid.shape), math.prod(first.request.grid.shape))

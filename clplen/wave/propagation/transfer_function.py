@@ -56,35 +56,6 @@ def impulse_response(
     the carrier exp(ikz). An axis of length 1 is one along which nothing varies: line sources,
     h = (i k z/(2 r)) H1(k r) exp(-ikz), H1 the Hankel function of the first kind and order 1.
 
-    Parameters
-    ----------
-    shape : tuple of int
-        (Ly, Lx) of the window, at least 1. Index j of an axis is the displacement j for
-        j < (L + 1)//2, else j - L, so that the FFT is the transfer function.
-    pitch : tuple of float
-        (dy, dx) in metres.
-    z : float
-        In metres, not 0; a negative distance gives the conjugate of h(-z).
-    wavelength : float
-        In metres.
-    device : Device
-    phase : {"tables", "fp64", "twofloat"}
-        How the phase is formed. Line sources are made on the host in float64 whatever it is.
-    slope : bool
-        The derivative by z in place of h, per metre.
-
-    Returns
-    -------
-    pyopencl.array.Array
-        Complex, shape (Ly, Lx); dimensionless; 1 where both axes have length 1.
-
-    Raises
-    ------
-    ValueError
-        If z is 0 or not finite, or the device cannot form the phase so.
-    DeviceError
-        If the window does not fit the device.
-
     Notes
     -----
     The samples are those of a continuous kernel while sin(theta)/lam at the largest displacement X
@@ -120,25 +91,7 @@ def kernel_samples(
     device: Device,
     phase: str,
 ) -> cla.Array:
-    """h at any displacements, times the sample area; see `impulse_response`.
-
-    Parameters
-    ----------
-    y, x : numpy.ndarray or None
-        Displacements in metres, float64, shapes (my,) and (mx,). None: nothing varies along the
-        axis, which then has one sample.
-    pitch : tuple of float
-        (dy, dx) of the area in metres.
-    z, wavelength : float
-        In metres.
-    device : Device
-    phase : {"tables", "fp64", "twofloat"}
-
-    Returns
-    -------
-    pyopencl.array.Array
-        Complex, shape (my, mx).
-    """
+    """h at any displacements, times the sample area; see `impulse_response`."""
     if y is None or x is None:
         line = line_samples(y, x, pitch, abs(z), wavelength)
         return device.upload((line if z > 0 else line.conj()).astype(device.complex))
@@ -296,13 +249,7 @@ class Transfer:
         return abs(self.z) / self.wavelength * q * q / 2
 
     def on_device(self, device: Device, phase: str) -> Spectrum:
-        """The samples on a device.
-
-        Parameters
-        ----------
-        device : Device
-        phase : {"tables", "fp64", "twofloat"}
-        """
+        """The samples on a device."""
         (fy, fx), (wy, wx) = self.frequencies, self.weights
         tables = [phasor(-self.wavelength * self.z * f**2 / 2, device.complex) for f in (fx, fy)]
         squares = [split((self.wavelength * f) ** 2, device.real) for f in (fx, fy)]
@@ -372,13 +319,7 @@ class Sommerfeld:
         return kernel_residual_turns(self.shape, self.pitch, self.z, self.wavelength)
 
     def on_device(self, device: Device, phase: str) -> Spectrum:
-        """The transform of the kernel's samples on a device.
-
-        Parameters
-        ----------
-        device : Device
-        phase : {"tables", "fp64", "twofloat"}
-        """
+        """The transform of the kernel's samples on a device."""
         h = impulse_response(
             self.shape, self.pitch, self.z, self.wavelength, device, phase, slope=self.is_slope
         )
@@ -391,14 +332,7 @@ class Sommerfeld:
 
 
 def factor_on_device(factor: Factor, device: Device, phase: str) -> Spectrum:
-    """A factor's samples in the order in which `run` of blocks.py reads them on a device.
-
-    Parameters
-    ----------
-    factor : Factor
-    device : Device
-    phase : {"tables", "fp64", "twofloat"}
-    """
+    """A factor's samples in the order in which `run` of blocks.py reads them on a device."""
     if device.fft.name == "vkfft":
         return factor.on_device(device, phase)
     values = factor.turned().on_device(device, phase).values

@@ -87,12 +87,6 @@ def kernel_axis(span: AxisSpan, limit: float) -> KernelAxis:
     either side. That smooths the spectrum over frequencies d with T d = 2 k^2/pi, k = `STEEPNESS`,
     where exp(-(pi T d/(2 k))^2) = exp(-k^2). T and d share the cost evenly: (w + 2 T)(F + d), w the
     width that is wanted, F the highest frequency.
-
-    Parameters
-    ----------
-    span : AxisSpan
-    limit : float
-        Frequencies beyond it are left out, in cycles a metre; infinite: none.
     """
     if span.n == 1:
         still = np.zeros(1)
@@ -147,13 +141,7 @@ class WindowedKernel:
         return residual_turns(sum(axis.farthest**2 for axis in self.axes), self.z, self.wavelength)
 
     def on_device(self, device: Device, phase: str) -> Spectrum:
-        """The spectrum on a device, rising frequencies.
-
-        Parameters
-        ----------
-        device : Device
-        phase : {"tables", "fp64", "twofloat"}
-        """
+        """The spectrum on a device, rising frequencies."""
         y, x = self.axes
         pitch = (y.width / y.displacements.size, x.width / x.displacements.size)
         dy, dx = (None if axis.is_still else axis.displacements for axis in self.axes)

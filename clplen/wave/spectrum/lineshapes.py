@@ -65,14 +65,7 @@ class Shape(Protocol):
 
 @dataclass(frozen=True)
 class Lines:
-    """Gaussian lines; sharp ones, where the widths are 0.
-
-    Parameters
-    ----------
-    centres, widths, powers : tuple of float
-        Frequency and FWHM of each line in Hz, its share of the power (sum 1). The widths are
-        all positive or all 0.
-    """
+    """Gaussian lines; sharp ones, where the widths are 0."""
 
     centres: tuple[float, ...]
     widths: tuple[float, ...]
@@ -183,15 +176,7 @@ class Rectangle:
 
 @dataclass(frozen=True)
 class Table:
-    """Density per wavelength, linear between its points and 0 outside.
-
-    Parameters
-    ----------
-    wavelengths : tuple of float
-        In metres, rising.
-    values : tuple of float
-        At least 0, in any unit.
-    """
+    """Density per wavelength, linear between its points and 0 outside."""
 
     wavelengths: tuple[float, ...]
     values: tuple[float, ...]

@@ -169,13 +169,7 @@ class SpectralDistribution(OneLine):
         return np.asarray(np.interp(lam, self.wavelengths, self.values, left=0.0, right=0.0))
 
     def __mul__(self, other: SpectralDistribution | float) -> SpectralDistribution:
-        """This times another curve, at the points of both, or times a number above 0.
-
-        Raises
-        ------
-        ValueError
-            If the two curves have no wavelength in common, or the number is not above 0.
-        """
+        """This times another curve, at the points of both, or times a number above 0."""
         if isinstance(other, SpectralDistribution):
             low = max(self.wavelengths[0], other.wavelengths[0])
             high = min(self.wavelengths[-1], other.wavelengths[-1])
@@ -198,13 +192,7 @@ class SpectralDistribution(OneLine):
 
 
 def as_spectrum(light: Any, what: str) -> Spectrum:
-    """A spectrum, from itself or from a curve.
-
-    Raises
-    ------
-    TypeError
-        If it is neither.
-    """
+    """A spectrum, from itself or from a curve."""
     if isinstance(light, SpectralDistribution):
         return light.spectrum
     if isinstance(light, Spectrum):

@@ -45,20 +45,7 @@ class Signal:
 
     @classmethod
     def of(cls, spectra: Sequence[Spectrum], response: Response, knots: Sequence[float]) -> Signal:
-        """From spectra, and the signal of filters for a unit of energy.
-
-        Parameters
-        ----------
-        spectra : sequence of Spectrum
-        response : callable
-            Wavelengths in metres, shape (m,), to signals, shape (m, filters).
-        knots : sequence of float
-            Wavelengths in metres between which the response is smooth.
-
-        Returns
-        -------
-        Signal
-        """
+        """From spectra, and the signal of filters for a unit of energy."""
         smooth = [s for s in spectra if _sharp_lines(s) is None]
         nu, steps = _places(smooth, knots) if smooth else (np.zeros(0), np.zeros(0))
         lines = [one for one in map(_sharp_lines, spectra) if one is not None]
@@ -82,19 +69,7 @@ class Signal:
         return np.asarray(self.masses.sum(axis=0))
 
     def rule(self, n: int) -> tuple[Vector, Vector]:
-        """Wavelengths and weights.
-
-        Parameters
-        ----------
-        n : int
-            How many wavelengths at most; fewer where the light has fewer lines.
-
-        Returns
-        -------
-        numpy.ndarray, numpy.ndarray
-            Wavelengths in metres, falling, shape (n,); weights, shape (n, spectra, filters), whose
-            sums are `totals`. Some may be below 0.
-        """
+        """Wavelengths and weights."""
         nu, masses = self._lit
         total = masses.sum(axis=(1, 2))
         middle, half = (nu[0] + nu[-1]) / 2, max((nu[-1] - nu[0]) / 2, nu[0] * 1e-12)

@@ -59,12 +59,7 @@ def daylight() -> tuple[Vector, Vector]:
 
 
 def check_wavelength(value: object) -> float:
-    """Refuse what is no wavelength of light in metres.
-
-    Raises
-    ------
-    ValueError
-    """
+    """Refuse what is no wavelength of light in metres."""
     fault = _no_wavelength(value)
     if fault:
         raise ValueError(fault)
@@ -72,12 +67,7 @@ def check_wavelength(value: object) -> float:
 
 
 def check_width(width: object, wavelength: float, what: str) -> float:
-    """Refuse a width that is not positive, or comes within a factor of 2 of the wavelength.
-
-    Raises
-    ------
-    ValueError
-    """
+    """Refuse a width that is not positive, or comes within a factor of 2 of the wavelength."""
     if not (is_finite(width) and 0 < width < wavelength / 2):  # type: ignore[operator]
         raise ValueError(
             f"{what} is positive and below half the wavelength, in metres, that is below "
@@ -87,12 +77,7 @@ def check_width(width: object, wavelength: float, what: str) -> float:
 
 
 def check_table(wavelengths: Any, values: Any) -> tuple[Vector, Vector]:
-    """A density over rising wavelengths, without the dark points at its ends.
-
-    Raises
-    ------
-    ValueError
-    """
+    """A density over rising wavelengths, without the dark points at its ends."""
     lam, density = (np.array(real_array(a, "A spectrum", float)) for a in (wavelengths, values))
     if lam.ndim != 1 or lam.shape != density.shape:
         raise ValueError(
@@ -109,36 +94,21 @@ def check_table(wavelengths: Any, values: Any) -> tuple[Vector, Vector]:
 
 
 def check_count(n: object) -> int:
-    """Refuse what is no number of samples.
-
-    Raises
-    ------
-    ValueError
-    """
+    """Refuse what is no number of samples."""
     if not is_integer(n) or n < 1:  # type: ignore[operator]
         raise ValueError(f"A number of samples is a whole number, at least 1, not {n!r}.")
     return int(n)  # type: ignore[call-overload]
 
 
 def check_path(path: object) -> float:
-    """Refuse what is no path difference.
-
-    Raises
-    ------
-    ValueError
-    """
+    """Refuse what is no path difference."""
     if not is_finite(path) or path < 0:  # type: ignore[operator]
         raise ValueError(f"A path difference is a length in metres, at least 0, not {path!r}.")
     return float(path)  # type: ignore[arg-type]
 
 
 def check_powers(wavelengths: Any, powers: Any) -> tuple[list[float], list[float]]:
-    """Wavelengths and powers, sum 1, of the lines that have any.
-
-    Raises
-    ------
-    ValueError
-    """
+    """Wavelengths and powers, sum 1, of the lines that have any."""
     lam, power = (np.array(real_array(a, "A spectrum", float)) for a in (wavelengths, powers))
     if lam.ndim != 1 or lam.shape != power.shape or not lam.size:
         raise ValueError(
@@ -191,12 +161,7 @@ def _meant(value: object) -> str:
 
 
 def read_table(path: str | os.PathLike[str], unit: str | None) -> tuple[Vector, Vector]:
-    """Wavelengths in metres and density from a file; see `Spectrum.read`.
-
-    Raises
-    ------
-    ValueError, FormatError
-    """
+    """Wavelengths in metres and density from a file; see `Spectrum.read`."""
     if unit is not None and unit not in UNITS:
         raise ValueError(f"The unit of the wavelengths is 'm', 'um', 'nm' or None, not {unit!r}.")
     path = Path(path)

@@ -407,13 +407,7 @@ def text_of(part: Part) -> str:
 
 
 def require_positive(what: str, value: float) -> None:
-    """Refuse a length that is not positive and finite.
-
-    Raises
-    ------
-    ValueError
-        With the name of the length.
-    """
+    """Refuse a length that is not positive and finite."""
     if not (is_finite(value) and value > 0):
         raise ValueError(f"{what} is positive, in metres, not {value!r}.")
 

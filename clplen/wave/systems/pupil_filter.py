@@ -183,18 +183,6 @@ def transfer_of(system: Any, grid: Grid, wavelength: float) -> Values | None:
     """The transfer function of a system all of whose parts are periodic filters of frequencies.
 
     Those are `Pupil` and `Space` with method "as" or "blas", pad 1 and no other output grid.
-
-    Parameters
-    ----------
-    system : OpticalSystem or Part
-    grid : Grid
-    wavelength : float
-        In metres.
-
-    Returns
-    -------
-    numpy.ndarray or None
-        complex128, shape (ny, nx), FFT order; None when some part is no such filter.
     """
     H = np.ones(grid.shape, np.complex128)
     if isinstance(system, FreeSpace) and system.is_plain:
@@ -318,12 +306,7 @@ def incoherent_edge(x_fc: Any, *, shape: Rim = "circular") -> Values:
 
 
 def require_shape(shape: str, known: tuple[str, ...]) -> None:
-    """Refuse another shape of pupil.
-
-    Raises
-    ------
-    ValueError
-    """
+    """Refuse another shape of pupil."""
     if shape not in known:
         raise ValueError(f"The shape of a pupil is one of {', '.join(known)}, not {shape!r}.")
 
