@@ -10,7 +10,9 @@ section III.E).
 
 from __future__ import annotations
 
+import errno
 import mmap
+import os
 import struct
 from collections.abc import Iterator
 from pathlib import Path
@@ -85,13 +87,28 @@ def _text(name: Any) -> str:
 def require_heaps(path: Path) -> None:
     """Refuse a file with a collection whose objects do not come to an end."""
     with path.open("rb") as file, mmap.mmap(file.fileno(), 0, access=mmap.ACCESS_READ) as content:
-        start = content.find(_START)
-        while start >= 0:
-            if _is_endless(content, start):
-                raise FormatError(
-                    f"{path}: the texts at byte {start:,} are damaged: copy or write it again."
-                )
-            start = content.find(_START, start + 1)
+        for first, end in _stored(file.fileno(), len(content)):
+            start = content.find(_START, first, end)
+            while start >= 0:
+                if _is_endless(content, start):
+                    raise FormatError(
+                        f"{path}: the texts at byte {start:,} are damaged: copy or write it again."
+                    )
+                start = content.find(_START, start + 1, end)
+
+
+def _stored(descriptor: int, size: int) -> Iterator[tuple[int, int]]:
+    """First and last byte of what a file stores, without its holes, which hold zeros."""
+    end = 0
+    while end < size:
+        try:
+            start = os.lseek(descriptor, end, os.SEEK_DATA)
+            end = os.lseek(descriptor, start, os.SEEK_HOLE)
+        except (AttributeError, OSError) as error:  # unknown to the system; only a hole is left
+            if getattr(error, "errno", None) == errno.ENXIO:
+                return
+            start, end = end, size
+        yield start, min(end + len(_START), size)  # zeros of a mark may lie in a hole
 
 
 def _is_endless(content: mmap.mmap, start: int) -> bool:

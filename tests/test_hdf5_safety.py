@@ -37,6 +37,22 @@ def test_heaps_that_are_cut_off_end_themselves(tmp_path: Path):
         require_heaps(path)
 
 
+def test_heaps_before_and_behind_a_hole(tmp_path: Path):
+    path, mark = tmp_path / "a.h5", b"GCOL\1\0\0\0"
+    size = 4096 - len(mark) + 3  # three zeros of the mark begin the hole, where they are not stored
+    for place, heap in ((size, mark.rstrip(b"\0")), (1 << 30, mark + b"\x30" + bytes(39))):
+        with path.open("wb") as file:
+            file.seek(place)
+            file.write(heap)
+            file.truncate((1 << 30) + 64)
+        with path.open("rb") as file:
+            (first, end), *rest = hdf5_safety._stored(file.fileno(), path.stat().st_size)
+        assert first <= place < place + len(mark) <= max([end, *(last for _, last in rest)])
+        if place > size:
+            with pytest.raises(FormatError, match=f"byte {place:,} are damaged"):
+                require_heaps(path)
+
+
 def test_groups_that_are_too_deep_or_too_many(
     tmp_path: Path, device: Device, monkeypatch: pytest.MonkeyPatch
 ):

@@ -68,12 +68,10 @@ def contents(file: h5py.File) -> str:
 def attributes_of(item: Any, names: Iterable[str], path: Path) -> dict[str, Any]:
     """Return some attributes of a dataset or group as plain Python, without missing ones."""
     found = {}
-    for name in names:
-        if name not in item.attrs:
-            continue
-        attribute = item.attrs.get_id(name)
-        if _is_variable(attribute.get_type()):
-            require_heaps(path)
+    stored = {name: item.attrs.get_id(name) for name in names if name in item.attrs}
+    if any(_is_variable(attribute.get_type()) for attribute in stored.values()):
+        require_heaps(path)
+    for name, attribute in stored.items():
         size = attribute.get_storage_size()
         if size > _ATTRIBUTE:
             raise FormatError(
