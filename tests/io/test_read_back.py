@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from pathlib import Path
 
+import h5py
 import numpy as np
 import pytest
 
@@ -117,6 +118,12 @@ def test_a_truth(tmp_path: Path, has_z: bool):
     assert found.masks.keys() == truth.masks.keys()
     for name, mask in truth.masks.items():
         np.testing.assert_array_equal(found.masks[name], mask)
+    for wrong in (2.0**31, np.nan):
+        with h5py.File(tmp_path / "a.h5", "a") as file:
+            del file["surface"]
+            file["surface"] = np.full((7, 5), wrong)
+        with pytest.raises(FormatError, match=r"a\.h5 is damaged"):
+            read_scene_truth(tmp_path / "a.h5")
 
 
 @pytest.mark.parametrize("coloured", [True, False])

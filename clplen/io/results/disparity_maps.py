@@ -147,6 +147,8 @@ def read_scene_truth(path: PathLike, *, max_bytes: int | None = None) -> Truth:
     differing = {values.shape for values in (disparity, surface, z, *masks.values())}
     if len(differing) > 1:
         raise FormatError(f"{path} holds maps of the shapes {sorted(differing)}, not of one.")
+    if not (np.abs(surface) < 2.0**31).all():  # NaN is not below either
+        raise FormatError(f"{path} is damaged: its surfaces are no numbers of 32 bits.")
     return Truth(disparity, z, surface.astype(np.int32), masks)
 
 
