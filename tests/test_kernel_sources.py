@@ -80,8 +80,8 @@ from clplen.wave.systems.pupil_filter import Pupil
 
 TESTS = Path(__file__).parent
 FOLDER = TESTS.parent / "kernels"
-FILES = sorted(file.name for file in FOLDER.glob("*.cl"))
-SOURCES = {name: (FOLDER / name).read_text() for name in FILES}
+SOURCES = {file.name: file.read_text() for file in sorted(FOLDER.rglob("*.cl"))}
+FILES = list(SOURCES)
 WAVELENGTH = 532e-9
 
 COMMENT = re.compile(r"/\*.*?\*/|//[^\n]*", re.DOTALL)

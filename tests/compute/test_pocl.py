@@ -481,6 +481,7 @@ def test_names_are_tried_in_this_order(present: str, flags: str, names: list[str
 # What is tried
 
 KERNELS = Path(__file__).parents[2] / "kernels"
+BUILTINS = KERNELS / "common" / "builtins.cl"
 COMMENT = re.compile(r"/\*.*?\*/|//[^\n]*", re.DOTALL)
 # Built-in functions of OpenCL C 1.2 (6.12): work-items and barriers are part of every kernel.
 BUILT_IN = re.compile(
@@ -510,10 +511,10 @@ def called(source: str) -> set[str]:
 
 
 def test_every_built_in_function_of_the_kernels_is_tried() -> None:
-    tried = called((KERNELS / "builtins.cl").read_text()) | set(
-        re.findall(r"\b(?:convert_\w+|vload_half\d*)\b", (KERNELS / "builtins.cl").read_text())
+    tried = called(BUILTINS.read_text()) | set(
+        re.findall(r"\b(?:convert_\w+|vload_half\d*)\b", BUILTINS.read_text())
     )
-    others = {f.name: called(f.read_text()) for f in KERNELS.glob("*.cl") if f.stem != "builtins"}
+    others = {f.name: called(f.read_text()) for f in KERNELS.rglob("*.cl") if f.stem != "builtins"}
     missing = {name: sorted(names - tried) for name, names in others.items() if names - tried}
     assert not missing
     assert len(set().union(*others.values())) > 25, "the pattern finds what is called"
@@ -521,9 +522,9 @@ def test_every_built_in_function_of_the_kernels_is_tried() -> None:
 
 def test_each_width_of_the_kernels_is_tried() -> None:
     """Vector types that kernels declare have their line in builtins.cl."""
-    source = (KERNELS / "builtins.cl").read_text()
+    source = BUILTINS.read_text()
     wide = re.compile(r"\b(?:float|int|double)(4|8|16)\b")
-    used = {w for f in KERNELS.glob("*.cl") for w in wide.findall(COMMENT.sub(" ", f.read_text()))}
+    used = {w for f in KERNELS.rglob("*.cl") for w in wide.findall(COMMENT.sub(" ", f.read_text()))}
     assert used <= set(re.findall(r"VECTORS\((\d+),", source))
 
 

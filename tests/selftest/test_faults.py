@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+import shutil
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
@@ -19,7 +20,7 @@ from clplen.selftest.runner import CHECKS, run_checks
 pytestmark = pytest.mark.thorough
 
 FOLDER = Path(__file__).parents[2] / "kernels"
-KERNELS = sorted(file.name for file in FOLDER.glob("*.cl"))
+KERNELS = sorted(file.name for file in FOLDER.rglob("*.cl"))
 # A sign, an axis, a tap or a factor of each file: what stands there, and what is put in its place.
 FAULTS = {
     "abbe.cl": ("const int x = i + first[b].y;", "const int x = i + first[b].x;"),
@@ -143,8 +144,7 @@ def fresh() -> Device:
 @pytest.fixture
 def kernels(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Path]:
     """A copy of the kernels that is built in their place."""
-    for name in KERNELS:
-        (tmp_path / name).write_text((FOLDER / name).read_text())
+    shutil.copytree(FOLDER, tmp_path, dirs_exist_ok=True)
     monkeypatch.setattr(program, "_FOLDERS", (tmp_path,))
     program.kernel_source.cache_clear()
     yield tmp_path
@@ -168,9 +168,9 @@ def test_checks_have_names_of_their_own() -> None:
 @pytest.mark.parametrize("file", KERNELS)
 def test_a_fault_in_a_kernel_file_is_found(file: str, kernels: Path, fresh: Device) -> None:
     right, wrong = FAULTS[file]
-    source = (kernels / file).read_text()
+    source = program.kernel_path(file).read_text()
     assert right in source
-    (kernels / file).write_text(source.replace(right, wrong))
+    program.kernel_path(file).write_text(source.replace(right, wrong))
     names = [check.name for check in CHECKS if file in check.files]
     every = (run_checks(fresh, names=[name])[0] for name in names)
     failed = next(result for result in every if result.failed)
@@ -178,7 +178,7 @@ def test_a_fault_in_a_kernel_file_is_found(file: str, kernels: Path, fresh: Devi
 
 
 def test_a_kernel_that_does_not_build_is_a_row(kernels: Path, fresh: Device) -> None:
-    (kernels / "window.cl").write_text("this is no kernel")
+    program.kernel_path("window.cl").write_text("this is no kernel")
     found = results_of(fresh, "window", "multiply")
     assert found["window"].failed
     assert "window.cl" in found["window"].reason
@@ -193,8 +193,8 @@ def test_a_fault_of_double_precision_is_found(
     if not fresh.has_fp64:
         assert results_of(fresh, "double precision")["double precision"].status == "left out"
         return
-    text = (kernels / "common.cl").read_text()
-    (kernels / "common.cl").write_text(text.replace("TWO_PI (2 * M_PI)", "TWO_PI (2 * M_PI_F)"))
+    text = program.kernel_path("common.cl").read_text()
+    program.kernel_path("common.cl").write_text(text.replace("TWO_PI (2 * M_PI)", "TWO_PI (2 * M_PI_F)"))
     precise = Device(fresh.cl_device, precision="double", place=fresh.place)
     monkeypatch.setattr(Device, "open", staticmethod(lambda *_, **__: precise))
     result = results_of(fresh, "double precision")["double precision"]
@@ -204,8 +204,8 @@ def test_a_fault_of_double_precision_is_found(
 
 def test_a_fault_of_propagation_is_found(kernels: Path, fresh: Device) -> None:
     right, wrong = FAULTS["transfer.cl"]
-    text = (kernels / "transfer.cl").read_text()
-    (kernels / "transfer.cl").write_text(text.replace(right, wrong))
+    text = program.kernel_path("transfer.cl").read_text()
+    program.kernel_path("transfer.cl").write_text(text.replace(right, wrong))
     assert results_of(fresh, "propagation")["propagation"].failed
 
 

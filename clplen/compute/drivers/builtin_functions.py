@@ -1,4 +1,4 @@
-"""Values of ``kernels/builtins.cl`` in double precision, by the standard library alone.
+"""Values of ``kernels/common/builtins.cl`` in double precision, by the standard library alone.
 
 A child process, in which an unfit compiler may die, compares with them; it starts in the time
 that NumPy takes to be imported.

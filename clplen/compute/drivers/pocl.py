@@ -47,7 +47,7 @@ from clplen.compute.drivers.environment import (
     kernel_cache,
     require_room,
 )
-from clplen.compute.drivers.program import kernel_folder
+from clplen.compute.drivers.program import kernel_path
 from clplen.errors import DeviceError
 
 PLATFORM = "Portable Computing Language"
@@ -224,7 +224,7 @@ def _verdict_path(target: _Target, names: Sequence[str]) -> Path:
     cpu = cpu_info()
     keys = ("vendor_id", "model name", "cpu family", "model", "stepping", "microcode", "flags")
     file = target.library.stat()
-    trial = [_source(), Path(pocl_trial.__file__), Path(builtin_functions.__file__)]
+    trial = [kernel_path("builtins.cl"), Path(pocl_trial.__file__), Path(builtin_functions.__file__)]
     digest = hashlib.sha256()
     for word in (
         *(cpu.get(key, "") for key in keys),
@@ -235,10 +235,6 @@ def _verdict_path(target: _Target, names: Sequence[str]) -> Path:
     for part in trial:
         digest.update(part.read_bytes())
     return cache_dir() / f"pocl-{digest.hexdigest()[:16]}.json"
-
-
-def _source() -> Path:
-    return kernel_folder() / "builtins.cl"
 
 
 def _keep(path: Path, survivor: str | None) -> None:
@@ -257,7 +253,7 @@ def _survives(library: Path, name: str) -> bool:
     """Whether every built-in function runs and is right under a name, in a child process."""
     if getattr(sys, "frozen", False) or not sys.executable:
         raise OSError("this program is not run by a Python interpreter of its own")
-    command = [sys.executable, "-I", "-S", pocl_trial.__file__, str(library), name, str(_source())]
+    command = [sys.executable, "-I", "-S", pocl_trial.__file__, str(library), name, str(kernel_path("builtins.cl"))]
     # in PoCL's own folder, which was found to take kernels, as the system's for temporary files
     # need not
     with tempfile.TemporaryDirectory(prefix=TRIAL_PREFIX, dir=kernel_cache()) as folder:
