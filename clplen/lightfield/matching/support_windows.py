@@ -33,7 +33,7 @@ def gather_costs(
     scales: tuple[Map, Map],
     spans: Spans,
 ) -> None:
-    """Mean of the costs round a pixel, by nearness and likeness: gather of kernels/lightfield/support.cl."""
+    """Mean of the costs round a pixel, by nearness and likeness: gather of support.cl."""
     device = lf.device
     planes, ny, nx = (int(n) for n in costs.shape)
     if in_vectors(lf):
