@@ -12,6 +12,8 @@ import numpy as np
 import pyopencl as cl
 import pyopencl.array as cla
 
+from clplen.compute.launcher import Launcher
+
 FOLDER = Path(__file__).parents[1] / "kernels"
 SOURCES = {file.name: file.read_text() for file in sorted(FOLDER.rglob("*.cl"))}
 COMMENT = re.compile(r"/\*.*?\*/|//[^\n]*", re.DOTALL)
@@ -92,3 +94,32 @@ def complaints(
         if not fits(kind, arg, defines):
             given = f"{type(arg).__name__} {getattr(arg, 'dtype', '')}{getattr(arg, 'shape', '')}"
             yield f"{kernel} declares {kind} {name} and is given {given}"
+
+
+def watch() -> None:
+    """Compare the arguments of every launch from now on with what its kernel declares."""
+    build, launch = Launcher.kernel, Launcher.launch
+    judged: set[tuple[Any, ...]] = set()
+
+    def kernel(self: Launcher, file: str, name: str, **defines: Any) -> cl.Kernel:
+        built = build(self, file, name, **defines)
+        self.__dict__.setdefault("_built", {})[built] = (file, name, tuple(defines.items()))
+        return built
+
+    def checked(self: Launcher, built: cl.Kernel, size: Any, *args: Any, **more: Any) -> None:
+        known = self.__dict__.get("_built", {}).get(built)
+        if known is not None and known[0] in SOURCES:
+            signature = (*known, *map(_signature, args))
+            if signature not in judged:
+                file, name, defines = known
+                assert list(complaints(file, name, args, dict(defines))) == []
+                judged.add(signature)
+        launch(self, built, size, *args, **more)
+
+    Launcher.kernel, Launcher.launch = kernel, checked  # type: ignore[method-assign]
+
+
+def _signature(arg: Any) -> tuple[Any, ...]:
+    """What `fits` looks at."""
+    last = arg.shape[-1] if getattr(arg, "ndim", 0) else 0
+    return type(arg), getattr(arg, "dtype", None), last if last <= 16 else 0

@@ -24,7 +24,7 @@ DOUBLE_LITERAL = re.compile(f"{POINT}|{EXPONENT}|{CONSTANT}")
 DOUBLE_BRANCH = re.compile(r"#ifdef DOUBLE\n.*?#(?:else|endif)", re.DOTALL)
 
 
-# What tests/kernels/conftest.py compares at every launch
+# What tests/conftest.py compares at every launch of every test
 
 
 def test_a_wrong_argument_is_found(device: Device) -> None:

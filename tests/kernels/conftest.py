@@ -1,22 +1,14 @@
 """Kernel tests have two mappings: an item a row (CPUs) and an item a sample (GPUs).
 
 Quick are those with the mapping that the device uses by itself; the other is marked thorough.
-``--mapping`` chooses instead: row, sample or both, and nothing is marked. Every launch of a kernel
-is compared with what its file declares.
+``--mapping`` chooses instead: row, sample or both, and nothing is marked.
 """
 
 from __future__ import annotations
 
-from typing import Any
-
-import pyopencl as cl
 import pytest
-from launches import complaints
 
 from clplen.compute.device import Device
-from clplen.compute.launcher import Launcher
-
-BUILT: dict[cl.Kernel, tuple[str, dict[str, Any]]] = {}  # file and definitions of each kernel
 
 
 def pytest_generate_tests(metafunc: pytest.Metafunc) -> None:
@@ -43,26 +35,6 @@ def mapping(request: pytest.FixtureRequest, device: Device, monkeypatch: pytest.
     """Force the mapping of work-items."""
     monkeypatch.setattr(device, "rows", request.param == "row")
     return str(request.param)
-
-
-@pytest.fixture(autouse=True)
-def _launches_fit(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Compare the arguments of every launch with the kernel's."""
-    build, launch = Launcher.kernel, Launcher.launch
-
-    def kernel(self: Launcher, file: str, name: str, **defines: Any) -> cl.Kernel:
-        built = build(self, file, name, **defines)
-        BUILT[built] = (file, defines)
-        return built
-
-    def checked(self: Launcher, built: cl.Kernel, size: Any, *args: Any, **more: Any) -> None:
-        if built in BUILT:
-            file, defines = BUILT[built]
-            assert list(complaints(file, built.function_name, args, defines)) == []
-        launch(self, built, size, *args, **more)
-
-    monkeypatch.setattr(Launcher, "kernel", kernel)
-    monkeypatch.setattr(Launcher, "launch", checked)
 
 
 @pytest.fixture
