@@ -7,6 +7,7 @@ import os
 import signal
 from pathlib import Path
 
+import launches
 import pytest
 
 from clplen.compute.device import Device
@@ -48,6 +49,7 @@ def pytest_addoption(parser: pytest.Parser) -> None:
 def pytest_configure(config: pytest.Config) -> None:
     if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:  # as shells leave it in the background
         signal.signal(signal.SIGINT, signal.default_int_handler)
+    launches.watch()
     os.environ["CLPLEN_TUNING"] = "off"  # tests neither time kernels nor write the user's cache
     if config.getoption("--variant"):
         os.environ["CLPLEN_SHEAR"] = config.getoption("--variant")

@@ -82,7 +82,7 @@ def tree(pattern: str) -> dict[str, bytes]:
 
 def test_the_wheel_holds_every_kernel_as_it_is(wheel: dict[str, bytes]) -> None:
     expected = kernels(tree("kernels/**/*.cl"), "kernels/")
-    assert "common.cl" in expected
+    assert "common/common.cl" in expected
     assert kernels(wheel, "clplen/kernels/") == expected
 
 

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import gc
 import os
-import textwrap
 from functools import cached_property
 from threading import Lock
 from typing import Any, Literal
@@ -32,7 +31,6 @@ _GPU_SPARE_BYTES = 6 * 2**30  # on a GPU: other programs use it, too
 _SPARE_SHARE = 4  # of the device's memory: at most a quarter
 _PLAN_SHARE = 5 / 8  # of what is kept: plans, which take longest to make again; buffers the rest
 _WORKSPACE_SHARE = 1 / 4
-_NOTE = 70  # characters of the note that the representation shows
 
 
 class Device(Launcher):
@@ -177,26 +175,24 @@ class Device(Launcher):
 
     def __repr__(self) -> str:
         parts = [self.name, self.driver, self.precision, f"FFT {self.fft.name}"]
-        notes = (textwrap.shorten(self.note, _NOTE, placeholder=" ..."), self.tuning.note)
-        parts += [note for note in notes if note]
+        parts += [self.tuning.note] if self.tuning.note else []
         return f"<Device {', '.join(parts)}>"
 
     def ensure_usable(self) -> None:
-        """Find out, once, whether the device compiles kernels; mend it where that is known how.
-
-        What was done is said once and kept in ``note``.
+        """Make PoCL fit this CPU, once; warn where loops are cut. Both are kept in ``note``.
 
         Raises
         ------
         DeviceError
-            If it does not.
+            If PoCL cannot run kernels on this CPU.
         """
         with self._lock:
             if not self._usable:
-                self.note = pocl.ensure_usable(self.cl_device) or selection.warning(self.cl_device)
+                self.note = pocl.ensure_usable(self.cl_device)
                 self._usable = True
-                if self.note:
-                    warn_caller(self.note, RuntimeWarning)
+                if loops := selection.warning(self.cl_device):
+                    self.note = loops
+                    warn_caller(loops, RuntimeWarning)
 
     def __reduce__(self) -> tuple[Any, ...]:
         """By its selector: what another process gets is its own object of the same hardware."""

@@ -96,34 +96,11 @@ def _no_route(name: str, device: Device) -> str:
     return ""
 
 
-def _arithmetic(device: Device) -> Pairs:
-    """s = s m + x, three sums of vectors as wide as the device's own."""
-    lanes = min(max(int(device.cl_device.native_vector_width_float), 4), 16) if device.rows else 1
-    few, m, chains, rounds, items = twins.reals(3, 8), 0.75, 3, 5, 70
-    kernel = device.kernel("ceiling.cl", "multiply_add", LANES=lanes, CHAINS=chains)
-    out = device.empty((items,), np.float32)
-    numbers = (np.int32(7), np.int32(rounds), np.float32(m))
-    device.launch(kernel, (items,), out, device.upload(few), *numbers, group=(1,))
-    i, expected = np.arange(items), np.zeros(items)
-    for j in range(chains):
-        s = few[(i + j) & 7].astype(float)
-        for r in range(rounds):
-            s = s * m + few[(i + r) & 7]
-        expected += s * min(lanes, 2)  # two lanes of a vector are added
-    yield expected, device.download(out)
-
-
 def built_in_values(device: Device) -> np.ndarray[Any, np.dtype[np.float32]]:
     """Values of every built-in function that kernels call."""
-    x, halves, samples, shorts = builtin_functions.inputs()
-    names = builtin_functions.expected(double=device.has_fp64)
-    y = device.empty((len(names), builtin_functions.COUNT), np.float32)
-    arguments = [
-        device.upload(np.frombuffer(x, np.float32)),
-        device.upload(np.frombuffer(halves, np.float16)),
-        device.upload(np.frombuffer(samples, np.uint8)),
-        device.upload(np.frombuffer(shorts, np.uint16)),
-    ]
+    count = len(builtin_functions.expected(double=device.has_fp64))
+    y = device.empty((count, builtin_functions.COUNT), np.float32)
+    arguments = [device.upload(values) for values in builtin_functions.inputs()]
     defines = {"DOUBLE": True} if device.has_fp64 else {}
     kernel = device.kernel("builtins.cl", "builtins", **defines)
     device.launch(kernel, (1,), y, *arguments, np.int32(builtin_functions.COUNT), group=(1,))
@@ -160,8 +137,6 @@ CHECKS = (
     Check("memory, large", "a quarter of the memory in one array", _large_array, 0.0),
     Check("memory, transfers", "to the device, within it, back", _transfers, 0.0),
     Check("memory, mapped", "buffers that host and device share", _mapped, 4 * EPS),
-    Check("ceiling", "multiplications and additions in vectors", _arithmetic, 8 * EPS,
-          ("ceiling.cl",)),
     Check("built-in functions", "sqrt, exp, ... of 1, 4, 8 and 16 samples", _built_in,
           32 * EPS, ("builtins.cl",)),
     *(

@@ -1,4 +1,4 @@
-"""One check: what is computed on a device beside its float64 twin, and what came of it."""
+"""One check: a device's results beside their float64 twins."""
 
 from __future__ import annotations
 
@@ -22,57 +22,27 @@ EPS = 2.0**-23  # spacing of float32 at 1
 
 @dataclass(frozen=True)
 class Check:
-    """A comparison of one family of kernels, or another ability of a device, with NumPy.
-
-    Attributes
-    ----------
-    name : str
-    compared : str
-        What is compared, in a few words.
-    pairs : callable
-        Of a `Device`: yields (expected, found), arrays of one shape.
-    tolerance : float
-        Largest allowed ``max|found - expected| / max|expected|`` of any pair.
-    files : tuple of str
-        Kernel files whose results are compared.
-    absent : callable
-        Of a `Device`: a sentence where the device cannot have the ability, else "".
-    """
+    """Comparison of one family of kernels, or another ability of a device, with NumPy."""
 
     name: str
     compared: str
-    pairs: Callable[[Device], Pairs]
-    tolerance: float
-    files: tuple[str, ...] = ()
-    absent: Callable[[Device], str] = lambda device: ""
+    pairs: Callable[[Device], Pairs]  # yields (expected, found), arrays of one shape
+    tolerance: float  # largest max|found - expected| / max|expected| of any pair
+    files: tuple[str, ...] = ()  # kernels whose results are compared
+    absent: Callable[[Device], str] = lambda device: ""  # why a device lacks the ability, else ""
 
 
 @dataclass(frozen=True)
 class CheckResult:
-    """What came of one check on one device.
-
-    Attributes
-    ----------
-    name, compared : str
-        Those of the check.
-    files : tuple of str
-        Those of the check.
-    error : float
-        The largest relative error; NaN where nothing could be compared.
-    tolerance : float
-    status : {"ok", "FAILED", "left out"}
-    reason : str
-        Why it failed or was left out.
-    seconds : float
-    """
+    """Result of one check on one device."""
 
     name: str
     compared: str
     files: tuple[str, ...]
-    error: float
+    error: float  # the largest relative error; NaN where nothing could be compared
     tolerance: float
     status: Status
-    reason: str
+    reason: str  # why it failed or was left out
     seconds: float
 
     @property

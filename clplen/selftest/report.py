@@ -28,20 +28,10 @@ HEAD = f"{'check':<19s} {'what is compared with NumPy':<47s} {'error':>8s}  {'al
 
 @dataclass
 class DeviceReport:
-    """What the checks found out about one device.
+    """Properties of one device and the results of its checks."""
 
-    Attributes
-    ----------
-    facts : dict of str to str
-        The device in words, by what they tell.
-    results : list of CheckResult
-        In the order of the checks; "opening" alone where the device cannot be opened.
-    seconds : float
-        All together.
-    """
-
-    facts: dict[str, str]
-    results: list[CheckResult] = field(default_factory=list)
+    facts: dict[str, str]  # the device in words
+    results: list[CheckResult] = field(default_factory=list)  # "opening" alone if it cannot open
     seconds: float = 0.0
 
 

@@ -1,7 +1,6 @@
-"""All checks in order, in this process or in children: a faulty driver ends one of them only.
+"""Run all checks in order, in this process or in a child, which a faulty driver may end.
 
-Kernels are compiled on one core each, so that several children are done sooner, too. A child says
-what it does in lines of JSON: ["facts", {...}], ["begin", name], ["result", {...}].
+A child reports in lines of JSON: ["facts", {...}], ["begin", name], ["result", {...}].
 """
 
 from __future__ import annotations
@@ -15,14 +14,12 @@ import sys
 import tempfile
 from collections.abc import Callable, Iterable, Iterator
 from dataclasses import asdict
-from queue import SimpleQueue
-from threading import Event, Thread
 from time import perf_counter
 from typing import IO, Any
 
 from clplen.compute.device import Device
 from clplen.errors import ClplenError
-from clplen.selftest import adjoints, basics, depth, frames, gradients, optics, views, waves
+from clplen.selftest import basics, depth, frames, optics, views, waves
 from clplen.selftest.check import Check, CheckResult, run_check, sentence_of
 from clplen.selftest.report import DeviceReport, device_facts, environment
 
@@ -32,14 +29,9 @@ CHECKS: tuple[Check, ...] = (
     *basics.CHECKS,
     *waves.CHECKS,
     *optics.CHECKS,
-    *gradients.CHECKS,
     *views.CHECKS,
     *depth.CHECKS,
-    *depth.MATCHING_CHECKS,
     *frames.CHECKS,
-    *optics.SCENE_CHECKS,
-    *frames.VOLUME_CHECKS,
-    *adjoints.CHECKS,
 )
 
 
@@ -67,39 +59,43 @@ def chosen(names: Iterable[str] | None) -> list[Check]:
 
 
 OPENING = Check("opening", "the device opens and compiles a kernel", lambda device: (), 0.0)
-MOST_CHILDREN = 4
 Message = tuple[str, Any]
 
 
 def run_isolated(
     device: Device, *, names: Iterable[str] | None = None, watch: Watch | None = None
 ) -> DeviceReport:
-    """`run_checks` in child processes, which a faulty driver may end.
+    """Run the checks in child processes, which a faulty driver may end.
 
     A check that ends its child is reported as failed, and another child goes on with the next one.
     """
-    wanted, start = [check.name for check in chosen(names)], perf_counter()
-    count = max(1, min(MOST_CHILDREN, os.cpu_count() or 1, len(wanted)))
-    shares = [wanted[k::count] for k in range(count)]
-    crew = _Crew(device.place)
-    crew.begin(shares[:1])  # the others when that has opened the device: once is enough to find out
+    left, start = [check.name for check in chosen(names)], perf_counter()
     report = DeviceReport(device_facts(device))
-    ordered = _Ordered([OPENING.name, *wanted], watch)
-    try:
-        while crew.at_work:
-            kind, value = crew.inbox.get()
-            if kind == "end":
-                crew.at_work -= 1
-            elif kind == "facts":
-                report.facts |= value
-                crew.begin(shares[1:])
-                del shares[1:]
-            else:
-                ordered.add(value)
-    except BaseException:
-        crew.stop()
-        raise
-    report.results, report.seconds = ordered.finish(), perf_counter() - start
+
+    def add(result: CheckResult) -> None:
+        report.results.append(result)
+        if watch is not None:
+            watch(result)
+
+    while left:
+        current = OPENING
+        with tempfile.TemporaryFile() as errors, _child(device.place, left, errors) as child:
+            try:
+                for kind, value in _messages(child):
+                    if kind == "facts":
+                        report.facts |= value
+                    elif kind == "begin":
+                        (current,) = chosen([value])
+                    else:
+                        add(_read(value))
+                        left = left[1:] if current is not OPENING else []
+            except BaseException:
+                child.kill()
+                raise
+            if left:
+                add(_failure(current, _last_words(child.wait(), errors)))
+                left = left[1:] if current is not OPENING else []
+    report.seconds = perf_counter() - start
     return report
 
 
@@ -114,84 +110,6 @@ def numbers_of(reports: Iterable[DeviceReport]) -> dict[str, Any]:
         for report in reports
     ]
     return {"environment": environment(), "devices": devices}
-
-
-class _Ordered:
-    """Results that come in any order, passed on in that of the checks."""
-
-    def __init__(self, names: list[str], watch: Watch | None) -> None:
-        self._names, self._watch = names, watch
-        self._found: dict[str, CheckResult] = {}
-        self._passed = 1  # "opening" is a result only if it failed
-
-    def add(self, result: CheckResult) -> None:
-        if result.name == OPENING.name and OPENING.name not in self._found:
-            self._tell(result)
-        self._found[result.name] = result
-        while self._passed < len(self._names) and self._names[self._passed] in self._found:
-            self._tell(self._found[self._names[self._passed]])
-            self._passed += 1
-
-    def finish(self) -> list[CheckResult]:
-        """All results, in order; those behind one that is missing are passed on now."""
-        for name in self._names[self._passed :]:
-            if name in self._found:
-                self._tell(self._found[name])
-        return [self._found[name] for name in self._names if name in self._found]
-
-    def _tell(self, result: CheckResult) -> None:
-        if self._watch is not None:
-            self._watch(result)
-
-
-class _Crew:
-    """Threads that each keep one child at work on a part of the checks."""
-
-    def __init__(self, place: str) -> None:
-        self.inbox: SimpleQueue[Message] = SimpleQueue()
-        self.at_work = 0
-        self._place = place
-        self._children: list[subprocess.Popen[bytes]] = []
-        self._stopped = Event()
-
-    def begin(self, shares: Iterable[list[str]]) -> None:
-        """Let one more thread work on each of some parts of the checks."""
-        for names in shares:
-            self.at_work += 1
-            Thread(target=self._work, args=(names,), daemon=True).start()
-
-    def stop(self) -> None:
-        """End all children, and let none begin."""
-        self._stopped.set()
-        for child in self._children:
-            child.kill()
-
-    def _work(self, names: list[str]) -> None:
-        """Have some checks done, by as many children as it takes."""
-        try:
-            while names and not self._stopped.is_set():
-                names = self._served(names)
-        finally:
-            self.inbox.put(("end", None))
-
-    def _served(self, names: list[str]) -> list[str]:
-        """One child's work; the names that are left."""
-        begun, by_name = OPENING.name, {check.name: check for check in (OPENING, *CHECKS)}
-        with tempfile.TemporaryFile() as errors:
-            child = _child(self._place, names, errors)
-            self._children.append(child)
-            for kind, value in _messages(child):
-                if kind == "facts":
-                    self.inbox.put((kind, value))
-                elif kind == "begin":
-                    begun = value
-                else:
-                    self.inbox.put((kind, _read(value)))
-                    names = names[1:] if begun == value["name"] != OPENING.name else []
-            if names:
-                failure = _failure(by_name[begun], _last_words(child.returncode, errors))
-                self.inbox.put(("result", failure))
-        return [] if begun == OPENING.name else names[1:]
 
 
 def _child(place: str, names: list[str], errors: IO[bytes]) -> subprocess.Popen[bytes]:
@@ -214,7 +132,6 @@ def _messages(child: subprocess.Popen[bytes]) -> Iterator[Message]:
             except (ValueError, TypeError):
                 continue
             yield kind, value
-    child.wait()
 
 
 def _last_words(status: int, errors: IO[bytes]) -> str:

@@ -88,12 +88,6 @@ def disc_share(y: Array, x: Array, radius: float, pitch: tuple[float, float]) ->
     return np.asarray(width.mean(axis=-1) / pitch[1])
 
 
-def interval_share(at: Array, half: float, pitch: float) -> Array:
-    """Covered share of the cells of a line by [-half, half]."""
-    low, high = np.maximum(at - pitch / 2, -half), np.minimum(at + pitch / 2, half)
-    return np.asarray(np.maximum(high - low, 0) / pitch)
-
-
 def bell_taps(part: float) -> Array:
     """Taps at -1, 0, 1 and 2 for a place `part`: (1 - t^2/4)^4, corrected to that mean."""
     t = np.arange(-1.0, 3.0)
@@ -101,18 +95,3 @@ def bell_taps(part: float) -> Array:
     w /= w.sum()
     mean = w @ t
     return np.asarray(w * (1 + (part - mean) * (t - mean) / (w @ (t - mean) ** 2)))
-
-
-def disc_nodes(radius: float, radii: int = 80, angles: int = 200) -> tuple[Array, Array, Array]:
-    """Places (y, x) on a disc and their areas: Gauss in the square of the radius, equal angles."""
-    place, weight = np.polynomial.legendre.leggauss(radii)
-    r, t = radius * np.sqrt((place + 1) / 2), 2 * np.pi * (np.arange(angles) + 0.5) / angles
-    areas = np.repeat(weight / 2 * np.pi * radius**2 / angles, angles)
-    return np.outer(r, np.sin(t)).ravel(), np.outer(r, np.cos(t)).ravel(), areas
-
-
-def disc_pattern(v: Array) -> Array:
-    """2 J1(v)/v by Bessel's integral, v above 0."""
-    t = (np.arange(64) + 0.5) * (np.pi / 64)
-    j1 = np.cos(t[:, None] - v * np.sin(t[:, None])).mean(axis=0)
-    return np.asarray(2 * j1 / v)

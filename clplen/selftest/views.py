@@ -1,4 +1,4 @@
-"""Checks of light fields: their views, refocused, filtered, moved."""
+"""Checks of light fields: their views, refocused, moved, warped."""
 
 from __future__ import annotations
 
@@ -14,11 +14,10 @@ from clplen.lightfield.depth.all_in_focus import _launch
 from clplen.lightfield.focus_and_depth import all_in_focus
 from clplen.lightfield.matching.view_matching import row_sums
 from clplen.lightfield.model.light_field import LightField
-from clplen.lightfield.refocusing.focal_stacks import UPSAMPLE_BASE, FocalStack, upsampled
+from clplen.lightfield.refocusing.focal_stacks import FocalStack
 from clplen.lightfield.refocusing.fourier_slice import fourier_stack
-from clplen.lightfield.refocusing.hyperfan_filter import hyperfan
-from clplen.lightfield.refocusing.magnification import magnify, magnify_adjoint
 from clplen.lightfield.refocusing.phase_ramps import fourier_refocus
+from clplen.lightfield.refocusing.view_warp import ViewWarp
 from clplen.selftest import twins
 from clplen.selftest.check import Check, Pairs
 
@@ -105,74 +104,6 @@ def _fourier(device: Device) -> Pairs:
     yield pictures, fourier_stack(lf, disparities=planes, width=8).to_numpy()
 
 
-def _hyperfan(device: Device) -> Pairs:
-    a, (low, high), width = _views(5, 2, 3, 8, 5), (-0.7, 0.9), 0.2
-    lf = LightField.from_array(a, device=device)
-    middle, reach = (low + high) / 2, (high - low) / 2
-    fy, fx = np.fft.fftfreq(8), np.fft.fftfreq(5)
-    turn = np.array([[_ramp(fy, fx, middle * s) for s in row] for row in twins.view_steps((2, 3))])
-    part = np.fft.fft2(a.astype(float)) * turn
-    whole = np.concatenate((part, part[::-1]), 0)  # mirrored at the edges of the aperture
-    whole = np.fft.fft2(np.concatenate((whole, whole[:, ::-1]), 1), axes=(0, 1))
-    away = np.full(whole.shape, np.inf)
-    power = np.maximum(fy[:, None] ** 2 + fx**2, 1e-30)
-    for m, n in np.ndindex(3, 3):
-        dv = (np.fft.fftfreq(4) + m - 1)[:, None, None, None]
-        du = (np.fft.fftfreq(6) + n - 1)[None, :, None, None]
-        d = np.clip((dv * fy[:, None] + du * fx) / power, -reach, reach)
-        away = np.minimum(away, (dv - d * fy[:, None]) ** 2 + (du - d * fx) ** 2)
-    kept = np.fft.ifft2(whole * 2 ** (-away / width**2 / 2), axes=(0, 1))[:2, :3]
-    yield np.fft.ifft2(kept * turn.conj()).real, hyperfan(lf, low, high, bandwidth=width).to_numpy()
-
-
-def _upsampled(device: Device) -> Pairs:
-    a, w, d, n = _views(6, 3, 4, 7, 18), _weights((3, 4)), -0.65, 2
-    lf = LightField.from_array(a, device=device, weights=w)
-    total, used = np.zeros((2, 7 * n, 18 * n))
-    for view in np.ndindex(3, 4):
-        fine, coarse = [], []
-        for k, size in enumerate((7, 18)):
-            at = (np.arange(n * size) + 0.5) / n - 0.5 + d * twins.view_steps((3, 4))[view][k]
-            t = at[:, None] - np.arange(size)
-            fine.append(twins.triangle(n * t))
-            coarse.append(twins.triangle(t))
-        for (my, mx), share in ((fine, 1.0), (coarse, UPSAMPLE_BASE)):
-            total += w[view] * share * (my @ a[view].astype(float) @ mx.T)
-            used += w[view] * share * np.outer(my.sum(axis=1), mx.sum(axis=1))
-    yield total / used, device.download(upsampled(lf, d, n, lf.weights))
-
-
-def _magnified(device: Device) -> Pairs:
-    a, alpha = twins.reals(8, 7, 12, 3), 1.1724
-    my, mx = (
-        twins.interpolation((n - 1) / 2 + alpha * (np.arange(n) - (n - 1) / 2), n) for n in (7, 12)
-    )
-    expected = alpha**2 * np.einsum("ij,jkc,lk->ilc", my, a.astype(float), mx)
-    yield expected, device.download(magnify(device.upload(a), alpha, device=device))
-    spread = alpha**2 * np.einsum("ij,ikc,kl->jlc", my, a.astype(float), mx)
-    yield spread, device.download(magnify_adjoint(device.upload(a), alpha, device=device))
-
-
-def _parametrised(device: Device) -> Pairs:
-    """To directions: the pixel at x sees under theta the view u = x - F theta."""
-    a, w, F = _views(9, 3, 4, 5, 7), _weights((3, 4)), 0.2
-    spacing = (90e-6, -130e-6, 70e-6, -60e-6)
-    lf = LightField.from_array(a, device=device, spacing=spacing, weights=w)
-    got = lf.resample(
-        "point-angle", image_distance=F, views=(5, 7), interpolation="linear"
-    ).to_numpy()
-    expected = np.zeros(got.shape)
-    for i, j in np.ndindex(5, 7):
-        rows = np.arange(5) - 1 + (i - 2) * spacing[2] / spacing[0]
-        columns = np.arange(7) - 1.5 + (j - 3) * spacing[3] / spacing[1]
-        mv, mu = twins.interpolation(rows, 3), twins.interpolation(columns, 4)
-        lit = (w > 0).astype(float)
-        used = mv @ lit @ mu.T
-        total = mv @ (lit * a[:, :, i, j]) @ mu.T
-        expected[:, :, i, j] = np.divide(total, used, out=np.zeros_like(total), where=used > 1e-9)
-    yield expected, got
-
-
 def _all_in_focus(device: Device) -> Pairs:
     order = np.array([0.5, -1.0, 2.0, 0.0])
     a = twins.reals(10, 4, 7, 11, low=1, high=250)
@@ -190,6 +121,33 @@ def _all_in_focus(device: Device) -> Pairs:
     yield (share * a).sum(axis=0) / share.sum(axis=0), device.download(got)
 
 
+def _warped(device: Device) -> Pairs:
+    """Views of a picture by its disparity, and the gradients, by a matrix for each view."""
+    shape, (ny, nx) = (2, 3, 7, 11), (7, 11)
+    picture, g = twins.reals(3, ny, nx), twins.reals(4, *shape)
+    d = twins.reals(5, ny, nx, low=-2.3, high=1.9)
+    model = ViewWarp(shape, device=device)
+    y, x = np.mgrid[:ny, :nx]
+    views, of_picture, of_disparity = np.zeros(shape), np.zeros(ny * nx), np.zeros((ny, nx))
+    for n in np.ndindex(2, 3):
+        at = [p + d.astype(float) * s for p, s in zip((y, x), model.steps[n], strict=True)]
+        at = [np.clip(p, 0, k - 1).ravel() for p, k in zip(at, (ny, nx), strict=True)]
+        my, mx = (twins.interpolation(p, k) for p, k in zip(at, (ny, nx), strict=True))
+        views[n] = np.einsum("pi,ij,pj->p", my, picture.astype(float), mx).reshape(ny, nx)
+        of_picture += np.einsum("pi,p,pj->ij", my, g[n].ravel().astype(float), mx).ravel()
+        for k, size in enumerate((ny, nx)):
+            slope = [my, mx]
+            inside = (at[k] > 0) & (at[k] < size - 1)
+            whole = np.clip(np.floor(at[k]).astype(int), 0, size - 2)
+            slope[k] = inside[:, None] * (np.eye(size)[whole + 1] - np.eye(size)[whole])
+            change = np.einsum("pi,ij,pj->p", slope[0], picture.astype(float), slope[1])
+            of_disparity += g[n] * model.steps[n][k] * change.reshape(ny, nx)
+    yield views, model.forward(picture, d).to_numpy()
+    found = model.vjp(picture, d, g)
+    yield of_picture.reshape(ny, nx), found[0]
+    yield of_disparity, found[1]
+
+
 CHECKS = (
     Check("views", "questions to float16 samples, slices", _samples, 1e-6,
           ("views.cl", "stored.cl")),
@@ -198,12 +156,7 @@ CHECKS = (
     Check("along_rays", "mean on a surface, median on a plane", _along_rays, ROUNDING,
           ("along_rays.cl",)),
     Check("fourier", "refocused by phase ramps and by slices", _fourier, 2e-5, ("fourier.cl",)),
-    Check("hyperfan", "disparities passed by a 4-D filter", _hyperfan, ROUNDING, ("hyperfan.cl",)),
-    Check("upsample", "refocused on a grid twice as fine", _upsampled, ROUNDING, ("upsample.cl",)),
-    Check("magnify", "a picture magnified about its middle, and back", _magnified, 1e-6,
-          ("magnify.cl",)),
-    Check("parametrise", "positions on the lens to directions", _parametrised, ROUNDING,
-          ("parametrise.cl",)),
     Check("allinfocus", "between planes, and blended by energy", _all_in_focus, 2e-6,
           ("allinfocus.cl",)),
+    Check("warp", "views of a picture, and their gradients", _warped, ROUNDING, ("warp.cl",)),
 )  # fmt: skip

@@ -28,9 +28,8 @@ POCL = fake("pthread-Intel(R) Xeon", CPU, "Portable Computing Language")
 RADEON = fake("AMD Radeon RX 6800 (navi21)", GPU, "rusticl")
 
 
-@pytest.mark.parametrize(
-    ("there", "selector", "names"),
-    [
+def test_llvmpipe_is_last_unless_it_is_named():
+    for there, selector, names in [
         ([LLVMPIPE, POCL], None, [POCL, LLVMPIPE]),
         ([LLVMPIPE, POCL, RADEON], None, [RADEON, POCL, LLVMPIPE]),
         ([LLVMPIPE, POCL], "cpu", [POCL, LLVMPIPE]),
@@ -38,11 +37,9 @@ RADEON = fake("AMD Radeon RX 6800 (navi21)", GPU, "rusticl")
         ([POCL, LLVMPIPE], "llvmpipe", [LLVMPIPE]),
         ([LLVMPIPE, POCL], "0:0", [LLVMPIPE]),
         ([LLVMPIPE], None, [LLVMPIPE]),
-    ],
-)
-def test_llvmpipe_is_last_unless_it_is_named(there, selector, names):
-    found = selection.select([(f"{n}:0", d) for n, d in enumerate(there)], selector)
-    assert [d for _, d in found] == names
+    ]:
+        found = selection.select([(f"{n}:0", d) for n, d in enumerate(there)], selector)
+        assert [d for _, d in found] == names
 
 
 def test_llvmpipe_gets_an_item_a_sample_and_other_cpus_an_item_a_row():
@@ -77,6 +74,11 @@ def test_what_is_cut_is_said_once(monkeypatch):
         opened.ensure_usable()
     opened.ensure_usable()
     assert opened.note.endswith("use it for trials only.")
-    good = Device(RADEON)
-    good.ensure_usable()
-    assert good.note == ""
+
+
+def test_a_new_name_for_pocl_is_a_note_without_a_warning(monkeypatch):
+    monkeypatch.setattr(devices.pocl, "ensure_usable", lambda cl_device: "A new name.")
+    monkeypatch.setattr(selection, "warning", lambda cl_device: "")
+    opened = Device(POCL)
+    opened.ensure_usable()  # warnings are errors in tests
+    assert opened.note == "A new name."

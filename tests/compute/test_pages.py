@@ -59,11 +59,6 @@ def holds(device: Device, nbytes: int) -> None:
     assert device.download(array)[-1] == 255
 
 
-def test_a_large_array_keeps_working(device: Device) -> None:
-    """With the C library's own function."""
-    holds(device, LARGE)
-
-
 def test_whole_pages_within_the_buffer_are_asked_for(
     device: Device, asked: list[tuple[int, int, int]], mapped: list[np.ndarray]
 ) -> None:
@@ -101,7 +96,8 @@ def test_what_is_let_go_is_used_again_within_bounds(
     again = device.empty((LARGE,), np.uint8)
     assert spare.managed_bytes == taken
     small = device.empty((memory.LEAST_BYTES - 1,), np.uint8)
-    assert spare.managed_bytes == taken
+    if device.is_cpu:  # a GPU's small arrays are kept, too
+        assert spare.managed_bytes == taken
     del again
     kept = device.plans.shared_bytes + device.workspace.nbytes
     monkeypatch.setattr(device, "spare_bytes", kept + LARGE // 2)
@@ -110,21 +106,20 @@ def test_what_is_let_go_is_used_again_within_bounds(
     assert (small.nbytes + 1, other.nbytes) == (memory.LEAST_BYTES, 3 * LARGE)
 
 
-@pytest.mark.parametrize("nbytes", [1, PAGE, memory.LEAST_BYTES - 1])
 def test_a_small_buffer_is_left_alone(
-    device: Device, asked: list[tuple[int, int, int]], mapped: list[np.ndarray], nbytes: int
+    device: Device, asked: list[tuple[int, int, int]], mapped: list[np.ndarray]
 ) -> None:
-    memory.ask_for_large_pages(
-        device.queue, cl.Buffer(device.context, cl.mem_flags.READ_WRITE, nbytes)
-    )
-    assert (asked, mapped) == ([], [])
+    for nbytes in [1, PAGE, memory.LEAST_BYTES - 1]:
+        memory.ask_for_large_pages(
+            device.queue, cl.Buffer(device.context, cl.mem_flags.READ_WRITE, nbytes)
+        )
+        assert (asked, mapped) == ([], [])
 
 
-@pytest.mark.parametrize("platform", ["darwin", "win32"])
 def test_other_systems_are_left_alone(
-    device: Device, monkeypatch: pytest.MonkeyPatch, mapped: list[np.ndarray], platform: str
+    device: Device, monkeypatch: pytest.MonkeyPatch, mapped: list[np.ndarray]
 ) -> None:
-    monkeypatch.setattr(memory, "sys", SimpleNamespace(platform=platform))
+    monkeypatch.setattr(memory, "sys", SimpleNamespace(platform="win32"))
     monkeypatch.setattr(memory, "ctypes", SimpleNamespace())  # Windows has no CDLL(None)
     device.empty((LARGE,), np.uint8)
     assert mapped == []

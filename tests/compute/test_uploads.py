@@ -41,13 +41,3 @@ def test_memory_that_comes_back_is_written_in_order(gpu: Device) -> None:
         del factor
     for t, product in enumerate(products):
         assert np.array_equal(gpu.download(product), np.full(shape, t + 1j, np.complex64))
-
-
-def test_arrays_without_a_sample(gpu: Device) -> None:
-    assert gpu.download(gpu.upload(np.empty((0, 3), np.float32))).shape == (0, 3)
-
-
-def test_a_profile_notes_uploads(gpu: Device) -> None:
-    with gpu.profiling() as profile:
-        gpu.upload(np.ones(10, np.float32))
-    assert [(run.name, run.nbytes) for run in profile.runs] == [("upload", 40)]

@@ -123,7 +123,7 @@ def test_no_platform_is_one_sentence(monkeypatch: pytest.MonkeyPatch) -> None:
 
 @pytest.mark.thorough
 def test_rows_come_in_order(device: Device) -> None:
-    names = [check.name for check in CHECKS if check.name.startswith("FFT")] + ["finite", "window"]
+    names = [check.name for check in CHECKS if check.name.startswith("FFT")] + ["finite"]
     seen: list[str] = []
     report = run_isolated(device, names=names, watch=lambda result: seen.append(result.name))
     assert seen == names == [result.name for result in report.results]
@@ -136,13 +136,11 @@ def test_a_driver_that_dies_is_a_row(
 ) -> None:
     (tmp_path / "sitecustomize.py").write_text(FATAL)
     monkeypatch.setenv("PYTHONPATH", str(tmp_path))
-    monkeypatch.setattr(runner, "MOST_CHILDREN", 1)
-    report = run_isolated(device, names=["FFT, scipy", "finite", "window"])
+    report = run_isolated(device, names=["FFT, scipy", "finite", "intensity"])
     dead, *others = report.results
     assert [result.status for result in others] == ["ok", "ok"]
     assert dead.failed
-    assert "LLVM ERROR: Cannot select: planted" in dead.reason
-    assert "SIGABRT" in dead.reason
+    assert dead.reason.startswith("the process was ended by SIGABRT: ")
 
 
 def test_a_device_that_is_not_there_is_one_row() -> None:
@@ -174,9 +172,9 @@ def test_an_interrupt_ends_the_children(device: Device, monkeypatch: pytest.Monk
 
 
 def test_checks_by_name(device: Device) -> None:
-    assert [result.name for result in run_checks(device, names=["window", "finite"])] == [
+    assert [result.name for result in run_checks(device, names=["intensity", "finite"])] == [
         "finite",
-        "window",
+        "intensity",
     ]
     with pytest.raises(ValueError, match="There is no check 'windows'"):
         run_checks(device, names=["windows"])

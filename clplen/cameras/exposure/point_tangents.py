@@ -137,8 +137,8 @@ def place_factors(
     """de/dp over e0 for p = x, y, dz of points, and the derivative of (e/e0)^2 in amplitude.
 
     e = e0 D exp(i phase of the main lens), D(v) = 2 J1(v)/v, v = pi d rho/(lam z); with r^2 =
-    rho^2 + z^2 see kernels/source_images.cl. Where the wavefront of the main lens changes over the
-    field, so does its phase with the place of the image.
+    rho^2 + z^2 see kernels/cameras/source_images.cl. Where the wavefront of the main lens changes
+    over the field, so does its phase with the place of the image.
     """
     z = (optics.object_distance + places[:, 2])[:, None, None]
     down = (e0.grid.y - places[:, 1:2])[:, :, None]

@@ -3,9 +3,9 @@
 A point is imaged at X on the array with a blur D abs(1 - beta) and the rings of diffraction about
 it. Its window holds these and a few lenslets around; the direction of the chief ray is carried
 analytically, so that a window off the axis needs no finer samples than one on it. The field there
-is the integral over the pupil of kernels/local_window.cl: exact for small angles (Fresnel; Goodman
-2005, section 4.2) and at the image (Debye and Wolf; Stamnes 1986, chapter 12), by stationary phase
-between; from the array to the sensor the angular spectrum is exact.
+is the integral over the pupil of kernels/cameras/local_window.cl: exact for small angles (Fresnel;
+Goodman 2005, section 4.2) and at the image (Debye and Wolf; Stamnes 1986, chapter 12), by
+stationary phase between; from the array to the sensor the angular spectrum is exact.
 """
 
 from __future__ import annotations
@@ -37,7 +37,7 @@ TRANSITION = 0.18  # of the rims' filter, cycles a sample
 BAND = 0.8  # of the samples' band that they fill
 RINGS = 20  # Airy radii of light about the geometrical blur
 SAMPLED_RINGS = 30  # the same where windows have the sensor's samples
-NUMBERS = 18  # of a point, for kernels/local_window.cl
+NUMBERS = 18  # of a point, for kernels/cameras/local_window.cl
 PATHS = 163  # samples across the tables of a wavefront and of shadows
 PATH_REACH = 1.25  # of that table, in radii of the pupil, as in the kernel
 

@@ -20,7 +20,7 @@ from clplen.reprs import OneLine
 
 MOST_SURFACES = 64  # bits of a mask in the kernels
 EDGE_ON = 0.05  # smallest 1 - gy a - gx b: a plane seen at a smaller angle is refused
-SHAPE, WHICH = 17, 9  # numbers a surface in kernels/surfaces.cl
+SHAPE, WHICH = 17, 9  # numbers a surface in kernels/cameras/surfaces.cl
 MARGIN = 2  # pixels added to the bounds of a surface
 FAR = 2**30
 _KINDS: dict[Any, int] = {type(None): 0, Ellipse: 1, Polygon: 2, Bars: 3}
@@ -180,7 +180,7 @@ class SurfaceTables:
     scene : SurfaceScene
     device : Device
     shape, which, edges, spots, texels : pyopencl.array.Array
-        See kernels/surfaces.cl.
+        See kernels/cameras/surfaces.cl.
     """
 
     scene: SurfaceScene

@@ -23,12 +23,21 @@ BUILD_OPTIONS = ("-cl-std=CL1.2", "-cl-kernel-arg-info", "-cl-mad-enable")
 
 
 def kernel_folder() -> Path:
-    """Folder of the ``.cl`` files, in a wheel, an sdist, an editable install or a checkout."""
+    """Return the kernels' folder, in a wheel, an sdist, an editable install or a checkout."""
     for folder in _FOLDERS:
-        if (folder / "common.cl").is_file():
+        if (folder / "common" / "common.cl").is_file():
             return folder
     looked = " and ".join(str(folder) for folder in _FOLDERS)
     raise KernelBuildError(f"The OpenCL kernels are missing: looked in {looked}; reinstall clplen.")
+
+
+def kernel_path(file: str) -> Path:
+    """Find a kernel file by its name, which no two rooms share."""
+    folder = kernel_folder()
+    path = next(folder.glob(f"*/{file}"), None)
+    if path is None:
+        raise KernelBuildError(f"No kernel file {file!r} in {folder}.")
+    return path
 
 
 @cache
@@ -38,9 +47,7 @@ def kernel_source(file: str) -> str:
 
 
 def _expand(file: str, included: list[str]) -> str:
-    path = kernel_folder() / file
-    if not path.is_file():
-        raise KernelBuildError(f"No kernel file {file!r} in {path.parent}.")
+    path = kernel_path(file)
     included.append(file)
     lines = [f'#line 1 "{file}"']
     for number, line in enumerate(path.read_text(encoding="utf-8").splitlines(), start=1):

@@ -42,7 +42,7 @@ _NOISE = 0.004  # of the brightest pixels: texture below is none
 class Match:
     """What `Matcher.refined` leaves of each lenslet, shape (lines, lenslets).
 
-    The ratio, and sum e^2, sum e'^2, sum A^2 + B^2 and sum w of kernels/focused_depth.cl.
+    The ratio, and sum e^2, sum e'^2, sum A^2 + B^2 and sum w of focused_depth.cl.
     """
 
     ratio: Values

@@ -33,7 +33,7 @@ def gather_costs(
     scales: tuple[Map, Map],
     spans: Spans,
 ) -> None:
-    """Mean of the costs round a pixel, by nearness and likeness: gather of kernels/support.cl."""
+    """Mean of the costs round a pixel, by nearness and likeness: gather of support.cl."""
     device = lf.device
     planes, ny, nx = (int(n) for n in costs.shape)
     if in_vectors(lf):
@@ -102,7 +102,7 @@ def normal_equations(
     wanted: Mask,
     out: tuple[cla.Array, cla.Array],
 ) -> None:
-    """A and B of kernels/refine.cl at the wanted pixels."""
+    """A and B of kernels/lightfield/refine.cl at the wanted pixels."""
     device = lf.device
     ny, nx, channels = (*lf.shape[2:], 1)[:3]
     args = (
@@ -136,7 +136,7 @@ def fit_planes(
     normal: tuple[cla.Array, cla.Array],
     limits: tuple[float, float, float],
 ) -> tuple[Map, Map]:
-    """Planes through the neighbours' steps: fit of kernels/refine.cl."""
+    """Planes through the neighbours' steps: fit of kernels/lightfield/refine.cl."""
     device = lf.device
     ny, nx = disparity.shape
     out, known = (device.empty((ny, nx), np.float32) for _ in range(2))

@@ -117,7 +117,7 @@ class ShiftTables:
     Attributes
     ----------
     at, part, slopes, reach : pyopencl.array.Array
-        As in kernels/matching.cl and refine.cl.
+        As in kernels/lightfield/matching.cl and refine.cl.
     planes : pyopencl.array.Array
         float32.
     count : int
@@ -211,7 +211,7 @@ def match_costs(lf: LightField, views: ViewGroups, tables: ShiftTables, spans: S
 
 
 def depth_kernel(lf: LightField, name: str) -> cl.Kernel:
-    """A kernel of kernels/combined.cl; all of them for one kind of light field are one program."""
+    """A kernel of combined.cl; all of them for one kind of light field are one program."""
     lanes = vector_lanes(lf.device)[0]
     vectors = {"LANES": lanes, "MATCH_VECTORS": _VECTORS} if in_vectors(lf) else {}
     return lf.device.kernel(

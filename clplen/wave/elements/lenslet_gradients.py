@@ -1,6 +1,6 @@
 """Gradients with respect to the lenslets of an array: sums over each one's samples, and the rest.
 
-The device sums over the samples of every lenslet (kernels/lenslet_gradient.cl and
+The device sums over the samples of every lenslet (kernels/wave/lenslet_gradient.cl and
 lenslet_moments.cl); what follows from these sums by the chain rule is computed here in float64.
 Forward, the same rates of all lenslets become the change of the transmission.
 """

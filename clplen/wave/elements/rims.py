@@ -9,7 +9,7 @@ import numpy as np
 
 Values = np.ndarray[Any, np.dtype[np.float64]]
 
-RIM = 12  # samples on either side of a rim that its weights reach, as in kernels/rim_weights.cl
+RIM = 12  # samples on either side of a rim that its weights reach, as in rim_weights.cl
 RIM_STEPS = 64  # of their table, a sample
 STOP_DB = 90.0  # at most, of what would alias
 
