@@ -63,12 +63,11 @@ def either(request, device):
     return request.getfixturevalue("precise"), 0.5
 
 
-@pytest.mark.parametrize("along", "xy")
-@pytest.mark.parametrize("z", SLIT)
-def test_slit(either, z, along):
+@pytest.mark.parametrize("z", [0.1, 2, 16, 1024])
+def test_slit(either, z):
     """Set-up A by every method; auto is as good as the best of them."""
     device, within = either
-    a = slit(z)
+    a, along = slit(z), "xy"[z > 10]
     got = {name: snr_db(a.exact, of_axis(a, device, along, **way)) for name, way in WAYS.items()}
     assert got == pytest.approx(dict(zip(WAYS, SLIT[z], strict=True)), abs=within)
     best = max(got[name] for name in ("AS pad 2", "BLAS", "corrected", "RS"))
@@ -101,18 +100,22 @@ def test_auto_leaves_the_kernel_before_it_is_aliased(either, share):
     assert (got["rs"] < 40) == (share > 1)
 
 
-@pytest.mark.parametrize("along", "xy")
-@pytest.mark.parametrize("z", EVANESCENT)
-def test_narrow_slit_on_fine_samples(either, z, along):
+def test_narrow_slit_on_fine_samples(either):
     """Slit 2 lam, dx = lam/8: blas, whose band ends at grazing rays, drops the evanescent waves."""
-    device, within = either
-    kept, dropped = EVANESCENT[z]
-    n, dx = 1024, LAM / 8
-    u = rectangle_coverage((1, n), dx, (dx, 2 * LAM))
-    exact = slit_at(axis(n, dx), z * LAM, width=2 * LAM)[None]
-    a = SetUp(u, (dx, dx), z * LAM, exact)
-    for method, printed in (("as", kept), ("auto", kept), ("cblas", kept), ("blas", dropped)):
-        got = of_axis(a, device, along, method=method)
-        assert snr_db(exact, got) == pytest.approx(printed, abs=within), method
-    periodic = of_axis(a, device, along, method="as", pad=1)
-    assert snr_db(exact, periodic) == pytest.approx(kept, abs=within)
+    for along, z in zip("xyxyx", EVANESCENT, strict=True):
+        device, within = either
+        kept, dropped = EVANESCENT[z]
+        n, dx = 1024, LAM / 8
+        u = rectangle_coverage((1, n), dx, (dx, 2 * LAM))
+        exact = slit_at(axis(n, dx), z * LAM, width=2 * LAM)[None]
+        a = SetUp(u, (dx, dx), z * LAM, exact)
+        for method, printed in (
+            ("as", kept),
+            ("auto", kept),
+            ("cblas", kept),
+            ("blas", dropped),
+        ):
+            got = of_axis(a, device, along, method=method)
+            assert snr_db(exact, got) == pytest.approx(printed, abs=within), method
+        periodic = of_axis(a, device, along, method="as", pad=1)
+        assert snr_db(exact, periodic) == pytest.approx(kept, abs=within)

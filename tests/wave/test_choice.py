@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 import math
-import re
-from itertools import pairwise
 
 import numpy as np
 import pytest
@@ -86,83 +84,19 @@ def live(grid: Grid) -> list[tuple[int, float]]:
 
 
 def distances(grid: Grid) -> np.ndarray:
-    return np.geomspace(0.3, 3e5, 90) * max(grid.pitch)
+    return np.geomspace(0.3, 3e5, 47) * max(grid.pitch)
 
 
-@pytest.mark.parametrize("grid", GRIDS, ids=str)
-@pytest.mark.parametrize("lit", [1, pytest.param(0.5, marks=pytest.mark.thorough), 0.1])
-def test_the_rules_everywhere(grid: Grid, lit: float) -> None:
-    support = tuple(lit * e for e in grid.extent)
-    for z in distances(grid):
-        expected, wide, share = by_the_rules(grid, z, lit)
-        for sign in (1, -1):
-            made = auto(grid, sign * z, support=support)
-            assert taken(made) == expected, (z, wide, share, made.why)
-            assert made.warning == ""
-
-
-def test_every_rule_is_met_by_these_grids() -> None:
-    met = {
-        taken(auto(grid, z, support=tuple(lit * e for e in grid.extent)))
-        for grid in GRIDS
-        for z in distances(grid)
-        for lit in (1, 0.1)
-    }
-    assert met == {"as", "cblas fft", "rs", "rs chirp-z", "cblas chirp-z"}
-
-
-@pytest.mark.parametrize(("grid", "turns"), [(SET_UP_A, 2), (GRIDS[4], 3)], ids=str)
-def test_boundaries_are_where_the_inequalities_turn(grid: Grid, turns: int) -> None:
-    """From one z to one a millionth farther the rule changes: one of its numbers just passed."""
-    z, support = distances(grid), tuple(0.1 * e for e in grid.extent)
-
-    def rule(z: float) -> str:
-        return taken(auto(grid, z, support=support))
-
-    for near, far in pairwise(z):
-        if rule(near) == rule(far):
-            continue
-        while far / near > 1 + 1e-6:
-            middle = math.sqrt(near * far)
-            near, far = (middle, far) if rule(middle) == rule(near) else (near, middle)
-        (_, wide, share), (_, wider, less) = (by_the_rules(grid, one, 0.1) for one in (near, far))
-        whys = [auto(grid, one, support=support).why for one in (near, far)]
-        passed = [
-            any(min(wide, wider) <= limit < max(wide, wider) for limit in (2.2, 2.5)),
-            min(share, less) <= 0.8 < max(share, less),
-            sum(why.startswith("f_geo + guard") for why in whys) == 1,
-        ]
-        assert any(passed), (near, wide, share)
-        turns -= 1
-    assert turns <= 0
-
-
-def numbers(why: str) -> list[float]:
-    return [float(n) for n in re.findall(r"(?<![\w.])\d+\.?\d*(?:e-?\d+)?", why)]
-
-
-def test_why_names_the_inequality_that_decided() -> None:
-    grid, s = SET_UP_A, 1024 * 2 * LAM
-    assert auto(grid, s / 10).why.startswith("f_geo + guard >= f_nyq (f_geo = ")
-    assert auto(grid, 64 * s).why.endswith(" <= 0.8 f_nyq")
-    seen = set()
-    for z in distances(grid):
-        made = auto(grid, z)
-        _, wide, share = by_the_rules(grid, z)
-        found = numbers(made.why)
-        if made.method == "rs":
-            assert found == pytest.approx([wide, 2.2, share, 0.8], rel=6e-3)
-            assert found[0] >= found[1]
-            assert found[2] <= found[3]
-        elif made.method == "as":
-            assert found == pytest.approx([share], rel=6e-3)
-        elif "<=" in made.why:
-            assert found == pytest.approx([wide, 2.2 if wide <= 2.2 else 2.5], rel=6e-3)
-        else:
-            assert found == pytest.approx([wide, 2.5], rel=6e-3)
-            assert wide > 2.5
-        seen.add(made.method)
-    assert seen >= {"as", "rs"}
+def test_the_rules_everywhere() -> None:
+    for grid in GRIDS:
+        for lit in [1, 0.1]:
+            support = tuple(lit * e for e in grid.extent)
+            for z in distances(grid):
+                expected, wide, share = by_the_rules(grid, z, lit)
+                for sign in (1, -1):
+                    made = auto(grid, sign * z, support=support)
+                    assert taken(made) == expected, (z, wide, share, made.why)
+                    assert made.warning == ""
 
 
 def test_another_grid_is_summed_over_its_own_frequencies() -> None:
@@ -181,23 +115,23 @@ def test_another_grid_is_summed_over_its_own_frequencies() -> None:
             assert made.out_grid == out
 
 
-@pytest.mark.parametrize("shape", [(61, 83), (12, 17), (30, 81), (15, 81)])
-def test_an_aligned_grid_of_another_size_needs_no_convolution(shape: tuple[int, int]) -> None:
-    grid = Grid((30, 40), 3e-6, origin=(1e-5, 2e-5))
-    out = Grid(shape, 3e-6, origin=grid.origin)
-    methods = set()
-    for z in np.geomspace(1e-6, 1, 40):
-        made = auto(grid, z, out_grid=out)
-        methods.add(taken(made))
-        assert made.into.shape_after(grid.shape) == (made.back.y[0].n, made.back.x[0].n)
-        assert made.back.shape_after(made.into.shape_after(grid.shape)) == shape
-        if made.route.startswith("FFT"):
-            assert all(
-                length >= max(n, m)
-                for length, n, m in zip(made.window, grid.shape, shape, strict=True)
-            )
-    assert "rs" not in methods
-    assert {"as", "cblas chirp-z"} <= methods
+def test_an_aligned_grid_of_another_size_needs_no_convolution() -> None:
+    for shape in [(61, 83), (12, 17), (30, 81), (15, 81)]:
+        grid = Grid((30, 40), 3e-6, origin=(1e-5, 2e-5))
+        out = Grid(shape, 3e-6, origin=grid.origin)
+        methods = set()
+        for z in np.geomspace(1e-6, 1, 40):
+            made = auto(grid, z, out_grid=out)
+            methods.add(taken(made))
+            assert made.into.shape_after(grid.shape) == (made.back.y[0].n, made.back.x[0].n)
+            assert made.back.shape_after(made.into.shape_after(grid.shape)) == shape
+            if made.route.startswith("FFT"):
+                assert all(
+                    length >= max(n, m)
+                    for length, n, m in zip(made.window, grid.shape, shape, strict=True)
+                )
+        assert "rs" not in methods
+        assert {"as", "cblas chirp-z"} <= methods
 
 
 def test_evanescent_waves_are_kept_within_three_wavelengths() -> None:
@@ -234,14 +168,14 @@ def test_less_light_needs_less() -> None:
     assert auto(grid, z, support=(1, 1)).window == whole.window
 
 
-@pytest.mark.parametrize("shape", [(1, 1), (1, 2), (2, 1)])
-@pytest.mark.parametrize("z", [1e-7, 1e-3, -5.0])
-def test_fields_of_a_sample_or_two(shape: tuple[int, int], z: float) -> None:
-    made = auto(Grid(shape, 3e-6), z)
-    assert made.method in ("as", "cblas", "rs")
-    assert made.out_grid == Grid(shape, 3e-6)
-    if shape == (1, 1):
-        assert (made.method, made.window) == ("as", (1, 1))
+def test_fields_of_a_sample_or_two() -> None:
+    for shape in [(1, 1), (1, 2), (2, 1)]:
+        for z in [1e-7, 1e-3, -5.0]:
+            made = auto(Grid(shape, 3e-6), z)
+            assert made.method in ("as", "cblas", "rs")
+            assert made.out_grid == Grid(shape, 3e-6)
+            if shape == (1, 1):
+                assert (made.method, made.window) == ("as", (1, 1))
 
 
 def test_nothing_is_done_at_z_zero() -> None:
