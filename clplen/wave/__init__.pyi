@@ -64,8 +64,6 @@ from .systems.components import Element as Element
 from .systems.components import Lens as Lens
 from .systems.components import Part as Part
 from .systems.components import Stop as Stop
-from .systems.components import label_of as label_of
-from .systems.components import text_of as text_of
 from .systems.optical_system import OpticalSystem as OpticalSystem
 from .systems.optical_system import imaging_system as imaging_system
 from .systems.pupil_filter import Pupil as Pupil

@@ -2,27 +2,26 @@
 
 from __future__ import annotations
 
-import math
-
 import numpy as np
 import pytest
 from fields import LAM
-from reference_corrected import AxisPlan, corrected_plan
-from reference_optics import smooth_length
 
 from clplen import Grid
 from clplen.wave.propagation.description import Description, Request
 from clplen.wave.propagation.methods import describe
 
-SET_UP_A = Grid((1, 1024), 2 * LAM)
-GRIDS = [
-    SET_UP_A,
-    Grid((1024, 1), 2 * LAM),
-    Grid((64, 64), 2e-6),
-    Grid((61, 200), (6.6e-6, 5e-6)),
-    Grid((200, 61), (1.5e-6, 9e-6)),
-    Grid((128, 96), (0.4e-6, 0.3e-6)),
-    Grid((40, 50), (0.2e-6, 0.25e-6)),
+WHOLE = Grid((1, 1024), 2 * LAM)
+CHANGES = [  # grid, part that carries light, first rule, (distance, rule) where another one begins
+    (WHOLE, 1, "as", [(5.51821e-3, "rs")]),
+    (Grid((61, 200), (6.6e-6, 5e-6)), 1, "as", [(0.0227053, "rs")]),
+    (
+        Grid((200, 61), (1.5e-6, 9e-6)),
+        0.1,
+        "as",
+        [(1.96791e-3, "cblas fft"), (3.91551e-3, "cblas chirp-z"), (0.0123488, "rs")],
+    ),
+    (Grid((40, 50), (0.2e-6, 0.25e-6)), 1, "as", [(7.5e-7, "rs chirp-z"), (3.51472e-6, "rs")]),
+    (Grid((128, 96), (0.4e-6, 0.3e-6)), 0.1, "as", [(4.27604e-5, "rs")]),
 ]
 
 
@@ -37,66 +36,17 @@ def taken(made: Description) -> str:
     return f"{made.method} {made.kind}"
 
 
-def by_the_rules(grid: Grid, z: float, lit: float = 1) -> tuple[str, float, float]:
-    """The design's section 5 with the twin's band: the rule, W/S and f_geo/f_nyq.
-
-    lit: the part of the window that carries light.
-    """
-    support = [lit * e for e in grid.extent]
-    plans: list[AxisPlan] = list(
-        corrected_plan(grid.shape, grid.pitch, z, wavelength=LAM, support=support)
-    )
-    wide, share, clipped, sampled, grazing = 1.0, 0.0, True, True, False
-    for plan, n, d in zip(plans, grid.shape, grid.pitch, strict=True):
-        if n == 1:
-            continue
-        nyquist, reach = 1 / (2 * d), (1 + lit) / 2 * n * d
-        wide = max(wide, smooth_length(max(n, round(plan.window / d))) / n)
-        steepest = reach / (LAM * math.hypot(reach, z)) / nyquist
-        share = max(share, steepest)
-        # Waves of the Nyquist frequency are evanescent and lose exp(-18.4), 160 dB.
-        beyond = (LAM * nyquist) ** 2 - 1
-        decay = 2 * math.pi * abs(z) / LAM * math.sqrt(max(beyond, 0))
-        sampled = sampled and (steepest <= 0.8 or decay >= 18.4)
-        clipped = clipped and plan.f_lo == -nyquist and plan.f_hi == nyquist
-        # The steepest ray of the band, and its alias, against the widest window that is taken.
-        sine, spread = LAM * plan.f_hi, math.sqrt(LAM * abs(z))
-        beside = abs(z) * sine / math.sqrt(1 - sine**2) if sine < 1 else math.inf
-        guard = 8 if min((1 + lit) * m * p for m, p in live(grid)) ** 2 < 16 * LAM * z else 6
-        grazing = grazing or beside + reach + 3 * spread > 8 * reach + 2 * (guard + 3) * spread
-    # The kernel's peak, of width z, takes three samples: exp(-2 pi 3) is 160 dB.
-    near = abs(z) < 3 * max(p for _, p in live(grid))
-    kernel = sampled and not near
-    if min(p for _, p in live(grid)) < LAM / 2 and abs(z) <= 3 * LAM and near:
-        return "as", wide, share
-    if grazing and not kernel and not near:
-        return "rs chirp-z", wide, share
-    if clipped and (wide <= 2.2 or not kernel):
-        return "as", wide, share
-    if wide <= 2.2 or (wide <= 2.5 and not kernel):
-        return "cblas fft", wide, share
-    return ("rs" if kernel else "cblas chirp-z"), wide, share
-
-
-def live(grid: Grid) -> list[tuple[int, float]]:
-    """(samples, pitch) of the axes along which something varies."""
-    return [(n, d) for n, d in zip(grid.shape, grid.pitch, strict=True) if n > 1]
-
-
-def distances(grid: Grid) -> np.ndarray:
-    return np.geomspace(0.3, 3e5, 47) * max(grid.pitch)
-
-
-def test_the_rules_everywhere() -> None:
-    for grid in GRIDS:
-        for lit in [1, 0.1]:
-            support = tuple(lit * e for e in grid.extent)
-            for z in distances(grid):
-                expected, wide, share = by_the_rules(grid, z, lit)
+def test_rules_change_where_their_inequalities_turn() -> None:
+    """Distances by bisection; at the sixth digit on either side the rules are those named."""
+    for grid, lit, first, changes in CHANGES:
+        support, before = tuple(lit * e for e in grid.extent), first
+        for z, after in changes:
+            for at, rule in ((z * (1 - 1e-5), before), (z * (1 + 1e-5), after)):
                 for sign in (1, -1):
-                    made = auto(grid, sign * z, support=support)
-                    assert taken(made) == expected, (z, wide, share, made.why)
-                    assert made.warning == ""
+                    made = auto(grid, sign * at, support=support)
+                    assert (taken(made), made.warning) == (rule, ""), (grid, at)
+            before = after
+        assert taken(auto(grid, 1e3 * changes[-1][0], support=support)) == before
 
 
 def test_another_grid_is_summed_over_its_own_frequencies() -> None:
@@ -155,7 +105,6 @@ def test_the_longer_axis_decides() -> None:
     assert taken(auto(Grid((1, 800), 5e-6), z)) == "as"
     assert taken(auto(Grid((50, 1), 5e-6), z)) == "rs"
     both = auto(Grid((50, 800), 5e-6), z)
-    assert taken(both) == by_the_rules(Grid((50, 800), 5e-6), z)[0]
     turned = auto(Grid((800, 50), 5e-6), z)
     assert (turned.method, turned.why) == (both.method, both.why)
     assert turned.window == both.window[::-1]

@@ -165,26 +165,6 @@ def test_focus(device):
             assert abs(-b / (2 * a)) <= 2e-4
 
 
-@pytest.mark.parametrize(
-    ("part", "peak", "within"),
-    [
-        (0.5, 1.0, 1e-3),
-        (0.95, 1.0, 3e-3),
-        (1.0, 0.992, 5e-4),
-        (1.2, 1 / 1.2, 1e-3),
-        (1.5, 1 / 1.5, 1e-3),
-    ],
-)
-def test_peak_of_an_aliased_lens(device, part, peak, within):
-    """Beyond R_max a 1-D lens collects no more light: peak/ideal = R_max/R."""
-    lam, dx, f = 550e-9, 4e-6, 23e-3  # Fresnel number 200 at R_max: .008 of its light is lost there
-    half = part * lam * f / (2 * dx)
-    grid = Grid((1, 2 * int(half / dx) + 9), dx)
-    field = thin_lens(ones(grid, device, lam), f, diameter=2 * half, aliasing="allow")
-    got = abs(focused(field, f, np.zeros(1), np.zeros(1), pad=8, paraxial=True)[0, 0])
-    assert got / (2 * half / np.sqrt(lam * f)) == pytest.approx(peak, abs=within)
-
-
 def test_pupil_on_the_axis(device):
     """A weighted circle of 64 samples against the closed form on the axis, RS-I."""
     for fresnel, weighted in [(1, 1.8e-3), (0.5, 5.5e-4), (0.1, 7.3e-5), (0.01, 7.1e-6)]:

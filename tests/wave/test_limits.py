@@ -33,17 +33,6 @@ def warns(grid: Grid, z: float, method: str, **options: object) -> list[bool]:
 # Hard edges: guard = 0 --------------------------------------------------------------------------
 
 
-def test_a_hard_edge_onto_a_larger_grid(device):
-    """The window holds both grids side by side: what is left is what a periodic window adds."""
-    for z, floor in [(5e-5, 60), (2e-4, 48), (5e-4, 38)]:
-        grid, out = Grid((24, 37), (3e-6, 2e-6)), Grid((64, 80), (3e-6, 2e-6))
-        u = band_limited(grid.shape)
-        wide, own = (
-            go(u, grid, z, device, method="cblas", guard=0, out_grid=out, pad=pad) for pad in (6, 2)
-        )
-        assert err_db(wide, own) >= floor
-
-
 def test_evanescent_waves_do_not_return_in_a_window_without_padding(device):
     """Within 3 lam the window holds both grids whatever pad and guard are.
 

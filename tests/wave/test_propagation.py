@@ -14,7 +14,6 @@ from reference_corrected import corrected
 from tolerance import err_db
 
 from clplen import Device, Grid, Propagator, SamplingWarning, propagate
-from clplen.compute.fft.routes import FFTRoute
 from clplen.wave.propagation.free_space import plan, propagate_wavelengths
 
 METHODS = (
@@ -94,35 +93,6 @@ def test_where_arrays_stay_on_the_device(device, on_device):
         if method == "auto":
             expected = go(u, grid, z, device, out_grid=out)
             assert err_db(expected, go(u, grid, z, on_device, out_grid=out)) >= SAME
-
-
-def test_distances_of_one_window_share_a_transform(device, monkeypatch):
-    grid = Grid((16, 16), 3e-6)
-    field = field_of(band_limited(grid.shape), grid, device)
-    z = [1e-4, 1.5e-4, 2e-4]
-    assert len({Propagator(grid, one, wavelength=LAM, method="as", pad=2, device=device).report
-                .padded_shape for one in z}) == 1  # fmt: skip
-    calls = []
-    lines, transform = FFTRoute.lines, FFTRoute.transform
-
-    def counted(self: FFTRoute, *arguments: object, **more: object) -> None:
-        calls.append(arguments[-1])  # whether forward
-        lines(self, *arguments, **more)
-
-    def noted(self: FFTRoute, *arguments: object, forward: bool, **more: object) -> None:
-        calls.append(forward)
-        transform(self, *arguments, forward=forward, **more)
-
-    propagate(field, z, method="as")
-    monkeypatch.setattr(FFTRoute, "lines", counted)  # of the host
-    monkeypatch.setattr(FFTRoute, "transform", noted)  # of a GPU
-    propagate(field, z[0], method="as")
-    forward, inverse = calls.count(True), calls.count(False)
-    assert min(forward, inverse) > 0
-    calls.clear()
-    propagate(field, z, method="as")
-    assert calls.count(True) == forward
-    assert calls.count(False) == 3 * inverse
 
 
 def test_several_wavelengths(device):

@@ -106,21 +106,6 @@ def test_monomials():
         np.testing.assert_allclose(got, exact, atol=1e-11, rtol=0)
 
 
-def disc_quadrature(order):
-    """Nodes and weights of the mean over the unit disc, exact for polynomials of that degree."""
-    nodes, weights = np.polynomial.legendre.leggauss(order)
-    angle = 2 * np.pi * np.arange(2 * order + 1) / (2 * order + 1)
-    rho, theta = np.meshgrid((nodes + 1) / 2, angle, indexing="ij")
-    return rho, theta, (weights[:, None] * rho) / angle.size
-
-
-def test_orthonormal_over_the_disc():
-    rho, theta, weight = disc_quadrature(25)
-    terms = np.array([zernike(*noll(j), rho, theta) for j in range(1, 232)])  # n up to 20
-    gram = np.einsum("iab,jab,ab->ij", terms, terms, weight, optimize=True)
-    assert np.abs(gram - np.eye(231)).max() <= 1e-12
-
-
 def plate_twin(grid, coefficients, diameter, centre, wavelength):
     y, x = np.meshgrid(grid.y - centre[0], grid.x - centre[1], indexing="ij")
     polynomials = {j: p for _, j, _, p in NAMED}
