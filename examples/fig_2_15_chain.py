@@ -6,7 +6,7 @@ from common import RED, begin, number
 from two_f import EXTENT, GRID, PEAK, PITCH, D, F, N, Z, point
 
 from clplen.plot import LIGHT, new_figure
-from clplen.wave import imaging_system, label_of, text_of
+from clplen.wave import imaging_system
 
 ROW, COLUMN, MM = 60, -110, 1e3  # samples from the axis to the point: up, and to the left
 HALF, SMALL = (1.3, 2.3, 2.3, 1.3), (0.035, 1, 1, 0.15)  # half widths / mm
@@ -45,7 +45,7 @@ for k, ((above, below), (z, part, _)) in enumerate(zip(panels.T, trace, strict=T
     if k:
         below.imshow(np.angle(fields[k]), extent=EXTENT, origin="lower", cmap="twilight",
                      interpolation="nearest" if k == 3 else "hanning", interpolation_stage="rgba")
-        text = f"{label_of(part)}\n{text_of(part)}".replace(", ", "\n")
+        text = f"{part.label}\n{part.describe()}".replace(", ", "\n")
         above.annotate(text, (-0.27, 0.97), xycoords="axes fraction", ha="center", va="top", size=7)
         above.annotate("", (-0.09, 0.6), (-0.47, 0.6), xycoords="axes fraction",
                        arrowprops={"arrowstyle": "-|>", "color": RED})

@@ -24,9 +24,8 @@ from clplen.cameras.scenes.scene_sources import (
     as_sources,
 )
 from clplen.cameras.scenes.surface_scene import SurfaceScene
-from clplen.files import PathLike
 from clplen.lightfield.raw.raw_image import RawImage, Sensor
-from clplen.wave.coherence.averaging import Averaging, Progress
+from clplen.wave.coherence.averaging import Averaging, Checkpoint, Progress
 from clplen.wave.coherence.coherence import Coherence
 from clplen.wave.field.field import Field, row_powers
 from clplen.wave.field.intensity import Region
@@ -101,7 +100,7 @@ class Plenoptic(Described, RayOptics):
         snapshots: int | None = None,
         rtol: float | None = None,
         region: Region | None = None,
-        checkpoint: PathLike | None = None,
+        checkpoint: Checkpoint | None = None,
     ) -> RawImage:
         """Take a raw image: intensities of all points and pictures added.
 

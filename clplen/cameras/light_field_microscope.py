@@ -39,9 +39,8 @@ from clplen.cameras.optics.pixel_array import PixelSums
 from clplen.cameras.scenes.scene_sources import PointSources
 from clplen.compute.fft.lines import smooth_length
 from clplen.errors import SamplingError
-from clplen.files import PathLike
 from clplen.lightfield.raw.raw_image import Exposure, RawImage, Sensor
-from clplen.wave.coherence.averaging import Progress
+from clplen.wave.coherence.averaging import Checkpoint, Progress
 from clplen.wave.coherence.coherence import Coherence
 from clplen.wave.field.field import Field, Grid
 from clplen.wave.field.intensity import accumulate, average_of
@@ -108,7 +107,7 @@ class Microscope(MicroscopeOptics):
         koehler: bool = True,
         snapshots: int | None = None,
         rtol: float | None = None,
-        checkpoint: PathLike | None = None,
+        checkpoint: Checkpoint | None = None,
     ) -> RawImage:
         """Take a raw image of incoherent points, such as beads.
 

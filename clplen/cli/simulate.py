@@ -101,7 +101,7 @@ def simulate(
                 koehler=how.koehler,
                 snapshots=how.snapshots,
                 rtol=how.rtol,
-                checkpoint=checkpoint,
+                checkpoint=checkpoint and (checkpoint, f"{built!r}, koehler={how.koehler}"),
             )
         _write_frame(folder / "raw.tif", raw)
         plot.save(plot.raw_image(raw), folder / "raw.png")

@@ -51,9 +51,9 @@ from .field.field import Field as Field
 from .field.field import Grid as Grid
 from .field.field_gradients import polar_gradient as polar_gradient
 from .field.intensity import MeanIntensity as MeanIntensity
-from .propagation.energy_budget import Energy as Energy
 from .propagation.free_space import propagate as propagate
 from .propagation.free_space import propagate_wavelengths as propagate_wavelengths
+from .propagation.plan_report import Energy as Energy
 from .propagation.plan_report import PlanReport as PlanReport
 from .propagation.propagator import Propagator as Propagator
 from .spectrum.lineshapes import SpectralSamples as SpectralSamples
@@ -64,8 +64,6 @@ from .systems.components import Element as Element
 from .systems.components import Lens as Lens
 from .systems.components import Part as Part
 from .systems.components import Stop as Stop
-from .systems.components import label_of as label_of
-from .systems.components import text_of as text_of
 from .systems.optical_system import OpticalSystem as OpticalSystem
 from .systems.optical_system import imaging_system as imaging_system
 from .systems.pupil_filter import Pupil as Pupil

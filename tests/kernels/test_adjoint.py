@@ -15,30 +15,30 @@ def waves(seed, *shape):
 
 
 @pytest.mark.parametrize("wave", ["single", "double"], indirect=True)
-@pytest.mark.parametrize("shape", SHAPES)
-def test_conjugates_and_slopes(wave, shape):
-    u, w = waves(1, 2, *shape), np.random.default_rng(2).normal(size=(2, *shape))
-    data, out = wave.upload(u.astype(wave.complex)), wave.empty((2, *shape), wave.complex)
-    size = [np.int32(n) for n in shape]
-    kernel = wave.kernel("adjoint.cl", "conjugate", **wave.wave_defines())
-    wave.launch_rows(kernel, u.shape, out, data, *size)
-    np.testing.assert_array_equal(wave.download(out), u.astype(wave.complex).conj())
-    kernel = wave.kernel("adjoint.cl", "intensity_slope", **wave.wave_defines())
-    wave.launch_rows(kernel, u.shape, out, wave.upload(w.astype(wave.real)), data, *size)
-    assert relative_max(2 * w * u, wave.download(out)) <= 4 * np.finfo(wave.real).eps
+def test_conjugates_and_slopes(wave):
+    for shape in SHAPES:
+        u, w = waves(1, 2, *shape), np.random.default_rng(2).normal(size=(2, *shape))
+        data, out = wave.upload(u.astype(wave.complex)), wave.empty((2, *shape), wave.complex)
+        size = [np.int32(n) for n in shape]
+        kernel = wave.kernel("adjoint.cl", "conjugate", **wave.wave_defines())
+        wave.launch_rows(kernel, u.shape, out, data, *size)
+        np.testing.assert_array_equal(wave.download(out), u.astype(wave.complex).conj())
+        kernel = wave.kernel("adjoint.cl", "intensity_slope", **wave.wave_defines())
+        wave.launch_rows(kernel, u.shape, out, wave.upload(w.astype(wave.real)), data, *size)
+        assert relative_max(2 * w * u, wave.download(out)) <= 4 * np.finfo(wave.real).eps
 
 
 @pytest.mark.parametrize("wave", ["single", "double"], indirect=True)
-@pytest.mark.parametrize("shape", SHAPES)
-def test_inner_products_of_rows(wave, shape):
-    a, b = waves(3, 2, *shape), waves(4, 2, *shape)
-    (ny, nx), out = shape, wave.empty((2, shape[0]), wave.complex)
-    kernel = wave.kernel("adjoint.cl", "row_inner", **wave.wave_defines())
-    data = [wave.upload(v.astype(wave.complex)) for v in (a, b)]
-    wave.launch(kernel, (ny, 2), out, *data, np.int32(ny), np.int32(nx))
-    expected = (np.conj(a) * b).sum(axis=-1)
-    norm = np.sqrt((np.abs(a) ** 2).sum(axis=-1) * (np.abs(b) ** 2).sum(axis=-1))
-    assert (np.abs(wave.download(out) - expected) / norm).max() <= 4 * np.finfo(wave.real).eps
+def test_inner_products_of_rows(wave):
+    for shape in SHAPES:
+        a, b = waves(3, 2, *shape), waves(4, 2, *shape)
+        (ny, nx), out = shape, wave.empty((2, shape[0]), wave.complex)
+        kernel = wave.kernel("adjoint.cl", "row_inner", **wave.wave_defines())
+        data = [wave.upload(v.astype(wave.complex)) for v in (a, b)]
+        wave.launch(kernel, (ny, 2), out, *data, np.int32(ny), np.int32(nx))
+        expected = (np.conj(a) * b).sum(axis=-1)
+        norm = np.sqrt((np.abs(a) ** 2).sum(axis=-1) * (np.abs(b) ** 2).sum(axis=-1))
+        assert (np.abs(wave.download(out) - expected) / norm).max() <= 4 * np.finfo(wave.real).eps
 
 
 @pytest.mark.parametrize("wave", ["single", "double"], indirect=True)

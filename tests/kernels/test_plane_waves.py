@@ -26,23 +26,22 @@ def twin(frequencies, amplitudes, grid):
 
 
 @pytest.mark.parametrize("wave", ["single", "double"], indirect=True)
-@pytest.mark.parametrize("points", [1, 13])
-@pytest.mark.parametrize("shape", [(7, 11), (8, 12), (1, 33), (40, 1), (5, 38), (1, 1)])
-def test_sum_of_waves(wave, shape, points):
-    # thousands of turns at the origin of the window
-    grid = Grid(shape, (5e-6, 4e-6), origin=(3e-2, -7e-2))
-    frequencies, amplitudes = waves(points)
-    got = plane_waves(frequencies, amplitudes, grid=grid, wavelength=5e-7, device=wave)
-    assert got.grid == grid
-    assert got.wavelength == 5e-7
-    # tables and sums rounded to eps each; turns of 5e3 keep 1e-12 in float64
-    limit = 8 * np.finfo(np.float32).eps if wave.precision == "single" else 2e-11
-    expected = twin(frequencies, amplitudes, grid)
-    assert relative_max(expected, got.to_numpy().astype(np.complex128)) <= limit
+def test_sum_of_waves(wave):
+    for points in [1, 13]:
+        for shape in [(7, 11), (8, 12), (1, 33), (40, 1), (5, 38), (1, 1)]:
+            # thousands of turns at the origin of the window
+            grid = Grid(shape, (5e-6, 4e-6), origin=(3e-2, -7e-2))
+            frequencies, amplitudes = waves(points)
+            got = plane_waves(frequencies, amplitudes, grid=grid, wavelength=5e-7, device=wave)
+            assert got.grid == grid
+            assert got.wavelength == 5e-7
+            # tables and sums rounded to eps each; turns of 5e3 keep 1e-12 in float64
+            limit = 8 * np.finfo(np.float32).eps if wave.precision == "single" else 2e-11
+            expected = twin(frequencies, amplitudes, grid)
+            assert relative_max(expected, got.to_numpy().astype(np.complex128)) <= limit
 
 
-@pytest.mark.parametrize("blocks", [(1, 1, 4), (4, 1, 3), (4, 2, 2), (8, 1, 1)])
-def test_blocks_that_do_not_fit_the_window(device, blocks, monkeypatch):
+def check_blocks_that_do_not_fit_the_window(device, monkeypatch, blocks):
     monkeypatch.setattr(module, "_blocks", lambda device: module._Blocks(*blocks))
     frequencies, amplitudes = waves(5)
     for shape in ((5, 37), (6, 40)):
@@ -50,6 +49,11 @@ def test_blocks_that_do_not_fit_the_window(device, blocks, monkeypatch):
         got = plane_waves(frequencies, amplitudes, grid=grid, wavelength=5e-7, device=device)
         limit = 8 * np.finfo(np.float32).eps
         assert relative_max(twin(frequencies, amplitudes, grid), got.to_numpy()) <= limit
+
+
+def test_blocks_that_do_not_fit_the_window(device, monkeypatch):
+    for blocks in [(1, 1, 4), (4, 1, 3), (4, 2, 2), (8, 1, 1)]:
+        check_blocks_that_do_not_fit_the_window(device, monkeypatch, blocks)
 
 
 def test_shapes_must_fit(device):

@@ -175,12 +175,3 @@ def test_default_depth_of_the_summed_scene(camera, scene):
         is_far &= np.hypot(y - at[0], x - at[1]) > 6
     assert found.confidence[is_far].mean() < 0.02
     assert (found.confidence[is_far] > 0.5).mean() < 0.001
-
-
-@pytest.mark.nightly
-@pytest.mark.parametrize("dz", [-50e-3, 50e-3])
-def test_extended_scene(camera, dz):
-    places = np.random.default_rng(14).uniform(-0.9e-3, 0.9e-3, (14, 2))
-    raw = camera.expose(PointSources([(x, y, dz) for x, y in places], diameter=DISC))
-    found = estimate_alpha(LightField.from_raw(raw), at=(50, 50), window=33)
-    assert found.alpha == pytest.approx(camera.alpha(dz), abs=0.004)

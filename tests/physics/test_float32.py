@@ -61,23 +61,15 @@ def worst(h: Transfer, exact: np.ndarray, device: Device, phase: str) -> float:
     return float(max(np.nanmax(np.abs(got - exact)) for got in (rows, columns.T)))
 
 
-@pytest.mark.parametrize(("n", "dx", "z"), GRIDS)
-def test_errors_of_the_transfer_function(device, n, dx, z):
+def test_errors_of_the_transfer_function(device):
     """Not more than rounding, whatever the residual."""
-    h, exact = sampled(n, dx, z)
-    for phase in ("tables", "twofloat", *(["fp64"] if device.has_fp64 else [])):
-        assert worst(h, exact, device, phase) <= ROUNDING, phase
+    for n, dx, z in GRIDS:
+        h, exact = sampled(n, dx, z)
+        for phase in ("tables", "twofloat", *(["fp64"] if device.has_fp64 else [])):
+            assert worst(h, exact, device, phase) <= ROUNDING, phase
 
 
 # The field --------------------------------------------------------------------------------------
-
-FIELDS = {  # (N, dx, z): Gaussian and random square by two routes, in dB
-    (1010, 6.6e-6, 1e-3): ((133.9, 134.1), (133.8, 133.8)),
-    (1010, 6.6e-6, 10e-3): ((133.8, 134.1), (133.8, 133.8)),
-    (1010, 6.6e-6, 240e-3): ((134.8, 131.1), (135.0, 130.7)),
-    (1024, 0.5e-6, 0.1e-3): ((136.2, 134.0), (135.9, 134.0)),
-    (1024, 0.5e-6, 1e-3): ((136.4, 131.6), (136.5, 131.6)),
-}
 
 
 @lru_cache
@@ -90,59 +82,20 @@ def two_fields(n: int) -> np.ndarray:
     return np.stack([np.exp(-256 * np.add.outer(x**2, x**2)), square * waves])
 
 
-@pytest.mark.thorough
-@pytest.mark.parametrize(
-    ("case", "length"),
-    [(case, length) for case in FIELDS for length in (2020, 2048) if length >= 2 * case[0]],
-)
-def test_errors_of_the_field(device, precise, case, length):
-    """complex64 against complex128, blas in about twice the window: not more than 2 dB below.
-
-    Or 3 dB for 2020 samples, whose factor of 101 makes the transforms round more.
-    """
-    n, dx, z = case
-    pad, below = length / n, 3 if length == 2020 else 2
-    u = two_fields(n)
-    exact = step(u, dx, z, precise, method="blas", pad=pad)
-    field = field_of(u, dx, device)
-    for phase, printed in zip(("tables", "twofloat"), FIELDS[case], strict=True):
-        plan = Propagator(
-            field.grid, z, wavelength=LAM, method="blas", pad=pad, device=device, phase=phase
-        )
-        assert plan.report.padded_shape == (length, length)
-        got = plan(field).to_numpy()
-        for one, two, least in zip(exact, got, printed, strict=True):
-            assert err_db(one, two) >= least - below, phase
-
-
 @pytest.mark.parametrize("method", ["as", "blas", "cblas", "rs"])
-@pytest.mark.parametrize(
-    "z", [1e-3, 0.24, *(pytest.param(z, marks=pytest.mark.thorough) for z in (0.03, 1.0))]
-)
-def test_one_step_keeps_120_db(device, precise, method, z):
+def test_one_step_keeps_120_db(device, precise, method):
     """Where the method is valid, up to 1 m on samples of 6.6 um."""
-    u, dx = two_fields(720), 6.6e-6
-    with_warning = Propagator(
-        field_of(u, dx, device).grid, z, wavelength=LAM, method=method, device=device
-    ).report
-    if not with_warning.fully_sampled_from <= z <= with_warning.fully_sampled_to:
-        assert with_warning.warning
-        return
-    exact, got = (step(u, dx, z, dev, method=method) for dev in (precise, device))
-    for one, two in zip(exact, got, strict=True):
-        assert err_db(one, two) >= 120
-
-
-@pytest.mark.parametrize("z", [0.1e-3, 1e-3])
-@pytest.mark.parametrize("method", ["blas", "cblas"])
-def test_fine_samples_keep_120_db(device, precise, method, z):
-    """dx = .5 um: many turns of residual, and 120 dB are kept."""
-    u, dx = two_fields(512), 0.5e-6
-    plan = Propagator(field_of(u, dx, device).grid, z, wavelength=LAM, method=method, device=device)
-    assert plan.report.residual_turns > 1
-    exact, got = (step(u, dx, z, dev, method=method) for dev in (precise, device))
-    for one, two in zip(exact, got, strict=True):
-        assert err_db(one, two) >= 120
+    for z in (1e-3, 0.24):
+        u, dx = two_fields(509), 6.6e-6
+        with_warning = Propagator(
+            field_of(u, dx, device).grid, z, wavelength=LAM, method=method, device=device
+        ).report
+        if not with_warning.fully_sampled_from <= z <= with_warning.fully_sampled_to:
+            assert with_warning.warning
+            continue
+        exact, got = (step(u, dx, z, dev, method=method) for dev in (precise, device))
+        for one, two in zip(exact, got, strict=True):
+            assert err_db(one, two) >= 120
 
 
 UNLIKE = [  # shape, pitch, z, wavelength, method, output

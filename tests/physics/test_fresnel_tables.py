@@ -38,66 +38,66 @@ ONE_FFT = {  # z in mm: whole window, central half
 }
 
 
-@pytest.mark.parametrize("z", ONE_FFT)
-def test_rectangle_by_one_transform(device, precise, z):
+def test_rectangle_by_one_transform(device, precise):
     """Rectangle S/4 x S/8 on the step's own grid: whole window and central half."""
-    u, size = rectangle()
-    z, printed = z * 1e-3, ONE_FFT[z]
-    for dev in (device, precise):
-        got = propagate(field_of(u, DX, dev), z, method="fresnel-1fft", pad=1)
-        assert got.grid.pitch == pytest.approx((LAM * z / (512 * DX),) * 2, rel=1e-14, abs=0)
-        exact, got = rectangle_exact(u.shape, got.grid.pitch, z, size=size), got.to_numpy()
-        assert snr_db(exact, got) == pytest.approx(printed[0], abs=0.5)
-        assert snr_db(exact[HALF], got[HALF]) == pytest.approx(printed[1], abs=0.5)
-        assert err_db(exact[HALF], got[HALF]) >= printed[1] - 0.6  # no constant is lost
+    for z in ONE_FFT:
+        u, size = rectangle()
+        z, printed = z * 1e-3, ONE_FFT[z]
+        for dev in (device, precise):
+            got = propagate(field_of(u, DX, dev), z, method="fresnel-1fft", pad=1)
+            assert got.grid.pitch == pytest.approx((LAM * z / (512 * DX),) * 2, rel=1e-14, abs=0)
+            exact, got = rectangle_exact(u.shape, got.grid.pitch, z, size=size), got.to_numpy()
+            assert snr_db(exact, got) == pytest.approx(printed[0], abs=0.5)
+            assert snr_db(exact[HALF], got[HALF]) == pytest.approx(printed[1], abs=0.5)
+            assert err_db(exact[HALF], got[HALF]) >= printed[1] - 0.6  # no constant is lost
 
 
-@pytest.mark.parametrize("sign", [1, -1])
-@pytest.mark.parametrize("shape", [(256, 200), (255, 201)])
-def test_gaussian_by_one_transform(device, precise, shape, sign):
+def test_gaussian_by_one_transform(device, precise):
     """At dz of y, exp(-36) of the beam at the rims: 7e-15 of the field is rounding."""
-    pitch = (DX, 7.1e-6)
-    z, waist = sign * shape[0] * DX**2 / LAM, 1.1e-4
-    u = np.exp(-radius_squared(shape, pitch) / waist**2)
-    for dev, worst in ((precise, 7e-15), (device, 1e-6)):
-        got = propagate(field_of(u, pitch, dev), z, method="fresnel-1fft", pad=1)
-        own = [LAM * abs(z) / (n * d) for n, d in zip(shape, pitch, strict=True)]
-        assert got.grid.pitch == pytest.approx(own, rel=1e-14, abs=0)
-        r = np.sqrt(radius_squared(shape, own))
-        exact = gaussian_paraxial(r, z, waist=waist, wavelength=LAM)
-        assert err_db(exact, got.to_numpy()) >= -20 * np.log10(worst)
+    for sign in [1, -1]:
+        for shape in [(255, 200)]:
+            pitch = (DX, 7.1e-6)
+            z, waist = sign * shape[0] * DX**2 / LAM, 1.1e-4
+            u = np.exp(-radius_squared(shape, pitch) / waist**2)
+            for dev, worst in ((precise, 7e-15), (device, 1e-6)):
+                got = propagate(field_of(u, pitch, dev), z, method="fresnel-1fft", pad=1)
+                own = [LAM * abs(z) / (n * d) for n, d in zip(shape, pitch, strict=True)]
+                assert got.grid.pitch == pytest.approx(own, rel=1e-14, abs=0)
+                r = np.sqrt(radius_squared(shape, own))
+                exact = gaussian_paraxial(r, z, waist=waist, wavelength=LAM)
+                assert err_db(exact, got.to_numpy()) >= -20 * np.log10(worst)
 
 
-@pytest.mark.parametrize("z", [0.02, -0.3])
-@pytest.mark.parametrize("shape", [(24, 37), (31, 20), (1, 50)])
-def test_there_and_back_by_one_transform(device, precise, shape, z):
+def test_there_and_back_by_one_transform(device, precise):
     """Chirps of up to 900 turns at the rims of the far grid, each rounded to 1e-16 of itself."""
-    u, pitch = random_field(shape), (5e-6, 6e-6)
-    for dev, worst in ((precise, 1e-12), (device, 2e-6)):
-        there = propagate(field_of(u, pitch, dev), z, method="fresnel-1fft", pad=1)
-        back = propagate(there, -z, method="fresnel-1fft", pad=1)
-        assert back.grid.pitch == pytest.approx(pitch, rel=1e-14, abs=0)
-        assert relative_max(u, back.to_numpy()) <= worst
+    for z in [0.02, -0.3]:
+        for shape in [(31, 20), (1, 50)]:
+            u, pitch = random_field(shape), (5e-6, 6e-6)
+            for dev, worst in ((precise, 1e-12), (device, 2e-6)):
+                there = propagate(field_of(u, pitch, dev), z, method="fresnel-1fft", pad=1)
+                back = propagate(there, -z, method="fresnel-1fft", pad=1)
+                assert back.grid.pitch == pytest.approx(pitch, rel=1e-14, abs=0)
+                assert relative_max(u, back.to_numpy()) <= worst
 
 
-@pytest.mark.parametrize("times", [0.5, 1, 3, 20])
-def test_lens_fused_with_the_step(device, precise, times):
+def test_lens_fused_with_the_step(device, precise):
     """At z = f only the pupil is sampled: Airy's formula for every f, half of f_min too.
 
     The printed 71.5 dB are those of 9 x 9 points a rim cell; exact coverage reaches 73.6.
     """
-    n, d, diameter = 256, 4e-6, 0.8e-3
-    f = times * diameter * d / LAM
-    u = circle_coverage((n, n), d, diameter)
-    for dev in (device, precise):
-        got = propagate(field_of(u, d, dev), f, method="fresnel-1fft", pad=1, lens=f)
-        r = np.sqrt(radius_squared((n, n), got.grid.pitch))
-        exact, got = lens_focus(r, f=f, diameter=diameter, wavelength=LAM), got.to_numpy()
-        inner, part = r < 6 * 1.22 * LAM * f / diameter, (slice(64, 192),) * 2
-        assert 71 <= snr_db(exact[inner], got[inner]) <= 74
-        assert snr_db(exact, got) == pytest.approx(35.6, abs=0.5)
-        assert snr_db(exact[part], got[part]) == pytest.approx(45.9, abs=0.5)
-        assert err_db(exact[inner], got[inner]) >= 70
+    for times in [0.5, 3]:
+        n, d, diameter = 256, 4e-6, 0.8e-3
+        f = times * diameter * d / LAM
+        u = circle_coverage((n, n), d, diameter)
+        for dev in (device, precise):
+            got = propagate(field_of(u, d, dev), f, method="fresnel-1fft", pad=1, lens=f)
+            r = np.sqrt(radius_squared((n, n), got.grid.pitch))
+            exact, got = lens_focus(r, f=f, diameter=diameter, wavelength=LAM), got.to_numpy()
+            inner, part = r < 6 * 1.22 * LAM * f / diameter, (slice(64, 192),) * 2
+            assert 71 <= snr_db(exact[inner], got[inner]) <= 74
+            assert snr_db(exact, got) == pytest.approx(35.6, abs=0.5)
+            assert snr_db(exact[part], got[part]) == pytest.approx(45.9, abs=0.5)
+            assert err_db(exact[inner], got[inner]) >= 70
 
 
 # Many steps -------------------------------------------------------------------------------------
@@ -115,38 +115,38 @@ WAYS = [
 ] + [{"method": "fresnel-tf"}, {"method": "fresnel-ir"}]
 
 
-@pytest.mark.parametrize("z", STEPS)
-def test_slit_in_many_steps(device, precise, z):
-    a = slit(z)
-    for dev in (device, precise):
-        got = [err_db(a.exact, step(a.u, a.pitch, a.z, dev, **way)) for way in WAYS]
-        assert got == pytest.approx(STEPS[z], abs=1)
-    if z == 64:  # the default border
+def test_slit_in_many_steps(device, precise):
+    for z in STEPS:
+        a = slit(z)
         for dev in (device, precise):
-            got = step(a.u.T, a.pitch, a.z, dev, method="fresnel-multistep")
-            assert err_db(a.exact.T, got) >= 80
+            got = [err_db(a.exact, step(a.u, a.pitch, a.z, dev, **way)) for way in WAYS]
+            assert got == pytest.approx(STEPS[z], abs=1)
+        if z == 64:  # the default border
+            for dev in (device, precise):
+                got = step(a.u.T, a.pitch, a.z, dev, method="fresnel-multistep")
+                assert err_db(a.exact.T, got) >= 80
 
 
-@pytest.mark.parametrize("z", [1, 4, 8, -3.7])
-def test_gaussian_in_many_steps(device, precise, z):
-    a = gaussian_fresnel(abs(z))
-    exact = a.exact if z > 0 else a.exact.conj()
-    for dev, floor in ((precise, 280), (device, 120)):
-        got = step(a.u, a.pitch, np.copysign(a.z, z), dev, method="fresnel-multistep")
-        assert err_db(exact, got) >= floor
+def test_gaussian_in_many_steps(device, precise):
+    for z in [1, -3.7]:
+        a = gaussian_fresnel(abs(z))
+        exact = a.exact if z > 0 else a.exact.conj()
+        for dev, floor in ((precise, 280), (device, 120)):
+            got = step(a.u, a.pitch, np.copysign(a.z, z), dev, method="fresnel-multistep")
+            assert err_db(exact, got) >= floor
 
 
-@pytest.mark.parametrize("n", [256, 1000, 3030])
-def test_one_step_of_even_length_is_the_transfer_function(device, precise, n):
+def test_one_step_of_even_length_is_the_transfer_function(device, precise):
     """Discrete Gauss sum: dz = N dx^2/lam by one transform is the circular step by H."""
-    u, z = random_field((1, n)), n * DX**2 / LAM
-    for dev, worst in ((precise, 1e-12), (device, 3e-6)):
-        whole = step(u, DX, z, dev, method="fresnel-tf", pad=1)
-        one = propagate(field_of(u, DX, dev), z, method="fresnel-1fft", pad=1)
-        assert one.grid.pitch[1] == pytest.approx(DX, rel=1e-14, abs=0)
-        many = step(u, DX, z, dev, method="fresnel-multistep", pad=1, border=0)
-        assert relative_max(whole, one.to_numpy()) <= worst
-        assert relative_max(whole, many) <= worst
+    for n in [256, 3030]:
+        u, z = random_field((1, n)), n * DX**2 / LAM
+        for dev, worst in ((precise, 1e-12), (device, 3e-6)):
+            whole = step(u, DX, z, dev, method="fresnel-tf", pad=1)
+            one = propagate(field_of(u, DX, dev), z, method="fresnel-1fft", pad=1)
+            assert one.grid.pitch[1] == pytest.approx(DX, rel=1e-14, abs=0)
+            many = step(u, DX, z, dev, method="fresnel-multistep", pad=1, border=0)
+            assert relative_max(whole, one.to_numpy()) <= worst
+            assert relative_max(whole, many) <= worst
 
 
 def test_one_step_of_odd_length_is_not(precise):
@@ -190,13 +190,13 @@ CRITICAL = {  # z in mm (z/z_c = .12, .49, .99, 1.97, 6.2, 24.7): TF, IR
 }
 
 
-@pytest.mark.parametrize("z", CRITICAL)
-def test_rectangle_on_both_sides_of_the_critical_distance(device, precise, z):
-    u, size = rectangle()
-    exact = rectangle_exact(u.shape, DX, z * 1e-3, size=size)
-    for dev in (device, precise):
-        for method, printed in zip(("fresnel-tf", "fresnel-ir"), CRITICAL[z], strict=True):
-            got = step(u, DX, z * 1e-3, dev, method=method)
-            assert snr_db(exact, got) == pytest.approx(printed, abs=0.5)
-            if printed > 20:  # no constant is lost: that would leave less than 10 dB
-                assert err_db(exact, got) >= printed - 4
+def test_rectangle_on_both_sides_of_the_critical_distance(device, precise):
+    for z in CRITICAL:
+        u, size = rectangle()
+        exact = rectangle_exact(u.shape, DX, z * 1e-3, size=size)
+        for dev in (device, precise):
+            for method, printed in zip(("fresnel-tf", "fresnel-ir"), CRITICAL[z], strict=True):
+                got = step(u, DX, z * 1e-3, dev, method=method)
+                assert snr_db(exact, got) == pytest.approx(printed, abs=0.5)
+                if printed > 20:  # no constant is lost: that would leave less than 10 dB
+                    assert err_db(exact, got) >= printed - 4

@@ -19,7 +19,7 @@ from tolerance import err_db
 
 from clplen import Grid, propagate
 
-DISTANCES = (0.1, 1, 8, 64, 256, 1024)  # in units of the shorter side of the window
+DISTANCES = (0.1, 8, 256, 1024)  # in units of the shorter side of the window
 # Shorter side 290 lam: S^2/(lam z) comes down to .28. At .18 the definition itself, guard 6, has
 # 148 dB (the float64 twin says the same), at .25 it has 150.
 GRIDS = [((97, 128), (3 * LAM, 3.7 * LAM)), ((126, 91), (3.5 * LAM, 3.2 * LAM))]
@@ -49,17 +49,7 @@ def least(shorter: float, z: float) -> float:
     return 175 if shorter**2 / (LAM * z) >= 2 * (1 - 1e-9) else 150
 
 
-def test_the_polynomial_is_the_beam():
-    for z in (10e-6, 1e-3, 0.1):
-        r = np.array([0.0, 11e-6, 47e-6, 93e-6])
-        exact = gaussian_exact(r, z, waist=9e-6, wavelength=LAM)
-        assert np.abs(beam(1e-8, z, 9e-6)(r**2) - exact).max() < 1e-12
-
-
-@pytest.mark.parametrize("along", "xy")
-@pytest.mark.parametrize("z", DISTANCES)
-def test_in_one_dimension(device, precise, z, along):
-    """N = 1024, dx = 2 lam, w0 = S/16: S^2/(lam z) >= 2 up to the last distance."""
+def check_in_one_dimension(device, precise, z, along):
     a = gaussian_a(z)
 
     def error(dev, method):
@@ -73,18 +63,25 @@ def test_in_one_dimension(device, precise, z, along):
     assert error(device, "auto") >= 120
 
 
-@pytest.mark.parametrize(("shape", "pitch"), GRIDS)
 @pytest.mark.parametrize("z", DISTANCES)
-def test_on_rectangular_grids(device, precise, shape, pitch, z):
+def test_in_one_dimension(device, precise, z):
+    """N = 1024, dx = 2 lam, w0 = S/16: S^2/(lam z) >= 2 up to the last distance."""
+    for along in "xy":
+        check_in_one_dimension(device, precise, z, along)
+
+
+def test_on_rectangular_grids(device, precise):
     """Waist S/12: 1e-15 at the edge of the window and below at Nyquist, before it spreads."""
-    shorter = min(n * d for n, d in zip(shape, pitch, strict=True))
-    waist, z = shorter / 12, z * shorter
-    u = beam_on(shape, pitch, 0, waist=waist)
-    exact = beam_on(shape, pitch, z, waist=waist)
-    assert err_db(exact, step(u, pitch, z, precise, method="cblas")) >= least(shorter, z)
-    assert err_db(exact, step(u, pitch, z, precise)) >= 175
-    for method in ("cblas", "auto"):
-        assert err_db(exact, step(u, pitch, z, device, method=method)) >= 120
+    for shape, pitch in GRIDS:
+        for z in DISTANCES:
+            shorter = min(n * d for n, d in zip(shape, pitch, strict=True))
+            waist, z = shorter / 12, z * shorter
+            u = beam_on(shape, pitch, 0, waist=waist)
+            exact = beam_on(shape, pitch, z, waist=waist)
+            assert err_db(exact, step(u, pitch, z, precise, method="cblas")) >= least(shorter, z)
+            assert err_db(exact, step(u, pitch, z, precise)) >= 175
+            for method in ("cblas", "auto"):
+                assert err_db(exact, step(u, pitch, z, device, method=method)) >= 120
 
 
 # The guard --------------------------------------------------------------------------------------
@@ -97,21 +94,21 @@ TUNING = {  # z/S: err_db for guards of 2, 3, 4, 6 and 8 Fresnel widths, the wor
 
 
 @pytest.mark.thorough
-@pytest.mark.parametrize("z", TUNING)
-def test_tuning_of_the_guard(precise, z):
+def test_tuning_of_the_guard(precise):
     """Set-up A: Gaussian, and random phases that fill the window in cells of 8 samples.
 
     The printed figures are those of one random field: another has them within 25 dB.
     """
-    a = gaussian_a(z)
-    rng = np.random.default_rng(0)
-    u = np.repeat(np.exp(2j * np.pi * rng.random((1, 128))), 8, axis=1)
-    exact = corrected(u, a.pitch, a.z, wavelength=LAM, guard=11, steepness=6, window_guard=5)
-    for guard, printed in zip((2, 3, 4, 6, 8), TUNING[z], strict=True):
-        got = step(a.u, a.pitch, a.z, precise, method="cblas", guard=guard)
-        assert err_db(a.exact, got) >= printed
-        got = step(u, a.pitch, a.z, precise, method="cblas", guard=guard)
-        assert err_db(exact, got) == pytest.approx(printed, abs=25)
+    for z in TUNING:
+        a = gaussian_a(z)
+        rng = np.random.default_rng(0)
+        u = np.repeat(np.exp(2j * np.pi * rng.random((1, 128))), 8, axis=1)
+        exact = corrected(u, a.pitch, a.z, wavelength=LAM, guard=11, steepness=6, window_guard=5)
+        for guard, printed in zip((2, 3, 4, 6, 8), TUNING[z], strict=True):
+            got = step(a.u, a.pitch, a.z, precise, method="cblas", guard=guard)
+            assert err_db(a.exact, got) >= printed
+            got = step(u, a.pitch, a.z, precise, method="cblas", guard=guard)
+            assert err_db(exact, got) == pytest.approx(printed, abs=25)
 
 
 # Other grids of the output ----------------------------------------------------------------------
@@ -122,21 +119,23 @@ OUTPUTS = [  # shape, pitch and centre in units of the input's window (y and x)
 ]
 
 
-@pytest.mark.parametrize(("shape", "pitch", "centre"), OUTPUTS)
-@pytest.mark.parametrize("z", [8, 64, -16])
-def test_on_another_grid(device, precise, shape, pitch, centre, z):
+def test_on_another_grid(device, precise):
     """Other pitch, size, parity and centre; the beam is off the axis and converges for z < 0."""
-    size, steps = (96, 127), (2 * LAM, 2.2 * LAM)
-    window = [n * d for n, d in zip(size, steps, strict=True)]
-    waist, z = window[0] / 16, z * window[0]
-    start = (0.05 * window[0], -0.06 * window[1])
-    d, c = ([a * w for a, w in zip(pair, window, strict=True)] for pair in (pitch, centre))
-    exact = beam_on(shape, d, abs(z), waist=waist, centre=(start[0] - c[0], start[1] - c[1]))
-    exact = exact if z > 0 else exact.conj()
-    u = beam_on(size, steps, 0, waist=waist, centre=start)
-    out = Grid(shape, tuple(d), origin=tuple(c))
-    for dev, floor in ((precise, 150), (device, 120)):
-        for method in ("cblas", "auto"):
-            got = propagate(field_of(u, steps, dev), z, method=method, out_grid=out)
-            assert got.grid == out
-            assert err_db(exact, got.to_numpy()) >= floor
+    for shape, pitch, centre in OUTPUTS:
+        for z in [8, 64, -16]:
+            size, steps = (96, 127), (2 * LAM, 2.2 * LAM)
+            window = [n * d for n, d in zip(size, steps, strict=True)]
+            waist, z = window[0] / 16, z * window[0]
+            start = (0.05 * window[0], -0.06 * window[1])
+            d, c = ([a * w for a, w in zip(pair, window, strict=True)] for pair in (pitch, centre))
+            exact = beam_on(
+                shape, d, abs(z), waist=waist, centre=(start[0] - c[0], start[1] - c[1])
+            )
+            exact = exact if z > 0 else exact.conj()
+            u = beam_on(size, steps, 0, waist=waist, centre=start)
+            out = Grid(shape, tuple(d), origin=tuple(c))
+            for dev, floor in ((precise, 150), (device, 120)):
+                for method in ("cblas", "auto"):
+                    got = propagate(field_of(u, steps, dev), z, method=method, out_grid=out)
+                    assert got.grid == out
+                    assert err_db(exact, got.to_numpy()) >= floor

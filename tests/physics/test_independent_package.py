@@ -43,24 +43,26 @@ def middle(grid: Grid) -> np.ndarray:
     return band_limited(grid.shape, 3, share=0.3) * envelope
 
 
-@pytest.mark.parametrize("grid", GRIDS, ids=lambda g: "x".join(map(str, g.shape)))
-@pytest.mark.parametrize("z", [6e-4, 2e-3, 7e-3])  # by H, and twice by the kernel
-def test_random_field(device, precise, grid, z):
-    u = middle(grid)
-    theirs = by_hcipy(u, grid, z)
-    for method in ("auto", "cblas"):
-        assert err_db(theirs, go(u, grid, z, precise, method=method)) >= 160, method
-        assert err_db(theirs, go(u, grid, z, device, method=method)) >= 120, method
+def test_random_field(device, precise):
+    for grid in GRIDS:
+        for z in [6e-4, 2e-3, 7e-3]:
+            u = middle(grid)
+            theirs = by_hcipy(u, grid, z)
+            for method in ("auto", "cblas"):
+                assert err_db(theirs, go(u, grid, z, precise, method=method)) >= 160, method
+                assert err_db(theirs, go(u, grid, z, device, method=method)) >= 120, method
 
 
-@pytest.mark.parametrize("grid", GRIDS, ids=lambda g: "x".join(map(str, g.shape)))
-def test_gaussian(precise, grid):
-    z = 1.3e-3
-    a = gaussian_2d(grid.shape, grid.pitch, z, waist=min(grid.extent) / 13, centre=(9e-6, -1.4e-5))
-    ours, theirs = go(a.u, grid, z, precise), by_hcipy(a.u, grid, z)
-    assert err_db(a.exact, theirs) >= 200
-    assert err_db(theirs, ours) >= 200
-    assert err_db(theirs, ours.conj()) < 10
-    averaged = by_hcipy(a.u, grid, z, oversampling=2)
-    assert 50 <= err_db(ours, averaged) <= 100
-    assert snr_db(ours, averaged) <= 130  # not a constant alone
+def test_gaussian(precise):
+    for grid in GRIDS:
+        z = 1.3e-3
+        a = gaussian_2d(
+            grid.shape, grid.pitch, z, waist=min(grid.extent) / 13, centre=(9e-6, -1.4e-5)
+        )
+        ours, theirs = go(a.u, grid, z, precise), by_hcipy(a.u, grid, z)
+        assert err_db(a.exact, theirs) >= 200
+        assert err_db(theirs, ours) >= 200
+        assert err_db(theirs, ours.conj()) < 10
+        averaged = by_hcipy(a.u, grid, z, oversampling=2)
+        assert 50 <= err_db(ours, averaged) <= 100
+        assert snr_db(ours, averaged) <= 130  # not a constant alone

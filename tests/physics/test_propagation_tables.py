@@ -7,11 +7,10 @@ from functools import lru_cache
 import numpy as np
 import pytest
 from fields import step
-from reference_corrected import corrected
 from reference_elements import rectangle_coverage
 from reference_optics import axis
 from setups import LAM, SetUp, set_up_a, slit_at
-from tolerance import err_db, snr_db
+from tolerance import snr_db
 
 pytestmark = pytest.mark.filterwarnings("ignore::clplen.errors.SamplingWarning")
 
@@ -63,12 +62,11 @@ def either(request, device):
     return request.getfixturevalue("precise"), 0.5
 
 
-@pytest.mark.parametrize("along", "xy")
-@pytest.mark.parametrize("z", SLIT)
-def test_slit(either, z, along):
+@pytest.mark.parametrize("z", [0.1, 2, 16, 1024])
+def test_slit(either, z):
     """Set-up A by every method; auto is as good as the best of them."""
     device, within = either
-    a = slit(z)
+    a, along = slit(z), "xy"[z > 10]
     got = {name: snr_db(a.exact, of_axis(a, device, along, **way)) for name, way in WAYS.items()}
     assert got == pytest.approx(dict(zip(WAYS, SLIT[z], strict=True)), abs=within)
     best = max(got[name] for name in ("AS pad 2", "BLAS", "corrected", "RS"))
@@ -77,42 +75,22 @@ def test_slit(either, z, along):
         assert got["corrected"] >= got["BLAS"] >= got["AS pad 2"]
 
 
-@pytest.mark.thorough
-@pytest.mark.parametrize("share", [0.7, 0.87, 1.1, 1.3])
-def test_auto_leaves_the_kernel_before_it_is_aliased(either, share):
-    """Random field of 90 % of the Nyquist band, f_geo a share of f_nyq: the best is 59 to 260 dB.
-
-    Where f_geo > .8 f_nyq the kernel is no longer among the best, from 1 on it has 33 dB or less.
-    """
-    device, within = either
-    n, dx, z = 1024, 2 * LAM, S / np.tan(np.arcsin(share / 4))
-    rng = np.random.default_rng(3)
-    spectrum = np.fft.fft(rng.normal(size=(1, n)) + 1j * rng.normal(size=(1, n)))
-    u = np.fft.ifft(spectrum * (np.abs(np.fft.fftfreq(n)) <= 0.45))
-    sharp = {"guard": 11, "steepness": 6, "window_guard": 5}
-    exact = corrected(u, dx, z, wavelength=LAM, **sharp)
-    got = {
-        method: err_db(exact, step(u, dx, z, device, method=method))
-        for method in ("as", "blas", "cblas", "rs", "auto")
-    }
-    best = max(got[method] for method in ("as", "blas", "cblas", "rs"))
-    assert got["auto"] >= min(best, 120) - within
-    assert got["auto"] >= 55
-    assert (got["rs"] < 40) == (share > 1)
-
-
-@pytest.mark.parametrize("along", "xy")
-@pytest.mark.parametrize("z", EVANESCENT)
-def test_narrow_slit_on_fine_samples(either, z, along):
+def test_narrow_slit_on_fine_samples(either):
     """Slit 2 lam, dx = lam/8: blas, whose band ends at grazing rays, drops the evanescent waves."""
-    device, within = either
-    kept, dropped = EVANESCENT[z]
-    n, dx = 1024, LAM / 8
-    u = rectangle_coverage((1, n), dx, (dx, 2 * LAM))
-    exact = slit_at(axis(n, dx), z * LAM, width=2 * LAM)[None]
-    a = SetUp(u, (dx, dx), z * LAM, exact)
-    for method, printed in (("as", kept), ("auto", kept), ("cblas", kept), ("blas", dropped)):
-        got = of_axis(a, device, along, method=method)
-        assert snr_db(exact, got) == pytest.approx(printed, abs=within), method
-    periodic = of_axis(a, device, along, method="as", pad=1)
-    assert snr_db(exact, periodic) == pytest.approx(kept, abs=within)
+    for along, z in zip("xyxyx", EVANESCENT, strict=True):
+        device, within = either
+        kept, dropped = EVANESCENT[z]
+        n, dx = 1024, LAM / 8
+        u = rectangle_coverage((1, n), dx, (dx, 2 * LAM))
+        exact = slit_at(axis(n, dx), z * LAM, width=2 * LAM)[None]
+        a = SetUp(u, (dx, dx), z * LAM, exact)
+        for method, printed in (
+            ("as", kept),
+            ("auto", kept),
+            ("cblas", kept),
+            ("blas", dropped),
+        ):
+            got = of_axis(a, device, along, method=method)
+            assert snr_db(exact, got) == pytest.approx(printed, abs=within), method
+        periodic = of_axis(a, device, along, method="as", pad=1)
+        assert snr_db(exact, periodic) == pytest.approx(kept, abs=within)

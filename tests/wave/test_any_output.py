@@ -79,34 +79,30 @@ def moved(grid: Grid) -> list[Grid]:
     ]
 
 
-@pytest.mark.parametrize(
-    "grid",
-    [
+def test_fine_samples_onto_other_grids(device, precise):
+    for grid in [
         Grid((61, 48), (LAM / 6, LAM / 5)),
         Grid((37, 53), (0.3 * LAM, 0.22 * LAM), origin=(2e-6, -5e-6)),
         Grid((47, 40), (0.45 * LAM, 0.41 * LAM)),
         Grid((41, 44), 0.49 * LAM),
         Grid((1, 83), (LAM, LAM / 6)),
-    ],
-    ids=lambda grid: "{}x{}".format(*grid.shape),
-)
-@pytest.mark.parametrize("z", [11e-6, -40e-6])
-def test_fine_samples_onto_other_grids(device, precise, grid, z):
-    u = spot(grid, 0.35e-6 if grid.pitch[1] < 0.3 * LAM else 0.8e-6, (0.3, -0.2))
-    if grid.shape[0] == 1:
-        u = spot(grid, 0.35e-6, (0, -0.2))
-    for out in moved(grid):
-        single, double = error_of(u, grid, z, out, (device, precise))
-        assert (single >= SINGLE, double >= DOUBLE) == (True, True), (single, double, out)
+    ]:
+        for z in [11e-6, -40e-6]:
+            u = spot(grid, 0.35e-6 if grid.pitch[1] < 0.3 * LAM else 0.8e-6, (0.3, -0.2))
+            if grid.shape[0] == 1:
+                u = spot(grid, 0.35e-6, (0, -0.2))
+            for out in moved(grid):
+                single, double = error_of(u, grid, z, out, (device, precise))
+                assert (single >= SINGLE, double >= DOUBLE) == (True, True), (single, double, out)
 
 
-@pytest.mark.parametrize("z", [5e-6, 12e-6])
-@pytest.mark.parametrize("share", [0.45, 0.49])
-def test_fine_samples_onto_their_own_grid(device, precise, share, z):
+def test_fine_samples_onto_their_own_grid(device, precise):
     """Where the sampled kernel alone is too coarse and the angular spectrum comes back at 94 dB."""
-    grid = Grid((71, 60), share * LAM)
-    single, double = error_of(spot(grid, 0.8e-6), grid, z, grid, (device, precise))
-    assert (single >= SINGLE, double >= DOUBLE) == (True, True), (single, double)
+    for z in [5e-6, 12e-6]:
+        for share in [0.45, 0.49]:
+            grid = Grid((71, 60), share * LAM)
+            single, double = error_of(spot(grid, 0.8e-6), grid, z, grid, (device, precise))
+            assert (single >= SINGLE, double >= DOUBLE) == (True, True), (single, double)
 
 
 def test_the_phase_of_a_windowed_kernel_may_be_chosen(device):
@@ -138,101 +134,106 @@ def test_a_report_says_where_grazing_waves_come_back(device):
     assert report_of(coarse, 4e-3, Grid((40, 50), 1.9 * LAM)).aliases_miss
 
 
-@pytest.mark.parametrize("z", [2e-4, -1e-3])
-def test_the_kernel_onto_another_grid_by_name(device, precise, z):
+def test_the_kernel_onto_another_grid_by_name(device, precise):
     """rs on coarser samples: off the axis, odd and rectangular."""
-    grid = Grid((45, 38), (1.3e-6, 1.1e-6), origin=(1e-5, 3e-6))
-    out = Grid((29, 50), (2.7e-6, 0.9e-6), origin=(2e-5, -1.5e-5))
-    u = spot(grid, 5e-6, (0.02, -0.05))
-    single, double = error_of(u, grid, z, out, (device, precise), method="rs")
-    assert (single >= SINGLE, double >= DOUBLE) == (True, True), (single, double)
+    for z in [2e-4, -1e-3]:
+        grid = Grid((45, 38), (1.3e-6, 1.1e-6), origin=(1e-5, 3e-6))
+        out = Grid((29, 50), (2.7e-6, 0.9e-6), origin=(2e-5, -1.5e-5))
+        u = spot(grid, 5e-6, (0.02, -0.05))
+        single, double = error_of(u, grid, z, out, (device, precise), method="rs")
+        assert (single >= SINGLE, double >= DOUBLE) == (True, True), (single, double)
 
 
 # Off both axes ------------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("z", [1e-3, -1e-3])
-@pytest.mark.parametrize("slope", [0.3, 0.6])
-def test_onto_a_window_off_both_axes(device, precise, slope, z):
+def test_onto_a_window_off_both_axes(device, precise):
     """A ray that moves sideways along y has a lower frequency along x: x/(lam r), not the ray's in
     the plane of x and z."""
-    grid = Grid((112, 120), 0.6 * LAM)
-    sine = slope / math.sqrt(1 + 2 * slope**2) * math.copysign(1, z)
-    u = spot(grid, 6e-6, (sine, sine))
-    out = Grid((41, 37), 2.5e-6, origin=(slope * abs(z), slope * abs(z)))
-    single, double = error_of(u, grid, z, out, (device, precise))
-    assert (single >= SINGLE, double >= 170) == (True, True), (single, double)
+    for z in [1e-3, -1e-3]:
+        for slope in [0.3, 0.6]:
+            grid = Grid((112, 120), 0.6 * LAM)
+            sine = slope / math.sqrt(1 + 2 * slope**2) * math.copysign(1, z)
+            u = spot(grid, 6e-6, (sine, sine))
+            out = Grid((41, 37), 2.5e-6, origin=(slope * abs(z), slope * abs(z)))
+            single, double = error_of(u, grid, z, out, (device, precise))
+            assert (single >= SINGLE, double >= 170) == (True, True), (single, double)
 
 
 # Many samples: into the band by a padded transform ----------------------------------------------
 
 
-@pytest.mark.parametrize(
-    ("grid", "out"),
-    [
+def test_into_the_band_by_a_padded_transform(device, precise):
+    for grid, out in [
         (Grid((1, 601), 4 * LAM), Grid((1, 77), 1.3 * LAM, origin=(0, 500 * LAM))),
         (
             Grid((590, 24), (3 * LAM, 5 * LAM)),
             Grid((51, 30), (7 * LAM, 3 * LAM), origin=(-2e-4, 5e-5)),
         ),
         (Grid((37, 601), (4 * LAM, 3.5 * LAM), origin=(1e-4, -3e-4)), Grid((20, 101), 2 * LAM)),
-    ],
-    ids=["601", "590x24", "37x601"],
-)
-@pytest.mark.parametrize("z", [0.05, -0.03])
-def test_into_the_band_by_a_padded_transform(device, precise, grid, out, z):
-    y, x = grid.y[:, None] - grid.origin[0], grid.x[None] - grid.origin[1]
-    u = np.exp(-((x / grid.extent[1]) ** 2 + (y / grid.extent[0]) ** 2) * 40)
-    u = u * np.exp(0.02j * x / LAM - 0.01j * y / LAM)
-    made = describe(Request(grid, z, LAM, "cblas", out_grid=out, guard=8))
-    assert "forward" in {line.kind for line in (*made.into.y, *made.into.x)}
-    single, double = error_of(u, grid, z, out, (device, precise), method="cblas", guard=8)
-    assert (single >= SINGLE, double >= 190) == (True, True), (single, double)
+    ]:
+        for z in [0.05, -0.03]:
+            y, x = grid.y[:, None] - grid.origin[0], grid.x[None] - grid.origin[1]
+            u = np.exp(-((x / grid.extent[1]) ** 2 + (y / grid.extent[0]) ** 2) * 40)
+            u = u * np.exp(0.02j * x / LAM - 0.01j * y / LAM)
+            made = describe(Request(grid, z, LAM, "cblas", out_grid=out, guard=8))
+            assert "forward" in {line.kind for line in (*made.into.y, *made.into.x)}
+            single, double = error_of(u, grid, z, out, (device, precise), method="cblas", guard=8)
+            assert (single >= SINGLE, double >= 190) == (True, True), (single, double)
 
 
 # Single precision in the dark ---------------------------------------------------------------------
 
 
-@pytest.mark.parametrize(("beside", "of_window"), [(0.0, SINGLE), (6.0, 60)])
-def test_the_error_of_single_precision_is_that_of_all_the_light(device, precise, beside, of_window):
+def test_the_error_of_single_precision_is_that_of_all_the_light(device, precise):
     """130 dB below all of it (docs/accuracy.md), whatever share of it the window holds."""
-    grid, z = Grid((90, 107), (3 * LAM, 2.5 * LAM)), 2e-3
-    waist = 2e-5
-    u = np.exp(-((grid.y[:, None] / waist) ** 2) - (grid.x / waist) ** 2) + 0j
-    spread = waist * math.hypot(1, LAM * z / (math.pi * waist**2))
-    out = Grid((40, 51), 2e-6, origin=(0, beside * spread / 2))
-    one, two = (
-        Propagator(grid, z, wavelength=LAM, device=d, out_grid=out)(field_of(u, grid, d, LAM))
-        for d in (device, precise)
-    )
-    error = np.linalg.norm(one.to_numpy() - two.to_numpy())
-    there = np.linalg.norm(two.to_numpy())
-    share = float(two.power()) / (np.linalg.norm(u) ** 2 * math.prod(grid.pitch))
-    assert -20 * math.log10(error / (there / math.sqrt(share))) >= 130
-    assert -20 * math.log10(error / there) >= of_window
-    assert (share > 0.01) == (beside == 0)
+    for beside, of_window in [(0.0, SINGLE), (6.0, 60)]:
+        grid, z = Grid((90, 107), (3 * LAM, 2.5 * LAM)), 2e-3
+        waist = 2e-5
+        u = np.exp(-((grid.y[:, None] / waist) ** 2) - (grid.x / waist) ** 2) + 0j
+        spread = waist * math.hypot(1, LAM * z / (math.pi * waist**2))
+        out = Grid((40, 51), 2e-6, origin=(0, beside * spread / 2))
+        one, two = (
+            Propagator(grid, z, wavelength=LAM, device=d, out_grid=out)(field_of(u, grid, d, LAM))
+            for d in (device, precise)
+        )
+        error = np.linalg.norm(one.to_numpy() - two.to_numpy())
+        there = np.linalg.norm(two.to_numpy())
+        share = float(two.power()) / (np.linalg.norm(u) ** 2 * math.prod(grid.pitch))
+        assert -20 * math.log10(error / (there / math.sqrt(share))) >= 130
+        assert -20 * math.log10(error / there) >= of_window
+        assert (share > 0.01) == (beside == 0)
 
 
-@pytest.mark.parametrize("z", [2.5e-7, 1e-12, -1e-9])
-def test_a_kernel_near_the_plane_is_refused_before_it_is_made(device, z):
+def test_a_kernel_near_the_plane_is_refused_before_it_is_made(device):
     """By the bytes and the seconds it would take; auto does without."""
-    grid, out = Grid((3, 100), (1.1e-6, 2.7e-6)), Grid((100, 7), (1.2e-6, 2.6e-6), origin=(1e-6, 0))
-    with pytest.raises(SamplingError, match=r"samples, .*B in complex64 .* s: use method='auto'"):
-        Propagator(grid, z, wavelength=5.1e-7, method="rs", device=device, out_grid=out)
-    assert Propagator(grid, z, wavelength=5.1e-7, device=device, out_grid=out).method == "cblas"
+    for z in [2.5e-7, 1e-12, -1e-9]:
+        grid, out = (
+            Grid((3, 100), (1.1e-6, 2.7e-6)),
+            Grid((100, 7), (1.2e-6, 2.6e-6), origin=(1e-6, 0)),
+        )
+        with pytest.raises(
+            SamplingError, match=r"samples, .*B in complex64 .* s: use method='auto'"
+        ):
+            Propagator(grid, z, wavelength=5.1e-7, method="rs", device=device, out_grid=out)
+        assert Propagator(grid, z, wavelength=5.1e-7, device=device, out_grid=out).method == "cblas"
 
 
-@pytest.mark.parametrize(
-    ("method", "out"), [("rs", None), ("fresnel-ir", None), ("fresnel-1fft", Grid((9, 12), 5e-6))]
-)
-@pytest.mark.parametrize("pitch", [(4e-6, 3e-6), (1e-7, 4e-6)])
-@pytest.mark.parametrize("pad", [1, 2])
-def test_a_kernel_of_one_sample_is_refused(device, method, out, pitch, pad):
+def test_a_kernel_of_one_sample_is_refused(device):
     """dx^2 > lam z along an axis: more light would come out than goes in."""
-    near, far = (share * 4e-6**2 / LAM for share in (0.99, 1.01))
-    options = {"wavelength": LAM, "method": method, "pad": pad, "out_grid": out, "device": device}
-    with pytest.raises(SamplingError, match="is aliased"):
-        Propagator(Grid((21, 32), pitch[::-1]), -near, **options)
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore")
-        Propagator(Grid((21, 32), pitch[::-1]), -far, **options)
+    for method, out in [("rs", None), ("fresnel-ir", None), ("fresnel-1fft", Grid((9, 12), 5e-6))]:
+        for pitch in [(4e-6, 3e-6), (1e-7, 4e-6)]:
+            for pad in [1, 2]:
+                near, far = (share * 4e-6**2 / LAM for share in (0.99, 1.01))
+                options = {
+                    "wavelength": LAM,
+                    "method": method,
+                    "pad": pad,
+                    "out_grid": out,
+                    "device": device,
+                }
+                with pytest.raises(SamplingError, match="is aliased"):
+                    Propagator(Grid((21, 32), pitch[::-1]), -near, **options)
+                with warnings.catch_warnings():
+                    warnings.simplefilter("ignore")
+                    Propagator(Grid((21, 32), pitch[::-1]), -far, **options)

@@ -137,54 +137,7 @@ def test_arrays_of_lenslets(device, precise, kind):
     assert double["lenslet_focal_lengths"].sum() == pytest.approx(double["focal_length"])
 
 
-@pytest.mark.parametrize(("name", "sign"), [("pitch", 1), ("diameter", -1)])
-def test_touching_cells_part(precise, name, sign):
-    """One-sided: the pitch grows or the diameter shrinks, and gaps open."""
-    values = array(**ARRAYS["touching"]) | {"diameter": P}
-    found = MicrolensArray(**values).gradient(field(U, precise), field(G, precise))[name]
-
-    def loss(s):
-        mla = MicrolensArray(**values | {name: values[name] + sign * s})
-        return (MEAN * precise.download(mla.transmission(GRID, LAM, precise))).sum().real
-
-    h = 4e-12  # extrapolated from three values
-    expected = sign * (4 * loss(h / 2) - loss(h) - 3 * loss(0)) / h
-    assert abs(found - expected) <= DOUBLE * abs(expected)
-
-
-def test_sides_of_cells_on_the_borders_of_samples(device, precise):
-    """Moved one way they cover more of one sample, the other way less of its neighbour."""
-    grid = Grid((47, 53), DX)
-    values = {"pitch": 10 * DX, "focal_length": 3e-3, "count": (3, 4), "fill": "full"}
-    values |= {"diameter": 8 * DX, "offset": (0.0, DX / 2)}
-    middles = MicrolensArray(**values).centres() / DX
-    sides = np.abs(middles - np.rint(middles))
-    assert (np.minimum(sides, 0.5 - sides) < 1e-6).all()
-    values["offset"] = (DX / 2, DX / 2 if sides[0, 0, 1] > 0.25 else 0.0)
-    double, single = (
-        MicrolensArray(**values).gradient(field(U, d, grid), field(G, d, grid))
-        for d in (precise, device)
-    )
-    for axis in (0, 1):
-
-        def loss(s, axis=axis):
-            moved = tuple(np.array(values["offset"]) + s * (np.arange(2) == axis))
-            mla = MicrolensArray(**values | {"offset": moved})
-            return (MEAN * precise.download(mla.transmission(grid, LAM, precise))).sum().real
-
-        agree(slope(loss, 1e-12), double["offset"][axis], single["offset"][axis])
-
-
-@pytest.mark.parametrize(
-    ("lattice", "fill", "count"),
-    [("square", "full", (2, 4)), ("hexagonal", "full", (2, 4)), ("square", "circular", (3, 3))],
-)
-def test_lattices_on_the_samples(device, precise, lattice, fill, count):
-    """Derivatives are means of those one way and the other.
-
-    Samples between two lenslets have the phase of the one or of the other when an array moves, and
-    cells on the diagonal of a disc strips along x or along y.
-    """
+def check_lattices_on_the_samples(device, precise, lattice, fill, count):
     grid = Grid((47, 53), DX)
     values = {"pitch": 10 * DX, "focal_length": 3e-3, "count": count, "fill": fill}
     values |= {"lattice": lattice, "offset": (0.0, 0.0), "rotation": 0.0}
@@ -205,21 +158,18 @@ def test_lattices_on_the_samples(device, precise, lattice, fill, count):
     agree(slope(lambda s: loss(rotation=s), 1e-8), double["rotation"], single["rotation"])
 
 
-@pytest.mark.parametrize(("lattice", "rotation"), [("hexagonal", 0.3), ("square", -0.2)])
-def test_rims_of_many_lenslets_in_single_precision(device, precise, lattice, rotation):
-    """Of so many samples some lie so near to a rim that float32 would mistake them."""
-    if not device.has_fp64:
-        pytest.skip(f"{device.name} has no float64")
-    grid = Grid((256, 256), DX)
-    mla = MicrolensArray(
-        16 * DX, 4e-3, count=(16, 15), lattice=lattice, rotation=rotation, offset=(3e-6, -7e-6)
-    )  # fmt: skip
-    u, g = waves(5, *grid.shape), waves(6, *grid.shape)
-    u, g = u.astype(np.complex64), g.astype(np.complex64)
-    double, single = (mla.gradient(field(u, d, grid), field(g, d, grid)) for d in (precise, device))
-    for name, expected in double.items():
-        error = np.abs(np.asarray(single[name]) - expected).max()
-        assert error <= 1e-5 * np.abs(np.asarray(expected)).max(), name
+def test_lattices_on_the_samples(device, precise):
+    """Derivatives are means of those one way and the other.
+
+    Samples between two lenslets have the phase of the one or of the other when an array moves, and
+    cells on the diagonal of a disc strips along x or along y.
+    """
+    for lattice, fill, count in [
+        ("square", "full", (2, 4)),
+        ("hexagonal", "full", (2, 4)),
+        ("square", "circular", (3, 3)),
+    ]:
+        check_lattices_on_the_samples(device, precise, lattice, fill, count)
 
 
 def test_lenslets_that_are_not_thin_have_no_gradient(device):
@@ -228,11 +178,7 @@ def test_lenslets_that_are_not_thin_have_no_gradient(device):
         mla.gradient(field(U, device), field(G, device))
 
 
-@pytest.mark.parametrize("terms", [{(2, -2): 0.3 * LAM, (5, 1): -0.2 * LAM}, {}])
-@pytest.mark.parametrize(
-    ("lattice", "f"), [("square", (2.5e-3, 3e-3)), ("hexagonal", (2.5e-3, 3.5e-3, 2.8e-3))]
-)
-def test_errors_of_lenslets(device, precise, lattice, f, terms):
+def check_errors_of_lenslets(device, precise, terms, lattice, f):
     mla = MicrolensArray(P, f, count=(4, 3), lattice=lattice, offset=(2e-6, -6e-6), rotation=0.3)
     y, x = np.meshgrid(GRID.y, GRID.x, indexing="ij")
     away = np.min([np.hypot(y - a, x - b) for a, b in mla.centres().reshape(-1, 2)], axis=0)
@@ -259,7 +205,7 @@ def test_errors_of_lenslets(device, precise, lattice, f, terms):
         agree(expected, double["terms"][orders], single["terms"][orders])
     for name, step in (("focal_lengths", 1e-7), ("tilt", 1e-6), ("position", 1e-9)):
         scale = np.abs(double[name]).max()
-        for index in list(np.ndindex(values[name].shape))[::5]:
+        for index in list(np.ndindex(values[name].shape))[::7]:
             unit = np.zeros(values[name].shape)
             unit[index] = 1
 
@@ -269,12 +215,16 @@ def test_errors_of_lenslets(device, precise, lattice, f, terms):
             agree(slope(moved, step), double[name][index], single[name][index], scale)
 
 
+def test_errors_of_lenslets(device, precise):
+    for terms in [{(2, -2): 0.3 * LAM, (5, 1): -0.2 * LAM}, {}]:
+        for lattice, f in [("square", (2.5e-3, 3e-3)), ("hexagonal", (2.5e-3, 3.5e-3, 2.8e-3))]:
+            check_errors_of_lenslets(device, precise, terms, lattice, f)
+
+
 # Lenses, tilts and sources ----------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("diameter", [None, 0.17e-3])
-@pytest.mark.parametrize(("form", "f"), [("paraxial", 0.011), ("stigmatic", -0.0013)])
-def test_thin_lenses(device, precise, form, f, diameter):
+def check_thin_lenses(device, precise, diameter, form, f):
     shape = {"diameter": diameter, "form": form}
 
     def loss(s):
@@ -286,6 +236,12 @@ def test_thin_lenses(device, precise, form, f, diameter):
         for d in (precise, device)
     ]
     agree(slope(loss, 1e-4 * f), *found)
+
+
+def test_thin_lenses(device, precise):
+    for diameter in [None, 0.17e-3]:
+        for form, f in [("paraxial", 0.011), ("stigmatic", -0.0013)]:
+            check_thin_lenses(device, precise, diameter, form, f)
 
 
 def test_a_lens_of_infinite_focal_length(device):
@@ -311,9 +267,7 @@ def test_tilts(device, precise):
         agree(slope(loss, 1e-6), *(one[axis] for one in found))
 
 
-@pytest.mark.parametrize("shape", [GRID.shape, (1, 53)])
-@pytest.mark.parametrize("z", [0.013, -0.013])
-def test_spherical_waves(device, precise, z, shape):
+def check_spherical_waves(device, precise, shape, z):
     grid = Grid(shape, GRID.pitch, origin=GRID.origin)
     g, source = waves(3, *shape), (2.3e-5, -3.1e-5)
 
@@ -334,8 +288,13 @@ def test_spherical_waves(device, precise, z, shape):
             agree(expected, double["source"][axis], single["source"][axis])
 
 
-@pytest.mark.parametrize("shape", [GRID.shape, (47, 1)])
-def test_gaussian_beams(device, precise, shape):
+def test_spherical_waves(device, precise):
+    for shape in [GRID.shape, (1, 53)]:
+        for z in [0.013, -0.013]:
+            check_spherical_waves(device, precise, shape, z)
+
+
+def check_gaussian_beams(device, precise, shape):
     grid = Grid(shape, GRID.pitch, origin=GRID.origin)
     g = waves(4, *shape)
     values = {"waist": 4.1e-5, "z": 0.0043, "centre": (1.1e-5, -2e-5), "direction": (0.006, 0.004)}
@@ -364,21 +323,15 @@ def test_gaussian_beams(device, precise, shape):
             agree(expected, double[name][axis], single[name][axis])
 
 
+def test_gaussian_beams(device, precise):
+    for shape in [GRID.shape, (47, 1)]:
+        check_gaussian_beams(device, precise, shape)
+
+
 # Plates and fields ------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize(
-    ("pixels", "place"),
-    [
-        (GRID.shape, {}),
-        (GRID.shape, {"edges": "pixels"}),
-        ((11, 8), {"pitch": (2.3 * DX, 3.1 * DX), "centre": (1e-6, -7e-6)}),
-        ((11, 8), {"pitch": 2.3 * DX, "edges": "pixels"}),
-        ((11, 8), {"pitch": 2.3 * DX, "edges": "samples"}),
-    ],
-)
-@pytest.mark.parametrize("amplitude", ["none", "real", "complex"])
-def test_plates_of_pixels(device, precise, pixels, place, amplitude):
+def check_plates_of_pixels(device, precise, pixels, place, amplitude):
     random = np.random.default_rng(5)
     phase = random.uniform(-3, 3, pixels)
     given = {
@@ -407,23 +360,30 @@ def test_plates_of_pixels(device, precise, pixels, place, amplitude):
     assert np.iscomplexobj(double["amplitude"]) == (amplitude == "complex")
 
 
-@pytest.mark.parametrize(
-    "plate",
-    [
+def test_plates_of_pixels(device, precise):
+    for pixels, place in [
+        (GRID.shape, {}),
+        (GRID.shape, {"edges": "pixels"}),
+        ((11, 8), {"pitch": (2.3 * DX, 3.1 * DX), "centre": (1e-6, -7e-6)}),
+        ((11, 8), {"pitch": 2.3 * DX, "edges": "pixels"}),
+        ((11, 8), {"pitch": 2.3 * DX, "edges": "samples"}),
+    ]:
+        for amplitude in ["none", "real", "complex"]:
+            check_plates_of_pixels(device, precise, pixels, place, amplitude)
+
+
+def test_adjoints_of_plates(precise):
+    for plate in [
         PhasePlate(waves(7, 11, 8).real, amplitude=waves(8, 11, 8), pitch=2.3 * DX),
         PhasePlate(amplitude=waves(8, *GRID.shape)),
         ZernikePlate({4: 5e-8, 7: -3e-8}, diameter=0.2e-3),
-    ],
-    ids=lambda plate: type(plate).__name__,
-)
-def test_adjoints_of_plates(precise, plate):
-    before, behind = (plate.apply(field(U, precise)), plate.adjoint(field(G, precise)))
-    one, other = (G.conj() * before.to_numpy()).sum(), (behind.to_numpy().conj() * U).sum()
-    assert abs(one - other) <= 1e-12 * abs(one)
+    ]:
+        before, behind = (plate.apply(field(U, precise)), plate.adjoint(field(G, precise)))
+        one, other = (G.conj() * before.to_numpy()).sum(), (behind.to_numpy().conj() * U).sum()
+        assert abs(one - other) <= 1e-12 * abs(one)
 
 
-@pytest.mark.parametrize("indexing", ["noll", "osa"])
-def test_plates_of_zernike_polynomials(device, precise, indexing):
+def check_plates_of_zernike_polynomials(device, precise, indexing):
     terms = {4: 6e-8, 7: -4e-8, 12: 3e-8}
     shape = {"diameter": 0.19e-3, "indexing": indexing, "centre": (4e-6, -9e-6)}
     double, single = (
@@ -437,6 +397,11 @@ def test_plates_of_zernike_polynomials(device, precise, indexing):
             return (G.conj() * plate.apply(field(U, precise)).to_numpy()).sum().real
 
         agree(slope(loss, 1e-9), double[j], single[j])
+
+
+def test_plates_of_zernike_polynomials(device, precise):
+    for indexing in ["noll", "osa"]:
+        check_plates_of_zernike_polynomials(device, precise, indexing)
 
 
 def test_what_plates_say():
@@ -487,11 +452,3 @@ def test_cotangents_that_do_not_fit(device, precise):
         polar_gradient(field(U, device), field(G, precise))
     with pytest.raises(ShapeError, match="cotangent"):
         gaussian_beam_gradient(field(G, device), 1e-4)
-
-
-def test_gradients_leave_the_fields_alone(device):
-    before, behind = field(U, device), field(G, device)
-    MicrolensArray(P, 2.5e-3, count=3).gradient(before, behind)
-    thin_lens_gradient(before, behind, 0.01)
-    assert np.array_equal(before.to_numpy(), U.astype(device.complex))
-    assert np.array_equal(behind.to_numpy(), G.astype(device.complex))

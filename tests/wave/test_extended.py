@@ -5,7 +5,7 @@ import pytest
 from tolerance import relative_max
 
 from clplen.errors import SamplingError, SamplingWarning
-from clplen.wave.coherence.degree import DegreeEstimator, measured_degree, speckle_contrast
+from clplen.wave.coherence.degree import DegreeEstimator
 from clplen.wave.coherence.extended_source import ExtendedSource
 from clplen.wave.coherence.spatial_models import uniform
 from clplen.wave.field.field import Grid
@@ -44,27 +44,6 @@ def check_degree(estimator, source, lags):
     assert wrong.max() <= 0.02
 
 
-@pytest.mark.thorough
-def test_disc(device):
-    source = ExtendedSource(2e-3, 0.1, points=200)
-    estimator, first, second = parts(source, device)
-    lags = np.arange(1, 49)
-    for axis in ((0 * lags, lags), (lags, 0 * lags)):
-        check_degree(estimator, source, axis)
-    assert 0.85 <= speckle_contrast(first) * np.sqrt(SNAPSHOTS) <= 1.15
-    # of 400 x 384 um x 384 um / A_c = 7e4 independent speckles: 2 standard errors are .01
-    contrast = np.sqrt(second.mean() / first.mean() ** 2 - 1)
-    assert contrast == pytest.approx(np.sqrt(1 - 1 / 200), abs=0.01)
-    assert first.mean() == pytest.approx(1, abs=0.01)
-
-
-def test_first_zero_of_the_disc():
-    source = ExtendedSource(2e-3, 0.1)
-    assert abs(source.degree(0.0, 33.54e-6, wavelength=WAVELENGTH)) <= 1e-4
-    assert source.degree(0.0, 0.0, wavelength=WAVELENGTH) == 1
-    assert source.degree(33.54e-6, 0.0, wavelength=WAVELENGTH) == pytest.approx(0, abs=1e-4)
-
-
 def test_few_points_have_less_contrast(device):
     source = ExtendedSource(2e-3, 0.1, points=4)
     grid = Grid((64, 64), 4e-6)
@@ -72,18 +51,6 @@ def test_few_points_have_less_contrast(device):
     intensity = np.abs(values) ** 2
     contrast = np.sqrt((intensity**2).mean() / intensity.mean() ** 2 - 1)
     assert contrast == pytest.approx(np.sqrt(1 - 1 / 4), abs=0.02)
-
-
-def test_square(device):
-    source = ExtendedSource(2e-3, 0.1, shape="square", points=250)
-    estimator, _, _ = parts(source, device)
-    lags = np.arange(1, 49)
-    check_degree(estimator, source, (0 * lags, lags))
-    check_degree(estimator, source, (lags, lags))
-    # sinc has its first zero at lam d/size
-    zero = WAVELENGTH * 0.1 / 2e-3
-    assert abs(source.degree(zero, 0.0, wavelength=WAVELENGTH)) <= 1e-15
-    assert source.degree(zero / 2, zero / 2, wavelength=WAVELENGTH) == pytest.approx(4 / np.pi**2)
 
 
 def test_picture(device):
@@ -128,31 +95,31 @@ def test_a_picture_of_one_pixel_is_a_square():
 # Snapshots
 
 
-@pytest.mark.parametrize("shape", [(24, 35), (31, 18)])
-def test_one_point_is_a_fresnel_wave(device, precise, shape):
+def test_one_point_is_a_fresnel_wave(device, precise):
     """A lit pixel: the wave's slopes name a place in that pixel, and the rest follows."""
-    grid = Grid(shape, (5e-6, 4e-6), origin=(0.4e-3, -0.3e-3))
-    picture = np.zeros((3, 4))
-    picture[0, 3] = 2
-    size, d = 2e-3, 0.1
-    plain, curved = (
-        ExtendedSource(size, d, picture=picture, points=1, curved=c) for c in (False, True)
-    )
-    for index in range(5):
-        settings = {"wavelength": WAVELENGTH, "seed": 5, "index": index}
-        u = plain.field(grid, device=precise, **settings).to_numpy()
-        step_y, step_x = u[1, 0] / u[0, 0], u[0, 1] / u[0, 0]
-        s_y = -np.angle(step_y) / (2 * np.pi * 5e-6) * WAVELENGTH * d
-        s_x = -np.angle(step_x) / (2 * np.pi * 4e-6) * WAVELENGTH * d
-        assert -0.75e-3 <= s_y <= -0.25e-3  # row 0 of three: smallest y
-        assert 0.5e-3 <= s_x <= 1e-3
-        r2 = (grid.y[:, None] - s_y) ** 2 + (grid.x - s_x) ** 2
-        fresnel = np.exp(1j * np.pi * r2 / (WAVELENGTH * d))
-        v = curved.field(grid, device=precise, **settings).to_numpy()
-        assert relative_max(fresnel * v[0, 0] / fresnel[0, 0], v) <= 1e-9
-        # rounding of tables and products
-        single = curved.field(grid, device=device, **settings).to_numpy()
-        assert relative_max(v, single.astype(np.complex128)) <= 6e-7
+    for shape in [(24, 35), (31, 18)]:
+        grid = Grid(shape, (5e-6, 4e-6), origin=(0.4e-3, -0.3e-3))
+        picture = np.zeros((3, 4))
+        picture[0, 3] = 2
+        size, d = 2e-3, 0.1
+        plain, curved = (
+            ExtendedSource(size, d, picture=picture, points=1, curved=c) for c in (False, True)
+        )
+        for index in range(5):
+            settings = {"wavelength": WAVELENGTH, "seed": 5, "index": index}
+            u = plain.field(grid, device=precise, **settings).to_numpy()
+            step_y, step_x = u[1, 0] / u[0, 0], u[0, 1] / u[0, 0]
+            s_y = -np.angle(step_y) / (2 * np.pi * 5e-6) * WAVELENGTH * d
+            s_x = -np.angle(step_x) / (2 * np.pi * 4e-6) * WAVELENGTH * d
+            assert -0.75e-3 <= s_y <= -0.25e-3  # row 0 of three: smallest y
+            assert 0.5e-3 <= s_x <= 1e-3
+            r2 = (grid.y[:, None] - s_y) ** 2 + (grid.x - s_x) ** 2
+            fresnel = np.exp(1j * np.pi * r2 / (WAVELENGTH * d))
+            v = curved.field(grid, device=precise, **settings).to_numpy()
+            assert relative_max(fresnel * v[0, 0] / fresnel[0, 0], v) <= 1e-9
+            # rounding of tables and products
+            single = curved.field(grid, device=device, **settings).to_numpy()
+            assert relative_max(v, single.astype(np.complex128)) <= 6e-7
 
 
 def test_devices_and_precisions_agree(device, precise):
@@ -188,16 +155,6 @@ def test_snapshots_do_not_depend_on_their_order(device):
     assert not np.allclose(forward[1], forward[0], atol=0.1)
 
 
-@pytest.mark.thorough
-def test_a_line_sees_the_projected_disc(device):
-    source, grid = ExtendedSource(2e-3, 0.1, points=50), Grid((1, 96), 4e-6)
-    lags = np.arange(1, 25)
-    got = measured_degree(snapshots(source, grid, device, 3000), lags, axis="x")
-    expected = source.degree(0.0, 4e-6 * lags, wavelength=WAVELENGTH)
-    # 3000 x 384 um / 27 um = 4e4 independent samples: .005 rms
-    assert np.abs(got - expected).max() <= 0.02
-
-
 def test_a_dark_pixel_sends_no_point():
     """The first pixel is dark: not even a draw of 0 falls into it, nor one below 1 off the end."""
     source = ExtendedSource(4e-3, 0.1, picture=LETTER)
@@ -209,60 +166,60 @@ def test_a_dark_pixel_sends_no_point():
 # Spectra
 
 
-@pytest.mark.parametrize("shape", [(24, 25), (25, 24)])
-def test_a_square_up_to_nyquist_fills_the_lattice(shape):
-    pitch = 5e-6
-    source = ExtendedSource(WAVELENGTH * 0.1 / pitch, 0.1, shape="square")
-    got = source.power_spectrum(Grid(shape, pitch), wavelength=WAVELENGTH)
-    np.testing.assert_allclose(got, 1 / 600, rtol=1e-9)
+def test_a_square_up_to_nyquist_fills_the_lattice():
+    for shape in [(24, 25), (25, 24)]:
+        pitch = 5e-6
+        source = ExtendedSource(WAVELENGTH * 0.1 / pitch, 0.1, shape="square")
+        got = source.power_spectrum(Grid(shape, pitch), wavelength=WAVELENGTH)
+        np.testing.assert_allclose(got, 1 / 600, rtol=1e-9)
 
 
-@pytest.mark.parametrize("source", [
-    ExtendedSource(2e-3, 0.1),
-    ExtendedSource(1.7e-3, 0.1, shape="square"),
-    ExtendedSource(2e-3, 0.1, picture=LETTER),
-])  # fmt: skip
-def test_spectrum_is_the_source_on_the_lattice(source):
-    grid = Grid((41, 52), (9e-6, 7e-6))
-    got = source.power_spectrum(grid, wavelength=WAVELENGTH)
-    assert got.shape == grid.shape
-    assert got.min() >= 0
-    assert got.sum() == pytest.approx(1, abs=1e-12)
-    # points of the source counted in the lattice's cells
-    n = 600 if source.picture is None else 150
-    place = (np.arange(n) + 0.5) / n - 0.5
-    if source.picture is not None:
-        p = np.kron(LETTER, np.ones((n, n)))
-        y, x = ((np.arange(m) + 0.5 - m / 2) * source.size / 4 / n for m in p.shape)
-    else:
-        y = x = place * source.size
-        p = np.ones((n, n))
-        if source.shape == "circular":
-            p = (y[:, None] ** 2 + x**2 <= source.size**2 / 4).astype(float)
-    rows, columns = (
-        np.rint(-s / (WAVELENGTH * 0.1) * m * d).astype(int) % m
-        for s, m, d in zip((y, x), grid.shape, grid.pitch, strict=True)
-    )
-    counted = np.zeros(grid.shape)
-    np.add.at(counted, (rows[:, None], columns[None, :]), p / p.sum())
-    # counting misses half a point along each rim of a cell, one in 40: .02 of a cell
-    np.testing.assert_allclose(got, counted, atol=0.05 * got.max())
-    # and its transform is mu, smoothed over a cell: times sinc(lag/W), aliases aside
-    lags = np.arange(-5, 6)
-    smooth = np.sinc(lags / 41)[:, None] * np.sinc(lags / 52)
-    expected = smooth * source.degree(lags[:, None] * 9e-6, lags * 7e-6, wavelength=WAVELENGTH)
-    wave = [np.exp(2j * np.pi * np.multiply.outer(lags, np.arange(m)) / m) for m in grid.shape]
-    np.testing.assert_allclose(wave[0] @ got @ wave[1].T, expected, atol=0.01)
+def test_spectrum_is_the_source_on_the_lattice():
+    for source in [
+        ExtendedSource(2e-3, 0.1),
+        ExtendedSource(1.7e-3, 0.1, shape="square"),
+        ExtendedSource(2e-3, 0.1, picture=LETTER),
+    ]:
+        grid = Grid((41, 52), (9e-6, 7e-6))
+        got = source.power_spectrum(grid, wavelength=WAVELENGTH)
+        assert got.shape == grid.shape
+        assert got.min() >= 0
+        assert got.sum() == pytest.approx(1, abs=1e-12)
+        # points of the source counted in the lattice's cells
+        n = 600 if source.picture is None else 150
+        place = (np.arange(n) + 0.5) / n - 0.5
+        if source.picture is not None:
+            p = np.kron(LETTER, np.ones((n, n)))
+            y, x = ((np.arange(m) + 0.5 - m / 2) * source.size / 4 / n for m in p.shape)
+        else:
+            y = x = place * source.size
+            p = np.ones((n, n))
+            if source.shape == "circular":
+                p = (y[:, None] ** 2 + x**2 <= source.size**2 / 4).astype(float)
+        rows, columns = (
+            np.rint(-s / (WAVELENGTH * 0.1) * m * d).astype(int) % m
+            for s, m, d in zip((y, x), grid.shape, grid.pitch, strict=True)
+        )
+        counted = np.zeros(grid.shape)
+        np.add.at(counted, (rows[:, None], columns[None, :]), p / p.sum())
+        # counting misses half a point along each rim of a cell, one in 40: .02 of a cell
+        np.testing.assert_allclose(got, counted, atol=0.05 * got.max())
+        # and its transform is mu, smoothed over a cell: times sinc(lag/W), aliases aside
+        lags = np.arange(-5, 6)
+        smooth = np.sinc(lags / 41)[:, None] * np.sinc(lags / 52)
+        expected = smooth * source.degree(lags[:, None] * 9e-6, lags * 7e-6, wavelength=WAVELENGTH)
+        wave = [np.exp(2j * np.pi * np.multiply.outer(lags, np.arange(m)) / m) for m in grid.shape]
+        np.testing.assert_allclose(wave[0] @ got @ wave[1].T, expected, atol=0.01)
 
 
-@pytest.mark.parametrize("picture", [None, LETTER])
-def test_spectrum_of_a_line_is_the_projection(picture):
-    source = ExtendedSource(2e-3, 0.1, picture=picture)
-    plane = source.power_spectrum(Grid((40, 33), 7e-6), wavelength=WAVELENGTH)
-    line = source.power_spectrum(Grid((1, 33), 7e-6), wavelength=WAVELENGTH)
-    np.testing.assert_allclose(line[0], plane.sum(axis=0), atol=1e-12)
-    line = source.power_spectrum(Grid((40, 1), 7e-6), wavelength=WAVELENGTH)
-    np.testing.assert_allclose(line[:, 0], plane.sum(axis=1), atol=1e-12)
+def test_spectrum_of_a_line_is_the_projection():
+    for picture in [None, LETTER]:
+        source = ExtendedSource(2e-3, 0.1, picture=picture)
+        plane = source.power_spectrum(Grid((40, 33), 7e-6), wavelength=WAVELENGTH)
+        line = source.power_spectrum(Grid((1, 33), 7e-6), wavelength=WAVELENGTH)
+        np.testing.assert_allclose(line[0], plane.sum(axis=0), atol=1e-12)
+        line = source.power_spectrum(Grid((40, 1), 7e-6), wavelength=WAVELENGTH)
+        np.testing.assert_allclose(line[:, 0], plane.sum(axis=1), atol=1e-12)
 
 
 def test_areas_and_angles():
@@ -286,9 +243,8 @@ def test_areas_and_angles():
 # Bad input
 
 
-@pytest.mark.parametrize(
-    ("args", "more", "words"),
-    [
+def test_what_is_no_source():
+    for args, more, words in [
         ((0, 0.1), {}, "size of a source is positive"),
         ((-1e-3, 0.1), {}, "size of a source is positive"),
         ((float("nan"), 0.1), {}, "size of a source is positive"),
@@ -305,11 +261,9 @@ def test_areas_and_angles():
         ((1e-3, 0.1), {"picture": [[1, -1]]}, "not negative"),
         ((1e-3, 0.1), {"picture": [[1, np.nan]]}, "finite"),
         ((1e-3, 0.1), {"picture": [[0, 0]]}, "black"),
-    ],
-)
-def test_what_is_no_source(args, more, words):
-    with pytest.raises(ValueError, match=words):
-        ExtendedSource(*args, **more)
+    ]:
+        with pytest.raises(ValueError, match=words):
+            ExtendedSource(*args, **more)
 
 
 def test_a_picture_is_kept_as_it_was():

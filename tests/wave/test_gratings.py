@@ -2,10 +2,9 @@
 
 import numpy as np
 import pytest
-from scipy.special import j0, jv
-from tolerance import err_db
+from scipy.special import jv
 
-from clplen import Field, Grid, SamplingError, SamplingWarning, propagate
+from clplen import Field, Grid, SamplingError, SamplingWarning
 from clplen.wave.elements.gratings import axicon, grating
 
 LAM = 532e-9
@@ -27,19 +26,19 @@ def orders(t, periods, axis, count=4):
 N = np.arange(-4, 5)
 
 
-@pytest.mark.parametrize(("axis", "shape"), [(1, (5, 100)), (0, (75, 4))])
-@pytest.mark.parametrize("depth", [0.7, 2.0])
-def test_orders_of_a_phase_grating(device, precise, axis, shape, depth):
+def test_orders_of_a_phase_grating(device, precise):
     """i^n J_n(h), turned by the offset; 25 samples a period, aliases below 1e-17."""
-    grid = Grid(shape, (4e-6, 5e-6))
-    period, offset = 25 * grid.pitch[axis], 13e-6
-    options = {"orientation": np.pi / 2 * (1 - axis), "depth": depth, "offset": offset}
-    expected = 1j**N * jv(N, depth) * np.exp(-2j * np.pi * N * offset / period)
-    for where, tolerance in ((device, 2e-7), (precise, 1e-14)):
-        t = grating(ones(grid, where), period, kind="phase", **options).to_numpy()
-        got = orders(t, shape[axis] // 25, axis)
-        assert np.abs(got - expected).max() <= tolerance
-        assert np.abs(np.abs(t) - 1).max() <= tolerance
+    for axis, shape in [(1, (5, 100)), (0, (75, 4))]:
+        for depth in [0.7, 2.0]:
+            grid = Grid(shape, (4e-6, 5e-6))
+            period, offset = 25 * grid.pitch[axis], 13e-6
+            options = {"orientation": np.pi / 2 * (1 - axis), "depth": depth, "offset": offset}
+            expected = 1j**N * jv(N, depth) * np.exp(-2j * np.pi * N * offset / period)
+            for where, tolerance in ((device, 2e-7), (precise, 1e-14)):
+                t = grating(ones(grid, where), period, kind="phase", **options).to_numpy()
+                got = orders(t, shape[axis] // 25, axis)
+                assert np.abs(got - expected).max() <= tolerance
+                assert np.abs(np.abs(t) - 1).max() <= tolerance
 
 
 def test_orders_of_a_sinusoidal_grating(precise):
@@ -51,18 +50,18 @@ def test_orders_of_a_sinusoidal_grating(precise):
     assert grating(ones(grid, precise), 60e-6, kind="sinusoidal").to_numpy().real.max() == 1
 
 
-@pytest.mark.parametrize("duty", [0.5, 0.3, 0.03])
-@pytest.mark.parametrize("offset", [0, 7.3e-6])
-def test_orders_of_a_binary_grating(precise, duty, offset):
+def test_orders_of_a_binary_grating(precise):
     """duty sinc(n duty) times the sinc of a cell, plus the aliases of the sampled edges."""
-    grid, samples = Grid((3, 75), 5e-6), 15
-    period = samples * 5e-6
-    t = grating(ones(grid, precise), period, duty=duty, offset=offset).to_numpy()
-    m = N[:, None] + samples * np.arange(-20000, 20001)
-    each = duty * np.sinc(m * duty) * np.sinc(m / samples)
-    expected = (each * np.exp(-2j * np.pi * m * offset / period)).sum(axis=1)
-    assert np.abs(orders(t, 5, 1) - expected).max() <= 3e-6  # the series is cut
-    assert t.mean() == pytest.approx(duty, rel=1e-12)
+    for duty in [0.5, 0.3, 0.03]:
+        for offset in [0, 7.3e-6]:
+            grid, samples = Grid((3, 75), 5e-6), 15
+            period = samples * 5e-6
+            t = grating(ones(grid, precise), period, duty=duty, offset=offset).to_numpy()
+            m = N[:, None] + samples * np.arange(-20000, 20001)
+            each = duty * np.sinc(m * duty) * np.sinc(m / samples)
+            expected = (each * np.exp(-2j * np.pi * m * offset / period)).sum(axis=1)
+            assert np.abs(orders(t, 5, 1) - expected).max() <= 3e-6  # the series is cut
+            assert t.mean() == pytest.approx(duty, rel=1e-12)
 
 
 def test_a_blazed_grating_sends_all_light_to_plus_one(device):
@@ -73,36 +72,36 @@ def test_a_blazed_grating_sends_all_light_to_plus_one(device):
         assert np.abs(orders(t, shape[axis] // 15, axis) - (N == 1)).max() <= 2e-7
 
 
-@pytest.mark.parametrize("offset", [0, 1e-6, 2.3e-6])
-def test_orders_of_a_shallow_blaze(precise, offset):
+def test_orders_of_a_shallow_blaze(precise):
     """exp(i a/2) sinc(a/2 pi), a = h - 2 pi n; an unweighted jump would be 10 times further off."""
-    samples, depth = 50, 3.0
-    grid = Grid((2, 3 * samples), 5e-6)
-    options = {"kind": "blazed", "depth": depth, "offset": offset}
-    t = grating(ones(grid, precise), samples * 5e-6, **options).to_numpy()
-    a = depth - 2 * np.pi * N
-    expected = np.exp(0.5j * a) * np.sinc(a / (2 * np.pi))
-    expected = expected * np.exp(-2j * np.pi * N * offset / (samples * 5e-6))
-    assert np.abs(orders(t, 3, 1) - expected).max() <= 2e-3
+    for offset in [0, 1e-6, 2.3e-6]:
+        samples, depth = 50, 3.0
+        grid = Grid((2, 3 * samples), 5e-6)
+        options = {"kind": "blazed", "depth": depth, "offset": offset}
+        t = grating(ones(grid, precise), samples * 5e-6, **options).to_numpy()
+        a = depth - 2 * np.pi * N
+        expected = np.exp(0.5j * a) * np.sinc(a / (2 * np.pi))
+        expected = expected * np.exp(-2j * np.pi * N * offset / (samples * 5e-6))
+        assert np.abs(orders(t, 3, 1) - expected).max() <= 2e-3
 
 
-@pytest.mark.parametrize("orientation", [0, 0.4, np.pi / 4, np.pi / 2, 2.0, -1e-9, 3.3])
-@pytest.mark.parametrize("pitch", [(5e-6, 4e-6), (3e-6, 11e-6)])
-@pytest.mark.parametrize("duty", [0.35, 0.9])
-def test_area_weights_of_bars(precise, orientation, pitch, duty):
+def test_area_weights_of_bars(precise):
     """Against 60 x 60 points a cell, which place an edge to half a point, 1/120 of a cell."""
-    grid, period, offset = Grid((9, 8), pitch, origin=(2e-6, 0)), 23e-6, 3e-6
-    options = {"orientation": orientation, "duty": duty, "offset": offset}
-    got = grating(ones(grid, precise), period, **options).to_numpy().real
-    part = (np.arange(60) + 0.5) / 60 - 0.5
-    y = (grid.y[:, None] + part * pitch[0]).reshape(-1, 1)
-    x = (grid.x[:, None] + part * pitch[1]).reshape(1, -1)
-    s = (x * np.cos(orientation) + y * np.sin(orientation) - offset) / period
-    clear = np.abs(s - np.rint(s)) < duty / 2
-    expected = clear.reshape(9, 60, 8, 60).mean(axis=(1, 3))
-    assert ((expected > 0) & (expected < 1)).any()
-    assert np.abs(got - expected).max() <= 0.02
-    assert np.abs(got - expected).mean() <= 0.004
+    for orientation in [0, 0.4, np.pi / 4, np.pi / 2, 2.0, -1e-9, 3.3]:
+        for pitch in [(5e-6, 4e-6), (3e-6, 11e-6)]:
+            for duty in [0.35, 0.9]:
+                grid, period, offset = Grid((9, 8), pitch, origin=(2e-6, 0)), 23e-6, 3e-6
+                options = {"orientation": orientation, "duty": duty, "offset": offset}
+                got = grating(ones(grid, precise), period, **options).to_numpy().real
+                part = (np.arange(60) + 0.5) / 60 - 0.5
+                y = (grid.y[:, None] + part * pitch[0]).reshape(-1, 1)
+                x = (grid.x[:, None] + part * pitch[1]).reshape(1, -1)
+                s = (x * np.cos(orientation) + y * np.sin(orientation) - offset) / period
+                clear = np.abs(s - np.rint(s)) < duty / 2
+                expected = clear.reshape(9, 60, 8, 60).mean(axis=(1, 3))
+                assert ((expected > 0) & (expected < 1)).any()
+                assert np.abs(got - expected).max() <= 0.02
+                assert np.abs(got - expected).mean() <= 0.004
 
 
 def test_a_slight_tilt_is_continuous(precise):
@@ -125,33 +124,6 @@ def test_orientation_turns_x_towards_y(precise):
     assert spectrum[2, 3] == pytest.approx(1, abs=1e-12)
 
 
-@pytest.mark.parametrize("n", [60, 75])
-def test_talbot_image_of_a_sinusoidal_grating(device, precise, n):
-    """lam (1 + sqrt(1-q))/q with q = (lam/d)^2 is exact for three orders."""
-    grid, period = Grid((4, n), 2e-6), 30e-6
-    q = (LAM / period) ** 2
-    z = LAM * (1 + np.sqrt(1 - q)) / q
-    for where, bound in ((device, 115), (precise, 220)):  # float32 and float64 transforms
-        start = grating(ones(grid, where), period, kind="sinusoidal", offset=4e-6)
-        image = propagate(start, z, method="as", pad=1).to_numpy()
-        assert err_db(start.to_numpy(), image) >= bound
-        negative = propagate(start, z / 2, method="as", pad=1).to_numpy()
-        shifted = grating(ones(grid, where), period, kind="sinusoidal", offset=19e-6).to_numpy()
-        assert err_db(shifted, negative) >= bound
-
-
-def test_talbot_image_of_a_binary_grating(precise):
-    """Paraxial orders return at 2 d^2/lam; order n is pi (lam/d)^2 n^4/2 rad late."""
-    grid = Grid((1, 96), 30 * LAM)
-    period = 24 * 30 * LAM
-    start = grating(ones(grid, precise), period, duty=0.3, offset=20 * LAM)
-    z = 2 * period**2 / LAM
-    assert err_db(start.to_numpy(), propagate(start, z, method="as", pad=1).to_numpy()) > 35
-    half = propagate(start, z / 2, method="as", pad=1).to_numpy()
-    shifted = grating(ones(grid, precise), period, duty=0.3, offset=20 * LAM + period / 2)
-    assert err_db(shifted.to_numpy(), half) > 35
-
-
 def test_period_below_two_samples(device):
     light = ones(Grid((20, 24), (4e-6, 5e-6)), device)
     grating(light, 10e-6)
@@ -164,9 +136,8 @@ def test_period_below_two_samples(device):
         grating(light, 7e-6, orientation=np.pi / 2)
 
 
-@pytest.mark.parametrize(
-    ("change", "message"),
-    [
+def test_bad_gratings(device):
+    for change, message in [
         ({"period": 0}, "period of a grating is positive"),
         ({"period": np.nan}, "period of a grating is positive"),
         ({"kind": "square"}, "'binary', 'sinusoidal', 'phase' or 'blazed', not 'square'"),
@@ -178,13 +149,11 @@ def test_period_below_two_samples(device):
         ({"kind": "phase"}, "needs its depth"),
         ({"kind": "phase", "depth": np.nan}, "depth of a grating is finite"),
         ({"kind": "sinusoidal", "depth": 1.1}, r"lies in 0\.\.1"),
-    ],
-)
-def test_bad_gratings(device, change, message):
-    values = {"period": 4e-6} | change
-    period = values.pop("period")
-    with pytest.raises(ValueError, match=message):
-        grating(ones(Grid((5, 6), 1e-6), device), period, **values)
+    ]:
+        values = {"period": 4e-6} | change
+        period = values.pop("period")
+        with pytest.raises(ValueError, match=message):
+            grating(ones(Grid((5, 6), 1e-6), device), period, **values)
 
 
 def test_no_lines_along_an_axis_of_one_sample(device):
@@ -194,28 +163,15 @@ def test_no_lines_along_an_axis_of_one_sample(device):
         grating(light, 30e-6, orientation=0.1)
 
 
-@pytest.mark.parametrize("angle", [4e-3, -9e-3])
-@pytest.mark.parametrize("shape", [(40, 51), (1, 60)])
-def test_axicon_phase(device, precise, angle, shape):
-    grid, centre = Grid(shape, (6e-6, 5e-6), origin=(3e-6, 0)), (20e-6, -31e-6)
-    y = grid.y[:, None] - centre[0] if shape[0] > 1 else 0
-    expected = np.exp(-2j * np.pi / LAM * angle * np.hypot(y, grid.x - centre[1]))
-    for where, tolerance in ((device, 2e-7), (precise, 1e-13)):
-        got = axicon(ones(grid, where), angle, centre=centre).to_numpy().reshape(shape)
-        assert np.abs(got - expected).max() <= tolerance
-
-
-def test_axicon_makes_a_bessel_beam(device):
-    """J0(k angle r) about the axis; 3%: the window and the tilt of the amplitude along z."""
-    grid, angle, waist = Grid((256, 240), 5e-6), 10e-3, 300e-6
-    r = np.hypot(grid.y[:, None], grid.x)
-    beam = Field.from_array(np.exp(-((r / waist) ** 2)), grid, wavelength=LAM, device=device)
-    out = propagate(axicon(beam, angle), 15e-3, method="as", pad=1).intensity().to_numpy()
-    near = np.abs(grid.x) < 60e-6
-    for line, at in ((out[128], grid.x), (out[:, 120], grid.y)):
-        near = np.abs(at) < 60e-6
-        expected = j0(2 * np.pi / LAM * angle * at[near]) ** 2
-        assert np.abs(line[near] / out[128, 120] - expected).max() <= 0.03
+def test_axicon_phase(device, precise):
+    for angle in [4e-3, -9e-3]:
+        for shape in [(40, 51), (1, 60)]:
+            grid, centre = Grid(shape, (6e-6, 5e-6), origin=(3e-6, 0)), (20e-6, -31e-6)
+            y = grid.y[:, None] - centre[0] if shape[0] > 1 else 0
+            expected = np.exp(-2j * np.pi / LAM * angle * np.hypot(y, grid.x - centre[1]))
+            for where, tolerance in ((device, 2e-7), (precise, 1e-13)):
+                got = axicon(ones(grid, where), angle, centre=centre).to_numpy().reshape(shape)
+                assert np.abs(got - expected).max() <= tolerance
 
 
 def test_aliased_axicon(device):
@@ -229,14 +185,11 @@ def test_aliased_axicon(device):
     axicon(ones(Grid((1, 24), (4e-5, 5e-6)), device), LAM / 10e-6)  # the other axis has no step
 
 
-@pytest.mark.parametrize(
-    ("angle", "options", "message"),
-    [
+def test_bad_axicons(device):
+    for angle, options, message in [
         (np.nan, {}, "angle of an axicon is finite"),
         (1e-3, {"centre": (np.nan, 0)}, "centre of an axicon is finite"),
         (1e-3, {"aliasing": "no"}, "'raise', 'warn' or 'allow'"),
-    ],
-)
-def test_bad_axicons(device, angle, options, message):
-    with pytest.raises(ValueError, match=message):
-        axicon(ones(Grid((5, 6), 1e-6), device), angle, **options)
+    ]:
+        with pytest.raises(ValueError, match=message):
+            axicon(ones(Grid((5, 6), 1e-6), device), angle, **options)

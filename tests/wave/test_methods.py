@@ -26,14 +26,9 @@ SINGLE, DOUBLE = 120, 250  # dB; rounding of two transforms is 130-140 and 290-3
 GRIDS = [
     Grid((16, 22), (6.6e-6, 5e-6), origin=(3e-6, -7e-6)),
     Grid((17, 31), (2e-6, 3e-6)),
-    Grid((23, 18), (3e-6, 2e-6), origin=(1e-5, 1.5e-6)),
     Grid((1, 64), 2e-6),
     Grid((29, 1), 4e-6),
 ]
-
-
-def shape_of(grid: Grid) -> str:
-    return "x".join(map(str, grid.shape))
 
 
 def twin(method: str, u: np.ndarray, grid: Grid, z: float, pad: float) -> np.ndarray:
@@ -52,19 +47,18 @@ def twin(method: str, u: np.ndarray, grid: Grid, z: float, pad: float) -> np.nda
     return steps[method](u, grid.pitch, z, wavelength=LAM, pad=pad)
 
 
-@pytest.mark.parametrize("grid", GRIDS, ids=shape_of)
 @pytest.mark.parametrize(
     "method",
     ["as", "blas", "rs", "fresnel-tf", "fresnel-ir", "fresnel-1fft", "fresnel-multistep"],
 )
-def test_against_twin(device, precise, grid, method):
-    u = band_limited(grid.shape, 1)
-    for pad in (2,) if method == "rs" else (1, 2, 1.5):
-        for z in (3e-4, -2e-4, 4e-3):
-            expected = twin(method, u, grid, z, pad)
-            case = (pad, z)
-            assert err_db(expected, go(u, grid, z, device, method=method, pad=pad)) >= SINGLE, case
-            assert err_db(expected, go(u, grid, z, precise, method=method, pad=pad)) >= DOUBLE, case
+def test_against_twin(device, precise, method):
+    for grid in GRIDS:
+        u = band_limited(grid.shape, 1)
+        for pad in (2,) if method == "rs" else (1, 1.5):
+            for z in (-3e-4, 4e-3):
+                expected = twin(method, u, grid, z, pad)
+                for where, least in ((device, SINGLE), (precise, DOUBLE)):
+                    assert err_db(expected, go(u, grid, z, where, method=method, pad=pad)) >= least
 
 
 def compact(grid: Grid, seed: int, tilt: float = 0.3) -> np.ndarray:
@@ -91,106 +85,94 @@ COMPACT = [
 ]
 
 
-@pytest.mark.parametrize("grid", COMPACT, ids=shape_of)
-@pytest.mark.parametrize("z", [2e-4, -3e-4, 5e-3, -0.06, 0.7])
-def test_on_the_fields_own_grid(device, precise, grid, z):
-    # Far away the window sees frequencies near 0 alone: steeper beams would leave it dark.
-    u = compact(grid, 2, tilt=0.3 if abs(z) < 0.01 else 0.02)
-    wide, usual = (
-        corrected(u, grid.pitch, z, wavelength=LAM, guard=guard, steepness=steepness)
-        for guard, steepness in ((8, 5), (6, 4))
-    )
-    assert err_db(wide, go(u, grid, z, precise, method="cblas", guard=8)) >= 190
-    # The two windows, of 7-smooth or exact length, differ by the guard's own error: 180 dB.
-    assert err_db(usual, go(u, grid, z, precise, method="cblas", guard=6)) >= 170
-    # Without a word the guard is 6, and 8 where 6 would let go of 150 dB.
-    assert err_db(wide, go(u, grid, z, precise, method="cblas")) >= 170
-    for method in ("cblas", "auto"):
-        assert err_db(wide, go(u, grid, z, device, method=method)) >= SINGLE
-    # "rs" is better than a guard of 6 far away, "as" equal to it near.
-    assert err_db(wide, go(u, grid, z, precise)) >= 170
+def test_on_the_fields_own_grid(device, precise):
+    for grid in COMPACT:
+        for z in [2e-4, -5e-3, 0.7]:
+            # Far away the window sees frequencies near 0 alone: steeper beams would leave it dark.
+            u = compact(grid, 2, tilt=0.3 if abs(z) < 0.01 else 0.02)
+            wide, usual = (
+                corrected(u, grid.pitch, z, wavelength=LAM, guard=guard, steepness=steepness)
+                for guard, steepness in ((8, 5), (6, 4))
+            )
+            assert err_db(wide, go(u, grid, z, precise, method="cblas", guard=8)) >= 190
+            # The two windows, of 7-smooth or exact length, differ by the guard's own error: 180 dB.
+            assert err_db(usual, go(u, grid, z, precise, method="cblas", guard=6)) >= 170
+            # Without a word the guard is 6, and 8 where 6 would let go of 150 dB.
+            assert err_db(wide, go(u, grid, z, precise, method="cblas")) >= 170
+            for method in ("cblas", "auto"):
+                assert err_db(wide, go(u, grid, z, device, method=method)) >= SINGLE
+            # "rs" is better than a guard of 6 far away, "as" equal to it near.
+            assert err_db(wide, go(u, grid, z, precise)) >= 170
 
 
 def others(grid: Grid) -> list[Grid]:
-    """Output grids of another pitch, size and centre; the last two aligned, larger and smaller."""
+    """Output grids of another pitch, size and centre; the last one aligned and larger."""
     (ny, nx), (dy, dx), (oy, ox) = grid.shape, grid.pitch, grid.origin
-    sizes = [(ny, 33, 20, ny + 21, ny - 11), (nx, 18, 35, nx + 10, nx - 24)]
-    y, x = ([1] * 5 if n == 1 else list(m) for n, m in zip((ny, nx), sizes, strict=True))
-    pitches = [
-        (0.71 * dy, 1.3 * dx),
-        (2.1 * dy, 0.37 * dx),
-        (dy, dx),
-        (dy, dx),
-        (dy, dx),
-    ]
-    origins = [
-        (oy, ox),
-        (oy - 1.7 * dy, ox + 9.3 * dx),
-        (oy + 12 * dy, ox - 20.5 * dx),
-        (oy, ox),
-        (oy, ox),
-    ]
+    sizes = [(ny, 33, ny + 21), (nx, 18, nx + 10)]
+    y, x = ([1] * 3 if n == 1 else list(m) for n, m in zip((ny, nx), sizes, strict=True))
+    pitches = [(0.71 * dy, 1.3 * dx), (2.1 * dy, 0.37 * dx), (dy, dx)]
+    origins = [(oy, ox), (oy - 1.7 * dy, ox + 9.3 * dx), (oy, ox)]
     return [
         Grid((m, k), pitch, origin=origin)
         for m, k, pitch, origin in zip(y, x, pitches, origins, strict=True)
     ]
 
 
-@pytest.mark.parametrize("grid", COMPACT, ids=shape_of)
-@pytest.mark.parametrize("z", [3e-4, -8e-4, 0.02])
-def test_onto_another_grid(device, precise, grid, z):
-    u = compact(grid, 3)
-    for out in others(grid):
-        expected = corrected(
-            u,
-            grid.pitch,
-            z,
-            wavelength=LAM,
-            guard=8,
-            steepness=5,
-            out_shape=out.shape,
-            out_pitch=out.pitch,
-            out_centre=tuple(a - b for a, b in zip(out.origin, grid.origin, strict=True)),
-        )
-        # Error relative to the light that there is: a window beside the beam holds little of it.
-        scale = np.abs(u).max()
-        for method in ("auto", "cblas"):
-            for d, limit in ((device, 1e-6), (precise, 1e-9)):
-                field = propagate(field_of(u, grid, d), z, method=method, out_grid=out)
-                assert field.grid == out
-                error = np.abs(field.to_numpy() - expected).max() / scale
-                assert error <= limit, (method, out)
+def test_onto_another_grid(device, precise):
+    for grid in COMPACT:
+        for z in [3e-4, -0.02]:
+            u = compact(grid, 3)
+            for out in others(grid):
+                expected = corrected(
+                    u,
+                    grid.pitch,
+                    z,
+                    wavelength=LAM,
+                    guard=8,
+                    steepness=5,
+                    out_shape=out.shape,
+                    out_pitch=out.pitch,
+                    out_centre=tuple(a - b for a, b in zip(out.origin, grid.origin, strict=True)),
+                )
+                # Relative to all the light: a window beside the beam holds little of it.
+                scale = np.abs(u).max()
+                for method in ("auto", "cblas"):
+                    for d, limit in ((device, 1e-6), (precise, 1e-9)):
+                        field = propagate(field_of(u, grid, d), z, method=method, out_grid=out)
+                        assert field.grid == out
+                        error = np.abs(field.to_numpy() - expected).max() / scale
+                        assert error <= limit, (method, out)
 
 
-@pytest.mark.parametrize("z", [0.02, -0.02])
-def test_onto_where_a_tilted_beam_goes(device, z):
+def test_onto_where_a_tilted_beam_goes(device):
     """Far off the axis, to the other side for z < 0."""
-    grid, f = Grid((1, 120), (1e-6, 3e-6)), 1e5
-    u = np.exp(-((grid.x / 3e-5) ** 2) + 2j * np.pi * f * grid.x)[None]
-    centre = z * math.tan(math.asin(LAM * f))
-    out = Grid((1, 150), (1e-6, 4e-6), origin=(0, centre))
-    expected = corrected(
-        u, grid.pitch, z, wavelength=LAM, guard=8, steepness=5,
-        out_shape=out.shape, out_pitch=out.pitch, out_centre=out.origin,
-    )  # fmt: skip
-    got = go(u, grid, z, device, out_grid=out)
-    assert err_db(expected, got) >= SINGLE
-    power = np.abs(got[0]) ** 2.0
-    assert abs((power * out.x).sum() / power.sum() - centre) < 2e-6  # the lobe's own asymmetry
-    assert power.sum() * 4e-6 == pytest.approx((np.abs(u) ** 2).sum() * 3e-6, rel=1e-3)
+    for z in [0.02, -0.02]:
+        grid, f = Grid((1, 120), (1e-6, 3e-6)), 1e5
+        u = np.exp(-((grid.x / 3e-5) ** 2) + 2j * np.pi * f * grid.x)[None]
+        centre = z * math.tan(math.asin(LAM * f))
+        out = Grid((1, 150), (1e-6, 4e-6), origin=(0, centre))
+        expected = corrected(
+            u, grid.pitch, z, wavelength=LAM, guard=8, steepness=5,
+            out_shape=out.shape, out_pitch=out.pitch, out_centre=out.origin,
+        )  # fmt: skip
+        got = go(u, grid, z, device, out_grid=out)
+        assert err_db(expected, got) >= SINGLE
+        power = np.abs(got[0]) ** 2.0
+        assert abs((power * out.x).sum() / power.sum() - centre) < 2e-6  # the lobe's own asymmetry
+        assert power.sum() * 4e-6 == pytest.approx((np.abs(u) ** 2).sum() * 3e-6, rel=1e-3)
 
 
-@pytest.mark.parametrize("grid", [Grid((1, 40), 2e-6), Grid((20, 60), (3e-6, 2e-6))], ids=shape_of)
-def test_light_at_the_nyquist_frequency_counts_once(device, grid):
+def test_light_at_the_nyquist_frequency_counts_once(device):
     """Near, the band ends on both Nyquist frequencies: one and the same wave, half of it each."""
-    rng = np.random.default_rng(1)
-    u = rng.normal(size=grid.shape) + 1j * rng.normal(size=grid.shape)
-    out = Grid(grid.shape, tuple(0.7 * d for d in grid.pitch), origin=(0, 1e-6))
-    expected = corrected(
-        u, grid.pitch, 1e-6, wavelength=LAM, out_shape=out.shape, out_pitch=out.pitch,
-        out_centre=out.origin,
-    )  # fmt: skip
-    assert err_db(expected, go(u, grid, 1e-6, device, out_grid=out)) >= SINGLE
+    for grid in [Grid((1, 40), 2e-6), Grid((20, 60), (3e-6, 2e-6))]:
+        rng = np.random.default_rng(1)
+        u = rng.normal(size=grid.shape) + 1j * rng.normal(size=grid.shape)
+        out = Grid(grid.shape, tuple(0.7 * d for d in grid.pitch), origin=(0, 1e-6))
+        expected = corrected(
+            u, grid.pitch, 1e-6, wavelength=LAM, out_shape=out.shape, out_pitch=out.pitch,
+            out_centre=out.origin,
+        )  # fmt: skip
+        assert err_db(expected, go(u, grid, 1e-6, device, out_grid=out)) >= SINGLE
 
 
 def test_resampled_at_z_zero(precise):
@@ -204,55 +186,56 @@ def test_resampled_at_z_zero(precise):
     assert err_db(fine, got) >= 90  # over 1e-12 m the phase changes by 2e-6 turns
 
 
-@pytest.mark.parametrize("pad", [1, 2])
-def test_a_hard_edge_where_geometry_says(device, pad):
+def test_a_hard_edge_where_geometry_says(device):
     """guard = 0: plain transforms of the padded window, |f| <= f_geo."""
-    grid, z, support = Grid((20, 33), (4e-6, 3e-6)), 2e-3, (3e-5, 5e-5)
-    u = band_limited(grid.shape, 4)
-    shape = [reference.padded_length(n, pad) for n in grid.shape]
-    window = np.zeros(shape, complex)
-    part = tuple(
-        slice(L // 2 - n // 2, L // 2 - n // 2 + n) for n, L in zip(grid.shape, shape, strict=True)
-    )
-    window[part] = u
-    spectrum = np.fft.fft2(window) * reference.transfer_function(shape, grid.pitch, z, LAM)
-    for axis, (L, d, lit, all_of_it) in enumerate(
-        zip(shape, grid.pitch, support, grid.extent, strict=True)
-    ):
-        displacement = (lit + all_of_it) / 2
-        limit = displacement / (LAM * math.hypot(displacement, z))
-        outside = np.abs(np.fft.fftfreq(L, d)) > limit
-        assert outside.any()
-        spectrum[(outside, slice(None)) if axis == 0 else (slice(None), outside)] = 0
-    expected = np.fft.ifft2(spectrum)[part]
-    options = {"method": "cblas", "guard": 0, "pad": pad, "support": support}
-    assert err_db(expected, go(u, grid, z, device, **options)) >= SINGLE
+    for pad in [1, 2]:
+        grid, z, support = Grid((20, 33), (4e-6, 3e-6)), 2e-3, (3e-5, 5e-5)
+        u = band_limited(grid.shape, 4)
+        shape = [reference.padded_length(n, pad) for n in grid.shape]
+        window = np.zeros(shape, complex)
+        part = tuple(
+            slice(L // 2 - n // 2, L // 2 - n // 2 + n)
+            for n, L in zip(grid.shape, shape, strict=True)
+        )
+        window[part] = u
+        spectrum = np.fft.fft2(window) * reference.transfer_function(shape, grid.pitch, z, LAM)
+        for axis, (L, d, lit, all_of_it) in enumerate(
+            zip(shape, grid.pitch, support, grid.extent, strict=True)
+        ):
+            displacement = (lit + all_of_it) / 2
+            limit = displacement / (LAM * math.hypot(displacement, z))
+            outside = np.abs(np.fft.fftfreq(L, d)) > limit
+            assert outside.any()
+            spectrum[(outside, slice(None)) if axis == 0 else (slice(None), outside)] = 0
+        expected = np.fft.ifft2(spectrum)[part]
+        options = {"method": "cblas", "guard": 0, "pad": pad, "support": support}
+        assert err_db(expected, go(u, grid, z, device, **options)) >= SINGLE
 
 
-@pytest.mark.parametrize("border", [0, 0.2, 0.7])
-@pytest.mark.parametrize("z", [5e-3, -9e-3])
-def test_border_of_many_steps(device, precise, border, z):
-    grid = Grid((15, 24), (5e-6, 4e-6))  # 32 and 48 samples: dz = 1.45 and 1.4 mm
-    u = band_limited(grid.shape, 6)
-    expected = fresnel_multistep(u, grid.pitch, z, wavelength=LAM, border=border)
-    for d, least in ((device, SINGLE), (precise, DOUBLE)):
-        got = go(u, grid, z, d, method="fresnel-multistep", border=border)
-        assert err_db(expected, got) >= least
+def test_border_of_many_steps(device, precise):
+    for border in [0, 0.7]:
+        for z in [5e-3, -9e-3]:
+            grid = Grid((15, 24), (5e-6, 4e-6))  # 32 and 48 samples: dz = 1.45 and 1.4 mm
+            u = band_limited(grid.shape, 6)
+            expected = fresnel_multistep(u, grid.pitch, z, wavelength=LAM, border=border)
+            for d, least in ((device, SINGLE), (precise, DOUBLE)):
+                got = go(u, grid, z, d, method="fresnel-multistep", border=border)
+                assert err_db(expected, got) >= least
 
 
-@pytest.mark.parametrize("lens", [None, 2e-3, -5e-3, 1.1e-3])
-@pytest.mark.parametrize("z", [1.1e-3, -1.6e-3])
-def test_one_transform_and_its_pitch(device, precise, lens, z):
-    grid = Grid((27, 40), (4e-6, 3e-6))
-    u = band_limited(grid.shape, 7)
-    for pad in (1, 2, 1.3):
-        expected, pitch = fresnel_1fft(u, grid.pitch, z, wavelength=LAM, pad=pad, lens=lens)
-        for d, least in ((device, SINGLE), (precise, DOUBLE)):
-            options = {"method": "fresnel-1fft", "pad": pad, "lens": lens}
-            assert err_db(expected, go(u, grid, z, d, **options)) >= least
-        made = quiet_plan(grid, z, device, **options)
-        np.testing.assert_allclose(made.out_grid.pitch, pitch, rtol=1e-13)
-        assert made.out_grid.shape == grid.shape
+def test_one_transform_and_its_pitch(device, precise):
+    for lens in [None, -5e-3, 1.1e-3]:
+        for z in [1.1e-3, -1.6e-3]:
+            grid = Grid((27, 40), (4e-6, 3e-6))
+            u = band_limited(grid.shape, 7)
+            for pad in (1, 1.3):
+                expected, pitch = fresnel_1fft(u, grid.pitch, z, wavelength=LAM, pad=pad, lens=lens)
+                for d, least in ((device, SINGLE), (precise, DOUBLE)):
+                    options = {"method": "fresnel-1fft", "pad": pad, "lens": lens}
+                    assert err_db(expected, go(u, grid, z, d, **options)) >= least
+                made = quiet_plan(grid, z, device, **options)
+                np.testing.assert_allclose(made.out_grid.pitch, pitch, rtol=1e-13)
+                assert made.out_grid.shape == grid.shape
 
 
 def test_a_lens_stands_on_the_axis_and_not_on_the_window(precise):
@@ -266,68 +249,32 @@ def test_a_lens_stands_on_the_axis_and_not_on_the_window(precise):
     assert err_db(expected, got) >= DOUBLE
 
 
-def test_back_by_one_transform_restores_field_and_pitch(device):
-    grid, z = Grid((24, 31), (5e-6, 3e-6)), 1.3e-3
-    u = band_limited(grid.shape, 9)
-    options = {"method": "fresnel-1fft", "pad": 1}
-    pitch = quiet_plan(grid, z, device, **options).out_grid
-    there = go(u, grid, z, device, **options)
-    np.testing.assert_allclose(
-        quiet_plan(pitch, -z, device, **options).out_grid.pitch, grid.pitch, rtol=1e-12
-    )
-    assert err_db(u, go(there, pitch, -z, device, **options)) >= SINGLE
-
-
 # Exact waves ----------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("n", [(16, 20), (15, 21), (16, 15)])
-@pytest.mark.parametrize("index", [(2, 3), (-2, 3), (2, -3), (-2, -3)])
-def test_tilted_plane_waves(device, precise, n, index):
-    grid = Grid(n, (3e-6, 2e-6))
-    fy, fx = (i / (m * d) for i, m, d in zip(index, n, grid.pitch, strict=True))
-    z = 0.013
-    y, x = grid.y[:, None], grid.x[None, :]
-    start, end = (
-        reference.tilted_plane_wave(y, x, d, fy=fy, fx=fx, wavelength=LAM) for d in (0, z)
-    )
-    exact = go(start, grid, z, precise, method="as", pad=1)
-    assert np.abs(exact - end).max() <= 1e-12
-    assert err_db(end, go(start, grid, z, device, method="as", pad=1)) >= SINGLE
-
-
-@pytest.mark.parametrize("n", [64, 63])
-def test_talbot_self_image(device, precise, n):
-    period = n * 2e-6 / 8 if n % 8 == 0 else n * 2e-6 / 7
-    grid = Grid((3, n), (5e-6, 2e-6))
-    u = np.broadcast_to(1 + 0.5 * np.cos(2 * np.pi * grid.x / period), grid.shape)
-    z = reference.talbot_distance(period, LAM)
-    for d, floor in ((precise, 230), (device, 120)):
-        far = go(u, grid, z, d, method="as", pad=1)
-        turned = far * np.exp(-1j * np.angle(far.sum() * np.conj(u.sum())))
-        assert err_db(u.astype(complex), turned) >= floor
-
-
-@pytest.mark.parametrize("shape", [(96, 100), (97, 101), (96, 101)])
-@pytest.mark.parametrize("signs", [(1, 1), (1, -1), (-1, 1), (-1, -1)])
-def test_tilted_beam_walks_where_it_should(device, shape, signs):
-    grid = Grid(shape, (3e-6, 2e-6))
-    fy, fx = signs[0] * 2.0e4, signs[1] * 3.1e4
-    z, waist = 1.2e-3, 30e-6
-    y, x = grid.y[:, None], grid.x[None, :]
-    u = np.exp(-(x**2 + y**2) / waist**2) * np.exp(2j * np.pi * (fy * y + fx * x))
-    # exact centroid: z times the spectrum's mean slope lam f/sqrt(1 - s), by quadrature
-    spread = 1 / (math.sqrt(2) * np.pi * waist)
-    t, w = np.polynomial.hermite_e.hermegauss(41)
-    gy, gx = fy + spread / math.sqrt(2) * t[:, None], fx + spread / math.sqrt(2) * t[None, :]
-    c = np.sqrt(1 - LAM**2 * (gy**2 + gx**2))
-    weight = w[:, None] * w[None, :] / w.sum() ** 2
-    expected = (z * (weight * LAM * gy / c).sum(), z * (weight * LAM * gx / c).sum())
-    for method in ("as", "cblas"):
-        power = np.abs(go(u, grid, z, device, method=method)) ** 2.0
-        got = ((power * y).sum() / power.sum(), (power * x).sum() / power.sum())
-        for g, e, d in zip(got, expected, grid.pitch, strict=True):
-            assert abs(g - e) <= 1e-3 * d
+def test_tilted_beam_walks_where_it_should(device):
+    for shape in [(96, 101)]:
+        for signs in [(1, -1), (-1, -1)]:
+            grid = Grid(shape, (3e-6, 2e-6))
+            fy, fx = signs[0] * 2.0e4, signs[1] * 3.1e4
+            z, waist = 1.2e-3, 30e-6
+            y, x = grid.y[:, None], grid.x[None, :]
+            u = np.exp(-(x**2 + y**2) / waist**2) * np.exp(2j * np.pi * (fy * y + fx * x))
+            # exact centroid: z times the spectrum's mean slope lam f/sqrt(1 - s), by quadrature
+            spread = 1 / (math.sqrt(2) * np.pi * waist)
+            t, w = np.polynomial.hermite_e.hermegauss(41)
+            gy, gx = (
+                fy + spread / math.sqrt(2) * t[:, None],
+                fx + spread / math.sqrt(2) * t[None, :],
+            )
+            c = np.sqrt(1 - LAM**2 * (gy**2 + gx**2))
+            weight = w[:, None] * w[None, :] / w.sum() ** 2
+            expected = (z * (weight * LAM * gy / c).sum(), z * (weight * LAM * gx / c).sum())
+            for method in ("as", "cblas"):
+                power = np.abs(go(u, grid, z, device, method=method)) ** 2.0
+                got = ((power * y).sum() / power.sum(), (power * x).sum() / power.sum())
+                for g, e, d in zip(got, expected, grid.pitch, strict=True):
+                    assert abs(g - e) <= 1e-3 * d
 
 
 def test_evanescent_waves_decay_and_do_not_return(device):
@@ -341,53 +288,23 @@ def test_evanescent_waves_decay_and_do_not_return(device):
         assert np.abs(go(wave, grid, -z, device, method="as", pad=1)).max() <= 1e-6
 
 
-@pytest.mark.parametrize("z", [0.05 * LAM, 0.1 * LAM])
-def test_evanescent_waves_reach_every_output_grid(device, z):
+def test_evanescent_waves_reach_every_output_grid(device):
     """On the field's samples and on five times finer ones, against a window 64 times wider."""
-    grid, fine = Grid((1, 48), 0.15e-6), Grid((1, 231), 0.03e-6)
-    u = band_limited(grid.shape, 4) * np.exp(-((grid.x / 1.2e-6) ** 2))
-    propagating = np.fft.ifft(np.fft.fft(u) * (np.abs(grid.fx) * LAM <= 1))
-    assert err_db(u, propagating) < 5  # most of it is evanescent
-    expected = reference.propagate(u, grid.pitch, z, LAM, pad=64)
-    # Grazing waves come back from the edges of a window of twice the grid: 50 dB.
-    for method in ("auto", "cblas"):
-        assert err_db(expected, go(u, grid, z, device, method=method)) >= 45
-        got = go(u, grid, z, device, method=method, out_grid=fine)
-        # Fine sample 115 + 5 k is sample 24 + k.
-        assert err_db(expected[:, 1:], got[:, ::5][:, :47]) >= 45
+    for z in [0.05 * LAM, 0.1 * LAM]:
+        grid, fine = Grid((1, 48), 0.15e-6), Grid((1, 231), 0.03e-6)
+        u = band_limited(grid.shape, 4) * np.exp(-((grid.x / 1.2e-6) ** 2))
+        propagating = np.fft.ifft(np.fft.fft(u) * (np.abs(grid.fx) * LAM <= 1))
+        assert err_db(u, propagating) < 5  # most of it is evanescent
+        expected = reference.propagate(u, grid.pitch, z, LAM, pad=64)
+        # Grazing waves come back from the edges of a window of twice the grid: 50 dB.
+        for method in ("auto", "cblas"):
+            assert err_db(expected, go(u, grid, z, device, method=method)) >= 45
+            got = go(u, grid, z, device, method=method, out_grid=fine)
+            # Fine sample 115 + 5 k is sample 24 + k.
+            assert err_db(expected[:, 1:], got[:, ::5][:, :47]) >= 45
 
 
 # Single precision -----------------------------------------------------------------------------
-
-
-@pytest.mark.parametrize(("method", "z"), [("as", 0.010), ("blas", 0.240)])
-def test_complex64_keeps_the_phase_at_camera_distances(device, precise, method, z):
-    grid = Grid((700, 505), 6.6e-6)
-    r2 = grid.y[:, None] ** 2 + grid.x[None, :] ** 2
-    rng = np.random.default_rng(2)
-    square = (np.abs(grid.y)[:, None] < grid.extent[0] / 4) & (np.abs(grid.x) < grid.extent[1] / 4)
-    starts = {
-        "gaussian": np.exp(-r2 / (grid.extent[0] / 16) ** 2),
-        "random square": square * np.exp(2j * np.pi * rng.random(grid.shape)),
-    }
-    for name, u in starts.items():
-        one, two = (go(u, grid, z, d, method=method) for d in (device, precise))
-        assert err_db(two, one) >= SINGLE, name
-
-
-@pytest.mark.parametrize(("method", "z"), [("as", 1e-3), ("rs", 6e-4)])
-def test_a_residual_of_many_turns_is_formed_by_every_route(device, method, z):
-    grid = Grid((256, 250), (0.5e-6, 0.55e-6))
-    u = band_limited(grid.shape, 3)
-    expected = (
-        reference.propagate(u, grid.pitch, z, LAM)
-        if method == "as"
-        else sommerfeld(u, grid.pitch, z, wavelength=LAM)
-    )
-    for phase in ("tables", "twofloat", *(["fp64"] if device.has_fp64 else [])):
-        plan = quiet_plan(grid, z, device, method=method, phase=phase)
-        assert err_db(expected, plan(field_of(u, grid, device)).to_numpy()) >= SINGLE, phase
-        assert plan.report.residual_turns > 1
 
 
 def quiet_plan(grid: Grid, z: float, device, **options) -> Propagator:

@@ -1,7 +1,6 @@
 """Spectra: coherence by closed forms and by quadrature, their samples. Host float64."""
 
 import math
-from itertools import pairwise
 
 import numpy as np
 import pytest
@@ -46,11 +45,9 @@ def per_wavelength(spectrum, function):
     return total / norm
 
 
-@pytest.mark.parametrize(
-    ("definition", "length"), [("goodman", 6.698e-6), ("fwhm", 8.899e-6), ("oct", 4.449e-6)]
-)
-def test_coherence_lengths_of_550_30_nm(definition, length):
-    assert round(led().coherence_length(definition), 9) == pytest.approx(length)
+def test_coherence_lengths_of_550_30_nm():
+    for definition, length in [("goodman", 6.698e-6), ("fwhm", 8.899e-6), ("oct", 4.449e-6)]:
+        assert round(led().coherence_length(definition), 9) == pytest.approx(length)
 
 
 def test_degree_of_a_gaussian():
@@ -112,14 +109,14 @@ def test_beats_of_two_lines():
     assert unequal.centre == pytest.approx(1 / mean, rel=1e-12)
 
 
-@pytest.mark.parametrize("spectrum", [lopsided(), Spectrum.white_led()], ids=["lopsided", "led"])
-def test_degree_of_a_table(spectrum):
+def test_degree_of_a_table():
     """Against an integral over wavelength; 1e-9: the adaptive integrator's 1e-11 a piece."""
-    for path in (0.0, 0.7e-6, -5e-6, 31e-6, -2e-4):
-        expected = per_wavelength(spectrum, lambda lam, p=path: np.exp(-2j * np.pi * p / lam))
-        assert abs(spectrum.gamma(path / C) - expected) < 1e-9
-    frequency = per_wavelength(spectrum, lambda lam: 550e-9 / lam).real
-    assert spectrum.centre == pytest.approx(550e-9 / frequency, rel=1e-9)
+    for spectrum in [lopsided(), Spectrum.white_led()]:
+        for path in (0.0, 0.7e-6, -5e-6, 31e-6, -2e-4):
+            expected = per_wavelength(spectrum, lambda lam, p=path: np.exp(-2j * np.pi * p / lam))
+            assert abs(spectrum.gamma(path / C) - expected) < 1e-9
+        frequency = per_wavelength(spectrum, lambda lam: 550e-9 / lam).real
+        assert spectrum.centre == pytest.approx(550e-9 / frequency, rel=1e-9)
 
 
 def test_density_of_a_table_is_per_frequency():
@@ -137,57 +134,40 @@ def test_density_of_a_table_is_per_frequency():
     assert spectrum.coherence_length() == pytest.approx(C * square, rel=2e-5)
 
 
-def test_a_dense_table_is_the_gaussian():
-    """Every definition of the coherence length, numerically and in closed form."""
-    nu = C / LAM + DNU * np.linspace(3, -3, 1201)
-    lam = C / nu
-    values = led().density(nu) * nu**2 / C
-    table = Spectrum.tabulated(lam, 7 * values)
-    for definition in ("goodman", "fwhm", "oct"):
-        assert table.coherence_length(definition) == pytest.approx(
-            led().coherence_length(definition),
-            rel=2e-5,  # linear between points
-        )
-    assert table.centre == pytest.approx(LAM, rel=1e-7)
-
-
-@pytest.mark.parametrize(
-    ("lam", "path", "tolerance"),  # the last: rounding of a carrier of path/lam turns
-    [
+def test_wide_pieces_and_narrow_ones():
+    """Two points, more than an octave apart; a band of 1 pm over 0.3 and 28 turns."""
+    for lam, path, tolerance in [
         ([400e-9, 900e-9], 3e-6, 1e-9),
         ([600e-9, 600.001e-9], 0.1, 2e-9),
         ([600e-9, 600.001e-9], 10.0, 1e-7),
-    ],
-)
-def test_wide_pieces_and_narrow_ones(lam, path, tolerance):
-    """Two points, more than an octave apart; a band of 1 pm over 0.3 and 28 turns."""
-    spectrum = Spectrum.tabulated(lam, [1.0, 2.0])
-    u = np.linspace(0, 1, 400_001)
-    x = lam[0] + (lam[1] - lam[0]) * u
-    mass = (1 + u) / 1.5 / (u.size - 1)
-    mass[[0, -1]] /= 2
-    expected = np.exp(2j * np.pi * path * (x - x[0]) / (x * x[0])) @ mass
-    found = spectrum.gamma(path / C) * np.exp(2j * np.pi * (path / x[0] % 1))
-    assert abs(found - expected) < tolerance
+    ]:
+        spectrum = Spectrum.tabulated(lam, [1.0, 2.0])
+        u = np.linspace(0, 1, 400_001)
+        x = lam[0] + (lam[1] - lam[0]) * u
+        mass = (1 + u) / 1.5 / (u.size - 1)
+        mass[[0, -1]] /= 2
+        expected = np.exp(2j * np.pi * path * (x - x[0]) / (x * x[0])) @ mass
+        found = spectrum.gamma(path / C) * np.exp(2j * np.pi * (path / x[0] % 1))
+        assert abs(found - expected) < tolerance
 
 
-@pytest.mark.parametrize(("n", "span", "limit"), [(9, 1.5, 0.2), (15, 2, 3.5e-4), (21, 2, 1.5e-6)])
-def test_error_of_gaussian_samples(n, span, limit):
+def test_error_of_gaussian_samples():
     """|gamma| within three coherence lengths: at most the limit, at least 70 % of it."""
-    path = 3 * led().coherence_length()
-    error = led().error(n, path, span=span)
-    assert 0.7 * limit < error < limit
-    samples = led().sample(n, span=span)
-    nu = C / samples.wavelengths
-    assert np.diff(nu) == pytest.approx(samples.step)
-    assert nu[[0, -1]] == pytest.approx(C / LAM + span * DNU * np.array([-1, 1]))
-    assert samples.weights.sum() == pytest.approx(1)
-    grid = np.linspace(0, path, 3001)
-    direct = np.abs(samples.weights @ np.exp(-2j * np.pi * nu[:, None] * grid / C))
-    np.testing.assert_allclose(np.abs(samples.gamma(grid / C)), direct, atol=1e-12)
-    near = np.array([[1e-6, -2e-6], [0, 3e-6]]) / C
-    np.testing.assert_allclose(samples.gamma(near), led().gamma(near), atol=1e-4)
-    assert error == pytest.approx(np.abs(direct - led().degree(grid)).max(), rel=2e-2)
+    for n, span, limit in [(9, 1.5, 0.2), (15, 2, 3.5e-4), (21, 2, 1.5e-6)]:
+        path = 3 * led().coherence_length()
+        error = led().error(n, path, span=span)
+        assert 0.7 * limit < error < limit
+        samples = led().sample(n, span=span)
+        nu = C / samples.wavelengths
+        assert np.diff(nu) == pytest.approx(samples.step)
+        assert nu[[0, -1]] == pytest.approx(C / LAM + span * DNU * np.array([-1, 1]))
+        assert samples.weights.sum() == pytest.approx(1)
+        grid = np.linspace(0, path, 3001)
+        direct = np.abs(samples.weights @ np.exp(-2j * np.pi * nu[:, None] * grid / C))
+        np.testing.assert_allclose(np.abs(samples.gamma(grid / C)), direct, atol=1e-12)
+        near = np.array([[1e-6, -2e-6], [0, 3e-6]]) / C
+        np.testing.assert_allclose(samples.gamma(near), led().gamma(near), atol=1e-4)
+        assert error == pytest.approx(np.abs(direct - led().degree(grid)).max(), rel=2e-2)
 
 
 def test_revival():
@@ -202,25 +182,21 @@ def test_revival():
     assert math.isinf(Spectrum.mercury().sample(2).revival)
 
 
-@pytest.mark.parametrize(
-    ("spectrum", "part"),  # lines have few samples each, which do better than equal steps
-    [
+def test_needed_samples_do_not_revive():
+    """1 + band (path + 1.5 l_c)/c samples: the revival is beyond the path by 1.5 l_c."""
+    for spectrum, part in [
         (led(), 2),
         (Spectrum.rectangular(LAM, FWHM), 2),
         (lopsided(), 2),
         (Spectrum.mercury(fwhm=3e-9), 8),
-    ],
-    ids=["gaussian", "rectangle", "table", "lines"],
-)
-def test_needed_samples_do_not_revive(spectrum, part):
-    """1 + band (path + 1.5 l_c)/c samples: the revival is beyond the path by 1.5 l_c."""
-    path = 40e-6
-    n = spectrum.needed(path)
-    samples, length = spectrum.sample(n), spectrum.coherence_length()
-    assert samples.revival >= path + 1.4 * length
-    assert spectrum.sample(n // part).revival < path + 1.5 * length
-    assert spectrum.needed(2 * path) > n
-    assert spectrum.error(n, path) < 0.2 < 0.4 < spectrum.error(n // part, path)
+    ]:
+        path = 40e-6
+        n = spectrum.needed(path)
+        samples, length = spectrum.sample(n), spectrum.coherence_length()
+        assert samples.revival >= path + 1.4 * length
+        assert spectrum.sample(n // part).revival < path + 1.5 * length
+        assert spectrum.needed(2 * path) > n
+        assert spectrum.error(n, path) < 0.2 < 0.4 < spectrum.error(n // part, path)
 
 
 def test_needed_of_a_gaussian_by_hand():
@@ -255,48 +231,22 @@ def test_lines_share_samples():
     assert Spectrum.lines([400e-9, 600e-9], [1, 3]).error(1, 1e-3) == 0
 
 
-@pytest.mark.parametrize(
-    ("n", "near", "far"),
-    [(1, 0.325, 0.793), (2, 0.043, 0.292), (3, 0.0034, 0.127), (4, 2e-4, 0.029)],
-)
-def test_few_samples_of_a_gaussian(n, near, far):
+def test_few_samples_of_a_gaussian():
     """Mean and width are kept, whatever the span; the errors of |gamma| are those documented."""
-    samples, length = led().sample(n, span=1.5), led().coherence_length()
-    offset = (C / samples.wavelengths - C / LAM) / DNU
-    assert samples.weights @ offset == pytest.approx(0, abs=1e-9)
-    if n > 1:
-        variance = samples.weights @ offset**2
-        assert variance == pytest.approx(1 / (8 * np.log(2)), rel=1e-6)
-    assert 0.9 * near < led().error(n, length / 2) < near
-    assert 0.95 * far < led().error(n, length, span=1.5) < far
-
-
-def test_few_samples_of_many_lines():
-    """Every line has one; with more the error falls, and no sample is off its line."""
-    lam = np.linspace(420e-9, 640e-9, 12)
-    twelve = Spectrum.lines(lam, np.arange(1, 13), fwhm=3e-9)
-    for n in (1, 9, 12):
-        samples = twelve.sample(n, span=1.5)
-        assert samples.wavelengths == pytest.approx(lam)
-        assert samples.weights == pytest.approx(np.arange(1, 13) / 78)
-    lamp = Spectrum.mercury(fwhm=4e-9)
-    off = 1e9 * np.abs(lamp.sample(9, span=1.5).wavelengths[:2] - 404.77081e-9)
-    assert off == pytest.approx([1.7, 1.7], abs=0.02)  # a standard deviation
-    assert 0.06 < lamp.error(9, 20e-6, span=1.5) < 0.07
-    errors = [lamp.error(6 * each, 20e-6) for each in range(1, 9)]
-    assert all(after < before / 2 for before, after in pairwise(errors))
-
-
-def test_one_gaussian_takes_equal_steps_from_five_samples_on():
-    for n in (5, 8, 9):
-        samples = led().sample(n, span=1.5)
-        t = np.linspace(-1.5, 1.5, n)
-        assert (C / samples.wavelengths - C / LAM) / DNU == pytest.approx(t, abs=1e-9)
-        assert samples.weights / samples.weights.max() == pytest.approx(
-            np.exp(-4 * np.log(2) * (t**2 - (t**2).min()))
-        )
-    pair = Spectrum.lines([500e-9, 600e-9], [1, 1], fwhm=1e-9)
-    assert pair.sample(18).step == pytest.approx(4 * C * 1e-9 / 500e-9**2 / 8)
+    for n, near, far in [
+        (1, 0.325, 0.793),
+        (2, 0.043, 0.292),
+        (3, 0.0034, 0.127),
+        (4, 2e-4, 0.029),
+    ]:
+        samples, length = led().sample(n, span=1.5), led().coherence_length()
+        offset = (C / samples.wavelengths - C / LAM) / DNU
+        assert samples.weights @ offset == pytest.approx(0, abs=1e-9)
+        if n > 1:
+            variance = samples.weights @ offset**2
+            assert variance == pytest.approx(1 / (8 * np.log(2)), rel=1e-6)
+        assert 0.9 * near < led().error(n, length / 2) < near
+        assert 0.95 * far < led().error(n, length, span=1.5) < far
 
 
 def test_samples_of_a_table_hold_its_power():
@@ -323,26 +273,6 @@ def airy(samples):
 
 def change(a, b):
     return np.linalg.norm(a - b) / np.linalg.norm(b)
-
-
-@pytest.mark.parametrize(("n", "error"), [(5, 4.0e-5), (9, 6e-7)])
-def test_polychromatic_airy(n, error):
-    """550/30 nm over +-1.5 FWHM; the reference's figures hold to their one digit."""
-    truth = airy(led().sample(401, span=3))
-    assert change(airy(led().sample(n, span=1.5)), truth) == pytest.approx(error, rel=0.05)
-
-
-def test_polychromatic_airy_of_three_samples():
-    """Better than five in equal steps, and than three: 7e-4 in the reference."""
-    assert change(airy(led().sample(3, span=1.5)), airy(led().sample(401, span=3))) < 2e-5
-
-
-def test_airy_of_one_sample():
-    """7.3e-4 at the centre; at the end of the band, where a grid of one may lie, .136."""
-    truth = airy(led().sample(401, span=3))
-    assert change(airy(led().sample(1)), truth) == pytest.approx(7.3e-4, rel=0.05)
-    end = Spectrum.monochromatic(C / (C / LAM - 1.5 * DNU)).sample(1)
-    assert change(airy(end), truth) == pytest.approx(0.136, rel=0.02)
 
 
 def test_white_led():

@@ -43,21 +43,21 @@ def conjugate(field):
     )
 
 
-@pytest.mark.parametrize("batch", [(), (2, 3)])
-def test_a_system_is_its_calls_by_hand(device, batch):
-    field = noise(device, batch=batch)
-    stop = {"shape": "square", "centre": (20e-6, -10e-6)}
-    system = OpticalSystem([
-        1e-3, Stop(90e-6, **stop), Lens(9e-3, diameter=150e-6, form="stigmatic"), conjugate,
-        Space(2e-3, method="blas", pad=1), ARRAY, Lens(-0.02), -3e-3,
-    ])  # fmt: skip
-    by_hand = aperture(propagate(field, 1e-3), 90e-6, **stop)
-    by_hand = conjugate(thin_lens(by_hand, 9e-3, diameter=150e-6, form="stigmatic"))
-    by_hand = ARRAY.apply(propagate(by_hand, 2e-3, method="blas", pad=1))
-    by_hand = propagate(thin_lens(by_hand, -0.02), -3e-3)
-    out = system(field)
-    assert out.grid == GRID
-    np.testing.assert_array_equal(out.to_numpy(), by_hand.to_numpy())
+def test_a_system_is_its_calls_by_hand(device):
+    for batch in [(), (2, 3)]:
+        field = noise(device, batch=batch)
+        stop = {"shape": "square", "centre": (20e-6, -10e-6)}
+        system = OpticalSystem([
+            1e-3, Stop(90e-6, **stop), Lens(9e-3, diameter=150e-6, form="stigmatic"), conjugate,
+            Space(2e-3, method="blas", pad=1), ARRAY, Lens(-0.02), -3e-3,
+        ])  # fmt: skip
+        by_hand = aperture(propagate(field, 1e-3), 90e-6, **stop)
+        by_hand = conjugate(thin_lens(by_hand, 9e-3, diameter=150e-6, form="stigmatic"))
+        by_hand = ARRAY.apply(propagate(by_hand, 2e-3, method="blas", pad=1))
+        by_hand = propagate(thin_lens(by_hand, -0.02), -3e-3)
+        out = system(field)
+        assert out.grid == GRID
+        np.testing.assert_array_equal(out.to_numpy(), by_hand.to_numpy())
 
 
 def test_a_space_may_end_on_another_grid(device):
@@ -146,9 +146,8 @@ def test_a_part_of_another_kind_needs_apply_only(device):
     np.testing.assert_array_equal(system(noise(device)).to_numpy(), expected)
 
 
-@pytest.mark.parametrize(
-    ("make", "error", "message"),
-    [
+def test_bad_systems():
+    for make, error, message in [
         (lambda: OpticalSystem([]), ValueError, "at least one part"),
         (lambda: OpticalSystem([0.1])[1:], ValueError, "at least one part"),
         (lambda: OpticalSystem([0.1, float("nan")]), ValueError, "Part 2 .* one finite number"),
@@ -174,11 +173,9 @@ def test_a_part_of_another_kind_needs_apply_only(device):
             ValueError,
             "magnification is positive",
         ),
-    ],
-)
-def test_bad_systems(make, error, message):
-    with pytest.raises(error, match=message):
-        make()
+    ]:
+        with pytest.raises(error, match=message):
+            make()
 
 
 def test_bad_calls(device):
@@ -209,25 +206,27 @@ def test_distances_of_an_imaging_system():
     assert imaging_system(0.12, diameter=1).positions == pytest.approx((0, 0.24, 0.24))
 
 
-@pytest.mark.parametrize("magnification", [1.0, 0.5])
-def test_a_point_beside_the_axis_is_imaged_upside_down(device, precise, magnification):
-    f, diameter, grid = 0.02, 0.5e-3, Grid((181, 144), (4e-6, 5e-6))
-    u = np.zeros(grid.shape)
-    u[90 + 17, 72 - 22] = 1 / (4e-6 * 5e-6)
-    point = (17 * 4e-6, -22 * 5e-6)
-    z1, z2 = f * (1 + 1 / magnification), f * (1 + magnification)
-    y, x = grid.y[:, None], grid.x[None, :]
-    r = np.hypot(y + magnification * point[0], x + magnification * point[1])
-    chirp = np.exp(1j * np.pi / LAM * ((y**2 + x**2) / z2 + np.hypot(*point) ** 2 / z1))
-    area = np.pi * diameter**2 / 4
-    # Goodman (2005), section 5.3, for a circular pupil and a unit point beside the axis.
-    image = area / (1j * LAM * z1 * 1j * LAM * z2) * chirp * airy(np.pi * diameter * r / LAM / z2)
-    system = imaging_system(f, diameter=diameter, magnification=magnification)
-    for dev in (device, precise):
-        got = system(Field.from_array(u, grid, wavelength=LAM, device=dev)).to_numpy()
-        # 58 and 55 dB: a paraxial lens aberrates; an
-        # image that is one sample off has less than 25 dB.
-        assert err_db(image, got) >= 50
+def test_a_point_beside_the_axis_is_imaged_upside_down(device, precise):
+    for magnification in [1.0, 0.5]:
+        f, diameter, grid = 0.02, 0.5e-3, Grid((181, 144), (4e-6, 5e-6))
+        u = np.zeros(grid.shape)
+        u[90 + 17, 72 - 22] = 1 / (4e-6 * 5e-6)
+        point = (17 * 4e-6, -22 * 5e-6)
+        z1, z2 = f * (1 + 1 / magnification), f * (1 + magnification)
+        y, x = grid.y[:, None], grid.x[None, :]
+        r = np.hypot(y + magnification * point[0], x + magnification * point[1])
+        chirp = np.exp(1j * np.pi / LAM * ((y**2 + x**2) / z2 + np.hypot(*point) ** 2 / z1))
+        area = np.pi * diameter**2 / 4
+        # Goodman (2005), section 5.3, for a circular pupil and a unit point beside the axis.
+        image = (
+            area / (1j * LAM * z1 * 1j * LAM * z2) * chirp * airy(np.pi * diameter * r / LAM / z2)
+        )
+        system = imaging_system(f, diameter=diameter, magnification=magnification)
+        for dev in (device, precise):
+            got = system(Field.from_array(u, grid, wavelength=LAM, device=dev)).to_numpy()
+            # 58 and 55 dB: a paraxial lens aberrates; an
+            # image that is one sample off has less than 25 dB.
+            assert err_db(image, got) >= 50
 
 
 def test_converging_light_is_a_phase(device, precise):
@@ -261,26 +260,23 @@ def quiet(grid, part, device):
         OpticalSystem([part])(Field.from_array(u, grid, wavelength=LAM, device=device))
 
 
-@pytest.mark.parametrize(
-    ("grid", "part", "needed"),
-    [
+def test_a_window_that_cuts_an_opening_warns(device):
+    for grid, part, needed in [
         (Grid((40, 30), 1e-5), Lens(1, diameter=3.3e-4), "along x .* lens .* 33 samples of 10 um"),
         (Grid((30, 40), 1e-5), Lens(1, diameter=3.3e-4), "along y .* lens"),
         (Grid((1, 30), 1e-5), Lens(1, diameter=3.3e-4), "along x"),
         (Grid((40, 40), 1e-5, origin=(8e-5, 0)), Lens(1, diameter=3.3e-4), "along y .* 49 samples"),
         (Grid((40, 40), 1e-5, origin=(0, -8e-5)), Lens(1, diameter=3.3e-4), "along x"),
         (Grid((40, 40), 1e-5), Stop(1e-4, centre=(0, 1.8e-4)), "along x .* stop .* 46 samples"),
-    ],
-)
-def test_a_window_that_cuts_an_opening_warns(device, grid, part, needed):
-    with pytest.warns(SamplingWarning, match=needed):
-        OpticalSystem([part])(
-            Field.from_array(np.ones(grid.shape), grid, wavelength=LAM, device=device)
-        )
+    ]:
+        with pytest.warns(SamplingWarning, match=needed):
+            OpticalSystem([part])(
+                Field.from_array(np.ones(grid.shape), grid, wavelength=LAM, device=device)
+            )
 
 
-@pytest.mark.parametrize("n", [33, 34])
-def test_a_window_as_wide_as_the_lens_is_enough(device, n):
-    quiet(Grid((n, n), 1e-5), Lens(1, diameter=n * 1e-5), device)
-    quiet(Grid((n, n), 1e-5, origin=(1, 1)), Lens(1, aliasing="allow"), device)
-    quiet(Grid((n, n), 1e-5, origin=(1, 1)), Stop(1e-4, centre=(1, 1)), device)
+def test_a_window_as_wide_as_the_lens_is_enough(device):
+    for n in [33, 34]:
+        quiet(Grid((n, n), 1e-5), Lens(1, diameter=n * 1e-5), device)
+        quiet(Grid((n, n), 1e-5, origin=(1, 1)), Lens(1, aliasing="allow"), device)
+        quiet(Grid((n, n), 1e-5, origin=(1, 1)), Stop(1e-4, centre=(1, 1)), device)

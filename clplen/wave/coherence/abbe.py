@@ -61,21 +61,11 @@ class AbbeImage(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class Points:
-    """Points of a source.
+    """Points of a source."""
 
-    Attributes
-    ----------
-    places : numpy.ndarray
-        Shape (n, 2): rows and columns of S.
-    weights : numpy.ndarray
-        S there, float64, shape (n,).
-    dropped : float
-        Sum of S over positive points that were left out.
-    """
-
-    places: Values
-    weights: Values
-    dropped: float
+    places: Values  # shape (n, 2): rows and columns of S
+    weights: Values  # S there, float64, shape (n,)
+    dropped: float  # sum of S over positive points that were left out
 
     @classmethod
     def of(cls, source: Values, tolerance: float) -> Points:
@@ -96,21 +86,11 @@ class Points:
 
 @dataclass(frozen=True)
 class Box:
-    """The part of a spectrum that holds all a transfer function passes, N-periodic.
+    """The part of a spectrum that holds all a transfer function passes, N-periodic."""
 
-    Attributes
-    ----------
-    shape : tuple of int
-        (ny, nx) of the spectrum.
-    start : tuple of int
-        FFT index of the first row and column.
-    size : tuple of int
-        (h, w) rows and columns.
-    """
-
-    shape: tuple[int, int]
-    start: tuple[int, int]
-    size: tuple[int, int]
+    shape: tuple[int, int]  # (ny, nx) of the spectrum
+    start: tuple[int, int]  # FFT index of the first row and column
+    size: tuple[int, int]  # (h, w) rows and columns
 
     @classmethod
     def of(cls, transfer: Values) -> Box:

@@ -2,17 +2,14 @@
 
 from __future__ import annotations
 
-import dataclasses
 import hashlib
 import json
 import math
 import os
 import time
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from dataclasses import dataclass
-from functools import partial
 from pathlib import Path
-from types import FunctionType, MethodType
 from typing import Any
 
 import numpy as np
@@ -25,162 +22,69 @@ from clplen.files import PathLike, check_writable, replacing
 from clplen.wave.field.field import Field, Grid
 from clplen.wave.field.intensity import MeanIntensity, Region, Statistics, Window
 
-FORMAT = "clplen average 1"
-SetUp = Mapping[str, str]
-SHOWN = 160  # characters of a long text in a message
+FORMAT = "clplen average 2"
+Checkpoint = PathLike | tuple[PathLike, str]  # a file, or a file and the label of its run
+Arrays = dict[str, np.ndarray[Any, Any]]
 
 
-@dataclass(frozen=True, eq=False)
-class State:
-    """How far an average has come.
-
-    Attributes
-    ----------
-    mean, m2 : numpy.ndarray
-        As in `Statistics`.
-    count : int
-    unit : float
-    convergence : numpy.ndarray
-        float64, shape (n, 2): snapshots, standard error over mean.
-    """
-
-    mean: np.ndarray[Any, Any]
-    m2: np.ndarray[Any, Any]
-    count: int
-    unit: float
-    convergence: np.ndarray[Any, Any]
-
-
-def fingerprint(value: Any) -> str:
-    """What decides a result, as text that is the same in every process.
-
-    Of arrays a digest, of data classes and other objects their fields, of a function its module and
-    name, its defaults and what it encloses.
-    """
-    if isinstance(value, bool | np.bool_ | str | bytes | None):
-        return repr(value)
-    if isinstance(value, int | float | complex | np.number):
-        return repr(value.item() if isinstance(value, np.number) else value)
-    if isinstance(value, np.ndarray | cla.Array):
-        values = np.ascontiguousarray(value.get() if isinstance(value, cla.Array) else value)
-        digest = hashlib.sha256(values.tobytes()).hexdigest()[:16]
-        return f"array({values.shape}, {values.dtype}, {digest})"
-    if isinstance(value, list | tuple):
-        return f"({', '.join(fingerprint(one) for one in value)})"
-    if isinstance(value, Mapping):
-        return f"{{{', '.join(f'{key}: {fingerprint(one)}' for key, one in value.items())}}}"
-    if isinstance(value, partial | MethodType | FunctionType):
-        return _of_function(value)
-    if isinstance(value, Device):
-        return f"{value.name}, {value.driver}, {value.precision}"
-    named = [pair for pair in getattr(value, "__dict__", {}).items() if pair[0][0] != "_"]
-    if dataclasses.is_dataclass(value):
-        names = [field.name for field in dataclasses.fields(value)]
-        named = [(name, getattr(value, name, None)) for name in names]
-    parts = [f"{name}={fingerprint(one)}" for name, one in named]
-    name = value.__qualname__ if isinstance(value, type) else type(value).__qualname__
-    return f"{name}({', '.join(parts)})"
-
-
-def _of_function(value: partial[Any] | MethodType | FunctionType) -> str:
-    if isinstance(value, partial):
-        return f"{fingerprint(value.func)}({fingerprint((value.args, value.keywords))})"
-    if isinstance(value, MethodType):
-        return f"{fingerprint(value.__self__)}.{value.__name__}"
-    cells = [cell.cell_contents for cell in value.__closure__ or ()]
-    inside = fingerprint((value.__defaults__, value.__kwdefaults__, cells))
-    code = hashlib.sha256(value.__code__.co_code + repr(_constants(value)).encode())
-    return f"{value.__module__}.{value.__qualname__}({code.hexdigest()[:8]}, {inside})"
-
-
-def _constants(function: FunctionType) -> list[Any]:
-    """Plain constants of a function's code: numbers and words, not code objects."""
-    plain = (bool, int, float, complex, str, bytes, type(None))
-    return [one for one in function.__code__.co_consts if isinstance(one, plain)]
-
-
-def save(path: PathLike, state: State, setup: SetUp) -> None:
-    """Write a checkpoint, whole or not at all."""
-    heading = {"format": FORMAT, "count": state.count, "unit": state.unit, "setup": dict(setup)}
-    text = json.dumps(heading)
-    with replacing(path) as temporary, temporary.open("wb") as file:
-        np.savez(
-            file,
-            heading=np.array(text),
-            mean=state.mean,
-            m2=state.m2,
-            convergence=state.convergence,
-            digest=np.array(_digest(text, state)),
-        )
-        file.flush()
-        os.fsync(file.fileno())
-
-
-def load(path: PathLike, setup: SetUp) -> State | None:
-    """Read a checkpoint of this set-up; None where there is no file."""
-    target = check_writable(path)
-    if not target.exists():
-        return None
-    state, stored = _read(target)
-    for name in dict.fromkeys([*setup, *stored]):
-        then, now = stored.get(name, "nothing"), setup.get(name, "nothing")
-        if then != now:
-            raise FormatError(
-                f"The checkpoint {target} is of another set-up: its {name} is "
-                f"{_around(then, now)}, this run's is {_around(now, then)}. Name another file, or "
-                "remove this one to start anew."
-            )
-    return state
+def named(checkpoint: Checkpoint) -> tuple[PathLike, str]:
+    """Return the file of a checkpoint and its label."""
+    return checkpoint if isinstance(checkpoint, tuple) else (checkpoint, "")
 
 
 def verify(path: PathLike) -> None:
-    """Refuse a file that cannot be written or is there and is no whole checkpoint."""
+    """Refuse a file that cannot be written, or that exists and is no whole checkpoint."""
     target = check_writable(path)
     if target.exists():
         _read(target)
 
 
-def _around(text: str, other: str) -> str:
-    """A text, or what is next to its first difference from another."""
-    if len(text) <= SHOWN:
-        return text
-    pairs = zip(text, other, strict=False)
-    first = next((i for i, (a, b) in enumerate(pairs) if a != b), min(len(text), len(other)))
-    start = max(0, first - SHOWN // 2)
-    return f"... {text[start : start + SHOWN]} ..."
+def _save(path: PathLike, heading: dict[str, Any], arrays: Arrays) -> None:
+    """Write a checkpoint, whole or not at all."""
+    text = json.dumps({"format": FORMAT, **heading})
+    with replacing(path) as temporary, temporary.open("wb") as file:
+        np.savez(file, heading=text, digest=_digest(text, arrays), **arrays)
+        file.flush()
+        os.fsync(file.fileno())
 
 
-def _read(target: Path) -> tuple[State, dict[str, str]]:
-    try:
-        with target.open("rb") as handle, np.load(handle, allow_pickle=False) as file:
-            text = str(file["heading"])
-            heading = json.loads(text)
-            state = State(
-                file["mean"],
-                file["m2"],
-                int(heading["count"]),
-                float(heading["unit"]),
-                file["convergence"],
+def _load(path: PathLike, setup: dict[str, str]) -> tuple[dict[str, Any], Arrays] | None:
+    """Read a checkpoint of this set-up; None where there is no file."""
+    target = check_writable(path)
+    if not target.exists():
+        return None
+    heading, arrays = _read(target)
+    for name, now in setup.items():
+        then = heading["setup"].get(name)
+        if then != now:
+            raise FormatError(
+                f"The checkpoint {target} is of another set-up: its {name} is {then}, this run's "
+                f"is {now}. Name another file, or remove this one to start anew."
             )
-            intact = str(file["digest"]) == _digest(text, state)
-            known, stored = heading["format"] == FORMAT, dict(heading["setup"])
-    except Exception as error:  # whatever a broken archive makes its readers say
-        raise FormatError(f"{_damaged(target)}.") from error
-    if not (intact and known):
-        raise FormatError(_damaged(target) + ": its contents and their digest disagree")
-    return state, stored
+    return heading, arrays
 
 
-def _damaged(target: Path) -> str:
-    return (
+def _read(target: Path) -> tuple[dict[str, Any], Arrays]:
+    damaged = (
         f"The checkpoint {target} is damaged or no checkpoint; remove it to start anew, or name "
         "another file"
     )
+    try:
+        with target.open("rb") as handle, np.load(handle, allow_pickle=False) as file:
+            text, digest = str(file["heading"]), str(file["digest"])
+            heading = json.loads(text)
+            arrays = {name: file[name] for name in ("mean", "m2", "convergence")}
+            intact = heading["format"] == FORMAT and digest == _digest(text, arrays)
+    except Exception as error:  # whatever a broken archive makes its readers raise
+        raise FormatError(f"{damaged}.") from error
+    if not intact:
+        raise FormatError(f"{damaged}: its contents and their digest disagree")
+    return heading, arrays
 
 
-def _digest(text: str, state: State) -> str:
+def _digest(text: str, arrays: Arrays) -> str:
     sha = hashlib.sha256(text.encode())
-    for values in (state.mean, state.m2, state.convergence):
+    for values in arrays.values():
         sha.update(f"{values.shape}{values.dtype.str}".encode())
         sha.update(np.ascontiguousarray(values).tobytes())
     return sha.hexdigest()
@@ -202,7 +106,7 @@ class Averaging:
     snapshots: int | None = None
     rtol: float | None = None
     region: Region | None = None
-    checkpoint: PathLike | None = None
+    checkpoint: Checkpoint | None = None
     progress: Progress | None = None
 
     def __post_init__(self) -> None:
@@ -231,16 +135,20 @@ def average(
     grid: Grid,
     device: Device,
     how: Averaging,
-    setup: SetUp,
+    setup: dict[str, str],
 ) -> MeanIntensity:
     """Add snapshots until enough are there."""
     window = Window.of(how.region, grid.shape)
-    setup = {**setup, "region": str(window)}
     statistics = Statistics(grid.shape, device)
     curve: list[tuple[int, float]] = []
-    if how.checkpoint is not None and (state := load(how.checkpoint, setup)) is not None:
-        statistics.restore(state.mean, state.m2, state.count, state.unit)
-        curve = [(int(k), float(error)) for k, error in state.convergence]
+    path = None
+    if how.checkpoint is not None:
+        path, label = named(how.checkpoint)
+        setup = {"label": label or "empty", **setup, "region": str(window)}
+        if (stored := _load(path, setup)) is not None:
+            heading, arrays = stored
+            statistics.restore(arrays["mean"], arrays["m2"], heading["count"], heading["unit"])
+            curve = [(int(k), float(error)) for k, error in arrays["convergence"]]
     saved = time.monotonic()
     while statistics.count < how.most and not _reached(curve, statistics.count, how.rtol):
         statistics.add(snapshot(statistics.count))
@@ -249,11 +157,11 @@ def average(
             _require_light(curve, how)
         if how.progress is not None:
             how.progress(statistics.count, how.most)
-        if how.checkpoint is not None and time.monotonic() - saved > SAVE_SECONDS:
-            _keep(how.checkpoint, statistics, curve, setup)
+        if path is not None and time.monotonic() - saved > SAVE_SECONDS:
+            _keep(path, statistics, curve, setup)
             saved = time.monotonic()
-    if how.checkpoint is not None:
-        _keep(how.checkpoint, statistics, curve, setup)
+    if path is not None:
+        _keep(path, statistics, curve, setup)
     if not _due(statistics.count):
         curve.append((statistics.count, statistics.relative_error(window)))
     if how.rtol is not None and not curve[-1][1] <= how.rtol:
@@ -296,9 +204,13 @@ def _require_light(curve: list[tuple[int, float]], how: Averaging) -> None:
 
 
 def _keep(
-    path: PathLike, statistics: Statistics, curve: list[tuple[int, float]], setup: SetUp
+    path: PathLike, statistics: Statistics, curve: list[tuple[int, float]], setup: dict[str, str]
 ) -> None:
     device = statistics.device
-    mean, m2 = device.download(statistics.mean), device.download(statistics.m2)
-    points = np.array(curve, np.float64).reshape(-1, 2)
-    save(path, State(mean, m2, statistics.count, statistics.unit, points), setup)
+    arrays = {
+        "mean": device.download(statistics.mean),
+        "m2": device.download(statistics.m2),
+        "convergence": np.array(curve, np.float64).reshape(-1, 2),
+    }
+    heading = {"count": statistics.count, "unit": statistics.unit, "setup": setup}
+    _save(path, heading, arrays)

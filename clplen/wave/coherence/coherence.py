@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import hashlib
 from collections.abc import Callable, Iterable, Iterator
 from dataclasses import KW_ONLY, dataclass, replace
 from itertools import count as whole_numbers
@@ -14,14 +15,14 @@ import pyopencl.array as cla
 from clplen.checks import check_keywords, check_positive, keywords_of
 from clplen.compute.device import DeviceLike, as_device
 from clplen.errors import ShapeError
-from clplen.files import PathLike
 from clplen.reprs import OneLine
 from clplen.wave.coherence.averaging import (
     DEFAULT,
     Averaging,
+    Checkpoint,
     Progress,
     average,
-    fingerprint,
+    named,
     verify,
 )
 from clplen.wave.coherence.coherence_plan import CoherencePlan, check_reach, plan_coherence
@@ -197,7 +198,7 @@ class Coherence(OneLine):
         snapshots: int | None = None,
         rtol: float | None = None,
         region: Region | None = None,
-        checkpoint: PathLike | None = None,
+        checkpoint: Checkpoint | None = None,
         progress: Progress | None = None,
         method: Method = "auto",
     ) -> MeanIntensity:
@@ -210,8 +211,18 @@ class Coherence(OneLine):
         field : Field or callable
             The object's complex transmission, shape (ny, nx), the same at every wavelength; or a
             function of the wavelength in metres that gives it.
-        snapshots, rtol, region, checkpoint, progress
-            See `Averaging`; an exact sum needs none of them, and writes no checkpoint.
+        snapshots : int, optional
+            Number of snapshots; by default 100, or as many as ``rtol`` needs, at most 100 000.
+        rtol : float, optional
+            Standard error over mean in the region at which the average stops.
+        region : tuple of slice, optional
+            (rows, columns) of the image that ``rtol`` is measured in; by default all.
+        checkpoint : path or (path, str), optional
+            File that an interrupted average continues from, and a label of the system. Light,
+            object, grids and device are compared with those of the file, and so is the label: the
+            system is not, give each system its own label.
+        progress : callable, optional
+            Called with the number of snapshots so far and the largest number.
         method : {"auto", "monte-carlo", "abbe"}
             "monte-carlo" adds snapshots; "abbe" sums over the source, exact for systems that are
             shift-invariant in a periodic window; "auto" takes the sum where it is exact and
@@ -235,7 +246,7 @@ class Coherence(OneLine):
         if method not in METHODS:
             raise ValueError(f"The method is one of {', '.join(METHODS)}, not {method!r}.")
         if checkpoint is not None:
-            verify(checkpoint)
+            verify(named(checkpoint)[0])
         lines = self.lines(_wavelength_of(field, self.spectrum))
         objects = [_object_at(field, lam) for lam, _ in lines]
         shares = [share for _, share in lines]
@@ -350,24 +361,24 @@ class Coherence(OneLine):
             )
             return next(fields) if number == 1 else weighted(fields, shares)[0].data
 
-        setup = self._setup(system, objects, first) if how.checkpoint is not None else {}
+        setup = self._setup(objects, shares, first) if how.checkpoint is not None else {}
         return average(snapshot, first.grid, first.device, how, setup)
 
-    def _setup(self, system: System, objects: list[Field], image: Field) -> dict[str, str]:
-        """Everything that decides the bits of an average."""
-        first = objects[0]
+    def _setup(self, objects: list[Field], shares: list[float], image: Field) -> dict[str, str]:
+        """What a checkpoint compares by itself; its label stands for the system."""
+        device = image.device
+        samples = hashlib.sha256()
+        for transmission, share in zip(objects, shares, strict=True):
+            samples.update(f"{transmission.wavelength}, {share}".encode())
+            samples.update(np.ascontiguousarray(transmission.to_numpy()).tobytes())
         return {
-            "spatial model": fingerprint(self.spatial),
-            "spectrum": fingerprint(self.spectrum),
-            "wavelengths": fingerprint([transmission.wavelength for transmission in objects]),
+            "spatial model": repr(self.spatial),
+            "spectrum": repr(self.spectrum),
             "seed": str(self.seed),
-            "grid": fingerprint(first.grid),
-            "object": fingerprint([transmission.to_numpy() for transmission in objects]),
-            "system": fingerprint(system),
-            "image grid": fingerprint(image.grid),
-            "device": f"{first.device.name}, {first.device.driver}",
-            "precision": first.device.precision,
-            "FFT": first.device.fft.name,
+            "grid": repr(objects[0].grid),
+            "object": f"samples and wavelengths of digest {samples.hexdigest()[:16]}",
+            "image grid": repr(image.grid),
+            "device": f"{device.name}, {device.driver}, {device.precision}, {device.fft.name}",
         }
 
 

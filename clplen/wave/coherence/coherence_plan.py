@@ -229,23 +229,13 @@ def check_reach(system: Any, field: Field, light: SpatialModel) -> None:
 
 @dataclass(frozen=True)
 class Opening:
-    """The first lens or stop behind an object.
+    """The first lens or stop behind an object."""
 
-    Attributes
-    ----------
-    z : float
-        From the object, in metres.
-    diameter : float
-    focus : float
-        Where the light converges, in metres from the object; infinite: it is parallel.
-    centre : tuple of float
-        (y, x) in metres.
-    """
-
-    z: float
+    z: float  # from the object, in metres
     diameter: float
+    # where the light converges, in metres from the object; infinite: it is parallel
     focus: float = math.inf
-    centre: tuple[float, float] = (0.0, 0.0)
+    centre: tuple[float, float] = (0.0, 0.0)  # (y, x) in metres
 
 
 def check_opening(field: Field, light: SpatialModel, opening: Opening) -> None:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from dataclasses import KW_ONLY, dataclass
 from numbers import Integral
-from typing import Any, ClassVar, Literal, NamedTuple
+from typing import Any, Literal, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -15,9 +15,10 @@ from clplen.compute.device import Device, DeviceLike, as_device
 from clplen.errors import SamplingError, SamplingWarning, ShapeError, warn_caller
 from clplen.reprs import OneLine
 from clplen.units import metres
-from clplen.wave.coherence.spatial_models import uniform
+from clplen.wave.coherence.spatial_models import SpatialModel, uniform
 from clplen.wave.elements.hard_apertures import disc_coverage, interval_coverage
 from clplen.wave.field.field import Field, Grid, derived_grid
+from clplen.wave.field.sampling import exceeds
 from clplen.wave.field.transmission import multiply_separable, offsets, phasor
 
 Vector = np.ndarray[Any, Any]
@@ -118,7 +119,7 @@ _PLACES = 2  # stream of random numbers
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class ExtendedSource(OneLine):
+class ExtendedSource(OneLine, SpatialModel):
     """Light of an incoherent source far enough away for the Fresnel approximation.
 
     A snapshot is the field of points drawn at random from the source, each of the same power and of
@@ -176,7 +177,6 @@ class ExtendedSource(OneLine):
     picture: Array | None = None
     points: int = 400
     curved: bool = False
-    random: ClassVar[bool] = True
 
     def __post_init__(self) -> None:
         for name in ("size", "distance"):
@@ -214,19 +214,7 @@ class ExtendedSource(OneLine):
         return self.size * rows / columns, self.size
 
     def check(self, grid: Grid, *, wavelength: float) -> None:
-        """Refuse a window too coarse for the source's light.
-
-        Parameters
-        ----------
-        grid : Grid
-        wavelength : float
-            In metres.
-
-        Raises
-        ------
-        SamplingError
-            If the frequency of a point is beyond the Nyquist frequency of an axis; with the pitch
-            that is fine enough.
+        """Refuse a window whose Nyquist frequency is below that of a point of the source.
 
         Warns
         -----
@@ -239,7 +227,7 @@ class ExtendedSource(OneLine):
         ):
             name = "yx"[axis]
             finest = wavelength * self.distance / size
-            if n > 1 and pitch > finest * (1 + 1e-9):
+            if n > 1 and exceeds(pitch, finest):
                 raise SamplingError(
                     f"A source of {metres(size)} along {name} at {metres(self.distance)} needs a "
                     f"pitch of at most {metres(finest)}, not {metres(pitch)}: the light of its rim "
@@ -247,7 +235,7 @@ class ExtendedSource(OneLine):
                 )
             edge = np.abs((grid.y, grid.x)[axis]).max() + size / 2
             finest = wavelength * self.distance / (2 * edge)
-            if n > 1 and self.curved and pitch > finest * (1 + 1e-9):
+            if n > 1 and self.curved and exceeds(pitch, finest):
                 warn_caller(
                     f"The curvature of a source at {metres(self.distance)} is sampled too coarsely "
                     f"at the window's edge along {name}: a pitch of at most {metres(finest)} is "
@@ -264,25 +252,7 @@ class ExtendedSource(OneLine):
         seed: int,
         index: int,
     ) -> Field:
-        """One snapshot: sum_p exp(i phi_p - 2 pi i (s_p . r)/(lam distance))/sqrt(points).
-
-        Parameters
-        ----------
-        grid : Grid
-        wavelength : float
-            In metres.
-        device : Device or str, optional
-            Default ``Device.open()``.
-        seed : int
-            0 to 2^64 - 1.
-        index : int
-            Number of the snapshot, 0 to 2^32 - 1; any order.
-
-        Returns
-        -------
-        Field
-            Shape (ny, nx); the mean of abs(u)^2 over snapshots is 1.
-        """
+        """One snapshot: sum_p exp(i phi_p - 2 pi i (s_p . r)/(lam distance))/sqrt(points)."""
         device = as_device(device)
         draws = uniform(seed, index, _PLACES, self.points)
         field = plane_waves(
@@ -300,24 +270,12 @@ class ExtendedSource(OneLine):
         return multiply_separable(field, ty, tx)
 
     def degree(self, dy: ArrayLike, dx: ArrayLike, *, wavelength: float) -> Array:
-        """<u*(r) u(r + D)>/<abs(u)^2>, D = (dy, dx), the shared curvature left out.
+        """Degree of coherence of two points (dy, dx) apart, the shared curvature left out.
 
         The normalised Fourier transform of the source (van Cittert 1934; Zernike 1938; Goodman
         2015, eq. 5.6-8): 2 J1(v)/v, v = pi size D/(lam distance), of a disc, a product of
-        sin(v)/v of a square, and of a picture sum_jk p_jk exp(-2 pi i (D . s_jk)/(lam distance))
-        over sum p_jk times the factors of a pixel.
-
-        Parameters
-        ----------
-        dy, dx : array_like
-            In metres; broadcast.
-        wavelength : float
-            In metres.
-
-        Returns
-        -------
-        numpy.ndarray
-            1 at (0, 0); float64, of a picture complex128.
+        sin(v)/v of a square, and of a picture, complex, sum_jk p_jk exp(-2 pi i (D . s_jk)/(lam
+        distance)) over sum p_jk times the factors of a pixel.
         """
         check_positive(wavelength=wavelength)
         from scipy import special  # here, because it takes a third of the package's import time
@@ -331,25 +289,9 @@ class ExtendedSource(OneLine):
         return np.where(v > 0, 2 * special.j1(v) / np.where(v > 0, v, 1), 1.0)
 
     def power_spectrum(self, grid: Grid, *, wavelength: float) -> Array:
-        """The share of light at each frequency of a grid: of the source, the part in its cell.
+        """The share of light at each frequency: of the source, the part in the frequency's cell.
 
-        Parameters
-        ----------
-        grid : Grid
-        wavelength : float
-            In metres.
-
-        Returns
-        -------
-        numpy.ndarray
-            float64, shape (ny, nx), FFT order, sum 1. A point at s counts at -s/(lam distance).
-
-        Raises
-        ------
-        SamplingError
-            As `check`.
-        ValueError
-            If ``curved``: such light does not have the same spectrum everywhere.
+        A point at s counts at -s/(lam distance); a ``curved`` source has no one spectrum.
         """
         if self.curved:
             raise ValueError(

@@ -20,21 +20,11 @@ NOTHING = 1e-11  # sum of degrees of coherence that counts as rounding of their 
 
 @dataclass(frozen=True, eq=False)
 class Lags:
-    """Displacements that matter, one of each pair d, -d.
+    """Displacements that matter, one of each pair d, -d."""
 
-    Attributes
-    ----------
-    places : numpy.ndarray
-        int32, shape (n, 2): (dy, dx) in samples, 0 to N - 1.
-    weights : numpy.ndarray
-        complex128, shape (n,): mu(d), twice that for one of a pair.
-    dropped : float
-        Sum of abs(mu) over what was left out.
-    """
-
-    places: Values
-    weights: Values
-    dropped: float
+    places: Values  # int32, shape (n, 2): (dy, dx) in samples, 0 to N - 1
+    weights: Values  # complex128, shape (n,): mu(d), twice that for one of a pair
+    dropped: float  # sum of abs(mu) over what was left out
 
     @classmethod
     def of(cls, source: Values, tolerance: float) -> Lags:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import KW_ONLY, dataclass
-from typing import Any, ClassVar, Literal
+from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -14,7 +14,7 @@ from clplen.checks import check_positive, float64_array, is_finite
 from clplen.compute.device import Device, DeviceLike, as_device
 from clplen.errors import SamplingError, SamplingWarning, warn_caller
 from clplen.units import metres
-from clplen.wave.coherence.spatial_models import key_of, periodic_power_spectrum, uniform
+from clplen.wave.coherence.spatial_models import SpatialModel, key_of, uniform
 from clplen.wave.field.field import Field, Grid
 from clplen.wave.propagation.free_space import plan
 
@@ -31,7 +31,7 @@ _JITTER = 1  # stream of random numbers
 
 
 @dataclass(frozen=True)
-class RandomPhaseMask:
+class RandomPhaseMask(SpatialModel):
     """Partially coherent light from a lattice of cells, each of one random phase.
 
     A snapshot is a lattice of points of random phase, spread over cells by a kernel and propagated
@@ -79,7 +79,6 @@ class RandomPhaseMask:
     distance: float | None = None
     kind: Literal["field", "phase"] = "field"
     jitter: bool = True
-    random: ClassVar[bool] = True
 
     def __post_init__(self) -> None:
         sides = np.asarray(self.cell)
@@ -147,18 +146,7 @@ class RandomPhaseMask:
         return self.least_distance(grid, wavelength) if self.distance is None else self.distance
 
     def check(self, grid: Grid, *, wavelength: float) -> None:
-        """Refuse a mask that the grid does not carry.
-
-        Parameters
-        ----------
-        grid : Grid
-        wavelength : float
-            In metres.
-
-        Raises
-        ------
-        SamplingError
-            As `count`.
+        """Refuse a mask that the grid does not carry: see `count`.
 
         Warns
         -----
@@ -187,18 +175,6 @@ class RandomPhaseMask:
         alone (pi/4) mu 2F1(1/2, 1/2; 2; mu^2) (Reed 1962, as for any hard-limited Gaussian field):
         right to .01 once the field is one, from d_c = 2 p^2/lam and a dozen cells across on; cells
         that do not propagate are phase alone already and keep mu.
-
-        Parameters
-        ----------
-        dy, dx : array_like
-            In metres; broadcast.
-        wavelength : float
-            Does not matter.
-
-        Returns
-        -------
-        numpy.ndarray
-            float64, 1 at (0, 0).
         """
         shifts = float64_array(dy), float64_array(dx)
         along = [np.abs(s) / p for s, p in zip(shifts, self.cells, strict=True)]
@@ -210,33 +186,14 @@ class RandomPhaseMask:
         return hard_limited(mu) if self.kind == "phase" and not still else mu
 
     def power_spectrum(self, grid: Grid, *, wavelength: float = 0.0) -> Array:
-        """The share of light at each frequency of a grid, FFT order; they add up to 1.
-
-        Parameters
-        ----------
-        grid : Grid
-        wavelength : float
-            Does not matter.
-
-        Returns
-        -------
-        numpy.ndarray
-            float64, shape (ny, nx).
-
-        Raises
-        ------
-        SamplingError
-            As `count`.
-        ValueError
-            Without jitter: the light then is not the same everywhere.
-        """
+        """The share of light at each frequency; without jitter the light has no spectrum."""
         self.count(grid)
         if not self.jitter:
             raise ValueError(
                 "Light of a lattice that does not move has no power spectrum, being different from "
                 "place to place: use jitter=True, or method='monte-carlo'."
             )
-        return periodic_power_spectrum(self.degree, grid)
+        return super().power_spectrum(grid, wavelength=wavelength)
 
     def field(
         self,
@@ -247,30 +204,7 @@ class RandomPhaseMask:
         seed: int,
         index: int,
     ) -> Field:
-        """One snapshot.
-
-        Parameters
-        ----------
-        grid : Grid
-        wavelength : float
-            In metres.
-        device : Device or str, optional
-            Default ``Device.open()``.
-        seed : int
-            0 to 2^64 - 1.
-        index : int
-            Number of the snapshot, 0 to 2^32 - 1; any order.
-
-        Returns
-        -------
-        Field
-            Shape (ny, nx); the mean of abs(u)^2 over snapshots is 1.
-
-        Raises
-        ------
-        SamplingError
-            As `count`.
-        """
+        """One snapshot; see `SpatialModel.field`."""
         device = as_device(device)
         cells = self.count(grid)
         shift = uniform(seed, index, _JITTER, 1)[0, :2] if self.jitter else np.zeros(2)

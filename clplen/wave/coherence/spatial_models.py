@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any, ClassVar, Protocol, runtime_checkable
 
@@ -69,6 +68,8 @@ Array = np.ndarray[Any, Any]
 class SpatialModel(Protocol):
     """Light of some degree of coherence, as an ensemble of fields of mean intensity 1.
 
+    A model of one's own derives from it, or has the same methods.
+
     Parameters
     ----------
     *args, **kwargs : object
@@ -83,56 +84,23 @@ class SpatialModel(Protocol):
     [1.0, 0.5, 0.0]
     """
 
-    @property
-    def random(self) -> bool:
-        """Whether snapshots differ; else one is exact."""
-
-    def check(self, grid: Grid, *, wavelength: float) -> None:
-        """Refuse, or warn of, what the grid does not carry; asked once a run."""
-
-    def field(
-        self,
-        grid: Grid,
-        *,
-        wavelength: float,
-        device: DeviceLike | None = None,
-        seed: int,
-        index: int,
-    ) -> Field:
-        """Snapshot number ``index``."""
-
-    def degree(self, dy: ArrayLike, dx: ArrayLike, *, wavelength: float) -> Array:
-        """Degree of coherence of two points (dy, dx) metres apart."""
-
-    def power_spectrum(self, grid: Grid, *, wavelength: float) -> Array:
-        """The share of light at each frequency of a grid, FFT order; they add up to 1."""
-
-    def half_angle(self, wavelength: float) -> float:
-        """Half angle to which light spreads, in rad."""
-
-
-@dataclass(frozen=True)
-class IncoherentLight:
-    """The limit of incoherent light: every sample has a phase of its own in every snapshot.
-
-    The mean over snapshots is that of a field incoherent from sample to sample; no two points have
-    any coherence. With a shift-invariant system that is imaging by the optical transfer function
-    (Goodman 2005, section 6.3).
-
-    Examples
-    --------
-    >>> grid = clplen.Grid((32, 32), 10e-6)
-    >>> clear = clplen.wave.plane_wave(grid, wavelength=500e-9)
-    >>> lamp = clplen.Coherence(clplen.wave.IncoherentLight())
-    >>> image = lamp.average(clplen.wave.Pupil(4e-3, 0.1), clear)
-    >>> image.method, image.intensity.shape
-    ('incoherent', (32, 32))
-    """
-
     random: ClassVar[bool] = True
+    """Whether snapshots differ; else one is exact."""
 
     def check(self, grid: Grid, *, wavelength: float) -> None:
-        """Every grid carries it."""
+        """Refuse, or warn of, what the grid does not carry; asked once a run.
+
+        Parameters
+        ----------
+        grid : Grid
+        wavelength : float
+            In metres.
+
+        Raises
+        ------
+        SamplingError
+            If the grid is too coarse, with the pitch that is fine enough, or does not fit.
+        """
 
     def field(
         self,
@@ -143,7 +111,7 @@ class IncoherentLight:
         seed: int,
         index: int,
     ) -> Field:
-        """One snapshot: unit amplitude, an independent uniform phase at each sample.
+        """One snapshot; the mean of abs(u)^2 over snapshots is 1.
 
         Parameters
         ----------
@@ -160,7 +128,88 @@ class IncoherentLight:
         Returns
         -------
         Field
+            Shape (ny, nx).
         """
+        raise NotImplementedError
+
+    def degree(self, dy: ArrayLike, dx: ArrayLike, *, wavelength: float) -> Array:
+        """Degree of coherence of two points (dy, dx) metres apart, <u*(r) u(r + D)>/<abs(u)^2>.
+
+        Parameters
+        ----------
+        dy, dx : array_like
+            In metres; broadcast.
+        wavelength : float
+            In metres; masks and incoherent light do not need it.
+
+        Returns
+        -------
+        numpy.ndarray
+            1 at (0, 0), float64 or complex128.
+        """
+        raise NotImplementedError
+
+    def power_spectrum(self, grid: Grid, *, wavelength: float) -> Array:
+        """The share of light at each frequency of a grid, FFT order; they add up to 1.
+
+        The transform of the degree of coherence over the shortest displacements in a periodic
+        window (Wiener and Khinchin: Goodman 2015, section 3.4). What rounding or a degree too long
+        for the window makes negative is set to 0.
+
+        Parameters
+        ----------
+        grid : Grid
+        wavelength : float
+            In metres; masks and incoherent light do not need it.
+
+        Returns
+        -------
+        numpy.ndarray
+            float64, shape (ny, nx).
+
+        Raises
+        ------
+        ValueError
+            If the light is not the same everywhere.
+        """
+        lags = [np.fft.fftfreq(n, 1 / (n * d)) for n, d in zip(grid.shape, grid.pitch, strict=True)]
+        mu = self.degree(lags[0][:, None], lags[1][None, :], wavelength=wavelength)
+        share = np.maximum(np.fft.fft2(mu).real, 0)
+        return np.asarray(share / share.sum())
+
+    def half_angle(self, wavelength: float) -> float:
+        """Half angle to which light spreads, in rad."""
+        raise NotImplementedError
+
+
+@dataclass(frozen=True)
+class IncoherentLight(SpatialModel):
+    """The limit of incoherent light: every sample has a phase of its own in every snapshot.
+
+    The mean over snapshots is that of a field incoherent from sample to sample; no two points have
+    any coherence. With a shift-invariant system that is imaging by the optical transfer function
+    (Goodman 2005, section 6.3).
+
+    Examples
+    --------
+    >>> grid = clplen.Grid((32, 32), 10e-6)
+    >>> clear = clplen.wave.plane_wave(grid, wavelength=500e-9)
+    >>> lamp = clplen.Coherence(clplen.wave.IncoherentLight())
+    >>> image = lamp.average(clplen.wave.Pupil(4e-3, 0.1), clear)
+    >>> image.method, image.intensity.shape
+    ('incoherent', (32, 32))
+    """
+
+    def field(
+        self,
+        grid: Grid,
+        *,
+        wavelength: float,
+        device: DeviceLike | None = None,
+        seed: int,
+        index: int,
+    ) -> Field:
+        """One snapshot: unit amplitude, an independent uniform phase at each sample."""
         device = as_device(device)
         ny, nx = grid.shape
         out = device.empty(grid.shape, device.complex)
@@ -176,20 +225,8 @@ class IncoherentLight:
 
     def power_spectrum(self, grid: Grid, *, wavelength: float = 0.0) -> Array:
         """The same share at every frequency."""
-        return np.full(grid.shape, 1 / math.prod(grid.shape))
+        return super().power_spectrum(grid, wavelength=wavelength)
 
     def half_angle(self, wavelength: float) -> float:
         """Everywhere: pi/2."""
         return math.pi / 2
-
-
-def periodic_power_spectrum(degree: Callable[[Array, Array], Array], grid: Grid) -> Array:
-    """Transform of a degree of coherence over the shortest displacements in a periodic window.
-
-    Wiener and Khinchin (Goodman 2015, section 3.4). What rounding or a degree too long for the
-    window makes negative is set to 0.
-    """
-    lags = [np.fft.fftfreq(n, 1 / (n * d)) for n, d in zip(grid.shape, grid.pitch, strict=True)]
-    mu = degree(lags[0][:, None], lags[1][None, :])
-    share = np.maximum(np.fft.fft2(mu).real, 0)
-    return share / share.sum()

@@ -11,14 +11,13 @@ from clplen.checks import fits_float64, float64_array
 from clplen.compute.device import Device, DeviceLike, as_device
 from clplen.errors import SamplingWarning, warn_caller
 from clplen.wave.field.field import Field, Grid, require_field, require_grid
+from clplen.wave.field.sampling import exceeds, nyquist, sampled_from, sampled_radius
 from clplen.wave.field.transmission import (
     Vector,
     multiply_separable,
     multiply_sphere,
     offsets,
     phasor,
-    sampled_from,
-    sampled_radius,
 )
 
 Pair = tuple[float, float]
@@ -296,10 +295,10 @@ def _check_direction(direction: Pair) -> None:
 
 def _warn_beyond_nyquist(grid: Grid, frequencies: Pair, what: str) -> None:
     for name, n, pitch, f in zip("yx", grid.shape, grid.pitch, frequencies, strict=True):
-        if n > 1 and f * 2 * pitch > 1 + 1e-9:
+        if n > 1 and exceeds(f, nyquist(pitch)):
             warn_caller(
                 f"{what} with {f:.4g} cycles/m along {name} is aliased: samples of {pitch:g} m "
-                f"carry up to 1/(2 d) = {1 / (2 * pitch):.4g}; at most {1 / (2 * f):.4g} m would "
+                f"carry up to 1/(2 d) = {nyquist(pitch):.4g}; at most {1 / (2 * f):.4g} m would "
                 "do.",
                 SamplingWarning,
             )
@@ -313,7 +312,7 @@ def _warn_steep_sphere(grid: Grid, z: float, source: Pair, wavelength: float) ->
             continue
         reach, beside = float(distances[axis].max()), float(distances[1 - axis].min())
         far = sampled_radius(math.hypot(z, beside), grid.pitch[axis], wavelength)
-        if reach <= far * (1 + 1e-9):
+        if not exceeds(reach, far):
             continue
         least = sampled_from(reach, grid.pitch[axis], wavelength)
         warn_caller(

@@ -12,6 +12,7 @@ from clplen.checks import Aliasing, act_on_aliasing, check_centre, fits_float64
 from clplen.errors import SamplingError
 from clplen.wave.elements.transparency import apply_transmission
 from clplen.wave.field.field import Field, Grid, require_field
+from clplen.wave.field.sampling import exceeds
 from clplen.wave.field.transmission import offsets, phasor
 
 Kind = Literal["binary", "sinusoidal", "phase", "blazed"]
@@ -156,7 +157,7 @@ def axicon(
         (d for d, n in zip(field.grid.pitch, field.grid.shape, strict=True) if n > 1), default=0.0
     )
     message = ""
-    if 2 * abs(angle) * pitch > field.wavelength * (1 + 1e-9):
+    if exceeds(2 * abs(angle) * pitch, field.wavelength):
         message = (
             f"The phase of an axicon of {angle:g} rad is aliased on samples of {pitch:g} m: a "
             f"pitch of at most lam/(2 angle) = {field.wavelength / (2 * abs(angle)):.4g} m would "
@@ -225,7 +226,7 @@ def _across(grid: Grid, period: float, orientation: float) -> tuple[Values, tupl
                 f"of orientation {orientation:g} rad would."
             )
         width[axis] = grid.pitch[axis] * abs(slope) / period
-        if width[axis] > 0.5 * (1 + 1e-9):
+        if exceeds(width[axis], 0.5):
             raise SamplingError(
                 f"A period of {period:g} m is {1 / width[axis]:.3g} samples along axis {axis}; it "
                 f"needs at least 2: a pitch of at most {period / (2 * abs(slope)):.4g} m there."

@@ -24,13 +24,12 @@ from clplen.wave.field.field_gradients import (
     log_moments,
     transmission_gradient,
 )
+from clplen.wave.field.sampling import exceeds, sampled_from, sampled_radius, steepest_slope
 from clplen.wave.field.transmission import (
     multiply_separable,
     multiply_sphere,
     offsets,
     phasor,
-    sampled_from,
-    sampled_radius,
 )
 
 Form = Literal["paraxial", "stigmatic"]
@@ -203,9 +202,13 @@ def check_lens_sampling(
             continue
         reach = float(np.abs((grid.y, grid.x)[axis]).max())
         used = reach if radius is None else min(radius, reach)
-        largest, enough, rule = _limits(f, used, grid.pitch[axis], wavelength, form)
-        if used <= largest * (1 + 1e-9):
+        sampling = {"pitch": grid.pitch[axis], "wavelength": wavelength}
+        is_paraxial = form == "paraxial"
+        largest = sampled_radius(f, **sampling, is_paraxial=is_paraxial)
+        if not exceeds(used, largest):
             continue
+        enough = sampled_from(used, **sampling, is_paraxial=is_paraxial)
+        rule = "lam f/(2 dx)" if is_paraxial else "f q/sqrt(1 - q^2), q = lam/(2 dx),"
         message = (
             f"The phase of a lens of f = {f:g} m is aliased on samples of {grid.pitch[axis]:g} m: "
             f"its radius is R = {used:.4g} m, R_max = {rule} = {largest:.4g} m; a focal "
@@ -215,24 +218,10 @@ def check_lens_sampling(
         return
 
 
-def _limits(
-    f: float, used: float, pitch: float, wavelength: float, form: Form
-) -> tuple[float, float, str]:
-    """R_max, the focal length that would do for the radius used, and the rule in words."""
-    if form == "paraxial":
-        largest, enough = wavelength * abs(f) / (2 * pitch), 2 * used * pitch / wavelength
-        return largest, enough, "lam f/(2 dx)"
-    rule = "f q/sqrt(1 - q^2), q = lam/(2 dx),"
-    return sampled_radius(f, pitch, wavelength), sampled_from(used, pitch, wavelength), rule
-
-
 def _bend(field: Field, f: float) -> Field:
     turns = [-(t**2) / (2 * field.wavelength * f) for t in offsets(field.grid)]
     ty, tx = (phasor(t, field.device.complex) for t in turns)
     return multiply_separable(field, ty, tx)
-
-
-ROUNDING = 1e-9  # of a limit, which is still sampled
 
 
 @dataclass(frozen=True)
@@ -272,7 +261,7 @@ class LensSampling:
 
     def is_sampled(self, slope: float) -> bool:
         """Whether a slope is at most the limit."""
-        return slope <= self.limit * (1 + ROUNDING)
+        return not exceeds(slope, self.limit)
 
 
 def lens_sampling(
@@ -324,14 +313,14 @@ def lens_sampling(
     _, radius, pitch = max(used, default=(0.0, 0.0, max(grid.pitch)))
     return LensSampling(
         radius=radius,
-        largest_radius=wavelength * abs(f) / (2 * pitch),
-        shortest_focal_length=2 * radius * pitch / wavelength,
+        largest_radius=sampled_radius(f, pitch, wavelength, is_paraxial=True),
+        shortest_focal_length=sampled_from(radius, pitch, wavelength, is_paraxial=True),
         f_number=abs(f) / (2 * radius) if radius else math.inf,
         fastest=pitch / wavelength,
         arriving=radius / abs(arriving),
         alone=radius / abs(f),
         behind=radius * abs(1 / arriving - 1 / f),
-        limit=wavelength / (2 * pitch),
+        limit=steepest_slope(pitch, wavelength),
     )
 
 
@@ -368,7 +357,7 @@ class LensletSampling:
     @property
     def is_sampled(self) -> bool:
         """d/(2 f_mu) + D/(2 z) <= lam/(2 dx)."""
-        return self.lenslet + self.lens <= self.limit * (1 + ROUNDING)
+        return not exceeds(self.lenslet + self.lens, self.limit)
 
 
 def lenslet_sampling(
@@ -408,7 +397,7 @@ def lenslet_sampling(
     _check_focal_length(f)
     given = float64_array([pitch, f, samples, wavelength, diameter, z])
     pitch, f, samples, wavelength, diameter, z = map(float, given)
-    limit, lens = wavelength / (2 * samples), diameter / (2 * abs(z))
+    limit, lens = steepest_slope(samples, wavelength), diameter / (2 * abs(z))
     left = limit - lens
     shortest = pitch / (2 * left) if left > 0 else math.inf
     return LensletSampling(pitch / (2 * abs(f)), lens, limit, shortest)

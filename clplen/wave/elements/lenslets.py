@@ -17,6 +17,7 @@ from clplen.checks import Aliasing, alias_argument, is_finite, is_integer
 from clplen.compute.device import Device, DeviceLike, as_device
 from clplen.errors import SamplingError, ShapeError
 from clplen.reprs import OneLine, one_line
+from clplen.units import metres
 from clplen.wave.elements.lens import check_lens_sampling
 from clplen.wave.elements.lenslet_gradients import (
     array_gradient,
@@ -115,6 +116,7 @@ class MicrolensArray(OneLine):
     gap: str
     map: LensletMap | None
     f = property(attrgetter("focal_length"), doc="Focal length in metres.")
+    label = "lenslets"
 
     def __init__(
         self,
@@ -183,6 +185,14 @@ class MicrolensArray(OneLine):
         shown = {one.name: getattr(self, one.name) for one in fields(self)}
         plain = {"surface": (), "gap": "opaque", "map": None}
         return one_line(self, {k: v for k, v in shown.items() if k not in plain or v != plain[k]})
+
+    def describe(self) -> str:
+        """Count, pitch, focal length, lattice, fill, and how the lenslets are made."""
+        text = f"{self.count[0]} x {self.count[1]}, pitch {metres(self.pitch)}, "
+        text += f"f = {metres(self.focal_length)}, {self.lattice}, {self.fill}"
+        made = ["surface"] * bool(self.surface) + ["map"] * (self.map is not None)
+        made += ["clear gaps"] * (self.gap == "clear")
+        return ", ".join([text, *made])
 
     @property
     def is_thin(self) -> bool:

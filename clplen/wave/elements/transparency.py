@@ -30,6 +30,7 @@ from clplen.wave.elements.edges import (
 )
 from clplen.wave.elements.hard_apertures import interval_coverage, polygon_coverage
 from clplen.wave.field.field import Field, Grid, require_field, require_grid
+from clplen.wave.field.sampling import exceeds
 from clplen.wave.field.transmission import multiply
 
 Picture = np.ndarray[Any, Any]
@@ -567,7 +568,7 @@ def _element(group: int, number: int, top: float, left: float) -> TargetElement:
 
 def _too_fine(finest: TargetElement, grid: Grid) -> str:
     """What to say of a bar narrower than a sample; empty if there is none."""
-    if finest.width >= max(grid.pitch) * (1 - 1e-9):
+    if not exceeds(max(grid.pitch), finest.width):
         return ""
     return (
         f"Element {finest.element} of group {finest.group} has bars {finest.width:.4g} m wide, "

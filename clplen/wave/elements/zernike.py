@@ -22,6 +22,7 @@ from clplen.checks import (
 )
 from clplen.wave.elements.transparency import apply_transmission
 from clplen.wave.field.field import Field, Grid, require_field
+from clplen.wave.field.sampling import exceeds
 from clplen.wave.field.transmission import offsets, phasor
 
 Values = np.ndarray[Any, Any]
@@ -371,7 +372,7 @@ def _aliased(turns: Values, on_plate: Values, grid: Grid) -> str:
         for axis, pair in enumerate(pairs)
     ]
     axis = int(np.argmax(steps))
-    if steps[axis] <= 0.5 * (1 + 1e-9):
+    if not exceeds(steps[axis], 0.5):
         return ""
     return (
         f"The phase of the plate is aliased: it steps by {2 * np.pi * steps[axis]:.4g} rad, more "

@@ -7,7 +7,6 @@ residual that the kernel forms in pairs of float32.
 
 from __future__ import annotations
 
-import math
 from typing import Any
 
 import numpy as np
@@ -129,18 +128,3 @@ def multiply_sphere(
         np.int32(nx),
     )
     return field.with_data(out)
-
-
-def sampled_radius(z: float, pitch: float, wavelength: float) -> float:
-    """Largest rho up to which a spherical phase changes by at most pi a sample, in metres.
-
-    R_max = z q/sqrt(1 - q^2), q = lam/(2 dx) the sine of the steepest sampled ray; any for q >= 1.
-    """
-    sine = wavelength / (2 * pitch)
-    return math.inf if sine >= 1 else abs(z) * sine / math.sqrt(1 - sine**2)
-
-
-def sampled_from(radius: float, pitch: float, wavelength: float) -> float:
-    """Smallest abs(z) for which `sampled_radius` reaches a radius, in metres."""
-    sine = wavelength / (2 * pitch)
-    return 0.0 if sine >= 1 else radius * math.sqrt(1 - sine**2) / sine

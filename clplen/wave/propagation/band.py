@@ -13,6 +13,8 @@ from typing import Any
 
 import numpy as np
 
+from clplen.wave.field.sampling import nyquist, steepest_slope
+
 Vector = np.ndarray[Any, Any]
 
 GUARD = 6.0  # Fresnel widths by which the band is widened
@@ -27,39 +29,22 @@ _GUARDS, _STEEPNESS = (2.0, 3.0, 4.0, 6.0, 8.0), (2.5, 3.0, 3.5, 4.0, 5.0)
 
 @dataclass(frozen=True)
 class AxisSpan:
-    """One axis of a propagation: where light comes from and where it is wanted.
+    """One axis of a propagation: where light comes from and where it is wanted."""
 
-    Attributes
-    ----------
-    n : int
-        Samples of the input; 1: nothing varies along the axis.
-    pitch : float
-        Of the input in metres.
-    z, wavelength : float
-        In metres.
-    lit : float
-        Width that carries light, centred on the input's central sample, in metres.
-    wanted : float
-        Width of the output window in metres.
-    offset : float
-        Centre of the output window less that of the input, in metres.
-    across : tuple of float
-        Smallest and largest sideways displacement along the other axis, at least 0, in metres.
-    """
-
-    n: int
-    pitch: float
-    z: float
+    n: int  # samples of the input; 1: nothing varies along the axis
+    pitch: float  # of the input in metres
+    z: float  # in metres
     wavelength: float
-    lit: float
-    wanted: float
-    offset: float = 0.0
+    lit: float  # width that carries light, centred on the input's central sample, in metres
+    wanted: float  # width of the output window in metres
+    offset: float = 0.0  # centre of the output window less that of the input, in metres
+    # smallest and largest sideways displacement along the other axis, at least 0, in metres
     across: tuple[float, float] = (0.0, 0.0)
 
     @property
     def nyquist(self) -> float:
         """Nyquist frequency in cycles a metre."""
-        return 1 / (2 * self.pitch)
+        return nyquist(self.pitch)
 
     @property
     def reach(self) -> float:
@@ -111,34 +96,18 @@ class AxisSpan:
 
 @dataclass(frozen=True)
 class Band:
-    """The guarded band of one axis.
+    """The guarded band of one axis."""
 
-    Attributes
-    ----------
-    low, high : float
-        Ends of the band in cycles a metre; empty where ``low >= high``.
-    inner : tuple of float
-        Frequencies between which the weight is 1.
-    clipped : tuple of bool
-        Whether the Nyquist frequency cuts the lower and the upper end, without a taper.
-    window : float
-        Width of the computation window, 1 over the frequency step, in metres.
-    guard : float
-        In Fresnel widths.
-    nyquist : float
-        In cycles a metre.
-    grazing : bool
-        Whether waves of the band leave the window and come back: grazing ones, which leave every
-        window.
-    """
-
-    low: float
+    low: float  # ends of the band in cycles a metre; empty where ``low >= high``
     high: float
-    inner: tuple[float, float]
+    inner: tuple[float, float]  # frequencies between which the weight is 1
+    # whether the Nyquist frequency cuts the lower and the upper end, without a taper
     clipped: tuple[bool, bool]
-    window: float
-    guard: float
-    nyquist: float
+    window: float  # width of the computation window, 1 over the frequency step, in metres
+    guard: float  # in Fresnel widths
+    nyquist: float  # in cycles a metre
+    # whether waves of the band leave the window and come back: grazing ones, which leave every
+    # window
     grazing: bool = False
 
     @property
@@ -225,7 +194,7 @@ def fully_sampled_distance(n: int, d: float, wavelength: float) -> float:
     samples below lam/2 grazing waves are never sampled, but up to three wavelengths evanescent
     waves, which a band limit would drop, matter more: there it is 3 lam.
     """
-    sine = wavelength / (2 * d)
+    sine = steepest_slope(d, wavelength)
     if n == 1:
         return math.inf
     if sine >= 1:

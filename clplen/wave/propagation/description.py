@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from numbers import Real
 from typing import Any, Literal
 
@@ -38,38 +38,24 @@ FREE_GRID = ("auto", "cblas", "rs", "one-step", "fresnel-1fft")  # methods that 
 FARTHEST = units.DISTANCE.most
 BORDER = 0.4  # of half the window, the taper of fresnel-multistep
 _SAME = 1e-9  # of a pitch
+ANY_DISTANCE = (0.0, math.inf)  # interval of a method that is sampled at every distance
 
 
 @dataclass(frozen=True)
 class Request:
-    """Everything that determines a propagation; the key of its plan.
-
-    Attributes
-    ----------
-    grid, out_grid : Grid
-        ``out_grid`` is None where the method chooses.
-    z, wavelength : float
-        In metres.
-    method : str
-    pad, border : float
-    guard : float or None
-        In Fresnel widths; None: `widths`.
-    support : tuple of float or None
-        (y, x) widths that carry light, centred on the grid, in metres; None: the whole window.
-    lens : float or None
-        Focal length of a thin lens right before a fresnel-1fft, in metres.
-    """
+    """Everything that determines a propagation; the key of its plan."""
 
     grid: Grid
-    z: float
-    wavelength: float
+    z: float  # in metres
+    wavelength: float  # in metres
     method: str = "auto"
     pad: float = 2
-    out_grid: Grid | None = None
-    guard: float | None = None
+    out_grid: Grid | None = None  # None: the method chooses
+    guard: float | None = None  # in Fresnel widths; None: `widths`
     border: float = BORDER
+    # (y, x) widths that carry light, centred on the grid, in metres; None: the whole window
     support: tuple[float, float] | None = None
-    lens: float | None = None
+    lens: float | None = None  # focal length of a thin lens right before a fresnel-1fft, in metres
 
     def __post_init__(self) -> None:
         _check_numbers(self)
@@ -231,53 +217,44 @@ def request(
 
 @dataclass(frozen=True, eq=False)
 class Description:
-    """A propagation before it is on a device.
-
-    Attributes
-    ----------
-    request : Request
-    method, why : str
-        The method taken and the inequality that decided.
-    out_grid : Grid
-    into, back : Separable
-        Before and after the factor; ``back`` is empty where there is none.
-    factor : Factor or None
-    kind : {"nothing", "fft", "chirp-z", "separable", "series"}
-        How the sums are done.
-    route : str
-        The same in words.
-    sampled : str
-        What has to be sampled: the transfer function, a kernel, a chirp.
-    phase_step : float
-        Its largest phase step a sample, divided by pi: sampled up to 1.
-    valid : tuple of float
-        Smallest and largest abs(z) in metres at which it is sampled.
-    band : tuple of tuple of float
-        ((fy low, fy high), (fx low, fx high)) that is used, in cycles a metre.
-    warning : str
-        What is wrong with the sampling and what to do; empty where nothing is.
-    is_refused : bool
-        Whether it is so wrong that no plan is made: the warning is the error's sentence.
-    terms : tuple of tuple of Separable
-        (into, back) of every term of a sum, the first as ``into`` and ``back``; empty: no sum.
-    """
+    """A propagation before it is on a device."""
 
     request: Request
-    method: str
-    why: str
-    out_grid: Grid
-    into: Separable
-    back: Separable
-    factor: Factor | None
-    kind: Kind
-    route: str
-    sampled: str
-    phase_step: float
-    valid: tuple[float, float]
-    band: tuple[tuple[float, float], tuple[float, float]]
-    warning: str = ""
+    method: str  # the one that is taken
+    kind: Kind  # how the sums are done
+    route: str  # the same in words
+    into: Separable  # before the factor
+    back: Separable = field(default_factory=Separable)  # after it; empty where there is none
+    factor: Factor | None = None
+    why: str = "asked for"  # the inequality that decided
+    sampled: str = "nothing"  # what has to be sampled: the transfer function, a kernel, a chirp
+    phase_step: float = 0.0  # its largest phase step a sample, divided by pi: sampled up to 1
+    valid: tuple[float, float] = ANY_DISTANCE  # abs(z) in metres between which it is sampled
+    # ((fy low, fy high), (fx low, fx high)) that is used, in cycles a metre; None: all
+    used: tuple[tuple[float, float], tuple[float, float]] | None = None
+    own_grid: Grid | None = None  # of the result, where the method chooses it
+    warning: str = ""  # what is wrong with the sampling and what to do; empty where nothing is
+    # whether it is so wrong that no plan is made: the warning is the error's sentence
     is_refused: bool = False
+    # (into, back) of every term of a sum, the first as ``into`` and ``back``; empty: no sum
     terms: tuple[tuple[Separable, Separable], ...] = ()
+
+    @property
+    def out_grid(self) -> Grid:
+        """Grid of the result."""
+        return self.own_grid or self.request.target
+
+    @property
+    def band(self) -> tuple[tuple[float, float], tuple[float, float]]:
+        """((fy low, fy high), (fx low, fx high)) that is used, in cycles a metre."""
+        if self.used is not None:
+            return self.used
+        grid = self.request.grid
+        y, x = (
+            (0.0, 0.0) if n == 1 else (-1 / (2 * d), 1 / (2 * d))
+            for n, d in zip(grid.shape, grid.pitch, strict=True)
+        )
+        return (y, x)
 
     @property
     def window(self) -> tuple[int, int]:
@@ -302,20 +279,6 @@ def outshines(r: Request) -> bool:
     shares = [r.grid.pitch[axis] / math.sqrt(r.wavelength * abs(r.z)) for axis in r.axes]
     near = math.hypot(1, r.wavelength / (2 * math.pi * r.z))  # of 1/r - ik over k
     return max(*shares, math.prod(shares) * near) > 1
-
-
-def whole_bands(request: Request) -> tuple[tuple[float, float], tuple[float, float]]:
-    """The band of everything that is sampled, for `Description.band`."""
-    y, x = (
-        (0.0, 0.0) if n == 1 else (-1 / (2 * d), 1 / (2 * d))
-        for n, d in zip(request.grid.shape, request.grid.pitch, strict=True)
-    )
-    return (y, x)
-
-
-def any_distance() -> tuple[float, float]:
-    """The interval of a method that is sampled at every distance."""
-    return (0.0, math.inf)
 
 
 def flops(description: Description) -> float:

@@ -21,8 +21,7 @@ from clplen.wave.field.intensity import (
     check_averaging,
 )
 from clplen.wave.propagation.description import BORDER, Request, request
-from clplen.wave.propagation.plan_runs import run_plans
-from clplen.wave.propagation.propagator import Propagator
+from clplen.wave.propagation.propagator import Propagator, run_plans
 
 
 @dataclass(frozen=True)

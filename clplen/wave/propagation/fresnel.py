@@ -23,7 +23,6 @@ from clplen.wave.propagation.description import (
     Request,
     outshines,
     padded_length,
-    whole_bands,
 )
 
 WHOLE = 1e-9  # of a step: rounding that makes no further one
@@ -47,6 +46,24 @@ def transfer_function(r: Request) -> Description:
             f"{critical:.4g} m. Use method='fresnel-ir', or 'auto'."
         )
     return _separable(r, "fresnel-tf", lines, "transfer function", step, (0.0, critical), warning)
+
+
+def distance_slopes(
+    into: Separable, pitch: tuple[float, float], wavelength: float
+) -> list[Separable]:
+    """The terms whose sum is the derivative of convolutions with exp(-i pi lam z f^2) by z."""
+    terms = []
+    for name, d in (("y", pitch[0]), ("x", pitch[1])):
+        (line,) = getattr(into, name)
+        if line.kind == "convolve":
+            terms.append(replace(into, **{name: (_sloped(line, d, wavelength),)}))
+    return terms
+
+
+def _sloped(line: Line, d: float, wavelength: float) -> Line:
+    f = np.fft.fftfreq(line.length, d)
+    assert line.kernel is not None
+    return replace(line, kernel=line.kernel * (-1j * np.pi * wavelength * f**2))
 
 
 def impulse_response(r: Request) -> Description:
@@ -143,17 +160,12 @@ def many_steps(r: Request) -> Description:
     return Description(
         request=r,
         method="fresnel-multistep",
-        why="asked for",
-        out_grid=r.target,
         into=Separable(maps[0], maps[1]),
-        back=Separable(),
-        factor=None,
         kind="separable",
         route=f"{counts[0]} and {counts[1]} single-FFT steps in y and x, window of {length}",
         sampled="chirp",
         phase_step=1.0 if max(counts) else 0.0,
         valid=(0.0, reach),
-        band=whole_bands(r),
         warning=warning,
     )
 
@@ -292,16 +304,12 @@ def _separable(
     return Description(
         request=r,
         method=method,
-        why="asked for",
-        out_grid=out_grid or r.target,
+        own_grid=out_grid,
         into=Separable((lines[0],), (lines[1],)),
-        back=Separable(),
-        factor=None,
         kind="separable",
         route=f"each axis by itself, window {lines[0].length} x {lines[1].length}",
         sampled=sampled,
         phase_step=step,
         valid=valid,
-        band=whole_bands(r),
         warning=warning,
     )

@@ -36,13 +36,12 @@ from clplen.wave.propagation.band import (
     whole_band,
 )
 from clplen.wave.propagation.description import (
+    ANY_DISTANCE,
     Description,
     Request,
-    any_distance,
     flops,
     outshines,
     padded_length,
-    whole_bands,
 )
 from clplen.wave.propagation.transfer_function import Sommerfeld, Transfer, fft_frequencies
 from clplen.wave.propagation.windowed_kernel import WindowedKernel, kernel_axis, kernel_length
@@ -168,7 +167,6 @@ def _one_step(r: Request, series: one_step.Series, why: str) -> Description:
         request=r,
         method="one-step",
         why=why,
-        out_grid=r.target,
         into=terms[0][0],
         back=terms[0][1],
         factor=one_step.SeriesFactor(series),
@@ -176,8 +174,7 @@ def _one_step(r: Request, series: one_step.Series, why: str) -> Description:
         route=f"{len(terms)} chirp-z transforms of {' x '.join(map(str, ways[0].widest((1, 1))))}",
         sampled="kernel",
         phase_step=step,
-        valid=any_distance() if automatic else (nearest, math.inf),
-        band=whole_bands(r),
+        valid=(0.0 if automatic else nearest, math.inf),
         warning="" if automatic else warning,
         is_refused=series.bound[1] > one_step.MOST_ERROR,
         terms=tuple(terms),
@@ -238,26 +235,12 @@ def _whole_band(r: Request, why: str) -> Description:
         n if n == 1 else max(length, smooth_length(2 * n))
         for n, length in zip(r.grid.shape, needed, strict=True)
     ]
-    return by_fft(r, lengths, bands, method="as", why=why, valid=any_distance())
+    return by_fft(r, lengths, bands, method="as", why=why)
 
 
 def _identity(r: Request) -> Description:
     method = "as" if r.method == "auto" else r.method
-    return Description(
-        request=r,
-        method=method,
-        why="z = 0: the field itself",
-        out_grid=r.target,
-        into=Separable(),
-        back=Separable(),
-        factor=None,
-        kind="nothing",
-        route="none",
-        sampled="nothing",
-        phase_step=0.0,
-        valid=(0.0, math.inf),
-        band=whole_bands(r),
-    )
+    return Description(r, method, "nothing", "none", Separable(), why="z = 0: the field itself")
 
 
 def angular_spectrum(r: Request, why: str = "asked for") -> Description:
@@ -291,7 +274,7 @@ def band_limited(r: Request) -> Description:
         inside = min(limit, span.nyquist)
         cut = (inside == span.nyquist,) * 2
         bands.append(Band(-inside, inside, (-inside, inside), cut, math.inf, 0.0, span.nyquist))
-    return by_fft(r, lengths, bands, method="blas", why="asked for", valid=any_distance())
+    return by_fft(r, lengths, bands, method="blas", why="asked for")
 
 
 def corrected(r: Request, why: str = "asked for", route: str = "") -> Description:
@@ -309,9 +292,7 @@ def corrected(r: Request, why: str = "asked for", route: str = "") -> Descriptio
     lengths = fft_lengths(r, bands)
     near = all(bands[a].is_whole or lengths[a] <= FFT_WINDOW * r.grid.shape[a] for a in r.axes)
     if route == "fft" or (route == "" and r.is_aligned and near and not empty):
-        return by_fft(
-            r, lengths, bands, method="cblas", why=why, valid=any_distance(), warning=warning
-        )
+        return by_fft(r, lengths, bands, method="cblas", why=why, warning=warning)
     return by_chirps(r, bands, why=why, warning=warning)
 
 
@@ -333,7 +314,7 @@ def by_fft(
     *,
     method: str,
     why: str,
-    valid: tuple[float, float],
+    valid: tuple[float, float] = ANY_DISTANCE,
     warning: str = "",
 ) -> Description:
     """Pad, transform, multiply by H in each axis' band, transform back, cut."""
@@ -353,7 +334,6 @@ def by_fft(
         request=r,
         method=method,
         why=why,
-        out_grid=r.target,
         into=Separable(*_tuples(into)),
         back=Separable(*_tuples(back)),
         factor=factor,
@@ -362,7 +342,7 @@ def by_fft(
         sampled="transfer function",
         phase_step=max(steps, default=0.0),
         valid=valid,
-        band=_used(bands, r),
+        used=_used(bands, r),
         warning=warning,
     )
 
@@ -404,7 +384,6 @@ def by_chirps(r: Request, bands: list[Band], *, why: str, warning: str = "") -> 
         request=r,
         method="cblas",
         why=why,
-        out_grid=r.target,
         into=Separable(*_tuples(into)),
         back=Separable(*_tuples(back)),
         factor=_transfer(r, shape, frequencies, weights),
@@ -412,8 +391,7 @@ def by_chirps(r: Request, bands: list[Band], *, why: str, warning: str = "") -> 
         route=f"chirp-z transforms over {shape[0]} x {shape[1]} frequencies",
         sampled="transfer function",
         phase_step=max(steps, default=0.0),
-        valid=any_distance(),
-        band=_used(bands, r),
+        used=_used(bands, r),
         warning=warning,
     )
 
@@ -444,7 +422,6 @@ def sommerfeld(r: Request, why: str = "asked for") -> Description:
         request=r,
         method="rs",
         why=why,
-        out_grid=r.target,
         into=Separable(*_tuples(into)),
         back=Separable(*_tuples(back)),
         factor=Sommerfeld((lengths[0], lengths[1]), r.grid.pitch, r.z, r.wavelength),
@@ -453,7 +430,6 @@ def sommerfeld(r: Request, why: str = "asked for") -> Description:
         sampled="kernel",
         phase_step=step,
         valid=(nearest, math.inf),
-        band=whole_bands(r),
         warning=warning,
         is_refused=outshines(r),
     )
@@ -501,7 +477,6 @@ def _windowed_kernel(r: Request, why: str) -> Description:
         request=r,
         method="rs",
         why=why,
-        out_grid=r.target,
         into=Separable(*_tuples(into)),
         back=Separable(*_tuples(back)),
         factor=factor,
@@ -509,8 +484,8 @@ def _windowed_kernel(r: Request, why: str) -> Description:
         route=f"chirp-z transforms over {factor.shape[0]} x {factor.shape[1]} frequencies",
         sampled="kernel",
         phase_step=step,
-        valid=any_distance() if automatic else (nearest, math.inf),
-        band=(band[0], band[1]),
+        valid=(0.0 if automatic else nearest, math.inf),
+        used=(band[0], band[1]),
         warning="" if automatic else warning,
     )
 

@@ -39,16 +39,10 @@ _ROWS = 64  # of the larger grid whose coefficients are made at a time
 
 @dataclass(frozen=True, eq=False)
 class Series:
-    """The power series of a request, about the input (``inward``) or about the output.
-
-    Attributes
-    ----------
-    request : Request
-    inward : bool
-        Whether t is on the input and the coefficients are on the output, or the other way round.
-    """
+    """The power series of a request, about the input (``inward``) or about the output."""
 
     request: Request
+    # whether t is on the input and the coefficients are on the output, or the other way round
     inward: bool
 
     @property
@@ -274,20 +268,11 @@ def _times(*polynomials: dict[Powers, Any]) -> dict[Powers, Any]:
 
 @dataclass(frozen=True, eq=False)
 class SeriesFactor:
-    """One term's factor on the larger grid of a `Series`.
-
-    Attributes
-    ----------
-    series : Series
-    which : int
-        Of ``series.powers``.
-    flipped : bool
-        Whether x and y are exchanged.
-    """
+    """One term's factor on the larger grid of a `Series`."""
 
     series: Series
-    which: int = 0
-    flipped: bool = False
+    which: int = 0  # of ``series.powers``
+    flipped: bool = False  # whether x and y are exchanged
 
     @property
     def shape(self) -> tuple[int, int]:

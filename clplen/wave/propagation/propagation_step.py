@@ -18,25 +18,13 @@ Pullback = Callable[[cla.Array], tuple[cla.Array, float]]
 
 @dataclass(frozen=True)
 class PropagationStep:
-    """Free space of any distance between two grids, for engines of gradients.
-
-    Attributes
-    ----------
-    grid : Grid
-    wavelength : float
-        In metres.
-    method : str
-    pad : float
-    out_grid : Grid or None
-        As in `propagate`.
-    device : Device
-    """
+    """Free space of any distance between two grids, for engines of gradients."""
 
     grid: Grid
-    wavelength: float
+    wavelength: float  # in metres
     method: str
     pad: float
-    out_grid: Grid | None
+    out_grid: Grid | None  # as in `propagate`
     device: Device
 
     def plan(self, z: float) -> Any:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+from collections.abc import Sequence
 from dataclasses import replace
 from functools import cached_property
 from typing import TYPE_CHECKING, Any
@@ -11,7 +13,7 @@ import pyopencl.array as cla
 
 from clplen.compute.device import Device, DeviceLike, as_device, require_same_device
 from clplen.compute.drivers.forked import Guard
-from clplen.compute.fft.blocks import Spectrum
+from clplen.compute.fft.blocks import Spectrum, add, run
 from clplen.compute.fft.lines import Separable, adjoint_maps
 from clplen.compute.linear_map import linear_operator
 from clplen.errors import SamplingError, SamplingWarning, ShapeError, warn_caller
@@ -25,12 +27,10 @@ from clplen.wave.propagation.description import (
     request,
     table_samples,
 )
-from clplen.wave.propagation.distance_slope import fresnel_slopes
-from clplen.wave.propagation.energy_budget import Energy, energy_budget
+from clplen.wave.propagation.fresnel import distance_slopes
 from clplen.wave.propagation.methods import corrected, describe
 from clplen.wave.propagation.one_step import SeriesFactor, series_spectra
-from clplen.wave.propagation.plan_report import PlanReport, report
-from clplen.wave.propagation.plan_runs import Way, require_memory, run_plans, sum_of_ways
+from clplen.wave.propagation.plan_report import Energy, PlanReport, energy_budget, report
 from clplen.wave.propagation.transfer_function import Sommerfeld, Transfer, factor_on_device
 from clplen.wave.propagation.windowed_kernel import WindowedKernel
 
@@ -38,6 +38,9 @@ if TYPE_CHECKING:
     from scipy.sparse.linalg import LinearOperator
 
 PHASES = ("tables", "fp64", "twofloat")
+SHARING = 8  # plans that share the field's transform at a time: more hold memory and gain nothing
+
+Way = tuple[Separable, Spectrum | None, Separable]
 
 
 class Propagator:
@@ -357,7 +360,7 @@ class Propagator:
         if made.kind == "nothing" or made.kind == "series":
             made = _in_precision(corrected(self.request, made.why), self.device)
         if self.method == "fresnel-tf":
-            into = fresnel_slopes(made.into, self.grid.pitch, self.wavelength)
+            into = distance_slopes(made.into, self.grid.pitch, self.wavelength)
             return [(one.astype(self.dtype), None, Separable()) for one in into]
         if not isinstance(made.factor, Transfer | Sommerfeld | WindowedKernel):
             raise SamplingError(
@@ -412,3 +415,71 @@ def _in_precision(description: Description, device: Device) -> Description:
         return replace(description, into=terms[0][0], back=terms[0][1], terms=terms)
     into, back = (maps.astype(device.complex) for maps in (description.into, description.back))
     return replace(description, into=into, back=back)
+
+
+def run_plans(field: Field, plans: Sequence[Propagator]) -> list[Field]:
+    """A field by several plans; those that begin with the same transform share it."""
+    groups: dict[Any, list[int]] = {}
+    for index, plan in enumerate(plans):
+        into, shares = plan.description.into, plan.description.kind == "fft"
+        key = ("fft", into.widest(field.grid.shape)) if shares else index
+        groups.setdefault(key, []).append(index)
+    results: dict[int, Field] = {}
+    for members in groups.values():
+        for start in range(0, len(members), SHARING):
+            indices = members[start : start + SHARING]
+            fields = _run_group(field, [plans[index] for index in indices])
+            results.update(zip(indices, fields, strict=True))
+    return [results[index] for index in range(len(plans))]
+
+
+def _run_group(field: Field, plans: Sequence[Propagator]) -> list[Field]:
+    """A field by plans that begin alike."""
+    first = plans[0].description
+    if first.kind == "nothing":
+        return [field for _ in plans]
+    if 0 in field.shape:
+        shape = (*field.shape[:-2], *first.out_grid.shape)
+        empty = field.device.empty(shape, field.device.complex)
+        return [replace(field, data=empty, grid=plan.out_grid) for plan in plans]
+    require_memory(field.shape[:-2], plans)
+    if first.terms:
+        ways = [
+            (into, factor, back)
+            for (into, back), factor in zip(first.terms, plans[0].spectra, strict=True)
+        ]
+        data = sum_of_ways(field.data, ways, field.device)
+        return [replace(field, data=data, grid=first.out_grid)]
+    spectra = [plan.spectrum for plan in plans if plan.spectrum is not None]
+    back = [plan.description.back for plan in plans] if spectra else []
+    outputs = run(field.data, first.into, spectra, back, field.device)
+    return [
+        replace(field, data=data, grid=plan.out_grid)
+        for plan, data in zip(plans, outputs, strict=True)
+    ]
+
+
+def sum_of_ways(data: cla.Array, ways: Sequence[Way], device: Device) -> cla.Array:
+    """Samples by several ways (maps, factor, maps; without a factor the first maps), added up."""
+    total = None
+    for into, factor, back in ways:
+        spectra, after = ([], []) if factor is None else ([factor], [back])
+        (made,) = run(data, into, spectra, after, device)
+        if total is None:
+            total = made
+        else:
+            add(total, made, device)
+    assert total is not None
+    return total
+
+
+def require_memory(batch: tuple[int, ...], plans: Sequence[Propagator]) -> None:
+    """Refuse a batch of fields that does not fit the device."""
+    first, device = plans[0].description, plans[0].device
+    count = math.prod(batch)
+    out = max(math.prod(first.out_grid.shape), math.prod(first.request.grid.shape))
+    samples = first.work_samples
+    if device.fft.name == "vkfft":
+        samples = 2 * math.prod(first.window)
+    nbytes = count * (samples + len(plans) * (samples + out)) * device.complex.itemsize
+    device.require_memory(nbytes + sum(plan.nbytes for plan in plans), "This propagation")

@@ -12,20 +12,17 @@ import pyopencl.array as cla
 
 from clplen.checks import fits_float64
 from clplen.compute.device import Device
-from clplen.compute.fft.blocks import Spectrum, lanes_defines, window
+from clplen.compute.fft.blocks import Spectrum, lanes_defines, multiplied, window
 from clplen.wave.field.transmission import phasor, split
-from clplen.wave.propagation.distance_slope import (
-    LARGEST_HANKEL,
-    multiply_kernel_slope,
-    multiply_transfer_slope,
-)
 
 Shape = tuple[int, int]
-Pitch = tuple[float, float]
-Samples = np.ndarray[Any, Any]
+Pair = tuple[float, float]
+Vector = np.ndarray[Any, Any]
+
+LARGEST_HANKEL = 1e8  # argument; above, two terms of the asymptotic series are exact in float64
 
 
-def kernel_residual_turns(shape: Shape, pitch: Pitch, z: float, wavelength: float) -> float:
+def kernel_residual_turns(shape: Shape, pitch: Pair, z: float, wavelength: float) -> float:
     """Rk = (r_max - z)^2/(2 z lam), r_max at the corner displacement of a window.
 
     The phase that tables of rho^2/(2 lam z) leave to the kernel, for abs(z) > 0.
@@ -42,7 +39,7 @@ def residual_turns(rho2: float, z: float, wavelength: float) -> float:
 
 def impulse_response(
     shape: Shape,
-    pitch: Pitch,
+    pitch: Pair,
     z: float,
     wavelength: float,
     device: Device,
@@ -83,9 +80,9 @@ def impulse_response(
 
 
 def kernel_samples(
-    y: Samples | None,
-    x: Samples | None,
-    pitch: Pitch,
+    y: Vector | None,
+    x: Vector | None,
+    pitch: Pair,
     z: float,
     wavelength: float,
     device: Device,
@@ -114,7 +111,7 @@ def kernel_samples(
     return h
 
 
-def _line_response(shape: Shape, pitch: Pitch, z: float, wavelength: float) -> Samples:
+def _line_response(shape: Shape, pitch: Pair, z: float, wavelength: float) -> Vector:
     """h of line sources for z > 0 times the pitch of the other axis, complex128."""
     y, x = (
         None if n == 1 else np.arange(n // 2 + 1) * d for n, d in zip(shape, pitch, strict=True)
@@ -125,8 +122,8 @@ def _line_response(shape: Shape, pitch: Pitch, z: float, wavelength: float) -> S
 
 
 def line_samples(
-    y: Samples | None, x: Samples | None, pitch: Pitch, z: float, wavelength: float
-) -> Samples:
+    y: Vector | None, x: Vector | None, pitch: Pair, z: float, wavelength: float
+) -> Vector:
     """h of line sources for z > 0 at displacements along one axis, complex128, (my, mx)."""
     if y is None and x is None:
         return np.ones((1, 1), complex)
@@ -139,12 +136,46 @@ def line_samples(
     return h[None] if y is None else h[:, None]
 
 
-def _hankel(x: Samples) -> Samples:
+def _hankel(x: Vector) -> Vector:
     """H1(x) exp(-ix) for x > 0: Abramowitz and Stegun 1964, 9.2.7, where SciPy gives up."""
     series = np.sqrt(2 / (np.pi * x)) * np.exp(-0.75j * np.pi) * (1 + 0.375j / x)
     from scipy.special import hankel1e
 
     return np.where(x > LARGEST_HANKEL, series, hankel1e(1, np.minimum(x, LARGEST_HANKEL)))
+
+
+def multiply_kernel_slope(
+    h: cla.Array, y: Vector | None, x: Vector | None, z: float, wavelength: float, device: Device
+) -> None:
+    """Samples of the Rayleigh-Sommerfeld I kernel times the derivative of their logarithm by z.
+
+    Of h = z/(2 pi r^2) (1/r - ik) exp(ik(r - z)), in place; of line sources,
+    h = (i k z/(2 r)) H1(k r) exp(-ikz).
+    """
+    far, k = abs(z), 2 * np.pi / wavelength
+    rho2 = sum(
+        (v**2).reshape((-1, 1) if axis == 0 else (1, -1))
+        for axis, v in enumerate((y, x))
+        if v is not None
+    )
+    r = np.sqrt(rho2 + far * far)
+    turning = -1j * k * rho2 / (r * (r + far))  # i k (z/r - 1)
+    if y is None or x is None:
+        slope = 1 / far - 2 * far / r**2 + k * far / r * _hankel_ratio(k * r) - 1j * k
+    else:
+        slope = 1 / far - 2 * far / r**2 - far / (r**3 * (1 / r - 1j * k)) + turning
+    slope = slope if z > 0 else -slope.conj()
+    factors = device.upload(np.ascontiguousarray(slope, device.complex))
+    multiplied(h, Spectrum(factors, (int(h.shape[0]), int(h.shape[1]))), device, copy=False)
+
+
+def _hankel_ratio(x: Vector) -> Vector:
+    """H0/H1 for x > 0: Abramowitz and Stegun 1964, 9.2.7, where SciPy gives up."""
+    from scipy.special import hankel1e
+
+    near = np.minimum(x, LARGEST_HANKEL)
+    series = 1j * (1 - 0.5j / x)
+    return np.where(x > LARGEST_HANKEL, series, hankel1e(0, near) / hankel1e(1, near))
 
 
 def _defines(device: Device, phase: str) -> dict[str, Any]:
@@ -162,10 +193,6 @@ def _check(z: float, device: Device, phase: str) -> None:
             f"There is no phase route {phase!r} on {device.name} in {device.precision} precision; "
             f"use one of {', '.join(there)}."
         )
-
-
-Vector = np.ndarray[Any, Any]
-Pair = tuple[float, float]
 
 
 class Factor(Protocol):
@@ -198,25 +225,16 @@ class Transfer:
     """H(fx, fy) = exp(i k z (sqrt(1 - s) - 1)), s = lam^2 (fx^2 + fy^2), times 1-D weights.
 
     Goodman (2005), eq. 3-66, without the carrier exp(ikz).
-
-    Attributes
-    ----------
-    shape : tuple of int
-        (my, mx) of the spectrum.
-    frequencies, weights : tuple of numpy.ndarray
-        Along y and x, float64, in cycles a metre: all of them, or of an FFT's those up to the
-        middle, (my//2 + 1,) and (mx//2 + 1,), where H is even.
-    z, wavelength : float
-        In metres.
-    is_slope : bool
-        Whether it is the derivative by z at these frequencies and weights, per metre.
     """
 
-    shape: tuple[int, int]
+    shape: tuple[int, int]  # (my, mx) of the spectrum
+    # along y and x, float64, in cycles a metre: all of them, or of an FFT's those up to the middle,
+    # (my//2 + 1,) and (mx//2 + 1,), where H is even
     frequencies: tuple[Vector, Vector]
     weights: tuple[Vector, Vector]
-    z: float
+    z: float  # in metres
     wavelength: float
+    # whether it is the derivative by z at these frequencies and weights, per metre
     is_slope: bool = False
 
     @property
@@ -283,27 +301,26 @@ class Transfer:
         )
 
 
+def multiply_transfer_slope(
+    H: cla.Array, frequencies: tuple[Vector, Vector], wavelength: float, device: Device
+) -> None:
+    """Transfer functions times the derivative of their logarithm by z, in place."""
+    fy, fx = frequencies
+    squares = [device.upload(split((wavelength * f) ** 2, device.real)) for f in (fx, fy)]
+    kernel = device.kernel("transfer_slope.cl", "transfer_slope", **device.wave_defines())
+    k = device.real.type(2 * np.pi / wavelength)
+    device.launch_rows(kernel, H.shape, H, *squares, k, *(np.int32(n) for n in H.shape))
+
+
 @dataclass(frozen=True, eq=False)
 class Sommerfeld:
-    """The DFT of the sampled Rayleigh-Sommerfeld kernel: see sommerfeld.py.
+    """The DFT of the sampled Rayleigh-Sommerfeld kernel: see sommerfeld.py."""
 
-    Attributes
-    ----------
-    shape : tuple of int
-        (my, mx) of the window.
-    pitch : tuple of float
-        (dy, dx) in metres.
-    z, wavelength : float
-        In metres.
-    is_slope : bool
-        Whether it is the derivative by z, per metre.
-    """
-
-    shape: tuple[int, int]
-    pitch: Pair
-    z: float
+    shape: tuple[int, int]  # (my, mx) of the window
+    pitch: Pair  # (dy, dx) in metres
+    z: float  # in metres
     wavelength: float
-    is_slope: bool = False
+    is_slope: bool = False  # whether it is the derivative by z, per metre
 
     @property
     def stored(self) -> tuple[int, int]:

@@ -18,8 +18,11 @@ from clplen.compute.device import Device
 from clplen.compute.fft.blocks import Spectrum, multiply_tables, window
 from clplen.compute.fft.lines import smooth_length
 from clplen.wave.propagation.band import AxisSpan
-from clplen.wave.propagation.distance_slope import multiply_kernel_slope
-from clplen.wave.propagation.transfer_function import kernel_samples, residual_turns
+from clplen.wave.propagation.transfer_function import (
+    kernel_samples,
+    multiply_kernel_slope,
+    residual_turns,
+)
 
 Vector = np.ndarray[Any, Any]
 Pair = tuple[float, float]
@@ -30,27 +33,15 @@ LEFT = 1e-12  # of evanescent waves, beyond which they are left out
 
 @dataclass(frozen=True, eq=False)
 class KernelAxis:
-    """One axis of a windowed kernel.
+    """One axis of a windowed kernel."""
 
-    Attributes
-    ----------
-    frequencies : numpy.ndarray
-        Of the spectrum, k/width for k = -(m//2) ..., float64, shape (m,), in cycles a metre.
-    displacements : numpy.ndarray
-        Of the kernel's samples in circular order, shape (L,), L >= m, in metres.
-    taper : numpy.ndarray
-        Window of these samples, shape (L,).
-    width : float
-        Of the computation window, in metres.
-    is_still : bool
-        Whether nothing varies along the axis.
-    """
-
+    # of the spectrum, k/width for k = -(m//2) ..., float64, shape (m,), in cycles a metre
     frequencies: Vector
+    # of the kernel's samples in circular order, shape (L,), L >= m, in metres
     displacements: Vector
-    taper: Vector
-    width: float
-    is_still: bool = False
+    taper: Vector  # window of these samples, shape (L,)
+    width: float  # of the computation window, in metres
+    is_still: bool = False  # whether nothing varies along the axis
 
     @property
     def farthest(self) -> float:
@@ -105,22 +96,12 @@ def kernel_axis(span: AxisSpan, limit: float) -> KernelAxis:
 
 @dataclass(frozen=True, eq=False)
 class WindowedKernel:
-    """The spectrum of the windowed Rayleigh-Sommerfeld kernel, dimensionless.
+    """The spectrum of the windowed Rayleigh-Sommerfeld kernel, dimensionless."""
 
-    Attributes
-    ----------
-    axes : tuple of KernelAxis
-        (y, x).
-    z, wavelength : float
-        In metres.
-    is_slope : bool
-        Whether it is the derivative by z in this window, per metre.
-    """
-
-    axes: tuple[KernelAxis, KernelAxis]
-    z: float
+    axes: tuple[KernelAxis, KernelAxis]  # (y, x)
+    z: float  # in metres
     wavelength: float
-    is_slope: bool = False
+    is_slope: bool = False  # whether it is the derivative by z in this window, per metre
 
     @property
     def shape(self) -> tuple[int, int]:

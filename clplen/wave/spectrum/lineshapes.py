@@ -27,7 +27,6 @@ WIDEST_PIECE = 1.5  # ratio of the end wavelengths of a piece of a table
 ROUNDING = 1e-17  # at which a Legendre series is cut
 FEWEST = 8  # nodes of a piece
 FEW_ALONE, FEW_SHARED = 4, 8  # samples of a Gaussian line that are too few for equal steps
-TURNING, MORE = 2.0, 8  # where Bessel recurrences change direction, orders they begin above
 BLOCK = 2**16  # numbers held at a time
 
 Vector = np.ndarray[Any, np.dtype[np.float64]]
@@ -213,14 +212,17 @@ class Table:
         m and h are the middle and the half width of a piece in Hz, a_k its Legendre series: the
         transform of P_k is 2 (-i)^k j_k (DLMF, eq. 18.17.19).
         """
+        from scipy import special  # here, because it takes a third of the package's import time
+
         middle, half, series = self._pieces
         total = np.zeros(tau.shape, dtype=complex)
         size = max(1, BLOCK // middle.size)
         for start in range(0, tau.size, size):
             turns = 2 * np.pi * tau[start : start + size, None]
             parts = [np.zeros((len(turns), middle.size)) for _ in range(2)]  # real, -imaginary
-            for k, bessel in enumerate(spherical_bessel(len(series), half * turns)):
-                parts[k % 2] += (-1) ** (k // 2) * series[k] * bessel
+            for k, coefficients in enumerate(series):
+                bessel = special.spherical_jn(k, half * turns)
+                parts[k % 2] += (-1) ** (k // 2) * coefficients * bessel
             cos, sin = np.cos(middle * turns), np.sin(middle * turns)
             even, odd = parts
             real, imaginary = even * cos - odd * sin, even * sin + odd * cos
@@ -301,30 +303,6 @@ def _nodes(count: int) -> tuple[Vector, Vector]:
 def fewest(turns: float) -> int:
     """Samples a step of which lets no phase turn more than once: 1 + turns, rounded up."""
     return 1 + math.ceil(turns * (1 - 1e-12))
-
-
-def spherical_bessel(count: int, x: Vector) -> list[Vector]:
-    """j_k(x) for k = 0 to count - 1 by recurrence: upwards, or of ratios downwards for small x.
-
-    j_(k+1) = (2k + 1)/x j_k - j_(k-1) (DLMF, eq. 10.51.1). Upwards its rounding errors grow as
-    (2k - 1)!!/x^(k + 1), for |x| > 2 more slowly than the coefficients of the series in `Table`
-    fall. Downwards the ratio r_k = j_k/j_(k-1) is x/(2k + 1 - x r_(k+1)).
-    """
-    small = np.abs(x) <= TURNING
-    ratio, ratios = np.zeros_like(x), [np.zeros_like(x)] * count
-    near = np.where(small, x, 0.0)
-    for k in range(count + MORE, 0, -1):
-        ratio = near / (2 * k + 1 - near * ratio)
-        if k < count:
-            ratios[k] = ratio
-    over = 1 / np.where(small, 1.0, x)
-    values = [np.sinc(x / np.pi)]
-    before = np.cos(x) * over  # j_(-1)
-    for k in range(1, count):
-        up = (2 * k - 1) * over * values[-1] - before
-        before = values[-1]
-        values.append(np.where(small, ratios[k] * values[-1], up))
-    return values
 
 
 def _step(step: float, n: int) -> float:

@@ -30,17 +30,10 @@ LEAST = 1e-15  # share of the signal below which a place does not count
 
 @dataclass(frozen=True)
 class Signal:
-    """The signal of spectra on filters, as masses at many frequencies.
+    """The signal of spectra on filters, as masses at many frequencies."""
 
-    Attributes
-    ----------
-    nu : numpy.ndarray
-        Frequencies in Hz, shape (m,).
-    masses : numpy.ndarray
-        Signal at each for one unit of energy of a spectrum, shape (m, spectra, filters).
-    """
-
-    nu: Vector
+    nu: Vector  # frequencies in Hz, shape (m,)
+    # signal at each for one unit of energy of a spectrum, shape (m, spectra, filters)
     masses: Vector
 
     @classmethod

@@ -23,7 +23,6 @@ from clplen.wave.elements.lens import (
     thin_lens,
     thin_lens_gradient,
 )
-from clplen.wave.elements.lenslets import MicrolensArray
 from clplen.wave.field.adjoints import pointwise_adjoint
 from clplen.wave.field.field import Field, Grid
 
@@ -352,56 +351,12 @@ def length_of(part: Part) -> float:
 
 
 def label_of(part: Part) -> str:
-    """Return the word for a part.
-
-    Parameters
-    ----------
-    part : Part
-        Of an optical system.
-
-    Returns
-    -------
-    str
-        The part's ``label``, "lenslets" for a `MicrolensArray`, else the name of its class.
-
-    Examples
-    --------
-    >>> system = clplen.wave.imaging_system(0.1, diameter=500e-6)
-    >>> [clplen.wave.label_of(part) for part in system.parts]
-    ['space', 'lens', 'space']
-    """
-    if isinstance(part, MicrolensArray):
-        return "lenslets"
+    """Return a part's ``label``, else the name of its class."""
     return str(getattr(part, "label", type(part).__name__))
 
 
 def text_of(part: Part) -> str:
-    """Return what a part is, in a few words.
-
-    Parameters
-    ----------
-    part : Part
-        Of an optical system.
-
-    Returns
-    -------
-    str
-        What its ``describe()`` says; of a `MicrolensArray` count, pitch, focal length, lattice,
-        fill and how it is made; else its repr.
-
-    Examples
-    --------
-    >>> clplen.wave.text_of(clplen.wave.Lens(0.1, diameter=500e-6))
-    'f = 100 mm, D = 500 um, paraxial'
-    >>> clplen.wave.text_of(clplen.MicrolensArray(100e-6, 2e-3, count=8))
-    '8 x 8, pitch 100 um, f = 2 mm, square, circular'
-    """
-    if isinstance(part, MicrolensArray):
-        (ny, nx), pitch, f = part.count, metres(part.pitch), metres(part.focal_length)
-        text = f"{ny} x {nx}, pitch {pitch}, f = {f}, {part.lattice}, {part.fill}"
-        made = ["surface"] * bool(part.surface) + ["map"] * (part.map is not None)
-        made += ["clear gaps"] * (part.gap == "clear")
-        return ", ".join([text, *made])
+    """Return what a part's ``describe()`` says, else its repr."""
     describe = getattr(part, "describe", None)
     return repr(part) if describe is None else str(describe())
 
