@@ -59,15 +59,14 @@ def without(na):
     return ((1 - c) - (1 - c**3) / 3) * 4 / na**4
 
 
-@pytest.mark.parametrize("na", [0.3, 0.5, 0.8, 0.92])
 @pytest.mark.parametrize(("e", "closed"), [(0.5, with_half), (0.0, without)])
-def test_small_depths_have_the_closed_form(na, e, closed):
-    # steps of r: (1/c - 1)/400, 4e-3 of it at .92
-    assert focus_ratio(rays(na, e=e), 1e-9) == pytest.approx(closed(na), rel=3e-3)
-    assert focus_ratio(rays(1.33 * na, 1.33, e), 1e-9) == pytest.approx(closed(na), rel=3e-3)
+def test_small_depths_have_the_closed_form(e, closed):
+    for na in (0.3, 0.92):  # steps of r: (1/c - 1)/400, 4e-3 of it at .92
+        assert focus_ratio(rays(na, e=e), 1e-9) == pytest.approx(closed(na), rel=3e-3)
+        assert focus_ratio(rays(1.33 * na, 1.33, e), 1e-9) == pytest.approx(closed(na), rel=3e-3)
 
 
-@pytest.mark.parametrize("share", [0.2, 0.4])
+@pytest.mark.parametrize("share", [0.4])
 def test_large_depths_are_a_sum_over_rays_one_by_one(device, share):
     camera = microscope(device, "oil", 9)
     z = share * camera.depth_range
@@ -88,7 +87,7 @@ def test_large_depths_are_a_sum_over_rays_one_by_one(device, share):
     assert focus_ratio_of_disparity(camera, d) == pytest.approx(focus_ratio(camera, z), rel=2e-3)
 
 
-@pytest.mark.parametrize(("name", "z"), [("oil", -5e-6), ("water", 8e-6)])
+@pytest.mark.parametrize(("name", "z"), [("water", 8e-6)])
 def test_high_na_is_said_with_what_rays_make_of_it(device, name, z):
     camera = microscope(device, name, 15)
     with pytest.warns(SamplingWarning, match=r"At NA/n = 0\.9\d+ rays of the rim .* rather than"):

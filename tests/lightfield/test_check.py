@@ -53,17 +53,10 @@ def mends(words, wrong, right) -> bool:
     return any(np.array_equal(made, a) for a in (right, right[::-1, ::-1]))
 
 
-@pytest.mark.parametrize(
-    "views",
-    [
-        *(pytest.param(views, marks=pytest.mark.thorough) for views in [(5, 5), (4, 4), (6, 3)]),
-        (3, 6),
-        (2, 2),
-    ],
-)
+@pytest.mark.parametrize("views", [pytest.param((5, 5), marks=pytest.mark.thorough), (2, 3)])
 def test_every_wrong_order_is_named(device, views):
     right = scene(views)
-    for words in ORDERS if views == (3, 6) else DISTINCT:
+    for words in DISTINCT if views == (5, 5) else ORDERS:
         wrong = layout(words).stored(right)
         report = checked(device, wrong)
         assert report.verdict == ("fits" if mends((), wrong, right) else "wrong"), words
@@ -165,7 +158,7 @@ def test_positions_spacing_weights_and_colour(device):
         assert checked(device, a, weights=weights, spacing=(dv, 1, 1, 1)).verdict == verdict
 
 
-@pytest.mark.parametrize("dtype", [np.uint8, np.uint16, np.float32])
+@pytest.mark.parametrize("dtype", [np.uint8, np.float32])
 def test_range_and_flat_views(device, dtype):
     a = np.random.default_rng(2).integers(1, 250, (2, 3, 19, 23, 3)).astype(dtype)
     a[0, 1], a[1, 2] = 0, 33

@@ -53,7 +53,7 @@ def noisy(views: np.ndarray, sigma: float) -> np.ndarray:
     return views + sigma * np.random.default_rng(1).standard_normal(views.shape)
 
 
-@pytest.mark.parametrize("d", [-1.23, -0.5, 0.0, 0.37, 1.6])
+@pytest.mark.parametrize("d", [-1.23, 0.37])
 def test_plane_parallel_to_the_sensor(device, d):
     views, _ = slanted(d)
     found = energy_map(LightField.from_array(noisy(views, 0.02), device=device))
@@ -107,8 +107,9 @@ def twin(views: np.ndarray, planes: np.ndarray) -> tuple[np.ndarray, ...]:
     return planes[best[0]] + step * (a - c) / (2 * (a - 2 * b + c)), uncertain
 
 
-@pytest.mark.parametrize("colours", [0, 3])
-@pytest.mark.parametrize("count", [5, 8, 9, 18])  # below, at and above what is refocused at once
+@pytest.mark.parametrize(  # planes below, at and above what is refocused at once
+    ("count", "colours"), [(5, 3), (8, 0), (18, 3)]
+)
 def test_against_twin(device, colours, count):
     views, _ = slanted(0.3, 0.01, -0.006, shape=(4, 5, 31, 37))
     if colours:
@@ -141,8 +142,7 @@ def test_interpolation_loses_the_same_at_every_shift():
     np.testing.assert_allclose(evening_taps(np.array([0.5, 2.5]), np.ones(2)), [1, 0, 0])
 
 
-@pytest.mark.parametrize("step", [0.1, 0.15, 0.2, 0.25])
-@pytest.mark.parametrize("stacked", [False, True])
+@pytest.mark.parametrize(("step", "stacked"), [(0.15, False), (0.25, True)])
 def test_a_coarse_texture_at_a_whole_disparity(device, step, stacked):
     y, x = np.arange(48.0)[:, None], np.arange(56.0)[None, :]
     views = [[texture(0.7 * (y + v), 0.7 * (x + u)) for u in range(-2, 3)] for v in range(-1, 2)]
@@ -155,8 +155,7 @@ def test_a_coarse_texture_at_a_whole_disparity(device, step, stacked):
     assert abs(np.median(found.disparity[INSIDE]) - 1) < 0.005
 
 
-@pytest.mark.parametrize("views", [(9, 9), (8, 8), (4, 6)])
-@pytest.mark.parametrize("d", [-1.5, -1.0, -0.9, 0.06, 0.45, 1.0])
+@pytest.mark.parametrize(("views", "d"), [((9, 9), -1.5), ((8, 8), 0.06), ((4, 6), 0.45)])
 def test_a_fine_texture(device, views, d):
     """Noise up to the highest frequencies, moved by phase factors."""
     noise = np.fft.fft2(np.random.default_rng(9).standard_normal((96, 96)))
@@ -225,7 +224,7 @@ def two_depths(sigma: float) -> tuple[np.ndarray, np.ndarray]:
 
 
 @pytest.mark.thorough
-@pytest.mark.parametrize("sigma", [0.02, 0.06, 0.2])
+@pytest.mark.parametrize("sigma", [0.02, 0.2])
 def test_confidence_ranks(device, sigma):
     views, truth = two_depths(sigma)
     found = energy_map(LightField.from_array(views, device=device))
@@ -266,9 +265,9 @@ def test_memory_does_not_grow_with_the_planes(device, monkeypatch):
         energy_map(lf, disparities=np.linspace(-1, 1, 99))
 
 
-@pytest.mark.parametrize(
-    ("options", "words"),
-    [
+def test_bad_input(device):
+    lf = LightField.from_array(slanted(0.2, shape=(3, 3, 40, 50))[0], device=device)
+    for options, words in (
         ({"cue": "correspondance"}, r"'energy'.*'correspondance'"),
         ({"alphas": [0.9, 1, 1.1], "disparities": [0, 1, 2]}, r"not both"),
         ({"alphas": [0.9, 1, 1.1]}, r"spacing"),
@@ -276,24 +275,17 @@ def test_memory_does_not_grow_with_the_planes(device, monkeypatch):
         ({"disparities": [0.5, 0.5, 1.0]}, r"at least three different finite planes, not 2"),
         ({"disparities": [0.0, np.nan, 1.0]}, r"finite"),
         ({"disparities": [[0.0, 0.5, 1.0]]}, r"shape \(1, 3\)"),
-    ],
-)
-def test_bad_input(device, options, words):
-    views, _ = slanted(0.2, shape=(3, 3, 40, 50))
-    with pytest.raises(ValueError, match=words):
-        energy_map(LightField.from_array(views, device=device), **options)
-
-
-def test_a_stack_takes_no_planes(device):
-    views, _ = slanted(0.2, shape=(3, 3, 40, 50))
-    stack = focal_stack(LightField.from_array(views, device=device), disparities=[0, 1, 2])
+    ):
+        with pytest.raises(ValueError, match=words):
+            energy_map(lf, **options)
+    stack = focal_stack(lf, disparities=[0, 1, 2])
     with pytest.raises(ValueError, match=r"its own planes.*disparities"):
         energy_map(stack, disparities=[0, 1, 2])
     with pytest.raises(ValueError, match="at least three"):
         energy_map(replace(stack, disparities=np.zeros(3)))
 
 
-@pytest.mark.parametrize("shape", [(47, 61), (12, 90, 3), (40, 41, 2)])
+@pytest.mark.parametrize("shape", [(12, 90, 3), (40, 41, 2)])
 def test_sharpness_of_whole_pictures(device, shape):
     views = np.random.default_rng(4).random((3, 2, *shape))
     planes = [0.3, -1.0, 0.0, 1.5]

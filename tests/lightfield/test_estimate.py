@@ -148,8 +148,7 @@ def test_the_brightest_region_is_found(fields):
         assert at == pytest.approx((15 + y, 17 + x), abs=0.8)
 
 
-@pytest.mark.parametrize("colours", [(), (3,)])
-@pytest.mark.parametrize("at", [(5, 8), (9, 1), (0, 12)])
+@pytest.mark.parametrize(("colours", "at"), [((), (9, 1)), ((3,), (0, 12))])
 def test_window(device, colours, at):
     rng = np.random.default_rng(6)
     values = rng.integers(1, 200, (2, 3, 11, 13, *colours)).astype(np.uint8)
@@ -186,14 +185,6 @@ def test_search_that_misses_the_peak_says_so(fields):
     assert math.isnan(found.z_uncertainty)
 
 
-def test_a_view_of_weight_zero_counts_nothing(device, fields):
-    lf = fields[0.05]
-    values, weights = lf.to_numpy(), np.ones(lf.shape[:2], np.float32)
-    values[3, 20], weights[3, 20] = 1e3 * np.random.default_rng(1).random(lf.shape[2:]), 0
-    spoilt = replace(lf, data=device.upload(values), weights=weights)
-    assert estimate_alpha(spoilt).alpha == pytest.approx(estimate_alpha(lf).alpha, abs=2e-4)
-
-
 def textured(shape: tuple[int, ...], dy: float, dx: float) -> np.ndarray:
     """Views of a plane whose points move by -dy and -dx pixels a view step; mean 3."""
     V, U, ny, nx = shape
@@ -207,7 +198,7 @@ def textured(shape: tuple[int, ...], dy: float, dx: float) -> np.ndarray:
     return 3 + 0.1 * np.einsum("vyk,uxk->vuyx", wave_y, wave_x).real
 
 
-@pytest.mark.parametrize("d", [-0.7, 0.0, 1.1])
+@pytest.mark.parametrize("d", [-0.7, 1.1])
 def test_a_textured_plane_without_spacing(device, d):
     lf = LightField.from_array(textured((7, 9, 43, 51), d, d), device=device)
     found = estimate_alpha(lf, method="energy", at=(21, 25), window=31, c_max=1.5)
@@ -216,14 +207,6 @@ def test_a_textured_plane_without_spacing(device, d):
     assert math.isnan(found.z)
     assert math.isnan(found.uncertainty)
     assert not found.in_focus
-
-
-def test_colour_and_integers(device):
-    grey = textured((6, 5, 33, 37), 0.4, 0.4)
-    colour = np.stack([np.full_like(grey, 20), 30 * grey, 20 * grey], axis=-1)
-    lf = LightField.from_array(np.round(colour).astype(np.uint8), device=device)
-    found = estimate_alpha(lf, method="energy", at=(16, 18), window=31, c_max=1.2)
-    assert found.disparity == pytest.approx(0.4, abs=0.02)
 
 
 def test_other_spacing_along_y(device):
@@ -307,9 +290,8 @@ def plain(device, **options) -> LightField:
     return LightField.from_array(values, device=device, **options)
 
 
-@pytest.mark.parametrize(
-    ("options", "words"),
-    [
+def test_bad_input(device):
+    for options, words in (
         ({"method": "sharpest"}, r"'compensated', 'energy', 'slope', 'thesis'.*'sharpest'"),
         ({"method": "compensated"}, r"spacing.*camera"),
         ({"method": "thesis"}, r"raw image"),
@@ -321,11 +303,9 @@ def plain(device, **options) -> LightField:
         ({"c_max": 0.0}, r"c_max lies between 0 and"),
         ({"c_max": 40.0}, r"c_max.*40"),
         ({"c_max": math.nan}, r"c_max.*nan"),
-    ],
-)
-def test_bad_input(device, options, words):
-    with pytest.raises(ValueError, match=words):
-        estimate_alpha(plain(device), **({"method": "energy"} | options))
+    ):
+        with pytest.raises(ValueError, match=words):
+            estimate_alpha(plain(device), **({"method": "energy"} | options))
 
 
 def test_c_max_keeps_alpha_positive_and_the_band_open(device, fields):
@@ -336,8 +316,7 @@ def test_c_max_keeps_alpha_positive_and_the_band_open(device, fields):
         estimate_alpha(fields[0.05], c_max=0.95)
 
 
-@pytest.mark.parametrize("value", [0.0, 4.0])
-def test_nothing_to_focus_on(device, value):
-    flat = LightField.from_array(np.full((5, 6, 23, 27), value), device=device)
+def test_nothing_to_focus_on(device):
+    flat = LightField.from_array(np.full((5, 6, 23, 27), 4.0), device=device)
     with pytest.raises(ValueError, match="black or without any detail"):
         estimate_alpha(flat, method="energy", at=(11, 13))

@@ -74,8 +74,7 @@ def grey_raw(device, **more):
 # Stacks
 
 
-@pytest.mark.parametrize("shape", SHAPES)
-@pytest.mark.parametrize("aperture", [None, 0.7])
+@pytest.mark.parametrize(("shape", "aperture"), [(SHAPES[0], 0.7), (SHAPES[1], None)])
 def test_stacks_have_an_exact_adjoint(device, shape, aperture):
     linear = StackOperator(light_field(shape, device), disparities=PLANES, aperture=aperture)
     assert mismatch(linear) <= EXACT
@@ -154,7 +153,7 @@ def test_dense_matrices(device):
 # Rendering
 
 
-@pytest.mark.parametrize("shape", SHAPES)
+@pytest.mark.parametrize("shape", SHAPES[1:3])
 def test_pictures_have_an_exact_adjoint(device, shape):
     lf = light_field(shape, device)
     for how in ({}, {"aperture": 0.7}, {"total": True}, {"viewpoint": (0.0, 0.4)}):

@@ -100,9 +100,9 @@ RECTANGULAR = Lattice("square", (31.3, 36.6), (9.41, 0.7), (-0.6, 8.87), (67, 83
 HEXAGONAL = Lattice("hexagonal", (31.3, 36.6), (7.9, 0.4), (-0.5, 9.2), (67, 83))
 
 
-@pytest.mark.parametrize("complete", [True, False])
 @pytest.mark.parametrize(
-    ("views", "step"), [(None, None), ((5, 4), None), ((6, 3), 1), ((1, 1), 0.7), ((4, 5), 1.3)]
+    ("views", "step", "complete"),
+    [(None, None, True), ((5, 4), None, False), ((1, 1), 0.7, True), ((4, 5), 1.3, True)],
 )
 def test_any_rectangular_lattice(device, views, step, complete):
     frame = RANDOM.random((67, 83)).astype(np.float32)
@@ -131,8 +131,9 @@ def test_any_rectangular_lattice(device, views, step, complete):
         assert not fits(larger, range(columns[0] + more[2], columns[0] + more[3]))
 
 
-@pytest.mark.parametrize(("views", "step"), [(None, None), ((4, 5), 1.1)])
-@pytest.mark.parametrize("origin", [(31.3, 36.6), (23.4, 36.2)])  # the first row kept: even, odd
+@pytest.mark.parametrize(  # the first row that is kept is even, and odd
+    ("views", "step", "origin"), [(None, None, (31.3, 36.6)), ((4, 5), 1.1, (23.4, 36.2))]
+)
 def test_hexagonal_lattice(device, views, step, origin):
     lattice = replace(HEXAGONAL, origin=origin)
     frame = RANDOM.random((67, 83)).astype(np.float32)
@@ -183,9 +184,10 @@ def pixels_of(lattice: Lattice, lf: LightField) -> tuple[np.ndarray, float]:
     return np.array(grid.first) + i * steps[0] + k * steps[1], unit
 
 
-@pytest.mark.parametrize("kind", KINDS)
-@pytest.mark.parametrize("degrees", [0.0, -7.0])
-@pytest.mark.parametrize("d", [0.0, 0.8, -0.5])
+@pytest.mark.parametrize(
+    ("kind", "degrees", "d"),
+    [("square", -7.0, 0.8), ("hexagonal", 0.0, -0.5), ("turned", -7.0, 0.0)],
+)
 def test_views_obey_the_law_of_disparity(device, kind, degrees, d):
     """L[v, u](y, x) = T(y + d (v - vc), x + d (u - uc)), T as the middle of the lenslets has it."""
     true = drawn_lattice(kind, 14.0, degrees=degrees, origin=(83.2, 88.9))
@@ -284,11 +286,16 @@ def mosaic(picture: np.ndarray, bayer: str) -> np.ndarray:
 
 
 @pytest.mark.parametrize(
-    "bayer",
-    ["RGGB", *(pytest.param(b, marks=pytest.mark.thorough) for b in ("BGGR", "GRBG")), "gbrg"],
+    ("kind", "demosaic", "bayer"),
+    [
+        ("square", "within", "RGGB"),
+        ("square", "after", "gbrg"),
+        ("hexagonal", "before", "BGGR"),
+        ("hexagonal", "within", "gbrg"),
+        ("turned", "after", "GRBG"),
+        ("turned", "within", "RGGB"),
+    ],
 )
-@pytest.mark.parametrize("demosaic", ["within", "after", "before"])
-@pytest.mark.parametrize("kind", KINDS)
 def test_colours_of_a_mosaic(device, bayer, demosaic, kind):
     true = drawn_lattice(kind, 14.3, degrees=3.0, origin=(83.2, 88.9))
     lattice = of_drawn(true, kind, (167, 181))
@@ -388,55 +395,36 @@ def test_single_saturated_pixels_are_replaced_and_highlights_stay(device):
     assert (views[3:7, 3:7, 3, 5] == 4095).all()
 
 
-def test_hot_pixels_of_a_mosaic_take_their_own_colour(device):
-    lattice = Lattice("square", (30.0, 40.0), (10.3, 0.0), (0.0, 10.1))
-    picture = np.broadcast_to(np.array([9000.0, 3000.0, 1000.0]), (61, 81, 3))
-    frame, dark = mosaic(picture, "RGGB").astype(np.uint16), np.zeros((61, 81), np.uint16)
-    for y, x in ((20, 30), (33, 45), (40, 51)):
-        frame[y, x], dark[y, x] = 60000, 500
-    lf = decode_raw(frame, lattice, device=device, dark=dark, bayer="RGGB")
-    np.testing.assert_allclose(lf.to_numpy(), np.broadcast_to(picture[0, 0], lf.shape), rtol=1e-5)
-
-
 # What is refused ------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize(
-    ("words", "error", "text"),
-    [
-        ({"views": (0, 3)}, ValueError, r"views is \(V, U\)"),
-        ({"views": (2.5, 3)}, ValueError, r"views is \(V, U\)"),
-        ({"step": 0}, ValueError, "step is a positive number"),
-        ({"step": np.nan}, ValueError, "step is a positive number"),
-        ({"pixel_pitch": -1e-6}, ValueError, "pixel_pitch is positive"),
-        ({"demosaic": "never"}, ValueError, "'within', 'after' or 'before'"),
-        ({"bayer": "RGBG"}, ValueError, "bayer is one of RGGB"),
-        ({"devignette": True}, ValueError, "give white="),
-        ({"white": np.ones((67, 82))}, ShapeError, "white image has shape"),
-        ({"dark": np.ones((66, 83))}, ShapeError, "dark frame has shape"),
-        ({"white": np.zeros((67, 83))}, ValueError, "dark throughout"),
-        ({"white": np.full((67, 83), np.inf)}, ValueError, "white image has 5561 pixels that are"),
-        ({"dark": np.full((67, 83), np.nan)}, ValueError, "dark frame has 5561 pixels that are"),
-        ({"views": (80, 80), "step": 1}, ShapeError, "No lenslet"),
-    ],
-)
-def test_what_is_refused(device, words, error, text):
-    with pytest.raises(error, match=text):
-        decode_raw(np.ones((67, 83)), RECTANGULAR, device=device, **words)
+FLAT = np.ones((67, 83))
+REFUSED = [
+    (FLAT, {"views": (0, 3)}, ValueError, r"views is \(V, U\)"),
+    (FLAT, {"views": (2.5, 3)}, ValueError, r"views is \(V, U\)"),
+    (FLAT, {"step": 0}, ValueError, "step is a positive number"),
+    (FLAT, {"step": np.nan}, ValueError, "step is a positive number"),
+    (FLAT, {"pixel_pitch": -1e-6}, ValueError, "pixel_pitch is positive"),
+    (FLAT, {"demosaic": "never"}, ValueError, "'within', 'after' or 'before'"),
+    (FLAT, {"bayer": "RGBG"}, ValueError, "bayer is one of RGGB"),
+    (FLAT, {"devignette": True}, ValueError, "give white="),
+    (FLAT, {"white": np.ones((67, 82))}, ShapeError, "white image has shape"),
+    (FLAT, {"dark": np.ones((66, 83))}, ShapeError, "dark frame has shape"),
+    (FLAT, {"white": 0 * FLAT}, ValueError, "dark throughout"),
+    (FLAT, {"white": np.inf * FLAT}, ValueError, "white image has 5561 pixels that are"),
+    (FLAT, {"dark": np.nan * FLAT}, ValueError, "dark frame has 5561 pixels that are"),
+    (FLAT, {"views": (80, 80), "step": 1}, ShapeError, "No lenslet"),
+    (np.ones((67, 83, 3)), {}, ShapeError, r"not \(ny, nx\)"),
+    (np.ones((67, 84)), {}, ShapeError, "give the lattice of this camera"),
+    (FLAT.astype(complex), {}, ValueError, "is real"),
+    (np.nan * FLAT, {}, ValueError, "5561 pixels that are NaN"),
+]
 
 
-@pytest.mark.parametrize(
-    ("frame", "error", "text"),
-    [
-        (np.ones((67, 83, 3)), ShapeError, r"not \(ny, nx\)"),
-        (np.ones((67, 84)), ShapeError, "give the lattice of this camera"),
-        (np.ones((67, 83), complex), ValueError, "is real"),
-        (np.full((67, 83), np.nan), ValueError, "5561 pixels that are NaN"),
-    ],
-)
-def test_frames_that_are_refused(device, frame, error, text):
-    with pytest.raises(error, match=text):
-        decode_raw(frame, RECTANGULAR, device=device)
+def test_what_is_refused(device):
+    for frame, words, error, text in REFUSED:
+        with pytest.raises(error, match=text):
+            decode_raw(frame, RECTANGULAR, device=device, **words)
 
 
 def test_memory_is_asked_for_first(device, monkeypatch):

@@ -34,8 +34,7 @@ def judged(w: np.ndarray, inside: np.ndarray) -> None:
     assert np.abs(w - covered(np.broadcast_to(inside, (7 * FINE, 9 * FINE)), FINE)).max() <= RASTER
 
 
-@pytest.mark.parametrize("radius", [2.6, (1.3, 3.1), 0.3])
-@pytest.mark.parametrize("centre", [None, (2.2, 5.7)])
+@pytest.mark.parametrize(("radius", "centre"), [((1.3, 3.1), None), (0.3, (2.2, 5.7))])
 def test_discs_annuli_squares(radius, centre):
     v, u = centre or (3, 4)
     high, wide = np.broadcast_to(radius, 2)
@@ -80,10 +79,8 @@ def test_regular_polygons_turn_from_u_to_v():
     judged(regular_polygon(VIEWS, 4, (1.2, 3)), abs(V - 3) / 1.2 + abs(U - 4) / 3 <= 1)
 
 
-@pytest.mark.parametrize(("angle", "row"), [(0, False), (np.pi / 2, True)])
-def test_half_planes_keep_the_side_of_their_angle(angle, row):
-    w = half_plane(VIEWS, angle)
-    judged(w, V >= 3 if row else U >= 4)
+def test_half_planes_keep_the_side_of_their_angle():
+    judged(half_plane(VIEWS, 0), np.broadcast_arrays(U >= 4, V)[0])
     judged(
         half_plane(VIEWS, 0.7, centre=(2, 6)), (V - 2) * np.sin(0.7) + (U - 6) * np.cos(0.7) >= 0
     )

@@ -116,7 +116,7 @@ def test_slope_with_places_of_the_lenslets():
     assert abs(fit_slope(window).disparity - 0.9) > 0.1
 
 
-@pytest.mark.parametrize(("disparity", "aspect"), [(0.31, 1.0), (-0.23, 1.0), (0.27, 1.155)])
+@pytest.mark.parametrize(("disparity", "aspect"), [(-0.23, 1.0), (0.27, 1.155)])
 def test_lenslets_that_are_lit_in_part(disparity: float, aspect: float):
     """Rays from all over a pupil of radius 8 views, in cells: no bias once they are known."""
     random = np.random.default_rng(4)
