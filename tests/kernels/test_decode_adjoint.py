@@ -30,7 +30,7 @@ GRIDS = {
     "exchanged": replace(SQUARE, exchanged=True),
     "past all edges": LensletGrid((5, 7), (6, 5), (-1.4, -3.3), (9.41, 0.0), (0.0, 6.87)),
     "whole pixels": LensletGrid((5, 7), (5, 5), (6.0, 5.0), (7.0, 0.0), (0.0, 7.0)),
-    "turned": LensletGrid((4, 5), (5, 7), (9.2, 9.7), turned(97, 9.37), turned(7, 9.37)),
+    "turned": LensletGrid((4, 5), (5, 7), (9.2, 1.7), turned(97, 9.37), turned(7, 9.37)),
     "steps of views": LensletGrid(
         (4, 5), (5, 6), (9.2, 9.7), turned(93, 9.37), turned(3, 9.37), 0.0, turned(93, 1.7),
         turned(3, 1.3),

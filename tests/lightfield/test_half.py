@@ -6,11 +6,10 @@ import numpy as np
 import pytest
 
 import clplen.io
-from clplen.lightfield.focus_and_depth import depth_map, focal_stack
+from clplen.lightfield.focus_and_depth import depth_map, focal_stack, stack_tiles
 from clplen.lightfield.model.light_field import LightField
 from clplen.lightfield.model.stored_light_field import StoredLightField
 from clplen.lightfield.refocusing.focal_stacks import refocus
-from clplen.lightfield.streaming.streamed_results import stream_stack
 
 PLANES = np.linspace(-0.6, 0.8, 5)
 
@@ -94,7 +93,7 @@ def test_streamed(device):
     whole = focal_stack(LightField.from_array(values, device=device), disparities=PLANES)
     got = np.full(whole.shape, np.nan, np.float32)
     blocks = 0
-    for planes, rows, columns, some in stream_stack(
+    for planes, rows, columns, some in stack_tiles(
         source, disparities=PLANES, device=device, memory=4 * 2**17
     ):
         got[planes, rows, columns] = some

@@ -7,7 +7,7 @@ import pytest
 
 from clplen import LightField, depth_map, open_lightfield, write_lightfield
 from clplen.cameras import sample_scenes
-from clplen.lightfield import stream_depth, suitable_planes
+from clplen.lightfield import suitable_planes
 from clplen.lightfield.depth.sparse_points import (
     has_sparse_light,
     lit_pixels,
@@ -108,7 +108,7 @@ def test_in_tiles_as_in_memory(device, tmp_path):
     whole = depth_map(lf)
     with open_lightfield(tmp_path / "beads.h5") as stored:
         tiles = []
-        tiled = stream_depth(
+        tiled = depth_map(
             stored, memory=45_000_000, device=device, progress=lambda _, n: tiles.append(n)
         )
     assert tiles[-1] > 1
