@@ -12,7 +12,6 @@ from clplen.lightfield.matching.view_matching import group_views, shift_tables
 from clplen.lightfield.model.alpha_law import unit_steps
 from clplen.lightfield.model.light_field import LightField
 
-EPS = 2.0**-24
 LIMITS = (60.0, 1.2, 0.5)  # tau, ratio, margin
 BLOCK = 5  # pixels of an item: several a row, the last one not whole
 OTHER_LANES = [pytest.param(4, marks=pytest.mark.thorough)]

@@ -8,7 +8,6 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from clplen.errors import FormatError
 from clplen.io import read_lightfield
 from clplen.io.lightfields.layout import Layout
 from clplen.lightfield.arrays.stored_samples import extremes
@@ -82,16 +81,6 @@ def test_disparities_of_an_order_and_its_mirror(device):
     assert min(abs(found[()].disparity - d) for d in (-0.9, 0.6)) < 0.1
     assert "mirrors the disparities" in str(report)
     assert "cannot be seen without depth order" in str(report)
-
-
-def test_one_row_of_views(device):
-    """One flip mirrors, the other does nothing; a column that should be a row shows."""
-    row = scene((1, 7))
-    assert checked(device, row).verdict == "fits"
-    report = checked(device, row.swapaxes(0, 1))
-    assert report.verdict == "wrong"
-    assert {order.words for order in report.best} == {w for w in ORDERS if "swap_uv" in w}
-    assert str(report).count("swap_uv=True") == 2
 
 
 def test_no_evidence(device):
@@ -196,18 +185,6 @@ def test_flower(device, flower):
         right = [o for o in report.best if np.array_equal(layout(o.words).oriented(wrong), flower)]
         assert right[0].disparity == pytest.approx(-0.65, abs=0.02)
         assert report.factor > 3
-
-
-@pytest.mark.thorough
-def test_flower_by_the_guess(device, data_folder):
-    """Three numbers vary in its names, so a pattern is asked for; a wrong one is judged."""
-    folder = data_folder / "lytro_f01_flower"
-    with pytest.raises(FormatError, match="pattern="):
-        read_lightfield(folder, device=device)
-    columns_first = read_lightfield(folder, device=device, pattern="IMG_0001_{n}_{v}_{u}.png")
-    report = check_light_field(columns_first)
-    assert report.verdict == "wrong"
-    assert "swap_uv=True (at -0.65)" in str(report)
 
 
 @pytest.mark.thorough

@@ -10,7 +10,6 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-import tifffile
 from reference_lattice import Drawn, lattice, white
 from scipy.ndimage import map_coordinates
 
@@ -94,18 +93,6 @@ def test_a_pitch_of_sixty_pixels():
     true = drawn("square", 60.0, -9, shape)
     picture = white(shape, true, dim="second", level=0.5, samples=2)
     check(estimate_lattice(picture), true, shape, within=CLEAN)
-
-
-@pytest.mark.parametrize(
-    ("name", "dim"), [("disc", "none"), ("gauss", "random"), ("disc", "second")]
-)
-def test_white_images_are_trusted(name, dim):
-    true = drawn("square", 9.3, 3)
-    noise = 0.05 * np.random.default_rng(3).standard_normal(SHAPE)
-    found = estimate_lattice(white(SHAPE, true, name=name, dim=dim, level=0.5) + noise)
-    assert found.trust == "high", found.verdict
-    assert found.verdict.startswith("Square lattice, pitch 9.")
-    assert found.residual < 0.1
 
 
 @pytest.mark.parametrize(
@@ -276,12 +263,6 @@ def test_what_is_no_lattice_is_not_trusted(name):
         assert math.isnan(found.residual)
 
 
-def test_the_nominal_pitch_must_be_near():
-    picture = white(SHAPE, drawn("square", 9.3, 3))
-    assert estimate_lattice(picture, pitch=10).trust == "high"
-    assert estimate_lattice(picture, pitch=20).trust == "low"
-
-
 def test_bad_input_is_refused():
     even, holed = np.ones((40, 40)), np.where(np.eye(40) * np.arange(40) == 5, np.nan, 1)
     for frame, words, error, message in (
@@ -303,29 +284,6 @@ def test_bad_input_is_refused():
 def distance(found: Lattice, point: tuple[float, float]) -> float:
     """How far a point lies from the nearest centre."""
     return float(np.hypot(*(found.centres() - point).T).min())
-
-
-@pytest.mark.thorough
-def test_vesicle(data_folder: Path):
-    folder = data_folder / "lfm_guv"
-    flat, dark = (
-        tifffile.imread(folder / f"{name}_GUVExperim1.tif") for name in ("Radiometry", "DarkFrame")
-    )
-    found = estimate_lattice(flat, dark=dark)
-    assert (found.kind, found.trust) == ("square", "high")
-    assert found.pitch == pytest.approx((15.387, 15.410), rel=5e-4)
-    assert math.degrees(found.rotation) == pytest.approx(-0.12, abs=0.03)
-    assert distance(found, (210.05, 224.64)) < 0.2
-    scene = estimate_lattice(tifffile.imread(folder / "Lightfield_GUVExperim1.tif"), dark=dark)
-    assert scene.trust == "low"  # a bright vesicle, no white image
-
-
-@pytest.mark.thorough
-def test_beads(data_folder: Path):
-    found = estimate_lattice(tifffile.imread(data_folder / "lfm_beads" / "img_bg.tif"))
-    assert found.trust == "high"
-    assert found.pitch == pytest.approx((19.217, 19.217), rel=5e-4)
-    assert distance(found, (608.60, 803.83)) < 0.5
 
 
 # The lattice itself

@@ -147,20 +147,6 @@ def test_hexagonal_lattice(device, views, step, origin):
     assert np.abs(lf.to_numpy() - want).max() <= TOLERANCE
 
 
-def test_rows_along_y_are_columns_along_x_of_the_transposed_picture(device):
-    lattice = replace(HEXAGONAL, shape=(83, 67))
-    lattice = replace(
-        lattice, origin=lattice.origin[::-1], row=lattice.column[::-1], column=lattice.row[::-1]
-    )
-    assert lattice.turned
-    frame = RANDOM.random((67, 83)).astype(np.float32)
-    straight = decode_raw(frame, HEXAGONAL, device=device, views=(5, 7), white=frame + 1)
-    got = decode_raw(frame.T, lattice, device=device, views=(7, 5), white=frame.T + 1)
-    want = straight.to_numpy().transpose(1, 0, 3, 2)
-    assert np.abs(got.to_numpy() - want).max() <= 2 * TOLERANCE
-    np.testing.assert_allclose(got.weights, straight.weights.T, rtol=1e-5)
-
-
 def waves(at: np.ndarray) -> np.ndarray:
     """A scene, by places (..., 2) on the sensor in pixels: a wave 25 lenslets long."""
     return 2 + np.cos(0.021 * at[..., 0] - 0.014 * at[..., 1] + 0.3)
@@ -232,29 +218,6 @@ def test_devignetting_restores_a_flat(device, kind):
     assert lf.weights.max() == 1
     dim = lf.to_numpy()[level < 0.04 * bright]
     np.testing.assert_allclose(dim, 70 * level[level < 0.04 * bright] / 0.05, atol=0.01)
-
-
-def test_devignetting_can_be_left_out(device):
-    lattice, even = flat()
-    frame = 70 * even
-    plain = decode_raw(frame, lattice, device=device).to_numpy()
-    lf = decode_raw(frame, lattice, device=device, white=even, devignette=False)
-    np.testing.assert_array_equal(lf.to_numpy(), plain)
-    assert (lf.weights == 1).all()
-    assert lf.raw.lattice == lattice
-    np.testing.assert_array_equal(LightField.from_raw(lf.raw).to_numpy(), plain)
-
-
-def test_devignetted_views_of_a_scene(device):
-    true = drawn_lattice("square", 14.0, degrees=3.0, origin=(83.2, 88.9))
-    lattice = of_drawn(true, "square", (167, 181))
-    even = white((167, 181), true, name="gauss")
-    scene = captured(true, (167, 181), 14.0 * 0.4)
-    clean = decode_raw(scene, lattice, device=device, views=(9, 9), step=1).to_numpy()
-    lf = decode_raw(scene * even, lattice, device=device, white=even, views=(9, 9), step=1)
-    # what lies between pixels of the product is not the product of what lies between
-    bright = np.quantile(even, 0.995)
-    np.testing.assert_allclose(lf.to_numpy() / bright, clean, rtol=0.01)
 
 
 def test_spacing_by_the_pitch_of_pixels(device):
@@ -347,21 +310,6 @@ def test_after_mixes_no_directions(device):
         assert np.abs(views[:, 1] - truth[0]).max() < 1e-5
         assert np.abs(views[:, 8] - truth[1]).max() < 1e-5
     assert wrong["after"] < 0.1 * wrong["before"]  # a pixel and a half off
-
-
-def test_lenslets_an_even_number_of_pixels_apart(device):
-    """A view has the same colour under all of them: the others come from the pixels around."""
-    lattice = Lattice("square", (30.0, 40.0), (10.0, 0.0), (0.0, 10.0))
-    frame = mosaic(np.broadcast_to(np.array([7.0, 3.0, 1.0]), (61, 81, 3)), "GRBG")
-    frame[1::2, 1::2] = 5  # the other green
-    lf = decode_raw(
-        frame, lattice, device=device, views=(9, 9), step=1, bayer="GRBG", demosaic="after"
-    )
-    views = lf.to_numpy()
-    np.testing.assert_allclose(views[..., 0], 7, rtol=1e-6)
-    np.testing.assert_allclose(views[..., 2], 1, rtol=1e-6)
-    for v, u, green in ((4, 4, 3), (3, 3, 5), (4, 3, 4), (3, 4, 4)):  # the centre lies on (0, 0)
-        np.testing.assert_allclose(views[v, u, ..., 1], green, atol=0.005)  # 1/512 from around
 
 
 # Bad pixels -----------------------------------------------------------------------------------

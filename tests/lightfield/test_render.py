@@ -90,11 +90,6 @@ def test_square_aperture(device, across, total):
     assert np.abs(got - twin(a.astype(float), w, total=total)).max() <= rounding(a) * w.sum()
 
 
-def test_square_aperture_of_more_views_than_rows(device):
-    w = aperture_weights(light_field(device), 6, None)
-    np.testing.assert_array_equal(w, np.ones((5, 1)) * [0, 1, 1, 1, 1, 1, 1, 0])
-
-
 def test_square_aperture_moves_with_the_viewpoint(device):
     w = aperture_weights(light_field(device), 2, (1.5, 6.75))
     np.testing.assert_allclose(w, np.outer([0, 1, 1, 0, 0], [0, 0, 0, 0, 0, 0, 0.75, 1]))
@@ -120,12 +115,6 @@ def test_disc(device, fraction, at):
     # A raster of 200 misjudges at most the cells that the rim crosses: 2 in each of 200 lines.
     assert np.abs(w - want).max() <= 2 / 200
     assert w.dtype == np.float32
-
-
-def test_disc_below_one_view_is_that_view(device):
-    a = values()
-    got = light_field(device, a).render(aperture=0.1, viewpoint=(1, 6)).to_numpy()
-    np.testing.assert_array_equal(got, a[1, 6])
 
 
 def test_f_number(device):

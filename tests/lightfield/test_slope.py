@@ -55,29 +55,6 @@ def test_scatter_of_the_spots_does_not_flatten_the_line():
     assert found[0].confidence < 0.5
 
 
-def test_colours_weights_and_scale():
-    window = point(0.6).astype(float)[None]
-    one = fit_slope(window)
-    assert fit_slope(np.concatenate([window, 2 * window])).disparity == pytest.approx(one.disparity)
-    assert fit_slope(7 * window - 0.0).disparity == pytest.approx(one.disparity)
-
-
-def test_a_view_that_is_left_out_does_not_count(device):
-    a = point(0.6)
-    weights = np.ones(a.shape[:2])
-    weights[2, 3] = 0
-    spoilt = a.copy()
-    spoilt[2, 3] = 50
-    a[2, 3] = 0
-    clean, other = (
-        estimate_alpha(
-            LightField.from_array(x, device=device, weights=weights), method="slope", at=(12, 13)
-        )
-        for x in (a, spoilt)
-    )
-    assert clean.disparity == pytest.approx(other.disparity, rel=1e-6)
-
-
 def test_everything_in_one_lenslet_is_in_focus():
     window = np.zeros((1, 9, 9, 11, 11))
     window[0, :, :, 4, 6] = 1
