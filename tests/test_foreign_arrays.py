@@ -15,6 +15,7 @@ import clplen
 from clplen.checks import host_array
 from clplen.compute.device import Device
 from clplen.errors import SamplingWarning
+from clplen.lightfield import DepthMap
 
 Maker = Callable[[np.ndarray], Any]
 
@@ -300,6 +301,8 @@ def test_masked_weights_are_zero_and_masked_maps_unknown() -> None:
     weights = masked_at(np.ones((3, 4), np.float32), (0, 1))
     assert clplen.LightField.from_array(VIEWS, weights=weights).weights[0, 1] == 0
     truth = np.linspace(-1, 1, 17 * 23).reshape(17, 23)
+    depth = DepthMap(*4 * [masked_at(truth, (0, 1))])
+    assert np.flatnonzero(np.isnan(depth.confidence)).tolist() == [1]
     scores = clplen.analysis.score(truth, masked_at(truth + 0.01, (8, 9)), border=2)
     assert scores.mse == pytest.approx(0.01, rel=1e-6)  # 100 (0.01 px)^2: 1e6 does not count
     points, _ = clplen.io.points_of(masked_at(truth, (0, 1)))

@@ -1,3 +1,4 @@
+from . import conventions as conventions
 from .axis_check.lightfield_report import LightFieldReport as LightFieldReport
 from .axis_check.lightfield_report import check_light_field as check_light_field
 from .calibration.decode_operator import DecodeOperator as DecodeOperator

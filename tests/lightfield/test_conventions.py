@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 import pytest
 
-from clplen.lightfield.model import conventions
+from clplen.lightfield import conventions
 from clplen.lightfield.model.light_field import LightField
 
 D = np.array([-0.7, -0.2, 0.0, 0.15, 0.6])

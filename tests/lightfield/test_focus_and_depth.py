@@ -14,6 +14,7 @@ from clplen.compute.arrays import Image
 from clplen.compute.device import Device
 from clplen.errors import DeviceError, ShapeError
 from clplen.io import open_lightfield, write_lightfield
+from clplen.lightfield.depth.combined_cue import combined_disparity
 from clplen.lightfield.depth.depth_maps import CUES
 from clplen.lightfield.focus_and_depth import all_in_focus, depth_map, focal_stack, stack_tiles
 from clplen.lightfield.model.light_field import LightField
@@ -180,6 +181,8 @@ def test_combined_of_what_is_lost_in_noise(device, tiles):
     values *= 1 - 0.3 * np.hypot(*np.mgrid[-1:2, -1:2])[..., None, None] / np.sqrt(2)
     values = (255 * values).astype(np.uint8)
     whole = depth_map(values, disparities=PLANES, device=device)
+    _, confidence = combined_disparity(LightField.from_array(values, device=device), PLANES)
+    np.testing.assert_array_equal(whole.confidence, confidence)
     source = StoredLightField.from_array(values)
     words = {"disparities": PLANES, "device": device}
     memory = int(1.05 * least(partial(depth_map, source, **words)))

@@ -25,7 +25,7 @@ from clplen.lightfield.model.alpha_law import depth_at, require_overlap
 from clplen.lightfield.model.light_field import LightField
 from clplen.lightfield.model.stored_light_field import StoredLightField
 from clplen.lightfield.raw.raw_image import is_telecentric
-from clplen.lightfield.refocusing.focal_stacks import FocalStack
+from clplen.lightfield.refocusing.focal_stacks import FocalStack, plane_values
 from clplen.results import Plottable, Savable
 
 _CUES = {
@@ -76,6 +76,11 @@ class DepthMap(Savable, Plottable, HostArray):
     alpha: Map
     z: Map
     confidence: Map
+
+    def __post_init__(self) -> None:
+        for name, values in vars(self).items():
+            if isinstance(values, np.ma.MaskedArray):  # masked means unknown
+                object.__setattr__(self, name, real_map(values, f"The {name} of a depth map"))
 
     def __repr__(self) -> str:
         known = self.disparity[np.isfinite(self.disparity)]
@@ -167,7 +172,7 @@ def distinct_planes(
         values = source.disparity(alphas)
     else:
         given = default_disparities(source) if disparities is None else disparities
-        values = real_array(given, "A list of planes", np.float64)
+        values = plane_values(given)
     if values.ndim != 1 or not np.isfinite(values).all() or np.unique(values).size < 3:
         raise ValueError(
             "A depth map needs a list of at least three different finite planes, not "

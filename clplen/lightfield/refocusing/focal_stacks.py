@@ -254,9 +254,7 @@ def stack_planes(
     Views of these weights must overlap on every plane; None for a linear map, where planes beyond
     the views are zero.
     """
-    given = real_array(
-        _exactly_one(alphas=alphas, disparities=disparities), "A list of planes", np.float64
-    )
+    given = plane_values(_exactly_one(alphas=alphas, disparities=disparities))
     if given.ndim != 1 or given.size == 0:
         raise ValueError(
             f"A focal stack takes a list of at least one plane, not shape {given.shape}."
@@ -265,6 +263,16 @@ def stack_planes(
     if weights is not None:
         require_overlap(lf, weights, planes[0])
     return planes
+
+
+def plane_values(planes: Any) -> Vector:
+    """Return planes as float64; refuse the words by which commands and jobs give ranges."""
+    if isinstance(planes, str):
+        raise TypeError(
+            f"A list of planes must be numbers, got {planes!r}: for evenly spaced planes give "
+            "numpy.linspace(first, last, count)."
+        )
+    return real_array(planes, "A list of planes", np.float64)
 
 
 def check_interpolation(interpolation: str) -> None:
