@@ -29,7 +29,7 @@ sys.path.insert(0, str(Path(__file__).parents[1] / "tests"))
 import batchworks
 
 from clplen import Device, LightField, depth_map, focal_stack, io
-from clplen.batch import HostStack, Job, Report, execute_job, local_executor, worker_environment
+from clplen.batch import Job, Report, execute_job, local_executor, worker_environment
 from clplen.io import digest
 
 
@@ -69,10 +69,6 @@ def read(path: Path, device: Device) -> LightField:
         return LightField.from_array(stored.read((slice(None),) * 4), device=device)
 
 
-def on_host(stack: Any) -> HostStack:
-    return HostStack(stack.to_numpy(), stack.disparities, stack.alphas, None, None)
-
-
 def alone(
     files: list[Path], folder: Path, planes: np.ndarray, device: Device, cue: str | None = None
 ) -> dict[str, float]:
@@ -82,7 +78,7 @@ def alone(
     for file in files:
         taken, lf = timed(partial(read, file, device))
         seconds["read"] += taken
-        taken, stack = timed(lambda lf=lf: on_host(focal_stack(lf, disparities=planes)))
+        taken, stack = timed(partial(focal_stack, lf, disparities=planes))
         seconds["compute"] += taken
         target = folder / f"{file.stem}.ome.tif"
         taken, _ = timed(partial(io.write_stack, target, stack, durable=True))

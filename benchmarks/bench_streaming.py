@@ -94,13 +94,13 @@ def save(stored: Any, work: str, memory: int, device: Any, file: Any) -> str:
             np.stack([found.disparity, found.confidence]).tofile(file)
         return "in core"
     if work != "stack":
-        found = clplen.lightfield.stream_depth(
+        found = clplen.depth_map(
             stored, disparities=PLANES, cue=work, memory=memory, device=device
         )
         for values in (found.disparity, found.confidence):
             values.tofile(file)
         return ""
-    made = clplen.lightfield.stream_stack(stored, disparities=PLANES, memory=memory, device=device)
+    made = clplen.lightfield.stack_tiles(stored, disparities=PLANES, memory=memory, device=device)
     ny, nx, channels = made.shape[1:]
     for planes, rows, columns, pictures in made:
         for plane, picture in zip(range(planes.start, planes.stop), pictures, strict=True):

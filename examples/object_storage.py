@@ -16,7 +16,7 @@ import zarr
 
 from clplen import Device, StoredLightField
 from clplen.cameras import sample_scenes
-from clplen.lightfield import stream_stack
+from clplen.lightfield import stack_tiles
 
 SAMPLE = "memory://sample.zarr"
 
@@ -50,7 +50,7 @@ def main() -> None:
         zarr.open_array(fsspec.get_mapper(given.source or SAMPLE), mode="r")
     )
     planes = np.linspace(-2, 2, 17)
-    tiles = stream_stack(stored, disparities=planes, memory=given.memory, device=device)
+    tiles = stack_tiles(stored, disparities=planes, memory=given.memory, device=device)
     stack = created(given.target, tiles.shape, (1, *tiles.shape[1:]))
     stack.attrs["disparities"] = planes.tolist()
     for where in tiles:

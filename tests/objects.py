@@ -155,7 +155,7 @@ def texture() -> clplen.cameras.Texture:
 
 def stream(device: Device) -> clplen.lightfield.StackTiles:
     stored = clplen.StoredLightField.from_array(samples(3, 3, 32, 32))
-    return clplen.lightfield.stream_stack(stored, disparities=[0, 1], device=device)
+    return clplen.lightfield.stack_tiles(stored, disparities=[0, 1], device=device)
 
 
 EXAMPLES: dict[str, Callable[[Device], Any]] = {
@@ -339,9 +339,6 @@ EXAMPLES |= {
         samples(2),
     ),
     "HciParameters": lambda _: clplen.io.HciParameters(focal_length_mm=100.0, scene="cotton"),
-    "HostStack": lambda _: clplen.batch.HostStack(
-        samples(2, 9, 9), samples(2), samples(2), None, None
-    ),
     "InputTable": lambda _: clplen.batch.InputTable(files=["*.h5"]),
     "Job": lambda _: clplen.batch.Job(**JOB),
     "JobEstimate": lambda _: clplen.batch.JobEstimate([], 0, 0, 0.0, 0.0, 0.0, ""),

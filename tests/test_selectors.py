@@ -150,13 +150,7 @@ CALLS: dict[str, Callable[[Path, Any], Any]] = {
         FRAME[:41, :41], LATTICE, device=d
     ),
     "wave.spherical_wave": lambda _, d: clplen.wave.spherical_wave(GRID, 1e-3, device=d, **WAVE),
-    "lightfield.stream_all_in_focus": lambda _, d: clplen.lightfield.stream_all_in_focus(
-        STORED, disparities=[-1, 0, 1], device=d
-    ),
-    "lightfield.stream_depth": lambda _, d: clplen.lightfield.stream_depth(
-        STORED, disparities=[-1, 0, 1], cue="energy", device=d
-    ),
-    "lightfield.stream_stack": lambda _, d: clplen.lightfield.stream_stack(
+    "lightfield.stack_tiles": lambda _, d: clplen.lightfield.stack_tiles(
         STORED, disparities=[0], device=d
     ),
     "all_in_focus": lambda _, d: clplen.all_in_focus(STORED, disparities=[-1, 0, 1], device=d),

@@ -18,4 +18,3 @@ from .running.runner import execute_job as execute_job
 from .running.worker import worker_environment as worker_environment
 from .work.deconvolution import DeconvolutionSettings as DeconvolutionSettings
 from .work.deconvolution import Deconvolver as Deconvolver
-from .work.products import HostStack as HostStack

@@ -199,12 +199,11 @@ def _found(
 ) -> DepthMap:
     from clplen.lightfield.focus_and_depth import depth_map
     from clplen.lightfield.model.stored_light_field import StoredLightField
-    from clplen.lightfield.streaming.streamed_results import stream_depth
 
     if not isinstance(lf, StoredLightField):
         return depth_map(lf, cue=cue, **planes)
     with tile_progress() as progress:
-        return stream_depth(lf, cue=cue, memory=memory, device=device, progress=progress, **planes)
+        return depth_map(lf, cue=cue, memory=memory, device=device, progress=progress, **planes)
 
 
 def _check_names(

@@ -149,10 +149,10 @@ def _stream(
 ) -> None:
     """The same tile by tile; nothing is said of the sharpest plane."""
     from clplen.io import write_stack
-    from clplen.lightfield.streaming.streamed_results import stream_stack
+    from clplen.lightfield.focus_and_depth import stack_tiles
 
     with stored(source, selector, layout) as (lf, device), tile_progress() as progress:
-        made = stream_stack(
+        made = stack_tiles(
             lf,
             aperture=aperture,
             memory=memory,

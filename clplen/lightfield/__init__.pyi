@@ -1,3 +1,4 @@
+from . import conventions as conventions
 from .axis_check.lightfield_report import LightFieldReport as LightFieldReport
 from .axis_check.lightfield_report import check_light_field as check_light_field
 from .calibration.decode_operator import DecodeOperator as DecodeOperator
@@ -12,9 +13,11 @@ from .depth.depth_maps import CUES as CUES
 from .depth.depth_maps import DepthMap as DepthMap
 from .depth.depth_maps import metric_depth as metric_depth
 from .depth.depth_maps import sharpness_curve as sharpness_curve
+from .focus_and_depth import StackTiles as StackTiles
 from .focus_and_depth import all_in_focus as all_in_focus
 from .focus_and_depth import depth_map as depth_map
 from .focus_and_depth import focal_stack as focal_stack
+from .focus_and_depth import stack_tiles as stack_tiles
 from .focused.focused_depth import FocusedDepth as FocusedDepth
 from .focused.focused_depth import FocusedMaps as FocusedMaps
 from .focused.focused_depth import focused_depth as focused_depth
@@ -67,9 +70,5 @@ from .refocusing.phase_ramps import shift_views as shift_views
 from .refocusing.raw_warp import RawWarp as RawWarp
 from .refocusing.stack_operator import StackOperator as StackOperator
 from .refocusing.view_warp import ViewWarp as ViewWarp
-from .streaming.streamed_results import StackTiles as StackTiles
-from .streaming.streamed_results import stream_all_in_focus as stream_all_in_focus
-from .streaming.streamed_results import stream_depth as stream_depth
-from .streaming.streamed_results import stream_stack as stream_stack
 from .streaming.tile_plan import StreamPlan as StreamPlan
 from .streaming.tile_plan import Tile as Tile

@@ -17,7 +17,6 @@ from clplen.lightfield.model.light_field import LightField
 from clplen.lightfield.model.rendering import view_weights
 from clplen.lightfield.model.stored_light_field import StoredLightField
 from clplen.lightfield.refocusing.focal_stacks import refocus, upsampled
-from clplen.lightfield.streaming.streamed_results import stream_depth
 from clplen.viewer.computations import Answer, Progress
 
 _INTERPOLATIONS = ("linear", "nearest", "cubic", "fourier")
@@ -70,16 +69,13 @@ class DeviceComputing:
             raise ValueError(f"The cues are {', '.join(CUES)}, not {cue!r}.")
         downscale = _whole(request.get("downscale", 1), 1, 10**4, "downscale")
         progress(0.0, "Depth")
-        if isinstance(lf, StoredLightField):
-            found = stream_depth(
-                lf,
-                cue=cue,
-                memory=self.memory,
-                device=self.device,
-                progress=lambda done, total: progress(done / total, "Depth"),
-            )
-        else:
-            found = depth_map(lf, cue=cue)
+        found = depth_map(
+            lf,
+            cue=cue,
+            memory=self.memory,
+            device=self.device,
+            progress=lambda done, total: progress(done / total, "Depth"),
+        )
         progress(1.0, "Depth")
         self.depths[number] = found
         content = Content()

@@ -58,12 +58,16 @@ def topic_page(module: str, paths: list[str]) -> str:
     values = {path: _object(path) for path in paths}
     classes = [path for path, value in values.items() if _is_class(value)]
     functions = [path for path, value in values.items() if inspect.isroutine(value)]
-    constants = sorted(set(paths) - set(classes) - set(functions))
+    modules = [path for path, value in values.items() if inspect.ismodule(value)]
+    constants = sorted(set(paths) - set(classes) - set(functions) - set(modules))
     title = f"``{module}``"
     lines = [title, "=" * len(title), "", summary, ""]
     lines += _table("Functions", functions)
     lines += _table("Classes", [path for path in classes if not _is_error(values[path])])
     lines += _table("Errors and warnings", [path for path in classes if _is_error(values[path])])
+    for path in modules:
+        about = (inspect.getdoc(values[path]) or "").splitlines()[0]
+        lines += [f"``{path}``: {about}", ""]
     lines += _constants({path: values[path] for path in constants})
     return "\n".join(lines)
 

@@ -79,13 +79,13 @@ def test_an_input_that_changes_meanwhile(
     small: tuple[Path, list[Path]], device: Device, monkeypatch: pytest.MonkeyPatch
 ):
     job, files = small
-    in_core = making._in_core
+    made = making._of_light_field
 
-    def slow(lf: Any, work: Any) -> Any:
+    def slow(*given: Any) -> Any:
         os.utime(files[0], ns=(time.time_ns(), time.time_ns()))
-        return in_core(lf, work)
+        return made(*given)
 
-    monkeypatch.setattr(making, "_in_core", slow)
+    monkeypatch.setattr(making, "_of_light_field", slow)
     for file in files[1:]:
         file.unlink()
     summary, _ = run(job, device)
@@ -98,14 +98,14 @@ def test_an_output_folder_that_vanishes(
 ):
     job, files = small
     out = job.parent / "out"
-    in_core, aside = making._in_core, job.parent / "aside"
+    made, aside = making._of_light_field, job.parent / "aside"
 
-    def vanishing(lf: Any, work: Any) -> Any:
+    def vanishing(*given: Any) -> Any:
         if not aside.exists() and list(out.glob("*/item.json")):
             out.rename(aside)
-        return in_core(lf, work)
+        return made(*given)
 
-    monkeypatch.setattr(making, "_in_core", vanishing)
+    monkeypatch.setattr(making, "_of_light_field", vanishing)
     summary, _ = run(job, device)
     assert summary.done + len(summary.failed) == 6
     assert len(summary.failed) >= 1  # what was done before
@@ -123,15 +123,15 @@ def test_what_may_pass_is_tried_again(
     small: tuple[Path, list[Path]], device: Device, monkeypatch: pytest.MonkeyPatch
 ):
     job, _ = small
-    in_core, calls = making._in_core, []
+    made, calls = making._of_light_field, []
 
-    def failing(lf: Any, work: Any) -> Any:
+    def failing(*given: Any) -> Any:
         calls.append(1)
         if len(calls) in (2, 3):
             raise OSError(5, "Input/output error")
-        return in_core(lf, work)
+        return made(*given)
 
-    monkeypatch.setattr(making, "_in_core", failing)
+    monkeypatch.setattr(making, "_of_light_field", failing)
     summary, watcher = run(job, device)
     assert (summary.done, summary.failed) == (6, {})
     assert len(watcher.reports) == 6
@@ -307,15 +307,15 @@ def test_a_bug_stops_one_item(
     small: tuple[Path, list[Path]], device: Device, monkeypatch: pytest.MonkeyPatch
 ):
     job, _ = small
-    in_core, calls = making._in_core, []
+    made, calls = making._of_light_field, []
 
-    def failing(lf: Any, work: Any) -> Any:
+    def failing(*given: Any) -> Any:
         calls.append(1)
         if len(calls) == 2:
             raise KeyError("what")
-        return in_core(lf, work)
+        return made(*given)
 
-    monkeypatch.setattr(making, "_in_core", failing)
+    monkeypatch.setattr(making, "_of_light_field", failing)
     summary, _ = run(job, device)
     assert summary.done == 5
     assert "unexpected KeyError" in next(iter(summary.failed.values()))

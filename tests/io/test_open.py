@@ -19,11 +19,10 @@ from clplen.errors import FormatError
 from clplen.io import open_lightfield, read_lightfield, write_lightfield
 from clplen.io.lightfields import array_sources
 from clplen.io.lightfields.array_sources import blocks
-from clplen.lightfield.focus_and_depth import focal_stack
+from clplen.lightfield.focus_and_depth import focal_stack, stack_tiles
 from clplen.lightfield.model import stored_light_field
 from clplen.lightfield.model.light_field import LightField
 from clplen.lightfield.model.stored_light_field import StoredLightField
-from clplen.lightfield.streaming.streamed_results import stream_stack
 
 SPACING = (-1e-3, 1.2e-3, 2e-5, 3e-5)
 PARTS = [
@@ -167,7 +166,7 @@ def test_streams_of_files(device, tmp_path):
     whole = focal_stack(lf, disparities=[-0.7, 0.4]).to_numpy()
     with open_lightfield(tmp_path / "lf", device=device) as found:
         memory = (found.overhead + 500_000) * 16 // 15
-        tiles = stream_stack(found, disparities=[-0.7, 0.4], memory=memory, device=device)
+        tiles = stack_tiles(found, disparities=[-0.7, 0.4], memory=memory, device=device)
         assert len(tiles.plan.tiles) > 2
         assert tiles.plan.bytes_scratch
         for planes, rows, columns, pictures in tiles:
@@ -184,7 +183,7 @@ def test_damage_in_the_middle(device, tmp_path, monkeypatch):
     with open_lightfield(tmp_path / "lf.npy", device=device) as found:
         found.read(PARTS[1])
         memory = (found.overhead + 300_000) * 16 // 15
-        tiles = iter(stream_stack(found, disparities=[0.5], memory=memory, device=device))
+        tiles = iter(stack_tiles(found, disparities=[0.5], memory=memory, device=device))
         next(tiles)
         with pytest.raises(FormatError) as streamed:
             list(tiles)

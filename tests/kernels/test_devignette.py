@@ -13,8 +13,9 @@ def drawn(seed: int, *shape: int) -> np.ndarray:
     return np.random.default_rng(seed).random(shape).astype(np.float32)
 
 
-@pytest.mark.parametrize("shape", [(2, 3, 5, 7), (1, 1, 1, 37), (3, 2, 11, 1)])
-@pytest.mark.parametrize(("channels", "channel"), [(1, 0), (3, 1), (3, 2)])
+@pytest.mark.parametrize(
+    ("shape", "channels", "channel"), [((2, 3, 5, 7), 3, 1), ((1, 1, 1, 37), 1, 0)]
+)
 def test_divide(device, shape, channels, channel):
     V, U, ny, nx = shape
     raw, white = drawn(1, *shape) - np.float32(0.25), drawn(2, *shape) - np.float32(0.25)
@@ -47,7 +48,7 @@ def around(views: np.ndarray) -> np.ndarray:
     )
 
 
-@pytest.mark.parametrize("shape", [(2, 3, 5, 7), (1, 2, 1, 6), (3, 1, 9, 1), (1, 1, 2, 35)])
+@pytest.mark.parametrize("shape", [(2, 3, 5, 7), (1, 2, 1, 6)])
 def test_colours(device, shape):
     V, U, ny, nx = shape
     raw, white, first, second, *flat = (drawn(seed, *shape) for seed in range(6))

@@ -111,8 +111,9 @@ def compare(picture, twin: Twin, name: str, ratios) -> None:
     assert relative_max(np.array(expected), np.array(got, float)) < TOLERANCE
 
 
-@pytest.mark.parametrize("name", ARRAYS)
-@pytest.mark.parametrize(("m", "view"), [(0.31, (0.0, 0.0)), (-0.43, (0.7, -1.3))])
+@pytest.mark.parametrize(
+    ("name", "m", "view"), [("square", 0.31, (0.0, 0.0)), ("hexagonal", -0.43, (0.7, -1.3))]
+)
 def test_nearest(device: Device, name: str, m: float, view: tuple[float, float]) -> None:
     """focused_render.cl, nearest: patches of both signs, elsewhere in the sub-image too."""
     array, channels = ARRAYS[name], 3 if m > 0 else 1
@@ -123,10 +124,12 @@ def test_nearest(device: Device, name: str, m: float, view: tuple[float, float])
     compare(picture, twin_of(raw, array, values, view=view), "nearest", picture.ratio)
 
 
-@pytest.mark.parametrize("name", ARRAYS)
 @pytest.mark.parametrize(
-    ("m", "view", "aperture", "channels", "linear"),
-    [(0.27, (0.0, 0.0), 1.0, 1, False), (-0.3, (1.1, -0.6), 0.6, 3, True)],
+    ("name", "m", "view", "aperture", "channels", "linear"),
+    [
+        ("hexagonal", 0.27, (0.0, 0.0), 1.0, 1, False),
+        ("square", -0.3, (1.1, -0.6), 0.6, 3, True),
+    ],
 )
 def test_blend(device, name, m, view, aperture, channels, linear) -> None:
     """focused_render.cl, blend: one plane, cubic and linear, a view, colours."""
@@ -143,7 +146,7 @@ def test_blend(device, name, m, view, aperture, channels, linear) -> None:
     compare(picture, twin, "blend", picture.ratio)
 
 
-@pytest.mark.parametrize("m", [0.215, 0.36])
+@pytest.mark.parametrize("m", [0.215])
 def test_blend_of_types_by_a_white_image(device: Device, m: float) -> None:
     """Types in focus only; samples count by their white level."""
     values, white = pixels(HEXAGONAL), 0.2 + pixels(HEXAGONAL, seed=9)

@@ -13,9 +13,15 @@ from clplen.lightfield.refocusing.hyperfan_filter import hyperfan
 SPACING = (-3e-4, -2e-4, 1e-4, 1.5e-4)
 
 
-@pytest.mark.parametrize("dtype", [np.uint8, np.uint16, np.float16, np.float32])
-@pytest.mark.parametrize("shape", [(3, 4, 7, 10), (2, 3, 8, 5, 3)])
-@pytest.mark.parametrize("ends", [(-0.7, -0.5), (0.0, 1.3), (1.0, 1.0)])
+@pytest.mark.parametrize(
+    ("dtype", "shape", "ends"),
+    [
+        (np.uint8, (3, 4, 7, 10), (-0.7, -0.5)),
+        (np.uint16, (2, 3, 8, 5, 3), (0.0, 1.3)),
+        (np.float16, (3, 4, 7, 10), (1.0, 1.0)),
+        (np.float32, (2, 3, 8, 5, 3), (0.0, 1.3)),
+    ],
+)
 def test_gains(device, dtype, shape, ends):
     spacing = SPACING if dtype == np.uint16 else None
     a = np.random.default_rng(3).uniform(1, 250, shape).astype(dtype)

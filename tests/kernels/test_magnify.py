@@ -13,8 +13,9 @@ from clplen.lightfield.refocusing.magnification import magnify, magnify_adjoint
 TOLERANCE = (3 + 3 + 1 + 2) * 2.0**-24
 
 
-@pytest.mark.parametrize("shape", [(13, 17), (31, 18), (7, 12, 3), (1, 5)])
-@pytest.mark.parametrize("alpha", [0.31, 0.7368, 1.1724, 2.5])
+@pytest.mark.parametrize(
+    ("shape", "alpha"), [((13, 17), 0.31), ((31, 18), 2.5), ((7, 12, 3), 1.1724), ((1, 5), 0.7368)]
+)
 def test_against_twin(device, shape, alpha):
     image = np.random.default_rng(3).random(shape).astype(np.float32)
     got = device.download(magnify(device.upload(image), alpha, device=device))
@@ -23,8 +24,9 @@ def test_against_twin(device, shape, alpha):
     assert np.abs(got - want).max() <= TOLERANCE * alpha**2
 
 
-@pytest.mark.parametrize("shape", [(13, 17), (7, 12, 3), (1, 5)])
-@pytest.mark.parametrize("alpha", [0.31, 1.0, 1.1724, 2.5])
+@pytest.mark.parametrize(
+    ("shape", "alpha"), [((13, 17), 0.31), ((13, 17), 1.0), ((7, 12, 3), 1.1724), ((1, 5), 2.5)]
+)
 def test_spread_is_the_transpose(device, shape, alpha):
     """Of the twin: a pixel is shown by at most 1/alpha + 2 pixels along each axis."""
     values = np.random.default_rng(5).random(shape).astype(np.float32)

@@ -62,7 +62,7 @@ def found_costs(lf, planes, gain=1.0):
     return lf.device.download(match_costs(lf, views, moved, all_planes(lf.shape[2:4], planes.size)))
 
 
-@pytest.mark.parametrize("part", [0, 1e-9, 0.1, 0.25, 0.5, 0.8, 1 - 1e-9])
+@pytest.mark.parametrize("part", [0, 0.1, 1 - 1e-9])
 def test_taps(part):
     taps = view_matching.bell_taps(np.array(part))
     np.testing.assert_allclose(taps, bell_taps(part), rtol=0, atol=1e-15)
@@ -85,14 +85,10 @@ def tolerance(lf, channels):
 @pytest.mark.parametrize(
     "shape",
     [
-        (3, 3, 9, 13),
         (3, 5, 7, 17, 3),  # V != U, no multiple of the block
         (2, 4, 11, 8),  # even counts: four views make the centre
-        (1, 7, 5, 21),  # one line of views
         (5, 1, 23, 3),
-        (1, 2, 6, 10, 2),
         (3, 2, 1, 19),
-        (2, 3, 19, 1),
     ],
 )
 def test_match(device, shape):
@@ -107,8 +103,9 @@ def test_match(device, shape):
 
 
 @pytest.mark.thorough
-@pytest.mark.parametrize("lanes", [4, 8, 16])
-@pytest.mark.parametrize("shape", [(3, 3, 9, 53), (3, 5, 7, 37, 3), (5, 5, 6, 19)])
+@pytest.mark.parametrize(
+    ("shape", "lanes"), [((3, 3, 9, 53), 4), ((3, 5, 7, 37, 3), 8), ((5, 5, 6, 19), 16)]
+)
 def test_vectors_of_other_lengths(device, monkeypatch, shape, lanes):
     monkeypatch.setattr(view_matching, "vector_lanes", lambda device: (lanes, 8))
     lf = light_field(device, shape)

@@ -24,8 +24,15 @@ def field(shape, dtype, seed=1):
     return values.astype(dtype)
 
 
-@pytest.mark.parametrize("dtype", [np.uint8, np.uint16, np.float16, np.float32])
-@pytest.mark.parametrize("shape", [(3, 2, 5, 37), (1, 4, 6, 19, 3), (4, 1, 7, 5), (2, 3, 2, 40, 2)])
+@pytest.mark.parametrize(
+    ("shape", "dtype"),
+    [
+        ((3, 2, 5, 37), np.float32),
+        ((1, 4, 6, 19, 3), np.uint8),
+        ((4, 1, 7, 5), np.uint16),
+        ((2, 3, 2, 40, 2), np.float16),
+    ],
+)
 def test_moments(device, shape, dtype):
     L = field(shape, dtype)
     weights = np.random.default_rng(2).random(shape[:2]).astype(np.float32) + 0.1

@@ -108,9 +108,8 @@ def test_raw_images(device, grid):
     np.testing.assert_array_equal(model.used, np.isfinite(rays(grid)[0]).reshape(SHAPE))
 
 
-@pytest.mark.parametrize("band", [3, 32])
-def test_gradient_of_the_picture_is_the_transpose(device, grid, band, monkeypatch):
-    monkeypatch.setattr(raw_warp, "_BAND", band)
+def test_gradient_of_the_picture_is_the_transpose(device, grid, monkeypatch):
+    monkeypatch.setattr(raw_warp, "_BAND", 3)
     picture, d, white, g = samples(grid)
     got = RawWarp(raw_of(grid, device), white=white).vjp(picture, d, g)[0]
     want = np.zeros(picture.size)
@@ -131,18 +130,6 @@ def test_gradient_of_the_disparity(device, grid):
         ahead, behind = (twin(picture, there, white, grid) for there in moved)
         want[k] = np.vdot(ahead - behind, g) / (2 * STEP)
     assert relative_max(want.reshape(got.shape), got.astype(float)) <= 1e-6
-
-
-def test_inner_products(device, grid):
-    """<A p, g> = <p, A' g>, with the sums in double precision."""
-    picture, d, white, g = samples(grid, seed=8)
-    model = RawWarp(raw_of(grid, device), white=white)
-    forward = model.forward(picture, d).to_numpy().astype(float)
-    back = model.vjp(picture, d, g)[0].astype(float)
-    size = np.linalg.norm(forward) * np.linalg.norm(g.astype(float))
-    assert (
-        abs(np.vdot(forward, g.astype(float)) - np.vdot(picture.astype(float), back)) <= 1e-7 * size
-    )
 
 
 @pytest.mark.parametrize("pitch", [(5, 5), (4, 7)])
@@ -174,16 +161,6 @@ def test_pixels_halfway_go_to_the_later_lenslet(device):
     np.testing.assert_array_equal(got[:12, :16], np.kron(picture, np.ones((4, 4))))
     assert not got[12].any()
     assert not got[:, 16].any()
-
-
-def test_what_is_hidden_is_not_known(device):
-    """A pixel sees the picture by its lenslet's disparity, also where a nearer surface hides it."""
-    grid = LensletGrid((1, 8), (1, 5), (0.0, 2.0), (5.0, 0.0), (0.0, 5.0))
-    near = np.array([[0, 0, 0, 0, 1, 1, 1, 1.0]])  # of a disc that covers the right half
-    raw = raw_of(grid, device, (1, 40))
-    seen = RawWarp(raw).forward(near, near).to_numpy().reshape(8, 5)
-    np.testing.assert_array_equal(seen[3], 0)  # its last view would see the disc
-    np.testing.assert_array_equal(seen[4], [0, 0, 1, 1, 1])  # its first two looks behind the disc
 
 
 def test_what_cannot_be_taken_is_refused(device):

@@ -12,10 +12,9 @@ from clplen.lightfield.matching.view_matching import group_views, shift_tables
 from clplen.lightfield.model.alpha_law import unit_steps
 from clplen.lightfield.model.light_field import LightField
 
-EPS = 2.0**-24
 LIMITS = (60.0, 1.2, 0.5)  # tau, ratio, margin
 BLOCK = 5  # pixels of an item: several a row, the last one not whole
-OTHER_LANES = [pytest.param(lanes, marks=pytest.mark.thorough) for lanes in (4, 16)]
+OTHER_LANES = [pytest.param(4, marks=pytest.mark.thorough)]
 
 
 def views(shape, seed=2):
@@ -93,10 +92,6 @@ def some_start(shape, seed=6, planes=PLANES):
     return planes[nearest] + random.uniform(-0.2, 0.2, shape), nearest, planes
 
 
-def on_plane(shape, d, more=0.0):
-    return np.full(shape, d + more), np.zeros(shape, int), np.array([d])
-
-
 def close(want, got):
     """Both A and B: sums of K views and channels, less their means, which are no larger."""
     for one, other in zip(want, got, strict=True):
@@ -107,13 +102,10 @@ def close(want, got):
 @pytest.mark.parametrize(
     "shape",
     [
-        (3, 3, 9, 13),
         (3, 5, 7, 11, 3),
         (2, 4, 11, 8),  # even counts: four views make the centre
-        (1, 6, 5, 12, 2),
         (5, 1, 13, 3),
         (3, 2, 1, 9),
-        (4, 3, 9, 1),
     ],
 )
 def test_normal(device, shape):
@@ -125,24 +117,22 @@ def test_normal(device, shape):
 @pytest.mark.parametrize(
     ("shape", "limits"),
     [
-        ((3, 3, 9, 13), LIMITS),
         ((3, 5, 7, 43, 3), LIMITS),
         ((2, 4, 23, 37), (5.0, 1.2, 0.5)),
         ((3, 4, 9, 21), (60.0, 0.5, -1.0)),
-        ((5, 1, 6, 35), LIMITS),
         ((3, 2, 1, 9), LIMITS),
     ],
 )
 @pytest.mark.parametrize("lanes", [8, *OTHER_LANES])
-@pytest.mark.parametrize("planes", [5, 13])  # moved plane by plane, and pixel by pixel
-def test_normal_in_vectors(device, shape, limits, planes, lanes):
+def test_normal_in_vectors(device, shape, limits, lanes):
     lf = light_field(device, shape)
-    start = some_start(shape[2:4], planes=np.linspace(-1.5, 1.25, planes))
-    got, want = compared(device, lf, start, limits, lanes=lanes)
-    close(want, got)
+    for planes in (5, 13):  # moved plane by plane, and pixel by pixel
+        start = some_start(shape[2:4], planes=np.linspace(-1.5, 1.25, planes))
+        got, want = compared(device, lf, start, limits, lanes=lanes)
+        close(want, got)
 
 
-@pytest.mark.parametrize("lanes", [0, 8, *OTHER_LANES])
+@pytest.mark.parametrize("lanes", [0, 8])
 def test_normal_of_wanted_pixels(device, lanes):
     lf = light_field(device, (3, 3, 9, 37))
     wanted = (np.random.default_rng(3).random((9, 37)) < 0.4).astype(np.uint8)
@@ -160,36 +150,12 @@ def test_normal_of_views_on_no_grid(device):
     close(want, got)
 
 
-@pytest.mark.parametrize("limits", [(5.0, 1.2, 0.5), (60.0, 1e3, 0.0), (60.0, 0.5, -1.0)])
-def test_normal_within_other_limits(device, limits):
+def test_normal_within_other_limits(device):
     """Most samples out of range; only the whole aperture; only halves."""
     lf = light_field(device, (3, 4, 9, 11))
-    got, want = compared(device, lf, some_start((9, 11)), limits)
-    close(want, got)
-
-
-def test_a_brighter_centre_moves_nothing(device):
-    """Noise of the centre is common to all differences: it is taken out channel by channel."""
-    line = np.arange(12) * np.array([[3.0], [-2.0]]) + 50
-    picture = np.broadcast_to(line.T, (7, 12, 2)).astype(np.float32)
-    L = np.tile(picture, (3, 3, 1, 1, 1))
-    L[1, 1] += np.float32([4, -7])
-    lf = LightField.from_array(L, device=device)
-    (A, B), _ = compared(device, lf, on_plane((7, 12), 0.0), (60.0, 1e3, 0.0))
-    inner = (slice(None), slice(1, -1))
-    # 8 of 9 views at slopes +-3 and +-2 for u = +-1, and weights of almost one
-    assert 5 < np.median(A[inner]) < 9
-    assert np.abs(B[inner]).max() < 1e-3
-
-
-def test_a_step_leads_to_the_plane(device):
-    """A ramp on the plane d = 0.5, started at 0.375: -B/A is the rest."""
-    places = np.arange(15)[None] + 0.5 * (np.arange(5) - 2)[:, None]
-    L = np.broadcast_to(20 + 3 * places[None, :, None], (3, 5, 9, 15)).astype(np.float32)
-    lf = LightField.from_array(L, device=device)
-    for beside in (0.0, 0.0625, -0.0625):  # the plane is not where the disparity is
-        (A, B), _ = compared(device, lf, on_plane((9, 15), 0.375 - beside, beside))
-        np.testing.assert_allclose((-B / A)[:, 4:-4], 0.125, rtol=1e-4)
+    for limits in ((5.0, 1.2, 0.5), (60.0, 1e3, 0.0), (60.0, 0.5, -1.0)):
+        got, want = compared(device, lf, some_start((9, 11)), limits)
+        close(want, got)
 
 
 def fitted(device, maps, picture, scales, prior, *, ridge, most, radius, lanes=0):
@@ -217,7 +183,7 @@ def fitted(device, maps, picture, scales, prior, *, ridge, most, radius, lanes=0
 
 @pytest.mark.parametrize(
     ("ny", "nx", "channels", "radius"),
-    [(9, 43, 1, 2), (7, 11, 3, 3), (5, 17, 2, 8), (1, 9, 3, 2), (13, 1, 1, 3), (4, 6, 1, 0)],
+    [(9, 43, 1, 2), (5, 17, 2, 8), (1, 9, 3, 2), (4, 6, 1, 0)],
 )
 @pytest.mark.parametrize("lanes", [0, 8, *OTHER_LANES])
 def test_fit(device, ny, nx, channels, radius, lanes):
@@ -238,25 +204,6 @@ def test_fit(device, ny, nx, channels, radius, lanes):
     # cofactors cancel to about a tenth at a corner; 4 products of sums of (2 radius + 1)^2 terms
     assert relative_max(want[0], got[0]) <= 1e-5
     assert relative_max(want[1], got[1]) <= 1e-5
-
-
-def test_fit_of_a_plane_is_the_plane(device):
-    """A slanted plane, its neighbours moved by what the steps say: a step for each, no slope."""
-    y, x = np.indices((11, 13)).astype(np.float32)
-    d = (0.3 + 0.01 * y - 0.02 * x).astype(np.float32)
-    flat, one = np.full(d.shape, 1e-3, np.float32), np.ones(d.shape, np.float32)
-    out, known = fitted(
-        device,
-        (100 * one, -5 * one, d),
-        np.ones((*d.shape, 1), np.float32),
-        (flat, flat, 0.0),
-        100 * one,
-        ridge=1e-4,
-        most=0.1,
-        radius=2,
-    )
-    np.testing.assert_allclose(out, d + 0.025, atol=2e-5)  # the ridge takes 1e-4 of a slope
-    assert np.ptp(known[2:-2, 2:-2]) < 1e-3 * known[5, 5]
 
 
 def test_fit_of_a_pixel_alone(device):

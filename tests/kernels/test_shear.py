@@ -110,23 +110,10 @@ def check(device, shape, dtype="float32", disparities=None, **options):
     assert relative_max(want, got) <= tolerance(shape) < 1e-5
 
 
-@pytest.mark.parametrize(
-    "shape",
-    [
-        (2, 3, 3, 40),
-        pytest.param((3, 2, 3, 14, 3), marks=pytest.mark.thorough),
-        pytest.param((2, 2, 3, 5, 20), marks=pytest.mark.thorough),
-    ],
-)
-@pytest.mark.parametrize("disparities", [(-1.37, 0.5), (2.2,)])
-def test_weights_of_samples_that_all_views_hold(device, shape, disparities):
+def test_weights_of_samples_that_all_views_hold(device):
     """Those weights are kept once for the whole middle of a row."""
-    check(device, shape, disparities=disparities)
-
-
-def test_tables_are_kept_for_equal_fractions_only(device):
-    for disparity in (0.2, 0.4, 0.2):  # alike in whole pixels
-        check(device, SHAPES[1], disparities=(disparity,))
+    check(device, (2, 3, 3, 40), disparities=(-1.37, 0.5))
+    check(device, (2, 2, 3, 5, 20), disparities=(2.2,))
 
 
 def test_tables_of_one_axis_are_not_those_of_another(device):
@@ -139,28 +126,30 @@ def test_tables_of_one_axis_are_not_those_of_another(device):
 
 
 @pytest.mark.parametrize("edge", ["normalised", "clamp"])
-@pytest.mark.parametrize("shape", SHAPES)
-def test_against_twin(device, shape, edge):
-    check(device, shape, edge=edge)
+def test_against_twin(device, edge):
+    for shape in SHAPES:
+        check(device, shape, edge=edge)
 
 
-@pytest.mark.thorough
-@pytest.mark.parametrize("edge", ["normalised", "clamp"])
 @pytest.mark.parametrize("dtype", ["float16", "uint8", "uint16"])
-@pytest.mark.parametrize("shape", [SHAPES[1], SHAPES[4]])
-def test_other_samples_against_twin(device, shape, dtype, edge):
-    check(device, shape, dtype, edge=edge)
+def test_other_samples_against_twin(device, dtype):
+    check(device, SHAPES[1], dtype)
 
 
-@pytest.mark.parametrize("edge", ["normalised", "clamp"])
-@pytest.mark.parametrize("shape", SHAPES[:3])
-def test_sums_instead_of_means(device, shape, edge):
-    check(device, shape, edge=edge, total=True)
+def test_sums_instead_of_means(device):
+    check(device, SHAPES[0], edge="clamp", total=True)
+    check(device, SHAPES[1], total=True)
 
 
-@pytest.mark.parametrize("edge", ["normalised", "clamp"])
-@pytest.mark.parametrize("own", [(True, True), (False, True), (True, False)])
-@pytest.mark.parametrize("shape", SHAPES[:2])
+@pytest.mark.parametrize(
+    ("shape", "own", "edge"),
+    [
+        (SHAPES[0], (True, True), "clamp"),
+        (SHAPES[1], (True, True), "normalised"),
+        (SHAPES[1], (False, True), "normalised"),
+        (SHAPES[0], (True, False), "normalised"),
+    ],
+)
 def test_views_on_no_grid(device, shape, own, edge):
     """Shifts of shape (P, V, U) along y, x, or both."""
     field, weights = light_field(shape), view_weights(shape)
@@ -180,35 +169,22 @@ def test_few_planes_a_launch_for_many_views(device, monkeypatch):
     check(device, (3, 4, 7, 5))
 
 
-@pytest.mark.parametrize("disparity", DISPARITIES[:-1])
-def test_one_plane(device, disparity):
-    check(device, (3, 4, 17, 71), disparities=[disparity], total=True)
-
-
 @pytest.mark.thorough
 @pytest.mark.parametrize("vectors", [(4, 6), (8, 6), (16, 8)])
 def test_vectors_of_other_machines(device, vectors, monkeypatch):
-    monkeypatch.setattr(shear, "vector_lanes", lambda device: vectors)
     monkeypatch.setattr(shear, "vector_lanes", lambda device: vectors)
     check(device, (4, 3, 13, 43, 3))
     check(device, (2, 3, 5, 301), edge="clamp")
 
 
-@pytest.mark.parametrize("kilobytes", [3, 6, 9, 24])
-def test_little_local_memory(device, kilobytes, monkeypatch):
+@pytest.mark.parametrize("nbytes", [64, 3072, 24576])  # with 64 bytes, work-items a sample
+def test_little_local_memory(device, nbytes, monkeypatch):
     monkeypatch.setattr(shear, "vector_lanes", lambda device: (4, 6))
-    monkeypatch.setattr(shear, "vector_lanes", lambda device: (4, 6))
-    monkeypatch.setattr(shear, "_LOCAL_BYTES", kilobytes * 1024)
-    check(device, (4, 3, 13, 43, 3))
-
-
-def test_no_local_memory_falls_back_to_samples(device, monkeypatch):
-    monkeypatch.setattr(shear, "_LOCAL_BYTES", 64)
+    monkeypatch.setattr(shear, "_LOCAL_BYTES", nbytes)
     check(device, (4, 3, 13, 43, 3))
 
 
 def test_several_launches(device, monkeypatch):
-    monkeypatch.setattr(shear, "_MOST_PLANES", 2)
     monkeypatch.setattr(shear, "_MOST_PLANES", 2)
     check(device, (3, 4, 7, 29))
 
@@ -216,10 +192,6 @@ def test_several_launches(device, monkeypatch):
 def test_high_blocks(device, monkeypatch):
     monkeypatch.setattr(shear, "_ITEMS_PER_CORE", 1)
     check(device, (2, 3, 41, 140), disparities=np.linspace(-0.7, 1.1, 5))
-
-
-def test_many_channels(device):
-    check(device, (3, 2, 4, 5, 150), disparities=[-0.4, 0.7])
 
 
 def test_weights_of_either_sign(device):
@@ -230,18 +202,6 @@ def test_weights_of_either_sign(device):
     want = twin(field, weights, *shifts(shape), total=True)
     largest = twin(field, abs(weights), *shifts(shape), total=True).max()
     assert np.abs(got - want).max() <= tolerance(shape) * largest
-
-
-def test_whole_shifts_copy_the_samples(device):
-    shape = (3, 3, 11, 37, 3)
-    field = light_field(shape)
-    weights = np.zeros(shape[:2])
-    weights[2, 0] = 1
-    got = sheared(device, field, weights, *shifts(shape, [-2, 3], ratio=1))
-    want = np.zeros_like(got)
-    want[0, :-2, 2:] = field[2, 0, 2:, :-2]
-    want[1, 3:, :-3] = field[2, 0, :-3, 3:]
-    np.testing.assert_array_equal(got, want)
 
 
 @pytest.mark.parametrize("edge", ["normalised", "clamp"])
@@ -262,16 +222,6 @@ def test_a_bad_row_stays_where_it_is(device):
     field[:, :, 0] = np.nan
     got = sheared(device, field, np.ones((2, 2)), [[2, 2]], [[-1, 1]], total=True)
     assert np.isfinite(got).all()
-
-
-def test_constant_stays_constant(device):
-    shape = (5, 4, 13, 27)
-    field = np.full(shape, 7, np.float32)
-    moves = shifts(shape, planes(device)[:-1])
-    got = sheared(device, field, view_weights(shape), *moves)
-    seen = twin(field, view_weights(shape), *moves) > 0
-    assert seen.mean() > 0.9
-    np.testing.assert_allclose(got, np.where(seen, 7, 0), rtol=tolerance(shape))
 
 
 def test_same_bits_and_input_left_alone(device):

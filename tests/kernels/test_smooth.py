@@ -18,9 +18,7 @@ EPS = 2.0**-24
         ((3, 7, 75), box_taps(9)),  # more than one chunk of 64, a whole one and a part
         ((1, 3, 64), np.array([0.5, -0.25, 0.5])),
         ((2, 19, 37), gaussian_taps(1.5)),  # blocks of 8 rows on CPUs, the last one short
-        ((1, 40, 1), box_taps(5)),
         ((2, 2, 1), gaussian_taps(4.0)),  # reflected more than once
-        ((1, 1, 1), gaussian_taps(4.0)),
         ((2, 2, 261), gaussian_taps(1.5)),  # two stretches of a GPU
         ((1, 2, 520), gaussian_taps(2.0)),  # two of a CPU, the second one short
     ],

@@ -12,12 +12,8 @@ from clplen.lightfield.matching.plane_spans import all_planes
 EPS = 2.0**-24
 
 
-VECTORS = (  # for blocks: lanes of gather_rows.cl
-    -8,
-    pytest.param(-4, marks=pytest.mark.thorough),
-    pytest.param(-16, marks=pytest.mark.thorough),
-)
-OTHER_LANES = [pytest.param(lanes, marks=pytest.mark.thorough) for lanes in (4, 16)]
+VECTORS = (-8, pytest.param(-4, marks=pytest.mark.thorough))  # blocks: lanes of gather_rows.cl
+OTHER_LANES = [pytest.param(4, marks=pytest.mark.thorough)]
 
 
 def skip_without_rows(device):
@@ -49,16 +45,13 @@ def gathered(device, cost, picture, near, alike, radius, block, spans=None):
     return device.download(out)
 
 
-@pytest.mark.parametrize("block", [5, *VECTORS, 64])
+@pytest.mark.parametrize("block", [5, *VECTORS])
 @pytest.mark.parametrize(
     ("planes", "ny", "nx", "channels", "radius"),
     [
-        (3, 7, 13, 1, 2),
         (2, 11, 6, 3, 3),
         (1, 4, 17, 2, 8),  # the window is larger than the picture
-        (4, 1, 9, 3, 2),
-        (2, 13, 1, 1, 3),
-        (2, 5, 10, 1, 0),
+        (4, 1, 9, 3, 0),
         (19, 9, 37, 1, 3),
     ],
 )
@@ -94,16 +87,6 @@ def test_gather_of_spans(device, block):
     assert not found[~there].any()
 
 
-def test_only_what_is_alike_is_gathered(device):
-    """A step of the picture: no cost passes it."""
-    picture = np.zeros((6, 11, 1), np.float32)
-    picture[:, 4:] = 100
-    cost = np.where(picture[None, ..., 0] > 0, 3, 7).astype(np.float32)
-    flat = np.full((6, 11), 1e-3, np.float32)
-    got = gathered(device, cost, picture, flat, flat, 3, 4)
-    np.testing.assert_allclose(got, cost, rtol=1e-6)
-
-
 def lowest(device, cost, planes, file="support.cl", spans=None, lanes=0, **defines):
     count, ny, nx = cost.shape
     if lanes:
@@ -130,7 +113,7 @@ UNEVEN = np.array([-1.5, -1.25, -0.5, 0.0, 0.125, 1.0, 1.5, 3.0])
 
 
 @pytest.mark.parametrize("lanes", [0, 8, *OTHER_LANES])
-@pytest.mark.parametrize("planes", [UNEVEN, UNEVEN[:3], np.linspace(-2, 2, 17)])
+@pytest.mark.parametrize("planes", [UNEVEN[:3], np.linspace(-2, 2, 17)])
 def test_valley(device, planes, lanes):
     cost = np.random.default_rng(4).uniform(1, 9, (len(planes), 11, 13)).astype(np.float32)
     place, number, least, second, mean = lowest(device, cost, planes, lanes=lanes)
@@ -144,7 +127,7 @@ def test_valley(device, planes, lanes):
     assert relative_max(want[4], mean) <= (len(planes) + 1) * EPS
 
 
-@pytest.mark.parametrize("lanes", [0, 8, *OTHER_LANES])
+@pytest.mark.parametrize("lanes", [0, 8])
 def test_valley_among_the_planes_of_a_span(device, lanes):
     cost = np.random.default_rng(4).uniform(1, 9, (8, 3, 35)).astype(np.float32)
     spans = np.array([[(0, 7)] * 16 + [(2, 6)] * 16 + [(1, 0)] * 3] * 3, np.int32)
@@ -157,7 +140,7 @@ def test_valley_among_the_planes_of_a_span(device, lanes):
         assert not map_[:, 32:].any()
 
 
-@pytest.mark.parametrize("lanes", [8, *OTHER_LANES])
+@pytest.mark.parametrize("lanes", [8])
 def test_valleys_of_neighbours_with_their_own_spans(device, lanes):
     """A span for each pixel, many of one plane; the same as pixel by pixel, by the plain kernel."""
     random = np.random.default_rng(9)
@@ -176,19 +159,6 @@ def test_valley_in_the_program_of_its_cue(device):
     sizes = {"SAMPLE": "float", "RADIUS": 1, "BLOCK": 1, "MATCH_BLOCK": 1}
     together = lowest(device, cost, UNEVEN, "combined.cl", **sizes)
     np.testing.assert_array_equal(together, lowest(device, cost, UNEVEN))
-
-
-def test_valley_of_a_parabola(device):
-    """Its bottom is found, wherever it lies between planes that are not evenly spaced."""
-    bottoms = np.linspace(-1.2, 2.2, 40).reshape(5, 8)
-    cost = 2 + (UNEVEN[:, None, None] - bottoms) ** 2
-    place = lowest(device, cost.astype(np.float32), UNEVEN)[0]
-    middle = np.searchsorted((UNEVEN[1:] + UNEVEN[:-1]) / 2, bottoms)
-    half = np.diff(UNEVEN) / 2
-    off = np.abs(bottoms - UNEVEN[middle])
-    assert (off <= np.maximum(half[middle - 1], half[middle])).all()
-    # costs up to 20 rounded, over the bend of the narrowest pair of steps, 1/8
-    np.testing.assert_allclose(place, bottoms, atol=20 * EPS / 0.125)
 
 
 def test_valley_without_one(device):

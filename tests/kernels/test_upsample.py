@@ -22,16 +22,13 @@ from clplen.lightfield.refocusing.focal_stacks import UPSAMPLE_BASE, upsampled
         (np.float32, (1, 3, 4, 35)),
     ],
 )
-@pytest.mark.parametrize("n", [1, 2, 3])
-@pytest.mark.parametrize("d", [0.0, -0.65, 2.25, 300.0])
-def test_places(device, dtype, shape, n, d):
+def test_places(device, dtype, shape):
     a = np.random.default_rng(3).uniform(1, 250, shape).astype(dtype)
     w = np.random.default_rng(4).uniform(0.2, 1.7, shape[:2]).astype(np.float32)
     w[0, 1] = 0
     lf = LightField.from_array(a, device=device, weights=w)
-    got = device.download(upsampled(lf, d, n, lf.weights)).astype(float)
-    want = twin(a, d, n, weights=w.astype(float), step=steps(shape[:2]), base=UPSAMPLE_BASE)
-    if d == 300:
-        assert not got.any()
-    else:
+    for n, d in ((1, -0.65), (2, 2.25), (3, 0.0), (3, -0.65)):
+        got = device.download(upsampled(lf, d, n, lf.weights)).astype(float)
+        want = twin(a, d, n, weights=w.astype(float), step=steps(shape[:2]), base=UPSAMPLE_BASE)
         assert relative_max(want, got) <= 1e-5
+    assert not device.download(upsampled(lf, 300.0, 2, lf.weights)).any()

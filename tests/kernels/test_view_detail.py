@@ -11,12 +11,17 @@ from clplen.compute.device import Device
 from clplen.lightfield.matching.view_detail import view_detail
 
 
-@pytest.mark.parametrize("dtype", [np.uint8, np.uint16, np.float32])
 @pytest.mark.parametrize(
-    ("size", "colours"), [((21, 34), (3,)), ((7, 5), ()), ((9, 150), ()), ((9, 50), (2,))]
+    ("size", "colours", "dtype"),
+    [
+        ((21, 34), (3,), np.uint8),
+        ((7, 5), (), np.float32),
+        ((9, 150), (), np.uint16),
+        ((9, 50), (2,), np.float32),
+    ],
 )
 def test_detail_is_what_a_gaussian_leaves(
-    device: Device, dtype: type, size: tuple[int, int], colours: tuple[int, ...]
+    device: Device, size: tuple[int, int], colours: tuple[int, ...], dtype: type
 ) -> None:
     random = np.random.default_rng(3)
     samples = random.random((2, 3, *size, *colours))

@@ -50,8 +50,9 @@ def test_views(device, shape):
     assert relative_max(want, got) <= (5 + 2 * 5 + 8) * 2.0**-24
 
 
-@pytest.mark.parametrize("shape", SHAPES)
-@pytest.mark.parametrize("band", [3, 32])
+@pytest.mark.parametrize(
+    ("shape", "band"), [((3, 4, 7, 11), 3), ((2, 3, 7, 5, 3), 32), ((3, 2, 37, 3), 3)]
+)
 def test_gradient_of_the_picture_is_the_transpose(device, shape, band, monkeypatch):
     monkeypatch.setattr(view_warp, "_BAND", band)
     picture, disparity, g = samples(shape)
@@ -66,7 +67,7 @@ def test_gradient_of_the_picture_is_the_transpose(device, shape, band, monkeypat
     assert relative_max(want.reshape(got.shape), got.astype(float)) <= 2e-6
 
 
-@pytest.mark.parametrize("shape", SHAPES)
+@pytest.mark.parametrize("shape", SHAPES[:3])
 def test_gradient_of_the_disparity(device, shape):
     picture, disparity, g = samples(shape)
     model = ViewWarp(shape, device=device)

@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from hard_scenes import _plain_scene, _slanted, _wide
+from hard_scenes import _plain_scene, _wide
 
 import clplen
 from clplen import LightField, ShapeError
@@ -36,8 +36,7 @@ def plane(views: tuple[int, int], size: tuple[int, int], d: float, ratio: float 
     return np.array(made)
 
 
-@pytest.mark.parametrize("dtype", [np.uint8, np.uint16, np.float32])
-@pytest.mark.parametrize("channels", [(), (3,)])
+@pytest.mark.parametrize(("dtype", "channels"), [(np.uint8, (3,)), (np.float32, ())])
 def test_recorded_views_come_back(device: Device, dtype: Any, channels: tuple[int, ...]) -> None:
     random = np.random.default_rng(2)
     samples = random.uniform(1, 200, (3, 5, 23, 31, *channels)).astype(dtype)
@@ -51,9 +50,8 @@ def test_recorded_views_come_back(device: Device, dtype: Any, channels: tuple[in
         np.testing.assert_array_equal(found.to_numpy(), samples[v, u].astype(np.float32))
 
 
-@pytest.mark.parametrize("ratio", [1.0, 2.0])
-def test_a_plane(device: Device, ratio: float) -> None:
-    views, d = (4, 3), 0.7
+def test_a_plane(device: Device) -> None:
+    views, d, ratio = (4, 3), 0.7, 2.0
     spacing = (-1e-3 * ratio, -1e-3, 2e-5, 2e-5)
     samples = plane(views, (41, 53), d, ratio).astype(np.float32)
     lf = LightField.from_array(samples, device=device, spacing=spacing)
@@ -67,9 +65,7 @@ def test_a_plane(device: Device, ratio: float) -> None:
     assert np.abs(lf.view(v, u).to_numpy() - want)[6:-6, 6:-6].max() > 2
 
 
-@pytest.mark.parametrize(
-    ("surfaces", "gain"), [(lambda n: _plain_scene(n, 91), 10), (_wide, 17), (_slanted, 12)]
-)
+@pytest.mark.parametrize(("surfaces", "gain"), [(lambda n: _plain_scene(n, 91), 10), (_wide, 17)])
 def test_scenes_with_edges(device: Device, surfaces: Any, gain: float) -> None:
     views, shape = (3, 5), (97, 131)
     fine, truth = clplen.SurfaceScene(surfaces(min(shape) / 2)).light_field(
@@ -150,18 +146,13 @@ def test_steps_are_between_those_of_views(device: Device) -> None:
     np.testing.assert_allclose(viewpoint_step(lf, 0.25, 3.5), (0.75, -1.5), atol=1e-6)
 
 
-@pytest.mark.parametrize(
-    ("at", "disparity", "error", "said"),
-    [
+def test_what_is_refused(device: Device) -> None:
+    lf = LightField.from_array(np.ones((3, 5, 8, 9), np.float32), device=device)
+    for at, disparity, error, said in (
         ((1, 4.5), 0.0, ValueError, "outside"),
         ((-0.1, 2), 0.0, ValueError, "outside"),
         ((1, 2.5), np.nan, ValueError, "finite"),
         ((1, 2.5), np.zeros((9, 8)), ShapeError, "shape"),
-    ],
-)
-def test_what_is_refused(
-    device: Device, at: Any, disparity: Any, error: type[Exception], said: str
-) -> None:
-    lf = LightField.from_array(np.ones((3, 5, 8, 9), np.float32), device=device)
-    with pytest.raises(error, match=said):
-        view_between(lf, *at, disparity)
+    ):
+        with pytest.raises(error, match=said):
+            view_between(lf, *at, disparity)

@@ -8,7 +8,6 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from clplen.errors import FormatError
 from clplen.io import read_lightfield
 from clplen.io.lightfields.layout import Layout
 from clplen.lightfield.arrays.stored_samples import extremes
@@ -53,17 +52,10 @@ def mends(words, wrong, right) -> bool:
     return any(np.array_equal(made, a) for a in (right, right[::-1, ::-1]))
 
 
-@pytest.mark.parametrize(
-    "views",
-    [
-        *(pytest.param(views, marks=pytest.mark.thorough) for views in [(5, 5), (4, 4), (6, 3)]),
-        (3, 6),
-        (2, 2),
-    ],
-)
+@pytest.mark.parametrize("views", [pytest.param((5, 5), marks=pytest.mark.thorough), (2, 3)])
 def test_every_wrong_order_is_named(device, views):
     right = scene(views)
-    for words in ORDERS if views == (3, 6) else DISTINCT:
+    for words in DISTINCT if views == (5, 5) else ORDERS:
         wrong = layout(words).stored(right)
         report = checked(device, wrong)
         assert report.verdict == ("fits" if mends((), wrong, right) else "wrong"), words
@@ -89,16 +81,6 @@ def test_disparities_of_an_order_and_its_mirror(device):
     assert min(abs(found[()].disparity - d) for d in (-0.9, 0.6)) < 0.1
     assert "mirrors the disparities" in str(report)
     assert "cannot be seen without depth order" in str(report)
-
-
-def test_one_row_of_views(device):
-    """One flip mirrors, the other does nothing; a column that should be a row shows."""
-    row = scene((1, 7))
-    assert checked(device, row).verdict == "fits"
-    report = checked(device, row.swapaxes(0, 1))
-    assert report.verdict == "wrong"
-    assert {order.words for order in report.best} == {w for w in ORDERS if "swap_uv" in w}
-    assert str(report).count("swap_uv=True") == 2
 
 
 def test_no_evidence(device):
@@ -165,7 +147,7 @@ def test_positions_spacing_weights_and_colour(device):
         assert checked(device, a, weights=weights, spacing=(dv, 1, 1, 1)).verdict == verdict
 
 
-@pytest.mark.parametrize("dtype", [np.uint8, np.uint16, np.float32])
+@pytest.mark.parametrize("dtype", [np.uint8, np.float32])
 def test_range_and_flat_views(device, dtype):
     a = np.random.default_rng(2).integers(1, 250, (2, 3, 19, 23, 3)).astype(dtype)
     a[0, 1], a[1, 2] = 0, 33
@@ -203,18 +185,6 @@ def test_flower(device, flower):
         right = [o for o in report.best if np.array_equal(layout(o.words).oriented(wrong), flower)]
         assert right[0].disparity == pytest.approx(-0.65, abs=0.02)
         assert report.factor > 3
-
-
-@pytest.mark.thorough
-def test_flower_by_the_guess(device, data_folder):
-    """Three numbers vary in its names, so a pattern is asked for; a wrong one is judged."""
-    folder = data_folder / "lytro_f01_flower"
-    with pytest.raises(FormatError, match="pattern="):
-        read_lightfield(folder, device=device)
-    columns_first = read_lightfield(folder, device=device, pattern="IMG_0001_{n}_{v}_{u}.png")
-    report = check_light_field(columns_first)
-    assert report.verdict == "wrong"
-    assert "swap_uv=True (at -0.65)" in str(report)
 
 
 @pytest.mark.thorough

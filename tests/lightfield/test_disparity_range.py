@@ -65,8 +65,6 @@ SCENES: dict[str, Surfaces] = {
     ],
 }  # fmt: skip
 
-QUICK = ("wide", "narrow, far", "detail in front only")
-
 
 def light_field(surfaces: list[Any], views: tuple[int, int], size: tuple[int, int], device: Device):
     """With noise of half a per cent, and the truth."""
@@ -81,7 +79,7 @@ def light_field(surfaces: list[Any], views: tuple[int, int], size: tuple[int, in
 @pytest.mark.parametrize(
     "name",
     [
-        name if name in QUICK else pytest.param(name, marks=pytest.mark.nightly)  # seconds each
+        name if name == "wide" else pytest.param(name, marks=pytest.mark.nightly)  # seconds each
         for name in SCENES
     ],
 )

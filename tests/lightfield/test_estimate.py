@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 import pytest
@@ -15,7 +15,6 @@ from clplen.errors import SamplingWarning
 from clplen.lightfield.arrays.spectral_sharpness import (
     LensletBlur,
     disc_ambiguity,
-    find_peak,
     interval_ambiguity,
     sharpness,
 )
@@ -148,8 +147,7 @@ def test_the_brightest_region_is_found(fields):
         assert at == pytest.approx((15 + y, 17 + x), abs=0.8)
 
 
-@pytest.mark.parametrize("colours", [(), (3,)])
-@pytest.mark.parametrize("at", [(5, 8), (9, 1), (0, 12)])
+@pytest.mark.parametrize(("colours", "at"), [((), (9, 1)), ((3,), (0, 12))])
 def test_window(device, colours, at):
     rng = np.random.default_rng(6)
     values = rng.integers(1, 200, (2, 3, 11, 13, *colours)).astype(np.uint8)
@@ -166,32 +164,12 @@ def test_window(device, colours, at):
     np.testing.assert_array_equal(read_window(lf, at, 11), clipped)
 
 
-@pytest.mark.thorough
-def test_a_lenslet_off_the_object_or_at_the_border(fields):
-    lf = fields[-0.05]
-    centred = estimate_alpha(lf).alpha
-    assert estimate_alpha(lf, at=(20, 13)).alpha == pytest.approx(centred, abs=0.005)
-    cut = lf.to_numpy()[:, :, 12:, :-12]  # the object now lies in a corner
-    corner = replace(lf, data=lf.device.upload(np.ascontiguousarray(cut)))
-    y, x = estimate_alpha(lf).at
-    found = estimate_alpha(corner, at=(y - 12, x))
-    assert found.alpha == pytest.approx(OPTICS.alpha(-0.05), abs=0.03)
-
-
 def test_search_that_misses_the_peak_says_so(fields):
     with pytest.warns(SamplingWarning, match=r"end of the search, disparity 0\.1 .*c_max=0\.2\."):
         found = estimate_alpha(fields[-0.05], c_max=0.1)
     assert found.disparity == pytest.approx(0.1)
     assert math.isnan(found.uncertainty)
     assert math.isnan(found.z_uncertainty)
-
-
-def test_a_view_of_weight_zero_counts_nothing(device, fields):
-    lf = fields[0.05]
-    values, weights = lf.to_numpy(), np.ones(lf.shape[:2], np.float32)
-    values[3, 20], weights[3, 20] = 1e3 * np.random.default_rng(1).random(lf.shape[2:]), 0
-    spoilt = replace(lf, data=device.upload(values), weights=weights)
-    assert estimate_alpha(spoilt).alpha == pytest.approx(estimate_alpha(lf).alpha, abs=2e-4)
 
 
 def textured(shape: tuple[int, ...], dy: float, dx: float) -> np.ndarray:
@@ -207,7 +185,7 @@ def textured(shape: tuple[int, ...], dy: float, dx: float) -> np.ndarray:
     return 3 + 0.1 * np.einsum("vyk,uxk->vuyx", wave_y, wave_x).real
 
 
-@pytest.mark.parametrize("d", [-0.7, 0.0, 1.1])
+@pytest.mark.parametrize("d", [-0.7, 1.1])
 def test_a_textured_plane_without_spacing(device, d):
     lf = LightField.from_array(textured((7, 9, 43, 51), d, d), device=device)
     found = estimate_alpha(lf, method="energy", at=(21, 25), window=31, c_max=1.5)
@@ -216,22 +194,6 @@ def test_a_textured_plane_without_spacing(device, d):
     assert math.isnan(found.z)
     assert math.isnan(found.uncertainty)
     assert not found.in_focus
-
-
-def test_colour_and_integers(device):
-    grey = textured((6, 5, 33, 37), 0.4, 0.4)
-    colour = np.stack([np.full_like(grey, 20), 30 * grey, 20 * grey], axis=-1)
-    lf = LightField.from_array(np.round(colour).astype(np.uint8), device=device)
-    found = estimate_alpha(lf, method="energy", at=(16, 18), window=31, c_max=1.2)
-    assert found.disparity == pytest.approx(0.4, abs=0.02)
-
-
-def test_other_spacing_along_y(device):
-    spacing = (-20e-3, -10e-3, 5e-3, 4e-3)  # d_y/d_x = (dv/dy)/(du/dx) = 1.6
-    lf = LightField.from_array(textured((7, 9, 43, 51), 0.8, 0.5), device=device, spacing=spacing)
-    found = estimate_alpha(lf, method="energy", at=(21, 25), window=31, c_max=1.2)
-    assert found.disparity == pytest.approx(0.5, abs=0.02)
-    assert found.alpha == pytest.approx(1 - 0.5 / 2.5, abs=0.01)
 
 
 def test_sharpness_by_the_sums_that_define_it():
@@ -278,38 +240,13 @@ def test_ambiguity_functions():
     np.testing.assert_allclose(disc_ambiguity(frequency, 0 * frequency), airy, atol=1e-12)
 
 
-def test_round_lenslets_use_the_disc():
-    k = np.array([0.0, 0.2, 0.4])
-    blur = LensletBlur(q=5.0, fill=(1.0, 0.8), circular=True)
-    h = blur.transfer(k, k, shear=(0.1, -0.1))
-    assert h.shape == (3, 3)
-    assert h[0, 0] == pytest.approx(1)
-    expected = disc_ambiguity(np.hypot(0.2, 0.4 * 0.8), 0.5 * np.hypot(0.2, 0.4))
-    assert h[1, 2] == pytest.approx(expected)
-
-
-def test_find_peak():
-    found = find_peak(lambda x: math.exp(-40 * (x - 0.1234) ** 2), 0.3)
-    assert found.inside
-    assert found.position == pytest.approx(0.1234, abs=1e-12)
-    assert found.positions.shape == found.values.shape == (49,)
-    bump = [lambda x, c=c: math.exp(-900 * (x - c) ** 2) for c in (-0.2, 0.1)]
-    two = find_peak(lambda x: bump[0](x) + 2 * bump[1](x), 0.3)
-    assert two.position == pytest.approx(0.1, abs=1e-3)
-    for sign in (-1, 1):
-        end = find_peak(lambda x, s=sign: 2 + s * x, 0.3)
-        assert not end.inside
-        assert end.position == pytest.approx(0.3 * sign)
-
-
 def plain(device, **options) -> LightField:
     values = textured((5, 6, 23, 27), 0.2, 0.2).astype(np.float32)
     return LightField.from_array(values, device=device, **options)
 
 
-@pytest.mark.parametrize(
-    ("options", "words"),
-    [
+def test_bad_input(device):
+    for options, words in (
         ({"method": "sharpest"}, r"'compensated', 'energy', 'slope', 'thesis'.*'sharpest'"),
         ({"method": "compensated"}, r"spacing.*camera"),
         ({"method": "thesis"}, r"raw image"),
@@ -321,11 +258,9 @@ def plain(device, **options) -> LightField:
         ({"c_max": 0.0}, r"c_max lies between 0 and"),
         ({"c_max": 40.0}, r"c_max.*40"),
         ({"c_max": math.nan}, r"c_max.*nan"),
-    ],
-)
-def test_bad_input(device, options, words):
-    with pytest.raises(ValueError, match=words):
-        estimate_alpha(plain(device), **({"method": "energy"} | options))
+    ):
+        with pytest.raises(ValueError, match=words):
+            estimate_alpha(plain(device), **({"method": "energy"} | options))
 
 
 def test_c_max_keeps_alpha_positive_and_the_band_open(device, fields):
@@ -336,8 +271,7 @@ def test_c_max_keeps_alpha_positive_and_the_band_open(device, fields):
         estimate_alpha(fields[0.05], c_max=0.95)
 
 
-@pytest.mark.parametrize("value", [0.0, 4.0])
-def test_nothing_to_focus_on(device, value):
-    flat = LightField.from_array(np.full((5, 6, 23, 27), value), device=device)
+def test_nothing_to_focus_on(device):
+    flat = LightField.from_array(np.full((5, 6, 23, 27), 4.0), device=device)
     with pytest.raises(ValueError, match="black or without any detail"):
         estimate_alpha(flat, method="energy", at=(11, 13))

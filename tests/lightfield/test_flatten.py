@@ -14,8 +14,6 @@ from clplen.lightfield.arrays.ray_samples import STATISTICS
 from clplen.lightfield.model.apertures import disc, gaussian
 from clplen.lightfield.model.light_field import LightField
 
-TYPES = (np.uint8, np.uint16, np.float32)
-
 
 def light_field(device, shape=(5, 4, 7, 13), dtype=np.float32):
     a = np.random.default_rng(3).uniform(1, 250, shape).astype(dtype)
@@ -25,9 +23,8 @@ def light_field(device, shape=(5, 4, 7, 13), dtype=np.float32):
 
 
 @pytest.mark.parametrize("mode", STATISTICS)
-@pytest.mark.parametrize("dtype", TYPES)
-def test_twins(device, mode, dtype):
-    for shape in ((5, 4, 7, 13), (3, 2, 5, 6, 3)):
+def test_twins(device, mode):
+    for shape, dtype in (((5, 4, 7, 13), np.uint8), ((3, 2, 5, 6, 3), np.float32)):
         a = np.random.default_rng(3).uniform(1, 250, shape).astype(dtype)
         w = np.random.default_rng(4).uniform(0.3, 1.5, shape[:2]).astype(np.float32)
         w[2, 1] = 0

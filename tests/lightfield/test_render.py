@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from types import SimpleNamespace
 
 import numpy as np
@@ -14,7 +15,9 @@ from clplen.errors import ShapeError
 from clplen.lightfield.model.apertures import aperture_weights
 from clplen.lightfield.model.light_field import LightField
 
-TYPES = (np.uint8, np.uint16, np.float32)
+SAMPLES = [
+    (np.uint8, (5, 8, 7, 11)), (np.uint16, (2, 3, 5, 4, 3)), (np.float32, (5, 8, 7, 11))
+]  # fmt: skip
 SPACING = (-120e-6, -60e-6, 150e-6, 150e-6)
 CAMERA = SimpleNamespace(image_distance=0.24, aperture_diameter=0.9e-3)
 
@@ -32,8 +35,7 @@ def rounding(a: np.ndarray) -> float:
     return (a.shape[0] * a.shape[1] + 1) * 2.0**-24 * float(a.max())
 
 
-@pytest.mark.parametrize("dtype", TYPES)
-@pytest.mark.parametrize("shape", [(5, 8, 7, 11), (2, 3, 5, 4, 3)])
+@pytest.mark.parametrize(("dtype", "shape"), SAMPLES)
 def test_a_view_is_exact(device, dtype, shape):
     a = values(dtype, shape)
     got = light_field(device, a, weights=np.full(shape[:2], 0.3)).view(1, 2).to_numpy()
@@ -41,7 +43,7 @@ def test_a_view_is_exact(device, dtype, shape):
     np.testing.assert_array_equal(got, a[1, 2].astype(np.float32))
 
 
-@pytest.mark.parametrize("at", [(1.25, 2.5), (4, 6.9), (0, 0), (4, 7)])
+@pytest.mark.parametrize("at", [(1.25, 2.5), (4, 6.9)])
 def test_between_views(device, at):
     a = values()
     got = light_field(device, a).view(*at).to_numpy()
@@ -60,23 +62,7 @@ def test_a_view_without_weight_is_shown_but_not_mixed(device):
     np.testing.assert_array_equal(lf.view(2, 3.25).to_numpy(), a[2, 4])
 
 
-@pytest.mark.parametrize("at", [(-0.1, 0), (0, 7.01), (5, 0), (np.nan, 1)])
-def test_a_viewpoint_outside_is_refused(device, at):
-    lf = light_field(device)
-    for refused in (lambda: lf.view(*at), lambda: lf.render(aperture=2, viewpoint=at)):
-        with pytest.raises(ValueError, match="v is from 0 to 4, u from 0 to 7"):
-            refused()
-
-
-@pytest.mark.parametrize("at", [3, (1, 2, 3)])
-def test_a_viewpoint_is_a_pair(device, at):
-    for aperture in (None, 2):
-        with pytest.raises(ValueError, match=r"A viewpoint is \(v, u\), not"):
-            light_field(device).render(aperture=aperture, viewpoint=at)
-
-
-@pytest.mark.parametrize("dtype", TYPES)
-@pytest.mark.parametrize("shape", [(5, 8, 7, 11), (2, 3, 5, 4, 3)])
+@pytest.mark.parametrize(("dtype", "shape"), SAMPLES)
 def test_epi(device, dtype, shape):
     a = values(dtype, shape)
     lf = light_field(device, a)
@@ -86,29 +72,7 @@ def test_epi(device, dtype, shape):
     np.testing.assert_array_equal(columns, a[:, 2, :, 3].astype(np.float32))
 
 
-@pytest.mark.parametrize(
-    "given", [{}, {"y": 1}, {"y": 1, "u": 1}, {"y": 1, "v": 1, "x": 1}, {"y": 1, "x": 1}]
-)
-def test_epi_of_no_pair_is_refused(device, given):
-    with pytest.raises(ValueError, match="takes y and v, or x and u, not"):
-        light_field(device).epi(**given)
-
-
-@pytest.mark.parametrize(
-    ("given", "message"),
-    [
-        ({"y": 7, "v": 0}, "y is a whole number from 0 to 6, not 7"),
-        ({"x": 0, "u": -1}, "u is a whole number from 0 to 7, not -1"),
-        ({"x": 0.5, "u": 1}, "x is a whole number from 0 to 10, not 0.5"),
-    ],
-)
-def test_epi_outside_is_refused(device, given, message):
-    with pytest.raises(ValueError, match=message):
-        light_field(device).epi(**given)
-
-
-@pytest.mark.parametrize("dtype", TYPES)
-@pytest.mark.parametrize("total", [False, True])
+@pytest.mark.parametrize(("dtype", "total"), [(np.uint8, True), (np.float32, False)])
 def test_all_views(device, dtype, total):
     a = values(dtype, (3, 4, 5, 7, 3))
     weights = np.random.default_rng(19).random((3, 4)).astype(np.float32)
@@ -117,19 +81,13 @@ def test_all_views(device, dtype, total):
     assert np.abs(got - want).max() <= rounding(a) * (weights.sum() if total else 1)
 
 
-@pytest.mark.parametrize("across", [1, 2, 3, 4, 5])
-@pytest.mark.parametrize("total", [False, True])
+@pytest.mark.parametrize(("across", "total"), [(1, False), (2, True), (3, False), (4, False)])
 def test_square_aperture(device, across, total):
     """Eq. 3.3 of the thesis, even and odd numbers dropped."""
     a = values()
     got = light_field(device, a).render(aperture=across, total=total).to_numpy()
     w = square((5, 8), across)
     assert np.abs(got - twin(a.astype(float), w, total=total)).max() <= rounding(a) * w.sum()
-
-
-def test_square_aperture_of_more_views_than_rows(device):
-    w = aperture_weights(light_field(device), 6, None)
-    np.testing.assert_array_equal(w, np.ones((5, 1)) * [0, 1, 1, 1, 1, 1, 1, 0])
 
 
 def test_square_aperture_moves_with_the_viewpoint(device):
@@ -148,20 +106,15 @@ def covered(views, centre, diameter, fine=200) -> np.ndarray:
     return (inside <= 1).reshape(views[0], fine, views[1], fine).mean(axis=(1, 3))
 
 
-@pytest.mark.parametrize("fraction", [1.0, 0.61, 0.1, np.float32(0.5)])
-@pytest.mark.parametrize("at", [None, (2, 3), (3.7, 0.2)])
+@pytest.mark.parametrize(
+    ("fraction", "at"), [(1.0, None), (0.61, (3.7, 0.2)), (np.float32(0.5), (2, 3))]
+)
 def test_disc(device, fraction, at):
     w = aperture_weights(light_field(device), fraction, at)
     want = covered((5, 8), at or (2, 3.5), (5 * fraction, 8 * fraction))
     # A raster of 200 misjudges at most the cells that the rim crosses: 2 in each of 200 lines.
     assert np.abs(w - want).max() <= 2 / 200
     assert w.dtype == np.float32
-
-
-def test_disc_below_one_view_is_that_view(device):
-    a = values()
-    got = light_field(device, a).render(aperture=0.1, viewpoint=(1, 6)).to_numpy()
-    np.testing.assert_array_equal(got, a[1, 6])
 
 
 def test_f_number(device):
@@ -173,25 +126,6 @@ def test_f_number(device):
     a = values().astype(float)
     got = lf.render(aperture="f/400").to_numpy()
     assert np.abs(got - twin(a, w.astype(float))).max() <= rounding(a)
-
-
-def test_f_number_wider_than_the_lens_is_refused(device):
-    lf = light_field(device, spacing=SPACING, camera=CAMERA)
-    aperture_weights(lf, "f/266", None)  # 0.902 mm of 0.9: a rounded number
-    with pytest.raises(ValueError, match=r"'f/200' is wider than the main lens, .* f/266\.7"):
-        lf.render(aperture="f/200")
-
-
-@pytest.mark.parametrize("text", ["f66", "66", "f/0", "f/-3", ""])
-def test_words_that_are_no_f_number(device, text):
-    with pytest.raises(ValueError, match="an f-number such as 'f/66', not"):
-        light_field(device, spacing=SPACING, camera=CAMERA).render(aperture=text)
-
-
-def test_f_number_needs_the_camera(device):
-    for known in ({"spacing": SPACING}, {"camera": CAMERA}):
-        with pytest.raises(ValueError, match="needs the camera and the spacing"):
-            light_field(device, **known).render(aperture="f/400")
 
 
 def test_array_aperture(device):
@@ -208,36 +142,46 @@ def test_array_aperture(device):
     np.testing.assert_allclose(moved, want, atol=1e-7)
 
 
-def test_bad_array_apertures_are_refused(device):
-    lf = light_field(device)
-    with pytest.raises(ShapeError, match=r"aperture has shape \(8, 5\), the views \(5, 8\)"):
-        lf.render(aperture=np.ones((8, 5)))
-    for bad in (np.nan, -1):
-        with pytest.raises(ValueError, match="finite and not negative"):
-            lf.render(aperture=np.full((5, 8), bad))
+OUTSIDE = r"v is from 0 to 4, u from 0 to 7"
+PAIR = r"A viewpoint is \(v, u\), not"
+FRACTION = r"a fraction of the full diameter, in \(0, 1\], not"
+REFUSED = [
+    (lambda lf: lf.view(-0.1, 0), ValueError, OUTSIDE),
+    (lambda lf: lf.view(np.nan, 1), ValueError, OUTSIDE),
+    (lambda lf: lf.render(aperture=2, viewpoint=(0, 7.01)), ValueError, OUTSIDE),
+    (lambda lf: lf.render(viewpoint=3), ValueError, PAIR),
+    (lambda lf: lf.render(aperture=2, viewpoint=(1, 2, 3)), ValueError, PAIR),
+    (lambda lf: lf.epi(), ValueError, "takes y and v, or x and u, not"),
+    (lambda lf: lf.epi(y=1, x=1), ValueError, "takes y and v, or x and u, not"),
+    (lambda lf: lf.epi(y=1, v=1, x=1), ValueError, "takes y and v, or x and u, not"),
+    (lambda lf: lf.epi(y=7, v=0), ValueError, "y is a whole number from 0 to 6, not 7"),
+    (lambda lf: lf.epi(x=0.5, u=1), ValueError, "x is a whole number from 0 to 10, not 0.5"),
+    (lambda lf: lf.render(aperture="f/200"), ValueError, r"'f/200' is wider than .* f/266\.7"),
+    (lambda lf: lf.render(aperture="f66"), ValueError, "an f-number such as 'f/66', not"),
+    (lambda lf: lf.render(aperture="f/-3"), ValueError, "an f-number such as 'f/66', not"),
+    (
+        lambda lf: replace(lf, camera=None).render(aperture="f/400"),
+        ValueError,
+        "needs the camera and the spacing",
+    ),
+    (lambda lf: lf.render(aperture=np.ones((8, 5))), ShapeError, r"shape \(8, 5\), the views"),
+    (lambda lf: lf.render(aperture=np.full((5, 8), np.nan)), ValueError, "finite and not negative"),
+    (lambda lf: lf.render(aperture=np.full((5, 8), -1)), ValueError, "finite and not negative"),
+    (lambda lf: lf.render(aperture=0), ValueError, "the light field 5 x 8: give 1 to 8"),
+    (lambda lf: lf.render(aperture=9), ValueError, "the light field 5 x 8: give 1 to 8"),
+    (lambda lf: lf.render(aperture=0.0), ValueError, FRACTION),
+    (lambda lf: lf.render(aperture=1.01), ValueError, FRACTION),
+    (lambda lf: lf.render(aperture=True), TypeError, "An aperture is a number of views"),
+    (lambda lf: lf.render(aperture={"k": 3}), TypeError, "An aperture is a number of views"),
+    (lambda lf: lf.render(aperture=1), ValueError, "leaves only views of weight 0"),
+]
 
 
-@pytest.mark.parametrize("across", [0, -1, 9])
-def test_square_aperture_outside_is_refused(device, across):
-    with pytest.raises(ValueError, match="the light field 5 x 8: give 1 to 8"):
-        light_field(device).render(aperture=across)
-
-
-@pytest.mark.parametrize("fraction", [0.0, -0.5, 1.01, np.nan])
-def test_fraction_outside_is_refused(device, fraction):
-    with pytest.raises(ValueError, match=r"a fraction of the full diameter, in \(0, 1\], not"):
-        light_field(device).render(aperture=fraction)
-
-
-@pytest.mark.parametrize("aperture", [True, [1, 2], {"k": 3}, 1j])
-def test_what_is_no_aperture_is_refused(device, aperture):
-    with pytest.raises(TypeError, match="An aperture is a number of views"):
-        light_field(device).render(aperture=aperture)
-
-
-def test_an_aperture_without_any_view_is_refused(device):
+def test_what_is_refused(device):
     weights = np.ones((5, 8))
     weights[2] = 0
-    lf = light_field(device, weights=weights)
-    with pytest.raises(ValueError, match="leaves only views of weight 0"):
-        lf.render(aperture=1)
+    lf = light_field(device, spacing=SPACING, camera=CAMERA, weights=weights)
+    aperture_weights(lf, "f/266", None)  # 0.902 mm of 0.9: a rounded number
+    for call, error, message in REFUSED:
+        with pytest.raises(error, match=message):
+            call(lf)

@@ -12,8 +12,6 @@ from tolerance import relative_max
 from clplen.errors import ShapeError
 from clplen.lightfield.model.light_field import LightField
 
-TYPES = (np.uint8, np.uint16, np.float32)
-
 
 def light_field(device, shape=(5, 4, 7, 11), dtype=np.float32, **more):
     a = np.random.default_rng(3).uniform(1, 250, shape).astype(dtype)
@@ -32,9 +30,14 @@ def wave(y, x, cycles=0.17) -> np.ndarray:
     return 100 + 40 * np.sin(2 * np.pi * cycles * x) + 40 * np.cos(2 * np.pi * 0.8 * cycles * y)
 
 
-@pytest.mark.parametrize("dtype", TYPES)
-@pytest.mark.parametrize("shape", [(5, 4, 7, 11), (3, 4, 5, 7, 3)])
-@pytest.mark.parametrize("interpolation", ["cubic", "linear", "nearest"])
+@pytest.mark.parametrize(
+    ("dtype", "shape", "interpolation"),
+    [
+        (np.uint8, (5, 4, 7, 11), "cubic"),
+        (np.uint16, (3, 4, 5, 7, 3), "linear"),
+        (np.float32, (5, 4, 7, 11), "nearest"),
+    ],
+)
 def test_twin(device, dtype, shape, interpolation):
     a, lf = light_field(device, shape, dtype)
     at, d = (1.3, 2.75), -1.65

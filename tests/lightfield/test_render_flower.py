@@ -10,7 +10,6 @@ from scipy.ndimage import gaussian_filter
 
 from clplen.compute.device import Device
 from clplen.io import read_lightfield
-from clplen.lightfield.focus_and_depth import all_in_focus, focal_stack
 from clplen.lightfield.model.light_field import LightField
 from clplen.lightfield.refocusing.focal_stacks import refocus
 
@@ -29,24 +28,9 @@ def flower(data_folder: Path, device: Device) -> LightField:
     return read_lightfield(folder, device=device, pattern="IMG_0001_{n}_{u}_{v}.png")
 
 
-@pytest.mark.thorough
-def test_views_between_views(flower: LightField):
-    """Along rays the detail of a view is kept; without, it is ghosted away."""
-    own = detail(flower.view(4, 1).to_numpy())
-    rays = detail(flower.view(4.5, 1.5, disparity=D).to_numpy())
-    assert detail(flower.view(4.5, 1.5).to_numpy()) < 0.92 * own < rays
-
-
 def test_interpolations(flower: LightField):
     linear, cubic, fourier = (
         detail(refocus(flower, disparity=D, interpolation=name).to_numpy())
         for name in ("linear", "cubic", "fourier")
     )
     assert linear < 0.9 * cubic < cubic < fourier
-
-
-@pytest.mark.thorough
-def test_all_in_focus_is_as_sharp_as_the_best_plane_or_more(flower: LightField):
-    stack = focal_stack(flower, disparities=np.linspace(-1, 0, 21))
-    best = max(detail(plane) for plane in stack.to_numpy())
-    assert detail(all_in_focus(stack).to_numpy()) > 0.96 * best

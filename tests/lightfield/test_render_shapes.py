@@ -11,7 +11,6 @@ from clplen.errors import ShapeError
 from clplen.lightfield.model.apertures import (
     annulus,
     disc,
-    f_number_radius,
     gaussian,
     half_plane,
     hann,
@@ -34,8 +33,7 @@ def judged(w: np.ndarray, inside: np.ndarray) -> None:
     assert np.abs(w - covered(np.broadcast_to(inside, (7 * FINE, 9 * FINE)), FINE)).max() <= RASTER
 
 
-@pytest.mark.parametrize("radius", [2.6, (1.3, 3.1), 0.3])
-@pytest.mark.parametrize("centre", [None, (2.2, 5.7)])
+@pytest.mark.parametrize(("radius", "centre"), [((1.3, 3.1), None), (0.3, (2.2, 5.7))])
 def test_discs_annuli_squares(radius, centre):
     v, u = centre or (3, 4)
     high, wide = np.broadcast_to(radius, 2)
@@ -80,10 +78,8 @@ def test_regular_polygons_turn_from_u_to_v():
     judged(regular_polygon(VIEWS, 4, (1.2, 3)), abs(V - 3) / 1.2 + abs(U - 4) / 3 <= 1)
 
 
-@pytest.mark.parametrize(("angle", "row"), [(0, False), (np.pi / 2, True)])
-def test_half_planes_keep_the_side_of_their_angle(angle, row):
-    w = half_plane(VIEWS, angle)
-    judged(w, V >= 3 if row else U >= 4)
+def test_half_planes_keep_the_side_of_their_angle():
+    judged(half_plane(VIEWS, 0), np.broadcast_arrays(U >= 4, V)[0])
     judged(
         half_plane(VIEWS, 0.7, centre=(2, 6)), (V - 2) * np.sin(0.7) + (U - 6) * np.cos(0.7) >= 0
     )
@@ -121,33 +117,27 @@ def test_they_go_where_apertures_go(device):
     np.testing.assert_allclose(lf.render(aperture=w).to_numpy(), want, rtol=1e-5)
 
 
-def test_f_numbers_need_the_camera(device):
-    lf = LightField.from_array(np.ones((*VIEWS, 2, 2), np.uint8), device=device)
-    with pytest.raises(ValueError, match="needs the camera and the spacing"):
-        f_number_radius(lf, "f/66")
+REFUSED = [
+    (lambda: disc(VIEWS, 0), ValueError, "A radius is positive"),
+    (lambda: disc(VIEWS, 1, centre=(40, 40)), ValueError, "disc covers no view"),
+    (lambda: annulus(VIEWS, 2, 2), ValueError, "inner below outer"),
+    (lambda: polygon(VIEWS, [(0, 0), (1, 1)]), ShapeError, "at least three corners"),
+    (lambda: regular_polygon(VIEWS, 2, 1), ValueError, "at least 3 sides"),
+    (lambda: picture(VIEWS, [[-1.0]], 2), ValueError, "not negative"),
+    (lambda: half_plane(VIEWS, np.inf), ValueError, "finite number in radians"),
+    (lambda: kaiser(VIEWS, 2, -1), ValueError, "from 0 to 100"),
+    (lambda: square((7,), 2), ShapeError, r"Views are \(V, U\)"),
+    (lambda: square(VIEWS, 2, centre=3), ValueError, r"is \(v, u\), not 3"),
+]
 
 
-@pytest.mark.parametrize(
-    ("make", "error", "words"),
-    [
-        (lambda: disc(VIEWS, 0), ValueError, "A radius is positive"),
-        (lambda: disc(VIEWS, 1, centre=(40, 40)), ValueError, "disc covers no view"),
-        (lambda: annulus(VIEWS, 2, 2), ValueError, "inner below outer"),
-        (lambda: polygon(VIEWS, [(0, 0), (1, 1)]), ShapeError, "at least three corners"),
-        (lambda: regular_polygon(VIEWS, 2, 1), ValueError, "at least 3 sides"),
-        (lambda: picture(VIEWS, [[-1.0]], 2), ValueError, "not negative"),
-        (lambda: half_plane(VIEWS, np.inf), ValueError, "finite number in radians"),
-        (lambda: kaiser(VIEWS, 2, -1), ValueError, "from 0 to 100"),
-        (lambda: square((7,), 2), ShapeError, r"Views are \(V, U\)"),
-        (lambda: square(VIEWS, 2, centre=3), ValueError, r"is \(v, u\), not 3"),
-    ],
-)
-def test_bad_shapes_are_refused(make, error, words):
-    with pytest.raises(error, match=words):
-        make()
+def test_bad_shapes_are_refused():
+    for make, error, words in REFUSED:
+        with pytest.raises(error, match=words):
+            make()
 
 
-@pytest.mark.parametrize("centre", [(9.66, 38.18), (3.3, 0.7), (23.0, 23.0)])
+@pytest.mark.parametrize("centre", [(9.66, 38.18), (23.0, 23.0)])
 def test_no_view_outside_a_shape_counts(centre: tuple[float, float]) -> None:
     v, u = np.indices((47, 47)) - np.array(centre)[:, None, None]
     far = np.hypot(v, u) > 8.7 + 0.71  # half a diagonal beyond the rim

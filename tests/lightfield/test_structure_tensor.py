@@ -25,10 +25,8 @@ def orientations(L, shears, weights):
     return (np.array(part) for part in zip(*found, strict=True))
 
 
-@pytest.mark.parametrize(
-    "shape", [pytest.param((5, 4, 24, 31), marks=pytest.mark.thorough), (3, 3, 20, 23, 3)]
-)
-def test_against_its_definition(device, shape):
+def test_against_its_definition(device):
+    shape = (3, 4, 17, 23, 3)
     random = np.random.default_rng(2)
     V, U, ny, nx = shape[:4]
     y, x = np.arange(ny)[:, None], np.arange(nx)[None, :]
@@ -54,9 +52,9 @@ def test_against_its_definition(device, shape):
     assert (confidence[clear] <= top[-1][clear] + 1e-4).all()
 
 
-@pytest.mark.parametrize("d", [-1.9, 2.4])
-def test_what_moves_by_pixels(device, d):
+def test_what_moves_by_pixels(device):
     """Far beyond a pixel a view step, where gradients of the views alone are of no use."""
+    d = 2.4
     y, x = np.arange(40.0)[:, None], np.arange(60.0)[None, :]
     random = np.random.default_rng(3)
     f, phase = random.uniform(-0.2, 0.2, (2, 30)), random.uniform(0, 2 * np.pi, 30)

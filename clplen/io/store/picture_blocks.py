@@ -44,7 +44,7 @@ class Tiles(Protocol):
     --------
     >>> clplen.io.write_npy("lf.npy", np.random.default_rng(1).random((3, 3, 32, 32), np.float32))
     >>> with clplen.open_lightfield("lf.npy") as stored:
-    ...     tiles = clplen.lightfield.stream_stack(stored, disparities=[0.0, 0.5])
+    ...     tiles = clplen.lightfield.stack_tiles(stored, disparities=[0.0, 0.5])
     ...     clplen.io.write_stack("stack.tif", tiles)
     >>> tiles.shape, clplen.io.read_stack("stack.tif").disparities.tolist()
     ((2, 32, 32), [0.0, 0.5])

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 import pyopencl.array as cla
 
-from clplen.checks import float64_array, host_array
+from clplen.checks import host_array, real_array
 from clplen.compute.device import Device
 from clplen.errors import ShapeError
 from clplen.lightfield.arrays.stored_samples import C_TYPE
@@ -75,7 +75,7 @@ def along_rays(
 
 def checked_disparity(disparity: Any, size: tuple[int, int]) -> Table:
     """Disparity of a picture, one number or one of every pixel; float64."""
-    d = float64_array(host_array(disparity, "A disparity"))
+    d = real_array(disparity, "A disparity", np.float64)
     if d.shape not in ((), size):
         raise ShapeError(
             f"A disparity is one number or one of every pixel, shape {size}, not {d.shape}."

@@ -9,7 +9,7 @@ import numpy as np
 
 from clplen.lightfield.arrays.stored_samples import plane
 from clplen.lightfield.axis_check.axis_test import Real, grey_picture, search_limit
-from clplen.lightfield.depth.depth_maps import DepthMap, depth_map_in_memory
+from clplen.lightfield.depth.combined_cue import combined_disparity
 from clplen.lightfield.model.alpha_law import unit_steps
 from clplen.lightfield.model.light_field import LightField
 
@@ -45,9 +45,9 @@ def disparity_range(lf: LightField, *, farthest: float) -> tuple[float, float]:
         farthest = min(farthest, limit)
         count = max(1, math.ceil(farthest / _STEP))
         planes = np.linspace(-farthest, farthest, 2 * count + 1)
-        found = depth_map_in_memory(small, disparities=planes / factor, cue="combined")
-        if farthest >= limit or _at_ends(found.disparity * factor, planes) <= _AT_ENDS:
-            return _between(found, factor)
+        disparity, confidence = combined_disparity(small, planes / factor)
+        if farthest >= limit or _at_ends(disparity * factor, planes) <= _AT_ENDS:
+            return _between(disparity[confidence > _SURE], factor, disparity.size)
         farthest *= 2
 
 
@@ -85,9 +85,9 @@ def _at_ends(disparity: Any, planes: Real) -> float:
     return float(np.mean((disparity < inside[0]) | (disparity > inside[1])))
 
 
-def _between(found: DepthMap, factor: int) -> tuple[float, float]:
-    sure = found.disparity[found.confidence > _SURE]
-    if sure.size < max(1, _FEW * found.disparity.size):
+def _between(sure: Any, factor: int, pixels: int) -> tuple[float, float]:
+    """Outermost disparities of the pixels that are sure, unless they are too few."""
+    if sure.size < max(1, _FEW * pixels):
         return UNKNOWN
     low, high = factor * np.percentile(sure, _OUTER)
     return float(low) - _MARGIN, float(high) + _MARGIN

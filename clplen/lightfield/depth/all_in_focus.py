@@ -6,19 +6,13 @@ from typing import Any
 
 import numpy as np
 import pyopencl.array as cla
-from numpy.typing import ArrayLike
 
-from clplen.compute.arrays import Image
-from clplen.compute.device import DeviceLike
 from clplen.errors import ShapeError
 from clplen.lightfield.arrays.ray_samples import checked_disparity
 from clplen.lightfield.arrays.smoothing import Smoother, gaussian_taps
-from clplen.lightfield.depth.best_focus import default_disparities
-from clplen.lightfield.depth.depth_maps import DepthMap
 from clplen.lightfield.depth.energy_cue import ENERGY_REACH, LocalEnergy
-from clplen.lightfield.model.light_field import LightField
-from clplen.lightfield.model.stored_light_field import StoredLightField, as_lightfield
-from clplen.lightfield.refocusing.focal_stacks import FocalStack, focal_stack_in_memory, refocus
+from clplen.lightfield.model.sampled_views import SampledViews
+from clplen.lightfield.refocusing.focal_stacks import FocalStack
 from clplen.lightfield.refocusing.memory_estimate import (
     DEVICE_FLOAT,
     HOST_FLOAT,
@@ -33,28 +27,7 @@ _AT_ONCE = 8  # planes whose energy is held before it is smoothed
 _DOUBLINGS = 5  # energy to the power of 32: planes next to the sharpest share, others do not
 
 
-def all_in_focus_in_memory(
-    source: LightField | FocalStack | ArrayLike,
-    *,
-    depth: DepthMap | ArrayLike | None = None,
-    disparities: ArrayLike | None = None,
-    device: DeviceLike | None = None,
-) -> Image:
-    """`clplen.all_in_focus` of a light field on a device, or of a focal stack."""
-    if not isinstance(source, FocalStack):
-        source = as_lightfield(source, "all_in_focus", device=device)
-    check_planes(depth if not isinstance(source, FocalStack) else source, disparities)
-    if isinstance(source, FocalStack):
-        if depth is None:
-            return Image(blended(source), source.device)
-        return Image(_between(source, disparity_of(depth, source.shape[1:3])), source.device)
-    if depth is not None:
-        return refocus(source, disparity=disparity_of(depth, source.shape[2:4]))
-    planes = default_disparities(source) if disparities is None else disparities
-    return Image(blended(focal_stack_in_memory(source, disparities=planes)), source.device)
-
-
-def blend_memory(source: StoredLightField, planes: Vector) -> MemoryEstimate:
+def blend_memory(source: SampledViews, planes: Vector) -> MemoryEstimate:
     """What an all-in-focus picture from the planes of a stack needs."""
     channels, size = (*source.shape, 1)[4], planes.size
     floats = size * channels + size + min(_AT_ONCE, size) + channels
@@ -68,7 +41,7 @@ def blend_memory(source: StoredLightField, planes: Vector) -> MemoryEstimate:
     )
 
 
-def surface_memory(source: StoredLightField, disparity: Vector) -> MemoryEstimate:
+def surface_memory(source: SampledViews, disparity: Vector) -> MemoryEstimate:
     """What an all-in-focus picture on the surface of a known depth map needs."""
     channels = (*source.shape, 1)[4]
     ends = np.array([disparity.min(), disparity.max()])
@@ -102,7 +75,7 @@ def disparity_of(depth: Any, size: tuple[int, ...]) -> np.ndarray[Any, Any]:
     return d
 
 
-def _between(stack: FocalStack, disparity: np.ndarray[Any, Any]) -> cla.Array:
+def between_planes(stack: FocalStack, disparity: np.ndarray[Any, Any]) -> cla.Array:
     """Each pixel between the planes below and above its disparity."""
     order = np.argsort(stack.disparities, kind="stable")
     rising = stack.disparities[order]

@@ -16,7 +16,6 @@ from clplen.lightfield.depth.cue import (
     Cue,
     Mask,
     PartialDepth,
-    TwoPasses,
     depth_memory,
     nearest_zero,
 )
@@ -60,7 +59,7 @@ from clplen.lightfield.matching.view_matching import (
     thresholds,
 )
 from clplen.lightfield.model.light_field import LightField
-from clplen.lightfield.model.stored_light_field import StoredLightField
+from clplen.lightfield.model.sampled_views import SampledViews
 from clplen.lightfield.refocusing.memory_estimate import DEVICE_FLOAT, HOST_FLOAT, MemoryEstimate
 
 Map = np.ndarray[Any, np.dtype[np.float32]]
@@ -93,7 +92,7 @@ _SURE = 0.05  # pixels a view step: standard deviation of a confidence of one ha
 
 
 def combined_disparity(lf: LightField, planes: Vector) -> tuple[Map, Map]:
-    """Disparity and confidence of every pixel of the centre view.
+    """Find disparity and confidence of every pixel of the centre view of a whole light field.
 
     This is done with the samples and with their detail (`view_detail`), which is believed where
     the brightness of the views differs.
@@ -305,7 +304,7 @@ def _refined(
     return fit_planes(lf, disparity, guide, (*scales, prior.astype(np.float32)), normal, limits)
 
 
-def combined_memory(source: StoredLightField, planes: Vector) -> MemoryEstimate:
+def combined_memory(source: SampledViews, planes: Vector) -> MemoryEstimate:
     """What `combined_disparity` needs, in two passes: gain and vignetting first, then the maps."""
     channels, count = (*source.shape, 1)[4], int(_dense(planes).size)
     tried = max(planes.size, point_planes(source, planes)[1].size)
@@ -322,8 +321,4 @@ def combined_memory(source: StoredLightField, planes: Vector) -> MemoryEstimate:
     )
 
 
-CUE = Cue(
-    combined_disparity,
-    combined_memory,
-    TwoPasses(LevelSurvey, match_views, merge_confidence),
-)
+CUE = Cue(match_views, combined_memory, LevelSurvey, merge_confidence)

@@ -22,7 +22,7 @@ from clplen.lightfield.depth.sheared_views import (
 )
 from clplen.lightfield.model.alpha_law import unit_steps
 from clplen.lightfield.model.light_field import LightField
-from clplen.lightfield.model.stored_light_field import StoredLightField
+from clplen.lightfield.model.sampled_views import SampledViews
 from clplen.lightfield.refocusing.memory_estimate import MemoryEstimate
 
 Vector = np.ndarray[Any, np.dtype[np.float64]]
@@ -125,7 +125,7 @@ def correspondence_disparity(lf: LightField, planes: Vector) -> tuple[Map, Map]:
     return tracker.finish()
 
 
-def correspondence_memory(source: StoredLightField, planes: Vector) -> MemoryEstimate:
+def correspondence_memory(source: SampledViews, planes: Vector) -> MemoryEstimate:
     """What `correspondence_disparity` needs; its box reaches half its size."""
     channels, most = (*source.shape, 1)[4], min(AT_ONCE, planes.size)
     return depth_memory(

@@ -4,13 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Any, Protocol
+from typing import Any, NamedTuple, Protocol
 
 import numpy as np
 
 from clplen.lightfield.arrays.peaks import Map
 from clplen.lightfield.model.light_field import LightField
-from clplen.lightfield.model.stored_light_field import StoredLightField
+from clplen.lightfield.model.sampled_views import SampledViews
 from clplen.lightfield.refocusing.focal_stacks import FocalStack
 from clplen.lightfield.refocusing.memory_estimate import (
     DEVICE_FLOAT,
@@ -27,16 +27,10 @@ AT_ONCE = 8  # planes whose curve is held at a time
 MAP_BYTES = 16  # of a pixel of a depth map: four float32
 
 
-@dataclass(frozen=True)
-class PartialDepth:
-    """What a cue of two passes finds in a part of a light field, at every pixel, shape (y, x).
+class PartialDepth(NamedTuple):
+    """Disparity and confidence of a part of a light field, float32 of shape (y, x).
 
-    Attributes
-    ----------
-    disparity, confidence : numpy.ndarray
-        float32.
-    lost : numpy.ndarray
-        bool: where the views agree on no plane, and both are those of the sharpest plane.
+    ``lost``, bool, marks pixels where the views agree on no plane and the sharpest one was taken.
     """
 
     disparity: Map
@@ -45,52 +39,30 @@ class PartialDepth:
 
 
 class Survey(Protocol):
-    """What a cue learns of a whole light field, from bands of full rows, before it finds depth."""
+    """Collect what a cue needs to know of a whole light field, from bands of full rows."""
 
     def add(self, rows: slice, lf: LightField) -> None:
-        """Look at some rows of all views."""
+        """Add some rows of all views."""
 
     def finish(self) -> Any:
-        """What `TwoPasses.disparity` takes, when all rows were added."""
-
-
-@dataclass(frozen=True)
-class TwoPasses:
-    """How a cue that depends on the whole light field is made in parts.
-
-    Attributes
-    ----------
-    survey : callable
-        (stored light field) to a `Survey`.
-    disparity : callable
-        (part, rising planes, what the survey gave, inside=(rows, columns) that are wanted) to the
-        `PartialDepth` of the whole part.
-    merge_confidence : callable
-        (confidence, lost) of the whole map to its confidence.
-    """
-
-    survey: Callable[[StoredLightField], Survey]
-    disparity: Callable[..., PartialDepth]
-    merge_confidence: Callable[[Map, Mask], Map]
+        """Return what `Cue.disparity` takes as its third argument, when all rows were added."""
 
 
 @dataclass(frozen=True)
 class Cue:
     """One way to find depth; `clplen.lightfield.depth.depth_maps` lists them all.
 
-    Attributes
-    ----------
-    disparity : callable
-        (light field, rising planes) to (disparity, confidence), float32, shape (y, x).
-    memory : callable
-        (stored light field, rising planes) to the `MemoryEstimate` of that.
-    two_passes : TwoPasses or None
-        For a cue whose parts depend on the whole light field.
+    ``disparity(part of a light field, rising planes)`` returns (disparity, confidence), and
+    ``memory(light field, rising planes)`` the `MemoryEstimate` of that. The parts of a cue with a
+    ``survey`` depend on the whole light field: ``disparity(part, planes, what the survey found,
+    inside=wanted rows and columns)`` returns a `PartialDepth`, and ``merge(confidence, lost)`` of
+    the whole map its confidence.
     """
 
-    disparity: Callable[[LightField, Vector], tuple[Map, Map]]
-    memory: Callable[[StoredLightField, Vector], MemoryEstimate]
-    two_passes: TwoPasses | None = None
+    disparity: Callable[..., Any]
+    memory: Callable[[SampledViews, Vector], MemoryEstimate]
+    survey: Callable[[SampledViews], Survey] | None = None
+    merge: Callable[[Map, Mask], Map] | None = None
 
 
 def nearest_zero(planes: Vector) -> float:
@@ -107,7 +79,7 @@ def require_maps(source: LightField | FocalStack, maps: int, pictures: int) -> N
 
 
 def depth_memory(
-    cue: str, source: StoredLightField, planes: Vector, *, reach: int, floats: int, largest: int
+    cue: str, source: SampledViews, planes: Vector, *, reach: int, floats: int, largest: int
 ) -> MemoryEstimate:
     """The estimate of a cue that needs one pass over the samples."""
     return MemoryEstimate(

@@ -10,7 +10,6 @@ from numpy.typing import ArrayLike
 
 from clplen.checks import real_array, real_map, require
 from clplen.compute.arrays import HostArray
-from clplen.compute.device import DeviceLike
 from clplen.errors import SamplingWarning, ShapeError, warn_caller
 from clplen.lightfield.arrays.peaks import Map
 from clplen.lightfield.depth import (
@@ -24,9 +23,9 @@ from clplen.lightfield.depth.cue import Cue
 from clplen.lightfield.depth.energy_cue import LocalEnergy
 from clplen.lightfield.model.alpha_law import depth_at, require_overlap
 from clplen.lightfield.model.light_field import LightField
-from clplen.lightfield.model.stored_light_field import StoredLightField, as_lightfield
+from clplen.lightfield.model.stored_light_field import StoredLightField
 from clplen.lightfield.raw.raw_image import is_telecentric
-from clplen.lightfield.refocusing.focal_stacks import FocalStack
+from clplen.lightfield.refocusing.focal_stacks import FocalStack, plane_values
 from clplen.results import Plottable, Savable
 
 _CUES = {
@@ -78,6 +77,11 @@ class DepthMap(Savable, Plottable, HostArray):
     z: Map
     confidence: Map
 
+    def __post_init__(self) -> None:
+        for name, values in vars(self).items():
+            if isinstance(values, np.ma.MaskedArray):  # masked means unknown
+                object.__setattr__(self, name, real_map(values, f"The {name} of a depth map"))
+
     def __repr__(self) -> str:
         known = self.disparity[np.isfinite(self.disparity)]
         span = f"disparity {known.min():.4g} to {known.max():.4g}" if known.size else "unknown"
@@ -97,30 +101,6 @@ def as_depth_map(depth: Any) -> DepthMap:
         raise ShapeError(f"A depth map has shape (y, x), not {disparity.shape}.")
     unknown = np.full(disparity.shape, np.nan, np.float32)
     return DepthMap(disparity, unknown, unknown, unknown)
-
-
-def depth_map_in_memory(
-    source: LightField | FocalStack | ArrayLike,
-    *,
-    alphas: ArrayLike | None = None,
-    disparities: ArrayLike | None = None,
-    cue: str | None = None,
-    device: DeviceLike | None = None,
-) -> DepthMap:
-    """`clplen.depth_map` of a light field on a device, or of a focal stack."""
-    if not isinstance(source, FocalStack):
-        source = as_lightfield(source, "depth_map", device=device)
-    name = default_cue(source) if cue is None else cue
-    chosen = cue_named(name)
-    planes = distinct_planes(source, alphas, disparities)
-    if isinstance(source, FocalStack):
-        if name != "energy":
-            raise ValueError(
-                f"cue={name!r} compares views, which a focal stack does not have: give the light "
-                "field, or cue='energy'."
-            )
-        return with_depth(source, *energy_cue.energy_disparity(source, planes))
-    return with_depth(source, *chosen.disparity(source, planes))
 
 
 def default_cue(source: LightField | FocalStack | StoredLightField) -> str:
@@ -192,7 +172,7 @@ def distinct_planes(
         values = source.disparity(alphas)
     else:
         given = default_disparities(source) if disparities is None else disparities
-        values = real_array(given, "A list of planes", np.float64)
+        values = plane_values(given)
     if values.ndim != 1 or not np.isfinite(values).all() or np.unique(values).size < 3:
         raise ValueError(
             "A depth map needs a list of at least three different finite planes, not "

@@ -17,7 +17,7 @@ from clplen.lightfield.arrays.smoothing import Smoother, gaussian_taps, launch_s
 from clplen.lightfield.depth.cue import AT_ONCE, Cue, depth_memory, nearest_zero, require_maps
 from clplen.lightfield.model.alpha_law import view_shifts
 from clplen.lightfield.model.light_field import LightField
-from clplen.lightfield.model.stored_light_field import StoredLightField
+from clplen.lightfield.model.sampled_views import SampledViews
 from clplen.lightfield.refocusing.focal_stacks import FocalStack, stack_on_planes
 from clplen.lightfield.refocusing.memory_estimate import MemoryEstimate
 
@@ -57,7 +57,7 @@ def energy_disparity(source: LightField | FocalStack, planes: Vector) -> tuple[M
     return tracker.finish()
 
 
-def energy_memory(source: StoredLightField, planes: Vector) -> MemoryEstimate:
+def energy_memory(source: SampledViews, planes: Vector) -> MemoryEstimate:
     """What `energy_disparity` needs; its windows reach `ENERGY_REACH` pixels."""
     channels = (*source.shape, 1)[4]
     return depth_memory(

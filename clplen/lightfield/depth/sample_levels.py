@@ -10,7 +10,7 @@ import numpy as np
 from clplen.lightfield.depth.sparse_points import has_sparse_light
 from clplen.lightfield.matching.view_matching import ViewGroups, group_views, row_sums
 from clplen.lightfield.model.light_field import LightField
-from clplen.lightfield.model.stored_light_field import StoredLightField
+from clplen.lightfield.model.sampled_views import SampledViews
 
 Map = np.ndarray[Any, np.dtype[np.float32]]
 Vector = np.ndarray[Any, np.dtype[np.float64]]
@@ -44,7 +44,7 @@ class SampleLevels:
 class LevelSurvey:
     """Gain and vignetting of a light field, seen in bands of full rows."""
 
-    def __init__(self, source: LightField | StoredLightField) -> None:
+    def __init__(self, source: SampledViews) -> None:
         self._views = group_views(source)
         self._centre = np.empty(source.shape[2:], np.float32)
         self._sums = np.empty((source.shape[0] * source.shape[1], source.shape[2]), np.float32)

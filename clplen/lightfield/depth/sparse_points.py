@@ -18,7 +18,7 @@ from clplen.lightfield.depth.camera_optics import camera_optics
 from clplen.lightfield.depth.cue import Mask
 from clplen.lightfield.depth.energy_cue import energy_disparity
 from clplen.lightfield.model.light_field import LightField
-from clplen.lightfield.model.stored_light_field import StoredLightField
+from clplen.lightfield.model.sampled_views import SampledViews
 
 Real = np.ndarray[Any, np.dtype[np.float64]]
 Vector = np.ndarray[Any, np.dtype[np.float64]]
@@ -128,7 +128,7 @@ def point_disparity(lf: LightField, planes: Vector) -> tuple[Map, Map]:
     return (disparity / kappa).astype(np.float32), confidence.astype(np.float32)
 
 
-def point_planes(source: LightField | StoredLightField, planes: Vector) -> tuple[Vector, Vector]:
+def point_planes(source: SampledViews, planes: Vector) -> tuple[Vector, Vector]:
     """The disparities that `point_disparity` tries, rising: coarse and fine."""
     found = []
     for apart in (_COARSE, _FINE):

@@ -13,7 +13,7 @@ from clplen.lightfield.depth.cue import AT_ONCE, Cue, depth_memory, nearest_zero
 from clplen.lightfield.depth.sheared_views import add_colours, launch_sheared, view_tables
 from clplen.lightfield.model.alpha_law import unit_steps
 from clplen.lightfield.model.light_field import LightField
-from clplen.lightfield.model.stored_light_field import StoredLightField
+from clplen.lightfield.model.sampled_views import SampledViews
 from clplen.lightfield.refocusing.memory_estimate import MemoryEstimate
 
 Table = np.ndarray[Any, Any]
@@ -116,7 +116,7 @@ def _shears(planes: Vector) -> tuple[Vector, float]:
     return shears, float(shears[1] - shears[0])
 
 
-def structure_memory(source: StoredLightField, planes: Vector) -> MemoryEstimate:
+def structure_memory(source: SampledViews, planes: Vector) -> MemoryEstimate:
     """What `structure_disparity` needs; its window reaches one pixel farther, for the gradient."""
     channels = (*source.shape, 1)[4]
     return depth_memory(

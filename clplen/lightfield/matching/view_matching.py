@@ -14,7 +14,7 @@ from clplen.lightfield.arrays.shear import vector_lanes
 from clplen.lightfield.arrays.stored_samples import C_TYPE
 from clplen.lightfield.model.alpha_law import row_ratio, unit_steps
 from clplen.lightfield.model.light_field import LightField
-from clplen.lightfield.model.stored_light_field import StoredLightField
+from clplen.lightfield.model.sampled_views import SampledViews
 
 Table = np.ndarray[Any, Any]
 Vector = np.ndarray[Any, np.dtype[np.float64]]
@@ -70,7 +70,7 @@ class ViewGroups:
         ]
 
 
-def group_views(lf: LightField | StoredLightField) -> ViewGroups:
+def group_views(lf: SampledViews) -> ViewGroups:
     """The views with a weight and their groups.
 
     The eight half apertures are bounded by lines through the middle, 45 degrees apart; a view on

@@ -446,14 +446,8 @@ def aperture_weights(lf: SampledViews, aperture: Any, viewpoint: Any) -> Weights
     return weights.astype(np.float32)
 
 
-def f_number_radius(lf: SampledViews, f_number: str) -> Pair:
-    """Radius of the main lens stopped down to an f-number at its image, for the shapes."""
-    along_v, along_u = _f_number_diameter(lf, f_number)
-    return along_v / 2, along_u / 2
-
-
 def _checked_viewpoint(viewpoint: Any, views: tuple[int, int]) -> Pair:
-    values = float64_array(viewpoint)
+    values = real_array(viewpoint, "A viewpoint", np.float64)
     if values.shape != (2,):
         raise ValueError(f"A viewpoint is (v, u), not {viewpoint!r}.")
     if not ((values >= 0) & (values <= np.asarray(views) - 1)).all():

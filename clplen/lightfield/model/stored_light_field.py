@@ -42,8 +42,8 @@ _BAND = 1 << 20  # bytes of a view that are looked at together for light
 class StoredLightField(AlphaLaw, HostArray):
     """A light field L[v, u, y, x(, c)] in a file or an array.
 
-    Made by `from_array` or by ``clplen.open_lightfield``; what takes it are the ``stream_``
-    functions.
+    Made by `from_array` or by ``clplen.open_lightfield``. `focal_stack`, `stack_tiles`, `depth_map`
+    and `all_in_focus` read it whole or in tiles.
 
     Attributes
     ----------

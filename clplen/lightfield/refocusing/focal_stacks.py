@@ -23,8 +23,7 @@ from clplen.lightfield.model.alpha_law import (
 )
 from clplen.lightfield.model.apertures import Weights
 from clplen.lightfield.model.light_field import LightField
-from clplen.lightfield.model.rendering import view_weights
-from clplen.lightfield.model.sampled_views import FocusableViews
+from clplen.lightfield.model.sampled_views import FocusableViews, SampledViews
 from clplen.lightfield.model.stored_light_field import StoredLightField, as_lightfield
 from clplen.lightfield.raw.raw_image import CameraModel, Spacing, is_telecentric
 from clplen.lightfield.refocusing.magnification import magnify
@@ -195,27 +194,10 @@ def refocus(
     return Image(picture, lf.device)
 
 
-def focal_stack_in_memory(
-    lf: LightField | ArrayLike,
-    *,
-    alphas: ArrayLike | None = None,
-    disparities: ArrayLike | None = None,
-    aperture: Any = None,
-    interpolation: str = "linear",
-    device: DeviceLike | None = None,
-) -> FocalStack:
-    """`clplen.focal_stack` of a light field on a device, in one pass over it."""
-    lf = as_lightfield(lf, "focal_stack", device=device)
-    weights = view_weights(lf, aperture, None)
-    planes, ratios = stack_planes(lf, weights, alphas=alphas, disparities=disparities)
-    _check_options(0, False, interpolation, 1)
-    return stack_on_planes(lf, planes, ratios, weights, interpolation)
-
-
 def stack_on_planes(
     lf: LightField, planes: Vector, ratios: Vector, weights: Weights, interpolation: str = "linear"
 ) -> FocalStack:
-    """`focal_stack_in_memory` of checked planes; of a tile, views may overlap only beyond it."""
+    """Make a focal stack on checked planes; of a tile, views may overlap only beyond it."""
     stack = 4 * planes.size * int(np.prod(lf.shape[2:], dtype=np.int64))
     lf.device.require_memory(stack + lf.data.nbytes, "This focal stack with its light field")
     data = _mean_of_views(lf, planes, weights, interpolation)
@@ -237,7 +219,7 @@ def stack_of(
 
 
 def stack_memory(
-    source: StoredLightField, planes: Vector, *, kept: int = 0
+    source: SampledViews, planes: Vector, *, kept: int = 0
 ) -> list[MemoryEstimate]:
     """What a focal stack needs: all planes of a tile at once, or fewer and fewer."""
     channels = (*source.shape, 1)[4]
@@ -272,9 +254,7 @@ def stack_planes(
     Views of these weights must overlap on every plane; None for a linear map, where planes beyond
     the views are zero.
     """
-    given = real_array(
-        _exactly_one(alphas=alphas, disparities=disparities), "A list of planes", np.float64
-    )
+    given = plane_values(_exactly_one(alphas=alphas, disparities=disparities))
     if given.ndim != 1 or given.size == 0:
         raise ValueError(
             f"A focal stack takes a list of at least one plane, not shape {given.shape}."
@@ -285,11 +265,28 @@ def stack_planes(
     return planes
 
 
+def plane_values(planes: Any) -> Vector:
+    """Return planes as float64; refuse the words by which commands and jobs give ranges."""
+    if isinstance(planes, str):
+        raise TypeError(
+            f"A list of planes must be numbers, got {planes!r}: for evenly spaced planes give "
+            "numpy.linspace(first, last, count)."
+        )
+    return real_array(planes, "A list of planes", np.float64)
+
+
+def check_interpolation(interpolation: str) -> None:
+    """Refuse an unknown way to move views by fractions of a pixel."""
+    known = (*INTERPOLATIONS, "fourier")
+    if interpolation not in known:
+        raise ValueError(
+            f"The interpolation is {', '.join(map(repr, known))}, not {interpolation!r}."
+        )
+
+
 def _check_options(ndim: int, rescale: bool, interpolation: str, upsample: int) -> None:
     """Refuse options of `refocus` that do not go together."""
-    if interpolation not in (*INTERPOLATIONS, "fourier"):
-        known = ", ".join(map(repr, (*INTERPOLATIONS, "fourier")))
-        raise ValueError(f"The interpolation is {known}, not {interpolation!r}.")
+    check_interpolation(interpolation)
     if ndim and (rescale or upsample != 1 or interpolation == "fourier"):
         raise ValueError(
             "Focus on a surface (a disparity of every pixel) goes neither with rescale, nor with "

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from clplen.lightfield.model.alpha_law import shifts
-from clplen.lightfield.model.stored_light_field import StoredLightField
+from clplen.lightfield.model.sampled_views import SampledViews
 
 Vector = np.ndarray[Any, np.dtype[np.float64]]
 
@@ -51,7 +51,7 @@ class MemoryEstimate:
     passes: int = 1
 
 
-def shear_halo(source: StoredLightField, planes: Vector, reach: int) -> tuple[int, int]:
+def shear_halo(source: SampledViews, planes: Vector, reach: int) -> tuple[int, int]:
     """Pixels (y, x) around a tile: as far as the planes shift views, and windows reach."""
     ends = np.array([planes.min(), planes.max()])  # shifts are linear in the disparity
     down, right = shifts(source, ends)

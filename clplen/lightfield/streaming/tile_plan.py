@@ -9,6 +9,7 @@ from dataclasses import dataclass
 from clplen.checks import is_integer
 from clplen.compute.device import Device
 from clplen.compute.memory import free_memory
+from clplen.lightfield.model.light_field import LightField
 from clplen.lightfield.model.stored_light_field import StoredLightField
 from clplen.lightfield.refocusing.memory_estimate import MemoryEstimate
 from clplen.reprs import OneLine
@@ -36,7 +37,7 @@ class Tile:
     --------
     >>> clplen.write_lightfield("l.h5", clplen.LightField.from_array(np.ones((3, 3, 16, 20))))
     >>> with clplen.open_lightfield("l.h5") as stored:
-    ...     tile = clplen.lightfield.stream_stack(stored, disparities=[0, 1]).plan.tiles[0]
+    ...     tile = clplen.lightfield.stack_tiles(stored, disparities=[0, 1]).plan.tiles[0]
     ...     print(tile.rows, tile.columns)
     slice(0, 16, None) slice(0, 20, None)
     """
@@ -89,7 +90,7 @@ class StreamPlan(OneLine):
     --------
     >>> clplen.write_lightfield("l.h5", clplen.LightField.from_array(np.ones((3, 3, 16, 20))))
     >>> with clplen.open_lightfield("l.h5") as stored:
-    ...     plan = clplen.lightfield.stream_stack(stored, disparities=[0, 1]).plan
+    ...     plan = clplen.lightfield.stack_tiles(stored, disparities=[0, 1]).plan
     ...     print(len(plan.tiles), plan.passes)
     1 1
     """
@@ -131,13 +132,21 @@ class StreamPlan(OneLine):
 
 
 def plan_tiles(
-    source: StoredLightField,
+    source: LightField | StoredLightField,
     estimates: Sequence[MemoryEstimate],
     *,
     memory: int | None,
     device: Device,
 ) -> StreamPlan:
-    """Return the largest tiles that fit: full rows, or parts where their halos cost less."""
+    """Return the largest tiles that fit: full rows, or parts where their halos cost less.
+
+    A light field on a device is one tile, and nothing is read.
+    """
+    if isinstance(source, LightField):
+        ny, nx, one = *source.shape[2:4], estimates[0]
+        need = source.data.nbytes + ny * nx * (one.per_pixel + one.kept)
+        tiles = bands((ny, nx), ny)
+        return StreamPlan(tiles, one.planes, one.halo, 1, 0, need, 0, ny, need)
     memory = memory_budget(memory, device)
     for estimate in estimates:
         plan = _planned(source, estimate, _Budget.of(source, estimate, memory, device))

