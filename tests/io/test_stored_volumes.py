@@ -127,13 +127,13 @@ def test_one_volume_is_read_at_a_time(tmp_path, monkeypatch):
     path = tmp_path / "s.ome.tif"
     tifffile.imwrite(path, VALUES, metadata={"axes": "TZYX"})
     read = []
-    original = tiff._stack
+    original = tiff._stack_shape
 
     def counted(pages, *rest):
         read.append(len(pages))
         return original(pages, *rest)
 
-    monkeypatch.setattr(tiff, "_stack", counted)
+    monkeypatch.setattr(tiff, "_stack_shape", counted)
     series = open_volumes(path)
     volumes = iter(series)
     next(volumes)

@@ -183,10 +183,10 @@ class Shown:
     def _series(self, source: Path, about: dict[str, Any]) -> Item:
         """A focal stack, a volume, or other pictures that are alike, of one time or several."""
         from clplen.io.page.volume_item import volume_item
-        from clplen.io.store.picture_series import read_series, times_in
+        from clplen.io.store.picture_series import open_series, times_in
 
-        series = read_series(source, what="a series", max_bytes=self.layout["max_bytes"])
-        values, call = series.values, "read_volume"
+        with open_series(source, what="a series", max_bytes=self.layout["max_bytes"]) as series:
+            values, call = series.read(), "read_volume"
         words: dict[str, Any] = {"dtype": values.dtype}
         voxel: tuple[float | None, float, float] | None = None
         if series.pixel is not None:

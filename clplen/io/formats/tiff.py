@@ -7,6 +7,7 @@ import math
 import re
 import zlib
 from collections.abc import Iterable, Iterator
+from contextlib import contextmanager
 from io import BytesIO
 from mmap import ACCESS_READ, mmap
 from pathlib import Path
@@ -49,26 +50,44 @@ def decode_tiff(
         return _values(file.pages[page or 0], content, path, max_bytes)
 
 
-def decode_tiff_stack(
-    content: bytes | mmap, path: Path, *, max_bytes: int | None
-) -> np.ndarray[Any, Any]:
-    """All pages of a TIFF file, which are alike."""
-    source: Any = BytesIO(content) if isinstance(content, bytes) else path
-    with tifffile.TiffFile(source, is_ome=False, is_imagej=False) as file:
-        return _stack(list(file.pages), content, path, max_bytes)
+@contextmanager
+def _opened(path: Path) -> Iterator[tuple[Any, mmap]]:
+    """The pages of a TIFF file and its bytes."""
+    with (
+        path.open("rb") as file,
+        mmap(file.fileno(), 0, access=ACCESS_READ) as content,
+        tifffile.TiffFile(file, is_ome=False, is_imagej=False) as opened,
+    ):
+        yield opened.pages, content
 
 
 def read_tiff_stacks(
     path: Path, groups: Iterable[Iterable[int]], *, max_bytes: int | None = None
 ) -> Iterator[np.ndarray[Any, Any]]:
     """Several stacks of pages of one TIFF file, one after the other."""
-    with (
-        path.open("rb") as file,
-        mmap(file.fileno(), 0, access=ACCESS_READ) as content,
-        tifffile.TiffFile(file, is_ome=False, is_imagej=False) as opened,
-    ):
+    with _opened(path) as (pages, content):
         for group in groups:
-            yield _stack([opened.pages[number] for number in group], content, path, max_bytes)
+            chosen = [pages[number] for number in group]
+            shape, dtype = _stack_shape(chosen, content, path, max_bytes)
+            stack = np.empty(shape, dtype)
+            for number, page in enumerate(chosen):
+                stack[number] = _values(page, content, path, max_bytes)
+            yield stack
+
+
+def read_tiff_pages(
+    path: Path, *, max_bytes: int | None = None
+) -> Iterator[np.ndarray[Any, Any]]:
+    """The pages of a TIFF file, one after the other."""
+    with _opened(path) as (pages, content):
+        for page in pages:
+            yield _values(page, content, path, max_bytes)
+
+
+def stack_shape(path: Path, *, max_bytes: int | None) -> tuple[tuple[int, ...], np.dtype[Any]]:
+    """Shape (pages, y, x[, c]) and type of all pages of a TIFF file, which are alike."""
+    with _opened(path) as (pages, content):
+        return _stack_shape(list(pages), content, path, max_bytes)
 
 
 def stack_axes(path: Path) -> dict[str, int]:
@@ -82,27 +101,25 @@ def stack_axes(path: Path) -> dict[str, int]:
     return found if math.prod(found.values()) == count and found else {"T": 1, "Z": count, "C": 1}
 
 
-def _stack(
-    pages: list[Any], content: bytes | mmap, path: Path, max_bytes: int | None
-) -> np.ndarray[Any, Any]:
-    """The samples of pages that are alike, (pages, y, x) or (pages, y, x, c)."""
+def _stack_shape(
+    pages: list[Any], content: mmap, path: Path, max_bytes: int | None
+) -> tuple[tuple[int, ...], np.dtype[Any]]:
+    """Shape (pages, y, x[, c]) and type of pages, which have to be alike and to fit in memory."""
     kinds = {(page.shape, page.dtype) for page in pages}
     if len(kinds) > 1:
         raise ValueError(f"its {len(pages)} pages are of {len(kinds)} shapes or types")
-    _check(pages[0], content, path, max_bytes)
+    first = pages[0]
+    _check(first, content, path, max_bytes)
     require_bytes(
-        len(pages) * pages[0].nbytes,
+        len(pages) * first.nbytes,
         path=path,
         what="the stack",
         stored=len(content),
-        ratio=_RATIO[pages[0].compression] * _unpacked(pages[0]),
+        ratio=_RATIO[first.compression] * _unpacked(first),
         max_bytes=max_bytes,
     )
-    first = _values(pages[0], content, path, max_bytes)
-    stack = np.empty((len(pages), *first.shape), first.dtype)
-    for number, page in enumerate(pages):
-        stack[number] = _values(page, content, path, max_bytes) if number else first
-    return stack
+    shape = (*first.shape[1:], first.shape[0]) if first.axes == "SYX" else first.shape
+    return (len(pages), *shape), np.dtype(first.dtype)
 
 
 def _values(
@@ -169,15 +186,11 @@ def read_tiff_frame(
     Of the file only this page is read, however many it has.
     """
     try:
-        with (
-            path.open("rb") as file,
-            mmap(file.fileno(), 0, access=ACCESS_READ) as content,
-            tifffile.TiffFile(file, is_ome=False, is_imagej=False) as opened,
-        ):
-            count, text = len(opened.pages), opened.pages.first.description[:_LONGEST]
+        with _opened(path) as (pages, content):
+            count, text = len(pages), pages.first.description[:_LONGEST]
             axes = _axes(text, count)
             _require(path, frame, count, axes)
-            values = _values(opened.pages[frame or 0], content, path, max_bytes)
+            values = _values(pages[frame or 0], content, path, max_bytes)
     except FormatError:
         raise
     except Exception as error:  # tifffile raises all kinds on damaged files

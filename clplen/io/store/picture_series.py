@@ -5,9 +5,10 @@ from __future__ import annotations
 import json
 import math
 import xml.etree.ElementTree as ET
-from collections.abc import Iterable
-from dataclasses import dataclass
-from mmap import ACCESS_READ, mmap
+from collections.abc import Callable, Iterable, Iterator
+from contextlib import ExitStack, contextmanager
+from dataclasses import dataclass, field, replace
+from itertools import product
 from pathlib import Path
 from typing import Any
 
@@ -17,7 +18,6 @@ from clplen.checks import check_finite, float64_array
 from clplen.errors import FormatError
 from clplen.files import PathLike, require_file
 from clplen.io.formats import tiff
-from clplen.io.formats.tiff import decode_tiff_stack
 from clplen.io.formats.untrusted import require_bytes
 from clplen.io.store import zarr_files
 from clplen.io.store.ome_tiff import CHANNELS, write_ome
@@ -25,6 +25,10 @@ from clplen.io.store.ome_zarr import write_omezarr
 from clplen.io.store.picture_blocks import Array, Block
 from clplen.io.store.zarr_files import opened_store, storage
 
+Part = tuple[slice, slice, Array]
+
+_ALL = slice(None)
+_BLOCK = 16 << 20  # bytes of an OME-Zarr read at a time, at least one chunk high and deep
 _INSTEAD = "write .tif"
 _MICROMETRES = ("µm", "micrometer")
 
@@ -52,13 +56,17 @@ def write_series(path: PathLike, blocks: Iterable[Block], *, replace: bool, **kn
 
 
 @dataclass(frozen=True)
-class PictureSeries:
-    """Pictures that a file holds, and what it says of them.
+class OpenSeries:
+    """Pictures of an open file, and what it says of them.
 
     Attributes
     ----------
-    values : numpy.ndarray
-        As stored, shape (n, y, x) or (n, y, x, c).
+    shape : tuple of int
+        (n, y, x) or (n, y, x, c).
+    dtype : numpy.dtype
+        As stored.
+    parts : callable
+        Returns an iterator over (planes, rows, values), values of shape (planes, rows, x[, c]).
     about : dict
         The description that `write_series` was given; empty for files of other programs.
     pixel : tuple of float or None
@@ -67,56 +75,98 @@ class PictureSeries:
         A letter for each axis that an OME-Zarr names, in its own order; else empty.
     """
 
-    values: Array
-    about: dict[str, Any]
+    shape: tuple[int, ...]
+    dtype: np.dtype[Any]
+    parts: Callable[[], Iterator[Part]]
+    about: dict[str, Any] = field(default_factory=dict)
     pixel: tuple[float, float] | None = None
     axes: str = ""
 
+    def read(self, out: Array | None = None) -> Array:
+        """Read all pictures, into a given array part by part."""
+        out = np.empty(self.shape, self.dtype) if out is None else out
+        with np.errstate(over="ignore", invalid="ignore"):  # casts of hostile numbers
+            for planes, rows, values in self.parts():
+                part = out[planes, rows]
+                part[...] = values.reshape(part.shape)
+        return out
 
-def read_series(
+
+@contextmanager
+def open_series(
     path: PathLike, *, what: str, kinds: str = ".tif and .zarr", max_bytes: int | None = None
-) -> PictureSeries:
-    """Read all pictures of an OME-TIFF, an OME-Zarr, or a TIFF whose pages are alike."""
+) -> Iterator[OpenSeries]:
+    """Open an OME-TIFF, an OME-Zarr, or a TIFF whose pages are alike."""
     path = Path(path)
-    noun, axes = what.partition(" ")[2], ""
+    noun, suffix = what.partition(" ")[2], path.suffix.lower()
     require_file(path, noun, folder=True)
+    with ExitStack() as files:
+        with _unreadable(path, noun):
+            if suffix == zarr_files.SUFFIX:
+                series = _open_zarr(files, path, what, max_bytes)
+            elif suffix in tiff.SUFFIXES:
+                series = _open_tiff(path, noun, max_bytes)
+            else:
+                raise ValueError(f"{noun}s are {kinds}")
+        about, shape = describe_series(path), series.shape
+        if len(shape) == 3 and not series.axes and about.get(CHANNELS) == 1:
+            shape = (*shape, 1)
+        if len(shape) not in (3, 4) or series.dtype.kind not in "uif" or 0 in shape:
+            raise FormatError(f"{path} holds {series.dtype} of shape {shape}, no {noun}.")
+
+        def parts() -> Iterator[Part]:
+            with _unreadable(path, noun):
+                yield from series.parts()
+
+        yield replace(series, shape=shape, parts=parts, about=about, pixel=_pixel(path))
+
+
+@contextmanager
+def _unreadable(path: Path, noun: str) -> Iterator[None]:
+    """Make a FormatError of what parsers raise on damaged files."""
     try:
-        if path.suffix.lower() == zarr_files.SUFFIX:
-            values, axes = _zarr_pictures(path, what, max_bytes)
-        elif path.suffix.lower() in tiff.SUFFIXES:
-            size = path.stat().st_size
-            require_bytes(
-                size, path=path, what=f"the {noun}", stored=size, ratio=1, max_bytes=max_bytes
-            )
-            with path.open("rb") as file, mmap(file.fileno(), 0, access=ACCESS_READ) as content:
-                values = decode_tiff_stack(content, path, max_bytes=max_bytes)
-        else:
-            raise ValueError(f"{noun}s are {kinds}")
+        yield
     except FormatError:
         raise
-    except Exception as error:  # what parsers raise on damaged files
+    except Exception as error:
         raise FormatError(f"{path} is no {noun} that can be read ({str(error)[:200]}).") from error
-    about = describe_series(path)
-    if values.ndim == 3 and not axes and about.get(CHANNELS) == 1:
-        values = values[..., None]
-    if values.ndim not in (3, 4) or values.dtype.kind not in "uif" or values.size == 0:
-        raise FormatError(f"{path} holds {values.dtype} of shape {values.shape}, no {noun}.")
-    return PictureSeries(values, about, _pixel(path), axes)
 
 
-def _zarr_pictures(path: Path, what: str, max_bytes: int | None) -> tuple[Array, str]:
+def _open_tiff(path: Path, noun: str, max_bytes: int | None) -> OpenSeries:
+    size = path.stat().st_size
+    require_bytes(size, path=path, what=f"the {noun}", stored=size, ratio=1, max_bytes=max_bytes)
+    shape, dtype = tiff.stack_shape(path, max_bytes=max_bytes)
+
+    def parts() -> Iterator[Part]:
+        for number, picture in enumerate(tiff.read_tiff_pages(path, max_bytes=max_bytes)):
+            yield slice(number, number + 1), _ALL, picture[None]
+
+    return OpenSeries(shape, dtype, parts)
+
+
+def _open_zarr(files: ExitStack, path: Path, what: str, max_bytes: int | None) -> OpenSeries:
     """The full size of an OME-Zarr as (n, y, x) or (n, y, x, c), and the letters of its axes."""
-    with opened_store(path, _INSTEAD, max_bytes) as group:
-        level = group["0"]
-        stored, ratio = storage(level, path, what, max_bytes)
-        nbytes = math.prod(level.shape) * np.dtype(level.dtype).itemsize
-        require_bytes(nbytes, path=path, what=what, stored=stored, ratio=ratio, max_bytes=max_bytes)
-        values, axes = np.asarray(level[...]), _axes_in(group)
-    if values.ndim == 2:
-        values = values[None]
-    if values.ndim == 4 and axes.startswith("c"):
-        values = np.moveaxis(values, 0, -1)
-    return values, axes
+    group = files.enter_context(opened_store(path, _INSTEAD, max_bytes))
+    level, axes = group["0"], _axes_in(group)
+    stored, ratio = storage(level, path, what, max_bytes)
+    dtype, shape = np.dtype(level.dtype), tuple(int(n) for n in level.shape)
+    nbytes = math.prod(shape) * dtype.itemsize
+    require_bytes(nbytes, path=path, what=what, stored=stored, ratio=ratio, max_bytes=max_bytes)
+    if len(shape) == 2:
+        return OpenSeries((1, *shape), dtype, lambda: iter([(_ALL, _ALL, level[...][None])]))
+    colours = len(shape) == 4 and axes.startswith("c")
+    chunks, axis = level.chunks, 1 if colours else 0  # of the planes
+    steps = chunks[axis], chunks[axis + 1]
+    rest = nbytes // max(1, math.prod(shape[axis : axis + 2]))  # bytes of a row of a plane
+    rows = max(1, _BLOCK // max(1, steps[0] * steps[1] * rest)) * steps[1]
+
+    def parts() -> Iterator[Part]:
+        for plane, row in product(range(0, shape[axis], steps[0]), range(0, shape[axis + 1], rows)):
+            place = slice(plane, plane + steps[0]), slice(row, row + rows)
+            values = np.asarray(level[(slice(None),) * axis + place])
+            yield *place, np.moveaxis(values, 0, -1) if colours else values
+
+    return OpenSeries((*shape[1:], shape[0]) if colours else shape, dtype, parts, axes=axes)
 
 
 def _axes_in(group: Any) -> str:
