@@ -11,7 +11,7 @@ import struct
 from dataclasses import dataclass
 from mmap import ACCESS_READ, mmap
 from pathlib import Path
-from typing import Any
+from typing import IO, Any
 
 import imageio.v3 as imageio
 import numpy as np
@@ -41,8 +41,9 @@ _SPACE = rb"(?:\s|#[^\n]*\n)+"
 _PNM = re.compile(
     rb"P([56])" + _SPACE + rb"(\d{1,9})" + _SPACE + rb"(\d{1,9})" + _SPACE + rb"(\d{1,5})\s"
 )
-_LARGEST = 1 << 26  # bytes of a file from which on they are compared with its pixels
+LARGE = 1 << 26  # bytes of a file from which on they are compared with its pixels
 HEAD = 1 << 16  # bytes that declare the size; of a JPEG, before longer notes
+_LONG_HEAD = 1 << 20  # bytes of a large file, with the notes of a JPEG
 SUFFIXES = (".png", ".tif", ".tiff", ".jpg", ".jpeg", ".bmp", ".pgm", ".ppm")
 _MOST_PIXELS = 89_478_485  # from here on Pillow warns of bombs, at twice as many it refuses
 CHANNEL_AXIS = "light field with a channel axis of length 1"  # description of such a picture
@@ -233,15 +234,13 @@ def pixels_of(path: Path) -> int:
         return 0
 
 
-def require_pixels(head: bytes, size: int, path: Path) -> None:
+def require_pixels(file: IO[bytes], size: int, path: Path) -> None:
     """Refuse a picture whose file is far larger than the pixels that its first bytes declare."""
-    if size <= _LARGEST or head[:4] in TIFF:
+    if size <= LARGE or (head := file.read(_LONG_HEAD))[:4] in TIFF:
         return
     try:
         pixels = header_of(head).pixels
     except ValueError as error:
-        if head[:3] == _JPEG:  # its size may stand far behind
-            return
         raise FormatError(f"The picture {path} cannot be read ({error}).") from error
     if 32 * pixels < size:
         raise FormatError(f"The picture {path} has {size:,} bytes, far more than its pixels need.")
@@ -260,7 +259,7 @@ def read_channels(path: PathLike, *, max_bytes: int | None = None) -> Array:
                 with mmap(file.fileno(), 0, access=ACCESS_READ) as mapped:
                     return decode_picture(mapped, path, max_bytes=max_bytes)
             file.seek(0)
-            require_pixels(file.read(HEAD), size, path)
+            require_pixels(file, size, path)
             file.seek(0)
             content = file.read()
     except OSError as error:

@@ -27,6 +27,7 @@ _RATIO = {1: 1.0, 5: 2560.0, 7: 2048.0, 8: DEFLATE, 32946: DEFLATE, 32773: 64.0}
 _BY_PILLOW = (5, 7)  # where tifffile's optional codecs are not installed
 _DEFLATED = (8, 32946)
 _PALETTE = 3
+_MAX_COPY = 64 << 20  # bytes of a file that Pillow may copy, beside 32 for each of its picture's
 _TILE = 16 << 20  # bytes by which a tile may be larger than its picture
 logger = logging.getLogger("clplen.io")
 SUFFIXES = (".tif", ".tiff")
@@ -43,7 +44,7 @@ def decode_tiff(
     content: bytes | mmap, path: Path, *, max_bytes: int | None, page: int | None = None
 ) -> np.ndarray[Any, Any]:
     """One page of a TIFF file."""
-    source: Any = BytesIO(content) if isinstance(content, bytes) else path
+    source: Any = BytesIO(content) if isinstance(content, bytes) else content
     with tifffile.TiffFile(source, is_ome=False, is_imagej=False) as file:
         if page is None and len(file.pages) > 1:
             raise ValueError(f"it holds {len(file.pages)} pictures, one is meant")
@@ -132,6 +133,8 @@ def _values(
     except ValueError as error:
         if page.compression not in _BY_PILLOW or "imagecodecs" not in str(error):
             raise
+        if len(content) > 32 * page.nbytes + _MAX_COPY:
+            raise ValueError(f"it has {len(content):,} bytes, far more than it needs") from error
         values = imageio.imread(bytes(content), plugin="pillow", index=page.index)
         if values.shape != page.shape or values.dtype != page.dtype:
             raise ValueError("a compression that needs imagecodecs: install that") from error

@@ -8,8 +8,9 @@ import zipfile
 from collections.abc import Iterator
 from contextlib import contextmanager
 from functools import partial
+from mmap import mmap
 from pathlib import Path
-from typing import Any
+from typing import IO, Any
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -37,6 +38,7 @@ from clplen.lightfield.model.stored_light_field import StoredLightField, as_ligh
 _PATTERNS = {"hci": "input_Cam{i:03d}", "stanford": "out_{v:02d}_{u:02d}_{y:.6f}_{x:.6f}_"}
 _RATIO = {zipfile.ZIP_STORED: 1.0, zipfile.ZIP_DEFLATED: DEFLATE}
 _ENCRYPTED = 1  # bit of the flags
+_BLOCK = 1 << 20  # bytes of a member read at a time
 _DRIVE = re.compile(r"[A-Za-z]:")
 
 
@@ -230,7 +232,7 @@ def _content(
     where: Path,
     size: int,
     max_bytes: int | None,
-) -> bytes:
+) -> bytes | mmap:
     """The bytes of a member, never more than it declares; ``size`` is that of the archive."""
     if info.flag_bits & _ENCRYPTED:
         raise FormatError(f"The picture {where} is encrypted: make an archive without a password.")
@@ -249,13 +251,27 @@ def _content(
     )
     try:
         with archive.open(info) as member:
-            require_pixels(member.read(picture.HEAD), info.file_size, where)
+            require_pixels(member, info.file_size, where)
             member.seek(0)
+            is_tiff = member.read(4) in picture.TIFF
+            member.seek(0)
+            if is_tiff and info.file_size > picture.LARGE:
+                return _without_zeros(member, info.file_size)
             content = member.read(info.file_size + 1)
     except UNREADABLE as error:
         raise FormatError(f"The picture {where} cannot be read ({error}).") from error
     if len(content) != info.file_size:
         raise FormatError(f"The picture {where} has another size than its archive declares.")
+    return content
+
+
+def _without_zeros(member: IO[bytes], size: int) -> mmap:
+    """The bytes of a large member; blocks of zeros, such as holes, take no memory."""
+    content = mmap(-1, size)
+    for start in range(0, size, _BLOCK):
+        block = member.read(min(_BLOCK, size - start))
+        if any(block):
+            content[start : start + len(block)] = block
     return content
 
 
