@@ -25,8 +25,6 @@ from clplen.errors import FormatError
 
 Array = np.ndarray[Any, Any]
 
-MAGIC = b"MATLAB"
-SUFFIXES = (".mat",)
 _HEADER = 128
 _HEAD = 4096  # bytes in which flags, dimensions and name of a variable lie
 _MATRIX, _COMPRESSED = 14, 15

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any, NoReturn
+from typing import Any
 
 import numpy as np
 
@@ -16,12 +16,10 @@ from clplen.errors import FormatError, SamplingWarning, warn_caller
 from clplen.files import PathLike, naming
 from clplen.io.formats.picture import linear
 from clplen.io.formats.untrusted import require_room
-from clplen.io.lightfields.layout import Kind, Layout
+from clplen.io.lightfields.layout import Layout
 from clplen.io.lightfields.view_positions import positions_of
-from clplen.io.raw import raytrix
 from clplen.io.raw.lattice_cache import kept_lattice
 from clplen.io.raw.raw_files import read_frame, read_lattice, require_decoding
-from clplen.io.raw.raytrix import read_raytrix
 from clplen.io.raw.sensor_tiff import sensor_tags
 from clplen.lightfield.calibration.lattice_fit import visible_lattice
 from clplen.lightfield.calibration.lattice_trust import (
@@ -330,21 +328,3 @@ def _sentence(lf: LightField, path: Path, lattice: Lattice, whence: str, layout:
         *layout.said(),
     ]
     return ", ".join(part for part in parts if part)
-
-
-def refuse_raytrix(
-    path: PathLike, *, device: Device, layout: Layout, progress: bool = False
-) -> NoReturn:
-    """Refuse: a focused raw image becomes no light field by slicing."""
-    read_raytrix(path)
-    raise FormatError(
-        f"{path} is the calibration of a focused (plenoptic 2.0) raw image, whose views are "
-        "rendered, not sliced: clplen.io.read_raw(path) gives the raw image with its lenses."
-    )
-
-
-def _is_raytrix(path: Path, head: bytes) -> bool:
-    return path.suffix.lower() in raytrix.SUFFIXES or raytrix.MARK in head
-
-
-RAYTRIX = Kind("a Raytrix calibration", (), refuse_raytrix, recognises=_is_raytrix)

@@ -23,8 +23,13 @@ from clplen.files import PathLike, naming, replacing
 from clplen.io.formats import picture, tiff
 from clplen.io.formats.picture import read_picture, without_alpha
 from clplen.io.formats.tiff import read_tiff_frame
-from clplen.io.formats.untrusted import require_bytes, require_room
-from clplen.io.raw import lytro_container, raytrix
+from clplen.io.formats.untrusted import (
+    LYTRO,
+    LYTRO_DESCRIBED,
+    RAYTRIX_SUFFIXES,
+    require_bytes,
+    require_room,
+)
 from clplen.io.raw.lytro_container import read_container
 from clplen.io.raw.raytrix import read_raytrix
 from clplen.io.raw.sensor_tiff import SensorTags, sensor_tags, write_sensor_tiff
@@ -260,8 +265,8 @@ def read_frame(
     if frame is not None:
         raise FormatError(f"frame= counts the frames of a TIFF, {path} holds one only.")
     with path.open("rb") as file:
-        lytro = file.read(8) == lytro_container.MAGIC[:8]
-    if lytro or path.suffix.lower() in (*lytro_container.DESCRIBED, ".txt"):
+        lytro = file.read(8) == LYTRO
+    if lytro or path.suffix.lower() in (*LYTRO_DESCRIBED, ".txt"):
         return read_container(path, max_bytes=max_bytes)
     if path.suffix.lower() not in picture.SUFFIXES:
         raise FormatError(
@@ -344,13 +349,13 @@ def read_raw(
     path = Path(path)
     types: tuple[LensType, ...] = ()
     beside = any(one is not None for one in (white, dark, grid))
-    if beside and path.suffix.lower() in (*raytrix.SUFFIXES, *hdf5_files.SUFFIXES):
+    if beside and path.suffix.lower() in (*RAYTRIX_SUFFIXES, *hdf5_files.SUFFIXES):
         raise ValueError(f"{path.name} tells the lenses: white=, dark= and grid= do not apply.")
     if path.suffix.lower() in hdf5_files.SUFFIXES:
         if image is not None or frame is not None:
             raise ValueError(f"{path.name} holds one raw image: image= and frame= do not apply.")
         return read_raw_file(path, device=device)
-    if path.suffix.lower() in raytrix.SUFFIXES:
+    if path.suffix.lower() in RAYTRIX_SUFFIXES:
         values, _ = read_frame(picture_of(path) if image is None else image, frame=frame)
         levels, mosaic = None, None
         lattice, types = _calibrated(path, _shape(values))
@@ -361,7 +366,7 @@ def read_raw(
         black = None if dark is None else _like(dark, values, path)[0]
         tags = sensor_tags(path) if values.ndim == 2 else None
         lattice = _lattice(path, values, white, black, grid, force)
-        if grid is not None and Path(grid).suffix.lower() in raytrix.SUFFIXES:
+        if grid is not None and Path(grid).suffix.lower() in RAYTRIX_SUFFIXES:
             types = _calibrated(Path(grid), _shape(values))[1]
         values, levels, mosaic = _without_dark(values, black, tags)
     device = as_device(device)
@@ -423,7 +428,7 @@ def read_lattice(path: PathLike, shape: tuple[int, int]) -> Lattice:
     ('square', (15.0, 15.0), (120, 150))
     """
     path = Path(path)
-    if path.suffix.lower() in raytrix.SUFFIXES:
+    if path.suffix.lower() in RAYTRIX_SUFFIXES:
         calibration = read_raytrix(path)
         with _refusing(path):
             return calibration.lattice(shape)
