@@ -182,8 +182,9 @@ class Shown:
 
     def _series(self, source: Path, about: dict[str, Any]) -> Item:
         """A focal stack, a volume, or other pictures that are alike, of one time or several."""
+        from clplen.io.formats import tiff
         from clplen.io.page.volume_item import volume_item
-        from clplen.io.store.picture_series import open_series, times_in
+        from clplen.io.store.picture_series import open_series
 
         with open_series(source, what="a series", max_bytes=self.layout["max_bytes"]) as series:
             values, call = series.read(), "read_volume"
@@ -197,7 +198,9 @@ class Shown:
             plain = ("disparity", "", np.array(about["disparities"], np.float64))
             words["planes"] = plain if None in alphas else ratio
             call = "read_stack"
-        times = len(values) if series.axes[:2] == "tz" else times_in(source)
+        is_tiff = source.suffix.lower() in tiff.SUFFIXES
+        times = tiff.stack_axes(source)["T"] if is_tiff else 1
+        times = len(values) if series.axes[:2] == "tz" else times
         count = times if values.ndim == 4 and series.axes[:2] == "tz" else 1
         if count == 1 and times > 1 and len(values) % times == 0:
             values = values.reshape(times, -1, *values.shape[1:])

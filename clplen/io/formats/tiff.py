@@ -76,9 +76,7 @@ def read_tiff_stacks(
             yield stack
 
 
-def read_tiff_pages(
-    path: Path, *, max_bytes: int | None = None
-) -> Iterator[np.ndarray[Any, Any]]:
+def read_tiff_pages(path: Path, *, max_bytes: int | None = None) -> Iterator[np.ndarray[Any, Any]]:
     """The pages of a TIFF file, one after the other."""
     with _opened(path) as (pages, content):
         for page in pages:
@@ -92,14 +90,30 @@ def stack_shape(path: Path, *, max_bytes: int | None) -> tuple[tuple[int, ...], 
 
 
 def stack_axes(path: Path) -> dict[str, int]:
-    """Lengths of the axes T, C and Z of the pages of a TIFF, the slowest first."""
+    """Lengths of the axes T, C and Z of the pages of a TIFF, the slowest first.
+
+    They are those of OME and ImageJ; pages of other programs are planes Z.
+    """
     with open_tiff(path) as file:
-        count, text = len(file.pages), file.pages.first.description[:_LONGEST]
-    found = _axes(text, count)
-    if not found and text.startswith("ImageJ="):
+        return _axes(file.pages) or {"T": 1, "Z": len(file.pages), "C": 1}
+
+
+def _axes(pages: Any) -> dict[str, int]:
+    """The axes that OME or ImageJ wrote, the slowest first; empty where neither did."""
+    first, count = pages.first, len(pages)
+    text = first.description[:_LONGEST]
+    axes: dict[str, int] = {}
+    if text.startswith("ImageJ="):
         sizes = dict(re.findall(r"^(frames|slices|channels)=(\d{1,9})", text, re.M))
-        found = {axis: int(sizes.get(name, 1)) for axis, name in _IMAGEJ.items()}
-    return found if math.prod(found.values()) == count and found else {"T": 1, "Z": count, "C": 1}
+        axes = {axis: int(sizes.get(name, 1)) for axis, name in _IMAGEJ.items()}
+    elif pixels := re.search(r"<(?:\w+:)?Pixels\b[^>]*>", text):
+        order = re.search(r'DimensionOrder="XY([CZT]{3})"', pixels[0])
+        sizes = dict(re.findall(r'Size([CZT])="(\d{1,9})"', pixels[0]))
+        if order is not None and sorted(order[1]) == sorted(sizes) == list("CTZ"):
+            axes = {axis: int(sizes[axis]) for axis in reversed(order[1])}
+            if axes["C"] % first.samplesperpixel == 0:
+                axes["C"] //= first.samplesperpixel  # which one page holds
+    return axes if axes and math.prod(axes.values()) == count else {}
 
 
 def _stack_shape(
@@ -190,8 +204,7 @@ def read_tiff_frame(
     """
     try:
         with _opened(path) as (pages, content):
-            count, text = len(pages), pages.first.description[:_LONGEST]
-            axes = _axes(text, count)
+            count, axes = len(pages), _axes(pages)
             _require(path, frame, count, axes)
             values = _values(pages[frame or 0], content, path, max_bytes)
     except FormatError:
@@ -224,19 +237,6 @@ def frames_in(path: Path) -> int:
             return max(1, len(file.pages))
     except Exception:  # reading it says why
         return 1
-
-
-def _axes(text: str, count: int) -> dict[str, int]:
-    """Lengths of the axes T, C and Z of an OME description, the slowest first; else empty."""
-    pixels = re.search(r"<(?:\w+:)?Pixels\b[^>]*>", text)
-    if pixels is None:
-        return {}
-    order = re.search(r'DimensionOrder="XY([CZT]{3})"', pixels[0])
-    sizes = dict(re.findall(r'Size([CZT])="(\d{1,9})"', pixels[0]))
-    if order is None or sorted(order[1]) != list("CTZ") or len(sizes) != 3:
-        return {}
-    axes = {axis: int(sizes[axis]) for axis in reversed(order[1])}
-    return axes if np.prod(list(axes.values()), dtype=object) == count else {}
 
 
 def _require(path: Path, frame: int | None, count: int, axes: dict[str, int]) -> None:

@@ -108,8 +108,8 @@ def open_series(
                 series = _open_tiff(path, noun, max_bytes)
             else:
                 raise ValueError(f"{noun}s are {kinds}")
-        about, shape = describe_series(path), series.shape
-        if len(shape) == 3 and not series.axes and about.get(CHANNELS) == 1:
+        said, shape = read_description(path), series.shape
+        if len(shape) == 3 and not series.axes and said.about.get(CHANNELS) == 1:
             shape = (*shape, 1)
         if len(shape) not in (3, 4) or series.dtype.kind not in "uif" or 0 in shape:
             raise FormatError(f"{path} holds {series.dtype} of shape {shape}, no {noun}.")
@@ -118,7 +118,7 @@ def open_series(
             with _unreadable(path, noun):
                 yield from series.parts()
 
-        yield replace(series, shape=shape, parts=parts, about=about, pixel=_pixel(path))
+        yield replace(series, shape=shape, parts=parts, about=said.about, pixel=said.pixel)
 
 
 @contextmanager
@@ -147,7 +147,7 @@ def _open_tiff(path: Path, noun: str, max_bytes: int | None) -> OpenSeries:
 def _open_zarr(files: ExitStack, path: Path, what: str, max_bytes: int | None) -> OpenSeries:
     """The full size of an OME-Zarr as (n, y, x) or (n, y, x, c), and the letters of its axes."""
     group = files.enter_context(opened_store(path, _INSTEAD, max_bytes))
-    level, axes = group["0"], _axes_in(group)
+    level, axes = group["0"], axes_in(group)
     stored, ratio = storage(level, path, what, max_bytes)
     dtype, shape = np.dtype(level.dtype), tuple(int(n) for n in level.shape)
     nbytes = math.prod(shape) * dtype.itemsize
@@ -169,28 +169,72 @@ def _open_zarr(files: ExitStack, path: Path, what: str, max_bytes: int | None) -
     return OpenSeries((*shape[1:], shape[0]) if colours else shape, dtype, parts, axes=axes)
 
 
-def _axes_in(group: Any) -> str:
+def axes_in(group: Any) -> str:
     """A letter for each axis of an OME-Zarr; empty where it names none."""
     try:
-        names = [str(axis["name"]) for axis in group.attrs["multiscales"][0]["axes"]]
+        return "".join(str(axis["name"])[:1].lower() for axis in multiscales(group)["axes"])
     except (KeyError, IndexError, TypeError):
         return ""
-    return "".join(name[:1] for name in names)
+
+
+def multiscales(group: Any) -> dict[str, Any]:
+    """The first description of an OME-Zarr's pyramid, of OME-NGFF 0.4 or 0.5."""
+    attributes = dict(group.attrs)
+    return dict(attributes.get("ome", attributes)["multiscales"][0])
+
+
+@dataclass(frozen=True)
+class SeriesDescription:
+    """What a file says of its pictures; empty or None where it says nothing.
+
+    Attributes
+    ----------
+    about : dict
+        What `write_series` was given.
+    pixel : tuple of float or None
+        (dy, dx) in metres.
+    planes : tuple of float or None
+        z of plane 0 and the distance of planes, in metres.
+    """
+
+    about: dict[str, Any] = field(default_factory=dict)
+    pixel: tuple[float, float] | None = None
+    planes: tuple[float, float] | None = None
+
+
+def read_description(path: PathLike) -> SeriesDescription:
+    """What a file says of its pictures; nothing if there is no such file."""
+    path = Path(path)
+    try:
+        if path.suffix.lower() != zarr_files.SUFFIX:
+            root = _ome(path)
+            return _described(_about_of_ome(root), *_steps_of_ome(root))
+        with opened_store(path, _INSTEAD) as group:
+            about = group.attrs.get("clplen") if "0" in group else {}
+            return _described(about, *_steps_of_zarr(group))
+    except Exception:  # what other programs wrote, or nothing
+        return SeriesDescription()
 
 
 def describe_series(path: PathLike) -> dict[str, Any]:
     """What `write_series` was given as description; empty if there is no such file."""
-    path = Path(path)
-    try:
-        if path.suffix.lower() == zarr_files.SUFFIX:
-            with opened_store(path, _INSTEAD) as group:
-                about = group.attrs["clplen"] if "0" in group else {}
-        else:
-            root = _ome(path)
-            about = json.loads(next(item.text or "" for item in root.iter() if _is_text(item)))
-    except Exception:  # what other programs wrote, or nothing
-        return {}
-    return dict(about) if isinstance(about, dict) else {}
+    return read_description(path).about
+
+
+def _described(about: Any, first: float, steps: dict[str, Any]) -> SeriesDescription:
+    """Steps are those of axes whose unit is a micrometre."""
+    sizes = {}
+    for axis, step in steps.items():
+        try:
+            sizes[axis] = 1e-6 * float(step)
+        except (TypeError, ValueError):
+            continue
+    sizes = {axis: size for axis, size in sizes.items() if 0 < size < math.inf}
+    return SeriesDescription(
+        dict(about) if isinstance(about, dict) else {},
+        (sizes["y"], sizes["x"]) if {"y", "x"} <= set(sizes) else None,
+        (1e-6 * first, sizes["z"]) if "z" in sizes and math.isfinite(first) else None,
+    )
 
 
 def _ome(path: Path) -> ET.Element:
@@ -202,69 +246,33 @@ def _ome(path: Path) -> ET.Element:
     return ET.fromstring(text)
 
 
-def _is_text(element: ET.Element) -> bool:
-    return element.tag.endswith("Description")
-
-
-def _pixel(path: Path) -> tuple[float, float] | None:
-    """The size of a pixel in metres, where a file says it in micrometres."""
+def _about_of_ome(root: ET.Element) -> Any:
+    texts = (item.text for item in root.iter() if item.tag.endswith("Description"))
     try:
-        if path.suffix.lower() == zarr_files.SUFFIX:
-            with opened_store(path, _INSTEAD) as group:
-                scales = multiscales(group)
-                units = [axis.get("unit") for axis in scales["axes"][-2:]]
-                (moves, *_) = (data["coordinateTransformations"] for data in scales["datasets"])
-                sizes = moves[0]["scale"][-2:]
-        else:
-            (pixels, *_) = (item for item in _ome(path).iter() if item.tag.endswith("Pixels"))
-            units = [pixels.get(f"PhysicalSize{axis}Unit") for axis in "YX"]
-            sizes = [pixels.attrib[f"PhysicalSize{axis}"] for axis in "YX"]
-        dy, dx = (1e-6 * float(size) for size in sizes)
-    except Exception:  # what other programs wrote, or nothing
-        return None
-    known = all(unit in _MICROMETRES for unit in units) and 0 < min(dy, dx) < math.inf
-    return (dy, dx) if known else None
+        return json.loads(next(texts) or "")
+    except (StopIteration, ValueError, RecursionError):
+        return {}
 
 
-def times_in(path: PathLike) -> int:
-    """How many times the pictures of an OME-TIFF are of, one after the other; 1 if unknown."""
+def _steps_of_ome(root: ET.Element) -> tuple[float, dict[str, Any]]:
+    pixels = next((item for item in root.iter() if item.tag.endswith("Pixels")), None)
+    if pixels is None:
+        return 0.0, {}
+    sizes = {axis: pixels.get(f"PhysicalSize{axis.upper()}") for axis in "zyx"}
+    units = {axis: pixels.get(f"PhysicalSize{axis.upper()}Unit", "µm") for axis in "zyx"}
+    return 0.0, {axis: size for axis, size in sizes.items() if units[axis] in _MICROMETRES}
+
+
+def _steps_of_zarr(group: Any) -> tuple[float, dict[str, Any]]:
     try:
-        pixels = next(item for item in _ome(Path(path)).iter() if item.tag.endswith("Pixels"))
-        return max(1, int(pixels.get("SizeT", "1")))
-    except Exception:  # what other programs wrote, or nothing
-        return 1
-
-
-def plane_step(path: PathLike) -> tuple[float, float] | None:
-    """z of plane 0 and the distance of planes in metres, where a file says them in micrometres."""
-    path = Path(path)
-    try:
-        if path.suffix.lower() == zarr_files.SUFFIX:
-            with opened_store(path, _INSTEAD) as group:
-                scales = multiscales(group)
-                names = [str(axis["name"]) for axis in scales["axes"]]
-                unit = scales["axes"][names.index("z")].get("unit")
-                moves = scales["datasets"][0]["coordinateTransformations"]
-                step = next(move["scale"] for move in moves if "scale" in move)[names.index("z")]
-                shifts = [move["translation"] for move in moves if "translation" in move]
-                first = float(shifts[0][names.index("z")]) if shifts else 0.0
-        else:
-            pixels = next(item for item in _ome(path).iter() if item.tag.endswith("Pixels"))
-            unit, step = pixels.get("PhysicalSizeZUnit", "µm"), pixels.attrib["PhysicalSizeZ"]
-            first = 0.0
-        found = (1e-6 * first, 1e-6 * float(step))
-    except Exception:  # what other programs wrote, or nothing
-        return None
-    known = unit in _MICROMETRES and 0 < found[1] < math.inf and math.isfinite(found[0])
-    return found if known else None
-
-
-def pixel_of(path: PathLike) -> tuple[float, float] | None:
-    """The size (dy, dx) of a pixel in metres, where a file says it in micrometres."""
-    return _pixel(Path(path))
-
-
-def multiscales(group: Any) -> dict[str, Any]:
-    """The first description of an OME-Zarr's pyramid, of OME-NGFF 0.4 or 0.5."""
-    attributes = dict(group.attrs)
-    return dict(attributes.get("ome", attributes)["multiscales"][0])
+        scales = multiscales(group)
+        units = {str(axis["name"]): axis.get("unit") for axis in scales["axes"]}
+        moves = {}
+        for move in scales["datasets"][0]["coordinateTransformations"]:
+            for name in {"scale", "translation"} & set(move):
+                moves[name] = dict(zip(units, move[name], strict=True))
+        first = float(moves.get("translation", {}).get("z", 0))
+        steps = moves["scale"].items()
+    except (KeyError, IndexError, TypeError, ValueError, AttributeError):
+        return 0.0, {}
+    return first, {axis: step for axis, step in steps if units[axis] in _MICROMETRES}
