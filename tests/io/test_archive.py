@@ -188,12 +188,6 @@ def test_names_without_suffix_need_a_pattern(make: Callable[..., Path], device: 
         read_lightfield(path, device=device)
 
 
-def test_transparent_pictures_are_refused(make: Callable[..., Path], device: Device):
-    path = make("view_{v}_{u}.png", {"view_3_0.png": encode(np.ones((5, 7, 4), np.uint8))})
-    with pytest.raises(FormatError, match=r"view_3_0\.png has transparent pixels"):
-        read_lightfield(path, device=device, allow_missing=True)
-
-
 def test_an_archive_without_pictures(tmp_path: Path, device: Device):
     with zipfile.ZipFile(tmp_path / "a.zip", "w") as archive:
         archive.writestr("notes.txt", b"hello")
