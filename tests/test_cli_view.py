@@ -14,9 +14,9 @@ from click.testing import CliRunner, Result
 
 import clplen
 from clplen.cli.app import main
-from clplen.cli.shared.shown import option_words
 from clplen.cli.view import open_browser
 from clplen.io import read_picture, write_depth, write_pfm, write_volume
+from clplen.viewer.file_items import option_words
 
 RNG = np.random.default_rng(9)
 VIEWS = RNG.integers(0, 256, (3, 5, 24, 31), np.uint8)
@@ -147,19 +147,6 @@ def test_tracks_over_a_series(tmp_path):
     done = run("view", series, "--tracks", tmp_path / "voxels.csv", "-o", page)
     assert "positions in voxels" in done.output
     assert done.exit_code == 1
-
-
-def test_planes_that_fall_have_their_tracks(tmp_path):
-    planes = np.array([6e-6, 1e-6, -2e-6])
-    write_volume(tmp_path / "v.ome.tif", RNG.random((3, 9, 9)), planes=planes, voxel=(1e-6, 1e-6))
-    z = np.array([3.5e-6, -2e-6])
-    tracks = clplen.microscopy.Tracks(
-        np.zeros(2, int), np.arange(2), np.stack([z, z * 0, z * 0], 1), z, z, "m"
-    )
-    tracks.to_csv(tmp_path / "t.csv")
-    page = tmp_path / "page.html"
-    good("view", tmp_path / "v.ome.tif", "--tracks", tmp_path / "t.csv", "-o", page)
-    assert items(page)[0]["tracks"]["z"] == pytest.approx([0.5, 2.0])
 
 
 def test_a_series_in_ome_zarr(tmp_path):

@@ -76,14 +76,6 @@ def test_everything_comes_back(tmp_path: Path, device: Device):
         assert [file.name for file in tmp_path.iterdir()] == ["a.h5"]
 
 
-def test_a_light_field_that_knows_nothing(tmp_path: Path, device: Device):
-    lf = LightField.from_array(np.ones((1, 2, 3, 4), np.float32), device=device)
-    write_lightfield(tmp_path / "a.h5", lf)
-    again = read_lightfield(tmp_path / "a.h5", device=device)
-    assert (again.spacing, again.camera, again.positions) == (None, None, None)
-    assert again.shape == (1, 2, 3, 4)
-
-
 def test_layout_of_the_file(tmp_path: Path, device: Device):
     lf = replace(light_field(device), camera=a_camera(device))
     write_lightfield(tmp_path / "a.h5", lf)
@@ -115,14 +107,6 @@ def test_words_of_layout_turn_everything(tmp_path: Path, device: Device):
     again = read_lightfield(tmp_path / "b.h5", device=device, flip_v=True)
     want = refocus(replace(lf, positions=None), disparity=0.7).to_numpy()
     assert relative_max(want, refocus(again, disparity=0.7).to_numpy()) <= 1e-6
-
-
-def test_positions_of_a_table_replace_those_of_the_file(tmp_path: Path, device: Device):
-    write_lightfield(tmp_path / "a.h5", light_field(device))
-    rows = [f"{v},{u},{2 * v},{u}" for v in range(3) for u in range(4)]
-    (tmp_path / "p.csv").write_text("\n".join(["v,u,y,x", *rows]))
-    lf = read_lightfield(tmp_path / "a.h5", device=device, positions=tmp_path / "p.csv")
-    np.testing.assert_allclose(lf.positions[2, 3], (2.0, 1.5))
 
 
 def test_any_order_of_axes_is_honoured(
@@ -312,8 +296,3 @@ def test_filters_and_samples_that_are_elsewhere(tmp_path: Path, device: Device):
         file.create_dataset("lightfield", (1, 1, 2, 2), np.uint8, external=other)
     with pytest.raises(FormatError, match="lie in other files"):
         read_lightfield(tmp_path / "a.h5", device=device)
-
-
-def test_another_suffix(tmp_path: Path, device: Device):
-    with pytest.raises(ValueError, match=r"written to \.h5, .*to a new folder, not to a\.npy"):
-        write_lightfield(tmp_path / "a.npy", light_field(device))

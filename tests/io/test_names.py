@@ -29,11 +29,6 @@ def test_a_counter_and_anything_are_ignored():
     assert files == {(0, 0): "x9_07_02_01.png", (1, 0): "y10_08_02_02.png"}
 
 
-def test_format_words_are_allowed():
-    shape, _ = arrange(Pattern("view_{v:02d}_{u:02d}.png"), ["view_00_00.png", "view_00_01.png"])
-    assert shape == (1, 2)
-
-
 def test_a_pattern_without_row_and_column_is_refused():
     for text in ["a_{v}.png", "a_{v}_{u}_{i}.png", "a_{v}_{w}.png", "{}", "{v}{v}{u}", "a.png"]:
         with pytest.raises(ValueError, match=r"must have \{v\} and \{u\} once each, or \{i\} once"):
@@ -61,11 +56,6 @@ def test_a_count_that_is_no_square_asks_for_views():
 def test_more_views_than_asked_for():
     with pytest.raises(FormatError, match=r"gives 6 views, more than views=\(1, 5\)"):
         arrange(Pattern("{i}.png"), [f"{i}.png" for i in range(6)], views=(1, 5))
-
-
-def test_counts_that_contradict_views():
-    with pytest.raises(FormatError, match=r"give 2 x 3 views .* but views=\(3, 2\)"):
-        arrange(Pattern("{v}_{u}"), grid("{v}_{u}", range(2), range(3)), views=(3, 2))
 
 
 def test_a_row_that_is_missing_leaves_a_gap():
@@ -98,11 +88,6 @@ def test_guesses():
         ([f"IMG_20240131_{i:04d}.png" for i in range(9)], "IMG_20240131_{i}.png"),
     ]:
         assert guess(names).text == pattern
-
-
-def test_a_row_of_views_is_no_square():
-    names = grid("v_{v}_{u}.png", range(1), range(9))
-    assert arrange(guess(names), names)[0] == (1, 9)
 
 
 def test_a_counter_beside_row_and_column_cannot_be_guessed():
@@ -143,11 +128,6 @@ def test_files_of_no_kind(tmp_path: Path):
         (tmp_path / name).write_bytes(content)
         with pytest.raises(FormatError, match=said):
             kind_of(tmp_path / name)
-
-
-def test_no_picture_to_guess_from():
-    with pytest.raises(FormatError, match="no picture in the folder"):
-        guess([])
 
 
 def test_every_other_row_is_counted_backwards():

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import os
 import tracemalloc
-from concurrent.futures import ThreadPoolExecutor
 from contextlib import closing
 from pathlib import Path
 from types import SimpleNamespace
@@ -14,11 +13,9 @@ import pytest
 import tifffile
 from stack_tiles import Tiles, full_disk, random_values
 
-from clplen.compute.device import Device
 from clplen.errors import ShapeError
 from clplen.io import write_depth, write_image, write_stack
 from clplen.io.store.picture_blocks import checked_blocks
-from clplen.lightfield.refocusing.focal_stacks import FocalStack
 
 SPACING = (-1e-3, -1e-3, -2e-6, 3e-6)
 CAMERA = SimpleNamespace(dz=lambda alpha: (alpha - 1) / 10)
@@ -45,19 +42,6 @@ def test_parts_come_to_their_places(tmp_path_factory: pytest.TempPathFactory):
             assert series.dataoffset is not None  # contiguous
             assert len(file.pages) == shape[0]
         assert [file.name for file in tmp_path.iterdir()] == ["s.ome.tif"]
-
-
-def test_a_stack_on_a_device_and_its_parts_make_the_same_file(tmp_path: Path, device: Device):
-    values = random_values(4, 6, 5, 3)
-    tiles = Tiles(values, (3, 2, 2), SPACING)
-    known = (tiles.disparities, tiles.alphas, SPACING)
-    write_stack(tmp_path / "a.tif", FocalStack(device.upload(values), device, *known))
-    write_stack(tmp_path / "b.tif", tiles)
-    a, b = ((tmp_path / name).read_bytes() for name in ("a.tif", "b.tif"))
-    uuid = 36 + len("urn:uuid:")  # drawn anew for every file
-    assert len(a) == len(b)
-    assert sum(x != y for x, y in zip(a, b, strict=True)) <= 6 * uuid
-    np.testing.assert_array_equal(tifffile.imread(tmp_path / "b.tif"), values)
 
 
 @pytest.mark.parametrize("suffix", [".tif", ".zarr"])
@@ -135,15 +119,6 @@ def test_memory_does_not_grow_with_the_stack(tmp_path: Path):
     tracemalloc.stop()
     assert peak < 1 << 20  # of 7.5 MiB; tifffile's own and one row
     assert os.path.getsize(tmp_path / "s.tif") > 30 * 256 * 256 * 4
-
-
-def test_many_writers_of_one_file(tmp_path: Path):
-    stacks = [Tiles(np.full((3, 8, 9), i, np.float32), (3, 4, 9)) for i in range(4)]
-    with ThreadPoolExecutor(4) as pool:
-        list(pool.map(lambda tiles: write_stack(tmp_path / "s.tif", tiles), 3 * stacks))
-    again = tifffile.imread(tmp_path / "s.tif")
-    assert (again == again[0, 0, 0]).all()
-    assert [file.name for file in tmp_path.iterdir()] == ["s.tif"]
 
 
 def test_durable_reaches_every_kind_of_file(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):

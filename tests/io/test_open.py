@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import zipfile
-from contextlib import suppress
 
 import click
 import h5py
@@ -204,16 +203,6 @@ def test_a_file_that_is_cut_short(device, tmp_path):
             found.read(PARTS[0])
 
 
-def test_views_that_differ(device, tmp_path):
-    path = folder(tmp_path / "lf", samples())
-    iio.imwrite(path / "view_2_0.png", samples()[0, 0, :30])
-    (path / "view_2_3.png").write_bytes(b"no picture")
-    with suppress(FormatError), open_lightfield(path, device=device):
-        pytest.fail("its weights need every view")
-    with pytest.raises(FormatError, match=r"2 of 12 views.*view_2_0.png is 30 x 23 x 3 uint8"):
-        read_lightfield(path, device=device)
-
-
 def test_errors_of_the_user_stay_what_they_are(device, tmp_path):
     """What goes wrong inside the block is not said to be a damaged file."""
     with h5py.File(tmp_path / "lf.h5", "w") as file:
@@ -223,19 +212,6 @@ def test_errors_of_the_user_stay_what_they_are(device, tmp_path):
     for name in ("lf.h5", "lf.zarr"):
         with pytest.raises(KeyError), open_lightfield(tmp_path / name, device=device):
             raise KeyError("mine")
-
-
-def test_what_is_refused(device, tmp_path):
-    np.save(tmp_path / "lf.npy", samples())
-    np.save(tmp_path / "three.npy", samples()[0, 0])
-    for name, layout, error, message in (
-        ("lf.npy", {"pattern": "{v}_{u}"}, ValueError, "pattern= does not apply"),
-        ("none", {}, FormatError, "no file or folder"),
-        ("three.npy", {}, FormatError, "4 or 5 dimensions"),
-    ):
-        opened = open_lightfield(tmp_path / name, device=device, **layout)
-        with pytest.raises(error, match=message), opened:
-            pytest.fail("it was opened")
 
 
 def test_larger_than_may_be_read_whole(device, tmp_path):

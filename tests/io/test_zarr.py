@@ -155,14 +155,6 @@ def test_which_array(tmp_path: Path, device: Device, form: int):
         read_lightfield(tmp_path / "a.zarr", device=device, dataset="picture")
 
 
-def test_shards(tmp_path: Path, device: Device):
-    words = {"shape": SHAPE, "chunks": (1, 1, 7, 11, 2), "shards": (1, 5, 7, 11, 2)}
-    array = zarr.create_array(str(tmp_path / "a.zarr"), dtype="u2", **words)
-    array[...] = values_of()
-    lf = read_lightfield(tmp_path / "a.zarr", device=device)
-    np.testing.assert_array_equal(lf.to_numpy(), values_of())
-
-
 @pytest.mark.parametrize("form", FORMATS)
 def test_more_is_declared_than_stored(tmp_path: Path, device: Device, form: int):
     write(tmp_path / "a.zarr", form, "", values_of("u1"))
@@ -229,14 +221,6 @@ def test_without_the_package(tmp_path: Path, device: Device, monkeypatch: pytest
     assert [file.name for file in tmp_path.iterdir()] == ["a.zarr"]
 
 
-def test_before_version_3(tmp_path: Path, device: Device, monkeypatch: pytest.MonkeyPatch):
-    for version in ["2.18.3"]:
-        write_lightfield(tmp_path / "a.zarr", light_field(device))
-        monkeypatch.setattr(zarr, "__version__", version)
-        with pytest.raises(FormatError, match=rf"needs the package zarr 3 .*, not {version}"):
-            read_lightfield(tmp_path / "a.zarr", device=device)
-
-
 def test_members_of_an_archive_that_are_too_large(tmp_path: Path, device: Device):
     write(tmp_path / "a.zarr", 2, "", values_of())
     with zipfile.ZipFile(tmp_path / "a.zip", "w", zipfile.ZIP_DEFLATED) as archive:
@@ -272,16 +256,6 @@ def test_long_metadata_in_an_archive(tmp_path: Path, device: Device):
         archive.writestr(".zgroup", b" " * (5 << 20))
     with pytest.raises(FormatError, match=r"'\.zgroup' declares 5,242,880 bytes, metadata"):
         read_lightfield(tmp_path / "a.zip", device=device)
-
-
-def test_a_truncated_archive(tmp_path: Path, device: Device):
-    write_lightfield(tmp_path / "a.zarr", light_field(device))
-    shutil.make_archive(str(tmp_path / "packed"), "zip", tmp_path / "a.zarr")
-    whole = (tmp_path / "packed.zip").read_bytes()
-    for size in (10, 1000, len(whole) - 30):
-        (tmp_path / "packed.zip").write_bytes(whole[:size])
-        with pytest.raises(FormatError, match=r"packed\.zip"):
-            read_lightfield(tmp_path / "packed.zip", device=device)
 
 
 def test_large_rows_of_views_are_cut(

@@ -164,16 +164,6 @@ def test_what_cannot_be_shown(tmp_path):
         assert list(tmp_path.iterdir()) == []
 
 
-def test_another_suffix(tmp_path):
-    with pytest.raises(ValueError, match=r"written as \.html, not as a\.png"):
-        clplen.io.write_html(tmp_path / "a.png", VIEWS)
-
-
-def test_views_too_small_for_their_downscale(tmp_path):
-    with pytest.raises(ShapeError, match="12 x 17 pixels have none by 13 x 13"):
-        clplen.io.write_html(tmp_path / "a.html", VIEWS, downscale=13)
-
-
 def test_metres_by_the_lens_law_and_of_a_microscope(device):
     from clplen.demo import camera
 

@@ -3,18 +3,15 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from contextlib import ExitStack
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Protocol
 
-import click
 import numpy as np
 
-from clplen.cli.shared.console import note
-from clplen.cli.shared.focused import Opened, suitable_ms, tells
-from clplen.cli.shared.focused import read as open_raw
-from clplen.errors import ClplenError, FormatError
+from clplen.errors import ClplenError, FormatError, ShapeError
 
 if TYPE_CHECKING:
     from clplen.compute.device import Device
@@ -30,14 +27,24 @@ Item = dict[str, Any]
 _SERIES = (".tif", ".tiff", ".zarr")
 _PICTURES = (".png", ".jpg", ".jpeg", ".bmp", ".pgm", ".ppm", ".tif", ".tiff")
 _MOST_SAMPLES = 40_000_000  # of a page whose light field is read part by part
-_MS = 15  # planes of a focused raw image
-# Words that tell that a file is a light field.
+# Options that tell that a file is a light field.
 _TELLING = ("views", "pattern", "white", "grid", "calibration", "order", "positions", "lattice")
 
 
+class FocusedImage(Protocol):
+    """A raw image of a focused camera, and the white image of its camera where one is given."""
+
+    raw: Any
+    white: Values | None
+
+    @property
+    def flat(self) -> Values | None:
+        """The white image, of one channel."""
+
+
 @dataclass(frozen=True)
-class Shown:
-    """How files are shown.
+class PageBuilder:
+    """How files become the items of a page.
 
     Attributes
     ----------
@@ -50,8 +57,12 @@ class Shown:
         Of the device.
     depth : bool
         Whether the depth map of a light field is computed.
+    focused : callable
+        Path -> `FocusedImage` and its planes m, or None for other files.
+    note : callable
+        Says a sentence to the user.
     depth_file : pathlib.Path or None
-        Where it is read from instead.
+        Where the depth map is read from instead.
     memory : int or None
         Bytes for a light field that is read part by part, of which the page has coarser views.
     held : contextlib.ExitStack
@@ -65,6 +76,8 @@ class Shown:
     layout: dict[str, Any]
     selector: str | None
     depth: bool
+    focused: Callable[[Path], tuple[FocusedImage, Values] | None]
+    note: Callable[[str], None]
     depth_file: Path | None = None
     memory: int | None = None
     held: ExitStack = field(default_factory=ExitStack)
@@ -79,8 +92,9 @@ class Shown:
         """The items of a file or folder."""
         if not source.exists():
             raise FormatError(f"There is no file or folder {source}.")
-        if tells(source) and not self._is_ordinary(source):
-            return self._focused(open_raw(source, self.selector, self.layout, None), source.stem)
+        focused = None if self._is_ordinary(source) else self.focused(source)
+        if focused is not None:
+            return self._of_focused(*focused, source.stem)
         meant = any(self.layout[word] for word in _TELLING)
         item = None if meant else self._described(source)
         if item is not None:
@@ -115,8 +129,6 @@ class Shown:
         else:
             lf = self.held.enter_context(open_lightfield(source, device=device, **self.layout))
             options = replace(options, downscale=max(options.downscale, _downscale(lf.shape)))
-            if self.depth_file is not None:
-                raise click.UsageError("--depth-map goes without --memory.")
         self.light_fields.append(lf)
         item = light_field_item(
             lf,
@@ -151,7 +163,7 @@ class Shown:
         try:
             return depth_map(lf)
         except ClplenError as error:
-            note(f"the page has no depth map: {error}")
+            self.note(f"the page has no depth map: {error}")
             return None
 
     def _described(self, source: Path) -> Item | None:
@@ -285,7 +297,7 @@ class Shown:
         item["python"] = f"data = clplen.io.read_picture({str(source)!r})"
         return item
 
-    def _focused(self, opened: Opened, name: str) -> list[Item]:
+    def _of_focused(self, opened: FocusedImage, ms: Values, name: str) -> list[Item]:
         """A raw image of a focused camera: everything in focus, planes, m, and the raw image."""
         from clplen.io.page.volume_item import volume_item
         from clplen.lightfield.focused.focused_depth import focused_depth, focused_maps
@@ -297,7 +309,6 @@ class Shown:
         sharp = render_focused(
             opened.raw, method="depth", depth=found, white=opened.white, step=step
         )
-        ms = suitable_ms(opened, _MS)
         stack = focused_stack(opened.raw, ms=ms, white=opened.white, step=step)
         maps = focused_maps(
             opened.raw,
@@ -324,9 +335,7 @@ def series_of_times(items: list[Item], name: str) -> Item:
         item["kind"] == "volume" and item["shape"][1:] == first["shape"][1:] for item in items
     )
     if not same:
-        raise click.UsageError(
-            "--time takes volumes, stacks or pictures of one size, one file a time."
-        )
+        raise ShapeError("--time takes volumes, stacks or pictures of one size, one file a time.")
     levels = [(item["samples"]["low"], item["samples"]["step"]) for item in items]
     blobs = [blob for item in items for blob in item["samples"]["blobs"]]
     times = sum(item["shape"][0] for item in items)
