@@ -44,43 +44,22 @@ class FocusedImage(Protocol):
 
 @dataclass(frozen=True)
 class PageBuilder:
-    """How files become the items of a page.
+    """How files become the items of a page."""
 
-    Attributes
-    ----------
-    content : Content
-        What items are added to.
-    options : PageOptions
-    layout : dict
-        Words of layout as the command line has them.
-    selector : str or None
-        Of the device.
-    depth : bool
-        Whether the depth map of a light field is computed.
-    focused : callable
-        Path -> `FocusedImage` and its planes m, or None for other files.
-    note : callable
-        Says a sentence to the user.
-    depth_file : pathlib.Path or None
-        Where the depth map is read from instead.
-    memory : int or None
-        Bytes for a light field that is read part by part, of which the page has coarser views.
-    held : contextlib.ExitStack
-        Files that stay open as long as the page is served.
-    light_fields : list
-        Those that were shown, in the order of their items.
-    """
-
-    content: Content
+    content: Content  # what items are added to
     options: PageOptions
-    layout: dict[str, Any]
-    selector: str | None
-    depth: bool
+    layout: dict[str, Any]  # words of layout as the command line has them
+    selector: str | None  # of the device
+    depth: bool  # whether the depth map of a light field is computed
+    # Path -> `FocusedImage` and its planes m, or None for other files.
     focused: Callable[[Path], tuple[FocusedImage, Values] | None]
-    note: Callable[[str], None]
-    depth_file: Path | None = None
+    note: Callable[[str], None]  # says a sentence to the user
+    depth_file: Path | None = None  # where the depth map is read from instead
+    # Bytes for a light field that is read part by part, of which the page has coarser views.
     memory: int | None = None
+    # Files that stay open as long as the page is served.
     held: ExitStack = field(default_factory=ExitStack)
+    # Those that were shown, in the order of their items.
     light_fields: list[LightField | StoredLightField] = field(default_factory=list)
 
     def device(self) -> Device:

@@ -96,26 +96,13 @@ def with_channel_axis(values: Array, content: bytes | mmap) -> Array:
 
 @dataclass(frozen=True)
 class Header:
-    """What a picture declares.
+    """What a picture declares."""
 
-    Attributes
-    ----------
-    kind : {"PNG", "TIFF", "JPEG", "BMP", "PNM"}
-    pixels : int
-        Rows times columns; 0 for TIFF, whose reader finds out.
-    nbytes : int
-        Of the decoded samples, at most.
-    ratio : float
-        Largest number of decoded bytes from one stored byte.
-    deep : bool
-        Whether it is a PNG with 16 bits a sample and more than one channel.
-    """
-
-    kind: str
-    pixels: int = 0
-    nbytes: int = 0
-    ratio: float = 1.0
-    deep: bool = False
+    kind: str  # {"PNG", "TIFF", "JPEG", "BMP", "PNM"}
+    pixels: int = 0  # rows times columns; 0 for TIFF, whose reader finds out
+    nbytes: int = 0  # of the decoded samples, at most
+    ratio: float = 1.0  # largest number of decoded bytes from one stored byte
+    deep: bool = False  # whether it is a PNG with 16 bits a sample and more than one channel
 
 
 def header_of(content: bytes) -> Header:

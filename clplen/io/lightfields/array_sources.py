@@ -38,43 +38,19 @@ _BLOCK = 4 << 20  # bytes read at a time: they stay in the cache while axes are 
 
 @dataclass(frozen=True)
 class Source:
-    """A light field in a file, before it is read.
-
-    Attributes
-    ----------
-    path : pathlib.Path
-    what : str
-        As the subject of a sentence: "the dataset 'LF'".
-    shape : tuple of int
-    dtype : numpy.dtype
-        Of what ``read`` gives.
-    axes : str
-        A letter of "vuyxc" for each dimension.
-    known : str
-        The axes and how they are known, for the sentence on what was taken.
-    read : callable
-        A slice for each dimension -> the samples there.
-    stored : int
-        Bytes that the file has for it.
-    ratio : float
-        Largest ratio of its compression; 1 for none.
-    chunks : tuple of int or None
-        Best read as a whole.
-    weighted : bool
-        Whether the last channel is a weight.
-    """
+    """A light field in a file, before it is read."""
 
     path: Path
-    what: str
+    what: str  # as the subject of a sentence: "the dataset 'LF'"
     shape: tuple[int, ...]
-    dtype: np.dtype[Any]
-    axes: str
-    known: str
-    read: Callable[[Selection], Array]
-    stored: int
-    ratio: float = 1.0
-    chunks: tuple[int, ...] | None = None
-    weighted: bool = False
+    dtype: np.dtype[Any]  # of what read gives
+    axes: str  # A letter of "vuyxc" for each dimension
+    known: str  # the axes and how they are known, for the sentence on what was taken
+    read: Callable[[Selection], Array]  # A slice for each dimension -> the samples there
+    stored: int  # bytes that the file has for it
+    ratio: float = 1.0  # largest ratio of its compression; 1 for none
+    chunks: tuple[int, ...] | None = None  # best read as a whole
+    weighted: bool = False  # whether the last channel is a weight
 
     @property
     def views(self) -> View:
@@ -224,26 +200,17 @@ def blocks(
 
 @dataclass(frozen=True)
 class OpenSource:
-    """A light field in a file that is open.
-
-    Attributes
-    ----------
-    source : Source
-    known : dict
-        What `LightField.from_array` takes beside the samples; weights and positions for the views
-        of the file.
-    words : dict
-        ``decode`` and ``parametrisation``, where the file says them.
-    whole : bool
-        Whether it is read as a whole in any case.
-    """
+    """A light field in a file that is open."""
 
     source: Source
     device: Device
     layout: Layout
+    # What `LightField.from_array` takes beside the samples; weights and positions for the views of
+    # the file.
     known: dict[str, Any] = field(default_factory=dict)
+    # decode and parametrisation, where the file says them.
     words: dict[str, Any] = field(default_factory=dict)
-    whole: bool = False
+    whole: bool = False  # whether it is read as a whole in any case
 
     def load(self, *, progress: bool = False) -> tuple[LightField, str]:
         """Read the samples and make them a light field."""

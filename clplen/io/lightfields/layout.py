@@ -143,33 +143,15 @@ class Whole:
 
 @dataclass(frozen=True)
 class Kind:
-    """One kind of light-field file.
+    """One kind of light-field file."""
 
-    Attributes
-    ----------
-    name : str
-        As messages call it.
-    words : tuple of str
-        Words of layout that apply.
-    magic : bytes
-        With which its files begin.
-    suffixes : tuple of str
-        Of its files, in lower case; any if there are none.
-    marks : tuple of str
-        Files of which its folders and zip archives hold one.
-    folder : bool
-        Whether any folder is of this kind.
-    recognises : callable or None
-        (path, first bytes) -> bool, where the above does not tell; the bytes are empty for a
-        folder.
-    """
-
-    name: str
-    words: tuple[str, ...]
-    magic: bytes = b""
-    suffixes: tuple[str, ...] = ()
-    marks: tuple[str, ...] = ()
-    folder: bool = False
+    name: str  # as messages call it
+    words: tuple[str, ...]  # words of layout that apply
+    magic: bytes = b""  # with which its files begin
+    suffixes: tuple[str, ...] = ()  # of its files, in lower case; any if there are none
+    marks: tuple[str, ...] = ()  # files of which its folders and zip archives hold one
+    folder: bool = False  # whether any folder is of this kind
+    # (path, first bytes) -> bool, where the above does not tell; the bytes are empty for a folder.
     recognises: Callable[[Path, bytes], bool] | None = None
 
     def fits(self, path: Path, head: bytes) -> bool:

@@ -45,39 +45,19 @@ _ITSELF = "of the picture itself, without a white image"
 
 @dataclass(frozen=True)
 class Capture:
-    """What a file tells of the sensor that took a frame, where the user does not.
+    """What a file tells of the sensor that took a frame, where the user does not."""
 
-    Attributes
-    ----------
-    bayer : str or tuple of tuple of str or None
-        Colour filters.
-    black : numpy.ndarray or None
-        Black level of every pixel of the frame, and of the white image if ``white_black`` is None.
-    white_black : numpy.ndarray or None
-        Black level of the white image.
-    balance : tuple of float or None
-        Factors of red, green and blue.
-    matrix : numpy.ndarray or None
-        Colour matrix, shape (3, 3), applied to balanced colours.
-    span : float or None
-        Numbers from black to white; the light field is divided by it and is linear light then.
-    pitch : float or None
-        Distance of neighbouring lenslets in pixels.
-    pixel_pitch : float or None
-        In metres.
-    white : numpy.ndarray or None
-        White image; ``layout.white`` is its name then.
-    """
-
-    bayer: str | tuple[tuple[str, ...], ...] | None = None
+    bayer: str | tuple[tuple[str, ...], ...] | None = None  # colour filters
+    # Black level of every pixel of the frame, and of the white image if white_black is None.
     black: Frame | None = None
-    white_black: Frame | None = None
-    balance: tuple[float, float, float] | None = None
-    matrix: Frame | None = None
+    white_black: Frame | None = None  # black level of the white image
+    balance: tuple[float, float, float] | None = None  # factors of red, green and blue
+    matrix: Frame | None = None  # colour matrix, shape (3, 3), applied to balanced colours
+    # Numbers from black to white; the light field is divided by it and is linear light then.
     span: float | None = None
-    pitch: float | None = None
-    pixel_pitch: float | None = None
-    white: Frame | None = None
+    pitch: float | None = None  # distance of neighbouring lenslets in pixels
+    pixel_pitch: float | None = None  # in metres
+    white: Frame | None = None  # white image; layout.white is its name then
 
     def factors(self) -> tuple[float, float, float] | None:
         """Factors of red, green and blue that balance them and bring white to 1."""

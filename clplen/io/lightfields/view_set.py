@@ -37,25 +37,13 @@ _KEPT = (np.dtype(np.uint8), np.dtype(np.uint16))
 
 @dataclass(frozen=True)
 class ViewSet:
-    """Which picture is which view, and how it is read.
+    """Which picture is which view, and how it is read."""
 
-    Attributes
-    ----------
-    where : pathlib.Path
-        The folder, or the folder in an archive, for messages.
-    pattern : Pattern
-    shape : tuple of int
-        (V, U) as the names count them.
-    files : dict
-        The name of each (v, u) that is there.
-    picture : callable
-        ``where / name`` -> picture (y, x) or (y, x, 3); called by several threads.
-    """
-
-    where: Path
+    where: Path  # the folder, or the folder in an archive, for messages
     pattern: Pattern
-    shape: View
-    files: dict[View, str]
+    shape: View  # (V, U) as the names count them
+    files: dict[View, str]  # the name of each (v, u) that is there
+    # where / name -> picture (y, x) or (y, x, 3); called by several threads.
     picture: Callable[[Path], Array]
     device: Device
     layout: Layout

@@ -42,22 +42,12 @@ _METADATA, _PRIVATE = "_metadata", "_private_metadata"  # of other tools, before
 
 @dataclass(frozen=True)
 class Section:
-    """A section of a container.
+    """A section of a container."""
 
-    Attributes
-    ----------
-    table : bool
-        Whether it is the table of contents.
-    name : str
-        ``sha1-...``; empty for a section without data.
-    start, length : int
-        Where its data lie, in bytes.
-    """
-
-    table: bool
-    name: str
-    start: int
-    length: int
+    table: bool  # whether it is the table of contents
+    name: str  # sha1-...; empty for a section without data
+    start: int  # where its data lie, in bytes
+    length: int  # where its data lie, in bytes
 
 
 def read_container(

@@ -57,30 +57,16 @@ def write_series(path: PathLike, blocks: Iterable[Block], *, replace: bool, **kn
 
 @dataclass(frozen=True)
 class OpenSeries:
-    """Pictures of an open file, and what it says of them.
+    """Pictures of an open file, and what it says of them."""
 
-    Attributes
-    ----------
-    shape : tuple of int
-        (n, y, x) or (n, y, x, c).
-    dtype : numpy.dtype
-        As stored.
-    parts : callable
-        Returns an iterator over (planes, rows, values), values of shape (planes, rows, x[, c]).
-    about : dict
-        The description that `write_series` was given; empty for files of other programs.
-    pixel : tuple of float or None
-        (dy, dx) in metres, where the file says them.
-    axes : str
-        A letter for each axis that an OME-Zarr names, in its own order; else empty.
-    """
-
-    shape: tuple[int, ...]
-    dtype: np.dtype[Any]
+    shape: tuple[int, ...]  # (n, y, x) or (n, y, x, c)
+    dtype: np.dtype[Any]  # as stored
+    # Returns an iterator over (planes, rows, values), values of shape (planes, rows, x[, c]).
     parts: Callable[[], Iterator[Part]]
+    # The description that `write_series` was given; empty for files of other programs.
     about: dict[str, Any] = field(default_factory=dict)
-    pixel: tuple[float, float] | None = None
-    axes: str = ""
+    pixel: tuple[float, float] | None = None  # (dy, dx) in metres, where the file says them
+    axes: str = ""  # A letter for each axis that an OME-Zarr names, in its own order; else empty
 
     def read(self, out: Array | None = None) -> Array:
         """Read all pictures, into a given array part by part."""
@@ -185,21 +171,11 @@ def multiscales(group: Any) -> dict[str, Any]:
 
 @dataclass(frozen=True)
 class SeriesDescription:
-    """What a file says of its pictures; empty or None where it says nothing.
+    """What a file says of its pictures; empty or None where it says nothing."""
 
-    Attributes
-    ----------
-    about : dict
-        What `write_series` was given.
-    pixel : tuple of float or None
-        (dy, dx) in metres.
-    planes : tuple of float or None
-        z of plane 0 and the distance of planes, in metres.
-    """
-
-    about: dict[str, Any] = field(default_factory=dict)
-    pixel: tuple[float, float] | None = None
-    planes: tuple[float, float] | None = None
+    about: dict[str, Any] = field(default_factory=dict)  # what `write_series` was given
+    pixel: tuple[float, float] | None = None  # (dy, dx) in metres
+    planes: tuple[float, float] | None = None  # z of plane 0 and the distance of planes, in metres
 
 
 def read_description(path: PathLike) -> SeriesDescription:
