@@ -153,6 +153,8 @@ def test_a_numpy_file(tmp_path: Path):
     np.testing.assert_array_equal(read_npy(tmp_path / "a.npy"), values(3, 4))
     with pytest.raises(FormatError, match=r"needs 48 bytes, more than 10"):
         read_npy(tmp_path / "a.npy", max_bytes=10)
+    with pytest.raises(ValueError, match="must be real numbers, got complex128"):
+        write_npy(tmp_path / "c.npy", np.ones(3, complex))
     np.save(tmp_path / "b.npy", np.array(["text"]))
     with pytest.raises(FormatError, match="no real numbers"):
         read_npy(tmp_path / "b.npy")
