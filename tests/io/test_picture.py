@@ -125,6 +125,8 @@ def test_tiff_of_others():
 def test_tiff_that_is_no_single_picture():
     with pytest.raises(FormatError, match="it holds 3 pictures, one is meant"):
         decode_picture(tiff(np.zeros((3, 20, 30), np.uint8), photometric="minisblack"), "a.tif")
+    with pytest.raises(FormatError, match="samples of type complex64, not real ones"):
+        decode_picture(tiff(np.ones((4, 5), np.complex64), photometric="minisblack"), "a.tif")
     palette = tiff(values(), photometric="palette", colormap=np.zeros((3, 256), np.uint16))
     with pytest.raises(FormatError, match="it has a colour table"):
         decode_picture(palette, "a.tif")

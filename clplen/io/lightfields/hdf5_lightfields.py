@@ -17,7 +17,6 @@ Those of other programs:
 
 from __future__ import annotations
 
-import math
 from collections.abc import Iterator
 from contextlib import ExitStack, contextmanager
 from pathlib import Path
@@ -28,9 +27,9 @@ import numpy as np
 
 from clplen.compute.device import Device
 from clplen.errors import FormatError
-from clplen.files import PathLike, replacing
+from clplen.files import PathLike
 from clplen.hdf5_safety import require_own
-from clplen.io.formats.untrusted import reading, require_bytes
+from clplen.io.formats.untrusted import reading
 from clplen.io.lightfields.array_sources import (
     OpenSource,
     Selection,
@@ -44,14 +43,19 @@ from clplen.io.store.attributes import SAMPLES, axes_in
 from clplen.io.store.hdf5_files import (
     attributes_of,
     contents,
+    created,
     dataset_of,
     datasets,
+    read_array,
     require_size,
     storage,
 )
-from clplen.io.store.opd_arrays import OPD, maps_of, read_hdf5_maps, write_hdf5_maps
+from clplen.io.store.opd_arrays import (
+    OPD,
+    read_hdf5_maps,
+    write_camera,
+)
 from clplen.lightfield.model.light_field import LightField
-from clplen.outputs import MARK
 
 IMAGE = "data/image"
 _CAMERA = "instrument/camera/"
@@ -207,28 +211,13 @@ def _own_axes(attributes: dict[str, Any]) -> str | None:
 
 def write_hdf5(path: PathLike, lf: LightField) -> None:
     """Write a light field with its spacing, weights, positions and camera."""
-    with replacing(path) as temporary:
-        try:
-            with h5py.File(temporary, "w") as file:
-                file.attrs["software"] = MARK
-                _write(file, lf)
-        except RuntimeError as error:  # a full disk, found when the file is closed
-            raise OSError(str(error)) from error
-
-
-def _write(file: h5py.File, lf: LightField) -> None:
-    with lf.device.on_host(lf.data, write=False) as values:
-        data = file.create_dataset(attributes.SAMPLES, data=values)
-    data.attrs.update(attributes.of_samples(lf))
-    for name, array in attributes.arrays_beside(lf).items():
-        file.create_dataset(name, data=array)
-    camera = attributes.of_camera(lf.camera)
-    if camera is not None:
-        group = file.create_group(attributes.CAMERA)
-        group.attrs.update(camera)
-        maps = maps_of(lf.camera)
-        if maps is not None:
-            write_hdf5_maps(group.create_group(OPD), maps)
+    with created(path) as file:
+        with lf.device.on_host(lf.data, write=False) as values:
+            data = file.create_dataset(attributes.SAMPLES, data=values)
+        data.attrs.update(attributes.of_samples(lf))
+        for name, array in attributes.arrays_beside(lf).items():
+            file.create_dataset(name, data=array)
+        write_camera(file, lf.camera)
 
 
 @contextmanager
@@ -275,16 +264,7 @@ def _arrays_beside(
         if name in file:
             dataset = dataset_of(file, name, path)
             require_size(dataset, 2 * views[0] * views[1], path)
-            stored, ratio = storage(dataset, path, max_bytes)
-            require_bytes(
-                math.prod(dataset.shape) * dataset.dtype.itemsize,
-                path=path,
-                what=f"the dataset {name!r}",
-                stored=stored,
-                ratio=ratio,
-                max_bytes=max_bytes,
-            )
-            found[name] = dataset[...]
+            found[name] = read_array(dataset, path, max_bytes)
     return found
 
 

@@ -23,6 +23,7 @@ from clplen.io.results.disparity_maps import read_disparity
 from clplen.io.store.picture_blocks import Block, Tiles, as_block
 from clplen.io.store.picture_series import is_ome, is_series, open_series, write_series
 from clplen.lightfield.depth.depth_maps import DepthMap, as_depth_map
+from clplen.lightfield.focused.focused_picture import FocusedStack
 from clplen.lightfield.model.alpha_law import depth_at
 from clplen.lightfield.raw.raw_image import Spacing, is_telecentric
 from clplen.lightfield.refocusing.focal_stacks import FocalStack
@@ -92,7 +93,7 @@ def write_stack(
     """
     if not is_series(path):
         raise ValueError(f"A focal stack is written as .tif or .zarr, not as {Path(path).name}.")
-    blocks: Iterable[Block] = _planes(stack) if isinstance(stack, FocalStack) else stack
+    blocks: Iterable[Block] = planes_of(stack) if isinstance(stack, FocalStack) else stack
     write_series(
         path,
         _shown(blocks, stack.shape) if progress else blocks,
@@ -170,7 +171,7 @@ def _vector(values: Any, count: int) -> np.ndarray[Any, np.dtype[np.float64]] | 
     return float64_array([math.nan if value is None else value for value in values])
 
 
-def _planes(stack: FocalStack) -> Iterator[Block]:
+def planes_of(stack: FocalStack | FocusedStack) -> Iterator[Block]:
     """The pictures of a stack on a device, one after the other."""
     rows, columns = (slice(0, n) for n in stack.shape[1:3])
     for i in range(stack.shape[0]):

@@ -183,7 +183,7 @@ def read_description(path: PathLike) -> SeriesDescription:
     path = Path(path)
     try:
         if path.suffix.lower() != zarr_files.SUFFIX:
-            root = _ome(path)
+            root = ome_of(path)
             return _described(_about_of_ome(root), *_steps_of_ome(root))
         with opened_store(path, _INSTEAD) as group:
             about = group.attrs.get("clplen") if "0" in group else {}
@@ -213,7 +213,7 @@ def _described(about: Any, first: float, steps: dict[str, Any]) -> SeriesDescrip
     )
 
 
-def _ome(path: Path) -> ET.Element:
+def ome_of(path: Path) -> ET.Element:
     """The OME description of a TIFF."""
     with tiff.open_tiff(path) as file:
         text = file.pages.first.description or "<OME/>"
