@@ -27,23 +27,16 @@ def contents_of(sections: list[Section]) -> bytes:
     return out
 
 
-def bits_of(frame: np.ndarray, bits: int) -> str:
-    return "".join(f"{int(value):0{bits}b}" for value in frame.ravel())
-
-
 def packed12(frame: np.ndarray) -> bytes:
     """All bits in a row, the most significant first."""
-    text = bits_of(frame, 12)
-    return bytes(int(text[i : i + 8], 2) for i in range(0, len(text), 8))
+    return np.packbits(frame.ravel()[:, None] >> np.arange(11, -1, -1) & 1).tobytes()
 
 
 def packed10(frame: np.ndarray) -> bytes:
     """Four upper bytes, then the lower two bits of the four, the first pixel's lowest."""
-    out = bytearray()
-    for four in frame.reshape(-1, 4).tolist():
-        low = "".join(f"{value:010b}"[8:] for value in reversed(four))
-        out += bytes([*(int(f"{value:010b}"[:8], 2) for value in four), int(low, 2)])
-    return bytes(out)
+    four = frame.reshape(-1, 4)
+    low = ((four & 3) << np.arange(0, 8, 2)).sum(1)
+    return np.column_stack([four >> 2, low]).astype(np.uint8).tobytes()
 
 
 def f01(frame: np.ndarray) -> tuple[bytes, dict]:

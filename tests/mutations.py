@@ -61,7 +61,7 @@ _TIFF_TYPES = (*range(1, 19), 0, 255, 65535)
 _TIFF_TAGS = (254, 256, 257, 258, 259, 262, 270, 273, 277, 278, 279, 284, 317, 320, 322, 323, 324)
 _TIFF_TAGS += (325, 330, 338, 339, 347, 530, 34377, 37724, 42112, 50839, 65426)
 _ZIP_FIELDS = (  # of a head: place and size
-    (b"PK\1\2", ((8, 2), (10, 2), (16, 4), (20, 4), (24, 4), (28, 2), (30, 2), (42, 4))),
+    (b"PK\1\2", ((6, 2), (8, 2), (10, 2), (16, 4), (20, 4), (24, 4), (28, 2), (30, 2), (42, 4))),
     (b"PK\3\4", ((4, 2), (6, 2), (8, 2), (14, 4), (18, 4), (22, 4), (26, 2), (28, 2))),
     (b"PK\5\6", ((8, 2), (10, 2), (12, 4), (16, 4), (20, 2))),
 )
@@ -182,14 +182,7 @@ def tiff_entries(data: bytes) -> list[tuple[str, int, bool]]:
 
 def _zip_header(data: bytes, where: float, number: int, _: str) -> bytes | None:
     """A field of a central directory entry, or of the local header beside it, is changed."""
-    mark, fields = (
-        (
-            b"PK\1\2",
-            ((6, 2), (8, 2), (10, 2), (16, 4), (20, 4), (24, 4), (28, 2), (30, 2), (42, 4)),
-        ),
-        (b"PK\3\4", ((4, 2), (6, 2), (8, 2), (14, 4), (18, 4), (22, 4), (26, 2), (28, 2))),
-        (b"PK\5\6", ((8, 2), (10, 2), (12, 4), (16, 4), (20, 2))),
-    )[number % 3]
+    mark, fields = _ZIP_FIELDS[number % 3]
     places = [match.start() for match in re.finditer(re.escape(mark), data)]
     if data[:2] != b"PK" or not places:
         return None

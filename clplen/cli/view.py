@@ -9,11 +9,15 @@ import click
 
 from clplen.cli.shared import options
 from clplen.cli.shared.console import check_output, check_suffix, note
-from clplen.cli.shared.shown import Shown, series_of_times
+from clplen.cli.shared.focused import read as open_raw
+from clplen.cli.shared.focused import suitable_ms, tells
+from clplen.errors import ShapeError
 
 if TYPE_CHECKING:
     from clplen.io.page.samples import Content
+    from clplen.viewer.file_items import PageBuilder
 
+_MS = 15  # planes of a focused raw image
 _LARGE = 60e6  # bytes of a page that some mail servers and browsers refuse
 
 
@@ -118,29 +122,34 @@ def view(
     """
     from clplen.io.page.light_field_item import PageOptions
     from clplen.io.page.samples import Content
+    from clplen.viewer.file_items import PageBuilder
 
+    if memory is not None and depth_file is not None:
+        raise click.UsageError("--depth-map goes without --memory.")
     _check_words(len(sources), compare, time, truth)
     if output is not None:
         _check_served(port=port, keep=keep, no_browser=no_browser)
         check_suffix(output, (".html", ".htm"))
         check_output(output, layout["force"], [*sources, *filter(None, [tracks_file])])
     content = Content()
-    shown = Shown(
-        content,
-        PageOptions(quality, downscale, most_views),
-        layout,
-        selector,
-        depth,
-        depth_file,
-        memory,
-    )
+
+    def focused(source: Path) -> Any:
+        if not tells(source):
+            return None
+        opened = open_raw(source, selector, layout, None)
+        return opened, suitable_ms(opened, _MS)
+
+    shown = PageBuilder(
+        content, PageOptions(quality, downscale, most_views), layout, selector, depth, focused,
+        note, depth_file, memory,
+    )  # fmt: skip
     with shown.held:
         served = (port, keep, no_browser)
         _show(shown, sources, output, title, compare, truth, time, tracks_file, served)
 
 
 def _show(
-    shown: Shown,
+    shown: PageBuilder,
     sources: tuple[Path, ...],
     output: Path | None,
     title: str | None,
@@ -154,10 +163,9 @@ def _show(
     content = shown.content
     found = [item for source in sources for item in shown.items(source)]
     name = title or ", ".join(source.stem for source in sources)
-    content.about = {
-        "title": name,
-        "items": [series_of_times(found, name)] if time else found,
-    }
+    if time:
+        found = [_series_of_times(found, name)]
+    content.about = {"title": name, "items": found}
     if tracks_file is not None:
         _add_tracks(content, tracks_file, shown.options.downscale)
     if compare:
@@ -167,6 +175,15 @@ def _show(
     else:
         port, keep, no_browser = served
         _serve(content, shown, port=port, keep=keep, opens=not no_browser)
+
+
+def _series_of_times(items: list[dict[str, Any]], name: str) -> dict[str, Any]:
+    from clplen.viewer.file_items import series_of_times
+
+    try:
+        return series_of_times(items, name)
+    except ShapeError as error:
+        raise click.UsageError(str(error)) from error
 
 
 def _add_tracks(content: Content, path: Path, downscale: int) -> None:
@@ -214,7 +231,7 @@ def _write(output: Path, content: Content) -> None:
         )
 
 
-def _serve(content: Content, shown: Shown, *, port: int, keep: bool, opens: bool) -> None:
+def _serve(content: Content, shown: PageBuilder, *, port: int, keep: bool, opens: bool) -> None:
     """Serve the page to the browser of this computer until it is closed."""
     from clplen.io.page.html_page import page_of
     from clplen.viewer.device_computing import DeviceComputing

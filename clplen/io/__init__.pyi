@@ -65,5 +65,4 @@ from .results.volume_files import write_volume as write_volume
 from .results.volume_series import read_volume_series as read_volume_series
 from .results.volume_series import series_in as series_in
 from .store.digest import digest as digest
-from .store.digest import size_of as size_of
 from .store.picture_blocks import Tiles as Tiles

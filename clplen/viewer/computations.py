@@ -32,17 +32,10 @@ class BusyError(Exception):
 
 @dataclass(eq=False)
 class Request:
-    """A computation that a page asked for.
+    """A computation that a page asked for."""
 
-    Attributes
-    ----------
-    channel : tuple of str
-        Page and purpose: a newer request of the same channel drops this one.
-    overtaken : threading.Event
-        Set when it shall not be computed, or not to its end.
-    """
-
-    channel: tuple[str, str]
+    channel: tuple[str, str]  # page and purpose: a newer request of the same channel drops this one
+    # Set when it shall not be computed, or not to its end.
     overtaken: threading.Event = field(default_factory=threading.Event)
 
     def check(self) -> None:

@@ -55,9 +55,8 @@ def put(name: str, value: Any) -> Callable[[dict[str, Any]], None]:
     return lambda words: words.update({name: value})
 
 
-@pytest.mark.parametrize(
-    ("change", "message"),
-    [
+def test_what_is_wrong_is_one_sentence(tmp_path: Path):
+    for change, message in [
         (put("version", 2), "is of version 2, and version 1 is known"),
         (put("format", "other"), "is no file of intrinsics"),
         (without("matrix"), "has no 'matrix': the file is incomplete"),
@@ -75,37 +74,30 @@ def put(name: str, value: Any) -> Callable[[dict[str, Any]], None]:
         (put("spacing", -1), "its spacing is positive"),
         (put("rms", "small"), "its rms is a number"),
         (put("view_rms", [[0.1]]), r"view_rms has shape \(3, 4\)"),
-    ],
-)
-def test_what_is_wrong_is_one_sentence(
-    tmp_path: Path, change: Callable[[dict[str, Any]], None], message: str
-):
-    path = tmp_path / "camera.json"
-    write_intrinsics(path, camera())
-    words = json.loads(path.read_text())
-    change(words)
-    path.write_text(json.dumps(words))
-    with pytest.raises(FormatError, match=message) as caught:
-        read_intrinsics(path)
-    assert str(path) in str(caught.value)
+    ]:
+        path = tmp_path / "camera.json"
+        write_intrinsics(path, camera())
+        words = json.loads(path.read_text())
+        change(words)
+        path.write_text(json.dumps(words))
+        with pytest.raises(FormatError, match=message) as caught:
+            read_intrinsics(path)
+        assert str(path) in str(caught.value)
 
 
-@pytest.mark.parametrize(
-    ("text", "message"),
-    [
+def test_what_is_no_file_of_intrinsics(tmp_path: Path):
+    for text, message in [
         ('{"format": NaN}', "holds NaN, which is no number"),
         ('{"format": -Infinity}', "holds -Infinity"),
         ("{", "is no JSON"),
         ("[1]", "is no file of intrinsics"),
         ("[" * 100_000, "is no JSON"),
         ("\x00\xff", "is no JSON"),
-    ],
-)
-def test_what_is_no_file_of_intrinsics(tmp_path: Path, text: str, message: str):
-    path = tmp_path / "camera.json"
-    path.write_bytes(text.encode("latin-1"))
-    with pytest.raises(FormatError, match=message):
-        read_intrinsics(path)
+    ]:
+        path = tmp_path / "camera.json"
+        path.write_bytes(text.encode("latin-1"))
+        with pytest.raises(FormatError, match=message):
+            read_intrinsics(path)
 
 
 def test_a_missing_file(tmp_path: Path):

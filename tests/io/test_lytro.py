@@ -13,7 +13,6 @@ from lytro_files import START, a_container, content, contents_of, f01, illum, pa
 from clplen.compute.device import Device
 from clplen.errors import FormatError
 from clplen.io import read_lightfield
-from clplen.io.formats import packing
 from clplen.io.formats.packing import Packing, unpack
 from clplen.io.lightfields import lytro_files
 from clplen.io.lightfields.layout import Layout
@@ -26,16 +25,16 @@ def frame() -> np.ndarray:
     return np.random.default_rng(7).integers(0, 1024, (5, 12)).astype(np.uint16)
 
 
-@pytest.mark.parametrize("newer", [False, True])
-def test_both_cameras_in_both_generations(tmp_path: Path, frame: np.ndarray, newer: bool):
-    frame[1, 3] = 0
-    frame[4, 11] = 1023
-    for write, bayer in ((f01, "BGGR"), (illum, "GRBG")):
-        path = a_container(tmp_path / "a.lfr", *write(frame), newer=newer)
-        read, filters = read_container(path)
-        assert read.dtype == np.uint16
-        np.testing.assert_array_equal(read, frame)
-        assert filters == bayer
+def test_both_cameras_in_both_generations(tmp_path: Path, frame: np.ndarray):
+    for newer in [False, True]:
+        frame[1, 3] = 0
+        frame[4, 11] = 1023
+        for write, bayer in ((f01, "BGGR"), (illum, "GRBG")):
+            path = a_container(tmp_path / "a.lfr", *write(frame), newer=newer)
+            read, filters = read_container(path)
+            assert read.dtype == np.uint16
+            np.testing.assert_array_equal(read, frame)
+            assert filters == bayer
 
 
 def test_twelve_bits_are_all_kept(tmp_path: Path):
@@ -57,12 +56,12 @@ def test_the_stored_image_takes_no_memory(tmp_path: Path):
         assert peak < 1.4 * frame.nbytes
 
 
-@pytest.mark.parametrize(("bits", "order"), [(8, "big"), (16, "big"), (16, "little")])
-def test_whole_bytes(bits: int, order: str):
-    frame = np.random.default_rng(1).integers(0, 2**bits, (3, 5))
-    stored = frame.astype(f"{'>' if order == 'big' else '<'}u{bits // 8}").tobytes()
-    read = unpack(np.frombuffer(stored, np.uint8), Packing(5, 3, bits, order))
-    np.testing.assert_array_equal(read, frame)
+def test_whole_bytes():
+    for bits, order in [(8, "big"), (16, "big"), (16, "little")]:
+        frame = np.random.default_rng(1).integers(0, 2**bits, (3, 5))
+        stored = frame.astype(f"{'>' if order == 'big' else '<'}u{bits // 8}").tobytes()
+        read = unpack(np.frombuffer(stored, np.uint8), Packing(5, 3, bits, order))
+        np.testing.assert_array_equal(read, frame)
 
 
 def test_an_odd_number_of_pixels():
@@ -73,27 +72,18 @@ def test_an_odd_number_of_pixels():
     np.testing.assert_array_equal(unpack(np.frombuffer(stored, np.uint8), size), frame)
 
 
-def test_the_cameras_are_known_by_their_size():
-    assert packing.F01.stored == 3280 * 3280 * 3 // 2
-    assert packing.ILLUM.stored == 7728 * 5368 * 5 // 4
-    for camera in (packing.F01, packing.ILLUM):
-        assert packing.packing_of({}, Path("a"), camera.stored) == camera
-        size = {"image": {"width": camera.width, "height": camera.height}}
-        assert packing.packing_of(size, Path("a"), camera.stored) == camera
-
-
-@pytest.mark.parametrize("suffix", [".json", ".TXT"])
-def test_raw_and_json_lie_side_by_side(tmp_path: Path, frame: np.ndarray, suffix: str):
-    raw, metadata = f01(frame)
-    (tmp_path / "a.raw").write_bytes(raw)
-    # as in the cameras' own calibration archive
-    nested = {"master": {"picture": {"frameArray": [{"frame": {"metadata": metadata}}]}}}
-    text = tmp_path / f"a{suffix}"
-    text.write_bytes(json.dumps(nested).encode() + b"\0")
-    for path in (tmp_path / "a.raw", text):
-        read, filters = read_container(path)
-        np.testing.assert_array_equal(read, frame)
-        assert filters == "BGGR"
+def test_raw_and_json_lie_side_by_side(tmp_path: Path, frame: np.ndarray):
+    for suffix in [".json", ".TXT"]:
+        raw, metadata = f01(frame)
+        (tmp_path / "a.raw").write_bytes(raw)
+        # as in the cameras' own calibration archive
+        nested = {"master": {"picture": {"frameArray": [{"frame": {"metadata": metadata}}]}}}
+        text = tmp_path / f"a{suffix}"
+        text.write_bytes(json.dumps(nested).encode() + b"\0")
+        for path in (tmp_path / "a.raw", text):
+            read, filters = read_container(path)
+            np.testing.assert_array_equal(read, frame)
+            assert filters == "BGGR"
 
 
 def test_a_raw_file_without_json(tmp_path: Path):
@@ -173,9 +163,8 @@ def test_damaged_containers_say_where(tmp_path: Path, frame: np.ndarray):
     refused("does not begin as a Lytro container of version 1")
 
 
-@pytest.mark.parametrize(
-    ("key", "value", "match"),
-    [
+def test_metadata_that_cannot_be(tmp_path: Path, frame: np.ndarray):
+    for key, value, match in [
         ("width", 13, r"13 x 5 pixels in 12 bits takes 99 bytes, but 90 are there"),
         ("width", 11, r"11 x 5 pixels in 12 bits takes 84 bytes, but 90 are there"),
         ("width", 2**31, r"image\.width of the metadata is 2147483648, not a count"),
@@ -185,16 +174,12 @@ def test_damaged_containers_say_where(tmp_path: Path, frame: np.ndarray):
         ("pixelPacking", {"bitsPerPixel": 14, "endianness": "big"}, "pixels of 14 bits .* 'big'"),
         ("pixelPacking", {"bitsPerPixel": [], "endianness": {}}, r"pixels of \[\] bits"),
         ("mosaic", {"tile": "c,m:y,k", "upperLeftPixel": "c"}, "colour filters are 'c,m:y,k'"),
-    ],
-)
-def test_metadata_that_cannot_be(
-    tmp_path: Path, frame: np.ndarray, key: str, value: object, match: str
-):
-    raw, metadata = f01(frame)
-    metadata["image"][key] = value
-    path = a_container(tmp_path / "a.lfp", raw, metadata, newer=False)
-    with pytest.raises(FormatError, match=match):
-        read_container(path)
+    ]:
+        raw, metadata = f01(frame)
+        metadata["image"][key] = value
+        path = a_container(tmp_path / "a.lfp", raw, metadata, newer=False)
+        with pytest.raises(FormatError, match=match):
+            read_container(path)
 
 
 def test_json_that_would_fill_the_stack_or_the_memory(tmp_path: Path):

@@ -15,7 +15,7 @@ import tifffile
 from clplen.compute.arrays import Image
 from clplen.compute.device import Device
 from clplen.errors import FormatError
-from clplen.io import read_pfm, write_depth, write_image, write_stack
+from clplen.io import write_depth, write_image, write_stack
 from clplen.io.raw.raw_files import read_frame
 from clplen.io.store import ome_tiff
 from clplen.lightfield.refocusing.focal_stacks import FocalStack
@@ -67,17 +67,6 @@ def test_a_picture_knows_its_pixels(tmp_path: Path, device: Device, shape: tuple
     assert json.loads(text) == {"values": "linear"}
 
 
-def test_pictures_of_arrays_and_what_is_none(tmp_path: Path):
-    write_image(tmp_path / "a.tif", np.arange(6).reshape(2, 3))
-    again = tifffile.imread(tmp_path / "a.tif")
-    assert again.dtype == np.float32
-    np.testing.assert_array_equal(again, [[0, 1, 2], [3, 4, 5]])
-    with pytest.raises(ValueError, match=r"\(y, x, c\), not \(2, 3, 4, 5\)"):
-        write_image(tmp_path / "a.tif", np.zeros((2, 3, 4, 5)))
-    with pytest.raises(ValueError, match=r"as \.tif or \.zarr, not as a\.png"):
-        write_image(tmp_path / "a.png", np.zeros((2, 3)))
-
-
 def a_depth(**maps: np.ndarray) -> SimpleNamespace:
     unknown = np.full((6, 5), np.nan, np.float32)
     given = {"disparity": values(6, 5), "confidence": abs(values(6, 5)), "alpha": unknown}
@@ -101,17 +90,6 @@ def test_depth_has_named_channels(tmp_path: Path):
     said = json.loads(root.findtext("{*}Image/{*}Description"))
     assert list(said) == names
     assert "metres" in said["z"]
-
-
-def test_depth_without_a_camera_has_two(tmp_path: Path):
-    write_depth(tmp_path / "d.ome.tif", a_depth())
-    assert tifffile.imread(tmp_path / "d.ome.tif").shape == (2, 6, 5)
-    write_depth(tmp_path / "d.pfm", a_depth())
-    np.testing.assert_array_equal(read_pfm(tmp_path / "d.pfm"), a_depth().disparity)
-    write_depth(tmp_path / "d.tif", a_depth())
-    np.testing.assert_array_equal(tifffile.imread(tmp_path / "d.tif"), a_depth().disparity)
-    with pytest.raises(ValueError, match=r"not as d\.ome"):
-        write_depth(tmp_path / "d.ome", a_depth())
 
 
 def test_stacks_are_valid_and_large_ones_bigtiff(tmp_path: Path, device: Device, monkeypatch):

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import sys
 import tracemalloc
 from concurrent.futures import ThreadPoolExecutor
 from itertools import pairwise
@@ -13,14 +12,12 @@ from typing import Any
 
 import numpy as np
 import pytest
-from stack_tiles import Tiles, full_disk, random_values
+from stack_tiles import Tiles, random_values
 
 from clplen.compute.device import Device
-from clplen.errors import FormatError
 from clplen.io import write_depth, write_image, write_lightfield, write_stack
 from clplen.io.store.digest import digest
 from clplen.lightfield.model.light_field import LightField
-from clplen.lightfield.refocusing.focal_stacks import FocalStack
 
 zarr = pytest.importorskip("zarr")
 SPACING = (-1e-3, -1e-3, -2e-6, 3e-6)
@@ -119,18 +116,6 @@ def test_pixels_of_all_levels_lie_where_their_means_do(tmp_path: Path):
             np.testing.assert_allclose(level, expected, rtol=1e-6)
 
 
-def test_the_parts_do_not_show(tmp_path: Path, device: Device):
-    values = random_values(3, 30, 41, 3)
-    tiles = [Tiles(values, parts) for parts in ((3, 30, 41), (2, 7, 13), (1, 1, 41), (3, 30, 1))]
-    stack = FocalStack(device.upload(values), device, tiles[0].disparities, tiles[0].alphas)
-    found = set()
-    for number, source in enumerate((*tiles, stack)):
-        (tmp_path / str(number)).mkdir()
-        write_stack(tmp_path / str(number) / "s.zarr", source)
-        found.add(digest(tmp_path / str(number) / "s.zarr"))
-    assert len(found) == 1
-
-
 def test_what_planes_are_is_said(tmp_path: Path):
     write_stack(tmp_path / "s.zarr", Tiles(random_values(3, 4, 5), (3, 2, 5), None, CAMERA))
     said = attributes(tmp_path / "s.zarr")
@@ -193,14 +178,6 @@ def test_depth_has_named_channels(tmp_path: Path):
     require_valid(path)
 
 
-def test_unknown_pixels_do_not_disturb_their_level(tmp_path: Path):
-    values = random_values(20, 300)
-    values[4, 6], values[10, 20], values[11, 20] = np.nan, np.inf, -np.inf
-    write_image(tmp_path / "a.zarr", values)
-    _, half = levels(tmp_path / "a.zarr")
-    assert np.argwhere(~np.isfinite(half)).tolist() == [[2, 3], [5, 10]]
-
-
 def write_ones(path: Path, shape: tuple[int, ...], **words: bool) -> None:
     write_stack(path, Tiles(np.ones(shape, np.float32), (1, 2, 3)), **words)
 
@@ -240,16 +217,6 @@ def test_other_things_are_never_replaced(tmp_path: Path, device: Device):
     assert levels(tmp_path / "empty.zarr")[0].shape == (2, 4, 5)
 
 
-def test_without_the_package(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
-    write_ones(tmp_path / "there.zarr", (2, 4, 5))
-    monkeypatch.setitem(sys.modules, "zarr", None)
-    with pytest.raises(FormatError, match="needs the package zarr"):
-        write_ones(tmp_path / "there.zarr", (2, 4, 5))
-    with pytest.raises(FormatError, match=r'package zarr: pip install "clplen\[zarr\]", or wr'):
-        write_ones(tmp_path / "s.zarr", (2, 4, 5))
-    assert [file.name for file in tmp_path.iterdir()] == ["there.zarr"]
-
-
 def test_a_writer_that_is_interrupted_leaves_nothing(tmp_path: Path):
     path = tmp_path / "s.zarr"
     write_ones(path, (2, 4, 5))
@@ -263,16 +230,6 @@ def test_a_writer_that_is_interrupted_leaves_nothing(tmp_path: Path):
     with pytest.raises(KeyboardInterrupt):
         write_stack(tmp_path / "new.zarr", Tiles(random_values(2, 4, 5), (1, 3, 5), fails_at=1))
     assert [file.name for file in tmp_path.iterdir()] == ["s.zarr"]
-
-
-def test_a_full_disk_stops_the_parts(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
-    tiles = Tiles(random_values(4, 160, 160), (4, 16, 160))
-    with full_disk(tmp_path / "disk", monkeypatch) as disk:
-        said = r"s\.zarr cannot be written \(No space left on device\): if the disk is full"
-        with pytest.raises(OSError, match=said):
-            write_stack(disk / "s.zarr", tiles)
-        assert list(disk.iterdir()) == []
-    assert tiles.closed == [True]
 
 
 def test_many_writers_of_one_stack(tmp_path: Path):
@@ -301,14 +258,3 @@ def test_memory_does_not_grow_with_the_stack(tmp_path: Path):
     peak = tracemalloc.get_traced_memory()[1]
     tracemalloc.stop()
     assert peak < 8 * 4 * 384 * 384  # of 30 planes; the copies of one that is read and halved
-
-
-def test_durable_reaches_every_chunk(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
-    synced = []
-    monkeypatch.setattr("clplen.files._sync", synced.append)
-    write_ones(tmp_path / "s.zarr", (2, 4, 5))
-    assert synced == []
-    write_ones(tmp_path / "s.zarr", (2, 4, 5), durable=True)
-    files = [path for path in (tmp_path / "s.zarr").rglob("*") if path.is_file()]
-    assert {path.name for path in files} <= {path.name for path in synced}
-    assert len(synced) > len(files)

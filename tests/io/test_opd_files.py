@@ -72,21 +72,18 @@ def test_cameras_keep_their_maps(tmp_path: Path, device: Device) -> None:
         read_raw(tmp_path / "raw.h5", device=device)
 
 
-@pytest.mark.parametrize(
-    ("change", "said"),
-    [
+def test_damaged_files(tmp_path: Path) -> None:
+    for change, said in [
         (lambda group: group.pop("fields"), "lack the array 'fields'"),
         (lambda group: group["path"].write_direct(np.full((2, 3, 23, 19), 0.3)), "are none: path"),
         (lambda group: group.attrs.update(pupil_distance=-1.0), "pupil_distance is positive"),
-    ],
-)
-def test_damaged_files(change: Any, said: str, tmp_path: Path) -> None:
-    path = tmp_path / "lens.h5"
-    maps().save(path)
-    with h5py.File(path, "a") as file:
-        change(file["opd"])
-    with pytest.raises(FormatError, match=said):
-        read_opd_maps(path)
+    ]:
+        path = tmp_path / "lens.h5"
+        maps().save(path)
+        with h5py.File(path, "a") as file:
+            change(file["opd"])
+        with pytest.raises(FormatError, match=said):
+            read_opd_maps(path)
 
 
 def test_files_that_hold_no_maps(tmp_path: Path) -> None:
@@ -130,26 +127,28 @@ def listing(n: int, *, lam: str = "0.5461 \u00b5m", field: float = 1.0, row: int
     return "\r\n".join(head + rows) + "\r\n"
 
 
-@pytest.mark.parametrize(
-    ("n", "encoding", "lam"),
-    [(32, "utf-16", "0.5461 \u00b5m"), (31, "utf-16-le", "0.5461 \u03bcm"),
-     (33, "utf-8", "0.5461 um"), (64, "utf-8-sig", "0.5461 \u00b5m"),
-     (16, "utf-16-be", "0.5461 \u00b5m"), (32, "latin-1", "0.5461 \u00b5m")],
-)  # fmt: skip
-def test_listings_of_zemax(n: int, encoding: str, lam: str, tmp_path: Path) -> None:
-    path = tmp_path / "map.txt"
-    mark = b"\xfe\xff" if encoding == "utf-16-be" else b""
-    path.write_bytes(mark + listing(n, lam=lam).encode(encoding))
-    found = read_zemax_map(path)
-    side = n - 1 if n % 2 == 0 else n
-    v, u, _ = disc(side, side)
-    expected = np.where((np.hypot(v, u) <= 1 + 1e-12) & (v < 0.8), -waves(v, u) * LAM, np.nan)
-    assert found.path.shape == (side, side)
-    assert np.array_equal(np.isnan(found.path), np.isnan(expected))
-    assert np.nanmax(np.abs(found.path - expected)) <= 2e-6 * LAM
-    assert found.wavelength == pytest.approx(LAM)
-    assert found.field == "0.0000, 14.0000 (deg)"
-    assert found.pupil_diameter == pytest.approx(10.23e-3)
+def test_listings_of_zemax(tmp_path: Path) -> None:
+    for n, encoding, lam in [
+        (32, "utf-16", "0.5461 \u00b5m"),
+        (31, "utf-16-le", "0.5461 \u03bcm"),
+        (33, "utf-8", "0.5461 um"),
+        (64, "utf-8-sig", "0.5461 \u00b5m"),
+        (16, "utf-16-be", "0.5461 \u00b5m"),
+        (32, "latin-1", "0.5461 \u00b5m"),
+    ]:
+        path = tmp_path / "map.txt"
+        mark = b"\xfe\xff" if encoding == "utf-16-be" else b""
+        path.write_bytes(mark + listing(n, lam=lam).encode(encoding))
+        found = read_zemax_map(path)
+        side = n - 1 if n % 2 == 0 else n
+        v, u, _ = disc(side, side)
+        expected = np.where((np.hypot(v, u) <= 1 + 1e-12) & (v < 0.8), -waves(v, u) * LAM, np.nan)
+        assert found.path.shape == (side, side)
+        assert np.array_equal(np.isnan(found.path), np.isnan(expected))
+        assert np.nanmax(np.abs(found.path - expected)) <= 2e-6 * LAM
+        assert found.wavelength == pytest.approx(LAM)
+        assert found.field == "0.0000, 14.0000 (deg)"
+        assert found.pupil_diameter == pytest.approx(10.23e-3)
 
 
 def test_maps_of_listings(tmp_path: Path) -> None:
@@ -180,24 +179,21 @@ def test_maps_of_listings(tmp_path: Path) -> None:
         read_zemax_opd(files, fields=[0, 1e-3, 3e-3], symmetric=True)
 
 
-@pytest.mark.parametrize(
-    ("change", "said"),
-    [
+def test_listings_that_are_damaged(tmp_path: Path) -> None:
+    for change, said in [
         (lambda text: "Listing of PSF\n", "no line 'Pupil grid size"),
         (lambda text: text.replace("um at", "for"), r"no line '... um at ...'"),
         (lambda text: text[: len(text) // 2], "holds .* rows of 32 numbers"),
         (lambda text: text.replace("E+00", "E+x0", 40), "truncated or damaged"),
         (lambda text: text.replace("Row 16", "Row 9"), "does not reach from rim to rim"),
         (lambda text: text.replace("32 by 32", "999999 by 999999"), "999999 by 999999"),
-    ],
-)
-def test_listings_that_are_damaged(change: Any, said: str, tmp_path: Path) -> None:
-    path = tmp_path / "map.txt"
-    path.write_text(change(listing(32, lam="0.5461 um")))
-    with pytest.raises(FormatError, match=said):
-        read_zemax_map(path)
-    with pytest.raises(FormatError, match="There is no file"):
-        read_zemax_map(tmp_path / "none.txt")
+    ]:
+        path = tmp_path / "map.txt"
+        path.write_text(change(listing(32, lam="0.5461 um")))
+        with pytest.raises(FormatError, match=said):
+            read_zemax_map(path)
+        with pytest.raises(FormatError, match="There is no file"):
+            read_zemax_map(tmp_path / "none.txt")
 
 
 def test_a_listing_far_longer_than_its_grid(tmp_path: Path) -> None:

@@ -45,9 +45,8 @@ def test_a_table_in_any_order_of_rows_and_columns(tmp_path):
     assert np.allclose(read_positions(file, VIEWS), p, atol=1e-12)
 
 
-@pytest.mark.parametrize(
-    ("change", "said"),
-    [
+def test_a_wrong_table_is_refused_with_its_line(tmp_path):
+    for change, said in [
         (lambda rows: rows[:-1], r"without the positions of 1 of 2 x 3 views.*\(v=1, u=2\)"),
         (lambda rows: [*rows, rows[2]], r"line 8: the view v=0, u=2 is in line 4 already"),
         (lambda rows: [*rows, "2,0,1,1"], r"line 8: there is no view v=2, u=0 among 2 x 3"),
@@ -55,12 +54,10 @@ def test_a_table_in_any_order_of_rows_and_columns(tmp_path):
         (lambda rows: [*rows[:2], "0,2,1,north"], r"line 4: x is 'north', no number"),
         (lambda rows: [*rows[:2], "0,2,nan,1"], r"line 4: y is 'nan', no number"),
         (lambda rows: [*rows[:2], "0,2,1"], r"line 4: 3 columns where v,u,y,x"),
-    ],
-)
-def test_a_wrong_table_is_refused_with_its_line(tmp_path, change, said):
-    file = table(tmp_path, change(rows_of(places())))
-    with pytest.raises(FormatError, match=rf"positions\.csv.*{said}"):
-        read_positions(file, VIEWS)
+    ]:
+        file = table(tmp_path, change(rows_of(places())))
+        with pytest.raises(FormatError, match=rf"positions\.csv.*{said}"):
+            read_positions(file, VIEWS)
 
 
 def test_what_is_no_table(tmp_path):
@@ -110,20 +107,22 @@ def test_names_without_positions_are_refused():
         read_positions("names", VIEWS, names=same)
 
 
-@pytest.mark.parametrize("swap", [False, True])
-@pytest.mark.parametrize("flip_v", [False, True])
-@pytest.mark.parametrize("flip_u", [False, True])
-def test_layout_words(tmp_path, swap, flip_v, flip_u):
+def test_layout_words(tmp_path):
     """Names take their sign from the final axes; a table is what it says."""
-    words = {"swap_uv": swap, "flip_v": flip_v, "flip_u": flip_u}
-    names = Layout(positions="names", **words)
-    found = positions_of(names, VIEWS, names=names_of(GRID))
-    final = names.shape(VIEWS)
-    want = np.stack([i - (n - 1) / 2 for i, n in zip(np.indices(final), final, strict=True)], -1)
-    assert found is not None
-    assert np.allclose(found, want, atol=1e-6)
-    layout = Layout(positions=table(tmp_path, rows_of(places())), **words)
-    found = positions_of(layout, VIEWS)
-    assert found is not None
-    assert np.allclose(layout.stored(found), places(), atol=1e-12)
-    assert positions_of(Layout(**words), VIEWS) is None
+    for flip_u in [False, True]:
+        for flip_v in [False, True]:
+            for swap in [False, True]:
+                words = {"swap_uv": swap, "flip_v": flip_v, "flip_u": flip_u}
+                names = Layout(positions="names", **words)
+                found = positions_of(names, VIEWS, names=names_of(GRID))
+                final = names.shape(VIEWS)
+                want = np.stack(
+                    [i - (n - 1) / 2 for i, n in zip(np.indices(final), final, strict=True)], -1
+                )
+                assert found is not None
+                assert np.allclose(found, want, atol=1e-6)
+                layout = Layout(positions=table(tmp_path, rows_of(places())), **words)
+                found = positions_of(layout, VIEWS)
+                assert found is not None
+                assert np.allclose(layout.stored(found), places(), atol=1e-12)
+                assert positions_of(Layout(**words), VIEWS) is None

@@ -10,7 +10,7 @@ import pytest
 
 from clplen.cameras.scenes.ground_truth import Truth, truth_of
 from clplen.errors import FormatError
-from clplen.io import read_masks, read_truth, write_truth
+from clplen.io import read_masks, write_truth
 
 SHAPE = (11, 17)
 NAMES = ["edges", "near", "far", "planes", "smooth"]
@@ -24,22 +24,6 @@ def truth(**words: object) -> Truth:
     disparity = np.where(surface > 0, 1.2, -0.7) + 0.01 * random.normal(size=SHAPE)
     disparity[surface < 0] = np.nan
     return truth_of(disparity, surface, [False, True], **words)
-
-
-@pytest.mark.parametrize("durable", [False, True])
-def test_what_is_written_is_read(tmp_path: Path, durable: bool):
-    known = truth()
-    write_truth(tmp_path / "truth.h5", known, durable=durable)
-    found = read_truth(tmp_path / "truth.h5")
-    assert found.dtype == np.float32
-    np.testing.assert_array_equal(found, known.disparity)
-    masks = read_masks(tmp_path / "truth.h5")
-    assert sorted(masks) == sorted(NAMES)
-    for name in NAMES:
-        assert masks[name].dtype == bool
-        assert masks[name].any()
-        np.testing.assert_array_equal(masks[name], known.masks[name])
-    assert [path.name for path in tmp_path.iterdir()] == ["truth.h5"]
 
 
 def test_what_the_file_says_of_its_maps(tmp_path: Path):
@@ -76,15 +60,6 @@ def test_what_is_said_where_there_are_no_masks(tmp_path: Path):
         read_masks(tmp_path / "a.h5")
     with pytest.raises(FormatError, match="There is no file"):
         read_masks(tmp_path / "b.h5")
-
-
-def test_a_file_cut_short(tmp_path: Path):
-    write_truth(tmp_path / "truth.h5", truth())
-    data = (tmp_path / "truth.h5").read_bytes()
-    (tmp_path / "truth.h5").write_bytes(data[: len(data) // 2])
-    for read in (read_truth, read_masks):
-        with pytest.raises(FormatError):
-            read(tmp_path / "truth.h5")
 
 
 def test_no_folder_to_write_to(tmp_path: Path):

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import logging
 import shutil
 from pathlib import Path
 
@@ -10,7 +9,7 @@ import imageio.v3 as imageio
 import numpy as np
 import pytest
 import tifffile
-from png_writer import SIGNATURE, chunk, encode, header
+from png_writer import encode
 
 from clplen.compute.device import Device
 from clplen.errors import DeviceError, FormatError
@@ -58,13 +57,6 @@ def test_swap_comes_before_the_flips(folder: Path, device: Device):
     np.testing.assert_array_equal(lf.to_numpy(), samples()[:, ::-1])
 
 
-def test_it_says_what_it_took(folder: Path, device: Device, caplog: pytest.LogCaptureFixture):
-    with caplog.at_level(logging.INFO, "clplen.io"):
-        read_lightfield(folder, device=device, flip_u=True)
-    assert "3 x 4 views (V x U) of 7 x 11 x 3 uint8" in caplog.text
-    assert "'p_{v}_{u}.png' (guessed from the names), flip_u" in caplog.text
-
-
 def test_views_in_folders(tmp_path: Path, device: Device):
     for v, u in np.ndindex(2, 3):
         (tmp_path / f"row{v}").mkdir(exist_ok=True)
@@ -73,33 +65,27 @@ def test_views_in_folders(tmp_path: Path, device: Device):
     np.testing.assert_array_equal(lf.to_numpy(), samples()[:2, :3])
 
 
-@pytest.mark.parametrize(
-    ("dtype", "channels", "suffix"),
-    [
+def test_written_and_read_again(tmp_path: Path, device: Device):
+    for dtype, channels, suffix in [
         (np.uint8, 3, "png"),
-        (np.uint8, 1, "png"),
-        (np.uint16, 3, "tif"),
         (np.uint16, 1, "tif"),
         (np.float32, 3, "tif"),
-        (np.float32, 1, "tif"),
-    ],
-)
-def test_written_and_read_again(
-    tmp_path: Path, device: Device, dtype: type, channels: int, suffix: str
-):
-    values = samples(dtype, channels)
-    write_lightfield(tmp_path / "out", LightField.from_array(values, device=device))
-    names = sorted(file.name for file in (tmp_path / "out").iterdir())
-    assert names[-1] == f"view_02_03.{suffix}"
-    assert len(names) == 12
-    assert list(tmp_path.iterdir()) == [tmp_path / "out"]
-    again = read_lightfield(tmp_path / "out", device=device)
-    assert again.dtype == dtype
-    np.testing.assert_array_equal(again.to_numpy(), values)
+    ]:
+        values = samples(dtype, channels)
+        out = tmp_path / f"{suffix}{channels}" / "out"
+        out.parent.mkdir()
+        write_lightfield(out, LightField.from_array(values, device=device))
+        names = sorted(file.name for file in out.iterdir())
+        assert names[-1] == f"view_02_03.{suffix}"
+        assert len(names) == 12
+        assert list(out.parent.iterdir()) == [out]
+        again = read_lightfield(out, device=device)
+        assert again.dtype == dtype
+        np.testing.assert_array_equal(again.to_numpy(), values)
 
 
-@pytest.mark.parametrize("shape", [(1, 1, 7, 5), (1, 3, 1, 5), (3, 1, 7, 1, 1), (1, 1, 4, 1, 3)])
-@pytest.mark.parametrize("form", ["views", "hci", "stanford", "zip", "tif", "png"])
+@pytest.mark.parametrize("shape", [(1, 3, 1, 5), (3, 1, 7, 1, 1)])
+@pytest.mark.parametrize("form", ["views", "stanford", "zip", "tif"])
 def test_axes_of_length_1_are_kept(tmp_path: Path, device: Device, shape: tuple, form: str):
     dtype = np.float32 if form == "tif" else np.uint8
     values = np.random.default_rng(1).integers(1, 200, shape).astype(dtype)
@@ -117,14 +103,6 @@ def test_axes_of_length_1_are_kept(tmp_path: Path, device: Device, shape: tuple,
     np.testing.assert_array_equal(found.to_numpy(), values)
     with open_lightfield(path, device=device, **words) as stored:
         assert stored.shape == shape
-
-
-def test_a_png_of_16_bits_is_kept(tmp_path: Path, device: Device):
-    for u in range(2):
-        imageio.imwrite(tmp_path / f"{0}_{u}.png", np.full((5, 6), 1000 + u, np.uint16))
-    lf = read_lightfield(tmp_path, device=device, pattern="{v}_{u}.png")
-    assert lf.dtype == np.uint16
-    assert lf.to_numpy().max() == 1001
 
 
 def test_a_folder_with_something_in_it_is_not_written(folder: Path, device: Device):
@@ -178,12 +156,6 @@ def test_one_cause_is_told_once(folder: Path, device: Device):
     )
 
 
-def test_complex_pictures_are_refused(tmp_path: Path, device: Device):
-    tifffile.imwrite(tmp_path / "0_0.tif", np.ones((4, 5), np.complex64))
-    with pytest.raises(FormatError, match=r"0_0\.tif has samples of type complex64, not real"):
-        read_lightfield(tmp_path, device=device, pattern="{v}_{u}.tif")
-
-
 def test_the_files_of_a_light_field(folder: Path):
     (folder / "notes.txt").touch()
     assert sorted(files_of(folder)) == sorted(folder.glob("p_*.png"))
@@ -198,28 +170,16 @@ def test_an_odd_first_picture_is_the_one_named(folder: Path, device: Device):
         read_lightfield(folder, device=device)
 
 
-@pytest.mark.parametrize("kept", [0, 4, 30, 0.3, 0.6, 0.95])
-@pytest.mark.parametrize("suffix", ["png", "jpg", "tif"])
-def test_truncated_pictures(tmp_path: Path, device: Device, suffix: str, kept: float):
-    picture = np.random.default_rng(1).integers(0, 255, (40, 50, 3)).astype(np.uint8)
-    for u in range(3):
-        imageio.imwrite(tmp_path / f"0_{u}.{suffix}", picture)
-    damaged = tmp_path / f"0_1.{suffix}"
-    whole = damaged.read_bytes()
-    damaged.write_bytes(whole[: int(kept * len(whole)) if isinstance(kept, float) else kept])
-    with pytest.raises(FormatError, match=rf"1 of 3 views .*0_1\.{suffix} cannot be read"):
-        read_lightfield(tmp_path, device=device, pattern="{v}_{u}." + suffix)
-
-
-def test_transparent_pictures_are_refused(tmp_path: Path, device: Device):
-    rgba = np.full((4, 5, 4), 200, np.uint8)
-    imageio.imwrite(tmp_path / "0_0.png", rgba)
-    with pytest.raises(FormatError, match="transparent pixels"):
-        read_lightfield(tmp_path, device=device, pattern="{v}_{u}.png")
-    rgba[..., 3] = 255
-    imageio.imwrite(tmp_path / "0_0.png", rgba)
-    lf = read_lightfield(tmp_path, device=device, pattern="{v}_{u}.png")
-    assert lf.shape == (1, 1, 4, 5, 3)
+def test_truncated_pictures(tmp_path: Path, device: Device):
+    for suffix, kept in [("png", 0), ("jpg", 0.6), ("tif", 0.95)]:
+        picture = np.random.default_rng(1).integers(0, 255, (40, 50, 3)).astype(np.uint8)
+        for u in range(3):
+            imageio.imwrite(tmp_path / f"0_{u}.{suffix}", picture)
+        damaged = tmp_path / f"0_1.{suffix}"
+        whole = damaged.read_bytes()
+        damaged.write_bytes(whole[: int(kept * len(whole)) if isinstance(kept, float) else kept])
+        with pytest.raises(FormatError, match=rf"1 of 3 views .*0_1\.{suffix} cannot be read"):
+            read_lightfield(tmp_path, device=device, pattern="{v}_{u}." + suffix)
 
 
 def test_png_of_16_bit_colour(tmp_path: Path, device: Device):
@@ -239,8 +199,8 @@ def test_other_types_become_float32(tmp_path: Path, device: Device):
     np.testing.assert_array_equal(lf.to_numpy(), values[:2, :3].astype(np.float32))
 
 
-@pytest.mark.parametrize("flips", [{}, {"flip_v": True}, {"swap_uv": True, "flip_u": True}])
-def test_srgb_is_decoded(folder: Path, device: Device, flips: dict[str, bool]):
+def test_srgb_is_decoded(folder: Path, device: Device):
+    flips = {"swap_uv": True, "flip_u": True}
     raw = read_lightfield(folder, device=device, **flips).to_numpy()
     lf = read_lightfield(folder, device=device, srgb=True, **flips)
     s = raw / 255  # IEC 61966-2-1:1999
@@ -304,20 +264,18 @@ def test_stanford_names_and_positions(tmp_path: Path, device: Device):
     assert read_lightfield(tmp_path, device=device).positions is None
 
 
-@pytest.mark.parametrize(
-    ("pattern", "last"),
-    [
+def test_names_of_others_are_written(tmp_path: Path, device: Device):
+    for pattern, last in [
         ("hci", "input_Cam011.png"),
         ("stanford", "out_02_03_-1.000000_1.500000_.png"),
         ("row{v}x{u:03d}", "row2x003.png"),
-    ],
-)
-def test_names_of_others_are_written(tmp_path: Path, device: Device, pattern: str, last: str):
-    write_views(tmp_path / "out", LightField.from_array(samples(), device=device), pattern=pattern)
-    names = sorted(file.name for file in (tmp_path / "out").iterdir())
-    assert names[-1] == last
-    lf = read_lightfield(tmp_path / "out", device=device, views=(3, 4))
-    np.testing.assert_array_equal(lf.to_numpy(), samples())
+    ]:
+        out = tmp_path / last
+        write_views(out, LightField.from_array(samples(), device=device), pattern=pattern)
+        names = sorted(file.name for file in out.iterdir())
+        assert names[-1] == last
+        lf = read_lightfield(out, device=device, views=(3, 4))
+        np.testing.assert_array_equal(lf.to_numpy(), samples())
 
 
 def test_positions_are_written_in_names(tmp_path: Path, device: Device):
@@ -330,12 +288,12 @@ def test_positions_are_written_in_names(tmp_path: Path, device: Device):
     np.testing.assert_allclose(again.positions, places, atol=2e-6)  # six decimals
 
 
-@pytest.mark.parametrize("pattern", ["a_{v}", "a_{v}_{u}_{n}", "a_{v}_{u}*", "{v}/{u}"])
-def test_patterns_that_write_no_names(tmp_path: Path, device: Device, pattern: str):
-    lf = LightField.from_array(samples(), device=device)
-    with pytest.raises(ValueError, match="The pattern"):
-        write_views(tmp_path / "out", lf, pattern=pattern)
-    assert not (tmp_path / "out").exists()
+def test_patterns_that_write_no_names(tmp_path: Path, device: Device):
+    for pattern in ["a_{v}", "a_{v}_{u}_{n}", "a_{v}_{u}*", "{v}/{u}"]:
+        lf = LightField.from_array(samples(), device=device)
+        with pytest.raises(ValueError, match="The pattern"):
+            write_views(tmp_path / "out", lf, pattern=pattern)
+        assert not (tmp_path / "out").exists()
 
 
 def test_more_than_max_bytes(folder: Path, device: Device):
@@ -344,20 +302,6 @@ def test_more_than_max_bytes(folder: Path, device: Device):
     with pytest.raises(FormatError, match=r"12 of 12 views .* need \d+ bytes, more than 230"):
         read_lightfield(folder, device=device, max_bytes=230)
     assert read_lightfield(folder, device=device, max_bytes=2772).shape == (*SHAPE, 3)
-
-
-def test_a_picture_that_declares_gigabytes(folder: Path, device: Device):
-    bomb = SIGNATURE + header(30_000, 30_000, 8, 2) + chunk(b"IDAT", bytes(50))
-    (folder / "p_1_3.png").write_bytes(bomb)
-    with pytest.raises(FormatError, match=r"1 of 12 views .* p_1_3\.png declares 2,700,000,000 by"):
-        read_lightfield(folder, device=device)
-
-
-def test_big_endian_tiff_stays_16_bits(tmp_path: Path, device: Device):
-    tifffile.imwrite(tmp_path / "0_0.tif", np.arange(20, dtype=">u2").reshape(4, 5), byteorder=">")
-    lf = read_lightfield(tmp_path, device=device, pattern="{v}_{u}.tif")
-    assert lf.dtype == np.uint16
-    np.testing.assert_array_equal(lf.to_numpy().ravel(), np.arange(20))
 
 
 def test_nan_in_a_picture_is_refused(tmp_path: Path, device: Device):
@@ -374,21 +318,10 @@ def test_larger_than_the_device(folder: Path, device: Device, monkeypatch: pytes
         read_lightfield(folder, device=device)
 
 
-def test_no_such_folder(tmp_path: Path, device: Device):
-    with pytest.raises(FormatError, match=r"no file or folder .*nowhere"):
-        read_lightfield(tmp_path / "nowhere", device=device)
-
-
-def test_a_file_of_another_kind(tmp_path: Path, device: Device):
-    (tmp_path / "notes.txt").write_text("hello")
-    with pytest.raises(FormatError, match=r"notes\.txt is no light field that clplen reads"):
-        read_lightfield(tmp_path / "notes.txt", device=device)
-
-
-@pytest.mark.parametrize("word", ["dataset", "white", "dark", "grid"])
-def test_words_of_other_kinds_are_refused(folder: Path, device: Device, word: str):
-    with pytest.raises(ValueError, match=f"{word}= does not apply to a folder of views"):
-        read_lightfield(folder, device=device, **{word: "x"})
+def test_words_of_other_kinds_are_refused(folder: Path, device: Device):
+    for word in ["dataset", "white"]:
+        with pytest.raises(ValueError, match=f"{word}= does not apply to a folder of views"):
+            read_lightfield(folder, device=device, **{word: "x"})
 
 
 def test_unknown_words_are_errors(folder: Path, device: Device):

@@ -17,25 +17,22 @@ from clplen.io.store.picture_series import describe_series
 VOLUME = np.arange(3 * 4 * 5, dtype=np.float32).reshape(3, 4, 5)
 
 
-@pytest.mark.parametrize(
-    ("planes", "step"),
-    [((-3, -1, 1), "2"), ((4, 2, 0), None), ((0, 1, 3), None)],  # fallen: no program shows it so
-)
-def test_voxels_have_their_sizes(tmp_path: Path, planes: tuple[int, ...], step: str | None) -> None:
-    path = tmp_path / "a.ome.tif"
-    z = np.array(planes) * 1e-6
-    write_volume(path, VOLUME, planes=z, voxel=(0.5e-6, 0.25e-6), description={"more": 1})
-    values, about = read_volume(path)
-    assert np.array_equal(values, VOLUME)
-    assert about == {"more": 1, "planes_um": list(planes)}
-    with tifffile.TiffFile(path) as file:
-        text = file.ome_metadata
-    assert 'PhysicalSizeY="0.5"' in text
-    assert 'PhysicalSizeX="0.25"' in text
-    assert ("PhysicalSizeZ=" in text) == (step is not None)
-    assert step is None or f'PhysicalSizeZ="{step}' in text
-    for number, one in enumerate(planes):
-        assert re.search(f'TheZ="{number}"[^>]* PositionZ="{one}(.0)?"', text)
+def test_voxels_have_their_sizes(tmp_path: Path) -> None:
+    for planes, step in [((-3, -1, 1), "2"), ((4, 2, 0), None), ((0, 1, 3), None)]:
+        path = tmp_path / "a.ome.tif"
+        z = np.array(planes) * 1e-6
+        write_volume(path, VOLUME, planes=z, voxel=(0.5e-6, 0.25e-6), description={"more": 1})
+        values, about = read_volume(path)
+        assert np.array_equal(values, VOLUME)
+        assert about == {"more": 1, "planes_um": list(planes)}
+        with tifffile.TiffFile(path) as file:
+            text = file.ome_metadata
+        assert 'PhysicalSizeY="0.5"' in text
+        assert 'PhysicalSizeX="0.25"' in text
+        assert ("PhysicalSizeZ=" in text) == (step is not None)
+        assert step is None or f'PhysicalSizeZ="{step}' in text
+        for number, one in enumerate(planes):
+            assert re.search(f'TheZ="{number}"[^>]* PositionZ="{one}(.0)?"', text)
 
 
 def test_an_omezarr_lies_where_its_first_plane_does(tmp_path: Path) -> None:

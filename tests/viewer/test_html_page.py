@@ -69,17 +69,15 @@ def test_a_page_holds_its_data_and_asks_nobody(tmp_path):
     assert is_ours(path)
 
 
-@pytest.mark.parametrize(
-    "name", ["</script><script>alert(1)</script>", "<!--<script>", "a & b \u2028"]
-)
-def test_names_are_no_markup(tmp_path, name):
-    page = written(tmp_path / "page.html", {name: VIEWS[0, 0]}, title=name)
-    assert set(page.scripts) == {
-        ("module", ""),
-        ("application/json", "clplen-content"),
-        ("text/plain", "clplen-data-0"),
-    }
-    assert content_of(page)["items"][0]["name"] == name
+def test_names_are_no_markup(tmp_path):
+    for name in ["</script><script>alert(1)</script>", "<!--<script>", "a & b \u2028"]:
+        page = written(tmp_path / "page.html", {name: VIEWS[0, 0]}, title=name)
+        assert set(page.scripts) == {
+            ("module", ""),
+            ("application/json", "clplen-content"),
+            ("text/plain", "clplen-data-0"),
+        }
+        assert content_of(page)["items"][0]["name"] == name
 
 
 def test_modules_are_joined_without_imports():
@@ -90,18 +88,15 @@ def test_modules_are_joined_without_imports():
         assert f"const {file.stem}_js = " in text
 
 
-@pytest.mark.parametrize(
-    ("subject", "shape"),
-    [
+def test_arrays_by_their_axes(tmp_path):
+    for subject, shape in [
         (RNG.random((7, 9)), [1, 1, 7, 9]),
         (RNG.random((7, 9, 3)), [1, 1, 7, 9, 3]),
         (RNG.random((4, 7, 9)), [1, 4, 7, 9]),
         (RNG.random((2, 3, 7, 9)), [2, 3, 7, 9]),
         (RNG.random((2, 3, 7, 9, 1)), [2, 3, 7, 9]),
-    ],
-)
-def test_arrays_by_their_axes(tmp_path, subject, shape):
-    assert content_of(written(tmp_path / "a.html", subject))["items"][0]["shape"] == shape
+    ]:
+        assert content_of(written(tmp_path / "a.html", subject))["items"][0]["shape"] == shape
 
 
 def test_results_by_their_kind(tmp_path):
@@ -140,26 +135,22 @@ def test_disparities_of_smaller_pixels():
     assert half["pixel"] == [4e-5, 4e-5]
 
 
-@pytest.mark.parametrize(
-    ("words", "sentence"),
-    [
+def test_options_out_of_range(tmp_path):
+    for words, sentence in [
         ({"quality": 0}, "1 to 100"),
         ({"quality": 101}, "1 to 100"),
         ({"downscale": 0}, "from 1 on"),
         ({"downscale": 1.5}, "from 1 on"),
         ({"views": (0, 3)}, "at least 1 x 1"),
         ({"compare": True}, "At least two"),
-    ],
-)
-def test_options_out_of_range(tmp_path, words, sentence):
-    with pytest.raises(ValueError, match=sentence):
-        clplen.io.write_html(tmp_path / "a.html", VIEWS, **words)
-    assert list(tmp_path.iterdir()) == []
+    ]:
+        with pytest.raises(ValueError, match=sentence):
+            clplen.io.write_html(tmp_path / "a.html", VIEWS, **words)
+        assert list(tmp_path.iterdir()) == []
 
 
-@pytest.mark.parametrize(
-    ("subject", "error", "sentence"),
-    [
+def test_what_cannot_be_shown(tmp_path):
+    for subject, error, sentence in [
         ([], ValueError, "nothing to show"),
         (np.zeros(5), ShapeError, "two to five axes"),
         ("flower", TypeError, "not str"),
@@ -167,22 +158,10 @@ def test_options_out_of_range(tmp_path, words, sentence):
         (np.zeros((3, 3), complex), TypeError, "not ndarray"),
         (np.zeros((3, 3, 8, 9, 4), np.uint8), ShapeError, "one or three channels"),
         (np.full((3, 3, 8, 9), np.nan), ValueError, "NaN"),
-    ],
-)
-def test_what_cannot_be_shown(tmp_path, subject, error, sentence):
-    with pytest.raises(error, match=sentence):
-        clplen.io.write_html(tmp_path / "a.html", subject)
-    assert list(tmp_path.iterdir()) == []
-
-
-def test_another_suffix(tmp_path):
-    with pytest.raises(ValueError, match=r"written as \.html, not as a\.png"):
-        clplen.io.write_html(tmp_path / "a.png", VIEWS)
-
-
-def test_views_too_small_for_their_downscale(tmp_path):
-    with pytest.raises(ShapeError, match="12 x 17 pixels have none by 13 x 13"):
-        clplen.io.write_html(tmp_path / "a.html", VIEWS, downscale=13)
+    ]:
+        with pytest.raises(error, match=sentence):
+            clplen.io.write_html(tmp_path / "a.html", subject)
+        assert list(tmp_path.iterdir()) == []
 
 
 def test_metres_by_the_lens_law_and_of_a_microscope(device):

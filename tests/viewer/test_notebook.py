@@ -33,10 +33,10 @@ def test_a_page_in_a_frame(plain):
     assert repr(shown).startswith("<PageFrame ")
 
 
-@pytest.mark.parametrize("height", [0, 199, -5])
-def test_a_height_that_is_none(plain, height):
-    with pytest.raises(ValueError, match="at least 200 pixels"):
-        clplen.view(VIEWS, height=height)
+def test_a_height_that_is_none(plain):
+    for height in [0, 199, -5]:
+        with pytest.raises(ValueError, match="at least 200 pixels"):
+            clplen.view(VIEWS, height=height)
 
 
 def test_the_widget_answers(monkeypatch):

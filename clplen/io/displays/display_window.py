@@ -16,18 +16,11 @@ _LEAST = 0.25  # of a view's width or height that has to be left
 
 @dataclass(frozen=True)
 class DisplayWindow:
-    """A rectangle of the centre view, which moves from view to view with one depth.
+    """A rectangle of the centre view, which moves from view to view with one depth."""
 
-    Attributes
-    ----------
-    centre : tuple of float
-        (y, x) from the upper left corner of the centre view, in its pixels.
-    size : tuple of float
-        Height and width in pixels of a view.
-    """
-
+    # (y, x) from the upper left corner of the centre view, in its pixels.
     centre: tuple[float, float]
-    size: tuple[float, float]
+    size: tuple[float, float]  # height and width in pixels of a view
 
     def shown(
         self,

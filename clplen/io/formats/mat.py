@@ -25,8 +25,6 @@ from clplen.errors import FormatError
 
 Array = np.ndarray[Any, Any]
 
-MAGIC = b"MATLAB"
-SUFFIXES = (".mat",)
 _HEADER = 128
 _HEAD = 4096  # bytes in which flags, dimensions and name of a variable lie
 _MATRIX, _COMPRESSED = 14, 15
@@ -40,31 +38,15 @@ _STORED |= {12: "i8", 13: "u8"}
 
 @dataclass(frozen=True)
 class Variable:
-    """A variable of a MATLAB file.
-
-    Attributes
-    ----------
-    name : str
-    shape : tuple of int
-        As MATLAB shows it.
-    dtype : numpy.dtype or None
-        Of its class; None for what is no array of real numbers.
-    packed : numpy.dtype or None
-        As its samples are stored, which may be narrower.
-    place, length : int
-        Of the element's data in the file, in bytes.
-    start : int
-        Of the samples in that data, after it is inflated.
-    compressed : bool
-    """
+    """A variable of a MATLAB file."""
 
     name: str
-    shape: tuple[int, ...]
-    dtype: np.dtype[Any] | None
-    packed: np.dtype[Any] | None
-    place: int
-    length: int
-    start: int
+    shape: tuple[int, ...]  # as MATLAB shows it
+    dtype: np.dtype[Any] | None  # of its class; None for what is no array of real numbers
+    packed: np.dtype[Any] | None  # as its samples are stored, which may be narrower
+    place: int  # of the element's data in the file, in bytes
+    length: int  # of the element's data in the file, in bytes
+    start: int  # of the samples in that data, after it is inflated
     compressed: bool
 
 

@@ -27,12 +27,14 @@ def write_npy(path: PathLike, values: ArrayLike, *, durable: bool = False) -> No
     path : path-like
         The file; its name is taken as it is.
     values : array_like
-        Of real numbers; written in C order.
+        Real numbers; written in C order.
     durable : bool
         Whether to wait until the disk has the file, as in `clplen.files.replacing`.
 
     Raises
     ------
+    ValueError
+        If the values are no real numbers.
     OSError
         If the file cannot be written.
 
@@ -43,6 +45,11 @@ def write_npy(path: PathLike, values: ArrayLike, *, durable: bool = False) -> No
     [-1.0, -0.5, 0.0, 0.5, 1.0]
     """
     array = np.ascontiguousarray(host_array(values, "An array of a file"))
+    if array.dtype.kind not in "buif":
+        raise ValueError(
+            f"The values of a .npy file must be real numbers, got {array.dtype}: write .real and "
+            ".imag, or abs(values)."
+        )
     about = np.lib.format.header_data_from_array_1_0(array)
     length = NPY_HEADER - len(MAGIC + _VERSION) - 2
     header = repr(about).encode("ascii").ljust(length - 1) + b"\n"

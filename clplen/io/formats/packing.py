@@ -30,24 +30,13 @@ _TILE = "r,gr:gb,b"
 
 @dataclass(frozen=True)
 class Packing:
-    """The pixels of a raw image in bytes.
-
-    Attributes
-    ----------
-    width, height : int
-    bits : int
-        8, 10, 12 or 16.
-    order : str
-        "big" or "little".
-    bayer : str or None
-        Colour filters, such as "BGGR".
-    """
+    """The pixels of a raw image in bytes."""
 
     width: int
     height: int
-    bits: int
-    order: str
-    bayer: str | None = None
+    bits: int  # 8, 10, 12 or 16
+    order: str  # "big" or "little"
+    bayer: str | None = None  # colour filters, such as "BGGR"
 
     @property
     def stored(self) -> int:

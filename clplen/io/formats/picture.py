@@ -11,7 +11,7 @@ import struct
 from dataclasses import dataclass
 from mmap import ACCESS_READ, mmap
 from pathlib import Path
-from typing import Any
+from typing import IO, Any
 
 import imageio.v3 as imageio
 import numpy as np
@@ -41,8 +41,9 @@ _SPACE = rb"(?:\s|#[^\n]*\n)+"
 _PNM = re.compile(
     rb"P([56])" + _SPACE + rb"(\d{1,9})" + _SPACE + rb"(\d{1,9})" + _SPACE + rb"(\d{1,5})\s"
 )
-_LARGEST = 1 << 26  # bytes of a file from which on they are compared with its pixels
+LARGE = 1 << 26  # bytes of a file from which on they are compared with its pixels
 HEAD = 1 << 16  # bytes that declare the size; of a JPEG, before longer notes
+_LONG_HEAD = 1 << 20  # bytes of a large file, with the notes of a JPEG
 SUFFIXES = (".png", ".tif", ".tiff", ".jpg", ".jpeg", ".bmp", ".pgm", ".ppm")
 _MOST_PIXELS = 89_478_485  # from here on Pillow warns of bombs, at twice as many it refuses
 CHANNEL_AXIS = "light field with a channel axis of length 1"  # description of such a picture
@@ -95,26 +96,13 @@ def with_channel_axis(values: Array, content: bytes | mmap) -> Array:
 
 @dataclass(frozen=True)
 class Header:
-    """What a picture declares.
+    """What a picture declares."""
 
-    Attributes
-    ----------
-    kind : {"PNG", "TIFF", "JPEG", "BMP", "PNM"}
-    pixels : int
-        Rows times columns; 0 for TIFF, whose reader finds out.
-    nbytes : int
-        Of the decoded samples, at most.
-    ratio : float
-        Largest number of decoded bytes from one stored byte.
-    deep : bool
-        Whether it is a PNG with 16 bits a sample and more than one channel.
-    """
-
-    kind: str
-    pixels: int = 0
-    nbytes: int = 0
-    ratio: float = 1.0
-    deep: bool = False
+    kind: str  # {"PNG", "TIFF", "JPEG", "BMP", "PNM"}
+    pixels: int = 0  # rows times columns; 0 for TIFF, whose reader finds out
+    nbytes: int = 0  # of the decoded samples, at most
+    ratio: float = 1.0  # largest number of decoded bytes from one stored byte
+    deep: bool = False  # whether it is a PNG with 16 bits a sample and more than one channel
 
 
 def header_of(content: bytes) -> Header:
@@ -233,15 +221,13 @@ def pixels_of(path: Path) -> int:
         return 0
 
 
-def require_pixels(head: bytes, size: int, path: Path) -> None:
+def require_pixels(file: IO[bytes], size: int, path: Path) -> None:
     """Refuse a picture whose file is far larger than the pixels that its first bytes declare."""
-    if size <= _LARGEST or head[:4] in TIFF:
+    if size <= LARGE or (head := file.read(_LONG_HEAD))[:4] in TIFF:
         return
     try:
         pixels = header_of(head).pixels
     except ValueError as error:
-        if head[:3] == _JPEG:  # its size may stand far behind
-            return
         raise FormatError(f"The picture {path} cannot be read ({error}).") from error
     if 32 * pixels < size:
         raise FormatError(f"The picture {path} has {size:,} bytes, far more than its pixels need.")
@@ -260,7 +246,7 @@ def read_channels(path: PathLike, *, max_bytes: int | None = None) -> Array:
                 with mmap(file.fileno(), 0, access=ACCESS_READ) as mapped:
                     return decode_picture(mapped, path, max_bytes=max_bytes)
             file.seek(0)
-            require_pixels(file.read(HEAD), size, path)
+            require_pixels(file, size, path)
             file.seek(0)
             content = file.read()
     except OSError as error:

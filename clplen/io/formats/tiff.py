@@ -7,6 +7,7 @@ import math
 import re
 import zlib
 from collections.abc import Iterable, Iterator
+from contextlib import contextmanager
 from io import BytesIO
 from mmap import ACCESS_READ, mmap
 from pathlib import Path
@@ -26,6 +27,7 @@ _RATIO = {1: 1.0, 5: 2560.0, 7: 2048.0, 8: DEFLATE, 32946: DEFLATE, 32773: 64.0}
 _BY_PILLOW = (5, 7)  # where tifffile's optional codecs are not installed
 _DEFLATED = (8, 32946)
 _PALETTE = 3
+_MAX_COPY = 64 << 20  # bytes of a file that Pillow may copy, beside 32 for each of its picture's
 _TILE = 16 << 20  # bytes by which a tile may be larger than its picture
 logger = logging.getLogger("clplen.io")
 SUFFIXES = (".tif", ".tiff")
@@ -42,67 +44,97 @@ def decode_tiff(
     content: bytes | mmap, path: Path, *, max_bytes: int | None, page: int | None = None
 ) -> np.ndarray[Any, Any]:
     """One page of a TIFF file."""
-    source: Any = BytesIO(content) if isinstance(content, bytes) else path
+    source: Any = BytesIO(content) if isinstance(content, bytes) else content
     with tifffile.TiffFile(source, is_ome=False, is_imagej=False) as file:
         if page is None and len(file.pages) > 1:
             raise ValueError(f"it holds {len(file.pages)} pictures, one is meant")
         return _values(file.pages[page or 0], content, path, max_bytes)
 
 
-def decode_tiff_stack(
-    content: bytes | mmap, path: Path, *, max_bytes: int | None
-) -> np.ndarray[Any, Any]:
-    """All pages of a TIFF file, which are alike."""
-    source: Any = BytesIO(content) if isinstance(content, bytes) else path
-    with tifffile.TiffFile(source, is_ome=False, is_imagej=False) as file:
-        return _stack(list(file.pages), content, path, max_bytes)
+@contextmanager
+def _opened(path: Path) -> Iterator[tuple[Any, mmap]]:
+    """The pages of a TIFF file and its bytes."""
+    with (
+        path.open("rb") as file,
+        mmap(file.fileno(), 0, access=ACCESS_READ) as content,
+        tifffile.TiffFile(file, is_ome=False, is_imagej=False) as opened,
+    ):
+        yield opened.pages, content
 
 
 def read_tiff_stacks(
     path: Path, groups: Iterable[Iterable[int]], *, max_bytes: int | None = None
 ) -> Iterator[np.ndarray[Any, Any]]:
     """Several stacks of pages of one TIFF file, one after the other."""
-    with (
-        path.open("rb") as file,
-        mmap(file.fileno(), 0, access=ACCESS_READ) as content,
-        tifffile.TiffFile(file, is_ome=False, is_imagej=False) as opened,
-    ):
+    with _opened(path) as (pages, content):
         for group in groups:
-            yield _stack([opened.pages[number] for number in group], content, path, max_bytes)
+            chosen = [pages[number] for number in group]
+            shape, dtype = _stack_shape(chosen, content, path, max_bytes)
+            stack = np.empty(shape, dtype)
+            for number, page in enumerate(chosen):
+                stack[number] = _values(page, content, path, max_bytes)
+            yield stack
+
+
+def read_tiff_pages(path: Path, *, max_bytes: int | None = None) -> Iterator[np.ndarray[Any, Any]]:
+    """The pages of a TIFF file, one after the other."""
+    with _opened(path) as (pages, content):
+        for page in pages:
+            yield _values(page, content, path, max_bytes)
+
+
+def stack_shape(path: Path, *, max_bytes: int | None) -> tuple[tuple[int, ...], np.dtype[Any]]:
+    """Shape (pages, y, x[, c]) and type of all pages of a TIFF file, which are alike."""
+    with _opened(path) as (pages, content):
+        return _stack_shape(list(pages), content, path, max_bytes)
 
 
 def stack_axes(path: Path) -> dict[str, int]:
-    """Lengths of the axes T, C and Z of the pages of a TIFF, the slowest first."""
+    """Lengths of the axes T, C and Z of the pages of a TIFF, the slowest first.
+
+    They are those of OME and ImageJ; pages of other programs are planes Z.
+    """
     with open_tiff(path) as file:
-        count, text = len(file.pages), file.pages.first.description[:_LONGEST]
-    found = _axes(text, count)
-    if not found and text.startswith("ImageJ="):
+        return _axes(file.pages) or {"T": 1, "Z": len(file.pages), "C": 1}
+
+
+def _axes(pages: Any) -> dict[str, int]:
+    """The axes that OME or ImageJ wrote, the slowest first; empty where neither did."""
+    first, count = pages.first, len(pages)
+    text = first.description[:_LONGEST]
+    axes: dict[str, int] = {}
+    if text.startswith("ImageJ="):
         sizes = dict(re.findall(r"^(frames|slices|channels)=(\d{1,9})", text, re.M))
-        found = {axis: int(sizes.get(name, 1)) for axis, name in _IMAGEJ.items()}
-    return found if math.prod(found.values()) == count and found else {"T": 1, "Z": count, "C": 1}
+        axes = {axis: int(sizes.get(name, 1)) for axis, name in _IMAGEJ.items()}
+    elif pixels := re.search(r"<(?:\w+:)?Pixels\b[^>]*>", text):
+        order = re.search(r'DimensionOrder="XY([CZT]{3})"', pixels[0])
+        sizes = dict(re.findall(r'Size([CZT])="(\d{1,9})"', pixels[0]))
+        if order is not None and sorted(order[1]) == sorted(sizes) == list("CTZ"):
+            axes = {axis: int(sizes[axis]) for axis in reversed(order[1])}
+            if axes["C"] % first.samplesperpixel == 0:
+                axes["C"] //= first.samplesperpixel  # which one page holds
+    return axes if axes and math.prod(axes.values()) == count else {}
 
 
-def _stack(
-    pages: list[Any], content: bytes | mmap, path: Path, max_bytes: int | None
-) -> np.ndarray[Any, Any]:
-    """The samples of pages that are alike, (pages, y, x) or (pages, y, x, c)."""
+def _stack_shape(
+    pages: list[Any], content: mmap, path: Path, max_bytes: int | None
+) -> tuple[tuple[int, ...], np.dtype[Any]]:
+    """Shape (pages, y, x[, c]) and type of pages, which have to be alike and to fit in memory."""
     kinds = {(page.shape, page.dtype) for page in pages}
     if len(kinds) > 1:
         raise ValueError(f"its {len(pages)} pages are of {len(kinds)} shapes or types")
-    _check(pages[0], content, path, max_bytes)
+    first = pages[0]
+    _check(first, content, path, max_bytes)
     require_bytes(
-        len(pages) * pages[0].nbytes,
+        len(pages) * first.nbytes,
         path=path,
         what="the stack",
         stored=len(content),
-        ratio=_RATIO[pages[0].compression] * _unpacked(pages[0]),
+        ratio=_RATIO[first.compression] * _unpacked(first),
         max_bytes=max_bytes,
     )
-    first = _values(pages[0], content, path, max_bytes)
-    stack = np.empty((len(pages), *first.shape), first.dtype)
-    for number, page in enumerate(pages):
-        stack[number] = _values(page, content, path, max_bytes) if number else first
-    return stack
+    shape = (*first.shape[1:], first.shape[0]) if first.axes == "SYX" else first.shape
+    return (len(pages), *shape), np.dtype(first.dtype)
 
 
 def _values(
@@ -115,6 +147,8 @@ def _values(
     except ValueError as error:
         if page.compression not in _BY_PILLOW or "imagecodecs" not in str(error):
             raise
+        if len(content) > 32 * page.nbytes + _MAX_COPY:
+            raise ValueError(f"it has {len(content):,} bytes, far more than it needs") from error
         values = imageio.imread(bytes(content), plugin="pillow", index=page.index)
         if values.shape != page.shape or values.dtype != page.dtype:
             raise ValueError("a compression that needs imagecodecs: install that") from error
@@ -169,15 +203,10 @@ def read_tiff_frame(
     Of the file only this page is read, however many it has.
     """
     try:
-        with (
-            path.open("rb") as file,
-            mmap(file.fileno(), 0, access=ACCESS_READ) as content,
-            tifffile.TiffFile(file, is_ome=False, is_imagej=False) as opened,
-        ):
-            count, text = len(opened.pages), opened.pages.first.description[:_LONGEST]
-            axes = _axes(text, count)
+        with _opened(path) as (pages, content):
+            count, axes = len(pages), _axes(pages)
             _require(path, frame, count, axes)
-            values = _values(opened.pages[frame or 0], content, path, max_bytes)
+            values = _values(pages[frame or 0], content, path, max_bytes)
     except FormatError:
         raise
     except Exception as error:  # tifffile raises all kinds on damaged files
@@ -208,19 +237,6 @@ def frames_in(path: Path) -> int:
             return max(1, len(file.pages))
     except Exception:  # reading it says why
         return 1
-
-
-def _axes(text: str, count: int) -> dict[str, int]:
-    """Lengths of the axes T, C and Z of an OME description, the slowest first; else empty."""
-    pixels = re.search(r"<(?:\w+:)?Pixels\b[^>]*>", text)
-    if pixels is None:
-        return {}
-    order = re.search(r'DimensionOrder="XY([CZT]{3})"', pixels[0])
-    sizes = dict(re.findall(r'Size([CZT])="(\d{1,9})"', pixels[0]))
-    if order is None or sorted(order[1]) != list("CTZ") or len(sizes) != 3:
-        return {}
-    axes = {axis: int(sizes[axis]) for axis in reversed(order[1])}
-    return axes if np.prod(list(axes.values()), dtype=object) == count else {}
 
 
 def _require(path: Path, frame: int | None, count: int, axes: dict[str, int]) -> None:

@@ -1,4 +1,4 @@
-"""Files of unknown origin: how much memory they may ask for, and what is said of damaged ones.
+"""Files of unknown origin: their first bytes, the memory they may ask for, and errors of damage.
 
 A few bytes must not claim gigabytes, and what a library raises becomes one `FormatError`.
 """
@@ -18,6 +18,15 @@ import numpy as np
 
 from clplen.compute.memory import free_memory
 from clplen.errors import FormatError
+
+# First bytes and suffixes of files whose readers are imported only when they are needed.
+ZIP = b"PK\3\4"
+MATLAB = b"MATLAB"
+MATLAB_SUFFIXES = (".mat",)
+LYTRO = b"\x89LFP\r\n\x1a\n"
+LYTRO_DESCRIBED = (".json", ".raw")  # what other tools take out of a container
+RAYTRIX = b"<RayCalibData"
+RAYTRIX_SUFFIXES = (".xml", ".ray")
 
 DEFLATE = 1032.0  # largest ratio of zlib, gzip, zip and PNG (RFC 1951: 258 bytes from 2 bits)
 SLACK = 1 << 20  # bytes that any file may ask for

@@ -39,25 +39,14 @@ _LEAST = 5  # samples along an axis
 
 @dataclass(frozen=True)
 class ZemaxMap:
-    """One wavefront map.
+    """One wavefront map."""
 
-    Attributes
-    ----------
-    path : numpy.ndarray
-        W in metres, positive where it retards, shape (n_v, n_u) from rim to rim, y upwards in the
-        prescription from the first row on; NaN where no light passed.
-    wavelength : float
-        In metres.
-    field : str
-        The field as the listing has it, as "0.0000, 14.0000 (deg)".
-    pupil_diameter : float or None
-        Of the exit pupil in metres.
-    """
-
+    # W in metres, positive where it retards, shape (n_v, n_u) from rim to rim, y upwards in the
+    # prescription from the first row on; NaN where no light passed.
     path: Values
-    wavelength: float
-    field: str
-    pupil_diameter: float | None
+    wavelength: float  # in metres
+    field: str  # the field as the listing has it, as "0.0000, 14.0000 (deg)"
+    pupil_diameter: float | None  # of the exit pupil in metres
 
 
 def read_zemax_map(path: PathLike, *, max_bytes: int | None = None) -> ZemaxMap:

@@ -13,8 +13,6 @@ import numpy as np
 
 from clplen.compute.device import Device
 from clplen.errors import FormatError
-from clplen.files import PathLike
-from clplen.io.formats import mat, npy
 from clplen.io.formats.mat import Variable, read_variable, variables
 from clplen.io.formats.picture import linear
 from clplen.io.formats.untrusted import DEFLATE, listed, reading, require_bytes
@@ -22,13 +20,9 @@ from clplen.io.lightfields.array_sources import (
     OpenSource,
     Source,
     axes_known,
-    light_field,
-    stored_light_field,
 )
 from clplen.io.lightfields.hdf5_lightfields import LF, has_weights
-from clplen.io.lightfields.layout import ARRAY_WORDS, VIEW_WORDS, Array, Kind, Layout
-from clplen.lightfield.model.light_field import LightField
-from clplen.lightfield.model.stored_light_field import StoredLightField
+from clplen.io.lightfields.layout import Array, Layout
 from clplen.lightfield.streaming.tile_reading import RawSamples
 
 _COPIES = 3  # of the samples of a MATLAB file that are held while SciPy reads them
@@ -36,25 +30,14 @@ _FLOATS = np.dtype(np.float32)
 _ENCODED = (np.dtype(np.uint8), np.dtype(np.uint16))
 
 
-def read_npy(
-    path: PathLike, *, device: Device, layout: Layout, progress: bool = False
-) -> tuple[LightField, str]:
-    """Read an array of 4 or 5 dimensions; it is never unpickled."""
-    with open(path, "rb") as file:
-        found = _npy_source(file, Path(path), layout)
-        return light_field(found, device=device, layout=layout, progress=progress)
-
-
 @contextmanager
-def open_npy(
-    path: PathLike, *, device: Device, layout: Layout
-) -> Iterator[tuple[StoredLightField, str]]:
-    """What `read_npy` reads, part by part while the file is open."""
-    with open(path, "rb") as file:
-        yield stored_light_field(_npy_source(file, Path(path), layout), layout)
+def open_npy(path: Path, *, device: Device, layout: Layout) -> Iterator[OpenSource]:
+    """Open an array of 4 or 5 dimensions; it is never unpickled."""
+    with path.open("rb") as file:
+        yield OpenSource(_npy_source(file, path, layout), device, layout)
 
 
-def _npy_source(file: BinaryIO, path: Path, layout: Layout) -> OpenSource:
+def _npy_source(file: BinaryIO, path: Path, layout: Layout) -> Source:
     with reading(path):  # mapped only for its shape
         values = np.load(path, mmap_mode="r", allow_pickle=False)
     if layout.srgb and values.dtype.kind != "f" and values.dtype not in _ENCODED:
@@ -66,7 +49,7 @@ def _npy_source(file: BinaryIO, path: Path, layout: Layout) -> OpenSource:
     if values.flags.f_contiguous and not values.flags.c_contiguous:
         shape, axes = shape[::-1], axes[::-1]
     samples = RawSamples(file.fileno(), int(values.offset), shape, values.dtype)
-    source = Source(
+    return Source(
         path,
         "its array",
         shape,
@@ -77,13 +60,11 @@ def _npy_source(file: BinaryIO, path: Path, layout: Layout) -> OpenSource:
         stored=values.nbytes,
         ratio=_FLOATS.itemsize / values.dtype.itemsize if layout.srgb else 1.0,
     )
-    return OpenSource(source)
 
 
-def read_matlab(
-    path: PathLike, *, device: Device, layout: Layout, progress: bool = False
-) -> tuple[LightField, str]:
-    """Read a light field of LFToolbox, or any array of 4 or 5 dimensions.
+@contextmanager
+def open_matlab(path: Path, *, device: Device, layout: Layout) -> Iterator[OpenSource]:
+    """Open a light field of LFToolbox, or any array of 4 or 5 dimensions.
 
     Taken is the variable that ``dataset=`` names, else ``LF``, else the only one of 4 or 5
     dimensions. LFToolbox's MATLAB size (t, s, v, u, c), t and s being row and column of the view,
@@ -91,11 +72,11 @@ def read_matlab(
     is its mean over the view, of the whole range of its type (of 1 if it is real), and 0 for a view
     that is dark throughout.
     """
-    path = Path(path)
-    with reading(path), path.open("rb") as file:
-        variable = _chosen_variable(variables(file, path), path, layout.dataset)
-        source = _variable_source(variable, file, path, layout)
-        return light_field(OpenSource(source), device=device, layout=layout, progress=progress)
+    with path.open("rb") as file:
+        with reading(path):
+            variable = _chosen_variable(variables(file, path), path, layout.dataset)
+            source = _variable_source(variable, file, path, layout)
+        yield OpenSource(source, device, layout, whole=True)
 
 
 def _chosen_variable(found: list[Variable], path: Path, name: str | None) -> Variable:
@@ -141,7 +122,3 @@ def _variable_source(variable: Variable, file: BinaryIO, path: Path, layout: Lay
         * (variable.dtype.itemsize / variable.packed.itemsize),
         weighted=has_weights(variable.name, axes, variable.shape),
     )
-
-
-NUMPY = Kind("a NumPy array", (*VIEW_WORDS, "order", "srgb"), read_npy, open_npy, magic=npy.MAGIC)
-MATLAB = Kind("a MATLAB file", ARRAY_WORDS, read_matlab, magic=mat.MAGIC, suffixes=mat.SUFFIXES)

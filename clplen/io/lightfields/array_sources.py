@@ -38,43 +38,19 @@ _BLOCK = 4 << 20  # bytes read at a time: they stay in the cache while axes are 
 
 @dataclass(frozen=True)
 class Source:
-    """A light field in a file, before it is read.
-
-    Attributes
-    ----------
-    path : pathlib.Path
-    what : str
-        As the subject of a sentence: "the dataset 'LF'".
-    shape : tuple of int
-    dtype : numpy.dtype
-        Of what ``read`` gives.
-    axes : str
-        A letter of "vuyxc" for each dimension.
-    known : str
-        The axes and how they are known, for the sentence on what was taken.
-    read : callable
-        A slice for each dimension -> the samples there.
-    stored : int
-        Bytes that the file has for it.
-    ratio : float
-        Largest ratio of its compression; 1 for none.
-    chunks : tuple of int or None
-        Best read as a whole.
-    weighted : bool
-        Whether the last channel is a weight.
-    """
+    """A light field in a file, before it is read."""
 
     path: Path
-    what: str
+    what: str  # as the subject of a sentence: "the dataset 'LF'"
     shape: tuple[int, ...]
-    dtype: np.dtype[Any]
-    axes: str
-    known: str
-    read: Callable[[Selection], Array]
-    stored: int
-    ratio: float = 1.0
-    chunks: tuple[int, ...] | None = None
-    weighted: bool = False
+    dtype: np.dtype[Any]  # of what read gives
+    axes: str  # A letter of "vuyxc" for each dimension
+    known: str  # the axes and how they are known, for the sentence on what was taken
+    read: Callable[[Selection], Array]  # A slice for each dimension -> the samples there
+    stored: int  # bytes that the file has for it
+    ratio: float = 1.0  # largest ratio of its compression; 1 for none
+    chunks: tuple[int, ...] | None = None  # best read as a whole
+    weighted: bool = False  # whether the last channel is a weight
 
     @property
     def views(self) -> View:
@@ -224,63 +200,58 @@ def blocks(
 
 @dataclass(frozen=True)
 class OpenSource:
-    """A light field in a file that is open.
-
-    Attributes
-    ----------
-    source : Source
-    known : dict
-        What `LightField.from_array` takes beside the samples; weights and positions for the views
-        of the file.
-    words : dict
-        ``decode`` and ``parametrisation``, where the file says them.
-    """
+    """A light field in a file that is open."""
 
     source: Source
+    device: Device
+    layout: Layout
+    # What `LightField.from_array` takes beside the samples; weights and positions for the views of
+    # the file.
     known: dict[str, Any] = field(default_factory=dict)
+    # decode and parametrisation, where the file says them.
     words: dict[str, Any] = field(default_factory=dict)
+    whole: bool = False  # whether it is read as a whole in any case
 
+    def load(self, *, progress: bool = False) -> tuple[LightField, str]:
+        """Read the samples and make them a light field."""
+        source, layout, device = self.source, self.layout, self.device
+        known = _known(self)
+        data = samples(source, device=device, layout=layout, progress=progress)
+        if source.weighted:
+            lit = lit_views(data, device)
+            known["weights"] = layout.oriented(_mean_weights(source)) * (lit if lit.any() else 1)
+        with as_format_error(source.path):
+            lf = LightField.from_array(data, device=device, **known)
+        return replace(lf, **self.words), _sentence(source, lf, layout)
 
-def light_field(
-    found: OpenSource, *, device: Device, layout: Layout, progress: bool
-) -> tuple[LightField, str]:
-    """Read the samples of a source and make them a light field."""
-    source = found.source
-    known = _known(found, layout)
-    data = samples(source, device=device, layout=layout, progress=progress)
-    if source.weighted:
-        lit = lit_views(data, device)
-        known["weights"] = layout.oriented(_mean_weights(source)) * (lit if lit.any() else 1)
-    with as_format_error(source.path):
-        lf = LightField.from_array(data, device=device, **known)
-    return replace(lf, **found.words), _sentence(source, lf, layout)
-
-
-def stored_light_field(found: OpenSource, layout: Layout) -> tuple[StoredLightField, str]:
-    """A source as a light field that is read part by part."""
-    source = found.source
-    known = _known(found, layout)
-    require_samples(source, replace(layout, max_bytes=sys.maxsize))  # it is not read as a whole
-    at_once = dict(zip(source.axes, source.chunks or (1,) * len(source.shape), strict=True))
-    dtype = device_dtype(source.dtype)
-    whole = math.prod(source.shape) * source.dtype.itemsize
-    copies = 1 if source.ratio == 1 else 4  # packed, unpacked and turned, with what is left over
-    stored = StoredLightField(
-        shape_of(source, layout),
-        dtype,
-        lambda block, out: fill_checked(source, layout, block, out),
-        np.ones(layout.shape(source.views), np.float32),
-        (at_once["y"], at_once["x"] if source.chunks else source.shape[source.axes.index("x")]),
-        layout.shape((at_once["v"], at_once["u"])),
-        copies * max(min(_BLOCK, whole), math.prod(at_once.values()) * source.dtype.itemsize),
-    )
-    with as_format_error(source.path):
-        places = checked_positions(known.get("positions"), stored)
-        spacing = checked_spacing(known.get("spacing"))
-        stored = replace(stored, spacing=spacing, positions=places, camera=known.get("camera"))
-        weights = _stored_weights(source, layout, stored, known.get("weights"))
-        stored = replace(stored, weights=checked_weights(weights, stored), **found.words)
-    return stored, _sentence(source, stored, layout)
+    def stored(self) -> tuple[StoredLightField, str]:
+        """A light field that is read part by part."""
+        if self.whole:
+            lf, took = self.load()
+            return StoredLightField.from_light_field(lf), took
+        source, layout = self.source, self.layout
+        known = _known(self)
+        # it is not read as a whole
+        require_samples(source, replace(layout, max_bytes=sys.maxsize))
+        at_once = dict(zip(source.axes, source.chunks or (1,) * len(source.shape), strict=True))
+        whole = math.prod(source.shape) * source.dtype.itemsize
+        copies = 1 if source.ratio == 1 else 4  # packed, unpacked and turned, with what is left
+        stored = StoredLightField(
+            shape_of(source, layout),
+            device_dtype(source.dtype),
+            lambda block, out: fill_checked(source, layout, block, out),
+            np.ones(layout.shape(source.views), np.float32),
+            (at_once["y"], at_once["x"] if source.chunks else source.shape[source.axes.index("x")]),
+            layout.shape((at_once["v"], at_once["u"])),
+            copies * max(min(_BLOCK, whole), math.prod(at_once.values()) * source.dtype.itemsize),
+        )
+        with as_format_error(source.path):
+            places = checked_positions(known.get("positions"), stored)
+            spacing = checked_spacing(known.get("spacing"))
+            stored = replace(stored, spacing=spacing, positions=places, camera=known.get("camera"))
+            weights = _stored_weights(source, layout, stored, known.get("weights"))
+            stored = replace(stored, weights=checked_weights(weights, stored), **self.words)
+        return stored, _sentence(source, stored, layout)
 
 
 def _stored_weights(source: Source, layout: Layout, stored: StoredLightField, known: Any) -> Array:
@@ -289,9 +260,9 @@ def _stored_weights(source: Source, layout: Layout, stored: StoredLightField, kn
     return layout.oriented(_mean_weights(source)) * stored.lit_weights()
 
 
-def _known(found: OpenSource, layout: Layout) -> dict[str, Any]:
+def _known(found: OpenSource) -> dict[str, Any]:
     """What is known beside the samples, for the final order of views."""
-    known = dict(found.known)
+    known, layout = dict(found.known), found.layout
     for name in ("weights", "positions"):
         if known.get(name) is not None:
             known[name] = _fitting(np.asarray(known[name]), name, found.source, layout)

@@ -17,7 +17,6 @@ Those of other programs:
 
 from __future__ import annotations
 
-import math
 from collections.abc import Iterator
 from contextlib import ExitStack, contextmanager
 from pathlib import Path
@@ -28,34 +27,35 @@ import numpy as np
 
 from clplen.compute.device import Device
 from clplen.errors import FormatError
-from clplen.files import PathLike, replacing
+from clplen.files import PathLike
 from clplen.hdf5_safety import require_own
-from clplen.io.formats.untrusted import reading, require_bytes
+from clplen.io.formats.untrusted import reading
 from clplen.io.lightfields.array_sources import (
     OpenSource,
     Selection,
     Source,
     axes_known,
-    light_field,
-    stored_light_field,
 )
-from clplen.io.lightfields.layout import ARRAY_WORDS, Array, Kind, Layout, View
+from clplen.io.lightfields.layout import Array, Layout, View
 from clplen.io.raw.raw_files import is_raw
-from clplen.io.store import attributes, hdf5_files
+from clplen.io.store import attributes
 from clplen.io.store.attributes import SAMPLES, axes_in
 from clplen.io.store.hdf5_files import (
     attributes_of,
     contents,
+    created,
     dataset_of,
     datasets,
-    opened,
+    read_array,
     require_size,
     storage,
 )
-from clplen.io.store.opd_arrays import OPD, maps_of, read_hdf5_maps, write_hdf5_maps
+from clplen.io.store.opd_arrays import (
+    OPD,
+    read_hdf5_maps,
+    write_camera,
+)
 from clplen.lightfield.model.light_field import LightField
-from clplen.lightfield.model.stored_light_field import StoredLightField
-from clplen.outputs import MARK
 
 IMAGE = "data/image"
 _CAMERA = "instrument/camera/"
@@ -69,7 +69,6 @@ _NAMES = {
 _OFF = 1e-3  # pixels by which a lenslet may miss whole ones; float32 keeps 1e-5
 LF = "LF"
 _USUAL = (SAMPLES, LF, f"{LF}/{LF}", IMAGE)  # LF/LF: a MATLAB struct of HCI 2016
-_USER_BLOCK = 512  # bytes that MATLAB 7.3 puts before the signature
 
 
 def vox_source(dataset: h5py.Dataset, path: Path, layout: Layout) -> Source:
@@ -212,57 +211,29 @@ def _own_axes(attributes: dict[str, Any]) -> str | None:
 
 def write_hdf5(path: PathLike, lf: LightField) -> None:
     """Write a light field with its spacing, weights, positions and camera."""
-    with replacing(path) as temporary:
-        try:
-            with h5py.File(temporary, "w") as file:
-                file.attrs["software"] = MARK
-                _write(file, lf)
-        except RuntimeError as error:  # a full disk, found when the file is closed
-            raise OSError(str(error)) from error
+    with created(path) as file:
+        with lf.device.on_host(lf.data, write=False) as values:
+            data = file.create_dataset(attributes.SAMPLES, data=values)
+        data.attrs.update(attributes.of_samples(lf))
+        for name, array in attributes.arrays_beside(lf).items():
+            file.create_dataset(name, data=array)
+        write_camera(file, lf.camera)
 
 
-def _write(file: h5py.File, lf: LightField) -> None:
-    with lf.device.on_host(lf.data, write=False) as values:
-        data = file.create_dataset(attributes.SAMPLES, data=values)
-    data.attrs.update(attributes.of_samples(lf))
-    for name, array in attributes.arrays_beside(lf).items():
-        file.create_dataset(name, data=array)
-    camera = attributes.of_camera(lf.camera)
-    if camera is not None:
-        group = file.create_group(attributes.CAMERA)
-        group.attrs.update(camera)
-        maps = maps_of(lf.camera)
-        if maps is not None:
-            write_hdf5_maps(group.create_group(OPD), maps)
-
-
-def read_hdf5(
-    path: PathLike, *, device: Device, layout: Layout, progress: bool = False
-) -> tuple[LightField, str]:
-    """Read a light field of `write_hdf5`, or of another program.
+@contextmanager
+def open_hdf5(path: Path, *, device: Device, layout: Layout) -> Iterator[OpenSource]:
+    """Open a light field of `write_hdf5`, or of another program.
 
     Taken is the dataset that ``dataset=`` names, else ``lightfield``, else that of a known
     program, else the only one of 4 or 5 dimensions. Its axes are those of ``order=``, else of its
     attribute ``axes``, else v, u, y, x, c.
     """
-    path = Path(path)
-    with opened(path) as file:
-        found = _open_source(file, path, device, layout)
-        return light_field(found, device=device, layout=layout, progress=progress)
-
-
-@contextmanager
-def open_hdf5(
-    path: PathLike, *, device: Device, layout: Layout
-) -> Iterator[tuple[StoredLightField, str]]:
-    """What `read_hdf5` reads, part by part while the file is open."""
-    path = Path(path)
     with ExitStack() as held:
         with reading(path):
             file = held.enter_context(h5py.File(path, "r"))
             require_own(file, path)
-            stored = stored_light_field(_open_source(file, path, device, layout), layout)
-        yield stored
+            found = _open_source(file, path, device, layout)
+        yield found
 
 
 def _open_source(file: h5py.File, path: Path, device: Device, layout: Layout) -> OpenSource:
@@ -274,7 +245,7 @@ def _open_source(file: h5py.File, path: Path, device: Device, layout: Layout) ->
     dataset = find_dataset(file, path, layout.dataset)
     source = dataset_source(dataset, path, layout)
     if str(dataset.name).strip("/") != attributes.SAMPLES:
-        return OpenSource(source)
+        return OpenSource(source, device, layout)
     found = attributes_of(dataset, attributes.NAMES, path)
     known: dict[str, Any] = dict(_arrays_beside(file, path, source.views, layout.max_bytes))
     placed = "positions" in known or layout.positions is not None
@@ -282,7 +253,7 @@ def _open_source(file: h5py.File, path: Path, device: Device, layout: Layout) ->
     if spacing is not None:  # positions stay where they are, and so does their unit
         known["spacing"] = spacing if placed else layout.oriented_spacing(spacing)
     known["camera"] = _camera(file, path, device)
-    return OpenSource(source, known, attributes.words_in(found, path))
+    return OpenSource(source, device, layout, known, attributes.words_in(found, path))
 
 
 def _arrays_beside(
@@ -293,16 +264,7 @@ def _arrays_beside(
         if name in file:
             dataset = dataset_of(file, name, path)
             require_size(dataset, 2 * views[0] * views[1], path)
-            stored, ratio = storage(dataset, path, max_bytes)
-            require_bytes(
-                math.prod(dataset.shape) * dataset.dtype.itemsize,
-                path=path,
-                what=f"the dataset {name!r}",
-                stored=stored,
-                ratio=ratio,
-                max_bytes=max_bytes,
-            )
-            found[name] = dataset[...]
+            found[name] = read_array(dataset, path, max_bytes)
     return found
 
 
@@ -313,14 +275,3 @@ def _camera(file: h5py.File, path: Path, device: Device) -> Any:
     values = attributes_of(group, attributes.CAMERA_NAMES, path)
     maps = read_hdf5_maps(group.get(OPD), path)
     return attributes.read_camera(values, path, device, maps)
-
-
-def _is_hdf5(path: Path, head: bytes) -> bool:
-    if head.startswith(hdf5_files.MAGIC) or path.is_dir():
-        return bool(head)
-    with path.open("rb") as file:
-        file.seek(_USER_BLOCK)
-        return file.read(len(hdf5_files.MAGIC)) == hdf5_files.MAGIC
-
-
-HDF5 = Kind("HDF5", ARRAY_WORDS, read_hdf5, open_hdf5, recognises=_is_hdf5)

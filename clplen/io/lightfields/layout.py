@@ -4,22 +4,21 @@ from __future__ import annotations
 
 import zipfile
 from collections.abc import Callable, Iterable
-from contextlib import AbstractContextManager
 from dataclasses import dataclass, fields
 from pathlib import Path
-from typing import Any
+from typing import Any, Protocol
 
 import numpy as np
 
 from clplen.errors import FormatError
 from clplen.files import PathLike
+from clplen.io.formats.untrusted import ZIP
 from clplen.lightfield.model.light_field import LightField
 from clplen.lightfield.model.stored_light_field import StoredLightField
 
 View = tuple[int, int]
 Array = np.ndarray[Any, Any]
 
-ZIP = b"PK\3\4"  # with which an archive begins
 VIEW_WORDS = ("flip_v", "flip_u", "swap_uv", "positions", "max_bytes")
 NAME_WORDS = (*VIEW_WORDS, "pattern", "views", "order", "allow_missing", "srgb")
 ARRAY_WORDS = (*VIEW_WORDS, "order", "dataset")
@@ -116,43 +115,43 @@ class Layout:
         return [word for word in words if getattr(self, word)]
 
 
+class LightFieldSource(Protocol):
+    """A light field in a file that is open; the texts say in one sentence what was taken."""
+
+    def load(self, *, progress: bool = False) -> tuple[LightField, str]:
+        """Read all of it onto the device."""
+
+    def stored(self) -> tuple[StoredLightField, str]:
+        """A light field that is read part by part while the file is open."""
+
+
+@dataclass(frozen=True)
+class Whole:
+    """A light field that is read as a whole: ``read`` is called with ``progress``."""
+
+    read: Callable[..., tuple[LightField, str]]
+
+    def load(self, *, progress: bool = False) -> tuple[LightField, str]:
+        """Read it."""
+        return self.read(progress=progress)
+
+    def stored(self) -> tuple[StoredLightField, str]:
+        """Read it, for functions that read part by part."""
+        lf, took = self.load()
+        return StoredLightField.from_light_field(lf), took
+
+
 @dataclass(frozen=True)
 class Kind:
-    """One kind of light-field file, stated by the module that reads it.
+    """One kind of light-field file."""
 
-    Attributes
-    ----------
-    name : str
-        As messages call it.
-    words : tuple of str
-        Words of layout that apply.
-    read : callable
-        (path, *, device, layout, progress) -> (LightField, str); the text says in one sentence
-        what was taken for what.
-    open_parts : callable or None
-        (path, *, device, layout) -> context of (StoredLightField, str), where the samples of some
-        rows and columns can be read alone.
-    magic : bytes
-        With which its files begin.
-    suffixes : tuple of str
-        Of its files, in lower case; any if there are none.
-    marks : tuple of str
-        Files of which its folders and zip archives hold one.
-    folder : bool
-        Whether any folder is of this kind.
-    recognises : callable or None
-        (path, first bytes) -> bool, where the above does not tell; the bytes are empty for a
-        folder.
-    """
-
-    name: str
-    words: tuple[str, ...]
-    read: Callable[..., tuple[LightField, str]]
-    open_parts: Callable[..., AbstractContextManager[tuple[StoredLightField, str]]] | None = None
-    magic: bytes = b""
-    suffixes: tuple[str, ...] = ()
-    marks: tuple[str, ...] = ()
-    folder: bool = False
+    name: str  # as messages call it
+    words: tuple[str, ...]  # words of layout that apply
+    magic: bytes = b""  # with which its files begin
+    suffixes: tuple[str, ...] = ()  # of its files, in lower case; any if there are none
+    marks: tuple[str, ...] = ()  # files of which its folders and zip archives hold one
+    folder: bool = False  # whether any folder is of this kind
+    # (path, first bytes) -> bool, where the above does not tell; the bytes are empty for a folder.
     recognises: Callable[[Path, bytes], bool] | None = None
 
     def fits(self, path: Path, head: bytes) -> bool:

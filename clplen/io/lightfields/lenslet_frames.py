@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any, NoReturn
+from typing import Any
 
 import numpy as np
 
@@ -16,12 +16,10 @@ from clplen.errors import FormatError, SamplingWarning, warn_caller
 from clplen.files import PathLike, naming
 from clplen.io.formats.picture import linear
 from clplen.io.formats.untrusted import require_room
-from clplen.io.lightfields.layout import Kind, Layout
+from clplen.io.lightfields.layout import Layout
 from clplen.io.lightfields.view_positions import positions_of
-from clplen.io.raw import raytrix
 from clplen.io.raw.lattice_cache import kept_lattice
 from clplen.io.raw.raw_files import read_frame, read_lattice, require_decoding
-from clplen.io.raw.raytrix import read_raytrix
 from clplen.io.raw.sensor_tiff import sensor_tags
 from clplen.lightfield.calibration.lattice_fit import visible_lattice
 from clplen.lightfield.calibration.lattice_trust import (
@@ -47,39 +45,19 @@ _ITSELF = "of the picture itself, without a white image"
 
 @dataclass(frozen=True)
 class Capture:
-    """What a file tells of the sensor that took a frame, where the user does not.
+    """What a file tells of the sensor that took a frame, where the user does not."""
 
-    Attributes
-    ----------
-    bayer : str or tuple of tuple of str or None
-        Colour filters.
-    black : numpy.ndarray or None
-        Black level of every pixel of the frame, and of the white image if ``white_black`` is None.
-    white_black : numpy.ndarray or None
-        Black level of the white image.
-    balance : tuple of float or None
-        Factors of red, green and blue.
-    matrix : numpy.ndarray or None
-        Colour matrix, shape (3, 3), applied to balanced colours.
-    span : float or None
-        Numbers from black to white; the light field is divided by it and is linear light then.
-    pitch : float or None
-        Distance of neighbouring lenslets in pixels.
-    pixel_pitch : float or None
-        In metres.
-    white : numpy.ndarray or None
-        White image; ``layout.white`` is its name then.
-    """
-
-    bayer: str | tuple[tuple[str, ...], ...] | None = None
+    bayer: str | tuple[tuple[str, ...], ...] | None = None  # colour filters
+    # Black level of every pixel of the frame, and of the white image if white_black is None.
     black: Frame | None = None
-    white_black: Frame | None = None
-    balance: tuple[float, float, float] | None = None
-    matrix: Frame | None = None
+    white_black: Frame | None = None  # black level of the white image
+    balance: tuple[float, float, float] | None = None  # factors of red, green and blue
+    matrix: Frame | None = None  # colour matrix, shape (3, 3), applied to balanced colours
+    # Numbers from black to white; the light field is divided by it and is linear light then.
     span: float | None = None
-    pitch: float | None = None
-    pixel_pitch: float | None = None
-    white: Frame | None = None
+    pitch: float | None = None  # distance of neighbouring lenslets in pixels
+    pixel_pitch: float | None = None  # in metres
+    white: Frame | None = None  # white image; layout.white is its name then
 
     def factors(self) -> tuple[float, float, float] | None:
         """Factors of red, green and blue that balance them and bring white to 1."""
@@ -330,21 +308,3 @@ def _sentence(lf: LightField, path: Path, lattice: Lattice, whence: str, layout:
         *layout.said(),
     ]
     return ", ".join(part for part in parts if part)
-
-
-def refuse_raytrix(
-    path: PathLike, *, device: Device, layout: Layout, progress: bool = False
-) -> NoReturn:
-    """Refuse: a focused raw image becomes no light field by slicing."""
-    read_raytrix(path)
-    raise FormatError(
-        f"{path} is the calibration of a focused (plenoptic 2.0) raw image, whose views are "
-        "rendered, not sliced: clplen.io.read_raw(path) gives the raw image with its lenses."
-    )
-
-
-def _is_raytrix(path: Path, head: bytes) -> bool:
-    return path.suffix.lower() in raytrix.SUFFIXES or raytrix.MARK in head
-
-
-RAYTRIX = Kind("a Raytrix calibration", (), refuse_raytrix, recognises=_is_raytrix)

@@ -4,37 +4,81 @@ from __future__ import annotations
 
 import logging
 from collections.abc import Iterator
-from contextlib import ExitStack, contextmanager
+from contextlib import AbstractContextManager, contextmanager, nullcontext
 from dataclasses import fields, replace
+from functools import partial
 from pathlib import Path
 from typing import Any
 
 from numpy.typing import ArrayLike
 
 from clplen.checks import check_keywords
-from clplen.compute.device import DeviceLike, as_device
+from clplen.compute.device import Device, DeviceLike, as_device
 from clplen.errors import FormatError
 from clplen.files import PathLike
-from clplen.io.formats.intrinsics_files import read_intrinsics
-from clplen.io.lightfields.array_files import MATLAB, NUMPY
-from clplen.io.lightfields.hdf5_lightfields import HDF5, write_hdf5
-from clplen.io.lightfields.layout import Kind, Layout
-from clplen.io.lightfields.lenslet_frames import RAYTRIX
-from clplen.io.lightfields.lytro_files import DESCRIBED, LYTRO
-from clplen.io.lightfields.mosaic import PICTURE
-from clplen.io.lightfields.view_folders import ARCHIVE, FOLDER, find_views, write_views
+from clplen.io.formats import npy, picture
+from clplen.io.formats.untrusted import (
+    LYTRO,
+    LYTRO_DESCRIBED,
+    MATLAB,
+    MATLAB_SUFFIXES,
+    RAYTRIX,
+    RAYTRIX_SUFFIXES,
+    ZIP,
+)
+from clplen.io.lightfields import view_folders
+from clplen.io.lightfields.layout import (
+    ARRAY_WORDS,
+    NAME_WORDS,
+    RAW_WORDS,
+    VIEW_WORDS,
+    Kind,
+    Layout,
+    LightFieldSource,
+    Whole,
+)
 from clplen.io.lightfields.view_positions import NAMES
-from clplen.io.lightfields.zarr_lightfields import ZARR, write_zarr
 from clplen.io.store import hdf5_files, zarr_files
-from clplen.lightfield.metric.intrinsics import Intrinsics
-from clplen.lightfield.metric.rectification import rectify_views
 from clplen.lightfield.model.light_field import LightField
 from clplen.lightfield.model.stored_light_field import StoredLightField, as_lightfield
 
 logger = logging.getLogger("clplen.io")
 
-KINDS = (ZARR, FOLDER, ARCHIVE, HDF5, MATLAB, NUMPY, LYTRO, DESCRIBED, RAYTRIX, PICTURE)
 _HEAD = 64  # bytes that recognition looks at
+_USER_BLOCK = 512  # bytes that MATLAB 7.3 puts before the signature of HDF5
+_LYTRO_WORDS = (*VIEW_WORDS, *RAW_WORDS, "calibration")
+
+
+def _is_hdf5(path: Path, head: bytes) -> bool:
+    if head.startswith(hdf5_files.MAGIC) or path.is_dir():
+        return bool(head)
+    with path.open("rb") as file:
+        file.seek(_USER_BLOCK)
+        return file.read(len(hdf5_files.MAGIC)) == hdf5_files.MAGIC
+
+
+def _is_described(path: Path, head: bytes) -> bool:
+    return path.suffix.lower() in LYTRO_DESCRIBED or head.lstrip()[:1] == b"{"
+
+
+def _is_raytrix(path: Path, head: bytes) -> bool:
+    return path.suffix.lower() in RAYTRIX_SUFFIXES or RAYTRIX in head
+
+
+KINDS = {
+    "zarr": Kind("Zarr", ARRAY_WORDS, marks=zarr_files.MARKS),
+    "folder": Kind("a folder of views", NAME_WORDS, folder=True),
+    "archive": Kind("an archive of views", NAME_WORDS, magic=ZIP),
+    "hdf5": Kind("HDF5", ARRAY_WORDS, recognises=_is_hdf5),
+    "matlab": Kind("a MATLAB file", ARRAY_WORDS, magic=MATLAB, suffixes=MATLAB_SUFFIXES),
+    "numpy": Kind("a NumPy array", (*VIEW_WORDS, "order", "srgb"), magic=npy.MAGIC),
+    "lytro": Kind("a Lytro container", _LYTRO_WORDS, magic=LYTRO),
+    "described": Kind("a raw image described by JSON", _LYTRO_WORDS, recognises=_is_described),
+    "raytrix": Kind("a Raytrix calibration", (), recognises=_is_raytrix),
+    "picture": Kind(
+        "a picture", (*VIEW_WORDS, *RAW_WORDS, "order", "srgb"), suffixes=picture.SUFFIXES
+    ),
+}
 
 
 def read_lightfield(
@@ -155,21 +199,75 @@ def read_lightfield(
     """
     words = locals()
     layout = Layout(**{field.name: words[field.name] for field in fields(Layout)})
-    path = Path(path)
-    kind = kind_of(path)
-    layout, camera = _without_intrinsics(layout)
-    layout.require(kind.words, kind.name)
-    device = as_device(device)
-    lf, took = kind.read(path, device=device, layout=layout, progress=progress)
+    with _opened(Path(path), device, layout) as source:
+        lf, took = source.load(progress=progress)
     logger.info("read %s", took)
-    return lf if camera is None else rectify_views(lf, camera)
+    return lf
 
 
-def _without_intrinsics(layout: Layout) -> tuple[Layout, Intrinsics | None]:
-    """The words that a reader takes, and the camera, read before anything else is."""
-    if layout.intrinsics is None:
-        return layout, None
-    return replace(layout, intrinsics=None), read_intrinsics(layout.intrinsics)
+@contextmanager
+def _opened(path: Path, device: DeviceLike | None, layout: Layout) -> Iterator[LightFieldSource]:
+    """Open a file of any kind: the one set of checks of paths and words of layout."""
+    kind = kind_of(path)
+    intrinsics, layout = layout.intrinsics, replace(layout, intrinsics=None)
+    if intrinsics is not None:  # read before anything else is
+        from clplen.io.formats.intrinsics_files import read_intrinsics
+        from clplen.lightfield.metric.rectification import rectify_views
+
+        camera = read_intrinsics(intrinsics)
+    layout.require(kind.words, kind.name)
+    with _source_of(kind, path, as_device(device), layout) as source:
+        if intrinsics is None:
+            yield source
+        else:
+
+            def rectified(progress: bool) -> tuple[LightField, str]:
+                lf, took = source.load(progress=progress)
+                return rectify_views(lf, camera), took
+
+            yield Whole(rectified)
+
+
+def _source_of(
+    kind: Kind, path: Path, device: Device, layout: Layout
+) -> AbstractContextManager[LightFieldSource]:
+    """Open a file of a kind, whose module is imported when it is needed."""
+    words: dict[str, Any] = {"device": device, "layout": layout}
+    if kind is KINDS["folder"]:
+        return view_folders.open_folder(path, **words)
+    if kind is KINDS["archive"]:
+        return view_folders.open_archive(path, **words)
+    if kind is KINDS["hdf5"]:
+        from clplen.io.lightfields.hdf5_lightfields import open_hdf5
+
+        return open_hdf5(path, **words)
+    if kind is KINDS["zarr"]:
+        from clplen.io.lightfields.zarr_lightfields import open_zarr
+
+        return open_zarr(path, **words)
+    if kind is KINDS["numpy"]:
+        from clplen.io.lightfields.array_files import open_npy
+
+        return open_npy(path, **words)
+    if kind is KINDS["matlab"]:
+        from clplen.io.lightfields.array_files import open_matlab
+
+        return open_matlab(path, **words)
+    if kind is KINDS["raytrix"]:
+        from clplen.io.raw.raytrix import read_raytrix
+
+        read_raytrix(path)
+        raise FormatError(
+            f"{path} is the calibration of a focused (plenoptic 2.0) raw image, whose views are "
+            "rendered, not sliced: clplen.io.read_raw(path) gives the raw image with its lenses."
+        )
+    if kind is KINDS["picture"]:
+        from clplen.io.lightfields.mosaic import read_mosaic
+
+        return nullcontext(Whole(partial(read_mosaic, path, **words)))
+    from clplen.io.lightfields.lytro_files import read_lytro
+
+    return nullcontext(Whole(partial(read_lytro, path, **words)))
 
 
 @contextmanager
@@ -208,19 +306,8 @@ def open_lightfield(
     ...     stored.shape, stored.read(np.s_[2:3, 0:5, 0:16, 0:48]).shape
     ((5, 5, 32, 48), (1, 5, 16, 48))
     """
-    path = Path(path)
-    kind = kind_of(path)
-    words, camera = _without_intrinsics(_layout_of(layout, "open_lightfield"))
-    words.require(kind.words, kind.name)
-    device = as_device(device)
-    with ExitStack() as held:
-        if kind.open_parts is not None and camera is None:
-            opened = kind.open_parts(path, device=device, layout=words)
-            stored, took = held.enter_context(opened)
-        else:
-            lf, took = kind.read(path, device=device, layout=words)
-            lf = lf if camera is None else rectify_views(lf, camera)
-            stored = StoredLightField.from_light_field(lf)
+    with _opened(Path(path), device, _layout_of(layout, "open_lightfield")) as source:
+        stored, took = source.stored()
         logger.info("opened %s", took)
         yield stored
 
@@ -265,9 +352,9 @@ def files_of(path: PathLike, **layout: Any) -> list[Path]:
     named = (words.white, words.dark, words.grid, words.calibration, words.positions)
     given = [file for file in (*named, words.intrinsics) if file is not None]
     beside = [Path(file) for file in given if str(file) != NAMES]
-    if not path.is_dir() or kind_of(path) is not FOLDER:
+    if not path.is_dir() or kind_of(path) is not KINDS["folder"]:
         return [path, *beside]
-    return [*(path / name for name in find_views(path, words)[2].values()), *beside]
+    return [*(path / name for name in view_folders.find_views(path, words)[2].values()), *beside]
 
 
 def write_lightfield(path: PathLike, lf: LightField | ArrayLike) -> None:
@@ -300,11 +387,15 @@ def write_lightfield(path: PathLike, lf: LightField | ArrayLike) -> None:
     lf = as_lightfield(lf)
     suffix = Path(path).suffix.lower()
     if suffix in hdf5_files.SUFFIXES:
+        from clplen.io.lightfields.hdf5_lightfields import write_hdf5
+
         write_hdf5(path, lf)
     elif suffix == zarr_files.SUFFIX:
+        from clplen.io.lightfields.zarr_lightfields import write_zarr
+
         write_zarr(path, lf)
     elif suffix == "" or Path(path).is_dir():
-        write_views(path, lf)
+        view_folders.write_views(path, lf)
     else:
         raise ValueError(
             "A light field is written to .h5, to .zarr or to a new folder, not to "
@@ -340,10 +431,11 @@ def kind_of(path: Path) -> Kind:
             f"{path} is an archive of NumPy arrays (.npz), which clplen does not read: save the "
             "light field alone as .npy with numpy.save."
         )
-    for kind in KINDS:
+    for kind in KINDS.values():
         if kind.fits(path, head):
             return kind
+    *names, last = (kind.name for kind in KINDS.values())
     raise FormatError(
         f"{path} is no light field that clplen reads ({_beginning(head)}): "
-        f"give {', '.join(kind.name for kind in KINDS[:-1])} or {KINDS[-1].name}."
+        f"give {', '.join(names)} or {last}."
     )

@@ -15,9 +15,8 @@ import numpy as np
 from clplen.compute.device import Device
 from clplen.errors import FormatError, ShapeError
 from clplen.files import PathLike
-from clplen.io.lightfields.layout import RAW_WORDS, VIEW_WORDS, Kind, Layout
+from clplen.io.lightfields.layout import Layout
 from clplen.io.lightfields.lenslet_frames import Capture, decode_frame
-from clplen.io.raw import lytro_container
 from clplen.io.raw.lytro_calibration import (
     WhiteImage,
     choose_white_image,
@@ -112,12 +111,3 @@ def _said(metadata: LytroMetadata, chosen: WhiteImage) -> str:
         f"{own.zoom_step:g} and {own.focus_step:g})"
     )
     return text + (", which is another zoom" if is_far(metadata, chosen) else "")
-
-
-def _is_described(path: Path, head: bytes) -> bool:
-    return path.suffix.lower() in lytro_container.DESCRIBED or head.lstrip()[:1] == b"{"
-
-
-_WORDS = (*VIEW_WORDS, *RAW_WORDS, "calibration")
-LYTRO = Kind("a Lytro container", _WORDS, read_lytro, magic=lytro_container.MAGIC[:8])
-DESCRIBED = Kind("a raw image described by JSON", _WORDS, read_lytro, recognises=_is_described)

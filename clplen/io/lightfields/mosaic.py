@@ -17,7 +17,6 @@ from numpy.typing import ArrayLike
 from clplen.compute.device import Device
 from clplen.errors import FormatError
 from clplen.files import PathLike, naming
-from clplen.io.formats import picture as pictures
 from clplen.io.formats.picture import (
     NOTES,
     linear,
@@ -27,7 +26,7 @@ from clplen.io.formats.picture import (
     without_alpha,
     write_picture,
 )
-from clplen.io.lightfields.layout import RAW_WORDS, VIEW_WORDS, Kind, Layout, View
+from clplen.io.lightfields.layout import RAW_WORDS, Layout, View
 from clplen.io.lightfields.lenslet_frames import decode_frame
 from clplen.io.lightfields.view_folders import pictured
 from clplen.io.lightfields.view_positions import positions_of
@@ -45,10 +44,9 @@ _COMPARED = 1 << 22  # samples that a guess looks at along each axis
 
 
 def read_mosaic(
-    path: PathLike, *, device: Device, layout: Layout, progress: bool = False
+    path: Path, *, device: Device, layout: Layout, progress: bool = False
 ) -> tuple[LightField, str]:
     """Read a picture that holds all views."""
-    path = Path(path)
     if _is_raw((), path, layout):  # before anything is decoded
         require_decoding(pixels_of(path), path, layout.max_bytes)
     picture = read_channels(path, max_bytes=layout.max_bytes)
@@ -250,11 +248,3 @@ def write_mosaic(path: PathLike, lf: LightField | ArrayLike, *, order: str = "yv
     picture = np.empty((V * ny, U * nx, *values.shape[4:]), values.dtype)
     as_views(picture, (V, U), plain or "yvxu")[...] = values
     write_picture(path, picture, description=description)
-
-
-PICTURE = Kind(
-    "a picture",
-    (*VIEW_WORDS, *RAW_WORDS, "order", "srgb"),
-    read_mosaic,
-    suffixes=pictures.SUFFIXES,
-)

@@ -8,8 +8,9 @@ import zipfile
 from collections.abc import Iterator
 from contextlib import contextmanager
 from functools import partial
+from mmap import mmap
 from pathlib import Path
-from typing import Any
+from typing import IO, Any
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -28,38 +29,25 @@ from clplen.io.formats.picture import (
     write_picture,
 )
 from clplen.io.formats.untrusted import DEFLATE, UNREADABLE, require_bytes
-from clplen.io.lightfields.layout import NAME_WORDS, ZIP, Kind, Layout, View
+from clplen.io.lightfields.layout import Layout, View
 from clplen.io.lightfields.view_names import DEFAULT_PATTERN, Pattern, arranged, views_only
-from clplen.io.lightfields.view_set import ViewSet, assemble, stored_views
+from clplen.io.lightfields.view_set import ViewSet
 from clplen.lightfield.model.light_field import LightField
-from clplen.lightfield.model.stored_light_field import StoredLightField, as_lightfield
+from clplen.lightfield.model.stored_light_field import as_lightfield
 
 _PATTERNS = {"hci": "input_Cam{i:03d}", "stanford": "out_{v:02d}_{u:02d}_{y:.6f}_{x:.6f}_"}
 _RATIO = {zipfile.ZIP_STORED: 1.0, zipfile.ZIP_DEFLATED: DEFLATE}
 _ENCRYPTED = 1  # bit of the flags
+_BLOCK = 1 << 20  # bytes of a member read at a time
 _DRIVE = re.compile(r"[A-Za-z]:")
 
 
-def read_folder(
-    path: PathLike, *, device: Device, layout: Layout, progress: bool = False
-) -> tuple[LightField, str]:
-    """Read a folder of views."""
-    views = _folder_views(Path(path), layout)
-    return assemble(views, device=device, layout=layout, progress=progress)
-
-
 @contextmanager
-def open_folder(
-    path: PathLike, *, device: Device, layout: Layout
-) -> Iterator[tuple[StoredLightField, str]]:
-    """What `read_folder` reads, view by view when it is asked for."""
-    yield stored_views(_folder_views(Path(path), layout), layout=layout)
-
-
-def _folder_views(folder: Path, layout: Layout) -> ViewSet:
-    pattern, shape, files = find_views(folder, layout)
-    load = partial(read_view, max_bytes=layout.max_bytes)
-    return ViewSet(folder, pattern, shape, files, load)
+def open_folder(path: Path, *, device: Device, layout: Layout) -> Iterator[ViewSet]:
+    """Open a folder of views."""
+    pattern, shape, files = find_views(path, layout)
+    picture_of = partial(read_view, max_bytes=layout.max_bytes)
+    yield ViewSet(path, pattern, shape, files, picture_of, device, layout)
 
 
 def find_views(folder: Path, layout: Layout) -> tuple[Pattern, View, dict[View, str]]:
@@ -156,37 +144,18 @@ def _stanford(lf: LightField, v: int, u: int) -> str:
     return _PATTERNS["stanford"].format(v=v, u=u, y=-y, x=x)
 
 
-def read_archive(
-    path: PathLike, *, device: Device, layout: Layout, progress: bool = False
-) -> tuple[LightField, str]:
-    """Read a zip archive with one picture a view.
-
-    The names follow the rules of a folder, from the deepest folder on that holds all pictures.
-    """
-    path = Path(path)
-    with _opened_archive(path) as archive:
-        views = _archive_views(archive, path, layout)
-        return assemble(views, device=device, layout=layout, progress=progress)
-
-
 @contextmanager
-def open_archive(
-    path: PathLike, *, device: Device, layout: Layout
-) -> Iterator[tuple[StoredLightField, str]]:
-    """What `read_archive` reads, view by view while the archive is open."""
-    path = Path(path)
-    with _opened_archive(path) as archive:
-        yield stored_views(_archive_views(archive, path, layout), layout=layout)
-
-
-def _opened_archive(path: Path) -> zipfile.ZipFile:
+def open_archive(path: Path, *, device: Device, layout: Layout) -> Iterator[ViewSet]:
+    """Open a zip archive with one picture a view."""
     try:
-        return zipfile.ZipFile(path)
+        archive = zipfile.ZipFile(path)
     except UNREADABLE as error:
         raise FormatError(f"{path} is no zip archive that can be read ({error}).") from error
+    with archive:
+        yield _archive_views(archive, path, device, layout)
 
 
-def _archive_views(archive: zipfile.ZipFile, path: Path, layout: Layout) -> ViewSet:
+def _archive_views(archive: zipfile.ZipFile, path: Path, device: Device, layout: Layout) -> ViewSet:
     members = _members(archive, path)
     size = path.stat().st_size
     shown = views_only(members, pattern=layout.pattern)
@@ -197,13 +166,13 @@ def _archive_views(archive: zipfile.ZipFile, path: Path, layout: Layout) -> View
     names = [name[cut:] for name in shown if name.startswith(root)]
     found = arranged(names, [name[cut:] for name in pictures], layout, str(path))
 
-    def load(where: Path) -> np.ndarray[Any, Any]:
+    def picture_of(where: Path) -> np.ndarray[Any, Any]:
         info = members[where.relative_to(path).as_posix()]
         content = _content(archive, info, where, size, layout.max_bytes)
         values = decode_picture(content, where, max_bytes=layout.max_bytes)
         return with_channel_axis(without_alpha(values, where), content)
 
-    return ViewSet(path / inside, *found, load)
+    return ViewSet(path / inside, *found, picture_of, device, layout)
 
 
 def _members(archive: zipfile.ZipFile, path: Path) -> dict[str, zipfile.ZipInfo]:
@@ -230,7 +199,7 @@ def _content(
     where: Path,
     size: int,
     max_bytes: int | None,
-) -> bytes:
+) -> bytes | mmap:
     """The bytes of a member, never more than it declares; ``size`` is that of the archive."""
     if info.flag_bits & _ENCRYPTED:
         raise FormatError(f"The picture {where} is encrypted: make an archive without a password.")
@@ -249,8 +218,12 @@ def _content(
     )
     try:
         with archive.open(info) as member:
-            require_pixels(member.read(picture.HEAD), info.file_size, where)
+            require_pixels(member, info.file_size, where)
             member.seek(0)
+            is_tiff = member.read(4) in picture.TIFF
+            member.seek(0)
+            if is_tiff and info.file_size > picture.LARGE:
+                return _without_zeros(member, info.file_size)
             content = member.read(info.file_size + 1)
     except UNREADABLE as error:
         raise FormatError(f"The picture {where} cannot be read ({error}).") from error
@@ -259,5 +232,11 @@ def _content(
     return content
 
 
-FOLDER = Kind("a folder of views", NAME_WORDS, read_folder, open_folder, folder=True)
-ARCHIVE = Kind("an archive of views", NAME_WORDS, read_archive, open_archive, magic=ZIP)
+def _without_zeros(member: IO[bytes], size: int) -> mmap:
+    """The bytes of a large member; blocks of zeros, such as holes, take no memory."""
+    content = mmap(-1, size)
+    for start in range(0, size, _BLOCK):
+        block = member.read(min(_BLOCK, size - start))
+        if any(block):
+            content[start : start + len(block)] = block
+    return content

@@ -37,70 +37,54 @@ _KEPT = (np.dtype(np.uint8), np.dtype(np.uint16))
 
 @dataclass(frozen=True)
 class ViewSet:
-    """Which picture is which view, and how it is read.
+    """Which picture is which view, and how it is read."""
 
-    Attributes
-    ----------
-    where : pathlib.Path
-        The folder, or the folder in an archive, for messages.
-    pattern : Pattern
-    shape : tuple of int
-        (V, U) as the names count them.
-    files : dict
-        The name of each (v, u) that is there.
-    load : callable
-        ``where / name`` -> picture (y, x) or (y, x, 3); called by several threads.
-    """
-
-    where: Path
+    where: Path  # the folder, or the folder in an archive, for messages
     pattern: Pattern
-    shape: View
-    files: dict[View, str]
-    load: Callable[[Path], Array]
+    shape: View  # (V, U) as the names count them
+    files: dict[View, str]  # the name of each (v, u) that is there
+    # where / name -> picture (y, x) or (y, x, 3); called by several threads.
+    picture: Callable[[Path], Array]
+    device: Device
+    layout: Layout
+
+    def load(self, *, progress: bool = False) -> tuple[LightField, str]:
+        """Read all views straight into the memory of the device."""
+        missing = _missing(self)
+        places = positions_of(self.layout, self.shape, names=self.files)
+        data = _decode(self, missing, progress)
+        took = _sentence(data, self, len(missing))
+        with naming(self.where):
+            return LightField.from_array(data, device=self.device, positions=places), took
+
+    def stored(self) -> tuple[StoredLightField, str]:
+        """The same views read when they are asked for, each unpacked as a whole."""
+        missing, layout = _missing(self), self.layout
+        places = positions_of(layout, self.shape, names=self.files)
+        first = _first_readable(self)[1]
+        form, dtype = (first.shape, first.dtype), _kept(first.dtype, layout)
+        V, U = layout.shape(self.shape)
+        stored = StoredLightField(
+            (V, U, *first.shape),
+            dtype,
+            lambda block, out: _fill_part(self, form, block, out),
+            np.ones((V, U), np.float32),
+            (first.shape[0], first.shape[1]),
+            overhead=2 * _threads() * first.size * max(dtype.itemsize, first.itemsize),
+        )
+        took = _sentence(stored, self, len(missing))
+        with naming(self.where):
+            places = checked_positions(places, stored)
+            return replace(stored, positions=places, weights=stored.lit_weights()), took
 
 
-def assemble(
-    views: ViewSet, *, device: Device, layout: Layout, progress: bool = False
-) -> tuple[LightField, str]:
-    """Read all views straight into the memory of the device."""
-    missing = _missing(views, layout.allow_missing)
-    places = positions_of(layout, views.shape, names=views.files)
-    data = _decode(views, missing, device, layout, progress)
-    took = _sentence(data, views, layout, len(missing))
-    with naming(views.where):
-        return LightField.from_array(data, device=device, positions=places), took
+def _threads() -> int:
+    return min(_THREADS, os.cpu_count() or 1)
 
 
-def stored_views(views: ViewSet, *, layout: Layout) -> tuple[StoredLightField, str]:
-    """The same views read when they are asked for, each unpacked as a whole."""
-    missing = _missing(views, layout.allow_missing)
-    places = positions_of(layout, views.shape, names=views.files)
-    first = _first_readable(views)[1]
-    form, dtype = (first.shape, first.dtype), _kept(first.dtype, layout)
-    threads = min(_THREADS, os.cpu_count() or 1)
-    V, U = layout.shape(views.shape)
-
-    def fill(block: Selection, out: Array) -> None:
-        _fill_part(views, layout, form, block, out)
-
-    stored = StoredLightField(
-        (V, U, *first.shape),
-        dtype,
-        fill,
-        np.ones((V, U), np.float32),
-        (first.shape[0], first.shape[1]),
-        overhead=2 * threads * first.size * max(dtype.itemsize, first.itemsize),
-    )
-    took = _sentence(stored, views, layout, len(missing))
-    with naming(views.where):
-        places = checked_positions(places, stored)
-        return replace(stored, positions=places, weights=stored.lit_weights()), took
-
-
-def _fill_part(
-    views: ViewSet, layout: Layout, form: tuple[Any, ...], block: Selection, out: Array
-) -> None:
+def _fill_part(views: ViewSet, form: tuple[Any, ...], block: Selection, out: Array) -> None:
     """Some rows and columns of some views, unpacked by several threads."""
+    layout = views.layout
     v, u = layout.selected((block[0], block[1]), views.shape)
     target = layout.stored(out)
     problems: dict[str, str] = {}
@@ -112,7 +96,7 @@ def _fill_part(
             target[index] = 0
             return
         try:
-            picture = views.load(views.where / name)
+            picture = views.picture(views.where / name)
         except FormatError as error:
             problems[name] = _cause(error, views.where / name)
             return
@@ -124,7 +108,7 @@ def _fill_part(
         with np.errstate(all="ignore"):
             target[index] = linear(part) if layout.srgb else part
 
-    with ThreadPoolExecutor(min(_THREADS, os.cpu_count() or 1)) as pool:
+    with ThreadPoolExecutor(_threads()) as pool:
         list(pool.map(read, np.ndindex(*target.shape[:2])))
     if problems:
         raise _unusable(views, problems, len(views.files))
@@ -133,10 +117,10 @@ def _fill_part(
             require_finite(out.size - int(np.count_nonzero(np.isfinite(out))))
 
 
-def _missing(views: ViewSet, allowed: bool) -> list[View]:
+def _missing(views: ViewSet) -> list[View]:
     """The views without a file."""
     missing = [view for view in np.ndindex(*views.shape) if view not in views.files]
-    if missing and not allowed:
+    if missing and not views.layout.allow_missing:
         names = listed([f"(v={v}, u={u})" for v, u in missing])
         raise FormatError(
             f"{len(missing)} of {views.shape[0]} x {views.shape[1]} views are missing in "
@@ -146,19 +130,19 @@ def _missing(views: ViewSet, allowed: bool) -> list[View]:
     return missing
 
 
-def _decode(
-    views: ViewSet, missing: list[View], device: Device, layout: Layout, progress: bool
-) -> cla.Array:
+def _decode(views: ViewSet, missing: list[View], progress: bool) -> cla.Array:
     """All pictures in one array on the device; views that are missing are black."""
     known, first = _first_readable(views)
 
     def fill(stored: Array) -> None:
         for view in missing:
             stored[view] = 0
-        _fill(stored, views, known, first, layout.srgb, progress)
+        _fill(stored, views, known, first, progress)
 
     shape = (*views.shape, *first.shape)
-    return new_samples(shape, first.dtype, views.where, device=device, layout=layout, fill=fill)
+    return new_samples(
+        shape, first.dtype, views.where, device=views.device, layout=views.layout, fill=fill
+    )
 
 
 def new_samples(
@@ -198,9 +182,7 @@ def _kept(dtype: Any, layout: Layout) -> np.dtype[Any]:
     return np.dtype(dtype) if dtype in _KEPT and not layout.srgb else np.dtype(np.float32)
 
 
-def _fill(
-    stored: Array, views: ViewSet, known: View, first: Array, srgb: bool, progress: bool
-) -> None:
+def _fill(stored: Array, views: ViewSet, known: View, first: Array, progress: bool) -> None:
     """Decode all pictures by several threads; ``first`` is that of ``known``."""
     forms: dict[View, tuple[Any, ...]] = {}
     problems: dict[str, str] = {}
@@ -208,15 +190,15 @@ def _fill(
     def read(view: View) -> None:
         name = views.files[view]
         try:
-            picture = first if view == known else views.load(views.where / name)
+            picture = first if view == known else views.picture(views.where / name)
         except FormatError as error:
             problems[name] = _cause(error, views.where / name)
             return
         forms[view] = (picture.shape, picture.dtype)
         if forms[view] == (first.shape, first.dtype):
-            stored[view] = linear(picture) if srgb else picture
+            stored[view] = linear(picture) if views.layout.srgb else picture
 
-    with ThreadPoolExecutor(min(_THREADS, os.cpu_count() or 1)) as pool:
+    with ThreadPoolExecutor(_threads()) as pool:
         bar = tqdm(total=len(views.files), desc="reading", unit="view", disable=not progress)
         for _ in pool.map(read, views.files):
             bar.update()
@@ -231,7 +213,7 @@ def _first_readable(views: ViewSet) -> tuple[View, Array]:
     problems = {}
     for view, name in views.files.items():
         try:
-            return view, views.load(views.where / name)
+            return view, views.picture(views.where / name)
         except FormatError as error:
             problems[name] = _cause(error, views.where / name)
     raise _unusable(views, problems, len(problems))
@@ -275,7 +257,8 @@ def form_of(shape: tuple[int, ...], dtype: Any) -> str:
     return f"{' x '.join(str(n) for n in shape)} {dtype}"
 
 
-def _sentence(data: Any, views: ViewSet, layout: Layout, missing: int) -> str:
+def _sentence(data: Any, views: ViewSet, missing: int) -> str:
+    layout = views.layout
     parts = [
         f"{data.shape[0]} x {data.shape[1]} views (V x U) of {form_of(data.shape[2:], data.dtype)} "
         f"from {views.where}",

@@ -24,11 +24,9 @@ from clplen.io.lightfields.array_sources import (
     OpenSource,
     Source,
     axes_known,
-    light_field,
-    stored_light_field,
 )
-from clplen.io.lightfields.layout import ARRAY_WORDS, Kind, Layout, View
-from clplen.io.store import attributes, zarr_files
+from clplen.io.lightfields.layout import Layout, View
+from clplen.io.store import attributes
 from clplen.io.store.attributes import SAMPLES
 from clplen.io.store.opd_arrays import OPD, maps_of, read_zarr_maps, write_zarr_maps
 from clplen.io.store.zarr_files import (
@@ -40,7 +38,6 @@ from clplen.io.store.zarr_files import (
     zarr_package,
 )
 from clplen.lightfield.model.light_field import LightField
-from clplen.lightfield.model.stored_light_field import StoredLightField
 from clplen.outputs import MARK
 
 _CHUNK = 64 << 20  # bytes of the largest chunk that is written: it is unpacked as a whole
@@ -75,31 +72,18 @@ def write_zarr(path: PathLike, lf: LightField) -> None:
                 write_zarr_maps(inner.create_group(OPD), maps, FORMAT_2)
 
 
-def read_zarr(
-    path: PathLike, *, device: Device, layout: Layout, progress: bool = False
-) -> tuple[LightField, str]:
-    """Read a light field of `write_zarr`, or of another program.
+@contextmanager
+def open_zarr(path: Path, *, device: Device, layout: Layout) -> Iterator[OpenSource]:
+    """Open a light field of `write_zarr`, or of another program.
 
     Taken is the array that ``dataset=`` names, else the only array itself, else ``lightfield``,
     else the only one of 4 or 5 dimensions. Its axes are those of ``order=``, else of its attribute
     ``axes``, else v, u, y, x, c.
     """
-    path = Path(path)
-    with opened_store(path, "use .h5", max_bytes=layout.max_bytes) as root, reading(path):
-        found = _open_source(root, path, device, layout)
-        return light_field(found, device=device, layout=layout, progress=progress)
-
-
-@contextmanager
-def open_zarr(
-    path: PathLike, *, device: Device, layout: Layout
-) -> Iterator[tuple[StoredLightField, str]]:
-    """What `read_zarr` reads, part by part while the store is open."""
-    path = Path(path)
     with opened_store(path, "use .h5", max_bytes=layout.max_bytes) as root:
         with reading(path):
-            stored = stored_light_field(_open_source(root, path, device, layout), layout)
-        yield stored
+            found = _open_source(root, path, device, layout)
+        yield found
 
 
 def _open_source(root: Any, path: Path, device: Device, layout: Layout) -> OpenSource:
@@ -107,14 +91,14 @@ def _open_source(root: Any, path: Path, device: Device, layout: Layout) -> OpenS
     found = attributes_of(array)
     source = _source(array, found, path, layout)
     if array_name(array) != SAMPLES:
-        return OpenSource(source)
+        return OpenSource(source, device, layout)
     known: dict[str, Any] = dict(_arrays_beside(root, path, source.views, layout.max_bytes))
     placed = "positions" in known or layout.positions is not None
     spacing = attributes.spacing_in(found, path)
     if spacing is not None:  # positions stay where they are, and so does their unit
         known["spacing"] = spacing if placed else layout.oriented_spacing(spacing)
     known["camera"] = _camera(root, path, device)
-    return OpenSource(source, known, attributes.words_in(found, path))
+    return OpenSource(source, device, layout, known, attributes.words_in(found, path))
 
 
 def _chunks(lf: LightField) -> tuple[int, ...]:
@@ -211,6 +195,3 @@ def _camera(root: Any, path: Path, device: Device) -> Any:
 
 def _zarr() -> Any:
     return zarr_package("use .h5")
-
-
-ZARR = Kind("Zarr", ARRAY_WORDS, read_zarr, open_zarr, marks=zarr_files.MARKS)

@@ -32,21 +32,11 @@ _FAR = 1e9  # metres
 
 @dataclass(frozen=True)
 class PageOptions:
-    """How light fields are kept in a page.
+    """How light fields are kept in a page."""
 
-    Attributes
-    ----------
-    quality : int or None
-        Of JPEG, 1 to 100; None: without loss.
-    downscale : int
-        Pixels of the views along each axis for one of the page.
-    views : tuple of int or None
-        At most so many views (V, U), those in the middle.
-    """
-
-    quality: int | None = None
-    downscale: int = 1
-    views: tuple[int, int] | None = None
+    quality: int | None = None  # of JPEG, 1 to 100; None: without loss
+    downscale: int = 1  # pixels of the views along each axis for one of the page
+    views: tuple[int, int] | None = None  # at most so many views (V, U), those in the middle
 
     def __post_init__(self) -> None:
         if self.quality is not None and not 1 <= self.quality <= 100:

@@ -22,18 +22,11 @@ _THREADS = 4
 
 @dataclass
 class Content:
-    """What a page shows: a description of JSON that names parts of the data by their numbers.
+    """What a page shows: a description of JSON that names parts of the data by their numbers."""
 
-    Attributes
-    ----------
-    about : dict
-        ``title``, ``items``; for several results side by side ``compare`` and ``scores``.
-    blobs : list of callable
-        Each gives the bytes of a part.
-    """
-
+    # title, items; for several results side by side compare and scores.
     about: dict[str, Any] = field(default_factory=dict)
-    blobs: list[Blob] = field(default_factory=list)
+    blobs: list[Blob] = field(default_factory=list)  # each gives the bytes of a part
 
     def add(self, blob: Blob) -> int:
         """Keep a part; its number."""

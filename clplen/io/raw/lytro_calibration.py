@@ -44,25 +44,13 @@ Source = Callable[[], bytes]
 
 @dataclass(frozen=True)
 class WhiteImage:
-    """A white image of a calibration.
+    """A white image of a calibration."""
 
-    Attributes
-    ----------
-    name : str
-        Where it lies, for messages.
-    metadata : LytroMetadata
-    packing : Packing
-    size : int
-        Bytes of the stored image.
-    read_bytes : callable
-        () -> bytes, the stored image.
-    """
-
-    name: str
+    name: str  # where it lies, for messages
     metadata: LytroMetadata
     packing: Packing
-    size: int
-    read_bytes: Source
+    size: int  # bytes of the stored image
+    read_bytes: Source  # () -> bytes, the stored image
 
     def read(self, *, max_bytes: int | None = None) -> np.ndarray[Any, np.dtype[np.uint16]]:
         """The white image, uint16, shape (ny, nx), no level subtracted."""

@@ -21,11 +21,10 @@ import numpy as np
 from clplen.errors import FormatError
 from clplen.files import PathLike
 from clplen.io.formats.packing import Packing, packing_of, unpack
-from clplen.io.formats.untrusted import require_bytes
+from clplen.io.formats.untrusted import LYTRO, require_bytes
 from clplen.io.raw.lytro_metadata import LytroMetadata, lytro_metadata
 
-DESCRIBED = (".json", ".raw")  # what other tools take out of a container
-MAGIC = b"\x89LFP\r\n\x1a\n\0\0\0\1"
+_MAGIC = LYTRO + b"\0\0\0\1"
 _TABLE, _CONTENT = b"\x89LFM\r\n\x1a\n", b"\x89LFC\r\n\x1a\n"
 _HEAD = 16  # bytes of type, version and length
 _NAME = 80  # bytes of the name with its zeros
@@ -43,22 +42,12 @@ _METADATA, _PRIVATE = "_metadata", "_private_metadata"  # of other tools, before
 
 @dataclass(frozen=True)
 class Section:
-    """A section of a container.
+    """A section of a container."""
 
-    Attributes
-    ----------
-    table : bool
-        Whether it is the table of contents.
-    name : str
-        ``sha1-...``; empty for a section without data.
-    start, length : int
-        Where its data lie, in bytes.
-    """
-
-    table: bool
-    name: str
-    start: int
-    length: int
+    table: bool  # whether it is the table of contents
+    name: str  # sha1-...; empty for a section without data
+    start: int  # where its data lie, in bytes
+    length: int  # where its data lie, in bytes
 
 
 def read_container(
@@ -76,7 +65,7 @@ def read_lytro_frame(
     if not path.is_file():
         raise FormatError(f"There is no file {path}.")
     with path.open("rb") as file:
-        if file.read(8) == MAGIC[:8]:
+        if file.read(8) == LYTRO:
             return _read_container(path, file, max_bytes)
     raw, parts = _pair(path)
     with raw.open("rb") as file:
@@ -126,7 +115,7 @@ def processed_contents(path: PathLike) -> list[tuple[str, int]] | None:
     if not path.is_file():
         return None
     with path.open("rb") as file:
-        if file.read(8) != MAGIC[:8]:
+        if file.read(8) != LYTRO:
             return None
     table, sections = open_sections(path)
     names = {section.name for section in sections}
@@ -194,7 +183,7 @@ def _sections(path: Path, file: BufferedReader) -> Iterator[Section]:
     """The sections of a container, by their heads."""
     size = path.stat().st_size
     file.seek(0)
-    if file.read(_HEAD) != MAGIC + bytes(4):
+    if file.read(_HEAD) != _MAGIC + bytes(4):
         raise FormatError(f"{path} does not begin as a Lytro container of version 1.")
     place = _next_section(path, file, _HEAD)
     for number in range(_MOST):

@@ -20,45 +20,26 @@ _LARGEST_GAIN = 100.0
 
 @dataclass(frozen=True)
 class LytroMetadata:
-    """The metadata of a Lytro frame.
+    """The metadata of a Lytro frame."""
 
-    Attributes
-    ----------
-    model, serial : str or None
-        ``F01`` or ``ILLUM`` (``B01``), and the serial number of the camera.
-    zoom_step, focus_step : float or None
-        Positions of the lens' two motors, by which a white image is chosen.
-    exposure : float or None
-        Exposure time in seconds.
-    black, white : dict of str to float or None
-        Levels of the colours r, gr, gb, b in digital numbers.
-    white_balance : tuple of float or None
-        Factors of red, green and blue, green 1.
-    colour_matrix : numpy.ndarray or None
-        float64, shape (3, 3): linear sRGB = matrix @ camera RGB, white balanced.
-    lens_pitch, pixel_pitch : float or None
-        In metres.
-    rotation : float or None
-        Of the array of lenslets, radians.
-    lattice : str or None
-        "hexagonal", where the metadata tell so.
-    references : frozenset of str
-        Names (sha1) of the calibration that the camera itself refers to.
-    """
-
-    model: str | None = None
-    serial: str | None = None
+    model: str | None = None  # F01 or ILLUM (B01), and the serial number of the camera
+    serial: str | None = None  # F01 or ILLUM (B01), and the serial number of the camera
+    # Positions of the lens' two motors, by which a white image is chosen.
     zoom_step: float | None = None
+    # Positions of the lens' two motors, by which a white image is chosen.
     focus_step: float | None = None
-    exposure: float | None = None
-    black: dict[str, float] | None = None
-    white: dict[str, float] | None = None
+    exposure: float | None = None  # exposure time in seconds
+    black: dict[str, float] | None = None  # levels of the colours r, gr, gb, b in digital numbers
+    white: dict[str, float] | None = None  # levels of the colours r, gr, gb, b in digital numbers
+    # Factors of red, green and blue, green 1.
     white_balance: tuple[float, float, float] | None = None
+    # float64, shape (3, 3): linear sRGB = matrix @ camera RGB, white balanced.
     colour_matrix: np.ndarray[Any, np.dtype[np.float64]] | None = None
-    lens_pitch: float | None = None
-    pixel_pitch: float | None = None
-    rotation: float | None = None
-    lattice: str | None = None
+    lens_pitch: float | None = None  # in metres
+    pixel_pitch: float | None = None  # in metres
+    rotation: float | None = None  # of the array of lenslets, radians
+    lattice: str | None = None  # "hexagonal", where the metadata tell so
+    # Names (sha1) of the calibration that the camera itself refers to.
     references: frozenset[str] = frozenset()
 
     @property

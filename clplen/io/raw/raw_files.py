@@ -19,25 +19,38 @@ import numpy as np
 
 from clplen.compute.device import DeviceLike, as_device
 from clplen.errors import FormatError
-from clplen.files import PathLike, naming, replacing
+from clplen.files import PathLike, naming
 from clplen.io.formats import picture, tiff
 from clplen.io.formats.picture import read_picture, without_alpha
 from clplen.io.formats.tiff import read_tiff_frame
-from clplen.io.formats.untrusted import require_bytes, require_room
-from clplen.io.raw import lytro_container, raytrix
+from clplen.io.formats.untrusted import (
+    LYTRO,
+    LYTRO_DESCRIBED,
+    RAYTRIX_SUFFIXES,
+    require_room,
+)
 from clplen.io.raw.lytro_container import read_container
 from clplen.io.raw.raytrix import read_raytrix
 from clplen.io.raw.sensor_tiff import SensorTags, sensor_tags, write_sensor_tiff
 from clplen.io.store import hdf5_files
 from clplen.io.store.attributes import CAMERA, CAMERA_NAMES, RAW, SAMPLES, of_camera, read_camera
-from clplen.io.store.hdf5_files import attributes_of, dataset_of, opened, storage
-from clplen.io.store.opd_arrays import OPD, maps_of, read_hdf5_maps, write_hdf5_maps
+from clplen.io.store.hdf5_files import (
+    attributes_of,
+    created,
+    dataset_of,
+    opened,
+    read_array,
+)
+from clplen.io.store.opd_arrays import (
+    OPD,
+    read_hdf5_maps,
+    write_camera,
+)
 from clplen.lightfield.calibration.lattice_fit import estimate_lattice
 from clplen.lightfield.calibration.lattice_trust import require_camera, require_trust
 from clplen.lightfield.raw.lenslet_grid import LensType
 from clplen.lightfield.raw.lenslet_lattice import Lattice
 from clplen.lightfield.raw.raw_image import Levels, RawImage
-from clplen.outputs import MARK
 
 Frame = np.ndarray[Any, Any]
 Bayer = str | tuple[tuple[str, ...], ...]  # filters as `decode_raw` takes them
@@ -96,28 +109,18 @@ def write_raw(
             f"A raw image is written as .h5, with its camera, or as .tif, not as {Path(path).name}."
         )
     camera: Any = raw.camera
-    known = of_camera(camera)
-    if known is None:
+    if of_camera(camera) is None:
         raise ValueError(
             "This raw image was taken by no camera of this package: keep its picture by "
             "write_picture and its lattice by Lattice.save."
         )
-    with replacing(path, durable=durable) as temporary:
-        try:
-            with h5py.File(temporary, "w") as file:
-                file.attrs["software"] = MARK
-                data = file.create_dataset(RAW, data=raw.to_numpy())
-                data.attrs["pixel_pitch"] = float(raw.pixel_pitch)
-                data.attrs["wavelength"] = float(camera.wavelength)
-                if raw.levels is not None:
-                    data.attrs[LEVELS] = [raw.levels.black, raw.levels.white, raw.levels.bit_depth]
-                group = file.create_group(CAMERA)
-                group.attrs.update(known)
-                maps = maps_of(camera)
-                if maps is not None:
-                    write_hdf5_maps(group.create_group(OPD), maps)
-        except RuntimeError as error:  # a full disk, found when the file is closed
-            raise OSError(str(error)) from error
+    with created(path, durable=durable) as file:
+        data = file.create_dataset(RAW, data=raw.to_numpy())
+        data.attrs["pixel_pitch"] = float(raw.pixel_pitch)
+        data.attrs["wavelength"] = float(camera.wavelength)
+        if raw.levels is not None:
+            data.attrs[LEVELS] = [raw.levels.black, raw.levels.white, raw.levels.bit_depth]
+        write_camera(file, camera)
 
 
 def is_raw(file: h5py.File) -> bool:
@@ -179,16 +182,7 @@ def read_raw_file(
         if camera is None:
             raise FormatError(f"{path} does not tell which camera took its raw image.")
         _require_sensor(dataset, camera.grid.shape, path)
-        stored, ratio = storage(dataset, path, max_bytes)
-        require_bytes(
-            math.prod(dataset.shape) * dataset.dtype.itemsize,
-            path=path,
-            what=f"the dataset {RAW!r}",
-            stored=stored,
-            ratio=ratio,
-            max_bytes=max_bytes,
-        )
-        data = np.ascontiguousarray(dataset[...], np.float32)
+        data = np.ascontiguousarray(read_array(dataset, path, max_bytes), np.float32)
         levels = _levels(attributes_of(dataset, [LEVELS], path).get(LEVELS), path)
     raw = camera.raw_image(device.upload(data))
     return replace(raw, levels=levels, mosaic=raw.mosaic if data.ndim == 2 else None)
@@ -260,8 +254,8 @@ def read_frame(
     if frame is not None:
         raise FormatError(f"frame= counts the frames of a TIFF, {path} holds one only.")
     with path.open("rb") as file:
-        lytro = file.read(8) == lytro_container.MAGIC[:8]
-    if lytro or path.suffix.lower() in (*lytro_container.DESCRIBED, ".txt"):
+        lytro = file.read(8) == LYTRO
+    if lytro or path.suffix.lower() in (*LYTRO_DESCRIBED, ".txt"):
         return read_container(path, max_bytes=max_bytes)
     if path.suffix.lower() not in picture.SUFFIXES:
         raise FormatError(
@@ -344,13 +338,13 @@ def read_raw(
     path = Path(path)
     types: tuple[LensType, ...] = ()
     beside = any(one is not None for one in (white, dark, grid))
-    if beside and path.suffix.lower() in (*raytrix.SUFFIXES, *hdf5_files.SUFFIXES):
+    if beside and path.suffix.lower() in (*RAYTRIX_SUFFIXES, *hdf5_files.SUFFIXES):
         raise ValueError(f"{path.name} tells the lenses: white=, dark= and grid= do not apply.")
     if path.suffix.lower() in hdf5_files.SUFFIXES:
         if image is not None or frame is not None:
             raise ValueError(f"{path.name} holds one raw image: image= and frame= do not apply.")
         return read_raw_file(path, device=device)
-    if path.suffix.lower() in raytrix.SUFFIXES:
+    if path.suffix.lower() in RAYTRIX_SUFFIXES:
         values, _ = read_frame(picture_of(path) if image is None else image, frame=frame)
         levels, mosaic = None, None
         lattice, types = _calibrated(path, _shape(values))
@@ -361,7 +355,7 @@ def read_raw(
         black = None if dark is None else _like(dark, values, path)[0]
         tags = sensor_tags(path) if values.ndim == 2 else None
         lattice = _lattice(path, values, white, black, grid, force)
-        if grid is not None and Path(grid).suffix.lower() in raytrix.SUFFIXES:
+        if grid is not None and Path(grid).suffix.lower() in RAYTRIX_SUFFIXES:
             types = _calibrated(Path(grid), _shape(values))[1]
         values, levels, mosaic = _without_dark(values, black, tags)
     device = as_device(device)
@@ -423,7 +417,7 @@ def read_lattice(path: PathLike, shape: tuple[int, int]) -> Lattice:
     ('square', (15.0, 15.0), (120, 150))
     """
     path = Path(path)
-    if path.suffix.lower() in raytrix.SUFFIXES:
+    if path.suffix.lower() in RAYTRIX_SUFFIXES:
         calibration = read_raytrix(path)
         with _refusing(path):
             return calibration.lattice(shape)

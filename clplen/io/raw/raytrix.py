@@ -32,8 +32,6 @@ _NEAR = 0.05  # lens diameters: how far a lens of a type may lie from the lattic
 
 _SQUARE = 0.1  # cosine up to which base vectors are at right angles
 _HEXAGON = 0.06  # relative differences among neighbours of a hexagonal lattice
-SUFFIXES = (".xml", ".ray")
-MARK = b"<RayCalibData"
 _LONGEST = 1 << 20  # bytes
 _RANGE = ("min", "max")
 

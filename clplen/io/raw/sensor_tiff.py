@@ -38,23 +38,12 @@ _PARTS = 10000  # of 1, in rational numbers
 
 @dataclass(frozen=True)
 class SensorTags:
-    """What the tags of a TIFF tell of its numbers.
+    """What the tags of a TIFF tell of its numbers."""
 
-    Attributes
-    ----------
-    mosaic : tuple of tuple of str or None
-        Letters of the colour filters, row by row from pixel (0, 0).
-    black : numpy.ndarray
-        Black level of the pixels of a tile, float64, shape (rows, columns).
-    white : float or None
-        Number of a saturated pixel.
-    neutral : tuple of float or None
-        Signal of white behind red, green and blue, relative.
-    """
-
-    mosaic: Tile | None
-    black: Frame
-    white: float | None
+    mosaic: Tile | None  # letters of the colour filters, row by row from pixel (0, 0)
+    black: Frame  # black level of the pixels of a tile, float64, shape (rows, columns)
+    white: float | None  # number of a saturated pixel
+    # Signal of white behind red, green and blue, relative.
     neutral: tuple[float, float, float] | None
 
     def black_frame(self, shape: tuple[int, int]) -> Frame | None:

@@ -18,19 +18,25 @@ import numpy as np
 from clplen.cameras.scenes.ground_truth import Truth
 from clplen.checks import fits_float64
 from clplen.errors import FormatError
-from clplen.files import PathLike, replacing
+from clplen.files import PathLike
 from clplen.io.formats import npy, pfm, picture
 from clplen.io.formats.npy import map_npy
 from clplen.io.formats.pfm import read_pfm
 from clplen.io.formats.picture import read_picture
-from clplen.io.formats.untrusted import require_bytes
 from clplen.io.lightfields.hdf5_lightfields import is_matlab
 from clplen.io.results import hci
 from clplen.io.store import hdf5_files, zarr_files
-from clplen.io.store.hdf5_files import attributes_of, contents, dataset_of, number, opened, storage
+from clplen.io.store.hdf5_files import (
+    attributes_of,
+    contents,
+    created,
+    dataset_of,
+    number,
+    opened,
+    read_array,
+)
 from clplen.io.store.ome_tiff import read_ome_page
 from clplen.io.store.ome_zarr import read_omezarr_channel
-from clplen.outputs import MARK
 
 # convert2hdf5.py; a MATLAB struct; ours
 _DISPARITY = ("disp_lowres", "LF/disp_lowres", "disparity")
@@ -86,17 +92,12 @@ def write_truth(path: PathLike, truth: Truth, *, durable: bool = False) -> None:
     if np.isfinite(truth.z).any():
         maps["z"] = truth.z
     maps |= {f"{_MASKS}/{name}": mask.astype(np.uint8) for name, mask in truth.masks.items()}
-    with replacing(path, durable=durable) as temporary:
-        try:
-            with h5py.File(temporary, "w") as file:
-                file.attrs["software"] = MARK
-                file.attrs["view"] = "centre, (V - 1)/2, (U - 1)/2"
-                for name, values in maps.items():
-                    units, meaning = _MEANINGS.get(name.rpartition("/")[2], ("", ""))
-                    file.create_dataset(name, data=values)
-                    file[name].attrs.update({"units": units, "meaning": meaning})
-        except RuntimeError as error:  # a full disk, found when the file is closed
-            raise OSError(str(error)) from error
+    with created(path, durable=durable) as file:
+        file.attrs["view"] = "centre, (V - 1)/2, (U - 1)/2"
+        for name, values in maps.items():
+            units, meaning = _MEANINGS.get(name.rpartition("/")[2], ("", ""))
+            file.create_dataset(name, data=values)
+            file[name].attrs.update({"units": units, "meaning": meaning})
 
 
 def read_scene_truth(path: PathLike, *, max_bytes: int | None = None) -> Truth:
@@ -296,16 +297,7 @@ def _picture(
             f"{path}: {dataset.name!r} of shape {dataset.shape} holds {dataset.dtype}, no map "
             "(y, x) of real numbers."
         )
-    stored, ratio = storage(dataset, path, max_bytes)
-    require_bytes(
-        math.prod(dataset.shape) * dataset.dtype.itemsize,
-        path=path,
-        what=f"the dataset {dataset.name!r}",
-        stored=stored,
-        ratio=ratio,
-        max_bytes=max_bytes,
-    )
-    values = np.asarray(dataset[view], np.float32)
+    values = np.asarray(read_array(dataset, path, max_bytes, view), np.float32)
     return np.ascontiguousarray(values.T) if turned else values
 
 

@@ -2,11 +2,7 @@
 
 from __future__ import annotations
 
-import html
-import json
 import math
-import re
-from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
@@ -14,20 +10,20 @@ import h5py
 import numpy as np
 
 from clplen.errors import FormatError
-from clplen.files import PathLike, replacing
+from clplen.files import PathLike
 from clplen.hdf5_safety import require_own
 from clplen.io.formats import npy, pfm, tiff
 from clplen.io.formats.npy import write_npy
 from clplen.io.formats.pfm import write_pfm
 from clplen.io.formats.picture import write_picture
-from clplen.io.results.stack_files import numbers
+from clplen.io.results.stack_files import numbers, planes_of
 from clplen.io.store import hdf5_files
-from clplen.io.store.picture_blocks import Block, as_block
-from clplen.io.store.picture_series import is_ome, is_series, write_series
+from clplen.io.store.hdf5_files import created
+from clplen.io.store.picture_blocks import as_block
+from clplen.io.store.picture_series import describe_series, is_ome, is_series, write_series
 from clplen.lightfield.focused.focused_depth import FocusedDepth, FocusedMaps
 from clplen.lightfield.focused.focused_picture import FocusedImage, FocusedStack, PictureGrid
 from clplen.lightfield.raw.raw_image import Spacing
-from clplen.outputs import MARK
 
 _M = "b/a, magnification of the lenslets; > 0: they see an image before the array"
 _MAP = f"m, {_M}"
@@ -104,7 +100,7 @@ def write_focused(
     axes = ("ZYX" if is_stack else "YX") + ("S" if len(shape) == 4 else "")
     write_series(
         path,
-        _planes(made) if isinstance(made, FocusedStack) else as_block(made.to_numpy()[None]),
+        planes_of(made) if isinstance(made, FocusedStack) else as_block(made.to_numpy()[None]),
         shape=shape,
         axes=axes,
         description=_said_of(made) | _said_of_grid(made.grid),
@@ -112,12 +108,6 @@ def write_focused(
         durable=durable,
         replace=replace,
     )
-
-
-def _planes(stack: FocusedStack) -> Iterator[Block]:
-    rows, columns = (slice(0, n) for n in stack.shape[1:3])
-    for i in range(stack.shape[0]):
-        yield slice(i, i + 1), rows, columns, stack.device.download(stack.data[i])[None]
 
 
 def _said_of(made: FocusedImage | FocusedStack) -> dict[str, Any]:
@@ -241,11 +231,8 @@ def _found_in_tiff(path: Path) -> tuple[str, dict[str, Any]] | None:
             about, shape = first.description, tuple(first.shape)
         if about == _MAP:
             return f"a map of m = b/a {_BY}", {"shape": shape}
-        text = re.search("<Description>(.*?)</Description>", about, re.DOTALL)
-        said = json.loads(html.unescape(text[1])) if text else None
+        said = describe_series(path)
         found: dict[str, Any] = {"shape": (count, *shape) if count > 1 else shape}
-        if not isinstance(said, dict):
-            return None
         if said.get("m") == _M:
             return f"depth {_BY}", found
         if said.get("magnification") != _M:
@@ -284,16 +271,11 @@ def _write_hdf5(path: Path, depth: FocusedDepth, maps: FocusedMaps, durable: boo
     of_lenslets = {name: text for name, text in _LENSLETS.items() if name not in ("centre", "type")}
     lenslets: dict[str, np.ndarray[Any, Any]] = {"centre": geometry.places, "type": geometry.kinds}
     lenslets |= _known(depth, of_lenslets)
-    with replacing(path, durable=durable) as temporary:
-        try:
-            with h5py.File(temporary, "w") as file:
-                file.attrs["software"] = MARK
-                _put(file.create_group("lenslets"), lenslets, _LENSLETS)
-                picture = file.create_group("picture")
-                _put(picture, _known(maps, _CHANNELS), _CHANNELS)
-                picture.attrs.update(_said_of_grid(maps.grid))
-        except RuntimeError as error:  # a full disk, found when the file is closed
-            raise OSError(str(error)) from error
+    with created(path, durable=durable) as file:
+        _put(file.create_group("lenslets"), lenslets, _LENSLETS)
+        picture = file.create_group("picture")
+        _put(picture, _known(maps, _CHANNELS), _CHANNELS)
+        picture.attrs.update(_said_of_grid(maps.grid))
 
 
 def _put(group: h5py.Group, arrays: dict[str, np.ndarray[Any, Any]], texts: dict[str, str]) -> None:

@@ -6,16 +6,14 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
-import h5py
 import numpy as np
 
 from clplen.cameras.optics.opd_maps import OPDMaps
 from clplen.errors import FormatError
-from clplen.files import PathLike, replacing
+from clplen.files import PathLike
 from clplen.io.formats.zemax_map import ZemaxMap, read_zemax_map
 from clplen.io.store import hdf5_files
 from clplen.io.store.opd_arrays import OPD, read_hdf5_maps, write_hdf5_maps
-from clplen.outputs import MARK
 
 
 def write_opd_maps(path: PathLike, maps: OPDMaps, *, durable: bool = False) -> None:
@@ -47,13 +45,8 @@ def write_opd_maps(path: PathLike, maps: OPDMaps, *, durable: bool = False) -> N
     """
     if Path(path).suffix.lower() not in hdf5_files.SUFFIXES:
         raise ValueError(f"OPD maps are written as .h5, not as {Path(path).name}.")
-    with replacing(path, durable=durable) as temporary:
-        try:
-            with h5py.File(temporary, "w") as file:
-                file.attrs["software"] = MARK
-                write_hdf5_maps(file.create_group(OPD), maps)
-        except RuntimeError as error:  # a full disk, found when the file is closed
-            raise OSError(str(error)) from error
+    with hdf5_files.created(path, durable=durable) as file:
+        write_hdf5_maps(file.create_group(OPD), maps)
 
 
 def read_opd_maps(path: PathLike, *, max_bytes: int | None = None) -> OPDMaps:

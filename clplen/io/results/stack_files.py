@@ -21,8 +21,9 @@ from clplen.io.formats.pfm import write_pfm
 from clplen.io.formats.picture import write_picture
 from clplen.io.results.disparity_maps import read_disparity
 from clplen.io.store.picture_blocks import Block, Tiles, as_block
-from clplen.io.store.picture_series import is_ome, is_series, read_series, write_series
+from clplen.io.store.picture_series import is_ome, is_series, open_series, write_series
 from clplen.lightfield.depth.depth_maps import DepthMap, as_depth_map
+from clplen.lightfield.focused.focused_picture import FocusedStack
 from clplen.lightfield.model.alpha_law import depth_at
 from clplen.lightfield.raw.raw_image import Spacing, is_telecentric
 from clplen.lightfield.refocusing.focal_stacks import FocalStack
@@ -92,7 +93,7 @@ def write_stack(
     """
     if not is_series(path):
         raise ValueError(f"A focal stack is written as .tif or .zarr, not as {Path(path).name}.")
-    blocks: Iterable[Block] = _planes(stack) if isinstance(stack, FocalStack) else stack
+    blocks: Iterable[Block] = planes_of(stack) if isinstance(stack, FocalStack) else stack
     write_series(
         path,
         _shown(blocks, stack.shape) if progress else blocks,
@@ -140,17 +141,20 @@ def read_stack(
     >>> found.disparities.tolist(), bool((found.to_numpy() == stack.to_numpy()).all())
     ([-0.5, 0.0, 0.5, 1.0], True)
     """
-    series = read_series(path, what="a focal stack", max_bytes=max_bytes)
-    count = len(series.values)
-    known = [_vector(series.about.get(name), count) for name in ("disparities", "alphas")]
-    if known[0] is None:
-        raise FormatError(
-            f"{path} does not say the disparities of its {count} planes: it is no focal stack of "
-            "write_stack."
-        )
     device = as_device(device)
+    with open_series(path, what="a focal stack", max_bytes=max_bytes) as series:
+        count = series.shape[0]
+        known = [_vector(series.about.get(name), count) for name in ("disparities", "alphas")]
+        if known[0] is None:
+            raise FormatError(
+                f"{path} does not say the disparities of its {count} planes: it is no focal stack "
+                "of write_stack."
+            )
+        data = device.empty(series.shape, np.float32)
+        with device.on_host(data) as host:
+            series.read(host)
     return FocalStack(
-        device.upload(np.ascontiguousarray(series.values, np.float32)),
+        data,
         device,
         known[0],
         np.full(count, np.nan) if known[1] is None else known[1],
@@ -167,7 +171,7 @@ def _vector(values: Any, count: int) -> np.ndarray[Any, np.dtype[np.float64]] | 
     return float64_array([math.nan if value is None else value for value in values])
 
 
-def _planes(stack: FocalStack) -> Iterator[Block]:
+def planes_of(stack: FocalStack | FocusedStack) -> Iterator[Block]:
     """The pictures of a stack on a device, one after the other."""
     rows, columns = (slice(0, n) for n in stack.shape[1:3])
     for i in range(stack.shape[0]):
@@ -317,11 +321,13 @@ def read_depth(path: PathLike, *, max_bytes: int | None = None) -> DepthMap:
     ((32, 32), True)
     """
     if is_ome(path):
-        series = read_series(path, what="a depth map", max_bytes=max_bytes)
-        names = [name for name in _CHANNELS if name in series.about]
-        if "confidence" not in names or len(names) != len(series.values):
-            raise FormatError(f"{path} does not name its maps: it is no depth map of write_depth.")
-        known = dict(zip(names, series.values.astype(np.float32), strict=True))
+        with open_series(path, what="a depth map", max_bytes=max_bytes) as series:
+            names = [name for name in _CHANNELS if name in series.about]
+            if "confidence" not in names or len(names) != series.shape[0]:
+                raise FormatError(
+                    f"{path} does not name its maps: it is no depth map of write_depth."
+                )
+            known = dict(zip(names, series.read(np.empty(series.shape, np.float32)), strict=True))
     else:
         known = {"disparity": read_disparity(path, max_bytes=max_bytes)}
     unknown = np.full_like(known["disparity"], np.nan)
@@ -419,8 +425,8 @@ def read_image(
     >>> image.shape, float(image.to_numpy().mean())
     ((24, 32, 3), 0.5)
     """
-    series = read_series(path, what="a picture", max_bytes=max_bytes)
-    values = series.values
+    with open_series(path, what="a picture", max_bytes=max_bytes) as series:
+        values = series.read()
     if series.axes == "cyx":
         values = np.moveaxis(values, 0, -1)[None]
     if len(values) != 1:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Sequence
-from contextlib import AbstractContextManager, contextmanager, nullcontext
+from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -18,7 +18,7 @@ from clplen.io.formats.npy import map_npy
 from clplen.io.formats.tiff import read_tiff_stacks, stack_axes
 from clplen.io.formats.untrusted import require_bytes
 from clplen.io.store import zarr_files
-from clplen.io.store.picture_series import describe_series, multiscales, pixel_of, plane_step
+from clplen.io.store.picture_series import axes_in, multiscales, read_description
 from clplen.io.store.zarr_files import opened_store, storage
 
 Array = np.ndarray[Any, Any]
@@ -63,10 +63,9 @@ class StoredFile:
             groups = ([self._page(t, z) for z in range(self.shape[0])] for t in times)
             yield from read_tiff_stacks(self.path, groups, max_bytes=self.max_bytes)
             return
-        is_zarr = suffix == zarr_files.SUFFIX
-        with _zarr(self.path) if is_zarr else _npy(self.path) as level:
+        with _opened(self.path) as (level, _):
             for t in times:
-                self._require(level if is_zarr else None)
+                self._require(level if suffix == zarr_files.SUFFIX else None)
                 place = tuple({"t": t, "c": 0}.get(axis, slice(None)) for axis in self.axes)
                 yield np.asarray(level[place])
 
@@ -214,17 +213,16 @@ def _described(path: Path, max_bytes: int | None) -> StoredFile:
         raise FormatError(f"{path} holds no volume of numbers (t, z, y, x): its axes are {axes}.")
     if axes.get("c", 1) > 1:
         raise FormatError(f"{path} has {axes['c']} channels: give a file of one of them.")
-    about, count = describe_series(path), axes.get("z", 1)
+    said, count = read_description(path), axes.get("z", 1)
     planes: Array | None = None
-    um, steps = about.get("planes_um"), plane_step(path)
+    um, steps = said.about.get("planes_um"), said.planes
     if isinstance(um, list) and len(um) == count:
         planes = np.array(um, np.float64) * 1e-6
     elif steps is not None:
         planes = steps[0] + steps[1] * np.arange(count)
     elif count == 1:
         planes = np.zeros(1)
-    is_array = path.suffix.lower() in npy.SUFFIXES
-    return StoredFile(path, axes, sides, planes, None if is_array else pixel_of(path), max_bytes)
+    return StoredFile(path, axes, sides, planes, said.pixel, max_bytes)
 
 
 def _axes(path: Path) -> tuple[dict[str, int], tuple[int, int], str]:
@@ -238,11 +236,8 @@ def _axes(path: Path) -> tuple[dict[str, int], tuple[int, int], str]:
         return axes, first.shape[1:], first.dtype.kind
     if suffix not in (zarr_files.SUFFIX, *npy.SUFFIXES):
         raise FormatError(f"{path} is no volume: volumes are {_KINDS}.")
-    names = ""
-    with _zarr(path) if suffix == zarr_files.SUFFIX else _npy(path) as level:
+    with _opened(path) as (level, names):
         shape, kind = tuple(level.shape), np.dtype(level.dtype).kind
-    if suffix == zarr_files.SUFFIX:
-        names = _names(path)
     names = names if len(names) == len(shape) else _ORDERS.get(len(shape), "")
     if names[-2:] != "yx" or not set(names[:-2]) <= set("tcz") or len(set(names)) != len(names):
         raise FormatError(f"{path} holds shape {shape} with axes {names!r}, not (t, z, y, x).")
@@ -251,29 +246,18 @@ def _axes(path: Path) -> tuple[dict[str, int], tuple[int, int], str]:
     return sizes, sides, kind
 
 
-def _names(path: Path) -> str:
-    """A letter for each axis of an OME-Zarr."""
-    with opened_store(path, "write .tif") as group:
-        try:
-            return "".join(str(axis["name"])[:1].lower() for axis in multiscales(group)["axes"])
-        except (KeyError, IndexError, TypeError):
-            return ""
-
-
 @contextmanager
-def _zarr(path: Path) -> Iterator[Any]:
-    """The full size of an OME-Zarr."""
+def _opened(path: Path) -> Iterator[tuple[Any, str]]:
+    """The array of a NumPy file, or the full size of an OME-Zarr with a letter for each axis."""
+    if path.suffix.lower() != zarr_files.SUFFIX:
+        yield map_npy(path, what="a volume"), ""
+        return
     with opened_store(path, "write .tif") as group:
         try:
             name = str(multiscales(group)["datasets"][0]["path"])
         except (KeyError, IndexError, TypeError):
             name = "0"
-        yield group[name]
-
-
-def _npy(path: Path) -> AbstractContextManager[Any]:
-    """The array of a NumPy file, as it lies on the disk."""
-    return nullcontext(map_npy(path, what="a volume"))
+        yield group[name], axes_in(group)
 
 
 def _compare(first: StoredFile, other: StoredFile) -> None:

@@ -15,7 +15,7 @@ from clplen.io.formats import npy
 from clplen.io.formats.npy import map_npy
 from clplen.io.formats.untrusted import require_bytes
 from clplen.io.store.picture_blocks import Array, as_block
-from clplen.io.store.picture_series import describe_series, is_series, read_series, write_series
+from clplen.io.store.picture_series import describe_series, is_series, open_series, write_series
 
 
 def write_volume(
@@ -125,10 +125,9 @@ def read_volume(path: PathLike, *, max_bytes: int | None = None) -> tuple[Array,
     """
     path = Path(path)
     if path.suffix.lower() not in npy.SUFFIXES:
-        series = read_series(
-            path, what="a volume", kinds=".tif, .zarr and .npy", max_bytes=max_bytes
-        )
-        values, about = series.values, series.about
+        kinds = ".tif, .zarr and .npy"
+        with open_series(path, what="a volume", kinds=kinds, max_bytes=max_bytes) as series:
+            values, about = series.read(), series.about
     else:
         mapped = map_npy(path, what="a volume")
         size = path.stat().st_size

@@ -19,8 +19,8 @@ import numpy as np
 import tifffile
 
 from clplen.files import replacing, said_of
-from clplen.io.formats import tiff
 from clplen.io.store.picture_blocks import Array
+from clplen.io.store.picture_series import describe_series, ome_of
 from clplen.io.store.series_layout import Record, SeriesLayout, checked_series
 from clplen.outputs import MARK
 
@@ -54,7 +54,7 @@ class GrowingTiff:
             if _is_begun(path):
                 text = _counted(path).read_text(encoding="utf-8")
             else:
-                text = next(item.text or "" for item in _ome(path).iter() if _is_text(item))
+                text = json.dumps(describe_series(path))
             about, records = checked_series(json.loads(text))
             about.pop("software", None)
             return about, records
@@ -131,10 +131,10 @@ class GrowingTiff:
         """Give the whole file what is said of its volumes, and its own name."""
         hidden = _hidden(self.path)
         with said_of(self.path):
-            root = _ome(hidden)
+            root = ome_of(hidden)
             ET.register_namespace("", _NAMESPACE)
             for item in root.iter():
-                if _is_text(item):
+                if item.tag.endswith("Description"):
                     item.text = json.dumps({**self.layout.about, "records": self.records})
             text = ET.tostring(root, encoding="unicode")
             tifffile.tiffcomment(hidden, ('<?xml version="1.0" encoding="UTF-8"?>' + text).encode())
@@ -169,15 +169,3 @@ def _counted(path: Path) -> Path:
 def _is_begun(path: Path) -> bool:
     """Return whether there is a file with missing volumes, and what counts them; no links."""
     return all(one.is_file() and not one.is_symlink() for one in (_hidden(path), _counted(path)))
-
-
-def _ome(path: Path) -> ET.Element:
-    with tiff.open_tiff(path) as file:
-        text = file.pages.first.description or "<OME/>"
-    if "<!DOCTYPE" in text or "<!ENTITY" in text:  # could claim any amount of memory
-        raise ValueError("a description with entities")
-    return ET.fromstring(text)
-
-
-def _is_text(element: ET.Element) -> bool:
-    return element.tag.endswith("Description")

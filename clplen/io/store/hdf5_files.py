@@ -12,10 +12,11 @@ import h5py
 import numpy as np
 
 from clplen.errors import FormatError
-from clplen.files import require_file
+from clplen.files import PathLike, replacing, require_file
 from clplen.hdf5_safety import members, require_heaps, require_own
 from clplen.io.formats.untrusted import DEFLATE, listed, reading, require_bytes
 from clplen.io.store.attributes import plain
+from clplen.outputs import MARK
 
 SUFFIXES = (".h5", ".hdf5")
 MAGIC = b"\x89HDF\r\n\x1a\n"
@@ -42,6 +43,18 @@ def opened(path: Path) -> Iterator[h5py.File]:
     with reading(path), h5py.File(path, "r") as file:
         require_own(file, path)
         yield file
+
+
+@contextmanager
+def created(path: PathLike, *, durable: bool = False) -> Iterator[h5py.File]:
+    """A new HDF5 file with clplen's mark, which appears whole or not at all."""
+    with replacing(path, durable=durable) as temporary:
+        try:
+            with h5py.File(temporary, "w") as file:
+                file.attrs["software"] = MARK
+                yield file
+        except RuntimeError as error:  # a full disk, found when the file is closed
+            raise OSError(str(error)) from error
 
 
 def datasets(file: h5py.File) -> Iterator[tuple[str, h5py.Dataset]]:
@@ -113,6 +126,23 @@ def storage(dataset: h5py.Dataset, path: Path, max_bytes: int | None) -> tuple[i
         max_bytes=max_bytes,
     )
     return stored, ratio
+
+
+def read_array(
+    dataset: h5py.Dataset, path: Path, max_bytes: int | None, part: Any = ...
+) -> np.ndarray[Any, Any]:
+    """The samples of a dataset, refused where it declares more than the file or memory holds."""
+    name = str(dataset.name).strip("/")
+    stored, ratio = storage(dataset, path, max_bytes)
+    require_bytes(
+        math.prod(dataset.shape) * dataset.dtype.itemsize,
+        path=path,
+        what=f"the dataset {name!r}",
+        stored=stored,
+        ratio=ratio,
+        max_bytes=max_bytes,
+    )
+    return np.asarray(dataset[part])
 
 
 def _ratio(dataset: h5py.Dataset, path: Path) -> float:

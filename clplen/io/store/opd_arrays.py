@@ -20,6 +20,7 @@ from clplen.cameras.optics.opd_maps import OPDMaps
 from clplen.errors import FormatError
 from clplen.io.formats.untrusted import UNREADABLE, require_bytes
 from clplen.io.store import hdf5_files, zarr_files
+from clplen.io.store.attributes import CAMERA, of_camera
 
 OPD = "opd"
 ARRAYS = ("path", "transmission", "edge", "fields", "wavelengths", "distortion", "pupil_shift")
@@ -38,6 +39,17 @@ def write_hdf5_maps(group: Any, maps: OPDMaps) -> None:
     for name, array in _arrays(maps).items():
         group.create_dataset(name, data=array)
     group.attrs.update(_numbers(maps))
+
+
+def write_camera(file: h5py.File, camera: Any) -> None:
+    """Keep a camera of this package with its maps in a group of its own."""
+    known = of_camera(camera)
+    if known is not None:
+        group = file.create_group(CAMERA)
+        group.attrs.update(known)
+        maps = maps_of(camera)
+        if maps is not None:
+            write_hdf5_maps(group.create_group(OPD), maps)
 
 
 def write_zarr_maps(group: Any, maps: OPDMaps, words: dict[str, Any]) -> None:

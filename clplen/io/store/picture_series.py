@@ -5,9 +5,10 @@ from __future__ import annotations
 import json
 import math
 import xml.etree.ElementTree as ET
-from collections.abc import Iterable
-from dataclasses import dataclass
-from mmap import ACCESS_READ, mmap
+from collections.abc import Callable, Iterable, Iterator
+from contextlib import ExitStack, contextmanager
+from dataclasses import dataclass, field, replace
+from itertools import product
 from pathlib import Path
 from typing import Any
 
@@ -17,7 +18,6 @@ from clplen.checks import check_finite, float64_array
 from clplen.errors import FormatError
 from clplen.files import PathLike, require_file
 from clplen.io.formats import tiff
-from clplen.io.formats.tiff import decode_tiff_stack
 from clplen.io.formats.untrusted import require_bytes
 from clplen.io.store import zarr_files
 from clplen.io.store.ome_tiff import CHANNELS, write_ome
@@ -25,6 +25,10 @@ from clplen.io.store.ome_zarr import write_omezarr
 from clplen.io.store.picture_blocks import Array, Block
 from clplen.io.store.zarr_files import opened_store, storage
 
+Part = tuple[slice, slice, Array]
+
+_ALL = slice(None)
+_BLOCK = 16 << 20  # bytes of an OME-Zarr read at a time, at least one chunk high and deep
 _INSTEAD = "write .tif"
 _MICROMETRES = ("µm", "micrometer")
 
@@ -52,98 +56,164 @@ def write_series(path: PathLike, blocks: Iterable[Block], *, replace: bool, **kn
 
 
 @dataclass(frozen=True)
-class PictureSeries:
-    """Pictures that a file holds, and what it says of them.
+class OpenSeries:
+    """Pictures of an open file, and what it says of them."""
 
-    Attributes
-    ----------
-    values : numpy.ndarray
-        As stored, shape (n, y, x) or (n, y, x, c).
-    about : dict
-        The description that `write_series` was given; empty for files of other programs.
-    pixel : tuple of float or None
-        (dy, dx) in metres, where the file says them.
-    axes : str
-        A letter for each axis that an OME-Zarr names, in its own order; else empty.
-    """
+    shape: tuple[int, ...]  # (n, y, x) or (n, y, x, c)
+    dtype: np.dtype[Any]  # as stored
+    # Returns an iterator over (planes, rows, values), values of shape (planes, rows, x[, c]).
+    parts: Callable[[], Iterator[Part]]
+    # The description that `write_series` was given; empty for files of other programs.
+    about: dict[str, Any] = field(default_factory=dict)
+    pixel: tuple[float, float] | None = None  # (dy, dx) in metres, where the file says them
+    axes: str = ""  # A letter for each axis that an OME-Zarr names, in its own order; else empty
 
-    values: Array
-    about: dict[str, Any]
-    pixel: tuple[float, float] | None = None
-    axes: str = ""
+    def read(self, out: Array | None = None) -> Array:
+        """Read all pictures, into a given array part by part."""
+        out = np.empty(self.shape, self.dtype) if out is None else out
+        with np.errstate(over="ignore", invalid="ignore"):  # casts of hostile numbers
+            for planes, rows, values in self.parts():
+                part = out[planes, rows]
+                part[...] = values.reshape(part.shape)
+        return out
 
 
-def read_series(
+@contextmanager
+def open_series(
     path: PathLike, *, what: str, kinds: str = ".tif and .zarr", max_bytes: int | None = None
-) -> PictureSeries:
-    """Read all pictures of an OME-TIFF, an OME-Zarr, or a TIFF whose pages are alike."""
+) -> Iterator[OpenSeries]:
+    """Open an OME-TIFF, an OME-Zarr, or a TIFF whose pages are alike."""
     path = Path(path)
-    noun, axes = what.partition(" ")[2], ""
+    noun, suffix = what.partition(" ")[2], path.suffix.lower()
     require_file(path, noun, folder=True)
+    with ExitStack() as files:
+        with _unreadable(path, noun):
+            if suffix == zarr_files.SUFFIX:
+                series = _open_zarr(files, path, what, max_bytes)
+            elif suffix in tiff.SUFFIXES:
+                series = _open_tiff(path, noun, max_bytes)
+            else:
+                raise ValueError(f"{noun}s are {kinds}")
+        said, shape = read_description(path), series.shape
+        if len(shape) == 3 and not series.axes and said.about.get(CHANNELS) == 1:
+            shape = (*shape, 1)
+        if len(shape) not in (3, 4) or series.dtype.kind not in "uif" or 0 in shape:
+            raise FormatError(f"{path} holds {series.dtype} of shape {shape}, no {noun}.")
+
+        def parts() -> Iterator[Part]:
+            with _unreadable(path, noun):
+                yield from series.parts()
+
+        yield replace(series, shape=shape, parts=parts, about=said.about, pixel=said.pixel)
+
+
+@contextmanager
+def _unreadable(path: Path, noun: str) -> Iterator[None]:
+    """Make a FormatError of what parsers raise on damaged files."""
     try:
-        if path.suffix.lower() == zarr_files.SUFFIX:
-            values, axes = _zarr_pictures(path, what, max_bytes)
-        elif path.suffix.lower() in tiff.SUFFIXES:
-            size = path.stat().st_size
-            require_bytes(
-                size, path=path, what=f"the {noun}", stored=size, ratio=1, max_bytes=max_bytes
-            )
-            with path.open("rb") as file, mmap(file.fileno(), 0, access=ACCESS_READ) as content:
-                values = decode_tiff_stack(content, path, max_bytes=max_bytes)
-        else:
-            raise ValueError(f"{noun}s are {kinds}")
+        yield
     except FormatError:
         raise
-    except Exception as error:  # what parsers raise on damaged files
+    except Exception as error:
         raise FormatError(f"{path} is no {noun} that can be read ({str(error)[:200]}).") from error
-    about = describe_series(path)
-    if values.ndim == 3 and not axes and about.get(CHANNELS) == 1:
-        values = values[..., None]
-    if values.ndim not in (3, 4) or values.dtype.kind not in "uif" or values.size == 0:
-        raise FormatError(f"{path} holds {values.dtype} of shape {values.shape}, no {noun}.")
-    return PictureSeries(values, about, _pixel(path), axes)
 
 
-def _zarr_pictures(path: Path, what: str, max_bytes: int | None) -> tuple[Array, str]:
+def _open_tiff(path: Path, noun: str, max_bytes: int | None) -> OpenSeries:
+    size = path.stat().st_size
+    require_bytes(size, path=path, what=f"the {noun}", stored=size, ratio=1, max_bytes=max_bytes)
+    shape, dtype = tiff.stack_shape(path, max_bytes=max_bytes)
+
+    def parts() -> Iterator[Part]:
+        for number, picture in enumerate(tiff.read_tiff_pages(path, max_bytes=max_bytes)):
+            yield slice(number, number + 1), _ALL, picture[None]
+
+    return OpenSeries(shape, dtype, parts)
+
+
+def _open_zarr(files: ExitStack, path: Path, what: str, max_bytes: int | None) -> OpenSeries:
     """The full size of an OME-Zarr as (n, y, x) or (n, y, x, c), and the letters of its axes."""
-    with opened_store(path, _INSTEAD, max_bytes) as group:
-        level = group["0"]
-        stored, ratio = storage(level, path, what, max_bytes)
-        nbytes = math.prod(level.shape) * np.dtype(level.dtype).itemsize
-        require_bytes(nbytes, path=path, what=what, stored=stored, ratio=ratio, max_bytes=max_bytes)
-        values, axes = np.asarray(level[...]), _axes_in(group)
-    if values.ndim == 2:
-        values = values[None]
-    if values.ndim == 4 and axes.startswith("c"):
-        values = np.moveaxis(values, 0, -1)
-    return values, axes
+    group = files.enter_context(opened_store(path, _INSTEAD, max_bytes))
+    level, axes = group["0"], axes_in(group)
+    stored, ratio = storage(level, path, what, max_bytes)
+    dtype, shape = np.dtype(level.dtype), tuple(int(n) for n in level.shape)
+    nbytes = math.prod(shape) * dtype.itemsize
+    require_bytes(nbytes, path=path, what=what, stored=stored, ratio=ratio, max_bytes=max_bytes)
+    if len(shape) == 2:
+        return OpenSeries((1, *shape), dtype, lambda: iter([(_ALL, _ALL, level[...][None])]))
+    colours = len(shape) == 4 and axes.startswith("c")
+    chunks, axis = level.chunks, 1 if colours else 0  # of the planes
+    steps = chunks[axis], chunks[axis + 1]
+    rest = nbytes // max(1, math.prod(shape[axis : axis + 2]))  # bytes of a row of a plane
+    rows = max(1, _BLOCK // max(1, steps[0] * steps[1] * rest)) * steps[1]
+
+    def parts() -> Iterator[Part]:
+        for plane, row in product(range(0, shape[axis], steps[0]), range(0, shape[axis + 1], rows)):
+            place = slice(plane, plane + steps[0]), slice(row, row + rows)
+            values = np.asarray(level[(slice(None),) * axis + place])
+            yield *place, np.moveaxis(values, 0, -1) if colours else values
+
+    return OpenSeries((*shape[1:], shape[0]) if colours else shape, dtype, parts, axes=axes)
 
 
-def _axes_in(group: Any) -> str:
+def axes_in(group: Any) -> str:
     """A letter for each axis of an OME-Zarr; empty where it names none."""
     try:
-        names = [str(axis["name"]) for axis in group.attrs["multiscales"][0]["axes"]]
+        return "".join(str(axis["name"])[:1].lower() for axis in multiscales(group)["axes"])
     except (KeyError, IndexError, TypeError):
         return ""
-    return "".join(name[:1] for name in names)
+
+
+def multiscales(group: Any) -> dict[str, Any]:
+    """The first description of an OME-Zarr's pyramid, of OME-NGFF 0.4 or 0.5."""
+    attributes = dict(group.attrs)
+    return dict(attributes.get("ome", attributes)["multiscales"][0])
+
+
+@dataclass(frozen=True)
+class SeriesDescription:
+    """What a file says of its pictures; empty or None where it says nothing."""
+
+    about: dict[str, Any] = field(default_factory=dict)  # what `write_series` was given
+    pixel: tuple[float, float] | None = None  # (dy, dx) in metres
+    planes: tuple[float, float] | None = None  # z of plane 0 and the distance of planes, in metres
+
+
+def read_description(path: PathLike) -> SeriesDescription:
+    """What a file says of its pictures; nothing if there is no such file."""
+    path = Path(path)
+    try:
+        if path.suffix.lower() != zarr_files.SUFFIX:
+            root = ome_of(path)
+            return _described(_about_of_ome(root), *_steps_of_ome(root))
+        with opened_store(path, _INSTEAD) as group:
+            about = group.attrs.get("clplen") if "0" in group else {}
+            return _described(about, *_steps_of_zarr(group))
+    except Exception:  # what other programs wrote, or nothing
+        return SeriesDescription()
 
 
 def describe_series(path: PathLike) -> dict[str, Any]:
     """What `write_series` was given as description; empty if there is no such file."""
-    path = Path(path)
-    try:
-        if path.suffix.lower() == zarr_files.SUFFIX:
-            with opened_store(path, _INSTEAD) as group:
-                about = group.attrs["clplen"] if "0" in group else {}
-        else:
-            root = _ome(path)
-            about = json.loads(next(item.text or "" for item in root.iter() if _is_text(item)))
-    except Exception:  # what other programs wrote, or nothing
-        return {}
-    return dict(about) if isinstance(about, dict) else {}
+    return read_description(path).about
 
 
-def _ome(path: Path) -> ET.Element:
+def _described(about: Any, first: float, steps: dict[str, Any]) -> SeriesDescription:
+    """Steps are those of axes whose unit is a micrometre."""
+    sizes = {}
+    for axis, step in steps.items():
+        try:
+            sizes[axis] = 1e-6 * float(step)
+        except (TypeError, ValueError):
+            continue
+    sizes = {axis: size for axis, size in sizes.items() if 0 < size < math.inf}
+    return SeriesDescription(
+        dict(about) if isinstance(about, dict) else {},
+        (sizes["y"], sizes["x"]) if {"y", "x"} <= set(sizes) else None,
+        (1e-6 * first, sizes["z"]) if "z" in sizes and math.isfinite(first) else None,
+    )
+
+
+def ome_of(path: Path) -> ET.Element:
     """The OME description of a TIFF."""
     with tiff.open_tiff(path) as file:
         text = file.pages.first.description or "<OME/>"
@@ -152,69 +222,33 @@ def _ome(path: Path) -> ET.Element:
     return ET.fromstring(text)
 
 
-def _is_text(element: ET.Element) -> bool:
-    return element.tag.endswith("Description")
-
-
-def _pixel(path: Path) -> tuple[float, float] | None:
-    """The size of a pixel in metres, where a file says it in micrometres."""
+def _about_of_ome(root: ET.Element) -> Any:
+    texts = (item.text for item in root.iter() if item.tag.endswith("Description"))
     try:
-        if path.suffix.lower() == zarr_files.SUFFIX:
-            with opened_store(path, _INSTEAD) as group:
-                scales = multiscales(group)
-                units = [axis.get("unit") for axis in scales["axes"][-2:]]
-                (moves, *_) = (data["coordinateTransformations"] for data in scales["datasets"])
-                sizes = moves[0]["scale"][-2:]
-        else:
-            (pixels, *_) = (item for item in _ome(path).iter() if item.tag.endswith("Pixels"))
-            units = [pixels.get(f"PhysicalSize{axis}Unit") for axis in "YX"]
-            sizes = [pixels.attrib[f"PhysicalSize{axis}"] for axis in "YX"]
-        dy, dx = (1e-6 * float(size) for size in sizes)
-    except Exception:  # what other programs wrote, or nothing
-        return None
-    known = all(unit in _MICROMETRES for unit in units) and 0 < min(dy, dx) < math.inf
-    return (dy, dx) if known else None
+        return json.loads(next(texts) or "")
+    except (StopIteration, ValueError, RecursionError):
+        return {}
 
 
-def times_in(path: PathLike) -> int:
-    """How many times the pictures of an OME-TIFF are of, one after the other; 1 if unknown."""
+def _steps_of_ome(root: ET.Element) -> tuple[float, dict[str, Any]]:
+    pixels = next((item for item in root.iter() if item.tag.endswith("Pixels")), None)
+    if pixels is None:
+        return 0.0, {}
+    sizes = {axis: pixels.get(f"PhysicalSize{axis.upper()}") for axis in "zyx"}
+    units = {axis: pixels.get(f"PhysicalSize{axis.upper()}Unit", "µm") for axis in "zyx"}
+    return 0.0, {axis: size for axis, size in sizes.items() if units[axis] in _MICROMETRES}
+
+
+def _steps_of_zarr(group: Any) -> tuple[float, dict[str, Any]]:
     try:
-        pixels = next(item for item in _ome(Path(path)).iter() if item.tag.endswith("Pixels"))
-        return max(1, int(pixels.get("SizeT", "1")))
-    except Exception:  # what other programs wrote, or nothing
-        return 1
-
-
-def plane_step(path: PathLike) -> tuple[float, float] | None:
-    """z of plane 0 and the distance of planes in metres, where a file says them in micrometres."""
-    path = Path(path)
-    try:
-        if path.suffix.lower() == zarr_files.SUFFIX:
-            with opened_store(path, _INSTEAD) as group:
-                scales = multiscales(group)
-                names = [str(axis["name"]) for axis in scales["axes"]]
-                unit = scales["axes"][names.index("z")].get("unit")
-                moves = scales["datasets"][0]["coordinateTransformations"]
-                step = next(move["scale"] for move in moves if "scale" in move)[names.index("z")]
-                shifts = [move["translation"] for move in moves if "translation" in move]
-                first = float(shifts[0][names.index("z")]) if shifts else 0.0
-        else:
-            pixels = next(item for item in _ome(path).iter() if item.tag.endswith("Pixels"))
-            unit, step = pixels.get("PhysicalSizeZUnit", "µm"), pixels.attrib["PhysicalSizeZ"]
-            first = 0.0
-        found = (1e-6 * first, 1e-6 * float(step))
-    except Exception:  # what other programs wrote, or nothing
-        return None
-    known = unit in _MICROMETRES and 0 < found[1] < math.inf and math.isfinite(found[0])
-    return found if known else None
-
-
-def pixel_of(path: PathLike) -> tuple[float, float] | None:
-    """The size (dy, dx) of a pixel in metres, where a file says it in micrometres."""
-    return _pixel(Path(path))
-
-
-def multiscales(group: Any) -> dict[str, Any]:
-    """The first description of an OME-Zarr's pyramid, of OME-NGFF 0.4 or 0.5."""
-    attributes = dict(group.attrs)
-    return dict(attributes.get("ome", attributes)["multiscales"][0])
+        scales = multiscales(group)
+        units = {str(axis["name"]): axis.get("unit") for axis in scales["axes"]}
+        moves = {}
+        for move in scales["datasets"][0]["coordinateTransformations"]:
+            for name in {"scale", "translation"} & set(move):
+                moves[name] = dict(zip(units, move[name], strict=True))
+        first = float(moves.get("translation", {}).get("z", 0))
+        steps = moves["scale"].items()
+    except (KeyError, IndexError, TypeError, ValueError, AttributeError):
+        return 0.0, {}
+    return first, {axis: step for axis, step in steps if units[axis] in _MICROMETRES}

@@ -11,29 +11,14 @@ Record = dict[str, Any]  # "name", "residual", "iterations", "range", "remarks" 
 
 @dataclass(frozen=True)
 class SeriesLayout:
-    """Volumes of a series, all alike.
+    """Volumes of a series, all alike."""
 
-    Attributes
-    ----------
-    frames : int
-        Of the whole series.
-    shape : tuple of int
-        (planes, y, x) of each.
-    voxel : tuple of float
-        (dy, dx) in metres.
-    planes : tuple of float
-        z of each plane in metres.
-    depth : float or None
-        Distance of planes that are equidistant, in metres.
-    about : dict
-        What else is known of all of them, of JSON.
-    """
-
-    frames: int
-    shape: tuple[int, int, int]
-    voxel: tuple[float, float]
-    planes: tuple[float, ...]
-    depth: float | None
+    frames: int  # of the whole series
+    shape: tuple[int, int, int]  # (planes, y, x) of each
+    voxel: tuple[float, float]  # (dy, dx) in metres
+    planes: tuple[float, ...]  # z of each plane in metres
+    depth: float | None  # distance of planes that are equidistant, in metres
+    # What else is known of all of them, of JSON.
     about: dict[str, Any] = field(default_factory=dict)
 
     @property

@@ -33,30 +33,14 @@ _LARGEST = 16  # bytes of a number
 
 @dataclass(frozen=True)
 class Packing:
-    """How the chunks of an array are packed.
+    """How the chunks of an array are packed."""
 
-    Attributes
-    ----------
-    samples : int
-        Of a chunk; of a shard, of a chunk in it.
-    compressor : str or None
-        Its name in format 2.
-    packed : bool
-        Whether a compressor or filter makes the stored bytes fewer.
-    shard : int
-        Chunks in a shard; 0 where there are no shards.
-    index_bytes : int
-        Of the index of a shard.
-    index_first : bool
-        Whether the index lies at the beginning of a shard.
-    """
-
-    samples: int
-    compressor: str | None
-    packed: bool = False
-    shard: int = 0
-    index_bytes: int = 0
-    index_first: bool = False
+    samples: int  # of a chunk; of a shard, of a chunk in it
+    compressor: str | None  # its name in format 2
+    packed: bool = False  # whether a compressor or filter makes the stored bytes fewer
+    shard: int = 0  # chunks in a shard; 0 where there are no shards
+    index_bytes: int = 0  # of the index of a shard
+    index_first: bool = False  # whether the index lies at the beginning of a shard
 
     @property
     def largest(self) -> int:

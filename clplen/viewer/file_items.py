@@ -3,18 +3,15 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from contextlib import ExitStack
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Protocol
 
-import click
 import numpy as np
 
-from clplen.cli.shared.console import note
-from clplen.cli.shared.focused import Opened, suitable_ms, tells
-from clplen.cli.shared.focused import read as open_raw
-from clplen.errors import ClplenError, FormatError
+from clplen.errors import ClplenError, FormatError, ShapeError
 
 if TYPE_CHECKING:
     from clplen.compute.device import Device
@@ -30,44 +27,39 @@ Item = dict[str, Any]
 _SERIES = (".tif", ".tiff", ".zarr")
 _PICTURES = (".png", ".jpg", ".jpeg", ".bmp", ".pgm", ".ppm", ".tif", ".tiff")
 _MOST_SAMPLES = 40_000_000  # of a page whose light field is read part by part
-_MS = 15  # planes of a focused raw image
-# Words that tell that a file is a light field.
+# Options that tell that a file is a light field.
 _TELLING = ("views", "pattern", "white", "grid", "calibration", "order", "positions", "lattice")
 
 
+class FocusedImage(Protocol):
+    """A raw image of a focused camera, and the white image of its camera where one is given."""
+
+    raw: Any
+    white: Values | None
+
+    @property
+    def flat(self) -> Values | None:
+        """The white image, of one channel."""
+
+
 @dataclass(frozen=True)
-class Shown:
-    """How files are shown.
+class PageBuilder:
+    """How files become the items of a page."""
 
-    Attributes
-    ----------
-    content : Content
-        What items are added to.
-    options : PageOptions
-    layout : dict
-        Words of layout as the command line has them.
-    selector : str or None
-        Of the device.
-    depth : bool
-        Whether the depth map of a light field is computed.
-    depth_file : pathlib.Path or None
-        Where it is read from instead.
-    memory : int or None
-        Bytes for a light field that is read part by part, of which the page has coarser views.
-    held : contextlib.ExitStack
-        Files that stay open as long as the page is served.
-    light_fields : list
-        Those that were shown, in the order of their items.
-    """
-
-    content: Content
+    content: Content  # what items are added to
     options: PageOptions
-    layout: dict[str, Any]
-    selector: str | None
-    depth: bool
-    depth_file: Path | None = None
+    layout: dict[str, Any]  # words of layout as the command line has them
+    selector: str | None  # of the device
+    depth: bool  # whether the depth map of a light field is computed
+    # Path -> `FocusedImage` and its planes m, or None for other files.
+    focused: Callable[[Path], tuple[FocusedImage, Values] | None]
+    note: Callable[[str], None]  # says a sentence to the user
+    depth_file: Path | None = None  # where the depth map is read from instead
+    # Bytes for a light field that is read part by part, of which the page has coarser views.
     memory: int | None = None
+    # Files that stay open as long as the page is served.
     held: ExitStack = field(default_factory=ExitStack)
+    # Those that were shown, in the order of their items.
     light_fields: list[LightField | StoredLightField] = field(default_factory=list)
 
     def device(self) -> Device:
@@ -79,8 +71,9 @@ class Shown:
         """The items of a file or folder."""
         if not source.exists():
             raise FormatError(f"There is no file or folder {source}.")
-        if tells(source) and not self._is_ordinary(source):
-            return self._focused(open_raw(source, self.selector, self.layout, None), source.stem)
+        focused = None if self._is_ordinary(source) else self.focused(source)
+        if focused is not None:
+            return self._of_focused(*focused, source.stem)
         meant = any(self.layout[word] for word in _TELLING)
         item = None if meant else self._described(source)
         if item is not None:
@@ -115,8 +108,6 @@ class Shown:
         else:
             lf = self.held.enter_context(open_lightfield(source, device=device, **self.layout))
             options = replace(options, downscale=max(options.downscale, _downscale(lf.shape)))
-            if self.depth_file is not None:
-                raise click.UsageError("--depth-map goes without --memory.")
         self.light_fields.append(lf)
         item = light_field_item(
             lf,
@@ -151,7 +142,7 @@ class Shown:
         try:
             return depth_map(lf)
         except ClplenError as error:
-            note(f"the page has no depth map: {error}")
+            self.note(f"the page has no depth map: {error}")
             return None
 
     def _described(self, source: Path) -> Item | None:
@@ -182,11 +173,12 @@ class Shown:
 
     def _series(self, source: Path, about: dict[str, Any]) -> Item:
         """A focal stack, a volume, or other pictures that are alike, of one time or several."""
+        from clplen.io.formats import tiff
         from clplen.io.page.volume_item import volume_item
-        from clplen.io.store.picture_series import read_series, times_in
+        from clplen.io.store.picture_series import open_series
 
-        series = read_series(source, what="a series", max_bytes=self.layout["max_bytes"])
-        values, call = series.values, "read_volume"
+        with open_series(source, what="a series", max_bytes=self.layout["max_bytes"]) as series:
+            values, call = series.read(), "read_volume"
         words: dict[str, Any] = {"dtype": values.dtype}
         voxel: tuple[float | None, float, float] | None = None
         if series.pixel is not None:
@@ -197,7 +189,9 @@ class Shown:
             plain = ("disparity", "", np.array(about["disparities"], np.float64))
             words["planes"] = plain if None in alphas else ratio
             call = "read_stack"
-        times = len(values) if series.axes[:2] == "tz" else times_in(source)
+        is_tiff = source.suffix.lower() in tiff.SUFFIXES
+        times = tiff.stack_axes(source)["T"] if is_tiff else 1
+        times = len(values) if series.axes[:2] == "tz" else times
         count = times if values.ndim == 4 and series.axes[:2] == "tz" else 1
         if count == 1 and times > 1 and len(values) % times == 0:
             values = values.reshape(times, -1, *values.shape[1:])
@@ -282,7 +276,7 @@ class Shown:
         item["python"] = f"data = clplen.io.read_picture({str(source)!r})"
         return item
 
-    def _focused(self, opened: Opened, name: str) -> list[Item]:
+    def _of_focused(self, opened: FocusedImage, ms: Values, name: str) -> list[Item]:
         """A raw image of a focused camera: everything in focus, planes, m, and the raw image."""
         from clplen.io.page.volume_item import volume_item
         from clplen.lightfield.focused.focused_depth import focused_depth, focused_maps
@@ -294,7 +288,6 @@ class Shown:
         sharp = render_focused(
             opened.raw, method="depth", depth=found, white=opened.white, step=step
         )
-        ms = suitable_ms(opened, _MS)
         stack = focused_stack(opened.raw, ms=ms, white=opened.white, step=step)
         maps = focused_maps(
             opened.raw,
@@ -321,9 +314,7 @@ def series_of_times(items: list[Item], name: str) -> Item:
         item["kind"] == "volume" and item["shape"][1:] == first["shape"][1:] for item in items
     )
     if not same:
-        raise click.UsageError(
-            "--time takes volumes, stacks or pictures of one size, one file a time."
-        )
+        raise ShapeError("--time takes volumes, stacks or pictures of one size, one file a time.")
     levels = [(item["samples"]["low"], item["samples"]["step"]) for item in items]
     blobs = [blob for item in items for blob in item["samples"]["blobs"]]
     times = sum(item["shape"][0] for item in items)
