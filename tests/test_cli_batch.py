@@ -126,7 +126,7 @@ def test_a_worker_without_a_scheduler(monkeypatch: pytest.MonkeyPatch):
     """A port that is closed, one that is silent, and one that speaks something else."""
     pytest.importorskip("distributed", reason="the extra batch is not installed")
     monkeypatch.setattr("clplen.batch.running.network._GREETING", 0.1)
-    monkeypatch.setattr("clplen.batch.running.network.check_certificates.__defaults__", (0.1,))
+    monkeypatch.setattr("clplen.batch.running.network.check_scheduler.__defaults__", (0.1,))
     monkeypatch.setattr("os.execve", lambda *_: pytest.fail("started"))
 
     class Other(socketserver.BaseRequestHandler):

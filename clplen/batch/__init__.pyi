@@ -3,7 +3,6 @@ from .jobs.tables import InputTable as InputTable
 from .jobs.tables import StackTable as StackTable
 from .jobs.task import Report as Report
 from .jobs.task import Task as Task
-from .running.certificates import make_certificates as make_certificates
 from .running.estimate import JobEstimate as JobEstimate
 from .running.estimate import estimate_job as estimate_job
 from .running.job import Job as Job

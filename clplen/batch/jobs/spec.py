@@ -49,9 +49,6 @@ class JobSpec(RunTable):
         light fields are streamed. None: half of the free memory, shared by the workers.
     workers : int
         Processes on this computer; more than one needs the extra ``batch``.
-    certificates : str or None
-        Folder of ``clplen batch --make-certificates``, by which workers on several computers know
-        each other; seen from the job file.
     retries : int
         How often an item that failed for a reason that may pass, or was lost, is tried again.
 
@@ -136,12 +133,9 @@ class JobSpec(RunTable):
         workers: int | None = None,
         device: str | list[str] | None = None,
         memory: int | str | None = None,
-        certificates: PathLike | None = None,
     ) -> Spec:
         """The same job with other settings of its run; see `clplen.batch.run_job`."""
         given = {"workers": workers, "device": device, "memory": memory}
-        if certificates is not None:
-            given["certificates"] = str(Path(certificates).absolute())
         given = {name: value for name, value in given.items() if value is not None}
         try:
             how = RunTable.model_validate(given)
@@ -158,11 +152,6 @@ class JobSpec(RunTable):
     def output_folder(self) -> Path:
         """Where the results go."""
         return self._folder / self.output
-
-    @property
-    def certificates_folder(self) -> Path | None:
-        """Where the certificates are."""
-        return None if self.certificates is None else self._folder / self.certificates
 
     def contents(self) -> dict[str, Any]:
         """All keys that decide the results, without those of the run: for comparing jobs."""

@@ -253,7 +253,6 @@ class RunTable(Table):
     device: Annotated[list[str], BeforeValidator(listed)] | None = None
     memory: Size | None = None
     workers: Count = 1
-    certificates: Annotated[str, Field(min_length=1)] | None = None
     retries: Annotated[int, Field(ge=0, le=100, strict=True)] = 1
 
 
@@ -274,8 +273,6 @@ output = "results"              # a folder in it for each light field
 # memory = "4 GiB"              # default: half of what is free, shared by the workers; of each
                                 # worker, larger light fields are streamed
 # workers = 1                   # processes; more than one needs pip install "clplen[batch]"
-# certificates = "certificates" # default: none; for workers on several computers, the folder of
-                                # 'clplen batch --make-certificates'
 # retries = 1                   # of what failed for a reason that may pass, or was lost
 
 # Where light fields come from: any of [[inputs]], [[simulations]] and [[scenes]], several of each

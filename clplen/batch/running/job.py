@@ -159,6 +159,7 @@ def choose_executor(
     *,
     scheduler: str | None = None,
     host: str | None = None,
+    certificates: PathLike | None = None,
     insecure: bool = False,
     running: Running | None = None,
 ) -> Callable[[Path], AbstractContextManager[Any]]:
@@ -174,9 +175,7 @@ def choose_executor(
     from clplen.batch.running.cluster import existing_cluster, local_cluster
     from clplen.batch.running.network import network_of
 
-    network = network_of(
-        scheduler, host=host, certificates=job.certificates_folder, insecure=insecure
-    )
+    network = network_of(scheduler, host=host, certificates=certificates, insecure=insecure)
     if scheduler is not None:
         return partial(existing_cluster, network=network, memory=job.memory)
     return partial(
@@ -202,7 +201,7 @@ class Job(JobSpec):
         Where light fields come from; at least one.
     stack, depth, all_in_focus, views, light_field, deconvolve, raw
         What is made of each.
-    device, memory, workers, certificates, retries
+    device, memory, workers, retries
         How it is done. All of these are as of `JobSpec`.
 
     Examples
@@ -277,7 +276,8 @@ def run_job(
         Address or name of this computer on which workers listen, so that others may join;
         default: 127.0.0.1.
     certificates : path-like, optional
-        Folder of `make_certificates`; default: as the job says.
+        Folder of the certificate by which workers on several computers know each other, as for
+        `security_of`; it is made if there is none and the job starts the scheduler.
     insecure : bool
         Whether to go without TLS, also beyond this computer: anyone who reaches the ports runs
         programs as this user.
@@ -317,11 +317,14 @@ def run_job(
     >>> clplen.batch.run_job(job).skipped
     1
     """
-    job = job.with_settings(
-        workers=workers, device=device, memory=memory, certificates=certificates
-    )
+    job = job.with_settings(workers=workers, device=device, memory=memory)
     watcher = watcher or SilentWatcher()
     executor = choose_executor(
-        job, scheduler=scheduler, host=host, insecure=insecure, running=watcher.running
+        job,
+        scheduler=scheduler,
+        host=host,
+        certificates=certificates,
+        insecure=insecure,
+        running=watcher.running,
     )
     return execute_job(job, executor, watcher=watcher, force=force)
