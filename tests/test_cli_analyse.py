@@ -11,7 +11,7 @@ from click.testing import CliRunner, Result
 
 from clplen import cli
 from clplen.compute.device import Device
-from clplen.config import read_camera_file
+from clplen.config.camera_file import read_camera_file
 
 EXAMPLES = Path(__file__).parents[1] / "examples" / "cameras"
 SMALL = """

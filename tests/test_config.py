@@ -25,7 +25,6 @@ from clplen.cameras.optics.objective import CoverGlass
 from clplen.cameras.optics.pupil_aberration import PupilAberration
 from clplen.cameras.scenes.scene_sources import PointSources
 from clplen.compute.device import Device
-from clplen.config import EXAMPLE, CameraFile, CoherenceTable, read_camera_file
 from clplen.config import tables as config_tables
 from clplen.config.camera import KEYS as CAMERA_KEYS
 from clplen.config.camera import (
@@ -35,10 +34,12 @@ from clplen.config.camera import (
     PixelsTable,
     SensorTable,
 )
+from clplen.config.camera_file import CameraFile, read_camera_file
+from clplen.config.example import EXAMPLE
 from clplen.config.fourier_microscope import FourierCameraFile
 from clplen.config.kinds import refuse_fourier, require_fourier
 from clplen.config.microscope import KnownTable, read_microscope_file
-from clplen.config.scene import KEYS, SPECTRA, PictureTable, SceneTable
+from clplen.config.scene import KEYS, SPECTRA, CoherenceTable, PictureTable, SceneTable
 from clplen.config.tables import Table, read_toml
 from clplen.errors import FormatError
 from clplen.io.store.attributes import CAMERA_NAMES, of_camera, read_camera

@@ -14,7 +14,7 @@ from clplen.reprs import printable
 if TYPE_CHECKING:
     from clplen.analysis.cameras.comparison import Comparison
     from clplen.cameras.camera_base import Plenoptic
-    from clplen.config import CameraFile
+    from clplen.config.camera_file import CameraFile
 
 _NAMES = ("standard", "focused")
 _REPORT = "report.md"
@@ -133,7 +133,7 @@ def _split(only: str) -> list[str]:
 
 def _read(paths: tuple[Path, ...]) -> dict[str, CameraFile]:
     """The camera files by their names without ending."""
-    from clplen.config import read_camera_file
+    from clplen.config.camera_file import read_camera_file
 
     found: dict[str, CameraFile] = {}
     for path in paths:

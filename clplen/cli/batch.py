@@ -42,9 +42,9 @@ def batch() -> None:
 
 def _print_example(ctx: click.Context, _: click.Parameter, wanted: bool) -> None:
     if wanted:
-        from clplen.batch.jobs.tables import EXAMPLE
+        from clplen.batch.jobs.spec import commented_job
 
-        click.echo(EXAMPLE, nl=False)
+        click.echo(commented_job(), nl=False)
         ctx.exit()
 
 

@@ -243,7 +243,7 @@ def _of_focused(source: Path, kind: str, found: dict[str, Any]) -> tuple[Rows, d
 def _of_parameters(source: Path, selector: str | None) -> tuple[Rows, dict[str, Any]]:
     """What follows from the parameters of a camera or a microscope."""
     from clplen.compute.device import Device
-    from clplen.config import read_camera_file
+    from clplen.config.camera_file import read_camera_file
     from clplen.config.kinds import FOURIER, kind_of
     from clplen.config.microscope import read_microscope_file
     from clplen.config.tables import read_toml

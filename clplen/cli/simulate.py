@@ -24,7 +24,7 @@ _FILES = ("raw.tif", "raw.png", "lightfield.h5", "raw.h5")
 
 def _print_example(ctx: click.Context, _: click.Parameter, wanted: bool) -> None:
     if wanted:
-        from clplen.config import EXAMPLE
+        from clplen.config.example import EXAMPLE
 
         click.echo(EXAMPLE, nl=False)
         ctx.exit()
@@ -71,7 +71,8 @@ def simulate(
       clplen simulate camera.toml -o simulated
     """
     from clplen import plot
-    from clplen.config import CoherenceTable, read_camera_file
+    from clplen.config.camera_file import read_camera_file
+    from clplen.config.scene import CoherenceTable
     from clplen.files import check_writable, output_folder
     from clplen.outputs import check_outputs
 

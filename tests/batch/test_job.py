@@ -9,8 +9,8 @@ import pytest
 
 from clplen.batch import Job
 from clplen.batch.jobs.items import tasks_of
-from clplen.batch.jobs.tables import planes_of
 from clplen.batch.running.runner import check_same
+from clplen.config.settings import planes_of
 from clplen.errors import FormatError
 from clplen.units import bytes_of
 
@@ -61,7 +61,7 @@ def test_a_job_is_made_in_python(tmp_path: Path):
         (f"{BASE}[stack]\ndisparities = '1:1:3'\n", "two different ends"),
         (f"{BASE}[stack]\ndisparities = [0]\nalphas = [1]\n", "alphas and disparities"),
         (f"{BASE}[stack]\naperture = 'wide'\n", "f/66"),
-        (f"memory = 'much'\n{BASE}[stack]\n", "512 MiB"),
+        (f"memory = 'much'\n{BASE}[stack]\n", "512MiB"),
         (f"workers = 0\n{BASE}[stack]\n", "workers must be greater than or equal to 1"),
         (f"{BASE}[depth]\ncue = 'best'\n", "'combined'"),
         ("output = ", "is not TOML"),

@@ -21,7 +21,8 @@ from clplen.cameras.scenes.scene_sources import PointSources
 from clplen.cameras.scenes.surfaces import Plane
 from clplen.cameras.standard_camera import Plenoptic1
 from clplen.compute.device import Device
-from clplen.config import EXAMPLE, read_camera_file
+from clplen.config.camera_file import read_camera_file
+from clplen.config.example import EXAMPLE
 from clplen.errors import FormatError
 from clplen.lightfield.model.light_field import LightField
 from clplen.wave.coherence.phase_masks import RandomPhaseMask
