@@ -25,6 +25,7 @@ from clplen.cli.shared.console import error_sentence
 from clplen.compute.device import Device
 from clplen.config.camera_file import read_camera_file
 from clplen.config.example import EXAMPLE
+from clplen.errors import FormatError, arguments_as
 from clplen.io import read_lightfield, read_pfm, write_lightfield
 from clplen.lightfield.focus_and_depth import depth_map
 from clplen.lightfield.model.light_field import LightField
@@ -300,15 +301,15 @@ def test_missing_and_broken_views_are_listed(tmp_path: Path, views: Path):
     assert "a_1_2.png cannot be read" in said(run("stack", views, "-o", tmp_path / "s.tif"))
 
 
-@pytest.mark.parametrize("command", ["stack", "depth"])
 def test_an_output_that_cannot_be_written_is_found_before_computing(
-    tmp_path: Path, views: Path, command: str, monkeypatch: pytest.MonkeyPatch
+    tmp_path: Path, views: Path, monkeypatch: pytest.MonkeyPatch
 ):
-    monkeypatch.setattr("clplen.io.read_lightfield", lambda *_, **__: pytest.fail("computed"))
-    message = said(run(command, views, "-o", tmp_path / "nowhere" / "s.tif"))
-    assert "there is no folder" in message
-    assert "ends in .p" in said(run("depth", views, "-o", tmp_path / "s.jpg"), 2)
-    assert "ends in .tif" in said(run("stack", views, "-o", tmp_path / "s.png"), 2)
+    for command in ("stack", "depth"):
+        monkeypatch.setattr("clplen.io.read_lightfield", lambda *_, **__: pytest.fail("computed"))
+        message = said(run(command, views, "-o", tmp_path / "nowhere" / "s.tif"))
+        assert "there is no folder" in message
+        assert "ends in .p" in said(run("depth", views, "-o", tmp_path / "s.jpg"), 2)
+        assert "ends in .tif" in said(run("stack", views, "-o", tmp_path / "s.png"), 2)
 
 
 @pytest.mark.parametrize(
@@ -454,18 +455,28 @@ def test_a_failed_build_is_one_sentence(tmp_path: Path, monkeypatch: pytest.Monk
     )
 
 
-@pytest.mark.parametrize(
-    ("python", "typed"),
-    [
-        ("allow_missing=True gives them weight 0.", "--allow-missing gives them weight 0."),
-        ("for example pattern='a_{i}'", "for example --pattern 'a_{i}'"),
-        ("rows and columns with views=(V, U).", "rows and columns with --views V U."),
-        ("pattern=, flip_u= does not apply", "--pattern, --flip-u does not apply"),
-        ("replace them by 0 and give their views weight 0 (weights=).", "replace them by 0."),
-    ],
-)
-def test_words_are_those_that_a_user_types(python: str, typed: str):
-    assert error_sentence(ValueError(python)) == typed
+def test_names_of_files_appear_as_given(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+    """Arguments are written as the surface in use has them, words in names of files stay."""
+    monkeypatch.chdir(tmp_path)
+    for name in (
+        "white=1.png", "run-step=2/order='uvyxc'.npy", "grid=a/dark=b.h5", "views=(3, 4)",
+        "force=True.npy", "method='as'.zarr", "pattern='a_{v}.png'", "max_bytes=9.tif", "ms=.npy",
+        "or 'auto'", "by support=.mat", "allow_missing=True gives", "flip_v=1/swap_uv=2.npy",
+    ):  # fmt: skip
+        assert f"Error: There is no file or folder {name}." in said(run("info", name))
+    odd = tmp_path / "white=1.png"
+    odd.mkdir()
+    for view in ("0_0", "0_1", "1_0"):
+        imageio.imwrite(odd / f"{view}.png", np.full((9, 9), 7, np.uint8))
+    for surface, words in (
+        ("python", "allow_missing=True"), ("file", "allow_missing = true"),
+        ("command", "--allow-missing"),
+    ):  # fmt: skip
+        with arguments_as(surface), pytest.raises(FormatError) as error:
+            read_lightfield(odd)
+        assert f"{words} gives them weight 0." in str(error.value)
+        assert f"missing in {odd} (" in str(error.value)
+    assert "--allow-missing gives them weight 0." in said(run("info", odd))
 
 
 def test_little_memory_says_how_little():

@@ -46,9 +46,8 @@ def refused(*words: object) -> str:
     return line
 
 
-@pytest.mark.parametrize(
-    ("text", "metres"),
-    [
+def test_lengths_are_those_of_python():
+    for text, metres in (
         ("6.6um", 6.6e-6),
         ("6.6 um", 6.6e-6),
         ("6.6\u00b5m", 6.6e-6),
@@ -61,10 +60,8 @@ def refused(*words: object) -> str:
         ("0.24", 0.24),
         ("2km", 2000.0),
         ("0", 0.0),
-    ],
-)
-def test_lengths_are_those_of_python(text: str, metres: float):
-    assert Length().convert(text, None, None) == metres  # to the last bit
+    ):
+        assert Length().convert(text, None, None) == metres  # to the last bit
 
 
 def test_pairs_are_y_and_x_and_share_the_last_unit():
@@ -78,9 +75,8 @@ def test_pairs_are_y_and_x_and_share_the_last_unit():
     assert Shape().convert("30", None, None) == (30, 30)
 
 
-@pytest.mark.parametrize(
-    ("words", "message"),
-    [
+def test_bad_words_are_one_sentence():
+    for words, message in (
         (["--z", "24o"], "'24o' is no length: give a number with a unit"),
         (["--z", "6,6um"], "a decimal point, not a comma"),
         (["--z", "5nn"], "the units are pm, nm, um, mm, cm, m, km"),
@@ -101,10 +97,8 @@ def test_pairs_are_y_and_x_and_share_the_last_unit():
         (["--arriving", "3mm"], "give --lens, too"),
         (["--z", "0", "--method", "fresnel-1fft"], "would be 0 at z = 0"),
         (["--z", "1m", "--method", "as", "--out-pitch", "1um"], "--method cblas gives any grid"),
-    ],
-)
-def test_bad_words_are_one_sentence(words: list[str], message: str):
-    assert message in refused(*THESIS, *words)
+    ):
+        assert message in refused(*THESIS, *words)
 
 
 def test_no_device_is_needed(monkeypatch: pytest.MonkeyPatch):

@@ -7,7 +7,7 @@ import pytest
 
 import clplen
 from clplen import Coherence, Field, Grid, LightField, OpticalSystem, propagate
-from clplen.io import files_of
+from clplen.io.lightfields.lightfield_files import files_of
 from clplen.microscopy import fit_pupil_patches
 from clplen.wave import RandomPhaseMask, Space, propagate_wavelengths
 from clplen.wave.field.intensity import AVERAGING
@@ -50,17 +50,14 @@ def test_keywords_of_an_average_are_those_of_coherence():
     assert tuple(one.name for one in taken if one.kind is one.KEYWORD_ONLY) == AVERAGING
 
 
-@pytest.mark.parametrize(
-    ("call", "name", "nearest"),
-    [
+def test_others():
+    for call, name, nearest in (
         (lambda **k: Coherence.plan(Space(0.1), snr=9, **k), "wavelenght", "wavelength"),
         (lambda **k: files_of("none", **k), "max_byte", "max_bytes"),
         (lambda **k: fit_pupil_patches(None, None, (1, 1), **k), "term", "terms"),
-    ],
-)
-def test_others(call, name, nearest):
-    with pytest.raises(TypeError, match=f"no keyword '{name}': did you mean {nearest}="):
-        call(**{name: 1})
+    ):
+        with pytest.raises(TypeError, match=f"no keyword '{name}': did you mean {nearest}="):
+            call(**{name: 1})
 
 
 def test_a_file_that_is_opened(tmp_path):

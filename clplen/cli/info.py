@@ -15,7 +15,7 @@ import numpy as np
 from clplen.cli.microscopy import fourier
 from clplen.cli.microscopy.microscope import described
 from clplen.cli.shared import options
-from clplen.cli.shared.console import capture_messages, check_outputs, read, to_option_names
+from clplen.cli.shared.console import capture_messages, check_outputs, read
 from clplen.cli.shared.light_field_rows import Rows, of_orders, of_samples, typed
 
 if TYPE_CHECKING:
@@ -433,7 +433,7 @@ def _of_lattice(lattice: Lattice) -> Rows:
         ("Rotation", f"{math.degrees(lattice.rotation):+.4f} degrees (+x towards +y)"),
         ("Centre", f"(y, x) = ({lattice.origin[0]:.3f}, {lattice.origin[1]:.3f}) px"),
         ("Residual", f"{lattice.residual:.4f} px rms, trust {lattice.trust}"),
-        ("Lattice", to_option_names(lattice.verdict)),
+        ("Lattice", lattice.verdict),
     ]
 
 

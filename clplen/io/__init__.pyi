@@ -20,7 +20,6 @@ from .formats.picture import write_picture as write_picture
 from .formats.ply import points_of as points_of
 from .formats.ply import read_ply as read_ply
 from .formats.ply import write_ply as write_ply
-from .lightfields.lightfield_files import files_of as files_of
 from .lightfields.lightfield_files import open_lightfield as open_lightfield
 from .lightfields.lightfield_files import read_lightfield as read_lightfield
 from .lightfields.lightfield_files import write_lightfield as write_lightfield
@@ -65,5 +64,4 @@ from .results.volume_files import write_volume as write_volume
 from .results.volume_series import read_volume_series as read_volume_series
 from .results.volume_series import series_in as series_in
 from .store.digest import digest as digest
-from .store.digest import size_of as size_of
 from .store.picture_blocks import Tiles as Tiles

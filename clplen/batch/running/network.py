@@ -18,7 +18,7 @@ from typing import Any
 from urllib.parse import urlsplit
 
 from clplen.checks import install_advice
-from clplen.errors import DeviceError, FormatError
+from clplen.errors import DeviceError, FormatError, argument
 from clplen.files import PathLike, filling
 
 LOOPBACK = "127.0.0.1"
@@ -70,12 +70,13 @@ def network_of(
     """Return addresses and security of a cluster; refuse what strangers could reach."""
     if insecure and certificates is not None:
         raise ValueError(
-            "Certificates and --insecure (insecure=True) exclude each other: leave one out."
+            f"{argument('certificates')} and {argument('insecure', True)} exclude each other: "
+            "leave one out."
         )
     listening = _numeric(LOOPBACK if host is None else host)
     if listening is None:
         raise ValueError(
-            "--host (host=) must be an address or name of this computer, without port, got "
+            f"{argument('host')} must be an address or name of this computer, without port, got "
             f"{host!r}."
         )
     protocol, reached = "tcp" if insecure else "tls", [listening]
@@ -111,7 +112,7 @@ def _configured(scheduler: str) -> Any:
         if all(security.get_connection_args(role)["ssl_context"] for role in _ROLES):
             return security
     raise ValueError(
-        f"{scheduler} needs certificates: name their folder by --certificates (certificates=)."
+        f"{scheduler} needs certificates: name their folder by {argument('certificates')}."
     )
 
 
@@ -121,9 +122,8 @@ def _refuse_beyond(addresses: list[str]) -> None:
         if not _is_loopback(address):
             raise ValueError(
                 f"{address} is reached from beyond this computer, and without TLS whoever reaches "
-                "it can run programs as you: name a folder for certificates by --certificates "
-                "(certificates=), and a scheduler by tls://, or allow it by --insecure "
-                "(insecure=True)."
+                f"it can run programs as you: name a folder by {argument('certificates')}, and a "
+                f"scheduler by tls://, or allow it by {argument('insecure', True)}."
             )
 
 
@@ -132,7 +132,7 @@ def check_reachable(network: Network) -> None:
     if network.is_private and not _is_loopback(_address_of(network.scheduler or "")[1]):
         raise ValueError(
             f"The scheduler {network.scheduler} is on another computer, from where it has to reach "
-            "this worker: name an address of this computer by --host."
+            f"this worker: name an address of this computer by {argument('host')}."
         )
 
 

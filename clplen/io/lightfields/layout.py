@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from clplen.errors import FormatError
+from clplen.errors import FormatError, argument
 from clplen.files import PathLike
 from clplen.lightfield.model.light_field import LightField
 from clplen.lightfield.model.stored_light_field import StoredLightField
@@ -70,11 +70,11 @@ class Layout:
     def require(self, words: Iterable[str], kind: str) -> None:
         """Refuse words that do not apply to a kind of file; ``force`` applies to all."""
         taken = set(words)
-        extra = [f"{name}=" for name in self.given() if name not in taken | {"force"}]
+        extra = [argument(name) for name in self.given() if name not in taken | {"force"}]
         if extra:
             raise ValueError(
                 f"{', '.join(extra)} does not apply to {kind}, which takes "
-                f"{', '.join(f'{word}=' for word in sorted(taken)) or 'no words of layout'}."
+                f"{', '.join(argument(word) for word in sorted(taken)) or 'no words of layout'}."
             )
 
     def oriented(self, array: Array) -> Array:

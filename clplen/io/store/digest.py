@@ -59,29 +59,7 @@ def digest(path: PathLike, *, algorithm: str = "sha256") -> str:
 
 
 def size_of(path: PathLike) -> int:
-    """Return the bytes of a file, or of all files in a folder together.
-
-    Parameters
-    ----------
-    path : path-like
-        A file or folder.
-
-    Returns
-    -------
-    int
-        Sum of the lengths of the files, however deep, in bytes.
-
-    Raises
-    ------
-    FileNotFoundError
-        If there is nothing of this name.
-
-    Examples
-    --------
-    >>> np.zeros((16, 16), np.float32).tofile("samples.raw")
-    >>> clplen.io.size_of("samples.raw")
-    1024
-    """
+    """Return the bytes of a file, or of all files in a folder together."""
     path = Path(path)
     files = _files(path) if path.is_dir() else [path]
     return sum(_there(file).stat().st_size for file in files)
