@@ -32,14 +32,7 @@ def _print_example(ctx: click.Context, _: click.Parameter, kind: str | None) -> 
 @click.argument(
     "cameras", metavar="CAMERA.toml...", nargs=-1, required=True, type=click.Path(path_type=Path)
 )
-@click.option(
-    "-o",
-    "--output",
-    required=True,
-    metavar="FOLDER",
-    type=click.Path(path_type=Path),
-    help="Folder for report.md, tables (CSV) and figures (PNG).",
-)
+@options.output("FOLDER", "Folder for report.md, tables (CSV) and figures (PNG).")
 @click.option(
     "--only",
     metavar="NAMES",

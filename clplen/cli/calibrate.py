@@ -47,7 +47,7 @@ class Board(click.ParamType):
 @click.argument(
     "sources", metavar="INPUT...", nargs=-1, required=True, type=click.Path(path_type=Path)
 )
-@click.option("-o", "--output", required=True, metavar="OUT.json", type=click.Path(path_type=Path))
+@options.output("OUT.json")
 @click.option(
     "--board",
     required=True,

@@ -52,22 +52,13 @@ _SURE = 0.5  # confidence above which a pixel counts as sure
 
 
 @click.command(cls=Command)
-@click.argument("source", metavar="INPUT", type=click.Path(path_type=Path))
-@click.option(
-    "-o",
-    "--output",
-    required=True,
-    metavar="OUT.pfm|OUT.tif|OUT.npy",
-    type=click.Path(path_type=Path),
-    help="Disparities; a picture of the same name in .png is written beside them.",
+@options.source
+@options.output(
+    "OUT.pfm|OUT.tif|OUT.npy",
+    "Disparities; a picture of the same name in .png is written beside them.",
 )
 @option_of(DepthTable, "cue")
-@click.option(
-    "--confidence",
-    metavar="FILE",
-    type=click.Path(path_type=Path),
-    help="Confidence from 0 to 1, as .pfm, .tif or .npy.",
-)
+@options.file("--confidence", help="Confidence from 0 to 1, as .pfm, .tif or .npy.")
 @options.aperture
 @depth_words
 @options.plane_range

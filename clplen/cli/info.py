@@ -115,14 +115,9 @@ _AXIS_WORDS = ("swap_uv", "flip_v", "flip_u")
 
 
 @click.command()
-@click.argument("source", metavar="INPUT", type=click.Path(path_type=Path))
+@options.source
 @click.option("--json", "as_json", is_flag=True, help="Write JSON instead of a table.")
-@click.option(
-    "--save-grid",
-    metavar="FILE",
-    type=click.Path(path_type=Path),
-    help="Write the lenslet lattice of a raw image, for --grid.",
-)
+@options.file("--save-grid", help="Write the lenslet lattice of a raw image, for --grid.")
 @click.option(
     "--save-pictures",
     metavar="FOLDER",

@@ -44,15 +44,8 @@ _SURE = 1e-3  # of a confidence: below it there is nothing to tell depth by
 
 
 @click.command(cls=Command)
-@click.argument("source", metavar="INPUT", type=click.Path(path_type=Path))
-@click.option(
-    "-o",
-    "--output",
-    required=True,
-    metavar="OUT.tif|OUT.png",
-    type=click.Path(path_type=Path),
-    help="TIFF holds linear float32; PNG is scaled, to look at.",
-)
+@options.source
+@options.output("OUT.tif|OUT.png", "TIFF holds linear float32; PNG is scaled, to look at.")
 @click.option(
     "--disparity", type=options.FINITE, help="Plane in focus, pixels a view step, nearer larger."
 )

@@ -42,14 +42,10 @@ _ROUND = 0.8  # of the way to the outermost views
 
 
 @click.command()
-@click.argument("source", metavar="INPUT", type=click.Path(path_type=Path))
-@click.option(
-    "-o",
-    "--output",
-    required=True,
-    metavar="OUT.tif|OUT.png|OUT.gif|OUT.mp4",
-    type=click.Path(path_type=Path),
-    help="TIFF holds linear float32; PNG, GIF and MP4 are scaled, to look at.",
+@options.source
+@options.output(
+    "OUT.tif|OUT.png|OUT.gif|OUT.mp4",
+    "TIFF holds linear float32; PNG, GIF and MP4 are scaled, to look at.",
 )
 @click.option(
     "--viewpoint",

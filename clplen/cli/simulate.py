@@ -48,10 +48,8 @@ def _print_example(ctx: click.Context, _: click.Parameter, wanted: bool) -> None
     callback=_print_example,
     help="Print a commented camera file and stop.",
 )
-@click.option(
+@options.file(
     "--checkpoint",
-    metavar="FILE",
-    type=click.Path(path_type=Path),
     help="Keeps the mean of snapshots of partially coherent light, written every 20 s; a run "
     "that finds it goes on from there.",
 )

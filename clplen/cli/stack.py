@@ -37,10 +37,8 @@ _MS = 11  # planes of a focused raw image where none are said
 
 
 @click.command(cls=Command)
-@click.argument("source", metavar="INPUT", type=click.Path(path_type=Path))
-@click.option(
-    "-o", "--output", required=True, metavar="OUT.tif|OUT.zarr", type=click.Path(path_type=Path)
-)
+@options.source
+@options.output("OUT.tif|OUT.zarr")
 @options.plane_range
 @options.aperture
 @option_of(StackTable, "interpolation")

@@ -4,12 +4,13 @@ from __future__ import annotations
 
 import re
 from collections.abc import Callable
+from pathlib import Path
 from typing import Any, Literal, NoReturn
 
 import click
 import numpy as np
 
-from clplen.cli.shared.table_options import Option, option_of, options_of
+from clplen.cli.shared.table_options import Decorated, Option, option_of, options_of
 from clplen.config.operations import LayoutTable, PlanesTable, StackTable
 from clplen.config.settings import DEVICE, OUTPUT, planes_of
 from clplen.units import bytes_of
@@ -50,6 +51,20 @@ class Size(_Parsed):
         if (size := bytes_of(value)) < 1:
             raise ValueError('must be 1 byte or more, such as "512MiB"')
         return size
+
+
+source = click.argument("source", metavar="INPUT", type=click.Path(path_type=Path))
+
+
+def file(*names: str, help: str, metavar: str = "FILE") -> Callable[[Decorated], Decorated]:
+    """Return the option of a file that may be given."""
+    return click.option(*names, metavar=metavar, type=click.Path(path_type=Path), help=help)
+
+
+def output(metavar: str, help: str = "") -> Callable[[Decorated], Decorated]:
+    """Return the option of the file or folder that a command writes."""
+    how: Any = {"metavar": metavar, "type": click.Path(path_type=Path), "required": True}
+    return click.option("-o", "--output", help=help, **how)
 
 
 def planes(count: int) -> str:
