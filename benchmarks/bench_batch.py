@@ -29,7 +29,10 @@ sys.path.insert(0, str(Path(__file__).parents[1] / "tests"))
 import batchworks
 
 from clplen import Device, LightField, depth_map, focal_stack, io
-from clplen.batch import Job, Report, execute_job, local_executor, worker_environment
+from clplen.batch import Job, Report
+from clplen.batch.running.job import local_executor
+from clplen.batch.running.runner import execute_job
+from clplen.batch.running.worker import worker_environment
 from clplen.io import digest
 
 

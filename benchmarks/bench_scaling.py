@@ -21,7 +21,8 @@ sys.path.insert(0, str(Path(__file__).parent))
 from bench_batch import Quiet, job_of
 
 from clplen import Device
-from clplen.batch import execute_job, local_executor
+from clplen.batch.running.job import local_executor
+from clplen.batch.running.runner import execute_job
 
 BASE = (9, 512, 33)
 CASES = (

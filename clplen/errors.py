@@ -20,8 +20,17 @@ Wrong plain arguments (a negative pitch, both or neither of two options) are `Va
 
 from __future__ import annotations
 
+import json
 import sys
 import warnings
+from collections.abc import Iterator
+from contextlib import contextmanager
+from contextvars import ContextVar
+from typing import Literal
+
+Surface = Literal["python", "command", "file"]
+_surface: ContextVar[Surface] = ContextVar("surface", default="python")
+_OPTIONS = {"ms": "m"}  # arguments whose option has another name
 
 _PACKAGE = __name__.partition(".")[0]
 
@@ -155,3 +164,38 @@ def warn_caller(message: str, category: type[Warning]) -> None:
 def _is_inside(module: str) -> bool:
     """Return whether a frame belongs to the package or to a wrapper of the standard library."""
     return module.partition(".")[0] in (_PACKAGE, "contextlib", "functools")
+
+
+@contextmanager
+def arguments_as(surface: Surface) -> Iterator[None]:
+    """Write arguments in messages as Python, a command or a TOML file has them."""
+    token = _surface.set(surface)
+    try:
+        yield
+    finally:
+        _surface.reset(token)
+
+
+def argument(name: str, value: object = None) -> str:
+    """Return an argument as the surface in use writes it: ``white=``, ``--white``, ``white =``.
+
+    A value follows: ``views=(3, 4)``, ``--views 3 4``, ``views = [3, 4]``; an option without a
+    value is one that is True.
+    """
+    parts = [str(part) for part in value] if isinstance(value, tuple) else None
+    if _surface.get() == "command":
+        text = value if isinstance(value, str) else " ".join(parts or ())
+        flag = f"--{_OPTIONS.get(name, name).replace('_', '-')}"
+        return f"{flag} {text}" if text else flag
+    if _surface.get() == "file":
+        if value is None:
+            return f"{name} ="
+        return f"{name} = " + (f"[{', '.join(parts)}]" if parts else json.dumps(value))
+    if value is None:
+        return f"{name}="
+    return f"{name}=" + (f"({', '.join(parts)})" if parts else repr(value))
+
+
+def worded(*, python: str, command: str, file: str) -> str:
+    """Return the words of the surface in use, where they differ in more than an argument."""
+    return {"python": python, "command": command, "file": file}[_surface.get()]

@@ -17,6 +17,7 @@ from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
+from clplen.errors import argument
 from clplen.files import PathLike, check_folder, check_writable, filling, is_plain_name
 from clplen.interrupts import unfinished
 
@@ -34,7 +35,7 @@ _HEADERS = (
 _ZARR = (".zattrs", "zarr.json")  # where the attributes of a Zarr's root stand
 _SYSTEM = (("/", "dev"), ("/", "proc"), ("/", "sys"))  # these hold no ordinary files
 _SHARED_MEMORY = ("/", "dev", "shm")
-_FORCE = "name another output, or force=True replaces it"
+
 
 
 def is_ours(path: PathLike) -> bool:
@@ -74,7 +75,10 @@ def check_output(path: PathLike, *, force: bool = False) -> Path:
     if target.suffix.lower() == ".zarr" and target.is_symlink():
         raise FileExistsError(f"{target} is {_reason(target)}: name the folder itself.")
     if not force:
-        raise FileExistsError(f"{target} is there already, {_reason(target)}: {_FORCE}.")
+        raise FileExistsError(
+            f"{target} is there already, {_reason(target)}: name another output, or "
+            f"{argument('force', True)} replaces it."
+        )
     return target
 
 
@@ -122,7 +126,7 @@ def updating(folder: PathLike, contents: str, *, force: bool = False) -> Iterato
     if not earlier and not force:
         raise FileExistsError(
             f"{folder} is there already and not empty, and clplen did not write it: name a new "
-            "folder, or force=True writes into it."
+            f"folder, or {argument('force', True)} writes into it."
         )
     check_folder(target)
     with (

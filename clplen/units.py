@@ -138,18 +138,19 @@ def both(values: Sequence[float], show: Callable[[float], str]) -> str:
     return texts[0] if len(set(texts)) == 1 else " x ".join(texts) + " (y x)"
 
 
-_BYTES = {"": 1, "B": 1, "KB": 10**3, "MB": 10**6, "GB": 10**9, "TB": 10**12}
+_BYTES = {"": 1, "K": 10**3, "M": 10**6, "G": 10**9, "T": 10**12}
+_BYTES |= {f"{unit}B": size for unit, size in _BYTES.items()}
 _BYTES |= {"KIB": 1 << 10, "MIB": 1 << 20, "GIB": 1 << 30, "TIB": 1 << 40}
 _SIZE = re.compile(r"\s*([0-9]+(?:\.[0-9]+)?)\s*([KMGT]?I?B?)\s*", re.IGNORECASE)
 _MAX_DIGITS = 30  # of a size; a float holds ten times as many
 
 
 def bytes_of(value: Any) -> int:
-    """A size of memory, as 2000000, "512 MiB" or "4 GB", in bytes."""
+    """Return a size of memory, as 2000000, "512MiB" or "4 GB", in bytes."""
     if isinstance(value, bool) or not isinstance(value, int | str):
         raise ValueError('must be a whole number of bytes or a size such as "4 GiB"')
     found = _SIZE.fullmatch(str(value))
     unit = found[2].upper() if found else ""
     if found is None or unit not in _BYTES or len(found[1]) > _MAX_DIGITS:
-        raise ValueError('must be a whole number of bytes or a size such as "512 MiB" or "4 GB"')
+        raise ValueError('must be a whole number of bytes or a size such as "512MiB" or "4 GB"')
     return int(float(found[1]) * _BYTES[unit])

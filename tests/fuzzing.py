@@ -21,7 +21,7 @@ import tifffile
 from clplen.cameras import OPDMaps
 from clplen.cameras.scenes.ground_truth import Truth
 from clplen.compute.device import Device
-from clplen.config import read_camera_file
+from clplen.config.camera_file import read_camera_file
 from clplen.errors import FormatError, ShapeError
 from clplen.io import (
     read_depth,

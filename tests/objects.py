@@ -354,7 +354,6 @@ EXAMPLES |= {
     "FrameProjector": lambda device: frame_projector(device),
     "LensletSampling": lambda _: clplen.wave.LensletSampling(0.1, 0.2, 1.0, 1e-3),
     "LightFieldReport": lambda device: clplen.lightfield.check_light_field(lightfield(device)),
-    "LocalExecutor": lambda _: clplen.batch.LocalExecutor(None),  # type: ignore[arg-type]
     "Measured": lambda device: clplen.analysis.Measured(
         "one", camera(device), EXAMPLES["Sampling"](device)
     ),
@@ -397,7 +396,6 @@ EXAMPLES |= {
     ),
     "Table": lambda _: clplen.analysis.Table(("camera", "pixels"), (("one", 3),)),
     "TargetElement": lambda _: clplen.wave.usaf1951_elements(groups=[0])[0],
-    "Task": lambda _: clplen.batch.Task("a", "out", {"file": "a.h5"}, {"stack": {}}),
     "Tile": lambda _: clplen.lightfield.Tile(*(slice(0, 9),) * 4),
     "WaveOptics": lambda device: camera(device).optics,
 }

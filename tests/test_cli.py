@@ -23,7 +23,9 @@ from clplen.cameras.plenoptic_camera import PlenopticCamera
 from clplen.cli import main
 from clplen.cli.shared.console import error_sentence
 from clplen.compute.device import Device
-from clplen.config import EXAMPLE, read_camera_file
+from clplen.config.camera_file import read_camera_file
+from clplen.config.example import EXAMPLE
+from clplen.errors import FormatError, arguments_as
 from clplen.io import read_lightfield, read_pfm, write_lightfield
 from clplen.lightfield.focus_and_depth import depth_map
 from clplen.lightfield.model.light_field import LightField
@@ -265,35 +267,27 @@ def test_the_real_flower_is_sharpest_where_it_lies(
     assert tifffile.imread(tmp_path / "s.tif").shape == (33, 256, 256, 3)
 
 
-@pytest.mark.parametrize(
-    ("words", "message", "code"),
-    [
-        (["--disparities", "-1:1"], "'-1:1' is not START:STOP:N, for example -2:2:33", 2),
-        (["--disparities", "a:1:3"], "'a:1:3' is not START:STOP:N", 2),
-        (["--disparities", "0:inf:3"], "'0:inf:3' is not START:STOP:N", 2),
-        (["--disparities", "0:1:-3"], "'0:1:-3' is not START:STOP:N", 2),
-        (["--disparities", "0:1:0"], "'0:1:0' asks for 0 planes from 0 to 1: give at least 2", 2),
-        (["--alphas", "1:1:5"], "'1:1:5' asks for 5 planes from 1 to 1: give at least 2", 2),
-        (
-            ["--disparities", "0:1:3", "--alphas", "0.9:1.1:3"],
-            "--disparities or --alphas, not both",
-            2,
-        ),
-        (["--aperture", "wide"], "'wide' is no aperture: give a number of views (9)", 2),
-        (["--aperture", "7"], "The aperture is 7 views across, the light field 3 x 5", 1),
-        (["--alphas", "0.9:1.1:3"], "alpha needs the spacing of views and pixels in metres", 1),
-        (["--device", "zebra"], "No OpenCL device fits 'zebra'. Here are:", 1),
-        (["--disparities", "0:1:1"], "'0:1:1' asks for 1 plane from 0 to 1: give at least 2", 2),
-        (["--disparities", "0:1:2000000000000"], "places alone fill 16,000,000,000,000 bytes", 2),
-        (["--alphas", "0.9:1.1:3"], "which this light field does not have: use --disparities.", 1),
-        (["--views", "5", "3"], "but --views 5 3 was asked for", 1),
-        (["--pattern", "a_{v}.png"], "must have {v} and {u} once each, or {i} once", 1),
-        (["--pattern", "b_{v}_{u}.png"], "matches the pattern 'b_{v}_{u}.png'", 1),
-        (["--views", "5", "3"], "give 3 x 5 views", 1),
-    ],
+BAD_WORDS = (  # of stack, with the exit status and what is said
+    ("--disparities -1:1", 2, "must be START:STOP:N with 1 to 1,000,000 planes"),
+    ("--disparities 0:inf:3", 2, "must be START:STOP:N"),
+    ("--disparities 0:1:2000000000000", 2, "must be START:STOP:N"),
+    ("--disparities 0:1:1", 2, "must have at least 2 planes between two different ends"),
+    ("--disparities 0:1:3 --alphas 0.9:1.1:3", 2, "--disparities or --alphas, not both"),
+    ("--aperture wide", 2, "must be views across (9), a fraction of the diameter"),
+    ("--aperture 7", 1, "The aperture is 7 views across, the light field 3 x 5"),
+    ("--alphas 0.9:1.1:3", 1, "which this light field does not have: use --disparities."),
+    ("--device zebra", 1, "No OpenCL device fits 'zebra'. Here are:"),
+    ("--views 5 3", 1, "give 3 x 5 views"),
+    ("--views 5 3", 1, "but --views 5 3 was asked for"),
+    ("--pattern a_{v}.png", 1, "must have {v} and {u} once each, or {i} once"),
+    ("--pattern b_{v}_{u}.png", 1, "matches the pattern 'b_{v}_{u}.png'"),
 )
-def test_bad_words_of_stack(tmp_path: Path, views: Path, words: list[str], message: str, code: int):
-    assert message in said(run("stack", views, "-o", tmp_path / "s.tif", *words), code)
+
+
+def test_bad_words_of_stack(tmp_path: Path, views: Path):
+    for words, code, message in BAD_WORDS:
+        result = run("stack", views, "-o", tmp_path / "s.tif", *words.split())
+        assert message in said(result, code)
     assert [file.name for file in tmp_path.iterdir()] == ["views"]
 
 
@@ -307,15 +301,15 @@ def test_missing_and_broken_views_are_listed(tmp_path: Path, views: Path):
     assert "a_1_2.png cannot be read" in said(run("stack", views, "-o", tmp_path / "s.tif"))
 
 
-@pytest.mark.parametrize("command", ["stack", "depth"])
 def test_an_output_that_cannot_be_written_is_found_before_computing(
-    tmp_path: Path, views: Path, command: str, monkeypatch: pytest.MonkeyPatch
+    tmp_path: Path, views: Path, monkeypatch: pytest.MonkeyPatch
 ):
-    monkeypatch.setattr("clplen.io.read_lightfield", lambda *_, **__: pytest.fail("computed"))
-    message = said(run(command, views, "-o", tmp_path / "nowhere" / "s.tif"))
-    assert "there is no folder" in message
-    assert "ends in .p" in said(run("depth", views, "-o", tmp_path / "s.jpg"), 2)
-    assert "ends in .tif" in said(run("stack", views, "-o", tmp_path / "s.png"), 2)
+    for command in ("stack", "depth"):
+        monkeypatch.setattr("clplen.io.read_lightfield", lambda *_, **__: pytest.fail("computed"))
+        message = said(run(command, views, "-o", tmp_path / "nowhere" / "s.tif"))
+        assert "there is no folder" in message
+        assert "ends in .p" in said(run("depth", views, "-o", tmp_path / "s.jpg"), 2)
+        assert "ends in .tif" in said(run("stack", views, "-o", tmp_path / "s.png"), 2)
 
 
 @pytest.mark.parametrize(
@@ -461,18 +455,28 @@ def test_a_failed_build_is_one_sentence(tmp_path: Path, monkeypatch: pytest.Monk
     )
 
 
-@pytest.mark.parametrize(
-    ("python", "typed"),
-    [
-        ("allow_missing=True gives them weight 0.", "--allow-missing gives them weight 0."),
-        ("for example pattern='a_{i}'", "for example --pattern 'a_{i}'"),
-        ("rows and columns with views=(V, U).", "rows and columns with --views V U."),
-        ("pattern=, flip_u= does not apply", "--pattern, --flip-u does not apply"),
-        ("replace them by 0 and give their views weight 0 (weights=).", "replace them by 0."),
-    ],
-)
-def test_words_are_those_that_a_user_types(python: str, typed: str):
-    assert error_sentence(ValueError(python)) == typed
+def test_names_of_files_appear_as_given(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+    """Arguments are written as the surface in use has them, words in names of files stay."""
+    monkeypatch.chdir(tmp_path)
+    for name in (
+        "white=1.png", "run-step=2/order='uvyxc'.npy", "grid=a/dark=b.h5", "views=(3, 4)",
+        "force=True.npy", "method='as'.zarr", "pattern='a_{v}.png'", "max_bytes=9.tif", "ms=.npy",
+        "or 'auto'", "by support=.mat", "allow_missing=True gives", "flip_v=1/swap_uv=2.npy",
+    ):  # fmt: skip
+        assert f"Error: There is no file or folder {name}." in said(run("info", name))
+    odd = tmp_path / "white=1.png"
+    odd.mkdir()
+    for view in ("0_0", "0_1", "1_0"):
+        imageio.imwrite(odd / f"{view}.png", np.full((9, 9), 7, np.uint8))
+    for surface, words in (
+        ("python", "allow_missing=True"), ("file", "allow_missing = true"),
+        ("command", "--allow-missing"),
+    ):  # fmt: skip
+        with arguments_as(surface), pytest.raises(FormatError) as error:
+            read_lightfield(odd)
+        assert f"{words} gives them weight 0." in str(error.value)
+        assert f"missing in {odd} (" in str(error.value)
+    assert "--allow-missing gives them weight 0." in said(run("info", odd))
 
 
 def test_little_memory_says_how_little():

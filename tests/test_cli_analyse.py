@@ -11,7 +11,7 @@ from click.testing import CliRunner, Result
 
 from clplen import cli
 from clplen.compute.device import Device
-from clplen.config import read_camera_file
+from clplen.config.camera_file import read_camera_file
 
 EXAMPLES = Path(__file__).parents[1] / "examples" / "cameras"
 SMALL = """
@@ -124,21 +124,18 @@ def test_bad_names_and_folders_are_told(run: Run, tmp_path: Path) -> None:
     assert "file" in said(CliRunner().invoke(cli.main, into))
 
 
-@pytest.mark.parametrize(
-    ("kind", "words"),
-    [
+def test_bad_cameras_are_told(run: Run, tmp_path: Path) -> None:
+    for kind, words in (
         ('kind = "plenoptic3"', "camera.kind"),
         ('kind = "plenoptic2"\nm = 0.0', "Error: one: m = b/a is finite and not 0"),
         ('kind = "plenoptic2"\nm = 0.2\na_mm = 18.0', "needs one of m and a_mm"),
         ('kind = "plenoptic2"\nm = -1.5', "not behind the array: use m > -1"),
         ('kind = "plenoptic1"\nm = 0.2', "has m, which belongs to kind = 'plenoptic2'"),
         ("kinds = 1", "kinds"),
-    ],
-)
-def test_bad_cameras_are_told(run: Run, tmp_path: Path, kind: str, words: str) -> None:
-    assert words in said(run("--only", "sampling", one=kind))
-    assert not (tmp_path / "out").exists()
-    assert not list(tmp_path.glob(".*"))  # nothing half-made
+    ):
+        assert words in said(run("--only", "sampling", one=kind))
+        assert not (tmp_path / "out").exists()
+        assert not list(tmp_path.glob(".*"))  # nothing half-made
 
 
 def test_too_few_views_for_depth_are_told_in_the_tables(

@@ -91,42 +91,37 @@ def test_a_damaged_file_of_a_series_is_done_alone_when_it_is_whole(job: Path):
     assert any(path.suffix == ".tif" for path in new)
 
 
-@pytest.mark.parametrize(
-    ("arguments", "said"),
-    [
+def test_wrong_words_get_one_sentence(job: Path, monkeypatch: pytest.MonkeyPatch):
+    for arguments, said in (
         (["none.toml"], "There is no job file none.toml"),
         (["status", "none.toml"], "There is no job file none.toml"),
         (["JOB", "--memory", "lots"], "memory must be a whole number of bytes"),
         (["JOB", "--workers", "0"], "--workers"),
         (["status", "JOB"], "run the job first"),
         (["JOB", "--scheduler", "nowhere"], "No Dask scheduler answers at nowhere"),
-    ],
-)
-def test_wrong_words_get_one_sentence(
-    job: Path, arguments: list[str], said: str, monkeypatch: pytest.MonkeyPatch
-):
-    pytest.importorskip("distributed", reason="the extra batch is not installed")
-    monkeypatch.setattr("clplen.batch.running.cluster._ANSWER", 0.5)
-    done = clplen("batch", *(str(job) if word == "JOB" else word for word in arguments))
-    assert done.exit_code in (1, 2)
-    assert said in done.output
-    assert "Traceback" not in done.output
+    ):
+        pytest.importorskip("distributed", reason="the extra batch is not installed")
+        monkeypatch.setattr("clplen.batch.running.cluster._ANSWER", 0.5)
+        done = clplen("batch", *(str(job) if word == "JOB" else word for word in arguments))
+        assert done.exit_code in (1, 2)
+        assert said in done.output
+        assert "Traceback" not in done.output
 
 
-@pytest.mark.parametrize("files", ["/", ".", "./", "//", ".."])
-def test_a_folder_without_a_name(tmp_path: Path, files: str):
-    job = batchworks.write_job(tmp_path, files=files)
-    done = clplen("batch", job)
-    assert done.exit_code == 1
-    assert "inputs.0.name: an item cannot have the name" in done.output
-    assert "give another, such as name = 'views'" in done.output
+def test_a_folder_without_a_name(tmp_path: Path):
+    for files in ("/", ".", ".."):
+        job = batchworks.write_job(tmp_path, files=files)
+        done = clplen("batch", job)
+        assert done.exit_code == 1
+        assert "inputs.0.name: an item cannot have the name" in done.output
+        assert "give another, such as name = 'views'" in done.output
 
 
 def test_a_worker_without_a_scheduler(monkeypatch: pytest.MonkeyPatch):
     """A port that is closed, one that is silent, and one that speaks something else."""
     pytest.importorskip("distributed", reason="the extra batch is not installed")
     monkeypatch.setattr("clplen.batch.running.network._GREETING", 0.1)
-    monkeypatch.setattr("clplen.batch.running.network.check_certificates.__defaults__", (0.1,))
+    monkeypatch.setattr("clplen.batch.running.network.check_scheduler.__defaults__", (0.1,))
     monkeypatch.setattr("os.execve", lambda *_: pytest.fail("started"))
 
     class Other(socketserver.BaseRequestHandler):

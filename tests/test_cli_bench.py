@@ -6,7 +6,6 @@ import json
 from pathlib import Path
 from typing import Any
 
-import pytest
 from click.testing import CliRunner, Result
 
 from clplen.bench import registry
@@ -58,42 +57,34 @@ def test_a_profile(device: Device) -> None:
     assert "%" in line
 
 
-@pytest.mark.parametrize(
-    ("args", "words"),
-    [
+def test_wrong_words(device: Device) -> None:
+    for args, words in (
         (["stacks"], "no benchmark 'stacks'"),
         (["transfers", "--size", "3x4"], "A size of this benchmark is VxUxYxX"),
         (["--size", "3x4x5x6"], "--size belongs to one benchmark"),
         (["transfers", "--repeats", "0"], "--repeats"),
         (["transfers", "--json", "--profile"], "give one of them"),
         (["transfers", "--size", "99999x99999x32x32"], "Nothing was measured"),
-    ],
-)
-def test_wrong_words(device: Device, args: list[str], words: str) -> None:
-    result = run(device, "bench", *args)
-    assert result.exit_code != 0
-    assert words in result.output
-    assert "Traceback" not in result.output
+    ):
+        result = run(device, "bench", *args)
+        assert result.exit_code != 0
+        assert words in result.output
+        assert "Traceback" not in result.output
 
 
-@pytest.mark.parametrize(
-    ("content", "words"),
-    [
+def test_files_that_are_no_saved_run(device: Device, tmp_path: Path) -> None:
+    for content, words in (
         ("no json", "holds no JSON"),
         ("[1]", "no saved run"),
         ('{"format": "clplen bench", "version": 99}', "version 99"),
         ('{"format": "clplen bench", "version": 1}', "is damaged"),
         ('{"format": "clplen bench", "version": 1, "reports": [3]}', "is damaged"),
-    ],
-)
-def test_files_that_are_no_saved_run(
-    device: Device, tmp_path: Path, content: str, words: str
-) -> None:
-    file = tmp_path / "before.json"
-    file.write_text(content)
-    result = run(device, *QUICK, "--compare", str(file))
-    assert result.exit_code == 1
-    assert words in result.output
+    ):
+        file = tmp_path / "before.json"
+        file.write_text(content)
+        result = run(device, *QUICK, "--compare", str(file))
+        assert result.exit_code == 1
+        assert words in result.output
 
 
 def test_a_run_without_a_row_in_common(device: Device, tmp_path: Path) -> None:

@@ -79,7 +79,6 @@ def test_maps_of_a_cue(device: Device, tmp_path: Path, views: Path, cue: str):
     assert "metre" not in text
 
 
-
 @pytest.mark.thorough
 def test_metres_and_points(device: Device, tmp_path: Path, views: Path):
     out, metric, ply = tmp_path / "d.pfm", tmp_path / "z.pfm", tmp_path / "p.ply"
@@ -102,9 +101,8 @@ def test_metres_and_points(device: Device, tmp_path: Path, views: Path):
     assert f"median {np.median(Z):.4g} m" in near
 
 
-@pytest.mark.parametrize(
-    ("words", "said"),
-    [
+def test_wrong_words(device: Device, tmp_path: Path, views: Path, monkeypatch: pytest.MonkeyPatch):
+    for words, said in (
         (("--baseline-mm", 2, "--pixel-um", 3), "together; --focal-length-mm is missing."),
         (("--focus-m", 3), "--baseline-mm and --focal-length-mm and --pixel-um are missing."),
         ((*LENGTHS[:4], "--pixel-um", 0), "--pixel-um is a length, positive and finite, not 0"),
@@ -114,18 +112,14 @@ def test_metres_and_points(device: Device, tmp_path: Path, views: Path):
         (("--confidence", "c.jpg"), "ends in .pfm"),
         (("--confidence", "d.pfm"), "named for two outputs"),
         (("--cue", "magic"), "'magic' is not one of"),
-    ],
-)
-def test_wrong_words(
-    device: Device, tmp_path: Path, views: Path, monkeypatch: pytest.MonkeyPatch, words, said
-):
-    monkeypatch.chdir(tmp_path)
-    monkeypatch.setattr("clplen.io.read_lightfield", lambda *_, **__: pytest.fail("computed"))
-    result = run(device, views, "-o", "d.pfm", *words)
-    assert result.exit_code == 2, result.output
-    assert said in " ".join(result.stderr.split())
-    assert "Traceback" not in result.output
-    assert [file.name for file in tmp_path.iterdir()] == ["views"]
+    ):
+        monkeypatch.chdir(tmp_path)
+        monkeypatch.setattr("clplen.io.read_lightfield", lambda *_, **__: pytest.fail("computed"))
+        result = run(device, views, "-o", "d.pfm", *words)
+        assert result.exit_code == 2, result.output
+        assert said in " ".join(result.stderr.split())
+        assert "Traceback" not in result.output
+        assert [file.name for file in tmp_path.iterdir()] == ["views"]
 
 
 def test_points_without_a_camera_are_pixels_and_disparity(

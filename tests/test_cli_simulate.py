@@ -19,7 +19,7 @@ from clplen.cameras.scenes.scene_sources import PicturePlane, PointSources
 from clplen.cameras.standard_camera import Plenoptic1
 from clplen.cli.shared import console
 from clplen.compute.device import Device
-from clplen.config import read_camera_file
+from clplen.config.camera_file import read_camera_file
 from clplen.io import read_lightfield
 from clplen.wave.coherence import averaging
 from clplen.wave.coherence.coherence import Coherence

@@ -7,8 +7,8 @@ import re
 import sys
 from collections.abc import Iterator
 from datetime import date, time
+from itertools import cycle
 from pathlib import Path
-from typing import Any
 
 import imageio.v3 as imageio
 import numpy as np
@@ -25,7 +25,6 @@ from clplen.cameras.optics.objective import CoverGlass
 from clplen.cameras.optics.pupil_aberration import PupilAberration
 from clplen.cameras.scenes.scene_sources import PointSources
 from clplen.compute.device import Device
-from clplen.config import EXAMPLE, CameraFile, CoherenceTable, read_camera_file
 from clplen.config import tables as config_tables
 from clplen.config.camera import KEYS as CAMERA_KEYS
 from clplen.config.camera import (
@@ -35,10 +34,12 @@ from clplen.config.camera import (
     PixelsTable,
     SensorTable,
 )
+from clplen.config.camera_file import CameraFile, read_camera_file
+from clplen.config.example import EXAMPLE
 from clplen.config.fourier_microscope import FourierCameraFile
 from clplen.config.kinds import refuse_fourier, require_fourier
 from clplen.config.microscope import KnownTable, read_microscope_file
-from clplen.config.scene import KEYS, SPECTRA, PictureTable, SceneTable
+from clplen.config.scene import KEYS, SPECTRA, CoherenceTable, PictureTable, SceneTable
 from clplen.config.tables import Table, read_toml
 from clplen.errors import FormatError
 from clplen.io.store.attributes import CAMERA_NAMES, of_camera, read_camera
@@ -171,33 +172,31 @@ opacity_file = "opacity.png"
         read(tmp_path, slide + "[coherence]\n").scene.build()
 
 
-@pytest.mark.parametrize("spatial", ["mask", "source", "incoherent"])
-@pytest.mark.parametrize("spectrum", SPECTRA)
-def test_what_the_example_has_in_comments_is_valid(tmp_path: Path, spatial: str, spectrum: str):
+def test_what_the_example_has_in_comments_is_valid(tmp_path: Path):
     """All at once, but for keys that exclude each other."""
-    other = {key for name, keys in KEYS.items() if name != spatial for key in keys}
-    other |= {key for key in SPECTRA if key != spectrum}
-    other |= set(CAMERA_KEYS["plenoptic2"]) | set(CAMERA_KEYS["microscope"])
-    other |= {"wavelengths"} if spectrum == "lines_nm" else {"line_powers"}
-    other |= {"opacity_file"}  # slides have none
-    taken = "\n".join(
-        line.removeprefix("# ") if " = " in line or "# [" in line else line
-        for line in EXAMPLE.splitlines()
-        if shown(line)[0] not in other
-    ).replace('spatial = "coherent"', f'spatial = "{spatial}"')
-    taken = taken.replace('mode = "emission"', 'mode = "transmission"')
     imageio.imwrite(tmp_path / "picture.png", np.full((2, 3), 200, np.uint8))
     (tmp_path / "lamp.csv").write_text("500, 1\n550, 2\n")
-    file = read(tmp_path, taken)
-    assert len(file.scene.build()) == 2
-    light = file.light()
-    assert light is not None
     kinds = {"mask": RandomPhaseMask, "source": ExtendedSource, "incoherent": IncoherentLight}
-    assert type(light.spatial) is kinds[spatial]
-    if spatial == "source":
-        assert (light.spatial.size, light.spatial.distance) == (1e-3, 0.1)
-    assert light.spectrum is not None
-    assert file.coherence.snapshots == 100
+    for spectrum, spatial in zip(SPECTRA, cycle(kinds), strict=False):
+        other = {key for name, keys in KEYS.items() if name != spatial for key in keys}
+        other |= {key for key in SPECTRA if key != spectrum}
+        other |= set(CAMERA_KEYS["plenoptic2"]) | set(CAMERA_KEYS["microscope"])
+        other |= {"wavelengths"} if spectrum == "lines_nm" else {"line_powers"}
+        other |= {"opacity_file"}  # slides have none
+        taken = "\n".join(
+            line.removeprefix("# ") if " = " in line or "# [" in line else line
+            for line in EXAMPLE.splitlines()
+            if shown(line)[0] not in other
+        ).replace('spatial = "coherent"', f'spatial = "{spatial}"')
+        file = read(tmp_path, taken.replace('mode = "emission"', 'mode = "transmission"'))
+        assert len(file.scene.build()) == 2
+        light = file.light()
+        assert light is not None
+        assert type(light.spatial) is kinds[spatial]
+        if spatial == "source":
+            assert (light.spatial.size, light.spatial.distance) == (1e-3, 0.1)
+        assert light.spectrum is not None
+        assert file.coherence.snapshots == 100
 
 
 def test_every_key_reaches_the_camera(tmp_path: Path, device: Device):
@@ -284,9 +283,8 @@ def test_every_key_reaches_the_camera(tmp_path: Path, device: Device):
     assert (sensor.full_well, sensor.bit_depth, sensor.seed) == (4095, 12, 7)
 
 
-@pytest.mark.parametrize(
-    ("old", "new", "said"),
-    [
+def test_what_is_said_about_a_wrong_file(tmp_path: Path):
+    for old, new, said in (
         (
             "focal_length_mm = 120.0",
             "focal_lenght_mm = 120.0",
@@ -355,14 +353,12 @@ def test_every_key_reaches_the_camera(tmp_path: Path, device: Device):
         ),
         ("[camera]", "[camera", r"camera\.toml is not TOML"),
         ("[sensor]", "[coherance]\n[sensor]", r"unknown key coherance; did you mean coherence\?"),
-    ],
-)
-def test_what_is_said_about_a_wrong_file(tmp_path: Path, old: str, new: str, said: str):
-    assert old in EXAMPLE
-    with pytest.raises(FormatError, match=said) as caught:
-        read(tmp_path, EXAMPLE.replace(old, new, 1))
-    assert "camera.toml" in str(caught.value)
-    assert "pydantic" not in str(caught.value)
+    ):
+        assert old in EXAMPLE
+        with pytest.raises(FormatError, match=said) as caught:
+            read(tmp_path, EXAMPLE.replace(old, new, 1))
+        assert "camera.toml" in str(caught.value)
+        assert "pydantic" not in str(caught.value)
 
 
 WRONG = (["x"], [], [[1]], [{"a": 1}], {"a": 1}, {}, True, "x" * 500, date(2026, 1, 2), time(3, 4))
@@ -372,30 +368,30 @@ def keys_of(model: type[BaseModel], above: tuple[str, ...] = ()) -> Iterator[tup
     """Every key of a file, behind those of the tables that it is in."""
     for key, field in model.model_fields.items():
         yield (*above, key)
-        table = config_tables._model_in(field.annotation)
+        table = config_tables.model_in(field.annotation)
         if table is not None:
             yield from keys_of(table, (*above, key))
 
 
-@pytest.mark.parametrize("model", [CameraFile, FourierCameraFile, KnownTable, JobSpec])
-def test_every_key_of_another_type_is_one_sentence(tmp_path: Path, model: type[BaseModel]):
-    for *above, key in keys_of(model):
-        for value in WRONG:
-            content = {key: value}
-            for table in reversed(above):
-                content = {table: content}
-            with pytest.raises(FormatError, match=r"^job\.toml: .*[^.][.?]$") as caught:
-                config_tables.validated(model, content, Path("job.toml"))
-            said = str(caught.value)
-            assert not re.search(r"pydantic|instance of|valid |Input should|item", said), said
-            assert len(re.sub(r"unknown key [^;]*; known here are [^;]*", "", said)) < 800, said
+def test_every_key_of_another_type_is_one_sentence(tmp_path: Path):
+    for model in (CameraFile, FourierCameraFile, KnownTable, JobSpec):
+        for *above, key in keys_of(model):
+            for value in WRONG:
+                content = {key: value}
+                for table in reversed(above):
+                    content = {table: content}
+                with pytest.raises(FormatError, match=r"^job\.toml: .*[^.][.?]$") as caught:
+                    config_tables.validated(model, content, Path("job.toml"))
+                said = str(caught.value)
+                assert not re.search(r"pydantic|instance of|valid |Input should|item", said), said
+                assert len(re.sub(r"unknown key [^;]*; known here are [^;]*", "", said)) < 800, said
 
 
-@pytest.mark.parametrize("value", WRONG)
-def test_a_kind_that_is_no_word(value: Any):
-    content = {"camera": {"kind": value}}
-    require_fourier(content, Path("camera.toml"))  # what reads the table refuses it
-    refuse_fourier(content, Path("camera.toml"))
+def test_a_kind_that_is_no_word():
+    for value in WRONG:
+        content = {"camera": {"kind": value}}
+        require_fourier(content, Path("camera.toml"))  # what reads the table refuses it
+        refuse_fourier(content, Path("camera.toml"))
 
 
 FOCUSED = """
@@ -427,9 +423,8 @@ def test_every_key_reaches_a_focused_camera(tmp_path: Path, device: Device):
     assert by_m.a == pytest.approx(camera.a)
 
 
-@pytest.mark.parametrize(
-    ("old", "new", "said"),
-    [
+def test_what_is_said_about_a_wrong_focused_camera(tmp_path: Path):
+    for old, new, said in (
         ("a_mm = -30", "", "camera needs one of m and a_mm .* and has neither"),
         ("a_mm = -30", "a_mm = -30\n m = -0.25", "needs one of m and a_mm .* and has both"),
         ("a_mm = -30", "m = nan", "m must be a finite number"),
@@ -443,12 +438,10 @@ def test_every_key_reaches_a_focused_camera(tmp_path: Path, device: Device):
         ),
         ('"plenoptic2"', '"plenoptic3"', "kind must be 'plenoptic1', 'plenoptic2' or 'microscope'"),
         ("[10, 11.5, 9]", "[]", r"focal_length_mm must have 1 or more values"),
-    ],
-)
-def test_what_is_said_about_a_wrong_focused_camera(tmp_path: Path, old: str, new: str, said: str):
-    assert old in FOCUSED
-    with pytest.raises(FormatError, match=said):
-        read(tmp_path, FOCUSED.replace(old, new, 1))
+    ):
+        assert old in FOCUSED
+        with pytest.raises(FormatError, match=said):
+            read(tmp_path, FOCUSED.replace(old, new, 1))
 
 
 REAL = """
@@ -493,27 +486,24 @@ def test_every_key_reaches_the_pixels(tmp_path: Path, device: Device):
     assert read(tmp_path, both).camera.build(device).grid == camera.grid
 
 
-@pytest.mark.parametrize(
-    ("name", "tile"),
-    [
+def test_filters_and_light_of_a_camera_file(tmp_path: Path, device: Device) -> None:
+    for name, tile in (
         ("GBRG", (("G", "B"), ("R", "G"))),
         ("quad BGGR", (("B", "B", "G", "G"),) * 2 + (("G", "G", "R", "R"),) * 2),
         ("monochrome", (("L",),)),
-    ],
-)
-def test_filters_and_light_of_a_camera_file(
-    tmp_path: Path, device: Device, name: str, tile: Any
-) -> None:
-    text = EXAMPLE.replace("# [camera.pixels]  ", "[camera.pixels]  ")
-    text = text.replace('# filters = "RGGB"', f'filters = "{name}"')
-    text = text.replace("# [coherence]", "[coherence]").replace("# spectrum =", "spectrum =")
-    file = read(tmp_path, text.replace('"white-led"', '"D65"'))
-    assert file.camera.build(device).pixels.filters.tile == tile
-    light = file.light()
-    assert light is not None
-    assert light.spectrum == SpectralDistribution.illuminant("D65").spectrum
-    with pytest.raises(FormatError, match=r"camera.pixels.filters must be one of 'RGGB', 'GRBG'"):
-        read(tmp_path, text.replace(f'"{name}"', '"RGB"'))
+    ):
+        text = EXAMPLE.replace("# [camera.pixels]  ", "[camera.pixels]  ")
+        text = text.replace('# filters = "RGGB"', f'filters = "{name}"')
+        text = text.replace("# [coherence]", "[coherence]").replace("# spectrum =", "spectrum =")
+        file = read(tmp_path, text.replace('"white-led"', '"D65"'))
+        assert file.camera.build(device).pixels.filters.tile == tile
+        light = file.light()
+        assert light is not None
+        assert light.spectrum == SpectralDistribution.illuminant("D65").spectrum
+        with pytest.raises(
+            FormatError, match=r"camera.pixels.filters must be one of 'RGGB', 'GRBG'"
+        ):
+            read(tmp_path, text.replace(f'"{name}"', '"RGB"'))
 
 
 def test_every_key_reaches_the_sensor(tmp_path: Path) -> None:
@@ -560,9 +550,8 @@ def test_pixels_are_kept_with_a_camera(tmp_path: Path, device: Device):
         read_camera(kept | {"lens_model": "thick"}, tmp_path, device)
 
 
-@pytest.mark.parametrize(
-    ("old", "new", "said"),
-    [
+def test_what_is_said_about_wrong_pixels(tmp_path: Path):
+    for old, new, said in (
         ("pitch_um = 1.4", "pitch = 1.4", r"camera\.pixels\.pitch; did you mean pitch_um\?"),
         ("pitch_um = 1.4", "pitch_um = 0", r"pixels\.pitch_um must be greater than 0 \(found 0\)"),
         ("    pitch_um = 1.4", "", "camera needs pixels_per_lenslet, or pixels.pitch_um in their"),
@@ -581,12 +570,10 @@ def test_pixels_are_kept_with_a_camera(tmp_path: Path, device: Device):
             r"has pixels_per_lenslet = 15 and pixels\.pitch_um = 1\.4, of which a lenslet of "
             r"20 um has 14\.2857: leave one out",
         ),
-    ],
-)
-def test_what_is_said_about_wrong_pixels(tmp_path: Path, old: str, new: str, said: str):
-    assert old in REAL
-    with pytest.raises(FormatError, match=said):
-        read(tmp_path, REAL.replace(old, new, 1))
+    ):
+        assert old in REAL
+        with pytest.raises(FormatError, match=said):
+            read(tmp_path, REAL.replace(old, new, 1))
 
 
 POINTS = EXAMPLE[EXAMPLE.index("points_mm") : EXAMPLE.index("# [[scene.pictures]]")]
@@ -595,9 +582,8 @@ SLIDE = PICTURE + 'mode = "transmission"\n'
 LIT = SLIDE + "[coherence]\n"
 
 
-@pytest.mark.parametrize(
-    ("tables", "said"),
-    [
+def test_what_is_said_about_wrong_pictures_and_light(tmp_path: Path):
+    for tables, said in (
         ("", r"scene is empty: give points_mm, or tables \[\[scene\.pictures\]\], or both\.$"),
         (
             "power = 2.0\n" + PICTURE,
@@ -660,77 +646,63 @@ LIT = SLIDE + "[coherence]\n"
             r"coherence\.spectrum_file must name a file, and there is none at .*/none\.csv",
         ),
         (LIT + "seed = -1", r"coherence\.seed must be greater than or equal to 0 \(found -1\)"),
-    ],
-)
-def test_what_is_said_about_wrong_pictures_and_light(tmp_path: Path, tables: str, said: str):
-    imageio.imwrite(tmp_path / "a.png", np.full((2, 2), 9, np.uint8))
-    with pytest.raises(FormatError, match=said) as caught:
-        read(tmp_path, EXAMPLE.replace(POINTS, tables))
-    assert "pydantic" not in str(caught.value)
+    ):
+        imageio.imwrite(tmp_path / "a.png", np.full((2, 2), 9, np.uint8))
+        with pytest.raises(FormatError, match=said) as caught:
+            read(tmp_path, EXAMPLE.replace(POINTS, tables))
+        assert "pydantic" not in str(caught.value)
 
 
-@pytest.mark.parametrize(
-    ("values", "keys", "said"),
-    [
+def test_what_is_said_about_an_odd_picture(tmp_path: Path):
+    for values, keys, said in (
         (np.ones((3, 4), np.uint16), "srgb = true", r"a\.tif: srgb = true decodes 8-bit values, "),
         (np.float32([[0.2, 3.0]]), 'mode = "transmission"', r"a\.tif: A slide transmits at most 1"),
         (np.zeros((3, 4), np.uint8), "", r"a\.tif: All samples of the picture are 0"),
         (np.ones((3, 4), np.complex64), "", r"The picture .*a\.tif has samples of type complex64"),
         (None, "", r"The picture .*a\.tif cannot be read"),
-    ],
-)
-def test_what_is_said_about_an_odd_picture(tmp_path: Path, values: object, keys: str, said: str):
-    if values is None:
-        (tmp_path / "a.tif").write_text("no picture")
-    else:
-        tifffile.imwrite(tmp_path / "a.tif", values)
-    second = PICTURE.replace("a.png", "a.tif") + keys
-    imageio.imwrite(tmp_path / "a.png", np.full((2, 2), 9, np.uint8))
-    text = EXAMPLE.replace(POINTS, PICTURE + second + "\n[coherence]\n")
-    with pytest.raises(FormatError, match=r"^scene\.pictures\.1\.file: .*" + said):
-        read(tmp_path, text).scene.build()
+    ):
+        if values is None:
+            (tmp_path / "a.tif").write_text("no picture")
+        else:
+            tifffile.imwrite(tmp_path / "a.tif", values)
+        second = PICTURE.replace("a.png", "a.tif") + keys
+        imageio.imwrite(tmp_path / "a.png", np.full((2, 2), 9, np.uint8))
+        text = EXAMPLE.replace(POINTS, PICTURE + second + "\n[coherence]\n")
+        with pytest.raises(FormatError, match=r"^scene\.pictures\.1\.file: .*" + said):
+            read(tmp_path, text).scene.build()
 
 
-@pytest.mark.parametrize(
-    ("keys", "said"),
-    [
+def test_what_is_said_about_an_odd_spectrum(tmp_path: Path):
+    for keys, said in (
         ("fwhm_nm = 300", r"^coherence\.fwhm_nm: The FWHM is positive and below half"),
         ('spectrum_file = "a.png"', r"^coherence\.spectrum_file: .*a\.png is no text file"),
         ("lines_nm = [5e8, 3]", r"^coherence\.lines_nm: 0\.5 m is no wavelength of light"),
         ("lines_nm = [500, 501]\nline_powers = [0, 0]", r"^coherence\.lines_nm: The powers of"),
-    ],
-)
-def test_what_is_said_about_an_odd_spectrum(tmp_path: Path, keys: str, said: str):
-    imageio.imwrite(tmp_path / "a.png", np.full((2, 2), 9, np.uint8))
-    file = read(tmp_path, EXAMPLE.replace(POINTS, LIT + keys))
-    with pytest.raises(FormatError, match=said):
-        file.light()
+    ):
+        imageio.imwrite(tmp_path / "a.png", np.full((2, 2), 9, np.uint8))
+        file = read(tmp_path, EXAMPLE.replace(POINTS, LIT + keys))
+        with pytest.raises(FormatError, match=said):
+            file.light()
 
 
 COLOURS = np.array([[[0, 51, 102], [255, 255, 255], [255, 0, 0]]], np.uint8)
 
 
-@pytest.mark.parametrize(
-    ("values", "srgb", "expected"),
-    [
+def test_values_become_grey_linear_light(tmp_path: Path):
+    for values, srgb, expected in (
         (np.array([[0, 51, 255]], np.uint8), False, [[0, 0.2, 1]]),
         (np.array([[0, 13107, 65535]], np.uint16), False, [[0, 0.2, 1]]),
-        (np.array([[0, 1, 1]], np.uint8), False, [[0, 1, 1]]),  # one bit
+        (np.array([[0, 1, 1]], np.uint8), False, [[0, 1, 1]]),
         (np.array([[0.5, 0, 0.75]], np.float32), False, [[0.5, 0, 0.75]]),
         (COLOURS, False, [[0.7152 * 0.2 + 0.0722 * 0.4, 1, 0.2126]]),
-        # 51/255: ((.2 + .055)/1.055)^2.4; decoded before the colours are weighted
         (COLOURS, True, [[0.7152 * 0.0331048 + 0.0722 * 0.1328683, 1, 0.2126]]),
-    ],
-)
-def test_values_become_grey_linear_light(
-    tmp_path: Path, values: np.ndarray, srgb: bool, expected: object
-):
-    tifffile.imwrite(tmp_path / "a.tif", values)
-    keys = f"mode = 'transmission'\nsrgb = {str(srgb).lower()}\n[coherence]"
-    text = EXAMPLE.replace(POINTS, PICTURE.replace("a.png", "a.tif") + keys)
-    (plane,) = read(tmp_path, text).scene.build()
-    np.testing.assert_allclose(plane.image, expected, rtol=1e-5)
-    assert plane.image.max() <= 1
+    ):
+        tifffile.imwrite(tmp_path / "a.tif", values)
+        keys = f"mode = 'transmission'\nsrgb = {str(srgb).lower()}\n[coherence]"
+        text = EXAMPLE.replace(POINTS, PICTURE.replace("a.png", "a.tif") + keys)
+        (plane,) = read(tmp_path, text).scene.build()
+        np.testing.assert_allclose(plane.image, expected, rtol=1e-5)
+        assert plane.image.max() <= 1
 
 
 def test_lines_and_a_table_without_slides(tmp_path: Path):
@@ -854,20 +826,17 @@ def test_a_cover_glass_reaches_a_microscope_and_its_files(tmp_path: Path, device
         read_camera({name: kept[name] for name in kept if name != "cover_index"}, tmp_path, device)
 
 
-@pytest.mark.parametrize(
-    ("old", "new", "said"),
-    [
+def test_what_is_said_about_a_wrong_microscope(tmp_path: Path):
+    for old, new, said in (
         ("na = 1.2", "", "camera needs na for kind = 'microscope'"),
         ("na = 1.2", "na = 1.2\n m = 0.2", "has m, which belongs to kind = 'plenoptic2'"),
         ("na = 1.2", "na = 1.2\n focal_length_mm = 3", "has focal_length_mm, for which kind"),
         ('kind = "microscope"', "", "has magnification, which belongs to kind = 'microscope'"),
         ("    pixels_per_lenslet = 15", "", "camera needs pixels_per_lenslet"),
-    ],
-)
-def test_what_is_said_about_a_wrong_microscope(tmp_path: Path, old: str, new: str, said: str):
-    assert old in MICROSCOPE
-    with pytest.raises(FormatError, match=said):
-        read(tmp_path, MICROSCOPE.replace(old, new, 1))
+    ):
+        assert old in MICROSCOPE
+        with pytest.raises(FormatError, match=said):
+            read(tmp_path, MICROSCOPE.replace(old, new, 1))
 
 
 CAMERAS = Path(__file__).parents[1] / "examples" / "cameras"
@@ -905,9 +874,9 @@ def test_read_camera(tmp_path: Path, device: Device):
 LONG_KEY = ".".join("a" * 1000)
 
 
-@pytest.mark.parametrize(
-    ("text", "said"),
-    [
+def test_toml_that_would_take_too_long(tmp_path: Path):
+    path = tmp_path / "a.toml"
+    for text, said in (
         ("a = " + "[" * 5000 + "]" * 5000, "nests arrays or tables too deeply"),
         ("a = " + "{a = " * 3000 + "1" + "}" * 3000, "nests arrays or tables too deeply"),
         (f"# a comment\n{LONG_KEY} = 1", "more than 32 parts in line 2"),
@@ -915,14 +884,13 @@ LONG_KEY = ".".join("a" * 1000)
         ("x = {" + " . ".join(['"!"'] * 40) + " = 1}", "more than 32 parts in line 1"),
         ("a = " + "1" * 5000, "is not TOML"),
         ("a = [", "is not TOML"),
-    ],
-)
-@pytest.mark.parametrize("reader", [read_camera_file, Job.read, read_microscope_file])
-def test_toml_that_would_take_too_long(tmp_path: Path, text: str, said: str, reader: Any):
-    path = tmp_path / "a.toml"
-    path.write_text(text, encoding="utf-8")
-    with pytest.raises(FormatError, match=said):
-        reader(path)
+    ):
+        path.write_text(text, encoding="utf-8")
+        with pytest.raises(FormatError, match=said):
+            read_toml(path, "file")
+    for reader in (read_camera_file, Job.read, read_microscope_file):
+        with pytest.raises(FormatError, match="is not TOML"):
+            reader(path)
 
 
 def test_toml_that_only_looks_deep(tmp_path: Path):

@@ -64,7 +64,7 @@ def test_keys_of_toml_files() -> None:
     tables_of = load("extensions/toml_tables.py").tables_of
     camera = dict(tables_of(CameraFile.model_json_schema()))
     assert list(camera)[:3] == ["", "[camera]", "[camera.microlenses]"]
-    rows = {row[0]: row[1:] for row in camera["[camera]"]}
+    rows = {row[0]: row[1:3] for row in camera["[camera]"]}
     assert rows["`focal_length_mm`"] == ["number > 0", "left out"]
     assert rows["`kind`"][0] == '`"plenoptic1"`, `"plenoptic2"`, `"microscope"`'
     assert rows["`wavelength_nm`"][1] == "required"

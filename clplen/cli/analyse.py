@@ -14,7 +14,7 @@ from clplen.reprs import printable
 if TYPE_CHECKING:
     from clplen.analysis.cameras.comparison import Comparison
     from clplen.cameras.camera_base import Plenoptic
-    from clplen.config import CameraFile
+    from clplen.config.camera_file import CameraFile
 
 _NAMES = ("standard", "focused")
 _REPORT = "report.md"
@@ -32,14 +32,7 @@ def _print_example(ctx: click.Context, _: click.Parameter, kind: str | None) -> 
 @click.argument(
     "cameras", metavar="CAMERA.toml...", nargs=-1, required=True, type=click.Path(path_type=Path)
 )
-@click.option(
-    "-o",
-    "--output",
-    required=True,
-    metavar="FOLDER",
-    type=click.Path(path_type=Path),
-    help="Folder for report.md, tables (CSV) and figures (PNG).",
-)
+@options.output("FOLDER", "Folder for report.md, tables (CSV) and figures (PNG).")
 @click.option(
     "--only",
     metavar="NAMES",
@@ -133,7 +126,7 @@ def _split(only: str) -> list[str]:
 
 def _read(paths: tuple[Path, ...]) -> dict[str, CameraFile]:
     """The camera files by their names without ending."""
-    from clplen.config import read_camera_file
+    from clplen.config.camera_file import read_camera_file
 
     found: dict[str, CameraFile] = {}
     for path in paths:

@@ -42,21 +42,9 @@ def batch() -> None:
 
 def _print_example(ctx: click.Context, _: click.Parameter, wanted: bool) -> None:
     if wanted:
-        from clplen.batch.jobs.tables import EXAMPLE
+        from clplen.batch.jobs.spec import commented_job
 
-        click.echo(EXAMPLE, nl=False)
-        ctx.exit()
-
-
-def _make_certificates(ctx: click.Context, _: click.Parameter, folder: Path | None) -> None:
-    if folder is not None:
-        from clplen.batch import make_certificates
-
-        make_certificates(folder)
-        click.echo(
-            f"{folder} holds certificates for a year. Copy it to every computer that takes part, "
-            "unseen by others: whoever has its key.pem can run programs as you."
-        )
+        click.echo(commented_job(), nl=False)
         ctx.exit()
 
 
@@ -64,7 +52,8 @@ _CERTIFICATES = click.option(
     "--certificates",
     metavar="FOLDER",
     type=click.Path(path_type=Path),
-    help="Of --make-certificates: ca.pem, certificate.pem, key.pem. Only who has them is answered.",
+    help="Folder with certificate.pem and key.pem, by which workers on several computers know each "
+    "other; a job that starts its own scheduler makes it if there is none.",
 )
 _INSECURE = click.option(
     "--insecure",
@@ -76,15 +65,6 @@ _INSECURE = click.option(
 
 @batch.command()
 @click.argument("path", metavar="JOB.toml", type=click.Path(path_type=Path))
-@click.option(
-    "--make-certificates",
-    metavar="FOLDER",
-    type=click.Path(path_type=Path),
-    is_eager=True,
-    expose_value=False,
-    callback=_make_certificates,
-    help="Make certificates for workers on several computers, and stop.",
-)
 @click.option(
     "--example",
     is_flag=True,
@@ -314,7 +294,7 @@ def worker(
     It is 'dask worker ADDRESS --preload clplen.batch.preload' with as many threads as items
     overlap (one is read, one computed, one written); start one for each
     device, after 'dask scheduler'. A worker runs what its scheduler sends: beyond this computer
-    both need certificates.
+    both need the certificate.
 
     \b
     Example:
@@ -322,14 +302,13 @@ def worker(
       clplen worker tls://10.0.0.1:8786 --host 10.0.0.2 --certificates FOLDER
     """
     from clplen.batch.running.cluster import worker_command
-    from clplen.batch.running.network import check_certificates, check_reachable, network_of
+    from clplen.batch.running.network import check_scheduler, network_of
     from clplen.compute.device import Device
 
     network = network_of(scheduler, host=host, certificates=certificates, insecure=insecure)
-    check_reachable(network)
-    check_certificates(network)
-    Device.open(selector).ensure_usable()
     arguments, environment = worker_command(network, selector)
+    check_scheduler(network)
+    Device.open(selector).ensure_usable()
     if os.name == "posix":  # signals reach the worker itself
         os.execve(arguments[0], arguments, environment)
     click.get_current_context().exit(subprocess.call(arguments, env=environment))

@@ -47,7 +47,7 @@ class Board(click.ParamType):
 @click.argument(
     "sources", metavar="INPUT...", nargs=-1, required=True, type=click.Path(path_type=Path)
 )
-@click.option("-o", "--output", required=True, metavar="OUT.json", type=click.Path(path_type=Path))
+@options.output("OUT.json")
 @click.option(
     "--board",
     required=True,
@@ -81,8 +81,8 @@ def calibrate(
       clplen calibrate board_*.h5 --board 6x9 --spacing 25mm -o camera.json
       clplen depth scene.h5 -o depth.pfm --intrinsics camera.json --metric z.pfm --ply scene.ply
     """
-    from clplen.io import files_of, write_intrinsics
-    from clplen.io.lightfields.lightfield_files import kind_of
+    from clplen.io import write_intrinsics
+    from clplen.io.lightfields.lightfield_files import files_of, kind_of
     from clplen.lightfield.metric.board_corners import checked_board, opencv
     from clplen.lightfield.metric.camera_calibration import calibrate as calibrated
 

@@ -34,6 +34,8 @@ from clplen.cli.shared.focused import (
     refuse,
 )
 from clplen.cli.shared.focused import read as open_raw
+from clplen.cli.shared.table_options import Command, option_of
+from clplen.config.operations import DepthTable
 
 if TYPE_CHECKING:
     from clplen.compute.device import Device
@@ -49,34 +51,15 @@ _AT_ENDS = 0.01  # of the pixels: how many may lie at the first or last plane un
 _SURE = 0.5  # confidence above which a pixel counts as sure
 
 
-@click.command()
-@click.argument("source", metavar="INPUT", type=click.Path(path_type=Path))
-@click.option(
-    "-o",
-    "--output",
-    required=True,
-    metavar="OUT.pfm|OUT.tif|OUT.npy",
-    type=click.Path(path_type=Path),
-    help="Disparities; a picture of the same name in .png is written beside them.",
+@click.command(cls=Command)
+@options.source
+@options.output(
+    "OUT.pfm|OUT.tif|OUT.npy",
+    "Disparities; a picture of the same name in .png is written beside them.",
 )
-@click.option(
-    "--cue",
-    type=click.Choice(["energy", "correspondence", "structure-tensor", "combined"]),
-    help="What to tell depth by; default: combined, of a microscope energy.",
-)
-@click.option(
-    "--confidence",
-    metavar="FILE",
-    type=click.Path(path_type=Path),
-    help="Confidence from 0 to 1, as .pfm, .tif or .npy.",
-)
-@click.option(
-    "--aperture",
-    type=options.Aperture(),
-    metavar="N|FRACTION|f/N",
-    help="Views to use: their number, a fraction of the full diameter, or an f-number; leaves out "
-    "dark rims.",
-)
+@option_of(DepthTable, "cue")
+@options.file("--confidence", help="Confidence from 0 to 1, as .pfm, .tif or .npy.")
+@options.aperture
 @depth_words
 @options.plane_range
 @metric.lengths

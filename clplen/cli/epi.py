@@ -13,14 +13,9 @@ from clplen.cli.shared.pictures import PICTURES, check_output, write
 
 
 @click.command()
-@click.argument("source", metavar="INPUT", type=click.Path(path_type=Path))
-@click.option(
-    "-o",
-    "--output",
-    required=True,
-    metavar="OUT.tif|OUT.png",
-    type=click.Path(path_type=Path),
-    help="TIFF holds the samples (linear float32), PNG a figure with axes.",
+@options.source
+@options.output(
+    "OUT.tif|OUT.png", "TIFF holds the samples (linear float32), PNG a figure with axes."
 )
 @click.option("--y", type=int, help="Row of pixels; with --v gives (u, x).")
 @click.option("--v", type=int, help="Row of views.")

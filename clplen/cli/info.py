@@ -15,7 +15,7 @@ import numpy as np
 from clplen.cli.microscopy import fourier
 from clplen.cli.microscopy.microscope import described
 from clplen.cli.shared import options
-from clplen.cli.shared.console import capture_messages, check_outputs, read, to_option_names
+from clplen.cli.shared.console import capture_messages, check_outputs, read
 from clplen.cli.shared.light_field_rows import Rows, of_orders, of_samples, typed
 
 if TYPE_CHECKING:
@@ -115,14 +115,9 @@ _AXIS_WORDS = ("swap_uv", "flip_v", "flip_u")
 
 
 @click.command()
-@click.argument("source", metavar="INPUT", type=click.Path(path_type=Path))
+@options.source
 @click.option("--json", "as_json", is_flag=True, help="Write JSON instead of a table.")
-@click.option(
-    "--save-grid",
-    metavar="FILE",
-    type=click.Path(path_type=Path),
-    help="Write the lenslet lattice of a raw image, for --grid.",
-)
+@options.file("--save-grid", help="Write the lenslet lattice of a raw image, for --grid.")
 @click.option(
     "--save-pictures",
     metavar="FOLDER",
@@ -243,7 +238,7 @@ def _of_focused(source: Path, kind: str, found: dict[str, Any]) -> tuple[Rows, d
 def _of_parameters(source: Path, selector: str | None) -> tuple[Rows, dict[str, Any]]:
     """What follows from the parameters of a camera or a microscope."""
     from clplen.compute.device import Device
-    from clplen.config import read_camera_file
+    from clplen.config.camera_file import read_camera_file
     from clplen.config.kinds import FOURIER, kind_of
     from clplen.config.microscope import read_microscope_file
     from clplen.config.tables import read_toml
@@ -433,7 +428,7 @@ def _of_lattice(lattice: Lattice) -> Rows:
         ("Rotation", f"{math.degrees(lattice.rotation):+.4f} degrees (+x towards +y)"),
         ("Centre", f"(y, x) = ({lattice.origin[0]:.3f}, {lattice.origin[1]:.3f}) px"),
         ("Residual", f"{lattice.residual:.4f} px rms, trust {lattice.trust}"),
-        ("Lattice", to_option_names(lattice.verdict)),
+        ("Lattice", lattice.verdict),
     ]
 
 

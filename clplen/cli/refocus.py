@@ -30,6 +30,8 @@ from clplen.cli.shared.pictures import (
     tone,
     write,
 )
+from clplen.cli.shared.table_options import Command, option_of
+from clplen.config.operations import StackTable
 
 if TYPE_CHECKING:
     from clplen.lightfield.depth.depth_maps import DepthMap
@@ -41,16 +43,9 @@ _MOST = 16  # of --upsample
 _SURE = 1e-3  # of a confidence: below it there is nothing to tell depth by
 
 
-@click.command()
-@click.argument("source", metavar="INPUT", type=click.Path(path_type=Path))
-@click.option(
-    "-o",
-    "--output",
-    required=True,
-    metavar="OUT.tif|OUT.png",
-    type=click.Path(path_type=Path),
-    help="TIFF holds linear float32; PNG is scaled, to look at.",
-)
+@click.command(cls=Command)
+@options.source
+@options.output("OUT.tif|OUT.png", "TIFF holds linear float32; PNG is scaled, to look at.")
 @click.option(
     "--disparity", type=options.FINITE, help="Plane in focus, pixels a view step, nearer larger."
 )
@@ -68,18 +63,8 @@ _SURE = 1e-3  # of a confidence: below it there is nothing to tell depth by
 @click.option(
     "--upsample", type=int, default=1, help="Pixels along each axis for one of the views; 1."
 )
-@click.option(
-    "--interpolation",
-    type=click.Choice(["linear", "nearest", "cubic", "fourier"]),
-    default="linear",
-    show_default=True,
-)
-@click.option(
-    "--aperture",
-    type=options.Aperture(),
-    help="Part of the main lens to use: views across (9), fraction of the diameter (0.5) or "
-    "f-number (f/66); default: all.",
-)
+@option_of(StackTable, "interpolation")
+@options.aperture
 @tone
 @options.plane_range
 @options.layout

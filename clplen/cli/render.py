@@ -32,7 +32,6 @@ from clplen.cli.shared.pictures import (
     write,
     write_shown,
 )
-from clplen.lightfield.arrays.ray_samples import STATISTICS
 
 if TYPE_CHECKING:
     from clplen.lightfield.model.light_field import LightField
@@ -43,14 +42,10 @@ _ROUND = 0.8  # of the way to the outermost views
 
 
 @click.command()
-@click.argument("source", metavar="INPUT", type=click.Path(path_type=Path))
-@click.option(
-    "-o",
-    "--output",
-    required=True,
-    metavar="OUT.tif|OUT.png|OUT.gif|OUT.mp4",
-    type=click.Path(path_type=Path),
-    help="TIFF holds linear float32; PNG, GIF and MP4 are scaled, to look at.",
+@options.source
+@options.output(
+    "OUT.tif|OUT.png|OUT.gif|OUT.mp4",
+    "TIFF holds linear float32; PNG, GIF and MP4 are scaled, to look at.",
 )
 @click.option(
     "--viewpoint",
@@ -59,15 +54,10 @@ _ROUND = 0.8  # of the way to the outermost views
     metavar="V U",
     help="Also between views; default: centre.",
 )
-@click.option(
-    "--aperture",
-    type=options.Aperture(),
-    help="Part of the main lens to use: views across (9), fraction of the diameter (0.5) or "
-    "f-number (f/66); default: all views, or with --viewpoint that one.",
-)
+@options.aperture
 @click.option(
     "--flatten",
-    type=click.Choice(STATISTICS),
+    type=click.Choice(["mean", "variance", "median", "max", "min"]),
     default=None,
     help="What is taken of all views of a pixel; default: mean.",
 )

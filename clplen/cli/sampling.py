@@ -9,7 +9,7 @@ from typing import Any
 
 import click
 
-from clplen.cli.shared.console import note, to_option_names
+from clplen.cli.shared.console import note
 from clplen.cli.shared.options import Length, Lengths, Shape
 from clplen.errors import SamplingError
 from clplen.units import angle, both, interval, metres
@@ -94,7 +94,7 @@ def sampling(
     for one in made:
         _say(f"z = {metres(one.request.z)}", _propagation_rows(one))
         if one.warning:
-            note(to_option_names(one.warning))
+            note(one.warning)
     if wanted:
         _say_methods(wanted)
     if words["f"] is not None:

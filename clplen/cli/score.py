@@ -10,6 +10,8 @@ from typing import Any
 
 import click
 
+from clplen.cli.shared import options
+
 # Masks of the HCI 4D benchmark beside a true disparity, and what they are here.
 _MASKS = {"planes": "planes", "smooth": "smooth_surfaces", "near": "fine",
           "far": "fine_surrounding", "edges": "discontinuities"}  # fmt: skip
@@ -19,12 +21,7 @@ _LOW = "lowres"
 @click.command()
 @click.argument("result", metavar="RESULT", type=click.Path(path_type=Path))
 @click.argument("truth", metavar="TRUTH", type=click.Path(path_type=Path))
-@click.option(
-    "--mask",
-    metavar="FILE",
-    type=click.Path(path_type=Path),
-    help="A picture of the truth's size: judge only where it is not black.",
-)
+@options.file("--mask", help="A picture of the truth's size: judge only where it is not black.")
 @click.option(
     "--border",
     type=click.IntRange(min=0),

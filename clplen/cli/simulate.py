@@ -24,7 +24,7 @@ _FILES = ("raw.tif", "raw.png", "lightfield.h5", "raw.h5")
 
 def _print_example(ctx: click.Context, _: click.Parameter, wanted: bool) -> None:
     if wanted:
-        from clplen.config import EXAMPLE
+        from clplen.config.example import EXAMPLE
 
         click.echo(EXAMPLE, nl=False)
         ctx.exit()
@@ -48,10 +48,8 @@ def _print_example(ctx: click.Context, _: click.Parameter, wanted: bool) -> None
     callback=_print_example,
     help="Print a commented camera file and stop.",
 )
-@click.option(
+@options.file(
     "--checkpoint",
-    metavar="FILE",
-    type=click.Path(path_type=Path),
     help="Keeps the mean of snapshots of partially coherent light, written every 20 s; a run "
     "that finds it goes on from there.",
 )
@@ -71,7 +69,8 @@ def simulate(
       clplen simulate camera.toml -o simulated
     """
     from clplen import plot
-    from clplen.config import CoherenceTable, read_camera_file
+    from clplen.config.camera_file import read_camera_file
+    from clplen.config.scene import CoherenceTable
     from clplen.files import check_writable, output_folder
     from clplen.outputs import check_outputs
 

@@ -30,22 +30,18 @@ from clplen.cli.shared.focused import (
     suitable_ms,
 )
 from clplen.cli.shared.focused import read as open_raw
+from clplen.cli.shared.table_options import Command, option_of
+from clplen.config.operations import StackTable
 
 _MS = 11  # planes of a focused raw image where none are said
 
 
-@click.command()
-@click.argument("source", metavar="INPUT", type=click.Path(path_type=Path))
-@click.option(
-    "-o", "--output", required=True, metavar="OUT.tif|OUT.zarr", type=click.Path(path_type=Path)
-)
+@click.command(cls=Command)
+@options.source
+@options.output("OUT.tif|OUT.zarr")
 @options.plane_range
-@click.option(
-    "--aperture",
-    type=options.Aperture(),
-    help="Part of the main lens to use: views across "
-    "(9), fraction of the diameter (0.5) or f-number (f/66); default: all.",
-)
+@options.aperture
+@option_of(StackTable, "interpolation")
 @stack_words
 @options.memory
 @options.layout
@@ -56,6 +52,7 @@ def stack(
     disparities: Any,
     alphas: Any,
     aperture: Any,
+    interpolation: str,
     ms: Any,
     view: Any,
     focused: bool,
@@ -83,15 +80,18 @@ def stack(
     check_suffix(output, (".tif", ".tiff", ".zarr"))
     check_outputs(source, layout, output)
     if is_meant(source, {"m": ms, "view": view, "focused": focused, "image": image}):
-        refuse(disparities=disparities, alphas=alphas, memory=memory)
+        how = None if interpolation == "linear" else interpolation
+        refuse(disparities=disparities, alphas=alphas, memory=memory, interpolation=how)
         check_kept(source, image, output)
         _of_focused(source, output, ms, view, aperture, image, selector, layout)
         return
     if memory is not None:
-        _stream(source, output, (disparities, alphas), aperture, memory, selector, layout)
+        how = {"aperture": aperture, "interpolation": interpolation}
+        _stream(source, output, (disparities, alphas), how, memory, selector, layout)
         return
     lf = read(source, selector, layout)
-    made = focal_stack(lf, aperture=aperture, **planes_of(lf, disparities, alphas))
+    planes = planes_of(lf, disparities, alphas)
+    made = focal_stack(lf, aperture=aperture, interpolation=interpolation, **planes)
     best = sharpest_of(made, lf)
     if not isinstance(best, str):
         note_end(made.disparities, made.disparities[best])
@@ -142,7 +142,7 @@ def _stream(
     source: Path,
     output: Path,
     ends: tuple[Any, Any],
-    aperture: Any,
+    how: dict[str, Any],
     memory: int,
     selector: str | None,
     layout: dict[str, Any],
@@ -154,10 +154,10 @@ def _stream(
     with stored(source, selector, layout) as (lf, device), tile_progress() as progress:
         made = stack_tiles(
             lf,
-            aperture=aperture,
             memory=memory,
             device=device,
             progress=progress,
+            **how,
             **planes_of(lf, *ends),
         )
         click.echo(made.plan, err=True)

@@ -25,12 +25,11 @@ _LARGE = 60e6  # bytes of a page that some mail servers and browsers refuse
 @click.argument(
     "sources", metavar="INPUT...", nargs=-1, required=True, type=click.Path(path_type=Path)
 )
-@click.option(
+@options.file(
     "-o",
     "--output",
-    metavar="OUT.html",
-    type=click.Path(path_type=Path),
     help="Write one file that holds everything, instead of opening a browser.",
+    metavar="OUT.html",
 )
 @click.option("--title", help="Of the page; default: the names of the inputs.")
 @click.option(
@@ -39,27 +38,19 @@ _LARGE = 60e6  # bytes of a page that some mail servers and browsers refuse
     show_default=True,
     help="Find the depth of light fields: then clicks focus by it and all can be in focus.",
 )
-@click.option(
-    "--depth-map",
-    "depth_file",
-    metavar="FILE",
-    type=click.Path(path_type=Path),
-    help="The depth of the light field, of 'clplen depth', instead.",
+@options.file(
+    "--depth-map", "depth_file", help="The depth of the light field, of 'clplen depth', instead."
 )
 @click.option("--compare", is_flag=True, help="Show the inputs side by side, with one cursor.")
-@click.option(
-    "--truth",
-    metavar="FILE",
-    type=click.Path(path_type=Path),
-    help="The true disparity: with --compare the scores of disparity maps are shown.",
+@options.file(
+    "--truth", help="The true disparity: with --compare the scores of disparity maps are shown."
 )
 @click.option("--time", is_flag=True, help="The inputs are the times of one series.")
-@click.option(
+@options.file(
     "--tracks",
     "tracks_file",
-    metavar="TRACKS.csv",
-    type=click.Path(path_type=Path),
     help="Of 'clplen microscope track', drawn over the volumes.",
+    metavar="TRACKS.csv",
 )
 @click.option(
     "--most-views",

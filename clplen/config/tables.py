@@ -112,19 +112,24 @@ def _table_at(model: type[BaseModel], path: list[str]) -> type[BaseModel]:
     """The model of a table in a table."""
     for name in path:
         if name in model.model_fields:
-            model = _model_in(model.model_fields[name].annotation) or model
+            model = model_in(model.model_fields[name].annotation) or model
     return model
 
 
-def _model_in(annotation: Any) -> type[BaseModel] | None:
-    """The model that an annotation such as ``list[Table] | None`` speaks of."""
+def model_in(annotation: Any) -> type[BaseModel] | None:
+    """Return the model in an annotation such as ``list[Table] | None``."""
     if isinstance(annotation, type) and issubclass(annotation, BaseModel):
         return annotation
-    return next((found for part in get_args(annotation) if (found := _model_in(part))), None)
+    return next((found for part in get_args(annotation) if (found := model_in(part))), None)
+
+
+def problem_with(error: ValidationError) -> str:
+    """Return what the first finding says of a single value, such as "must be a number"."""
+    return _wrong_value(error.errors()[0])
 
 
 def _wrong_value(error: Any) -> str:
-    """A value, or values of a whole table that do not go together."""
+    """Describe a wrong value, or values of a whole table that exclude each other."""
     if error["type"] in _EXPECTED:
         said = _EXPECTED[error["type"]].format(**error.get("ctx", {}))
     else:

@@ -20,7 +20,6 @@ from .formats.picture import write_picture as write_picture
 from .formats.ply import points_of as points_of
 from .formats.ply import read_ply as read_ply
 from .formats.ply import write_ply as write_ply
-from .lightfields.lightfield_files import files_of as files_of
 from .lightfields.lightfield_files import open_lightfield as open_lightfield
 from .lightfields.lightfield_files import read_lightfield as read_lightfield
 from .lightfields.lightfield_files import write_lightfield as write_lightfield

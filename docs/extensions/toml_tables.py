@@ -1,7 +1,7 @@
 """The directive ``toml-tables``: keys of a file as its pydantic model knows them.
 
 ``{toml-tables} clplen.config.camera_file:CameraFile`` gives a table of keys for the file and each
-table in it: key, values that are taken, default.
+table in it: key, values that are taken, default, and the sentence of `clplen.config.settings`.
 """
 
 from __future__ import annotations
@@ -78,10 +78,13 @@ def tables_of(schema: dict[str, Any]) -> list[tuple[str, list[list[str]]]]:
         for key, one in table.get("properties", {}).items():
             inner, here = _tables_in(one, definitions), f"{path}.{key}".lstrip(".")
             values, default = values_of(one, definitions), one.get("default")
-            said = "left out" if inner or default is None else f"`{json.dumps(default)}`"
+            said = one.get("default_text") or "left out"
+            if default is not None and not inner:
+                said = f"`{json.dumps(default)}`"
             if inner:
                 values = "array of tables, below" if inner[0][1] else "table, below"
-            rows.append([f"`{key}`", values, "required" if key in required else said])
+            words = one.get("description", "").replace("|", "\\|")
+            rows.append([f"`{key}`", values, "required" if key in required else said, words])
             for name, many in inner:
                 walk(definitions[name], here, f"[[{here}]]" if many else f"[{here}]")
 
@@ -100,8 +103,11 @@ class TomlTables(Directive):
         lines: list[str] = []
         for path, rows in tables_of(model.model_json_schema()):
             lines += [f"### `{path}`" if path else "### Top level", ""]
-            lines += ["| key | takes | default |", "|---|---|---|"]
-            lines += ["| " + " | ".join(row) + " |" for row in rows] + [""]
+            columns = 4 if any(row[3] for row in rows) else 3
+            heading = ["key", "takes", "default", "meaning"][:columns]
+            for row in (heading, ["---"] * columns, *rows):
+                lines.append("| " + " | ".join(row[:columns]) + " |")
+            lines.append("")
         node = nodes.section()
         node.document = self.state.document
         nested_parse_with_titles(self.state, StringList(lines, "toml-tables"), node)

@@ -174,24 +174,9 @@ def test_what_was_done_by_a_worker_that_was_lost_is_not_done_again(
     assert execute_task(task, resources).started > report.started
 
 
-@pytest.mark.parametrize(
-    "content", ["", "[]", "{}", "\0", {"outputs": {"a": 1}}, {"inputs": {"in/a": {}}}]
-)
-def test_a_damaged_record_is_none(small: tuple[Path, list[Path]], device: Device, content: Any):
-    job, files = small
-    for file in files[1:]:
-        file.unlink()
-    run(job, device)
-    record = job.parent / "out" / "field_000" / "item.json"
-    if isinstance(content, dict):
-        content = json.dumps(json.loads(record.read_text()) | content)
-    record.write_text(content)
-    assert [state for _, state, _ in status_of(Job.read(job))] == ["damaged"]
-    assert run(job, device)[0].done == 1
-
-
 _STAMP = {"bytes": 4, "sha256": "00"}
 _DAMAGES: tuple[Any, ...] = (
+    *("", "[]", "{}", "\0", {"outputs": {"a": 1}}, {"inputs": {"in/a": {}}}),
     *("[" * 100_000, '{"settings": {"a": ' * 5000, "9" * 10_000),
     {"outputs": {}},
     {"outputs": ["stack.ome.tif"]},

@@ -18,8 +18,9 @@ from png_writer import encode
 
 from clplen.compute.device import Device
 from clplen.errors import FormatError
-from clplen.io import files_of, read_lightfield
+from clplen.io import read_lightfield
 from clplen.io.formats import picture
+from clplen.io.lightfields.lightfield_files import files_of
 
 SHAPE = (3, 4, 5, 7)
 

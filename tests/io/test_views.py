@@ -14,13 +14,13 @@ from png_writer import encode
 from clplen.compute.device import Device
 from clplen.errors import DeviceError, FormatError
 from clplen.io import (
-    files_of,
     open_lightfield,
     read_lightfield,
     write_lightfield,
     write_mosaic,
     write_views,
 )
+from clplen.io.lightfields.lightfield_files import files_of
 from clplen.lightfield.model.light_field import LightField
 
 SHAPE = (3, 4, 7, 11)  # V, U, y, x: all different

@@ -9,8 +9,8 @@ from click.testing import CliRunner
 
 from clplen import FormatError, read_camera
 from clplen.cli import main
-from clplen.config import EXAMPLE as PLENOPTIC
-from clplen.config import read_camera_file
+from clplen.config.camera_file import read_camera_file
+from clplen.config.example import EXAMPLE as PLENOPTIC
 from clplen.config.example import MICROSCOPE
 from clplen.config.fourier_microscope import EXAMPLE, is_fourier_file, read_fourier_file
 from clplen.config.microscope import read_microscope_file

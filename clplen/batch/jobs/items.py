@@ -13,7 +13,7 @@ from clplen.batch.jobs.spec import JobSpec
 from clplen.batch.jobs.tables import WORK, InputTable
 from clplen.batch.jobs.task import Source, Task
 from clplen.errors import ClplenError, FormatError
-from clplen.io import files_of
+from clplen.io.lightfields.lightfield_files import files_of
 
 # Words of layout that may name files; a calibration may be a folder.
 _BESIDE = ("white", "dark", "grid", "calibration", "positions", "intrinsics")

@@ -22,8 +22,8 @@ from clplen.cameras.scenes.gallery import SCENES, SampleScene, sample_scenes
 from clplen.cameras.scenes.scene_sources import PointSources
 from clplen.cameras.scenes.surface_scene import EDGE_ON
 from clplen.compute.device import Device
-from clplen.config import CameraFile
 from clplen.config.camera import CameraTable, SensorTable
+from clplen.config.camera_file import CameraFile
 from clplen.config.scene import PictureTable
 from clplen.config.scene import SceneTable as SceneKeys
 from clplen.config.tables import Table, problems_of, read_toml, value_of

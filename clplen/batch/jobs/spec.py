@@ -7,11 +7,10 @@ from typing import Annotated, Any, TypeVar
 
 from pydantic import BeforeValidator, Field, PrivateAttr, ValidationError, model_validator
 
+from clplen.batch.jobs.sweep import SweepTable
 from clplen.batch.jobs.tables import (
     WORK,
-    AllInFocusTable,
     DeconvolveTable,
-    DepthTable,
     Format,
     InputTable,
     LightFieldTable,
@@ -19,10 +18,16 @@ from clplen.batch.jobs.tables import (
     RunTable,
     SceneTable,
     SimulationTable,
+)
+from clplen.config.operations import (
+    AllInFocusTable,
+    DepthTable,
+    LayoutTable,
     StackTable,
     ViewsTable,
 )
-from clplen.config.tables import listed, problems_of, read_toml, validated
+from clplen.config.settings import commented, setting
+from clplen.config.tables import Table, listed, problems_of, read_toml, validated
 from clplen.errors import FormatError
 from clplen.files import PathLike
 
@@ -49,9 +54,6 @@ class JobSpec(RunTable):
         light fields are streamed. None: half of the free memory, shared by the workers.
     workers : int
         Processes on this computer; more than one needs the extra ``batch``.
-    certificates : str or None
-        Folder of ``clplen batch --make-certificates``, by which workers on several computers know
-        each other; seen from the job file.
     retries : int
         How often an item that failed for a reason that may pass, or was lost, is tried again.
 
@@ -63,9 +65,11 @@ class JobSpec(RunTable):
     (['bars', 'spheres'], ['ome-tiff'], 1)
     """
 
-    output: str
-    formats: Annotated[list[Format], BeforeValidator(listed)] = Field(
-        default=["ome-tiff"], min_length=1
+    output: str = setting(
+        ..., "Folder of the results, with a folder for each item.", example="results"
+    )
+    formats: Annotated[list[Format], BeforeValidator(listed), Field(min_length=1)] = setting(
+        ["ome-tiff"], 'Formats of stacks, maps and pictures: "ome-tiff", "ome-zarr" or both.'
     )
     inputs: Annotated[list[InputTable], BeforeValidator(listed)] = Field(default=[])
     simulations: Annotated[list[SimulationTable], BeforeValidator(listed)] = Field(default=[])
@@ -136,12 +140,9 @@ class JobSpec(RunTable):
         workers: int | None = None,
         device: str | list[str] | None = None,
         memory: int | str | None = None,
-        certificates: PathLike | None = None,
     ) -> Spec:
         """The same job with other settings of its run; see `clplen.batch.run_job`."""
         given = {"workers": workers, "device": device, "memory": memory}
-        if certificates is not None:
-            given["certificates"] = str(Path(certificates).absolute())
         given = {name: value for name, value in given.items() if value is not None}
         try:
             how = RunTable.model_validate(given)
@@ -159,12 +160,51 @@ class JobSpec(RunTable):
         """Where the results go."""
         return self._folder / self.output
 
-    @property
-    def certificates_folder(self) -> Path | None:
-        """Where the certificates are."""
-        return None if self.certificates is None else self._folder / self.certificates
-
     def contents(self) -> dict[str, Any]:
         """All keys that decide the results, without those of the run: for comparing jobs."""
         how = {*RunTable.model_fields, "output"}
         return self.model_dump(mode="json", exclude=how, exclude_defaults=True)
+
+
+# Headers of a commented job file with their tables and comments; "" is the file itself.
+_TABLES: tuple[tuple[str, type[Table], str], ...] = (
+    ("", JobSpec, ""),
+    ("[inputs]", InputTable, "your own files, in place of the [[scenes]] below"),
+    ("inputs.layout", LayoutTable, "how the files are read, as by read_lightfield in Python"),
+    ("[simulations]", SimulationTable, "light fields of a camera file"),
+    ("[simulations.sweep]", SweepTable, "one item for each combination of all sweeps"),
+    ("[scenes]", SceneTable, "scenes whose depth is known exactly"),
+    ("[scenes.sweep]", SweepTable, "keys: shape, views and noise, or those of the camera file"),
+    ("stack", StackTable, "pictures refocused at many planes"),
+    ("depth", DepthTable, "disparity, confidence, and alpha and z where they are known"),
+    ("all_in_focus", AllInFocusTable, "sharp everywhere; by the depth map where there is one"),
+    ("views", ViewsTable, "single views"),
+    ("light_field", LightFieldTable, "the light field, as it was decoded"),
+    ("deconvolve", DeconvolveTable, "the volume behind raw frames of a light-field microscope"),
+    ("raw", RawTable, "the raw image of simulations and scenes; it has no keys"),
+)
+_SHOWN: dict[str, dict[str, Any]] = {  # keys that are not commented out
+    "": {"output": "results"},
+    "[scenes]": {"kind": ["bars", "spheres"], "shape": [128, 128], "views": [5, 5]},
+    "stack": {"disparities": "-2:2:41"},
+}
+_EXAMPLES = {"[scenes.sweep]": {"key": "noise", "values": [0.0, 0.1], "name": "noise"}}
+_INTRODUCTION = """\
+# Many light fields, and what is made of each: clplen batch job.toml
+# Keys and tables that begin with # are left out. Names of files are seen from the folder of this
+# file. Inputs are any of [[inputs]], [[simulations]] and [[scenes]], several of each; of each input
+# is made what the other tables ask for. Planes are "START:STOP:N" or a list of numbers.
+"""
+
+
+def commented_job() -> str:
+    """Return a job file that shows every key with a comment."""
+    parts = [_INTRODUCTION]
+    for header, model, words in _TABLES:
+        shown = _SHOWN.get(header, {})
+        lines = list(commented(model, shown=shown, examples=_EXAMPLES.get(header, {})))
+        if header:
+            key = f"{'' if shown else '# '}[{header}]"
+            lines.insert(0, f"{key:<31} # {words}")
+        parts.append("\n".join(lines) + "\n")
+    return "\n".join(parts)

@@ -11,6 +11,7 @@ from typing import Annotated, Any, NamedTuple
 
 from pydantic import BeforeValidator, Field
 
+from clplen.config.settings import setting
 from clplen.config.tables import Table
 
 ALL = "*"  # in a key, every entry of a list
@@ -48,9 +49,17 @@ def distinct(values: Any) -> Any:
 class SweepTable(Table):
     """``[[simulations.sweep]]``: one key of the camera file, or of a scene, with its values."""
 
-    key: Annotated[str, Field(pattern=r"^[^.]+(\.[^.]+)*$")]
-    values: Annotated[list[Any], BeforeValidator(distinct)]
-    name: Annotated[str, Field(min_length=1)] | None = None
+    key: Annotated[str, Field(pattern=r"^[^.]+(\.[^.]+)*$")] = setting(
+        ..., "Key of the camera file; numbers count entries from 0, * is all of them.",
+        example="scene.points_mm.*.2",
+    )  # fmt: skip
+    values: Annotated[list[Any], BeforeValidator(distinct)] = setting(
+        ..., "Values of the key.", example=[-100, -50, 0, 50]
+    )
+    name: Annotated[str, Field(min_length=1)] | None = setting(
+        None, "Name of the key in the names of items.",
+        default_text="the key's last word that is no number", example="z_mm",
+    )  # fmt: skip
 
 
 def swept_once(sweep: list[SweepTable]) -> list[SweepTable]:
@@ -91,8 +100,8 @@ def with_values(content: dict[str, Any], settings: Iterable[Setting]) -> dict[st
     content is read.
     """
     changed = copy.deepcopy(content)
-    for setting in settings:
-        _put(changed, setting.key.split("."), setting.value, [])
+    for one in settings:
+        _put(changed, one.key.split("."), one.value, [])
     return changed
 
 

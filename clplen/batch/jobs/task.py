@@ -19,29 +19,8 @@ _MAX_NESTING = 64  # levels of a report; those of camera files, the deepest part
 class Task(OneLine):
     """One light field and what is made of it.
 
-    Attributes
-    ----------
-    name : str
-        Of the item: its folder below the job's output.
-    folder : str
-        Of the job's output, absolute.
-    source : dict
-        Where the light field comes from: ``kind`` "file" with ``path`` and ``layout``, "camera" or
-        "scene" with what `clplen.batch.work.simulation` makes them of.
-    work : dict
-        What is made, by the names of the job's tables; and ``formats``.
-    base : str
-        Folder of the job file, from where names of files are seen.
-    files : tuple of str
-        Files and folders that are read, seen from ``base``.
-
-    Examples
-    --------
-    >>> task = clplen.batch.Task(
-    ...     "a", "/data/out", {"kind": "file", "path": "a.h5", "layout": {}},
-    ...     {"stack": {"disparities": [-1.0, 0.0, 1.0]}, "formats": ["ome-tiff"]}, files=("a.h5",))
-    >>> task.name, task.base, len(task.parameters)
-    ('a', '.', 64)
+    ``source`` says where the light field comes from: ``kind`` "file" with ``path`` and ``layout``,
+    "camera" or "scene" with the content of its file. ``files`` are seen from ``base``.
     """
 
     name: str
@@ -87,15 +66,9 @@ class Report(OneLine):
 
     Examples
     --------
-    >>> np.save("a.npy", np.random.default_rng(1).random((3, 3, 16, 16)))
-    >>> from pathlib import Path
-    >>> task = clplen.batch.Task(
-    ...     "a", str(Path("out").absolute()), {"kind": "file", "path": "a.npy", "layout": {}},
-    ...     {"stack": {"disparities": [-1.0, 0.0, 1.0]}, "formats": ["ome-tiff"]}, files=("a.npy",))
-    >>> with clplen.batch.local_executor(Path("out"), selector=None, memory=2**28) as executor:
-    ...     [report] = executor.run([task])
-    >>> report.name, report.state, list(report.outputs)
-    ('a', 'done', ['stack.ome.tif'])
+    >>> report = clplen.batch.Report("a", "failed", "0" * 64, 0.0, error="There is no file a.h5.")
+    >>> report.name, report.error
+    ('a', 'There is no file a.h5.')
     """
 
     name: str
@@ -118,13 +91,7 @@ class Report(OneLine):
 
     @classmethod
     def from_json(cls, text: str) -> Report:
-        """Read a report of unknown origin, as `to_json` writes it.
-
-        Raises
-        ------
-        ValueError
-            If it is none, nested too deeply, or names a file outside of the item's folder.
-        """
+        """Read a report of unknown origin; raise ValueError if it is damaged or names a folder."""
         try:
             content = json.loads(text)
             found = cls(**content)
@@ -165,17 +132,7 @@ def _is_shallow(value: Any, levels: int) -> bool:
 
 @dataclass(frozen=True)
 class Source:
-    """One light field of a job.
-
-    Attributes
-    ----------
-    name : str
-        Of its item.
-    words : dict
-        ``kind`` and all that decides the light field, but for the content of the files.
-    files : tuple of str
-        What is read, seen from the folder of the job.
-    """
+    """One light field of a job: what decides it (but for the content of files), what is read."""
 
     name: str
     words: dict[str, Any]

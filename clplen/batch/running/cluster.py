@@ -25,7 +25,8 @@ from clplen.batch.jobs.task import Report, Task
 from clplen.batch.running.network import (
     STATUS_PAGES,
     Network,
-    check_certificates,
+    check_reachable,
+    check_scheduler,
     network_of,
     require_dask,
 )
@@ -224,7 +225,7 @@ def existing_cluster(
 ) -> Iterator[ClusterExecutor]:
     """The workers of a Dask cluster that is there."""
     _, distributed = require_dask()
-    check_certificates(network, _ANSWER)
+    check_scheduler(network, _ANSWER)
     try:
         client = distributed.Client(network.scheduler, timeout=_ANSWER, security=network.security)
     except (OSError, ValueError) as error:
@@ -264,7 +265,8 @@ def check_workers(client: Any, scheduler: str) -> int:
 
 
 def worker_command(network: Network, selector: str | None) -> tuple[list[str], dict[str, str]]:
-    """The command that starts a worker of clplen, and its environment."""
+    """Return the command that starts a worker of clplen, and its environment."""
+    check_reachable(network)
     arguments = [sys.executable, "-m", "distributed.cli.dask_worker", str(network.scheduler)]
     arguments += ["--nthreads", str(PIPELINE_DEPTH), "--nworkers", "1", "--memory-limit", "0"]
     arguments += ["--preload", "clplen.batch.preload"]

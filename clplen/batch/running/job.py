@@ -15,34 +15,14 @@ from clplen.batch.jobs.task import Report, Task
 from clplen.batch.running.runner import SilentWatcher, Summary, Watcher, execute_job
 from clplen.batch.work.execution import execute_task
 from clplen.batch.work.resources import PIPELINE_DEPTH, Resources, StoppedError
+from clplen.errors import argument
 from clplen.files import PathLike
 
 Running = Callable[[str, int, int], None]
 
 
 class LocalExecutor:
-    """Does tasks in threads of this process. Made by `local_executor`.
-
-    Parameters
-    ----------
-    resources : Resources
-        Device and memory that the items share.
-    running : callable, optional
-        (name, done, all) of the parts of an item under way.
-    depth : int
-        Items under way at a time.
-
-    Examples
-    --------
-    >>> np.save("a.npy", np.random.default_rng(1).random((3, 3, 16, 16)))
-    >>> from pathlib import Path
-    >>> task = clplen.batch.Task(
-    ...     "a", str(Path("out").absolute()), {"kind": "file", "path": "a.npy", "layout": {}},
-    ...     {"stack": {"disparities": [-1.0, 0.0, 1.0]}, "formats": ["ome-tiff"]}, files=("a.npy",))
-    >>> with clplen.batch.local_executor(Path("out"), selector=None, memory=2**28) as executor:
-    ...     [report.state for report in executor.run([task])]
-    ['done']
-    """
+    """Executor of tasks in threads of this process, ``depth`` items at a time."""
 
     def __init__(
         self, resources: Resources, running: Running | None = None, *, depth: int = PIPELINE_DEPTH
@@ -119,38 +99,7 @@ def local_executor(
     running: Running | None = None,
     depth: int = PIPELINE_DEPTH,
 ) -> Iterator[LocalExecutor]:
-    """Open an executor in this process, as a context.
-
-    Parameters
-    ----------
-    folder : pathlib.Path
-        Of the job's output, as every executor takes it; tasks name it themselves.
-    selector : str or None
-        As for `Device.open`.
-    memory : int or None
-        Bytes that all items together may take; None: half of the free memory of the host, or of a
-        device with memory of its own.
-    running : callable, optional
-        (name, done, all) of the parts of an item under way, as for `LocalExecutor`.
-    depth : int
-        Items under way at a time, as for `LocalExecutor`.
-
-    Yields
-    ------
-    LocalExecutor
-        What `execute_job` gives its tasks to.
-
-    Examples
-    --------
-    >>> np.save("a.npy", np.random.default_rng(1).random((3, 3, 16, 16)))
-    >>> from pathlib import Path
-    >>> task = clplen.batch.Task(
-    ...     "a", str(Path("out").absolute()), {"kind": "file", "path": "a.npy", "layout": {}},
-    ...     {"stack": {"disparities": [-1.0, 0.0, 1.0]}, "formats": ["ome-tiff"]}, files=("a.npy",))
-    >>> with clplen.batch.local_executor(Path("out"), selector=None, memory=2**28) as executor:
-    ...     [list(report.outputs) for report in executor.run([task])]
-    [['stack.ome.tif']]
-    """
+    """Open an executor in this process; ``memory`` None is half of the free memory."""
     yield LocalExecutor(Resources(selector=selector, memory=memory), running, depth=depth)
 
 
@@ -159,14 +108,15 @@ def choose_executor(
     *,
     scheduler: str | None = None,
     host: str | None = None,
+    certificates: PathLike | None = None,
     insecure: bool = False,
     running: Running | None = None,
 ) -> Callable[[Path], AbstractContextManager[Any]]:
     """What `execute_job` takes, as a job says."""
     if host is not None and (scheduler is not None or job.workers == 1):
         raise ValueError(
-            "--host (host=) is where a job's own workers listen, and this job starts none: give "
-            "two --workers (workers=) or more, or name it to 'clplen worker'."
+            f"{argument('host')} is where a job's own workers listen, and this job starts none: "
+            f"give {argument('workers')} of 2 or more, or name it to 'clplen worker'."
         )
     if scheduler is None and job.workers == 1:
         selector = job.device[0] if job.device else None
@@ -174,9 +124,7 @@ def choose_executor(
     from clplen.batch.running.cluster import existing_cluster, local_cluster
     from clplen.batch.running.network import network_of
 
-    network = network_of(
-        scheduler, host=host, certificates=job.certificates_folder, insecure=insecure
-    )
+    network = network_of(scheduler, host=host, certificates=certificates, insecure=insecure)
     if scheduler is not None:
         return partial(existing_cluster, network=network, memory=job.memory)
     return partial(
@@ -202,7 +150,7 @@ class Job(JobSpec):
         Where light fields come from; at least one.
     stack, depth, all_in_focus, views, light_field, deconvolve, raw
         What is made of each.
-    device, memory, workers, certificates, retries
+    device, memory, workers, retries
         How it is done. All of these are as of `JobSpec`.
 
     Examples
@@ -277,14 +225,16 @@ def run_job(
         Address or name of this computer on which workers listen, so that others may join;
         default: 127.0.0.1.
     certificates : path-like, optional
-        Folder of `make_certificates`; default: as the job says.
+        Folder of the certificate by which workers on several computers know each other, as for
+        `security_of`; it is made if there is none and the job starts the scheduler.
     insecure : bool
         Whether to go without TLS, also beyond this computer: anyone who reaches the ports runs
         programs as this user.
     force : bool
         Whether a job that differs from the one that ran before may go on in its output.
     watcher : Watcher, optional
-        Is told about progress; see `clplen.batch.Watcher`.
+        Object whose ``begin(total=, skipped=)`` is called at the start, ``report(report)`` for each
+        item that is done or failed, and ``running(name, done, total)`` from other threads.
 
     Returns
     -------
@@ -317,11 +267,14 @@ def run_job(
     >>> clplen.batch.run_job(job).skipped
     1
     """
-    job = job.with_settings(
-        workers=workers, device=device, memory=memory, certificates=certificates
-    )
+    job = job.with_settings(workers=workers, device=device, memory=memory)
     watcher = watcher or SilentWatcher()
     executor = choose_executor(
-        job, scheduler=scheduler, host=host, insecure=insecure, running=watcher.running
+        job,
+        scheduler=scheduler,
+        host=host,
+        certificates=certificates,
+        insecure=insecure,
+        running=watcher.running,
     )
     return execute_job(job, executor, watcher=watcher, force=force)

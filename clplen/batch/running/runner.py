@@ -17,7 +17,7 @@ from clplen.batch.running.manifest import Known, Manifest
 from clplen.batch.work.execution import describe_error, is_current, read_record, result_folder
 from clplen.batch.work.fingerprints import find_damage
 from clplen.batch.work.locks import job_lock
-from clplen.errors import FormatError
+from clplen.errors import FormatError, argument
 from clplen.files import check_folder, clear_temporaries
 from clplen.io.store.zarr_files import zarr_package
 
@@ -33,29 +33,7 @@ class Executor(Protocol):
 
 
 class Watcher(Protocol):
-    """What is told how a job goes on.
-
-    Parameters
-    ----------
-    *args, **kwargs : object
-        Of the class that fulfils the protocol; the protocol itself is not made.
-
-    Examples
-    --------
-    >>> class Progress:
-    ...     def begin(self, *, total, skipped):
-    ...         print(total, "items,", skipped, "done already")
-    ...     def report(self, report):
-    ...         print(report.name, report.state)
-    ...     def running(self, name, done, total):
-    ...         pass
-    >>> np.save("a.npy", np.random.default_rng(1).random((3, 3, 16, 16)))
-    >>> job = clplen.batch.Job(
-    ...     output="out", inputs={"files": "*.npy"}, stack={"disparities": "-1:1:3"})
-    >>> summary = job.run(watcher=Progress())
-    1 items, 0 done already
-    a done
-    """
+    """What is told how a job goes on."""
 
     def begin(self, *, total: int, skipped: int) -> None:
         """How many items there are, and how many of them are done already."""
@@ -152,52 +130,7 @@ def execute_job(
     watcher: Watcher,
     force: bool = False,
 ) -> Summary:
-    """Do what is left of a job.
-
-    Parameters
-    ----------
-    job : JobSpec
-        A `Job`, or its content alone.
-    executor : callable
-        Output folder -> what does tasks, as a context.
-    watcher : Watcher
-        Is told about progress.
-    force : bool
-        Whether a job that differs from the one that ran before may go on in its output.
-
-    Returns
-    -------
-    Summary
-        Items done and skipped, and a sentence for each that failed.
-
-    Raises
-    ------
-    FormatError
-        If the job differs from the one that ran before; if its items cannot be told.
-    BlockingIOError
-        If another process is at work on the output.
-    OSError
-        If the output takes no files.
-
-    Examples
-    --------
-    >>> class Progress:
-    ...     def begin(self, *, total, skipped):
-    ...         print(total, "items,", skipped, "done already")
-    ...     def report(self, report):
-    ...         print(report.name, report.state)
-    ...     def running(self, name, done, total):
-    ...         pass
-    >>> np.save("a.npy", np.random.default_rng(1).random((3, 3, 16, 16)))
-    >>> job = clplen.batch.Job(
-    ...     output="out", inputs={"files": "*.npy"}, stack={"disparities": "-1:1:3"})
-    >>> def executor(folder):
-    ...     return clplen.batch.local_executor(folder, selector=None, memory=2**28)
-    >>> clplen.batch.execute_job(job, executor, watcher=Progress()).done
-    1 items, 0 done already
-    a done
-    1
-    """
+    """Do what is left of a job by ``executor``: output folder -> context that does tasks."""
     _require_packages(job)
     tasks = tasks_of(job)
     folder = check_folder(job.output_folder)
@@ -318,7 +251,7 @@ def check_same(known: dict[str, Any] | None, job: JobSpec, *, force: bool, where
     said = "; ".join(found[:_DIFFERENCES]) + (f"; and {more} more" if more > 0 else "")
     raise FormatError(
         f"The job was changed since it ran last in {where}: {said}. Give the job another "
-        "output, or force=True to make anew what that changes."
+        f"output, or {argument('force', True)} to make anew what that changes."
     )
 
 

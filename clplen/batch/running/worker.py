@@ -81,25 +81,7 @@ def share_cores(worker: int, workers: int) -> list[int]:
 
 
 def worker_environment(cores: list[int]) -> dict[str, str]:
-    """Return variables that keep a new process to these cores.
-
-    Parameters
-    ----------
-    cores : list of int
-        Numbers of the cores, from 0.
-
-    Returns
-    -------
-    dict of str to str
-        ``CLPLEN_CORES`` with the cores, to which a worker restricts itself, and what bounds the
-        threads of PoCL, OpenMP, BLAS and ducc0: the number of cores.
-
-    Examples
-    --------
-    >>> found = clplen.batch.worker_environment([4, 5])
-    >>> found["CLPLEN_CORES"], found["OMP_NUM_THREADS"]
-    ('4,5', '2')
-    """
+    """Return variables that keep a new process and its libraries' threads to these cores."""
     count = str(len(cores))
     return {CORES: ",".join(map(str, cores))} | dict.fromkeys(_VARIABLES, count)
 

@@ -19,7 +19,7 @@ from clplen.batch.work.fingerprints import find_damage, fingerprints, is_unchang
 from clplen.batch.work.locks import item_lock
 from clplen.batch.work.products import compute, read, write
 from clplen.batch.work.resources import Resources, StoppedError
-from clplen.errors import ClplenError, FormatError
+from clplen.errors import ClplenError, FormatError, arguments_as
 from clplen.files import check_folder, clear_temporaries, replacing
 from clplen.io.store.digest import digest, size_of
 from clplen.outputs import is_ours
@@ -33,6 +33,7 @@ logger = logging.getLogger(__name__)
 Advance = Callable[[int, int], None]
 
 
+@arguments_as("file")
 def execute_task(task: Task, resources: Resources, *, advance: Advance | None = None) -> Report:
     """Do one item and write its record.
 
@@ -207,7 +208,7 @@ def _errno(error: BaseException | None) -> int | None:
 def describe_error(error: BaseException) -> str:
     """What went wrong, in one line."""
     if isinstance(error, MemoryError):
-        return "This computer has not enough memory for it: lower memory= or workers=."
+        return "This computer has not enough memory for it: lower memory or workers."
     is_whole = isinstance(error, OSError | UnicodeError)
     text = str(error.args[0]) if error.args and not is_whole else str(error)
     text = " ".join(text.split())

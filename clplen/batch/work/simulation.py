@@ -18,7 +18,8 @@ from clplen.batch.jobs.simulations import (
 )
 from clplen.cameras.scenes.ground_truth import Truth
 from clplen.compute.device import Device
-from clplen.config import CameraFile, CoherenceTable
+from clplen.config.camera_file import CameraFile
+from clplen.config.scene import CoherenceTable
 from clplen.files import PathLike
 from clplen.lightfield.focused.focused_depth import focused_depth, focused_maps
 from clplen.lightfield.focused.focused_rendering import focused_stack, render_focused

@@ -30,14 +30,7 @@ _POSITIVE = click.FloatRange(0, 1e6, min_open=True)
 
 @click.command()
 @click.argument("source", metavar="[INPUT]", required=False, type=click.Path(path_type=Path))
-@click.option(
-    "-o",
-    "--output",
-    required=True,
-    metavar="OUT.tif|OUT.png",
-    type=click.Path(path_type=Path),
-    help="8 bits, with its dpi.",
-)
+@options.output("OUT.tif|OUT.png", "8 bits, with its dpi.")
 @click.option("--lpi", type=_POSITIVE, required=True, help="Lenses an inch, by a pitch test.")
 @click.option(
     "--dpi", type=_POSITIVE, default=720.0, show_default=True, help="Printed pixels an inch."

@@ -25,15 +25,8 @@ _LENGTH = click.FloatRange(0, 1e12, min_open=True)
 
 
 @click.command()
-@click.argument("source", metavar="INPUT", type=click.Path(path_type=Path))
-@click.option(
-    "-o",
-    "--output",
-    required=True,
-    metavar="FOLDER",
-    type=click.Path(path_type=Path),
-    help="A new folder.",
-)
+@options.source
+@options.output("FOLDER", "A new folder.")
 @click.option(
     "--format",
     "kind",
@@ -41,13 +34,7 @@ _LENGTH = click.FloatRange(0, 1e12, min_open=True)
     type=click.Choice(["nerf", "colmap"]),
     help="transforms.json of instant-ngp and nerfstudio, or COLMAP's text files.",
 )
-@click.option(
-    "--disparity",
-    "depth_file",
-    metavar="FILE",
-    type=click.Path(path_type=Path),
-    help="Map of 'clplen depth', written as points.",
-)
+@options.file("--disparity", "depth_file", help="Map of 'clplen depth', written as points.")
 @click.option("--baseline-mm", type=_LENGTH, help="Between neighbouring views.")
 @click.option("--focal-length-mm", type=_LENGTH, help="From the lens to the sensor.")
 @click.option("--pixel-um", type=_LENGTH, help="Pitch of the pixels.")

@@ -22,15 +22,8 @@ _NAMES = ("go", "portrait", "16-landscape", "16-portrait", "32-landscape", "32-p
 
 
 @click.command()
-@click.argument("source", metavar="INPUT", type=click.Path(path_type=Path))
-@click.option(
-    "-o",
-    "--output",
-    required=True,
-    metavar="OUT.png",
-    type=click.Path(path_type=Path),
-    help="_qsCOLUMNSxROWSaASPECT is added to the name where it lacks.",
-)
+@options.source
+@options.output("OUT.png", "_qsCOLUMNSxROWSaASPECT is added to the name where it lacks.")
 @click.option(
     "--display",
     type=click.Choice(_NAMES),

@@ -13,8 +13,8 @@ from clplen.cli.shared.pictures import Tone, check_output, tone
 
 
 @click.command()
-@click.argument("source", metavar="INPUT", type=click.Path(path_type=Path))
-@click.option("-o", "--output", required=True, metavar="OUT.png", type=click.Path(path_type=Path))
+@options.source
+@options.output("OUT.png")
 @click.option(
     "--kind",
     type=click.Choice(["anaglyph", "side-by-side", "cross-eyed"]),

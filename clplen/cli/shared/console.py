@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import logging
-import re
 import sys
 import warnings
 from collections.abc import Callable, Iterable, Iterator
@@ -17,7 +16,7 @@ from tqdm import tqdm
 
 from clplen import interrupts
 from clplen.cli.shared import options
-from clplen.errors import ClplenError
+from clplen.errors import ClplenError, arguments_as
 
 if TYPE_CHECKING:
     from clplen.compute.device import Device
@@ -25,37 +24,11 @@ if TYPE_CHECKING:
     from clplen.lightfield.model.stored_light_field import StoredLightField
     from clplen.lightfield.refocusing.focal_stacks import FocalStack
 
-# Python's words, and what the command line has for them.
-_TYPED = (
-    (r"\ballow_missing=True gives", "--allow-missing gives"),
-    (r"\bforce=True", "--force"),
-    (r"\btrust_lattice=True", "--trust-lattice"),
-    (r"\bviews=\((\w+), (\w+)\)", r"--views \1 \2"),
-    (r"\bpattern=(?=')", "--pattern "),
-    (r"\border='(\w+)'", r"--order \1"),
-    (
-        r"\b(pattern|views|flip_v|flip_u|swap_uv|allow_missing|order|dataset|positions|srgb|white|"
-        r"calibration|dark|grid|image|step|lattice|bayer|demosaic|devignette|max_bytes|intrinsics)=",
-        r"--\1",
-    ),
-    (r"give spacing=\(dv, du, dy, dx\), or use disparity", "use --disparities"),
-    (r" and give their views weight 0 \(weights=\)", ""),
-    (r"--(swap|flip|allow|max)_", r"--\1-"),
-    (r"\bms=(?=\W)", "--m"),
-    (r"\bmethod='([\w-]+)'(?: or '([\w-]+)')", r"--method \1 or \2"),
-    (r"\bmethod='([\w-]+)'", r"--method \1"),
-    (r"\bor 'auto'", "or auto"),
-    (r"\breplace it \(replace=True\)", "remove it"),
-    (r"\ba larger pad\b", "a larger --pad"),
-    (r"\bby support=", "by --support"),
-)
-
-
 class Commands(click.Group):
     """Commands whose expected failures are one sentence, not a traceback."""
 
     def invoke(self, ctx: click.Context) -> Any:
-        with interrupts.unwinding(), warnings.catch_warnings():
+        with interrupts.unwinding(), warnings.catch_warnings(), arguments_as("command"):
             warnings.showwarning = _show_warning
             try:
                 return super().invoke(ctx)
@@ -96,20 +69,13 @@ def note(text: str) -> None:
 
 
 def error_sentence(error: BaseException) -> str:
-    """What went wrong, without a compiler's log and in the words of the command line."""
+    """Return what went wrong, without a compiler's log."""
     if isinstance(error, MemoryError):
         detail = str(error).rstrip(".")
         return "This computer has not enough memory" + (f": {detail}." if detail else " for it.")
     if isinstance(error, UnicodeError) or (isinstance(error, OSError) and error.errno is not None):
         return str(error)
-    return to_option_names(str(error.args[0]) if error.args else type(error).__name__)
-
-
-def to_option_names(text: str) -> str:
-    """A sentence of the package in the words of the command line."""
-    for python, words in _TYPED:
-        text = re.sub(python, words, text)
-    return text
+    return str(error.args[0]) if error.args else type(error).__name__
 
 
 _DETAIL = 1e-5  # of the brightest pixel, rms: what is less is rounding
@@ -292,7 +258,7 @@ def tried_disparities(lf: LightField | StoredLightField, planes: dict[str, Any])
 
 def check_outputs(source: Path, layout: dict[str, Any], *outputs: Path) -> None:
     """Refuse outputs that cannot be written, are read, or were not written by clplen."""
-    from clplen.io import files_of
+    from clplen.io.lightfields.lightfield_files import files_of
 
     with capture_messages():  # reading says it again
         files = files_of(source, **layout) if any(path.exists() for path in outputs) else []

@@ -11,6 +11,8 @@ import numpy as np
 
 from clplen.cli.shared import options
 from clplen.cli.shared.metric import distances, write_map
+from clplen.cli.shared.table_options import Option
+from clplen.config.settings import FOCUSED
 
 if TYPE_CHECKING:
     from clplen.lightfield.focused.focused_depth import FocusedDepth, FocusedMaps
@@ -78,48 +80,62 @@ def _with(*more: Any) -> Any:
 
 _FOCUSED = click.option(
     "--focused",
+    cls=Option,
+    group=FOCUSED,
     is_flag=True,
     help="INPUT is a raw image of a focused (plenoptic 2.0) camera; raw.h5 and a Raytrix XML tell "
     "by themselves.",
 )
 _IMAGE = click.option(
     "--image",
+    cls=Option,
+    group=FOCUSED,
     metavar="FILE",
     type=click.Path(path_type=Path),
     help="Picture that belongs to a Raytrix XML; default: the one of the same name.",
 )
 _VIEW = click.option(
     "--view",
+    cls=Option,
+    group=FOCUSED,
     type=options.FINITE,
     nargs=2,
     metavar="Y X",
-    help="Of a focused raw image: pixels in the sub-images, another place on the main lens.",
+    help="Pixels in the sub-images, another place on the main lens.",
 )
 _PLANES = click.option(
     "--m",
     "ms",
+    cls=Option,
+    group=FOCUSED,
     type=Magnifications(),
-    help="Of a focused raw image: planes in focus by m = b/a, START:STOP:N or 0.1,0.2; default: "
+    help="Planes in focus by m = b/a, START:STOP:N or 0.1,0.2; default: "
     "11 that suit it.",
 )
 picture_words = _with(
     click.option(
         "--method",
+        cls=Option,
+        group=FOCUSED,
         type=click.Choice(["basic", "blended", "depth"]),
-        help="Of a focused raw image: one patch a lenslet, the mean of all that see a point "
+        help="One patch a lenslet, the mean of all that see a point "
         "(default), or that with the m of each place.",
     ),
     click.option(
         "--m",
         "ms",
+        cls=Option,
+        group=FOCUSED,
         type=Magnifications(),
-        help="Of a focused raw image: plane in focus by m = b/a; default: the camera's, else the "
+        help="Plane in focus by m = b/a; default: the camera's, else the "
         "median. With --sweep focus several, START:STOP:N.",
     ),
     click.option(
         "--patch",
+        cls=Option,
+        group=FOCUSED,
         type=options.FINITE,
-        help="Of a focused raw image: pixels across a patch; default: those that m has.",
+        help="Pixels across a patch; default: those that m has.",
     ),
     _VIEW,
 )
@@ -128,8 +144,10 @@ depth_words = _with(
     click.option(
         "--m",
         "ms",
+        cls=Option,
+        group=FOCUSED,
         type=Range(),
-        help="Of a focused raw image: range of m = b/a to look through.",
+        help="Range of m = b/a to look through.",
     )
 )
 

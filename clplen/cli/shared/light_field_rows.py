@@ -4,12 +4,10 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from typing import TYPE_CHECKING
 
-from clplen.lightfield.axis_check.lightfield_report import (
-    LightFieldReport,
-    combine_layout_words,
-)
-from clplen.lightfield.axis_check.view_brightness import NEARLY_BLACK
+if TYPE_CHECKING:
+    from clplen.lightfield.axis_check.lightfield_report import LightFieldReport
 
 Rows = list[tuple[str, str]]
 Words = tuple[str, ...]
@@ -59,6 +57,8 @@ def _of_brightness(report: LightFieldReport) -> Rows:
             )
         )
     if report.nearly_black:
+        from clplen.lightfield.axis_check.view_brightness import NEARLY_BLACK
+
         share = f"{len(report.nearly_black)} of {math.prod(report.shape[:2])}"
         rows.append(
             (
@@ -73,6 +73,8 @@ def _of_brightness(report: LightFieldReport) -> Rows:
 
 def of_orders(report: LightFieldReport, read_with: Words, sentence: str) -> Rows:
     """The range of disparities, and how sharp each order of the view axes is."""
+    from clplen.lightfield.axis_check.lightfield_report import combine_layout_words
+
     rows = []
     low, high = report.disparities
     if math.isfinite(low):

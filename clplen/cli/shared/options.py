@@ -10,40 +10,61 @@ from typing import Any, Literal, NoReturn
 import click
 import numpy as np
 
-from clplen.lightfield.depth import best_focus as planes_default
+from clplen.cli.shared.table_options import Decorated, Option, option_of, options_of
+from clplen.config.operations import LayoutTable, PlanesTable, StackTable
+from clplen.config.settings import DEVICE, OUTPUT, planes_of
+from clplen.units import bytes_of
 
-_MOST_PLANES = 10**6
-_PATH = click.Path(path_type=Path)
+
+class _Parsed(click.ParamType):
+    """A value that a function reads, whose ValueError says what it must be."""
+
+    read: Callable[[Any], Any]
+
+    def convert(self, value: Any, param: Any, ctx: Any) -> Any:
+        """Return the value; fail with the words of the function."""
+        try:
+            return type(self).read(value)
+        except ValueError as error:
+            self.fail(f"{error}, got {value!r}.", param, ctx)
 
 
-class Planes(click.ParamType):
+class Planes(_Parsed):
     """START:STOP:N, N values with both ends included."""
 
     name = "START:STOP:N"
 
-    def convert(self, value: Any, param: Any, ctx: Any) -> np.ndarray[Any, Any]:
-        parts = str(value).split(":")
-        try:
-            start, stop, count = float(parts[0]), float(parts[1]), int(parts[2])
-        except (ValueError, IndexError):
-            count = -1
-        if len(parts) != 3 or count < 0 or not np.isfinite([start, stop]).all():
-            self.fail(f"{value!r} is not START:STOP:N, for example -2:2:33.", param, ctx)
-        if count == 0 or (count == 1) != (start == stop):
-            self.fail(
-                f"{value!r} asks for {planes(count)} from {start:g} to {stop:g}: give at least 2 "
-                "planes between two different ends, or 1 plane with START equal to STOP.",
-                param,
-                ctx,
-            )
-        if count > _MOST_PLANES:
-            self.fail(
-                f"{value!r} asks for {planes(count)}, whose places alone fill {8 * count:,} bytes: "
-                f"give at most {_MOST_PLANES:,}.",
-                param,
-                ctx,
-            )
-        return np.linspace(start, stop, count)
+    @staticmethod
+    def read(value: Any) -> np.ndarray[Any, Any]:
+        """Return the planes as an array."""
+        return np.array(planes_of(value))
+
+
+class Size(_Parsed):
+    """A number of bytes, with a unit or without."""
+
+    name = "SIZE"
+
+    @staticmethod
+    def read(value: Any) -> int:
+        """Return the bytes, at least 1."""
+        if (size := bytes_of(value)) < 1:
+            raise ValueError('must be 1 byte or more, such as "512MiB"')
+        return size
+
+
+source = click.argument("source", metavar="INPUT", type=click.Path(path_type=Path))
+
+
+def file(*names: str, help: str, metavar: str = "FILE") -> Callable[[Decorated], Decorated]:
+    """Return the option of a file that may be given."""
+    return click.option(*names, metavar=metavar, type=click.Path(path_type=Path), help=help)
+
+
+def output(metavar: str, help: str = "") -> Callable[[Decorated], Decorated]:
+    """Return the option of the file or folder that a command writes."""
+    how: Any = {"metavar": metavar, "type": click.Path(path_type=Path), "required": True}
+    return click.option("-o", "--output", help=help, **how)
 
 
 def planes(count: int) -> str:
@@ -69,43 +90,6 @@ class Finite(click.ParamType):
 FINITE = Finite()
 
 
-class Aperture(click.ParamType):
-    """A number of views, a fraction of the full diameter, or an f-number."""
-
-    name = "N|FRACTION|f/NUMBER"
-
-    def convert(self, value: Any, param: Any, ctx: Any) -> int | float | str:
-        text = str(value)
-        if text.lower().startswith("f/"):
-            return text
-        try:
-            return float(text) if "." in text else int(text)
-        except ValueError:
-            self.fail(
-                f"{text!r} is no aperture: give a number of views (9), a fraction of the full "
-                "diameter (0.5) or an f-number (f/66).",
-                param,
-                ctx,
-            )
-
-
-class Size(click.ParamType):
-    """A number of bytes, with a unit or without."""
-
-    name = "SIZE"
-    _pattern = re.compile(r"\s*(\d+(?:\.\d*)?|\.\d+)\s*([kmgt]?)(i?)b?\s*", re.IGNORECASE)
-
-    def convert(self, value: Any, param: Any, ctx: Any) -> int:
-        found = self._pattern.fullmatch(str(value))
-        size = 0
-        if found is not None and (found[2] or not found[3]):
-            base = 1024 if found[3] else 1000
-            size = int(float(found[1]) * base ** " kmgt".index(found[2].lower() or " "))
-        if size < 1:
-            self.fail(f"{value!r} is no size: give bytes, or 512MiB, 4GB and so on.", param, ctx)
-        return size
-
-
 def _with_options(*options: Any) -> Callable[[Any], Any]:
     def add(command: Any) -> Any:
         for option in reversed(options):
@@ -115,131 +99,44 @@ def _with_options(*options: Any) -> Callable[[Any], Any]:
     return add
 
 
-def _range(ends: tuple[float, float, int]) -> str:
-    return ":".join(f"{number:g}" for number in ends)
-
-
 device = click.option(
     "--device",
     "selector",
     metavar="DEVICE",
     default=None,
-    help="cpu, gpu, platform:device (0:1) or part of a name; default: $CLPLEN_DEVICE, else the "
-    "first GPU, else the first CPU. See 'clplen devices'.",
+    cls=Option,
+    group=DEVICE,
+    help="OpenCL device: cpu, gpu, platform:device (0:1) or part of a name, as 'clplen devices' "
+    "lists them. Default: $CLPLEN_DEVICE, else the first GPU, else the first CPU.",
 )
 memory = click.option(
     "--memory",
     type=Size(),
-    help="Read the light field part by part, in so many bytes (512MiB, 4GB) on host and device "
-    "together; for those that do not fit.",
+    cls=Option,
+    group=DEVICE,
+    help="Bytes (512MiB, 4GB) on host and device together, in which the light field is read part "
+    "by part. Default: it is read whole.",
+)
+force_output = click.option(
+    "--force",
+    is_flag=True,
+    cls=Option,
+    group=OUTPUT,
+    help="Replace outputs that clplen did not write.",
 )
 force = click.option(
     "--force",
     is_flag=True,
-    help="Replace outputs that clplen did not write; take a white image whose lattice is not to be "
-    "trusted.",
+    cls=Option,
+    group=OUTPUT,
+    help="Replace outputs that clplen did not write; accept a white image whose lattice is "
+    "uncertain.",
 )
-force_output = click.option(
-    "--force", is_flag=True, help="Replace outputs that clplen did not write."
-)
-layout = _with_options(
-    click.option(
-        "--pattern",
-        metavar="NAMES",
-        help="Names of the views in a folder: {v} and {u} "
-        "row and column, or {i} row by row; {n} a counter to ignore; * anything.",
-    ),
-    click.option(
-        "--views",
-        type=int,
-        nargs=2,
-        metavar="V U",
-        default=None,
-        help="Rows and columns of views, as the names count them.",
-    ),
-    click.option("--swap-uv", is_flag=True, help="The names count columns before rows."),
-    click.option("--flip-v", is_flag=True, help="Reverse the rows of views (after --swap-uv)."),
-    click.option("--flip-u", is_flag=True, help="Reverse the columns of views."),
-    click.option("--allow-missing", is_flag=True, help="Leave out views that are missing."),
-    click.option(
-        "--order",
-        metavar="AXES",
-        help="Axes of an array (uvyxc); of a mosaic yvxu (lenslet images) or vyux (views side by "
-        "side); lawnmower for names that count every other row backwards.",
-    ),
-    click.option(
-        "--dataset", metavar="NAME", help="Which array of a file that holds several (HDF5, .mat)."
-    ),
-    click.option(
-        "--positions",
-        metavar="CSV|names",
-        help="Where the views lie on the aperture, in view steps: a table v,u,y,x, or file names "
-        "of the Stanford archive.",
-    ),
-    click.option("--srgb", is_flag=True, help="Decode sRGB to linear light."),
-    click.option("--white", type=_PATH, help="White image of a raw lenslet image."),
-    click.option("--dark", type=_PATH, help="Dark frame of a raw lenslet image."),
-    click.option(
-        "--calibration",
-        type=_PATH,
-        help="White images of a Lytro camera: folder or tar archive; default: $CLPLEN_LYTRO, or "
-        "what was last used for this camera.",
-    ),
-    click.option("--grid", type=_PATH, help="Lenslet lattice: our JSON or a Raytrix XML."),
-    click.option(
-        "--trust-lattice",
-        is_flag=True,
-        help="Take the lattice that was found in a raw image, though it is not to be trusted.",
-    ),
-    click.option(
-        "--intrinsics",
-        metavar="FILE",
-        type=_PATH,
-        help="Of the camera, by 'clplen calibrate': takes the distortion of the views away.",
-    ),
-    click.option("--step", type=float, help="Pixels a view of a raw image; default: pitch over N."),
-    click.option(
-        "--lattice",
-        type=click.Choice(["square", "hexagonal"]),
-        help="Of the lenslets; default: found out.",
-    ),
-    click.option(
-        "--bayer",
-        type=click.Choice(["RGGB", "BGGR", "GRBG", "GBRG"], case_sensitive=False),
-        help="Colour filters of a raw image.",
-    ),
-    click.option(
-        "--demosaic",
-        type=click.Choice(["within", "after", "before"]),
-        help="Fit colours within lenslets (default), or interpolate after or before slicing.",
-    ),
-    click.option(
-        "--devignette/--no-devignette",
-        default=None,
-        help="Divide a raw image by its white image (default where there is one).",
-    ),
-    click.option(
-        "--max-bytes",
-        type=int,
-        metavar="N",
-        help="Largest allocation that a file may ask for; default: half of the free memory.",
-    ),
-    force,
-)
+layout = _with_options(options_of(LayoutTable, leave_out=["force"]), force)
 plane_range = _with_options(
-    click.option(
-        "--disparities",
-        type=Planes(),
-        help="Planes by disparity, pixels a view step, nearer is larger; default "
-        f"{_range(planes_default.DEFAULT_DISPARITIES)} where the spacing is not known.",
-    ),
-    click.option(
-        "--alphas",
-        type=Planes(),
-        help="Planes by alpha = F/F', where the light field knows its spacing; there the default "
-        f"is {_range(planes_default.DEFAULT_ALPHAS)}, at most up to infinity.",
-    ),
+    *(option_of(PlanesTable, name, type=Planes()) for name in ("disparities", "alphas"))
 )
+aperture = option_of(StackTable, "aperture")
 
 
 POWER_OF_TEN = {

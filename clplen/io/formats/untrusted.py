@@ -17,7 +17,7 @@ from pathlib import Path
 import numpy as np
 
 from clplen.compute.memory import free_memory
-from clplen.errors import FormatError
+from clplen.errors import FormatError, argument
 
 # First bytes and suffixes of files whose readers are imported only when they are needed.
 ZIP = b"PK\3\4"
@@ -72,7 +72,7 @@ def require_room(wanted: int, *, path: Path, what: str, max_bytes: int | None) -
         rule = "half of the free memory" if max_bytes is None else "the given limit"
         raise FormatError(
             f"{path}: {what} needs {wanted:,} bytes, more than {limit:,} ({rule}): raise "
-            "max_bytes= if that is meant."
+            f"{argument('max_bytes')} if that is meant."
         )
 
 

@@ -12,7 +12,7 @@ from typing import BinaryIO
 import numpy as np
 
 from clplen.compute.device import Device
-from clplen.errors import FormatError
+from clplen.errors import FormatError, argument
 from clplen.io.formats.mat import Variable, read_variable, variables
 from clplen.io.formats.picture import linear
 from clplen.io.formats.untrusted import DEFLATE, listed, reading, require_bytes
@@ -42,7 +42,8 @@ def _npy_source(file: BinaryIO, path: Path, layout: Layout) -> Source:
         values = np.load(path, mmap_mode="r", allow_pickle=False)
     if layout.srgb and values.dtype.kind != "f" and values.dtype not in _ENCODED:
         raise FormatError(
-            f"{path} holds {values.dtype}; srgb= takes uint8, uint16 and floats from 0 to 1."
+            f"{path} holds {values.dtype}; {argument('srgb')} takes uint8, uint16 and floats "
+            "from 0 to 1."
         )
     axes, known = axes_known(path, "its array", values.shape, order=layout.order)
     shape = values.shape
@@ -92,7 +93,7 @@ def _chosen_variable(found: list[Variable], path: Path, name: str | None) -> Var
     count = "several variables" if fitting else "no variable"
     raise FormatError(
         f"{path} has {count} of real numbers in 4 or 5 dimensions and none named {LF}; it holds "
-        f"{held or 'none'}; name one by dataset=."
+        f"{held or 'none'}; name one by {argument('dataset')}."
     )
 
 

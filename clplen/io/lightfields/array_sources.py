@@ -16,7 +16,7 @@ import pyopencl.array as cla
 from tqdm import tqdm
 
 from clplen.compute.device import Device
-from clplen.errors import FormatError, ShapeError
+from clplen.errors import FormatError, ShapeError, argument
 from clplen.io.formats.untrusted import reading, require_bytes
 from clplen.io.lightfields.layout import Array, Layout, View, axes_of, in_order
 from clplen.io.lightfields.view_positions import positions_of
@@ -85,8 +85,9 @@ def axes_known(
         raise FormatError(
             f"{path}: {what} of shape {shape} would be {size['v']} x {size['u']} views of "
             f"{size['y']} x {size['x']} pixels, more views than pixels: say which axis is which by "
-            f"order={default!r} (as it would be read), order={_VIEWS_LAST[len(shape)]!r} (views "
-            "last), or another one; a series of pictures is no light field."
+            f"{argument('order', default)} (as it would be read), "
+            f"{argument('order', _VIEWS_LAST[len(shape)])} (views last), or another one; a series "
+            "of pictures is no light field."
         )
     how = "as given" if order else "as the file says" if own else "guessed"
     return axes, f"axes {':'.join(axes)} ({how})"

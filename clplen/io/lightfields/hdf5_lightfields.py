@@ -26,7 +26,7 @@ import h5py
 import numpy as np
 
 from clplen.compute.device import Device
-from clplen.errors import FormatError
+from clplen.errors import FormatError, argument
 from clplen.files import PathLike
 from clplen.hdf5_safety import require_own
 from clplen.io.formats.untrusted import reading
@@ -75,7 +75,8 @@ def vox_source(dataset: h5py.Dataset, path: Path, layout: Layout) -> Source:
     """A raw picture as the source of a light field with axes y, v, x, u."""
     if layout.order is not None:
         raise FormatError(
-            f"{path}: order= does not apply to the raw picture {IMAGE!r}, whose axes are y:v:x:u."
+            f"{path}: {argument('order')} does not apply to the raw picture {IMAGE!r}, whose axes "
+            "are y:v:x:u."
         )
     views = _views(dataset.file, path)
     shape = (dataset.shape[0] // views[0], views[0], dataset.shape[1] // views[1], views[1])
@@ -155,7 +156,7 @@ def find_dataset(file: h5py.File, path: Path, name: str | None) -> h5py.Dataset:
     count = "several datasets" if fitting else "no dataset"
     raise FormatError(
         f"{path} has {count} of real numbers in 4 or 5 dimensions and none named "
-        f"{', '.join(_USUAL)}; it holds {contents(file)}; name one by dataset=."
+        f"{', '.join(_USUAL)}; it holds {contents(file)}; name one by {argument('dataset')}."
     )
 
 

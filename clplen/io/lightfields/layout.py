@@ -10,7 +10,7 @@ from typing import Any, Protocol
 
 import numpy as np
 
-from clplen.errors import FormatError
+from clplen.errors import FormatError, argument
 from clplen.files import PathLike
 from clplen.io.formats.untrusted import ZIP
 from clplen.lightfield.model.light_field import LightField
@@ -69,11 +69,11 @@ class Layout:
     def require(self, words: Iterable[str], kind: str) -> None:
         """Refuse words that do not apply to a kind of file; ``force`` applies to all."""
         taken = set(words)
-        extra = [f"{name}=" for name in self.given() if name not in taken | {"force"}]
+        extra = [argument(name) for name in self.given() if name not in taken | {"force"}]
         if extra:
             raise ValueError(
                 f"{', '.join(extra)} does not apply to {kind}, which takes "
-                f"{', '.join(f'{word}=' for word in sorted(taken)) or 'no words of layout'}."
+                f"{', '.join(argument(word) for word in sorted(taken)) or 'no words of layout'}."
             )
 
     def oriented(self, array: Array) -> Array:

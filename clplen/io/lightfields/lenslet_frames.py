@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 
 from clplen.compute.device import Device
-from clplen.errors import FormatError, SamplingWarning, warn_caller
+from clplen.errors import FormatError, SamplingWarning, argument, warn_caller
 from clplen.files import PathLike, naming
 from clplen.io.formats.picture import linear
 from clplen.io.formats.untrusted import require_room
@@ -87,7 +87,7 @@ def decode_frame(
     if frame.ndim != 2:
         raise FormatError(f"{path} has shape {frame.shape}; a raw lenslet image has one channel.")
     if layout.order is not None:
-        raise ValueError("order= does not apply to a raw lenslet image.")
+        raise ValueError(f"{argument('order')} does not apply to a raw lenslet image.")
     shape = (int(frame.shape[0]), int(frame.shape[1]))
     frame = linear(frame) if layout.srgb else frame
     capture = _of_tiff(path, shape) if capture is None else capture
@@ -227,10 +227,12 @@ def _lattice(
         if measured and layout.trust_lattice:
             require_trust(found, str(path), force=True, error=FormatError)
             return found, "of the frame itself, without a white image"
-        take = ", or trust_lattice=True to take what was found" if measured else ""
+        take = (
+            f", or {argument('trust_lattice', True)} to take what was found" if measured else ""
+        )
         raise FormatError(
-            f"{path} does not tell where its lenslets are: give white=, a white image of the same "
-            f"camera, or grid=, its lattice{take} ({found.verdict})"
+            f"{path} does not tell where its lenslets are: give {argument('white')}, a white image "
+            f"of the same camera, or {argument('grid')}, its lattice{take} ({found.verdict})"
         )
     return found, "of the frame itself, without a white image"
 

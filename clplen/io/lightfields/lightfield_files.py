@@ -319,34 +319,7 @@ def _layout_of(layout: dict[str, Any], what: str) -> Layout:
 
 
 def files_of(path: PathLike, **layout: Any) -> list[Path]:
-    """Return the files that `read_lightfield` would read.
-
-    Parameters
-    ----------
-    path : path-like
-        A file or folder with a light field.
-    **layout
-        Words of layout as for `read_lightfield`.
-
-    Returns
-    -------
-    list of pathlib.Path
-        The file itself, or the pictures of a folder, view by view; then the files that words of
-        layout name: white, dark, grid, calibration, positions and intrinsics.
-
-    Raises
-    ------
-    FormatError
-        If the names in a folder do not show which file is which view.
-
-    Examples
-    --------
-    >>> lf = clplen.LightField.from_array(np.zeros((2, 2, 16, 16), np.uint8))
-    >>> clplen.io.write_views("scene", lf)
-    >>> files = clplen.io.files_of("scene")
-    >>> [file.name for file in files]
-    ['view_00_00.png', 'view_00_01.png', 'view_01_00.png', 'view_01_01.png']
-    """
+    """Return the files that `read_lightfield` would read, and those that words of layout name."""
     path = Path(path)
     words = _layout_of(layout, "files_of")
     named = (words.white, words.dark, words.grid, words.calibration, words.positions)

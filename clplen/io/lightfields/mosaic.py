@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from clplen.compute.device import Device
-from clplen.errors import FormatError
+from clplen.errors import FormatError, argument
 from clplen.files import PathLike, naming
 from clplen.io.formats.picture import (
     NOTES,
@@ -135,11 +135,12 @@ def _views(path: Path, layout: Layout) -> View:
         if _named_eslf(path):
             return _ESLF
         raise FormatError(
-            f"{path} is a mosaic of how many views? Give views=(V, U), rows and columns; or white= "
-            "or grid= if it is a raw lenslet image."
+            f"{path} is a mosaic of how many views? Give {argument('views', ('V', 'U'))}, rows and "
+            f"columns; or {argument('white')} or {argument('grid')} if it is a raw lenslet image."
         )
     if min(layout.views) < 1:
-        raise ValueError(f"views=(V, U) counts rows and columns from 1, not {layout.views}.")
+        views = argument("views", ("V", "U"))
+        raise ValueError(f"{views} counts rows and columns from 1, not {layout.views}.")
     return layout.views
 
 
@@ -156,8 +157,9 @@ def _require_multiple(size: tuple[int, ...], views: View, path: Path) -> None:
         return
     rows, columns = (_nearest(n, count) for n, count in zip(size, views, strict=True))
     raise FormatError(
-        f"{path} has {size[0]} x {size[1]} pixels, no multiple of views={tuple(views)}: the "
-        f"nearest sizes are {rows} rows and {columns} columns; crop it, or give other views."
+        f"{path} has {size[0]} x {size[1]} pixels, no multiple of "
+        f"{argument('views', tuple(views))}: the nearest sizes are {rows} rows and "
+        f"{columns} columns; crop it, or give other views."
     )
 
 
@@ -184,7 +186,7 @@ def _guess(picture: Array, views: View, path: Path) -> str:
     if costs[other] <= _CLEAR * costs[best]:
         raise FormatError(
             f"{path} looks alike as a mosaic of lenslet images and of views: say which, "
-            "order='yvxu' or order='vyux'."
+            f"{argument('order', 'yvxu')} or {argument('order', 'vyux')}."
         )
     return best
 

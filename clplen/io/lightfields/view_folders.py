@@ -101,7 +101,8 @@ def write_views(
     --------
     >>> lf = clplen.LightField.from_array(np.zeros((3, 3, 16, 16), np.uint8))
     >>> clplen.io.write_views("scene", lf, pattern="hci")
-    >>> clplen.io.files_of("scene")[-1].name
+    >>> from pathlib import Path
+    >>> sorted(file.name for file in Path("scene").iterdir())[-1]
     'input_Cam008.png'
     >>> clplen.read_lightfield("scene").shape
     (3, 3, 16, 16)

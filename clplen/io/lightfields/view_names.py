@@ -9,7 +9,7 @@ from collections import Counter
 from collections.abc import Iterable, Sequence
 from itertools import pairwise
 
-from clplen.errors import FormatError
+from clplen.errors import FormatError, argument
 from clplen.io.formats.untrusted import listed
 from clplen.io.lightfields.layout import Layout, View
 
@@ -109,7 +109,7 @@ def arrange(
     if views is not None and tuple(views) != shape:
         raise FormatError(
             f"The names in {where} give {shape[0]} x {shape[1]} views (V x U, pattern "
-            f"{pattern.text!r}), but views={tuple(views)} was asked for."
+            f"{pattern.text!r}), but {argument('views', tuple(views))} was asked for."
         )
     return shape, {(rank[0], rank[1]): file for rank, file in ranked.items()}
 
@@ -117,8 +117,8 @@ def arrange(
 def _require_one_number(pattern: Pattern, lawnmower: bool) -> None:
     if lawnmower and not pattern.counts_views:
         raise ValueError(
-            f"order='lawnmower' is for names with one number; the pattern {pattern.text!r} has row "
-            "and column: give a pattern with {i}, or leave order out."
+            f"{argument('order', 'lawnmower')} is for names with one number; the pattern "
+            f"{pattern.text!r} has row and column: give a pattern with {{i}}, or leave order out."
         )
 
 
@@ -156,14 +156,15 @@ def _shape_of(count: int, views: View | None, pattern: Pattern) -> View:
     if views is not None:
         if count > views[0] * views[1]:
             raise FormatError(
-                f"The pattern {pattern.text!r} gives {count} views, more than views={tuple(views)}."
+                f"The pattern {pattern.text!r} gives {count} views, more than "
+                f"{argument('views', tuple(views))}."
             )
         return (views[0], views[1])
     side = math.isqrt(count)
     if side * side != count:
         raise FormatError(
             f"The pattern {pattern.text!r} gives {count} views, which is no square: say how many "
-            "rows and columns with views=(V, U)."
+            f"rows and columns with {argument('views', ('V', 'U'))}."
         )
     return (side, side)
 
@@ -198,7 +199,7 @@ def _guessed(names: Sequence[str], where: str) -> Pattern:
     if not forms:
         raise FormatError(
             f"There is no picture in {where}: name the folder of views, or give a pattern, for "
-            "example pattern='view_{v}_{u}.png'."
+            f"example {argument('pattern', 'view_{v}_{u}.png')}."
         )
     form, count = forms.most_common(1)[0]
     same = [_NUMBER.findall(name) for name in names if _NUMBER.sub("{}", name) == form]
@@ -210,7 +211,7 @@ def _guessed(names: Sequence[str], where: str) -> Pattern:
         raise FormatError(
             f"No number varies in the names in {where} ({listed(sorted(names)[:3])}): these are no "
             "views of a light field. Give a raw frame as a file, not its folder; for views give a "
-            "pattern, for example pattern='view_{v}_{u}.png'."
+            f"pattern, for example {argument('pattern', 'view_{v}_{u}.png')}."
         )
     fields = dict(zip(varying, ("{v}", "{u}") if len(varying) == 2 else ("{i}",), strict=False))
     counters = [index for index in varying if len(columns[index]) == count]
@@ -239,14 +240,14 @@ def _proposed(
         counter = min(counters, key=lambda index: max(map(len, columns[index])))
         fields[counter] = "{i}"
         return (
-            f"give a pattern, perhaps pattern='{_filled(form, columns, fields)}' ({{i}} counts "
-            "views row by row, {n} is ignored)."
+            f"give a pattern, perhaps {argument('pattern', _filled(form, columns, fields))} ({{i}} "
+            "counts views row by row, {n} is ignored)."
         )
     row, column = sorted(sorted(varying, key=lambda index: (len(columns[index]), -index))[:2])
     fields |= {row: "{v}", column: "{u}"}
     return (
-        f"give a pattern, perhaps pattern='{_filled(form, columns, fields)}', with {{v}} and {{u}} "
-        "exchanged if columns come first ({n} is ignored)."
+        f"give a pattern, perhaps {argument('pattern', _filled(form, columns, fields))}, with "
+        "{v} and {u} exchanged if columns come first ({n} is ignored)."
     )
 
 
@@ -256,8 +257,8 @@ def arranged(
     """Which name is which view."""
     if layout.order not in (None, "lawnmower"):
         raise ValueError(
-            f"Names of views are in order='lawnmower' or row by row (leave order out), not in "
-            f"order={layout.order!r}."
+            f"Names of views are in {argument('order', 'lawnmower')} or row by row (leave order "
+            f"out), not in {argument('order', layout.order)}."
         )
     pattern = Pattern(layout.pattern) if layout.pattern else guess(pictures, where=where)
     lawnmower = layout.order == "lawnmower"

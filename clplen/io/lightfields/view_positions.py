@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 
 from clplen.checks import fits_float64
-from clplen.errors import FormatError
+from clplen.errors import FormatError, argument
 from clplen.files import PathLike
 from clplen.io.formats.untrusted import listed
 from clplen.io.lightfields.layout import Layout, View
@@ -80,7 +80,9 @@ def _from_table(path: Path, views: View) -> Positions:
 def _rows(path: Path, views: View) -> Iterator[tuple[int, dict[str, str]]]:
     """(line, text by column) of a table."""
     if not path.is_file():
-        raise FormatError(f"There is no table of positions {path}; or give positions='{NAMES}'.")
+        raise FormatError(
+            f"There is no table of positions {path}; or give {argument('positions', NAMES)}."
+        )
     if path.stat().st_size > _LONGEST * (math.prod(views) + 1):
         raise FormatError(f"{path} is too large for the positions of {math.prod(views)} views.")
     try:
@@ -118,7 +120,8 @@ def _from_names(views: View, names: Mapping[View, str]) -> Positions:
     """y and x of file names as view steps, by the steps of rows and columns."""
     if not names:
         raise FormatError(
-            f"positions='{NAMES}' needs views that are files with names; give a table v,u,y,x."
+            f"{argument('positions', NAMES)} needs views that are files with names; give a table "
+            "v,u,y,x."
         )
     grid = np.array(sorted(names), np.float64)
     found = np.array([_camera(names[view]) for view in sorted(names)])
@@ -137,8 +140,8 @@ def _camera(name: str) -> tuple[float, float]:
     numbers = _NUMBER.findall(PurePosixPath(name).stem)
     if len(numbers) < 4:
         raise FormatError(
-            f"The name {name} has {len(numbers)} numbers; positions='{NAMES}' needs row, column, y "
-            "and x, as in out_00_01_-381.9_1103.4_.png."
+            f"The name {name} has {len(numbers)} numbers; {argument('positions', NAMES)} needs "
+            "row, column, y and x, as in out_00_01_-381.9_1103.4_.png."
         )
     return float(numbers[-2]), float(numbers[-1])
 

@@ -16,7 +16,7 @@ import pyopencl.array as cla
 from tqdm import tqdm
 
 from clplen.compute.device import Device
-from clplen.errors import FormatError
+from clplen.errors import FormatError, argument
 from clplen.files import naming
 from clplen.io.formats.picture import linear
 from clplen.io.formats.untrusted import listed, require_bytes
@@ -125,7 +125,7 @@ def _missing(views: ViewSet) -> list[View]:
         raise FormatError(
             f"{len(missing)} of {views.shape[0]} x {views.shape[1]} views are missing in "
             f"{views.where} (pattern {views.pattern.text!r}, counted from 0): {names}; "
-            "allow_missing=True gives them weight 0."
+            f"{argument('allow_missing', True)} gives them weight 0."
         )
     return missing
 

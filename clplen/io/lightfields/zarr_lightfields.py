@@ -17,7 +17,7 @@ from typing import Any
 import numpy as np
 
 from clplen.compute.device import Device
-from clplen.errors import FormatError
+from clplen.errors import FormatError, argument
 from clplen.files import PathLike, filling
 from clplen.io.formats.untrusted import listed, reading, require_bytes
 from clplen.io.lightfields.array_sources import (
@@ -123,7 +123,9 @@ def _is_array(item: Any) -> bool:
 def _find(root: Any, path: Path, name: str | None) -> Any:
     if _is_array(root):
         if name is not None:
-            raise FormatError(f"{path} is one array, with no dataset {name!r}: leave dataset= out.")
+            raise FormatError(
+                f"{path} is one array, with no dataset {name!r}: leave {argument('dataset')} out."
+            )
         return root
     found = _arrays(root)
     held = listed([f"{key} {item.shape} {item.dtype}" for key, item in found.items()])
@@ -138,7 +140,7 @@ def _find(root: Any, path: Path, name: str | None) -> Any:
     count = "several arrays" if fitting else "no array"
     raise FormatError(
         f"{path} has {count} in 4 or 5 dimensions and none named {SAMPLES}; it holds "
-        f"{held or 'none'}; name one by dataset=."
+        f"{held or 'none'}; name one by {argument('dataset')}."
     )
 
 

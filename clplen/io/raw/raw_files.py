@@ -18,7 +18,7 @@ import h5py
 import numpy as np
 
 from clplen.compute.device import DeviceLike, as_device
-from clplen.errors import FormatError
+from clplen.errors import FormatError, argument
 from clplen.files import PathLike, naming
 from clplen.io.formats import picture, tiff
 from clplen.io.formats.picture import read_picture, without_alpha
@@ -339,10 +339,12 @@ def read_raw(
     types: tuple[LensType, ...] = ()
     beside = any(one is not None for one in (white, dark, grid))
     if beside and path.suffix.lower() in (*RAYTRIX_SUFFIXES, *hdf5_files.SUFFIXES):
-        raise ValueError(f"{path.name} tells the lenses: white=, dark= and grid= do not apply.")
+        words = f"{argument('white')}, {argument('dark')} and {argument('grid')}"
+        raise ValueError(f"{path.name} tells the lenses: {words} do not apply.")
     if path.suffix.lower() in hdf5_files.SUFFIXES:
         if image is not None or frame is not None:
-            raise ValueError(f"{path.name} holds one raw image: image= and frame= do not apply.")
+            words = f"{argument('image')} and {argument('frame')}"
+            raise ValueError(f"{path.name} holds one raw image: {words} do not apply.")
         return read_raw_file(path, device=device)
     if path.suffix.lower() in RAYTRIX_SUFFIXES:
         values, _ = read_frame(picture_of(path) if image is None else image, frame=frame)
@@ -350,7 +352,8 @@ def read_raw(
         lattice, types = _calibrated(path, _shape(values))
     else:
         if image is not None:
-            raise ValueError(f"image= belongs to an XML, {path.name} is an image itself.")
+            word = argument("image")
+            raise ValueError(f"{word} belongs to an XML, {path.name} is an image itself.")
         values, _ = read_frame(path, frame=frame)
         black = None if dark is None else _like(dark, values, path)[0]
         tags = sensor_tags(path) if values.ndim == 2 else None
@@ -459,7 +462,7 @@ def picture_of(path: Path) -> Path:
                 return name
     raise FormatError(
         f"There is no picture {path.stem} beside {path} ({', '.join(picture.SUFFIXES)}): "
-        "give image=."
+        f"give {argument('image')}."
     )
 
 
@@ -472,13 +475,16 @@ def _lattice(
     force: bool,
 ) -> Lattice:
     if white is not None and grid is not None:
-        raise ValueError("Give white=, to find the lenslets, or grid=, where they are; not both.")
+        raise ValueError(
+            f"Give {argument('white')}, to find the lenslets, or {argument('grid')}, where they "
+            "are; not both."
+        )
     if grid is not None:
         return read_lattice(grid, _shape(frame))
     if white is None:
         raise FormatError(
-            f"Nothing tells where the lenslets of {path} lie: give white=, a white image of the "
-            "same camera, or grid=, a lattice saved before."
+            f"Nothing tells where the lenslets of {path} lie: give {argument('white')}, a white "
+            f"image of the same camera, or {argument('grid')}, a lattice saved before."
         )
     require_decoding(frame.size, path, None)
     flat, bayer = _like(white, frame, path)

@@ -59,7 +59,7 @@ def digest(path: PathLike, *, algorithm: str = "sha256") -> str:
 
 
 def size_of(path: PathLike) -> int:
-    """Bytes of a file, or of all files in a folder together."""
+    """Return the bytes of a file, or of all files in a folder together."""
     path = Path(path)
     files = _files(path) if path.is_dir() else [path]
     return sum(_there(file).stat().st_size for file in files)

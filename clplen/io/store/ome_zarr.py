@@ -16,7 +16,7 @@ from typing import Any
 import numpy as np
 
 from clplen.checks import fits_float64
-from clplen.errors import FormatError
+from clplen.errors import FormatError, worded
 from clplen.files import PathLike, check_space, filling
 from clplen.io.formats.untrusted import reading, require_bytes
 from clplen.io.store import zarr_files
@@ -92,8 +92,9 @@ def _require_replaceable(target: Path, size: tuple[int, ...], replace: bool) -> 
         raise FileExistsError(f"{target} is there already and no OME-Zarr: choose another name.")
     elif found not in (None, size) and not replace:
         raise FileExistsError(
-            f"{target} is there already with shape {found}, not {size}: replace it "
-            "(replace=True), or choose another name."
+            f"{target} is there already with shape {found}, not {size}: "
+            + worded(python="replace it (replace=True)", command="remove it", file="remove it")
+            + ", or choose another name."
         )
 
 

@@ -25,7 +25,7 @@ from typing import Any
 import numpy as np
 
 from clplen.checks import host_array
-from clplen.errors import SamplingWarning, warn_caller
+from clplen.errors import SamplingWarning, argument, warn_caller
 from clplen.lightfield.calibration.lattice_fit import visible_lattice
 from clplen.lightfield.calibration.sensor_frames import Mosaic
 from clplen.lightfield.raw.demosaicing import tile_of
@@ -56,7 +56,7 @@ def require_trust(
     if not force:
         raise error(
             f"{source} is no white image to rely on ({verdict}): is it a frame, or saturated? "
-            f"{_PROPER[0].upper()}{_PROPER[1:]}, or force=True to go on."
+            f"{_PROPER[0].upper()}{_PROPER[1:]}, or {argument('force', True)} to go on."
         )
     warn_caller(f"{source}: {verdict}.", SamplingWarning)
     return lattice
@@ -82,7 +82,7 @@ def require_camera(
     raise error(
         f"{source} is of another camera: its lenslets are {lattice.neighbour:.4g} px apart and "
         f"those of the frame {own.neighbour:.4g} px; give the white image of this camera, or "
-        "force=True to go on."
+        f"{argument('force', True)} to go on."
     )
 
 

@@ -14,7 +14,7 @@ from numpy.typing import ArrayLike
 from clplen import units
 from clplen.checks import is_integer, real_array
 from clplen.compute.device import Device, DeviceLike, as_device
-from clplen.errors import ShapeError
+from clplen.errors import ShapeError, argument
 from clplen.lightfield.calibration import sensor_frames
 from clplen.lightfield.calibration.lattice_trust import is_measured
 from clplen.lightfield.calibration.sensor_frames import Frame, Mosaic
@@ -198,14 +198,16 @@ def _check(
     if bayer is not None:
         tile_of(bayer)
     if devignette and white is None:
-        raise ValueError("devignette=True divides by the white image: give white=.")
+        raise ValueError(
+            f"{argument('devignette', True)} divides by the white image: give {argument('white')}."
+        )
 
 
 def _check_balance(factors: Any, bayer: Mosaic | None) -> None:
     if factors is None:
         return
     if bayer is None:
-        raise ValueError("white_balance is of colours: give bayer= too.")
+        raise ValueError(f"white_balance is of colours: give {argument('bayer')} too.")
     values = real_array(factors, "factors", np.float64)
     if values.shape != (3,) or not (np.isfinite(values).all() and (values > 0).all()):
         raise ValueError(
@@ -218,7 +220,7 @@ def _checked_matrix(matrix: Any, bayer: Mosaic | None) -> Frame | None:
     if matrix is None:
         return None
     if bayer is None:
-        raise ValueError("colour_matrix mixes colours: give bayer= too.")
+        raise ValueError(f"colour_matrix mixes colours: give {argument('bayer')} too.")
     values = real_array(matrix, "A colour matrix", np.float64)
     if values.shape != (3, 3) or not np.isfinite(values).all():
         raise ValueError(f"colour_matrix has shape (3, 3) and is finite, not {matrix!r}.")

@@ -17,6 +17,7 @@ from numpy.typing import ArrayLike
 
 from clplen.checks import real_array, require
 from clplen.compute.arrays import count_bad
+from clplen.errors import argument
 from clplen.lightfield.focused.focused_geometry import FocusedGeometry, Values, z_of_m
 from clplen.lightfield.focused.focused_matching import Match, Matcher
 from clplen.lightfield.focused.focused_picture import (
@@ -241,7 +242,7 @@ def _default_ranges(raw: RawImage, geometry: FocusedGeometry) -> list[tuple[floa
             raise ValueError(
                 f"At the camera's m = {camera.m:g} a point is seen by {1 / abs(camera.m):.2g} "
                 "lenslets a row, which is too few to compare: depth needs abs(m) below 0.5, or a "
-                "range ms= of what lies farther from the array."
+                f"range {argument('ms')} of what lies farther from the array."
             )
         low, high = abs(camera.m) / 4, min(largest, 2 * abs(camera.m))
     elif len(geometry.ranges) > 1:

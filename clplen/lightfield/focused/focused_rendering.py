@@ -15,7 +15,7 @@ from numpy.typing import ArrayLike
 
 from clplen.checks import float64_array, host_array
 from clplen.compute.arrays import count_bad
-from clplen.errors import ShapeError
+from clplen.errors import ShapeError, argument
 from clplen.lightfield.focused.focused_depth import FocusedDepth, focused_depth, reference_m
 from clplen.lightfield.focused.focused_geometry import (
     FocusedGeometry,
@@ -123,9 +123,14 @@ def render_focused(
     """
     _choice("method", method, METHODS)
     if method == "depth" and patch is not None:
-        raise ValueError("method='depth' takes its patches from the depth: leave out patch=.")
+        raise ValueError(
+            f"{argument('method', 'depth')} takes its patches from the depth: leave out "
+            f"{argument('patch')}."
+        )
     if depth is not None and method != "depth":
-        raise ValueError(f"depth= belongs to method='depth', not to {method!r}.")
+        raise ValueError(
+            f"{argument('depth')} belongs to {argument('method', 'depth')}, not to {method!r}."
+        )
     gather = _Gather(raw, white, interpolation, view, aperture)
     geometry = gather.geometry
     if method == "depth" and depth is None:

@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from clplen.checks import real_array
+from clplen.errors import worded
 from clplen.lightfield.model.sampled_views import Parametrised, SampledViews
 from clplen.lightfield.raw.raw_image import CameraModel, Spacing, is_telecentric
 from clplen.types import Array
@@ -78,7 +79,12 @@ class AlphaLaw:
         if self.spacing is None or not np.isfinite(self.spacing).all():
             raise ValueError(
                 "alpha needs the spacing of views and pixels in metres, which this light field "
-                "does not have: give spacing=(dv, du, dy, dx), or use disparity."
+                "does not have: "
+                + worded(
+                    python="give spacing=(dv, du, dy, dx), or use disparity.",
+                    command="use --disparities.",
+                    file="use disparities.",
+                )
             )
         return self.spacing[1] / self.spacing[3]
 

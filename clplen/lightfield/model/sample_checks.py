@@ -10,7 +10,7 @@ import pyopencl.array as cla
 from clplen.checks import host_array, masked_array
 from clplen.compute.arrays import count_bad
 from clplen.compute.device import Device
-from clplen.errors import DeviceError, SamplingWarning, ShapeError, warn_caller
+from clplen.errors import DeviceError, SamplingWarning, ShapeError, warn_caller, worded
 from clplen.lightfield.arrays.stored_samples import C_TYPE, lit_views
 from clplen.lightfield.raw.raw_image import Spacing
 from clplen.types import Array
@@ -68,7 +68,8 @@ def require_finite(bad: int) -> None:
     if bad:
         raise ValueError(
             f"The light field has {bad} samples that are NaN or infinite, which interpolation "
-            "would spread: replace them by 0 and give their views weight 0 (weights=)."
+            "would spread: replace them by 0"
+            + worded(python=" and give their views weight 0 (weights=).", command=".", file=".")
         )
 
 

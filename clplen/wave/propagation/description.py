@@ -16,7 +16,7 @@ import numpy as np
 from clplen import units
 from clplen.checks import float64_array, is_finite
 from clplen.compute.fft.lines import Line, Separable
-from clplen.errors import SamplingError
+from clplen.errors import SamplingError, argument
 from clplen.wave.field.field import Grid
 from clplen.wave.propagation.band import FAR_GUARD, GUARD, AxisSpan, Band, guarded_band
 from clplen.wave.propagation.transfer_function import Factor
@@ -61,8 +61,8 @@ class Request:
         _check_numbers(self)
         if self.lens is not None and self.method != "fresnel-1fft":
             raise ValueError(
-                f"lens= is for method='fresnel-1fft', not {self.method!r}: put a thin_lens before "
-                "the propagation."
+                f"{argument('lens')} is for {argument('method', 'fresnel-1fft')}, not "
+                f"{self.method!r}: put a thin_lens before the propagation."
             )
         self._check_out_grid()
 
@@ -72,8 +72,8 @@ class Request:
             return
         if self.method not in FREE_GRID:
             raise SamplingError(
-                f"method={self.method!r} keeps the grid of the field, {self.grid}, but {out} was "
-                "asked for: method='cblas' gives any grid."
+                f"{argument('method', self.method)} keeps the grid of the field, {self.grid}, but "
+                f"{out} was asked for: {argument('method', 'cblas')} gives any grid."
             )
         for n, m, axis in zip(self.grid.shape, out.shape, "yx", strict=True):
             if n == 1 and m != 1:

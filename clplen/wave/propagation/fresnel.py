@@ -15,7 +15,7 @@ from clplen.compute.fft.lines import (
     smooth_length,
     still,
 )
-from clplen.errors import SamplingError
+from clplen.errors import SamplingError, argument
 from clplen.wave.field.field import Grid, derived_grid
 from clplen.wave.field.transmission import phasor
 from clplen.wave.propagation.description import (
@@ -43,7 +43,7 @@ def transfer_function(r: Request) -> Description:
     if step > 1 and r.pad != 1:
         warning = (
             f"Fresnel's transfer function at z = {r.z:g} m is aliased: it is sampled up to "
-            f"{critical:.4g} m. Use method='fresnel-ir', or 'auto'."
+            f"{critical:.4g} m. Use {argument('method', 'fresnel-ir')}, or 'auto'."
         )
     return _separable(r, "fresnel-tf", lines, "transfer function", step, (0.0, critical), warning)
 
@@ -86,7 +86,7 @@ def impulse_response(r: Request) -> Description:
     if step > 1 and (r.pad != 1 or refused):
         warning = (
             f"Fresnel's impulse response at z = {r.z:g} m is aliased: it is sampled from "
-            f"{critical:.4g} m on. Use method='fresnel-tf', or 'auto'."
+            f"{critical:.4g} m on. Use {argument('method', 'fresnel-tf')}, or 'auto'."
         )
     made = _separable(r, "fresnel-ir", lines, "kernel", step, (critical, math.inf), warning)
     return replace(made, is_refused=refused)
@@ -121,8 +121,8 @@ def one_step(r: Request) -> Description:
     if step > 1:
         warning = (
             f"The chirp of fresnel-1fft at z = {r.z:g} m is aliased over the lit width: without a "
-            f"lens it is sampled from {nearest:.4g} m on. Use method='auto', or name the width "
-            "that carries light by support=."
+            f"lens it is sampled from {nearest:.4g} m on. Use {argument('method', 'auto')}, or "
+            f"name the width that carries light by {argument('support')}."
         )
     out_grid = derived_grid(r.grid.shape, (pitches[0], pitches[1]), r.grid.origin)
     valid = (nearest, math.inf)
@@ -142,7 +142,7 @@ def many_steps(r: Request) -> Description:
     if count > LIMIT_STEPS:
         raise SamplingError(
             f"fresnel-multistep would take {count:,} steps to z = {r.z:g} m, at most "
-            f"{LIMIT_STEPS:,} are done: use method='fresnel-ir', or 'auto'."
+            f"{LIMIT_STEPS:,} are done: use {argument('method', 'fresnel-ir')}, or 'auto'."
         )
     maps, counts = [], []
     for axis, n in enumerate(r.grid.shape):
@@ -154,8 +154,8 @@ def many_steps(r: Request) -> Description:
     if abs(r.z) >= reach:
         warning = (
             f"{count} steps to z = {r.z:g} m: from {reach:.4g} m on light that left the window "
-            "comes back in fresnel-multistep. Use method='fresnel-ir' or 'auto', a larger pad or a "
-            "border."
+            f"comes back in fresnel-multistep. Use {argument('method', 'fresnel-ir')} or 'auto', a "
+            "larger pad or a border."
         )
     return Description(
         request=r,

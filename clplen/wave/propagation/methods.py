@@ -22,7 +22,7 @@ from clplen.compute.fft.lines import (
     still,
 )
 from clplen.compute.fft.routes import has_large_prime
-from clplen.errors import SamplingError
+from clplen.errors import SamplingError, argument
 from clplen.wave.field.transmission import phasor
 from clplen.wave.propagation import fresnel, one_step
 from clplen.wave.propagation.band import (
@@ -142,7 +142,8 @@ def rayleigh_sommerfeld_in_one_step(r: Request) -> Description:
     """The sum over samples by a chirp-z transform between chirps, and a series for the rest."""
     if r.z == 0:
         raise SamplingError(
-            "one-step is for a distance z other than 0: use method='auto' to sample a field anew."
+            f"one-step is for a distance z other than 0: use {argument('method', 'auto')} to "
+            "sample a field anew."
         )
     return _one_step(r, one_step.best_series(r), "asked for")
 
@@ -160,8 +161,8 @@ def _one_step(r: Request, series: one_step.Series, why: str) -> Description:
         wrong = "does not converge" if refused else "is not exact"
         warning = (
             f"The path between the grids {wrong} in one-step at z = {r.z:g} m: from "
-            f"{nearest:.4g} m on the error is below 1e-9 of the field. Use method='auto' or "
-            "'cblas'."
+            f"{nearest:.4g} m on the error is below 1e-9 of the field. Use "
+            f"{argument('method', 'auto')} or 'cblas'."
         )
     return Description(
         request=r,
@@ -257,7 +258,7 @@ def angular_spectrum(r: Request, why: str = "asked for") -> Description:
         wider = "" if grazing else ", or a larger pad"
         warning = (
             f"The transfer function at z = {r.z:g} m is aliased: it is sampled over the whole band "
-            f"only up to {reach:.4g} m. Use method='auto' or 'blas'{wider}."
+            f"only up to {reach:.4g} m. Use {argument('method', 'auto')} or 'blas'{wider}."
         )
     bands = [whole_band(r.span(axis)) for axis in (0, 1)]
     valid = (0.0, math.inf if periodic else reach)
@@ -403,7 +404,7 @@ def _require_few(r: Request, bands: list[Band]) -> None:
         raise SamplingError(
             f"cblas onto {r.target} would take {most:,} frequencies along an axis, at most "
             f"{MOST_FREQUENCIES:,} are done: use a smaller output window, a smaller support, or "
-            "method='one-step' far away."
+            f"{argument('method', 'one-step')} far away."
         )
 
 
@@ -444,7 +445,7 @@ def _kernel_sampling(r: Request) -> tuple[float, float, str]:
         return step, nearest, ""
     warning = (
         f"The Rayleigh-Sommerfeld kernel at z = {r.z:g} m is aliased: it is sampled from "
-        f"{nearest:.4g} m on. Use method='auto' or 'cblas'."
+        f"{nearest:.4g} m on. Use {argument('method', 'auto')} or 'cblas'."
     )
     return step, nearest, warning
 
@@ -501,7 +502,7 @@ def _require_small_kernel(r: Request) -> None:
         raise SamplingError(
             f"rs onto another grid at z = {r.z:g} m would take a kernel of {lengths[0]:.3g} x "
             f"{lengths[1]:.3g} samples, {units.amount(KERNEL_BYTES * count, 'B')} in "
-            f"complex64 and about {seconds:.2g} s: use method='auto'."
+            f"complex64 and about {seconds:.2g} s: use {argument('method', 'auto')}."
         )
 
 
@@ -515,7 +516,8 @@ def _finer(band: Band) -> Band:
 def _grazing(r: Request) -> str:
     return (
         f"Waves that graze the plane leave the window of cblas at z = {r.z:g} m and come back as "
-        "aliases: use method='auto' or 'rs', or samples of more than half a wavelength."
+        f"aliases: use {argument('method', 'auto')} or 'rs', or samples of more than "
+        "half a wavelength."
     )
 
 
