@@ -8,14 +8,12 @@ from clplen.wave.field.field import Field, Grid
 from clplen.wave.field.transmission import multiply_sphere
 
 LAM = 532e-9
-# shape, pitch, origin, foot of the centre, distance
+# shape, pitch, origin, foot of the centre, distance, whether the amplitude is 1/r
 CASES = [
-    ((13, 18), (6.6e-6, 5e-6), (0, 0), (0, 0), 0.12),
-    ((24, 19), (5e-6, 6.6e-6), (2.5e-6, 0), (40e-6, -31e-6), 3e-3),
-    ((1, 40), (5e-6, 4e-6), (3e-6, 1e-6), (2e-6, 7e-6), -2e-3),
-    ((31, 1), (4e-6, 5e-6), (0, 0), (-9e-6, 5e-6), 1e-3),
-    ((17, 23), (20e-6, 30e-6), (0, 0), (1e-3, -2e-3), -5e-3),  # 300 turns beside the tables
-    ((9, 11), (3e-6, 2e-6), (0, 0), (0, 0), 4e-6),
+    ((24, 19), (5e-6, 6.6e-6), (2.5e-6, 0), (40e-6, -31e-6), 3e-3, True),
+    ((1, 40), (5e-6, 4e-6), (3e-6, 1e-6), (2e-6, 7e-6), -2e-3, False),
+    ((17, 23), (20e-6, 30e-6), (0, 0), (1e-3, -2e-3), -5e-3, True),  # 300 turns beside the tables
+    ((9, 11), (3e-6, 2e-6), (0, 0), (0, 0), 4e-6, False),
 ]
 
 
@@ -33,9 +31,8 @@ def routes(device):
 
 
 @pytest.mark.parametrize("wave", ["single", "double"], indirect=True)
-@pytest.mark.parametrize("fades", [False, True])
-@pytest.mark.parametrize(("shape", "pitch", "origin", "centre", "z"), CASES)
-def test_sphere(wave, fades, shape, pitch, origin, centre, z):
+@pytest.mark.parametrize(("shape", "pitch", "origin", "centre", "z", "fades"), CASES)
+def test_sphere(wave, shape, pitch, origin, centre, z, fades):
     u, field = field_on(wave, shape, pitch, origin)
     wanted = spherical_wave(shape, pitch, z, LAM, source=centre, origin=origin)
     wanted = u * (wanted * abs(z) if fades else wanted / np.abs(wanted))
@@ -49,13 +46,13 @@ def test_sphere(wave, fades, shape, pitch, origin, centre, z):
         assert np.abs((got - wanted) / np.abs(u)).max() <= bound, phase
 
 
-@pytest.mark.parametrize("f", [10e-3, -4e-3])
-def test_lens_is_a_sphere_about_its_focus(device, f):
-    shape, pitch, origin = (20, 33), (5e-6, 4e-6), (0, 2e-6)
-    u, field = field_on(device, shape, pitch, origin)
-    wanted = u * stigmatic_phase(shape, pitch, f, LAM, origin=origin)
-    got = multiply_sphere(field, -f).to_numpy()
-    assert np.abs((got - wanted) / np.abs(u)).max() <= 12 * np.finfo(np.float32).eps
+def test_lens_is_a_sphere_about_its_focus(device):
+    for f in [10e-3, -4e-3]:
+        shape, pitch, origin = (20, 33), (5e-6, 4e-6), (0, 2e-6)
+        u, field = field_on(device, shape, pitch, origin)
+        wanted = u * stigmatic_phase(shape, pitch, f, LAM, origin=origin)
+        got = multiply_sphere(field, -f).to_numpy()
+        assert np.abs((got - wanted) / np.abs(u)).max() <= 12 * np.finfo(np.float32).eps
 
 
 def test_in_place(device):
