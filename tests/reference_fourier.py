@@ -1,4 +1,4 @@
-"""A Fourier light-field microscope in float64: the twin of clplen.cameras.fourier.
+"""A Fourier light-field microscope in float64: the twin of clplen.cameras.fourier_microscope.
 
 Rims are hard on fine samples. `sensor` is one Fresnel integral from the whole array to some places,
 by sums alone; `frame` an exact angular spectrum on some eight samples a pixel. Lengths in metres,

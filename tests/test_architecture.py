@@ -49,7 +49,7 @@ ROOMS: dict[str, tuple[set[str], ...]] = {
         {"depth"},
         {"streaming", "axis_check"},
     ),
-    "cameras": ({"scenes"}, {"optics"}, {"exposure"}, {"fourier"}),
+    "cameras": ({"scenes"}, {"optics"}, {"exposure"}),
     "microscopy": (
         {"model", "objects"},
         {"fourier"},

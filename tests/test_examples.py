@@ -87,9 +87,11 @@ def test_the_table_has_every_figure() -> None:
     assert list(table) == sorted(wanted)
 
 
-def is_drawn(script: Path, config: pytest.Config) -> bool:
-    """All of them take three minutes on two cores."""
-    return bool(config.getoption("--figures")) or SCRIPTS.index(script) % EACH == 0
+def pytest_generate_tests(metafunc: pytest.Metafunc) -> None:
+    """One script in `EACH`; all of them take three minutes on two cores."""
+    if "script" in metafunc.fixturenames:
+        chosen = SCRIPTS if metafunc.config.getoption("--figures") else SCRIPTS[::EACH]
+        metafunc.parametrize("script", chosen, ids=lambda script: script.stem)
 
 
 @pytest.fixture(scope="module")
@@ -104,7 +106,6 @@ def runs(
         for item in request.session.items
         if isinstance(item, pytest.Function) and item.originalname == "test_a_figure_script"
         for script in (item.callspec.params["script"],)
-        if is_drawn(script, request.config)
     ]
     fresh = multiprocessing.get_context("spawn")
     with ProcessPoolExecutor(max_workers=os.cpu_count(), mp_context=fresh) as pool:
@@ -118,12 +119,7 @@ def runs(
 
 
 @pytest.mark.thorough
-@pytest.mark.parametrize("script", SCRIPTS, ids=lambda script: script.stem)
-def test_a_figure_script(
-    script: Path, runs: dict[Path, tuple[Path, Future[Done]]], request: pytest.FixtureRequest
-) -> None:
-    if not is_drawn(script, request.config):
-        pytest.skip(f"one script in {EACH} is run: pytest --figures runs all")
+def test_a_figure_script(script: Path, runs: dict[Path, tuple[Path, Future[Done]]]) -> None:
     folder, started = runs[script]
     done = started.result()
     assert done.returncode == 0, done.stderr
@@ -139,18 +135,18 @@ def test_a_figure_script(
         assert reference in row_of(script), f"the table lacks {what}: {reference}"
 
 
-@pytest.mark.parametrize("name", FRAMES)
-def test_an_example_of_a_real_frame(name: str, tmp_path: Path, pytestconfig: pytest.Config) -> None:
+def test_an_example_of_a_real_frame(tmp_path: Path, pytestconfig: pytest.Config) -> None:
     """Quickly, on the frame or, where there is none, a simulated one."""
-    if not pytestconfig.getoption("--figures"):
-        pytest.skip("examples of real frames take half a minute: pytest --figures runs them")
-    devices = pytestconfig.getoption("--device") or []
-    chosen = ["--device", devices[0]] if devices else []
-    done = run(EXAMPLES / f"{name}.py", "--quick", "-o", "out", *chosen, folder=tmp_path)
-    assert done.returncode == 0, done.stderr
-    assert re.search(r"\d", done.stdout)
-    for picture in tmp_path.rglob("*.png"):
-        check_picture(picture)
+    for name in FRAMES:
+        if not pytestconfig.getoption("--figures"):
+            pytest.skip("examples of real frames take half a minute: pytest --figures runs them")
+        devices = pytestconfig.getoption("--device") or []
+        chosen = ["--device", devices[0]] if devices else []
+        done = run(EXAMPLES / f"{name}.py", "--quick", "-o", "out", *chosen, folder=tmp_path)
+        assert done.returncode == 0, done.stderr
+        assert re.search(r"\d", done.stdout)
+        for picture in tmp_path.rglob("*.png"):
+            check_picture(picture)
 
 
 def check_picture(path: Path) -> None:
@@ -164,24 +160,26 @@ def check_picture(path: Path) -> None:
         assert not edge.any()
 
 
-@pytest.mark.parametrize("script", SCRIPTS, ids=lambda script: script.stem)
-def test_a_script_is_short_and_in_the_table(script: Path) -> None:
-    assert len(script.read_text().splitlines()) < SHORTER_THAN
-    assert row_of(script)
+def test_scripts_are_short_and_in_the_table() -> None:
+    for script in SCRIPTS:
+        assert len(script.read_text().splitlines()) < SHORTER_THAN, script.name
+        assert row_of(script)
 
 
-@pytest.mark.parametrize(
-    ("value", "ending"),
-    [(1.2301, ""), (1.2349, ""), (1.2352, "OUT OF TOLERANCE"), (np.nan, "OUT OF TOLERANCE")],
-)
 def test_a_number_out_of_tolerance_is_said(
-    value: float, ending: str, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    monkeypatch.syspath_prepend(EXAMPLES)
-    importlib.import_module("common").number("a length / mm", value, 1.23, 5e-3)
-    ((what, found, reference, within, verdict),) = NUMBER.findall(capsys.readouterr().out)
-    assert (what, reference, within) == ("a length / mm", "1.2300", "0.005")
-    assert (found, verdict.strip()) == (f"{value:.4f}", ending)
+    for value, ending in [
+        (1.2301, ""),
+        (1.2349, ""),
+        (1.2352, "OUT OF TOLERANCE"),
+        (np.nan, "OUT OF TOLERANCE"),
+    ]:
+        monkeypatch.syspath_prepend(EXAMPLES)
+        importlib.import_module("common").number("a length / mm", value, 1.23, 5e-3)
+        ((what, found, reference, within, verdict),) = NUMBER.findall(capsys.readouterr().out)
+        assert (what, reference, within) == ("a length / mm", "1.2300", "0.005")
+        assert (found, verdict.strip()) == (f"{value:.4f}", ending)
 
 
 @pytest.mark.thorough
@@ -197,16 +195,13 @@ def test_pictures_as_pdf_and_help(tmp_path: Path, pytestconfig: pytest.Config) -
     assert "lenslets" not in run(script, "--help", folder=tmp_path).stdout
 
 
-@pytest.mark.parametrize(
-    ("arguments", "words"),
-    [
+def test_bad_options_get_a_sentence(tmp_path: Path) -> None:
+    for arguments, words in [
         (("--device", "abacus"), "abacus"),
-        pytest.param(("-o", "taken"), "there is a file of this name", marks=pytest.mark.thorough),
-    ],
-)
-def test_bad_options_get_a_sentence(tmp_path: Path, arguments: tuple[str, str], words: str) -> None:
-    (tmp_path / "taken").touch()
-    done = run(SCRIPTS[0], *arguments, folder=tmp_path)
-    assert done.returncode == 2
-    assert words in done.stderr
-    assert "Traceback" not in done.stderr
+        (("-o", "taken"), "there is a file of this name"),
+    ]:
+        (tmp_path / "taken").touch()
+        done = run(SCRIPTS[0], *arguments, folder=tmp_path)
+        assert done.returncode == 2
+        assert words in done.stderr
+        assert "Traceback" not in done.stderr

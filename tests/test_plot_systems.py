@@ -57,16 +57,13 @@ def test_the_narrowest_opening_stops_the_light():
     np.testing.assert_allclose(rays_through(moved).axial[1], [0.5e-3, 2.5e-3])
 
 
-def test_a_ray_that_meets_a_wall_ends():
-    _, y = trace(OpticalSystem([Stop(2e-3), 0.1]), [0.9e-3, 1.1e-3], 0.0)
-    np.testing.assert_allclose(y[2], [0.9e-3, np.nan])
-
-
 def test_lenslets_bend_towards_their_own_axes():
     _, y = trace(OpticalSystem([ARRAY, 6e-3]), np.array([-2.1, -0.7, 0.3, 1.0, 2.6, 2.8]) * 1e-3, 0)
     np.testing.assert_allclose(y[2] * 1e3, [-1.8, -0.8, 0.2, 1.2, 2.2, np.nan], atol=1e-12)
     _, tilted = trace(OpticalSystem([ARRAY, 6e-3]), 0.3e-3, 0.01)
     assert tilted[2] == pytest.approx(0.2e-3 + 0.01 * 6e-3)
+    _, walled = trace(OpticalSystem([Stop(2e-3), 0.1]), [0.9e-3, 1.1e-3], 0.0)
+    np.testing.assert_allclose(walled[2], [0.9e-3, np.nan])
     discs = MicrolensArray(1e-3, 6e-3, count=3, diameter=0.8e-3)
     assert np.isnan(trace(OpticalSystem([discs, 6e-3]), [0.45e-3], 0)[1][2]).all()
 
@@ -79,13 +76,6 @@ def test_light_on_a_first_lens_is_collimated():
     assert rays.images[0].height == pytest.approx(7e-3)
     assert rays.tilt == pytest.approx(0.07)
     np.testing.assert_allclose(rays.chief[:, 0], [0, 0, 7e-3], atol=1e-12)
-
-
-def test_an_unbounded_system_has_narrow_rays():
-    rays = rays_through(OpticalSystem([0.24, Lens(0.12), 0.26]))
-    np.testing.assert_allclose(rays.axial[1], [-0.01, 0.01])
-    nothing = rays_through(OpticalSystem([0.24]))
-    assert (nothing.axial, nothing.oblique, nothing.chief, nothing.height) == (None, None, None, 0)
 
 
 def words(figure) -> list[str]:
@@ -185,29 +175,22 @@ def test_words_that_would_overlap_take_another_row():
     assert {"1 mm", "2 mm", "phase mask", "last plane"} <= set(words(figure))
 
 
-@pytest.mark.parametrize(
-    "system",
-    [
+def test_every_system_can_be_drawn(tmp_path: Path):
+    for system in [
         OpticalSystem([0.1]),
-        OpticalSystem([Lens(0.1, diameter=1e-3)]),
         OpticalSystem([-0.1, Lens(0.1, diameter=1e-3), 0.3, Element(abs, "block", length=0.1)]),
         OpticalSystem([Element(abs, "something")]),
         imaging_system(0.12, diameter=3.6e-3, koehler=True),
         OpticalSystem([Stop(1e-3), 0.1, Lens(np.inf, diameter=1e-3), 0.1]),
-    ],
-)
-def test_every_system_can_be_drawn(tmp_path: Path, system):
-    plot.save(plot.system(system), tmp_path / "system.png", dpi=40)
-    assert np.ptp(imageio.imread(tmp_path / "system.png")[..., :3]) > 100
+    ]:
+        plot.save(plot.system(system), tmp_path / "system.png", dpi=40)
+        assert np.ptp(imageio.imread(tmp_path / "system.png")[..., :3]) > 100
 
 
-@pytest.mark.parametrize("change", [{"extent": 0}, {"extent": np.nan}, {"height": np.inf}])
-def test_bad_views(change):
-    with pytest.raises(ValueError, match=f"The {next(iter(change))} of .* in metres, not"):
-        plot.system(PLENOPTIC, **change)
-
-
-def test_only_a_system_has_a_side_view():
+def test_bad_views():
+    for change in [{"extent": 0}, {"extent": np.nan}, {"height": np.inf}]:
+        with pytest.raises(ValueError, match=f"The {next(iter(change))} of .* in metres, not"):
+            plot.system(PLENOPTIC, **change)
     with pytest.raises(TypeError, match=r"drawn of an OpticalSystem, not of int: .*\[\.\.\.\]"):
         plot.system(3)
 
@@ -232,13 +215,7 @@ def arrows(figure) -> list[tuple[float, float]]:
     ]
 
 
-def test_a_function_without_a_name_is_a_function():
-    system = OpticalSystem([0.1, Lens(0.1, diameter=2e-3), 0.1, lambda field: field, 0.1])
-    assert "function" in words(plot.system(system))
-
-
-@pytest.mark.parametrize("width", [0.5e-3, 1e-3, 2e-3, 4e-3, 8e-3])
-@pytest.mark.parametrize("height", [3e-3, 7e-3])
+@pytest.mark.parametrize(("width", "height"), [(0.5e-3, 7e-3), (4e-3, 3e-3)])
 def test_focal_points_are_named_beside_the_rays(width: float, height: float):
     system = OpticalSystem([0.24, Lens(0.12, diameter=20e-3), 0.03, Stop(width), 0.21])
     figure = plot.system(system, height=height)

@@ -15,12 +15,16 @@ VOLUME = np.random.default_rng(2).random(SHAPE)
 SIZES = np.array(SHAPE) * VOXEL * 1e6  # um: 21, 16.1, 20.5
 
 
-@pytest.mark.parametrize(
-    ("width", "length"),
-    [(90e-6, 20e-6), (80e-6, 20e-6), (79e-6, 10e-6), (7.9e-3, 1e-3), (4.0, 1.0), (3e-7, 5e-8)],
-)
-def test_a_bar_is_at_most_a_quarter(width, length):
-    assert round_length(width) == pytest.approx(length, rel=1e-12)
+def test_a_bar_is_at_most_a_quarter():
+    for width, length in [
+        (90e-6, 20e-6),
+        (80e-6, 20e-6),
+        (79e-6, 10e-6),
+        (7.9e-3, 1e-3),
+        (4.0, 1.0),
+        (3e-7, 5e-8),
+    ]:
+        assert round_length(width) == pytest.approx(length, rel=1e-12)
 
 
 def test_lengths_in_words():
@@ -102,9 +106,8 @@ def test_projections_of_a_series():
     assert one.axes[0].get_title() == "largest along z"
 
 
-@pytest.mark.parametrize(
-    ("volume", "words", "error", "sentence"),
-    [
+def test_what_is_not_drawn():
+    for volume, words, error, sentence in [
         (VOLUME[0], {}, ShapeError, "planes, y, x"),
         (np.zeros((0, 3, 3)), {}, ShapeError, "planes, y, x"),
         (VOLUME, {"voxel": (1e-6, 1e-6)}, ValueError, "dz, dy, dx"),
@@ -113,14 +116,9 @@ def test_projections_of_a_series():
         (VOLUME, {"at": (0, 0)}, ValueError, "Slices lie at"),
         (VOLUME, {"scale": "cube"}, ValueError, "scale of values"),
         (np.full(SHAPE, np.nan), {}, ValueError, "nothing to draw"),
-    ],
-)
-def test_what_is_not_drawn(volume, words, error, sentence):
-    with pytest.raises(error, match=sentence):
-        orthogonal_views(volume, **({"voxel": VOXEL} | words))
-
-
-def test_projections_that_are_not_drawn():
+    ]:
+        with pytest.raises(error, match=sentence):
+            orthogonal_views(volume, **({"voxel": VOXEL} | words))
     with pytest.raises(ValueError, match='"z", "y" or "x"'):
         maximum_projection(VOLUME, voxel=VOXEL, axis="t")
     with pytest.raises(ShapeError, match="t, planes, y, x"):

@@ -4,16 +4,31 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, fields, replace
-from typing import Any, ClassVar, Literal, TypeVar
+from typing import Any, ClassVar, Literal, TypeVar, cast
 
 import pyopencl.array as cla
 
+from clplen import units
+from clplen.cameras.description import Described
 from clplen.cameras.exposure.ray_exposure import expose_rays
 from clplen.cameras.exposure.wave_exposure import Light, Method, expose_waves
 from clplen.cameras.optics.camera_aberrations import Aberrations
-from clplen.cameras.optics.lenslet_camera import Described, Kind
+from clplen.cameras.optics.lenslet_camera import (
+    Kind,
+    check_lenslets,
+    lenslet_pixels,
+    require_lengths,
+    sensor_grid,
+)
 from clplen.cameras.optics.pixel_array import PixelArray
-from clplen.cameras.optics.ray_optics import RayOptics, check_in_view, is_sampled, raw_image
+from clplen.cameras.optics.ray_optics import (
+    LensModel,
+    RayOptics,
+    check_in_view,
+    is_sampled,
+    raw_image,
+    thin_spherical,
+)
 from clplen.cameras.optics.tilted_sensor import reach_of
 from clplen.cameras.optics.wave_optics import WaveOptics
 from clplen.cameras.scenes.occluders import Occluder
@@ -24,27 +39,29 @@ from clplen.cameras.scenes.scene_sources import (
     as_sources,
 )
 from clplen.cameras.scenes.surface_scene import SurfaceScene
+from clplen.compute.device import Device
+from clplen.errors import SamplingWarning, warn_caller
+from clplen.files import PathLike
 from clplen.lightfield.raw.raw_image import RawImage, Sensor
 from clplen.wave.coherence.averaging import Averaging, Checkpoint, Progress
 from clplen.wave.coherence.coherence import Coherence
+from clplen.wave.elements.lenslets import MicrolensArray
 from clplen.wave.field.field import Field, row_powers
 from clplen.wave.field.intensity import Region
 from clplen.wave.propagation.propagator import Propagator
+from clplen.wave.spectrum.spectrum_tables import check_wavelength
 
 Scene = SurfaceScene | Source | Sequence[Source | Occluder]
 Self = TypeVar("Self", bound="Plenoptic")
 
+QUARTER = 0.25  # of a wave, below which a thin lens is as good as a corrected one (Rayleigh)
+SCALAR_NA = 0.4  # above which the polarisation of light matters (Stamnes 1986, section 16.3)
+LENS_LAW_TOLERANCE = 1e-6  # relative, of 1/f = 1/object + 1/image
+
 
 @dataclass(frozen=True, repr=False)
 class Plenoptic(Described, RayOptics):
-    """A plenoptic camera that takes raw images: `Plenoptic1` or `Plenoptic2`.
-
-    Attributes
-    ----------
-    kind : {"standard", "focused"}
-    others
-        Those of `RayOptics`.
-    """
+    """A plenoptic camera that takes raw images: `Plenoptic1` or `Plenoptic2`."""
 
     kind: ClassVar[Kind]
 
@@ -221,47 +238,15 @@ class Plenoptic(Described, RayOptics):
         return self.optics.pupil(scene.positions[chosen], scene.diameter, full_grid=full_grid)
 
     def array_field(self, pupil: Field, *, pad: int = 1) -> Field:
-        """Fields behind the main lens propagated to the array, before its lenslets.
-
-        Parameters
-        ----------
-        pupil : Field
-            Shape (..., ny, nx), on the camera's grid or a part of it about the same centre.
-        pad : int
-            Zero padding, see `padding`.
-
-        Returns
-        -------
-        Field
-            On the camera's grid.
-        """
+        """Fields behind the main lens at the array; see `WaveOptics.array_field`."""
         return self.optics.array_field(pupil, pad=pad)
 
     def sensor_field(self, at_array: Field, *, pad: int = 1) -> Field:
-        """Fields at the array sent through it and on to the sensor.
-
-        Parameters
-        ----------
-        at_array : Field
-            Shape (..., ny, nx).
-        pad : int
-            Zero padding, see `padding`.
-
-        Returns
-        -------
-        Field
-            Same shape.
-        """
+        """Fields at the array sent on to the sensor; see `WaveOptics.sensor_field`."""
         return self.optics.sensor_field(at_array, pad=pad)
 
     def padding(self, scene: PointSources) -> tuple[int, int]:
-        """Padding of the ways to the array and to the sensor: 1 where no light leaves the window.
-
-        Returns
-        -------
-        tuple of int
-            1 or 2 each.
-        """
+        """Padding of the ways to the array and to the sensor, 1 or 2; see `WaveOptics.padding`."""
         return self.optics.padding(scene.positions)
 
     def propagator(self, z: float, method: str, pad: int) -> Propagator:
@@ -330,3 +315,122 @@ def _uses_rays(model: str, scene: Any, coherence: Coherence | None, averaging: A
             "incoherent and exact at once."
         )
     return model == "rays"
+
+
+def main_lens_distances(
+    mla: MicrolensArray,
+    wavelength: float,
+    focal_length: float,
+    object_distance: float | None,
+    image_distance: float | None,
+    aperture_diameter: float | None,
+) -> tuple[float, float]:
+    """Object and image distance, after a look at everything that both cameras are given."""
+    require_lengths(
+        focal_length=focal_length,
+        wavelength=wavelength,
+        object_distance=object_distance,
+        image_distance=image_distance,
+        aperture_diameter=aperture_diameter,
+    )
+    check_wavelength(wavelength)
+    check_lenslets(mla, wavelength)
+    if min(mla.focal_lengths) <= 0:
+        raise ValueError(
+            f"The lenslets of a camera converge: f > 0, not {min(mla.focal_lengths)!r}."
+        )
+    distances = _lens_law(focal_length, object_distance, image_distance)
+    longest = max(mla.focal_lengths)
+    if longest >= distances[1]:
+        meant = units.LENSLET_FOCAL_LENGTH.meant(longest)
+        raise ValueError(
+            f"The lenslets' focal length of {longest:g} m is not shorter than the image distance "
+            f"of the main lens, {distances[1]:g} m{meant}"
+        )
+    return distances
+
+
+def check_aperture(D: float, F: float) -> None:
+    """Refuse an aperture that no lens has; warn of one that scalar waves do not describe well.
+
+    The numerical aperture at the image of a lens that obeys the sine condition is D/(2 F), below 1.
+    """
+    na = D / (2 * F)
+    if na >= 1:
+        meant = units.CAMERA_DIAMETER.meant(D).rstrip(".") if D > 1 else ""
+        raise ValueError(
+            f"An aperture of {D:g} m and its image {F:g} m away would be NA {na:.3g}, and no lens "
+            f"has 1 or more: below {2 * F:g} m would do{meant or '.'}"
+        )
+    if na > SCALAR_NA:
+        warn_caller(
+            f"The main lens has NA {na:.3g} at its image, D/(2 F) above {SCALAR_NA:g}: waves here "
+            f"are scalar, without polarisation; D of {2 * F * SCALAR_NA:.3g} m or less would do.",
+            SamplingWarning,
+        )
+
+
+def shared_fields(
+    focal_length: float,
+    wavelength: float,
+    mla: MicrolensArray,
+    pixels_per_lenslet: float | None,
+    pixels: PixelArray | None,
+    device: Device,
+) -> dict[str, Any]:
+    """Fields of both cameras that are as given, and the sensor's."""
+    across = lenslet_pixels(mla, pixels_per_lenslet, pixels)
+    if pixels is not None:
+        mla = pixels.turned(mla)
+    grid = sensor_grid(mla, across, pixels)
+    return {
+        "focal_length": float(focal_length),
+        "mla": mla,
+        "wavelength": float(wavelength),
+        "pixels_per_lenslet": float(across),
+        "pixel_pitch": grid.pitch[1],
+        "grid": grid,
+        "device": device,
+        "pixels": pixels,
+    }
+
+
+def choose_lens_model(
+    given: str, D: float, object_distance: float, image_distance: float, wavelength: float
+) -> LensModel:
+    """The model of the main lens."""
+    if given not in ("auto", "thin", "corrected"):
+        raise ValueError(f"lens_model is 'auto', 'thin' or 'corrected', not {given!r}.")
+    if given != "auto":
+        return cast(LensModel, given)
+    spherical = thin_spherical(D, object_distance, image_distance)
+    return "thin" if spherical < QUARTER * wavelength else "corrected"
+
+
+def _lens_law(
+    f: float, object_distance: float | None, image_distance: float | None
+) -> tuple[float, float]:
+    """Object and image distance that satisfy 1/f = 1/object + 1/image, in metres.
+
+    Neither given: 2f and 2f. One given: the other follows.
+    """
+    for name, distance in (("object", object_distance), ("image", image_distance)):
+        if distance is not None and distance <= f:
+            raise ValueError(
+                f"{name}_distance = {distance:g} m is within the focal length of {f:g} m: there is "
+                "no real image."
+            )
+    if object_distance is None:
+        if image_distance is None:
+            return (2 * f, 2 * f)
+        return (1 / (1 / f - 1 / image_distance), float(image_distance))
+    if image_distance is None:
+        return (float(object_distance), 1 / (1 / f - 1 / object_distance))
+    if abs(f / object_distance + f / image_distance - 1) > LENS_LAW_TOLERANCE:
+        fits = 1 / (1 / f - 1 / object_distance)
+        raise ValueError(
+            f"object_distance = {object_distance:g} m and image_distance = {image_distance:g} m "
+            f"contradict the lens law for f = {f:g} m: this object is imaged at {fits:.6g} m. Give "
+            "one of the two."
+        )
+    return (float(object_distance), float(image_distance))

@@ -8,16 +8,28 @@ plenoptic camera"). The point X of the main image appears under the lenslet at c
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from numbers import Real
-from typing import ClassVar
+from typing import ClassVar, Literal
 
 from clplen import units
-from clplen.cameras.camera_base import Plenoptic
-from clplen.cameras.optics import camera_aberrations, exposure_rows
-from clplen.cameras.optics.lenslet_camera import Description, Kind, Row
+from clplen.cameras.camera_base import (
+    Plenoptic,
+    check_aperture,
+    choose_lens_model,
+    main_lens_distances,
+    shared_fields,
+)
+from clplen.cameras.description import Description, Row, optics_rows
+from clplen.cameras.optics.camera_aberrations import NONE, Aberrations
+from clplen.cameras.optics.lenslet_camera import Kind
+from clplen.cameras.optics.pixel_array import PixelArray
 from clplen.checks import fits_float64
+from clplen.compute.device import DeviceLike, as_device
 from clplen.wave.elements.lenslets import MicrolensArray
+
+LEAST_PATCH = 0.1  # pixels that pictures of neighbouring lenslets move by
 
 
 @dataclass(frozen=True, repr=False)
@@ -28,32 +40,13 @@ class Plenoptic2(Plenoptic):
     ----------
     kind : str
         "focused".
-    focal_length, object_distance, image_distance, aperture_diameter : float
-        Main lens: f, lens to focused object plane, F (lens to that plane's image), D; in metres.
-    mla : MicrolensArray
-        The lenslets: pitch, focal lengths, count, lattice, fill, offset and rotation.
-    wavelength : float
-        In metres.
-    pixels_per_lenslet : float
-        Lenslet pitch over pixel pitch; may be fractional.
-    pixel_pitch : float
-        In metres.
-    grid : Grid
-        Of the sensor, and of every plane of the simulation.
-    field_lens : bool
-        False: there is no lens at the array.
-    device : Device
-        Where the simulation runs.
     m : float
         b/a, magnification of the lenslets (of the first kind in a multi-focus array): > 0
         Keplerian, < 0 Galilean.
-    aberrations : Aberrations
-        What departs from this design; `with_aberrations` sets it.
-    lens_model : {"thin", "corrected"}
-        The main lens: a quadratic phase, or a lens that images every point without aberrations and
-        obeys the sine condition.
-    pixels : PixelArray or None
-        None: each pixel takes the intensity in its middle.
+    image_distance : float
+        F in metres, from the main lens to the image of the focused plane, not to the array.
+    others
+        Those of `Plenoptic1`.
 
     Examples
     --------
@@ -140,8 +133,7 @@ class Plenoptic2(Plenoptic):
             Row("views", self.views, "", "lenslets in a row that see a point, D abs(a)/(F p)"),
             Row("spot width", 0.886 * lam * self.b / d, "m", "on the sensor, .886 lam b/d"),
             Row("cut-off", d / (lam * abs(self.a)), "1/m", "of the main image, d/(lam a)"),
-            *exposure_rows.rows(self.optics),
-            *camera_aberrations.rows(self.aberrations, lam),
+            *optics_rows(self.optics),
         )
         return Description(f"Plenoptic 2.0 camera, {kind}", rows)
 
@@ -156,7 +148,98 @@ def _focal_rows(mla: MicrolensArray) -> tuple[Row, ...]:
     )
 
 
-def magnification(f: float, m: float | None, a: float | None) -> float:
+def type2(
+    *,
+    focal_length: float,
+    mla: MicrolensArray,
+    wavelength: float,
+    pixels_per_lenslet: float | None = None,
+    device: DeviceLike | None = None,
+    m: float | None = None,
+    a: float | None = None,
+    object_distance: float | None = None,
+    image_distance: float | None = None,
+    aperture_diameter: float | None = None,
+    match: Literal["pupil", "cone"] = "pupil",
+    aberrations: Aberrations = NONE,
+    pixels: PixelArray | None = None,
+    lens_model: Literal["auto", "thin", "corrected"] = "auto",
+) -> Plenoptic2:
+    """A focused plenoptic camera: its lenslets image the main lens' image onto the sensor.
+
+    1/a + 1/b = 1/f_mu and m = b/a, so that a = f_mu (1 + 1/m) and b = f_mu (1 + m) (Lumsdaine
+    and Georgiev 2009). Keplerian, m > 0: the array lies a behind the image at F, b > f_mu.
+    Galilean, -1 < m < 0: abs(a) before it, b < f_mu.
+
+    Parameters
+    ----------
+    focal_length, wavelength, pixels_per_lenslet, device, aberrations, pixels, lens_model
+        As for `PlenopticCamera.type1`.
+    mla : MicrolensArray
+        The lenslets. With several focal lengths the first one's m and a are given; the others are
+        in focus at 1/a = 1/f_mu - 1/b.
+    m, a : float, optional
+        Exactly one of them: magnification of the lenslets, or the distance from the main
+        lens' image to the array in metres (above f_mu or negative).
+    object_distance, image_distance : float, optional
+        Main lens to focused object plane, and to its image (not to the array), in metres.
+        Neither: 2f and 2f. One: the other by the lens law.
+    aperture_diameter : float, optional
+        Of the main lens in metres; None: by ``match``.
+    match : {"pupil", "cone"}
+        D = p z2/b, z2 = F + a, so that the image of the pupil fills a cell; or p F/b.
+
+    Returns
+    -------
+    Plenoptic2
+
+    Raises
+    ------
+    ValueError
+        For a length that is not positive, distances that contradict the lens law, m = 0 or
+        m <= -1, a within f_mu, both or none of m and a, an array before the main lens,
+        another match, or for aberrations that do not fit.
+    TypeError
+        If m or a is no number.
+    SamplingError
+        If a lenslet has less than 2 pixels.
+
+    Warns
+    -----
+    SamplingWarning
+        As `type1`.
+    """
+    device = as_device(device)
+    z_obj, F = main_lens_distances(
+        mla, wavelength, focal_length, object_distance, image_distance,
+        aperture_diameter,
+    )  # fmt: skip
+    m = _magnification(mla.focal_length, m, a)
+    z2, b = F + mla.focal_length * (1 + 1 / m), mla.focal_length * (1 + m)
+    D = _matched_aperture(match, pitch=mla.pitch, F=F, z2=z2, b=b)
+    D = float(D if aperture_diameter is None else aperture_diameter)
+    check_aperture(D, F)
+    shared = shared_fields(focal_length, wavelength, mla, pixels_per_lenslet, pixels, device)
+    camera = Plenoptic2(
+        object_distance=z_obj,
+        image_distance=F,
+        aperture_diameter=D,
+        field_lens=False,
+        m=float(m),
+        lens_model=choose_lens_model(lens_model, D, z_obj, F, wavelength),
+        **shared,
+    )
+    if camera.patch_size < LEAST_PATCH:
+        raise ValueError(
+            f"m = {m:.3g} (a = {camera.a:g} m) moves the lenslets' pictures by "
+            f"{camera.patch_size:.2g} pixels from lenslet to lenslet: lengths are in metres; "
+            f"abs(m) of {_least_m(mla.focal_length, F, camera.pixels_per_lenslet):.2g} or more "
+            "would do."
+        )
+    return camera.with_aberrations(aberrations)
+
+
+def _magnification(f: float, m: float | None, a: float | None) -> float:
     """m of a 2.0 camera of which m or a is given."""
     for name, value in (("m", m), ("a", a)):
         if value is not None and (isinstance(value, bool) or not isinstance(value, Real)):
@@ -186,7 +269,7 @@ def magnification(f: float, m: float | None, a: float | None) -> float:
     return m
 
 
-def matched_aperture(match: str, *, pitch: float, F: float, z2: float, b: float) -> float:
+def _matched_aperture(match: str, *, pitch: float, F: float, z2: float, b: float) -> float:
     """D of the main lens in metres.
 
     "pupil": p z2/b, the image of the pupil fills a cell of the array. "cone": p F/b, a lenslet's
@@ -200,3 +283,9 @@ def matched_aperture(match: str, *, pitch: float, F: float, z2: float, b: float)
             f"{F:g} m: use a larger abs(m), or lenslets of a shorter focal length."
         )
     return pitch * (z2 if match == "pupil" else F) / b
+
+
+def _least_m(f: float, F: float, pixels: float) -> float:
+    """m of the smallest patch, m pixels F/(F + f + f/m), of a Keplerian camera."""
+    linear, square = LEAST_PATCH * (F + f), pixels * F
+    return (linear + math.sqrt(linear**2 + 4 * square * LEAST_PATCH * f)) / (2 * square)

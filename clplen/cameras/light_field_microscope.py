@@ -12,48 +12,78 @@ so that there is no F and no alpha: a plane has the disparity d = -M^2 z dx/(n f
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import Any, ClassVar
+from typing import Any, ClassVar, Literal, get_args
 
 import numpy as np
 import pyopencl.array as cla
 
+from clplen.cameras.description import Described, Description, Row
 from clplen.cameras.exposure.local_exposure import add_windows, batches, window_samples
 from clplen.cameras.exposure.source_images import (
     DeviceImages,
     images_on_patches,
     window_images,
 )
-from clplen.cameras.optics.lenslet_camera import Kind, lenslet_grid
-from clplen.cameras.optics.microscope_optics import (
-    MicroscopeOptics,
+from clplen.cameras.optics.lenslet_camera import (
+    Kind,
+    LensletCamera,
+    check_lenslets,
+    lenslet_grid,
+    lenslet_pixels,
+    require_lengths,
+    sensor_grid,
+)
+from clplen.cameras.optics.local_window import (
+    BAND,
+    NUMBERS,
+    ORDERS,
+    RINGS,
+    TRANSITION,
+    Windows,
+    WindowShape,
+)
+from clplen.cameras.optics.objective import (
+    APODISATION,
+    CoverGlass,
+    Objective,
+    check_objective,
     check_positions,
-    check_sampling,
+    fluorescent_lines,
+    fluorescent_points,
 )
-from clplen.cameras.optics.microscope_windows import (
-    MicroscopeWindows,
-    microscope_window_shape,
-)
-from clplen.cameras.optics.pixel_array import PixelSums
+from clplen.cameras.optics.pixel_array import PixelArray, PixelSums
+from clplen.cameras.optics.pupil_aberration import PupilAberration
 from clplen.cameras.scenes.scene_sources import PointSources
+from clplen.checks import real_array
+from clplen.compute.device import Device, DeviceLike, as_device
 from clplen.compute.fft.lines import smooth_length
-from clplen.errors import SamplingError
+from clplen.errors import SamplingError, SamplingWarning, warn_caller
+from clplen.files import PathLike
+from clplen.lightfield.depth.best_focus import focus_ratio, focus_ratio_of_disparity
 from clplen.lightfield.raw.raw_image import Exposure, RawImage, Sensor
+from clplen.units import metres
 from clplen.wave.coherence.averaging import Checkpoint, Progress
 from clplen.wave.coherence.coherence import Coherence
+from clplen.wave.elements.lenslets import MicrolensArray
 from clplen.wave.field.field import Field, Grid
-from clplen.wave.field.intensity import accumulate, average_of
+from clplen.wave.field.intensity import accumulate
 from clplen.wave.propagation.free_space import plan
+from clplen.wave.spectrum.spectrum_tables import check_wavelength
 
 Vector = np.ndarray[Any, Any]
 
 BATCH_BYTES = 2**27  # of fields that travel through the microscope together
 GUARD = 2  # lenslets of light around the geometrical blur
+MISMATCH = 0.1  # relative difference of the two f-numbers above which a warning is issued
+SPARROW = 0.47  # lam/NA, resolution of the objective
+Law = Literal["paraxial", "sharpest", "marginal"]
+LAWS = get_args(Law)
 
 
 @dataclass(frozen=True, repr=False)
-class Microscope(MicroscopeOptics):
+class Microscope(Described, LensletCamera):
     """A light-field microscope. Made by `PlenopticCamera.microscope`.
 
     Attributes
@@ -96,6 +126,225 @@ class Microscope(MicroscopeOptics):
     """
 
     kind: ClassVar[Kind] = "microscope"
+    telecentric: ClassVar[bool] = True
+
+    magnification: float
+    na: float
+    medium_index: float
+    tube_lens: float
+    mla: MicrolensArray
+    wavelength: float
+    pixels_per_lenslet: float
+    pixel_pitch: float
+    grid: Grid
+    device: Device
+    cover: CoverGlass | None = None
+    apodisation: float = APODISATION
+    pixels: PixelArray | None = None
+    pupil: PupilAberration | None = None
+
+    def __repr__(self) -> str:
+        return (
+            f"<{type(self).__name__} {self.magnification:g}x/{self.na:g}, {self._sensor}, "
+            f"{metres(self.wavelength)}, {self.device.name}>"
+        )
+
+    @property
+    def sensor_distance(self) -> float:
+        """f_mu in metres, from the array to the sensor."""
+        return self.mla.focal_length
+
+    def array_transmission(
+        self, grid: Grid, *, rim: tuple[float, float] | None = None
+    ) -> cla.Array:
+        """Transmission of the array on a grid of any origin, shape of the grid."""
+        return self.mla.transmission(grid, self.wavelength, self.device, rim=rim)
+
+    @property
+    def objective(self) -> Objective:
+        """The optics before the array."""
+        return Objective(
+            self.magnification,
+            self.na,
+            self.medium_index,
+            self.wavelength,
+            self.cover,
+            self.apodisation,
+            self.pupil,
+        )
+
+    @property
+    def focal_length(self) -> float:
+        """Of the objective in metres, tube lens over magnification."""
+        return self.tube_lens / self.magnification
+
+    @property
+    def object_distance(self) -> float:
+        """Front principal plane of the objective to the native plane, n f, in metres."""
+        return self.medium_index * self.focal_length
+
+    @property
+    def image_distance(self) -> float:
+        """Pupil (front focal plane of the tube lens) to tube lens to array: its f, in metres."""
+        return self.tube_lens
+
+    @property
+    def aperture_diameter(self) -> float:
+        """2 NA f of the objective, its back pupil by the sine condition, in metres."""
+        return 2 * self.na * self.focal_length
+
+    @property
+    def matched(self) -> float:
+        """Image-side f-number of the objective over that of a lenslet, M/(2 NA) d/f_mu."""
+        return self.magnification / (2 * self.na) * self.mla.diameter / self.mla.focal_length
+
+    def alpha(self, dz: Any) -> Any:
+        """NaN: the exit pupil is at infinity; see `disparity`."""
+        return _as_given(np.full(np.shape(dz), np.nan))
+
+    def dz(self, alpha: Any) -> Any:
+        """NaN: see `z`."""
+        return _as_given(np.full(np.shape(alpha), np.nan))
+
+    def disparity(self, dz: Any, *, law: Law = "paraxial") -> Any:
+        """d = -M^2 dz dx/(n f_mu p), in lenslets a pixel of a sub-image; nearer is larger.
+
+        Parameters
+        ----------
+        dz : float or array_like
+            In metres from the native plane, farther positive.
+        law : {"paraxial", "sharpest", "marginal"}
+            "paraxial": as above (Levoy et al. 2006). "marginal": that of the rays of the rim, n/
+            sqrt(n^2 - NA^2) as much, since a ray at theta meets the array at M z tan(theta) and
+            leaves it by the sine condition. "sharpest": where a point is in best focus by all rays,
+            `clplen.lightfield.focus_ratio` as much, which lies between the two.
+
+        Returns
+        -------
+        float or numpy.ndarray
+
+        Raises
+        ------
+        ValueError
+            For another law.
+        """
+        given = real_array(dz, "dz", np.float64)
+        return _as_given(-given * self._ratio(law, given, focus_ratio) / self._depth_of_disparity)
+
+    def z(self, disparity: Any, *, law: Law = "paraxial") -> Any:
+        """The inverse of `disparity`, in metres.
+
+        Parameters
+        ----------
+        disparity : float or array_like
+            In lenslets a pixel of a sub-image.
+        law : {"paraxial", "sharpest", "marginal"}
+            As of `disparity`: "sharpest" of a d at which something was found to be sharpest,
+            "marginal" of one by the outermost views.
+
+        Returns
+        -------
+        float or numpy.ndarray
+
+        Raises
+        ------
+        ValueError
+            For another law.
+        """
+        given = real_array(disparity, "disparity", np.float64)
+        ratio = self._ratio(law, given, focus_ratio_of_disparity)
+        return _as_given(-given * self._depth_of_disparity / ratio)
+
+    def _ratio(self, law: str, given: Vector, of_each: Callable[[Any, float], float]) -> Vector:
+        """Disparity over that of the paraxial law, for each number."""
+        if law not in LAWS:
+            raise ValueError(f"law is one of {', '.join(map(repr, LAWS))}, not {law!r}.")
+        if law == "paraxial":
+            return np.ones(given.shape)
+        if law == "marginal":
+            cosine = math.sqrt(1 - (self.na / self.medium_index) ** 2)
+            return np.full(given.shape, 1 / cosine)
+        found = [of_each(self, float(one)) if np.isfinite(one) else 1.0 for one in given.ravel()]
+        return np.array(found).reshape(given.shape)
+
+    @property
+    def _depth_of_disparity(self) -> float:
+        """n f_mu p/(M^2 dx): abs(z) of d = 1."""
+        scale = self.medium_index / (self.magnification * self.magnification)
+        return scale * self.mla.focal_length * self.mla.pitch / self.pixel_pitch
+
+    def describe(self) -> Description:
+        """Derived parameters; see `Description`."""
+        M, n, lam, d = self.magnification, self.medium_index, self.wavelength, self.mla.diameter
+        sparrow, views = self.sparrow, self.resolvable
+        depth = lam * n / self.na**2
+        ny, nx = self.grid.shape
+        close = abs(self.matched - 1) <= MISMATCH
+        rows = (
+            Row("magnification", M, "", f"tube lens {self.tube_lens * 1e3:g} mm"),
+            Row("numerical aperture", self.na, "", f"in a medium of index {n:g}"),
+            Row("objective focal length", self.focal_length, "m", "tube lens/M"),
+            Row("pupil", self.aperture_diameter, "m", "2 NA f, back pupil of the objective"),
+            Row("image f-number", M / (2 * self.na), "", "M/(2 NA)"),
+            Row("lenslet f-number", self.mla.focal_length / d, "", "f_mu/d; matched: the same"),
+            Row("match", self.matched, "", "matched" if close else "not matched: sub-images "
+                + ("overlap" if self.matched < 1 else "are smaller than their cells")),
+            Row("lenslets", self.mla.count[1], "", f"a row, {self.mla.count[0]} rows"),
+            Row("lenslet pitch", self.mla.pitch, "m", f"{self.pixels_per_lenslet:.6g} pixels"),
+            Row("lenslet focal length", self.mla.focal_length, "m", "f_mu, array to sensor"),
+            Row("pixel pitch", self.pixel_pitch, "m", f"sensor {ny} x {nx}"),
+            Row("field of view", nx * self.pixel_pitch / M, "m", "across, in the medium"),
+            Row("lateral resolution", d / M, "m", "d/M, of one lenslet at the native plane"),
+            Row("Sparrow limit", sparrow, "m", ".47 lam/NA, of the objective"),
+            Row("resolvable views", views, "", "N_u = d/(M .47 lam/NA), across"),
+            Row("depth of field", depth, "m", "lam n/NA^2, of the objective"),
+            Row("light-field range", self.depth_range, "m",
+                "(2 + N_u^2) lam n/(2 NA^2), depth of field of one view"),
+            Row("band limit from", self.native_zone, "m",
+                "abs(z) from which nu(z) = d/(.94 lam M abs(z)) is the finest detail"),
+            Row("disparity", self.disparity(-1e-6), "", "lenslets a pixel at z = -1 um"),
+        )  # fmt: skip
+        return Description("Light-field microscope", rows)
+
+    @property
+    def sparrow(self) -> float:
+        """.47 lam/NA in metres."""
+        return SPARROW * self.wavelength / self.na
+
+    @property
+    def resolvable(self) -> float:
+        """N_u = d/(M .47 lam/NA), independent views across (Levoy et al. 2006, eq. 3)."""
+        return self.mla.diameter / (self.magnification * self.sparrow)
+
+    @property
+    def depth_range(self) -> float:
+        """(2 + N_u^2) lam n/(2 NA^2) in metres, about the native plane (Levoy et al. 2006)."""
+        return (2 + self.resolvable**2) * self.wavelength * self.medium_index / (2 * self.na**2)
+
+    @property
+    def native_zone(self) -> float:
+        """d^2/(2 M^2 lam) in metres: nearer to the native plane detail is lost between lenslets."""
+        return self.mla.diameter**2 / (2 * self.magnification**2 * self.wavelength)
+
+    def band_limit(self, z: Any) -> Any:
+        """nu(z) = d/(.94 lam M abs(z)), cycles a metre in the medium (Broxton et al. 2013, eq. 5).
+
+        Parameters
+        ----------
+        z : float or array_like
+            In metres from the native plane.
+
+        Returns
+        -------
+        float or numpy.ndarray
+            NaN nearer to the native plane than `native_zone`.
+        """
+        distance = np.abs(np.asarray(z, np.float64))
+        with np.errstate(divide="ignore"):
+            found = self.mla.diameter / (
+                2 * SPARROW * self.wavelength * self.magnification * distance
+            )
+        return _as_given(np.where(distance >= self.native_zone, found, np.nan))
 
     def expose(
         self,
@@ -144,13 +393,7 @@ class Microscope(MicroscopeOptics):
         DeviceError
             If the fields do not fit the device.
         """
-        parts = [scene] if isinstance(scene, PointSources) else list(scene)
-        if not parts or not all(isinstance(one, PointSources) for one in parts):
-            found = ", ".join(sorted({type(one).__name__ for one in parts})) or "nothing"
-            raise TypeError(
-                f"A microscope exposes PointSources or a list of them, not {found}: give points, "
-                "or project a volume (clplen.microscopy.reconstruction.projector)."
-            )
+        parts = fluorescent_points(scene, "clplen.microscopy.reconstruction.projector")
         if {snapshots, rtol, checkpoint} != {None}:
             raise ValueError(
                 "snapshots, rtol and checkpoint are for slides; fluorescent points have none."
@@ -183,18 +426,10 @@ class Microscope(MicroscopeOptics):
         SamplingError
             If the pixels cannot sample the light of a wavelength.
         """
-        if coherence is None:
-            return [(self.wavelength, 1.0)]
-        average_of(coherence)
-        if coherence.spatial is not None:
-            raise ValueError(
-                "Fluorescent points are incoherent already: leave the spatial model out, "
-                "Coherence(None, spectrum)."
-            )
-        lines = coherence.lines(self.wavelength)
-        for wavelength, _ in lines:
-            if self.pixels is None:
-                check_sampling(replace(self, wavelength=wavelength))
+        lines = fluorescent_lines(coherence, self.wavelength)
+        if coherence is not None and self.pixels is None:
+            for wavelength, _ in lines:
+                _check_sampling(replace(self, wavelength=wavelength))
         return lines
 
     def _exposed(self, points: PointSources, window: Grid, progress: Progress | None) -> Vector:
@@ -233,9 +468,7 @@ class Microscope(MicroscopeOptics):
 
     def _windows(self, points: PointSources) -> Iterator[tuple[list[int], MicroscopeWindows]]:
         """Windows of points in batches that travel together, with their indices."""
-        shapes = [
-            microscope_window_shape(self, place, points.diameter) for place in points.positions
-        ]
+        shapes = [_window_shape(self, place, points.diameter) for place in points.positions]
         for same in batches(shapes, self.device):
             yield same, MicroscopeWindows.of(self, shapes[same[0]], points.chosen(same))
 
@@ -291,7 +524,7 @@ class Microscope(MicroscopeOptics):
         blur += self.magnification * points.diameter / 2
         reach = (places + blur + GUARD * self.mla.pitch).max(axis=0)
         shape = tuple(
-            n if 2 * r <= n * self.pixel_pitch else wider(n, 2 * r / self.pixel_pitch)
+            n if 2 * r <= n * self.pixel_pitch else _wider(n, 2 * r / self.pixel_pitch)
             for n, r in zip(self.grid.shape, reach, strict=True)
         )
         return Grid((shape[0], shape[1]), self.grid.pitch, origin=self.grid.origin)
@@ -317,7 +550,194 @@ class Microscope(MicroscopeOptics):
         return RawImage(data, self.device, self.pixel_pitch, lenslets, lenslets, spacing, self)
 
 
-def wider(n: int, least: float) -> int:
+def microscope(
+    *,
+    magnification: float,
+    na: float,
+    mla: MicrolensArray,
+    wavelength: float,
+    pixels_per_lenslet: float | None = None,
+    device: DeviceLike | None = None,
+    medium_index: float = 1.0,
+    tube_lens: float = 0.200,
+    cover: CoverGlass | None = None,
+    apodisation: float = APODISATION,
+    pixels: PixelArray | None = None,
+    pupil: PupilAberration | Mapping[int, float] | None = None,
+) -> Microscope:
+    """A light-field microscope: array on the native image plane, sensor f_mu behind it.
+
+    The objective obeys the sine condition; the image side is telecentric. It is matched where
+    the f-numbers M/(2 NA) and f_mu/d agree (Levoy et al. 2006).
+
+    Parameters
+    ----------
+    magnification : float
+        M of objective and tube lens, at least 1.
+    na : float
+        Numerical aperture, below ``medium_index``.
+    mla : MicrolensArray
+        Brings pitch, f_mu, count, lattice, fill, offset and rotation. Of several focal lengths
+        the first is f_mu, in which the sensor lies.
+    wavelength : float
+        Of the fluorescence in vacuum, in metres.
+    pixels_per_lenslet : float, optional
+        At least 2; may be fractional. Not needed where ``pixels`` has a pitch.
+    device : Device or str, optional
+        Where the simulation runs; None is ``Device.open()``.
+    medium_index : float
+        Of the medium with the specimen, 1 (air) or more.
+    tube_lens : float
+        Its focal length in metres; that of the objective is tube_lens/M.
+    cover : CoverGlass, optional
+        A cover glass of another thickness or index than the objective is made for.
+    apodisation : float
+        e of the amplitude cos(theta)^e over the pupil, -1 to 1. Of points that shine alike in
+        all directions behind an objective that obeys the sine condition it is -1/2, the
+        cos^(1/2) sin(theta) of the Debye integral over angles (Broxton et al. 2013).
+    pixels : PixelArray, optional
+        Pixels that integrate the light on their area, and where they lie. None: pixels that
+        cover the array and take the intensity in their middle.
+    pupil : PupilAberration or mapping of int to float, optional
+        Aberrations of objective and sample: Noll's index to metres of path, rms over the pupil.
+
+    Returns
+    -------
+    Microscope
+
+    Raises
+    ------
+    ValueError
+        For a length or number outside its range, NA at or above the index, or lenslets that
+        do not converge.
+    TypeError
+        If array, cover glass or pupil are none.
+    SamplingError
+        If a lenslet has less than 2 pixels, or pixels that do not integrate cannot sample the
+        light.
+
+    Warns
+    -----
+    SamplingWarning
+        If the two f-numbers differ by more than 10 %.
+    """
+    device = as_device(device)
+    require_lengths(wavelength=wavelength, tube_lens=tube_lens)
+    check_wavelength(wavelength)
+    check_lenslets(mla, wavelength)
+    check_objective(magnification, na, medium_index, apodisation, cover)
+    _check_converging(mla)
+    if pupil is not None and not isinstance(pupil, PupilAberration):
+        pupil = PupilAberration(pupil)
+    across = lenslet_pixels(mla, pixels_per_lenslet, pixels)
+    if pixels is not None:
+        mla = pixels.turned(mla)
+    grid = sensor_grid(mla, across, pixels)
+    camera = Microscope(
+        magnification=float(magnification),
+        na=float(na),
+        medium_index=float(medium_index),
+        tube_lens=float(tube_lens),
+        mla=mla,
+        wavelength=float(wavelength),
+        pixels_per_lenslet=float(across),
+        pixel_pitch=grid.pitch[1],
+        grid=grid,
+        device=device,
+        cover=cover,
+        apodisation=float(apodisation),
+        pixels=pixels,
+        pupil=pupil,
+    )
+    if pixels is None:
+        _check_sampling(camera)
+    if abs(camera.matched - 1) > MISMATCH:
+        warn_caller(
+            f"The f-numbers of objective and lenslets differ: M/(2 NA) = "
+            f"{magnification / (2 * na):.4g}, f_mu/d = "
+            f"{mla.focal_length / mla.diameter:.4g}; sub-images "
+            + ("overlap." if camera.matched < 1 else "leave part of their cells dark."),
+            SamplingWarning,
+        )
+    return camera
+
+
+def _check_converging(mla: MicrolensArray) -> None:
+    """Refuse lenslets that do not converge, or are not alike."""
+    if min(mla.focal_lengths) <= 0:
+        raise ValueError(
+            f"The lenslets of a microscope have focal lengths > 0, not {mla.focal_lengths}."
+        )
+    if mla.map is not None and mla.map.is_of_each:
+        raise ValueError(
+            "The lenslets of a microscope are alike, so that its point images repeat: give one map "
+            "for all, not one for each."
+        )
+
+
+def _check_sampling(camera: Microscope) -> None:
+    """Refuse light that the pixels cannot sample: NA/(M lam) + d/(2 f_mu lam) < 1/(2 dx)."""
+    shortest = min(camera.mla.focal_lengths)
+    slope = camera.na / camera.magnification + camera.mla.diameter / (2 * shortest)
+    if 2 * camera.pixel_pitch * slope >= camera.wavelength:
+        fitting = camera.wavelength / (2 * slope)
+        raise SamplingError(
+            f"Light reaches the sensor at up to {slope / camera.wavelength:.4g} cycles/m "
+            f"((NA/M + d/(2 f_mu))/lam), but pixels of {camera.pixel_pitch:.4g} m sample "
+            f"{1 / (2 * camera.pixel_pitch):.4g}: pixels below {fitting:.4g} m would do "
+            f"(pixels_per_lenslet = {math.floor(camera.mla.pitch / fitting) + 1}), a smaller NA, "
+            "or pixels that integrate, pixels=PixelArray()."
+        )
+
+
+def _window_shape(optics: Microscope, position: Vector, diameter: float) -> WindowShape:
+    """The window of a point at (x, y, z) in metres about the native plane."""
+    M, lam, mla = optics.magnification, optics.wavelength, optics.mla
+    slope = optics.na / M + mla.steepest_slope(lam)
+    many = math.floor(
+        2 * (slope + ORDERS * lam / mla.diameter) * optics.pixel_pitch / lam / BAND
+    ) + 1  # fmt: skip
+    dx = optics.pixel_pitch / many
+    walk = optics.sensor_distance * slope
+    blur = float(optics.objective.blur(position[2])) + M * diameter / 2
+    half = blur + RINGS * 0.61 * lam * M / optics.na + mla.pitch + walk
+    samples = 2 * smooth_length(math.ceil(half / dx))
+    middle = 0.5 - slope * dx / lam
+    rim = (middle - TRANSITION / 2, middle + TRANSITION / 2)
+    return WindowShape(many, dx, samples, samples, samples, math.ceil(walk / dx), rim)
+
+
+@dataclass(frozen=True, eq=False)
+class MicroscopeWindows(Windows):
+    """Windows of points before an objective, whose image side is telecentric."""
+
+    optics: Microscope
+    points: PointSources
+
+    @classmethod
+    def of(cls, optics: Microscope, shape: WindowShape, points: PointSources) -> MicroscopeWindows:
+        """The windows of points about the native plane."""
+        count = len(points)
+        images = points.positions[:, 1::-1] * optics.magnification
+        centres = np.rint((images - np.asarray(optics.grid.origin)) / shape.pitch).astype(np.int64)
+        none = np.zeros((count, 2))
+        return cls(
+            optics, shape, np.zeros((count, NUMBERS)), centres, none, none,
+            none.astype(np.int64), np.ones(count), points,
+        )  # fmt: skip
+
+    def array_fields(self) -> cla.Array:
+        """Fields on the array before its lenslets, shape (n, samples, samples)."""
+        optics, n = self.optics, self.shape.samples
+        out = optics.device.empty((len(self.points), n, n), optics.device.complex)
+        for number, centre in enumerate(self.centres):
+            one = PointSources(self.points.positions[number], diameter=self.points.diameter)
+            grid = Grid((n, n), self.shape.pitch, origin=self._origin(centre))
+            out[number] = optics.objective.fields(one, grid, optics.device).data[0]
+        return out
+
+
+def _wider(n: int, least: float) -> int:
     """The next quick length of a transform from ``least`` samples on, even or odd as ``n`` is."""
     length = max(n, math.ceil(least))
     if n % 2 == 0:
@@ -343,3 +763,8 @@ def microscope_images(camera: Microscope, points: PointSources) -> Iterator[Devi
         fields = camera.sensor_fields(points.chosen(which), window).data
         sums, gains = [middle] * len(which), np.ones(len(which))
         yield images_on_patches(which, fields, sums, gains, camera.device)
+
+
+def _as_given(values: Vector) -> Any:
+    """A float for a number, an array for an array."""
+    return float(values) if np.ndim(values) == 0 else values

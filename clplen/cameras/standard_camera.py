@@ -4,12 +4,22 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import ClassVar
+from typing import ClassVar, Literal
 
-from clplen.cameras.camera_base import Plenoptic
-from clplen.cameras.optics import camera_aberrations, exposure_rows
-from clplen.cameras.optics.lenslet_camera import Description, Kind, Row, views
+from clplen.cameras.camera_base import (
+    Plenoptic,
+    check_aperture,
+    choose_lens_model,
+    main_lens_distances,
+    shared_fields,
+)
+from clplen.cameras.description import Description, Row, optics_rows
+from clplen.cameras.optics.camera_aberrations import NONE, Aberrations
+from clplen.cameras.optics.lenslet_camera import Kind, independent_views, views
+from clplen.cameras.optics.pixel_array import PixelArray
 from clplen.cameras.optics.ray_optics import view_step
+from clplen.compute.device import DeviceLike, as_device
+from clplen.wave.elements.lenslets import MicrolensArray
 
 
 @dataclass(frozen=True, repr=False)
@@ -95,9 +105,9 @@ class Plenoptic1(Plenoptic):
             Row("views", views(self), "", "across, one a pixel of a lenslet"),
             Row(
                 "independent views",
-                self.mla.diameter**2 / (lam * f_mu),
+                independent_views(self.mla.diameter, f_mu, lam, self.pixels_per_lenslet),
                 "",
-                "across, d^2/(lam f_mu): the sub-image is blurred by diffraction",
+                "across, d^2/(lam f_mu), at most the views: diffraction blurs the sub-image",
             ),
             Row("Airy limit", limit, "m", f"lenslet diameter > sqrt(2.44 lam f_mu): {met}"),
             Row("focus tolerance", p / D, "", "|1 - alpha| below p/D blurs less than a lenslet"),
@@ -107,7 +117,94 @@ class Plenoptic1(Plenoptic):
                 "",
                 "pixels a view step for 1 - alpha = 1",
             ),
-            *exposure_rows.rows(self.optics),
-            *camera_aberrations.rows(self.aberrations, lam),
+            *optics_rows(self.optics),
         )
         return Description("Plenoptic 1.0 camera", rows)
+
+
+def type1(
+    *,
+    focal_length: float,
+    mla: MicrolensArray,
+    wavelength: float,
+    pixels_per_lenslet: float | None = None,
+    device: DeviceLike | None = None,
+    object_distance: float | None = None,
+    image_distance: float | None = None,
+    aperture_diameter: float | None = None,
+    field_lens: bool = False,
+    aberrations: Aberrations = NONE,
+    pixels: PixelArray | None = None,
+    lens_model: Literal["auto", "thin", "corrected"] = "auto",
+) -> Plenoptic1:
+    """A standard plenoptic camera: array on the main lens' image, sensor f_mu behind it.
+
+    Parameters
+    ----------
+    focal_length : float
+        Of the main lens in metres.
+    mla : MicrolensArray
+        Brings pitch, f_mu, count, lattice, fill, offset and rotation.
+    wavelength : float
+        In metres.
+    pixels_per_lenslet : float, optional
+        At least 2; may be fractional. Not needed where ``pixels`` has a pitch.
+    device : Device or str, optional
+        Where the simulation runs; None is ``Device.open()``.
+    object_distance, image_distance : float, optional
+        Main lens to focused object plane, and to the array, in metres. Neither: 2f and 2f.
+        One: the other by the lens law.
+    aperture_diameter : float, optional
+        Of the main lens in metres; None matches the f-numbers: pitch F/f_mu.
+    field_lens : bool
+        A lens of focal length F at the array puts the exit pupil at infinity.
+    aberrations : Aberrations
+        What departs from this design: wavefronts, lenslets out of place, a sensor moved.
+    pixels : PixelArray, optional
+        Pixels that integrate the light on their area, and where they lie. None: pixels that
+        cover the array and take the intensity in their middle, where they sample the light's
+        waves; else ``PixelArray()``.
+    lens_model : {"auto", "thin", "corrected"}
+        The main lens as a quadratic phase, or as a lens that images every point without
+        aberrations and obeys the sine condition. "auto": "thin" where its own spherical
+        aberration is below a quarter of a wave.
+
+    Returns
+    -------
+    Plenoptic1
+
+    Raises
+    ------
+    ValueError
+        For a length that is not positive, distances that contradict the lens law, lenslets
+        of several focal lengths, or aberrations that do not fit.
+    SamplingError
+        If a lenslet has less than 2 pixels.
+
+    Warns
+    -----
+    SamplingWarning
+        If the numerical aperture D/(2 F) of the main lens is above .4: waves are scalar.
+    """
+    device = as_device(device)
+    z_obj, F = main_lens_distances(
+        mla, wavelength, focal_length, object_distance, image_distance,
+        aperture_diameter,
+    )  # fmt: skip
+    if len(mla.focal_lengths) > 1:
+        raise ValueError(
+            f"The sensor of a 1.0 camera lies f_mu behind its lenslets, which here have "
+            f"{len(mla.focal_lengths)} focal lengths: give one, or use PlenopticCamera.type2."
+        )
+    D = mla.pitch * F / mla.focal_length if aperture_diameter is None else aperture_diameter
+    check_aperture(D, F)
+    shared = shared_fields(focal_length, wavelength, mla, pixels_per_lenslet, pixels, device)
+    camera = Plenoptic1(
+        object_distance=z_obj,
+        image_distance=F,
+        aperture_diameter=float(D),
+        field_lens=bool(field_lens),
+        lens_model=choose_lens_model(lens_model, D, z_obj, F, wavelength),
+        **shared,
+    )
+    return camera.with_aberrations(aberrations)

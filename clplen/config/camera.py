@@ -11,10 +11,11 @@ from clplen.cameras.focused_camera import Plenoptic2
 from clplen.cameras.light_field_microscope import Microscope
 from clplen.cameras.optics.camera_aberrations import NONE, Aberrations, LensletScatter
 from clplen.cameras.optics.color_filters import ORDERS, ColorFilterArray
+from clplen.cameras.optics.lenslet_camera import PITCH_TOLERANCE
 from clplen.cameras.optics.objective import APODISATION, CoverGlass
 from clplen.cameras.optics.pixel_array import PixelArray
 from clplen.cameras.optics.pupil_aberration import PupilAberration
-from clplen.cameras.plenoptic_camera import PITCH_TOLERANCE, PlenopticCamera
+from clplen.cameras.plenoptic_camera import PlenopticCamera
 from clplen.cameras.standard_camera import Plenoptic1
 from clplen.checks import is_finite
 from clplen.compute.device import Device

@@ -49,12 +49,10 @@ def found(grid: Grid, picture: np.ndarray, axis: int, degrees: float, expected) 
     return float(np.abs(edge.mtf.value - expected(edge.mtf.frequency))[kept].max())
 
 
-GRIDS = {"square": (PITCH, PITCH), "tall": (1.2 * PITCH, PITCH), "flat": (PITCH, 1.2 * PITCH)}
+CASES = [((1.2 * PITCH, PITCH), 0, -5), ((PITCH, 1.2 * PITCH), 1, 11)]
 
 
-@pytest.mark.parametrize("pitch", GRIDS.values(), ids=GRIDS)
-@pytest.mark.parametrize("axis", [0, 1])
-@pytest.mark.parametrize("degrees", [3, 5, -5, 11])
+@pytest.mark.parametrize(("pitch", "axis", "degrees"), CASES)
 def test_a_gaussian_edge(pitch: tuple[float, float], axis: int, degrees: float) -> None:
     grid, sigma = Grid((97, 80), pitch), 1.5e-6
     away = distance(grid, axis, degrees)
@@ -67,9 +65,7 @@ def test_a_gaussian_edge(pitch: tuple[float, float], axis: int, degrees: float) 
     assert found(grid, 1 - bright, axis, degrees, expected) < 0.0005
 
 
-@pytest.mark.parametrize("pitch", GRIDS.values(), ids=GRIDS)
-@pytest.mark.parametrize("axis", [0, 1])
-@pytest.mark.parametrize("degrees", [3, 5, -5, 11])
+@pytest.mark.parametrize(("pitch", "axis", "degrees"), CASES)
 def test_a_sharp_edge_on_pixels(pitch: tuple[float, float], axis: int, degrees: float) -> None:
     # A pixel's transfer function along the normal n: sinc(f n_y dy) sinc(f n_x dx).
     grid, angle = Grid((80, 97), pitch), math.radians(degrees)
@@ -101,36 +97,20 @@ def test_noise_moves_it_little() -> None:
     assert edge.mtf.at(0.5) == pytest.approx(mtf50, rel=0.03)
 
 
-def test_what_lies_far_from_the_edge_is_windowed_out() -> None:
-    # A second step of 5 % at 95 % of the reach counts for .0245 of itself: Tukey's cosine there.
-    grid, sigma = Grid((97, 80), PITCH), 1.5e-6
-    away = distance(grid, 1, 5)
-    reach = 39 * PITCH - OFFSET - 48 * PITCH * math.tan(math.radians(5))
-    sharp = (1 + erf(away / (2**0.5 * sigma))) / 2
-    edge = slanted_edge(sharp - 0.05 * (away < -0.95 * reach), pitch=PITCH)
-    kept = edge.mtf.frequency < 0.4 / PITCH
-    expected = np.exp(-2 * (np.pi * sigma * edge.mtf.frequency) ** 2)
-    assert np.abs(edge.mtf.value - expected)[kept].max() < 0.006
-
-
 def test_bad_pictures_are_told() -> None:
-    grid = Grid((97, 80), PITCH)
+    def edge(degrees: float, shape: tuple[int, int] = (97, 80)) -> np.ndarray:
+        return area(Grid(shape, PITCH), 1, degrees)
 
-    def edge(degrees: float, shape: tuple[int, int] = (97, 80), axis: int = 1) -> np.ndarray:
-        return area(Grid(shape, PITCH), axis, degrees)
-
-    for degrees in (0.5, 20, -17):
-        with pytest.raises(ValueError, match=r"1\.5 to 14\.0 degrees"):
-            slanted_edge(edge(degrees), pitch=PITCH)
-    with pytest.raises(ValueError, match="fraction of few parts"):
-        slanted_edge(edge(math.degrees(math.atan(0.2))), pitch=PITCH)
-    with pytest.raises(ShapeError, match="at least 20 lines are needed"):
-        slanted_edge(edge(2.9, (19, 80)), pitch=PITCH)
-    with pytest.raises(ShapeError, match="on both of its sides"):
-        slanted_edge(edge(5)[:, 30:], pitch=PITCH)
-    with pytest.raises(ValueError, match="no edge"):
-        slanted_edge(np.full(grid.shape, 0.7), pitch=PITCH)
-    with pytest.raises(ValueError, match="cross every line"):
-        slanted_edge(np.where(np.arange(97)[:, None] < 40, edge(5), 1 - edge(5)), pitch=PITCH)
-    with pytest.raises(ShapeError, match="at least 18 samples"):
-        slanted_edge(edge(5)[:17], pitch=PITCH)
+    broken = np.where(np.arange(97)[:, None] < 40, edge(5), 1 - edge(5))
+    for picture, error, words in (
+        (edge(0.5), ValueError, r"1\.5 to 14\.0 degrees"),
+        (edge(-17), ValueError, r"1\.5 to 14\.0 degrees"),
+        (edge(math.degrees(math.atan(0.2))), ValueError, "fraction of few parts"),
+        (edge(2.9, (19, 80)), ShapeError, "at least 20 lines are needed"),
+        (edge(5)[:, 30:], ShapeError, "on both of its sides"),
+        (np.full((97, 80), 0.7), ValueError, "no edge"),
+        (broken, ValueError, "cross every line"),
+        (edge(5)[:17], ShapeError, "at least 18 samples"),
+    ):
+        with pytest.raises(error, match=words):
+            slanted_edge(picture, pitch=PITCH)

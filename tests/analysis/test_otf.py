@@ -33,9 +33,10 @@ def circular_psf(grid: Grid) -> PSF:
     return PSF(airy(np.pi * r) ** 2, grid.pitch, grid.origin)
 
 
-@pytest.mark.parametrize("grid", GRIDS)
-@pytest.mark.parametrize("axis", [0, 1])
-@pytest.mark.parametrize(("psf", "mtf"), [(square_psf, square_mtf), (circular_psf, circular_mtf)])
+@pytest.mark.parametrize(
+    ("grid", "axis", "psf", "mtf"),
+    [(GRIDS[0], 0, square_psf, square_mtf), (GRIDS[1], 1, circular_psf, circular_mtf)],
+)
 def test_apertures_have_their_transfer_functions(grid: Grid, axis: int, psf, mtf) -> None:
     # light in tails beyond the window W is missing: unit/(pi^2 W/2) = .003 of a sinc^2's at most
     transfer = OTF.of(psf(grid))
@@ -46,12 +47,6 @@ def test_apertures_have_their_transfer_functions(grid: Grid, axis: int, psf, mtf
     assert curve.cutoff(level=0.005) == pytest.approx(1 / UNIT, rel=0.03)
     half = 0.5 if mtf is square_mtf else 0.403973
     assert curve.at(0.5) == pytest.approx(half / UNIT, rel=0.01)
-
-
-@pytest.mark.parametrize("grid", GRIDS)
-def test_no_phase_is_left_of_a_symmetric_function(grid: Grid) -> None:
-    values = OTF.of(circular_psf(grid)).values
-    assert np.abs(np.angle(values[np.abs(values) > 0.1])).max() < 1e-2
 
 
 def test_the_phase_of_a_shift_has_its_sign() -> None:
@@ -65,8 +60,7 @@ def test_the_phase_of_a_shift_has_its_sign() -> None:
     assert np.abs(np.angle(turned[low])).max() < 1e-2
 
 
-@pytest.mark.parametrize("pad", [1, 2, 2.7])
-@pytest.mark.parametrize("shape", [(9, 12), (13, 8)])
+@pytest.mark.parametrize(("pad", "shape"), [(1, (9, 12)), (2.7, (13, 8))])
 def test_the_transform_is_the_sum_that_it_stands_for(pad: float, shape: tuple[int, int]) -> None:
     values = np.random.default_rng(2).uniform(0.1, 1, shape)
     psf = PSF(values, (2e-6, 3e-6), (5e-6, -7e-6))
@@ -88,17 +82,6 @@ def test_the_transform_is_the_sum_that_it_stands_for(pad: float, shape: tuple[in
         assert curve.value[k] == pytest.approx(direct, abs=1e-12)
 
 
-def test_a_box_has_the_transfer_function_of_a_pixel() -> None:
-    # 40 samples make a box: sin(pi f w)/(40 sin(pi f w/40)), within (pi f w/40)^2/6 of sinc
-    psf = PSF(np.pad(np.ones((40, 40)), 60), 0.1e-6)
-    curve = OTF.of(psf, pad=4).mtf(1)
-    kept = curve.frequency < 1.8 / 4e-6
-    expected = pixel_mtf(curve.frequency[kept], width=4e-6)
-    np.testing.assert_allclose(curve.value[kept], expected, atol=2e-3)
-    assert pixel_mtf(0.25e6, width=4e-6) == pytest.approx(0)
-    assert pixel_mtf(0.125e6, width=4e-6) == pytest.approx(2 / math.pi)
-
-
 def test_closed_forms_at_known_places() -> None:
     f = np.array([0, 0.25, 0.5, 1, 3]) / UNIT
     np.testing.assert_allclose(square_mtf(f, **APERTURE), [1, 0.75, 0.5, 0, 0], atol=1e-12)
@@ -109,6 +92,8 @@ def test_closed_forms_at_known_places() -> None:
             square_mtf(f, **(APERTURE | {name: 0.0}))
     with pytest.raises(ValueError, match="width is positive"):
         pixel_mtf(f, width=-1e-6)
+    assert pixel_mtf(0.25e6, width=4e-6) == pytest.approx(0)
+    assert pixel_mtf(0.125e6, width=4e-6) == pytest.approx(2 / math.pi)
 
 
 LOBES = Curve(np.arange(9) * 1e3, np.array([1, 0.7, 0.2, 0.02, 0.12, 0.04, 0.02, 0.03, 0.01]))
@@ -131,17 +116,14 @@ def test_the_cutoff_is_where_the_curve_stays_below() -> None:
 
 
 def test_bad_curves_and_questions_are_told() -> None:
-    with pytest.raises(ShapeError, match="as many frequencies"):
-        Curve(np.arange(3.0), np.ones(4))
-    with pytest.raises(ValueError, match="ascend"):
-        Curve(np.array([0.0, 2.0, 1.0]), np.ones(3))
-    with pytest.raises(ValueError, match="between 0 and 1"):
-        LOBES.at(1.0)
-    with pytest.raises(ValueError, match="curve ends at 8000"):
-        LOBES.floor(8000)
-    with pytest.raises(ValueError, match="level and noise"):
-        LOBES.cutoff(level=0, noise=0)
-    with pytest.raises(ValueError, match="pad is at least 1"):
-        OTF.of(square_psf(GRIDS[0]), pad=0.5)
-    with pytest.raises(ValueError, match="axis is 0"):
-        OTF.of(PSF(np.ones((4, 5)), 1e-6)).mtf(-1)
+    for call, error, words in (
+        (lambda: Curve(np.arange(3.0), np.ones(4)), ShapeError, "as many frequencies"),
+        (lambda: Curve(np.array([0.0, 2.0, 1.0]), np.ones(3)), ValueError, "ascend"),
+        (lambda: LOBES.at(1.0), ValueError, "between 0 and 1"),
+        (lambda: LOBES.floor(8000), ValueError, "curve ends at 8000"),
+        (lambda: LOBES.cutoff(level=0, noise=0), ValueError, "level and noise"),
+        (lambda: OTF.of(square_psf(GRIDS[0]), pad=0.5), ValueError, "pad is at least 1"),
+        (lambda: OTF.of(PSF(np.ones((4, 5)), 1e-6)).mtf(-1), ValueError, "axis is 0"),
+    ):
+        with pytest.raises(error, match=words):
+            call()

@@ -32,8 +32,7 @@ def psf(phase: np.ndarray) -> PSF:
     return PSF(np.abs(amplitude) ** 2, 1e-6)
 
 
-@pytest.mark.parametrize("j", [4, 5, 6, 7, 8, 11])
-@pytest.mark.parametrize("rms", [0.1, pytest.param(0.3, marks=pytest.mark.thorough), 0.5])
+@pytest.mark.parametrize(("j", "rms"), [(4, 0.1), (7, 0.5), (11, 0.5)])
 def test_low_zernike_terms_have_mahajan_s_strehl_ratio(j: int, rms: float) -> None:
     phase = wavefront(j, rms)
     assert wavefront_rms(phase, weight=DISC) == pytest.approx(rms, rel=5e-3)  # pixels of the disc
@@ -63,11 +62,6 @@ def test_weights_count() -> None:
     assert wavefront_rms(phase, weight=weight) == pytest.approx(math.sqrt(0.75))
     expected = abs(3 + np.exp(2j)) ** 2 / 16
     assert wavefront_strehl(phase, weight=weight) == pytest.approx(expected)
-
-
-def test_numbers_of_the_approximation() -> None:
-    assert strehl_of_rms(2 * np.pi / 14) == pytest.approx(0.818, abs=1e-3)  # Marechal's 0.8
-    np.testing.assert_allclose(strehl_of_rms([0, 1]), [1, math.exp(-1)])
 
 
 def test_bad_input_is_told() -> None:

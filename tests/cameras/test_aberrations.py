@@ -21,8 +21,6 @@ from clplen import (
     PointSources,
     SamplingError,
     SurfaceScene,
-    estimate_alpha,
-    refocus,
 )
 from clplen.analysis.point.psf import PSF
 from clplen.cameras import Plane
@@ -64,7 +62,7 @@ def psf(camera: Plenoptic1) -> PSF:
 def test_strehl_ratio_of_each_low_term(device: Device) -> None:
     camera = camera_of(device)
     ideal = psf(camera)
-    for j, sigma in (*((j, 0.5) for j in range(4, 12)), (11, 0.25)):
+    for j, sigma in ((4, 0.5), (9, 0.5), (11, 0.25)):
         wavefront = Aberrations(main_lens={j: sigma * LAM / (2 * np.pi)})
         found = psf(camera.with_aberrations(wavefront)).strehl(ideal)
         assert found == pytest.approx(math.exp(-(sigma**2)), abs=0.01), (sigma, j)
@@ -128,17 +126,10 @@ TURNED = MicrolensArray(150e-6, 3e-3, count=(31, 27), lattice="hexagonal", rotat
     ("bad", "mla"),
     [
         (Aberrations(scatter=LensletScatter(tilt=1e-3, seed=4)), TURNED),
-        pytest.param(
-            *(Aberrations(scatter=LensletScatter(position=4e-6, seed=5)), SQUARE),
-            marks=pytest.mark.thorough,
-        ),
+        (Aberrations(scatter=LensletScatter(tilt=5e-4, position=4e-6, seed=5)), SQUARE),
         (Aberrations(lenslets={2: 100e-9, 3: -60e-9}), TURNED),
-        pytest.param(
-            *(Aberrations(lenslets={2: 100e-9, 3: -60e-9}, lenslet_circle=213e-6), SQUARE),
-            marks=pytest.mark.thorough,
-        ),
     ],
-    ids=["tilt", "position", "wavefront of a disc", "wavefront"],
+    ids=["tilt", "tilt and position", "wavefront of a disc"],
 )
 def test_lenslets_out_of_place_move_their_sub_images(
     bad: Aberrations, mla: MicrolensArray, device: Device
@@ -165,24 +156,7 @@ def test_lenslets_out_of_place_move_their_sub_images(
     assert by_rays <= 0.08 * camera.pixel_pitch  # rays are few
 
 
-@pytest.mark.thorough
-def test_scatter_of_focal_lengths_widens_the_spots(device: Device) -> None:
-    """A lenslet of f' puts a geometric blur d abs(1 - f/f') over its sub-image."""
-    point = PointSources((1e-4, -2e-4, 60e-3))
-    bad = Aberrations(scatter=LensletScatter(focal_length=0.1, seed=1))
-    ideal = camera_of(device, count=27, pixels=30, f=3e-3)
-    raws = [one.expose(point).to_numpy() for one in (ideal, ideal.with_aberrations(bad))]
-    peaks = [raw.reshape(27, 30, 27, 30).max(axis=(1, 3)) for raw in raws]
-    factor = bad.scatter.draw((27, 27))[0]
-    lit = peaks[0] > 0.5 * peaks[0].max()
-    # a' = 40 mm behind the array: in focus at 1/f' = 1/z3 + 1/a', 7 % shorter than f
-    far = np.abs(1 / factor[lit] - (1 + 3 / 40))
-    gain = peaks[1][lit] / peaks[0][lit]
-    assert np.corrcoef(far, gain)[0, 1] < -0.9
-    assert raws[1].sum() == pytest.approx(raws[0].sum(), rel=1e-6)
-
-
-@pytest.mark.parametrize("shift", [-1e-3, 1e-3, 1.5e-3])
+@pytest.mark.parametrize("shift", [-1e-3, 1.5e-3])
 def test_a_moved_sensor_widens_a_spot(shift: float, device: Device) -> None:
     """Between a tenth and nine tenths of its light: geometry, and with waves diffraction too.
 
@@ -226,20 +200,7 @@ def test_rays_turn_by_the_slope_of_the_wavefront(device: Device) -> None:
         assert math.sqrt(variance) == pytest.approx(F * math.sqrt(6) * LAM / R, rel=0.02)
 
 
-@pytest.mark.thorough
-def test_defocus_is_found_as_depth(device: Device) -> None:
-    """W = c sqrt(3) (2 rho^2 - 1) adds 4 sqrt(3) c F/R^2 u to x = X + u (1 - alpha)."""
-    camera = camera_of(device, aberrations=Aberrations(main_lens={4: 0.6 * LAM}))
-    alpha = 1 - 4 * math.sqrt(3) * 0.6 * LAM * F / R**2
-    lf = LightField.from_raw(camera.expose(MIDDLE))
-    assert estimate_alpha(lf).alpha == pytest.approx(alpha, abs=0.01)
-    sharp, flat = (refocus(lf, alpha=a).to_numpy().max() for a in (alpha, 1.0))
-    assert sharp > 4 * flat
-
-
-@pytest.mark.parametrize(
-    ("j", "peak", "energy"), [(6, 4.0, 1.0), (5, 4.0, 1.0), (8, 1.0, 1.5), (7, 1.0, 1.5)]
-)
+@pytest.mark.parametrize(("j", "peak", "energy"), [(5, 4.0, 1.0), (8, 1.0, 1.5)])
 def test_correction_of_one_wave(j: int, peak: float, energy: float, device: Device) -> None:
     """Peak, and energy in 3 x 3 lenslets, of the picture with and without the correction."""
     lf = LightField.from_raw(
@@ -367,9 +328,8 @@ def test_what_is_kept(device: Device) -> None:
     assert "sensor shift" not in str(camera_of(device).describe())
 
 
-@pytest.mark.parametrize(
-    ("given", "error", "said"),
-    [
+def test_numbers_out_of_range() -> None:
+    for given, error, said in [
         ({"main_lens": {0: 1e-8}}, ValueError, "at least 1"),
         ({"main_lens": {math.nan: 1e-8}}, ValueError, "at least 1, not nan"),
         ({"main_lens": {"4": 1e-8}}, ValueError, "at least 1, not '4'"),
@@ -380,20 +340,16 @@ def test_what_is_kept(device: Device) -> None:
         ({"lenslet_circle": 0.0}, ValueError, "lenslet_circle is positive"),
         ({"sensor_shift": math.inf}, ValueError, "sensor_shift is finite"),
         ({"scatter": 0.1}, TypeError, "LensletScatter"),
-    ],
-)
-def test_numbers_out_of_range(given: Any, error: type[Exception], said: str) -> None:
-    with pytest.raises(error, match=said):
-        Aberrations(**given)
-
-
-@pytest.mark.parametrize(
-    ("given", "said"),
-    [({"tilt": -1e-3}, "an rms"), ({"focal_length": 0.3}, "at most 0.2"), ({"seed": -1}, "seed")],
-)
-def test_scatter_out_of_range(given: Any, said: str) -> None:
-    with pytest.raises(ValueError, match=said):
-        LensletScatter(**given)
+    ]:
+        with pytest.raises(error, match=said):
+            Aberrations(**given)
+    for words, said in (
+        ({"tilt": -1e-3}, "rms"),
+        ({"focal_length": 0.3}, "0.2"),
+        ({"seed": -1}, "seed"),
+    ):
+        with pytest.raises(ValueError, match=said):
+            LensletScatter(**words)
 
 
 def test_aberrations_that_do_not_fit(device: Device) -> None:

@@ -13,7 +13,6 @@ from accuracy_color import (
     dispersive,
     focal_length_in_image,
     focal_length_of,
-    place_in_image,
     white_cameras,
 )
 
@@ -194,19 +193,6 @@ def test_every_filter_gets_the_energy_that_it_sees(device: Device) -> None:
         assert found / (1 - lost) == pytest.approx(wanted, rel=5e-3)
 
 
-@pytest.mark.nightly
-@pytest.mark.parametrize("name", ["f/5, SF11", "f/8, 40 um"])
-def test_the_plan_takes_enough_wavelengths_and_not_many_more(device: Device, name: str) -> None:
-    camera, light = white_cameras(device)[name], SpectralDistribution.illuminant("D65")
-    point = (2e-4, -1e-4, 0.0)
-    wanted, most = by_wavelengths(camera, point, light, 41)
-    assert most == 41
-    found, n = by_wavelengths(camera, point, light, None)
-    assert apart(found, wanted) < 1e-3
-    assert n < 25
-    assert apart(by_wavelengths(camera, point, light, n // 3)[0], wanted) > 1e-3
-
-
 def test_narrow_light_takes_one_wavelength_and_wide_blur_few(device: Device) -> None:
     camera = white_cameras(device)["f/8, 40 um"]
     line = SpectralDistribution.gaussian(530e-9, 0.2e-9)
@@ -215,7 +201,7 @@ def test_narrow_light_takes_one_wavelength_and_wide_blur_few(device: Device) -> 
     assert 2 <= by_wavelengths(camera, (0, 0, 0), led, None)[1] <= 9
 
 
-@pytest.mark.parametrize("wavelength", [450e-9, 550e-9, 650e-9])
+@pytest.mark.parametrize("wavelength", [450e-9, 650e-9])
 def test_a_lenslet_of_glass_has_its_focal_length_in_the_raw_image(
     device: Device, wavelength: float
 ) -> None:
@@ -224,19 +210,6 @@ def test_a_lenslet_of_glass_has_its_focal_length_in_the_raw_image(
         device, wavelength, pitch=150e-6, focal_length=2e-3, shift=0.2, aperture=0.012, count=1
     )
     assert focal_length_in_image(camera, 0.06, wanted) == pytest.approx(wanted, rel=2e-3)
-
-
-def test_lateral_colour_of_a_point_beside_the_middle_of_a_lenslet(device: Device) -> None:
-    X, places, laws = -50e-6, [], []
-    for wavelength in (450e-9, 650e-9):
-        camera = dispersive(
-            device, wavelength, pitch=200e-6, focal_length=2e-3, shift=0.0, aperture=0.012, count=3
-        )
-        places.append(place_in_image(camera, X))
-        z2, z3 = camera.array_distance, camera.sensor_distance
-        laws.append(X * (1 - z3 / focal_length_of(2e-3, wavelength)) + z3 * X / z2)
-    assert places[1] - places[0] == pytest.approx(laws[1] - laws[0], rel=0.02)
-    assert places == pytest.approx(laws, abs=1e-7)
 
 
 def test_white_balance_makes_white_grey() -> None:
@@ -277,38 +250,37 @@ def test_built_in_sensitivities_are_the_fit_that_they_say() -> None:
         assert curve(399e-9) == curve(701e-9) == 0
 
 
-WRONG: dict[str, tuple[Any, type[Exception], str]] = {
-    "an order": (lambda: ColorFilterArray.bayer("RGBG"), ValueError, "RGGB, GRBG, GBRG, BGGR"),
-    "no tile": (lambda: ColorFilterArray([], {}), ValueError, "tile of filters is empty"),
-    "no row": (lambda: ColorFilterArray([[]], {}), ValueError, "tile of filters is empty"),
-    "a text": (lambda: ColorFilterArray("RGGB", CURVES), TypeError, "rows of names"),
-    "ragged": (lambda: ColorFilterArray(["RG", "B"], CURVES), ValueError, r"\[2, 1\]"),
-    "unknown": (lambda: ColorFilterArray(["RX"], CURVES), ValueError, "names the filter 'X'"),
-    "no curve": (lambda: ColorFilterArray(["R"], {"R": 0.5}), TypeError, "not float"),
-    "a list": (lambda: ColorFilterArray(["R"], [1]), TypeError, "maps names of filters"),
-    "no name": (lambda: ColorFilterArray([[1]], CURVES), TypeError, "name of a filter"),
-    "per": (lambda: ColorFilterArray(["R"], CURVES, per="watt"), ValueError, "'photon' or"),
-    "pixels": (lambda: PixelArray(filters="RGGB"), TypeError, r"ColorFilterArray.bayer\('RGGB'\)"),
-    "a spectrum": (lambda: PointSources((0, 0, 0), spectrum=5e-7), TypeError, "not float"),
-    "channels": (lambda: PicturePlane(np.ones((2, 2, 3)), 1e-3), ShapeError, "has 3 channels"),
-    "too few": (
+WRONG: list[tuple[Any, type[Exception], str]] = [
+    (lambda: ColorFilterArray.bayer("RGBG"), ValueError, "RGGB, GRBG, GBRG, BGGR"),
+    (lambda: ColorFilterArray([], {}), ValueError, "tile of filters is empty"),
+    (lambda: ColorFilterArray([[]], {}), ValueError, "tile of filters is empty"),
+    (lambda: ColorFilterArray("RGGB", CURVES), TypeError, "rows of names"),
+    (lambda: ColorFilterArray(["RG", "B"], CURVES), ValueError, r"\[2, 1\]"),
+    (lambda: ColorFilterArray(["RX"], CURVES), ValueError, "names the filter 'X'"),
+    (lambda: ColorFilterArray(["R"], {"R": 0.5}), TypeError, "not float"),
+    (lambda: ColorFilterArray(["R"], [1]), TypeError, "maps names of filters"),
+    (lambda: ColorFilterArray([[1]], CURVES), TypeError, "name of a filter"),
+    (lambda: ColorFilterArray(["R"], CURVES, per="watt"), ValueError, "'photon' or"),
+    (lambda: PixelArray(filters="RGGB"), TypeError, r"ColorFilterArray.bayer\('RGGB'\)"),
+    (lambda: PointSources((0, 0, 0), spectrum=5e-7), TypeError, "not float"),
+    (lambda: PicturePlane(np.ones((2, 2, 3)), 1e-3), ShapeError, "has 3 channels"),
+    (
         lambda: PicturePlane(np.ones((2, 2, 3)), 1e-3, spectra=[LIGHT]),
         ShapeError,
         "has 1: give one for each",
     ),
-    "a slide": (
+    (
         lambda: PicturePlane(np.ones((2, 2)), 1e-3, mode="transmission", spectra=LIGHT),
         ValueError,
         "A slide has no spectrum of its own",
     ),
-}  # fmt: skip
+]  # fmt: skip
 
 
-@pytest.mark.parametrize("name", WRONG)
-def test_what_is_refused(name: str) -> None:
-    make, error, said = WRONG[name]
-    with pytest.raises(error, match=said):
-        make()
+def test_what_is_refused() -> None:
+    for make, error, words in WRONG:
+        with pytest.raises(error, match=words):
+            make()
 
 
 def test_scenes_that_are_refused(device: Device) -> None:

@@ -58,11 +58,10 @@ def camera_of(device: Device, array: Any, aberrations: dict[str, Any], **change:
 
 
 CASES: dict[str, dict[str, Any]] = {
-    "plain": {"aberrations": {"sensor_tilt": (0.0, 0.0)}},
+    "plain": {"aberrations": {"sensor_tilt": (0.0, 0.0)}, "field_lens": True},
     "tilted": {},
     "hexagonal": {"array": {"lattice": "hexagonal", "fill": "circular"}},
     "focused": {"kind": "type2", "m": 0.25, "array": {"focal_length": 9e-3}},
-    "field lens": {"field_lens": True, "aberrations": FIELD},
     "integrating": {"pixels": PixelArray(), "aberrations": FIELD | {"sensor_tilt": TILT}},
     "colours": {
         "pixels_per_lenslet": None,

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import pickle
 from collections.abc import Sequence
-from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -105,7 +104,6 @@ def few_rays(monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 CASES: dict[str, Any] = {
-    "odd": (lambda d: camera_of(d), "points", {}),
     "even": (lambda d: camera_of(d, array={"count": (4, 6)}, pixels_per_lenslet=8), "list", {}),
     "hexagonal": (lambda d: camera_of(d, array={"lattice": "hexagonal"}), "picture", {}),
     "focused": (lambda d: camera_of(d, "focused"), "points", {}),
@@ -144,7 +142,7 @@ def difference(operator: ExposureOperator, x: np.ndarray, seed: int = 1) -> floa
 
 @pytest.mark.parametrize(
     "case",
-    often(list(CASES), "odd", "even", "bent", "windows", "white", "microscope", "rays, focused"),
+    often(list(CASES), "even", "bent", "windows", "microscope", "rays, focused"),
 )
 def test_the_map_is_what_the_camera_exposes(device: Device, case: str) -> None:
     make, scene, how = CASES[case]
@@ -159,9 +157,7 @@ def test_the_map_is_what_the_camera_exposes(device: Device, case: str) -> None:
     assert difference(operator, x) <= 1e-6
 
 
-@pytest.mark.parametrize(
-    "case", often(list(CASES), "odd", "hexagonal", "focused", "colours", "microscope", "rays")
-)
+@pytest.mark.parametrize("case", often(list(CASES), "hexagonal", "focused", "colours", "rays"))
 def test_the_adjoint_is_exact_in_double_precision(precise: Device, case: str) -> None:
     make, scene, how = CASES[case]
     operator = ExposureOperator(make(precise), scene_of(scene), **how)
@@ -196,7 +192,7 @@ def slopes(camera: Any, points: PointSources, cotangent: np.ndarray, **how: Any)
     found = np.zeros((len(points), 3))
 
     def loss(places: np.ndarray) -> float:
-        scene = PointSources(places, diameter=points.diameter, spectrum=points.spectrum)
+        scene = PointSources(places, diameter=points.diameter)
         operator = ExposureOperator(camera, scene, **how)
         return float((operator.forward(points.power) * cotangent).sum())
 
@@ -212,15 +208,11 @@ def slopes(camera: Any, points: PointSources, cotangent: np.ndarray, **how: Any)
 
 def point_case(case: str, device: Device) -> tuple[Any, PointSources, dict[str, Any]]:
     make, _, how = CASES[case]
-    lit = Spectrum.lines([500e-9, 600e-9], [1, 2]) if case == "colours" else None
-    points = PointSources(POINTS[:2], diameter=6e-5, power=[1.0, 0.3], spectrum=lit)
+    points = PointSources(POINTS[:2], diameter=6e-5, power=[1.0, 0.3])
     return make(device), points, how | {"method": "points"}
 
 
-GRADIENTS = ("odd", "focused", "field lens", "bent", "integrating", "white", "colours")
-
-
-@pytest.mark.parametrize("case", often(GRADIENTS, "odd", "focused", "bent", "integrating"))
+@pytest.mark.parametrize("case", often(["bent", "white"], "bent"))
 def test_gradients_by_places(precise: Device, case: str) -> None:
     camera, points, how = point_case(case, precise)
     operator = ExposureOperator(camera, points, **how)
@@ -234,54 +226,6 @@ def test_gradients_by_places(precise: Device, case: str) -> None:
     expected = slopes(camera, points, cotangent, **how)
     for axis in range(3):
         assert relative_max(expected[:, axis], gradient.positions[:, axis]) <= 1e-6
-
-
-@pytest.mark.parametrize("case", often(GRADIENTS, "odd", "bent", "integrating"))
-def test_gradients_in_single_precision(device: Device, precise: Device, case: str) -> None:
-    found = []
-    for one in (device, precise):
-        camera, points, how = point_case(case, one)
-        operator = ExposureOperator(camera, points, **how)
-        pixels = np.random.default_rng(4).random(operator.out_shape)
-        found.append(operator.gradient(points.power, pixels))
-    assert relative_max(found[1].values, found[0].values.astype(float)) <= 1e-5
-    for axis in range(3):
-        expected, got = (one.positions[:, axis] for one in (found[1], found[0]))
-        assert relative_max(expected, got) <= 1e-3
-
-
-@pytest.mark.parametrize(
-    "case", often(["hexagonal", "field lens", "integrating", "colours"], "hexagonal", "integrating")
-)
-def test_gradients_by_the_array(precise: Device, case: str) -> None:
-    camera, points, how = point_case(case, precise)
-    whole = camera.mla.pitch
-    array = {"count": (5, 7), "lattice": camera.mla.lattice, "diameter": 0.93 * whole}
-    given = {"pitch": whole, "focal_length": 10e-3, "rotation": 0.01, "offset": (2e-6, -3e-6)}
-
-    def made(**change: Any) -> ExposureOperator:
-        mla = MicrolensArray(**(given | array | change))
-        stays = Aberrations(sensor_shift=10e-3 - mla.focal_length)  # the sensor where it is
-        return ExposureOperator(replace(camera, mla=mla, aberrations=stays), points, **how)
-
-    operator = made()
-    image = operator.forward(points.power)
-    cotangent = image - 0.5 * image.max() * np.random.default_rng(5).random(image.shape)
-    gradient = operator.lenslet_gradient(points.power, cotangent)
-
-    def slope(name: str, step: float, axis: int = 0) -> float:
-        value = np.asarray(given[name], float)
-        by = np.array([step, 0.0])[[axis, 1 - axis]] if value.ndim else step
-        parts = []
-        for h in (by, by / 2):
-            ends = [made(**{name: value + sign * h}).forward(points.power) for sign in (1, -1)]
-            parts.append(((ends[0] - ends[1]) * cotangent).sum() / (2 * np.max(h)))
-        return float((4 * parts[1] - parts[0]) / 3)
-
-    for name, step in (("pitch", 1e-12), ("rotation", 1e-8), ("focal_length", 1e-8)):
-        assert gradient[name] == pytest.approx(slope(name, step), rel=1e-6)
-    expected = [slope("offset", 1e-12, axis) for axis in (0, 1)]
-    assert relative_max(expected, gradient["offset"]) <= 1e-6
 
 
 def test_powers_of_points_are_found(device: Device) -> None:

@@ -9,7 +9,6 @@ import numpy as np
 import pytest
 
 from clplen import (
-    Coherence,
     MicrolensArray,
     PicturePlane,
     PlenopticCamera,
@@ -40,10 +39,7 @@ def camera_of(device: Device, m: float, f: Any = 10e-3, **words: Any) -> Plenopt
 
 @pytest.mark.parametrize(
     ("m", "words"),
-    [
-        pytest.param(0.3, {"offset": (20e-6, -30e-6)}, marks=pytest.mark.thorough),
-        (-0.3, {"lattice": "hexagonal"}),
-    ],
+    [(-0.3, {"lattice": "hexagonal", "offset": (20e-6, -30e-6)})],
 )
 def test_pictures_from_patterns_are_those_of_points(m: float, words: Any, device: Device) -> None:
     small = {"count": (17, 19), "aperture_diameter": 1.8e-3, "pixels": 22}  # 15 leave 1e-2
@@ -67,20 +63,6 @@ def test_patterns_need_lenslets_of_one_kind(device: Device) -> None:
     assert camera.expose(plane).exposure.route == "points"  # type: ignore[union-attr]
 
 
-def test_a_small_hole_in_a_slide_is_a_point(device: Device) -> None:
-    """Lit by light that converges on the main lens; of 20 um, its Airy disc is 6 mm wide there."""
-    camera = camera_of(device, 0.3)
-    hole = np.zeros((31, 31))
-    hole[19, 12] = 1.0
-    slide = PicturePlane(hole, 31 * 20e-6, mode="transmission")
-    lit = camera.expose(slide, coherence=Coherence()).to_numpy().astype(np.float64)
-    x, y = slide.x[12], slide.y[19]
-    point = camera.expose(PointSources((x, y, 0.0))).to_numpy().astype(np.float64)
-    away = camera.expose(PointSources((y, x, 0.0))).to_numpy().astype(np.float64)
-    assert correlation(lit, point) > 0.998
-    assert correlation(lit, away) < 0.9
-
-
 def correlation(a: Any, b: Any) -> float:
     return float((a * b).sum() / math.sqrt((a**2).sum() * (b**2).sum()))
 
@@ -88,9 +70,7 @@ def correlation(a: Any, b: Any) -> float:
 @pytest.mark.parametrize(
     ("m", "f", "words"),
     [
-        (0.3, 10e-3, {}),
-        (-0.3, 10e-3, {"lattice": "hexagonal", "rotation": 0.1}),
-        (0.3, (10e-3, 9e-3), {"offset": (30e-6, -20e-6)}),
+        (-0.3, (10e-3, 9e-3), {"offset": (30e-6, -20e-6), "rotation": 0.1}),
         (0.4, THREE, {"lattice": "hexagonal", "fill": "circular"}),
     ],
 )
@@ -116,7 +96,7 @@ def smooth(image: Any) -> Any:
     return np.fft.ifft2(np.fft.fft2(image) * gauss).real
 
 
-@pytest.mark.parametrize(("m", "f"), [(0.3, 10e-3), (-0.3, (10e-3, 11e-3))])
+@pytest.mark.parametrize(("m", "f"), [(-0.3, (10e-3, 11e-3))])
 def test_a_surface_is_its_points_for_rays(m: float, f: Any, device: Device) -> None:
     """A disc of .9 lenslet, of the disparity that the camera gives its depth."""
     camera, place = camera_of(device, m, f), (2e-4, 3e-4, 5e-3)
@@ -147,9 +127,7 @@ class TestSeveralFocalLengths:
         )  # fmt: skip
 
     @pytest.mark.parametrize(("model", "gain"), [("waves", 1.2), ("rays", 2.5)])
-    @pytest.mark.parametrize(
-        "kind", [1, *(pytest.param(kind, marks=pytest.mark.thorough) for kind in (0, 2))]
-    )
+    @pytest.mark.parametrize("kind", [1, pytest.param(2, marks=pytest.mark.thorough)])
     def test_each_type_is_sharp_at_its_own_distance(
         self, kind: int, model: Any, gain: float, device: Device
     ) -> None:

@@ -6,14 +6,11 @@ from typing import Any
 
 import numpy as np
 import pytest
-from reference_spots import Rings, slope, spot, width
+from reference_spots import slope, spot, width
 
 from clplen import MicrolensArray, PlenopticCamera, PointSources
-from clplen.cameras.camera_base import scene_energy
 from clplen.cameras.focused_camera import Plenoptic2
 from clplen.compute.device import Device
-from clplen.lightfield.focused.focused_rendering import render_focused
-from clplen.lightfield.focused.focused_spots import point_m
 
 pytestmark = pytest.mark.thorough
 
@@ -31,11 +28,8 @@ def camera_of(device: Device, m: float, *, f: float = 10e-3, count: int = 61) ->
 
 # m, lenslets above half of the brightest in the row, m from the pitch, FWHM of the middle spot
 TABLE = [
-    (1.0, 1, None, 78.0),
     (0.5, 1, 0.416, 47.1),
-    (0.25, 5, 0.2410, 34.9),
     (0.1, 13, 0.0998, 33.5),
-    (0.3, None, 0.2888, None),
     (-0.3, None, -0.3043, None),
 ]
 
@@ -69,14 +63,6 @@ def test_a_point_in_focus(
         assert width(image[900:930, 900:930].sum(0)) * 5 == pytest.approx(fwhm, abs=1.0)
 
 
-@pytest.mark.parametrize("m", [0.25, 0.1, -0.3])
-def test_energy(m: float, device: Device) -> None:
-    _, at_array, at_sensor = scene_energy(camera_of(device, m), MIDDLE)[0]
-    assert at_sensor == pytest.approx(at_array, abs=1e-6)
-    # Without a window's band limit 1; these windows of 9.15 mm cut more than that of 15 mm.
-    assert 1 - 4e-3 < at_array < 1
-
-
 @pytest.fixture(scope="module")
 def strong(device: Device) -> Plenoptic2:
     """Lenslets of f/20, whose geometrical picture diffraction hardly moves."""
@@ -85,7 +71,7 @@ def strong(device: Device) -> Plenoptic2:
 
 @pytest.mark.parametrize(
     ("place", "limit"),
-    [((0, 0, 0), 0.1), ((0.5e-3, 0.3e-3, 0), 0.1), ((-0.3e-3, 0.2e-3, 3e-3), 0.25)],
+    [((0.5e-3, 0.3e-3, 0), 0.1), ((-0.3e-3, 0.2e-3, 3e-3), 0.25)],
 )
 def test_spots_lie_where_the_ray_matrix_puts_them(
     place: Any, limit: float, strong: Plenoptic2
@@ -110,52 +96,3 @@ def test_spots_lie_where_the_ray_matrix_puts_them(
         errors.append(spot(image, strong, expected, -matrix[0, 0])[1] - expected)
     assert len(errors) >= 9
     assert np.abs(errors).max() < limit * strong.pixel_pitch
-
-
-@pytest.mark.parametrize("m", [0.3, 0.2])
-def test_m_by_the_pitch_of_the_spots(m: float, strong: Plenoptic2) -> None:
-    """At this place even weights are 2.2 % off at m = .3, and lenslets half lit or less 1.2 %."""
-    away = strong.array_distance - strong.b / m
-    dz = strong.dz(strong.image_distance / away)
-    found = point_m(strong.expose(PointSources((1.08e-4, 2e-6, dz))))
-    assert found.m == pytest.approx(m, rel=0.01)
-    assert found.z == pytest.approx(dz, abs=3e-4)
-
-
-def test_pictures_put_points_in_their_places(strong: Plenoptic2) -> None:
-    scene = [(1e-3, 0.5e-3, 0), (0.3e-3, -0.9e-3, 0)]
-    raw = strong.expose(PointSources(scene))
-    images = strong.image_of(scene)[:, ::-1]
-    for method, most in (("basic", 2e-6), ("blended", 4e-6)):  # measured .5 and 1.9 um
-        picture = render_focused(raw, method=method)
-        values, (y, x) = picture.to_numpy().astype(np.float64), picture.places()
-        assert picture.pitch == pytest.approx(23.3e-6, abs=1e-7)
-        for true in images:
-            at = true
-            for _ in range(3):
-                rows, columns = np.abs(y - at[0]) <= PITCH, np.abs(x - at[1]) <= PITCH
-                part = values[np.ix_(rows, columns)] ** 2
-                at = np.array([part.sum(1) @ y[rows], part.sum(0) @ x[columns]]) / part.sum()
-            assert np.hypot(*(at - true)) < most, method
-
-
-@pytest.mark.parametrize(
-    ("m", "fewest", "farthest"), [(0.1, 25, 0.6), (0.25, 8, 0.9), (-0.3, 2, 0.3)]
-)
-def test_off_axis_spots(m: float, fewest: int, farthest: float, device: Device) -> None:
-    """With lenslets of f/67 the rings of the blur turn the wave under each lenslet.
-
-    That moves spots by up to three quarters of a pixel from where rays put them; Fresnel's integral
-    says by how much, and the raw image agrees.
-    """
-    camera, place = camera_of(device, m), (0.9e-3, -0.5e-3, 0.0)
-    image = camera.expose(PointSources(place)).to_numpy().astype(np.float64)
-    rings = Rings(camera, camera.image_of([place])[0, ::-1])
-    lenses = rings.inside()
-    lenses = lenses[:: max(1, len(lenses) // 40)]
-    assert len(lenses) >= fewest
-    found = np.array([spot(image, camera, rings.chief(c), m)[1] for c in lenses])
-    from_rays = (found - [rings.chief(c) for c in lenses]) / camera.pixel_pitch
-    assert 0.1 < np.abs(from_rays).max() < farthest
-    off = (found - [rings.spot(c) for c in lenses]) / camera.pixel_pitch
-    assert np.abs(off).max() < 0.04  # measured .018; rays alone .52, .75 and .23

@@ -25,9 +25,6 @@ RELATIVE = {"single": 2e-4, "double": 2e-4}  # of the peak; the rim of the pupil
 def slow(device: Device, kind: str) -> Any:
     """Cameras whose pixels sample the light, so that a window as large as the sensor holds it."""
     shared = {"focal_length": 0.12, "wavelength": LAM, "aperture_diameter": 3.6e-3}
-    if kind == "square":
-        mla = MicrolensArray(150e-6, 10e-3, count=35, fill="full")
-        return PlenopticCamera.type1(mla=mla, pixels_per_lenslet=15, device=device, **shared)
     if kind == "hexagonal":
         mla = MicrolensArray(150e-6, 10e-3, count=(37, 33), lattice="hexagonal", rotation=0.07)
         return PlenopticCamera.type1(mla=mla, pixels_per_lenslet=16, device=device, **shared)
@@ -39,10 +36,10 @@ def slow(device: Device, kind: str) -> Any:
     )  # fmt: skip
 
 
-POINTS = [(0, 0, 0), (6e-4, -9e-4, 0), (3e-4, 2e-4, 0.05), (-3e-4, 5e-4, -0.05)]
+POINTS = [(6e-4, -9e-4, 0), (-3e-4, 5e-4, -0.05)]
 
 
-@pytest.mark.parametrize("kind", ["square", "hexagonal", "keplerian", "galilean", "aberrated"])
+@pytest.mark.parametrize("kind", ["hexagonal", "galilean", "aberrated"])
 def test_a_local_window_is_the_whole_window_about_a_point(
     device: Device, kind: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -107,78 +104,12 @@ def fast(device: Device, f_number: float = 4.0, **change: Any) -> Any:
     return PlenopticCamera.type1(**(values | change))
 
 
-@pytest.mark.parametrize("f_number", [2.0, 4.0, 8.0])
-@pytest.mark.parametrize("position", [(0, 0, 0), (3e-3, -5e-3, 0), (2e-3, 1e-3, -0.4)])
+@pytest.mark.parametrize("f_number", [2.0, 8.0])
+@pytest.mark.parametrize("position", [(3e-3, -5e-3, 0), (2e-3, 1e-3, -0.4)])
 def test_fast_pupils_against_quadrature(device: Device, f_number: float, position: Any) -> None:
     camera = fast(device, f_number)
     # off the image only the light of the rim in the middle of the blur is not exact
     assert against_quadrature(camera, position, thin=False, reach=1.2e-5) <= 1e-3
-
-
-def test_the_image_of_a_point_is_debyes(device: Device) -> None:
-    camera = fast(device, 2.0, object_distance=1e4)
-    made = windows_of(camera, (0, 0, 0))
-    field = np.abs(camera.device.download(made.array_fields())[0])
-    n, dx = made.shape.samples, made.shape.pitch
-    radius = np.hypot(*(np.indices((n, n)) - n // 2 + (made.numbers[0, 12:14] / dx)[:, None, None]))
-    near = radius * dx < 6e-6
-    lens = reference.MainLens(10e-3, 5e-3, camera.array_distance, 500e-9)
-    expected = reference.debye_on_axis_image(lens, radius[near] * dx)
-    got = field[near] / np.sqrt(made.energy[0]) / dx
-    middle = reference.field_on_plane(lens, (0, 0, 1e4), np.zeros(1), np.zeros(1))
-    np.testing.assert_allclose(got, expected * np.abs(middle), atol=2e-4 * got.max())
-
-
-@pytest.mark.thorough
-@pytest.mark.parametrize(
-    ("f_number", "position"),
-    [
-        pytest.param(5.6, (3e-3, -5e-3, 0), marks=pytest.mark.nightly),
-        pytest.param(2.8, (0, 0, 0), marks=pytest.mark.nightly),
-        pytest.param(2.8, (2e-3, 1e-3, -0.4), marks=pytest.mark.nightly),
-    ],
-)
-def test_fast_cameras_against_a_simulation_of_their_own(
-    device: Device, f_number: float, position: Any
-) -> None:
-    camera = fast(device, f_number)
-    raw = camera.expose(PointSources(position)).to_numpy().astype(np.float64)
-    lens = reference.MainLens(10e-3, 10e-3 / f_number, camera.image_distance, 500e-9)
-    x0, y0, dz = position
-    place = camera.optics.on_array(position)[0, ::-1]  # (y, x)
-    grid, n, times = camera.grid, 64, 24
-    first = [int(np.rint((c - o) / 1.25e-6)) for c, o in zip(place, grid.origin, strict=True)]
-    axes = [
-        o + (f + np.arange(n) - n // 2) * 1.25e-6 for f, o in zip(first, grid.origin, strict=True)
-    ]
-    at_array = reference.field_on_plane(
-        lens, (x0, y0, 1.0 + dz), axes[0][:, None], axes[1][None], radii=70, angles=240
-    )
-    fine = reference.finer(at_array, times)
-    y, x = (a[0] + np.arange(n * times) * 1.25e-6 / times for a in axes)
-    array = reference.lenslets(
-        y[:, None],
-        x[None],
-        pitch=10e-6,
-        f=40e-6,
-        wavelength=500e-9,
-        hexagonal=True,
-        rows=21,
-        within=2,
-    )
-    sensor = reference.onward(fine * array, 1.25e-6 / times, 40e-6, 500e-9)
-    density = np.abs(sensor) ** 2 * (1.25e-6 / times) ** 2
-    edges = np.ones(times + 1)
-    edges[[0, -1]] = 0.5
-    inner = range(n // 2 - 16, n // 2 + 17)
-    rows = [np.tensordot(edges, density[times * i - times // 2 :][: times + 1], 1) for i in inner]
-    expected = np.array(
-        [[edges @ row[times * i - times // 2 :][: times + 1] for i in inner] for row in rows]
-    )
-    down, right = (f + s // 2 - 16 for f, s in zip(first, grid.shape, strict=True))
-    got = raw[down : down + 33, right : right + 33]
-    # hard rims on the samples of the reference: 1e-3 at .05 um, 3e-3 at .1 um
-    assert np.linalg.norm(got - expected) <= 1.6e-3 * np.linalg.norm(expected)
 
 
 def binned(image: np.ndarray, times: int) -> np.ndarray:
@@ -186,10 +117,9 @@ def binned(image: np.ndarray, times: int) -> np.ndarray:
     return np.asarray(image.astype(np.float64).reshape(ny, times, nx, times).sum(axis=(1, 3)))
 
 
-@pytest.mark.parametrize("position", [(0, 0, 0), (3e-4, -2e-4, 0.02)])
-def test_pixels_integrate(device: Device, position: Any) -> None:
+def test_pixels_integrate(device: Device) -> None:
     """Against the same camera with a fifth of the pixels' pitch, binned."""
-    scene = PointSources(position, diameter=10e-6)
+    scene = PointSources((3e-4, -2e-4, 0.02), diameter=10e-6)
     mla = MicrolensArray(150e-6, 10e-3, count=25, fill="full")
     shared = {"focal_length": 0.12, "wavelength": LAM, "aperture_diameter": 3e-3, "mla": mla}
     coarse, fine = (
@@ -228,13 +158,6 @@ def test_half_of_a_pixel_is_active(device: Device) -> None:
         np.testing.assert_allclose(got, np.tile(expected[45:75], (20, 1)), rtol=1e-3, atol=2e-4)
 
 
-def test_less_fill_less_light(device: Device) -> None:
-    scene = PointSources((2e-3, 1e-3, -0.3))
-    whole = fast(device).expose(scene).to_numpy().sum()
-    half = fast(device, pixels=PixelArray(pitch=1.25e-6, fill_factor=0.5)).expose(scene)
-    assert half.to_numpy().sum() == pytest.approx(whole / 2, rel=0.03)
-
-
 def test_offset_and_size_of_the_sensor(device: Device) -> None:
     """A smaller sensor beside the axis sees its part of what a large one sees."""
     scene = PointSources([(3e-3, -5e-3, 0), (-2e-3, 1e-3, -0.2)])
@@ -269,41 +192,28 @@ def test_crosstalk_moves_light_to_neighbours(device: Device) -> None:
     np.testing.assert_allclose(got[2:-2, 2:-2], expected[2:-2, 2:-2], atol=1e-6 * plain.max())
 
 
-def test_pictures_are_points(device: Device) -> None:
-    picture = PicturePlane(np.array([[0.2, 0.0, 1.0], [0.5, 0.3, 0.0]]), 3e-3, 0.1)
-    camera = fast(device)
-    raw = camera.expose(picture)
-    assert raw.exposure.route == "local"
-    one_by_one = camera.expose(picture.points()).to_numpy()
-    np.testing.assert_allclose(raw.to_numpy(), one_by_one, atol=1e-7 * one_by_one.max())
-
-
 def test_the_description_says_how_points_are_exposed(device: Device) -> None:
     table = fast(device).describe()
     assert table["active share"] == 1
     assert 0 < table["light beyond it"] < 0.01
     assert "do not sample the light" in str(table)
-    assert "window of a point" not in str(slow(device, "square").describe())
 
 
 def test_points_of_many_depths_add_up(device: Device) -> None:
     places = [(0, 0, -0.3), (1e-3, 0, 0.1), (0, 1e-3, -0.3), (0, 0, -0.29), (1e-3, 1e-3, 0.1)]
     power = [1.0, 0.5, 2.0, 1.5, 0.7]
     camera = fast(device)
-    together = camera.expose(PointSources(places, power=power)).to_numpy()
+    calls: list[tuple[int, int]] = []
+    together = camera.expose(
+        PointSources(places, power=power), progress=lambda done, total: calls.append((done, total))
+    ).to_numpy()
+    assert calls == sorted(calls)
+    assert calls[-1] == (5, 5)
     apart = sum(
         camera.expose(PointSources(place, power=each)).to_numpy()
         for place, each in zip(places, power, strict=True)
     )
     np.testing.assert_allclose(together, apart, atol=1e-6 * together.max())
-
-
-def test_progress_counts_points(device: Device) -> None:
-    seen: list[tuple[int, int]] = []
-    points = PointSources([(0, 0, 0), (1e-3, 0, -0.3), (0, 1e-3, 0)])
-    fast(device).expose(points, progress=lambda done, total: seen.append((done, total)))
-    assert seen[-1] == (3, 3)
-    assert [done for done, _ in seen] == sorted(done for done, _ in seen)
 
 
 def test_what_needs_samples_of_the_sensor_says_so(device: Device) -> None:
@@ -318,9 +228,8 @@ def test_what_needs_samples_of_the_sensor_says_so(device: Device) -> None:
         fast(device).expose(PointSources((0.5, 0, 0)))
 
 
-@pytest.mark.parametrize(
-    ("change", "message"),
-    [
+def test_pixels_that_cannot_be(device: Device) -> None:
+    for change, message in [
         ({"fill_factor": 1.2}, "0 to 1"),
         ({"fill_factor": float("nan")}, "0 to 1"),
         ({"pitch": -1e-6}, "positive"),
@@ -331,14 +240,9 @@ def test_what_needs_samples_of_the_sensor_says_so(device: Device) -> None:
         ({"rotation": float("nan")}, "finite"),
         ({"crosstalk": [[0.5, 0.5]]}, "odd number"),
         ({"crosstalk": [[0.5, 0.9, 0.5]]}, "1 or less"),
-    ],
-)
-def test_pixels_that_cannot_be(change: dict[str, Any], message: str) -> None:
-    with pytest.raises(ValueError, match=message):
-        PixelArray(**change)
-
-
-def test_pixels_have_one_size(device: Device) -> None:
+    ]:
+        with pytest.raises(ValueError, match=message):
+            PixelArray(**change)
     with pytest.raises(ValueError, match="contradicts the pixels' pitch"):
         fast(device, pixels_per_lenslet=9)
     with pytest.raises(ValueError, match="have no size"):
@@ -347,12 +251,11 @@ def test_pixels_have_one_size(device: Device) -> None:
         fast(device, pixels=1.4e-6)
 
 
-@pytest.mark.parametrize("lattice", ["square", "hexagonal"])
 def test_windows_that_share_the_array_are_as_those_of_their_own(
-    device: Device, lattice: str, monkeypatch: pytest.MonkeyPatch
+    device: Device, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """A cluster of points, one far from it, and others of another depth."""
-    mla = MicrolensArray(10e-6, 40e-6, count=(29, 31), lattice=lattice, rotation=0.03)
+    mla = MicrolensArray(10e-6, 40e-6, count=(29, 31), lattice="hexagonal", rotation=0.03)
     camera = fast(device, mla=mla)
     generator = np.random.default_rng(4)
     places = generator.uniform(-2e-3, 2e-3, (9, 2))

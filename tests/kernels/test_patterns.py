@@ -22,9 +22,11 @@ def ints(*values):
     return [np.int32(v) for v in values]
 
 
-@BOTH
-@pytest.mark.parametrize("shape", [(5, 8), (7, 6), (1, 11)])
-@pytest.mark.parametrize("finer", [1, 2, 3])
+@pytest.mark.parametrize(
+    ("wave", "shape", "finer"),
+    [("single", (5, 8), 3), ("double", (7, 6), 2), ("double", (1, 11), 1)],
+    indirect=["wave"],
+)
 def test_refine_interpolates_waves(wave, shape, finer):
     """A wave of one frequency, the lowest negative one, on a finer grid: exactly that wave."""
     ky, kx = -((shape[0] - 1) // 2), shape[1] // 2 - 1
@@ -43,9 +45,8 @@ def test_refine_interpolates_waves(wave, shape, finer):
 
 
 @BOTH
-@pytest.mark.parametrize("window", [(6, 9), (11, 16)])
-def test_pattern_is_an_intensity_with_zeros_around(wave, window):
-    u = numbers(wave, (3, 6, 9))
+def test_pattern_is_an_intensity_with_zeros_around(wave):
+    window, u = (11, 16), numbers(wave, (3, 6, 9))
     out = wave.upload(numbers(wave, window, seed=2))  # what was there before does not matter
     gain = wave.real.type(2.5)
     got = launch(wave, "pattern", out, wave.upload(u), gain, *ints(1, *window, 6, 9))
@@ -54,9 +55,11 @@ def test_pattern_is_an_intensity_with_zeros_around(wave, window):
     assert relative_max(expected, got) <= 4 * np.finfo(wave.real).eps  # squares, sum, gain
 
 
-@BOTH
-@pytest.mark.parametrize("kinds", [1, 2])
-@pytest.mark.parametrize(("tall", "wide"), [(1, 1), (2, 3)])
+@pytest.mark.parametrize(
+    ("wave", "kinds", "tall", "wide"),
+    [("single", 2, 2, 3), ("double", 1, 2, 3), ("double", 2, 1, 1)],
+    indirect=["wave"],
+)
 def test_comb_sums_what_each_sample_meets(wave, kinds, tall, wide):
     rng = np.random.default_rng(3)
     (ny, nx), (rows, columns) = (9, 14), (5, 4)

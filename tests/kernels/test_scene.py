@@ -22,14 +22,12 @@ TRIANGLES = Polygon(
     [(-4.37, -5.11), (3.29, -6.03), (1.83, 2.17)], [(-5.17, 1.03), (-3.29, 6.61), (4.47, 5.33)]
 )
 SCENES = {
-    "ground": [GROUND],
     "ellipse": [GROUND, Plane(0.7, outline=Ellipse((1.1, -0.7), (3.3, 5.1), angle=0.6))],
     "bars": [
         GROUND,
         Plane(0.45, (0.02, 0.03), texture=COLOUR,
               outline=Bars((0.3, 0.4), 8.3, count=4, period=2.9, width=(0.6, 2.3), angle=-0.4)),
     ],
-    "polygon": [GROUND, Plane(0.8, (-0.02, 0.01), texture=COLOUR, outline=TRIANGLES)],
     "sphere": [
         GROUND,
         Sphere((0.8, -1.3), 4.6, disparity=-0.4, height=1.7, texture=GREY,

@@ -32,10 +32,9 @@ def patches(wave: Device) -> tuple[DeviceImages, np.ndarray]:
 
 
 @BOTH
-@pytest.mark.parametrize("batch", [1, 3])
-def test_images_add_up(wave: Device, batch: int) -> None:
+def test_images_add_up(wave: Device) -> None:
     images, whole = patches(wave)
-    random = np.random.default_rng(3)
+    random, batch = np.random.default_rng(3), 3
     start, energies = random.random((batch, 11, 13)), random.normal(size=(batch, 5))
     totals = wave.upload(start.astype(wave.real))
     images.add(totals, energies)
@@ -44,10 +43,9 @@ def test_images_add_up(wave: Device, batch: int) -> None:
 
 
 @BOTH
-@pytest.mark.parametrize("batch", [1, 3])
-def test_inner_products_are_the_transpose(wave: Device, batch: int) -> None:
+def test_inner_products_are_the_transpose(wave: Device) -> None:
     images, whole = patches(wave)
-    pictures = np.random.default_rng(4).random((batch, 11, 13))
+    pictures = np.random.default_rng(4).random((3, 11, 13))
     got = images.inner(wave.upload(pictures.astype(wave.real)))
     expected = np.einsum("byx,nyx->bn", pictures, whole)
     assert relative_max(expected, got) <= 4 * np.finfo(wave.real).eps
@@ -65,10 +63,9 @@ def test_cotangents_of_intensities(wave: Device) -> None:
 
 
 @BOTH
-@pytest.mark.parametrize("shape", [(9, 14), (8, 11)])
-def test_transposed_samples_of_pixels(wave: Device, shape: tuple[int, int]) -> None:
+def test_transposed_samples_of_pixels(wave: Device) -> None:
     """sum(h fine(u)) = sum(transposed(h) u), no conjugates."""
-    random = np.random.default_rng(6)
+    random, shape = np.random.default_rng(6), (9, 14)
     u = (random.normal(size=(2, *shape, 2)) @ (1, 1j)).astype(wave.complex)
     field = Field.from_array(u, Grid(shape, 5e-6), wavelength=5e-7, device=wave)
     fine, sums, _ = pixel_samples(field, 0.8)
@@ -85,9 +82,11 @@ def test_transposed_samples_of_pixels(wave: Device, shape: tuple[int, int]) -> N
     assert inner == pytest.approx((spread * np.abs(values[1]) ** 2).sum(), rel=1e-5)
 
 
-@BOTH
-@pytest.mark.parametrize("diameter", [0.0, 60e-6])
-@pytest.mark.parametrize("terms", [(), {5: (0.3e-3, -0.2e-3)}])
+@pytest.mark.parametrize(
+    ("wave", "diameter", "terms"),
+    [("single", 60e-6, {5: (0.3e-3, -0.2e-3)}), ("double", 0.0, ()), ("double", 60e-6, ())],
+    indirect=["wave"],
+)
 def test_derivatives_by_places(wave: Device, diameter: float, terms: object) -> None:
     """Beside central differences of the fields of points in float64."""
     camera = PlenopticCamera.type1(

@@ -13,6 +13,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
+from clplen.cameras.optics.lenslet_camera import independent_views
 from clplen.checks import check_positive, fits_float64, require
 from clplen.reprs import OneLine
 
@@ -139,7 +140,7 @@ def type1_sampling(
         views=pixels,
         angular_step=pixel_pitch / focal_length,
         angular_range=diameter / focal_length,
-        independent_views=min(pixels, diameter**2 / (wavelength * focal_length)),
+        independent_views=independent_views(diameter, focal_length, wavelength, pixels),
         nyquist=1 / (2 * pitch),
         diffraction_cutoff=aperture_diameter / (wavelength * image_distance),
     )

@@ -8,27 +8,20 @@ from typing import Any, cast
 
 from clplen.analysis.cameras.comparison import Measured
 from clplen.analysis.cameras.imaging import is_focused
-from clplen.cameras.optics.camera_aberrations import NONE, rows
+from clplen.cameras.description import aberration_rows
+from clplen.cameras.optics.camera_aberrations import NONE
 
 EXPLAINS = 1.5  # ratio up to which what a reason alone would make is taken for what is measured
 
 
 @dataclass(frozen=True)
 class Blur:
-    """What spreads a point on the main lens' image, and what it alone would leave.
-
-    Attributes
-    ----------
-    name : str
-    width : float
-        lam a/d of an aperture, the side of a pixel or lenslet, in metres.
-    mtf50, limit, radius, peak : float
-        MTF50 times ``width``; separation with mid/peak 8/pi^2 and radius of 80 % of the light, over
-        ``width``; peak for an energy of 1, times ``width``^2.
-    """
+    """What spreads a point on the main lens' image, and what it alone would leave."""
 
     name: str
-    width: float
+    width: float  # lam a/d of an aperture, the side of a pixel or lenslet, in metres
+    # mtf50, limit, radius, peak: MTF50 times ``width``; separation with mid/peak 8/pi^2 and radius
+    # of 80 % of the light, over ``width``; peak for an energy of 1, times ``width``^2
     mtf50: float
     limit: float
     radius: float
@@ -180,7 +173,7 @@ def _aberrations(one: Measured) -> str:
     c = one.camera
     if c.aberrations == NONE:
         return ""
-    found = rows(c.aberrations, c.wavelength)
+    found = aberration_rows(c.aberrations, c.wavelength)
     scales = {"m": (1e6, "um"), "rad": (1e3, "mrad"), "": (1.0, "")}
     words = []
     for row in found:

@@ -20,29 +20,15 @@ EQUAL = 1.05  # ratio up to which two numbers count as the same
 
 @dataclass(frozen=True)
 class Criterion:
-    """One number of a camera, and how it is said.
+    """One number of a camera, and how it is said."""
 
-    Attributes
-    ----------
-    analysis : str
-        That it belongs to.
-    name : str
-    value : callable
-        Of a `Measured`; NaN where it has none.
-    more_is_better : bool
-    scale : float
-        From SI units to those shown.
-    unit : str
-    why : callable
-        What sets the number of a `Measured`, in words; empty where nothing known does.
-    """
-
-    analysis: str
+    analysis: str  # that it belongs to
     name: str
-    value: Callable[[Measured], float]
+    value: Callable[[Measured], float]  # of a `Measured`; NaN where it has none
     more_is_better: bool
-    scale: float
+    scale: float  # from SI units to those shown
     unit: str
+    # what sets the number of a `Measured`, in words; empty where nothing known does
     why: Callable[[Measured], str]
 
 

@@ -40,25 +40,13 @@ KEPT = 0.45  # cycles a sample; beyond, the kernel has no signal left
 
 @dataclass(frozen=True, eq=False)
 class Layout:
-    """How a picture's raw image is put together.
-
-    Attributes
-    ----------
-    grid : PatternGrid
-    patches : list of Patch
-    finer : int
-        Samples a pixel and axis of the patterns, so that an intensity is sampled.
-    window : tuple of int
-        Samples (y, x) of the window in which patterns are added up.
-    padding : tuple of int
-        Of the ways to the array and to the sensor.
-    """
+    """How a picture's raw image is put together."""
 
     grid: PatternGrid
     patches: list[Patch]
-    finer: int
-    window: tuple[int, int]
-    padding: tuple[int, int]
+    finer: int  # samples a pixel and axis of the patterns, so that an intensity is sampled
+    window: tuple[int, int]  # samples (y, x) of the window in which patterns are added up
+    padding: tuple[int, int]  # of the ways to the array and to the sensor
 
     @property
     def patterns(self) -> int:

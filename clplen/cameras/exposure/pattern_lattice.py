@@ -37,25 +37,14 @@ PER_RADIAN = 0.35  # of the maximum, that a raw image changes with the aberratio
 
 @dataclass(frozen=True)
 class PatternGrid:
-    """The places of X at which patterns are simulated, about one lenslet.
+    """The places of X at which patterns are simulated, about one lenslet."""
 
-    Attributes
-    ----------
-    height, pitch : float
-        Between rows of lenslets and between neighbours of a row, in metres.
-    kinds : int
-        1, or 2 where every second row is moved by half a pitch.
-    count : int
-        q, along either axis of a cell.
-    spare : float
-        q/(4 f_c p), above 1.
-    """
-
+    # height, pitch: between rows of lenslets and between neighbours of a row, in metres
     height: float
     pitch: float
-    kinds: int
-    count: int
-    spare: float
+    kinds: int  # 1, or 2 where every second row is moved by half a pitch
+    count: int  # q, along either axis of a cell
+    spare: float  # q/(4 f_c p), above 1
 
     @property
     def half_width(self) -> float:
@@ -93,26 +82,16 @@ def pattern_grid(optics: RayOptics) -> PatternGrid:
 
 @dataclass(frozen=True, eq=False)
 class Patch:
-    """The part of a picture that is made of the patterns about one lenslet.
+    """The part of a picture that is made of the patterns about one lenslet."""
 
-    Attributes
-    ----------
-    centre : tuple of float
-        (y, x) of the lenslet in metres.
-    first, count : tuple of int
-        First row and column of the lenslets that carry weight, from this one, and how many; the
-        first row is even.
-    y, x : numpy.ndarray
-        Of the picture's images on the array, from the lenslet, in metres.
-    share : numpy.ndarray
-        How much of each sample of the picture this patch makes; those of all patches add up to 1.
-    """
-
-    centre: tuple[float, float]
+    centre: tuple[float, float]  # (y, x) of the lenslet in metres
+    # first, count: first row and column of the lenslets that carry weight, from this one, and how
+    # many; the first row is even
     first: tuple[int, int]
     count: tuple[int, int]
-    y: Vector
+    y: Vector  # y, x: of the picture's images on the array, from the lenslet, in metres
     x: Vector
+    # how much of each sample of the picture this patch makes; those of all patches add up to 1
     share: Vector
 
     def weights(self, image: Complex, grid: PatternGrid, offset: Vector) -> Complex:

@@ -16,21 +16,11 @@ Values = np.ndarray[Any, np.dtype[np.float64]]
 
 @dataclass(frozen=True)
 class PixelSignals:
-    """What pixels read of the light on them.
+    """What pixels read of the light on them."""
 
-    Attributes
-    ----------
-    pixels : PixelArray
-        With its filters and its crosstalk.
-    filters : int
-        Kinds of pixels that the light is added up for.
-    shape : tuple of int
-        (ny, nx) of the sensor.
-    """
-
-    pixels: PixelArray
-    filters: int
-    shape: tuple[int, int]
+    pixels: PixelArray  # with its filters and its crosstalk
+    filters: int  # kinds of pixels that the light is added up for
+    shape: tuple[int, int]  # (ny, nx) of the sensor
 
     @property
     def is_identity(self) -> bool:

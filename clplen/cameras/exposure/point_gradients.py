@@ -61,18 +61,10 @@ class ExposureGradient(OneLine):
 
 @dataclass(frozen=True, eq=False)
 class PointGradients:
-    """Derivatives by the energies and the places of points.
+    """Derivatives by the energies and the places of points."""
 
-    Attributes
-    ----------
-    energies : numpy.ndarray
-        By the energy of each point behind each filter, shape (filters, n).
-    positions : numpy.ndarray
-        By (x, y, dz), a metre, shape (n, 3).
-    """
-
-    energies: Values
-    positions: Values
+    energies: Values  # by the energy of each point behind each filter, shape (filters, n)
+    positions: Values  # by (x, y, dz), a metre, shape (n, 3)
 
 
 def check_differentiable(optics: WaveOptics) -> None:

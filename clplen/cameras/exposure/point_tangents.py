@@ -29,24 +29,14 @@ Group = Literal["values", "positions", "lenslets", "sensor"]
 
 @dataclass(frozen=True, eq=False)
 class PointTangents:
-    """Images of some points, of energy 1, and their derivatives; float64.
+    """Images of some points, of energy 1, and their derivatives; float64."""
 
-    Attributes
-    ----------
-    which : numpy.ndarray
-        Which points, int64, shape (n,).
-    images : numpy.ndarray
-        Shape (n, ny, nx).
-    positions : numpy.ndarray
-        By (x, y, dz), a metre, shape (3, n, ny, nx), or (0, n, ny, nx) where not asked for.
-    shared : dict of str to numpy.ndarray
-        By what all points have in common, shapes (k, n, ny, nx): of the lenslets as
-        `MicrolensArray.jacobian` and "focal_length"; of the sensor "shift" (k = 1), "tilt" (y, x).
-    """
-
-    which: np.ndarray[Any, Any]
-    images: Values
+    which: np.ndarray[Any, Any]  # which points, int64, shape (n,)
+    images: Values  # shape (n, ny, nx)
+    # by (x, y, dz), a metre, shape (3, n, ny, nx), or (0, n, ny, nx) where not asked for
     positions: Values
+    # by what all points have in common, shapes (k, n, ny, nx): of the lenslets as
+    # `MicrolensArray.jacobian` and "focal_length"; of the sensor "shift" (k = 1), "tilt" (y, x)
     shared: dict[str, Values]
 
 
@@ -76,21 +66,11 @@ def point_tangents(
 
 @dataclass(frozen=True, eq=False)
 class _Pixels:
-    """What pixels see of fields u, and of their changes.
+    """What pixels see of fields u, and of their changes."""
 
-    Attributes
-    ----------
-    u : numpy.ndarray
-        Samples that pixels integrate over, complex, shape (n, ny, nx).
-    active : float
-        As of `pixel_samples`.
-    energy : numpy.ndarray
-        Of each field at the main lens, shape (n,).
-    """
-
-    u: np.ndarray[Any, Any]
-    active: float
-    energy: Values
+    u: np.ndarray[Any, Any]  # samples that pixels integrate over, complex, shape (n, ny, nx)
+    active: float  # as of `pixel_samples`
+    energy: Values  # of each field at the main lens, shape (n,)
 
     @classmethod
     def of(cls, optics: WaveOptics, fields: PointFields) -> _Pixels:

@@ -89,21 +89,11 @@ def rays_of_each(points: int) -> int:
 
 @dataclass(frozen=True, eq=False)
 class Rays:
-    """Rays of some points and where they meet the sensor.
+    """Rays of some points and where they meet the sensor."""
 
-    Attributes
-    ----------
-    which : numpy.ndarray
-        Which points, int64, shape (n,).
-    pixels : numpy.ndarray
-        Of the sensor, row by row, -1 for rays that meet none, int64, shape (n, count).
-    shares : numpy.ndarray
-        Of the point's energy that each carries, shape (n, count).
-    """
-
-    which: Counts
-    pixels: Counts
-    shares: Vector
+    which: Counts  # which points, int64, shape (n,)
+    pixels: Counts  # of the sensor, row by row, -1 for rays that meet none, int64, shape (n, count)
+    shares: Vector  # of the point's energy that each carries, shape (n, count)
 
 
 def point_rays(optics: RayOptics, source: PointSources, count: int) -> Iterator[Rays]:
@@ -131,21 +121,12 @@ def point_rays(optics: RayOptics, source: PointSources, count: int) -> Iterator[
 
 @dataclass(frozen=True)
 class _MainLens:
-    """What the main lens does to rays of points, beside that of a thin lens.
+    """What the main lens does to rays of points, beside that of a thin lens."""
 
-    Attributes
-    ----------
-    slopes : numpy.ndarray or float
-        (y, x) that are added to the rays', shape (n, count, 2) or 0.
-    centre : numpy.ndarray or float
-        Of the pupil on the aperture, (y, x) as fractions of its radius, shape (n, 1, 2) or 0.
-    passed : numpy.ndarray or float
-        Share of the energy of each ray, shape (n, count) or 1.
-    """
-
-    slopes: Any = 0.0
+    slopes: Any = 0.0  # (y, x) that are added to the rays', shape (n, count, 2) or 0
+    # of the pupil on the aperture, (y, x) as fractions of its radius, shape (n, 1, 2) or 0
     centre: Any = 0.0
-    passed: Any = 1.0
+    passed: Any = 1.0  # share of the energy of each ray, shape (n, count) or 1
 
 
 def _main_lens(optics: RayOptics, on_disc: Vector, images: Vector) -> _MainLens:

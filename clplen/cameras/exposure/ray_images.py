@@ -21,19 +21,10 @@ Counts = np.ndarray[Any, np.dtype[np.int64]]
 
 @dataclass(frozen=True, eq=False)
 class RayImages:
-    """Images of points by rays; see `SourceImages`.
+    """Images of points by rays; see `SourceImages`."""
 
-    Attributes
-    ----------
-    which : numpy.ndarray
-        Which points of a scene, int64, shape (n,).
-    matrix : scipy.sparse.csr_matrix
-        float64, shape (n, pixels).
-    device : Device
-    """
-
-    which: Counts
-    matrix: Any
+    which: Counts  # which points of a scene, int64, shape (n,)
+    matrix: Any  # float64, shape (n, pixels)
     device: Device
 
     @property

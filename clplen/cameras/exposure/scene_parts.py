@@ -32,45 +32,25 @@ Maker = Callable[[Any, PointSources], Iterator[SourceImages]]
 
 @dataclass(frozen=True, eq=False)
 class SceneLine:
-    """One wavelength by which some points are exposed.
+    """One wavelength by which some points are exposed."""
 
-    Attributes
-    ----------
-    optics : WaveOptics or Microscope
-        At that wavelength.
-    weights : numpy.ndarray
-        Signal of a unit of energy of each channel behind each filter, shape (channels, filters).
-    """
-
-    optics: Any
+    optics: Any  # at that wavelength
+    # signal of a unit of energy of each channel behind each filter, shape (channels, filters)
     weights: Values
 
 
 @dataclass(frozen=True, eq=False)
 class ScenePart:
-    """A member of a scene.
+    """A member of a scene."""
 
-    Attributes
-    ----------
-    points : PointSources
-        Of it; for pictures those of the samples that send light.
-    places : numpy.ndarray
-        Which of the member's values each point has, before its channels, int64, shape (n,).
-    shape : tuple of int
-        Of the member's values, channels last where there are several.
-    channels : int
-    lines : tuple of SceneLine
-    route : {"points", "local", "rays", "microscope"}
-    maker : callable, optional
-        Of images of the points, of the optics of a line and the points; of a microscope.
-    """
-
-    points: PointSources
+    points: PointSources  # of it; for pictures those of the samples that send light
+    # which of the member's values each point has, before its channels, int64, shape (n,)
     places: Counts
-    shape: tuple[int, ...]
+    shape: tuple[int, ...]  # of the member's values, channels last where there are several
     channels: int
     lines: tuple[SceneLine, ...]
     route: str
+    # of images of the points, of the optics of a line and the points; of a microscope
     maker: Maker | None = None
 
     @classmethod

@@ -23,23 +23,13 @@ MASK_TRANSFORMS = 2  # of the field of a random source
 
 @dataclass(frozen=True)
 class SlidePath:
-    """From a slide to the sensor of a camera, as a system for `Coherence.average`.
-
-    Attributes
-    ----------
-    optics : WaveOptics
-    dz : float
-        Of the slide, in metres from the focused plane.
-    koehler : bool
-        Whether the light converges on the main lens.
-    padding : tuple of int
-        Of the ways to the array and to the sensor; to the lens 1 with ``koehler``, whose light
-        stays in the window, else 2.
-    """
+    """From a slide to the sensor of a camera, as a system for `Coherence.average`."""
 
     optics: WaveOptics
-    dz: float
-    koehler: bool
+    dz: float  # of the slide, in metres from the focused plane
+    koehler: bool  # whether the light converges on the main lens
+    # of the ways to the array and to the sensor; to the lens 1 with ``koehler``, whose light stays
+    # in the window, else 2
     padding: tuple[int, int]
 
     @property

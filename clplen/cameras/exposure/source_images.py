@@ -43,28 +43,14 @@ class SourceImages(Protocol):
 
 @dataclass(frozen=True, eq=False)
 class DeviceImages:
-    """Images on patches of the sensor, on a device; see `SourceImages`.
+    """Images on patches of the sensor, on a device; see `SourceImages`."""
 
-    Attributes
-    ----------
-    which : numpy.ndarray
-        Which points of a scene, int64, shape (n,).
-    data : pyopencl.array.Array
-        Real, shape (n, height, width).
-    gains : numpy.ndarray
-        Factors to the energy 1, shape (n,).
-    places : numpy.ndarray
-        Pixel (y, x) of the sensor that is the first of each image, int64, shape (n, 2).
-    shapes : numpy.ndarray
-        (height, width) of what counts of each image, int64, shape (n, 2).
-    device : Device
-    """
-
-    which: Counts
-    data: cla.Array
-    gains: Values
+    which: Counts  # which points of a scene, int64, shape (n,)
+    data: cla.Array  # real, shape (n, height, width)
+    gains: Values  # factors to the energy 1, shape (n,)
+    # pixel (y, x) of the sensor that is the first of each image, int64, shape (n, 2)
     places: Counts
-    shapes: Counts
+    shapes: Counts  # (height, width) of what counts of each image, int64, shape (n, 2)
     device: Device
 
     @property
@@ -105,23 +91,13 @@ class DeviceImages:
 
 @dataclass(frozen=True, eq=False)
 class PointFields:
-    """Fields of some points on the sensor's samples, and what they came by.
+    """Fields of some points on the sensor's samples, and what they came by."""
 
-    Attributes
-    ----------
-    which : numpy.ndarray
-        Which points, int64, shape (n,).
-    spherical : Field
-        Of the points behind the main lens, without its wavefront.
-    energy : numpy.ndarray
-        Of each field at the main lens, shape (n,).
-    at_array, at_sensor : Field
-        Shape (n, ny, nx): before the field lens and the lenslets (or None), and on the sensor.
-    """
-
-    which: Counts
-    spherical: Field
-    energy: Values
+    which: Counts  # which points, int64, shape (n,)
+    spherical: Field  # of the points behind the main lens, without its wavefront
+    energy: Values  # of each field at the main lens, shape (n,)
+    # at_array, at_sensor: shape (n, ny, nx): before the field lens and the lenslets (or None), and
+    # on the sensor
     at_array: Field | None
     at_sensor: Field
 

@@ -37,18 +37,11 @@ PLACES = 48  # wavelengths between which the twin's images are interpolated
 
 @dataclass(frozen=True)
 class SpectralLine:
-    """One wavelength by which a source is exposed.
+    """One wavelength by which a source is exposed."""
 
-    Attributes
-    ----------
-    wavelength : float
-        In metres.
-    weights : numpy.ndarray
-        Signal of a unit of energy of each channel of the source behind each filter, shape
-        (channels, filters); one filter where there are none. Some may be below 0.
-    """
-
-    wavelength: float
+    wavelength: float  # in metres
+    # signal of a unit of energy of each channel of the source behind each filter, shape (channels,
+    # filters); one filter where there are none. Some may be below 0
     weights: Values
 
 

@@ -27,22 +27,12 @@ SAMPLES = 64  # rays of a pixel and a lenslet
 
 @dataclass(frozen=True, eq=False)
 class SurfaceRays:
-    """Rays of a camera's pixels through a scene of surfaces, ready for the kernel.
-
-    Attributes
-    ----------
-    optics : RayOptics
-    tables : SurfaceTables
-    arguments : tuple
-        Of the kernel `expose` behind the tables.
-    defines : dict
-        Of the kernel.
-    """
+    """Rays of a camera's pixels through a scene of surfaces, ready for the kernel."""
 
     optics: RayOptics
     tables: SurfaceTables
-    arguments: tuple[Any, ...]
-    defines: dict[str, Any]
+    arguments: tuple[Any, ...]  # of the kernel `expose` behind the tables
+    defines: dict[str, Any]  # of the kernel
 
     @classmethod
     def of(cls, optics: RayOptics, scene: SurfaceScene) -> SurfaceRays:

@@ -56,22 +56,13 @@ APART = 2**40  # seeds of the light on two slides of a scene
 
 @dataclass(frozen=True)
 class Light:
-    """The light that a camera exposes by.
+    """The light that a camera exposes by."""
 
-    Attributes
-    ----------
-    coherence : Coherence or None
-        Its spectrum holds for every source, its spatial model for slides; None is the camera's
-        wavelength.
-    koehler : bool
-        Whether the light behind a slide converges on the main lens.
-    averaging : Averaging
-        Of the slides' snapshots.
-    """
-
+    # its spectrum holds for every source, its spatial model for slides; None is the camera's
+    # wavelength
     coherence: Coherence | None
-    koehler: bool
-    averaging: Averaging
+    koehler: bool  # whether the light behind a slide converges on the main lens
+    averaging: Averaging  # of the slides' snapshots
 
     def lines(self, wavelength: float) -> Sequence[tuple[float, float]]:
         """Wavelengths and their shares of the energy."""

@@ -9,7 +9,6 @@ field, view by view.
 from __future__ import annotations
 
 import json
-import math
 from collections.abc import Iterable, Mapping
 from dataclasses import asdict, dataclass, replace
 from functools import lru_cache
@@ -19,7 +18,6 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from clplen import units
-from clplen.cameras.optics.lenslet_camera import Row
 from clplen.cameras.optics.opd_maps import OPDMaps
 from clplen.checks import fits_float64, is_integer
 from clplen.lightfield.model.alpha_law import require_two_plane
@@ -368,44 +366,6 @@ class Aberrations(OneLine):
                 f"The lenslets reach beyond the circle of their Zernike terms, lenslet_circle = "
                 f"{given:.6g} m: use {needed:.6g} m or more."
             )
-
-
-def rows(aberrations: Aberrations, wavelength: float) -> tuple[Row, ...]:
-    """What departs from a camera's design, for its description; nothing where nothing does."""
-    scatter, found = aberrations.scatter, []
-    for name, terms in (("main lens", aberrations.main_lens), ("lenslets", aberrations.lenslets)):
-        rms = math.sqrt(sum(metres**2 for j, metres in terms if j > 1))
-        text = f"rms over the disc, {rms / wavelength:.4g} waves"
-        found.append(Row(f"wavefront of {name}", rms, "m", text))
-    grows = math.hypot(*(g for _, pair in aberrations.main_lens_field for g in pair))
-    per_mm = f"rms over the disc, {grows / wavelength / 1e3:.4g} waves a mm of the image"
-    found.insert(1, Row("its growth over the field", grows, "", per_mm))
-    if aberrations.main_lens_opd is not None:
-        found += _map_rows(aberrations.main_lens_opd, wavelength)
-    found += [
-        Row("scatter of focal length", scatter.focal_length, "", "rms over the lenslets, of f"),
-        Row("scatter of tilt", scatter.tilt, "rad", "rms over the lenslets, each axis"),
-        Row("scatter of position", scatter.position, "m", "rms over the lenslets, each axis"),
-        Row("sensor shift", aberrations.sensor_shift, "m", "away from the array"),
-        Row("sensor tilt", math.hypot(*aberrations.sensor_tilt), "rad", "slope against the array"),
-    ]
-    return tuple(row for row in found if row.value)
-
-
-def _map_rows(maps: OPDMaps, wavelength: float) -> list[Row]:
-    rms, share = maps.rms(wavelength)
-    nearest = rms[np.hypot(*maps.fields.T).argmin()] / wavelength
-    text = f"rms over the pupil of the worst field, {rms.max() / wavelength:.4g} waves"
-    text += f"; nearest to the axis {nearest:.4g}"
-    if maps.pupil_distance is not None and maps.pupil_diameter is not None:
-        text += f"; made at f/{maps.pupil_distance / maps.pupil_diameter:.4g}"
-    moved = maps.steepest(wavelength)[1]
-    lost = 1 - float(share.min())
-    return [
-        Row("wavefront of OPD maps", float(rms.max()), "m", text),
-        Row("distortion of OPD maps", moved, "m", "of the chief ray, at most"),
-        Row("vignetting of OPD maps", lost, "", "share of the light of the worst field"),
-    ]
 
 
 @lru_cache(maxsize=16)

@@ -1,39 +1,34 @@
-"""What every camera with an array of lenslets has: its array's lengths, its sensor, its table."""
+"""Cameras with an array of lenslets: lengths of the array, the sensor, checks of both."""
 
 from __future__ import annotations
 
-import html
 import math
-from abc import abstractmethod
-from dataclasses import dataclass
 from typing import Literal
 
+from clplen import units
 from clplen.cameras.optics.pixel_array import PixelArray
 from clplen.checks import is_finite
 from clplen.compute.device import Device, as_device
 from clplen.errors import SamplingError
 from clplen.lightfield.raw.lenslet_grid import LensletGrid
-from clplen.reprs import OneLine
 from clplen.units import metres
 from clplen.wave.elements.lenslets import SMALLEST_PITCH, MicrolensArray
 from clplen.wave.field.field import Grid
 
 Kind = Literal["standard", "focused", "microscope"]
 
+NARROWEST = 2.0  # wavelengths across a lenslet
+PITCH_TOLERANCE = 1e-6  # relative, between pixels a lenslet and their pitch
+_LENGTHS = {
+    "focal_length": units.CAMERA_FOCAL_LENGTH,
+    "image_distance": units.CAMERA_FOCAL_LENGTH,
+    "aperture_diameter": units.CAMERA_DIAMETER,
+    "tube_lens": units.TUBE_LENS,
+}  # an object may be anywhere, and wavelengths have a check of their own
+
 
 class LensletCamera:
-    """A camera with an array of lenslets before its sensor.
-
-    Attributes
-    ----------
-    mla : MicrolensArray
-    pixels_per_lenslet : float
-    pixel_pitch : float
-        In metres.
-    grid : Grid
-        Of the sensor.
-    device : Device
-    """
+    """A camera with an array of lenslets before its sensor; `Plenoptic1` documents its fields."""
 
     mla: MicrolensArray
     pixels_per_lenslet: float
@@ -121,6 +116,16 @@ def views(camera: LensletCamera) -> int:
     return max(1, round(camera.pixels_per_lenslet))
 
 
+def independent_views(
+    diameter: float, focal_length: float, wavelength: float, pixels: float
+) -> float:
+    """Views across that diffraction by a lenslet leaves independent, at most its pixels.
+
+    d^2/(lam f_mu), the width of a sub-image d over that of a spot of diffraction, lam f_mu/d.
+    """
+    return min(pixels, diameter**2 / (wavelength * focal_length))
+
+
 def lenslet_grid(camera: LensletCamera, magnification: float) -> LensletGrid:
     """Centres of the lenslets, projected by ``magnification`` from the axis, in pixels."""
     mla, n = camera.mla, views(camera)
@@ -144,84 +149,45 @@ def lenslet_grid(camera: LensletCamera, magnification: float) -> LensletGrid:
     )
 
 
-@dataclass(frozen=True)
-class Row:
-    """One derived parameter: its name, value in SI units, unit and what it means."""
-
-    name: str
-    value: float
-    unit: str
-    text: str
-
-
-@dataclass(frozen=True, repr=False)
-class Description(OneLine):
-    """Derived parameters of a camera; prints as a table.
-
-    Attributes
-    ----------
-    title : str
-        Kind of the camera.
-    rows : tuple of Row
-        One for each parameter: its name, value in SI units, unit and what it means.
-
-    Examples
-    --------
-    >>> camera = clplen.PlenopticCamera.type1(
-    ...     focal_length=0.12, mla=clplen.MicrolensArray(150e-6, 10e-3, count=5),
-    ...     wavelength=532e-9, pixels_per_lenslet=15)
-    >>> print(camera.describe())
-    Plenoptic 1.0 camera
-      focal length                 120 mm    main lens
-      object distance              240 mm    focused plane to main lens
-    ...
-    >>> camera.describe()["views"]
-    15
-    """
-
-    title: str
-    rows: tuple[Row, ...]
-
-    def __getitem__(self, name: str) -> float:
-        """Value of a parameter in SI units."""
-        for row in self.rows:
-            if row.name == name:
-                return row.value
-        raise KeyError(f"no parameter {name!r}; there are {', '.join(r.name for r in self.rows)}")
-
-    def __str__(self) -> str:
-        width = max(len(row.name) for row in self.rows)
-        lines = [self.title]
-        for row in self.rows:
-            value, unit = _readable(row.value, row.unit)
-            lines.append(f"  {row.name:<{width}}  {value:>10} {unit:<4}  {row.text}".rstrip())
-        return "\n".join(lines)
-
-    def _repr_html_(self) -> str:
-        """The table as a notebook shows it."""
-        rows = [(row.name, *_readable(row.value, row.unit), row.text) for row in self.rows]
-        cells = "".join(
-            f"<tr>{''.join(f'<td>{html.escape(text)}</td>' for text in row)}</tr>" for row in rows
+def check_lenslets(mla: MicrolensArray, wavelength: float) -> None:
+    """Refuse what is no array, or one whose lenslets are too narrow for the wavelength."""
+    if not isinstance(mla, MicrolensArray):
+        raise TypeError(f"mla is a MicrolensArray, not {mla!r}.")
+    width = mla.pitch if mla.gap == "clear" else mla.diameter
+    if width < NARROWEST * wavelength:
+        raise ValueError(
+            f"Lenslets of {width:g} m are no lenses for a wavelength of {wavelength:g} m: "
+            f"lengths are in metres; wavelengths below {width / NARROWEST:g} m would do."
         )
-        return f"<table><caption>{html.escape(self.title)}</caption>{cells}</table>"
 
 
-class Described:
-    """Base of cameras that tell their derived parameters, in a notebook as a table."""
+def lenslet_pixels(mla: MicrolensArray, given: float | None, pixels: PixelArray | None) -> float:
+    """Pixels a lenslet, from their number or their pitch."""
+    if pixels is not None and not isinstance(pixels, PixelArray):
+        raise TypeError(f"pixels is a PixelArray, as PixelArray(), not {pixels!r}.")
+    pitch = None if pixels is None else pixels.pitch
+    if given is None and pitch is None:
+        raise ValueError(
+            "The pixels have no size: give pixels_per_lenslet, or pixels=PixelArray(pitch=...)."
+        )
+    if given is not None and not (is_finite(given) and given > 0):
+        raise SamplingError(f"pixels_per_lenslet is a number, at least 2, not {given!r}.")
+    if pitch is None:
+        assert given is not None
+        return given
+    across = mla.pitch / pitch
+    if given is not None and abs(given - across) > PITCH_TOLERANCE * across:
+        raise ValueError(
+            f"pixels_per_lenslet = {given!r} contradicts the pixels' pitch of {pitch:g} m, of "
+            f"which a lenslet of {mla.pitch:g} m has {across:.6g}: give one of the two."
+        )
+    return across
 
-    @abstractmethod
-    def describe(self) -> Description:
-        """Derived parameters; see `Description`."""
 
-    def _repr_html_(self) -> str:
-        return self.describe()._repr_html_()
-
-
-def _readable(value: float, unit: str) -> tuple[str, str]:
-    """Metres as m, mm, um or nm; anything else as it is."""
-    if unit != "m" or value == 0:
-        return f"{value:.6g}", unit
-    for factor, name in ((1.0, "m"), (1e-3, "mm"), (1e-6, "um")):
-        if abs(value) >= factor:
-            return f"{value / factor:.6g}", name
-    return f"{value * 1e9:.6g}", "nm"
+def require_lengths(**given: float | None) -> None:
+    """Refuse lengths that are not positive and finite, or no metres; None is left out."""
+    for name, value in given.items():
+        if value is not None and not (is_finite(value) and value > 0):
+            raise ValueError(f"{name} is positive, in metres, not {value!r}.")
+        if value is not None and name in _LENGTHS:
+            _LENGTHS[name].check(value, name)

@@ -44,33 +44,15 @@ PATH_REACH = 1.25  # of that table, in radii of the pupil, as in the kernel
 
 @dataclass(frozen=True)
 class WindowShape:
-    """Sizes that windows computed together share.
+    """Sizes that windows computed together share."""
 
-    Attributes
-    ----------
-    finer : int
-        Samples a pixel along each axis.
-    pitch : float
-        Of the samples in metres: that of the pixels over ``finer``.
-    samples : int
-        Of the window along each axis, even.
-    period : int
-        Samples after which the integral over the pupil repeats itself.
-    pupil : int
-        Samples of direction across the pupil.
-    guard : int
-        Samples at the rim of the window that light from beyond it may reach.
-    rim : tuple of float or None
-        Of the lenslets, as in `MicrolensArray.transmission`.
-    """
-
-    finer: int
-    pitch: float
-    samples: int
-    period: int
-    pupil: int
-    guard: int
-    rim: tuple[float, float] | None
+    finer: int  # samples a pixel along each axis
+    pitch: float  # of the samples in metres: that of the pixels over ``finer``
+    samples: int  # of the window along each axis, even
+    period: int  # samples after which the integral over the pupil repeats itself
+    pupil: int  # samples of direction across the pupil
+    guard: int  # samples at the rim of the window that light from beyond it may reach
+    rim: tuple[float, float] | None  # of the lenslets, as in `MicrolensArray.transmission`
 
     @property
     def sizes(self) -> tuple[float, ...]:
@@ -166,20 +148,11 @@ class SensorOptics(Protocol):
 
 @dataclass(frozen=True, eq=False)
 class Region:
-    """The transmission of a part of the array, in which windows of one shape lie.
-
-    Attributes
-    ----------
-    shape : WindowShape
-    first : numpy.ndarray
-        Its first sample (y, x), counted as `Windows.centres`, int64.
-    transmission : pyopencl.array.Array
-        Complex, shape (ny, nx).
-    """
+    """The transmission of a part of the array, in which windows of one shape lie."""
 
     shape: WindowShape
-    first: Counts
-    transmission: cla.Array
+    first: Counts  # its first sample (y, x), counted as `Windows.centres`, int64
+    transmission: cla.Array  # complex, shape (ny, nx)
 
     @classmethod
     def of(cls, optics: SensorOptics, shape: WindowShape, centres: Counts) -> Region:
@@ -204,34 +177,20 @@ def bounds(centres: Counts, samples: int) -> tuple[Counts, Counts]:
 
 @dataclass(frozen=True, eq=False)
 class Windows:
-    """Windows of several points, of one shape, from the array to the sensor.
-
-    Attributes
-    ----------
-    optics : SensorOptics
-    shape : WindowShape
-    numbers : numpy.ndarray
-        Of each point for the kernels, shape (n, NUMBERS).
-    centres : numpy.ndarray
-        (y, x) of the windows' middle samples on the array, counted in samples from the middle pixel
-        of the sensor, int64, shape (n, 2).
-    carriers : numpy.ndarray
-        Direction cosines (y, x) behind the array of a chief ray, shape (n, 2).
-    off_band : numpy.ndarray
-        Bins (y, x) from the middle of each window's band to its carrier, shape (n, 2).
-    shifts : numpy.ndarray
-        By how many samples (y, x) the windows on the sensor lie farther out, int64, shape (n, 2).
-    energy : numpy.ndarray
-        Of each point's field in an infinite window, sum of abs(U)^2 over samples, shape (n,).
-    """
+    """Windows of several points, of one shape, from the array to the sensor."""
 
     optics: SensorOptics
     shape: WindowShape
-    numbers: Values
+    numbers: Values  # of each point for the kernels, shape (n, NUMBERS)
+    # (y, x) of the windows' middle samples on the array, counted in samples from the middle pixel
+    # of the sensor, int64, shape (n, 2)
     centres: np.ndarray[Any, np.dtype[np.int64]]
-    carriers: Values
+    carriers: Values  # direction cosines (y, x) behind the array of a chief ray, shape (n, 2)
+    # bins (y, x) from the middle of each window's band to its carrier, shape (n, 2)
     off_band: Values
+    # by how many samples (y, x) the windows on the sensor lie farther out, int64, shape (n, 2)
     shifts: np.ndarray[Any, np.dtype[np.int64]]
+    # of each point's field in an infinite window, sum of abs(U)^2 over samples, shape (n,)
     energy: Values
 
     @abstractmethod
@@ -306,22 +265,11 @@ class Windows:
 
 @dataclass(frozen=True, eq=False)
 class LocalWindows(Windows):
-    """Windows of points before a main lens.
-
-    Attributes
-    ----------
-    optics : WaveOptics
-    positions : numpy.ndarray
-        (x, y, dz) of the points in metres, shape (n, 3).
-    diameter : float
-        Of each of them, in metres.
-    others
-        Those of `Windows`.
-    """
+    """Windows of points before a main lens."""
 
     optics: WaveOptics
-    positions: Values
-    diameter: float
+    positions: Values  # (x, y, dz) of the points in metres, shape (n, 3)
+    diameter: float  # of each of them, in metres
 
     @classmethod
     def of(

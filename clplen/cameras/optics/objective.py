@@ -14,6 +14,7 @@ is the cos^(1/2) sin of a lens that obeys the sine condition. z > 0 lies farther
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -24,7 +25,9 @@ from clplen.cameras.optics.pupil_aberration import PupilAberration
 from clplen.cameras.scenes.scene_sources import PointSources
 from clplen.checks import check_finite, check_positive, is_finite, real_array
 from clplen.compute.device import DeviceLike, as_device
+from clplen.wave.coherence.coherence import Coherence
 from clplen.wave.field.field import Field, Grid
+from clplen.wave.field.intensity import average_of
 from clplen.wave.field.transmission import phasor
 
 Vector = np.ndarray[Any, Any]
@@ -32,6 +35,7 @@ Vector = np.ndarray[Any, Any]
 APODISATION = 0.5
 THICKEST = 0.01  # metres of a cover glass
 RAYS = 257  # among which the outermost on the array is sought
+DEEPEST = 0.1  # metres; no objective has an image from farther away
 
 
 @dataclass(frozen=True)
@@ -369,3 +373,68 @@ def _disc(v: Vector) -> Vector:
 
     safe = np.where(v > 0, v, 1.0)
     return np.where(v > 0, 2 * special.j1(safe) / safe, 1.0)
+
+
+def check_objective(
+    magnification: Any, na: Any, index: Any, apodisation: Any, cover: CoverGlass | None
+) -> None:
+    """Refuse an objective that cannot be."""
+    if not (is_finite(magnification) and magnification >= 1):
+        raise ValueError(f"The magnification is a finite number from 1 on, not {magnification!r}.")
+    if not (is_finite(index) and index >= 1):
+        raise ValueError(f"medium_index is a finite number from 1 (air) on, not {index!r}.")
+    if not (is_finite(na) and 0 < na < index):
+        raise ValueError(
+            f"NA = n sin(theta) lies between 0 and the index of the medium, {index!r}, not at "
+            f"{na!r}: give medium_index (water 1.33, oil 1.52) or another NA."
+        )
+    if not (is_finite(apodisation) and -1 <= apodisation <= 1):
+        raise ValueError(
+            f"apodisation is the power of cos(theta) over the pupil, from -1 to 1, not "
+            f"{apodisation!r}."
+        )
+    if cover is not None and not isinstance(cover, CoverGlass):
+        raise TypeError(f"cover is a CoverGlass, as CoverGlass(150e-6), not {cover!r}.")
+    if cover is not None and na >= min(cover.index, cover.designed_index):
+        raise ValueError(
+            f"NA {na!r} does not pass a cover glass of index "
+            f"{min(cover.index, cover.designed_index)!r}."
+        )
+
+
+def check_positions(places: Any) -> None:
+    """Refuse places about the native plane that are no metres, or of no microscope."""
+    values = real_array(places, "places", np.float64)
+    beyond = values[np.abs(values) > DEEPEST]
+    if beyond.size:
+        raise ValueError(
+            f"A place {beyond[0]:g} m from the native plane or the axis is beyond every objective: "
+            f"places are in metres, did you mean {beyond[0]:g}e-6?"
+        )
+
+
+def fluorescent_points(scene: Any, projector: str) -> list[PointSources]:
+    """The points of a scene before an objective; ``projector`` is named for volumes."""
+    parts = [scene] if isinstance(scene, PointSources) else list(scene)
+    if not parts or not all(isinstance(part, PointSources) for part in parts):
+        kinds = ", ".join(sorted({type(part).__name__ for part in parts})) or "nothing"
+        raise TypeError(
+            f"A microscope exposes PointSources or a list of them, not {kinds}: give points, or "
+            f"project a volume ({projector})."
+        )
+    return parts
+
+
+def fluorescent_lines(
+    coherence: Coherence | None, wavelength: float
+) -> Sequence[tuple[float, float]]:
+    """Wavelengths of fluorescence and their shares of the energy."""
+    if coherence is None:
+        return [(wavelength, 1.0)]
+    average_of(coherence)
+    if coherence.spatial is not None:
+        raise ValueError(
+            "Fluorescent points are incoherent already: leave the spatial model out, "
+            "Coherence(None, spectrum)."
+        )
+    return coherence.lines(wavelength)

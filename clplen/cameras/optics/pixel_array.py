@@ -239,27 +239,14 @@ def _weights(width: float) -> Values:
 
 @dataclass(frozen=True)
 class PixelSums:
-    """Where the pixels of a patch lie among samples of the field, and where on the sensor.
+    """Where the pixels of a patch lie among samples of the field, and where on the sensor."""
 
-    Attributes
-    ----------
-    first : tuple of int
-        Sample (y, x) in the middle of the patch's first pixel.
-    step : int
-        Samples from pixel to pixel.
-    width : float
-        Of the active square in samples; 0 takes the sample in the middle for the whole pixel.
-    place : tuple of int
-        Pixel (y, x) of the sensor that is the patch's first.
-    shape : tuple of int
-        Pixels (y, x) of the patch.
-    """
-
-    first: tuple[int, int]
-    step: int
+    first: tuple[int, int]  # sample (y, x) in the middle of the patch's first pixel
+    step: int  # samples from pixel to pixel
+    # of the active square in samples; 0 takes the sample in the middle for the whole pixel
     width: float
-    place: tuple[int, int]
-    shape: tuple[int, int]
+    place: tuple[int, int]  # pixel (y, x) of the sensor that is the patch's first
+    shape: tuple[int, int]  # pixels (y, x) of the patch
 
     def put(
         self, total: cla.Array, fields: cla.Array, number: int, gain: Any, device: Device

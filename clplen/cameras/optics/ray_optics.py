@@ -41,31 +41,7 @@ Positions = np.ndarray[Any, np.dtype[np.float64]]
 
 @dataclass(frozen=True, repr=False)
 class RayOptics(LensletCamera, ABC):
-    """A plenoptic camera as lengths and rays.
-
-    Attributes
-    ----------
-    focal_length, object_distance, image_distance, aperture_diameter : float
-        Main lens: f, lens to focused object plane, F (lens to that plane's image), D; in metres.
-    mla : MicrolensArray
-    wavelength : float
-        In metres.
-    pixels_per_lenslet : float
-    pixel_pitch : float
-        In metres.
-    grid : Grid
-        Of the sensor, and of every plane of the simulation.
-    field_lens : bool
-        Whether a lens of focal length z2 lies at the array (exit pupil at infinity).
-    device : Device
-    aberrations : Aberrations
-        What departs from this design; `Plenoptic.with_aberrations` sets it.
-    lens_model : {"thin", "corrected"}
-        The main lens: a quadratic phase, or a lens that images every point without aberrations and
-        obeys the sine condition.
-    pixels : PixelArray or None
-        None: each pixel takes the intensity in its middle.
-    """
+    """A plenoptic camera as lengths and rays; `Plenoptic1` documents its fields."""
 
     focal_length: float
     object_distance: float
@@ -136,7 +112,7 @@ class RayOptics(LensletCamera, ABC):
         return self.alpha(dz) * (self.array_distance / self.image_distance)
 
     def image_of(self, positions: Any) -> np.ndarray[Any, Any]:
-        """Where points are imaged on the plane F, (x, y) = -(x, y) F/(object distance + dz).
+        """Where points are imaged on the plane F, along their chief rays.
 
         Parameters
         ----------
@@ -146,23 +122,12 @@ class RayOptics(LensletCamera, ABC):
         Returns
         -------
         numpy.ndarray
-            Shape (n, 2), metres. Along the chief ray, where a point is not focused there.
+            (x, y) = -(x, y) F/(object distance + dz) in metres, shape (n, 2).
         """
         return self.on_array(positions) * (self.image_distance / self.array_distance)
 
     def on_array(self, positions: Any) -> np.ndarray[Any, Any]:
-        """Where chief rays of points meet the array, X = -(x, y) z2/(object distance + dz).
-
-        Parameters
-        ----------
-        positions : array_like
-            (x, y, dz) in metres, shape (n, 3).
-
-        Returns
-        -------
-        numpy.ndarray
-            Shape (n, 2), metres.
-        """
+        """Where chief rays of points meet the array, as `image_of` with z2 in place of F."""
         places = np.atleast_2d(real_array(positions, "positions", np.float64))
         return np.asarray(places[:, :2] * self.array_scale(places[:, 2])[:, None])
 
@@ -258,20 +223,10 @@ class RayOptics(LensletCamera, ABC):
 
 @dataclass(frozen=True, repr=False)
 class FixedOptics(RayOptics):
-    """A plenoptic camera as lengths and rays, with its two distances as plain numbers.
+    """A plenoptic camera as lengths and rays, with its two distances as plain numbers."""
 
-    Attributes
-    ----------
-    z2 : float
-        In metres, from the main lens to the array.
-    z3 : float
-        In metres, from the array to the sensor, where it is.
-    others
-        Those of `RayOptics`.
-    """
-
-    z2: float
-    z3: float
+    z2: float  # in metres, from the main lens to the array
+    z3: float  # in metres, from the array to the sensor, where it is
 
     @property
     def array_distance(self) -> float:

@@ -33,17 +33,10 @@ LEAST = 0.1  # W/2 times the reach of the planes, where the sensor is hardly til
 
 @dataclass(frozen=True, eq=False)
 class SensorPlanes:
-    """Planes between which the field of a tilted sensor is interpolated.
+    """Planes between which the field of a tilted sensor is interpolated."""
 
-    Attributes
-    ----------
-    distances : tuple of float
-        From the array, in metres.
-    weights, slopes : tuple of pyopencl.array.Array
-        c_j and dc_j/ds (a metre) of the pixels, complex, shape (ny, nx) each.
-    """
-
-    distances: tuple[float, ...]
+    distances: tuple[float, ...]  # from the array, in metres
+    # weights, slopes: c_j and dc_j/ds (a metre) of the pixels, complex, shape (ny, nx) each
     weights: tuple[cla.Array, ...]
     slopes: tuple[cla.Array, ...]
 

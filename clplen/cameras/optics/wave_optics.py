@@ -140,35 +140,12 @@ class WaveOptics(FixedOptics):
 
     Attributes
     ----------
-    focal_length, object_distance, image_distance, aperture_diameter : float
-        Main lens: f, lens to focused object plane, F (lens to that plane's image), D; in metres.
-    mla : MicrolensArray
-        The lenslets: pitch, focal lengths, count, lattice, fill, offset and rotation.
-    wavelength : float
-        In metres.
-    pixels_per_lenslet : float
-        Lenslet pitch over pixel pitch; may be fractional.
-    pixel_pitch : float
-        In metres.
-    grid : Grid
-        Of the sensor, and of every plane of the simulation.
-    field_lens : bool
-        Whether a lens of focal length z2 lies at the array (exit pupil at infinity).
-    device : Device
-        Where the simulation runs.
-    z2 : float
-        In metres, from the main lens to the array.
-    z3 : float
-        In metres, from the array to the sensor, where it is.
-    aberrations : Aberrations
-        What departs from this design; `Plenoptic1.with_aberrations` sets it.
-    lens_model : {"thin", "corrected"}
-        The main lens: a quadratic phase, or a lens that images every point without aberrations and
-        obeys the sine condition.
-    pixels : PixelArray or None
-        None: each pixel takes the intensity in its middle.
+    z2, z3 : float
+        In metres, from the main lens to the array, and from there to the sensor, where it is.
     occluders : tuple of Occluder
         Screens before the camera, which windows of single points know.
+    others
+        Those of `Plenoptic1`.
 
     Examples
     --------

@@ -59,19 +59,10 @@ class SampleScene(OneLine):
 
 @dataclass(frozen=True, eq=False)
 class Studio:
-    """What the makers of scenes draw from.
-
-    Attributes
-    ----------
-    random : numpy.random.Generator
-    shape : tuple of int
-        (ny, nx) of a view.
-    pictures : sequence of numpy.ndarray
-    colour : bool
-    """
+    """What the makers of scenes draw from."""
 
     random: Random
-    shape: tuple[int, int]
+    shape: tuple[int, int]  # (ny, nx) of a view
     pictures: Sequence[Any]
     colour: bool
 

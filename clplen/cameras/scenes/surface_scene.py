@@ -173,19 +173,11 @@ class SurfaceScene(OneLine):
 
 @dataclass(frozen=True, eq=False)
 class SurfaceTables:
-    """A scene as its kernels read it.
-
-    Attributes
-    ----------
-    scene : SurfaceScene
-    device : Device
-    shape, which, edges, spots, texels : pyopencl.array.Array
-        See kernels/cameras/surfaces.cl.
-    """
+    """A scene as its kernels read it."""
 
     scene: SurfaceScene
     device: Device
-    shape: cla.Array
+    shape: cla.Array  # shape, which, edges, spots, texels: see kernels/surfaces.cl
     which: cla.Array
     edges: cla.Array
     spots: cla.Array

@@ -28,8 +28,8 @@ from clplen.cli.shared.console import (
 )
 
 if TYPE_CHECKING:
+    from clplen.cameras.description import Description
     from clplen.cameras.light_field_microscope import Microscope
-    from clplen.cameras.optics.lenslet_camera import Description
     from clplen.compute.device import Device
     from clplen.config.fourier_microscope import FourierFile
     from clplen.config.microscope import MicroscopeFile

@@ -49,7 +49,7 @@ def focus_ratio(camera: Any, z: float) -> float:
 
     Parameters
     ----------
-    camera : MicroscopeOptics
+    camera : Microscope
         Its NA, index, apodisation, magnification and lenslet pitch count, its cover glass does not.
     z : float
         In metres from the native plane; the sign does not matter.
@@ -90,7 +90,7 @@ def focus_ratio_of_disparity(camera: Any, disparity: float) -> float:
 
     Parameters
     ----------
-    camera : MicroscopeOptics
+    camera : Microscope
         As for `focus_ratio`.
     disparity : float
         In pixels a view step.

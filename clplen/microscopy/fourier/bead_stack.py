@@ -14,8 +14,7 @@ from typing import Any
 import numpy as np
 from scipy import ndimage
 
-from clplen.cameras.fourier.fourier_microscope import FourierMicroscope
-from clplen.cameras.fourier.fourier_optics import LIT, WHOLE
+from clplen.cameras.fourier_microscope import LIT, WHOLE, FourierMicroscope
 from clplen.checks import is_finite, real_array
 from clplen.errors import SamplingWarning, ShapeError, warn_caller
 from clplen.microscopy.fourier.fourier_images import FourierPointImages

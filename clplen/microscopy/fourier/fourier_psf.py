@@ -20,9 +20,8 @@ from typing import Any
 import numpy as np
 from numpy.polynomial.legendre import leggauss
 
-from clplen.cameras.fourier.fourier_microscope import FourierMicroscope
-from clplen.cameras.fourier.fourier_optics import LIT
-from clplen.cameras.optics.microscope_optics import check_positions
+from clplen.cameras.fourier_microscope import LIT, FourierMicroscope
+from clplen.cameras.optics.objective import check_positions
 from clplen.checks import is_finite, positive_integer, real_array, require
 from clplen.compute.memory import free_memory
 from clplen.errors import SamplingError

@@ -17,7 +17,7 @@ from typing import Any, Literal
 import numpy as np
 
 from clplen.cameras.light_field_microscope import Microscope
-from clplen.cameras.optics.microscope_optics import check_positions
+from clplen.cameras.optics.objective import check_positions
 from clplen.cameras.scenes.scene_sources import PointSources
 from clplen.checks import is_finite, positive_integer, real_array, require
 from clplen.compute.fft.lines import smooth_length

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from clplen.cameras.light_field_microscope import Microscope
-from clplen.cameras.optics.microscope_optics import check_positions
+from clplen.cameras.optics.objective import check_positions
 from clplen.cameras.optics.pupil_aberration import PupilAberration
 from clplen.checks import (
     check_keywords,

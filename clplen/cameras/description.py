@@ -1,0 +1,209 @@
+"""Tables of a camera's derived parameters."""
+
+from __future__ import annotations
+
+import html
+import math
+from abc import abstractmethod
+from dataclasses import dataclass
+
+import numpy as np
+
+from clplen.cameras.optics.camera_aberrations import Aberrations
+from clplen.cameras.optics.local_window import window_shape
+from clplen.cameras.optics.opd_maps import OPDMaps
+from clplen.cameras.optics.ray_optics import thin_spherical
+from clplen.cameras.optics.wave_optics import WaveOptics
+from clplen.reprs import OneLine
+
+
+@dataclass(frozen=True)
+class Row:
+    """One derived parameter: its name, value in SI units, unit and what it means."""
+
+    name: str
+    value: float
+    unit: str
+    text: str
+
+
+@dataclass(frozen=True, repr=False)
+class Description(OneLine):
+    """Derived parameters of a camera; prints as a table.
+
+    Attributes
+    ----------
+    title : str
+        Kind of the camera.
+    rows : tuple of Row
+        One for each parameter: its name, value in SI units, unit and what it means.
+
+    Examples
+    --------
+    >>> camera = clplen.PlenopticCamera.type1(
+    ...     focal_length=0.12, mla=clplen.MicrolensArray(150e-6, 10e-3, count=5),
+    ...     wavelength=532e-9, pixels_per_lenslet=15)
+    >>> print(camera.describe())
+    Plenoptic 1.0 camera
+      focal length                 120 mm    main lens
+      object distance              240 mm    focused plane to main lens
+    ...
+    >>> camera.describe()["views"]
+    15
+    """
+
+    title: str
+    rows: tuple[Row, ...]
+
+    def __getitem__(self, name: str) -> float:
+        """Value of a parameter in SI units."""
+        for row in self.rows:
+            if row.name == name:
+                return row.value
+        raise KeyError(f"no parameter {name!r}; there are {', '.join(r.name for r in self.rows)}")
+
+    def __str__(self) -> str:
+        width = max(len(row.name) for row in self.rows)
+        lines = [self.title]
+        for row in self.rows:
+            value, unit = _readable(row.value, row.unit)
+            lines.append(f"  {row.name:<{width}}  {value:>10} {unit:<4}  {row.text}".rstrip())
+        return "\n".join(lines)
+
+    def _repr_html_(self) -> str:
+        """The table as a notebook shows it."""
+        rows = [(row.name, *_readable(row.value, row.unit), row.text) for row in self.rows]
+        cells = "".join(
+            f"<tr>{''.join(f'<td>{html.escape(text)}</td>' for text in row)}</tr>" for row in rows
+        )
+        return f"<table><caption>{html.escape(self.title)}</caption>{cells}</table>"
+
+
+class Described:
+    """A camera that describes itself, in a notebook as a table."""
+
+    @abstractmethod
+    def describe(self) -> Description:
+        """Derived parameters; see `Description`."""
+
+    def _repr_html_(self) -> str:
+        return self.describe()._repr_html_()
+
+
+def _readable(value: float, unit: str) -> tuple[str, str]:
+    """Metres as m, mm, um or nm; anything else as it is."""
+    if unit != "m" or value == 0:
+        return f"{value:.6g}", unit
+    for factor, name in ((1.0, "m"), (1e-3, "mm"), (1e-6, "um")):
+        if abs(value) >= factor:
+            return f"{value / factor:.6g}", name
+    return f"{value * 1e9:.6g}", "nm"
+
+
+def optics_rows(optics: WaveOptics) -> tuple[Row, ...]:
+    """Return the rows of main lens, pixels, the window of a point in focus, and aberrations."""
+    bent = aberration_rows(optics.aberrations, optics.wavelength)
+    return (_main_lens(optics), *_pixels(optics), *_exposure(optics), *bent)
+
+
+def _main_lens(optics: WaveOptics) -> Row:
+    own = thin_spherical(optics.aperture_diameter, optics.object_distance, optics.image_distance)
+    words = {
+        "thin": "lens_model 'thin': it is in the wave",
+        "corrected": "lens_model 'corrected': taken out, and the sine condition holds",
+    }
+    text = f"at the rim of a thin lens, {own / optics.wavelength:.3g} waves; "
+    return Row("spherical aberration", own, "m", text + words[optics.lens_model])
+
+
+def _pixels(optics: WaveOptics) -> tuple[Row, ...]:
+    pixels = optics.pixels
+    if pixels is None:
+        return (Row("active share", 0.0, "", "a pixel takes the intensity in its middle"),)
+    found = [
+        Row(
+            "active share",
+            pixels.fill_factor,
+            "",
+            "of a pixel's area, on which it adds up the light"
+            if pixels.fill_factor
+            else "a pixel takes the intensity in its middle",
+        )
+    ]
+    down, right = pixels.offset
+    beside = (
+        Row("sensor offset y", down, "m", "of its middle from the axis"),
+        Row("sensor offset x", right, "m", "of its middle from the axis"),
+        Row("sensor rotation", pixels.rotation, "rad", "of its rows against the lenslets"),
+    )
+    found += [row for row in beside if row.value]
+    if pixels.crosstalk is not None:
+        kernel = np.asarray(pixels.crosstalk)
+        own = float(kernel[kernel.shape[0] // 2, kernel.shape[1] // 2])
+        found.append(Row("pixel crosstalk", 1 - own, "", "of a pixel's light it does not read"))
+    return tuple(found)
+
+
+def _exposure(optics: WaveOptics) -> tuple[Row, ...]:
+    """The window of a point in focus on the axis: which, why, and what light it leaves out.
+
+    Of an Airy pattern 2/(pi v) of the light lies beyond rho, v = pi D rho/(lam z2):
+    J0^2(v) + J1^2(v) far out (Born and Wolf 1999, section 8.5.2).
+    """
+    if optics.pixels is None:
+        many, shape, pitch = 1, optics.grid.shape, optics.pixel_pitch
+        reach = min(optics.grid.extent) / 2
+        why = "one field as large as the sensor ('points'): the pixels sample the light's waves"
+    else:
+        window = window_shape(optics, np.zeros(3))
+        many, shape, pitch = window.finer, (window.samples, window.samples), window.pitch
+        reach = (window.samples / 2 - window.guard) * pitch
+        why = "a window of its own for each point ('local'): the pixels integrate"
+        if not optics.samples(np.zeros((1, 3))):
+            why += " and do not sample the light"
+    v = math.pi * optics.aperture_diameter * reach / (optics.wavelength * optics.array_distance)
+    size = f"of a point in focus, {shape[0]} x {shape[1]} samples"
+    return (
+        Row("samples a pixel", many, "", f"along each axis; {why}"),
+        Row("window", max(shape) * pitch, "m", size),
+        Row("light beyond it", 2 / (math.pi * v), "", "its share, 2/(pi v)"),
+    )
+
+
+def aberration_rows(aberrations: Aberrations, wavelength: float) -> tuple[Row, ...]:
+    """Return the rows of what departs from a camera's design."""
+    scatter = aberrations.scatter
+    found = []
+    for name, terms in (("main lens", aberrations.main_lens), ("lenslets", aberrations.lenslets)):
+        rms = math.sqrt(sum(metres**2 for j, metres in terms if j > 1))
+        text = f"rms over the disc, {rms / wavelength:.4g} waves"
+        found.append(Row(f"wavefront of {name}", rms, "m", text))
+    grows = math.hypot(*(g for _, pair in aberrations.main_lens_field for g in pair))
+    per_mm = f"rms over the disc, {grows / wavelength / 1e3:.4g} waves a mm of the image"
+    found.insert(1, Row("its growth over the field", grows, "", per_mm))
+    if aberrations.main_lens_opd is not None:
+        found += _map_rows(aberrations.main_lens_opd, wavelength)
+    found += [
+        Row("scatter of focal length", scatter.focal_length, "", "rms over the lenslets, of f"),
+        Row("scatter of tilt", scatter.tilt, "rad", "rms over the lenslets, each axis"),
+        Row("scatter of position", scatter.position, "m", "rms over the lenslets, each axis"),
+        Row("sensor shift", aberrations.sensor_shift, "m", "away from the array"),
+        Row("sensor tilt", math.hypot(*aberrations.sensor_tilt), "rad", "slope against the array"),
+    ]
+    return tuple(row for row in found if row.value)
+
+
+def _map_rows(maps: OPDMaps, wavelength: float) -> list[Row]:
+    rms, share = maps.rms(wavelength)
+    nearest = rms[np.hypot(*maps.fields.T).argmin()] / wavelength
+    text = f"rms over the pupil of the worst field, {rms.max() / wavelength:.4g} waves"
+    text += f"; nearest to the axis {nearest:.4g}"
+    if maps.pupil_distance is not None and maps.pupil_diameter is not None:
+        text += f"; made at f/{maps.pupil_distance / maps.pupil_diameter:.4g}"
+    moved = maps.steepest(wavelength)[1]
+    lost = 1 - float(share.min())
+    return [
+        Row("wavefront of OPD maps", float(rms.max()), "m", text),
+        Row("distortion of OPD maps", moved, "m", "of the chief ray, at most"),
+        Row("vignetting of OPD maps", lost, "", "share of the light of the worst field"),
+    ]
