@@ -41,7 +41,6 @@ from clplen.cameras.scenes.scene_sources import (
 from clplen.cameras.scenes.surface_scene import SurfaceScene
 from clplen.compute.device import Device
 from clplen.errors import SamplingWarning, warn_caller
-from clplen.files import PathLike
 from clplen.lightfield.raw.raw_image import RawImage, Sensor
 from clplen.wave.coherence.averaging import Averaging, Checkpoint, Progress
 from clplen.wave.coherence.coherence import Coherence

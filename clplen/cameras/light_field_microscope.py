@@ -60,7 +60,6 @@ from clplen.checks import real_array
 from clplen.compute.device import Device, DeviceLike, as_device
 from clplen.compute.fft.lines import smooth_length
 from clplen.errors import SamplingError, SamplingWarning, warn_caller
-from clplen.files import PathLike
 from clplen.lightfield.depth.best_focus import focus_ratio, focus_ratio_of_disparity
 from clplen.lightfield.raw.raw_image import Exposure, RawImage, Sensor
 from clplen.units import metres
