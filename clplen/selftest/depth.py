@@ -163,6 +163,7 @@ class _Scene:
             found.append(np.minimum(mean[0], ratio * mean[1:].min(axis=0) + margin))
         return np.array(found)
 
+
 def _matching(device: Device) -> Pairs:
     scene = _Scene(device)
     costs = scene.costs()
