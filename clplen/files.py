@@ -24,9 +24,8 @@ _TEMPORARY = re.compile(
 _REPLACED = "replaced"
 _OCCUPIED = (errno.ENOTEMPTY, errno.EEXIST)
 _THERE = "is there already and not empty: name a new folder."
-_MAX_NAME_BYTES = 255  # NAME_MAX of Linux and macOS
 _SYNCS = 8  # files that wait for the disk at a time
-_MAX_NAME = 255  # bytes of a file name that common file systems take
+_MAX_NAME = 255  # bytes: NAME_MAX of Linux and macOS
 
 
 def is_plain_name(name: object) -> bool:
@@ -137,7 +136,7 @@ def _beside(path: Path, state: str = "partial") -> Path:
     """
     stem, end = path.stem, f"-{secrets.token_hex(6)}.{state}{path.suffix}"
     if state != _REPLACED:
-        room = _MAX_NAME_BYTES - len(os.fsencode(f".{end}"))
+        room = _MAX_NAME - len(os.fsencode(f".{end}"))
         stem = os.fsencode(stem)[: max(1, room)].decode(errors="ignore") or "_"
     return path.with_name(f".{stem}{end}")
 

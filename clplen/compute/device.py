@@ -179,13 +179,7 @@ class Device(Launcher):
         return f"<Device {', '.join(parts)}>"
 
     def ensure_usable(self) -> None:
-        """Make PoCL fit this CPU, once; warn where loops are cut. Both are kept in ``note``.
-
-        Raises
-        ------
-        DeviceError
-            If PoCL cannot run kernels on this CPU.
-        """
+        """Make PoCL fit this CPU, once; warn where loops are cut. Both are kept in ``note``."""
         with self._lock:
             if not self._usable:
                 self.note = pocl.ensure_usable(self.cl_device)

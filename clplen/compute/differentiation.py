@@ -73,28 +73,18 @@ def run_linear(
 
 @dataclass(frozen=True)
 class Step:
-    """A differentiable step of a device: several arrays in, one out, gradients back.
+    """Differentiable step of a device: several arrays in, one out, gradients back.
 
-    Attributes
-    ----------
-    forward : callable
-        Of arrays of the device, in order, and then of parameters, NumPy arrays of float64, the
-        output on the device and its pullback: of a gradient of the output a sequence with the
-        gradient of each input, on the device or on the host, None where there is none.
-    device : Device
-    arrays : int
-        How many inputs are arrays of the device; the others are parameters.
-    name : str
-        For messages.
-    check_finite : bool
-        Whether values that are not finite are refused.
+    ``forward`` takes arrays of the device and then parameters, NumPy arrays of float64. It gives
+    the output on the device and its pullback, which gives the gradient of each input, on the
+    device or on the host, None where there is none.
     """
 
     forward: Forward
     device: Device
-    arrays: int
-    name: str
-    check_finite: bool = True
+    arrays: int  # how many inputs are arrays of the device; the others are parameters
+    name: str  # for messages
+    check_finite: bool = True  # refuse values that are not finite
 
     def run(self, inputs: Sequence[Array]) -> tuple[Array, HostPullback]:
         """The output of inputs of the host, and its pullback between arrays of the host.

@@ -42,13 +42,7 @@ class Launcher(Memory):
         self._lock = Guard()
 
     def kernel(self, file: str, name: str, **defines: Any) -> cl.Kernel:
-        """A kernel, built once for every file and set of definitions, and kept.
-
-        Raises
-        ------
-        KernelBuildError
-            If the device's compiler refuses it, or gives a program without it.
-        """
+        """Return a kernel, built once for every file and set of definitions."""
         if self.rows:
             defines["ROWS"] = True
         key = (file, name, tuple(sorted(defines.items())))
@@ -110,27 +104,11 @@ class Launcher(Memory):
         nbytes: int | None = None,
         operations: float = 0.0,
     ) -> None:
-        """Enqueue a kernel.
+        """Enqueue a kernel over ``size`` work-items, rounded up to the group.
 
-        Parameters
-        ----------
-        kernel : pyopencl.Kernel
-            From `kernel`.
-        size : sequence of int
-            Number of work-items along each axis, rounded up to the group.
-        *args
-            NumPy scalars, `pyopencl.array.Array` (without offset) or buffers, in order.
-        group : sequence of int, optional
-            Work-group; by default one item, or 64 along the first axis where ``rows`` is off.
-        nbytes : int, optional
-            For a profile: bytes that have to be moved at least; by default every array once.
-        operations : float
-            For a profile: additions and multiplications.
-
-        Raises
-        ------
-        DeviceError
-            If the device refuses the launch, for want of memory or otherwise.
+        ``args`` are NumPy scalars, arrays without offset, or buffers. By default a group is one
+        item, or 64 along the first axis where ``rows`` is off. ``nbytes`` to be moved (by default
+        every array once) and ``operations`` are for a profile.
         """
         if group is None:
             group = (1 if self.rows else _GPU_GROUP, *(1 for _ in size[1:]))
@@ -164,13 +142,7 @@ class Launcher(Memory):
 
     @contextmanager
     def profiling(self) -> Iterator[Profile]:
-        """Time everything that is enqueued in this block, by the device's own clock.
-
-        Yields
-        ------
-        Profile
-            Its ``runs`` are complete when the block is left.
-        """
+        """Time everything that is enqueued in this block, by the device's own clock."""
         properties = cl.command_queue_properties.PROFILING_ENABLE
         with self._lock:
             self.queue.finish()
@@ -187,16 +159,7 @@ class Launcher(Memory):
     def timed(
         self, what: str, *, nbytes: int, operations: float = 0.0
     ) -> AbstractContextManager[None]:
-        """Work of the host that belongs into a profile; nothing happens where none is kept.
-
-        Parameters
-        ----------
-        what : str
-        nbytes : int
-            That have to be moved at least.
-        operations : float
-            Additions and multiplications.
-        """
+        """Time work of the host for a profile; do nothing where none is kept."""
         if self._profile is None:
             return nullcontext()
         return self._profile.on_host(what, self.queue, nbytes, operations)

@@ -16,28 +16,12 @@ if TYPE_CHECKING:
     from scipy.sparse.linalg import LinearOperator
 
 
-class MapDevice(Protocol):
-    """What a linear map needs of its device to take arrays of the host."""
-
-    def upload(self, values: Array) -> cla.Array: ...
-
-    def download(self, array: cla.Array) -> Array: ...
-
-
 class LinearMap(Protocol):
     """A linear map A and its adjoint A', <A x, y> = <x, A' y> with <a, b> = sum conj(a) b.
 
     Of real arrays the adjoint is the transpose. Both directions take and return arrays of the
-    device, C-contiguous, of `dtype`, with any number of leading axes, each index of which is
-    mapped by itself; neither changes its argument.
-
-    Attributes
-    ----------
-    device : Device
-    in_shape, out_shape : tuple of int
-        Without leading axes.
-    dtype : numpy.dtype
-        Of both sides.
+    device, C-contiguous, of `dtype`, with any number of leading axes (not in `in_shape` and
+    `out_shape`), each index of which is mapped by itself; neither changes its argument.
     """
 
     @property

@@ -98,20 +98,7 @@ class Memory(HoldsOpenCL):
         raise NotImplementedError
 
     def require_memory(self, nbytes: int, what: str) -> None:
-        """Refuse what cannot fit, before anything is allocated.
-
-        Parameters
-        ----------
-        nbytes : int
-            Bytes that will be allocated.
-        what : str
-            What they are for, as the subject of the message.
-
-        Raises
-        ------
-        DeviceError
-            With the bytes needed and the bytes there are.
-        """
+        """Raise a `DeviceError` about ``what`` if its bytes cannot fit; allocate nothing."""
         if nbytes > self.memory_bytes:
             raise self._too_much(nbytes, what)
         if self.is_cpu and nbytes > LEAST_BYTES:
@@ -154,22 +141,7 @@ class Memory(HoldsOpenCL):
             raise self._too_much(nbytes, what, room)
 
     def empty(self, shape: Sequence[int], dtype: Any) -> cla.Array:
-        """An uninitialised C-contiguous array on the device.
-
-        Parameters
-        ----------
-        shape : sequence of int
-        dtype : dtype-like
-
-        Returns
-        -------
-        pyopencl.array.Array
-
-        Raises
-        ------
-        DeviceError
-            If it is larger than the device allows.
-        """
+        """Allocate an uninitialised C-contiguous array on the device."""
         shape, dtype = tuple(int(n) for n in shape), np.dtype(dtype)
         what = f"An array of shape {shape} ({dtype})"
         nbytes = math.prod(shape) * dtype.itemsize
@@ -227,7 +199,7 @@ class Memory(HoldsOpenCL):
         raise NotImplementedError
 
     def zeros(self, shape: Sequence[int], dtype: Any) -> cla.Array:
-        """An array of zeros on the device."""
+        """Allocate an array of zeros on the device."""
         array = self.empty(shape, dtype)
         if array.nbytes:
             zero = np.zeros(1, np.uint8)
@@ -236,10 +208,7 @@ class Memory(HoldsOpenCL):
         return array
 
     def upload(self, values: np.ndarray[Any, Any]) -> cla.Array:
-        """A copy of a host array on the device, same shape and dtype.
-
-        A small one does not wait for what was enqueued before.
-        """
+        """Copy a host array to the device; a small one does not wait for earlier work."""
         values = np.asarray(values, order="C")
         what = "A copy to the device"
         small = 0 < values.nbytes < min(LEAST_BYTES, self.memory_bytes)
@@ -263,7 +232,7 @@ class Memory(HoldsOpenCL):
         return array
 
     def download(self, array: cla.Array) -> np.ndarray[Any, Any]:
-        """A copy of a C-contiguous device array on the host, same shape and dtype."""
+        """Copy a C-contiguous device array to the host, same shape and dtype."""
         _require_contiguous(array)
         what = f"A copy to the host, of shape {array.shape} ({array.dtype}),"
         self._require_room(array.nbytes, what)
@@ -303,16 +272,10 @@ class Memory(HoldsOpenCL):
         of_source: tuple[int, int],
         of_target: tuple[int, int],
     ) -> None:
-        """Copy lines of bytes from one device array into another one.
+        """Copy lines of bytes from one C-contiguous device array into another one.
 
-        Parameters
-        ----------
-        target, source : pyopencl.array.Array
-            C-contiguous, not the same one.
-        size : tuple of int
-            (bytes of a line, lines).
-        of_source, of_target : tuple of int
-            (byte at which the first line starts, bytes from one line to the next).
+        ``size`` is (bytes of a line, lines), ``of_source`` and ``of_target`` are (byte at which the
+        first line starts, bytes from one line to the next).
         """
         (start, pitch), (to, apart) = of_source, of_target
         with device_errors(self.cl_device, "A copy on the device"):
@@ -330,19 +293,9 @@ class Memory(HoldsOpenCL):
 
     @contextmanager
     def on_host(self, array: cla.Array, *, write: bool = True) -> Iterator[np.ndarray[Any, Any]]:
-        """A C-contiguous array's values as a NumPy array, on a CPU device without a copy.
+        """Yield a C-contiguous array's values as a NumPy array, on a CPU device without a copy.
 
-        Parameters
-        ----------
-        array : pyopencl.array.Array
-        write : bool
-            Whether changes in place are kept: elsewhere than on a CPU, where the buffer itself is
-            mapped, they are written back.
-
-        Raises
-        ------
-        ShapeError
-            If the array is not C-contiguous.
+        With ``write`` changes in place are kept; a GPU's array is written back.
         """
         _require_contiguous(array)
         if not self.is_cpu:

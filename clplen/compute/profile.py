@@ -15,24 +15,12 @@ NANOSECOND = 1e-9
 
 @dataclass(frozen=True)
 class Run:
-    """One run of a kernel, a copy, or a piece of work on the host.
+    """One run of a kernel, a copy, or a piece of work on the host."""
 
-    Attributes
-    ----------
-    name : str
-        The kernel with its definitions, or what the host did.
-    seconds : float
-        From start to end.
-    nbytes : int
-        Bytes that have to be moved at least: every array once.
-    operations : float
-        Additions and multiplications; 0 where they were not counted.
-    """
-
-    name: str
+    name: str  # the kernel with its definitions, or the work of the host
     seconds: float
-    nbytes: int
-    operations: float
+    nbytes: int  # to be moved at least: every array once
+    operations: float  # additions and multiplications; 0 where they were not counted
 
 
 class Profile:

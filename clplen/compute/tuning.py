@@ -5,14 +5,12 @@ from __future__ import annotations
 import hashlib
 import json
 import os
-import secrets
 from collections.abc import Callable, Sequence
-from contextlib import suppress
 from pathlib import Path
 from time import perf_counter
 from typing import Protocol
 
-from clplen.compute.drivers.environment import cache_dir
+from clplen.compute.drivers.environment import cache_dir, keep_json
 from clplen.compute.drivers.forked import Guard
 from clplen.compute.drivers.program import kernel_source
 from clplen.errors import warn_caller
@@ -39,18 +37,13 @@ class Tuning:
     Findings lie in ``tuning.json`` of the user's cache folder, by device, driver, text of the
     kernel and class of problem. ``CLPLEN_TUNING=off`` takes what is expected to be fastest, times
     nothing and reads nothing.
-
-    Attributes
-    ----------
-    set_aside : dict
-        Forms that the device could not run, and why.
     """
 
     def __init__(self, device: TimedDevice) -> None:
         self._device = device
         self._lock = Guard()
         self._known: dict[str, str] | None = None
-        self.set_aside: dict[str, str] = {}
+        self.set_aside: dict[str, str] = {}  # forms that the device could not run, and why
 
     @property
     def enabled(self) -> bool:
@@ -112,15 +105,7 @@ class Tuning:
         path = cache_dir() / FILE
         known = {**_read(path, warn=False), **(self._known or {}), key: label}
         self._known = known
-        temporary = path.with_name(f"{FILE}.{secrets.token_hex(6)}")
-        text = json.dumps({"format": _FORMAT, "found": known}, indent=1)
-        try:
-            path.parent.mkdir(parents=True, exist_ok=True)
-            temporary.write_text(text, "utf-8")
-            os.replace(temporary, path)
-        except OSError:
-            with suppress(OSError):
-                temporary.unlink(missing_ok=True)
+        keep_json(path, {"format": _FORMAT, "found": known})
 
 
 def _read(path: Path, *, warn: bool = True) -> dict[str, str]:

@@ -21,6 +21,8 @@ from clplen.selftest import twins
 from clplen.selftest.check import Check, Pairs
 
 TURNED = LensletGrid((5, 7), (4, 6), (13.2, 9.7), (9.3, -1.1), (1.2, 9.4), 0.5)
+
+
 def _raw(values: Any, device: Device, grid: LensletGrid) -> RawImage:
     return RawImage(device.upload(values), device, math.nan, grid, grid)
 

@@ -25,7 +25,7 @@
  */
 #include "common.cl"
 #ifdef LANES
-#include "lanes_complex.cl"
+#include "lanes.cl"
 #endif
 #include "disc_pattern.cl"
 #include "rim_weights.cl"

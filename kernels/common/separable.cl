@@ -8,7 +8,7 @@
  */
 #include "common.cl"
 #ifdef LANES
-#include "lanes_complex.cl"
+#include "lanes.cl"
 #endif
 
 __kernel void multiply_separable(__global cplx *out, __global const cplx *in,

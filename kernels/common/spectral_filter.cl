@@ -13,7 +13,7 @@
 #define FACTOR(H) (H)
 #endif
 #ifdef LANES
-#include "lanes_complex.cl"
+#include "lanes.cl"
 
 /* Sixteen samples times as many factors, the last of these first where they mirror. */
 inline void lanes(__global float *u, __global const float *H, const int mirror)

@@ -21,7 +21,7 @@
  */
 #include "lens_types.cl"
 #ifdef LANES
-#include "lanes_complex.cl"
+#include "lanes.cl"
 #endif
 #include "lenslet_coverage.cl"
 #include "rim_weights.cl"

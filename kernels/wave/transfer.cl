@@ -21,7 +21,7 @@
  */
 #include "common.cl"
 #ifdef LANES
-#include "lanes_complex.cl"
+#include "lanes.cl"
 #endif
 #ifndef DOUBLE
 #include "twofloat.cl"

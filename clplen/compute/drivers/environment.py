@@ -15,7 +15,9 @@ from __future__ import annotations
 import atexit
 import errno
 import hashlib
+import json
 import os
+import secrets
 import shutil
 import sys
 import tempfile
@@ -24,6 +26,7 @@ from collections.abc import Iterator
 from contextlib import suppress
 from importlib import metadata
 from pathlib import Path
+from typing import Any
 
 from clplen.errors import DeviceError, warn_caller
 
@@ -42,6 +45,18 @@ _temporary: list[Path] = []  # of this process, where the user's take no files
 def cache_dir() -> Path:
     """Name the user's cache folder for clplen; it need not exist or be writable."""
     return _base() / "clplen"
+
+
+def keep_json(path: Path, values: dict[str, Any]) -> None:
+    """Write a file of the cache folder as a whole; where nothing can be written, do nothing."""
+    temporary = path.with_name(f"{path.name}.{secrets.token_hex(6)}")
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        temporary.write_text(json.dumps(values, indent=1), "utf-8")
+        os.replace(temporary, path)
+    except OSError:
+        with suppress(OSError):
+            temporary.unlink(missing_ok=True)
 
 
 def kernel_cache() -> Path:

@@ -29,7 +29,6 @@ import logging
 import os
 import platform
 import re
-import secrets
 import signal
 import subprocess
 import sys
@@ -42,7 +41,13 @@ import pyopencl as cl
 
 from clplen.checks import install_advice
 from clplen.compute.drivers import builtin_functions, pocl_trial
-from clplen.compute.drivers.environment import TRIAL_PREFIX, cache_dir, kernel_cache, require_room
+from clplen.compute.drivers.environment import (
+    TRIAL_PREFIX,
+    cache_dir,
+    keep_json,
+    kernel_cache,
+    require_room,
+)
 from clplen.compute.drivers.program import kernel_path
 from clplen.errors import DeviceError
 
@@ -197,14 +202,7 @@ def _tried(device: cl.Device, names: Sequence[str], path: Path) -> str:
     if doubt is not None:
         _logger.debug("No verdict on PoCL's compiler: %s.", doubt)
         return survivor or names[0]
-    temporary = path.with_name(f"{path.name}.{secrets.token_hex(6)}")
-    try:  # where nothing can be written, other processes try again
-        path.parent.mkdir(parents=True, exist_ok=True)
-        temporary.write_text(json.dumps({"name": survivor}), "utf-8")
-        os.replace(temporary, path)
-    except OSError:
-        with suppress(OSError):
-            temporary.unlink(missing_ok=True)
+    keep_json(path, {"name": survivor})
     return survivor
 
 

@@ -17,15 +17,7 @@ T = TypeVar("T")
 
 
 class PlanCache:
-    """Values kept by key until their bytes exceed a limit (least recently used first out).
-
-    Attributes
-    ----------
-    hits, misses : int
-        How often a value was found and made.
-    nbytes : int
-        Bytes held now.
-    """
+    """Values kept by key until their bytes exceed a limit (least recently used first out)."""
 
     def __init__(self, limit_bytes: int, beside: PlanCache | None = None) -> None:
         self.limit_bytes = limit_bytes

@@ -61,14 +61,7 @@ class TransformDevice(Protocol):
 
 @dataclass(frozen=True)
 class FFTRoute:
-    """Which library transforms.
-
-    Attributes
-    ----------
-    name : {"vkfft", "ducc0", "scipy"}
-    threads : int
-        Threads of a host library.
-    """
+    """Library that transforms: "vkfft", or "ducc0" and "scipy" on the host with some threads."""
 
     name: str
     threads: int
