@@ -44,15 +44,6 @@ def check_degree(estimator, source, lags):
     assert wrong.max() <= 0.02
 
 
-def test_few_points_have_less_contrast(device):
-    source = ExtendedSource(2e-3, 0.1, points=4)
-    grid = Grid((64, 64), 4e-6)
-    values = np.array([f.to_numpy() for f in snapshots(source, grid, device, 300)])
-    intensity = np.abs(values) ** 2
-    contrast = np.sqrt((intensity**2).mean() / intensity.mean() ** 2 - 1)
-    assert contrast == pytest.approx(np.sqrt(1 - 1 / 4), abs=0.02)
-
-
 def test_picture(device):
     # bright parts on a sixth of the area: 4 mm for speckles as small as those of the disc
     source = ExtendedSource(4e-3, 0.1, picture=LETTER, points=250)

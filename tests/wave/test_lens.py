@@ -124,68 +124,6 @@ def test_a_length_of_one_is_a_cylinder(device):
 # What a lens does
 
 
-def focused(field, z, y, x, *, pad=4, paraxial=False):
-    """The field (float64 angular spectrum or Fresnel) at z, summed directly at the points y, x."""
-    u = field.to_numpy().astype(complex)
-    shape = tuple(pad * n if n > 1 else 1 for n in u.shape)
-    padded = np.zeros(shape, complex)
-    first = [m // 2 - n // 2 for n, m in zip(u.shape, shape, strict=True)]
-    padded[first[0] : first[0] + u.shape[0], first[1] : first[1] + u.shape[1]] = u
-    spectrum = np.fft.fft2(np.fft.ifftshift(padded))
-    if paraxial:
-        f2 = np.add.outer(
-            *(np.fft.fftfreq(*n) ** 2 for n in zip(shape, field.grid.pitch, strict=True))
-        )
-        spectrum *= np.exp(-1j * np.pi * field.wavelength * z * f2)
-    else:
-        spectrum *= reference.transfer_function(shape, field.grid.pitch, z, field.wavelength)
-    by, bx = (
-        np.exp(2j * np.pi * np.multiply.outer(p, np.fft.fftfreq(m, d))) / m
-        for p, m, d in zip((y, x), shape, field.grid.pitch, strict=True)
-    )
-    return by @ spectrum @ bx.T
-
-
-def test_focus(device):
-    """First zero within 2e-4 of theory, intensity within 5e-4 (L2) of Airy, f >= 4 f_min."""
-    for times in (4,):
-        lam, dx, D = 550e-9, 4e-6, 0.8e-3
-        f = times * D * dx / lam
-        field = thin_lens(ones(Grid((256, 256), dx), device, lam), f, diameter=D)
-        radius = 1.21967 * lam * f / D
-        place = np.arange(-48, 49) * radius / 16
-        got = np.abs(focused(field, f, place, place)) ** 2
-        wanted = reference.lens_focus(np.hypot.outer(place, place), f=f, diameter=D, wavelength=lam)
-        wanted = np.abs(wanted) ** 2
-        assert np.linalg.norm(got - wanted) / np.linalg.norm(wanted) <= 5e-4
-        near = radius * np.linspace(0.999, 1.001, 21)
-        for y, x in ((near, np.zeros(1)), (np.zeros(1), near)):
-            dip = np.abs(focused(field, f, y, x)).ravel() ** 2
-            a, b, _ = np.polyfit(near / radius - 1, dip, 2)
-            assert abs(-b / (2 * a)) <= 2e-4
-
-
-def test_pupil_on_the_axis(device):
-    """A weighted circle of 64 samples against the closed form on the axis, RS-I."""
-    for fresnel, weighted in [(1, 1.8e-3), (0.5, 5.5e-4), (0.1, 7.3e-5), (0.01, 7.1e-6)]:
-        lam = 550e-9
-        grid = Grid((256, 256), 2 * lam)
-        radius = 256 * 2 * lam / 8
-        z = radius**2 / (lam * fresnel)
-        u = (
-            thin_lens(ones(grid, device, lam), np.inf, diameter=2 * radius)
-            .to_numpy()
-            .astype(complex)
-        )
-        r2 = grid.y[:, None] ** 2 + grid.x**2
-        r = np.sqrt(r2 + z**2)
-        h = z / (2 * np.pi * r**2) * (1 / r - 2j * np.pi / lam)
-        h = h * np.exp(2j * np.pi / lam * r2 / (r + z))
-        got = np.sum(u * h) * (2 * lam) ** 2
-        exact = reference.circle_on_axis(z, radius=radius, wavelength=lam)
-        assert abs(got - exact) <= 1.1 * weighted
-
-
 def test_f_is_another_word_for_the_focal_length(device):
     grid = Grid((8, 8), 1e-5)
     field = Field.from_array(np.ones(grid.shape), grid, wavelength=5e-7, device=device)
