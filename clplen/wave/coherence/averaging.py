@@ -43,7 +43,8 @@ def _save(path: PathLike, heading: dict[str, Any], arrays: Arrays) -> None:
     """Write a checkpoint, whole or not at all."""
     text = json.dumps({"format": FORMAT, **heading})
     with replacing(path) as temporary, temporary.open("wb") as file:
-        np.savez(file, heading=text, digest=_digest(text, arrays), **arrays)
+        members: dict[str, Any] = {"heading": text, "digest": _digest(text, arrays), **arrays}
+        np.savez(file, **members)
         file.flush()
         os.fsync(file.fileno())
 
