@@ -124,13 +124,6 @@ def test_a_length_of_one_is_a_cylinder(device):
 # What a lens does
 
 
-def test_f_is_another_word_for_the_focal_length(device):
-    grid = Grid((8, 8), 1e-5)
-    field = Field.from_array(np.ones(grid.shape), grid, wavelength=5e-7, device=device)
-    short, long = thin_lens(field, f=0.1), thin_lens(field, focal_length=0.1)
-    np.testing.assert_array_equal(short.to_numpy(), long.to_numpy())
-
-
 def test_sampling_of_no_focal_length():
     for f in [0, 0.0, np.nan]:
         with pytest.raises(ValueError, match="focal length is a number of metres and not 0"):
