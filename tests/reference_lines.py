@@ -44,3 +44,11 @@ def apply(u: np.ndarray, y: Sequence[Any], x: Sequence[Any]) -> np.ndarray:
     for line in x:
         u = np.einsum("ij,...kj->...ki", matrix(line), u)
     return u
+
+
+def unfolded(quadrant: np.ndarray, shape: tuple[int, int]) -> np.ndarray:
+    """The spectrum (my, mx) that is even in both axes, from its quadrant."""
+    if quadrant.shape == shape:
+        return quadrant
+    y, x = (np.minimum(np.arange(n), n - np.arange(n)) for n in shape)
+    return quadrant[np.ix_(y, x)]
