@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import numpy as np
 from reference_optics import Complex, Pair, Real, axis, pair
-from scipy.special import fresnel, hankel1e, j0, j1
+from scipy.special import fresnel, j0, j1
 
 
 def tilted_plane_wave(
@@ -74,19 +74,6 @@ def fresnel_slit(x: Real, z: float, *, width: float, wavelength: float) -> Compl
     s_high, c_high = fresnel(scale * (width / 2 - x))
     s_low, c_low = fresnel(scale * (-width / 2 - x))
     return np.exp(-0.25j * np.pi) / np.sqrt(2) * (c_high - c_low + 1j * (s_high - s_low))
-
-
-def slit_exact(x: Real, z: float, *, width: float, wavelength: float) -> Complex:
-    """Exact RS-I field of a slit (cylindrical problem) by quadrature of (ikz/2r) H1(kr)."""
-    x = np.asarray(x, dtype=float)
-    reach = np.max(np.abs(x)) + width / 2
-    fringes = reach**2 / (wavelength * (np.hypot(reach, z) + z)) * 2
-    t, weight = gauss_legendre(-width / 2, width / 2, panels=8 + int(2 * fringes))
-    k = 2 * np.pi / wavelength
-    rho2 = (x[..., None] - t) ** 2
-    r = np.sqrt(rho2 + z**2)
-    line = 0.5j * k * z / r * hankel1e(1, k * r) * np.exp(1j * k * rho2 / (r + z))
-    return line @ weight
 
 
 def airy(v: Real) -> Real:

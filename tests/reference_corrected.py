@@ -80,28 +80,6 @@ def corrected(
     return by @ spectrum @ bx.T
 
 
-def corrected_plan(
-    shape: Sequence[int],
-    pitch: Pair,
-    z: float,
-    *,
-    wavelength: float,
-    guard: float = 6.0,
-    steepness: float = 4.0,
-    window_guard: float = 3.0,
-    support: Pair | None = None,
-    out_shape: Sequence[int] | None = None,
-    out_pitch: Pair | None = None,
-    out_centre: Pair = (0.0, 0.0),
-) -> tuple[AxisPlan, AxisPlan]:
-    """The (f_lo, f_hi, W, count) that `corrected` takes on the y and the x axis."""
-    out_shape = shape if out_shape is None else out_shape
-    out_pitch = pitch if out_pitch is None else out_pitch
-    axes = geometry(shape, pitch, z, wavelength, support, out_shape, out_pitch, out_centre)
-    y, x = (plan_axis(a, Guard(guard, steepness, window_guard)) for a in axes)
-    return y, x
-
-
 def geometry(
     shape: Sequence[int],
     pitch: Pair,

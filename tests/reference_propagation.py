@@ -1,15 +1,13 @@
 """float64 twins of the propagators: Rayleigh-Sommerfeld convolution and the Fresnel methods.
 
-The corrected angular spectrum is in reference_corrected (named here too), the plain and the
-band-limited one in reference_optics. Conventions as there: fields [y, x], carrier exp(ikz)
-dropped, an axis of length 1 is one along which nothing changes. Nothing here imports the package
-under test.
+The corrected angular spectrum is in reference_corrected, the plain and the band-limited one in
+reference_optics. Conventions as there: fields [y, x], carrier exp(ikz) dropped, an axis of length 1
+is one along which nothing changes. Nothing here imports the package under test.
 """
 
 from __future__ import annotations
 
 import numpy as np
-from reference_corrected import corrected, corrected_plan
 from reference_optics import (
     Complex,
     Pair,
@@ -22,17 +20,6 @@ from reference_optics import (
 )
 from scipy.signal import fftconvolve
 from scipy.special import hankel1e
-
-__all__ = [
-    "corrected",
-    "corrected_plan",
-    "fresnel_1fft",
-    "fresnel_ir",
-    "fresnel_multistep",
-    "fresnel_tf",
-    "sommerfeld",
-]
-
 
 # Rayleigh-Sommerfeld --------------------------------------------------------------------------
 

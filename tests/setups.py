@@ -16,7 +16,7 @@ from reference_closed import (
     gaussian_paraxial,
     point_image,
 )
-from reference_elements import circle_coverage, lens_phase, rectangle_coverage
+from reference_elements import rectangle_coverage
 from reference_optics import Complex, Pair, Real, axis, pair, radius_squared
 from reference_propagation import line_kernel
 
@@ -51,7 +51,7 @@ def set_up_a(z_over_s: float, *, n: int = 1024, dx: float = 2 * LAM) -> SetUp:
 
 
 def slit_at(x: Real, z: float, *, width: float) -> Complex:
-    """reference_closed.slit_exact at all x, each gap between edge distances integrated once.
+    """Exact RS-I field of a slit at all x, each gap between edge distances integrated once.
 
     The field is G(x + w/2) - G(x - w/2) with G(t) the integral of the line kernel from 0 to t:
     Gauss-Legendre over each gap, 24 nodes for every 2 wavelengths, then a running sum.
@@ -148,16 +148,14 @@ class TwoF:
     diameter: float
     z1: float
     z2: float
-    lens: Complex
     image: Complex
     wavelength: float = LAM
 
 
 def two_f(n: int = 1010, dx: float = 6.6e-6, *, f: float = 0.12, diameter: float = 3.6e-3) -> TwoF:
-    """One-sample delta of height 1/dx^2, lens with an area-weighted pupil, the Airy image."""
+    """One-sample delta of height 1/dx^2 and its Airy image."""
     u = np.zeros((n, n), dtype=np.complex128)
     u[n // 2, n // 2] = dx**-2
-    pupil = circle_coverage((n, n), dx, diameter) * lens_phase((n, n), dx, f, LAM)
     r = np.sqrt(radius_squared((n, n), dx))
     image = point_image(r, z1=2 * f, z2=2 * f, diameter=diameter, wavelength=LAM)
-    return TwoF(u, (dx, dx), f, diameter, 2 * f, 2 * f, pupil, image)
+    return TwoF(u, (dx, dx), f, diameter, 2 * f, 2 * f, image)

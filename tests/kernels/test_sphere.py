@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from reference_elements import spherical_wave, stigmatic_phase
+from reference_elements import spherical_wave
 
 from clplen.wave.field.field import Field, Grid
 from clplen.wave.field.transmission import multiply_sphere
@@ -44,21 +44,3 @@ def test_sphere(wave):
                 # tables, products and 1/r: 12 eps; in double both sides round thousands of turns
                 bound = 12 * eps + (2 * np.pi * 8 * eps * 1e4 if wave.precision == "double" else 0)
                 assert np.abs((got - wanted) / np.abs(u)).max() <= bound, phase
-
-
-def test_lens_is_a_sphere_about_its_focus(device):
-    for f in [10e-3, -4e-3]:
-        shape, pitch, origin = (20, 33), (5e-6, 4e-6), (0, 2e-6)
-        u, field = field_on(device, shape, pitch, origin)
-        wanted = u * stigmatic_phase(shape, pitch, f, LAM, origin=origin)
-        got = multiply_sphere(field, -f).to_numpy()
-        assert np.abs((got - wanted) / np.abs(u)).max() <= 12 * np.finfo(np.float32).eps
-
-
-def test_in_place(device):
-    u, field = field_on(device, (7, 12), (5e-6, 4e-6), (0, 0))
-    elsewhere = multiply_sphere(field, 1e-3).to_numpy()
-    np.testing.assert_allclose(field.to_numpy(), u.astype(np.complex64))
-    within = multiply_sphere(field, 1e-3, out=field.data)
-    assert within.data is field.data
-    np.testing.assert_array_equal(within.to_numpy(), elsewhere)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import replace
 
 import numpy as np
@@ -51,20 +50,6 @@ def scene(camera: Plenoptic1, raws: dict[str, RawImage]) -> LightField:
 @pytest.fixture(scope="session")
 def point_fields(raws: dict[str, RawImage]) -> dict[str, LightField]:
     return {n: LightField.from_raw(raw) for n, raw in raws.items()}
-
-
-@pytest.fixture(scope="session")
-def expose(camera: Plenoptic1) -> Callable[..., LightField]:
-    """The light field of one point, kept for the session."""
-    kept: dict[tuple[float, float, float], LightField] = {}
-
-    def exposed(x: float, y: float, dz: float) -> LightField:
-        if (x, y, dz) not in kept:
-            raw = camera.expose(PointSources((x, y, dz), diameter=DISC))
-            kept[x, y, dz] = LightField.from_raw(raw)
-        return kept[x, y, dz]
-
-    return exposed
 
 
 def lightfield_of(image: np.ndarray, like: RawImage, device: Device) -> LightField:

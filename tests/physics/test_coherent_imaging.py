@@ -12,7 +12,7 @@ from tolerance import snr_db
 
 from clplen import Coherence, Device, Field, Grid, OpticalSystem
 from clplen.wave import IncoherentLight, Pupil, RandomPhaseMask, imaging_system
-from clplen.wave.systems.pupil_filter import coherent_edge, incoherent_edge, otf
+from clplen.wave.systems.pupil_filter import coherent_edge, incoherent_edge
 
 pytestmark = pytest.mark.thorough
 
@@ -140,24 +140,3 @@ def test_edges_in_the_light_of_a_mask(device):
 
 
 # Gratings ----------------------------------------------------------------------------------------
-
-
-def test_coherent_cut_off_of_the_lens(device, lens):
-    for ratio, passes in [(0.91, True), (1.09, False)]:
-        # soft ends: what they spread, 1/(2 mm) or .04 fc, keeps clear of fc but for 1 %
-        wave = np.exp(-((LINE.x / 2e-3) ** 8)) * np.cos(2 * np.pi * ratio * FC * LINE.x)
-        u = lens(on(device, wave[None], LINE)).to_numpy()[0].astype(complex)
-        found = np.linalg.norm(u) / np.linalg.norm(wave)
-        assert found == pytest.approx(1 if passes else 0, abs=0.02)
-
-
-def test_incoherent_cut_off_of_the_lens(points):
-    for ratio in [0.91, 1.5, 2.09]:
-        # the transfer function is that of one point image, summed: a slit's, 1 - f/(2 fc)
-        x = LINE.x[None, :] + LINE.pitch[1] * np.arange(200)[:, None]  # from each image point
-        near = np.abs(x) < 1.5e-3
-        waves = np.where(near, np.cos(2 * np.pi * ratio * FC * x), 0)
-        found = (points * waves).sum(axis=1)
-        expected = float(otf(ratio / 2, shape="slit"))
-        # what lies beyond 1.5 mm = 20/fc of sinc^2: 1/(pi^2 2 fc 1.5 mm) = .0025
-        np.testing.assert_allclose(found, expected, atol=0.01)

@@ -69,18 +69,6 @@ def pairs(shape):
     return (int(np.prod(shape)) + int(np.prod([2 - n % 2 for n in shape]))) // 2
 
 
-def test_one_point_off_the_axis_lights_by_a_tilted_wave(device):
-    for route in ROUTES:
-        u, _ = scene(GRID.shape)
-        pupil, source = Pupil.of_cutoff(6e4, LAM), np.zeros(GRID.shape)
-        source[-2, 3] = 1  # two cycles towards -y, three towards +x
-        (ny, nx), (dy, dx) = GRID.shape, GRID.pitch
-        tilt = np.exp(2j * np.pi * np.add.outer(-2 * GRID.y / (ny * dy), 3 * GRID.x / (nx * dx)))
-        expected = pupil.apply(on(device, u * tilt)).intensity().to_numpy()
-        image = abbe_image(on(device, u), pupil.transfer(GRID, LAM), source, route=route).intensity
-        assert relative_max(expected, image.to_numpy()) <= 5e-6
-
-
 def test_a_source_everywhere_is_incoherent_light(device):
     for fc in [3e4, 9e4]:
         u, _ = scene(GRID.shape)

@@ -159,18 +159,54 @@ def test_a_source_that_misses_the_pupil_is_refused(device):
     assert lit.snapshots == 2
 
 
-def test_options_of_an_average_need_coherence(device):
-    with pytest.raises(TypeError, match="snapshots belong to an average"):
-        PUPIL(bars(device), snapshots=3)
-    with pytest.raises(TypeError, match="snapshots"):
-        propagate(bars(device), 1e-3, snapshots=3)
+def test_bad_input(device):
+    thing, mask, spectrum = (
+        bars(device),
+        RandomPhaseMask(40e-6),
+        Spectrum.lines([5e-7, 6e-7], [1, 3]),
+    )
+    batch = Field.from_array(np.ones((2, N, N)), GRID, wavelength=LAM, device=device)
+    light, still = Coherence(mask), Coherence(RandomPhaseMask(40e-6, jitter=False))
+    fine, outside = Coherence(RandomPhaseMask(15e-6)), (slice(70, 80), slice(3))
+    assert PUPIL(thing, coherence=still, snapshots=2).method == "monte-carlo"
 
+    def two(field):
+        return propagate(field, [1e-3, 2e-3])
 
-def test_what_is_no_coherence_is_refused(device):
-    for light in [RandomPhaseMask(40e-6), Coherence, 0.5, "led"]:
-        for run in (PUPIL, lambda field, **how: propagate(field, 1e-3, **how)):
-            with pytest.raises(TypeError, match="coherence is a Coherence"):
-                run(bars(device), coherence=light)
+    for call, error, words in [
+        (lambda: PUPIL(thing, snapshots=3), TypeError, "snapshots belong to an average"),
+        (lambda: propagate(thing, 1e-3, snapshots=3), TypeError, "snapshots"),
+        (lambda: PUPIL(thing, coherence=mask), TypeError, "coherence is a Coherence"),
+        (lambda: propagate(thing, 1e-3, coherence="led"), TypeError, "coherence is a Coherence"),
+        (lambda: PUPIL(batch, coherence=light), ShapeError, "one object"),
+        (lambda: Coherence().average(two, thing), ShapeError, r"batch of shape \(2, 64, 64\)"),
+        (lambda: light.average(two, thing, snapshots=2), ShapeError, "batch of shape"),
+        (lambda: PUPIL(thing, coherence=still, method="abbe"), ValueError, "jitter=True"),
+        (lambda: PUPIL(thing, coherence=Coherence(), region=outside), ValueError, "holds no pixel"),
+        (lambda: PUPIL(thing, coherence=light, region=outside), ValueError, "holds no pixel"),
+        (
+            lambda: Coherence(None, spectrum).average(Space(0.1, method="fresnel-1fft"), thing),
+            ShapeError,
+            "another grid at another wavelength",
+        ),
+        (lambda: Coherence("speckle"), TypeError, "spatial is a RandomPhaseMask"),
+        (lambda: Coherence(None, 550e-9), TypeError, "spectrum is a Spectrum"),
+        (lambda: Coherence(wavelengths=0), ValueError, "wavelengths is a whole number"),
+        (lambda: Coherence(seed=2**64), ValueError, "seed"),
+        (
+            lambda: PUPIL(thing, coherence=light, method="exact"),
+            ValueError,
+            "auto, monte-carlo, abbe",
+        ),
+        (lambda: fine.snapshots(GRID, wavelength=LAM, device=device), SamplingError, "the nearest"),
+        (
+            lambda: Coherence.plan(OpticalSystem([0.1]), snr=5, grid=GRID, wavelength=LAM),
+            ValueError,
+            "begins with free space and a lens",
+        ),
+    ]:
+        with pytest.raises(error, match=words):
+            call()
 
 
 def test_snapshots_of_a_spectrum_are_of_its_centre(device):
@@ -178,28 +214,6 @@ def test_snapshots_of_a_spectrum_are_of_its_centre(device):
     assert next(light.snapshots(GRID, device=device)).wavelength == pytest.approx(500e-9)
     with pytest.raises(ValueError, match="need wavelength="):
         Coherence(RandomPhaseMask(40e-6)).snapshots(GRID, device=device)
-
-
-def test_a_batch_is_refused(device):
-    batch = Field.from_array(np.ones((2, N, N)), GRID, wavelength=LAM, device=device)
-    with pytest.raises(ShapeError, match="one object"):
-        PUPIL(batch, coherence=Coherence(RandomPhaseMask(40e-6)))
-
-
-def test_a_system_that_returns_a_batch_is_refused(device):
-    def two(field):
-        return propagate(field, [1e-3, 2e-3])
-
-    for light in (Coherence(), Coherence(RandomPhaseMask(40e-6))):
-        with pytest.raises(ShapeError, match=r"batch of shape \(2, 64, 64\)"):
-            light.average(two, bars(device), snapshots=2)
-
-
-def test_a_lattice_that_does_not_move_is_not_summed(device):
-    light = Coherence(RandomPhaseMask(40e-6, jitter=False))
-    assert PUPIL(bars(device), coherence=light, snapshots=2).method == "monte-carlo"
-    with pytest.raises(ValueError, match="jitter=True"):
-        PUPIL(bars(device), coherence=light, method="abbe")
 
 
 def test_light_is_checked_at_both_ends_of_a_spectrum(device):
@@ -214,42 +228,6 @@ def test_the_grid_of_the_last_part_counts(device):
     system = OpticalSystem([Pupil.of_cutoff(FC, LAM), Space(0, out_grid=small)])
     light = Coherence(RandomPhaseMask(40e-6))
     assert system(bars(device), coherence=light, snapshots=2).method == "monte-carlo"
-
-
-def test_a_region_without_pixels_is_refused_by_every_route(device):
-    for light in (Coherence(), Coherence(IncoherentLight()), Coherence(RandomPhaseMask(40e-6))):
-        with pytest.raises(ValueError, match="holds no pixel"):
-            PUPIL(bars(device), coherence=light, region=(slice(70, 80), slice(3)))
-
-
-def test_images_of_different_grids_are_refused(device):
-    lines = Spectrum.lines([500e-9, 620e-9], [1, 3])
-    with pytest.raises(ShapeError, match="another grid at another wavelength"):
-        Coherence(None, lines).average(Space(0.1, method="fresnel-1fft"), bars(device))
-
-
-def test_bad_light():
-    for make, error, words in [
-        (lambda: Coherence("speckle"), TypeError, "spatial is a RandomPhaseMask"),
-        (lambda: Coherence(RandomPhaseMask), TypeError, "spatial is a RandomPhaseMask"),
-        (lambda: Coherence(None, 550e-9), TypeError, "spectrum is a Spectrum"),
-        (lambda: Coherence(wavelengths=0), ValueError, "wavelengths is a whole number"),
-        (lambda: Coherence(seed=-1), ValueError, "seed"),
-        (lambda: Coherence(seed=2**64), ValueError, "seed"),
-    ]:
-        with pytest.raises(error, match=words):
-            make()
-
-
-def test_no_such_method(device):
-    with pytest.raises(ValueError, match="auto, monte-carlo, abbe, not 'exact'"):
-        PUPIL(bars(device), coherence=Coherence(), method="exact")
-
-
-def test_snapshots_are_checked_before_the_first(device):
-    light = Coherence(RandomPhaseMask(15e-6))
-    with pytest.raises(SamplingError, match="the nearest that does"):
-        light.snapshots(GRID, wavelength=LAM, device=device)
 
 
 def test_snapshots_go_on_from_any_number(device):
@@ -323,8 +301,3 @@ def test_bad_plans():
         known = {"grid": GRID, "wavelength": LAM, **options}
         with pytest.raises(ValueError, match=words):
             Coherence.plan(PUPIL, **known)
-
-
-def test_a_plan_needs_a_cut_off():
-    with pytest.raises(ValueError, match="begins with free space and a lens"):
-        Coherence.plan(OpticalSystem([0.1]), snr=5, grid=GRID, wavelength=LAM)

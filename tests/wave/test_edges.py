@@ -189,31 +189,6 @@ def test_a_mask_of_pixels_against_the_fresnel_integrals_of_all(device):
         check_a_mask_of_pixels_against_the_fresnel_integrals_of_all(device, n, pitch, wavelengths)
 
 
-def check_slits_against_fresnel_integrals(device, width, centre, expected):
-    grid = Grid((1, 512), DX)
-    z = 5 * 512 * DX**2 / LAM
-    exact = fresnel_slit(grid.x - centre * DX, z, width=width * DX, wavelength=LAM)[None]
-    size, middle = width * DX, (0, centre * DX)
-    finer = plane_wave(Grid((1, 2048), DX / 4), wavelength=LAM, device=device)
-    drawn = rectangular_aperture(finer, size, centre=middle).to_numpy().real
-    ways = [
-        lambda light, edges=edges: rectangular_aperture(light, size, centre=middle, edges=edges)
-        for edges in ("samples", "area", "pixels")
-    ]
-    ways.append(lambda light: transparency(light, drawn, pitch=DX / 4, edges="pixels"))
-    for way, decibel in zip(ways, expected, strict=True):
-        got = err_db(exact.astype(complex), fields(way, z, grid, device))
-        assert got > 130 if decibel > 130 else abs(got - decibel) < 0.5
-
-
-def test_slits_against_fresnel_integrals(device):
-    for width, centre, expected in [
-        (255, 0, (61.9, 61.9, 138.9, 76.6)),
-        (187.37, 11.3, (35.7, 58.2, 35.7, 78.8)),
-    ]:
-        check_slits_against_fresnel_integrals(device, width, centre, expected)
-
-
 # Pictures with a pitch
 
 

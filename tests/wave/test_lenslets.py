@@ -103,12 +103,6 @@ def test_the_shortest_focal_length_counts_for_aliasing(device):
 # Other words ------------------------------------------------------------------------------------
 
 
-def test_f_is_another_word_for_the_focal_length():
-    array = MicrolensArray(1e-4, f=1e-2, count=3)
-    assert array == MicrolensArray(1e-4, focal_length=1e-2, count=3)
-    assert array.f == array.focal_length == 1e-2
-
-
 def test_square_lenslets_of_a_square_lattice_fill_it():
     assert MicrolensArray(1e-4, 1e-2, count=3, fill="square").fill == "full"
     with pytest.raises(ValueError, match="fill is 'circular' or 'full'"):

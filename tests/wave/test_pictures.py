@@ -82,21 +82,6 @@ def test_area_weights(device, precise):
                 assert np.abs(got.to_numpy() - expected).max() <= tolerance
 
 
-def test_the_sum_is_kept(precise):
-    """Inside the window the integral of the transmission stays, at incommensurate pitches."""
-    picture = np.random.default_rng(8).uniform(0, 1, (23, 17))
-    pitch = (np.pi * 1e-6, np.e * 1e-6)
-    grid = Grid((40, 29), (2.3e-6, 2.9e-6))
-    got = transparency(ones(grid, precise), picture, pitch=pitch, centre=(3e-6, 1e-6)).to_numpy()
-    assert got.sum() * 2.3 * 2.9 == pytest.approx(picture.sum() * np.pi * np.e, rel=1e-12)
-
-
-def test_nothing_passes_beside_the_picture(device):
-    grid = Grid((10, 12), 1e-6)
-    away = transparency(ones(grid, device), np.ones((3, 4)), pitch=1e-6, centre=(1e-3, 0))
-    assert not away.to_numpy().any()
-
-
 def test_an_axis_of_one_sample(precise):
     light = ones(Grid((1, 6), (9e-6, 2e-6)), precise)
     got = transparency(light, [[1.0, 3.0, 5.0]], pitch=4e-6, centre=(7e-6, -1e-6))

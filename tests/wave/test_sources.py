@@ -96,18 +96,6 @@ def test_phase_of_a_sphere_in_float32(device):
         assert np.abs(np.angle(got * expected.conj())).max() <= bound
 
 
-def test_a_sphere_propagates_into_a_sphere(precise):
-    """The conjugate carriers cancel: spheres at z and z + dz are one wave."""
-    grid, z, dz = Grid((96, 96), 4e-6), 8e-3, 0.3e-3
-    before = spherical_wave(grid, z, wavelength=LAM, device=precise).to_numpy()
-    after = spherical_wave(grid, z + dz, wavelength=LAM, device=precise).to_numpy()
-    edge = np.clip((0.5 - np.abs(np.arange(96) - 48) / 96) * 4, 0, 1)  # a soft window
-    window = np.multiply.outer(*2 * [0.5 - 0.5 * np.cos(np.pi * edge)])
-    got = reference.propagate(before * window, grid.pitch, dz, LAM)
-    middle = np.s_[38:59, 38:59]
-    assert np.abs(got / after - 1)[middle].max() <= 5e-3  # what the window diffracts
-
-
 def test_aliased_spheres_warn(device):
     """Between the outermost samples the phase steps by pi just where the warning starts."""
     grid = Grid((3, 101), 5e-6)

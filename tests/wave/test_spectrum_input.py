@@ -11,17 +11,17 @@ TABLE = "# made up\nWavelength [{unit}], counts\n\n{rows}"
 ROWS = ("500{e} , 1", "550{e}\t4 # peak", "600{e} 2")
 
 
-@pytest.mark.parametrize(("unit", "e"), [("nm", ""), ("um", "e-3"), ("m", "e-9")])
-@pytest.mark.parametrize("given", [True, False])
-def test_files(tmp_path, unit, e, given):
+def test_files(tmp_path):
     """Commas, spaces and tabs, header, comments, a micro sign in Latin-1; unit given or guessed."""
-    path = tmp_path / "led.csv"
-    text = TABLE.format(unit="\u00b5m", rows="\n".join(ROWS).format(e=e))
-    path.write_bytes(text.encode("latin-1"))
-    found = Spectrum.read(path, unit=unit if given else None)
-    assert found == Spectrum.tabulated([500e-9, 550e-9, 600e-9], [1, 4, 2])
-    path.write_bytes(b"\xef\xbb\xbf" + "\r\n".join(ROWS).format(e=e).encode())
-    assert Spectrum.read(str(path), unit=unit if given else None) == found
+    for unit, e in [("nm", ""), ("um", "e-3"), ("m", "e-9")]:
+        for given in [True, False]:
+            path = tmp_path / "led.csv"
+            text = TABLE.format(unit="\u00b5m", rows="\n".join(ROWS).format(e=e))
+            path.write_bytes(text.encode("latin-1"))
+            found = Spectrum.read(path, unit=unit if given else None)
+            assert found == Spectrum.tabulated([500e-9, 550e-9, 600e-9], [1, 4, 2])
+            path.write_bytes(b"\xef\xbb\xbf" + "\r\n".join(ROWS).format(e=e).encode())
+            assert Spectrum.read(str(path), unit=unit if given else None) == found
 
 
 def test_bad_files(tmp_path):

@@ -185,16 +185,16 @@ def test_bad_calls(device):
         OpticalSystem([Element(lambda field: field.shape, "shape")])(noise(device))
 
 
-@pytest.mark.parametrize("aliasing", ["raise", "warn", "allow"])
-def test_aliasing_is_passed_on(device, aliasing):
-    system = OpticalSystem([Lens(1e-4, aliasing=aliasing)])
-    with warnings.catch_warnings():
-        warnings.simplefilter("error")
-        if aliasing == "allow":
-            system(noise(device))
-            return
-        with pytest.raises(SamplingError if aliasing == "raise" else SamplingWarning):
-            system(noise(device))
+def test_aliasing_is_passed_on(device):
+    for aliasing in ["raise", "warn", "allow"]:
+        system = OpticalSystem([Lens(1e-4, aliasing=aliasing)])
+        with warnings.catch_warnings():
+            warnings.simplefilter("error")
+            if aliasing == "allow":
+                system(noise(device))
+                continue
+            with pytest.raises(SamplingError if aliasing == "raise" else SamplingWarning):
+                system(noise(device))
 
 
 def test_distances_of_an_imaging_system():

@@ -101,6 +101,7 @@ class SpatialModel(Protocol):
         SamplingError
             If the grid is too coarse, with the pitch that is fine enough, or does not fit.
         """
+        return  # nothing, unless a model says more
 
     def field(
         self,
