@@ -255,17 +255,11 @@ class _LensletPixels:
     """The raw pixels of every lenslet, and from where they see.
 
     Pixel n of a lenslet is the n-th of a rectangle of pixels about the pixel next to its centre.
-
-    Attributes
-    ----------
-    index : numpy.ndarray
-        int32, shape (pixels, rows, columns): places in the flat raw image, -1 for none.
-    steps, own : numpy.ndarray
-        float64, shapes (pixels, 2) and (rows, columns, 2): their sum is by how many pixels (y, x)
-        of the picture disparity 1 moves the look-up.
     """
 
-    index: Values
+    index: Values  # int32, shape (pixels, rows, columns): places in the flat raw image, -1 for none
+    # steps, own: float64, shapes (pixels, 2) and (rows, columns, 2): their sum is by how many
+    # pixels (y, x) of the picture disparity 1 moves the look-up
     steps: Values
     own: Values
 
@@ -320,22 +314,13 @@ def _owners(grid: LensletGrid, shape: tuple[int, int]) -> tuple[Values, Values]:
 
 @dataclass(frozen=True)
 class _Columns:
-    """Where the lenslets of even and odd rows lie on rows of the picture.
+    """Where the lenslets of even and odd rows lie on rows of the picture."""
 
-    Attributes
-    ----------
-    whole, part : numpy.ndarray
-        Shape (2, lenslets): the pixel before them, and the fraction to the next one.
-    count : int
-        Pixels of a row of the picture.
-    spacing : float
-        Of them, in lenslets.
-    """
-
+    # whole, part: Shape (2, lenslets): the pixel before them, and the fraction to the next one
     whole: Values
     part: Values
-    count: int
-    spacing: float
+    count: int  # Pixels of a row of the picture
+    spacing: float  # Of them, in lenslets
 
     def _taps(self, rows: int) -> tuple[Values, Values, Values, Values]:
         """Rows, two pixels of each lenslet, and the weight of the second, (rows, lenslets)."""
