@@ -33,19 +33,10 @@ class RawWarp:
 
         raw = white P(y + v d_y, x + u d),    d = D(y, x),
 
-    where (y, x) is the place of the lenslet on the picture, as in the light field that the raw
-    image decodes to, P the picture and D its disparity, both interpolated linearly, and d_y = d
-    where views and pixels are spaced alike along y and x, as of `refocus`. Positions off the
-    picture are those of its edge. So raw pixels are compared as they were taken, and keep noise
-    that is independent from pixel to pixel, which decoding mixes. Lenslets of rows that are
-    shifted by half a lenslet lie between two pixels of the picture. Where lenslets lie on pixels of
-    the picture and raw pixels on views, these are the samples of `ViewWarp`.
-
-    It is an approximation as `ViewWarp` is: all pixels of a lenslet are looked up with its
-    disparity in the centre view, and the model knows nothing of what hides what, nor of light that
-    reaches a sub-image from another lenslet. It is linear in the picture, not in the disparity;
-    gradients are exact for the model as it is computed, and at whole positions, where interpolation
-    has a kink, the slope towards the next pixel is taken.
+    where (y, x) is the place of the lenslet on the picture, P the picture and D its disparity, both
+    interpolated linearly. Raw pixels are compared as they were taken, and keep noise that is
+    independent from pixel to pixel. The approximations and gradients are those of `ViewWarp`; light
+    that reaches a sub-image from another lenslet is ignored, too.
 
     Parameters
     ----------
@@ -138,14 +129,8 @@ class RawWarp:
 
         Raises
         ------
-        ShapeError
-            If they have other shapes.
-        ValueError
-            If a value is not finite.
-        TypeError
-            If they are no arrays of real numbers.
-        DeviceError
-            If the memory of the device does not suffice.
+        ShapeError, ValueError, TypeError, DeviceError
+            As `ViewWarp.forward`.
         """
         seen, own = self._of_grid(picture, disparity)
         raw = self.device.zeros(self.shape, np.float32)
