@@ -18,20 +18,12 @@ Real = np.ndarray[Any, np.dtype[np.float64]]
 
 
 def from_plenopticam(a: ArrayLike) -> Real:
-    """d of plenopticam's refocusing parameter a, a whole number: d = a.
-
-    >>> float(from_plenopticam(2))
-    2.0
-    """
+    """d of plenopticam's refocusing parameter a, a whole number: d = a."""
     return float64_array(a)
 
 
 def to_plenopticam(d: ArrayLike) -> Real:
-    """Plenopticam's a, the whole number next to d.
-
-    >>> float(to_plenopticam(1.8))
-    2.0
-    """
+    """Plenopticam's a, the whole number next to d."""
     return np.rint(float64_array(d))
 
 
@@ -41,47 +33,27 @@ def from_plenpy(slope: ArrayLike, *, views: int) -> Real:
 
 
 def to_plenpy(d: ArrayLike, *, views: int) -> Real:
-    """Slope of plenpy, d (N - 1)/N.
-
-    >>> round(float(to_plenpy(0.9, views=9)), 6)
-    0.8
-    """
+    """Slope of plenpy, d (N - 1)/N."""
     return float64_array(d) * _span(views)
 
 
 def from_lftoolbox(slope: ArrayLike, *, views: int) -> Real:
-    """d of the Slope of LFToolbox' LFFiltShiftSum: d = -Slope N/(N - 1), N as for `from_plenpy`.
-
-    >>> round(float(from_lftoolbox(-0.8, views=9)), 6)
-    0.9
-    """
+    """d of the Slope of LFToolbox' LFFiltShiftSum: d = -Slope N/(N - 1), N as for `from_plenpy`."""
     return -from_plenpy(slope, views=views)
 
 
 def to_lftoolbox(d: ArrayLike, *, views: int) -> Real:
-    """Slope of LFFiltShiftSum, -d (N - 1)/N.
-
-    >>> round(float(to_lftoolbox(0.9, views=9)), 6)
-    -0.8
-    """
+    """Slope of LFFiltShiftSum, -d (N - 1)/N."""
     return -to_plenpy(d, views=views)
 
 
 def from_plenoptomos(alpha: ArrayLike) -> Real:
-    """d of plenoptomos' alpha > 0, which takes the view index for a length: d = 1/alpha - 1.
-
-    >>> float(from_plenoptomos(0.8))
-    0.25
-    """
+    """d of plenoptomos' alpha > 0, which takes the view index for a length: d = 1/alpha - 1."""
     return 1 / _positive("alpha", alpha) - 1
 
 
 def to_plenoptomos(d: ArrayLike) -> Real:
-    """Alpha of plenoptomos, 1/(1 + d), for d > -1.
-
-    >>> float(to_plenoptomos(0.25))
-    0.8
-    """
+    """Alpha of plenoptomos, 1/(1 + d), for d > -1."""
     return 1 / _positive("1 + d", 1 + float64_array(d))
 
 
@@ -91,48 +63,28 @@ def from_ng(alpha: ArrayLike, *, kappa: float) -> Real:
 
 
 def to_ng(d: ArrayLike, *, kappa: float) -> Real:
-    """Alpha of Ng, 1/(1 - d/kappa), for d < kappa.
-
-    >>> round(float(to_ng(0.16, kappa=0.8)), 6)
-    1.25
-    """
+    """Alpha of Ng, 1/(1 - d/kappa), for d < kappa."""
     ratio = float64_array(d) / _positive("kappa", kappa)
     return 1 / _positive("1 - d/kappa", 1 - ratio)
 
 
 def from_lightfieldlab(shift: ArrayLike) -> Real:
-    """d of LightFieldLab's shift: d = -shift.
-
-    >>> float(from_lightfieldlab(-0.5))
-    0.5
-    """
+    """d of LightFieldLab's shift: d = -shift."""
     return -float64_array(shift)
 
 
 def to_lightfieldlab(d: ArrayLike) -> Real:
-    """Shift of LightFieldLab, -d.
-
-    >>> float(to_lightfieldlab(0.5))
-    -0.5
-    """
+    """Shift of LightFieldLab, -d."""
     return -float64_array(d)
 
 
 def from_epi_slope(slope: ArrayLike) -> Real:
-    """d of the slope dx/du of a line in an epipolar-plane image: d = -dx/du.
-
-    >>> float(from_epi_slope(-0.5))
-    0.5
-    """
+    """d of the slope dx/du of a line in an epipolar-plane image: d = -dx/du."""
     return -float64_array(slope)
 
 
 def to_epi_slope(d: ArrayLike) -> Real:
-    """Slope dx/du in pixels a view, -d.
-
-    >>> float(to_epi_slope(0.5))
-    -0.5
-    """
+    """Slope dx/du in pixels a view, -d."""
     return -float64_array(d)
 
 
@@ -145,11 +97,7 @@ def from_virtual_depth(virtual_depth: ArrayLike, *, pitch: float) -> Real:
 
 
 def to_virtual_depth(shift: ArrayLike, *, pitch: float) -> Real:
-    """Virtual depth v = pitch/shift of a shift in pixels, not 0.
-
-    >>> float(to_virtual_depth(7.5, pitch=30))
-    4.0
-    """
+    """Virtual depth v = pitch/shift of a shift in pixels, not 0."""
     return _positive("pitch", pitch) / _not_zero("The shift", shift)
 
 
@@ -169,11 +117,7 @@ def distance_of_disparity(
 ) -> Real:
     """Distance z, metres, of a disparity; infinite at and beyond that of infinity.
 
-    Parameters as for `disparity_of_distance`.
-
-    >>> round(float(distance_of_disparity(4/19, kappa=0.8, image_distance=0.24, focus=0.24)), 5)
-    0.19
-    """
+    Parameters as for `disparity_of_distance`."""
     scale = _positive("kappa", kappa) * _positive("image_distance", image_distance)
     near = float64_array(d) / scale + 1 / _positive("focus", focus)
     with np.errstate(divide="ignore"):
@@ -207,22 +151,13 @@ def hci_distance(
     sensor_size: float,
     pixels: int,
 ) -> Real:
-    """Z, metres, of a disparity; parameters as for `hci_disparity`.
-
-    >>> camera = dict(baseline=0.05, focal_length=0.1, focus=10, sensor_size=0.035, pixels=512)
-    >>> round(float(hci_distance(1.82857, **camera)), 4)
-    8.0
-    """
+    """Z, metres, of a disparity; parameters as for `hci_disparity`."""
     scale = hci_scale(baseline, focal_length, sensor_size=sensor_size, pixels=pixels)
     return distance_of_disparity(d, kappa=scale, image_distance=1, focus=focus)
 
 
 def hci_scale(baseline: float, focal_length: float, *, sensor_size: float, pixels: int) -> float:
-    """b f W/s, the kappa F of the benchmark: disparity times metres.
-
-    >>> round(hci_scale(0.05, 0.1, sensor_size=0.035, pixels=512), 4)
-    73.1429
-    """
+    """b f W/s, the kappa F of the benchmark: disparity times metres."""
     size = float(_positive("sensor_size", sensor_size))
     return float(_positive("baseline", baseline) * _positive("focal_length", focal_length)) * (
         float(_positive("pixels", pixels)) / size

@@ -12,7 +12,7 @@
  *
  * Views on a grid have shift_x[p, u]; scattered ones are V U rows of one view each.
  *
- * Samples outside a view are 0 and count not in W; with -DCLAMP they are those of the edge.
+ * Samples outside a view are 0 and count not in W.
  *
  * Tables (P planes of one launch, U views in a row, of which count[v] have a weight):
  *   order[v, k]      u of the k-th view with a weight
@@ -30,7 +30,6 @@
  *                 its n neighbours read what they see of a view to local memory first.
  *
  * -DSAMPLE=uchar | ushort | half | float   what the light field stores
- * -DCLAMP                           see above
  * -DLANES=4 | 8 | 16, -DVECTORS=n   shear_blocks: vector type, and vectors summed in registers
  * -DAHEAD                          shear_blocks: prefetch, where the compiler has it
  * -DDIRECT                         shear_blocks: one plane, whose views are read once, in place
@@ -71,10 +70,8 @@ __kernel void shear_blocks(__global float *restrict out, __global const SAMPLE *
             top = min(top, down[v * planes + p]);
             bottom = max(bottom, down[v * planes + p]);
         }
-#ifndef CLAMP
         top = max(top, -y0);
         bottom = min(bottom, ny - 1 - y0 - rows);
-#endif
 #ifdef DIRECT
         /* The block's samples [begin, end) lie inside all views; `begin` at a whole vector. */
         int begin = 0, end = min(width, samples - s0);
@@ -114,7 +111,7 @@ __kernel void shear_blocks(__global float *restrict out, __global const SAMPLE *
             for (int k = 0; k < n; ++k) {
                 const int u = order[v * U + k];
                 copy_row(views + k * pitch, L + row_start(v * U + u, y, ny, samples),
-                         s0 + span[v * U + k].x, width + span[v * U + k].y, samples, channels);
+                         s0 + span[v * U + k].x, width + span[v * U + k].y, samples);
             }
             /* While this row is summed, the next one is asked for, some views a plane. */
 #ifdef AHEAD
@@ -156,26 +153,21 @@ __kernel void shear_blocks(__global float *restrict out, __global const SAMPLE *
 
 #ifdef HEIGHT
 /* Sample s of a row of a view, which may lie outside. */
-static float tap(__global const SAMPLE *row, const int s, const int samples, const int channels)
+static float tap(__global const SAMPLE *row, const int s, const int samples)
 {
-#ifdef CLAMP
-    const int channel = (s % channels + channels) % channels;
-    return stored(row, s < 0 ? channel : s < samples ? s : samples - channels + channel);
-#else
     return s >= 0 && s < samples ? stored(row, s) : 0.0f;
-#endif
 }
 
 #ifdef GROUP
 /* What a work-group sees of one view for its planes, read by all its items together. */
 static void copy_tile(__local float *tile, __global const SAMPLE *view, const int top,
                       const int rows, const int first, const int wide, const int pitch,
-                      const int ny, const int samples, const int channels)
+                      const int ny, const int samples)
 {
     barrier(CLK_LOCAL_MEM_FENCE);
     for (int i = get_local_id(0); i < rows * wide; i += GROUP)
         tile[i / wide * pitch + i % wide] = tap(view + (size_t)clamp(top + i / wide, 0, ny - 1)
-                                                * samples, first + i % wide, samples, channels);
+                                                * samples, first + i % wide, samples);
     barrier(CLK_LOCAL_MEM_FENCE);
 }
 #endif
@@ -225,7 +217,7 @@ __kernel void shear_samples(__global float *restrict out, __global const SAMPLE 
             }
             copy_tile(tile, view, highest, lowest - highest + HEIGHT + 1,
                       first - (int)get_local_id(0) + left, right - left + GROUP + channels, pitch,
-                      ny, samples, channels);
+                      ny, samples);
 #endif
             for (int q = 0; q < PLANES; ++q) {
                 const float2 w = taps[at[q] * U + k];
@@ -239,18 +231,16 @@ __kernel void shear_samples(__global float *restrict out, __global const SAMPLE 
                 for (int r = 0; r <= HEIGHT; ++r) {
                     __global const SAMPLE *line =
                         view + (size_t)clamp(top[q] + r, 0, ny - 1) * samples;
-                    row[q][r] += w.x * tap(line, from, samples, channels)
-                                 + w.y * tap(line, from + channels, samples, channels);
+                    row[q][r] += w.x * tap(line, from, samples)
+                                 + w.y * tap(line, from + channels, samples);
                 }
 #endif
             }
         }
         for (int q = 0; q < PLANES; ++q) {
             const float b = blend[at[q]];
-#ifndef CLAMP
             for (int r = 0; r <= HEIGHT; ++r)
                 row[q][r] = top[q] + r >= 0 && top[q] + r < ny ? row[q][r] : 0.0f;
-#endif
             for (int r = 0; r < HEIGHT; ++r)
                 sums[q][r] += (1.0f - b) * row[q][r] + b * row[q][r + 1];
         }

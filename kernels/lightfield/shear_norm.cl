@@ -1,6 +1,6 @@
 /* Weights W of the samples that pictures refocused by shear.cl are made of, read from its table `norm`.
  *
- * Included only. -DCLAMP: see shear.cl.
+ * Included only.
  */
 #ifndef CLPLEN_SHEAR_NORM
 #define CLPLEN_SHEAR_NORM
@@ -16,13 +16,9 @@ static int norm_column(const int s, const int near, const int far)
 /* Share of a row of views that lies inside for the picture's row y: 1, a part, or 0. */
 static float row_weight(const int y, const int down, const float blend, const int ny)
 {
-#ifdef CLAMP
-    return 1.0f;
-#else
     const bool above = y + down >= 0 && y + down < ny;
     const bool below = y + down + 1 >= 0 && y + down + 1 < ny;
     return above && below ? 1.0f : above ? 1.0f - blend : below ? blend : 0.0f;
-#endif
 }
 
 /* Whether all rows of views lie inside for the picture's row y. */

@@ -5,7 +5,7 @@
  *
  * CHUNK = LANES VECTORS samples of R_v are summed in registers. Every sum takes the views in the same
  * order and so has the same bits: from copied rows, and with -DDIRECT from the light field itself.
- * -DSAMPLE=, -DCLAMP, -DLANES=, -DVECTORS=, -DAHEAD, -DDIRECT, -DCHANNELS=: see shear.cl.
+ * -DSAMPLE=, -DLANES=, -DVECTORS=, -DAHEAD, -DDIRECT, -DCHANNELS=: see shear.cl.
  * Included only.
  */
 #ifndef CLPLEN_SHEAR_ROWS
@@ -57,21 +57,14 @@ static void fetch_row(__global const SAMPLE *row, const int n)
 
 /* n samples of a row of a view from `first` on, which may lie outside. */
 static void copy_row(__local float *to, __global const SAMPLE *row,
-                     const int first, const int n, const int samples, const int channels)
+                     const int first, const int n, const int samples)
 {
     const int begin = clamp(-first, 0, n);
     const int end = clamp(samples - first, begin, n);
-#ifdef CLAMP
-    for (int i = 0; i < begin; ++i)
-        to[i] = stored(row, ((first + i) % channels + channels) % channels);
-    for (int i = end; i < n; ++i)
-        to[i] = stored(row, samples - channels + (first + i) % channels);
-#else
     for (int i = 0; i < begin; ++i)
         to[i] = 0.0f;
     for (int i = end; i < n; ++i)
         to[i] = 0.0f;
-#endif
     const int whole = end - (end - begin) % LANES;
     for (int i = begin; i < whole; i += LANES)
         store(to + i, stored_vec(row + first + i));
@@ -191,7 +184,7 @@ static void sum_edge(__local float *upper, __local float *lower, __global const 
             a += stored_vec(from + first) * (vec)(taps[k].x);
             b += stored_vec(from + first + channels) * (vec)(taps[k].y);
         } else {
-            copy_row(copy, from, first, LANES + channels, samples, channels);
+            copy_row(copy, from, first, LANES + channels, samples);
             a += load(copy) * (vec)(taps[k].x);
             b += load(copy + channels) * (vec)(taps[k].y);
         }

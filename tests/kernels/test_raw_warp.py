@@ -9,7 +9,6 @@ import pytest
 from tolerance import relative_max
 
 from clplen import LightField, RawImage
-from clplen.errors import ShapeError
 from clplen.lightfield import Lattice, LensletGrid, RawWarp, ViewWarp
 from clplen.lightfield.refocusing import raw_warp
 
@@ -161,25 +160,3 @@ def test_pixels_halfway_go_to_the_later_lenslet(device):
     np.testing.assert_array_equal(got[:12, :16], np.kron(picture, np.ones((4, 4))))
     assert not got[12].any()
     assert not got[:, 16].any()
-
-
-def test_what_cannot_be_taken_is_refused(device):
-    grid = GRIDS["square"]
-    raw = raw_of(grid, device)
-    with pytest.raises(TypeError, match="raw"):
-        RawWarp(np.zeros(SHAPE))
-    with pytest.raises(ShapeError, match="grey raw images"):
-        RawWarp(raw_of(grid, device, (*SHAPE, 3)))
-    with pytest.raises(ShapeError, match=r"The white image of this model has shape \(46, 59\)"):
-        RawWarp(raw, white=np.ones((3, 4)))
-    model = RawWarp(raw)
-    picture = np.ones(model.picture_shape)
-    with pytest.raises(ShapeError, match="The disparity of this model has shape"):
-        model.forward(picture, 0.3)
-    with pytest.raises(ValueError, match="The picture has 1 values that are NaN"):
-        model.forward(
-            np.where(np.arange(picture.size).reshape(picture.shape) == 3, np.nan, 1), picture
-        )
-    with pytest.raises(ShapeError, match="gradient of the raw image of this model has shape"):
-        model.vjp(picture, picture, picture)
-    assert repr(model) == f"<RawWarp of {model.picture_shape} to {SHAPE}, {device.name}>"

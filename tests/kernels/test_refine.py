@@ -204,23 +204,3 @@ def test_fit(device, ny, nx, channels, radius, lanes):
     # cofactors cancel to about a tenth at a corner; 4 products of sums of (2 radius + 1)^2 terms
     assert relative_max(want[0], got[0]) <= 1e-5
     assert relative_max(want[1], got[1]) <= 1e-5
-
-
-def test_fit_of_a_pixel_alone(device):
-    """No neighbour on the same surface, and slopes free: its own step."""
-    random = np.random.default_rng(3)
-    d = random.permutation(np.arange(35.0)).reshape(5, 7).astype(np.float32)
-    one = np.ones((5, 7), np.float32)
-    B = random.uniform(-9, 9, (5, 7)).astype(np.float32)
-    out, known = fitted(
-        device,
-        (80 * one, B, d),
-        np.ones((5, 7, 1), np.float32),
-        (one, one * 0.1, 50.0),
-        20 * one,
-        ridge=0.0,
-        most=0.05,
-        radius=3,
-    )
-    np.testing.assert_allclose(out, d + np.clip(-B / 100, -0.05, 0.05), atol=4e-6)
-    np.testing.assert_allclose(known, 80, rtol=1e-6)

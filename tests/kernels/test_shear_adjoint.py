@@ -133,7 +133,7 @@ def test_a_block_that_local_memory_does_not_hold_is_done_by_samples(device, monk
     moves, pictures = shifts(shape, (-1.4, 0.3)), numbers(2, *shape[2:])
     monkeypatch.setattr(module, "_LOCAL_BYTES", 64)
     assert module._block(
-        module.split_views(shape, weights, *moves, "normalised"), device
+        module.split_views(shape, weights, *moves), device
     ) is None  # fmt: skip
     got = spread(device, pictures, shape, weights, *moves)
     assert relative_max(twin(pictures, shape, weights, *moves), got) <= tolerance(shape, 2)

@@ -112,22 +112,6 @@ def test_stripes_leave_some_orders_open(device):
     assert "flip_v=True (at " in str(report)
 
 
-def test_every_other_row_backwards(device):
-    a = scene((6, 5))
-    a[1::2] = a[1::2, ::-1]
-    report = checked(device, a)
-    assert report.may_be_lawnmower
-    assert "lawnmower" in str(report)
-
-
-def test_planes_are_added_while_the_sharpest_is_the_last(device):
-    report = checked(device, scene((3, 4), d=(3.9, 4.2)))
-    assert report.verdict == "fits"
-    assert report.orders[0].span == (3.875, 4.25)
-    with pytest.raises(ValueError, match=r"farthest lies above 0 and not above 8, not at 9"):
-        check_light_field(LightField.from_array(np.ones((2, 2, 9, 9)), device=device), farthest=9)
-
-
 def test_positions_spacing_weights_and_colour(device):
     """Scattered views are checked where they lie; a view that is left out does not count."""
     a = scene((4, 5))

@@ -62,24 +62,6 @@ def test_the_default_is_not_worse_than_the_sharpest_plane(device: Device, name: 
     assert found <= MOST[name]
 
 
-def test_one_black_view_leaves_vignetting_to_be_evened(device: Device):
-    scene = next(hard_scenes.hard_scenes((40, 50), device=device, only="vignetting"))
-    samples = scene.samples.copy()
-    lf = LightField.from_array(samples, device=device)
-    survey = LevelSurvey(lf)
-    survey.add(slice(0, 40), lf)
-    whole = survey.finish().even
-    samples[0, 0] *= 0.01
-    lf = LightField.from_array(samples, device=device)
-    survey = LevelSurvey(lf)
-    survey.add(slice(0, 40), lf)
-    found = survey.finish().even
-    dark = np.flatnonzero(group_views(lf).view == 0)[0]
-    assert whole.max() > 1.1
-    assert found[dark] == 1
-    np.testing.assert_allclose(np.delete(found, dark), np.delete(whole, dark), rtol=0.02)
-
-
 def exposures(name: str) -> np.ndarray:
     """Views 30 % darker than their neighbours, shape (9, 9)."""
     gains = np.ones((9, 9), np.float32)

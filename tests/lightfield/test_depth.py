@@ -49,16 +49,6 @@ def slanted(
     return 1 + 0.2 * views, d0 + gy * y + gx * x
 
 
-def test_planes_need_not_be_even_or_sorted(device):
-    views, _ = slanted(0.37)
-    lf = LightField.from_array(views, device=device)
-    uneven = np.array([1.0, -0.4, 0.3, 0.42, 0.1, 0.75, 0.42, -1.3, 0.2, 0.55, 1.7])
-    found = energy_map(lf, disparities=uneven)
-    assert np.median(np.abs(found.disparity - 0.37)[INSIDE]) < 0.01
-    even = energy_map(lf, disparities=np.sort(uneven))
-    np.testing.assert_array_equal(found.disparity, even.disparity)
-
-
 def evened(picture: np.ndarray, d: float, views: tuple[int, int]) -> np.ndarray:
     """A picture (y, x, c) refocused on d, blurred to what half a pixel loses."""
     for axis, n in enumerate(views):
@@ -118,19 +108,6 @@ def test_interpolation_loses_the_same_at_every_shift():
         # equal moments up to the fifth; the sum of |weight| |x|^6 is below 2 in all these cases
         assert (error <= 2 * k**6 / 720).all()
     np.testing.assert_allclose(evening_taps(np.array([0.5, 2.5]), np.ones(2)), [1, 0, 0])
-
-
-@pytest.mark.parametrize(("step", "stacked"), [(0.15, False), (0.25, True)])
-def test_a_coarse_texture_at_a_whole_disparity(device, step, stacked):
-    y, x = np.arange(48.0)[:, None], np.arange(56.0)[None, :]
-    views = [[texture(0.7 * (y + v), 0.7 * (x + u)) for u in range(-2, 3)] for v in range(-1, 2)]
-    lf = LightField.from_array(np.array(views), device=device)
-    planes = 1 + step * np.arange(-3, 5)
-    if stacked:
-        found = energy_map(focal_stack(lf, disparities=planes))
-    else:
-        found = energy_map(lf, disparities=planes)
-    assert abs(np.median(found.disparity[INSIDE]) - 1) < 0.005
 
 
 @pytest.mark.parametrize(("views", "d"), [((9, 9), -1.5), ((8, 8), 0.06), ((4, 6), 0.45)])

@@ -185,17 +185,6 @@ def textured(shape: tuple[int, ...], dy: float, dx: float) -> np.ndarray:
     return 3 + 0.1 * np.einsum("vyk,uxk->vuyx", wave_y, wave_x).real
 
 
-@pytest.mark.parametrize("d", [-0.7, 1.1])
-def test_a_textured_plane_without_spacing(device, d):
-    lf = LightField.from_array(textured((7, 9, 43, 51), d, d), device=device)
-    found = estimate_alpha(lf, method="energy", at=(21, 25), window=31, c_max=1.5)
-    assert found.disparity == pytest.approx(d, abs=0.02)
-    assert math.isnan(found.alpha)
-    assert math.isnan(found.z)
-    assert math.isnan(found.uncertainty)
-    assert not found.in_focus
-
-
 def test_sharpness_by_the_sums_that_define_it():
     rng = np.random.default_rng(8)
     window, pad, d, aspect = rng.standard_normal((2, 3, 4, 7, 9)), 2, 0.37, 0.8
@@ -269,9 +258,3 @@ def test_c_max_keeps_alpha_positive_and_the_band_open(device, fields):
         estimate_alpha(near_one, method="energy")
     with pytest.raises(ValueError, match=r"c_max lies between 0 and"):
         estimate_alpha(fields[0.05], c_max=0.95)
-
-
-def test_nothing_to_focus_on(device):
-    flat = LightField.from_array(np.full((5, 6, 23, 27), 4.0), device=device)
-    with pytest.raises(ValueError, match="black or without any detail"):
-        estimate_alpha(flat, method="energy", at=(11, 13))

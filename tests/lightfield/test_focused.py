@@ -84,24 +84,6 @@ def test_only_the_right_patch_joins(raw: RawImage) -> None:
     assert min(textbook, small) > 4
 
 
-def test_sub_images_cut_by_the_border_are_no_seams(raw: RawImage) -> None:
-    """The sensor ends in the middle of the outer lenslets: .4 px of the patches is missing."""
-    cut = round(PITCH / 2) - 2
-    ny, nx = (n - cut for n in raw.shape)
-    values = np.ascontiguousarray(raw.to_numpy()[:ny, :nx])
-    half = replace(raw, data=raw.device.upload(values))
-    picture = render_focused(half, method="basic")
-    assert picture.shape == render_focused(raw, method="basic").shape
-    assert 0.7 < seam(picture) < 1.4
-
-
-def test_seams_of_flat_pictures_and_of_few_samples_are_not_known(raw: RawImage) -> None:
-    picture = render_focused(raw, method="basic")
-    flat = replace(picture, data=raw.device.zeros(picture.shape, np.float32))
-    assert math.isnan(seam(flat))
-    assert math.isnan(seam(render_focused(raw, method="basic", step=PITCH / 3)))
-
-
 def test_another_viewpoint_moves_what_is_not_in_focus(device: Device) -> None:
     method = "blended"
     rig, image, texture = exposed("square", 0.2, 0.17)

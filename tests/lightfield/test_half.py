@@ -6,9 +6,8 @@ import numpy as np
 import pytest
 
 import clplen.io
-from clplen.lightfield.focus_and_depth import depth_map, focal_stack, stack_tiles
+from clplen.lightfield.focus_and_depth import depth_map, focal_stack
 from clplen.lightfield.model.light_field import LightField
-from clplen.lightfield.model.stored_light_field import StoredLightField
 from clplen.lightfield.refocusing.focal_stacks import refocus
 
 PLANES = np.linspace(-0.6, 0.8, 5)
@@ -33,14 +32,6 @@ def same(of, pair):
     assert half.dtype == np.float32
     assert np.ptp(half) > 0
     np.testing.assert_array_equal(half, single)
-
-
-def test_kept_as_it_is(pair):
-    half, single = pair
-    assert half.dtype == np.float16
-    assert 2 * half.data.nbytes == single.data.nbytes
-    np.testing.assert_array_equal(half.to_numpy(), samples(3, 4, 31, 45, 3))
-    assert half.to_numpy().dtype == np.float16
 
 
 def test_pictures(pair):
@@ -83,23 +74,6 @@ def test_black_views_have_no_weight(device):
     values[0, 1, 4, 6] = np.float16(6e-8)  # the least that float16 has
     lf = LightField.from_array(values, device=device)
     np.testing.assert_array_equal(lf.weights, [[1, 1, 1], [1, 1, 0]])
-
-
-def test_streamed(device):
-    values = samples(3, 4, 61, 150)
-    source = StoredLightField.from_array(values)
-    assert source.dtype == np.float16
-    assert source.nbytes == values.nbytes
-    whole = focal_stack(LightField.from_array(values, device=device), disparities=PLANES)
-    got = np.full(whole.shape, np.nan, np.float32)
-    blocks = 0
-    for planes, rows, columns, some in stack_tiles(
-        source, disparities=PLANES, device=device, memory=4 * 2**17
-    ):
-        got[planes, rows, columns] = some
-        blocks += 1
-    assert blocks > 1
-    np.testing.assert_array_equal(got, whole.to_numpy())
 
 
 @pytest.mark.parametrize("suffix", ["h5", "npy"])

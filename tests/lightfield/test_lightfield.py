@@ -50,11 +50,6 @@ def test_other_real_types_become_float32(device, dtype, kept):
     np.testing.assert_array_equal(lf.to_numpy(), values)
 
 
-def test_transposed_host_array(device):
-    values = samples().transpose(1, 0, 3, 2)
-    np.testing.assert_array_equal(LightField.from_array(values, device=device).to_numpy(), values)
-
-
 def test_device_array_is_not_copied(device):
     array = cla.to_device(device.queue, samples(np.uint16))
     assert LightField.from_array(array, device=device).data is array
@@ -72,12 +67,6 @@ def test_device_array_of_another_queue(device):
     assert marker.command_execution_status == cl.command_execution_status.COMPLETE
     assert lf.data is array
     np.testing.assert_array_equal(lf.to_numpy(), values)
-
-
-def test_slice_of_a_device_array(device):
-    array = cla.to_device(device.queue, samples(shape=(4, 3, 5, 7)))
-    lf = LightField.from_array(array[1:3], device=device)
-    np.testing.assert_array_equal(lf.to_numpy(), samples(shape=(4, 3, 5, 7))[1:3])
 
 
 def test_array_of_another_context_is_refused(device):
@@ -127,12 +116,6 @@ def test_black_views_get_no_weight(device):
     assert lf.weights.dtype == np.float32
     given = LightField.from_array(values, device=device, weights=np.full((2, 3), 0.5))
     np.testing.assert_array_equal(given.weights, np.full((2, 3), 0.5))
-
-
-def test_a_black_light_field_has_weights(device):
-    lf = LightField.from_array(np.zeros((2, 3, 5, 7), np.uint8), device=device)
-    np.testing.assert_array_equal(lf.weights, np.ones((2, 3)))
-    assert not lf.render().to_numpy().any()
 
 
 def test_disparity_of_the_thesis_camera(device):

@@ -10,7 +10,7 @@ import pytest
 import clplen
 from clplen import LightField, RawImage, decode_raw, focal_stack
 from clplen.compute.arrays import Image
-from clplen.errors import DeviceError, ShapeError
+from clplen.errors import ShapeError
 from clplen.lightfield import (
     DecodeOperator,
     FocalStack,
@@ -72,12 +72,6 @@ def grey_raw(device, **more):
 
 
 # Stacks
-
-
-@pytest.mark.parametrize(("shape", "aperture"), [(SHAPES[0], 0.7), (SHAPES[1], None)])
-def test_stacks_have_an_exact_adjoint(device, shape, aperture):
-    linear = StackOperator(light_field(shape, device), disparities=PLANES, aperture=aperture)
-    assert mismatch(linear) <= EXACT
 
 
 def test_forward_is_focal_stack_bit_for_bit(device):
@@ -244,45 +238,7 @@ def test_what_does_not_fit_is_refused(device):
         StackOperator((2, 3, 5, 7), device=device)
 
 
-def test_arrays_of_another_device_are_refused(device, precise):
-    linear = StackOperator((2, 3, 5, 7), disparities=[0.1], device=device)
-    there = LightField.from_array(numbers((2, 3, 5, 7)), device=precise)
-    with pytest.raises(DeviceError, match="two devices"):
-        linear.forward(there)
-    with pytest.raises(DeviceError, match="another OpenCL context"):
-        linear.forward_data(there.data)
-
-
 # A picture and its disparity
-
-
-def test_a_warp_follows_positions_and_spacing(device):
-    lf = light_field((2, 3, 9, 11), device, positions=scattered((2, 3)))
-    np.testing.assert_array_equal(ViewWarp(lf).steps, lf.positions)
-    oblong = light_field((2, 3, 9, 11), device, spacing=(-2e-4, -1e-4, 2e-6, 2e-6))
-    np.testing.assert_allclose(ViewWarp(oblong).steps[1, 2], (1, 1))
-    assert repr(ViewWarp(lf)) == f"<ViewWarp of (9, 11) to (2, 3, 9, 11), {device.name}>"
-
-
-def test_gradients_of_a_loss(device):
-    """Of half the squared error, against central differences along the gradient's signs."""
-    shape = (3, 3, 15, 17)
-    y, x = np.mgrid[:15, :17]
-    picture, d = np.sin(0.5 * x) + np.cos(0.4 * y), 0.37 + 0.013 * x + 0.011 * y
-    model = ViewWarp(shape, device=device)
-    aim = numbers(shape)
-
-    def loss(p, q):
-        error = model.forward(p, q).to_numpy().astype(float) - aim
-        return 0.5 * np.vdot(error, error)
-
-    error = LightField.from_array(model.forward(picture, d).to_numpy() - aim, device=device)
-    gradients = model.vjp(picture, d, error)
-    for k, (gradient, step) in enumerate(zip(gradients, (1e-2, 1e-4), strict=True)):
-        way = [np.zeros((15, 17)), np.zeros((15, 17))]
-        way[k] = np.sign(gradient) * step
-        ahead, behind = (loss(picture + s * way[0], d + s * way[1]) for s in (1, -1))
-        assert np.abs(gradient).sum() == pytest.approx((ahead - behind) / (2 * step), rel=1e-3)
 
 
 def test_what_a_warp_cannot_take_is_refused(device):

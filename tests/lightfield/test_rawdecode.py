@@ -22,7 +22,7 @@ from clplen import (
     refocus,
 )
 from clplen.cameras import Plane
-from clplen.errors import DeviceError, ShapeError
+from clplen.errors import ShapeError
 from clplen.lightfield.calibration.lattice_fit import estimate_lattice
 from clplen.lightfield.calibration.raw_decoding import decode_raw
 from clplen.lightfield.raw.lenslet_lattice import Lattice
@@ -220,15 +220,6 @@ def test_devignetting_restores_a_flat(device, kind):
     np.testing.assert_allclose(dim, 70 * level[level < 0.04 * bright] / 0.05, atol=0.01)
 
 
-def test_spacing_by_the_pitch_of_pixels(device):
-    lf = decode_raw(np.ones((67, 83)), RECTANGULAR, device=device, pixel_pitch=2e-6)
-    dv, du, dy, dx = lf.spacing
-    assert np.isnan([dv, du]).all()
-    assert (dy, dx) == pytest.approx([2e-6 * np.hypot(9.41, 0.7), 2e-6 * np.hypot(0.6, 8.87)])
-    lf = decode_raw(np.ones((67, 83)), HEXAGONAL, device=device, pixel_pitch=2e-6)
-    assert lf.spacing[2:] == pytest.approx([2e-6 * np.hypot(7.9, 0.4)] * 2)
-
-
 # Colours --------------------------------------------------------------------------------------
 
 
@@ -331,18 +322,6 @@ def test_hot_pixels_are_replaced(device):
     assert np.abs(unmended - clean).max() > 10 * clean.mean()
 
 
-def test_single_saturated_pixels_are_replaced_and_highlights_stay(device):
-    lattice = Lattice("square", (30.0, 40.0), (10.0, 0.0), (0.0, 10.0))
-    frame = np.full((61, 81), 200, np.uint16)
-    frame[20, 30] = frame[33, 47] = 4095
-    frame[38:44, 58:64] = 4095
-    views = decode_raw(frame, lattice, device=device, views=(9, 9), step=1).to_numpy()
-    assert (views[..., 1, 2] == 200).all()
-    assert (views[..., 2, 3] == 200).all()
-    assert (views == 4095).sum() == 6 * 6 - 4  # its corners have five good neighbours
-    assert (views[3:7, 3:7, 3, 5] == 4095).all()
-
-
 # What is refused ------------------------------------------------------------------------------
 
 
@@ -373,12 +352,6 @@ def test_what_is_refused(device):
     for frame, words, error, text in REFUSED:
         with pytest.raises(error, match=text):
             decode_raw(frame, RECTANGULAR, device=device, **words)
-
-
-def test_memory_is_asked_for_first(device, monkeypatch):
-    monkeypatch.setattr(device, "memory_bytes", 1000)
-    with pytest.raises(DeviceError, match="Decoding this light field needs"):
-        decode_raw(np.ones((67, 83)), RECTANGULAR, device=device)
 
 
 # A real frame ---------------------------------------------------------------------------------

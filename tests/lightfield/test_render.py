@@ -117,17 +117,6 @@ def test_disc(device, fraction, at):
     assert w.dtype == np.float32
 
 
-def test_f_number(device):
-    """f/400 of 0.24 m is 0.6 mm: 5 steps of 120 um along v, 10 of 60 um along u."""
-    lf = light_field(device, spacing=SPACING, camera=CAMERA)
-    w = aperture_weights(lf, "f/400", None)
-    assert np.abs(w - covered((5, 8), (2, 3.5), (5, 10))).max() <= 2 / 200
-    np.testing.assert_array_equal(aperture_weights(lf, " F/400.0", None), w)
-    a = values().astype(float)
-    got = lf.render(aperture="f/400").to_numpy()
-    assert np.abs(got - twin(a, w.astype(float))).max() <= rounding(a)
-
-
 def test_array_aperture(device):
     a = values()
     own, w = np.random.default_rng(23).random((2, 5, 8)).astype(np.float32)

@@ -4,10 +4,6 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from reference_lightfield import viewpoint_weights
-from reference_render import along_rays as sampled
-from reference_render import statistic, steps
-from tolerance import relative_max
 
 from clplen.errors import ShapeError
 from clplen.lightfield.model.light_field import LightField
@@ -28,27 +24,6 @@ def plane_scene(views, size, d, cycles=0.17) -> np.ndarray:
 
 def wave(y, x, cycles=0.17) -> np.ndarray:
     return 100 + 40 * np.sin(2 * np.pi * cycles * x) + 40 * np.cos(2 * np.pi * 0.8 * cycles * y)
-
-
-@pytest.mark.parametrize(
-    ("dtype", "shape", "interpolation"),
-    [
-        (np.uint8, (5, 4, 7, 11), "cubic"),
-        (np.uint16, (3, 4, 5, 7, 3), "linear"),
-        (np.float32, (5, 4, 7, 11), "nearest"),
-    ],
-)
-def test_twin(device, dtype, shape, interpolation):
-    a, lf = light_field(device, shape, dtype)
-    at, d = (1.3, 2.75), -1.65
-    got = lf.view(*at, disparity=d, interpolation=interpolation).to_numpy().astype(float)
-    near = steps(shape[:2])
-    w = viewpoint_weights(shape[:2], *at)
-    here = -np.array([at[0] - (shape[0] - 1) / 2, at[1] - (shape[1] - 1) / 2])
-    want = statistic(
-        "mean", *sampled(a, d, weights=w, step=near - here, interpolation=interpolation)
-    )
-    assert relative_max(want, got) <= 1e-5
 
 
 def test_no_ghosts(device):
@@ -95,19 +70,6 @@ def test_a_map_of_the_centre_view_is_carried_to_the_viewpoint(device):
     assert np.abs(got - want)[inside].max() < 0.3  # cubic; the map not carried: 1.1
     not_carried = lf.view(1, there, disparity=np.tile(d0 + slope * seen, (16, 1))).to_numpy()
     assert np.abs(not_carried - want)[inside].max() > np.abs(got - want)[inside].max()
-
-
-def test_positions_take_the_place_of_the_grid(device):
-    views, d = (1, 3), 1.7
-    places = np.array([-1.2, 0.1, 1.1])
-    y, x = np.mgrid[:9, :31].astype(float)
-    a = np.stack([wave(y, x + d * u) for u in places])[None].astype(np.float32)
-    positions = np.stack((np.zeros(3), places), axis=-1)[None]
-    lf = LightField.from_array(a, device=device, positions=positions)
-    got = lf.view(0, 1.25, disparity=d).to_numpy()
-    want = wave(y, x + d * (0.75 * 0.1 + 0.25 * 1.1))
-    assert np.abs(got - want)[:, 4:-4].max() < 4
-    assert views == lf.shape[:2]
 
 
 def test_bad_disparities_are_refused(device):

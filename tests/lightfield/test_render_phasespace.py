@@ -57,15 +57,6 @@ def test_slopes_of_a_point(device, alpha):
     assert np.polyfit(theta, x, 1)[0] == pytest.approx(F - F / alpha, abs=1e-6)
 
 
-def test_without_spacing_views_and_pixels(device):
-    found = phase_space(light_field(device), y=0, v=0)
-    assert found.units == ("view", "pixel")
-    assert found.theta is None
-    np.testing.assert_array_equal(found.direction, [-1.5, -0.5, 0.5, 1.5])
-    np.testing.assert_array_equal(found.position, np.arange(-5, 6))
-    assert phase_space(light_field(device, spacing=SPACING), y=0, v=0).theta is None
-
-
 def test_directions_are_an_axis_by_themselves(device):
     lf = light_field(device, spacing=SPACING, camera=CAMERA).resample("point-angle")
     found = phase_space(lf, y=2, v=1)

@@ -52,31 +52,6 @@ def test_against_its_definition(device):
     assert (confidence[clear] <= top[-1][clear] + 1e-4).all()
 
 
-def test_what_moves_by_pixels(device):
-    """Far beyond a pixel a view step, where gradients of the views alone are of no use."""
-    d = 2.4
-    y, x = np.arange(40.0)[:, None], np.arange(60.0)[None, :]
-    random = np.random.default_rng(3)
-    f, phase = random.uniform(-0.2, 0.2, (2, 30)), random.uniform(0, 2 * np.pi, 30)
-    views = [
-        [
-            np.cos(
-                2
-                * np.pi
-                * (np.multiply.outer(y + d * v, f[0]) + np.multiply.outer(x + d * u, f[1]))
-                + phase
-            ).sum(axis=-1)
-            for u in range(-3, 4)
-        ]
-        for v in range(-2, 3)
-    ]
-    lf = LightField.from_array(np.array(views, np.float32), device=device)
-    found, confidence = structure_disparity(lf, np.linspace(-2.5, 2.5, 11))
-    inner = (slice(10, -10), slice(10, -10))
-    assert np.median(np.abs(found - d)[inner]) < 0.01
-    assert np.median(confidence[inner]) > 0.4
-
-
 def test_views_in_no_rows_are_refused(device):
     rng = np.random.default_rng(5)
     L = rng.random((5, 5, 24, 24), np.float32)

@@ -8,7 +8,7 @@ import pytest
 from clplen.lightfield.model.stored_light_field import StoredLightField
 from clplen.lightfield.refocusing.memory_estimate import MemoryEstimate
 from clplen.lightfield.streaming import tile_plan
-from clplen.lightfield.streaming.tile_plan import bands, plan_tiles
+from clplen.lightfield.streaming.tile_plan import plan_tiles
 
 
 def source(shape=(3, 4, 211, 307), chunks=None, views_at_once=(1, 1), overhead=0):
@@ -89,12 +89,6 @@ def test_bands_unless_parts_of_rows_read_less(device):
     assert all(tile.columns == slice(0, 307) for tile in high.tiles)
 
 
-def test_tiles_are_alike(device):
-    plan = plan_tiles(source(), [work()], memory=1_300_000, device=device)
-    assert len(plan.tiles) > 3
-    assert len({tile.outer_shape for tile in plan.tiles}) == 1
-
-
 def test_everything_in_one_tile(device):
     copies = 1 if device.is_cpu else 2
     need = 211 * 307 * (12 * copies + 100 + 3) + 50
@@ -164,9 +158,3 @@ def test_memory_is_a_number_of_bytes(device):
 def test_default_memory_is_half_of_what_is_free(device, monkeypatch):
     monkeypatch.setattr(tile_plan, "free_memory", lambda: 2_000_000)
     assert plan_tiles(source(), [work()], memory=None, device=device).memory == 1_000_000
-
-
-def test_bands():
-    found = bands((10, 7), 4)
-    assert [(t.rows.start, t.rows.stop) for t in found] == [(0, 4), (4, 8), (8, 10)]
-    assert all(t.inside == (slice(0, t.rows.stop - t.rows.start), slice(0, 7)) for t in found)

@@ -47,22 +47,6 @@ def test_a_grating_that_is_aliased_in_views_is_resolved(device, along_x):
     assert amplitude(twice[inside], FINE / 2) < 0.1 * 50
 
 
-def test_the_finer_picture_lies_where_the_plain_one_does(device):
-    """A smooth ramp keeps its values: fine pixel X is at (X + 1/2)/n - 1/2."""
-    y, x = np.mgrid[:8, :11].astype(float)
-    v, u = np.arange(3) - 1.0, np.arange(4) - 1.5
-    a = 10 + 3 * (x + 0.3 * u[None, :, None, None]) + 2 * (y + 0.3 * v[:, None, None, None])
-    lf = LightField.from_array(a.astype(np.float32), device=device)
-    for n in (2, 3):
-        got = refocus(lf, disparity=0.3, upsample=n).to_numpy()
-        at_y, at_x = ((np.arange(n * m) + 0.5) / n - 0.5 for m in (8, 11))
-        want = 10 + 3 * at_x[None, :] + 2 * at_y[:, None]
-        inside = (slice(2 * n, -2 * n),) * 2
-        # Samples beside a fine pixel stand for it: at most 1/n of a pixel away.
-        assert np.abs(got - want)[inside].max() <= 5 / n / 2
-        assert np.abs((got - want)[inside].mean()) < 0.05
-
-
 def test_bad_factors_are_refused(device):
     lf = grating(device, size=(3, 5))
     for n in (0, 17, 1.5):

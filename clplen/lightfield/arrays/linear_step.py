@@ -22,12 +22,7 @@ Step = Callable[[cla.Array], cla.Array]
 
 
 class LinearStep:
-    """A linear map A of float32 samples and its transpose A', <A x, y> = <x, A' y>.
-
-    A class of this base sets `device`, `in_shape` and `out_shape`, and says what it does to one
-    array (`_forward`, `_adjoint`), which objects hold such arrays (`_takes`) and how one is made
-    (`_made`).
-    """
+    """A linear map A of float32 samples and its transpose A', <A x, y> = <x, A' y>."""
 
     _takes: ClassVar[tuple[type[OnDevice], type[OnDevice]]]
 
@@ -58,47 +53,14 @@ class LinearStep:
         raise NotImplementedError
 
     def forward(self, x: Any) -> Any:
-        """A x.
+        """Return A x: an object of an object, a float32 array of an array of `in_shape`.
 
-        Parameters
-        ----------
-        x : object or array_like
-            Of `in_shape`; an array may have leading axes, each index of which is mapped by itself.
-
-        Returns
-        -------
-        object or numpy.ndarray
-            An object of one, an array of `out_shape` (float32, with the leading axes) of an array.
-
-        Raises
-        ------
-        ShapeError
-            If it has another shape.
-        TypeError
-            If it is an object of another kind, or does not hold float32 samples.
-        DeviceError
-            If it lives on another device, or the memory does not suffice.
+        An array may have leading axes, each index of which is mapped by itself.
         """
         return self._through(x, False)
 
     def adjoint(self, y: Any) -> Any:
-        """A' y.
-
-        Parameters
-        ----------
-        y : object or array_like
-            Of `out_shape`; an array may have leading axes, each index of which is mapped by itself.
-
-        Returns
-        -------
-        object or numpy.ndarray
-            An object of one, an array of `in_shape` (float32, with the leading axes) of an array.
-
-        Raises
-        ------
-        ShapeError, TypeError, DeviceError
-            As `forward`.
-        """
+        """Return A' y, as `forward`, of `out_shape`."""
         return self._through(y, True)
 
     def forward_data(self, data: cla.Array) -> cla.Array:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import os
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Any, Literal
+from typing import Any
 
 import numpy as np
 import pyopencl as cl
@@ -13,7 +13,7 @@ import pyopencl.array as cla
 
 from clplen.compute.device import Device
 from clplen.compute.drivers.failures import is_want_of_memory
-from clplen.errors import DeviceError, KernelBuildError, ShapeError
+from clplen.errors import DeviceError, KernelBuildError
 from clplen.lightfield.arrays.shear_tables import (
     Norm,
     Table,
@@ -121,7 +121,6 @@ def _blocks(
     return _Blocks(planes, width, height, pitch, cost)
 
 
-Edge = Literal["normalised", "clamp"]
 
 FORMS = ("blocks", "staged", "samples")
 _NORM_FLOATS = 1 << 23  # of the weights that samples use, in one launch
@@ -140,9 +139,7 @@ def shear_sum(
     shift_x: Table,
     *,
     device: Device,
-    edge: Edge = "normalised",
     total: bool = False,
-    out: cla.Array | None = None,
 ) -> cla.Array:
     """Shift every view by its constant, interpolate linearly, and average over the views.
 
@@ -151,16 +148,10 @@ def shear_sum(
     their own each. The result has the same bits in every run.
     """
     shape = tuple(int(n) for n in lf_data.shape)
-    views = split_views(shape, weights, shift_y, shift_x, edge)
-    if out is None:
-        nbytes = 4 * views.planes * views.ny * views.samples
-        device.require_memory(nbytes, "The refocused pictures")
-        out = device.empty((views.planes, *shape[2:]), np.float32)
-    elif tuple(out.shape) != (views.planes, *shape[2:]) or out.dtype != np.float32:
-        raise ShapeError(
-            f"out holds {views.planes} float32 pictures of shape {shape[2:]}, not "
-            f"{tuple(out.shape)} ({out.dtype})."
-        )
+    views = split_views(shape, weights, shift_y, shift_x)
+    nbytes = 4 * views.planes * views.ny * views.samples
+    device.require_memory(nbytes, "The refocused pictures")
+    out = device.empty((views.planes, *shape[2:]), np.float32)
     _run_first_form(_Sum(device, out, lf_data, views, total))
     return out
 
@@ -178,8 +169,7 @@ class _Sum:
     @property
     def defines(self) -> dict[str, Any]:
         """Of every form."""
-        clamp = {"CLAMP": True} if self.views.clamp else {}
-        return {"SAMPLE": C_TYPE[np.dtype(self.lf_data.dtype)], **clamp}
+        return {"SAMPLE": C_TYPE[np.dtype(self.lf_data.dtype)]}
 
     def step(self, most: int) -> int:
         """Planes of a launch, whose table of weights is not too large."""
@@ -236,7 +226,7 @@ def _fastest(work: _Sum, blocks: list[_Blocks]) -> _Blocks:
     sizes = [int(n).bit_length() for n in (views.ny, views.nx)]
     problem = (
         f"{work.defines['SAMPLE']} {V}x{U} views of {views.channels}, {sizes}, "
-        f"{views.planes} planes, {views.clamp}"
+        f"{views.planes} planes"
     )
     by_label = {b.label: b for b in reversed(blocks)}
     found = tuning.found("shear.cl", problem, list(by_label))

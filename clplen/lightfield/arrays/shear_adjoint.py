@@ -10,7 +10,7 @@ import pyopencl.array as cla
 
 from clplen.compute.device import Device
 from clplen.compute.drivers.failures import is_want_of_memory
-from clplen.errors import DeviceError, KernelBuildError, ShapeError
+from clplen.errors import DeviceError, KernelBuildError
 from clplen.lightfield.arrays.shear import vector_lanes
 from clplen.lightfield.arrays.shear_tables import (
     Table,
@@ -39,18 +39,13 @@ def shear_adjoint(
     device: Device,
     total: bool = False,
 ) -> cla.Array:
-    """The transpose of `shear_sum`, with its normalised edges.
+    """The transpose of `shear_sum`, of float32 pictures of every plane.
 
     Every picture is divided by the weights that `shear_sum` divides by, and each view is the sum of
     the pictures moved back by its shifts, interpolated linearly and 0 outside, times its weight.
     The result has the same bits in every run.
     """
-    views = split_views(shape, weights, shift_y, shift_x, "normalised")
-    if tuple(pictures.shape) != (views.planes, *shape[2:]) or pictures.dtype != np.float32:
-        raise ShapeError(
-            f"The pictures of {views.planes} planes are float32 of shape "
-            f"{(views.planes, *shape[2:])}, not {tuple(pictures.shape)} ({pictures.dtype})."
-        )
+    views = split_views(shape, weights, shift_y, shift_x)
     light_field = 4 * int(np.prod(shape, dtype=np.int64))
     needed = light_field + (0 if total else int(pictures.nbytes))
     device.require_memory(needed, "The light field of these pictures")

@@ -7,8 +7,6 @@ from typing import Any
 
 import numpy as np
 
-from clplen.errors import ShapeError
-
 Table = np.ndarray[Any, Any]
 
 HELD = 16  # samples: see shear.cl
@@ -26,7 +24,6 @@ class Views:
     ny: int
     nx: int
     channels: int
-    clamp: bool
 
     @property
     def planes(self) -> int:
@@ -42,7 +39,7 @@ class Views:
         """What tells these views from all others."""
         arrays = (self.weights, self.down, self.below, self.right, self.beside)
         known = tuple((a.shape, a.tobytes()) for a in arrays)
-        return (*known, self.ny, self.nx, self.channels, self.clamp)
+        return (*known, self.ny, self.nx, self.channels)
 
     def part(self, first: int, count: int) -> Views:
         """`count` planes (or as many as there are) from `first` on."""
@@ -57,32 +54,17 @@ class Views:
 
 
 def split_views(
-    shape: tuple[int, ...], weights: Table, shift_y: Table, shift_x: Table, edge: str
+    shape: tuple[int, ...], weights: Table, shift_y: Table, shift_x: Table
 ) -> Views:
-    """What the kernels need to know of the views, checked."""
+    """Weights (V, U) and shifts (P, V) and (P, U), or (P, V, U), as the kernels take them."""
     w = np.asarray(weights, np.float64)
     sy, sx = (np.asarray(shift, np.float64) for shift in (shift_y, shift_x))
-    if len(shape) not in (4, 5) or 0 in shape:
-        raise ShapeError(f"A light field has shape (v, u, y, x[, c]), none empty, not {shape}.")
-    V, U, ny, nx = shape[:4]
-    P = len(sy) if sy.ndim else 0
-    fits = sy.shape in ((P, V), (P, V, U)) and sx.shape in ((P, U), (P, V, U))
-    if w.shape != (V, U) or not fits:
-        raise ShapeError(
-            f"{V} x {U} views take weights of shape {(V, U)} and, for P planes, shifts of shape "
-            f"(P, {V}) and (P, {U}), or (P, {V}, {U}), not {w.shape}, {sy.shape} and {sx.shape}."
-        )
-    if P == 0:
-        raise ShapeError("Give the shifts of at least one plane.")
-    if not all(np.isfinite(a).all() for a in (w, sy, sx)):
-        raise ValueError("Weights and shifts of views are finite numbers.")
-    if edge not in ("normalised", "clamp"):
-        raise ValueError(f"edge is 'normalised' or 'clamp', not {edge!r}.")
-    channels = shape[4] if len(shape) == 5 else 1
+    V, U, ny, nx, channels = (*shape, 1)[:5]
+    P = len(sy)
     if sy.ndim == 3:  # rows of one view each
         sx = np.broadcast_to(sx.reshape(P, -1, U), (P, V, U)).reshape(P, V * U, 1)
         w, sy = w.reshape(V * U, 1), sy.reshape(P, V * U)
-    return Views(w, *_split(sy, ny), *_split(sx, nx), ny, nx, channels, edge == "clamp")
+    return Views(w, *_split(sy, ny), *_split(sx, nx), ny, nx, channels)
 
 
 def _split(shift: Table, size: int) -> tuple[Table, Table]:
@@ -131,10 +113,6 @@ class Norm:
 
 def weight_norms(views: Views, width: int) -> Norm:
     """Of rows of `width` samples, those beyond a view with weight 0."""
-    w = views.weights
-    if views.clamp:
-        whole = np.append(w.sum(axis=1), w.sum()).astype(np.float32)
-        return Norm(np.broadcast_to(whole[:, None], (views.planes, whole.size, HELD)), 0, width)
     first = min(max(0, -int(views.right.min())), views.nx)
     last = max(min(views.nx - 1 - int(views.right.max()), views.nx), first + 1)
     used = _used(views, np.r_[: min(first + 1, views.nx), last : views.nx])

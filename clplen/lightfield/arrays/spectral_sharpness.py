@@ -31,23 +31,13 @@ _NODES = 16  # of the quadrature over a round lenslet
 
 @dataclass(frozen=True)
 class LensletBlur:
-    """How the lenslets smooth what they record.
+    """How the lenslets smooth what they record."""
 
-    Attributes
-    ----------
-    q : float
-        lam f_mu/(dx d): the ambiguity offset, in lenslet diameters, of one cycle a sensor pixel.
-    fill : tuple of float
-        Lenslet diameter over pitch, (y, x).
-    circular : bool
-        Round lenslets; square ones otherwise.
-    variance : float
-        Of what else blurs the spots behind lenslets, along one axis, in square pixels.
-    """
-
+    # lam f_mu/(dx d): the ambiguity offset, in lenslet diameters, of one cycle a sensor pixel
     q: float
-    fill: tuple[float, float]
-    circular: bool
+    fill: tuple[float, float]  # Lenslet diameter over pitch, (y, x)
+    circular: bool  # Round lenslets; square ones otherwise
+    # Of what else blurs the spots behind lenslets, along one axis, in square pixels
     variance: float = 0.0
 
     def transfer(self, ky: Real, kx: Real, *, shear: tuple[float, float]) -> Real:
@@ -91,28 +81,14 @@ def disc_ambiguity(frequency: Real, offset: Real) -> Real:
 
 @dataclass(frozen=True)
 class Sharpness:
-    """Spectral energy of the refocused image, a function of the disparity. Made by `sharpness`.
+    """Spectral energy of the refocused image, a function of the disparity. Made by `sharpness`."""
 
-    Attributes
-    ----------
-    spectra : numpy.ndarray
-        complex128, shape (c, v, u, ky, kx): transforms of the views.
-    ky, kx : numpy.ndarray
-        Their frequencies in cycles a lenslet; kx of a real transform.
-    weights : numpy.ndarray
-        Shape (ky, kx): 1 or 2 (half plane) inside the band, 0 outside.
-    aspect : float
-        Shear along y over shear along x.
-    blur : LensletBlur or None
-        Divided out when given.
-    """
-
-    spectra: Complex
-    ky: Real
+    spectra: Complex  # complex128, shape (c, v, u, ky, kx): transforms of the views
+    ky: Real  # ky, kx: Their frequencies in cycles a lenslet; kx of a real transform
     kx: Real
-    weights: Real
-    aspect: float
-    blur: LensletBlur | None
+    weights: Real  # Shape (ky, kx): 1 or 2 (half plane) inside the band, 0 outside
+    aspect: float  # Shear along y over shear along x
+    blur: LensletBlur | None  # Divided out when given
 
     def __call__(self, disparity: float) -> float:
         """E(disparity), summed over the band and the colours."""
@@ -188,20 +164,12 @@ def sharpness(
 
 @dataclass(frozen=True)
 class Peak:
-    """Where a curve is highest.
-
-    Attributes
-    ----------
-    position : float
-    inside : bool
-        False when the curve is highest at an end of the search, so that no peak was found.
-    positions, values : numpy.ndarray
-        The curve of the first search.
-    """
+    """Where a curve is highest."""
 
     position: float
+    # False when the curve is highest at an end of the search, so that no peak was found
     inside: bool
-    positions: Real
+    positions: Real  # positions, values: The curve of the first search
     values: Real
 
 

@@ -40,29 +40,17 @@ _OUTER = (0.05, 0.95)  # of the detail, between which the disparities lie
 
 @dataclass(frozen=True)
 class Order:
-    """One of the eight ways to take the view axes, applied to a light field as it is.
+    """One of the eight ways to take the view axes, applied to a light field as it is."""
 
-    Attributes
-    ----------
-    swap_uv, flip_v, flip_u : bool
-        Words of layout: axes swapped first, then the resulting ones reversed.
-    sharpness : float
-        Detail of the sharpest plane of each block of pixels, over that of one view.
-    disparity : float
-        Where the picture as a whole is sharpest, in pixels a view step.
-    span : tuple of float
-        (low, high) disparity between which nine tenths of the detail are sharpest.
-    group : int
-        Orders of one group cannot be told apart: reversing both axes mirrors disparities.
-    """
-
+    # swap_uv, flip_v, flip_u: Words of layout: axes swapped first, then the resulting ones reversed
     swap_uv: bool
     flip_v: bool
     flip_u: bool
-    sharpness: float
-    disparity: float
+    sharpness: float  # Detail of the sharpest plane of each block of pixels, over that of one view
+    disparity: float  # Where the picture as a whole is sharpest, in pixels a view step
+    # (low, high) disparity between which nine tenths of the detail are sharpest
     span: tuple[float, float]
-    group: int
+    group: int  # Orders of one group cannot be told apart: reversing both axes mirrors disparities
 
     @property
     def words(self) -> tuple[str, ...]:
@@ -72,24 +60,13 @@ class Order:
 
 @dataclass(frozen=True)
 class AxisTest:
-    """Made by `axis_test`.
+    """Made by `axis_test`."""
 
-    Attributes
-    ----------
-    orders : tuple of Order
-        All eight, as read first; none where the views have no detail.
-    recorded : float
-        Sharpness at disparity 0, which is that of every order.
-    best : frozenset of int
-        The groups than which none is clearly sharper; all of them where there is no evidence.
-    factor : float
-        Sharpness of the best group over that of the next; nan if there is only one.
-    """
-
-    orders: tuple[Order, ...]
-    recorded: float
+    orders: tuple[Order, ...]  # All eight, as read first; none where the views have no detail
+    recorded: float  # Sharpness at disparity 0, which is that of every order
+    # The groups than which none is clearly sharper; all of them where there is no evidence
     best: frozenset[int]
-    factor: float
+    factor: float  # Sharpness of the best group over that of the next; nan if there is only one
 
 
 def axis_test(lf: LightField, *, farthest: float) -> AxisTest:

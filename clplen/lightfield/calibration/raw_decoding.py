@@ -36,7 +36,6 @@ from clplen.lightfield.raw.raw_image import RawImage, Spacing
 _FLOOR = 0.05  # of the white image's bright pixels: what is darker is divided by that
 _BRIGHT = 0.995  # quantile of the white image that counts as bright
 _DEMOSAIC = ("within", "after", "before")
-_LEAST = 1e-5  # of the white level: less than any view has that a lenslet lights
 
 
 @dataclass(frozen=True)

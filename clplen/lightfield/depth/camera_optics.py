@@ -30,27 +30,17 @@ _DEVIATIONS = {
 
 @dataclass(frozen=True)
 class CameraOptics:
-    """What the camera does to a focus measure.
-
-    Attributes
-    ----------
-    blur : LensletBlur
-    kappa : float
-        By which the plane of highest energy is nearer to the focus than the object: U^2/(U^2 + s^2)
-        with U the rms radius of the pupil and s that of what blurs directions: diffraction at the
-        lenslets, their aberrations, the area of the pixels.
-    tolerance : float
-        p/D, the change of alpha that blurs a point in focus by a lenslet.
-    pupil : Pupil
-    corrected : float
-        Share of alpha - 1 by which steep lenslets and large pixels change it: what is known of
-        that is not all.
-    """
+    """What the camera does to a focus measure."""
 
     blur: LensletBlur
+    # By which the plane of highest energy is nearer to the focus than the object: U^2/(U^2 + s^2)
+    # with U the rms radius of the pupil and s that of what blurs directions: diffraction at the
+    # lenslets, their aberrations, the area of the pixels
     kappa: float
-    tolerance: float
+    tolerance: float  # p/D, the change of alpha that blurs a point in focus by a lenslet
     pupil: Pupil
+    # Share of alpha - 1 by which steep lenslets and large pixels change it: what is known of that
+    # is not all
     corrected: float
 
     def band(self, c_max: float) -> tuple[float, float]:

@@ -177,18 +177,11 @@ def _believed(
 
 @dataclass(frozen=True)
 class _Match:
-    """The lowest valley of the costs at every pixel, before it is refined; shape (y, x).
+    """The lowest valley of the costs at every pixel, before it is refined; shape (y, x)."""
 
-    Attributes
-    ----------
-    disparity, nearest : numpy.ndarray
-        Of the valley, and the plane next to it.
-    least, margin : numpy.ndarray
-        Cost in the valley, and how far it lies below the second one, 0 to 1.
-    """
-
-    disparity: Map
+    disparity: Map  # disparity, nearest: Of the valley, and the plane next to it
     nearest: Whole
+    # least, margin: Cost in the valley, and how far it lies below the second one, 0 to 1
     least: Map
     margin: Map
 

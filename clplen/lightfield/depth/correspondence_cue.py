@@ -33,18 +33,10 @@ _HEIGHT, _VECTORS = 4, 8  # rows and vectors of a block, on CPUs
 
 @dataclass(frozen=True)
 class Moments:
-    """Of the views' samples at every pixel of some planes.
+    """Of the views' samples at every pixel of some planes."""
 
-    Attributes
-    ----------
-    mean : pyopencl.array.Array
-        S1, the refocused pictures, float32, shape (P, y, x) or (P, y, x, c).
-    variance : pyopencl.array.Array
-        S2 - S1^2, same shape, not negative.
-    """
-
-    mean: cla.Array
-    variance: cla.Array
+    mean: cla.Array  # S1, the refocused pictures, float32, shape (P, y, x) or (P, y, x, c)
+    variance: cla.Array  # S2 - S1^2, same shape, not negative
 
 
 def shear_moments(lf: LightField, planes: Vector) -> Moments:

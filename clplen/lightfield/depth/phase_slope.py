@@ -23,26 +23,16 @@ _FARTHEST = 0.75  # pitches from its centre to the corner of a cell, a little mo
 
 @dataclass(frozen=True)
 class PhaseSlope:
-    """A line fitted to the spots of one point. Made by `fit_slope`.
+    """A line fitted to the spots of one point. Made by `fit_slope`."""
 
-    Attributes
-    ----------
-    disparity : float
-        Pixels a view step along x, nearer positive; 0 where all light lies in one lenslet or two,
-        or the spots show no slope.
-    confidence : float
-        0 to 1: share of the spots' scatter in u that the line explains (R squared).
-    spots : int
-        Sub-images that were used; 0 where noise hides all but one or two.
-    deviation : float
-        Standard deviation of the disparity by the scatter of the spots about the line, as if it
-        were independent (White 1980, "A heteroskedasticity-consistent covariance matrix
-        estimator", eq. 6, times n/(n - 2) for n spots); nan where the disparity is 0.
-    """
-
+    # Pixels a view step along x, nearer positive; 0 where all light lies in one lenslet or two, or
+    # the spots show no slope
     disparity: float
-    confidence: float
-    spots: int
+    confidence: float  # 0 to 1: share of the spots' scatter in u that the line explains (R squared)
+    spots: int  # Sub-images that were used; 0 where noise hides all but one or two
+    # Standard deviation of the disparity by the scatter of the spots about the line, as if it were
+    # independent (White 1980, "A heteroskedasticity-consistent covariance matrix estimator", eq. 6,
+    # times n/(n - 2) for n spots); nan where the disparity is 0
     deviation: float = math.nan
 
 

@@ -27,17 +27,10 @@ _VIGNETTED = 0.02  # fall of brightness from the middle to the rim that is evene
 
 @dataclass(frozen=True)
 class SampleLevels:
-    """What the whole light field says of its samples.
+    """What the whole light field says of its samples."""
 
-    Attributes
-    ----------
-    gain : float
-        Levels a unit of the samples.
-    even : numpy.ndarray
-        float64, shape (K,): what undoes vignetting and exposure of each view that is compared.
-    """
-
-    gain: float
+    gain: float  # Levels a unit of the samples
+    # float64, shape (K,): what undoes vignetting and exposure of each view that is compared
     even: Vector
 
 

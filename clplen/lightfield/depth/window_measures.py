@@ -96,17 +96,10 @@ def _shear(count: int, views: int, alpha: float) -> scipy.sparse.csr_array:
 
 @dataclass(frozen=True)
 class Lenslets:
-    """What lenslets round one point recorded, and where they lie. Made by `read_lenslets`.
+    """What lenslets round one point recorded, and where they lie. Made by `read_lenslets`."""
 
-    Attributes
-    ----------
-    samples : numpy.ndarray
-        float64, shape (c, v, u, y, x); 0 in views that see the cells of other lenslets.
-    y, x : numpy.ndarray
-        Positions of the lenslets in pixels of the light field, shapes that broadcast to (y, x).
-    """
-
-    samples: Real
+    samples: Real  # float64, shape (c, v, u, y, x); 0 in views that see the cells of other lenslets
+    # y, x: Positions of the lenslets in pixels of the light field, shapes that broadcast to (y, x)
     y: Real
     x: Real
 

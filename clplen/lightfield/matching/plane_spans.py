@@ -38,17 +38,11 @@ _PLAIN = 4.0  # levels a channel: where the rise is less, all planes are
 
 @dataclass(frozen=True)
 class LikelyPlanes:
-    """Planes that are worth trying.
+    """Planes that are worth trying."""
 
-    Attributes
-    ----------
-    spans : numpy.ndarray
-        int32, shape (y, x, 2): the first and the last one; last < first where there is none.
-    usual : numpy.ndarray or None
-        float32, shape (y, x): mean cost over all planes; None where all planes are tried.
-    """
-
+    # int32, shape (y, x, 2): the first and the last one; last < first where there is none
     spans: Spans
+    # float32, shape (y, x): mean cost over all planes; None where all planes are tried
     usual: Map | None
 
     def only(self, around: Surroundings, planes: Vector) -> LikelyPlanes:

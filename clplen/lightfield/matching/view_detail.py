@@ -61,19 +61,12 @@ def view_detail(lf: LightField, gains: Map) -> LightField:
 
 @dataclass(frozen=True)
 class Surroundings:
-    """What detail finds about each pixel, within 6 pixels.
+    """What detail finds about each pixel, within 6 pixels."""
 
-    Attributes
-    ----------
-    low, high : numpy.ndarray
-        The least and the largest disparity, float32, shape (y, x).
-    near : numpy.ndarray
-        bool: where they differ by a quarter of a pixel and more, as beside an outline; and within 6
-        pixels of the edges, over which the Gaussian of each view reaches.
-    """
-
-    low: Map
+    low: Map  # low, high: The least and the largest disparity, float32, shape (y, x)
     high: Map
+    # bool: where they differ by a quarter of a pixel and more, as beside an outline; and within 6
+    # pixels of the edges, over which the Gaussian of each view reaches
     near: Mask
 
     @classmethod

@@ -34,27 +34,15 @@ _ALMOST = 1e-6  # of a view step: on the line between two halves
 
 @dataclass(frozen=True)
 class ViewGroups:
-    """The views that are compared, sorted by the half apertures that they belong to.
+    """The views that are compared, sorted by the half apertures that they belong to."""
 
-    Attributes
-    ----------
-    view : numpy.ndarray
-        int32, shape (K,): number v U + u of each.
-    step : numpy.ndarray
-        float64, shape (K, 2): (y, x) in pixels from a point's place in the centre view to its
-        sample, for disparity 1.
-    first : numpy.ndarray
-        int32, shape (patterns + 1,): where the views of each pattern begin.
-    pattern : numpy.ndarray
-        float32, shape (patterns, 9): share of those views in every group.
-    reference : numpy.ndarray
-        int32: which of them make the centre, and with what ``share`` (float32, sum 1).
-    """
-
-    view: Table
+    view: Table  # int32, shape (K,): number v U + u of each
+    # float64, shape (K, 2): (y, x) in pixels from a point's place in the centre view to its sample,
+    # for disparity 1
     step: Vector
-    first: Table
-    pattern: Table
+    first: Table  # int32, shape (patterns + 1,): where the views of each pattern begin
+    pattern: Table  # float32, shape (patterns, 9): share of those views in every group
+    # int32: which of them make the centre, and with what ``share`` (float32, sum 1)
     reference: Table
     share: Table
 
@@ -112,24 +100,14 @@ def _references(places: Vector) -> tuple[Table, Table]:
 
 @dataclass(frozen=True)
 class ShiftTables:
-    """How every view is moved on every plane, on a device; made by `shift_tables`.
+    """How every view is moved on every plane, on a device; made by `shift_tables`."""
 
-    Attributes
-    ----------
-    at, part, slopes, reach : pyopencl.array.Array
-        As in kernels/lightfield/matching.cl and refine.cl.
-    planes : pyopencl.array.Array
-        float32.
-    count : int
-        Of planes.
-    """
-
-    at: cla.Array
+    at: cla.Array  # at, part, slopes, reach: as in kernels/lightfield/matching.cl and refine.cl
     part: cla.Array
     slopes: cla.Array
     reach: cla.Array
-    planes: cla.Array
-    count: int
+    planes: cla.Array  # float32
+    count: int  # number of planes
 
 
 def shift_tables(views: ViewGroups, planes: Vector, gain: Vector, *, device: Device) -> ShiftTables:

@@ -23,17 +23,10 @@ _GAIN = 1e-9  # share of the sum by which a step must lower it
 
 @dataclass(frozen=True)
 class Sighting:
-    """One board in all views.
+    """One board in all views."""
 
-    Attributes
-    ----------
-    flat : numpy.ndarray
-        Corners on the board, (X, Y, 0) in metres, shape (n, 3).
-    pixels : numpy.ndarray
-        Where views see them: (x, y) from the middle pixel, shape (V, U, n, 2); NaN: not seen.
-    """
-
-    flat: Array
+    flat: Array  # Corners on the board, (X, Y, 0) in metres, shape (n, 3)
+    # Where views see them: (x, y) from the middle pixel, shape (V, U, n, 2); NaN: not seen
     pixels: Array
 
     @property
@@ -44,28 +37,15 @@ class Sighting:
 
 @dataclass(frozen=True)
 class Adjusted:
-    """What fits the corners best.
+    """What fits the corners best."""
 
-    Attributes
-    ----------
-    parameters : numpy.ndarray
-        `clplen.lightfield.metric.ray_model.PARAMETERS`.
-    deviations : numpy.ndarray
-        One standard deviation of each.
-    poses : numpy.ndarray
-        Rotation vector and translation of each board, shape (boards, 6).
-    residuals : tuple of numpy.ndarray
-        (x, y) of computed minus found corners of each board, pixels, shape (V, U, n, 2); NaN where
-        a corner was not found or left out.
-    left_out : int
-        Corners that were found and left out.
-    """
-
-    parameters: Array
-    deviations: Array
-    poses: Array
+    parameters: Array  # `clplen.lightfield.metric.ray_model.PARAMETERS`
+    deviations: Array  # One standard deviation of each
+    poses: Array  # Rotation vector and translation of each board, shape (boards, 6)
+    # (x, y) of computed minus found corners of each board, pixels, shape (V, U, n, 2); NaN where a
+    # corner was not found or left out
     residuals: tuple[Array, ...]
-    left_out: int
+    left_out: int  # Corners that were found and left out
 
 
 def adjusted(sightings: list[Sighting], shape: Shape, parameters: Array, poses: Array) -> Adjusted:

@@ -56,24 +56,13 @@ def resample(
 
 @dataclass(frozen=True)
 class _Axis:
-    """One axis of views with its axis of pixels.
+    """One axis of views with its axis of pixels."""
 
-    Attributes
-    ----------
-    count : int
-        Views.
-    step : float
-        Between the views of the result, metres or radians.
-    shift : numpy.ndarray
-        Of each pixel: the view of the source that its view j is, less j, both from the middle.
-    widens : bool
-        Whether the views of the result must be more to hold every ray, else fewer.
-    """
-
-    count: int
-    step: float
+    count: int  # Views
+    step: float  # Between the views of the result, metres or radians
+    # Of each pixel: the view of the source that its view j is, less j, both from the middle
     shift: Real
-    widens: bool
+    widens: bool  # Whether the views of the result must be more to hold every ray, else fewer
 
     def views(self, given: int | None) -> int:
         """How many the result has; by default as many as keep every ray, of the same parity."""

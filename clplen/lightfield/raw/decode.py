@@ -206,20 +206,14 @@ def _column_tables(grid: LensletGrid, device: Device) -> tuple[cla.Array, cla.Ar
 
 @dataclass(frozen=True)
 class GridTables:
-    """Places of a grid's samples as the kernels read them: integers and fractions of pixels.
+    """Places of a grid's samples as the kernels read them: integers and fractions of pixels."""
 
-    Attributes
-    ----------
-    rows, columns, near : tuple of pyopencl.array.Array
-        Of the rows of lenslets, of the lenslets of a row, and of the columns wanted.
-    steps : tuple of numpy.ndarray
-        Where views lie, down and to the right, float64, shapes (V, 2) and (U, 2).
-    device : Device
-    """
-
+    # rows, columns, near: Of the rows of lenslets, of the lenslets of a row, and of the columns
+    # wanted
     rows: tuple[cla.Array, cla.Array]
     columns: tuple[cla.Array, cla.Array]
     near: tuple[cla.Array, cla.Array]
+    # Where views lie, down and to the right, float64, shapes (V, 2) and (U, 2)
     steps: tuple[Vector, Vector]
     device: Device
 

@@ -11,7 +11,6 @@ import numpy as np
 import pyopencl.array as cla
 
 from clplen.compute.device import Device
-from clplen.errors import ShapeError
 from clplen.lightfield.raw.decode import (
     FRACTION,
     Interpolation,
@@ -48,11 +47,6 @@ def resample_adjoint(
     weights. The result has the same bits in every run.
     """
     check_grid(grid)
-    if tuple(views.shape) != grid.shape or views.dtype != np.float32:
-        raise ShapeError(
-            f"The views of this grid are float32 of shape {grid.shape}, not {tuple(views.shape)} "
-            f"({views.dtype})."
-        )
     order = (1, 0, 3, 2) if grid.exchanged else (0, 1, 2, 3)
     steps = [int(np.prod(grid.shape[axis + 1 :], dtype=np.int64)) for axis in range(4)]
     strides = [steps[axis] for axis in order]

@@ -19,36 +19,16 @@ _TAPS = 2  # pixels beyond a shift that interpolations reach
 
 @dataclass(frozen=True)
 class MemoryEstimate:
-    """What a computation needs beside the samples, so that it can be made in tiles.
+    """What a computation needs beside the samples, so that it can be made in tiles."""
 
-    Attributes
-    ----------
-    what : str
-        As the subject of a sentence.
-    planes : tuple of slice
-        Groups of planes that are made one after the other of each tile.
-    halo : tuple of int
-        (y, x) pixels that a result depends on, on every side.
-    per_pixel : int
-        Bytes a pixel that is read: temporary arrays and results, on device and host.
-    largest : int
-        Those of the largest array among them.
-    kept : int
-        Bytes a pixel of the whole picture that are held until the end.
-    before : int
-        Those that are held, at most, before and after the pass over the tiles.
-    passes : int
-        How often all samples are read.
-    """
-
-    what: str
-    planes: tuple[slice, ...]
-    halo: tuple[int, int]
-    per_pixel: int
-    largest: int
-    kept: int = 0
-    before: int = 0
-    passes: int = 1
+    what: str  # As the subject of a sentence
+    planes: tuple[slice, ...]  # Groups of planes that are made one after the other of each tile
+    halo: tuple[int, int]  # (y, x) pixels that a result depends on, on every side
+    per_pixel: int  # Bytes a pixel that is read: temporary arrays and results, on device and host
+    largest: int  # Those of the largest array among them
+    kept: int = 0  # Bytes a pixel of the whole picture that are held until the end
+    before: int = 0  # Those that are held, at most, before and after the pass over the tiles
+    passes: int = 1  # How often all samples are read
 
 
 def shear_halo(source: SampledViews, planes: Vector, reach: int) -> tuple[int, int]:

@@ -33,19 +33,10 @@ class RawWarp:
 
         raw = white P(y + v d_y, x + u d),    d = D(y, x),
 
-    where (y, x) is the place of the lenslet on the picture, as in the light field that the raw
-    image decodes to, P the picture and D its disparity, both interpolated linearly, and d_y = d
-    where views and pixels are spaced alike along y and x, as of `refocus`. Positions off the
-    picture are those of its edge. So raw pixels are compared as they were taken, and keep noise
-    that is independent from pixel to pixel, which decoding mixes. Lenslets of rows that are
-    shifted by half a lenslet lie between two pixels of the picture. Where lenslets lie on pixels of
-    the picture and raw pixels on views, these are the samples of `ViewWarp`.
-
-    It is an approximation as `ViewWarp` is: all pixels of a lenslet are looked up with its
-    disparity in the centre view, and the model knows nothing of what hides what, nor of light that
-    reaches a sub-image from another lenslet. It is linear in the picture, not in the disparity;
-    gradients are exact for the model as it is computed, and at whole positions, where interpolation
-    has a kink, the slope towards the next pixel is taken.
+    where (y, x) is the place of the lenslet on the picture, P the picture and D its disparity, both
+    interpolated linearly. Raw pixels are compared as they were taken, and keep noise that is
+    independent from pixel to pixel. The approximations and gradients are those of `ViewWarp`; light
+    that reaches a sub-image from another lenslet is ignored, too.
 
     Parameters
     ----------
@@ -138,14 +129,8 @@ class RawWarp:
 
         Raises
         ------
-        ShapeError
-            If they have other shapes.
-        ValueError
-            If a value is not finite.
-        TypeError
-            If they are no arrays of real numbers.
-        DeviceError
-            If the memory of the device does not suffice.
+        ShapeError, ValueError, TypeError, DeviceError
+            As `ViewWarp.forward`.
         """
         seen, own = self._of_grid(picture, disparity)
         raw = self.device.zeros(self.shape, np.float32)
@@ -255,17 +240,11 @@ class _LensletPixels:
     """The raw pixels of every lenslet, and from where they see.
 
     Pixel n of a lenslet is the n-th of a rectangle of pixels about the pixel next to its centre.
-
-    Attributes
-    ----------
-    index : numpy.ndarray
-        int32, shape (pixels, rows, columns): places in the flat raw image, -1 for none.
-    steps, own : numpy.ndarray
-        float64, shapes (pixels, 2) and (rows, columns, 2): their sum is by how many pixels (y, x)
-        of the picture disparity 1 moves the look-up.
     """
 
-    index: Values
+    index: Values  # int32, shape (pixels, rows, columns): places in the flat raw image, -1 for none
+    # steps, own: float64, shapes (pixels, 2) and (rows, columns, 2): their sum is by how many
+    # pixels (y, x) of the picture disparity 1 moves the look-up
     steps: Values
     own: Values
 
@@ -320,22 +299,13 @@ def _owners(grid: LensletGrid, shape: tuple[int, int]) -> tuple[Values, Values]:
 
 @dataclass(frozen=True)
 class _Columns:
-    """Where the lenslets of even and odd rows lie on rows of the picture.
+    """Where the lenslets of even and odd rows lie on rows of the picture."""
 
-    Attributes
-    ----------
-    whole, part : numpy.ndarray
-        Shape (2, lenslets): the pixel before them, and the fraction to the next one.
-    count : int
-        Pixels of a row of the picture.
-    spacing : float
-        Of them, in lenslets.
-    """
-
+    # whole, part: Shape (2, lenslets): the pixel before them, and the fraction to the next one
     whole: Values
     part: Values
-    count: int
-    spacing: float
+    count: int  # Pixels of a row of the picture
+    spacing: float  # Of them, in lenslets
 
     def _taps(self, rows: int) -> tuple[Values, Values, Values, Values]:
         """Rows, two pixels of each lenslet, and the weight of the second, (rows, lenslets)."""

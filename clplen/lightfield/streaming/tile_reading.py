@@ -29,22 +29,11 @@ _MOST = 1 << 30  # bytes of one request
 
 @dataclass(frozen=True)
 class RawSamples:
-    """An array of plain samples in a file, read by requests: mapped pages would count as memory.
+    """An array of plain samples in a file, read by requests: mapped pages would count as memory."""
 
-    Attributes
-    ----------
-    file : int
-        Descriptor of the open file.
-    offset : int
-        Bytes before the first sample.
-    shape : tuple of int
-        In the order of the file, the last axis fastest.
-    dtype : numpy.dtype
-    """
-
-    file: int
-    offset: int
-    shape: tuple[int, ...]
+    file: int  # Descriptor of the open file
+    offset: int  # Bytes before the first sample
+    shape: tuple[int, ...]  # In the order of the file, the last axis fastest
     dtype: np.dtype[Any]
 
     def read(self, selection: tuple[slice, ...], out: Array | None = None) -> Array:

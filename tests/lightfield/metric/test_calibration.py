@@ -61,26 +61,6 @@ def test_corners_are_found_to_a_hundredth_of_a_pixel(pictures: list[np.ndarray])
         assert abs(off.mean()) < 0.003
 
 
-@pytest.mark.thorough
-def test_views_without_the_board_are_left_out_and_colours_averaged(pictures: list[np.ndarray]):
-    views = np.stack([pictures[0][:2, :3]] * 3, -1) * (0.0, 1.0, 2.0) + (0.3, 0.0, 0.0)
-    views[0, 1] = 0.3
-    found = find_corners(views, BOARD)
-    assert np.isnan(found[0, 1]).all()
-    rest = np.isfinite(found).all((-1, -2))
-    assert rest.sum() == 5
-    np.testing.assert_allclose(
-        found[rest], find_corners(pictures[0][:2, :3], BOARD)[rest], atol=2e-3
-    )
-
-
-def test_corners_of_a_sharp_lens_whose_edges_are_narrower_than_pixels():
-    pose = Pose(0.45, (0.0, 0.0, 1.0), (0.003, 0.004))
-    views = photographed(CAMERA, pose, BOARD, SPACING, blur=0.0, noise=0.0)[:2, :2]
-    off = upright(find_corners(views, BOARD), exact(CAMERA, [pose])[0][:2, :2])
-    assert np.sqrt((off**2).mean()) < 0.025
-
-
 def test_the_normal_equations_have_the_gradient_of_the_sum():
     robust = True
     corners = exact(CAMERA, POSES[:2])
