@@ -216,6 +216,7 @@ class PageBuilder:
         """Volumes with the places of their voxels, of one time or several."""
         from clplen.io import open_volumes
         from clplen.io.formats.untrusted import require_bytes
+        from clplen.io.page.html_page import step_of
         from clplen.io.page.volume_item import volume_item
 
         series = open_volumes(source, max_bytes=self.layout["max_bytes"])
@@ -227,8 +228,7 @@ class PageBuilder:
         if series.planes is not None and len(series.planes) > 1:
             words["planes"] = ("z", "m", series.planes)
         if series.voxel is not None:
-            step = None if series.planes is None else _step(series.planes)
-            words["voxel"] = (step, *series.voxel)
+            words["voxel"] = (step_of(series.planes), *series.voxel)
         item = volume_item(values, self.content, **words, **self._words(source))
         call = "read_volume" if len(series) == 1 else "open_volumes"
         item["python"] = f"data = clplen.io.{call}({str(source)!r})"
@@ -333,14 +333,6 @@ def series_of_times(items: list[Item], name: str) -> Item:
 def _downscale(shape: tuple[int, ...]) -> int:
     """So that a page holds the views of a light field."""
     return max(1, math.ceil(math.sqrt(math.prod(shape) / _MOST_SAMPLES)))
-
-
-def _step(z: Values) -> float | None:
-    """The distance of planes that are equidistant."""
-    steps = np.diff(z)
-    if steps.size == 0 or np.ptp(steps) > 1e-6 * abs(steps[0]):
-        return None
-    return abs(float(steps[0]))
 
 
 def words_of(layout: dict[str, Any]) -> dict[str, Any]:

@@ -91,6 +91,14 @@ def test_the_right_one_of_twelve(tmp_path: Path, kind, camera, zoom, focus, numb
     )
 
 
+def test_zoom_counts_before_focus(tmp_path: Path):
+    place = write_folder(tmp_path / "c", twelve())
+    path = a_picture(tmp_path / "a.lfr", flat(), zoom=900, focus=1e6)
+    metadata = read_lytro_frame(path)[2]
+    found = choose_white_image(metadata, read_white_images(place), picture=path, calibration=place)
+    assert (found.metadata.zoom_step, found.metadata.focus_step) == (901, 777)
+
+
 def test_what_the_camera_refers_to_is_taken(tmp_path: Path):
     """An Illum names the hash of a geometry file, which the manifest lists."""
     files = twelve() | {

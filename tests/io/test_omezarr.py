@@ -178,6 +178,14 @@ def test_depth_has_named_channels(tmp_path: Path):
     require_valid(path)
 
 
+def test_unknown_pixels_do_not_disturb_their_level(tmp_path: Path):
+    values = random_values(20, 300)
+    values[4, 6], values[10, 20], values[11, 20] = np.nan, np.inf, -np.inf
+    write_image(tmp_path / "a.zarr", values)
+    _, half = levels(tmp_path / "a.zarr")
+    assert np.argwhere(~np.isfinite(half)).tolist() == [[2, 3], [5, 10]]
+
+
 def write_ones(path: Path, shape: tuple[int, ...], **words: bool) -> None:
     write_stack(path, Tiles(np.ones(shape, np.float32), (1, 2, 3)), **words)
 
@@ -258,3 +266,14 @@ def test_memory_does_not_grow_with_the_stack(tmp_path: Path):
     peak = tracemalloc.get_traced_memory()[1]
     tracemalloc.stop()
     assert peak < 8 * 4 * 384 * 384  # of 30 planes; the copies of one that is read and halved
+
+
+def test_durable_reaches_every_chunk(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+    synced = []
+    monkeypatch.setattr("clplen.files._sync", synced.append)
+    write_ones(tmp_path / "s.zarr", (2, 4, 5))
+    assert synced == []
+    write_ones(tmp_path / "s.zarr", (2, 4, 5), durable=True)
+    files = [path for path in (tmp_path / "s.zarr").rglob("*") if path.is_file()]
+    assert {path.name for path in files} <= {path.name for path in synced}
+    assert len(synced) > len(files)

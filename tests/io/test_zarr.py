@@ -219,6 +219,10 @@ def test_without_the_package(tmp_path: Path, device: Device, monkeypatch: pytest
         with pytest.raises(FormatError, match=r'pip install "clplen\[zarr\]", or use \.h5'):
             act()
     assert [file.name for file in tmp_path.iterdir()] == ["a.zarr"]
+    monkeypatch.setitem(sys.modules, "zarr", zarr)
+    monkeypatch.setattr(zarr, "__version__", "2.18.3")
+    with pytest.raises(FormatError, match=r"needs the package zarr 3 .*, not 2\.18\.3"):
+        read_lightfield(tmp_path / "a.zarr", device=device)
 
 
 def test_members_of_an_archive_that_are_too_large(tmp_path: Path, device: Device):

@@ -83,11 +83,9 @@ def write_raw(
 
     Raises
     ------
-    ValueError
+    ValueError, OSError
         If the suffix is another one, or the raw image has no camera of this package (HDF5), no
-        levels or more than 16 bits (TIFF).
-    OSError
-        If the file cannot be written.
+        levels or more than 16 bits (TIFF); if the file cannot be written.
 
     Examples
     --------
@@ -316,13 +314,11 @@ def read_raw(
 
     Raises
     ------
-    FormatError
-        If a file is missing, damaged or of another kind, nothing tells where the lenslets lie,
-        the white image is none or of another camera, or an XML has no lens types.
-    ValueError
-        If both white and grid are given, or words that do not apply to an XML or HDF5.
-    ShapeError
-        If not one lenslet lies on the picture.
+    FormatError, ValueError, ShapeError
+        If a file is missing, damaged or of another kind, nothing tells where the lenslets lie, the
+        white image is none or of another camera, or an XML has no lens types; if both white and
+        grid are given, or words that do not apply to an XML or HDF5; if not one lenslet lies on the
+        picture.
 
     Examples
     --------
