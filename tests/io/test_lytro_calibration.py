@@ -161,6 +161,15 @@ def test_calibrations_that_do_not_fit(tmp_path: Path):
     refused(tmp_path, write_folder(tmp_path / "json", files), "MOD_0003.TXT: the metadata is no")
 
 
+def test_equal_bytes_are_no_doubt(tmp_path: Path):
+    files = twelve()
+    files |= {f"COPY_{name}": data for name, data in files.items()}
+    place = write_folder(tmp_path / "c", files)
+    path = a_picture(tmp_path / "a.lfr", flat())
+    metadata = read_lytro_frame(path)[2]
+    choose_white_image(metadata, read_white_images(place), picture=path, calibration=place)
+
+
 @pytest.mark.thorough
 def test_levels_and_colours(tmp_path: Path, device: Device):
     """An even scene: linear light in which 1 is white, balanced, through the matrix."""

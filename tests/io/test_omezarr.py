@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 import tracemalloc
-from concurrent.futures import ThreadPoolExecutor
 from itertools import pairwise
 from pathlib import Path
 from types import SimpleNamespace
@@ -223,30 +222,6 @@ def test_other_things_are_never_replaced(tmp_path: Path, device: Device):
     (tmp_path / "empty.zarr").mkdir()
     write_ones(tmp_path / "empty.zarr", (2, 4, 5))
     assert levels(tmp_path / "empty.zarr")[0].shape == (2, 4, 5)
-
-
-def test_a_writer_that_is_interrupted_leaves_nothing(tmp_path: Path):
-    path = tmp_path / "s.zarr"
-    write_ones(path, (2, 4, 5))
-    before = digest(tmp_path)
-    for stack, replace in (((2, 4, 5), False), ((3, 6, 5), True)):
-        tiles = Tiles(random_values(*stack), (1, 3, 5), fails_at=3)
-        with pytest.raises(KeyboardInterrupt):
-            write_stack(path, tiles, replace=replace)
-        assert tiles.closed == [True]
-        assert digest(tmp_path) == before
-    with pytest.raises(KeyboardInterrupt):
-        write_stack(tmp_path / "new.zarr", Tiles(random_values(2, 4, 5), (1, 3, 5), fails_at=1))
-    assert [file.name for file in tmp_path.iterdir()] == ["s.zarr"]
-
-
-def test_many_writers_of_one_stack(tmp_path: Path):
-    stacks = [Tiles(np.full((3, 8, 9), i, np.float32), (3, 4, 9)) for i in range(3)]
-    with ThreadPoolExecutor(3) as pool:
-        list(pool.map(lambda tiles: write_stack(tmp_path / "s.zarr", tiles), 3 * stacks))
-    (found,) = levels(tmp_path / "s.zarr")
-    assert (found == found[0, 0, 0]).all()
-    assert [file.name for file in tmp_path.iterdir()] == ["s.zarr"]
 
 
 def test_memory_does_not_grow_with_the_stack(tmp_path: Path):

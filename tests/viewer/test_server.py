@@ -264,6 +264,11 @@ def test_two_lengths(server, computing):
     assert computing.begun == []
 
 
+def test_nothing_follows_in_the_same_connection(server):
+    line = f"GET /{server.token}/ HTTP/1.1\r\nHost: {ADDRESS}:{server.port}\r\n\r\n"
+    assert raw(server, (2 * line).encode()).count(b"HTTP/1.1 ") == 1
+
+
 def test_a_computation(server):
     lines = compute(server, request("far"))
     assert lines[0] == {"progress": 1.0, "what": "Done"}
@@ -414,18 +419,6 @@ def test_it_ends_when_the_last_page_is_closed(server):
     assert not thread.is_alive()
     with pytest.raises(ConnectionRefusedError):
         ask(server)
-
-
-def test_it_goes_on_where_that_is_asked(server):
-    server.keep = True
-    thread = threading.Thread(target=server.run)
-    thread.start()
-    stay(server).close()
-    time.sleep(0.5)
-    assert thread.is_alive()
-    server.close()
-    thread.join(5)
-    assert not thread.is_alive()
 
 
 def test_it_listens_on_this_computer_alone(server):
