@@ -96,3 +96,11 @@ def test_what_is_no_light_field(tmp_path: Path, device: Device):
         np.save(tmp_path / "a.npy", values)
         with pytest.raises(FormatError, match=rf"a\.npy: .*{message}"):
             read_lightfield(tmp_path / "a.npy", device=device)
+
+
+def test_progress(tmp_path: Path, device: Device, capsys: pytest.CaptureFixture[str]):
+    np.save(tmp_path / "a.npy", values_of())
+    read_lightfield(tmp_path / "a.npy", device=device)
+    assert capsys.readouterr().err == ""
+    read_lightfield(tmp_path / "a.npy", device=device, progress=True)
+    assert "reading: 100%" in capsys.readouterr().err

@@ -38,7 +38,7 @@ def test_both_cameras_in_both_generations(tmp_path: Path, frame: np.ndarray):
 
 
 def test_the_stored_image_takes_no_memory(tmp_path: Path):
-    frame = np.arange(1400 * 2500, dtype=np.uint16).reshape(1400, 2500) % 1000
+    frame = np.arange(1000 * 1600, dtype=np.uint16).reshape(1000, 1600) % 1000
     for write in (f01, illum):
         path = a_container(tmp_path / "a.lfp", *write(frame), newer=True)
         tracemalloc.start()

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from functools import cache
 from pathlib import Path
 
 import numpy as np
@@ -44,10 +45,16 @@ def own_cache(tmp_path: Path, monkeypatch):
     monkeypatch.delenv("CLPLEN_LYTRO", raising=False)
 
 
-def flat(origin: tuple[float, float] = (61.3, 70.2), top: float = 800.0) -> np.ndarray:
-    """White image of a hexagonal array, 10 px apart, whole numbers."""
+@cache
+def evenly_lit(origin: tuple[float, float]) -> np.ndarray:
+    """A hexagonal array, 10 px apart, in even light, 0 to 1."""
     true = lattice("hexagonal", 10.0, degrees=0.1, origin=origin)
-    return np.rint(top * white(SHAPE, true, vignetting=0.2)).astype(np.uint16)
+    return white(SHAPE, true, vignetting=0.2)
+
+
+def flat(origin: tuple[float, float] = (61.3, 70.2), top: float = 800.0) -> np.ndarray:
+    """White image, whole numbers."""
+    return np.rint(top * evenly_lit(origin)).astype(np.uint16)
 
 
 def twelve(camera=illum, **words: object) -> dict[str, bytes]:

@@ -118,7 +118,7 @@ def test_white_and_dark(tmp_path: Path, device: Device):
     colour = read_raw(names[0], white=names[1], device=device)
     assert colour.lattice.pitch == pytest.approx((9.3, 9.3), rel=1e-3)
     write_picture(names[1], frame[:, 1:])
-    with pytest.raises(FormatError, match=r"white\.tif has shape \(90, 109\).*different cameras"):
+    with pytest.raises(FormatError, match=r"white\.tif has shape \(90, 109\).*another camera"):
         read_raw(names[0], white=names[1], device=device)
 
 

@@ -421,6 +421,18 @@ def test_it_ends_when_the_last_page_is_closed(server):
         ask(server)
 
 
+def test_it_goes_on_where_that_is_asked(server):
+    server.keep = True
+    thread = threading.Thread(target=server.run)
+    thread.start()
+    stay(server).close()
+    time.sleep(0.5)
+    assert thread.is_alive()
+    server.close()
+    thread.join(5)
+    assert not thread.is_alive()
+
+
 def test_it_listens_on_this_computer_alone(server):
     listening = subprocess.run(["ss", "-ltn"], capture_output=True, text=True, check=False).stdout
     places = [word for word in listening.split() if word.endswith(f":{server.port}")]
