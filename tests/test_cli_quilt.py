@@ -158,15 +158,6 @@ def test_a_part_of_the_baseline(tmp_path: Path, device: Device) -> None:
     assert [int(found[10, x]) for x in (16, 48, 80)] == [26, 36, 46]
 
 
-def test_depth_is_computed_where_none_is_given(tmp_path: Path, device: Device) -> None:
-    words = ("--columns", 2, "--rows", 2, "--size", "80x96", "--disparities", "0:2:9")
-    source, out = stored(tmp_path, moving(1.3)), tmp_path / "q.png"
-    said = done(run(device, "quilt", source, "-o", out, *words))
-    assert float(said.split("disparity ")[1].split()[0]) == pytest.approx(1.3, abs=0.05)
-    words += ("--zero-parallax", 1, "--limits", "0:200", "--curve", "srgb")
-    done(run(device, "quilt", source, "-o", out, *words))
-
-
 def test_refusals(tmp_path: Path, device: Device) -> None:
     source = numbered(tmp_path)
     small = ("--size", "96x40", "--aspect", 1.5)

@@ -14,7 +14,6 @@ from click.testing import CliRunner, Result
 
 import clplen
 from clplen.cli.app import main
-from clplen.cli.view import open_browser
 from clplen.io import read_picture, write_depth, write_pfm, write_volume
 from clplen.viewer.file_items import option_words
 
@@ -259,16 +258,6 @@ def test_a_page_is_replaced_only_if_it_is_ours(tmp_path):
     assert page.read_text() == "<p>mine</p>"
     good("view", tmp_path / "lf.npy", "-o", page, "--force", "--no-depth")
     good("view", tmp_path / "lf.npy", "-o", page, "--no-depth")
-
-
-def test_no_browser_can_be_opened(monkeypatch):
-    import webbrowser
-
-    def fail(url):
-        raise webbrowser.Error("could not locate runnable browser")
-
-    monkeypatch.setattr(webbrowser, "open", fail)
-    assert not open_browser("http://127.0.0.1/")
 
 
 def test_limits_and_curves_of_pictures(tmp_path):

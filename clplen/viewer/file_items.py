@@ -25,7 +25,6 @@ Values = np.ndarray[Any, Any]
 Item = dict[str, Any]
 
 _SERIES = (".tif", ".tiff", ".zarr")
-_PICTURES = (".png", ".jpg", ".jpeg", ".bmp", ".pgm", ".ppm", ".tif", ".tiff")
 _MOST_SAMPLES = 40_000_000  # of a page whose light field is read part by part
 # Options that tell that a file is a light field.
 _TELLING = ("views", "pattern", "white", "grid", "calibration", "order", "positions", "lattice")
@@ -163,11 +162,13 @@ class PageBuilder:
 
     def _undescribed(self, source: Path) -> Item | None:
         """Pictures of other programs; None if there are none."""
+        from clplen.io.formats import picture
+
         suffix = source.suffix.lower()
         try:
             if suffix in _SERIES:
                 return self._volumes_in_time(source) or self._series(source, {})
-            return self._picture(source) if suffix in _PICTURES else None
+            return self._picture(source) if suffix in picture.SUFFIXES else None
         except (ClplenError, ValueError):
             return None
 
@@ -189,14 +190,13 @@ class PageBuilder:
             plain = ("disparity", "", np.array(about["disparities"], np.float64))
             words["planes"] = plain if None in alphas else ratio
             call = "read_stack"
-        is_tiff = source.suffix.lower() in tiff.SUFFIXES
-        times = tiff.stack_axes(source)["T"] if is_tiff else 1
-        times = len(values) if series.axes[:2] == "tz" else times
-        count = times if values.ndim == 4 and series.axes[:2] == "tz" else 1
-        if count == 1 and times > 1 and len(values) % times == 0:
+        if series.axes[:2] != "tz" or values.ndim != 4:
+            is_tiff = source.suffix.lower() in tiff.SUFFIXES
+            times = tiff.stack_axes(source)["T"] if is_tiff else 1
+            if series.axes[:2] == "tz":
+                times = len(values)
+            times = times if len(values) % times == 0 else 1
             values = values.reshape(times, -1, *values.shape[1:])
-        elif count == 1:
-            values = values[None]
         item = volume_item(values, self.content, voxel=voxel, **words, **self._words(source))
         item["python"] = f"data = clplen.io.{call}({str(source)!r})"
         return item
@@ -216,6 +216,7 @@ class PageBuilder:
         """Volumes with the places of their voxels, of one time or several."""
         from clplen.io import open_volumes
         from clplen.io.formats.untrusted import require_bytes
+        from clplen.io.page.html_page import step_of
         from clplen.io.page.volume_item import volume_item
 
         series = open_volumes(source, max_bytes=self.layout["max_bytes"])
@@ -227,8 +228,7 @@ class PageBuilder:
         if series.planes is not None and len(series.planes) > 1:
             words["planes"] = ("z", "m", series.planes)
         if series.voxel is not None:
-            step = None if series.planes is None else _step(series.planes)
-            words["voxel"] = (step, *series.voxel)
+            words["voxel"] = (step_of(series.planes), *series.voxel)
         item = volume_item(values, self.content, **words, **self._words(source))
         call = "read_volume" if len(series) == 1 else "open_volumes"
         item["python"] = f"data = clplen.io.{call}({str(source)!r})"
@@ -240,40 +240,32 @@ class PageBuilder:
     def _array(self, source: Path) -> Item | None:
         """A NumPy file of a map, picture or volume; None if it is a light field."""
         from clplen.io.formats.npy import map_npy
-        from clplen.io.page.volume_item import volume_item
 
         values = map_npy(source, what="an array")
         if values.ndim >= 4:
             return None
         if values.ndim not in (2, 3) or values.dtype.kind not in "uif":
             raise FormatError(f"{source} holds {values.dtype} of shape {values.shape}: no picture.")
-        picture = values.ndim == 2 or values.shape[2] == 3
-        shaped = np.array(values[None, None] if picture else values[None])
-        item = volume_item(shaped, self.content, dtype=values.dtype, **self._words(source))
-        item["python"] = f"data = numpy.load({str(source)!r})"
-        return item
+        return self._result(source, np.array(values), "numpy.load")
 
     def _map(self, source: Path) -> Item:
         """The disparity of a depth map."""
         from clplen.io import read_depth
-        from clplen.io.page.volume_item import volume_item
 
-        disparity = read_depth(source).disparity[None, None]
-        words = {"table": "viridis", "unit": "px per view", **self._words(source)}
-        item = volume_item(disparity, self.content, **words)
-        item["python"] = f"data = clplen.io.read_disparity({str(source)!r})"
-        return item
+        return self._result(source, read_depth(source), "clplen.io.read_disparity")
 
     def _picture(self, source: Path) -> Item:
         """An ordinary picture."""
         from clplen.io import read_picture
-        from clplen.io.page.volume_item import volume_item
 
-        values = read_picture(source)
-        values = values[..., :3] if values.shape[2:] == (4,) else values
-        words = {"dtype": values.dtype, **self._words(source)}
-        item = volume_item(values[None, None], self.content, **words)
-        item["python"] = f"data = clplen.io.read_picture({str(source)!r})"
+        return self._result(source, read_picture(source), "clplen.io.read_picture")
+
+    def _result(self, source: Path, thing: Any, call: str) -> Item:
+        """A depth map or an array, with the call that reads it."""
+        from clplen.io.page.html_page import item_of
+
+        item = item_of(thing, self.content, name=source.stem, depth=None, options=self.options)
+        item["python"] = f"data = {call}({str(source)!r})"
         return item
 
     def _of_focused(self, opened: FocusedImage, ms: Values, name: str) -> list[Item]:
@@ -333,14 +325,6 @@ def series_of_times(items: list[Item], name: str) -> Item:
 def _downscale(shape: tuple[int, ...]) -> int:
     """So that a page holds the views of a light field."""
     return max(1, math.ceil(math.sqrt(math.prod(shape) / _MOST_SAMPLES)))
-
-
-def _step(z: Values) -> float | None:
-    """The distance of planes that are equidistant."""
-    steps = np.diff(z)
-    if steps.size == 0 or np.ptp(steps) > 1e-6 * abs(steps[0]):
-        return None
-    return abs(float(steps[0]))
 
 
 def words_of(layout: dict[str, Any]) -> dict[str, Any]:

@@ -187,10 +187,3 @@ def test_names_without_suffix_need_a_pattern(make: Callable[..., Path], device: 
     np.testing.assert_array_equal(lf.to_numpy(), samples())
     with pytest.raises(FormatError, match=r"There is no picture in .*a\.zip"):
         read_lightfield(path, device=device)
-
-
-def test_an_archive_without_pictures(tmp_path: Path, device: Device):
-    with zipfile.ZipFile(tmp_path / "a.zip", "w") as archive:
-        archive.writestr("notes.txt", b"hello")
-    with pytest.raises(FormatError, match=r"There is no picture in .*a\.zip"):
-        read_lightfield(tmp_path / "a.zip", device=device)

@@ -70,14 +70,6 @@ def test_blocks(monkeypatch: pytest.MonkeyPatch):
             assert (met == 1).all()
 
 
-def test_progress(tmp_path: Path, device: Device, capsys: pytest.CaptureFixture[str]):
-    np.save(tmp_path / "a.npy", values_of())
-    read_lightfield(tmp_path / "a.npy", device=device)
-    assert capsys.readouterr().err == ""
-    read_lightfield(tmp_path / "a.npy", device=device, progress=True)
-    assert "reading: 100%" in capsys.readouterr().err
-
-
 def test_srgb(tmp_path: Path, device: Device):
     for values in (values_of("u1"), values_of("u2") * 257, values_of("f4") / 255):
         np.save(tmp_path / "a.npy", values)
@@ -106,10 +98,9 @@ def test_what_is_no_light_field(tmp_path: Path, device: Device):
             read_lightfield(tmp_path / "a.npy", device=device)
 
 
-def test_a_truncated_file(tmp_path: Path, device: Device):
-    for size in [6, 200, -1]:
-        np.save(tmp_path / "a.npy", values_of())
-        whole = (tmp_path / "a.npy").read_bytes()
-        (tmp_path / "a.npy").write_bytes(whole[:size])
-        with pytest.raises(FormatError, match=r"a\.npy is truncated or damaged"):
-            read_lightfield(tmp_path / "a.npy", device=device)
+def test_progress(tmp_path: Path, device: Device, capsys: pytest.CaptureFixture[str]):
+    np.save(tmp_path / "a.npy", values_of())
+    read_lightfield(tmp_path / "a.npy", device=device)
+    assert capsys.readouterr().err == ""
+    read_lightfield(tmp_path / "a.npy", device=device, progress=True)
+    assert "reading: 100%" in capsys.readouterr().err

@@ -11,7 +11,7 @@ import pytest
 import tifffile
 
 from clplen.errors import FormatError
-from clplen.io import read_disparity, read_pfm, write_pfm
+from clplen.io import read_disparity, write_pfm
 
 SHAPE = (5, 7)
 
@@ -95,10 +95,3 @@ def test_damage(tmp_path: Path):
         peak = tracemalloc.get_traced_memory()[1]
         tracemalloc.stop()
         assert peak < 2 * len(content) + (1 << 20)
-
-
-def test_no_such_file(tmp_path: Path):
-    with pytest.raises(FormatError, match=r"There is no disparity map .*a\.pfm"):
-        read_disparity(tmp_path / "a.pfm")
-    with pytest.raises(FormatError, match="There is no file"):
-        read_pfm(tmp_path / "a.pfm")

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from functools import cache
 from pathlib import Path
 
 import numpy as np
@@ -44,10 +45,16 @@ def own_cache(tmp_path: Path, monkeypatch):
     monkeypatch.delenv("CLPLEN_LYTRO", raising=False)
 
 
-def flat(origin: tuple[float, float] = (61.3, 70.2), top: float = 800.0) -> np.ndarray:
-    """White image of a hexagonal array, 10 px apart, whole numbers."""
+@cache
+def evenly_lit(origin: tuple[float, float]) -> np.ndarray:
+    """A hexagonal array, 10 px apart, in even light, 0 to 1."""
     true = lattice("hexagonal", 10.0, degrees=0.1, origin=origin)
-    return np.rint(top * white(SHAPE, true, vignetting=0.2)).astype(np.uint16)
+    return white(SHAPE, true, vignetting=0.2)
+
+
+def flat(origin: tuple[float, float] = (61.3, 70.2), top: float = 800.0) -> np.ndarray:
+    """White image, whole numbers."""
+    return np.rint(top * evenly_lit(origin)).astype(np.uint16)
 
 
 def twelve(camera=illum, **words: object) -> dict[str, bytes]:
@@ -89,6 +96,14 @@ def test_the_right_one_of_twelve(tmp_path: Path, kind, camera, zoom, focus, numb
         ZOOMS[number // 3],
         FOCUSES[number % 3],
     )
+
+
+def test_zoom_counts_before_focus(tmp_path: Path):
+    place = write_folder(tmp_path / "c", twelve())
+    path = a_picture(tmp_path / "a.lfr", flat(), zoom=900, focus=1e6)
+    metadata = read_lytro_frame(path)[2]
+    found = choose_white_image(metadata, read_white_images(place), picture=path, calibration=place)
+    assert (found.metadata.zoom_step, found.metadata.focus_step) == (901, 777)
 
 
 def test_what_the_camera_refers_to_is_taken(tmp_path: Path):
@@ -151,6 +166,15 @@ def test_calibrations_that_do_not_fit(tmp_path: Path):
     refused(tmp_path, tmp_path / "half.tar", r"half\.tar is no tar archive that is whole|cut off")
     files = twelve() | {"MOD_0003.TXT": b'{"master": ['}
     refused(tmp_path, write_folder(tmp_path / "json", files), "MOD_0003.TXT: the metadata is no")
+
+
+def test_equal_bytes_are_no_doubt(tmp_path: Path):
+    files = twelve()
+    files |= {f"COPY_{name}": data for name, data in files.items()}
+    place = write_folder(tmp_path / "c", files)
+    path = a_picture(tmp_path / "a.lfr", flat())
+    metadata = read_lytro_frame(path)[2]
+    choose_white_image(metadata, read_white_images(place), picture=path, calibration=place)
 
 
 @pytest.mark.thorough

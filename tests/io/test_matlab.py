@@ -140,16 +140,6 @@ def test_a_size_that_is_not_there(tmp_path: Path, device: Device):
         read_lightfield(tmp_path / "a.mat", device=device)
 
 
-def test_a_truncated_file(tmp_path: Path, device: Device):
-    for part in [0.02, 0.99]:
-        for pressed in [True, False]:
-            savemat(tmp_path / "a.mat", {"LF": values_of()}, do_compression=pressed)
-            whole = (tmp_path / "a.mat").read_bytes()
-            (tmp_path / "a.mat").write_bytes(whole[: int(part * len(whole))])
-            with pytest.raises(FormatError, match=r"a\.mat (is truncated or damaged|has no )"):
-                read_lightfield(tmp_path / "a.mat", device=device)
-
-
 def test_a_stream_that_goes_on_is_not_inflated(tmp_path: Path, device: Device):
     shape = (2, 2, 8, 8)
     bomb = zlib.compress(matrix(9, shape, 2, bytes(256)) + bytes(1 << 26), 9)

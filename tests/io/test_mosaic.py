@@ -141,14 +141,6 @@ def test_eslf(tmp_path: Path, device: Device, dtype: type, alpha: bool):
     np.testing.assert_allclose(lf.weights, weights.T[::-1], atol=1e-6)
 
 
-def test_eslf_by_its_counts_alone(tmp_path: Path, device: Device):
-    values = scene(0.2, (14, 14, 5, 6))
-    imageio.imwrite(tmp_path / "a.png", mosaic(values, "yvxu")[:-3, :-5])
-    lf = read_lightfield(tmp_path / "a.png", device=device, views=(14, 14), order="yvxu")
-    np.testing.assert_array_equal(lf.to_numpy()[:11, :9], values[:11, :9])
-    assert not lf.to_numpy()[11:, :, 4].any()
-
-
 def test_a_mosaic_that_is_transparent(tmp_path: Path, device: Device):
     imageio.imwrite(tmp_path / "eslf.png", np.full((28, 28, 4), [9, 9, 9, 0], np.uint8))
     with pytest.raises(FormatError, match="transparent wherever it is not black"):

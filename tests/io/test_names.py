@@ -66,6 +66,11 @@ def test_a_row_that_is_missing_leaves_a_gap():
     assert files[3, 1] == "3_1"
 
 
+def test_counts_that_contradict_views():
+    with pytest.raises(FormatError, match=r"give 2 x 3 views .* but views=\(3, 2\)"):
+        arrange(Pattern("{v}_{u}"), grid("{v}_{u}", range(2), range(3)), views=(3, 2))
+
+
 def test_two_files_for_one_view():
     with pytest.raises(FormatError, match=r"same view: 1_2\.png and 01_2\.png"):
         arrange(Pattern("{v}_{u}.png"), ["1_2.png", "01_2.png"])

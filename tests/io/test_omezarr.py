@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 import tracemalloc
-from concurrent.futures import ThreadPoolExecutor
 from itertools import pairwise
 from pathlib import Path
 from types import SimpleNamespace
@@ -178,6 +177,14 @@ def test_depth_has_named_channels(tmp_path: Path):
     require_valid(path)
 
 
+def test_unknown_pixels_do_not_disturb_their_level(tmp_path: Path):
+    values = random_values(20, 300)
+    values[4, 6], values[10, 20], values[11, 20] = np.nan, np.inf, -np.inf
+    write_image(tmp_path / "a.zarr", values)
+    _, half = levels(tmp_path / "a.zarr")
+    assert np.argwhere(~np.isfinite(half)).tolist() == [[2, 3], [5, 10]]
+
+
 def write_ones(path: Path, shape: tuple[int, ...], **words: bool) -> None:
     write_stack(path, Tiles(np.ones(shape, np.float32), (1, 2, 3)), **words)
 
@@ -217,30 +224,6 @@ def test_other_things_are_never_replaced(tmp_path: Path, device: Device):
     assert levels(tmp_path / "empty.zarr")[0].shape == (2, 4, 5)
 
 
-def test_a_writer_that_is_interrupted_leaves_nothing(tmp_path: Path):
-    path = tmp_path / "s.zarr"
-    write_ones(path, (2, 4, 5))
-    before = digest(tmp_path)
-    for stack, replace in (((2, 4, 5), False), ((3, 6, 5), True)):
-        tiles = Tiles(random_values(*stack), (1, 3, 5), fails_at=3)
-        with pytest.raises(KeyboardInterrupt):
-            write_stack(path, tiles, replace=replace)
-        assert tiles.closed == [True]
-        assert digest(tmp_path) == before
-    with pytest.raises(KeyboardInterrupt):
-        write_stack(tmp_path / "new.zarr", Tiles(random_values(2, 4, 5), (1, 3, 5), fails_at=1))
-    assert [file.name for file in tmp_path.iterdir()] == ["s.zarr"]
-
-
-def test_many_writers_of_one_stack(tmp_path: Path):
-    stacks = [Tiles(np.full((3, 8, 9), i, np.float32), (3, 4, 9)) for i in range(3)]
-    with ThreadPoolExecutor(3) as pool:
-        list(pool.map(lambda tiles: write_stack(tmp_path / "s.zarr", tiles), 3 * stacks))
-    (found,) = levels(tmp_path / "s.zarr")
-    assert (found == found[0, 0, 0]).all()
-    assert [file.name for file in tmp_path.iterdir()] == ["s.zarr"]
-
-
 def test_memory_does_not_grow_with_the_stack(tmp_path: Path):
     class Same(Tiles):
         def __iter__(self):
@@ -258,3 +241,14 @@ def test_memory_does_not_grow_with_the_stack(tmp_path: Path):
     peak = tracemalloc.get_traced_memory()[1]
     tracemalloc.stop()
     assert peak < 8 * 4 * 384 * 384  # of 30 planes; the copies of one that is read and halved
+
+
+def test_durable_reaches_every_chunk(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+    synced = []
+    monkeypatch.setattr("clplen.files._sync", synced.append)
+    write_ones(tmp_path / "s.zarr", (2, 4, 5))
+    assert synced == []
+    write_ones(tmp_path / "s.zarr", (2, 4, 5), durable=True)
+    files = [path for path in (tmp_path / "s.zarr").rglob("*") if path.is_file()]
+    assert {path.name for path in files} <= {path.name for path in synced}
+    assert len(synced) > len(files)

@@ -18,7 +18,7 @@ from clplen.errors import FormatError
 from clplen.io import open_lightfield, read_lightfield, write_lightfield
 from clplen.io.lightfields import array_sources
 from clplen.io.lightfields.array_sources import blocks
-from clplen.lightfield.focus_and_depth import focal_stack, stack_tiles
+from clplen.lightfield.focus_and_depth import stack_tiles
 from clplen.lightfield.model import stored_light_field
 from clplen.lightfield.model.light_field import LightField
 from clplen.lightfield.model.stored_light_field import StoredLightField
@@ -159,19 +159,6 @@ def test_a_mosaic_is_read_whole(device, tmp_path):
     mosaic = samples().transpose(2, 0, 3, 1, 4).reshape(41 * 3, 23 * 4, 3)
     iio.imwrite(tmp_path / "lf.png", mosaic)
     same(tmp_path / "lf.png", device, PARTS, views=(3, 4), order="yvxu")
-
-
-def test_streams_of_files(device, tmp_path):
-    values = np.random.default_rng(3).integers(0, 255, (3, 4, 120, 60, 3)).astype(np.uint8)
-    lf = read_lightfield(folder(tmp_path / "lf", values), device=device)
-    whole = focal_stack(lf, disparities=[-0.7, 0.4]).to_numpy()
-    with open_lightfield(tmp_path / "lf", device=device) as found:
-        memory = (found.overhead + 500_000) * 16 // 15
-        tiles = stack_tiles(found, disparities=[-0.7, 0.4], memory=memory, device=device)
-        assert len(tiles.plan.tiles) > 2
-        assert tiles.plan.bytes_scratch
-        for planes, rows, columns, pictures in tiles:
-            np.testing.assert_array_equal(pictures, whole[planes, rows, columns])
 
 
 def test_damage_in_the_middle(device, tmp_path, monkeypatch):

@@ -11,13 +11,11 @@ from typing import Any
 import numpy as np
 import pytest
 import tifffile
-from click.testing import CliRunner
 from reference_lattice import lattice as drawn_lattice
 from reference_lattice import white
 
-from clplen.cli import main
 from clplen.compute.device import Device
-from clplen.errors import FormatError, SamplingWarning, ShapeError
+from clplen.errors import FormatError, SamplingWarning
 from clplen.io import read_lightfield
 from clplen.lightfield.calibration.lattice_fit import estimate_lattice
 from clplen.lightfield.calibration.raw_decoding import decode_raw
@@ -247,27 +245,6 @@ def test_a_bad_lattice_is_refused(folder: Path, values: dict[str, np.ndarray], d
         with pytest.raises(FormatError, match=text) as caught:
             read_lightfield(folder / "raw.tif", device=device, grid=folder / "grid.json")
         assert "grid.json" in str(caught.value)
-
-
-def test_lenslets_larger_than_the_picture(folder: Path, device: Device):
-    lattice = Lattice("square", (81.4, 85.2), (400, 0), (0, 400), SHAPE)
-    lattice.save(folder / "grid.json")
-    with pytest.raises(ShapeError, match=r"raw\.tif: No lenslet of pitch 400"):
-        read_lightfield(folder / "raw.tif", device=device, grid=folder / "grid.json")
-
-
-def test_info_keeps_the_lattice(folder: Path, values: dict[str, np.ndarray], device: Device):
-    raw, flat, dark = (folder / f"{name}.tif" for name in ("raw", "white", "dark"))
-    words = ["info", raw, "--white", flat, "--dark", dark, "--save-grid", folder / "grid.json"]
-    result = CliRunner().invoke(main, [str(word) for word in [*words, "--device", device.place]])
-    assert result.exit_code == 0, result.output
-    assert "square, pitch 11.2" in result.stdout
-    lattice = Lattice.load(folder / "grid.json")
-    found = estimate_lattice(values["white"], dark=values["dark"])
-    assert lattice == found
-    assert (lattice.shape, lattice.trust) == (SHAPE, "high")
-    true = drawn_lattice("square", PITCH, degrees=1.5, origin=(81.4, 85.2))
-    assert np.sqrt((true.off(lattice.centres()) ** 2).sum(1).mean()) < 0.05
 
 
 def test_a_frame_that_would_take_too_much_memory(tmp_path: Path, one_device: Device):

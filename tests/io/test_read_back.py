@@ -30,6 +30,7 @@ from clplen.io import (
     write_stack,
     write_truth,
 )
+from clplen.io.store import picture_series
 from clplen.lightfield.depth.depth_maps import DepthMap
 from clplen.lightfield.refocusing.focal_stacks import FocalStack
 from clplen.outputs import is_ours
@@ -62,6 +63,16 @@ def test_a_focal_stack(tmp_path_factory: pytest.TempPathFactory, device: Device)
             np.testing.assert_array_equal(
                 read_stack(tmp_path / f"again-{name}").disparities, disparities
             )
+
+
+def test_a_focal_stack_is_read_in_parts(
+    tmp_path: Path, device: Device, monkeypatch: pytest.MonkeyPatch
+):
+    data = values(2, 1030, 3, 3)  # two chunks high
+    stack = FocalStack(device.upload(data), device, np.arange(2.0), np.ones(2))
+    write_stack(tmp_path / "a.zarr", stack)
+    monkeypatch.setattr(picture_series, "_BLOCK", 1)
+    np.testing.assert_array_equal(read_stack(tmp_path / "a.zarr", device=device).to_numpy(), data)
 
 
 def test_a_picture(tmp_path_factory: pytest.TempPathFactory, device: Device):

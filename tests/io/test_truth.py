@@ -43,12 +43,6 @@ def test_what_the_file_says_of_its_maps(tmp_path: Path):
         assert "z" not in file
 
 
-def test_the_same_truth_gives_the_same_bytes(tmp_path: Path):
-    for name in ("a.h5", "b.h5"):
-        write_truth(tmp_path / name, truth())
-    assert (tmp_path / "a.h5").read_bytes() == (tmp_path / "b.h5").read_bytes()
-
-
 def test_what_is_said_where_there_are_no_masks(tmp_path: Path):
     with h5py.File(tmp_path / "a.h5", "w") as file:
         file["disparity"] = np.zeros((3, 5))
@@ -60,8 +54,3 @@ def test_what_is_said_where_there_are_no_masks(tmp_path: Path):
         read_masks(tmp_path / "a.h5")
     with pytest.raises(FormatError, match="There is no file"):
         read_masks(tmp_path / "b.h5")
-
-
-def test_no_folder_to_write_to(tmp_path: Path):
-    with pytest.raises(FileNotFoundError, match="there is no folder"):
-        write_truth(tmp_path / "no" / "truth.h5", truth())

@@ -164,12 +164,6 @@ def test_the_files_of_a_light_field(folder: Path):
     assert files_of(folder / "notes.txt") == [folder / "notes.txt"]
 
 
-def test_an_odd_first_picture_is_the_one_named(folder: Path, device: Device):
-    imageio.imwrite(folder / "p_1_1.png", samples()[0, 0, :-1])
-    with pytest.raises(FormatError, match=r"1 of 12 views .*p_1_1\.png is 6 x 11"):
-        read_lightfield(folder, device=device)
-
-
 def test_truncated_pictures(tmp_path: Path, device: Device):
     for suffix, kept in [("png", 0), ("jpg", 0.6), ("tif", 0.95)]:
         picture = np.random.default_rng(1).integers(0, 255, (40, 50, 3)).astype(np.uint8)
@@ -188,15 +182,6 @@ def test_png_of_16_bit_colour(tmp_path: Path, device: Device):
     lf = read_lightfield(tmp_path, device=device, pattern="{v}_{u}.png")
     assert lf.dtype == np.uint16
     np.testing.assert_array_equal(lf.to_numpy(), samples(np.uint16)[:2, :3])
-
-
-def test_other_types_become_float32(tmp_path: Path, device: Device):
-    values = samples(np.float64, 1) / 7
-    for v, u in np.ndindex(2, 3):
-        tifffile.imwrite(tmp_path / f"{v}_{u}.tif", values[v, u])
-    lf = read_lightfield(tmp_path, device=device, pattern="{v}_{u}.tif")
-    assert lf.dtype == np.float32
-    np.testing.assert_array_equal(lf.to_numpy(), values[:2, :3].astype(np.float32))
 
 
 def test_srgb_is_decoded(folder: Path, device: Device):
@@ -327,3 +312,18 @@ def test_words_of_other_kinds_are_refused(folder: Path, device: Device):
 def test_unknown_words_are_errors(folder: Path, device: Device):
     with pytest.raises(TypeError, match="flip_w"):
         read_lightfield(folder, device=device, flip_w=True)
+
+
+def test_an_odd_first_picture_is_the_one_named(folder: Path, device: Device):
+    imageio.imwrite(folder / "p_1_1.png", samples()[0, 0, :-1])
+    with pytest.raises(FormatError, match=r"1 of 12 views .*p_1_1\.png is 6 x 11"):
+        read_lightfield(folder, device=device)
+
+
+def test_other_types_become_float32(tmp_path: Path, device: Device):
+    values = samples(np.float64, 1) / 7
+    for v, u in np.ndindex(2, 3):
+        tifffile.imwrite(tmp_path / f"{v}_{u}.tif", values[v, u])
+    lf = read_lightfield(tmp_path, device=device, pattern="{v}_{u}.tif")
+    assert lf.dtype == np.float32
+    np.testing.assert_array_equal(lf.to_numpy(), values[:2, :3].astype(np.float32))

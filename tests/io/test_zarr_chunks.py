@@ -22,8 +22,8 @@ numcodecs = pytest.importorskip("numcodecs")
 codecs = pytest.importorskip("zarr.codecs")
 
 SHAPE = (2, 3, 20, 10)
-BOMB = 64 << 20  # bytes that come out
-MOST = 16 << 20  # bytes that may be held meanwhile
+BOMB = 24 << 20  # bytes that come out
+MOST = 12 << 20  # bytes that may be held meanwhile
 
 
 def values() -> np.ndarray:

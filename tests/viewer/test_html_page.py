@@ -164,6 +164,11 @@ def test_what_cannot_be_shown(tmp_path):
         assert list(tmp_path.iterdir()) == []
 
 
+def test_another_suffix(tmp_path):
+    with pytest.raises(ValueError, match=r"written as \.html, not as a\.png"):
+        clplen.io.write_html(tmp_path / "a.png", VIEWS)
+
+
 def test_metres_by_the_lens_law_and_of_a_microscope(device):
     from clplen.demo import camera
 

@@ -264,6 +264,11 @@ def test_two_lengths(server, computing):
     assert computing.begun == []
 
 
+def test_nothing_follows_in_the_same_connection(server):
+    line = f"GET /{server.token}/ HTTP/1.1\r\nHost: {ADDRESS}:{server.port}\r\n\r\n"
+    assert raw(server, (2 * line).encode()).count(b"HTTP/1.1 ") == 1
+
+
 def test_a_computation(server):
     lines = compute(server, request("far"))
     assert lines[0] == {"progress": 1.0, "what": "Done"}

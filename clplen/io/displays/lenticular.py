@@ -151,10 +151,9 @@ def interlace(
 
     Raises
     ------
-    ValueError
-        If a number is out of range, views are not uint8, or the lenses are none of these.
-    ShapeError
-        If views have different shapes, or there are more or fewer than ``count``.
+    ValueError, ShapeError
+        If a number is out of range, views are not uint8, or the lenses are none of these; if views
+        have different shapes, or there are more or fewer than ``count``.
 
     See Also
     --------
@@ -245,10 +244,8 @@ def pitch_test(
 
     Raises
     ------
-    ValueError
-        If a number is out of range.
-    MemoryError
-        If the picture does not fit into memory.
+    ValueError, MemoryError
+        If a number is out of range; if the picture does not fit into memory.
 
     Notes
     -----

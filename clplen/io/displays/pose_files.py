@@ -62,12 +62,9 @@ def write_nerf(
 
     Raises
     ------
-    ShapeError
-        If pictures, cameras, points and colours do not fit together.
-    ValueError
-        If pictures are not uint8.
-    OSError
-        If the folder holds something, or cannot be written.
+    ShapeError, ValueError, OSError
+        If pictures, cameras, points and colours do not fit together; if pictures are not uint8; if
+        the folder holds something, or cannot be written.
 
     Examples
     --------
@@ -153,12 +150,9 @@ def write_colmap(
 
     Raises
     ------
-    ShapeError
-        If pictures, cameras, points and colours do not fit together.
-    ValueError
-        If pictures are not uint8.
-    OSError
-        If the folder holds something, or cannot be written.
+    ShapeError, ValueError, OSError
+        If pictures, cameras, points and colours do not fit together; if pictures are not uint8; if
+        the folder holds something, or cannot be written.
 
     Examples
     --------

@@ -170,12 +170,10 @@ def write_quilt(path: PathLike, tiles: Iterable[ArrayLike], layout: QuiltLayout)
 
     Raises
     ------
-    ValueError
-        If the name is no ``.png`` or tells another layout, or tiles are not uint8.
-    ShapeError
-        If a tile has another shape, or there are more or fewer than the layout has.
-    MemoryError
-        If the quilt does not fit into memory.
+    ValueError, ShapeError, MemoryError
+        If the name is no ``.png`` or tells another layout, or tiles are not uint8; if a tile has
+        another shape, or there are more or fewer than the layout has; if the quilt does not fit
+        into memory.
 
     Examples
     --------

@@ -47,10 +47,9 @@ def anaglyph(left: ArrayLike, right: ArrayLike, *, colours: str = "dubois") -> A
 
     Raises
     ------
-    ShapeError
-        If the pictures have different shapes, or others than these.
-    ValueError
-        If they are not uint8, or the colours are none of these.
+    ShapeError, ValueError
+        If the pictures have different shapes, or others than these; if they are not uint8, or the
+        colours are none of these.
 
     Notes
     -----

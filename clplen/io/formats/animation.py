@@ -43,11 +43,9 @@ def write_animation(path: PathLike, pictures: Iterable[ArrayLike], *, seconds: f
 
     Raises
     ------
-    ValueError
+    ValueError, OSError
         If the suffix is another one, there is no picture, they differ, or imageio-ffmpeg is
-        missing.
-    OSError
-        If the file cannot be written.
+        missing; if the file cannot be written.
 
     Examples
     --------

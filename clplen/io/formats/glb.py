@@ -9,11 +9,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from clplen.checks import host_array
-from clplen.errors import ShapeError
 from clplen.files import PathLike, replacing
 from clplen.io.formats.picture import linear
-from clplen.io.formats.ply import write_ply
+from clplen.io.formats.ply import checked_points, write_ply
 from clplen.outputs import MARK
 
 Array = np.ndarray[Any, Any]
@@ -50,13 +48,10 @@ def write_glb(
 
     Raises
     ------
-    ValueError
+    ValueError, ShapeError, OSError
         If the suffix is another one, colours are no uint8, no point is finite, or they fill more
-        than 4 GiB.
-    ShapeError
-        If points are not (n, 3), or colours have another shape.
-    OSError
-        If the file cannot be written.
+        than 4 GiB; if points are not (n, 3), or colours have another shape; if the file cannot be
+        written.
 
     Examples
     --------
@@ -68,17 +63,7 @@ def write_glb(
     """
     if Path(path).suffix.lower() != ".glb":
         raise ValueError(f"Binary glTF is written as .glb, not as {Path(path).name}.")
-    points = host_array(points, "Points")
-    colours = None if colours is None else host_array(colours, "Colours of points")
-    if points.ndim != 2 or points.shape[1] != 3:
-        raise ShapeError(f"Points have shape (n, 3), not {points.shape}.")
-    if colours is not None and colours.shape != points.shape:
-        raise ShapeError(
-            f"Each of {points.shape[0]} points has one colour: expected shape {points.shape}, not "
-            f"{colours.shape}."
-        )
-    if colours is not None and colours.dtype != np.uint8:
-        raise ValueError(f"Colours of points are uint8, not {colours.dtype}.")
+    points, colours = checked_points(points, colours)
     with np.errstate(over="ignore"):
         places = (points * _AXES).astype("<f4")
     kept = np.isfinite(places).all(1)

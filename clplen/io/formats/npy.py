@@ -33,10 +33,8 @@ def write_npy(path: PathLike, values: ArrayLike, *, durable: bool = False) -> No
 
     Raises
     ------
-    ValueError
-        If the values are no real numbers.
-    OSError
-        If the file cannot be written.
+    ValueError, OSError
+        If the values are no real numbers; if the file cannot be written.
 
     Examples
     --------

@@ -340,10 +340,9 @@ def write_picture(
 
     Raises
     ------
-    ShapeError
-        If the values have another shape.
-    ValueError
-        If the suffix is another one, a PNG cannot hold the values, or dpi is not positive.
+    ShapeError, ValueError
+        If the values have another shape; if the suffix is another one, a PNG cannot hold the
+        values, or dpi is not positive.
 
     Examples
     --------

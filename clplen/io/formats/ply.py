@@ -45,12 +45,9 @@ def write_ply(
 
     Raises
     ------
-    ValueError
-        If the suffix is another one, colours are no uint8, or the comment is no ASCII.
-    ShapeError
-        If points are not (n, 3), or colours have another shape.
-    OSError
-        If the file cannot be written.
+    ValueError, ShapeError, OSError
+        If the suffix is another one, colours are no uint8, or the comment is no ASCII; if points
+        are not (n, 3), or colours have another shape; if the file cannot be written.
 
     Examples
     --------
@@ -61,17 +58,7 @@ def write_ply(
     """
     if Path(path).suffix.lower() != ".ply":
         raise ValueError(f"A point cloud is written as .ply, not as {Path(path).name}.")
-    points = host_array(points, "Points")
-    colours = None if colours is None else host_array(colours, "Colours of points")
-    if points.ndim != 2 or points.shape[1] != 3:
-        raise ShapeError(f"Points have shape (n, 3), not {points.shape}.")
-    if colours is not None and colours.shape != points.shape:
-        raise ShapeError(
-            f"Each of {points.shape[0]} points has one colour: expected shape {points.shape}, not "
-            f"{colours.shape}."
-        )
-    if colours is not None and colours.dtype != np.uint8:
-        raise ValueError(f"Colours of points are uint8, not {colours.dtype}.")
+    points, colours = checked_points(points, colours)
     if not comment.isascii():
         raise ValueError(f"A comment of PLY is ASCII, not {comment!r}.")
     # A coordinate that float32 cannot hold is infinite there.
@@ -85,6 +72,22 @@ def write_ply(
     with replacing(path) as temporary, temporary.open("wb") as file:
         file.write(_header(vertices, comment).encode("ascii"))
         file.write(vertices.tobytes())
+
+
+def checked_points(points: ArrayLike, colours: ArrayLike | None) -> tuple[Array, Array | None]:
+    """Points (n, 3), and their colours of uint8."""
+    points = host_array(points, "Points")
+    colours = None if colours is None else host_array(colours, "Colours of points")
+    if points.ndim != 2 or points.shape[1] != 3:
+        raise ShapeError(f"Points have shape (n, 3), not {points.shape}.")
+    if colours is not None and colours.shape != points.shape:
+        raise ShapeError(
+            f"Each of {points.shape[0]} points has one colour: expected shape {points.shape}, not "
+            f"{colours.shape}."
+        )
+    if colours is not None and colours.dtype != np.uint8:
+        raise ValueError(f"Colours of points are uint8, not {colours.dtype}.")
+    return points, colours
 
 
 def read_ply(path: PathLike) -> tuple[Array, Array | None]:
@@ -190,10 +193,9 @@ def points_of(
 
     Raises
     ------
-    ValueError
-        If only a part of the camera is given, or a length is not positive and finite.
-    ShapeError
-        If the map is not two-dimensional.
+    ValueError, ShapeError
+        If only a part of the camera is given, or a length is not positive and finite; if the map is
+        not two-dimensional.
 
     Examples
     --------

@@ -20,6 +20,7 @@ from clplen.errors import FormatError, ShapeError, argument
 from clplen.io.formats.untrusted import reading, require_bytes
 from clplen.io.lightfields.layout import Array, Layout, View, axes_of, in_order
 from clplen.io.lightfields.view_positions import positions_of
+from clplen.io.store import attributes
 from clplen.lightfield.arrays.stored_samples import C_TYPE, lit_views
 from clplen.lightfield.model.light_field import LightField
 from clplen.lightfield.model.sample_checks import (
@@ -253,6 +254,23 @@ class OpenSource:
             weights = _stored_weights(source, layout, stored, known.get("weights"))
             stored = replace(stored, weights=checked_weights(weights, stored), **self.words)
         return stored, _sentence(source, stored, layout)
+
+
+def own_source(
+    source: Source,
+    device: Device,
+    layout: Layout,
+    found: dict[str, Any],
+    beside: dict[str, Array],
+    camera: Any,
+) -> OpenSource:
+    """A source with the attributes, arrays and camera of a file of `write_lightfield`."""
+    known: dict[str, Any] = {**beside, "camera": camera}
+    placed = "positions" in known or layout.positions is not None
+    spacing = attributes.spacing_in(found, source.path)
+    if spacing is not None:  # positions stay where they are, and so does their unit
+        known["spacing"] = spacing if placed else layout.oriented_spacing(spacing)
+    return OpenSource(source, device, layout, known, attributes.words_in(found, source.path))
 
 
 def _stored_weights(source: Source, layout: Layout, stored: StoredLightField, known: Any) -> Array:

@@ -35,6 +35,7 @@ from clplen.io.lightfields.array_sources import (
     Selection,
     Source,
     axes_known,
+    own_source,
 )
 from clplen.io.lightfields.layout import Array, Layout, View
 from clplen.io.raw.raw_files import is_raw
@@ -248,13 +249,8 @@ def _open_source(file: h5py.File, path: Path, device: Device, layout: Layout) ->
     if str(dataset.name).strip("/") != attributes.SAMPLES:
         return OpenSource(source, device, layout)
     found = attributes_of(dataset, attributes.NAMES, path)
-    known: dict[str, Any] = dict(_arrays_beside(file, path, source.views, layout.max_bytes))
-    placed = "positions" in known or layout.positions is not None
-    spacing = attributes.spacing_in(found, path)
-    if spacing is not None:  # positions stay where they are, and so does their unit
-        known["spacing"] = spacing if placed else layout.oriented_spacing(spacing)
-    known["camera"] = _camera(file, path, device)
-    return OpenSource(source, device, layout, known, attributes.words_in(found, path))
+    beside = _arrays_beside(file, path, source.views, layout.max_bytes)
+    return own_source(source, device, layout, found, beside, _camera(file, path, device))
 
 
 def _arrays_beside(

@@ -19,7 +19,7 @@ from clplen.io.formats.untrusted import require_room
 from clplen.io.lightfields.layout import Layout
 from clplen.io.lightfields.view_positions import positions_of
 from clplen.io.raw.lattice_cache import kept_lattice
-from clplen.io.raw.raw_files import read_frame, read_lattice, require_decoding
+from clplen.io.raw.raw_files import read_beside, read_lattice, require_decoding
 from clplen.io.raw.sensor_tiff import sensor_tags
 from clplen.lightfield.calibration.lattice_fit import visible_lattice
 from clplen.lightfield.calibration.lattice_trust import (
@@ -93,8 +93,8 @@ def decode_frame(
     capture = _of_tiff(path, shape) if capture is None else capture
     white = capture.white
     if white is None:
-        white = _beside(layout.white, "white image", shape, path, layout)
-    dark = _beside(layout.dark, "dark frame", shape, path, layout)
+        white = _beside(layout.white, "white image", frame, path, layout)
+    dark = _beside(layout.dark, "dark frame", frame, path, layout)
     _check_roles(frame, white, dark, path, layout)
     layout = replace(layout, bayer=layout.bayer or capture.bayer)
     if dark is None:
@@ -151,17 +151,12 @@ def _of_tiff(path: Path, shape: tuple[int, int]) -> Capture:
 
 
 def _beside(
-    source: PathLike | None, what: str, shape: tuple[int, int], path: Path, layout: Layout
+    source: PathLike | None, what: str, frame: Frame, path: Path, layout: Layout
 ) -> Frame | None:
     """A picture that belongs to the frame."""
     if source is None:
         return None
-    picture, _ = read_frame(source, max_bytes=layout.max_bytes)
-    if picture.shape != shape:
-        raise FormatError(
-            f"The {what} {source} has shape {picture.shape} and {path} has {shape}: it is of "
-            f"another camera or another crop; give the {what} of this one."
-        )
+    picture, _ = read_beside(source, what, frame, path, max_bytes=layout.max_bytes)
     return linear(picture) if layout.srgb else picture
 
 

@@ -182,12 +182,10 @@ def read_lightfield(
 
     Raises
     ------
-    FormatError
+    FormatError, ValueError, ShapeError
         If the file or folder is missing, damaged, incomplete or of an unknown kind; if a value in
-        an array file (a sample that is NaN, a spacing of 0) makes no light field.
-    ValueError, ShapeError
-        If a word of layout does not apply to this kind of file, or a value in pictures makes no
-        light field.
+        an array file (a sample that is NaN, a spacing of 0) makes no light field; if a word of
+        layout does not apply to this kind of file, or a value in pictures makes no light field.
 
     Examples
     --------
@@ -343,12 +341,9 @@ def write_lightfield(path: PathLike, lf: LightField | ArrayLike) -> None:
 
     Raises
     ------
-    ValueError
-        If the suffix is another one.
-    FormatError
-        If it is ``.zarr`` and the package zarr is not installed.
-    OSError
-        If it cannot be written, or the folder holds something already.
+    ValueError, FormatError, OSError
+        If the suffix is another one; if it is ``.zarr`` and the package zarr is not installed; if
+        it cannot be written, or the folder holds something already.
 
     Examples
     --------

@@ -232,10 +232,9 @@ def write_mosaic(path: PathLike, lf: LightField | ArrayLike, *, order: str = "yv
 
     Raises
     ------
-    ValueError
-        If the order or the suffix is another one, or a PNG cannot hold the samples.
-    ShapeError
-        If the views have other than 1 or 3 channels.
+    ValueError, ShapeError
+        If the order or the suffix is another one, or a PNG cannot hold the samples; if the views
+        have other than 1 or 3 channels.
 
     Examples
     --------

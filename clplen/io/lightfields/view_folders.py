@@ -90,12 +90,9 @@ def write_views(
 
     Raises
     ------
-    FileExistsError
-        If the folder holds something.
-    ShapeError
-        If the views have other than 1 or 3 channels.
-    ValueError
-        If the pattern is none, or holds ``{n}``, ``*`` or a folder.
+    FileExistsError, ShapeError, ValueError
+        If the folder holds something; if the views have other than 1 or 3 channels; if the pattern
+        is none, or holds ``{n}``, ``*`` or a folder.
 
     Examples
     --------

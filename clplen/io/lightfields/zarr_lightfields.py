@@ -24,6 +24,7 @@ from clplen.io.lightfields.array_sources import (
     OpenSource,
     Source,
     axes_known,
+    own_source,
 )
 from clplen.io.lightfields.layout import Layout, View
 from clplen.io.store import attributes
@@ -92,13 +93,8 @@ def _open_source(root: Any, path: Path, device: Device, layout: Layout) -> OpenS
     source = _source(array, found, path, layout)
     if array_name(array) != SAMPLES:
         return OpenSource(source, device, layout)
-    known: dict[str, Any] = dict(_arrays_beside(root, path, source.views, layout.max_bytes))
-    placed = "positions" in known or layout.positions is not None
-    spacing = attributes.spacing_in(found, path)
-    if spacing is not None:  # positions stay where they are, and so does their unit
-        known["spacing"] = spacing if placed else layout.oriented_spacing(spacing)
-    known["camera"] = _camera(root, path, device)
-    return OpenSource(source, device, layout, known, attributes.words_in(found, path))
+    beside = _arrays_beside(root, path, source.views, layout.max_bytes)
+    return own_source(source, device, layout, found, beside, _camera(root, path, device))
 
 
 def _chunks(lf: LightField) -> tuple[int, ...]:

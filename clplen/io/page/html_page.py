@@ -95,12 +95,9 @@ def write_html(
 
     Raises
     ------
-    ValueError
-        If the suffix is another one, or an option is out of range.
-    ShapeError, TypeError
-        If the subject is none of these.
-    OSError
-        If it cannot be written.
+    ValueError, ShapeError, TypeError, OSError
+        If the suffix is another one, or an option is out of range; if the subject is none of these;
+        if it cannot be written.
 
     Examples
     --------
@@ -191,7 +188,7 @@ def item_of(
     if isinstance(thing, HasVolume):
         volume = np.asarray(thing.volume)
         planes = None if thing.planes is None else ("z", "m", thing.planes)
-        voxel = None if thing.voxel is None else (_step(thing.planes), *thing.voxel)
+        voxel = None if thing.voxel is None else (step_of(thing.planes), *thing.voxel)
         words = {"planes": planes, "voxel": voxel, "table": "magma"}
         return volume_item(volume.reshape(-1, *volume.shape[-3:]), content, **small, **words)
     values = host_array(thing, "What a page shows")
@@ -221,7 +218,7 @@ def stack_item(stack: FocalStack, content: Content, **words: Any) -> dict[str, A
     return volume_item(stack.to_numpy()[None], content, planes=planes, voxel=voxel, **words)
 
 
-def _step(planes: Any) -> float | None:
+def step_of(planes: Any) -> float | None:
     """The distance of planes that are equidistant."""
     steps = np.diff(np.asarray([] if planes is None else planes, np.float64))
     if steps.size == 0 or np.ptp(steps) > 1e-6 * abs(steps[0]):

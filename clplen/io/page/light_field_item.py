@@ -113,22 +113,15 @@ def smaller(
     if isinstance(lf, LightField):
         if whole:
             return lf
-        read, host = None, lf.to_numpy()
         device = lf.device
-    else:
-        read, host = lf.read, None
+    read: Any = lf.to_numpy().__getitem__ if isinstance(lf, LightField) else lf.read
     shape = (rows.stop - rows.start, columns.stop - columns.start, ny, nx, *lf.shape[4:])
     out = np.empty(shape, lf.dtype)
     for v in range(shape[0]):
         for u in range(shape[1]):
             at = (rows.start + v, columns.start + u)
-            if read is not None:
-                block = (slice(at[0], at[0] + 1), slice(at[1], at[1] + 1), slice(None), slice(None))
-                view = read(block)[0, 0]
-            else:
-                assert host is not None
-                view = host[at]
-            out[v, u] = downscaled(view, n)
+            block = (slice(at[0], at[0] + 1), slice(at[1], at[1] + 1), slice(None), slice(None))
+            out[v, u] = downscaled(read(block)[0, 0], n)
     spacing = lf.spacing
     if spacing is not None:
         spacing = (*spacing[:2], spacing[2] * n, spacing[3] * n)

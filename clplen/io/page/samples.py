@@ -77,11 +77,6 @@ class Levels:
         known = np.isfinite(shares)
         return np.where(known, np.rint(np.where(known, shares, 0)), MOST + 1).astype(np.uint16)
 
-    def eight(self, values: Array) -> Array:
-        """Levels of 8 bits, of values without NaN; 255 is the highest."""
-        shares = (np.asarray(values, np.float64) - self.low) / (self.step * 255)
-        return np.rint(255 * shares).astype(np.uint8)
-
     def packed(self, values: Array) -> bytes:
         """Values (y, x[, c]) as gzip: differences along rows, all low bytes, then all high ones."""
         levels = self.sixteen(values).reshape(len(values), -1)

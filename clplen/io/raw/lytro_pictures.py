@@ -57,11 +57,9 @@ def save_lytro_pictures(path: PathLike, folder: PathLike, *, force: bool = False
 
     Raises
     ------
-    FormatError
-        If the container is damaged, or holds nothing of the kind.
-    OSError
-        If a file cannot be written, or one of its name is there that holds something else; then
-        none is written.
+    FormatError, OSError
+        If the container is damaged, or holds nothing of the kind; if a file cannot be written, or
+        one of its name is there that holds something else; then none is written.
 
     Examples
     --------

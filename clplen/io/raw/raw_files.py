@@ -83,11 +83,9 @@ def write_raw(
 
     Raises
     ------
-    ValueError
+    ValueError, OSError
         If the suffix is another one, or the raw image has no camera of this package (HDF5), no
-        levels or more than 16 bits (TIFF).
-    OSError
-        If the file cannot be written.
+        levels or more than 16 bits (TIFF); if the file cannot be written.
 
     Examples
     --------
@@ -265,6 +263,19 @@ def read_frame(
     return read_picture(path, max_bytes=max_bytes), None
 
 
+def read_beside(
+    source: PathLike, what: str, frame: Frame, path: Path, *, max_bytes: int | None = None
+) -> tuple[Frame, Bayer | None]:
+    """A picture of the shape of a frame to which it belongs, and its colour filters."""
+    found, bayer = read_frame(source, max_bytes=max_bytes)
+    if found.shape != frame.shape:
+        raise FormatError(
+            f"The {what} {source} has shape {found.shape} and {path} has {frame.shape}: it is of "
+            f"another camera or another crop; give the {what} of this one."
+        )
+    return found, bayer
+
+
 def require_decoding(pixels: int, path: Path, max_bytes: int | None) -> None:
     """Refuse a frame whose lattice or views would take more memory than is allowed."""
     what = f"finding the lenslets among {pixels:,} pixels"
@@ -316,13 +327,11 @@ def read_raw(
 
     Raises
     ------
-    FormatError
-        If a file is missing, damaged or of another kind, nothing tells where the lenslets lie,
-        the white image is none or of another camera, or an XML has no lens types.
-    ValueError
-        If both white and grid are given, or words that do not apply to an XML or HDF5.
-    ShapeError
-        If not one lenslet lies on the picture.
+    FormatError, ValueError, ShapeError
+        If a file is missing, damaged or of another kind, nothing tells where the lenslets lie, the
+        white image is none or of another camera, or an XML has no lens types; if both white and
+        grid are given, or words that do not apply to an XML or HDF5; if not one lenslet lies on the
+        picture.
 
     Examples
     --------
@@ -355,7 +364,9 @@ def read_raw(
             word = argument("image")
             raise ValueError(f"{word} belongs to an XML, {path.name} is an image itself.")
         values, _ = read_frame(path, frame=frame)
-        black = None if dark is None else _like(dark, values, path)[0]
+        black = None
+        if dark is not None:
+            black = read_beside(dark, "dark frame", values, path)[0].astype(np.float32)
         tags = sensor_tags(path) if values.ndim == 2 else None
         lattice = _lattice(path, values, white, black, grid, force)
         if grid is not None and Path(grid).suffix.lower() in RAYTRIX_SUFFIXES:
@@ -487,7 +498,8 @@ def _lattice(
             f"image of the same camera, or {argument('grid')}, a lattice saved before."
         )
     require_decoding(frame.size, path, None)
-    flat, bayer = _like(white, frame, path)
+    flat, bayer = read_beside(white, "white image", frame, path)
+    flat = flat.astype(np.float32)
     black = None if dark is None else _grey(dark)
     with naming(white):
         lattice = estimate_lattice(_grey(flat), dark=black, bayer=bayer)
@@ -498,17 +510,6 @@ def _lattice(
                 _grey(frame), lattice, str(white), dark=black, bayer=bayer, error=FormatError
             )
     return lattice
-
-
-def _like(other: PathLike, frame: Frame, path: Path) -> tuple[Frame, Bayer | None]:
-    """A frame of the same shape as the raw image, float32, and its colour filters."""
-    found, bayer = read_frame(other)
-    if found.shape != frame.shape:
-        raise FormatError(
-            f"{other} has shape {found.shape}, {path} has {frame.shape}: they are of different "
-            "cameras."
-        )
-    return found.astype(np.float32), bayer
 
 
 def _grey(frame: Frame) -> Frame:

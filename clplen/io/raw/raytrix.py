@@ -432,10 +432,8 @@ def write_raytrix(path: PathLike, calibration: RaytrixCalibration) -> None:
 
     Raises
     ------
-    ValueError
-        If the suffix is another one.
-    OSError
-        If it cannot be written.
+    ValueError, OSError
+        If the suffix is another one; if it cannot be written.
 
     Examples
     --------

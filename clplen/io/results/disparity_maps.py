@@ -72,10 +72,8 @@ def write_truth(path: PathLike, truth: Truth, *, durable: bool = False) -> None:
 
     Raises
     ------
-    ValueError
-        If the suffix is another one.
-    OSError
-        If the file cannot be written.
+    ValueError, OSError
+        If the suffix is another one; if the file cannot be written.
 
     Examples
     --------

@@ -73,12 +73,9 @@ def write_focused(
 
     Raises
     ------
-    ValueError
-        If the suffix is another one.
-    FormatError
-        If it is ``.zarr`` and the package zarr is not installed.
-    OSError
-        If it cannot be written.
+    ValueError, FormatError, OSError
+        If the suffix is another one; if it is ``.zarr`` and the package zarr is not installed; if
+        it cannot be written.
 
     Examples
     --------
@@ -160,12 +157,9 @@ def write_focused_depth(
 
     Raises
     ------
-    ValueError
-        If the suffix is another one.
-    FormatError
-        If it is ``.zarr`` and the package zarr is not installed.
-    OSError
-        If it cannot be written.
+    ValueError, FormatError, OSError
+        If the suffix is another one; if it is ``.zarr`` and the package zarr is not installed; if
+        it cannot be written.
 
     Examples
     --------

@@ -30,10 +30,8 @@ def write_opd_maps(path: PathLike, maps: OPDMaps, *, durable: bool = False) -> N
 
     Raises
     ------
-    ValueError
-        If the suffix is another one.
-    OSError
-        If the file cannot be written.
+    ValueError, OSError
+        If the suffix is another one; if the file cannot be written.
 
     Examples
     --------
@@ -130,10 +128,8 @@ def read_zemax_opd(
 
     Raises
     ------
-    FormatError
-        If a file is no such listing, or the files do not fit together.
-    ValueError
-        As `OPDMaps`.
+    FormatError, ValueError
+        If a file is no such listing, or the files do not fit together; as `OPDMaps`.
 
     Examples
     --------

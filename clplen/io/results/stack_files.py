@@ -73,14 +73,10 @@ def write_stack(
 
     Raises
     ------
-    ValueError, ShapeError
-        If the suffix is another one; if parts do not make up the stack.
-    FormatError
-        If it is ``.zarr`` and the package zarr is not installed.
-    FileExistsError
-        If there is an OME-Zarr of another shape that is not to be replaced, or another folder.
-    OSError
-        If it cannot be written.
+    ValueError, ShapeError, FormatError, FileExistsError, OSError
+        If the suffix is another one; if parts do not make up the stack; if it is ``.zarr`` and the
+        package zarr is not installed; if there is an OME-Zarr of another shape that is not to be
+        replaced, or another folder; if it cannot be written.
 
     Examples
     --------
@@ -233,14 +229,8 @@ def write_depth(
 
     Raises
     ------
-    ValueError
-        If the suffix is another one.
-    FormatError
-        If it is ``.zarr`` and the package zarr is not installed.
-    FileExistsError
-        If there is an OME-Zarr of another shape that is not to be replaced, or another folder.
-    OSError
-        If it cannot be written.
+    ValueError, FormatError, FileExistsError, OSError
+        As `write_stack`.
 
     Examples
     --------
@@ -360,14 +350,8 @@ def write_image(
 
     Raises
     ------
-    ValueError
-        If the suffix or the shape is another one.
-    FormatError
-        If it is ``.zarr`` and the package zarr is not installed.
-    FileExistsError
-        If there is an OME-Zarr of another shape that is not to be replaced, or another folder.
-    OSError
-        If it cannot be written.
+    ValueError, FormatError, FileExistsError, OSError
+        As `write_stack`; if the shape is another one.
 
     Examples
     --------

@@ -179,11 +179,9 @@ def open_volumes(
 
     Raises
     ------
-    FormatError
+    FormatError, ValueError
         If a file is missing, damaged, of another kind, has several channels, or if files differ in
-        shape, z or the size of a voxel.
-    ValueError
-        If there is no path.
+        shape, z or the size of a voxel; if there is no path.
 
     Examples
     --------

@@ -48,10 +48,8 @@ def write_volume(
 
     Raises
     ------
-    ValueError, ShapeError
-        If the suffix is another one, or there are not as many planes as z.
-    FormatError, FileExistsError, OSError
-        As `write_stack`.
+    ValueError, ShapeError, FormatError, FileExistsError, OSError
+        If the suffix is another one, or there are not as many planes as z; as `write_stack`.
 
     Examples
     --------

@@ -32,10 +32,8 @@ def digest(path: PathLike, *, algorithm: str = "sha256") -> str:
 
     Raises
     ------
-    ValueError
-        If there is no such algorithm.
-    FileNotFoundError
-        If there is nothing of this name.
+    ValueError, FileNotFoundError
+        If there is no such algorithm; if there is nothing of this name.
 
     Examples
     --------
