@@ -585,7 +585,7 @@ def test_what_is_said_about_wrong_pictures_and_light(tmp_path: Path):
         ),
         (LIT + 'spatial = "lamp"', r"coherence\.spatial must be 'coherent', .* \(found 'lamp'\)"),
         (PICTURE + "[coherence]\nkoehler = true", r"coherence\.koehler is for slides"),
-        (LIT + 'spatial = "source"\nkind = "phase"', r"coherence has kind, which belongs to spatial"),
+        (LIT + 'spatial = "source"\nkind = "phase"', "coherence has kind, which belongs to spat"),
         (LIT + "wavelengths = 9\nlines_nm = 500", r"coherence has wavelengths, which belongs to"),
         (LIT + "rtol = 0.1", r"coherence has rtol, but a plane wave is the same in every snapshot"),
         (

@@ -17,7 +17,7 @@ if TYPE_CHECKING:
 _LARGE = 60e6  # bytes of a page that some mail servers and browsers refuse
 
 
-@click.command()
+@click.command(cls=options.Command)
 @click.argument(
     "sources", metavar="INPUT...", nargs=-1, required=True, type=click.Path(path_type=Path)
 )
