@@ -19,6 +19,7 @@ import tempfile
 import time
 from collections.abc import Callable
 from functools import partial
+from importlib import import_module
 from pathlib import Path
 from typing import Any
 
@@ -30,10 +31,12 @@ import batchworks
 
 from clplen import Device, LightField, depth_map, focal_stack, io
 from clplen.batch import Job, Report
-from clplen.batch.running.job import local_executor
-from clplen.batch.running.runner import execute_job
-from clplen.batch.running.worker import worker_environment
 from clplen.io import digest
+
+local_executor = import_module("clplen.batch.running.job").local_executor
+execute_job = import_module("clplen.batch.running.runner").execute_job
+worker_environment = import_module("clplen.batch.running.worker").worker_environment
+HostStack = import_module("clplen.batch.work.products").HostStack
 
 
 class Quiet:

@@ -12,6 +12,7 @@ from __future__ import annotations
 import sys
 import tempfile
 from functools import partial
+from importlib import import_module
 from pathlib import Path
 
 import click
@@ -21,8 +22,9 @@ sys.path.insert(0, str(Path(__file__).parent))
 from bench_batch import Quiet, job_of
 
 from clplen import Device
-from clplen.batch.running.job import local_executor
-from clplen.batch.running.runner import execute_job
+
+local_executor = import_module("clplen.batch.running.job").local_executor
+execute_job = import_module("clplen.batch.running.runner").execute_job
 
 BASE = (9, 512, 33)
 CASES = (

@@ -13,6 +13,7 @@ import tifffile
 from clplen import Device, LightField, all_in_focus, depth_map, focal_stack, read_lightfield
 from clplen.batch import Job
 from clplen.batch.jobs.task import Report
+from clplen.batch.running import runner
 from clplen.batch.running.job import local_executor
 from clplen.batch.running.runner import Summary, execute_job
 
@@ -102,7 +103,7 @@ def strays(out: Path) -> list[Path]:
     ]
 
 
-class Watcher:
+class Watcher(runner.Watcher):
     """Keeps what it is told."""
 
     def __init__(self) -> None:
@@ -114,9 +115,6 @@ class Watcher:
 
     def report(self, report: Report) -> None:
         self.reports.append(report)
-
-    def running(self, name: str, done: int, total: int) -> None:
-        pass
 
 
 def run(job: Job | Path, device: Device, **how: Any) -> tuple[Summary, Watcher]:

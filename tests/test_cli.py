@@ -16,7 +16,9 @@ import imageio.v3 as imageio
 import numpy as np
 import pytest
 import tifffile
-from click.testing import CliRunner, Result
+from click.testing import CliRunner
+from command_line import invoke as run
+from command_line import said, write_views
 
 import clplen
 from clplen.cameras.plenoptic_camera import PlenopticCamera
@@ -35,32 +37,10 @@ D_TRUE = 1.0
 ENVIRONMENT = os.environ | {"PYTHONPATH": str(Path(clplen.__file__).parents[1])}
 
 
-def run(*words: object) -> Result:
-    return CliRunner().invoke(main, [str(word) for word in words])
-
-
-def said(result: Result, code: int = 1) -> str:
-    """What went to standard error: one sentence, and no traceback."""
-    assert result.exit_code == code, result.output
-    assert result.exception is None or isinstance(result.exception, SystemExit)
-    assert "Traceback" not in result.output
-    return result.stderr
-
-
 @pytest.fixture
 def views(tmp_path: Path) -> Path:
     """3 x 5 views of a plane at disparity 1, named a_{v}_{u}.png."""
-    folder = tmp_path / "views"
-    folder.mkdir()
-    random = np.random.default_rng(3)
-    waves = [(random.uniform(-1.2, 1.2, 2), random.uniform(0, 6)) for _ in range(40)]
-    y, x = np.mgrid[:48, :56]
-    for v, u in np.ndindex(3, 5):
-        at_y, at_x = y + D_TRUE * (v - 1), x + D_TRUE * (u - 2)
-        value = sum(np.cos(ky * at_y + kx * at_x + phase) for (ky, kx), phase in waves)
-        grey = np.clip(120 + 12 * value, 0, 255).astype(np.uint8)
-        imageio.imwrite(folder / f"a_{v}_{u}.png", np.stack([grey, grey // 2, 255 - grey], -1))
-    return folder
+    return write_views(tmp_path / "views", (48, 56))
 
 
 @pytest.fixture

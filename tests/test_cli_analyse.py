@@ -8,6 +8,7 @@ from pathlib import Path
 
 import pytest
 from click.testing import CliRunner, Result
+from command_line import said
 
 from clplen import cli
 from clplen.compute.device import Device
@@ -47,13 +48,6 @@ def run(tmp_path: Path) -> Run:
         return CliRunner().invoke(cli.main, [str(word) for word in typed])
 
     return call
-
-
-def said(result: Result, code: int = 1) -> str:
-    """What went to standard error: one sentence, and no traceback."""
-    assert result.exit_code == code, result.output
-    assert "Traceback" not in result.output
-    return result.stderr
 
 
 @pytest.mark.thorough

@@ -12,21 +12,14 @@ import sys
 import threading
 import time
 from pathlib import Path
-from typing import Any
 
 import batchworks
 import numpy as np
 import pytest
-from click.testing import CliRunner
+from command_line import invoke as clplen
 
 from clplen.batch import Job
-from clplen.cli import main
 from clplen.compute.device import Device
-
-
-def clplen(*arguments: object) -> Any:
-    """The command, in this process."""
-    return CliRunner().invoke(main, [str(argument) for argument in arguments])
 
 
 @pytest.fixture

@@ -6,17 +6,14 @@ import json
 from pathlib import Path
 from typing import Any
 
-from click.testing import CliRunner, Result
+from click.testing import CliRunner
+from command_line import invoke_on as run
 
 from clplen.bench import registry
 from clplen.cli import main
 from clplen.compute.device import Device
 
 QUICK = ["bench", "transfers", "--quick", "--repeats", "1"]
-
-
-def run(device: Device, *args: str) -> Result:
-    return CliRunner().invoke(main, [*args, "--device", device.place])
 
 
 def test_a_table(device: Device) -> None:

@@ -10,7 +10,8 @@ import click
 import numpy as np
 import pytest
 from checkerboards import Pose, corners_in_space, made_camera, photographed, poses_at
-from click.testing import CliRunner, Result
+from command_line import invoke as run
+from command_line import said
 
 import clplen
 from clplen.cli import main
@@ -28,16 +29,6 @@ CAMERA = made_camera(
     distortion=(0.0, 0.0, -0.25, 0.1, 0.0),
 )
 KNOWN = Intrinsics(CAMERA.matrix, np.array(CAMERA.distortion), CAMERA.shape, rms=0.01)
-
-
-def run(*words: object) -> Result:
-    return CliRunner().invoke(main, [str(word) for word in words])
-
-
-def said(result: Result, code: int = 1) -> str:
-    assert result.exit_code == code, result.output
-    assert result.exception is None or isinstance(result.exception, SystemExit)
-    return result.stderr
 
 
 @pytest.fixture(scope="module")

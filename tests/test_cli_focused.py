@@ -14,14 +14,14 @@ import imageio.v3 as imageio
 import numpy as np
 import pytest
 import tifffile
-from click.testing import CliRunner, Result
+from command_line import done, refused
+from command_line import invoke_on as run
 from setups_focused import captured
 
 from clplen import LightField, MicrolensArray, PlenopticCamera, PointSources, SurfaceScene
 from clplen.cameras import Plane
 from clplen.cameras.optics.ray_optics import view_step
 from clplen.cameras.scenes.textures import noise
-from clplen.cli import main
 from clplen.compute.device import Device
 from clplen.config.camera_file import read_camera_file
 from clplen.io import read_pfm, read_raw, write_picture, write_raw, write_raytrix
@@ -46,22 +46,6 @@ fill = "full"
 points_mm = [[0.2, -0.1, 1.0]]
 """
 DZ = 1e-3
-
-
-def run(device: Device, *words: object) -> Result:
-    words = (*words, "--device", device.place)
-    return CliRunner().invoke(main, [str(word) for word in words])
-
-
-def done(result: Result) -> str:
-    assert result.exit_code == 0, result.output
-    return result.stdout
-
-
-def refused(result: Result, code: int) -> str:
-    assert result.exit_code == code, result.output
-    assert "Traceback" not in result.output
-    return " ".join(result.stderr.split())
 
 
 @lru_cache

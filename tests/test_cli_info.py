@@ -10,9 +10,9 @@ import imageio.v3 as imageio
 import numpy as np
 import pytest
 import tifffile
-from click.testing import CliRunner, Result
+from click.testing import Result
+from command_line import invoke as run
 
-from clplen.cli import main
 from clplen.io import write_lightfield, write_pfm
 from clplen.lightfield.model.light_field import LightField
 
@@ -29,10 +29,6 @@ focus_distance_m = 8
 [meta]
 scene = waves
 """
-
-
-def run(*words: object) -> Result:
-    return CliRunner().invoke(main, [str(word) for word in words])
 
 
 def views(shape=(3, 5), d=1.0) -> np.ndarray:

@@ -12,6 +12,7 @@ import numpy as np
 import pytest
 import tifffile
 from click.testing import CliRunner, Result
+from command_line import done, refused
 
 import clplen
 from clplen.cli import main
@@ -26,17 +27,6 @@ Array = np.ndarray[Any, Any]
 def run(device: Device, *words: object) -> Result:
     words = ("lenticular", *words, "--device", device.place)
     return CliRunner().invoke(main, [str(word) for word in words])
-
-
-def done(result: Result) -> str:
-    assert result.exit_code == 0, result.output
-    return result.stdout
-
-
-def refused(result: Result, code: int = 2) -> str:
-    assert result.exit_code == code, result.output
-    assert "Traceback" not in result.output
-    return " ".join(result.stderr.split())
 
 
 def view_at(x: Fraction, pitch: Fraction, count: int, axis: Fraction) -> int:

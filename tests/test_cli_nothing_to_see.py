@@ -7,10 +7,9 @@ from pathlib import Path
 import h5py
 import numpy as np
 import pytest
-from click.testing import CliRunner, Result
+from command_line import invoke_on as run
 
 from clplen import read_lightfield
-from clplen.cli import main
 from clplen.compute.device import Device
 from clplen.errors import FormatError
 
@@ -28,10 +27,6 @@ NOTHING = {
     "bright": (np.full((4, 4, 40, 50), 3e4, np.float32), "the views show no detail."),
     "one view": (random(1, 1, 40, 50), "there is one view only"),
 }
-
-
-def run(device: Device, *words: object) -> Result:
-    return CliRunner().invoke(main, [str(word) for word in (*words, "--device", device.place)])
 
 
 def test_nothing_is_the_sharpest(tmp_path: Path, device: Device):

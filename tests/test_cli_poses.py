@@ -9,11 +9,11 @@ from typing import Any, NamedTuple
 import imageio.v3 as imageio
 import numpy as np
 import pytest
-from click.testing import CliRunner, Result
+from command_line import done, refused
+from command_line import invoke_on as run
 
 import clplen
 from clplen import LightField
-from clplen.cli import main
 from clplen.compute.device import Device
 from clplen.errors import ShapeError
 from clplen.io import read_ply, write_colmap, write_nerf
@@ -23,21 +23,6 @@ Array = np.ndarray[Any, Any]
 VIEWS, SIZE = (4, 7), (37, 53)
 LENGTHS = ("--baseline-mm", 4, "--focal-length-mm", 35, "--pixel-um", 9)
 METRIC = {"baseline": 4e-3, "focal_length": 35e-3, "pixel_pitch": 9e-6}
-
-
-def run(device: Device, *words: object) -> Result:
-    return CliRunner().invoke(main, [str(word) for word in (*words, "--device", device.place)])
-
-
-def done(result: Result) -> str:
-    assert result.exit_code == 0, result.output
-    return result.stdout
-
-
-def refused(result: Result, code: int = 2) -> str:
-    assert result.exit_code == code, result.output
-    assert "Traceback" not in result.output
-    return " ".join(result.stderr.split())
 
 
 @pytest.fixture

@@ -8,9 +8,9 @@ import imageio.v3 as imageio
 import numpy as np
 import pytest
 import tifffile
-from click.testing import CliRunner, Result
+from command_line import done, refused, write_views
+from command_line import invoke_on as run
 
-from clplen.cli import main
 from clplen.compute.device import Device
 from clplen.io import read_lightfield
 from clplen.io.formats.animation import to_eight_bits, white_level, write_animation
@@ -26,33 +26,7 @@ D = 1.0
 @pytest.fixture
 def views(tmp_path: Path) -> Path:
     """3 x 5 views of a textured plane at disparity 1, named a_{v}_{u}.png."""
-    folder = tmp_path / "views"
-    folder.mkdir()
-    random = np.random.default_rng(3)
-    waves = [(random.uniform(-1.2, 1.2, 2), random.uniform(0, 6)) for _ in range(40)]
-    y, x = np.mgrid[:30, :37]
-    for v, u in np.ndindex(3, 5):
-        at_y, at_x = y + D * (v - 1), x + D * (u - 2)
-        value = sum(np.cos(ky * at_y + kx * at_x + phase) for (ky, kx), phase in waves)
-        grey = np.clip(120 + 12 * value, 0, 255).astype(np.uint8)
-        imageio.imwrite(folder / f"a_{v}_{u}.png", np.stack([grey, grey // 2, 255 - grey], -1))
-    return folder
-
-
-def run(device: Device, *words: object) -> Result:
-    words = (*words, "--device", device.place)
-    return CliRunner().invoke(main, [str(word) for word in words])
-
-
-def done(result: Result) -> str:
-    assert result.exit_code == 0, result.output
-    return result.stdout
-
-
-def refused(result: Result, code: int) -> str:
-    assert result.exit_code == code, result.output
-    assert "Traceback" not in result.output
-    return " ".join(result.stderr.split())
+    return write_views(tmp_path / "views", (30, 37))
 
 
 def light_field(views: Path, device: Device) -> LightField:

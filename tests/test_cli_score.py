@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 import tifffile
 from click.testing import CliRunner, Result
+from command_line import said
 
 from clplen.cli import main
 from clplen.io import write_pfm
@@ -19,12 +20,6 @@ TRUTH = np.random.default_rng(2).uniform(-1, 1, (40, 50)).astype(np.float32)
 
 def run(*words: object) -> Result:
     return CliRunner().invoke(main, ["score", *(str(word) for word in words)])
-
-
-def said(result: Result, code: int = 1) -> str:
-    assert result.exit_code == code, result.output
-    assert "Traceback" not in result.output
-    return result.stderr
 
 
 @pytest.fixture

@@ -12,6 +12,7 @@ import numpy as np
 import pytest
 import tifffile
 from click.testing import CliRunner, Result
+from command_line import said
 from tqdm import tqdm
 
 from clplen import cli
@@ -53,13 +54,6 @@ def small(tmp_path: Path) -> Path:
     path = tmp_path / "small.toml"
     path.write_text(SMALL)
     return path
-
-
-def said(result: Result, code: int = 1) -> str:
-    """What went to standard error: one sentence, and no traceback."""
-    assert result.exit_code == code, result.output
-    assert "Traceback" not in result.output
-    return result.stderr
 
 
 def simulated(file: Path, tables: str, device: Device, *words: object) -> tuple[Result, Path]:

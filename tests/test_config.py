@@ -291,12 +291,6 @@ def test_what_is_said_about_a_wrong_file(tmp_path: Path):
             r"unknown key camera\.focal_lenght_mm; did you mean focal_length_mm\?",
         ),
         (
-            "pitch_um = 150.0",
-            "pitch = 150.0",
-            r"unknown key camera\.microlenses\.pitch; did you mean pitch_um\?",
-        ),
-        ("[sensor]", "[sensr]", r"unknown key sensr; did you mean sensor\?"),
-        (
             "[sensor]",
             "[sensor]\nzebra = 1",
             "unknown key sensor.zebra; known here are exposure_electrons, shot_noise",
@@ -327,29 +321,9 @@ def test_what_is_said_about_a_wrong_file(tmp_path: Path):
         ),
         ("count = 101", "count = 101.5", r"count must be a whole number \(found 101\.5\)\.$"),
         (
-            "count = 101",
-            "count = [3, 3, 3]",
-            r"count must be one number or \[rows, columns\] \(found \[3, 3, 3\]\)\.$",
-        ),
-        (
-            "# offset_um = [0.0, 0.0]",
-            "offset_um = [1.0]",
-            r"offset_um must be two numbers, \[y, x\] \(found \[1\.0\]\)\.$",
-        ),
-        (
-            "[0.0, 0.0, 0.0]",
-            "[0.0, 'a', 0.0]",
-            r"points_mm\.1 must be a number \(found 'a'\)",
-        ),
-        (
             "pitch_um = 150.0",
             'pitch_um = "150"',
             r"pitch_um must be a number \(found '150'\)",
-        ),
-        (
-            "# field_lens = false",
-            "field_lens = 1",
-            r"field_lens must be true or false \(found 1\)",
         ),
         ("[camera]", "[camera", r"camera\.toml is not TOML"),
         ("[sensor]", "[coherance]\n[sensor]", r"unknown key coherance; did you mean coherence\?"),
@@ -427,7 +401,6 @@ def test_what_is_said_about_a_wrong_focused_camera(tmp_path: Path):
     for old, new, said in (
         ("a_mm = -30", "", "camera needs one of m and a_mm .* and has neither"),
         ("a_mm = -30", "a_mm = -30\n m = -0.25", "needs one of m and a_mm .* and has both"),
-        ("a_mm = -30", "m = nan", "m must be a finite number"),
         ('match = "cone"', "field_lens = true", "has field_lens, which belongs to kind = .*1'"),
         ('kind = "plenoptic2"', "", "has a_mm, which belongs to kind = 'plenoptic2'"),
         (
@@ -436,7 +409,6 @@ def test_what_is_said_about_a_wrong_focused_camera(tmp_path: Path):
             "focal_length_mm = 120\n    wavelength_nm = 532\n    pixels_per_lenslet = 20",
             "several focal lengths, which need kind = 'plenoptic2'",
         ),
-        ('"plenoptic2"', '"plenoptic3"', "kind must be 'plenoptic1', 'plenoptic2' or 'microscope'"),
         ("[10, 11.5, 9]", "[]", r"focal_length_mm must have 1 or more values"),
     ):
         assert old in FOCUSED
@@ -553,13 +525,10 @@ def test_pixels_are_kept_with_a_camera(tmp_path: Path, device: Device):
 def test_what_is_said_about_wrong_pixels(tmp_path: Path):
     for old, new, said in (
         ("pitch_um = 1.4", "pitch = 1.4", r"camera\.pixels\.pitch; did you mean pitch_um\?"),
-        ("pitch_um = 1.4", "pitch_um = 0", r"pixels\.pitch_um must be greater than 0 \(found 0\)"),
         ("    pitch_um = 1.4", "", "camera needs pixels_per_lenslet, or pixels.pitch_um in their"),
         ("shape = [181, 201]", "shape = 181", r"shape must be \[rows, columns\] \(found 181\)"),
         ("shape = [181, 201]", "shape = [0, 3]", r"shape\S* must be greater than or equal to 1"),
-        ("fill_factor = 0.6", "fill_factor = 60", "must be less than or equal to 1 .found 60"),
         ("offset_um = [7, -5]", "offset_um = 7", r"pixels\.offset_um must be two numbers"),
-        ("rotation_deg = 0.3", "rotation_deg = nan", "rotation_deg must be a finite number"),
         ("[[0, 0.01, 0], [0.03,", "[[0, 0.01], [0.03,", "crosstalk must be rows of one odd length"),
         ("[0.03, 0.9,", "[0.03, 0.95,", "crosstalk must be shares, not negative, with the sum"),
         ("[0.03, 0.9,", "[-0.03, 0.9,", "crosstalk must be shares, not negative"),
@@ -599,11 +568,6 @@ def test_what_is_said_about_wrong_pictures_and_light(tmp_path: Path):
             r"scene\.pictures\.1\.file must name a file, and there is none at .*/none\.png "
             r"\(found 'none\.png'\)\.$",
         ),
-        (
-            PICTURE.replace('"a.png"', "3"),
-            r"pictures\.0\.file must be the name of a file \(found 3\)",
-        ),
-        (PICTURE.replace("2.0", "0"), r"pictures\.0\.width_mm must be greater than 0 \(found 0\)"),
         (PICTURE + 'mode = "film"', r"mode must be 'emission' or 'transmission' \(found 'film'\)"),
         (
             PICTURE + SLIDE,
@@ -614,38 +578,25 @@ def test_what_is_said_about_wrong_pictures_and_light(tmp_path: Path):
             PICTURE + '[coherence]\nspatial = "incoherent"',
             r"toml: coherence\.spatial is for slides, and the scene has none: set mode",
         ),
-        (PICTURE + "[coherence]\nkoehler = true", r"coherence\.koehler is for slides"),
         (LIT + 'spatial = "mask"', r"coherence needs cell_um for spatial = 'mask'\.$"),
         (
             LIT + 'spatial = "source"\nsource_size_mm = 1',
             r"coherence needs source_distance_mm for spatial = 'source'\.$",
         ),
-        (
-            LIT + 'spatial = "mask"\ncell_um = [1, 2, 3]',
-            r"coherence\.cell_um must be one number or \[y, x\] \(found \[1, 2, 3\]\)",
-        ),
-        (
-            LIT + 'spatial = "source"\nkind = "phase"',
-            r"coherence has kind, which belongs to spatial = 'mask'\.$",
-        ),
         (LIT + 'spatial = "lamp"', r"coherence\.spatial must be 'coherent', .* \(found 'lamp'\)"),
-        (LIT + "cell = 30", r"unknown key coherence\.cell; did you mean cell_um\?"),
+        (PICTURE + "[coherence]\nkoehler = true", r"coherence\.koehler is for slides"),
+        (LIT + 'spatial = "source"\nkind = "phase"', "coherence has kind, which belongs to spat"),
+        (LIT + "wavelengths = 9\nlines_nm = 500", r"coherence has wavelengths, which belongs to"),
         (LIT + "rtol = 0.1", r"coherence has rtol, but a plane wave is the same in every snapshot"),
         (
             LIT + 'fwhm_nm = 20\nspectrum = "mercury"',
             r"coherence has spectrum and fwhm_nm, two spectra: leave one out\.$",
         ),
         (LIT + "wavelengths = 9", r"coherence has wavelengths, which belongs to fwhm_nm, spec"),
-        (LIT + "wavelengths = 9\nlines_nm = 500", r"coherence has wavelengths, which belongs to"),
         (
             LIT + "lines_nm = [500, 600]\nline_powers = 1",
             r"coherence has 1 line_powers for 2 lines_nm: give one each\.$",
         ),
-        (
-            LIT + 'spectrum_file = "none.csv"',
-            r"coherence\.spectrum_file must name a file, and there is none at .*/none\.csv",
-        ),
-        (LIT + "seed = -1", r"coherence\.seed must be greater than or equal to 0 \(found -1\)"),
     ):
         imageio.imwrite(tmp_path / "a.png", np.full((2, 2), 9, np.uint8))
         with pytest.raises(FormatError, match=said) as caught:
@@ -657,9 +608,7 @@ def test_what_is_said_about_an_odd_picture(tmp_path: Path):
     for values, keys, said in (
         (np.ones((3, 4), np.uint16), "srgb = true", r"a\.tif: srgb = true decodes 8-bit values, "),
         (np.float32([[0.2, 3.0]]), 'mode = "transmission"', r"a\.tif: A slide transmits at most 1"),
-        (np.zeros((3, 4), np.uint8), "", r"a\.tif: All samples of the picture are 0"),
         (np.ones((3, 4), np.complex64), "", r"The picture .*a\.tif has samples of type complex64"),
-        (None, "", r"The picture .*a\.tif cannot be read"),
     ):
         if values is None:
             (tmp_path / "a.tif").write_text("no picture")
@@ -832,7 +781,6 @@ def test_what_is_said_about_a_wrong_microscope(tmp_path: Path):
         ("na = 1.2", "na = 1.2\n m = 0.2", "has m, which belongs to kind = 'plenoptic2'"),
         ("na = 1.2", "na = 1.2\n focal_length_mm = 3", "has focal_length_mm, for which kind"),
         ('kind = "microscope"', "", "has magnification, which belongs to kind = 'microscope'"),
-        ("    pixels_per_lenslet = 15", "", "camera needs pixels_per_lenslet"),
     ):
         assert old in MICROSCOPE
         with pytest.raises(FormatError, match=said):

@@ -43,7 +43,7 @@ class Board(click.ParamType):
         return int(found[1]), int(found[2])
 
 
-@click.command()
+@click.command(cls=options.Command)
 @click.argument(
     "sources", metavar="INPUT...", nargs=-1, required=True, type=click.Path(path_type=Path)
 )

@@ -34,7 +34,7 @@ from clplen.cli.shared.focused import (
     refuse,
 )
 from clplen.cli.shared.focused import read as open_raw
-from clplen.cli.shared.table_options import Command, option_of
+from clplen.cli.shared.table_options import option_of
 from clplen.config.operations import DepthTable
 
 if TYPE_CHECKING:
@@ -51,7 +51,7 @@ _AT_ENDS = 0.01  # of the pixels: how many may lie at the first or last plane un
 _SURE = 0.5  # confidence above which a pixel counts as sure
 
 
-@click.command(cls=Command)
+@click.command(cls=options.Command)
 @options.source
 @options.output(
     "OUT.pfm|OUT.tif|OUT.npy",

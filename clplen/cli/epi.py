@@ -12,7 +12,7 @@ from clplen.cli.shared.console import read
 from clplen.cli.shared.pictures import PICTURES, check_output, write
 
 
-@click.command()
+@click.command(cls=options.Command)
 @options.source
 @options.output(
     "OUT.tif|OUT.png", "TIFF holds the samples (linear float32), PNG a figure with axes."

@@ -114,7 +114,7 @@ _FOCUSED = "focused camera (plenoptic 2.0): see 'clplen render', 'stack' and 'de
 _AXIS_WORDS = ("swap_uv", "flip_v", "flip_u")
 
 
-@click.command()
+@click.command(cls=options.Command)
 @options.source
 @click.option("--json", "as_json", is_flag=True, help="Write JSON instead of a table.")
 @options.file("--save-grid", help="Write the lenslet lattice of a raw image, for --grid.")

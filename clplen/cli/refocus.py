@@ -30,7 +30,7 @@ from clplen.cli.shared.pictures import (
     tone,
     write,
 )
-from clplen.cli.shared.table_options import Command, option_of
+from clplen.cli.shared.table_options import option_of
 from clplen.config.operations import StackTable
 
 if TYPE_CHECKING:
@@ -43,7 +43,7 @@ _MOST = 16  # of --upsample
 _SURE = 1e-3  # of a confidence: below it there is nothing to tell depth by
 
 
-@click.command(cls=Command)
+@click.command(cls=options.Command)
 @options.source
 @options.output("OUT.tif|OUT.png", "TIFF holds linear float32; PNG is scaled, to look at.")
 @click.option(

@@ -41,7 +41,7 @@ _PLANES = 17  # there and back: 32 frames
 _ROUND = 0.8  # of the way to the outermost views
 
 
-@click.command()
+@click.command(cls=options.Command)
 @options.source
 @options.output(
     "OUT.tif|OUT.png|OUT.gif|OUT.mp4",

@@ -30,13 +30,13 @@ from clplen.cli.shared.focused import (
     suitable_ms,
 )
 from clplen.cli.shared.focused import read as open_raw
-from clplen.cli.shared.table_options import Command, option_of
+from clplen.cli.shared.table_options import option_of
 from clplen.config.operations import StackTable
 
 _MS = 11  # planes of a focused raw image where none are said
 
 
-@click.command(cls=Command)
+@click.command(cls=options.Command)
 @options.source
 @options.output("OUT.tif|OUT.zarr")
 @options.plane_range

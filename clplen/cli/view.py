@@ -21,7 +21,7 @@ _MS = 15  # planes of a focused raw image
 _LARGE = 60e6  # bytes of a page that some mail servers and browsers refuse
 
 
-@click.command()
+@click.command(cls=options.Command)
 @click.argument(
     "sources", metavar="INPUT...", nargs=-1, required=True, type=click.Path(path_type=Path)
 )

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from typing import Annotated, Any, Literal
 
 from pydantic import AfterValidator, BeforeValidator, Field, model_validator
@@ -27,7 +26,6 @@ from clplen.config.tables import (
     Seed,
     Switch,
     Table,
-    divided,
     listed,
     of,
     twice,
@@ -82,7 +80,8 @@ class AberrationsTable(Table):
     sensor_tilt_mrad: Pair = (0.0, 0.0)
 
     def build(self, wavelength: float) -> Aberrations:
-        """The aberrations, in SI units; waves are of this length in metres."""
+        """Return the aberrations, in SI units; waves are of this length in metres."""
+        known = self.in_si("main_lens_field_waves_per_mm")
         field = {
             j: (y * wavelength * 1e3, x * wavelength * 1e3)
             for j, (y, x) in self.main_lens_field_waves_per_mm.items()
@@ -91,15 +90,15 @@ class AberrationsTable(Table):
             main_lens={j: c * wavelength for j, c in self.main_lens_waves.items()},
             main_lens_field=field,
             lenslets={j: c * wavelength for j, c in self.lenslets_waves.items()},
-            lenslet_circle=divided(self.lenslet_circle_um, 1e6),
+            lenslet_circle=known["lenslet_circle"],
             scatter=LensletScatter(
                 self.focal_length_scatter,
-                self.tilt_scatter_mrad / 1e3,
-                self.position_scatter_um / 1e6,
+                known["tilt_scatter"],
+                known["position_scatter"],
                 self.scatter_seed,
             ),
-            sensor_shift=self.sensor_shift_um / 1e6,
-            sensor_tilt=(self.sensor_tilt_mrad[0] / 1e3, self.sensor_tilt_mrad[1] / 1e3),
+            sensor_shift=known["sensor_shift"],
+            sensor_tilt=known["sensor_tilt"],
         )
 
 
@@ -149,17 +148,9 @@ class MicrolensTable(Table):
         return self
 
     def build(self) -> MicrolensArray:
-        """The array, in SI units."""
-        return MicrolensArray(
-            self.pitch_um / 1e6,
-            [value / 1e3 for value in self.focal_length_mm],
-            count=self.count,
-            lattice=self.lattice,
-            fill="circular" if self.fill == "circular" else "full",
-            diameter=divided(self.diameter_um, 1e6),
-            offset=(self.offset_um[0] / 1e6, self.offset_um[1] / 1e6),
-            rotation=math.radians(self.rotation_deg),
-        )
+        """Return the array, in SI units."""
+        fill = "circular" if self.fill == "circular" else "full"
+        return MicrolensArray(**self.in_si() | {"fill": fill})
 
 
 def _shares(rows: list[list[float]]) -> list[list[float]]:
@@ -201,17 +192,10 @@ class PixelsTable(Table):
     filters: Annotated[str, AfterValidator(_filters)] | None = None
 
     def build(self) -> PixelArray:
-        """The pixels, in SI units."""
-        kernel = self.crosstalk
-        return PixelArray(
-            fill_factor=self.fill_factor,
-            pitch=divided(self.pitch_um, 1e6),
-            shape=self.shape,
-            offset=(self.offset_um[0] / 1e6, self.offset_um[1] / 1e6),
-            rotation=math.radians(self.rotation_deg),
-            crosstalk=None if kernel is None else tuple(tuple(row) for row in kernel),
-            filters=None if self.filters is None else _color_filters(self.filters),
-        )
+        """Return the pixels, in SI units."""
+        kernel = None if self.crosstalk is None else tuple(map(tuple, self.crosstalk))
+        filters = None if self.filters is None else _color_filters(self.filters)
+        return PixelArray(**self.in_si() | {"crosstalk": kernel, "filters": filters})
 
 
 class CoverTable(Table):
@@ -223,13 +207,8 @@ class CoverTable(Table):
     designed_index: Positive = 1.5255
 
     def build(self) -> CoverGlass:
-        """The glass, in SI units."""
-        return CoverGlass(
-            self.thickness_um / 1e6,
-            self.index,
-            self.designed_thickness_um / 1e6,
-            self.designed_index,
-        )
+        """Return the glass, in SI units."""
+        return CoverGlass(**self.in_si())
 
 
 class CameraTable(Table):
@@ -330,20 +309,18 @@ class CameraTable(Table):
                 pixels_per_lenslet=self.pixels_across,
                 **shared,
             )
-        shared |= {
-            "focal_length": divided(self.focal_length_mm, 1e3),
-            "object_distance": divided(self.object_distance_mm, 1e3),
-            "image_distance": divided(self.image_distance_mm, 1e3),
-            "aperture_diameter": divided(self.aperture_diameter_mm, 1e3),
-            "aberrations": self.aberrations.build(wavelength) if self.aberrations else NONE,
-            "pixels_per_lenslet": self.pixels_per_lenslet,
-            "lens_model": self.lens_model,
-        }
+        known = self.in_si()
+        shared |= {name: known[name] for name in _OF_PLENOPTIC}
+        shared["aberrations"] = self.aberrations.build(wavelength) if self.aberrations else NONE
         if self.kind == "plenoptic1":
             return PlenopticCamera.type1(field_lens=self.field_lens, **shared)
-        return PlenopticCamera.type2(
-            m=self.m, a=divided(self.a_mm, 1e3), match=self.match, **shared
-        )
+        return PlenopticCamera.type2(m=self.m, a=known["a"], match=self.match, **shared)
+
+
+_OF_PLENOPTIC = (
+    "focal_length", "object_distance", "image_distance", "aperture_diameter", "pixels_per_lenslet",
+    "lens_model",
+)  # fmt: skip
 
 
 def _gain(gain: Any) -> Any:
@@ -373,18 +350,6 @@ class SensorTable(Table):
     gain: Annotated[Any, AfterValidator(_gain)] = 1.0
 
     def build(self) -> Sensor:
-        """The sensor."""
-        return Sensor(
-            exposure=self.exposure_electrons,
-            shot_noise=self.shot_noise,
-            read_noise=self.read_noise_electrons,
-            bit_depth=self.bit_depth,
-            full_well=self.full_well_electrons,
-            seed=self.seed,
-            prnu=self.prnu,
-            dark_current=self.dark_current_electrons_per_s,
-            exposure_time=self.exposure_time_s,
-            black_level=self.black_level,
-            white_level=self.white_level,
-            gain=self.gain,
-        )
+        """Return the sensor."""
+        dark = self.dark_current_electrons_per_s
+        return Sensor(**self.in_si("dark_current_electrons_per_s"), dark_current=dark)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, Any, Literal
@@ -21,7 +20,6 @@ from clplen.config.tables import (
     Finite,
     Positive,
     Table,
-    divided,
     listed,
     of,
     read_toml,
@@ -47,14 +45,8 @@ class LensletsTable(Table):
     rotation_deg: Finite = 0.0
 
     def build(self) -> LensletLayout:
-        """The lenslets, in SI units."""
-        return LensletLayout(
-            np.array(self.positions_mm) / 1e3,
-            [value / 1e3 for value in self.focal_length_mm],
-            diameter=self.diameter_um / 1e6,
-            fill=self.fill,
-            rotation=math.radians(self.rotation_deg),
-        )
+        """Return the lenslets, in SI units."""
+        return LensletLayout(**self.in_si() | {"positions": np.array(self.positions_mm) / 1e3})
 
 
 class FourierTable(Table):
@@ -84,24 +76,14 @@ class FourierTable(Table):
         return self
 
     def build(self, device: Device) -> FourierMicroscope:
-        """The camera, in SI units, on a device."""
+        """Return the camera, in SI units, on a device."""
         lenslets = self.microlenses or self.lenslets
         assert lenslets is not None
+        known = self.in_si("kind", "pixel_um", "sensor", "microlenses", "lenslets")
+        known |= {"cover": self.cover.build() if self.cover else None, "shape": self.sensor}
+        pitch = self.pixel_um / 1e6
         return PlenopticCamera.fourier_microscope(
-            magnification=self.magnification,
-            na=self.na,
-            mla=lenslets.build(),
-            wavelength=self.wavelength_nm / 1e9,
-            relay=self.relay_mm / 1e3,
-            pixel_pitch=self.pixel_um / 1e6,
-            shape=self.sensor,
-            field_stop=divided(self.field_stop_mm, 1e3),
-            sensor_distance=divided(self.sensor_distance_mm, 1e3),
-            medium_index=self.medium_index,
-            tube_lens=self.tube_lens_mm / 1e3,
-            cover=self.cover.build() if self.cover else None,
-            apodisation=self.apodisation,
-            device=device,
+            mla=lenslets.build(), pixel_pitch=pitch, device=device, **known
         )
 
 

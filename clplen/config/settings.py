@@ -49,7 +49,8 @@ def setting(
     that a commented file shows; ``option`` is the flag of the command line where it is not the
     field's name; ``group`` is the heading below which help texts show it.
     """
-    extra = {"group": group, "default_text": default_text, "option": option, "metavar": metavar}
+    extra: Any = {"group": group, "default_text": default_text, "option": option}
+    extra["metavar"] = metavar
     return Field(default, description=help, examples=[example], json_schema_extra=extra)
 
 
@@ -71,7 +72,7 @@ def default_of(field: FieldInfo) -> str:
 
 def checked(field: FieldInfo, value: Any) -> Any:
     """Return a value as a field takes it; raise ValueError in the words of its type."""
-    annotation = field.annotation
+    annotation: Any = field.annotation
     for part in field.metadata:
         annotation = Annotated[annotation, part]
     try:

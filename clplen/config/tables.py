@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import difflib
+import math
 import re
 import reprlib
 import sys
@@ -194,10 +195,36 @@ def _there(value: Any, info: ValidationInfo) -> Path:
 File = Annotated[Path, BeforeValidator(_there)]
 
 
+# Units of keys, as the number by which a value is divided: 200 / 1e6 is 0.0002, while 200 * 1e-6
+# is 0.00019999999999999998.
+_SI = {"nm": 1e9, "um": 1e6, "mm": 1e3, "mrad": 1e3, "deg": None, "electrons": 1.0, "s": 1.0}
+
+
+def _scaled(value: Any, unit: str) -> Any:
+    """Return a number in SI units, or a list or tuple of numbers; None stays."""
+    if isinstance(value, list | tuple):
+        return type(value)(_scaled(one, unit) for one in value)
+    if value is None:
+        return None
+    by = _SI[unit]
+    return math.radians(value) if by is None else value / by
+
+
 class Table(BaseModel):
     """A table of the file; keys that it does not know are refused."""
 
     model_config = ConfigDict(extra="forbid", frozen=True)
+
+    def in_si(self, *left_out: str) -> dict[str, Any]:
+        """Return the values by name without the unit, in SI units; tables are built by `build`."""
+        found = {}
+        for name in type(self).model_fields:
+            stem, _, unit = name.rpartition("_")
+            is_length = bool(stem) and unit in _SI
+            if name not in left_out:
+                value = getattr(self, name)
+                found[stem if is_length else name] = _scaled(value, unit) if is_length else value
+        return found
 
     def __repr__(self) -> str:
         known = [name for name in type(self).model_fields if name in self.model_fields_set]
@@ -211,8 +238,3 @@ def value_of(key: str) -> Iterator[None]:
         yield
     except (ValueError, ClplenError) as error:
         raise FormatError(f"{key}: {error}") from error
-
-
-def divided(value: float | None, by: float) -> float | None:
-    """In SI units: 200 / 1e6 is 0.0002, while 200 * 1e-6 is 0.00019999999999999998."""
-    return None if value is None else value / by

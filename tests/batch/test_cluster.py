@@ -19,7 +19,7 @@ import pytest
 from clplen import __version__
 from clplen.batch import Job
 from clplen.batch.jobs.task import Report
-from clplen.batch.running import cluster
+from clplen.batch.running import cluster, runner
 from clplen.batch.running import worker as dask_worker
 from clplen.batch.running.cluster import (
     ClusterExecutor,
@@ -38,15 +38,12 @@ pytestmark = pytest.mark.filterwarnings(
 )
 
 
-class Watcher:
+class Watcher(runner.Watcher):
     """Does something when reports come."""
 
     def __init__(self, act: Any = None) -> None:
         self.reports: list[Report] = []
         self._act = act
-
-    def begin(self, *, total: int, skipped: int) -> None:
-        pass
 
     def report(self, report: Report) -> None:
         self.reports.append(report)

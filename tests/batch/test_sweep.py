@@ -111,7 +111,6 @@ def test_a_key_that_leads_nowhere():
         ("camera.microlens.pitch_um", "camera has no table 'microlens'; did you mean microlenses?"),
         ("scen.points_mm.0.2", "the file has no table 'scen'; did you mean scene?"),
         ("sensor.seed", "the file has no table 'sensor'; there are camera, scene"),
-        ("camera.pitch.x", "camera has no table 'pitch'; there are microlenses"),
         ("scene.points_mm.2.2", r"scene\.points_mm is a list, and '2' is none .* 0 to 1 or \* for"),
         ("scene.points_mm.1.3", r"scene\.points_mm\.1 is a list, and '3' is none .* 0 to 2"),
         ("camera.wavelength_nm.0", r"camera\.wavelength_nm is 532\.0, which has no parts"),
@@ -156,18 +155,12 @@ def test_what_is_said_about_wrong_scenes():
         ({"kind": "sphere"}, "kind knows no scene 'sphere'; did you mean spheres?"),
         ({"kind": ["bars", "q"]}, "kind knows no scene 'q'; known are plane, slant, layers"),
         ({"kind": []}, "kind"),
-        ({"kind": "all", "seeds": -1}, "seeds must be greater than or equal to 0"),
-        ({"kind": "all", "shape": [0, 3]}, "shape must be greater than or equal to 1"),
         ({"kind": "all", "noise": -0.1}, "noise must be greater than or equal to 0"),
         (
             {"kind": "all", "sweep": [{"key": "sensor.seed", "values": [1]}]},
             "sweeps sensor.seed, but without a camera only shape, views, noise can be swept",
         ),
         ({"kind": "all", "camera": "a", "views": [9, 9]}, "has views and a camera, which decides"),
-        (
-            {"kind": "all", "camera": "a", "sweep": [{"key": "noise", "values": [0]}]},
-            "has noise and a camera, which decides",
-        ),
     ):
         with pytest.raises(ValidationError) as caught:
             SceneTable.model_validate(words)

@@ -12,7 +12,7 @@ from typing import Any
 
 from clplen.batch.jobs.spec import JobSpec
 from clplen.batch.jobs.task import Report, Task
-from clplen.batch.running.runner import SilentWatcher, Summary, Watcher, execute_job
+from clplen.batch.running.runner import Summary, Watcher, execute_job
 from clplen.batch.work.execution import execute_task
 from clplen.batch.work.resources import PIPELINE_DEPTH, Resources, StoppedError
 from clplen.errors import argument
@@ -268,7 +268,7 @@ def run_job(
     1
     """
     job = job.with_settings(workers=workers, device=device, memory=memory)
-    watcher = watcher or SilentWatcher()
+    watcher = watcher or Watcher()
     executor = choose_executor(
         job,
         scheduler=scheduler,

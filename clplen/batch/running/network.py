@@ -240,7 +240,7 @@ def _address_of(scheduler: str) -> tuple[str, str, int]:
     with suppress(ValueError):  # no port, or one beyond 65535
         parts = urlsplit(scheduler if "://" in scheduler else f"tcp://{scheduler}")
         numeric = _numeric(parts.hostname or "")
-        if parts.scheme in ("tcp", "tls") and "@" not in scheduler and numeric and parts.port:
+        if parts.scheme in ("tcp", "tls") and numeric and parts.port:
             return parts.scheme, numeric, parts.port
     raise DeviceError(
         f"No Dask scheduler answers at {scheduler}, which is no address that is known here: "

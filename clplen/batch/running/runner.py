@@ -32,30 +32,17 @@ class Executor(Protocol):
         """Do tasks, each once, and give their reports as they come."""
 
 
-class Watcher(Protocol):
-    """What is told how a job goes on."""
+class Watcher:
+    """Object that is told how a job goes on; this one ignores it."""
 
     def begin(self, *, total: int, skipped: int) -> None:
-        """How many items there are, and how many of them are done already."""
+        """Take the number of items, and of those that are done already."""
 
     def report(self, report: Report) -> None:
-        """One is done or has failed."""
+        """Take the report of an item that is done or has failed."""
 
     def running(self, name: str, done: int, total: int) -> None:
-        """How far one has come that is streamed or simulated; from another thread."""
-
-
-class SilentWatcher:
-    """A watcher that does nothing."""
-
-    def begin(self, *, total: int, skipped: int) -> None:
-        """As `Watcher`."""
-
-    def report(self, report: Report) -> None:
-        """As `Watcher`."""
-
-    def running(self, name: str, done: int, total: int) -> None:
-        """As `Watcher`."""
+        """Take how far an item has come that is streamed or simulated; from another thread."""
 
 
 @dataclass

@@ -28,7 +28,7 @@ _OF_TEST = ("output", "lpi", "dpi", "width", "lenses", "pitch_test", "spread", "
 _POSITIVE = click.FloatRange(0, 1e6, min_open=True)
 
 
-@click.command()
+@click.command(cls=options.Command)
 @click.argument("source", metavar="[INPUT]", required=False, type=click.Path(path_type=Path))
 @options.output("OUT.tif|OUT.png", "8 bits, with its dpi.")
 @click.option("--lpi", type=_POSITIVE, required=True, help="Lenses an inch, by a pitch test.")

@@ -24,7 +24,7 @@ _OPTIONS = ("--baseline-mm", "--focal-length-mm", "--pixel-um", "--focus-m")
 _LENGTH = click.FloatRange(0, 1e12, min_open=True)
 
 
-@click.command()
+@click.command(cls=options.Command)
 @options.source
 @options.output("FOLDER", "A new folder.")
 @click.option(

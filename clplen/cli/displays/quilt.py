@@ -21,7 +21,7 @@ if TYPE_CHECKING:
 _NAMES = ("go", "portrait", "16-landscape", "16-portrait", "32-landscape", "32-portrait", "65")
 
 
-@click.command()
+@click.command(cls=options.Command)
 @options.source
 @options.output("OUT.png", "_qsCOLUMNSxROWSaASPECT is added to the name where it lacks.")
 @click.option(

@@ -12,7 +12,7 @@ from clplen.cli.shared import options
 from clplen.cli.shared.pictures import Tone, check_output, tone
 
 
-@click.command()
+@click.command(cls=options.Command)
 @options.source
 @options.output("OUT.png")
 @click.option(

@@ -10,6 +10,7 @@ from typing import Any, Literal, NoReturn
 import click
 import numpy as np
 
+from clplen.cli.shared.table_options import Command as Command
 from clplen.cli.shared.table_options import Decorated, Option, option_of, options_of
 from clplen.config.operations import LayoutTable, PlanesTable, StackTable
 from clplen.config.settings import DEVICE, OUTPUT, planes_of
