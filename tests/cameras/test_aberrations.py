@@ -314,6 +314,8 @@ def test_what_is_kept(device: Device) -> None:
     bad = replace(bad, main_lens_field={7: (1e-4, -0.1)}, lenslets={4: 1e-9}, lenslet_circle=2.2e-4)
     assert Aberrations.from_json(bad.to_json()) == bad
     assert hash(replace(bad)) == hash(bad)
+    errors = bad.lenslet_errors(SQUARE)
+    np.testing.assert_allclose(errors.focal_lengths, 3e-3 * scatter.draw(SQUARE.count)[0])
     factor, tilt, position = scatter.draw((200, 201))
     assert factor.std() == pytest.approx(0.02, rel=0.02)  # 1/sqrt(2 x 40200) is .0035
     assert factor.mean() == pytest.approx(1, abs=5e-4)
