@@ -202,7 +202,7 @@ def _write_stack(folder: Path, cam: Plenoptic1, lf: LightField) -> FocalStack:
     return stack
 
 
-def _region(cam: Plenoptic1) -> plot.Region:
+def _region(cam: Plenoptic1) -> tuple[slice, slice]:
     """The part of a view that holds all three points and their blur."""
     places = np.array([place(cam, name) for name in POINTS])
     low, high = places.min() - 12, places.max() + 12

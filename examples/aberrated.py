@@ -5,24 +5,21 @@ from typing import Any
 
 import numpy as np
 from common import BLUE, GREEN, ORANGE, RED, number
+from drawing import ROOT, show
 from matplotlib.axes import Axes
 
 from clplen import PointSources
 from clplen.analysis import PSF
 from clplen.cameras import Aberrations, Plenoptic1
-from clplen.plot import LIGHT, norm_of
 
 LAM, NEAR = 532e-9, 1.2  # wavelength; mm shown
 NAMES = {4: "defocus", 6: "astigmatism", 8: "coma", 11: "spherical"}  # by Noll's index
 
 
-def show(axes: Axes, image: np.ndarray, pitch: float) -> Any:
+def show_light(axes: Axes, image: np.ndarray, pitch: float) -> Any:
     """An image from 0 to 1 about the axis, in mm."""
-    side = image.shape[0] * pitch * 500
-    drawn = axes.imshow(np.maximum(image, 0), cmap=LIGHT, norm=norm_of(np.ones(1), "root"),
-                        extent=(-side, side, side, -side))
-    axes.set(xlim=(-NEAR, NEAR), ylim=(NEAR, -NEAR), xticks=[-1, 0, 1], yticks=[-1, 0, 1])
-    return drawn
+    axes.set(xticks=[-1, 0, 1], yticks=[-1, 0, 1])
+    return show(axes, np.maximum(image, 0), pitch, near=NEAR, norm=ROOT)
 
 
 def main_image(cam: Plenoptic1) -> PSF:

@@ -9,13 +9,13 @@ import beads
 import numpy as np
 from beads import LIMITS, PLANES, SIZE, STEP, compared, points_of, stack_of
 from common import begin
+from drawing import bar, new_figure
 from matplotlib.cm import ScalarMappable
 from matplotlib.colors import Normalize
 
 from clplen import decode_raw, estimate_lattice
 from clplen.analysis import Table
 from clplen.microscopy import Points, find_points
-from clplen.plot import bar, new_figure
 
 SHOWN = 12  # lenslets of the raw frame
 LEAST = 1e-4  # what is nearer is drawn there

@@ -8,13 +8,13 @@ import beads
 import numpy as np
 from beads import compared, points_of, stack_of
 from common import begin
+from drawing import bar, new_figure
 from matplotlib.cm import ScalarMappable
 from matplotlib.colors import Normalize
 
 from clplen import Projector, decode_raw, deconvolve, estimate_lattice, point_images
 from clplen.analysis import Table
 from clplen.microscopy import Points, find_points, match_points, preparation
-from clplen.plot import bar, new_figure
 
 VOXELS = 3  # of a lenslet along an axis
 DEPTH = 1.5  # |d| of the outermost planes

@@ -6,6 +6,7 @@ The camera is that of section 1.5 (f = 120 mm in 2f and 2f, p = 150 um, f_mu = 1
 
 import warnings
 
+import drawing
 import numpy as np
 from common import Run, number
 from matplotlib.axes import Axes
@@ -23,7 +24,6 @@ from clplen import (
     SamplingWarning,
 )
 from clplen.cameras import Plenoptic1
-from clplen.plot import LIGHT, centred
 
 SHARE = 0.75  # of the array that the picture's image fills; at the border pixels alias
 SAMPLES = 3  # of the card, a lenslet
@@ -117,9 +117,8 @@ def compare(cam: Plenoptic1, plane: PicturePlane, rendering: np.ndarray) -> None
 def show(axes: Axes, values: np.ndarray, pitch: float, largest: float | None = None) -> AxesImage:
     """An image from 0 on, in mm from its middle, turned by 180 degrees."""
     right, top = (n * pitch * 500 for n in values.shape[::-1])
-    drawn = axes.imshow(values, cmap=LIGHT, vmin=0, vmax=largest,
-                        extent=centred(values.shape, pitch * 1e3), interpolation="antialiased",
-                        interpolation_stage="data")
+    drawn = drawing.show(axes, values, pitch, vmin=0, vmax=largest, interpolation="antialiased",
+                         interpolation_stage="data")
     axes.set(xlim=(right, -right), ylim=(-top, top), xlabel="x / mm", ylabel="y / mm")
     return drawn
 
@@ -127,8 +126,7 @@ def show(axes: Axes, values: np.ndarray, pitch: float, largest: float | None = N
 def show_object(axes: Axes, plane: PicturePlane) -> AxesImage:
     """A picture as it stands before the camera: y down."""
     axes.set(xlabel="x / mm", ylabel="y / mm", title="the object")
-    return axes.imshow(plane.image, cmap=LIGHT, vmin=0, interpolation="antialiased",
-                       extent=centred(plane.image.shape, plane.pitch * 1e3))
+    return drawing.show(axes, plane.image, plane.pitch, vmin=0, interpolation="antialiased")
 
 
 def mosaic(lf: LightField, rows: slice, columns: slice) -> np.ndarray:

@@ -3,10 +3,10 @@
 import numpy as np
 import rays
 from common import BLUE, GREEN, RED, begin, mm, number
+from drawing import LIGHT, bar, new_figure
 from matplotlib.colors import PowerNorm
 
 from clplen import LightField, MicrolensArray, PlenopticCamera, PointSources
-from clplen.plot import LIGHT, bar, new_figure
 
 POINTS = {"A": (-1.1e-3, -60e-3), "B": (0.0, 0.0), "C": (2e-3, 100e-3)}  # (x, dz)
 COLOURS = dict(zip(POINTS, (BLUE, GREEN, RED), strict=True))

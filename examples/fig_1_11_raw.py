@@ -1,10 +1,10 @@
 """Figure 1.11: raw image of an extended object in focus, a self-luminous test card."""
 
 from common import begin, number, pixels
+from drawing import bar, new_figure
 from extended import QUICK, camera, card, compare, expose, show, show_object
 
 from clplen import LightField
-from clplen.plot import bar, new_figure
 
 run = begin(__doc__, __file__, quick=QUICK)
 cam = camera(run)

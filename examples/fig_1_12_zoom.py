@@ -2,12 +2,12 @@
 
 import numpy as np
 from common import begin, number
+from drawing import bar, new_figure
 from extended import QUICK, camera, card, expose, show
 from matplotlib.axes import Axes
 from matplotlib.patches import Rectangle
 
 from clplen import LightField
-from clplen.plot import bar, new_figure
 
 PLACE = (0.2, 0.14)  # (y, x) of the zoom's middle, of the sensor from its middle
 SHOWN = (27, 7)  # sub-images across

@@ -2,10 +2,10 @@
 
 import numpy as np
 from common import begin, number
+from drawing import LIGHT, bar, new_figure
 from extended import QUICK, camera, card, expose, ideal, like, mosaic
 
 from clplen import LightField
-from clplen.plot import LIGHT, bar, new_figure
 
 run = begin(__doc__, __file__, quick=QUICK)
 cam = camera(run)

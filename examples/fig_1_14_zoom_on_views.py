@@ -1,10 +1,10 @@
 """Figure 1.14: zoom on the array of views, in its middle and where the aperture ends."""
 
 from common import begin, number
+from drawing import LIGHT, bar, new_figure
 from extended import QUICK, camera, card, expose, like, mosaic
 
 from clplen import LightField
-from clplen.plot import LIGHT, bar, new_figure
 
 ACROSS = 3
 

@@ -2,11 +2,11 @@
 
 import numpy as np
 from common import BLUE, GREEN, RED, begin, number, pixels
+from drawing import LIGHT, bar, new_figure
 from extended import show
 
 from clplen import LightField, MicrolensArray, PlenopticCamera, SurfaceScene
 from clplen.cameras import Bars, Plane, uniform
-from clplen.plot import LIGHT, bar, new_figure
 
 GROUPS = {"far": (14, -0.16), "in focus": (0, 0.0), "near": (-14, 0.22)}  # X and d, lenslets
 COLOURS = dict(zip(GROUPS, (RED, GREEN, BLUE), strict=True))

@@ -1,10 +1,10 @@
 """Figure 1.18: image rendered from the raw image of figure 1.11, one pixel a lenslet."""
 
 from common import begin, number, pixels
+from drawing import bar, new_figure
 from extended import QUICK, camera, card, expose, ideal, like, show, show_object
 
 from clplen import LightField
-from clplen.plot import bar, new_figure
 
 run = begin(__doc__, __file__, quick=QUICK)
 cam = camera(run)

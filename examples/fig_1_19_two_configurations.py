@@ -3,8 +3,7 @@
 import numpy as np
 import rays
 from common import BLUE, begin, number
-
-from clplen.plot import new_figure
+from drawing import new_figure
 
 MAGNIFICATIONS = {"Keplerian": 0.4, "Galilean": -0.3}
 PLACE = -0.05e-3  # of the second point's main image

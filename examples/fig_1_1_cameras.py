@@ -3,11 +3,11 @@
 import numpy as np
 import rays
 from common import BLUE, GREEN, RED, begin, mm, number, pixels
+from drawing import new_figure
 from extended import like, show
 from letters import covered, scene
 
 from clplen import LightField, MicrolensArray, PlenopticCamera, refocus
-from clplen.plot import new_figure
 
 SIZE, COUNT, P = 24, 61, 0.15  # of the font and of the array in lenslets, pitch in mm
 LETTERS = {"N": (-50e-3, (19, 19), SIZE), "O": (0.0, (0, 0), SIZE), "F": (50e-3, (-19, -19), SIZE)}

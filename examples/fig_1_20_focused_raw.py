@@ -1,10 +1,9 @@
 """Figure 1.20: raw image of a point before a plenoptic camera 2.0 with m = 0.3."""
 
 from common import begin, number
+from drawing import bar, new_figure
 from matplotlib.patches import Rectangle
 from spots import QUICK, show, spots
-
-from clplen.plot import bar, new_figure
 
 run = begin(__doc__, __file__, quick=QUICK)
 found = spots(run, 0.3)

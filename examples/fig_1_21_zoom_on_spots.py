@@ -2,10 +2,9 @@
 
 import numpy as np
 from common import begin, number
+from drawing import bar, new_figure
 from matplotlib.patches import Circle
 from spots import QUICK, show, spots
-
-from clplen.plot import bar, new_figure
 
 SHOWN = 7  # lenslets
 

@@ -3,10 +3,10 @@
 import numpy as np
 import rays
 from common import BLUE, GREEN, ORANGE, begin, number
+from drawing import new_figure
 from matplotlib.patches import Polygon
 
 from clplen.analysis import sampling_of
-from clplen.plot import new_figure
 
 LENSLETS = dict(zip((4, 5, 6), (GREEN, ORANGE, BLUE), strict=True))
 

@@ -1,10 +1,9 @@
 """Figure 1.23: raw images of a point for m = 1, 0.5, 0.25 and 0.1."""
 
 from common import begin, number
+from drawing import bar, new_figure
 from matplotlib.patches import Circle
 from spots import QUICK, show, spots
-
-from clplen.plot import bar, new_figure
 
 SHOWN = 17  # lenslets
 # m: lenslets of the row above half of the brightest one's energy, m by the pitch of the spots

@@ -3,9 +3,8 @@
 import numpy as np
 import rays
 from common import BLUE, GREEN, ORANGE, RED, begin, number
+from drawing import new_figure
 from matplotlib.patches import Polygon
-
-from clplen.plot import new_figure
 
 M = 0.4
 BOX = np.array([[-20, -1.4], [20, -1.4], [20, 1.4], [-20, 1.4]])  # um and mrad

@@ -2,9 +2,9 @@
 
 import rays
 from common import GREEN, RED, begin, number
+from drawing import new_figure
 
 from clplen.analysis import sampling_of
-from clplen.plot import new_figure
 
 POINTS = {RED: (4e-6, (4, 5, 6)), GREEN: (64e-6, (5, 6, 7))}  # x of the main image, lenslets
 

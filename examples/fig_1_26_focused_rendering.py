@@ -3,13 +3,13 @@
 import numpy as np
 import rays
 from common import BLUE, ORANGE, begin, number, pixels
+from drawing import new_figure
 from letters import disparity, star
 from matplotlib.patches import Rectangle
 
 from clplen import MicrolensArray, PlenopticCamera, SurfaceScene, render_focused
 from clplen.cameras import Plane, uniform
 from clplen.lightfield import seam
-from clplen.plot import new_figure
 
 ZOOM = (0.45, 1.25)  # mm on the main image, from and to, in x and y
 FINE = 18  # samples a lenslet: patches drawn finer than pixels show how they join

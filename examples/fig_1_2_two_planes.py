@@ -3,8 +3,7 @@
 import numpy as np
 import rays
 from common import BLUE, GREEN, ORANGE, RED, begin, number
-
-from clplen.plot import new_figure
+from drawing import new_figure
 
 POINT = (0.12e-3, -0.10e-3, -8e-3)  # (x, y, dz) in metres
 LENS = (-0.06e-3, 0.14e-3)  # (u, v)

@@ -3,8 +3,7 @@
 import numpy as np
 import rays
 from common import BLUE, GREEN, ORANGE, RED, begin, number
-
-from clplen.plot import new_figure
+from drawing import new_figure
 
 LENSLETS = (3, 8)  # of x and y
 LENS = (0.12e-3, -0.06e-3)  # (u, v) in metres

@@ -3,10 +3,9 @@
 import numpy as np
 import rays
 from common import BLUE, GREEN, ORANGE, begin, number
+from drawing import new_figure
 from matplotlib.axes import Axes
 from matplotlib.patches import Circle, Rectangle
-
-from clplen.plot import new_figure
 
 SHOWN = 5  # lenslets across, from the front
 

@@ -3,8 +3,7 @@
 import numpy as np
 import rays
 from common import BLUE, RED, begin, number
-
-from clplen.plot import new_figure
+from drawing import new_figure
 
 TILT = 2.2e-3  # rad, of the second bundle
 

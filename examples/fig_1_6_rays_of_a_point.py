@@ -3,8 +3,7 @@
 import numpy as np
 import rays
 from common import BLUE, GREEN, ORANGE, RED, begin, number
-
-from clplen.plot import new_figure
+from drawing import new_figure
 
 COLOURS = (BLUE, GREEN, RED)  # of the directions 1, 2, 3
 

@@ -3,8 +3,7 @@
 import numpy as np
 import rays
 from common import BLUE, GREEN, PAPER, RED, begin, number
-
-from clplen.plot import new_figure
+from drawing import new_figure
 
 POINTS = {"A": 7, "B": 3}  # their lenslets
 COLOURS = {"green": GREEN, "red": RED, "blue": BLUE}  # pixels 1, 2, 3

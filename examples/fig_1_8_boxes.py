@@ -3,11 +3,11 @@
 import numpy as np
 import rays
 from common import BLUE, GREEN, RED, begin, number
+from drawing import bar, new_figure
 from matplotlib.patches import Rectangle
 
 from clplen import LightField, PointSources
 from clplen.lightfield import phase_space
-from clplen.plot import bar, new_figure
 
 POINTS = {"A": 7, "B": 3}  # their lenslets
 COLOURS = (GREEN, RED, BLUE)  # pixels 1, 2, 3

@@ -2,12 +2,12 @@
 
 import numpy as np
 from common import BLUE, GREEN, ORANGE, RED, begin, number
+from drawing import LIGHT, bar, new_figure
 from matplotlib.colors import PowerNorm
 from matplotlib.patches import Polygon
 
 from clplen import MicrolensArray, PlenopticCamera, PointSources
 from clplen.analysis import crosstalk
-from clplen.plot import LIGHT, bar, new_figure
 
 DIAMETERS = {2.4: (0.14, RED), 3.6: (0.107, ORANGE), 4.8: (0.24, GREEN)}  # mm
 COUNT, SHOWN, P, F_MU, F = 51, 3, 150.0, 10.0, 240.0  # lenslets, those shown, um, mm, mm

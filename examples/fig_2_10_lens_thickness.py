@@ -2,9 +2,9 @@
 
 import numpy as np
 from common import BLUE, ORANGE, RED, begin, number
+from drawing import new_figure
 
 from clplen import Field, Grid, thin_lens
-from clplen.plot import new_figure
 
 F, D, INDEX, LAM, PITCH = 0.12, 3.6e-3, 1.5, 550e-9, 6e-6
 LENSES = {"biconvex": (0.12, -0.12, BLUE, 3), "plano-convex": (0.06, np.inf, RED, 1)}  # R1, R2

@@ -2,10 +2,10 @@
 
 import numpy as np
 from common import BLUE, RED, begin, number
+from drawing import new_figure
 from matplotlib.patches import Rectangle
 
 from clplen import Field, Grid, aperture, thin_lens
-from clplen.plot import new_figure
 
 F, D, LAM, PITCH, N = 0.12, 3.6e-3, 550e-9, 6.6e-6, 606
 RIM = (1.52, 1.88, -0.18, 0.18)  # mm, the magnified part: x, then y

@@ -2,9 +2,9 @@
 
 import numpy as np
 from common import BLUE, GREEN, RED, begin, number
+from drawing import LIGHT, bar, new_figure
 
 from clplen import Field, Grid, propagate, thin_lens
-from clplen.plot import LIGHT, bar, new_figure
 
 W, LAM, PITCH, N, F = 0.9e-3, 550e-9, 6.6e-6, 756, 0.12  # F: of the beam that is drawn
 BEAMS = {0.06: (BLUE, 30.0101), 0.12: (GREEN, 60.0808), 0.24: (RED, 120.6475)}  # f: R(f/2) / mm

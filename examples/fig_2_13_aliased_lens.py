@@ -2,9 +2,9 @@
 
 import numpy as np
 from common import BLUE, GREEN, ORANGE, RED, begin, number
+from drawing import LIGHT, bar, new_figure
 
 from clplen import Field, Grid, propagate, thin_lens
-from clplen.plot import LIGHT, bar, new_figure
 
 D, LAM, PITCH = 3.6e-3, 550e-9, 6.6e-6
 F_MIN = D * PITCH / LAM  # where the rim is at R_max = lam f/(2 dx)

@@ -3,10 +3,9 @@
 import numpy as np
 from closed import snr_db
 from common import begin, number
+from drawing import LIGHT, bar, new_figure
 from scipy.signal import resample
 from two_f import EXTENT, GRID, METHODS, PEAK, PITCH, N, airy_image, image
-
-from clplen.plot import LIGHT, bar, new_figure
 
 TABLE = {  # SNR / dB: window, r < 0.5 mm; peak: by independent float64; colour of what is drawn
     "multi-step, pad 1": (0.51, 0.51, 5.37067, "C0--"),

@@ -3,9 +3,8 @@
 import numpy as np
 from closed import LAM
 from common import begin, number
+from drawing import LIGHT, bar, new_figure
 from two_f import GRID, METHODS, D, N, Z, airy_image, image
-
-from clplen.plot import LIGHT, bar, new_figure
 
 RADIUS = D / (2 * LAM * Z)  # cycles a metre
 OUTSIDE = {  # share of the energy in %, colour: an independent float64 implementation

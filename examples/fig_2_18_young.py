@@ -4,10 +4,10 @@ import numpy as np
 from closed import LAM
 from coherent import Young
 from common import BLUE, GREEN, RED, begin, number
+from drawing import LIGHT, new_figure
 from scipy.signal import resample
 
 from clplen import Coherence
-from clplen.plot import LIGHT, new_figure
 from clplen.wave import ExtendedSource
 
 FAR, SIZE, PAIR = 0.5, 0.5e-3, 8  # m, source to pinholes to screen; m; samples: what is drawn

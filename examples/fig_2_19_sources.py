@@ -4,9 +4,9 @@ import numpy as np
 from closed import LAM
 from coherent import WINDOW, intensity, phase_bar, show_phase, show_points, snapshot, sources
 from common import BLUE, RED, begin, number
+from drawing import LIGHT, bar, new_figure
 
 from clplen import Grid
-from clplen.plot import LIGHT, bar, new_figure
 from clplen.wave import RandomPhaseMask
 
 CELLS, N = 10, 500  # sources and samples a side

@@ -3,9 +3,9 @@
 import numpy as np
 from closed import LAM, SETUP_A, S, exact_slit, fresnel_slit, slit
 from common import BLUE, GREEN, ORANGE, RED, begin, number
+from drawing import LIGHT, bar, new_figure
 
 from clplen import Field, Grid, propagate
-from clplen.plot import LIGHT, bar, new_figure
 
 GRID, WIDTHS = Grid((1, 1000), LAM / 2), {20e-6: GREEN, 40e-6: BLUE, 80e-6: RED}
 WIDTH, NEAR = 40e-6, 30e-6  # of the pictures

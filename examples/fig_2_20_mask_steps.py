@@ -4,9 +4,9 @@ import numpy as np
 from closed import LAM
 from coherent import degree_of, phase_bar, show, show_phase, show_points, snapshot, sources
 from common import BLUE, RED, begin, number
+from drawing import LIGHT, new_figure
 
 from clplen import Grid
-from clplen.plot import LIGHT, new_figure
 from clplen.wave import RandomPhaseMask
 
 P, CELLS, SHOWN = 32e-6, 32, 8  # m; a side of the window, and of the part that is drawn

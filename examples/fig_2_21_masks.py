@@ -4,10 +4,10 @@ import numpy as np
 from closed import LAM
 from coherent import WINDOW, degree_of, phase_bar, show_phase, snapshot
 from common import BLUE, RED, begin, number
+from drawing import new_figure
 from matplotlib.patches import Rectangle
 
 from clplen import Grid
-from clplen.plot import new_figure
 from clplen.wave import RandomPhaseMask
 
 MASKS = {10: (15, 400), 50: (8, 16), 100: (8, 4), 200: (8, 1)}  # samples a cell, masks: of mu

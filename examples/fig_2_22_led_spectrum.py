@@ -2,9 +2,9 @@
 
 import numpy as np
 from common import begin, number
+from drawing import new_figure
 
 from clplen import Spectrum
-from clplen.plot import new_figure
 
 C, LAM, FWHM = 299792458.0, 550e-9, 30e-9
 NM = np.linspace(380, 780, 4001)

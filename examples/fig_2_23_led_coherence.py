@@ -2,9 +2,9 @@
 
 import numpy as np
 from common import BLUE, GREEN, ORANGE, PAPER, RED, begin, number
+from drawing import new_figure
 
 from clplen import Spectrum
-from clplen.plot import new_figure
 
 LAM, FWHM = 550e-9, 30e-9
 LENGTHS = {"goodman": 6.698, "fwhm": 8.899, "oct": 4.449}  # um

@@ -2,9 +2,8 @@
 
 import numpy as np
 from common import begin, number
+from drawing import new_figure
 from target import COHERENT, LAMP, averages, image, iota_of, masked, show, snr, three_bars, usaf
-
-from clplen.plot import new_figure
 
 TABLE = {  # three bars: dB after 25, 100, 300 snapshots, by cells: mean of six float64 runs
     "field": {4: (8.2, 8.8, 8.9), 8: (8.1, 8.8, 9.1), 32: (9.5, 10.5, 10.8),

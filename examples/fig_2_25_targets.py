@@ -3,8 +3,7 @@
 import numpy as np
 import target as t
 from common import begin, number
-
-from clplen.plot import bar, new_figure
+from drawing import bar, new_figure
 
 TABLE = {  # contrast of elements 3-4, 4-1, 4-3 (11.3, 16.0, 20.2 /mm): independent, float64
     "coherent": (0.973, 0.296, -0.042), "16": (0.957, 0.41, 0.025), "56": (0.885, 0.526, 0.163),

@@ -2,10 +2,9 @@
 
 import numpy as np
 from common import begin, number
+from drawing import bar, new_figure
 from scipy.stats import gamma
 from target import averages, clear, image, iota_of, masked, passed, show, usaf
-
-from clplen.plot import bar, new_figure
 
 M, CELLS = 5, 56
 ONE = {"field": 0.978, "phase": 0.603}  # contrast of one clear snapshot: independent, float64

@@ -2,9 +2,8 @@
 
 import numpy as np
 from common import begin, number
+from drawing import bar, new_figure
 from target import CLOSE_UP, averages, image, iota_of, masked, passed, show, snr, usaf
-
-from clplen.plot import bar, new_figure
 
 CELLS, COUNTS = 56, (1, 5, 25, 100, 300)
 FACTOR = {"field": 2.301, "phase": 2.284}  # rms/mean of the exact image: independent, float64

@@ -2,11 +2,11 @@
 
 import numpy as np
 from common import BLUE, RED, begin, number
+from drawing import LIGHT, new_figure
 from responses import FC, PLANE, filtered, point_image, transfer_of_grating
 from target import COHERENT, LAMP
 
 from clplen import Grid
-from clplen.plot import LIGHT, new_figure
 from clplen.wave import otf
 
 RATIOS = (0.5, 0.91, 1.09, 1.5, 1.91, 2.09)  # of the gratings' frequencies to fc

@@ -2,12 +2,12 @@
 
 import numpy as np
 from common import BLUE, GREEN, ORANGE, RED, begin, number
+from drawing import LIGHT, bar, new_figure
 from responses import FC, edge_through_the_lens, edge_through_the_pupil
 from scipy.signal import resample
 from target import COHERENT, LAMP
 
 from clplen import Coherence
-from clplen.plot import LIGHT, bar, new_figure
 from clplen.wave import RandomPhaseMask, coherent_edge, incoherent_edge
 
 MASKS = {  # iota: samples of a cell (y, x), cells (y, x); edge, maximum: independent, float64

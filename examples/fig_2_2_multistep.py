@@ -3,10 +3,10 @@
 import numpy as np
 from closed import LAM, err_db, fresnel_slit, slit
 from common import BLUE, GREEN, ORANGE, RED, begin, number
+from drawing import LIGHT, bar, new_figure
 from matplotlib.colors import LogNorm
 
 from clplen import Field, Grid, propagate
-from clplen.plot import LIGHT, bar, new_figure
 
 N, PITCH, STEPS = 1024, 6.6e-6, "fresnel-multistep"
 GRID, WINDOW = Grid((1, N), PITCH), Grid((1, 2 * N), PITCH)

@@ -5,11 +5,11 @@ import warnings
 import numpy as np
 from closed import LAM, SETUP_A, S
 from common import BLUE, GREEN, RED, begin, number
+from drawing import new_figure
 from matplotlib.patches import Rectangle
 from stages import phase, transfer
 
 from clplen import Grid, Propagator, SamplingWarning
-from clplen.plot import new_figure
 
 GRID = Grid((128, 128), 2 * LAM)  # periodic, so that these are the frequencies of H
 DF = 1 / GRID.extent[1]

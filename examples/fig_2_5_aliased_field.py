@@ -5,9 +5,9 @@ import warnings
 import numpy as np
 from closed import LAM, SETUP_A, S, exact_slit, fitted, slit, snr_db
 from common import BLUE, GREEN, ORANGE, begin, number
+from drawing import LIGHT, bar, new_figure
 
 from clplen import Field, Grid, SamplingWarning, aperture, propagate
-from clplen.plot import LIGHT, bar, new_figure
 
 Z = 64 * S
 WAYS = {  # options of propagate, SNR behind a slit in dB, colour

@@ -3,10 +3,10 @@
 import numpy as np
 from closed import LAM, SETUP_A, S, line_source
 from common import BLUE, ORANGE, RED, begin, number
+from drawing import new_figure
 from stages import phase
 
 from clplen import Propagator
-from clplen.plot import new_figure
 
 Z = 64 * S
 NARROW = {"method": "cblas", "guard": 0, "support": S / 2}

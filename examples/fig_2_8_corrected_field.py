@@ -5,9 +5,9 @@ import warnings
 import numpy as np
 from closed import SETUP_A, S, exact_slit, fitted, slit, snr_db
 from common import BLUE, ORANGE, RED, begin, number
+from drawing import new_figure
 
 from clplen import SamplingWarning, propagate
-from clplen.plot import new_figure
 
 Z = 64 * S
 WAYS = {  # options of propagate, SNR in dB, colour

@@ -5,9 +5,9 @@ import warnings
 import numpy as np
 from closed import SETUP_A, S, exact_slit, slit, snr_db
 from common import BLUE, GREEN, ORANGE, RED, begin, number
+from drawing import new_figure
 
 from clplen import SamplingWarning, propagate
-from clplen.plot import new_figure
 
 TABLE = {  # dB at the distances of SHOWN: an independent float64 implementation
     "AS, no padding": (33.95, 36.53, 37.23, 33.83, 28.87, 24.78, 21.25, 17.99, 11.94, 6.59),

@@ -2,6 +2,7 @@
 
 import numpy as np
 from common import begin, mm, number
+from drawing import bar, new_figure
 from slices import (
     DEPTHS,
     QUICK,
@@ -14,8 +15,6 @@ from slices import (
     summed,
     taken,
 )
-
-from clplen.plot import bar, new_figure
 
 SHOWN = 11  # lenslets
 SLOPES = {"in focus": 0.0, "closer": 0.249, "farther": -0.158}  # float64 simulation, as measured

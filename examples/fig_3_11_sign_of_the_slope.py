@@ -2,12 +2,12 @@
 
 import numpy as np
 from common import begin, mm, number
+from drawing import new_figure
 from matplotlib.axes import Axes
 from rays import image, mark_plane, names, stage
 from slices import COLOURS, DEPTHS, QUICK, axes_of, camera, draw_slice, slope, summed, taken, zones
 
 from clplen.cameras import Plenoptic1
-from clplen.plot import new_figure
 
 SHOWN = 11  # lenslets
 # dx/du and dx/dtheta of the light over those of the rays, in a float64 simulation

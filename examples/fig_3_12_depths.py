@@ -2,9 +2,9 @@
 
 import numpy as np
 from common import BLUE, mm, number, pixels, start
+from drawing import LIGHT, new_figure
 
 from clplen import LightField, demo, estimate_alpha
-from clplen.plot import LIGHT, new_figure
 
 DEPTHS = (0, 0.125, 0.25)
 BLURS = (0, 8.219, 12.245)  # lenslets, D |1 - alpha|/p

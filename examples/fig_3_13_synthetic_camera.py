@@ -2,11 +2,12 @@
 
 import numpy as np
 from common import BLUE, RED, begin, number
+from drawing import new_figure
 from rays import distance, draw_camera, image, names, note, planes, say_scale, stage
 from slices import camera, span
 
 from clplen import OpticalSystem
-from clplen.plot import new_figure, rays_through
+from clplen.plot import rays_through
 from clplen.wave import Lens
 
 DZ, Y0 = -50e-3, -0.6e-3  # the object is nearer than the focused plane

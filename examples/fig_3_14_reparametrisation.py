@@ -2,13 +2,14 @@
 
 import numpy as np
 from common import BLUE, ORANGE, RED, begin, number
+from drawing import new_figure
 from matplotlib.axes import Axes
 from rays import distance, draw_camera, mark_plane, names, note, say_scale, stage
 from slices import camera
 
 from clplen import OpticalSystem
 from clplen.cameras import Plenoptic1
-from clplen.plot import new_figure, trace
+from clplen.plot import trace
 
 CASES = {-50e-3: (1.2e-3, -0.9e-3), 50e-3: (-1.2e-3, 1.0e-3)}  # dz: u, x'
 

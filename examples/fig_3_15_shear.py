@@ -2,9 +2,8 @@
 
 import numpy as np
 from common import BLUE, GREEN, RED, begin, mm, number
+from drawing import bar, new_figure
 from slices import BESIDE, DEPTHS, QUICK, axes_of, camera, draw_slice, sheared, slope, summed, three
-
-from clplen.plot import bar, new_figure
 
 SHOWN = 27  # lenslets
 COLOURS = {"closer": BLUE, "in focus": GREEN, "farther": RED}

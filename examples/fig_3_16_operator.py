@@ -2,11 +2,11 @@
 
 import numpy as np
 from common import begin, number, pixels
+from drawing import new_figure, show
 from matplotlib.axes import Axes
 from slices import DEPTHS, QUICK, axes_of, camera, draw_slice, sheared, summed, three
 
 from clplen import refocus
-from clplen.plot import LIGHT, new_figure
 
 SHOWN = 31  # lenslets
 STAGES = ("captured light field\nL(x, u)",
@@ -15,12 +15,10 @@ STAGES = ("captured light field\nL(x, u)",
           "3 sum over u and v\n" r"I(x') = $\alpha^2 \Sigma$ L'")
 
 
-def show(axes: Axes, image: np.ndarray, pitch: float) -> None:
+def show_root(axes: Axes, image: np.ndarray, pitch: float) -> None:
     """A picture as the slices are shown."""
-    side, half = image.shape[0] * pitch * 500, SHOWN * pitch * 500
-    axes.imshow(np.sqrt(np.maximum(image, 0) / image.max()), cmap=LIGHT,
-                extent=(-side, side, side, -side))
-    axes.set(xlim=(-half, half), ylim=(half, -half), xlabel="x' / mm", ylabel="y' / mm")
+    show(axes, np.sqrt(np.maximum(image, 0) / image.max()), pitch, near=SHOWN * pitch * 500)
+    axes.set(xlabel="x' / mm", ylabel="y' / mm")
 
 
 run = begin(__doc__, __file__, quick=QUICK)
@@ -44,7 +42,7 @@ ends = np.array([-0.5, 0.5]) * cam.aperture_diameter
 for x_new in x[::3]:
     panels[1].plot((alpha * x_new + ends * (1 - alpha)) * 1e3, ends * 1e3, color="c", lw=0.8)
 panels[2].set_xlabel("x' / mm")
-show(panels[3], after, cam.lenslet_pitch)
+show_root(panels[3], after, cam.lenslet_pitch)
 for axes, title in zip(panels, STAGES, strict=True):
     axes.set_box_aspect(1)
     axes.set_title(title, bbox={"boxstyle": "round,pad=0.35", "fc": "#d7e8f4", "ec": "#33536b"},

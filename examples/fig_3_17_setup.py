@@ -2,11 +2,11 @@
 
 import numpy as np
 from common import BLUE, COLOURS, ORANGE, PAPER, mm, number, start
+from drawing import new_figure
 from matplotlib.axes import Axes
 
 from clplen import demo
 from clplen.cameras import Plenoptic1
-from clplen.plot import new_figure
 
 
 def draw_system(axes: Axes, camera: Plenoptic1) -> None:

@@ -3,12 +3,12 @@
 import numpy as np
 from arrays import draw_sub_images
 from common import BLUE, RED, begin, number
+from drawing import new_figure
 from matplotlib.axes import Axes
 from rays import distance, draw_camera, draw_rays, names, planes, stage, trace
 from slices import camera
 
 from clplen.cameras import Plenoptic1
-from clplen.plot import new_figure
 
 BESIDE = 12  # lenslets from the axis
 

@@ -2,9 +2,9 @@
 
 import numpy as np
 from common import BLUE, COLOURS, mm, number, start
+from drawing import new_figure
 
 from clplen import demo
-from clplen.plot import new_figure
 
 REFERENCE = {-0.1: 0.285714, -0.05: 0.736842, -0.025: 0.883721, -0.01: 0.956522, 0.01: 1.04,
              0.025: 1.094340, 0.05: 1.172414, 0.1: 1.294118}

@@ -2,9 +2,9 @@
 
 import numpy as np
 from common import BLUE, RED, mm, number, pixels, start
+from drawing import new_figure
 
 from clplen import refocus
-from clplen.plot import new_figure
 
 CUT = 0.1  # cycles a lenslet: the focus measures count what lies above
 PADDED = 400  # lenslets: so fine that the energy above the cut does not depend on it

@@ -2,9 +2,9 @@
 
 import numpy as np
 from common import BLUE, GREEN, ORANGE, RED, number, start
+from drawing import new_figure
 
 from clplen import demo
-from clplen.plot import new_figure
 
 RMS = {"thesis": 0.0529, "energy": 0.0200, "compensated": 0.0038}  # at the thesis' four depths
 STYLE = {"thesis": ("^", GREEN), "energy": ("o", ORANGE), "compensated": ("D", RED)}

@@ -3,9 +3,9 @@
 import numpy as np
 from arrays import LAM, draw_lenslets, draw_whole
 from common import begin, number
+from drawing import bar, new_figure
 
 from clplen import Field, Grid, MicrolensArray
-from clplen.plot import bar, new_figure
 
 P, F_MU, N = 150e-6, 10e-3, 101
 SHOWN = 4  # lenslets across in the lower row

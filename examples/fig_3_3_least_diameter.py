@@ -2,11 +2,11 @@
 
 from arrays import LAM, draw_least
 from common import BLUE, ORANGE, RED, begin, number
+from drawing import new_figure
 
 from clplen import MicrolensArray, PlenopticCamera, PointSources
 from clplen.analysis import crosstalk
 from clplen.cameras import Plenoptic1
-from clplen.plot import new_figure
 
 F_MU, COUNT = 10e-3, 51
 WIDTHS = (50, 70, 90, 100, 113.9, 135, 150, 175, 200, 250, 300)  # d in um

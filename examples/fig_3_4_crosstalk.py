@@ -2,12 +2,12 @@
 
 import numpy as np
 from common import begin, number
+from drawing import bar, log_norm, new_figure, show
 from matplotlib.patheffects import withStroke
 from slices import camera
 
 from clplen import PointSources
 from clplen.analysis import cell_energies, crosstalk
-from clplen.plot import LIGHT, bar, for_display, new_figure, norm_of
 
 SHOWN = 7  # cells across
 CASES = {150e-6: 0.107, 100e-6: 0.185}  # d: light outside the cell, float64 simulation
@@ -23,10 +23,8 @@ for axes, (d, reference) in zip(panels, CASES.items(), strict=True):
     number(f"d = {d * 1e6:.0f} um: light outside the own cell", outside, reference, 0.01, ".3f")
     middle, reach = cam.mla.count[0] // 2, SHOWN // 2
     shares = cell_energies(values, raw.cells) / values.sum()
-    norm = norm_of(np.array([1e-5, 1.0]), "log", 5)
-    side = cam.grid.extent[0] * 500
-    drawn = axes.imshow(for_display(values / values.max(), norm), cmap=LIGHT, norm=norm,
-                        extent=(-side, side, side, -side))
+    drawn = show(axes, np.maximum(values / values.max(), 1e-5), cam.pixel_pitch,
+                 norm=log_norm(np.ones(1), 5))
     for k in np.arange(-reach, reach + 1):
         for edge in (k - 0.5, k + 0.5):
             axes.axhline(edge * d * 1e3, color="w", lw=0.6, alpha=0.7)

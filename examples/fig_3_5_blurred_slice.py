@@ -2,10 +2,10 @@
 
 import numpy as np
 from common import BLUE, RED, begin, number, pixels
+from drawing import bar, new_figure
 from slices import axes_of, camera, draw_slice, span, summed
 
 from clplen import LightField, PointSources
-from clplen.plot import bar, new_figure
 
 WINDOW = 1.2e-3  # metres to either side of the point, for its width: rms has no limit without
 CASES = {150e-6: (0.441, 66.21), 100e-6: (0.815, 81.55)}  # d: rms width, float64 simulation

@@ -2,12 +2,12 @@
 
 import numpy as np
 from common import BLUE, number, start
+from drawing import new_figure
 from matplotlib.axes import Axes
 from matplotlib.collections import PatchCollection
 from matplotlib.patches import Rectangle
 
 from clplen.cameras import Plenoptic1
-from clplen.plot import new_figure
 
 SHOWN = 7  # lenslets
 APERTURES = (30, 12, 2)  # N', pixels of a sub-image across that are kept

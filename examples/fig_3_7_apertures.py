@@ -2,10 +2,10 @@
 
 import numpy as np
 from common import BLUE, ORANGE, number, pixels, start
+from drawing import bar, new_figure
 from extended import camera, card, compare, expose, show
 
 from clplen import LightField, demo
-from clplen.plot import bar, new_figure
 
 KEPT = (30, 24, 18, 12, 6, 2)  # N'
 TOTALS = (1, 0.791, 0.493, 0.214, 0.0463, 0.00466)  # of A + B + C, in a float64 simulation

@@ -3,10 +3,10 @@
 import numpy as np
 import vesicle
 from common import begin, number
+from drawing import LIGHT, bar, new_figure
 from matplotlib.axes import Axes
 
 from clplen import decode_raw, estimate_lattice
-from clplen.plot import LIGHT, bar, new_figure
 
 PITCH = (15.387, 15.410)  # pixels along x and y, of the white frame in an independent fit
 SHOWN = 6  # lenslets of the zoom

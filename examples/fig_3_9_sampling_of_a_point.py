@@ -2,13 +2,13 @@
 
 import numpy as np
 from common import begin, mm, number
+from drawing import new_figure
 from matplotlib.axes import Axes
 from rays import draw_camera, draw_rays, go_on, image, stage, trace
 from slices import COLOURS, DEPTHS, QUICK, camera, draw_end, zones
 
 from clplen import LightField, PointSources, estimate_alpha
 from clplen.cameras import Plenoptic1
-from clplen.plot import new_figure
 
 BLURS = {"closer": 6.316, "farther": 4.138}  # lenslets, D |1 - alpha|/p
 REACH = 5.2  # lenslets shown to either side of the axis

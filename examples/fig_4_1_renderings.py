@@ -2,11 +2,11 @@
 
 import numpy as np
 from common import begin, number, pixels
+from drawing import new_figure
 from stars import DEPTHS, QUICK, cameras, exposed, likeness, places, show
 
 from clplen import LightField, refocus, render_focused
 from clplen.lightfield import focused_depth
-from clplen.plot import new_figure
 
 run = begin(__doc__, __file__, quick=QUICK)
 focused, standard = cameras(run)

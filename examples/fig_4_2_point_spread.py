@@ -2,7 +2,7 @@
 
 import numpy as np
 from common import begin, number
-from matplotlib.axes import Axes
+from drawing import ROOT, bar, new_figure, show
 from resolving import (
     COLOURS,
     QUICK,
@@ -17,19 +17,8 @@ from resolving import (
     responses,
 )
 
-from clplen.plot import LIGHT, bar, new_figure, norm_of
-
 NEAR = 0.45e-3  # metres to either side of the point
 PEAK = 60.9  # FWHM in um of the image of a point by the 2.0 camera, in a float64 simulation
-
-
-def show(axes: Axes, values: np.ndarray, pitch: float, title: str) -> None:
-    """Square root of an image about its middle over the largest, in mm."""
-    side, near = values.shape[0] * pitch * 500, NEAR * 1e3
-    drawn = axes.imshow(values / values.max(), cmap=LIGHT, norm=norm_of(np.ones(1), "root"),
-                        extent=(-side, side, side, -side))
-    axes.set(xlim=(-near, near), ylim=(near, -near), xlabel="x / mm", ylabel="y / mm", title=title)
-    axes.figure.drawn = drawn
 
 
 run = begin(__doc__, __file__, quick=QUICK)
@@ -44,8 +33,10 @@ for row, (name, cam) in zip(panels, cams.items(), strict=True):
     number(f"{name}: width of the image of a line / um", found * 1e6,
            half_width(x, closed) * 1e6, 3, ".1f")
     values = about(raw, NEAR + 50e-6).to_numpy().astype(float)
-    show(row[0], values, cam.pixel_pitch, f"{name}: raw image")
-    show(row[1], *rendered(raw, psf), f"{name}: rendered")
+    pictures = (values, cam.pixel_pitch, "raw image"), (*rendered(raw, psf), "rendered")
+    for axes, (image, pitch, words) in zip(row, pictures, strict=False):
+        drawn = show(axes, image / image.max(), pitch, near=NEAR * 1e3, norm=ROOT)
+        axes.set(xlabel="x / mm", ylabel="y / mm", title=f"{name}: {words}")
     draw_cells(row[0], cam)
     row[2].plot(at * 1e3, line / line.max(), color=COLOURS[name], label="measured")
     row[2].plot(x * 1e3, closed, "k--", lw=1, label="closed form")
@@ -53,7 +44,7 @@ for row, (name, cam) in zip(panels, cams.items(), strict=True):
                title=f"{name}: image of a line, {found * 1e6:.0f} um wide")
     row[2].legend(loc="upper right", ncols=2)
 number("2.0: width of the image of a point / um", psfs["2.0"].fwhm(axis=1) * 1e6, PEAK, 1, ".1f")
-bar(figure, figure.drawn, list(panels[:, 1]), "intensity / largest (square root)")
+bar(figure, drawn, list(panels[:, 1]), "intensity / largest (square root)")
 figure.supxlabel("places on the main lens' image (raw images: on the sensor, grid: cells); the "
                  "image of a line by the 1.0 camera is that of a line that moves across a lenslet")
 run.save(figure)

@@ -2,11 +2,11 @@
 
 import numpy as np
 from common import begin, number
+from drawing import new_figure
 from matplotlib.axes import Axes
 from resolving import COLOURS, QUICK, TRANSFERS, focused, pair, responses
 
 from clplen.analysis import OTF, Curve, sampling_of
-from clplen.plot import new_figure
 
 HIGHEST = 25e3  # cycles a metre
 

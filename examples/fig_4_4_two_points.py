@@ -2,11 +2,11 @@
 
 import numpy as np
 from common import begin, number
+from drawing import LIGHT, new_figure
 from matplotlib.axes import Axes
 from resolving import COLOURS, QUICK, TRANSFERS, line_of, pair, responses, two_points
 
 from clplen.analysis import PSF, SLIT, TwoPoints
-from clplen.plot import LIGHT, new_figure
 
 UNIT = 532e-9 * 18e-3 / 150e-6  # lam a/d of the 2.0 camera
 CONTRASTS = {0.886: 0.916, 1: 0.813, 1.22: 0.565, 1.5: 0.357}  # mid/peak, float64 simulation

@@ -2,10 +2,10 @@
 
 import numpy as np
 from common import BLUE, GREEN, ORANGE, RED, begin, number
+from drawing import new_figure
 from resolving import QUICK, draw_spots, focused, response2, standard, transfer2
 
 from clplen.analysis import OTF, Curve, sampling_of
-from clplen.plot import new_figure
 
 WIDTHS = {0.1: 115.1, 0.15: 81.5, 0.2: 60.9, 0.3: 44.1, 0.4: 35.1}  # um, float64 simulation
 F = np.linspace(0, 60e3, 3001)

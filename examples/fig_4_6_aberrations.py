@@ -1,13 +1,13 @@
 """Figure 4.6: one wave of aberration in the main lens: what correction brings back."""
 
-from aberrated import LAM, NAMES, draw_strehl, show
+from aberrated import LAM, NAMES, draw_strehl, show_light
 from common import begin, number, pixels
+from drawing import bar, new_figure
 from resolving import about, blended, exposed, focused
 from slices import camera
 
 from clplen import LightField, PointSources
 from clplen.cameras import Aberrations, correct_aberrations
-from clplen.plot import bar, new_figure
 
 P = 150e-6  # pitch of the lenslets
 WORDS = ("1.0, as taken", "1.0, corrected", "2.0, blended")
@@ -36,7 +36,7 @@ for column, (j, references) in zip(panels.T, terms.items(), strict=True):
     for axes, image, pitch, words, reference in zip(column, images, (P, P, picture.pitch), WORDS,
                                                     references, strict=True):
         number(f"{name}, {words}: highest", image.max(), reference, 0.01, ".3f")
-        drawn = show(axes, image, pitch)
+        drawn = show_light(axes, image, pitch)
         axes.text(-1.1, 1.1, f"{image.max():.3f}", color="w", size=8)
     column[0].set_title(name)
     column[-1].set_xlabel("x / mm")

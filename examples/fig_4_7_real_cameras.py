@@ -4,11 +4,11 @@ from pathlib import Path
 
 import numpy as np
 from common import begin, number
+from drawing import new_figure
 from letter_planes import VIRTUAL, exposed, focused, inside, standard
 
 from clplen import read_camera
 from clplen.cameras import Plenoptic2
-from clplen.plot import new_figure
 
 FOLDER = Path(__file__).parent / "cameras"
 FILES = {"lytro_illum": "Lytro Illum", "canon_50mm": "50 mm at f/4", "raytrix_r12": "Raytrix R12"}

@@ -2,10 +2,9 @@
 
 import numpy as np
 from common import BLUE, GREEN, ORANGE, begin, number
+from drawing import new_figure
 from matplotlib.axes import Axes
 from microscope import camera, draw_objective, draw_pixels, fermat
-
-from clplen.plot import new_figure
 
 LAYERS = {"water": (1.33, 1.0), "glass": (1.52, 0.8), "air": (1.0, 1.0)}  # n, thickness
 COLOURS = (BLUE, GREEN, ORANGE)

@@ -3,9 +3,8 @@
 import microscope as lfm
 import numpy as np
 from common import begin, number
+from drawing import bar, new_figure
 from slices import slope
-
-from clplen.plot import bar, new_figure
 
 SLOPES = {-20e-6: 1.064, 0.0: 0.0, 20e-6: 1.065}  # of z/n, float64 simulation, by z
 PIXELS = 8.5  # from the middle of a sub-image that count

@@ -3,10 +3,10 @@
 import microscope as lfm
 import numpy as np
 from common import BLUE, GREEN, RED, begin, number
+from drawing import bar, new_figure
 from matplotlib.colors import LogNorm
 
 from clplen import PointSources
-from clplen.plot import bar, new_figure
 
 DEPTHS = {-20e-6: (115, 21, 0.708), -10e-6: (67, 9, np.nan), 0.0: (40, 1, np.nan),
           10e-6: (67, 9, np.nan), 20e-6: (115, 25, 1.292)}  # float64 simulation

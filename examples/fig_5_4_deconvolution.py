@@ -3,9 +3,9 @@
 import microscope as lfm
 import numpy as np
 from common import BLUE, ORANGE, begin, number
+from drawing import bar, new_figure
 
 from clplen import Projector, deconvolve, point_images
-from clplen.plot import bar, new_figure
 
 RESIDUALS = {10: 0.067, 20: 0.025, 30: 0.0135}  # independent simulation, full size
 BEADS = ((20e-6, 22, 18), (20e-6, 22, 26), (-20e-6, 15, 22))  # z and voxel (y, x), full size

@@ -3,8 +3,8 @@
 import numpy as np
 import retrieval as model
 from common import BLUE, GREEN, ORANGE, begin, number
-
-from clplen.plot import bar, new_figure, norm_of
+from drawing import bar, new_figure
+from matplotlib.colors import PowerNorm
 
 RMS, SHOWN = 80e-9, 1e4
 BOUNDS = {1e4: 2.406, 1e6: 0.224, 1e3: 8.936, 1e5: 0.721, 1e7: 0.071}  # photons: rms / nm
@@ -37,7 +37,7 @@ left, right = upper.subfigures(1, 2)
 pictures, paths = (part.subplots(1, 3, sharey=True) for part in (left, right))
 for axes, picture, dz in zip(pictures, counts, model.DEFOCUS, strict=True):
     word = f"{dz * 1e3:+.1f} mm" if dz else "in focus"
-    drawn = model.draw_picture(axes, picture, norm_of(counts, "root"), word)
+    drawn = model.draw_picture(axes, picture, PowerNorm(0.5, 0, counts.max()), word)
 pictures[0].set_ylabel("y / um")
 bar(left, drawn, list(pictures), "counts")
 for axes, c, word in zip(paths, (true, found, 10 * (found - true)),

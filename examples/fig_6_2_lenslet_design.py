@@ -3,8 +3,7 @@
 import lenslet_design as model
 import numpy as np
 from common import begin, number
-
-from clplen.plot import bar, new_figure
+from drawing import bar, new_figure
 
 CUBIC = 0.262  # the worst contrast of the best cubic phase, float64 autocorrelation of the pupil
 

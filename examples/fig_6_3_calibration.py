@@ -3,8 +3,7 @@
 import calibrating as cal
 import numpy as np
 from common import begin, number
-
-from clplen.plot import bar, new_figure
+from drawing import bar, new_figure
 
 TRUE = np.array([2.0, 4.0, 17.0, -12.0, 1.5, 1.2, -1.8])  # in units of the array, off its design
 OFF = np.array([(1.5, -1, 1, -0.1), (-2, 1, -1, 0.1), (1, 2, 1, -0.05)])  # the points' first guess

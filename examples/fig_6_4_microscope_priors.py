@@ -4,9 +4,9 @@ import microscope as lfm
 import numpy as np
 import priors
 from common import begin, number
+from drawing import bar, new_figure
 
 from clplen import Projector, point_images
-from clplen.plot import bar, new_figure
 
 COUNT, PHOTONS, MANY = 9, 6e4, 48  # lenslets along an axis; of a frame; volumes to learn from
 STRENGTH, STEPS = 0.01, 200  # of the total variation; of the training

@@ -3,9 +3,9 @@
 import joint_depth as joint
 import numpy as np
 from common import begin, number, pixels
+from drawing import bar, new_figure
 
 from clplen import all_in_focus, depth_map
-from clplen.plot import bar, new_figure
 
 WEIGHTS = 60.0, 80.0  # of the total variations of picture and disparity
 NAMES = ("truth", "before", "refined")

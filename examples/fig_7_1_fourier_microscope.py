@@ -3,9 +3,9 @@
 import fourier_microscope as two
 import numpy as np
 from common import begin, number
+from drawing import new_figure
 
 from clplen import deconvolve
-from clplen.plot import new_figure
 
 PHOTONS = 2e6  # in the pupil
 ERRORS = {"lenslets on the image": 0.45, "lenslets on the pupil": 0.23}

@@ -3,10 +3,10 @@
 import numpy as np
 import pupils as aid
 from common import begin, number
+from drawing import bar, new_figure
 
 from clplen import PointSources, Projector, deconvolve, point_images
 from clplen.microscopy import fit_pupil
-from clplen.plot import bar, new_figure
 
 PUT_IN = {6: 60e-9, 7: -50e-9, 8: 40e-9, 10: 40e-9, 11: -60e-9}  # Noll's index: metres, rms
 BEADS = np.array([(-20, -17, 50), (18, -19, -45), (-16, 20, -55), (17, 16, 60)]) * 1e-6

@@ -14,6 +14,7 @@ import numpy as np
 import shell
 import vesicle
 from common import BLUE, ORANGE, Run, begin
+from drawing import LIGHT, new_figure
 from matplotlib.axes import Axes
 from matplotlib.colors import PowerNorm
 
@@ -21,7 +22,6 @@ from clplen import Projector, decode_raw, deconvolve, point_images, refocus
 from clplen.cameras import Microscope
 from clplen.io import write_volume
 from clplen.microscopy import DeconvolutionResult
-from clplen.plot import LIGHT, new_figure
 
 PIXELS, ITERATIONS, QUICK = 15, 20, 6
 OTHERS: dict[str, dict[str, Any]] = {

@@ -12,6 +12,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from common import BLUE, GREEN, ORANGE, RED
+from drawing import LIGHT, centred
 from matplotlib.axes import Axes
 from matplotlib.image import AxesImage
 from scipy.optimize import minimize
@@ -19,7 +20,6 @@ from scipy.optimize import minimize
 from clplen import Device, Field, Grid, MicrolensArray, OpticalSystem, PlenopticCamera
 from clplen.analysis import depth_scan
 from clplen.cameras import Aberrations, Plenoptic2
-from clplen.plot import LIGHT, centred
 from clplen.wave import (
     Lens,
     Space,

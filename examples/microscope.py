@@ -12,13 +12,13 @@ from typing import Any
 import matplotlib
 import numpy as np
 from common import BLUE, GREEN, ORANGE, RED, Run
+from drawing import LIGHT
 from matplotlib.axes import Axes
 from scipy.ndimage import maximum_filter
 from scipy.optimize import minimize
 
 from clplen import LightField, MicrolensArray, PlenopticCamera, PointSources, focal_stack
 from clplen.cameras import Microscope
-from clplen.plot import LIGHT
 
 SHOWN = 32  # um of x in a slice
 

@@ -2,12 +2,12 @@
 
 import numpy as np
 from common import Run, mm, number, pixels
+from drawing import LIGHT, bar, new_figure
 from extended import DEPTHS, PLACES, across, camera, expose, letters, show
 from matplotlib.axes import Axes
 
 from clplen import LightField
 from clplen.cameras import Plenoptic1
-from clplen.plot import LIGHT, bar, new_figure
 
 COUNT = 41  # lenslets
 RIM = 0.25  # of the views, those outside of the two

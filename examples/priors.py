@@ -14,9 +14,9 @@ from typing import Any
 
 import numpy as np
 from common import BLUE, GREEN, ORANGE
+from drawing import LIGHT
 
 from clplen import Projector, deconvolve
-from clplen.plot import LIGHT
 
 BEAD, THREAD = 3.5e-6, 2.5e-6  # radii
 SOFT = 0.2  # of a radius: the edge

@@ -13,6 +13,7 @@ from typing import Any
 
 import numpy as np
 from common import BLUE, RED, Run, pixels
+from drawing import LIGHT
 from matplotlib.axes import Axes
 
 from clplen import (
@@ -26,7 +27,6 @@ from clplen import (
 from clplen.analysis import PSF, circular_mtf, square_mtf
 from clplen.cameras import Plenoptic1, Plenoptic2
 from clplen.lightfield import FocusedGeometry, FocusedImage
-from clplen.plot import LIGHT
 
 M = 0.2
 QUICK = "cameras of 75 x 75 lenslets, coarser curves"

@@ -13,12 +13,12 @@ from typing import Any
 
 import numpy as np
 from common import BLUE
+from drawing import LIGHT, centred
 from matplotlib.axes import Axes
 from matplotlib.image import AxesImage
 from scipy.optimize import minimize
 
 from clplen import Device, Field, Grid, OpticalSystem
-from clplen.plot import LIGHT, centred
 from clplen.wave import Lens, Space, ZernikePlate, intensity_gradient, noll, wavefront
 
 LAM, F, D = 532e-9, 30e-3, 1.2e-3

@@ -11,13 +11,13 @@ from typing import Any
 import matplotlib
 import numpy as np
 from common import Run
+from drawing import LIGHT
 from matplotlib.axes import Axes
 from matplotlib.patches import Rectangle
 from rays import draw_camera, planes, stage, trace
 
 from clplen import LightField, MicrolensArray, PlenopticCamera, PointSources, refocus
 from clplen.cameras import Plenoptic1
-from clplen.plot import LIGHT
 
 QUICK = "a camera of 51 x 51 lenslets"
 DEPTHS = {"in focus": 0.0, "closer": -50e-3, "farther": 50e-3}  # dz

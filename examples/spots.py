@@ -9,12 +9,12 @@ from typing import Any
 
 import numpy as np
 from common import Run
+from drawing import LIGHT, centred
 from matplotlib.axes import Axes
 from matplotlib.colors import PowerNorm
 from matplotlib.image import AxesImage
 
 from clplen import MicrolensArray, PlenopticCamera, PointSources, RawImage
-from clplen.plot import LIGHT, centred
 
 LEAST = 0.05  # of the brightest spot: darker ones are no spots
 PIXELS = 12  # a lenslet of the reduced camera

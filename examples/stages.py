@@ -4,12 +4,12 @@ from dataclasses import dataclass
 
 import numpy as np
 from closed import LAM
+from drawing import LIGHT, bar, new_figure
 from matplotlib.colors import LogNorm
 from matplotlib.figure import Figure
 from matplotlib.patches import Rectangle
 
 from clplen import Device, Field, Grid, Propagator
-from clplen.plot import LIGHT, bar, new_figure
 from clplen.wave import polygonal_aperture
 
 

@@ -10,13 +10,13 @@ from typing import Any
 
 import numpy as np
 from common import Run, pixels
+from drawing import LIGHT
 from matplotlib.axes import Axes
 
 from clplen import MicrolensArray, PlenopticCamera, RawImage, SurfaceScene
 from clplen.cameras import Ellipse, Plane
 from clplen.cameras import picture as table_of
 from clplen.lightfield import FocusedImage
-from clplen.plot import LIGHT
 
 DEPTHS = {"near": -6e-3, "in focus": 0.0, "far": 15e-3}  # dz
 SPOKES, ACROSS = 12, 0.28  # of a star; its diameter, of the sensor

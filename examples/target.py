@@ -9,11 +9,11 @@ from tempfile import TemporaryDirectory
 
 import numpy as np
 from closed import LAM, snr_db
+from drawing import LIGHT
 from matplotlib.axes import Axes
 from matplotlib.image import AxesImage
 
 from clplen import Coherence, Device, Field, Grid, OpticalSystem
-from clplen.plot import LIGHT
 from clplen.wave import (
     IncoherentLight,
     MeanIntensity,

@@ -70,13 +70,6 @@ class Camera:
         return -x0 * self.image_distance / (self.object_distance + dz)
 
 
-def highest_frequency(camera: Camera, x0: float, y0: float, dz: float) -> float:
-    """Highest frequency a point puts on the sensor, cycles per metre; keep below 1/(2 pixel)."""
-    far = max(abs(camera.image_position(x0, dz)), abs(camera.image_position(y0, dz)))
-    at_array = (camera.aperture_diameter / 2 + far) / camera.image_distance
-    return (at_array + camera.pitch / (2 * camera.f_mu)) / camera.wavelength
-
-
 def source_field(camera: Camera, x0: float, y0: float, dz: float) -> Complex:
     """Field of a uniform coherent disc at (x0, y0) on the main-lens plane.
 

@@ -98,7 +98,6 @@ CALLS = {
     "sides": lambda d: clplen.lightfield.regular_polygon((5, 7), np.inf, 2.0),
     "seed": lambda d: cameras.LensletScatter(0.01, seed=np.inf),
     "count": lambda d: MicrolensArray(**LENSLETS | {"count": 1e308}),
-    "length": lambda d: clplen.plot.round_length(HUGE),
 }
 
 

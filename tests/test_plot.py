@@ -21,7 +21,7 @@ from clplen.compute.device import Device
 from clplen.lightfield.model.light_field import LightField
 from clplen.lightfield.raw.raw_image import RawImage
 from clplen.lightfield.refocusing.focal_stacks import FocalStack
-from clplen.plot.base import spread, verbatim
+from clplen.plot.base import new_figure, spread, verbatim
 from clplen.wave.elements.lenslets import MicrolensArray
 
 SHAPE = (4, 5, 7, 9)
@@ -231,7 +231,7 @@ def test_names_are_drawn_as_they_are():
     assert plot.rendered(figure, dpi=40).shape[2] == 3
     drawn = figure.axes[0].get_title().replace(r"\$", "$")
     assert drawn.endswith("a$5_$9^\\$\\udcff\\n\\u202e")
-    figure = plot.new_figure(9, 4)
+    figure = new_figure(9, 4)
     axes = figure.add_subplot()
     axes.plot([1, 2], label=verbatim(name))
     assert len(axes.legend().get_texts()) == 1  # matplotlib leaves out what begins with _

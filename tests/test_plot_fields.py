@@ -85,18 +85,6 @@ def test_the_phase_is_cyclic_and_blank_in_the_dark(device):
     assert axes.get_title() == "p"
 
 
-def test_a_region_keeps_its_place(device):
-    f = field(device)
-    region = (slice(1, 4), slice(-3, None))
-    for draw, values in (
-        (plot.intensity, np.abs(f.to_numpy()) ** 2),
-        (plot.phase, np.angle(f.to_numpy())),
-    ):
-        axes, found, _ = shown(draw(f, region=region))
-        np.testing.assert_array_equal(found, values[region])
-        assert axes.images[0].get_extent() == pytest.approx((2, 8, 32, 20))
-
-
 def test_one_axis_gives_a_line(device):
     for shape, name in [((1, 7), "x"), ((7, 1), "y")]:
         grid = Grid(shape, (3e-6, 3e-6), origin=(1e-6, 1e-6))

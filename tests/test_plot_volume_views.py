@@ -5,9 +5,9 @@ import pytest
 
 from clplen import ShapeError
 from clplen.microscopy import Tracks
-from clplen.plot import maximum_projection, orthogonal_views, rendered, round_length, scale_bar
+from clplen.plot import maximum_projection, orthogonal_views, rendered, scale_bar
 from clplen.plot.base import new_figure
-from clplen.plot.scale_bars import length_text
+from clplen.plot.scale_bars import length_text, round_length
 
 SHAPE = (7, 23, 41)
 VOXEL = (3e-6, 0.7e-6, 0.5e-6)

@@ -1,12 +1,3 @@
-from .base import LIGHT as LIGHT
-from .base import Region as Region
-from .base import Scale as Scale
-from .base import bar as bar
-from .base import centred as centred
-from .base import coordinates as coordinates
-from .base import for_display as for_display
-from .base import new_figure as new_figure
-from .base import norm_of as norm_of
 from .base import rendered as rendered
 from .base import save as save
 from .comparisons import comparison as comparison
@@ -31,7 +22,6 @@ from .points import psf as psf
 from .rays import Rays as Rays
 from .rays import rays_through as rays_through
 from .rays import trace as trace
-from .scale_bars import round_length as round_length
 from .scale_bars import scale_bar as scale_bar
 from .systems import system as system
 from .volume_views import maximum_projection as maximum_projection

@@ -11,9 +11,8 @@ from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.colors import LogNorm, Normalize, PowerNorm
 from matplotlib.figure import Figure
-from numpy.typing import ArrayLike
 
-from clplen.checks import check_finite, check_positive, real_array
+from clplen.checks import check_positive
 from clplen.files import PathLike, replacing
 from clplen.outputs import MARK
 from clplen.reprs import printable
@@ -94,8 +93,10 @@ def rendered(figure: Figure, *, dpi: int = 100) -> Array:
 
     Examples
     --------
-    >>> clplen.plot.rendered(clplen.plot.new_figure(2.0, 1.5), dpi=50).shape
-    (75, 100, 3)
+    >>> lf = clplen.LightField.from_array(np.ones((3, 3, 16, 16), np.float32))
+    >>> picture = clplen.plot.rendered(clplen.plot.views(lf), dpi=50)
+    >>> picture.dtype, picture.shape[2]
+    (dtype('uint8'), 3)
     """
     check_positive(dpi=dpi)
     figure.set_dpi(dpi)
@@ -105,25 +106,7 @@ def rendered(figure: Figure, *, dpi: int = 100) -> Array:
 
 
 def new_figure(width: float, height: float) -> Figure:
-    """Return an empty figure of so many inches.
-
-    Parameters
-    ----------
-    width, height : float
-        Size in inches, positive.
-
-    Returns
-    -------
-    matplotlib.figure.Figure
-        Without axes; what is added later is laid out so that nothing overlaps.
-
-    Examples
-    --------
-    >>> figure = clplen.plot.new_figure(5.0, 3.0)
-    >>> [float(inches) for inches in figure.get_size_inches()]
-    [5.0, 3.0]
-    """
-    check_positive(width=width, height=height)
+    """Return an empty figure of so many inches, laid out so that nothing overlaps."""
     return Figure(figsize=(width, height), layout="constrained")
 
 
@@ -138,26 +121,7 @@ def spread(count: int, shown: int) -> list[int]:
 
 
 def coordinates(count: int, step: float) -> Array:
-    """Return millimetres from the middle of an axis.
-
-    Parameters
-    ----------
-    count : int
-        Number of samples.
-    step : float
-        Distance of neighbouring samples in metres; negative reverses the axis.
-
-    Returns
-    -------
-    numpy.ndarray
-        Positions of the samples in millimetres, shape (count,).
-
-    Examples
-    --------
-    >>> clplen.plot.coordinates(5, 150e-6).round(3).tolist()
-    [-0.3, -0.15, 0.0, 0.15, 0.3]
-    """
-    check_finite(count=count, step=step)
+    """Return millimetres from the middle of an axis of samples ``step`` metres apart."""
     return (np.arange(count) - (count - 1) / 2) * step * 1e3
 
 
@@ -168,70 +132,16 @@ def placed(region: Region, shape: tuple[int, ...]) -> tuple[float, float, float,
 
 
 def centred(shape: tuple[int, ...], step: float) -> tuple[float, float, float, float]:
-    """Return the extent of an image about its middle, row 0 at the top.
-
-    Parameters
-    ----------
-    shape : tuple of int
-        Of the image, (y, x) or (y, x, c).
-    step : float
-        Side of a pixel, in the unit that the axes are to have.
-
-    Returns
-    -------
-    tuple of float
-        Left, right, bottom and top edge, as ``extent`` of matplotlib's ``imshow``.
-
-    Examples
-    --------
-    >>> clplen.plot.centred((20, 40), 0.25)
-    (-5.0, 5.0, 2.5, -2.5)
-    """
-    check_finite(shape=shape, step=step)
+    """Return the extent of an image about its middle, row 0 at the top."""
     y, x = shape[0] * step / 2, shape[1] * step / 2
     return (-x, x, y, -y)
 
 
-def norm_of(values: ArrayLike, scale: Scale, decades: int = _DECADES) -> Normalize:
-    """Return how values become colours, with the largest of them at the end of the scale.
-
-    The scale begins at 0; "linear" begins at the least value if that is negative, "log" so many
-    decades below the largest. Values that are not finite do not count. Where none is left, or the
-    largest is 0, the scale ends at 1.
-
-    Parameters
-    ----------
-    values : numpy.ndarray
-        Real, of any shape.
-    scale : {"linear", "log", "root"}
-        Colours follow the values, their logarithm or their square root.
-    decades : int
-        Of "log".
-
-    Returns
-    -------
-    matplotlib.colors.Normalize
-        What `for_display` and matplotlib's ``imshow`` take.
-
-    Raises
-    ------
-    ValueError
-        For another scale.
-
-    Examples
-    --------
-    >>> norm = clplen.plot.norm_of(np.array([[0.0, 2.0], [4.0, 8.0]]), "log", decades=3)
-    >>> round(norm.vmin, 6), norm.vmax
-    (0.008, 8.0)
-    >>> norm = clplen.plot.norm_of(np.array([[0.0, 2.0], [4.0, 8.0]]), "root")
-    >>> float(norm(2.0))
-    0.5
-    """
-    values = real_array(values, "values", None)
+def norm_of(values: Array, scale: Scale, decades: int = _DECADES) -> Normalize:
+    """Return how values become colours, up to the largest finite one; "log" over decades."""
     if scale not in get_args(Scale):
         raise ValueError(f"A scale of values is one of {get_args(Scale)}, not {scale!r}.")
     known = values[np.isfinite(values)]
-    check_finite(decades=decades)
     highest = float(known.max() if known.size else 0.0) or 1.0
     if scale == "log":
         return LogNorm(highest * 10.0**-decades, highest)
@@ -262,30 +172,8 @@ def cut(values: Array, norm: Normalize) -> str:
     )
 
 
-def for_display(values: ArrayLike, norm: Normalize) -> Array:
-    """Return values that the colour scale can show; colours become 0 to 1, linearly.
-
-    Parameters
-    ----------
-    values : array_like
-        Shape (y, x), or (y, x, 3) of a colour picture.
-    norm : matplotlib.colors.Normalize
-        As `norm_of` returns it.
-
-    Returns
-    -------
-    numpy.ndarray
-        Of the same shape: cut at the least value of the scale; a colour picture is divided by
-        the largest value of the scale and cut at 0 and 1.
-
-    Examples
-    --------
-    >>> values = np.array([[0.0, 2.0], [4.0, 8.0]])
-    >>> norm = clplen.plot.norm_of(values, "log", decades=1)
-    >>> clplen.plot.for_display(values, norm).round(3).tolist()
-    [[0.8, 2.0], [4.0, 8.0]]
-    """
-    values = real_array(values, "values", None)
+def for_display(values: Array, norm: Normalize) -> Array:
+    """Return values that the colour scale can show; colours become 0 to 1, linearly."""
     if values.ndim == 3:
         return np.clip(values / norm.vmax, 0, 1)
     return np.clip(values, norm.vmin, None)
@@ -302,27 +190,5 @@ def draw(figure: Figure, axes: Axes, values: Array, scale: Scale, label: str) ->
 
 
 def bar(figure: Figure, drawn: Any, axes: Any, label: str, *, extend: str = "neither") -> None:
-    """Add a colour bar beside one or several axes.
-
-    Parameters
-    ----------
-    figure : matplotlib.figure.Figure
-        The figure of the axes.
-    drawn : matplotlib.cm.ScalarMappable
-        What the colours are of, as matplotlib's ``imshow`` returns it.
-    axes : matplotlib.axes.Axes or list of matplotlib.axes.Axes
-        Beside what the bar stands.
-    label : str
-        Along the bar; quantity and unit.
-    extend : {"neither", "min", "max", "both"}
-        Ends of the bar that get an arrow, as values lie beyond them.
-
-    Examples
-    --------
-    >>> figure = clplen.plot.new_figure(4.0, 3.0)
-    >>> axes = figure.add_subplot()
-    >>> clplen.plot.bar(figure, axes.imshow(np.eye(16)), axes, "intensity")
-    >>> [one.get_ylabel() for one in figure.axes]
-    ['', 'intensity']
-    """
+    """Add a colour bar beside one or several axes."""
     figure.colorbar(drawn, ax=axes, label=label, extend=extend, shrink=0.9, pad=0.02)

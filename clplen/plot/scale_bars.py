@@ -15,28 +15,7 @@ _UNITS = ((1.0, "m"), (1e-3, "mm"), (1e-6, "µm"), (1e-9, "nm"), (1e-12, "pm"))
 
 
 def round_length(width: float) -> float:
-    """Return the longest of 1, 2 or 5 times a power of ten that fits into a quarter of a width.
-
-    Parameters
-    ----------
-    width : float
-        Positive, in any unit.
-
-    Returns
-    -------
-    float
-        In the same unit.
-
-    Raises
-    ------
-    ValueError
-        If the width is not positive.
-
-    Examples
-    --------
-    >>> clplen.plot.round_length(90e-6), clplen.plot.round_length(7.9e-3)
-    (2e-05, 0.001)
-    """
+    """Return the longest of 1, 2 or 5 times a power of ten that fits into a quarter of a width."""
     check_positive(width=width)
     longest = _SHARE * width * (1 + 1e-9)
     power = math.floor(math.log10(longest))
@@ -69,8 +48,8 @@ def scale_bar(axes: Axes, unit: float, *, label: bool = True) -> float:
 
     Examples
     --------
-    >>> figure = clplen.plot.new_figure(4.0, 3.0)
-    >>> axes = figure.add_subplot()
+    >>> from matplotlib.figure import Figure
+    >>> axes = Figure().add_subplot()
     >>> drawn = axes.imshow(np.eye(16), extent=(0, 40, 40, 0))  # micrometres
     >>> clplen.plot.scale_bar(axes, 1e-6)
     1e-05

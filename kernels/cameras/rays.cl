@@ -19,7 +19,8 @@
  * columns, and in the pixel, in pixels; a multiple of eight of them.
  *
  * -DADJOINT: the transpose of raw as a map of the textures' coefficients: out are pixels that are
- * read, and what each coefficient counts is added to texels, in any order.
+ * read, and what each coefficient counts is added to texels as a whole number of 64 bits, low word
+ * first, so that sums do not depend on their order: pixels are scaled by the caller.
  *
  * bounds[i]   rows y0 <= k <= y1 and columns x0 <= k <= x1 of lenslets that see surface i
  *
@@ -31,30 +32,26 @@
 
 #ifdef ADJOINT
 #define PIXELS __global const float
-#define TEXELS volatile __global float
+#define TEXELS volatile __global uint
 #else
 #define PIXELS __global float
 #define TEXELS __global const float
 #endif
 
 #ifdef ADJOINT
-/* *to += term, whoever else adds to it. */
-inline void add_atomic(volatile __global float *to, float term)
+/* Add term, rounded, to a whole number of 64 bits, whoever else adds to it. */
+inline void add_whole(volatile __global uint *to, float term)
 {
-    volatile __global uint *bits = (volatile __global uint *)to;
-    union { float value; uint bits; } before, after;
-    uint seen = atomic_cmpxchg(bits, 0, 0); /* reads */
-    do {
-        before.bits = seen;
-        after.value = before.value + term;
-        seen = atomic_cmpxchg(bits, before.bits, after.bits);
-    } while (seen != before.bits);
+    const ulong whole = as_ulong(convert_long_rte(term));
+    const uint low = (uint)whole, before = atomic_add(to, low);
+    const uint carry = (uint)(before + low) < before;
+    atomic_add(to + 1, (uint)(whole >> 32) + carry);
 }
 
 /* The transpose of `shine` as a map of the coefficients: `share` of them where the ray (y, x, a, b)
  * meets surface i at d. */
 inline void gather(const Scene *scene, int i, float4 ray, float d, float share,
-                   volatile __global float *texels)
+                   volatile __global uint *texels)
 {
     __global const float *s = scene->shape + i * SHAPE;
     __global const int *w = scene->which + i * WHICH;
@@ -68,8 +65,8 @@ inline void gather(const Scene *scene, int i, float4 ray, float d, float share,
         for (int k = 0; k < 4; ++k) {
             const int row = wrapped((int)fy - 1 + j, w[NY]), at = wrapped((int)fx - 1 + k, w[NX]);
             for (int c = 0; c < scene->channels; ++c)
-                add_atomic(texels + w[TEXTURE] + (row * w[NX] + at) * scene->channels + c,
-                           light * wy[j] * wx[k]);
+                add_whole(texels + 2 * (w[TEXTURE] + (row * w[NX] + at) * scene->channels + c),
+                          light * wy[j] * wx[k]);
         }
 }
 #endif

@@ -363,3 +363,14 @@ def test_verdicts_follow_from_the_numbers(device: Device, tmp_path: Path) -> Non
     assert {row["camera"] for row in rows} == {"wide", "narrow"}
     assert float(rows[0]["contrast"]) == 1
     assert {row[2] for row in made["summary"].rows if row[1] == "crosstalk"} == {0.1, 0.03}
+
+
+def test_a_cutoff_beyond_diffraction_s_is_none(device: Device) -> None:
+    camera = focused(device, count=9)  # d/(lam a) = 15.7 cycles/mm
+    one = Measured("one", camera, sampling_of(camera), gaussian(45e-6, 6e-6))
+    assert one.mtf_cutoff() == pytest.approx(one.mtf().cutoff())
+    wide = replace(one, psf=gaussian(30e-6, 6e-6))  # 22.8 cycles/mm
+    assert math.isnan(wide.mtf_cutoff())
+    turned = focused(device, count=9, rotation=0.7)  # by its corners up to 22.2
+    assert math.isfinite(replace(wide, camera=turned).mtf_cutoff())
+    assert "No MTF cut-off is given" in report(Comparison((one,), ("mtf",)))

@@ -125,6 +125,15 @@ def test_the_brightest_cell_is_the_point_s_own(cells: LensletGrid) -> None:
     )
 
 
+def test_a_cell_that_leaves_the_sensor_has_what_is_on_it() -> None:
+    cells = LensletGrid((3, 3), (1, 1), (0.0, 4.5), (6.0, 0.0), (0.0, 5.0))
+    even = np.ones((12, 14))
+    assert energy_in_cell(even, cells, (0, 0)) == pytest.approx(3.5 * 5)
+    assert energy_in_cell(even, cells, (2, 2)) == pytest.approx(2.5 * (13.5 - 12))
+    away = LensletGrid((3, 3), (1, 1), (-40.0, 4.5), (6.0, 0.0), (0.0, 5.0))
+    assert energy_in_cell(even, away, (0, 0)) == 0
+
+
 def exposed(width: float, lenslets: int, pixels: int, *, circular: bool) -> np.ndarray:
     """Intensity on the sensor of a point in focus on a lenslet's centre, in float64.
 

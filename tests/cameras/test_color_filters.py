@@ -9,11 +9,6 @@ import numpy as np
 import pytest
 from accuracy_color import (
     apart,
-    by_wavelengths,
-    dispersive,
-    focal_length_in_image,
-    focal_length_of,
-    white_cameras,
 )
 
 from clplen import (
@@ -174,42 +169,6 @@ def test_all_methods_put_the_same_colours_on_the_same_pixels(device: Device) -> 
     assert apart(found["isoplanatic"], found["points"]) < 3e-2
     shifted = np.roll(found["points"], 1, axis=1)
     assert apart(shifted, found["points"]) > 0.1
-
-
-def test_every_filter_gets_the_energy_that_it_sees(device: Device) -> None:
-    """Of light of any shape and few wavelengths: int S(lam) E(lam) d lam."""
-    daylight = SpectralDistribution.illuminant("D65")
-    closed = MicrolensArray(10e-6, 40e-6, count=(13, 15), lattice="hexagonal", fill="full")
-    camera = camera_of(device, mla=closed)
-    lam = np.linspace(380e-9, 700e-9, 100001)
-    for name in ("R", "G", "B"):
-        filters = ColorFilterArray.monochrome(CURVES[name], per="energy")
-        scene = PointSources((0, 0, 0), spectrum=daylight)
-        light = Coherence(None, daylight.spectrum, wavelengths=3)
-        found = with_filters(camera, filters).expose(scene, coherence=light).to_numpy().sum()
-        wanted = integral(daylight(lam) * CURVES[name](lam), lam) / daylight.integral
-        lost = 1 - camera.expose(scene, coherence=light).to_numpy().sum()
-        assert 0 < lost < 0.02  # beyond the window
-        assert found / (1 - lost) == pytest.approx(wanted, rel=5e-3)
-
-
-def test_narrow_light_takes_one_wavelength_and_wide_blur_few(device: Device) -> None:
-    camera = white_cameras(device)["f/8, 40 um"]
-    line = SpectralDistribution.gaussian(530e-9, 0.2e-9)
-    assert by_wavelengths(camera, (0, 0, 0), line, None)[1] == 1
-    led = SpectralDistribution.gaussian(530e-9, 20e-9)
-    assert 2 <= by_wavelengths(camera, (0, 0, 0), led, None)[1] <= 9
-
-
-@pytest.mark.parametrize("wavelength", [450e-9, 650e-9])
-def test_a_lenslet_of_glass_has_its_focal_length_in_the_raw_image(
-    device: Device, wavelength: float
-) -> None:
-    wanted = focal_length_of(2e-3, wavelength)
-    camera = dispersive(
-        device, wavelength, pitch=150e-6, focal_length=2e-3, shift=0.2, aperture=0.012, count=1
-    )
-    assert focal_length_in_image(camera, 0.06, wanted) == pytest.approx(wanted, rel=2e-3)
 
 
 def test_white_balance_makes_white_grey() -> None:

@@ -8,7 +8,6 @@ from typing import Any
 
 import numpy as np
 import pytest
-from scipy.optimize import minimize
 from scipy.sparse.linalg import lsqr
 from tolerance import relative_max
 
@@ -236,22 +235,6 @@ def test_powers_of_points_are_found(device: Device) -> None:
     operator = ExposureOperator(camera, PointSources(places))
     found = lsqr(operator.as_linear_operator(), raw.to_numpy().ravel(), atol=1e-7, btol=1e-7)[0]
     np.testing.assert_allclose(found, power, rtol=1e-4)
-
-
-def test_the_place_of_a_point_is_found(precise: Device) -> None:
-    camera = camera_of(precise)
-    target = camera.expose(PointSources(POINTS[:1])).to_numpy().astype(np.float64)
-    units = np.array([1e-5, 1e-5, 1e-3])
-
-    def loss(place: np.ndarray) -> tuple[float, np.ndarray]:
-        image, pull = ExposureOperator(camera, PointSources(place * units)).vjp([1.0])
-        rest = (image - target) / target.max()
-        slope = pull(2 * rest / target.max()).positions[0]
-        return float((rest**2).sum()), slope * units
-
-    start = (POINTS[0] + (1e-5, -1e-5, 2e-3)) / units
-    found = minimize(loss, start, jac=True, method="BFGS", options={"gtol": 1e-9}).x * units
-    np.testing.assert_allclose(found, POINTS[0], atol=2e-7)
 
 
 def test_arguments(device: Device) -> None:

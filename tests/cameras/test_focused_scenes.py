@@ -13,12 +13,8 @@ from clplen import (
     PicturePlane,
     PlenopticCamera,
     PointSources,
-    SurfaceScene,
 )
-from clplen.cameras import Plane
 from clplen.cameras.focused_camera import Plenoptic2
-from clplen.cameras.optics.ray_optics import view_step
-from clplen.cameras.scenes.surfaces import Ellipse
 from clplen.compute.device import Device
 
 LAM = 532e-9
@@ -94,26 +90,6 @@ def smooth(image: Any) -> Any:
     y, x = (np.fft.fftfreq(n) for n in image.shape)
     gauss = np.exp(-2 * (math.pi * 4) ** 2 * (y[:, None] ** 2 + x[None] ** 2))
     return np.fft.ifft2(np.fft.fft2(image) * gauss).real
-
-
-@pytest.mark.parametrize(("m", "f"), [(-0.3, (10e-3, 11e-3))])
-def test_a_surface_is_its_points_for_rays(m: float, f: Any, device: Device) -> None:
-    """A disc of .9 lenslet, of the disparity that the camera gives its depth."""
-    camera, place = camera_of(device, m, f), (2e-4, 3e-4, 5e-3)
-    beta, scale = camera.array_alpha(place[2]), abs(camera.array_scale(place[2]))
-    d = (1 - beta) * view_step(camera) / 150e-6
-    X, Y = camera.on_array([place])[0] / 150e-6
-    scene = SurfaceScene(Plane(d, outline=Ellipse((Y, X), (0.9, 0.9))))
-    raw = camera.expose(scene, model="rays")
-    source = PointSources([place], diameter=2 * 0.9 * 150e-6 / scale)
-    point = camera.expose(source, model="rays")
-    a, b = smooth(raw.to_numpy()), smooth(point.to_numpy())
-    assert correlation(a, b) > 0.995
-    assert correlation(a, b[:, ::-1]) < 0.8
-    assert raw.truth is not None
-    seen = raw.truth.surface >= 0
-    assert seen.any()
-    np.testing.assert_allclose(raw.truth.z[seen], place[2], rtol=1e-3)
 
 
 class TestSeveralFocalLengths:

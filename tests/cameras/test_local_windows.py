@@ -19,7 +19,6 @@ from clplen.compute.device import Device
 pytestmark = pytest.mark.thorough
 
 LAM = 532e-9
-RELATIVE = {"single": 2e-4, "double": 2e-4}  # of the peak; the rim of the pupil on samples
 
 
 def slow(device: Device, kind: str) -> Any:
@@ -190,13 +189,6 @@ def test_crosstalk_moves_light_to_neighbours(device: Device) -> None:
     )
     got = leaky.to_numpy()
     np.testing.assert_allclose(got[2:-2, 2:-2], expected[2:-2, 2:-2], atol=1e-6 * plain.max())
-
-
-def test_the_description_says_how_points_are_exposed(device: Device) -> None:
-    table = fast(device).describe()
-    assert table["active share"] == 1
-    assert 0 < table["light beyond it"] < 0.01
-    assert "do not sample the light" in str(table)
 
 
 def test_points_of_many_depths_add_up(device: Device) -> None:

@@ -217,17 +217,6 @@ def test_turned_array_falls_back(device):
         camera.expose(plane, method="isoplanatic")
 
 
-@pytest.mark.thorough
-def test_planes_and_points_add_up(device):
-    camera = camera_of(device)
-    near, far, point = picture(dz=-0.02), picture(dz=0.03), PointSources((1e-4, 0, 0))
-    parts = [near, far, point]
-    scene = camera.expose(parts, method="isoplanatic")
-    alone = [camera.expose(p, method="isoplanatic").to_numpy().astype(np.float64) for p in parts]
-    assert relative_max(sum(alone), scene.to_numpy().astype(np.float64)) <= 1e-6
-    assert scene.exposure.route == "isoplanatic + points"
-
-
 def test_units_of_brightness_and_a_sensor(device):
     camera, plane = camera_of(device, count=(13, 13)), picture(width=0.4e-3)
     raw = camera.expose(plane, method="isoplanatic").to_numpy()
@@ -237,17 +226,6 @@ def test_units_of_brightness_and_a_sensor(device):
     electrons = camera.expose(plane, method="isoplanatic", sensor=Sensor(exposure=1e4))
     np.testing.assert_allclose(electrons.to_numpy(), 1e4 * np.maximum(raw, 0), rtol=1e-6)
     assert electrons.exposure.route == "isoplanatic"
-
-
-@pytest.mark.thorough
-def test_progress_and_batches(device, monkeypatch):
-    camera, plane = camera_of(device, count=(9, 9)), picture(shape=(2, 2), width=1e-4)
-    whole = camera.expose(plane, method="isoplanatic").to_numpy()
-    monkeypatch.setattr(wave_exposure, "BATCH_BYTES", 1)
-    calls = []
-    single = camera.expose(plane, method="isoplanatic", progress=lambda *n: calls.append(n))
-    assert calls == [(n, 9) for n in range(1, 10)]
-    np.testing.assert_allclose(single.to_numpy(), whole, atol=1e-6 * whole.max())
 
 
 # Bad scenes

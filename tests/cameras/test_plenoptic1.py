@@ -13,8 +13,6 @@ from clplen import (
     PointSources,
     SamplingError,
     Sensor,
-    estimate_alpha,
-    refocus,
 )
 from clplen.cameras import camera_base
 from clplen.cameras.exposure import wave_exposure
@@ -164,22 +162,6 @@ def test_padding_follows_the_marginal_ray(device):
     assert camera.padding(far)[0] == 2
     _, at_array, _ = camera_base.scene_energy(camera, far)[0]
     assert at_array > 0.998
-
-
-@pytest.mark.parametrize(("lattice", "degrees"), [("square", 45), ("hexagonal", 30)])
-def test_turned_arrays_obey_the_shear_law(device, lattice, degrees):
-    """Refocused on its true alpha a point is sharp, however the array is turned."""
-    mla = MicrolensArray(
-        150e-6, 10e-3, count=41, fill="full", lattice=lattice, rotation=np.deg2rad(degrees)
-    )
-    camera = small(device, mla=mla, pixels_per_lenslet=20)
-    lf = LightField.from_raw(camera.expose(PointSources((0.1e-3, -0.2e-3, -0.05))))
-    alpha = camera.alpha(-0.05)
-    gain = refocus(lf, alpha=alpha).to_numpy().max() / lf.render().to_numpy().max()
-    assert gain > (4.5 if lattice == "square" else 3.5)
-    wrong = refocus(lf, alpha=2 - alpha).to_numpy().max()
-    assert wrong < lf.render().to_numpy().max()
-    assert estimate_alpha(lf, c_max=0.4).alpha == pytest.approx(alpha, abs=0.03)  # d = .316
 
 
 def test_field_lens_centres_the_sub_images(device):

@@ -131,6 +131,7 @@ def test_the_description_of_windows(device: Device) -> None:
     leaky = PixelArray(pitch=5e-6, fill_factor=0.5, crosstalk=((0.02, 0.9, 0.03),))
     table = camera_of(device, pixels=leaky).describe()
     assert table["active share"] == 0.5
+    assert leaky.active == math.sqrt(0.5)
     assert table["pixel crosstalk"] == pytest.approx(0.1)
     slow = camera_of(
         device, mla=MicrolensArray(150e-6, 10e-3, count=25), pixels=None,

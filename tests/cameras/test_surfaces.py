@@ -9,7 +9,7 @@ import pytest
 from reference_scene import texture as texture_at
 from scipy.ndimage import map_coordinates
 
-from clplen import SurfaceScene, refocus
+from clplen import SurfaceScene
 from clplen.cameras import Plane, Sphere, Texture, sample_scenes
 from clplen.cameras.scenes.gallery import SCENES
 from clplen.cameras.scenes.surfaces import Bars, Ellipse, Polygon, Spot, rectangle
@@ -153,13 +153,6 @@ def test_a_highlight_moves_with_its_own_disparity(device: Device) -> None:
         light = lf.to_numpy()[v, u]
         centre = (light * Y).sum() / light.sum(), (light * X).sum() / light.sum()
         assert centre == pytest.approx((2 + 1.1 * (v - 1), -3 + 1.1 * (u - 1)), abs=1e-4)
-
-
-def test_refocusing_on_the_truth_gives_the_centre_view(device: Device) -> None:
-    scene = SurfaceScene(Plane(1.0, texture=noise(2, 64)))
-    lf, _ = scene.light_field((3, 5), SHAPE, device=device)
-    sharp = refocus(lf, disparity=1.0).to_numpy()
-    np.testing.assert_allclose(sharp[4:-4, 4:-4], lf.to_numpy()[1, 2, 4:-4, 4:-4], atol=1e-5)
 
 
 def test_noise_types_and_colour(device: Device) -> None:

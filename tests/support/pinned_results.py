@@ -16,6 +16,7 @@ from scipy.io import savemat
 import clplen
 from clplen import analysis, batch, cameras, lightfield, microscopy, plot, wave
 from clplen import io as files
+from clplen.plot import base, scale_bars
 
 LAM = 532e-9
 CELL = (4.5e-5, 6.2e-5)  # of a mask of random phase; whole numbers of them fit GRID
@@ -1562,7 +1563,7 @@ def figures_of_light_fields():
         "phase space": plot.phase_space(scene_with_spacing(), rows=[8, 16], labels=["a", "b"]),
         "depth": plot.depth(found, title="d"),
         "truth": plot.truth(scene()[1]),
-        "size": plot.rendered(plot.new_figure(2.0, 1.5), dpi=50).shape,
+        "size": plot.rendered(base.new_figure(2.0, 1.5), dpi=50).shape,
     }
 
 
@@ -1570,9 +1571,9 @@ def figures_of_light_fields():
 def figures_of_waves():
     optics = clplen.OpticalSystem([0.24, wave.Lens(0.12, diameter=3.6e-3), 0.24])
     rays = plot.rays_through(optics, height=1e-3)
-    axes = plot.new_figure(4.0, 3.0).add_subplot()
+    axes = base.new_figure(4.0, 3.0).add_subplot()
     axes.imshow(np.eye(16), extent=(0, 40, 40, 0))
-    norm = plot.norm_of(np.array([[0.0, 2.0], [4.0, 8.0]]), "log", decades=2)
+    norm = base.norm_of(np.array([[0.0, 2.0], [4.0, 8.0]]), "log", decades=2)
     return {
         "intensity": plot.intensity(lit(), scale="log", title="I"),
         "phase": plot.phase(lit()),
@@ -1582,9 +1583,9 @@ def figures_of_waves():
         "psf": plot.psf(spot()),
         "modulation": plot.modulation(analysis.OTF.of(spot())),
         "curve": plot.curve(analysis.OTF.of(spot()).mtf(1), title="mtf"),
-        "bar": [plot.scale_bar(axes, 1e-6), plot.round_length(90e-6), axes.figure],
-        "shown": plot.for_display(np.array([[0.0, 2.0], [4.0, 8.0]]), norm),
-        "coordinates": [plot.coordinates(5, 150e-6), plot.centred((20, 40), 0.25)],
+        "bar": [plot.scale_bar(axes, 1e-6), scale_bars.round_length(90e-6), axes.figure],
+        "shown": base.for_display(np.array([[0.0, 2.0], [4.0, 8.0]]), norm),
+        "coordinates": [base.coordinates(5, 150e-6), base.centred((20, 40), 0.25)],
     }
 
 

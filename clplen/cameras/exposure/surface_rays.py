@@ -23,6 +23,7 @@ from clplen.lightfield.raw.lenslet_grid import LensletGrid
 Vector = np.ndarray[Any, np.dtype[np.float64]]
 
 SAMPLES = 64  # rays of a pixel and a lenslet
+WHOLE_BITS = 33  # of the largest pixel in the whole numbers of the adjoint
 
 
 @dataclass(frozen=True, eq=False)
@@ -84,9 +85,18 @@ class SurfaceRays:
         """The raw image, shape of the sensor, of textures with these coefficients."""
         self._launch(raw, texels)
 
-    def adjoint(self, raw: cla.Array, texels: cla.Array) -> None:
-        """Add what each coefficient counts for the pixels of an image."""
+    def adjoint(self, image: Vector) -> Vector:
+        """What each coefficient of the textures counts for the pixels of an image.
+
+        Sums of whole numbers, the same in every order: a term is rounded to 2^-33 of the largest
+        pixel, and a sum may be 2^30 times as large as that.
+        """
+        device, count = self.optics.device, int(self.tables.texels.size)
+        texels = device.zeros((2 * count,), np.uint32)
+        exponent = WHOLE_BITS - math.frexp(float(np.abs(image).max()))[1]
+        raw = device.upload(np.ldexp(image, exponent).astype(np.float32))
         self._launch(raw, texels, ADJOINT=True)
+        return np.ldexp(device.download(texels).view("<i8").astype(np.float64), -exponent)
 
     def _launch(self, raw: cla.Array, texels: cla.Array, **more: Any) -> None:
         device, tables = self.optics.device, self.tables.all()[:-1]
