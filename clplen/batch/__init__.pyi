@@ -16,6 +16,4 @@ from .running.runner import Summary as Summary
 from .running.runner import Watcher as Watcher
 from .running.runner import execute_job as execute_job
 from .running.worker import worker_environment as worker_environment
-from .work.deconvolution import DeconvolutionSettings as DeconvolutionSettings
-from .work.deconvolution import Deconvolver as Deconvolver
 from .work.products import HostStack as HostStack

@@ -26,7 +26,6 @@ from clplen.microscopy.reconstruction.priors import (
     Sieve,
     TimeVariation,
     TotalVariation,
-    blurs,
 )
 from clplen.microscopy.reconstruction.projector import Projector
 from clplen.selftest import twins
@@ -426,7 +425,7 @@ def _sieved(device: Device) -> Pairs:
     """Each plane smoothed by its own Gaussian, of so many voxels, reflected at the edges."""
     projector = _projector(device)
     volume = twins.reals(10, 1, *projector.volume_shape)
-    sigma = 3.0 * EVEN * V * np.maximum(1 - blurs(projector.images), 0)
+    sigma = 3.0 * EVEN * V * np.maximum(1 - projector.images.blurs, 0)
     expected = np.zeros(volume.shape)
     for z, width in enumerate(sigma):
         radius = int(min(np.ceil(4 * width), *projector.volume_shape[1:]))

@@ -7,11 +7,13 @@ import re
 from typing import Annotated, Any, Literal
 
 import numpy as np
-from pydantic import AfterValidator, BeforeValidator, Field, model_validator
+from pydantic import AfterValidator, BeforeValidator, Field, create_model, model_validator
 
 from clplen.batch.jobs.sweep import SweepTable, swept_once
 from clplen.cameras.scenes.gallery import SCENES
+from clplen.config.setting_tables import lines_of, setting_fields, take_settings
 from clplen.config.tables import Count, NotNegative, Positive, Seed, Switch, Table, listed
+from clplen.microscopy.settings import DeconvolutionSettings, LatticeSettings
 from clplen.units import bytes_of
 
 _MOST_PLANES = 100_000
@@ -227,21 +229,23 @@ class RawTable(Table):
     """``[raw]``: the raw image of simulations."""
 
 
-class DeconvolveTable(Table):
+_Deconvolve: Any = create_model(
+    "_Deconvolve",
+    __base__=Table,
+    psf=(str, ...),
+    **setting_fields(DeconvolutionSettings, LatticeSettings),
+)
+
+
+class DeconvolveTable(_Deconvolve):
     """``[deconvolve]``: the volume behind frames of a light-field microscope."""
 
-    psf: str
-    iterations: Count = 20
-    background: NotNegative = 0.0
-    gain: Positive = 1.0
-    saturation: Positive | None = None
-    haze: Switch = False
-    residual: Positive | Literal["noise"] | None = None
-    accelerate: Switch = False
-    prior: Literal["tv", "gaussian"] | None = None
-    strength: Positive = 1.0
-    radiometric: Switch = False
-    keep_hot: Switch = False
+    @model_validator(mode="after")
+    def _go_together(self) -> DeconvolveTable:
+        values = self.model_dump()
+        take_settings(DeconvolutionSettings, values)
+        take_settings(LatticeSettings, values)
+        return self
 
 
 WORK = ("stack", "depth", "all_in_focus", "views", "light_field", "deconvolve", "raw")
@@ -263,6 +267,11 @@ def _not_both(table: Any) -> Any:
     return table
 
 
+_SHOWN = {  # values of keys without a default
+    "gain": 2.2, "saturation": 4095.0, "residual": 0.01, "prior": "tv", "strength": 1.0,
+    "start": "limited", "motion_um": 1.0, "batch": 8, "rolling": 9, "mask": "mask.png",
+    "lattice": "lattice.json", "pitch": 15.4, "offset": [7.2, 7.2], "rotation": -0.1,
+}  # fmt: skip
 EXAMPLE = """\
 # Many light fields, and what is made of each: clplen batch job.toml
 # A key that begins with # shows its default; a table that begins with # is left out.
@@ -363,17 +372,7 @@ disparities = "-2:2:41"         # START:STOP:N or a list, pixels a view step, ne
 # [deconvolve]                  # the volume behind raw frames of a light-field microscope, whose
                                 # white and dark frame [inputs.layout] names
 # psf = "psf.h5"                # needed; 'clplen microscope psf' makes it
-# iterations = 20               # of Richardson and Lucy
-# background = 0.0              # counts of a pixel above the dark frame
-# gain = 1.0                    # counts of a photon
-# saturation = 65535.0          # default: the largest of an integer type; left out from there on
-# haze = false                  # true: white frame, as dark as the darkest lenslets, is none of it
-# residual = 0.01               # default: none; stop below it, or "noise", at that of photons
-# accelerate = false            # true: fewer iterations, more memory
-# prior = "tv"                  # default: none; against noise; "gaussian": about the native plane
-# strength = 1.0                # of the prior
-# radiometric = false           # true: the white frame corrects the pupil of the point images
-# keep_hot = false              # true: pixels that stand out as no light does are kept
+@settings@
 
 # [raw]                         # of simulations and scenes; it has no keys
-"""
+""".replace("@settings@", lines_of(DeconvolutionSettings, LatticeSettings, examples=_SHOWN))

@@ -19,21 +19,6 @@ if TYPE_CHECKING:
 _PATH = click.Path(path_type=Path)
 
 
-class Ring(click.ParamType):
-    """INNER,OUTER in micrometres; as metres."""
-
-    name = "INNER,OUTER"
-
-    def convert(self, value: Any, param: Any, ctx: Any) -> tuple[float, float]:
-        try:
-            inner, outer = (float(part) / 1e6 for part in str(value).split(","))
-        except ValueError:
-            inner = outer = np.nan
-        if not 0 <= inner < outer < np.inf:
-            self.fail(f"{value!r} is not {self.name} in micrometres, as 2,10.", param, ctx)
-        return inner, outer
-
-
 @click.command()
 @inputs.volumes
 @click.option("-o", "--output", required=True, metavar="TRACES.csv", type=_PATH)
@@ -50,7 +35,10 @@ class Ring(click.ParamType):
 @click.option(
     "--percentile", type=click.FloatRange(0, 100), default=8.0, show_default=True, help="Of F0."
 )
-@click.option("--ring-um", type=Ring(), help="Take the light of a ring at this distance away.")
+@click.option(
+    "--ring-um", type=inputs.Numbers("INNER,OUTER", "2,10", (2,), **inputs.MICRONS),
+    help="Subtract the light of a ring at this distance.",
+)  # fmt: skip
 @click.option(
     "--neuropil", type=click.FloatRange(0, 1), default=0.7, show_default=True,
     help="How much of the light of the ring is also in the region.",
@@ -84,6 +72,8 @@ def traces(
 
     check_suffix(output, (".csv",))
     _check(labels, points, radius_um)
+    if ring_um is not None and ring_um[0] >= ring_um[1]:
+        raise click.UsageError("--ring-um is INNER,OUTER in micrometres, the inner one smaller.")
     series = opened(volumes)
     if len(series) < 2:
         raise click.UsageError(

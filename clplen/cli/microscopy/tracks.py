@@ -138,7 +138,8 @@ def regions(
 @inputs.volumes
 @click.option("-o", "--output", required=True, metavar="TRACKS.csv", type=_PATH)
 @click.option(
-    "--step-um", type=inputs.Microns(one=True), required=True,
+    "--step-um", required=True,
+    type=inputs.Numbers("LENGTH|Z,Y,X", "3 or 6,3,3", (1, 3), above=0, **inputs.MICRONS),
     help="Largest step from frame to frame: one length, or half axes of an ellipsoid.",
 )  # fmt: skip
 @click.option(

@@ -23,25 +23,16 @@ _FIGURES = (".png", ".pdf", ".svg")
 _FILMS = (".gif", ".mp4")
 
 
-class Slices(click.ParamType):
-    """Z,Y,X of a voxel, from 0."""
-
-    name = "Z,Y,X"
-
-    def convert(self, value: Any, param: Any, ctx: Any) -> tuple[int, ...]:
-        parts = str(value).split(",")
-        if len(parts) != 3 or not all(part.strip().isdecimal() for part in parts):
-            self.fail(f"{value!r} is not {self.name} of a voxel, for example 10,40,40.", param, ctx)
-        return tuple(int(part) for part in parts)
-
-
 @click.command()
 @inputs.volumes
 @click.option(
     "-o", "--output", required=True, metavar="VIEWS.png|.pdf|.svg|.gif|.mp4", type=_PATH,
     help="GIF and MP4 are films of all times.",
 )  # fmt: skip
-@click.option("--slices", type=Slices(), help="Slices through this voxel, instead of projections.")
+@click.option(
+    "--slices", type=inputs.Numbers("Z,Y,X", "10,40,40", (3,), of=" of a voxel", kind=int),
+    help="Slices through this voxel, instead of projections.",
+)  # fmt: skip
 @click.option(
     "--montage", type=click.Choice(["z", "y", "x"]),
     help="Projections along this axis, of all times side by side.",

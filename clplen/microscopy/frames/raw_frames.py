@@ -18,8 +18,14 @@ from clplen.lightfield.calibration.lattice_fit import estimate_lattice
 from clplen.lightfield.calibration.lattice_trust import require_trust
 from clplen.lightfield.raw.lenslet_lattice import Lattice
 from clplen.microscopy.frames.outliers import MANY, uneven_pixels
-from clplen.microscopy.frames.prepare import DARKEST, DIMMEST, Preparation, white_light
-from clplen.microscopy.frames.prepared import mask_of, samples
+from clplen.microscopy.frames.prepare import (
+    DARKEST,
+    DIMMEST,
+    Preparation,
+    mask_of,
+    samples,
+    white_light,
+)
 from clplen.microscopy.frames.sharpness import projected_sharpness
 from clplen.microscopy.model.images import PointImages
 from clplen.microscopy.reconstruction.frame_projector import FrameProjector
