@@ -51,13 +51,15 @@ def take_settings(model: type[Model], table: dict[str, Any], folder: Path | None
 
 
 def lines_of(*models: type, examples: dict[str, Any]) -> str:
-    """Return commented lines of a file that show the keys of some models and their defaults."""
+    """Return commented lines of a file with keys of some models; without a default, an example."""
     lines = []
     for one in (one for model in models for one in settings_of(model)):
-        value = examples[one.key] if one.default is None else one.default
+        value = examples.get(one.key) if one.default is None else one.default
+        if value is None:
+            continue
         text = str(value).lower() if isinstance(value, bool) else repr(value).replace("'", '"')
         said, _, default = one.help.rstrip(".").partition("; default")
-        said = f"{said[0].lower()}{said[1:]}"
+        said = said if said[1].isupper() else f"{said[0].lower()}{said[1:]}"
         if one.default is None:
             said = f"default: {default.lstrip(': ') or 'none'}; {said}"
         first, *rest = textwrap.wrap(said, 66)

@@ -122,6 +122,21 @@ def test_hot_pixels_of_a_fourier_microscope(fourier, photons):
         assert len(found) >= 24  # not those beside a bright bead
 
 
+def test_the_bound_at_the_rim_of_a_sub_image(fourier):
+    # pixels of a point image that the rim cuts anywhere, along y or x
+    images, _ = fourier
+    found = sharpness(images)
+    for stored in images.stored:
+        for image in stored.reshape(-1, *stored.shape[2:]):
+            for cut in (image[9:], image[:, 9:], image[:13], image[:, :11]):
+                wide = np.pad(cut.astype(float), 1)
+                beside = [np.roll(wide, step, (0, 1)) for step in steps_around(None)]
+                around = np.sort(beside, axis=0)
+                seen = wide > 1e-3 * image.max()
+                for k in range(3):
+                    assert (wide <= 1.0001 * found[k] * around[: 8 - k].sum(axis=0))[seen].all()
+
+
 def test_steps_of_hexagonal_lattices():
     row, column = (0.75**0.5 * 20, 1.0), (-1.0, 20.0)
     far = steps_around(Lattice("hexagonal", (0, 0), row, column))[8:]

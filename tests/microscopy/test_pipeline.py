@@ -139,11 +139,14 @@ def test_wrong_values_are_refused_in_the_same_words(tmp_path: Path) -> None:
 
 
 def test_jobs_and_commands_know_the_same_settings() -> None:
-    table = DeconvolveTable(psf="psf.h5", motion_um=2, start="limited", offset=[3, 4], pitch=9)
+    table = DeconvolveTable(psf="psf.h5", gain=2, prior="tv", offset=[3, 4], pitch=9)
     values = table.model_dump()
     how, beside = (take_settings(one, values) for one in (DeconvolutionSettings, LatticeSettings))
     assert values == {"psf": "psf.h5"}
-    assert how == DeconvolutionSettings(start="limited", motion=2e-6)
+    assert how == DeconvolutionSettings(gain=2, prior="tv")
+    for alone in ({"start": "limited", "motion_um": 2}, {"prior": "time"}, {"batch": 2}):
+        with pytest.raises(ValueError, match=f"{next(iter(alone))} .*(of a series|of frames one)"):
+            DeconvolveTable(psf="psf.h5", **alone)
     assert beside == LatticeSettings(pitch=9, offset=(3, 4))
     options = {
         one.name: one for one in main.get_command(None, "microscope").commands["deconvolve"].params

@@ -112,6 +112,13 @@ def test_gaps_births_and_deaths():
     assert track_points(series, step=1.0, gaps=1, shortest=3).ids.max() == 1
 
 
+def test_a_gap_is_reached_by_the_root_of_its_length():
+    for step, expected in ((1.4, 1), (1.42, 2)):
+        at = [np.array([(0, 0, 0.0)]), np.empty((0, 3)), np.array([(0, 0, step)])]
+        series = [Frame(one, np.zeros(len(one), int)) for one in at]
+        assert len(track_points(series, step=1.0, gaps=1)) == expected
+
+
 def test_a_flow_is_followed_from_the_first_step_of_a_track():
     # a drift of 3 a frame, points some 4 apart: nearest ones are wrong
     series = moving(60, 12, step=0.15, velocity=(0, 3.0, 0), missing=0.03)

@@ -40,7 +40,6 @@ def volume_products(
     files = {"psf": str(Path(task.base, table.pop("psf")))}
     files |= {name: layout[name] for name in ("white", "dark") if name in layout}
     how = take_settings(DeconvolutionSettings, table)
-    how.require_series(False, in_turn=False)
     of_lattice = take_settings(LatticeSettings, table, Path(task.base))
     of_lattice.require_no_white("white" in files)
     files |= {} if of_lattice.mask is None else {"mask": str(of_lattice.mask)}
