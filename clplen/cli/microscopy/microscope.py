@@ -4,8 +4,7 @@ from __future__ import annotations
 
 import signal
 import threading
-import time
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import replace
 from pathlib import Path
@@ -41,7 +40,6 @@ VOXELS = 5
 CUT = 2e-3
 _OF_THE_ARRAY = ("lenslets", "field of view")  # point images are those of an endless one
 _FAR = 2  # light-field ranges from the native plane: farther away little is left to find
-_WAITED, _LONG = 2.0, 20.0  # seconds: before it is known how long, and from which on it is said
 
 
 @click.group()
@@ -299,29 +297,6 @@ def _ended_politely() -> Iterator[None]:
         signal.signal(signal.SIGTERM, before)
 
 
-def _timed(
-    show: Callable[[int, int], None], camera: Microscope, z: Any
-) -> Callable[[int, int], None]:
-    """Show how far a simulation has come, and say once how long it will take."""
-    from clplen.microscopy.model.psf import effort
-
-    work = np.cumsum(effort(camera, z))
-    began, said = time.monotonic(), False
-
-    def progress(done: int, total: int) -> None:
-        nonlocal said
-        passed = time.monotonic() - began
-        if passed > _WAITED and not said:
-            share = np.interp(done / total * len(z), np.arange(len(z) + 1), [0, *work]) / work[-1]
-            left, said = passed * (1 / share - 1), True
-            if left > _LONG:
-                note(f"about {left:.0f} s more for {total} images." if left < 100 else
-                     f"about {left / 60:.0f} min more for {total} images.")  # fmt: skip
-        show(done, total)
-
-    return progress
-
-
 def _simulated(
     file: MicroscopeFile,
     z: Any,
@@ -368,7 +343,7 @@ def _simulated(
             cut=sampling["cut"],
             store="float16" if sampling["half"] else "float32",
             path=output,
-            progress=_timed(lambda done, total: update_bar(bar, done, total), camera, z),
+            progress=lambda done, total: update_bar(bar, done, total),
             notes=notes,
         )
 

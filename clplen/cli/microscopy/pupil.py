@@ -75,9 +75,13 @@ def pupil(
     keep_hot: bool,
     gain: float | None,
     haze: bool,
+    beads: bool,
+    terms: tuple[int, ...],
+    voxels: int,
+    binning: int | None,
+    steps: int,
     force: bool,
     selector: str | None,
-    **how: Any,
 ) -> None:
     """Find the aberrations of objective and sample from a frame of beads or of anything.
 
@@ -94,6 +98,7 @@ def pupil(
     from clplen.files import naming, replacing
     from clplen.microscopy.deconvolution_files import read_picture
     from clplen.microscopy.frames.prepare import preparation
+    from clplen.microscopy.pupil.pupil_fit import fit_pupil
 
     with setting_errors(DeconvolutionSettings):
         DeconvolutionSettings(haze=haze).require_white(white is not None)
@@ -102,7 +107,7 @@ def pupil(
     if output is not None:
         check_suffix(output, (".toml",))
         check_output(output, force, [path for path in (frame, source, white, dark, mask) if path])
-    file = read_microscope_file(source, binning=how["binning"])
+    file = read_microscope_file(source, binning=binning)
     if not file.rectified:
         raise click.ClickException(
             f"The lenslets of {source} are {_lenslets(file)}, whose frames are not rectified, and "
@@ -132,15 +137,22 @@ def pupil(
         seen = prepare(picture)
     if seen.hot:
         note(f"{seen.hot:,} hot pixels, which stand out as no light does, are left out.")
-    given = {
-        "white": seen.white, "background": prepare.haze(seen.counts, seen.white) if haze else 0.0,
-        "binning": file.binning,
-    }  # fmt: skip
+    of_what: dict[str, Any] = {"beads": "find"} if beads else {"steps": steps}
     with progress_bar(0, "plane") as bar:
-        found = _found(
-            seen.counts, camera, z, given, how, gain or 1.0, prepare.variance,
-            lambda done, total: update_bar(bar, done, total),
-        )  # fmt: skip
+        found = fit_pupil(
+            seen.counts,
+            camera,
+            planes=z,
+            voxels_per_lenslet=voxels,
+            white=seen.white,
+            background=prepare.haze(seen.counts, seen.white) if haze else 0.0,
+            binning=file.binning,
+            terms=terms,
+            gain=gain or 1.0,
+            variance=prepare.variance,
+            progress=lambda done, total: update_bar(bar, done, total),
+            **of_what,
+        )
     _tell(found)
     if output is not None:
         assert text is not None
@@ -162,28 +174,6 @@ def _sharpness(camera: Any, z: Any, binning: int) -> tuple[float, float, float]:
 
     how: dict[str, Any] = {"binning": binning, "voxels_per_lenslet": VOXELS, "cut": CUT}
     return sharpness(point_images(camera, z[chosen_planes(len(z))], **how))
-
-
-def _found(
-    counts: Any, camera: Any, z: Any, given: dict[str, Any], how: dict[str, Any], gain: float,
-    variance: float, progress: Any,
-) -> PupilFit:  # fmt: skip
-    from clplen.microscopy.pupil.pupil_fit import fit_pupil
-
-    shared = {
-        "terms": how["terms"],
-        "gain": gain,
-        "variance": variance,
-        "progress": progress,
-    }
-    if not how["beads"]:
-        return fit_pupil(
-            counts, camera, planes=z, voxels_per_lenslet=how["voxels"], steps=how["steps"],
-            **given, **shared,
-        )  # fmt: skip
-    return fit_pupil(
-        counts, camera, planes=z, beads="find", voxels_per_lenslet=how["voxels"], **given, **shared
-    )
 
 
 def _tell(found: PupilFit) -> None:

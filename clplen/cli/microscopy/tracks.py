@@ -170,7 +170,7 @@ def regions(
 def track(
     volumes: tuple[Path, ...],
     output: Path,
-    step_um: Any,
+    step_um: tuple[float, ...],
     gaps: int,
     motion: Literal["random", "straight"],
     shortest: int,
@@ -205,8 +205,9 @@ def track(
         check_suffix(napari, (".npy",))
         check_output(napari, force, paths_of(series))
     found = _found(series, axes, is_region, how)
+    step = step_um if len(step_um) > 1 else step_um[0]
     tracks = track_points(
-        found, step=step_um, gaps=gaps, motion=motion, shortest=shortest, unit="m"
+        found, step=step, gaps=gaps, motion=motion, shortest=shortest, unit="m"
     )
     if not len(tracks):
         kind = "region" if is_region else "point"

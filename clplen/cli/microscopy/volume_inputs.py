@@ -29,7 +29,7 @@ class Numbers(click.ParamType):
         self.of, self.kind, self.is_um = of, kind, is_um
 
     def convert(self, value: Any, param: Any, ctx: Any) -> Any:
-        if isinstance(value, tuple | float):
+        if isinstance(value, tuple):
             return value
         try:
             found = [self.kind(part) for part in str(value).split(",")]
@@ -37,8 +37,7 @@ class Numbers(click.ParamType):
             found = []
         if len(found) not in self.count or not all(self.above < n < np.inf for n in found):
             self.fail(f"{value!r} is not {self.name}{self.of}, as {self.example}.", param, ctx)
-        scaled = tuple(n / 1e6 for n in found) if self.is_um else tuple(found)
-        return scaled if len(scaled) > 1 else scaled[0]
+        return tuple(n / 1e6 for n in found) if self.is_um else tuple(found)
 
 
 MICRONS: dict[str, Any] = {"of": " in micrometres", "is_um": True}

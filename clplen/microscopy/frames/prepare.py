@@ -11,7 +11,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 from scipy.ndimage import binary_dilation
@@ -476,7 +476,7 @@ def preparation(
     """
     device = as_device(device)
     pixels = positive_integer(pixels, "pixels")
-    black = None if dark is None else np.asarray(samples(dark), np.float32)
+    black = dark_frame(dark)
     if white is None:
         if lattice is not None:
             check_given(lattice)
@@ -484,28 +484,61 @@ def preparation(
         return Preparation(pixels, device, black, lattice, None, None, out, sharpest)
     if lattice is not None:
         raise ValueError("The white frame tells its own lattice: leave the other one out.")
-    light, bad = white_light(white, black, saturation)
+    seen = white_frame(
+        white, dark, saturation, kind="square", pitch=max(pixels, LEAST_PITCH), mask=mask,
+        find_hot=sharpest is not None, force=force,
+    )  # fmt: skip
+    found = Preparation(pixels, device, black, seen.lattice, None)
+    level = rectify(seen.light, seen.lattice, device=device, pixels=pixels)
+    if seen.bad.any():
+        level[found._reached(seen.bad)] = 0
+    even = _sensitivity(level, pixels)
+    return replace(found, sensitivity=even, level=level, mask=seen.mask, sharpest=sharpest)
+
+
+@dataclass(frozen=True, eq=False)
+class WhiteFrame:
+    """A white frame without its dark one, its lattice, and which of its pixels do not count."""
+
+    light: Vector
+    lattice: Lattice
+    bad: Vector
+    mask: Vector | None
+
+
+def white_frame(
+    white: Any,
+    dark: Any,
+    saturation: float | None,
+    *,
+    kind: Literal["square", "hexagonal"],
+    pitch: float,
+    mask: Any,
+    find_hot: bool,
+    force: bool,
+) -> WhiteFrame:
+    """Find the lattice of a white frame and the pixels that do not count; refuse what is none."""
+    light, bad = _white_light(white, dark_frame(dark), saturation)
     out = None if mask is None else mask_of(mask, light.shape)
-    lattice = estimate_lattice(light, kind="square", pitch=max(pixels, LEAST_PITCH))
+    lattice = estimate_lattice(light, kind=kind, pitch=pitch)
     if math.isnan(lattice.residual):
         raise ValueError(
-            f"The white frame has no lenslets of about {pixels} pixels, as the point images have: "
-            "is it one, and of the same camera?"
+            f"The white frame has no {kind} lattice of lenslets of about {pitch:g} pixels, as the "
+            "point images have: is it one, and of the same camera?"
         )
     require_trust(lattice, "The white frame", force=force)
-    found = Preparation(pixels, device, black, lattice, None)
-    if sharpest is not None:
+    if find_hot:
         uneven = uneven_pixels(light, lattice)
         bad = bad | uneven if np.count_nonzero(uneven) <= MANY * light.size else bad
-    bad = bad if out is None else bad | out
-    level = rectify(light, lattice, device=device, pixels=pixels)
-    if bad.any():
-        level[found._reached(bad)] = 0
-    even = _sensitivity(level, pixels)
-    return Preparation(pixels, device, black, lattice, even, level, out, sharpest)
+    return WhiteFrame(light, lattice, bad if out is None else bad | out, out)
 
 
-def white_light(
+def dark_frame(dark: Any) -> Vector | None:
+    """A dark frame as float32, if there is one."""
+    return None if dark is None else np.asarray(samples(dark), np.float32)
+
+
+def _white_light(
     white: Any, black: Vector | None, saturation: float | None
 ) -> tuple[Vector, Vector]:
     """A white frame without its dark one, and which of its pixels are unknown."""

@@ -177,13 +177,6 @@ def lenslets_across(camera: Microscope, z: float) -> int:
     return 2 * math.ceil(camera.objective.blur(z) / camera.mla.pitch) + 1
 
 
-def effort(camera: Microscope, planes: Vector) -> Vector:
-    """Return the relative work of simulating each plane's image, N log N for N samples."""
-    across = 2 * (np.ceil(camera.objective.blur(planes) / camera.mla.pitch) + MARGIN) + 1
-    samples = (np.maximum(across, LEAST) * camera.pixels_per_lenslet) ** 2
-    return np.asarray(samples * np.log2(samples))
-
-
 def described(
     camera: Microscope,
     planes: Vector,

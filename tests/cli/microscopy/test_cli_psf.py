@@ -10,12 +10,10 @@ import time
 from pathlib import Path
 from typing import Any
 
-import numpy as np
 import pytest
 from click.testing import CliRunner
 from microscope_commands import CAMERA, KNOWN, done, run, said
 
-from clplen import MicrolensArray, PlenopticCamera
 from clplen.cli import main
 from clplen.compute.device import Device
 from clplen.config.microscope import read_microscope_file
@@ -135,22 +133,3 @@ def stopped(*_: Any, **__: Any) -> None:
     """As a simulation that is asked to end."""
     os.kill(os.getpid(), signal.SIGTERM)
     time.sleep(5)
-
-
-def test_it_is_said_how_long_it_takes(
-    device: Device, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
-    module, shown = sys.modules["clplen.cli.microscopy.microscope"], []
-    mla = MicrolensArray(100e-6, 2.5e-3, count=9, fill="full")
-    camera = PlenopticCamera.microscope(
-        magnification=60, na=1.2, medium_index=1.33, wavelength=593e-9, mla=mla,
-        pixels_per_lenslet=15, device=device,
-    )  # fmt: skip
-    now = iter([0.0, 1.0, 30.0, 31.0])
-    monkeypatch.setattr(module.time, "monotonic", lambda: next(now))
-    progress = module._timed(lambda *one: shown.append(one), camera, np.array([-30e-6, 0, 1e-6]))
-    for number in (1, 2, 3):
-        progress(number, 9)
-    # N = 1515^2 and 525^2: two of three images of the first plane are .553 of N log N
-    assert capsys.readouterr().err == "Note: about 24 s more for 9 images.\n"
-    assert shown == [(1, 9), (2, 9), (3, 9)]
