@@ -169,7 +169,6 @@ UNCHECKED = {
     "focus_ratio",
     "incoherent_image",
     "lens_sampling",
-    "rolling_minimum",
     "scene_energy",
     "sharpness",
     "suitable_planes",

@@ -42,6 +42,5 @@ from .reconstruction.fourier_projector import FourierProjector as FourierProject
 from .reconstruction.frame_projector import FrameProjector as FrameProjector
 from .reconstruction.frame_projector import lattice_of as lattice_of
 from .reconstruction.projector import Projector as Projector
-from .series.rolling import rolling_minimum as rolling_minimum
 from .series.series import deconvolve_series as deconvolve_series
 from .settings import DeconvolutionSettings as DeconvolutionSettings

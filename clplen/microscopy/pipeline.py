@@ -329,7 +329,7 @@ def _under_the_middle(images: FourierPointImages) -> dict[str, tuple[float, floa
 
 
 def lowest(frames: Iterable[Prepared], window: int) -> Iterator[tuple[Prepared, Values]]:
-    """Frames with the minimum of each pixel over the frames about them; see `rolling_minimum`."""
+    """Frames with the minimum of each pixel over the frames about them."""
     held: deque[Prepared] = deque()
 
     def counts() -> Iterator[Values]:

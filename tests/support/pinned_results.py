@@ -1237,6 +1237,8 @@ def microscope_white() -> np.ndarray:
 
 @pinned()
 def preparations():
+    from clplen.microscopy.series.rolling import rolling_minimum
+
     white = microscope_white()
     frame = np.float32(white * samples(*white.shape))
     frame[40, 50] = 1e6
@@ -1254,7 +1256,7 @@ def preparations():
         "raw": [raw(frame).counts, raw.sensitivity],
         "rectified": microscopy.rectify(frame, prepare.lattice, pixels=11),
         "hot": microscopy.hot_pixels(frame, microscopy.sharpness(point_images()), prepare.lattice),
-        "rolling": [low for _, low in microscopy.rolling_minimum([frame, 2 * frame, frame / 2], 2)],
+        "rolling": [low for _, low in rolling_minimum([frame, 2 * frame, frame / 2], 2)],
     }
 
 

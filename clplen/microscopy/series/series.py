@@ -88,8 +88,8 @@ def deconvolve_series(
     background : float or array_like
         As of `deconvolve`, the same for all frames.
     rolling : int, optional
-        Frames over which the minimum of each pixel is background, besides ``background``; see
-        `rolling_minimum`. Light of what never changes is then left out, too.
+        N: the minimum of each pixel over the frames from N//2 before to (N - 1)//2 after is
+        background, besides ``background``. Light of what never changes is then left out, too.
     white : array_like, optional
         As of `deconvolve`.
     progress : callable, optional
