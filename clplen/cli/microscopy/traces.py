@@ -9,9 +9,15 @@ import click
 import numpy as np
 
 from clplen.cli.microscopy import volume_inputs as inputs
-from clplen.cli.microscopy.volume_inputs import axes_of, opened, paths_of, progressing
+from clplen.cli.microscopy.volume_inputs import (
+    axes_of,
+    check_outputs,
+    opened,
+    opened_series,
+    progressing,
+)
 from clplen.cli.shared import options
-from clplen.cli.shared.console import check_output, check_suffix, note
+from clplen.cli.shared.console import note
 
 if TYPE_CHECKING:
     from clplen.io import StoredVolumes
@@ -70,18 +76,13 @@ def traces(
     """
     from clplen import microscopy
 
-    check_suffix(output, (".csv",))
     _check(labels, points, radius_um)
     if ring_um is not None and ring_um[0] >= ring_um[1]:
         raise click.UsageError("--ring-um is INNER,OUTER in micrometres, the inner one smaller.")
-    series = opened(volumes)
-    if len(series) < 2:
-        raise click.UsageError(
-            f"{volumes[0]} holds one volume: traces run over several, give a series or more files."
-        )
-    axes = axes_of(series, voxel_um) if points or ring_um or voxel_um else None
+    series = opened_series(volumes, "traces")
     inside = [path for path in (labels, points) if path is not None]
-    check_output(output, force, [*paths_of(series), *inside])
+    check_outputs(series, force, (output, (".csv",)), others=inside)
+    axes = axes_of(series, voxel_um) if points or ring_um or voxel_um else None
     numbers = _labels(series, labels, points, radius_um, axes)
     found = microscopy.traces(
         progressing(series),

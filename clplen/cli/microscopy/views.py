@@ -10,9 +10,14 @@ import click
 import numpy as np
 
 from clplen.cli.microscopy import volume_inputs as inputs
-from clplen.cli.microscopy.volume_inputs import opened, paths_of, progressing, volume_at, voxel_of
+from clplen.cli.microscopy.volume_inputs import (
+    check_outputs,
+    opened,
+    progressing,
+    volume_at,
+    voxel_of,
+)
 from clplen.cli.shared import options
-from clplen.cli.shared.console import check_output, check_suffix
 
 if TYPE_CHECKING:
     from clplen.io import StoredVolumes
@@ -71,7 +76,6 @@ def views(
       clplen microscope views series.ome.tif -o series.png --montage z
     """
     is_film = output.suffix.lower() in _FILMS
-    check_suffix(output, (*_FIGURES, *_FILMS))
     _check(is_film, slices, montage, time, tracks_file)
     series = opened(volumes)
     if slices is not None and any(k >= n for k, n in zip(slices, series.shape[1:], strict=True)):
@@ -79,8 +83,8 @@ def views(
             f"--slices {','.join(map(str, slices))} lies outside of the volume, whose shape is "
             f"(z, y, x) = {series.shape[1:]}; numbers are from 0 on."
         )
-    read = [*paths_of(series), *([] if tracks_file is None else [tracks_file])]
-    check_output(output, force, read)
+    others = [] if tracks_file is None else [tracks_file]
+    check_outputs(series, force, (output, (*_FIGURES, *_FILMS)), others=others)
     words: dict[str, Any] = {"voxel": voxel_of(series, voxel_um), "scale": scale}
     if montage is not None:
         _draw_montage(output, series, montage, words)

@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import click
 import numpy as np
 
-from clplen.cli.shared.console import note, progress_bar
+from clplen.cli.shared.console import check_output, check_suffix, note, progress_bar
 
 if TYPE_CHECKING:
     from clplen.io import StoredVolumes
@@ -88,6 +88,28 @@ def opened(paths: tuple[Path, ...]) -> StoredVolumes:
     return open_volumes(paths)
 
 
+def opened_series(paths: tuple[Path, ...], what: str) -> StoredVolumes:
+    """Volumes of several times, not read yet."""
+    series = opened(paths)
+    if len(series) < 2:
+        raise click.UsageError(
+            f"{paths[0]} holds one volume: {what} run over several, give a series or more files."
+        )
+    return series
+
+
+def check_outputs(
+    series: StoredVolumes, force: bool, *outputs: tuple[Path | None, tuple[str, ...]],
+    others: Iterable[Path] = (),
+) -> None:  # fmt: skip
+    """Refuse outputs of another suffix, that are read, or that are others' files."""
+    read = [*(file.path for file in series.files), *others]
+    for path, suffixes in outputs:
+        if path is not None:
+            check_suffix(path, suffixes)
+            check_output(path, force, read)
+
+
 def axes_of(series: StoredVolumes, voxel_um: tuple[float, float, float] | None) -> Any:
     """Coordinates of planes, rows and columns in metres."""
     _, *shape = series.shape
@@ -146,8 +168,3 @@ def progressing(series: StoredVolumes) -> Iterator[Values]:
         for volume in series:
             yield volume
             bar.update()
-
-
-def paths_of(series: StoredVolumes) -> list[Path]:
-    """The files that are read."""
-    return [file.path for file in series.files]

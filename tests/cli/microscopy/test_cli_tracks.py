@@ -4,13 +4,13 @@ from __future__ import annotations
 
 from pathlib import Path
 
+import microscope_commands
 import numpy as np
 import pytest
 import tifffile
-from click.testing import CliRunner, Result
 from matplotlib.image import imread
+from microscope_commands import run
 
-from clplen.cli import main
 from clplen.io import open_volumes
 from clplen.microscopy import Points, Tracks
 from clplen.microscopy.objects.activity import Traces
@@ -32,22 +32,12 @@ def volume(t: int, *, height: float = 50.0) -> np.ndarray:
     return values.astype(np.float32)
 
 
-def run(*words: object) -> Result:
-    return CliRunner().invoke(main, ["microscope", *(str(word) for word in words)])
-
-
 def done(*words: object) -> str:
-    result = run(*words)
-    assert result.exit_code == 0, result.output
-    return result.output
+    return microscope_commands.done(run(*words)).output
 
 
 def said(*words: object) -> str:
-    """The one sentence on standard error."""
-    result = run(*words)
-    assert result.exit_code in (1, 2), result.output
-    assert result.exception is None or isinstance(result.exception, SystemExit)
-    return result.stderr
+    return microscope_commands.said(run(*words))
 
 
 @pytest.fixture
