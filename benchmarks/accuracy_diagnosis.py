@@ -24,16 +24,16 @@ import tifffile
 from scipy.ndimage import gaussian_filter, map_coordinates
 
 from clplen import Device, MicrolensArray, PlenopticCamera, Projector, point_images
-from clplen.batch import DeconvolutionSettings, Deconvolver
 from clplen.lightfield import Lattice
 from clplen.microscopy import (
+    DeconvolutionSettings,
+    Deconvolver,
     EvenLight,
     FourierProjector,
     FrameProjector,
     PointImages,
     binning_error,
     fourier_point_images,
-    pitch_sentence,
     preparation,
     square_lattice,
     suitable_binning,
@@ -291,8 +291,8 @@ def pitch(device: Device) -> Iterator[str]:
         white = np.maximum(white, 0) * WHITE
         prepare = preparation(n, device=device, white=white)
         assert prepare.lattice is not None
-        said = pitch_sentence(prepare.lattice, n)
-        yield f"pitch {100 * (ratio - 1):.1f} % off: before nothing; after: {said or 'nothing'}"
+        measured = prepare.lattice.pitch[0] / n
+        yield f"pitch {100 * (ratio - 1):.1f} % off: measured {100 * (measured - 1):.1f} %"
 
 
 def lattice(device: Device) -> Iterator[str]:

@@ -17,8 +17,7 @@ import numpy as np
 from scipy.ndimage import gaussian_filter
 
 from clplen import Device, MicrolensArray, PlenopticCamera, Projector, point_images
-from clplen.batch import DeconvolutionSettings, Deconvolver
-from clplen.microscopy import Prepared
+from clplen.microscopy import DeconvolutionSettings, Deconvolver, Prepared
 
 LENSLETS = 13
 BACKGROUND = 5.0

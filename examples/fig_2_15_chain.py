@@ -6,7 +6,6 @@ from common import RED, begin, number
 from drawing import LIGHT, new_figure
 from two_f import EXTENT, GRID, PEAK, PITCH, D, F, N, Z, point
 
-
 from clplen.wave import imaging_system
 
 ROW, COLUMN, MM = 60, -110, 1e3  # samples from the axis to the point: up, and to the left

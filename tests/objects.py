@@ -100,8 +100,8 @@ def focused(device: Device) -> Any:
 
 
 def deconvolver(device: Device) -> Any:
-    settings = clplen.batch.DeconvolutionSettings()
-    return clplen.batch.Deconvolver(point_images(), settings, device=device, force=True)
+    settings = clplen.microscopy.DeconvolutionSettings()
+    return clplen.microscopy.Deconvolver(point_images(), settings, device=device, force=True)
 
 
 def raw(device: Device) -> clplen.RawImage:
@@ -306,7 +306,7 @@ EXAMPLES |= {
     "SystemPullback": lambda device: system().vjp(field(device), parameters=[1])[1],
     "AbbeImage": lambda device: clplen.wave.AbbeImage(EXAMPLES["Image"](device), 3, 0.1),
     "Bars": lambda _: clplen.cameras.Bars((0.0, 0.0), 9.0, count=3, period=2.0, width=1.0),
-    "DeconvolutionSettings": lambda _: clplen.batch.DeconvolutionSettings(),
+    "DeconvolutionSettings": lambda _: clplen.microscopy.DeconvolutionSettings(),
     "Deconvolver": deconvolver,
     "DepthErrors": lambda _: clplen.analysis.DepthErrors(samples(9), samples(9), ("",) * 9),
     "DepthTransfer": lambda _: clplen.analysis.DepthTransfer(

@@ -73,9 +73,6 @@ CALLS = {
     "order": lambda d: wave.zernike(*wave.noll(10**20), 0.5, 0),
     "binning": lambda d: microscopy.suitable_binning(1.4, HUGE, 0.52, 125, 2800, 8.3),
     "lattice": lambda d: microscopy.square_lattice(33.67, (HUGE, 600)),
-    "pitch": lambda d: microscopy.pitch_sentence(
-        microscopy.square_lattice(33.67, (500, 600)), HUGE
-    ),
     "match": lambda d: microscopy.match_points(np.ones(3), np.ones(3), tolerance=(HUGE, 1, 1)),
     "even": lambda d: microscopy.EvenLight(dict.fromkeys(NEEDED, HUGE)),
     "hot": lambda d: microscopy.hot_pixels(np.ones((20, 30)), (0.3, 0.4, HUGE), 10),

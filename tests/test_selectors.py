@@ -154,8 +154,8 @@ CALLS: dict[str, Callable[[Path, Any], Any]] = {
         STORED, disparities=[0], device=d
     ),
     "all_in_focus": lambda _, d: clplen.all_in_focus(STORED, disparities=[-1, 0, 1], device=d),
-    "batch.Deconvolver": lambda _, d: clplen.batch.Deconvolver(
-        objects.point_images(), clplen.batch.DeconvolutionSettings(), device=d, force=True
+    "microscopy.Deconvolver": lambda _, d: clplen.microscopy.Deconvolver(
+        objects.point_images(), clplen.microscopy.DeconvolutionSettings(), device=d, force=True
     ),
     "cameras.Objective.fields": lambda _, d: OBJECTIVE.fields(POINT, GRID, d),
     "cameras.Objective.spectra": lambda _, d: OBJECTIVE.spectra(POINT, GRID, d),

@@ -9,5 +9,3 @@ from .running.job import run_job as run_job
 from .running.manifest import status_of as status_of
 from .running.network import security_of as security_of
 from .running.runner import Summary as Summary
-from .work.deconvolution import DeconvolutionSettings as DeconvolutionSettings
-from .work.deconvolution import Deconvolver as Deconvolver

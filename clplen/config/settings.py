@@ -90,9 +90,9 @@ def commented(
     ``examples``, else with that of the field.
     """
     for name, field in model.model_fields.items():
-        if model_in(field.annotation) is not None:
-            continue  # a table of its own
         value = shown.get(name, examples.get(name, (field.examples or [None])[0]))
+        if model_in(field.annotation) is not None or value is field.default is None:
+            continue  # a table of its own, or nothing to show
         text = json.dumps(field.default if value is None else value)
         words = [field.description or ""]
         choices = choices_of(field.annotation)

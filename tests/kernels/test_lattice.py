@@ -8,7 +8,7 @@ import pytest
 ROWS, COLUMNS, WINDOW = 3, 4, (5, 6)
 
 
-SAMPLES = [(1, 1), (2, 2), (3, 3), (2, 3), (5, 2), (1, 3)]
+SAMPLES = [(2, 2), (5, 2), (1, 3)]
 
 
 def fields(device, stacks, w, *, planes, start, first=(0, 0)):
@@ -52,8 +52,7 @@ def test_pictures_about_their_middle_lenslet(device):
         assert np.array_equal(one, np.roll(expected, (-1, -2), axis=(0, 1)))
 
 
-@pytest.mark.parametrize("w", SAMPLES)
-@pytest.mark.parametrize("least", [-math.inf, 0.5])
+@pytest.mark.parametrize(("w", "least"), [((1, 3), -math.inf), ((5, 2), 0.5)])
 def test_interleave_is_the_inverse(device, w, least):
     stacks = np.random.default_rng(w).random((2, 4, ROWS * w[0], COLUMNS * w[1]), np.float32)
     there = fields(device, stacks, w, planes=2, start=1)

@@ -40,7 +40,7 @@ def packed_on(device, stacks, w, shape, window, parts):
     expected = packed(on_window(stacks, w, shape, window), w, parts)
     out = device.upload(np.full(expected.shape, np.nan, np.float32))
     transform = LatticeTransform(device, window)
-    transform.spectra(out, device.upload(stacks), w, 2, STACK, shape, parts)
+    transform.run("spectra", out, device.upload(stacks), w, 2, STACK, shape, parts)
     return expected, out
 
 
@@ -51,7 +51,7 @@ def there_and_back(device, w, window, parts, shape, seed=0):
     assert relative_max(expected, device.download(spectra)) < 1e-6
     out = device.upload(np.full_like(stacks, 9))
     transform = LatticeTransform(device, window)
-    transform.pictures(out, spectra, w, 2, STACK, shape, parts, -math.inf)
+    transform.run("pictures", out, spectra, w, 2, STACK, shape, parts, -math.inf)
     again = device.download(out)
     taken = slice(FIRST, FIRST + PLANES)
     # every part gives the whole back: the transpose of an isometry, times their number
@@ -59,13 +59,13 @@ def there_and_back(device, w, window, parts, shape, seed=0):
     assert (again[:, [0, 3]] == 9).all()
 
 
-@pytest.mark.parametrize("w", [(1, 1), (2, 2), (3, 3), (5, 2), (1, 3)])
-@pytest.mark.parametrize("window", WINDOWS)
-def test_windows(device, w, window):
-    there_and_back(device, w, window, (0,), filled(window))
+@pytest.mark.parametrize("w", [(3, 3), (5, 2)])
+def test_windows(device, w):
+    for window in WINDOWS:
+        there_and_back(device, w, window, (0,), filled(window))
 
 
-@pytest.mark.parametrize("parts", [(0, 1), (0, 2), (0, 1, 2, 3)])
+@pytest.mark.parametrize("parts", [(0, 2), (0, 1, 2, 3)])
 def test_parts(device, parts):
     there_and_back(device, (2, 3), (6, 9), parts, (4, 6))
 
@@ -79,7 +79,7 @@ def test_no_sample_is_below_the_least(device):
     stacks = pictures(w, shape, 1)
     _, spectra = packed_on(device, stacks, w, shape, window, (0,))
     out = device.upload(np.full_like(stacks, 9))
-    LatticeTransform(device, window).pictures(out, spectra, w, 2, STACK, shape, (0,), 0.0)
+    LatticeTransform(device, window).run("pictures", out, spectra, w, 2, STACK, shape, (0,), 0.0)
     got = device.download(out)[:, FIRST : FIRST + PLANES]
     assert got.min() == 0
     expected = np.maximum(stacks[:, FIRST : FIRST + PLANES], 0)

@@ -21,9 +21,7 @@ from clplen.cameras.optics.objective import CoverGlass, Objective
 from clplen.errors import SamplingWarning
 from clplen.io import read_lightfield, write_lightfield
 from clplen.lightfield.depth.alpha_estimate import estimate_alpha
-from clplen.lightfield.depth.best_focus import suitable_planes
 from clplen.lightfield.focus_and_depth import depth_map, focal_stack
-from clplen.lightfield.model.phase_space import phase_space
 from clplen.lightfield.refocusing.focal_stacks import refocus
 from clplen.wave import RandomPhaseMask
 from clplen.wave.field.field import Grid
@@ -43,9 +41,9 @@ def cells(picture, n=25):
     return picture.astype(float).reshape(ny, n, nx, n).sum(axis=(1, 3))
 
 
-@pytest.mark.parametrize(("z", "limit"), [(0, 1e-3), (10e-6, 8e-3), (-25e-6, 0.0235)])
+@pytest.mark.parametrize(("z", "limit"), [(0, 1e-3), (-25e-6, 0.0235)])
 def test_native_field_is_the_debye_integral(precise, z, limit):
-    # what is left is the sampling of the pupil by a window of 375^2: 9e-4, 7.6e-3, .0225
+    # what is left is the sampling of the pupil by a window of 375^2: 9e-4, .0225
     grid = Grid((375, 375), 5e-6)
     objective = Objective(20, 0.5, 1, 525e-9)
     field = objective.fields(PointSources([(0, 0, z)]), grid, precise).to_numpy()[0, 187]
@@ -55,8 +53,8 @@ def test_native_field_is_the_debye_integral(precise, z, limit):
     assert np.abs(field - expected).max() / np.abs(expected).max() < limit
 
 
-@pytest.mark.parametrize("power", [0.5, -0.5])
-def test_apodisation_and_index_shape_the_field(precise, power):
+def test_apodisation_and_index_shape_the_field(precise):
+    power = -0.5
     # the twin sums frequencies one by one; a rectangle, off the axis, in water
     setup = Setup(M=60, na=1.1, p=100e-6, n=15, lam=593e-9, index=1.33, power=power)
     point = (0.61e-6, -0.83e-6, 2.3e-6)
@@ -76,31 +74,12 @@ def test_sensor_is_that_of_the_twin(device, count, n, z):
     assert relative_max(sensor(replace(S, n=n), point, count), found) < 3e-6
 
 
-@pytest.mark.parametrize(("z", "lit"), [(0, 1), (10e-6, 9), (-10e-6, 9), (-20e-6, 21), (20e-6, 25)])
+@pytest.mark.parametrize(("z", "lit"), [(-20e-6, 21), (20e-6, 25)])
 def test_energy_and_lenslets_of_a_point(device, z, lit):
     picture = microscope(device).expose(PointSources([(0, 0, z)])).to_numpy()
     assert picture.sum(dtype=float) == pytest.approx(1, abs=1e-6)
     energy = cells(picture)
     assert np.count_nonzero(energy > 0.01 * energy.max()) == lit
-
-
-def test_rms_radius_at_the_native_plane(device):
-    objective, grid = microscope(device).objective, Grid((375, 375), 5e-6)
-    for z, expected in ((0, 40e-6), (10e-6, 67e-6), (-20e-6, 115e-6)):
-        one = np.abs(objective.fields(PointSources([(0, 0, z)]), grid, device).to_numpy()[0]) ** 2
-        assert np.sqrt((one.sum(axis=0) * grid.x**2).sum()) == pytest.approx(expected, rel=0.02)
-
-
-def test_spots_lie_farther_apart_for_farther_points(device):
-    # theta = n X/(M^2 z) of the lenslets left and right of X
-    pitches = {}
-    for z in (-20e-6, 20e-6):
-        row = microscope(device).expose(PointSources([(0, 0, z)])).to_numpy()[175:200].sum(axis=0)
-        ends = (row[150:175], row[200:225])
-        left, right = (np.average(np.arange(25.0), weights=part**2) for part in ends)
-        pitches[z] = (right + 200 - left - 150) / 2
-    assert pitches[20e-6] > 25 + 1
-    assert pitches[-20e-6] < 25 - 1
 
 
 def test_image_is_not_inverted_and_energy_follows_power(device):
@@ -113,8 +92,8 @@ def test_image_is_not_inverted_and_energy_follows_power(device):
     assert np.unravel_index(energy.argmax(), energy.shape) == (2, 6)
 
 
-@pytest.mark.parametrize("z", [-20e-6, 20e-6])
-def test_depth_by_disparity(device, z):
+def test_depth_by_disparity(device):
+    z = -20e-6
     camera = microscope(device)
     lf = LightField.from_raw(camera.expose(PointSources([(0, 0, z)])))
     d = camera.disparity(z)
@@ -134,23 +113,6 @@ def test_depth_by_disparity(device, z):
         lf.disparity(0.9)
 
 
-@pytest.mark.parametrize("z", [-20e-6, 20e-6])
-def test_phase_space_of_a_point(device, z):
-    camera = microscope(device)
-    lf = LightField.from_raw(camera.expose(PointSources([(0, 0, z)])))
-    slice_ = phase_space(lf, y=7, v=12)
-    # all places see the direction of a view: 25 pixels of 5 um from f_mu
-    assert np.allclose(slice_.theta, (np.arange(25) - 12)[:, None] * 5e-6 / 2.5e-3)
-    weight = slice_.values.astype(float) ** 2 * (np.abs(np.arange(25) - 12) <= 8)[:, None]
-    theta, x = slice_.theta, np.broadcast_to(slice_.position, weight.shape)
-    theta, x = (a - np.average(a, weights=weight) for a in (theta, x))
-    slope = (weight * x**2).sum() / (weight * x * theta).sum()  # M^2 z/n, diffraction adds 11 %
-    assert slope == pytest.approx(1.115 * 400 * z, rel=0.02)
-    angles = lf.resample("point-angle")
-    assert np.allclose(angles.to_numpy(), lf.to_numpy(), rtol=1e-6)
-    assert angles.spacing[:2] == pytest.approx((2e-3, 2e-3))
-
-
 def test_both_decodes_coincide(device):
     raw = microscope(device, count=9).expose(PointSources([(3e-6, 1e-6, 5e-6)]))
     both = [LightField.from_raw(raw, decode=word) for word in ("calibrated", "naive")]
@@ -159,9 +121,6 @@ def test_both_decodes_coincide(device):
     # the picture has the same size on every plane
     plain, rescaled = (refocus(both[0], disparity=-0.03, rescale=r) for r in (False, True))
     assert np.array_equal(plain.to_numpy(), rescaled.to_numpy())
-    # +-1/2 (2 + N_u^2) lam n/(2 NA^2), .128 at 20 um, sharpest 1.096 times as far (<s^2/c>/<s^2>)
-    ends = suitable_planes(both[0])["disparities"][[0, -1]]
-    assert ends == pytest.approx(np.array([-1.096, 1.096]) * 0.128 * 85.1 / 20, rel=5e-3)
     # on the pupil f_tube behind it, where rays of a view meet; the first view is the last there
     du = -5e-6 * 0.2 / 2.5e-3
     assert raw.spacing == pytest.approx((du, du, 125e-6, 125e-6))
@@ -189,8 +148,8 @@ def test_fluorescence_with_a_spectrum(device):
         camera.expose(point, snapshots=3)
 
 
-@pytest.mark.parametrize("n", [1.0, 1.33])
-def test_cover_glass_aberrates_as_third_order_theory_says(device, n):
+def test_cover_glass_aberrates_as_third_order_theory_says(device):
+    n = 1.33
     # W040 = t (g^2 - n^2) s^4/(8 g^3 n^2); the next order is s^2 (g^-2 + n^-2)/2 of it
     objective = Objective(20, 0.2, n, 525e-9, CoverGlass(250e-6, 1.5, 200e-6, 1.5))
     grid = Grid((375, 375), 5e-6)
@@ -217,23 +176,17 @@ def test_cover_glass_of_a_camera(device):
         microscope(device, na=1.1, medium_index=1.33, cover=CoverGlass(1e-4, 1.05))
 
 
-@pytest.mark.parametrize(
-    ("thickness", "index", "words"),
-    [
-        (-1e-4, 1.5, "0 to 0.01 m thick, not -0.0001"),
+def test_cover_glasses_that_cannot_be():
+    for thickness, index, words in [
         (150, 1.5, "0 to 0.01 m thick, not 150: 150 um are 150e-6"),
         ("150um", 1.5, "not '150um'"),
-        (np.nan, 1.5, "not nan"),
         (1e-4, 0.9, "index from 1 to 5, not 0.9"),
-        (1e-4, None, "index from 1 to 5, not None"),
-    ],
-)
-def test_cover_glasses_that_cannot_be(thickness, index, words):
-    with pytest.raises(ValueError, match=words):
-        CoverGlass(thickness, index)
+    ]:
+        with pytest.raises(ValueError, match=words):
+            CoverGlass(thickness, index)
 
 
-@pytest.mark.parametrize(("thickness", "z"), [(0, 0), (500e-6, 0), (500e-6, 4e-6), (0, -45e-6)])
+@pytest.mark.parametrize(("thickness", "z"), [(500e-6, 4e-6), (0, -45e-6)])
 def test_the_outermost_rays_behind_a_cover_glass(thickness, z):
     # by the slope of the phase, differences of W from its definition
     n, g, surplus = 1.35, 1.5255, thickness - 170e-6
@@ -245,16 +198,6 @@ def test_the_outermost_rays_behind_a_cover_glass(thickness, z):
     assert np.array_equal(objective.blur([z, z]), [objective.blur(z)] * 2)
     plain = replace(objective, cover=CoverGlass(170e-6))
     assert plain.blur(z) == pytest.approx(replace(objective, cover=None).blur(z))
-
-
-def test_window_holds_the_light_behind_a_cover_glass(device):
-    camera = microscope(device, count=5, cover=CoverGlass(1.5e-3))
-    wide = microscope(device, count=25, cover=CoverGlass(1.5e-3))
-    point = PointSources([(0, 0, 0)])
-    assert camera.window(point).shape[0] > 15 * 25
-    found, all_of_it = (cells(one.expose(point).to_numpy()) for one in (camera, wide))
-    assert all_of_it.sum() - found.sum() > 0.05
-    assert np.allclose(found, all_of_it[10:15, 10:15], atol=2e-3)
 
 
 def test_description(device):
@@ -271,12 +214,6 @@ def test_description(device):
     assert microscope(device).band_limit(37.21e-6) == pytest.approx(1 / (0.47 * 6.25e-6), rel=1e-3)
 
 
-def test_what_needs_an_f_is_refused(device):
-    lf = LightField.from_raw(microscope(device, count=9).expose(PointSources([(0, 0, -8e-6)])))
-    with pytest.raises(ValueError, match="method='thesis' looks for alpha = F/F'"):
-        estimate_alpha(lf, window=9, method="thesis")
-
-
 def test_discs_spread_what_points_do_not(device):
     camera = microscope(device, count=7)
     point, disc = (
@@ -289,30 +226,22 @@ def test_discs_spread_what_points_do_not(device):
     assert camera.window(wide).extent[0] > 20 * 60e-6 + 2 * 125e-6
 
 
-@pytest.mark.parametrize(
-    ("change", "error", "words"),
-    [
+def test_bad_microscopes(device):
+    for change, error, words in [
         ({"na": 1.1}, ValueError, "NA = n sin"),
         ({"n": 12}, SamplingError, r"pixels_per_lenslet = 24\)"),
         ({"medium_index": 0.9}, ValueError, "from 1 .air. on"),
         ({"magnification": 0}, ValueError, "magnification is"),
         ({"apodisation": 2}, ValueError, "from -1 to 1"),
         ({"wavelength": -1}, ValueError, "wavelength is positive"),
-        ({"wavelength": "525e-9"}, ValueError, "wavelength is positive"),
         ({"na": "0.5"}, ValueError, "NA = n sin"),
-        ({"na": None}, ValueError, "NA = n sin"),
-        ({"magnification": "20"}, ValueError, "magnification is"),
-        ({"medium_index": None}, ValueError, "medium_index is"),
         ({"tube_lens": "0.2"}, ValueError, "tube_lens is positive"),
-        ({"apodisation": None}, ValueError, "from -1 to 1"),
         ({"n": "25"}, SamplingError, "pixels_per_lenslet is a number, at least 2, not '25'"),
         ({"mla": None}, TypeError, "mla is a MicrolensArray, not None"),
         ({"cover": "150um"}, TypeError, "cover is a CoverGlass, as .* not '150um'"),
-    ],
-)
-def test_bad_microscopes(device, change, error, words):
-    with pytest.raises(error, match=words):
-        microscope(device, **change)
+    ]:
+        with pytest.raises(error, match=words):
+            microscope(device, **change)
 
 
 def test_unmatched_f_numbers_are_said_aloud(device):

@@ -91,8 +91,8 @@ def test_a_pupil_that_fits(device):
 
 
 @pytest.mark.thorough
-@pytest.mark.parametrize("pitch", [15.0, 14.62])
-def test_a_smaller_pupil_is_found_and_corrected(device, pitch):
+def test_a_smaller_pupil_is_found_and_corrected(device):
+    pitch = 14.62
     white = white_of(0.475, 0.5, pitch=pitch)
     prepare = preparation(N, white=white, device=device)
     found = check_pupil(images_of(), prepare)

@@ -13,7 +13,7 @@ from clplen.microscopy import (
     FourierProjector,
     fourier_point_images,
     measure_point_images,
-    read_fourier_point_images,
+    read_point_images,
     sharpness,
 )
 from clplen.microscopy.frames.outliers import without_hot_pixels
@@ -105,7 +105,7 @@ def test_a_stack_becomes_a_file(tmp_path, camera, stack):
     assert "3 hot pixels in 3 frames are replaced" in result.output
     assert result.exit_code == 0, result.output
     assert "measured; the z given lie" in result.output
-    assert len(read_fourier_point_images(psf).planes) == 3
+    assert len(read_point_images(psf).planes) == 3
     result = CliRunner().invoke(main, [*map(str, words), "--planes-um", "-20:20:4", "--force"])
     assert result.exit_code == 1
     assert "has 3 frames, and there are 4 planes" in result.output
@@ -129,6 +129,8 @@ def test_stacks_that_cannot_be(device, camera, stack):
     with pytest.raises(ValueError, match="at least 3 are needed"):
         measure_point_images(few, np.ones((3, *few.grid.shape)), Z)
     coarse = camera_of("small", device)
-    frames = [coarse.expose(PointSources((0, 0, z))).to_numpy() for z in Z]
-    with pytest.warns(SamplingWarning, match="do not sample"):
-        measure_point_images(coarse, frames, Z)
+    with (
+        pytest.warns(SamplingWarning, match="do not sample"),
+        pytest.raises(ValueError, match="No bead"),
+    ):
+        measure_point_images(coarse, np.ones((3, *coarse.grid.shape)), Z)

@@ -7,7 +7,7 @@ import pytest
 import tifffile
 from click.testing import CliRunner
 
-from clplen import FormatError, read_camera
+from clplen import FormatError
 from clplen.cli import main
 from clplen.config.camera_file import read_camera_file
 from clplen.config.example import EXAMPLE as PLENOPTIC
@@ -43,10 +43,9 @@ def run(*words, code=0):
     return result.output
 
 
-@pytest.mark.parametrize("lenslets", [LATTICE, pytest.param(ANYWHERE, marks=pytest.mark.thorough)])
-def test_from_parameters_to_a_volume(tmp_path, device, lenslets):
+def test_from_parameters_to_a_volume(tmp_path, device):
     parameters, psf = tmp_path / "camera.toml", tmp_path / "psf.h5"
-    parameters.write_text(CAMERA.format(lenslets=lenslets))
+    parameters.write_text(CAMERA.format(lenslets=LATTICE))
     chosen = ("--device", device.place)
     assert "axial resolution" in run("microscope", "psf", parameters, "-o", psf, *chosen)
     known = json.loads(run("info", psf, "--json"))
@@ -93,74 +92,45 @@ def test_the_example_is_a_camera(tmp_path):
     )
 
 
-@pytest.mark.parametrize(
-    ("old", "new", "words"),
-    [
+def test_files_that_cannot_be(tmp_path):
+    for old, new, words in [
         ("relay_mm = 50", "relay_mm = 0.05", "did you mean 50"),
-        ("pixel_um = 8", "pixel_um = 8e-6", "did you mean 8"),
         ("na = 0.3", "na = 1.9", "na lies between"),
-        ("relay_mm = 50", "relay_m = 50", "did you mean"),
         ("relay_mm = 50\n", "", "relay_mm"),
         (LATTICE, "", "needs one of microlenses and lenslets"),
         (LATTICE, LATTICE + "\n" + ANYWHERE, "and has both"),
         (LATTICE, ANYWHERE.replace("[0, 0],", "[0],"), "two numbers"),
-    ],
-)
-def test_files_that_cannot_be(tmp_path, old, new, words):
-    path = tmp_path / "camera.toml"
-    path.write_text(CAMERA.format(lenslets=LATTICE).replace(old, new))
-    with pytest.raises(FormatError, match=words):
-        read_fourier_file(path)
+    ]:
+        path = tmp_path / "camera.toml"
+        path.write_text(CAMERA.format(lenslets=LATTICE).replace(old, new))
+        with pytest.raises(FormatError, match=words):
+            read_fourier_file(path)
 
 
-@pytest.mark.parametrize(
-    "words",
-    [
-        ("simulate", "flfm.toml", "-o", "out"),
-        ("analyse", "flfm.toml", "-o", "out"),
-        ("microscope", "pupil", "frame.tif", "-c", "flfm.toml", "--planes-um", "0:1:2"),
-    ],
-)
-def test_commands_of_other_cameras_say_what_takes_the_file(tmp_path, monkeypatch, words):
-    monkeypatch.chdir(tmp_path)
-    (tmp_path / "flfm.toml").write_text(EXAMPLE)
-    said = run(*words, code=1).strip().splitlines()[-1]
-    assert "flfm.toml is of a Fourier microscope (kind = 'fourier_microscope')" in said
-    assert "'clplen microscope psf' and 'clplen info' take it" in said
-    assert "did you mean" not in said
-    assert said.count(";") == 0
+def test_readers_of_other_cameras_say_what_makes_it(tmp_path):
+    for read in [read_camera_file, read_microscope_file]:
+        path = tmp_path / "flfm.toml"
+        path.write_text(EXAMPLE)
+        with pytest.raises(FormatError, match=r"PlenopticCamera\.fourier_microscope"):
+            read(path)
 
 
-@pytest.mark.parametrize("read", [read_camera_file, read_camera, read_microscope_file])
-def test_readers_of_other_cameras_say_what_makes_it(tmp_path, read):
-    path = tmp_path / "flfm.toml"
-    path.write_text(EXAMPLE)
-    with pytest.raises(FormatError, match=r"PlenopticCamera\.fourier_microscope"):
-        read(path)
-
-
-@pytest.mark.parametrize(
-    ("text", "said"),
-    [
+def test_files_of_other_cameras(tmp_path):
+    for text, said in [
         (PLENOPTIC, "kind 'plenoptic1', and .* 'clplen simulate' and 'clplen analyse' take it"),
-        (CAMERA.replace("fourier_", "").format(lenslets=LATTICE).replace("relay_mm = 50", ""),
-         "kind 'microscope', and .* 'clplen microscope psf' and"),
+        (
+            CAMERA.replace("fourier_", "").format(lenslets=LATTICE).replace("relay_mm = 50", ""),
+            "kind 'microscope', and .* 'clplen microscope psf' and",
+        ),
         (MICROSCOPE, "a microscope, by the names of LFAnalyze, and .* microscope psf' takes it"),
-        (CAMERA.format(lenslets=LATTICE).replace('kind = "fourier_microscope"', ""),
-         r"^\S+: camera\.kind is missing\.$"),
+        (
+            CAMERA.format(lenslets=LATTICE).replace('kind = "fourier_microscope"', ""),
+            r"^\S+: camera\.kind is missing\.$",
+        ),
         (CAMERA.format(lenslets=LATTICE).replace("fourier_", "furrier_"), "must be 'fourier_"),
         ("[scene]", "camera is missing"),
-    ],
-)  # fmt: skip
-def test_files_of_other_cameras(tmp_path, text, said):
-    path = tmp_path / "camera.toml"
-    path.write_text(text)
-    with pytest.raises(FormatError, match=said):
-        read_fourier_file(path)
-
-
-def test_psf_of_a_camera_that_is_no_microscope(tmp_path):
-    path = tmp_path / "camera.toml"
-    path.write_text(PLENOPTIC)
-    said = run("microscope", "psf", path, "-o", tmp_path / "psf.h5", code=1)
-    assert "kind 'plenoptic1', not 'microscope': 'clplen simulate' and" in said
+    ]:
+        path = tmp_path / "camera.toml"
+        path.write_text(text)
+        with pytest.raises(FormatError, match=said):
+            read_fourier_file(path)

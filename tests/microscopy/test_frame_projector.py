@@ -9,12 +9,11 @@ from tolerance import relative_max
 
 from clplen import MicrolensArray, PlenopticCamera, PointSources, ShapeError
 from clplen.cameras import PixelArray
-from clplen.errors import DeviceError
 from clplen.lightfield import Lattice
-from clplen.microscopy import FrameProjector, PointImages, deconvolve, lattice_of, point_images
+from clplen.microscopy import FrameProjector, PointImages, Projector, lattice_of, point_images
 from clplen.microscopy.model.cells import cell_of
 from clplen.microscopy.model.psf import _symmetric
-from clplen.microscopy.reconstruction.spline_coefficients import spline_coefficients
+from clplen.microscopy.reconstruction.frame_projector import spline_coefficients
 
 LATTICES = {
     "turned": Lattice("square", (13.2, 17.6), (4.9, -0.8), (0.9, 5.1), shape=(31, 34)),
@@ -61,12 +60,11 @@ def frame_of(image, lattice, cell, at):
     return area * np.einsum("yxa,ab,yxb->yx", weights[0], image.astype(float), weights[1])
 
 
-@pytest.mark.parametrize("name", LATTICES)
-@pytest.mark.parametrize("kinds", [1, 2, 3])
+@pytest.mark.parametrize(
+    ("name", "kinds"), [("turned", 2), ("upright", 1), ("hexagonal", 3), ("along y", 1)]
+)
 def test_one_voxel_is_its_image_where_it_lies(device, name, kinds):
     lattice = LATTICES[name]
-    if (lattice.kind, kinds) in (("hexagonal", 2), ("square", 3)):
-        kinds = 1
     images = any_images(lattice.kind, kinds)
     projector, cell = FrameProjector(images, lattice, device=device), images.cell
     (vy, vx), (planes, rows, columns) = cell.voxels, projector.volume_shape
@@ -87,43 +85,43 @@ def test_one_voxel_is_its_image_where_it_lies(device, name, kinds):
         assert relative_max(expected, projector.forward(volume, clamp=False)) < 5e-6
 
 
-@pytest.mark.parametrize("voxels", range(1, 12))
 @pytest.mark.parametrize("kinds", [1, 3])
-def test_voxels_are_no_higher_than_wide(voxels, kinds):
-    cell = cell_of("hexagonal", kinds, voxels=voxels, pixels=7)
-    (height, width), (vy, vx) = cell.size, cell.voxels
-    assert height == pytest.approx(math.sqrt(3))
-    assert vx == kinds * voxels
-    assert height / vy <= width / vx < height / (vy - 1)
+def test_voxels_are_no_higher_than_wide(kinds):
+    for voxels in range(1, 12):
+        cell = cell_of("hexagonal", kinds, voxels=voxels, pixels=7)
+        (height, width), (vy, vx) = cell.size, cell.voxels
+        assert height == pytest.approx(math.sqrt(3))
+        assert vx == kinds * voxels
+        assert height / vy <= width / vx < height / (vy - 1)
 
 
-@pytest.mark.parametrize("shape", [(7, 5), (2, 1, 9), (3, 2, 4)])
-def test_splines_pass_through_all_pixels(shape):
-    values = np.random.default_rng(2).random(shape, np.float32)
-    found = spline_coefficients(values)
-    assert found.dtype == np.float64
-    passed = found
-    for axis in (-2, -1):
-        n = shape[axis]
-        matrix = spline_kernel(np.subtract.outer(np.arange(n), np.arange(n)))
-        passed = np.moveaxis(np.moveaxis(passed, axis, -1) @ matrix, -1, axis)
-    assert relative_max(values.astype(float), passed) < 1e-14
+def test_splines_pass_through_all_pixels():
+    for shape in [(7, 5), (3, 2, 4)]:
+        values = np.random.default_rng(2).random(shape, np.float32)
+        found = spline_coefficients(values)
+        assert found.dtype == np.float64
+        passed = found
+        for axis in (-2, -1):
+            n = shape[axis]
+            matrix = spline_kernel(np.subtract.outer(np.arange(n), np.arange(n)))
+            passed = np.moveaxis(np.moveaxis(passed, axis, -1) @ matrix, -1, axis)
+        assert relative_max(values.astype(float), passed) < 1e-14
 
 
-@pytest.mark.parametrize("name", LATTICES)
-def test_backward_is_the_adjoint(device, name):
-    projector = FrameProjector(any_images(LATTICES[name].kind), LATTICES[name], device=device)
-    rng = np.random.default_rng(1)
-    volumes = rng.random((2, *projector.volume_shape), np.float32) - 0.5
-    frames = rng.random((2, *projector.frame_shape), np.float32) - 0.5
-    seen, back = projector.forward(volumes, clamp=False), projector.backward(frames)
-    for k in range(2):
-        scale = np.linalg.norm(seen[k]) * np.linalg.norm(frames[k])
-        left, right = np.vdot(seen[k].astype(float), frames[k]), np.vdot(volumes[k], back[k])
-        assert abs(left - right) < 1e-6 * scale
-    assert (projector.forward(np.abs(volumes)) >= 0).all()
-    alone = projector.forward(np.abs(volumes)[1])
-    assert relative_max(alone, projector.forward(np.abs(volumes))[1]) < 1e-6
+def test_backward_is_the_adjoint(device):
+    for name in LATTICES:
+        projector = FrameProjector(any_images(LATTICES[name].kind), LATTICES[name], device=device)
+        rng = np.random.default_rng(1)
+        volumes = rng.random((2, *projector.volume_shape), np.float32) - 0.5
+        frames = rng.random((2, *projector.frame_shape), np.float32) - 0.5
+        seen, back = projector.forward(volumes, clamp=False), projector.backward(frames)
+        for k in range(2):
+            scale = np.linalg.norm(seen[k]) * np.linalg.norm(frames[k])
+            left, right = np.vdot(seen[k].astype(float), frames[k]), np.vdot(volumes[k], back[k])
+            assert abs(left - right) < 1e-6 * scale
+        assert (projector.forward(np.abs(volumes)) >= 0).all()
+        alone = projector.forward(np.abs(volumes)[1])
+        assert relative_max(alone, projector.forward(np.abs(volumes))[1]) < 1e-6
 
 
 def microscope(device, across, **change):
@@ -138,8 +136,7 @@ def microscope(device, across, **change):
 @pytest.mark.parametrize(
     "array",
     [
-        {"rotation": 0.2, "offset": (5e-6, -9e-6)}, {"lattice": "hexagonal", "rotation": -0.1},
-        {"focal_length": (1.5e-3, 1.8e-3), "rotation": 0.1},
+        {"rotation": 0.2, "offset": (5e-6, -9e-6)},
         {"lattice": "hexagonal", "focal_length": (1.5e-3, 1.4e-3, 1.7e-3)},
     ],
 )  # fmt: skip
@@ -167,50 +164,32 @@ def test_frame_is_what_the_camera_sees(device, array):
     assert np.linalg.norm(moved - seen) > 0.5 * np.linalg.norm(seen)
 
 
-@pytest.mark.thorough
-def test_a_point_is_found_on_a_hexagonal_lattice(device):
-    hexagonal = {"lattice": "hexagonal", "rotation": 0.1}
-    images = point_images(
-        microscope(device, 24, lattice="hexagonal"), [0.0, 60e-6], voxels_per_lenslet=3, binning=2,
-        sensor_pixels=7.7, cut=2e-2,
-    )  # fmt: skip
-    camera = microscope(device, None, pixels=PixelArray(pitch=60e-6 / 7.7), **hexagonal)
-    projector = FrameProjector(images, lattice_of(camera), device=device)
-    raw = camera.expose(PointSources([(10e-6, -11e-6, 60e-6)])).to_numpy()
-    found = deconvolve(raw * 1e5, projector, iterations=10)
-    plane, i, k = np.unravel_index(found.volume.argmax(), found.volume.shape)
-    place = projector.place()
-    at = np.array(place["first"]) + i * np.array(place["down"]) + k * np.array(place["right"])
-    y, x = (at - (np.array(camera.grid.shape) - 1) / 2) * camera.pixel_pitch / 10
-    assert plane == 1
-    assert math.hypot(x - 10e-6, y + 11e-6) < 1.5e-6  # voxels of 2 um
-    assert found.voxel == images.sides
-
-
-def test_memory_of_frames_is_counted(device, monkeypatch):
-    projector = FrameProjector(any_images("square"), LATTICES["turned"], device=device)
-    monkeypatch.setattr(device, "memory_bytes", projector.nbytes)
-    with pytest.raises(DeviceError, match="The projection of 2 frames together needs"):
-        projector.require_memory(2)
-
-
-@pytest.mark.parametrize(
-    ("change", "error", "words"),
-    [
+def test_what_cannot_be(device):
+    for change, error, words in [
         ({"lattice": None}, TypeError, "lattice is a Lattice, as estimate_lattice gives it"),
         ({"images": 3}, TypeError, "images is a PointImages"),
         ({"lattice": LATTICES["hexagonal"]}, ValueError, "is hexagonal and that of the point"),
         ({"shape": (3, 0)}, ShapeError, "shape is .ny, nx. of frames"),
         ({"shape": 4}, ShapeError, "shape is .ny, nx. of frames"),
         ({"lattice": Lattice("square", (5, 5), (9, 0), (0, 9))}, ShapeError, "not None"),
-        ({"lattice": Lattice("square", (5, 5), (9, 0), (0, 9), (20, 20))}, ValueError,
-         r"have 0\.444 pixels for one of the camera .* at least 9 pixels a lenslet"),
-    ],
-)  # fmt: skip
-def test_what_cannot_be(device, change, error, words):
-    given = {"images": any_images("square"), "lattice": LATTICES["turned"]} | change
-    with pytest.raises(error, match=words):
-        FrameProjector(given.pop("images"), given.pop("lattice"), **given, device=device)
+        (
+            {"lattice": Lattice("square", (5, 5), (9, 0), (0, 9), (20, 20))},
+            ValueError,
+            r"have 0\.444 pixels for one of the camera .* at least 9 pixels a lenslet",
+        ),
+    ]:
+        given = {"images": any_images("square"), "lattice": LATTICES["turned"]} | change
+        with pytest.raises(error, match=words):
+            FrameProjector(given.pop("images"), given.pop("lattice"), **given, device=device)
+
+
+def test_memory_of_frames_is_counted(device, monkeypatch):
+    projector = FrameProjector(any_images("square"), LATTICES["turned"], device=device)
+    asked = []
+    monkeypatch.setattr(device, "require_memory", lambda nbytes, what: asked.append(nbytes))
+    projector.require_memory(1)
+    Projector(projector.images, projector.shape, device=device)
+    assert asked[0] > asked[1]  # the frame besides that of the model
 
 
 def test_other_pixels_than_those_integrated_over(device):

@@ -8,7 +8,6 @@ import pytest
 import tifffile
 
 from clplen import LightField, MicrolensArray, PlenopticCamera, PointSources, ShapeError
-from clplen.lightfield import Lattice
 from clplen.lightfield.calibration.lattice_fit import estimate_lattice
 from clplen.lightfield.calibration.raw_decoding import decode_raw
 from clplen.lightfield.focus_and_depth import focal_stack
@@ -117,9 +116,8 @@ def test_matching():
     assert match_points(first, first[:0], tolerance=(1, 1, 1)).shape == (0, 2)
 
 
-@pytest.mark.parametrize(
-    ("stack", "options", "words"),
-    [
+def test_what_holds_no_points():
+    for stack, options, words in [
         (np.ones((2, 9, 9)), {}, "1 or at least 3 planes"),
         (np.ones((9, 9)), {}, "1 or at least 3 planes"),
         (np.ones((3, 9, 9)) * 1j, {}, "real samples"),
@@ -128,34 +126,9 @@ def test_matching():
         (np.ones((3, 9, 9)), {"axes": ([1, 2], None, None)}, "3 samples has shape"),
         (np.ones((3, 9, 9)), {"axes": ([1, 2, 1], None, None)}, "rise or fall"),
         (np.ones((3, 9, 9)), {"size": (1, 0.1)}, "at least 0 planes and 0.5 samples"),
-    ],
-)
-def test_what_holds_no_points(stack, options, words):
-    with pytest.raises((ShapeError, ValueError), match=words):
-        find_points(stack, **options)
-
-
-@pytest.mark.thorough
-def test_gain_and_noise_halves(monkeypatch):
-    monkeypatch.syspath_prepend(EXAMPLES)
-    beads = importlib.import_module("beads")
-    rng = np.random.default_rng(1)
-    index = np.indices((400, 500))
-    jitter = rng.normal(0, 0.15, (2, 22, 27))[(slice(None), *(index // 19.3).astype(int))]
-    y, x = np.mod(index, 19.3) - 9.65 + jitter
-    level = 20 + 300 / (1 + np.exp(2 * (np.hypot(y, x) - 8)))
-    white = 2.2 * rng.poisson(level) + 95
-    lattice = Lattice("square", (9.65, 9.65), (19.3, 0), (0, 19.3), white.shape)
-    gain, zero = beads.photon_transfer(white, lattice)
-    # a variance from 4500 pixels by a quantile is known to 3 %, a line through 40 of them to 1 %
-    assert gain == pytest.approx(2.2, rel=0.03)
-    assert zero == pytest.approx(95, abs=3)
-    first, second = beads.halves(white, 2.2, 95, 0)
-    assert (first + second) / 2 == pytest.approx(white - 95)
-    # of independent halves of Poisson counts the difference has the variance of the sum
-    off = (first - second) / 4.4
-    assert np.mean(off**2) == pytest.approx(level.mean(), rel=0.01)
-    assert abs(np.corrcoef((first - second).ravel(), white.ravel())[0, 1]) < 0.01
+    ]:
+        with pytest.raises((ShapeError, ValueError), match=words):
+            find_points(stack, **options)
 
 
 def test_beads_of_a_real_frame(device, data_folder, monkeypatch):

@@ -7,7 +7,7 @@ from tolerance import relative_max
 
 from clplen import MicrolensArray, PlenopticCamera, PointSources, ShapeError
 from clplen.errors import DeviceError
-from clplen.microscopy.model.cells import cell_of
+from clplen.microscopy.model.cells import cell_in, cell_of
 from clplen.microscopy.model.images import PointImages, unique_phases
 from clplen.microscopy.model.psf import _symmetric, point_images
 from clplen.microscopy.reconstruction import projector as projectors
@@ -43,11 +43,7 @@ def any_images(v, n, radii):
 
 @pytest.mark.parametrize(
     ("v", "n", "radii", "shape"),
-    [
-        (1, 1, (0,), (1, 1)), (1, 2, (3,), (1, 1)), (2, 1, (1, 0), (1, 4)), (3, 2, (2,), (5, 1)),
-        (2, 3, (1, 4), (2, 3)), (4, 4, (1,), (3, 2)), (3, 5, (6, 1, 0), (2, 3)),
-        (1, 7, (1,), (5, 2)),
-    ],
+    [(1, 2, (3,), (1, 1)), (3, 2, (2,), (5, 1)), (3, 5, (6, 1, 0), (2, 3))],
 )  # fmt: skip
 def test_any_numbers_of_voxels_pixels_and_lenslets(device, v, n, radii, shape, monkeypatch):
     """Every voxel, at borders and in corners too, is its image, and sees frames through it."""
@@ -71,22 +67,26 @@ def test_any_numbers_of_voxels_pixels_and_lenslets(device, v, n, radii, shape, m
 def in_pieces(images, shape, device, monkeypatch):
     """A projector whose matrices are made for two voxels at a time."""
     monkeypatch.setattr(projectors, "PIECE_BYTES", 1)
+    monkeypatch.setattr(projectors, "FIELD_BYTES", 1)  # images are transformed one by one
     found = Projector(images, shape, device=device, memory=1)
     assert found._piece == min(2, np.prod(found.images.cell.voxels))
     return found
 
 
-CELLS = [
-    ("square", 2, 1, 2), ("square", 3, 1, 1), ("square", 4, 1, 1), ("hexagonal", 1, 2, 3),
-    ("hexagonal", 1, 1, 2), ("hexagonal", 3, 1, 1),
-]  # fmt: skip
+ABERRATED = {"5": 1.0, "8": 1.0}  # without any mirror
 
 
-@pytest.mark.parametrize(("lattice", "kinds", "v", "n"), CELLS)
-def test_any_cell(device, lattice, kinds, v, n, monkeypatch):
+@pytest.mark.parametrize(
+    ("lattice", "kinds", "v", "n", "pupil"),
+    [
+        ("square", 2, 1, 2, None), ("square", 4, 1, 1, None), ("hexagonal", 1, 2, 3, None),
+        ("hexagonal", 3, 1, 1, None), ("square", 1, 2, 3, ABERRATED),
+    ],
+)  # fmt: skip
+def test_any_cell(device, lattice, kinds, v, n, pupil, monkeypatch):
     """Arrays of other lattices and several kinds of lenslets: images without any other symmetry."""
-    parameters = {"lattice": lattice, "lenslet_focal_lengths": (0.0,) * kinds}
-    cell = cell_of(lattice, kinds, voxels=v, pixels=n)
+    parameters = {"lattice": lattice, "lenslet_focal_lengths": (0.0,) * kinds, "pupil": pupil}
+    cell = cell_in(parameters, v, n)
     phases, (ny, nx), stored, rng = cell.phases(), cell.pixels, [], np.random.default_rng(n)
     for ry, rx in ((1, 1), (0, 0)) if cell.transposed else ((1, 0), (0, 2)):
         one = rng.random((len(phases), (2 * ry + 1) * ny, (2 * rx + 1) * nx))
@@ -155,15 +155,6 @@ def volumes(projector, frames=()):
     return np.random.default_rng(5).random((*frames, *projector.volume_shape), np.float32)
 
 
-def test_one_voxel_is_its_image(device, images):
-    projector = Projector(images[1], (7, 10), device=device)
-    for z, (i, k), phase in ((0, (2, 8), (0, 3)), (1, (6, 0), (2, 2)), (2, (3, 4), (4, 1))):
-        volume = np.zeros(projector.volume_shape, np.float32)
-        volume[z, 5 * i + phase[0], 5 * k + phase[1]] = 2
-        expected = 2 * placed(images[1].image(z, phase), (i, k), (7, 10), 15)
-        assert relative_max(expected, projector.forward(volume)) < 1e-6
-
-
 def test_one_voxel_is_what_the_camera_sees(device, images):
     camera, kept = images
     projector = Projector(kept, (35, 35), device=device)
@@ -191,21 +182,6 @@ def test_backward_is_the_adjoint(device, images):
     assert abs(np.vdot(signed, projector.backward(g - 0.5).astype(float)) - left) < 1e-6 * scale
 
 
-def test_frames_together_and_planes_apart(device, images):
-    together = Projector(images[1], (5, 6), device=device)
-    apart = Projector(images[1], (5, 6), device=device, memory=together.nbytes // 3)
-    assert together.resident
-    assert not apart.resident
-    f = volumes(together, (2, 2))
-    frames = together.forward(f)
-    assert frames.shape == (2, 2, 75, 90)
-    one = apart.forward(f[1, 0])
-    assert relative_max(frames[1, 0], one) < 1e-6
-    back = together.backward(frames)
-    assert back.shape == f.shape
-    assert relative_max(back[1, 0], apart.backward(frames[1, 0])) < 1e-6
-
-
 def test_forward_is_not_negative(device, images):
     projector = Projector(images[1], (14, 5), device=device)
     volume = np.zeros(projector.volume_shape, np.float32)
@@ -220,63 +196,21 @@ def test_linear_operator(device, images):
     f = volumes(projector)
     assert H.shape == (75 * 75, 3 * 25 * 25)
     assert np.array_equal(H @ f.ravel(), projector.forward(f, clamp=False).ravel())
+    assert projector.forward(f[None, None]).shape == (1, 1, *projector.frame_shape)
     g = projector.forward(f)
     assert np.array_equal(H.T @ g.ravel(), projector.backward(g).ravel())
 
 
-def test_wrong_shapes(device, images):
-    projector = Projector(images[1], (5, 6), device=device)
-    with pytest.raises(ShapeError, match=r"A volume for this projector has shape \(..., 3, 25, 30"):
-        projector.forward(np.zeros((3, 30, 25)))
-    with pytest.raises(ShapeError, match="A frame for this projector"):
-        projector.backward(np.zeros((75, 91)))
-    frame = np.zeros(projector.frame_shape)
-    frame[3, 4:6] = np.nan
-    with pytest.raises(ValueError, match="A frame has 2 values that are not finite"):
-        projector.backward(frame)
-
-
-@pytest.mark.parametrize(
-    ("change", "error", "words"),
-    [
-        ({"shape": 5}, ShapeError, "rows, columns"),
+def test_what_is_not_projected(device, images):
+    for change, error, words in [
         ({"shape": (np.nan, 5)}, ShapeError, "rows, columns"),
-        ({"shape": (5, None)}, ShapeError, "rows, columns"),
         ({"memory": -5}, ValueError, "bytes from 0 on or None, not -5"),
         ({"memory": "1e9"}, ValueError, "bytes from 0 on or None, not '1e9'"),
         ({"images": None}, TypeError, "images is a PointImages, as point_images gives it"),
         ({"volume": None}, TypeError, "A volume is an array of numbers, not of type NoneType"),
-        ({"volume": np.zeros((3, 25, 30), complex)}, TypeError, "A volume holds real numbers"),
-        ({"volume": [[1], [1, 2]]}, TypeError, "rows of unequal lengths"),
         ({"volume": np.zeros((0, 3, 25, 30))}, ShapeError, r"not \(0, 3, 25, 30\)"),
-    ],
-)
-def test_what_is_not_projected(device, images, change, error, words):
-    given = {"images": images[1], "shape": (5, 6), "volume": 0} | change
-    volume = given.pop("volume")
-    with pytest.raises(error, match=words):
-        Projector(**given, device=device).forward(volume)
-
-
-def test_memory_holds_pieces_of_a_plane(device, images, monkeypatch):
-    """Of less memory than the matrix of a plane takes, no matrix is larger than that memory."""
-    whole = Projector(images[1], (5, 5), device=device)
-    memory = whole.nbytes // len(Z) // 3
-    monkeypatch.setattr(projectors, "PIECE_BYTES", 1)
-    pieces = Projector(images[1], (5, 5), device=device, memory=memory)
-    plane = pieces._groups[0]
-    made = [pieces._assembled(plane, *piece) for piece in pieces._pieces(plane)]
-    assert len(made) > 1
-    assert max(matrix.nbytes for matrix in made) <= memory
-    assert sum(matrix.nbytes for matrix in made) == whole.nbytes // len(Z)
-
-
-def test_images_transformed_one_by_one_give_the_same(device, images, monkeypatch):
-    together = Projector(images[1], (5, 5), device=device)
-    f = volumes(together)
-    expected = together.forward(f)
-    assert together._together > 1
-    monkeypatch.setattr(projectors, "FIELD_BYTES", 1)
-    apart = Projector(images[1], (5, 5), device=device)
-    assert apart._together == 1
-    assert relative_max(expected, apart.forward(f)) < 1e-6
+    ]:
+        given = {"images": images[1], "shape": (5, 6), "volume": 0} | change
+        volume = given.pop("volume")
+        with pytest.raises(error, match=words):
+            Projector(**given, device=device).forward(volume)

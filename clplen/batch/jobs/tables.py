@@ -3,15 +3,17 @@
 from __future__ import annotations
 
 import difflib
-from typing import Annotated, Literal
+from typing import Annotated, Any, Literal
 
-from pydantic import AfterValidator, BeforeValidator, Field, model_validator
+from pydantic import AfterValidator, BeforeValidator, Field, create_model, model_validator
 
 from clplen.batch.jobs.sweep import SweepTable, swept_once
 from clplen.cameras.scenes.gallery import SCENES
 from clplen.config.operations import LayoutTable
+from clplen.config.setting_tables import setting_fields, take_settings
 from clplen.config.settings import Pair, Size, setting
-from clplen.config.tables import Count, NotNegative, Positive, Seed, Switch, Table, listed
+from clplen.config.tables import Count, NotNegative, Seed, Table, listed
+from clplen.microscopy.settings import DeconvolutionSettings, LatticeSettings
 
 Format = Literal["ome-tiff", "ome-zarr"]
 EVERY = "all"  # kinds of sample scenes
@@ -124,32 +126,23 @@ class RawTable(Table):
     """``[raw]``: the raw image of simulations."""
 
 
-class DeconvolveTable(Table):
+_Deconvolve: Any = create_model(
+    "_Deconvolve",
+    __base__=Table,
+    psf=(str, setting(..., "Point images of 'clplen microscope psf'.", example="psf.h5")),
+    **setting_fields(DeconvolutionSettings, LatticeSettings),
+)
+
+
+class DeconvolveTable(_Deconvolve):
     """``[deconvolve]``: the volume behind frames of a light-field microscope."""
 
-    psf: str = setting(..., "Point images of 'clplen microscope psf'.", example="psf.h5")
-    iterations: Count = setting(20, "Number of Richardson-Lucy iterations.")
-    background: NotNegative = setting(0.0, "Uniform background, in counts above the dark level.")
-    gain: Positive = setting(1.0, "Counts of a photon.")
-    saturation: Positive | None = setting(
-        None, "Level from which on pixels are left out.",
-        default_text="the largest of an integer type", example=65535.0,
-    )  # fmt: skip
-    haze: Switch = setting(False, "Subtract light from far beyond the volume.")
-    residual: Positive | Literal["noise"] | None = setting(
-        None, 'Stop when the residual is below this number, or below "noise", that of photons.',
-        default_text="none", example=0.01,
-    )  # fmt: skip
-    accelerate: Switch = setting(False, "Take fewer iterations, with more memory.")
-    prior: Literal["tv", "gaussian"] | None = setting(
-        None, "tv: against noise; gaussian: nothing finer than a lenslet about the native plane.",
-        default_text="none", example="tv",
-    )  # fmt: skip
-    strength: Positive = setting(1.0, "Strength of the prior.")
-    radiometric: Switch = setting(
-        False, "Correct the pupil of the point images by the white frame."
-    )
-    keep_hot: Switch = setting(False, "Keep hot pixels.")
+    @model_validator(mode="after")
+    def _go_together(self) -> DeconvolveTable:
+        values = self.model_dump()
+        take_settings(DeconvolutionSettings, values).require_series(False, in_turn=False)
+        take_settings(LatticeSettings, values)
+        return self
 
 
 WORK = ("stack", "depth", "all_in_focus", "views", "light_field", "deconvolve", "raw")

@@ -10,13 +10,15 @@ from typing import Any
 
 from clplen.batch.jobs.items import layout_in
 from clplen.batch.jobs.task import Task
-from clplen.batch.work.deconvolution import DeconvolutionSettings, Deconvolver
-from clplen.batch.work.deconvolution_files import read_picture, read_psf, write_result
 from clplen.batch.work.fingerprints import fingerprint
 from clplen.batch.work.resources import Resources
 from clplen.cameras.light_field_microscope import Microscope
+from clplen.config.setting_tables import take_settings
 from clplen.io.store.digest import digest
 from clplen.lightfield.raw.raw_image import RawImage
+from clplen.microscopy.deconvolution_files import read_picture, read_psf, write_result
+from clplen.microscopy.pipeline import Deconvolver
+from clplen.microscopy.settings import DeconvolutionSettings, LatticeSettings
 
 logger = logging.getLogger(__name__)
 
@@ -37,10 +39,16 @@ def volume_products(
     path = Path(task.base, task.source["path"]) if task.source["kind"] == "file" else None
     files = {"psf": str(Path(task.base, table.pop("psf")))}
     files |= {name: layout[name] for name in ("white", "dark") if name in layout}
+    how = take_settings(DeconvolutionSettings, table)
+    of_lattice = take_settings(LatticeSettings, table, Path(task.base))
+    of_lattice.require_no_white("white" in files)
+    files |= {} if of_lattice.mask is None else {"mask": str(of_lattice.mask)}
+    picture = _frame(path, raw)
+    lattice = of_lattice.of_frame(picture.shape, path or "The frame")
     deconvolver = _cached_deconvolver(
-        resources, files, DeconvolutionSettings(**table), force=layout.get("force", False)
+        resources, files, how, force=layout.get("force", False), lattice=lattice
     )
-    frame = deconvolver.prepared(_frame(path, raw))
+    frame = deconvolver.prepared(picture)
     said = deconvolver.checks() + deconvolver.diagnose(frame)
     found = deconvolver(frame, progress=advance)
     said += deconvolver.diagnose(frame, found)
@@ -71,16 +79,16 @@ def _frame(path: Path | None, raw: RawImage | None) -> Any:
 
 
 def _cached_deconvolver(
-    resources: Resources, files: dict[str, Any], how: DeconvolutionSettings, *, force: bool = False
+    resources: Resources, files: dict[str, Any], how: DeconvolutionSettings, **more: Any
 ) -> Deconvolver:
-    """That of the item before, where it has the same files and words."""
-    key = (how, force, *((name, path, fingerprint(Path(path))) for name, path in files.items()))
+    """That of the item before, where it has the same files and settings."""
+    prints = ((name, path, fingerprint(Path(path))) for name, path in files.items())
+    key = (how, more, *prints)
     if resources.deconvolver is None or resources.deconvolver[0] != key:
         resources.deconvolver = None  # its matrices go before others come
         images = read_psf(files.pop("psf"))
         made = Deconvolver(
-            images, how, device=resources.device, memory=resources.memory // 2, force=force,
-            white=files.get("white"), dark=files.get("dark"),
-        )  # fmt: skip
+            images, how, device=resources.device, memory=resources.memory // 2, **files, **more
+        )
         resources.deconvolver = (key, made)
     return resources.deconvolver[1]

@@ -13,7 +13,6 @@ from clplen.cli.shared.console import check_output, note, open_device, progress_
 if TYPE_CHECKING:
     from clplen.cameras import FourierMicroscope
     from clplen.compute.device import Device
-    from clplen.microscopy.fourier.fourier_images import FourierPointImages
 
 OF_ANOTHER = ("binning", "half")  # options of microscopes with lenslets on the native image
 
@@ -78,11 +77,11 @@ def simulate(
 
 def _measured(camera: FourierMicroscope, path: Path, z: Any, output: Path) -> None:
     """Measured point images, kept in ``output``."""
-    from clplen.batch.work.deconvolution_files import read_picture
     from clplen.files import naming
     from clplen.io.formats.tiff import frames_in
+    from clplen.microscopy.deconvolution_files import read_picture
     from clplen.microscopy.fourier.bead_stack import measure_point_images
-    from clplen.microscopy.fourier.fourier_files import write_fourier_point_images
+    from clplen.microscopy.model.point_image_files import write_point_images
 
     count = frames_in(path)
     if count != len(z):
@@ -92,7 +91,7 @@ def _measured(camera: FourierMicroscope, path: Path, z: Any, output: Path) -> No
         if stack.shape[1:] == camera.grid.shape:
             stack = _repaired(camera, stack, z)
         found = measure_point_images(camera, stack, z)
-    write_fourier_point_images(output, found.images)
+    write_point_images(output, found.images)
     y, x = found.places.mean(axis=0) * 1e6
     click.echo(
         f"{output} holds {found.images!r}, measured; the z given lie {found.offset * 1e6:+.3g} um "
@@ -114,28 +113,6 @@ def _repaired(camera: FourierMicroscope, stack: Any, z: Any) -> Any:
     return frames
 
 
-def projected(
-    images: FourierPointImages, path: Path, values: Any, device: Device, memory: int | None
-) -> tuple[Any, str]:
-    """The frame of a volume, and a sentence on it."""
-    from clplen.microscopy.fourier.fourier_projector import FourierProjector
-
-    b = images.voxels
-    if any(n % b or n == 0 for n in values.shape[1:]):
-        raise click.ClickException(
-            f"{path} has {values.shape[1]} x {values.shape[2]} voxels, no whole number of pixels "
-            f"of {b} x {b}."
-        )
-    shape = (values.shape[1] // b, values.shape[2] // b)
-    frame = FourierProjector(images, shape, device=device, memory=memory).forward(values)
-    share = frame.sum(dtype=float) / max(values.sum(dtype=float), 1e-300)
-    return frame, (
-        f"{frame.shape[0]} x {frame.shape[1]} pixels, {len(images.centres)} sub-images, with "
-        f"{share:.2%} of the light of the volume: the rest falls between lenslets, beyond the "
-        "field stop or beside the sensor."
-    )
-
-
 Rows = list[tuple[str, str]]
 
 
@@ -155,10 +132,11 @@ def info_of_parameters(source: Path, device: Device) -> tuple[Rows, dict[str, An
 
 
 def point_images(source: Path) -> tuple[dict[str, Any], list[tuple[int, ...]]] | None:
-    """What a file's point images were made with; None if it is something else."""
-    from clplen.microscopy.fourier.fourier_files import read_fourier_parameters
+    """Return what a file's Fourier point images were made with; None if it is something else."""
+    from clplen.microscopy.model.point_image_files import read_parameters
 
-    return read_fourier_parameters(source) if source.suffix.lower() in (".h5", ".hdf5") else None
+    known = read_parameters(source) if source.suffix.lower() in (".h5", ".hdf5") else None
+    return known if known is not None and "voxels_per_pixel" in known[0] else None
 
 
 def info_of_point_images(

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import click
 
@@ -13,7 +13,6 @@ from clplen.cli.shared.console import note
 
 if TYPE_CHECKING:
     from clplen.config.microscope import MicroscopeFile
-    from clplen.lightfield.raw.lenslet_lattice import Lattice
 
 
 @dataclass(frozen=True)
@@ -43,69 +42,9 @@ def pages_of(path: Path) -> list[Page]:
     return [Page(path)] if count == 1 else [Page(path, number) for number in range(count)]
 
 
-class Place(click.ParamType):
-    """Y:X, two finite numbers."""
-
-    name = "Y:X"
-
-    def convert(self, value: Any, param: Any, ctx: Any) -> tuple[float, float]:
-        """As click asks."""
-        if isinstance(value, tuple):
-            return value
-        try:
-            y, x = map(float, str(value).split(":"))
-        except ValueError:
-            y = x = math.nan
-        if not (math.isfinite(y) and math.isfinite(x)):
-            self.fail(f"{value!r} is not Y:X in pixels, for example 16.5:16.5.", param, ctx)
-        return y, x
-
-
-def told_lattice(
-    path: Path | None,
-    pitch: float | None,
-    offset: tuple[float, float] | None,
-    rotation: float | None,
-    white: Path | None,
-    frame: Path,
-    number: int | None,
-) -> Lattice | None:
-    """The lattice of --lattice, or of --pitch, --offset and --rotation; None without them."""
-    from dataclasses import replace
-
-    from clplen.batch.work.deconvolution_files import read_picture
-    from clplen.files import naming
-    from clplen.lightfield.raw.lenslet_lattice import Lattice
-    from clplen.microscopy.frames.given_lattice import check_given, square_lattice
-
-    if path is None and pitch is None:
-        if offset is not None or rotation is not None:
-            raise click.UsageError("--offset and --rotation are of a --pitch: give it.")
-        return None
-    if white is not None:
-        raise click.UsageError(
-            "The white frame tells its own lattice: give --white, or --lattice or --pitch."
-        )
-    if path is not None and (pitch, offset, rotation) != (None, None, None):
-        raise click.UsageError("Give --lattice, or --pitch, --offset and --rotation.")
-    height, width = read_picture(frame, number).shape
-    if path is None:
-        assert pitch is not None
-        with naming(frame):
-            return square_lattice(
-                pitch, (height, width), offset=offset, rotation=math.radians(rotation or 0.0)
-            )
-    found = Lattice.load(path)
-    if found.shape is None:
-        found = replace(found, shape=(height, width))
-    with naming(path):
-        check_given(found)
-    return found
-
-
 def check_frames(file: MicroscopeFile, frame: Path | None, white: Path | None, force: bool) -> None:
     """Refuse frames that point images of this file will not fit, before these are made."""
-    from clplen.batch.work.deconvolution_files import read_picture
+    from clplen.microscopy.deconvolution_files import read_picture
 
     n = round((file.camera.pixels_per_lenslet or 0) / file.binning)
     picture = None
@@ -130,10 +69,10 @@ def _check_white(
     file: MicroscopeFile, n: int, white: Path, shape: tuple[int, ...] | None, force: bool
 ) -> None:
     """Refuse a white frame of another camera, and say where the pitch is another."""
-    from clplen.batch.work.deconvolution_files import read_picture
     from clplen.files import naming
     from clplen.lightfield.calibration.lattice_fit import estimate_lattice
     from clplen.lightfield.calibration.lattice_trust import require_trust
+    from clplen.microscopy.deconvolution_files import read_picture
     from clplen.microscopy.frames.given_lattice import pitch_sentence
     from clplen.microscopy.frames.prepare import LEAST
 

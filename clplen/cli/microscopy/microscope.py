@@ -4,8 +4,7 @@ from __future__ import annotations
 
 import signal
 import threading
-import time
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import replace
 from pathlib import Path
@@ -33,7 +32,7 @@ if TYPE_CHECKING:
     from clplen.compute.device import Device
     from clplen.config.fourier_microscope import FourierFile
     from clplen.config.microscope import MicroscopeFile
-    from clplen.microscopy.fourier.fourier_images import FourierPointImages
+    from clplen.microscopy.model.fourier_images import FourierPointImages
     from clplen.microscopy.model.images import PointImages
 
 _PATH = click.Path(path_type=Path)
@@ -41,7 +40,6 @@ VOXELS = 5
 CUT = 2e-3
 _OF_THE_ARRAY = ("lenslets", "field of view")  # point images are those of an endless one
 _FAR = 2  # light-field ranges from the native plane: farther away little is left to find
-_WAITED, _LONG = 2.0, 20.0  # seconds: before it is known how long, and from which on it is said
 
 
 @click.group()
@@ -199,10 +197,11 @@ def project(
     Example:
       clplen microscope project volume.ome.tif -c psf.h5 -o frame.tif
     """
-    from clplen.batch.work.deconvolution_files import read_psf
     from clplen.io import write_picture
     from clplen.io.results.volume_files import read_volume
-    from clplen.microscopy.fourier.fourier_images import FourierPointImages
+    from clplen.microscopy.deconvolution_files import read_psf
+    from clplen.microscopy.model.fourier_images import FourierPointImages
+    from clplen.microscopy.reconstruction.fourier_projector import FourierProjector
     from clplen.microscopy.reconstruction.projector import Projector
 
     check_suffix(output, (".tif", ".tiff"))
@@ -210,31 +209,34 @@ def project(
     values, about = read_volume(volume)
     images = read_psf(source)
     _check_planes(volume, values, about, images)
-    device = open_device(selector)
-    if isinstance(images, FourierPointImages):
-        frame, said = fourier.projected(images, volume, values, device, memory)
-        write_picture(output, frame)
-        click.echo(f"{output} holds {said}")
-        return
     if "sensor_pixels" in images.parameters:
         raise click.ClickException(
             f"{source} is of frames that are not rectified, whose lattice a white frame tells: "
             "make point images without --unrectified, or use clplen.microscopy.FrameProjector."
         )
-    _check_lenslets(volume, values, images)
-    v = images.voxels
+    v, is_fourier = images.voxels, isinstance(images, FourierPointImages)
+    if any(n % v or n == 0 for n in values.shape[1:]):
+        raise click.ClickException(
+            f"{volume} has {values.shape[1]} x {values.shape[2]} voxels, no whole number of "
+            f"{'pixels' if is_fourier else 'lenslets'} of {v} x {v}."
+        )
     shape = (values.shape[1] // v, values.shape[2] // v)
-    projector = Projector(images, shape, device=device, memory=memory)
-    frame = projector.forward(values)
+    kind: Any = FourierProjector if is_fourier else Projector
+    frame = kind(images, shape, device=open_device(selector), memory=memory).forward(values)
     write_picture(output, frame)
-    rows, columns = shape
     share = frame.sum(dtype=float) / max(values.sum(dtype=float), 1e-300)
-    kept = min(images.kept(plane) for plane in range(len(images.planes)))
-    click.echo(
-        f"{output} holds {rows} x {columns} lenslets of {images.pixels} x {images.pixels} pixels, "
-        f"with {share:.2%} of the light of the volume: the rest falls beside the frame, or beyond "
-        f"the point images, which keep at least {kept:.2%} of a voxel's light."
-    )
+    if isinstance(images, FourierPointImages):
+        what = f"{frame.shape[0]} x {frame.shape[1]} pixels, {len(images.centres)} sub-images"
+        rest = "between lenslets, beyond the field stop or beside the sensor"
+    else:
+        what = f"{shape[0]} x {shape[1]} lenslets of {images.pixels} x {images.pixels} pixels"
+        kept = min(images.kept(plane) for plane in range(len(images.planes)))
+        rest = (
+            "beside the frame, or beyond the point images, which keep at least "
+            f"{kept:.2%} of a voxel's light"
+        )
+    text = f"{output} holds {what}, with {share:.2%} of the light of the volume"
+    click.echo(f"{text}: the rest falls {rest}.")
 
 
 def _planes_of(file: MicroscopeFile | FourierFile, sampling: dict[str, Any], path: Path) -> Any:
@@ -295,29 +297,6 @@ def _ended_politely() -> Iterator[None]:
         signal.signal(signal.SIGTERM, before)
 
 
-def _timed(
-    show: Callable[[int, int], None], camera: Microscope, z: Any
-) -> Callable[[int, int], None]:
-    """Show how far a simulation has come, and say once how long it will take."""
-    from clplen.microscopy.model.psf import effort
-
-    work = np.cumsum(effort(camera, z))
-    began, said = time.monotonic(), False
-
-    def progress(done: int, total: int) -> None:
-        nonlocal said
-        passed = time.monotonic() - began
-        if passed > _WAITED and not said:
-            share = np.interp(done / total * len(z), np.arange(len(z) + 1), [0, *work]) / work[-1]
-            left, said = passed * (1 / share - 1), True
-            if left > _LONG:
-                note(f"about {left:.0f} s more for {total} images." if left < 100 else
-                     f"about {left / 60:.0f} min more for {total} images.")  # fmt: skip
-        show(done, total)
-
-    return progress
-
-
 def _simulated(
     file: MicroscopeFile,
     z: Any,
@@ -364,7 +343,7 @@ def _simulated(
             cut=sampling["cut"],
             store="float16" if sampling["half"] else "float32",
             path=output,
-            progress=_timed(lambda done, total: update_bar(bar, done, total), camera, z),
+            progress=lambda done, total: update_bar(bar, done, total),
             notes=notes,
         )
 
@@ -399,13 +378,3 @@ def _check_planes(
     bad = int(np.count_nonzero(~np.isfinite(values) | (values < 0)))
     if bad:
         raise click.ClickException(f"{path} has {bad:,} voxels that are negative or not finite.")
-
-
-def _check_lenslets(path: Path, values: Any, images: PointImages) -> None:
-    """Refuse a volume that is not of whole lenslets."""
-    v = images.voxels
-    if any(n % v or n == 0 for n in values.shape[1:]):
-        raise click.ClickException(
-            f"{path} has {values.shape[1]} x {values.shape[2]} voxels, no whole number of lenslets "
-            f"of {v} x {v}."
-        )

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 import click
 import numpy as np
 
+from clplen.cli.microscopy.volume_inputs import Numbers
 from clplen.cli.shared import options
 from clplen.cli.shared.console import (
     check_output,
@@ -18,6 +19,9 @@ from clplen.cli.shared.console import (
     progress_bar,
     update_bar,
 )
+from clplen.cli.shared.settings_options import setting_errors, setting_options
+from clplen.microscopy.settings import DeconvolutionSettings, LatticeSettings
+from clplen.outputs import MARK
 
 if TYPE_CHECKING:
     from clplen.config.microscope import MicroscopeFile
@@ -30,19 +34,6 @@ _NAMES = {
     9: "trefoil", 10: "trefoil, oblique", 11: "spherical aberration",
 }  # fmt: skip
 _KEY = re.compile(r"^\s*pupil_nm\s*=.*$", re.MULTILINE)
-
-
-class Terms(click.ParamType):
-    """Noll's indices with commas between."""
-
-    name = "j,j,..."
-
-    def convert(self, value: Any, param: Any, ctx: Any) -> tuple[int, ...]:
-        """As click asks."""
-        try:
-            return tuple(int(word) for word in str(value).split(","))
-        except ValueError:
-            self.fail(f"{value!r} is no list of Noll's indices, such as 5,6,7,8,11.", param, ctx)
 
 
 @click.command()
@@ -59,17 +50,14 @@ class Terms(click.ParamType):
 )  # fmt: skip
 @click.option("--beads", is_flag=True, help="The frame is one of beads: fit each of them.")
 @click.option(
-    "--terms", type=Terms(), default="5,6,7,8,9,10,11", show_default=True,
+    "--terms", default="5,6,7,8,9,10,11", show_default=True,
+    type=Numbers("j,j,...", "5,6,7,8,11", tuple(range(1, 100)), of=" of Noll's indices", kind=int),
     help="Noll's indices to fit, from 5 on.",
 )  # fmt: skip
 @click.option("--white", type=_PATH, help="White frame; without it the frame is rectified already.")
 @click.option("--dark", type=_PATH, help="Dark frame.")
-@click.option("--mask", type=_PATH, help="Picture that is not 0 where pixels are left out.")
-@click.option("--keep-hot", is_flag=True, help="Keep pixels that stand out as no light does.")
-@click.option("--gain", type=options.FINITE, help="Counts of a photon; default 1.")
-@click.option(
-    "--haze", is_flag=True, help="Keep light from far beyond the volume out; needs --white."
-)
+@setting_options(LatticeSettings, "mask")
+@setting_options(DeconvolutionSettings, "gain", "haze", "keep_hot")
 @click.option("--voxels", type=click.IntRange(1), default=3, show_default=True,
               help="Of a lenslet along an axis.")  # fmt: skip
 @click.option("--binning", type=click.IntRange(1), help="As of psf.")
@@ -87,9 +75,13 @@ def pupil(
     keep_hot: bool,
     gain: float | None,
     haze: bool,
+    beads: bool,
+    terms: tuple[int, ...],
+    voxels: int,
+    binning: int | None,
+    steps: int,
     force: bool,
     selector: str | None,
-    **how: Any,
 ) -> None:
     """Find the aberrations of objective and sample from a frame of beads or of anything.
 
@@ -102,21 +94,20 @@ def pupil(
       clplen microscope pupil beads.tif -c scope.toml --planes-um -30:30:13 --beads -o found.toml
       clplen microscope psf found.toml -o psf.h5 --planes-um -24.5:24.5:50
     """
-    from clplen.batch.work.deconvolution_files import read_picture
     from clplen.config.microscope import read_microscope_file
     from clplen.files import naming, replacing
+    from clplen.microscopy.deconvolution_files import read_picture
     from clplen.microscopy.frames.prepare import preparation
+    from clplen.microscopy.pupil.pupil_fit import fit_pupil
 
-    if gain is not None and gain <= 0:
-        raise click.UsageError(f"--gain is positive, not {gain:g}.")
-    if haze and white is None:
-        raise click.UsageError("--haze looks like the white frame: give --white.")
+    with setting_errors(DeconvolutionSettings):
+        DeconvolutionSettings(haze=haze).require_white(white is not None)
     if gain is None:
         note("each count is taken as a photon, which the standard errors depend on: give --gain.")
     if output is not None:
         check_suffix(output, (".toml",))
         check_output(output, force, [path for path in (frame, source, white, dark, mask) if path])
-    file = read_microscope_file(source, binning=how["binning"])
+    file = read_microscope_file(source, binning=binning)
     if not file.rectified:
         raise click.ClickException(
             f"The lenslets of {source} are {_lenslets(file)}, whose frames are not rectified, and "
@@ -129,6 +120,7 @@ def pupil(
             f"{file.least} x {file.least} parts of a pixel: leave it out."
         )
     text = None if output is None else source.read_text(encoding="utf-8")
+    picture = read_picture(frame)
     camera = file.camera.build(open_device(selector))
     n = round(camera.pixels_per_lenslet) // file.binning
     beside: dict[str, Any] = {
@@ -142,18 +134,25 @@ def pupil(
     with naming(str(white or mask or frame)):
         prepare = preparation(n, device=camera.device, force=force, **beside)
     with naming(str(frame)):
-        seen = prepare(read_picture(frame))
+        seen = prepare(picture)
     if seen.hot:
         note(f"{seen.hot:,} hot pixels, which stand out as no light does, are left out.")
-    given = {
-        "white": seen.white, "background": prepare.haze(seen.counts, seen.white) if haze else 0.0,
-        "binning": file.binning,
-    }  # fmt: skip
+    of_what: dict[str, Any] = {"beads": "find"} if beads else {"steps": steps}
     with progress_bar(0, "plane") as bar:
-        found = _found(
-            seen.counts, camera, z, given, how, gain or 1.0, prepare.variance,
-            lambda done, total: update_bar(bar, done, total),
-        )  # fmt: skip
+        found = fit_pupil(
+            seen.counts,
+            camera,
+            planes=z,
+            voxels_per_lenslet=voxels,
+            white=seen.white,
+            background=prepare.haze(seen.counts, seen.white) if haze else 0.0,
+            binning=file.binning,
+            terms=terms,
+            gain=gain or 1.0,
+            variance=prepare.variance,
+            progress=lambda done, total: update_bar(bar, done, total),
+            **of_what,
+        )
     _tell(found)
     if output is not None:
         assert text is not None
@@ -175,23 +174,6 @@ def _sharpness(camera: Any, z: Any, binning: int) -> tuple[float, float, float]:
 
     how: dict[str, Any] = {"binning": binning, "voxels_per_lenslet": VOXELS, "cut": CUT}
     return sharpness(point_images(camera, z[chosen_planes(len(z))], **how))
-
-
-def _found(
-    counts: Any, camera: Any, z: Any, given: dict[str, Any], how: dict[str, Any], gain: float,
-    variance: float, progress: Any,
-) -> PupilFit:  # fmt: skip
-    from clplen.microscopy.pupil.pupil_fit import fit_pupil
-
-    shared = {"terms": how["terms"], "gain": gain, "variance": variance, "progress": progress}
-    if not how["beads"]:
-        return fit_pupil(
-            counts, camera, planes=z, voxels_per_lenslet=how["voxels"], steps=how["steps"],
-            **given, **shared,
-        )  # fmt: skip
-    return fit_pupil(
-        counts, camera, planes=z, beads="find", voxels_per_lenslet=how["voxels"], **given, **shared
-    )
 
 
 def _tell(found: PupilFit) -> None:
@@ -217,4 +199,5 @@ def with_pupil(text: str, found: PupilFit, source: Path) -> str:
         )
     table = re.search(r"^\s*\[camera\].*\n", text, re.MULTILINE)
     at = table.end() if table else 0
-    return text[:at] + line + text[at:]
+    text = text[:at] + line + text[at:]
+    return text if MARK in text else f"{text.rstrip()}\n# {MARK}\n"

@@ -24,9 +24,9 @@ from clplen.cli.shared.console import (
 )
 
 if TYPE_CHECKING:
-    from clplen.batch.work.deconvolution import Deconvolver, Values
     from clplen.io.results.volume_series import VolumeSeries
-    from clplen.microscopy.frames.prepared import Prepared
+    from clplen.microscopy.frames.prepare import Prepared
+    from clplen.microscopy.pipeline import Deconvolver, Values
     from clplen.microscopy.reconstruction.deconvolution import DeconvolutionResult
     from clplen.microscopy.series.starts import Start
 
@@ -35,29 +35,14 @@ _FRAMES = "frames"
 
 @dataclass(frozen=True)
 class Asked:
-    """What the command line asks for.
-
-    Attributes
-    ----------
-    output : pathlib.Path
-    pages : list of Page
-        Frames, in order.
-    batch : int or None
-        Frames that are found together.
-    rolling : int or None
-        Frames over which the minimum is background.
-    preview : pathlib.Path or None
-        PNG of the latest frame.
-    force : bool
-        Whether a series of other words may go.
-    """
+    """What the command line asks for."""
 
     output: Path
-    pages: list[Page]
-    batch: int | None
-    rolling: int | None
-    preview: Path | None
-    force: bool
+    pages: list[Page]  # frames, in order
+    batch: int | None  # frames that are found together
+    rolling: int | None  # frames over which the minimum is background
+    preview: Path | None  # PNG of the latest frame
+    force: bool  # whether a series of other settings may go
 
 
 def check(
@@ -102,7 +87,7 @@ def write(
         note(text)
     first = _prepared(series, asked.pages[0])
     shape = first.counts.shape
-    batch = series.batch(shape, about["batch"] if go_on else asked.batch)
+    batch = about["batch"] if go_on else series.batch(shape)
     file = _file(asked, series, shape, job, batch)
     done = file.open(go_on=go_on)
     if done:
@@ -201,7 +186,7 @@ class _Notes:
 
 def _lit(asked: Asked, series: Deconvolver, done: int) -> Iterator[tuple[Prepared, Values | None]]:
     """Frames from ``done`` on, with what of them is background."""
-    from clplen.batch.work.deconvolution import lowest
+    from clplen.microscopy.pipeline import lowest
 
     if asked.rolling is None:
         for page in asked.pages[done:]:
@@ -213,8 +198,8 @@ def _lit(asked: Asked, series: Deconvolver, done: int) -> Iterator[tuple[Prepare
 
 
 def _prepared(series: Deconvolver, page: Page) -> Prepared:
-    from clplen.batch.work.deconvolution_files import read_picture
     from clplen.files import naming
+    from clplen.microscopy.deconvolution_files import read_picture
 
     picture = read_picture(page.path, page.number)
     with naming(str(page)):
@@ -225,13 +210,12 @@ def _file(
     asked: Asked, series: Deconvolver, shape: tuple[int, ...], job: dict[str, Any], batch: int
 ) -> VolumeSeries:
     from clplen.io.results.volume_series import VolumeSeries
-    from clplen.microscopy.reconstruction.deconvolution import degenerate_planes
 
     images, projector = series.images, series.projector_for(shape)
     description = {
         "voxel_um": [round(images.side * 1e6, 9)] * 2,
         "values": "energy of a voxel, photons (counts over the gain) of the frame",
-        "degenerate_um": [round(z * 1e6, 9) for z in degenerate_planes(projector)],
+        "degenerate_um": [round(z * 1e6, 9) for z in projector.degenerate],
         "place": series.place(),
         "job": job,
     }

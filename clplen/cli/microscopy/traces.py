@@ -9,29 +9,20 @@ import click
 import numpy as np
 
 from clplen.cli.microscopy import volume_inputs as inputs
-from clplen.cli.microscopy.volume_inputs import axes_of, opened, paths_of, progressing
+from clplen.cli.microscopy.volume_inputs import (
+    axes_of,
+    check_outputs,
+    opened,
+    opened_series,
+    progressing,
+)
 from clplen.cli.shared import options
-from clplen.cli.shared.console import check_output, check_suffix, note
+from clplen.cli.shared.console import note
 
 if TYPE_CHECKING:
     from clplen.io import StoredVolumes
 
 _PATH = click.Path(path_type=Path)
-
-
-class Ring(click.ParamType):
-    """INNER,OUTER in micrometres; as metres."""
-
-    name = "INNER,OUTER"
-
-    def convert(self, value: Any, param: Any, ctx: Any) -> tuple[float, float]:
-        try:
-            inner, outer = (float(part) / 1e6 for part in str(value).split(","))
-        except ValueError:
-            inner = outer = np.nan
-        if not 0 <= inner < outer < np.inf:
-            self.fail(f"{value!r} is not {self.name} in micrometres, as 2,10.", param, ctx)
-        return inner, outer
 
 
 @click.command()
@@ -50,7 +41,10 @@ class Ring(click.ParamType):
 @click.option(
     "--percentile", type=click.FloatRange(0, 100), default=8.0, show_default=True, help="Of F0."
 )
-@click.option("--ring-um", type=Ring(), help="Take the light of a ring at this distance away.")
+@click.option(
+    "--ring-um", type=inputs.Numbers("INNER,OUTER", "2,10", (2,), **inputs.MICRONS),
+    help="Subtract the light of a ring at this distance.",
+)  # fmt: skip
 @click.option(
     "--neuropil", type=click.FloatRange(0, 1), default=0.7, show_default=True,
     help="How much of the light of the ring is also in the region.",
@@ -82,16 +76,13 @@ def traces(
     """
     from clplen import microscopy
 
-    check_suffix(output, (".csv",))
     _check(labels, points, radius_um)
-    series = opened(volumes)
-    if len(series) < 2:
-        raise click.UsageError(
-            f"{volumes[0]} holds one volume: traces run over several, give a series or more files."
-        )
-    axes = axes_of(series, voxel_um) if points or ring_um or voxel_um else None
+    if ring_um is not None and ring_um[0] >= ring_um[1]:
+        raise click.UsageError("--ring-um is INNER,OUTER in micrometres, the inner one smaller.")
+    series = opened_series(volumes, "traces")
     inside = [path for path in (labels, points) if path is not None]
-    check_output(output, force, [*paths_of(series), *inside])
+    check_outputs(series, force, (output, (".csv",)), others=inside)
+    axes = axes_of(series, voxel_um) if points or ring_um or voxel_um else None
     numbers = _labels(series, labels, points, radius_um, axes)
     found = microscopy.traces(
         progressing(series),

@@ -10,9 +10,16 @@ import click
 import numpy as np
 
 from clplen.cli.microscopy import volume_inputs as inputs
-from clplen.cli.microscopy.volume_inputs import axes_of, opened, paths_of, progressing, volume_at
+from clplen.cli.microscopy.volume_inputs import (
+    axes_of,
+    check_outputs,
+    opened,
+    opened_series,
+    progressing,
+    volume_at,
+)
 from clplen.cli.shared import options
-from clplen.cli.shared.console import check_output, check_suffix, note
+from clplen.cli.shared.console import note
 
 if TYPE_CHECKING:
     from clplen.io import StoredVolumes
@@ -64,10 +71,9 @@ def points(
     """
     from clplen.microscopy import find_points
 
-    check_suffix(output, _CSV)
     series = opened(volumes)
+    check_outputs(series, force, (output, _CSV))
     axes = axes_of(series, voxel_um)
-    check_output(output, force, paths_of(series))
     volume = volume_at(series, time)
     found = find_points(volume, axes=axes, size=size, snr=snr, distance=distance)
     if not len(found):
@@ -113,13 +119,9 @@ def regions(
     from clplen.io import write_volume
     from clplen.microscopy import find_regions
 
-    check_suffix(output, _CSV)
     series = opened(volumes)
+    check_outputs(series, force, (output, _CSV), (labels, (".tif", ".tiff", ".zarr")))
     axes = axes_of(series, voxel_um)
-    check_output(output, force, paths_of(series))
-    if labels is not None:
-        check_suffix(labels, (".tif", ".tiff", ".zarr"))
-        check_output(labels, force, paths_of(series))
     found = find_regions(volume_at(series, time), axes=axes, **how)
     if not len(found):
         raise click.ClickException(_none("region", series, how["snr"]))
@@ -138,7 +140,8 @@ def regions(
 @inputs.volumes
 @click.option("-o", "--output", required=True, metavar="TRACKS.csv", type=_PATH)
 @click.option(
-    "--step-um", type=inputs.Microns(one=True), required=True,
+    "--step-um", required=True,
+    type=inputs.Numbers("LENGTH|Z,Y,X", "3 or 6,3,3", (1, 3), above=0, **inputs.MICRONS),
     help="Largest step from frame to frame: one length, or half axes of an ellipsoid.",
 )  # fmt: skip
 @click.option(
@@ -169,7 +172,7 @@ def regions(
 def track(
     volumes: tuple[Path, ...],
     output: Path,
-    step_um: Any,
+    step_um: tuple[float, ...],
     gaps: int,
     motion: Literal["random", "straight"],
     shortest: int,
@@ -192,20 +195,13 @@ def track(
     from clplen.io import write_npy
     from clplen.microscopy import track_points
 
-    check_suffix(output, _CSV)
-    series = opened(volumes)
-    if len(series) < 2:
-        raise click.UsageError(
-            f"{volumes[0]} holds one volume: tracks run over several, give a series or more files."
-        )
+    series = opened_series(volumes, "tracks")
+    check_outputs(series, force, (output, _CSV), (napari, (".npy",)))
     axes = axes_of(series, voxel_um)
-    check_output(output, force, paths_of(series))
-    if napari is not None:
-        check_suffix(napari, (".npy",))
-        check_output(napari, force, paths_of(series))
     found = _found(series, axes, is_region, how)
+    step = step_um if len(step_um) > 1 else step_um[0]
     tracks = track_points(
-        found, step=step_um, gaps=gaps, motion=motion, shortest=shortest, unit="m"
+        found, step=step, gaps=gaps, motion=motion, shortest=shortest, unit="m"
     )
     if not len(tracks):
         kind = "region" if is_region else "point"

@@ -10,9 +10,14 @@ import click
 import numpy as np
 
 from clplen.cli.microscopy import volume_inputs as inputs
-from clplen.cli.microscopy.volume_inputs import opened, paths_of, progressing, volume_at, voxel_of
+from clplen.cli.microscopy.volume_inputs import (
+    check_outputs,
+    opened,
+    progressing,
+    volume_at,
+    voxel_of,
+)
 from clplen.cli.shared import options
-from clplen.cli.shared.console import check_output, check_suffix
 
 if TYPE_CHECKING:
     from clplen.io import StoredVolumes
@@ -23,25 +28,16 @@ _FIGURES = (".png", ".pdf", ".svg")
 _FILMS = (".gif", ".mp4")
 
 
-class Slices(click.ParamType):
-    """Z,Y,X of a voxel, from 0."""
-
-    name = "Z,Y,X"
-
-    def convert(self, value: Any, param: Any, ctx: Any) -> tuple[int, ...]:
-        parts = str(value).split(",")
-        if len(parts) != 3 or not all(part.strip().isdecimal() for part in parts):
-            self.fail(f"{value!r} is not {self.name} of a voxel, for example 10,40,40.", param, ctx)
-        return tuple(int(part) for part in parts)
-
-
 @click.command()
 @inputs.volumes
 @click.option(
     "-o", "--output", required=True, metavar="VIEWS.png|.pdf|.svg|.gif|.mp4", type=_PATH,
     help="GIF and MP4 are films of all times.",
 )  # fmt: skip
-@click.option("--slices", type=Slices(), help="Slices through this voxel, instead of projections.")
+@click.option(
+    "--slices", type=inputs.Numbers("Z,Y,X", "10,40,40", (3,), of=" of a voxel", kind=int),
+    help="Slices through this voxel, instead of projections.",
+)  # fmt: skip
 @click.option(
     "--montage", type=click.Choice(["z", "y", "x"]),
     help="Projections along this axis, of all times side by side.",
@@ -80,7 +76,6 @@ def views(
       clplen microscope views series.ome.tif -o series.png --montage z
     """
     is_film = output.suffix.lower() in _FILMS
-    check_suffix(output, (*_FIGURES, *_FILMS))
     _check(is_film, slices, montage, time, tracks_file)
     series = opened(volumes)
     if slices is not None and any(k >= n for k, n in zip(slices, series.shape[1:], strict=True)):
@@ -88,8 +83,8 @@ def views(
             f"--slices {','.join(map(str, slices))} lies outside of the volume, whose shape is "
             f"(z, y, x) = {series.shape[1:]}; numbers are from 0 on."
         )
-    read = [*paths_of(series), *([] if tracks_file is None else [tracks_file])]
-    check_output(output, force, read)
+    others = [] if tracks_file is None else [tracks_file]
+    check_outputs(series, force, (output, (*_FIGURES, *_FILMS)), others=others)
     words: dict[str, Any] = {"voxel": voxel_of(series, voxel_um), "scale": scale}
     if montage is not None:
         _draw_montage(output, series, montage, words)

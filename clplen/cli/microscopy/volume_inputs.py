@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import click
 import numpy as np
 
-from clplen.cli.shared.console import note, progress_bar
+from clplen.cli.shared.console import check_output, check_suffix, note, progress_bar
 
 if TYPE_CHECKING:
     from clplen.io import StoredVolumes
@@ -18,49 +18,29 @@ Values = np.ndarray[Any, Any]
 _PATH = click.Path(path_type=Path)
 
 
-class Microns(click.ParamType):
-    """Positive lengths in micrometres, Z,Y,X; as metres."""
+class Numbers(click.ParamType):
+    """Numbers with commas between; micrometres as metres."""
 
-    name = "Z,Y,X"
-
-    def __init__(self, *, one: bool = False) -> None:
-        self.one = one
-        if one:
-            self.name = "LENGTH|Z,Y,X"
+    def __init__(
+        self, name: str, example: str, count: tuple[int, ...], *, of: str = "", kind: type = float,
+        above: float = -1e-300, is_um: bool = False,
+    ) -> None:  # fmt: skip
+        self.name, self.example, self.count, self.above = name, example, count, above
+        self.of, self.kind, self.is_um = of, kind, is_um
 
     def convert(self, value: Any, param: Any, ctx: Any) -> Any:
-        if isinstance(value, tuple | float):
-            return value
-        try:
-            um = [float(part) for part in str(value).split(",")]
-        except ValueError:
-            um = []
-        if len(um) not in ((1, 3) if self.one else (3,)) or not all(0 < n < np.inf for n in um):
-            self.fail(
-                f"{value!r} is not {self.name} in micrometres, for example "
-                f"{'3 or ' if self.one else ''}2,0.5,0.5.",
-                param,
-                ctx,
-            )
-        lengths = tuple(n / 1e6 for n in um)
-        return lengths if len(lengths) == 3 else lengths[0]
-
-
-class Pair(click.ParamType):
-    """Two numbers PLANES,VOXELS: along z, and along y and x."""
-
-    name = "PLANES,VOXELS"
-
-    def convert(self, value: Any, param: Any, ctx: Any) -> tuple[float, float]:
         if isinstance(value, tuple):
             return value
         try:
-            along, across = (float(part) for part in str(value).split(","))
+            found = [self.kind(part) for part in str(value).split(",")]
         except ValueError:
-            along = across = np.nan
-        if not (0 <= along < np.inf and 0 <= across < np.inf):
-            self.fail(f"{value!r} is not {self.name}, for example 1,1.5.", param, ctx)
-        return along, across
+            found = []
+        if len(found) not in self.count or not all(self.above < n < np.inf for n in found):
+            self.fail(f"{value!r} is not {self.name}{self.of}, as {self.example}.", param, ctx)
+        return tuple(n / 1e6 for n in found) if self.is_um else tuple(found)
+
+
+MICRONS: dict[str, Any] = {"of": " in micrometres", "is_um": True}
 
 
 class Time(click.ParamType):
@@ -76,10 +56,11 @@ class Time(click.ParamType):
         return int(value)
 
 
+PAIR = Numbers("PLANES,VOXELS", "1,1.5", (2,))
 volumes = click.argument("volumes", metavar="VOLUME...", nargs=-1, required=True, type=_PATH)
 voxel = click.option(
     "--voxel-um",
-    type=Microns(),
+    type=Numbers("Z,Y,X", "2,0.5,0.5", (3,), above=0, **MICRONS),
     help="Size of a voxel, where the file does not say it, or says it wrong.",
 )
 time = click.option(
@@ -88,15 +69,15 @@ time = click.option(
     help="Which volume of a series: number from 0, or mean or max over time; default the first.",
 )
 size = click.option(
-    "--size", type=Pair(), default=(1.0, 1.0), show_default="1,1",
+    "--size", type=PAIR, default=(1.0, 1.0), show_default="1,1",
     help="Sigma of the smoothing: best that of a point, its width at half height over 2.35.",
 )  # fmt: skip
 snr = click.option(
-    "--snr", type=float, default=6.0, show_default=True, help="Least height over noise."
+    "--snr", type=float, default=6.0, show_default=True, help="Minimum height over noise."
 )
 distance = click.option(
-    "--distance", type=Pair(), default=(2.0, 3.0), show_default="2,3",
-    help="No dimmer point is taken that near to another.",
+    "--distance", type=PAIR, default=(2.0, 3.0), show_default="2,3",
+    help="Minimum distance between detected points.",
 )  # fmt: skip
 
 
@@ -105,6 +86,28 @@ def opened(paths: tuple[Path, ...]) -> StoredVolumes:
     from clplen.io import open_volumes
 
     return open_volumes(paths)
+
+
+def opened_series(paths: tuple[Path, ...], what: str) -> StoredVolumes:
+    """Volumes of several times, not read yet."""
+    series = opened(paths)
+    if len(series) < 2:
+        raise click.UsageError(
+            f"{paths[0]} holds one volume: {what} run over several, give a series or more files."
+        )
+    return series
+
+
+def check_outputs(
+    series: StoredVolumes, force: bool, *outputs: tuple[Path | None, tuple[str, ...]],
+    others: Iterable[Path] = (),
+) -> None:  # fmt: skip
+    """Refuse outputs of another suffix, that are read, or that are others' files."""
+    read = [*(file.path for file in series.files), *others]
+    for path, suffixes in outputs:
+        if path is not None:
+            check_suffix(path, suffixes)
+            check_output(path, force, read)
 
 
 def axes_of(series: StoredVolumes, voxel_um: tuple[float, float, float] | None) -> Any:
@@ -165,8 +168,3 @@ def progressing(series: StoredVolumes) -> Iterator[Values]:
         for volume in series:
             yield volume
             bar.update()
-
-
-def paths_of(series: StoredVolumes) -> list[Path]:
-    """The files that are read."""
-    return [file.path for file in series.files]

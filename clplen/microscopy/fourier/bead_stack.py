@@ -17,8 +17,9 @@ from scipy import ndimage
 from clplen.cameras.fourier_microscope import LIT, WHOLE, FourierMicroscope
 from clplen.checks import is_finite, real_array
 from clplen.errors import SamplingWarning, ShapeError, warn_caller
-from clplen.microscopy.fourier.fourier_images import FourierPointImages
 from clplen.microscopy.fourier.fourier_psf import centres_of, checked_planes, described
+from clplen.microscopy.model.fourier_images import FourierPointImages
+from clplen.microscopy.model.psf import check_cut
 from clplen.reprs import OneLine
 
 Vector = np.ndarray[Any, Any]
@@ -163,8 +164,7 @@ def _checked(
         raise ValueError("The stack of a bead has pixels that are not finite.")
     if not (is_finite(threshold) and threshold >= 0):
         raise ValueError(f"threshold is a number from 0 on, not {threshold!r}.")
-    if not (is_finite(cut) and 0 < cut < 0.5):
-        raise ValueError(f"cut is a share of the light between 0 and 0.5, not {cut!r}.")
+    check_cut(cut)
     whole = int((camera.lit >= WHOLE).sum())
     if whole < FEWEST:
         raise ValueError(

@@ -21,13 +21,13 @@ import numpy as np
 from numpy.polynomial.legendre import leggauss
 
 from clplen.cameras.fourier_microscope import LIT, FourierMicroscope
-from clplen.cameras.optics.objective import check_positions
-from clplen.checks import is_finite, positive_integer, real_array, require
+from clplen.checks import positive_integer, require
 from clplen.compute.memory import free_memory
 from clplen.errors import SamplingError
 from clplen.files import PathLike, check_writable
-from clplen.microscopy.fourier import fourier_files
-from clplen.microscopy.fourier.fourier_images import FourierPointImages
+from clplen.microscopy.model.fourier_images import FourierPointImages
+from clplen.microscopy.model.point_image_files import read_matching, write_point_images
+from clplen.microscopy.model.psf import check_cut, rising_planes
 from clplen.wave.coherence.averaging import Progress
 from clplen.wave.field.transmission import phasor
 
@@ -99,12 +99,11 @@ def fourier_point_images(
     """
     z = checked_planes(camera, planes)
     b = positive_integer(voxels_per_pixel, "voxels_per_pixel")
-    if not (is_finite(cut) and 0 < cut < 0.5):
-        raise ValueError(f"cut is a share of the light between 0 and 0.5, not {cut!r}.")
+    check_cut(cut)
     parameters = described(camera, z, b) | {"cut": float(cut), "source": "simulated"}
     if path is not None:
-        found = fourier_files.read_matching(path, parameters)
-        if found is not None:
+        found = read_matching(path, parameters)
+        if isinstance(found, FourierPointImages):
             return found
         check_writable(path)
     centres = centres_of(camera)
@@ -128,22 +127,14 @@ def fourier_point_images(
         np.array(corners, np.int32),
     )
     if path is not None:
-        fourier_files.write_fourier_point_images(path, made)
+        write_point_images(path, made)
     return made
 
 
 def checked_planes(camera: Any, planes: Any) -> Vector:
     """Planes as numbers, after a look at the camera too."""
     require(FourierMicroscope, camera, "camera", "PlenopticCamera.fourier_microscope")
-    z = real_array(planes, "planes", np.float64)
-    if z.ndim != 1 or z.size == 0 or not np.isfinite(z).all() or np.unique(z).size != z.size:
-        raise ValueError(f"planes are different finite numbers of metres, not {planes!r}.")
-    check_positions(z)
-    if (np.diff(z) < 0).any():
-        raise ValueError(
-            "planes rise, so that plane 0 is the nearest to the objective: give sorted(planes)."
-        )
-    return z
+    return rising_planes(planes)
 
 
 def described(camera: FourierMicroscope, planes: Vector, voxels: int) -> dict[str, Any]:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 
-from clplen.checks import check_positive, fits_float64
+from clplen.checks import fits_float64
 from clplen.errors import ShapeError
 from clplen.lightfield.raw.lenslet_lattice import Lattice
 
@@ -92,27 +92,7 @@ def check_given(lattice: Lattice) -> None:
 
 
 def pitch_sentence(lattice: Lattice, nominal: float) -> str | None:
-    """What it means that lenslets lie otherwise than the parameters say.
-
-    Parameters
-    ----------
-    lattice : Lattice
-        As it was measured.
-    nominal : float
-        Pixels a lenslet by the parameters.
-
-    Returns
-    -------
-    str or None
-        None where both agree to half a per cent.
-
-    Examples
-    --------
-    >>> lattice = clplen.microscopy.square_lattice(33.67, (500, 600))
-    >>> print(clplen.microscopy.pitch_sentence(lattice, 33.04))
-    lenslets lie 33.67 pixels apart, 33.04 by the parameters: 1.91 % more. ...
-    """
-    check_positive(nominal=nominal)
+    """Return what it means that lenslets lie otherwise than the parameters say; None if alike."""
     measured = math.sqrt(math.prod(lattice.pitch))
     ratio = measured / nominal
     if abs(ratio - 1) <= CLOSE:

@@ -11,12 +11,12 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 from scipy.ndimage import binary_dilation
 
-from clplen.checks import positive_integer, real_array, require
+from clplen.checks import host_array, positive_integer, real_array, require
 from clplen.compute.device import Device, DeviceLike, as_device
 from clplen.errors import ShapeError
 from clplen.lightfield.calibration.lattice_fit import estimate_lattice
@@ -26,8 +26,9 @@ from clplen.lightfield.raw.lenslet_lattice import Lattice
 from clplen.lightfield.raw.raw_image import RawImage
 from clplen.microscopy.frames.given_lattice import check_given
 from clplen.microscopy.frames.outliers import MANY, hot_pixels, uneven_pixels
-from clplen.microscopy.frames.prepared import Prepared, mask_of, samples, unknown
 from clplen.reprs import OneLine
+
+Vector = np.ndarray[Any, Any]
 
 LEAST = 0.9  # of the pitch: with fewer pixels the energy of a spot depends on its place
 REACH = 2  # pixels that cubic interpolation mixes, on either side
@@ -143,13 +144,87 @@ def variance(lattice: Lattice, pixels: int) -> float:
     return area(lattice, pixels) * float(kept.mean())
 
 
-Vector = np.ndarray[Any, Any]
-
 DARKEST = 0.01  # of the mean level of the white frame: darker pixels are left out
 DIMMEST = 5  # per cent of the lenslets, as dark as which haze is
 LEAST_PITCH = 3  # pixels that a lattice is looked for with
 DARKER = 0.75  # of the pixels below the dark frame, of which noise alone puts a half
 RARE = 5 * math.sqrt(2)  # times the noise of a dark frame: beyond that of two of them
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Prepared(OneLine):
+    """A frame as `deconvolve` takes it.
+
+    Attributes
+    ----------
+    counts, white : numpy.ndarray
+        float32, shape (rows n, columns n); white 0 where pixels are left out.
+    negative, left_out : int
+        How many pixels of the raw frame were below 0 and are 0; how many were saturated or not
+        finite.
+    deep : int
+        How many were further below 0 than the noise of the dark frame explains.
+    size : int
+        Pixels of the raw frame.
+    hot : int
+        How many stood out as no light does, and were left out; see `hot_pixels`.
+    masked : int
+        How many the mask left out.
+    doubtful : int
+        How many stood out where they were too many to be hot pixels: none was left out.
+
+    Examples
+    --------
+    >>> wave = 1 + np.cos(2 * np.pi * np.arange(60) / 9.6)  # lenslets 9.6 pixels apart
+    >>> white = 1000 * np.outer(wave, wave)
+    >>> frame = (0.5 * white).astype(np.uint16)
+    >>> frame[30, 30] = 65535  # saturated
+    >>> found = clplen.microscopy.preparation(10, white=white)(frame)
+    >>> found.counts.shape, found.left_out, found.negative
+    ((50, 50), 1, 0)
+    """
+
+    counts: Vector
+    white: Vector
+    negative: int
+    left_out: int
+    deep: int = 0
+    size: int = 0
+    hot: int = 0
+    masked: int = 0
+    doubtful: int = 0
+
+
+def samples(frame: Any) -> Vector:
+    """Those of an array or of a `RawImage`."""
+    return host_array(frame.to_numpy() if hasattr(frame, "to_numpy") else frame, "A frame")
+
+
+def unknown(values: Vector, saturation: float | None) -> Vector:
+    """Pixels that are saturated or not finite."""
+    if saturation is None and values.dtype.kind in "ui":
+        saturation = np.iinfo(values.dtype).max
+    bad = ~np.isfinite(values)
+    return bad if saturation is None else bad | (values >= saturation)
+
+
+def mask_of(mask: Any, shape: tuple[int, ...] | None) -> Vector:
+    """Pixels that a mask leaves out: those that are not 0."""
+    values = samples(mask)
+    if values.ndim != 2 or (shape is not None and values.shape != shape):
+        wanted = "(ny, nx)" if shape is None else str(shape)
+        raise ShapeError(f"The mask has shape {values.shape}, frames have {wanted}: give theirs.")
+    if values.dtype.kind not in "biuf" or not (np.isfinite(values) & (values >= 0)).all():
+        raise ValueError(
+            "A mask holds 0 where a pixel counts and positive numbers where it is left out, "
+            "and this one holds others."
+        )
+    out = np.asarray(values > 0)
+    if out.all():
+        raise ValueError(
+            "The mask leaves out every pixel: it is 0 where a pixel counts, is it inverted?"
+        )
+    return out
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -216,27 +291,12 @@ class Preparation(OneLine):
         return 1.0 if self.lattice is None else variance(self.lattice, self.pixels)
 
     def __call__(self, frame: Any, *, saturation: float | None = None) -> Prepared:
-        """A raw frame without its dark one, rectified, with the pixels that count.
+        """Subtract the dark frame, rectify the frame and find the pixels that count.
 
-        Parameters
-        ----------
-        frame : array_like or RawImage
-            Shape (ny, nx).
-        saturation : float, optional
-            Level from which on pixels are saturated; default the largest integer of the frame's
-            type, none for other types.
-
-        Returns
-        -------
-        Prepared
-
-        Raises
-        ------
-        ShapeError
-            If the frame is of another size than the white or the dark frame, or has no whole
-            number of lenslets and there is no white frame.
-        ValueError
-            If three quarters of its pixels, and their mean, are below the dark frame.
+        ``saturation`` is the level from which on pixels are left out, by default the largest
+        integer of the frame's type. Raise `ShapeError` for a frame of another size than the white
+        or dark frame, or without a whole number of lenslets, and ValueError where the dark frame is
+        brighter than the frame.
         """
         values = samples(frame)
         self._check(values.shape)
@@ -273,19 +333,11 @@ class Preparation(OneLine):
         )  # fmt: skip
 
     def place(self, voxels: int) -> dict[str, tuple[float, float]]:
-        """Where the columns of voxels lie on the raw frame, for volumes to be laid over it.
+        """Return where columns of voxels lie on the raw frame, as (y, x) in pixels.
 
-        Parameters
-        ----------
-        voxels : int
-            v, of a lenslet along an axis.
-
-        Returns
-        -------
-        dict
-            (y, x) in pixels of the raw frame, whose centres are integers: "first" of voxel (0, 0),
-            "down" and "right" the steps to (1, 0) and (0, 1). The image side is telecentric: that
-            of all planes.
+        "first" is voxel (0, 0); "down" and "right" are the steps to (1, 0) and (0, 1), of all
+        planes. Centres of pixels are integers; ``voxels`` is their number along an axis of a
+        lenslet.
         """
         n = self.pixels
         first, row, column = ((n - 1) / 2,) * 2, (float(n), 0.0), (0.0, float(n))
@@ -300,25 +352,10 @@ class Preparation(OneLine):
         }
 
     def haze(self, counts: Vector, white: Vector) -> Vector:
-        """Light in a rectified frame from far beyond the volume.
+        """Return the light in a rectified frame from far beyond the volume, float32.
 
         It fills the pupil evenly, so that it looks like the white frame, and is as bright as in the
-        darkest lenslets.
-
-        Parameters
-        ----------
-        counts, white : numpy.ndarray
-            Of `Prepared`, the counts without what else is background.
-
-        Returns
-        -------
-        numpy.ndarray
-            float32, the same shape, not negative.
-
-        Raises
-        ------
-        ValueError
-            If there is no white frame.
+        darkest lenslets. ``counts`` are without other background; ``white`` is that of `Prepared`.
         """
         if self.level is None:
             raise ValueError("Haze looks like the white frame, and there is none: give it.")
@@ -439,7 +476,7 @@ def preparation(
     """
     device = as_device(device)
     pixels = positive_integer(pixels, "pixels")
-    black = None if dark is None else np.asarray(samples(dark), np.float32)
+    black = dark_frame(dark)
     if white is None:
         if lattice is not None:
             check_given(lattice)
@@ -447,28 +484,61 @@ def preparation(
         return Preparation(pixels, device, black, lattice, None, None, out, sharpest)
     if lattice is not None:
         raise ValueError("The white frame tells its own lattice: leave the other one out.")
-    light, bad = white_light(white, black, saturation)
+    seen = white_frame(
+        white, dark, saturation, kind="square", pitch=max(pixels, LEAST_PITCH), mask=mask,
+        find_hot=sharpest is not None, force=force,
+    )  # fmt: skip
+    found = Preparation(pixels, device, black, seen.lattice, None)
+    level = rectify(seen.light, seen.lattice, device=device, pixels=pixels)
+    if seen.bad.any():
+        level[found._reached(seen.bad)] = 0
+    even = _sensitivity(level, pixels)
+    return replace(found, sensitivity=even, level=level, mask=seen.mask, sharpest=sharpest)
+
+
+@dataclass(frozen=True, eq=False)
+class WhiteFrame:
+    """A white frame without its dark one, its lattice, and which of its pixels do not count."""
+
+    light: Vector
+    lattice: Lattice
+    bad: Vector
+    mask: Vector | None
+
+
+def white_frame(
+    white: Any,
+    dark: Any,
+    saturation: float | None,
+    *,
+    kind: Literal["square", "hexagonal"],
+    pitch: float,
+    mask: Any,
+    find_hot: bool,
+    force: bool,
+) -> WhiteFrame:
+    """Find the lattice of a white frame and the pixels that do not count; refuse what is none."""
+    light, bad = _white_light(white, dark_frame(dark), saturation)
     out = None if mask is None else mask_of(mask, light.shape)
-    lattice = estimate_lattice(light, kind="square", pitch=max(pixels, LEAST_PITCH))
+    lattice = estimate_lattice(light, kind=kind, pitch=pitch)
     if math.isnan(lattice.residual):
         raise ValueError(
-            f"The white frame has no lenslets of about {pixels} pixels, as the point images have: "
-            "is it one, and of the same camera?"
+            f"The white frame has no {kind} lattice of lenslets of about {pitch:g} pixels, as the "
+            "point images have: is it one, and of the same camera?"
         )
     require_trust(lattice, "The white frame", force=force)
-    found = Preparation(pixels, device, black, lattice, None)
-    if sharpest is not None:
+    if find_hot:
         uneven = uneven_pixels(light, lattice)
         bad = bad | uneven if np.count_nonzero(uneven) <= MANY * light.size else bad
-    bad = bad if out is None else bad | out
-    level = rectify(light, lattice, device=device, pixels=pixels)
-    if bad.any():
-        level[found._reached(bad)] = 0
-    even = _sensitivity(level, pixels)
-    return Preparation(pixels, device, black, lattice, even, level, out, sharpest)
+    return WhiteFrame(light, lattice, bad if out is None else bad | out, out)
 
 
-def white_light(
+def dark_frame(dark: Any) -> Vector | None:
+    """A dark frame as float32, if there is one."""
+    return None if dark is None else np.asarray(samples(dark), np.float32)
+
+
+def _white_light(
     white: Any, black: Vector | None, saturation: float | None
 ) -> tuple[Vector, Vector]:
     """A white frame without its dark one, and which of its pixels are unknown."""

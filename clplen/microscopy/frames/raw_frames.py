@@ -14,12 +14,14 @@ import numpy as np
 
 from clplen.checks import require
 from clplen.compute.device import DeviceLike, as_device
-from clplen.lightfield.calibration.lattice_fit import estimate_lattice
-from clplen.lightfield.calibration.lattice_trust import require_trust
 from clplen.lightfield.raw.lenslet_lattice import Lattice
-from clplen.microscopy.frames.outliers import MANY, uneven_pixels
-from clplen.microscopy.frames.prepare import DARKEST, DIMMEST, Preparation, white_light
-from clplen.microscopy.frames.prepared import mask_of, samples
+from clplen.microscopy.frames.prepare import (
+    DARKEST,
+    DIMMEST,
+    Preparation,
+    dark_frame,
+    white_frame,
+)
 from clplen.microscopy.frames.sharpness import projected_sharpness
 from clplen.microscopy.model.images import PointImages
 from clplen.microscopy.reconstruction.frame_projector import FrameProjector
@@ -158,37 +160,23 @@ def raw_preparation(
     """
     device = as_device(device)
     require(PointImages, images, "images", "point_images")
-    black = None if dark is None else np.asarray(samples(dark), np.float32)
-    light, bad = white_light(white, black, saturation)
-    pitch = images.parameters.get("sensor_pixels", images.pixels)
-    lattice = estimate_lattice(
-        light, kind=images.parameters.get("lattice", "square"), pitch=float(pitch)
-    )
-    if np.isnan(lattice.residual):
-        raise ValueError(
-            f"The white frame has no {lattice.kind} lattice of lenslets of about {pitch:g} pixels, "
-            "as the point images have: is it one, and of the same camera?"
-        )
-    require_trust(lattice, "The white frame", force=force)
-    projector = FrameProjector(
-        images, _of_first_kind(images, lattice, light, device), device=device, memory=memory
-    )
-    sharpest = projected_sharpness(projector, images) if find_hot else None
-    uneven = uneven_pixels(light, lattice) if find_hot else np.zeros_like(bad)
-    bad = bad | uneven if np.count_nonzero(uneven) <= MANY * light.size else bad
-    out = None if mask is None else mask_of(mask, light.shape)
-    bad = bad if out is None else bad | out
-    level = np.where(bad, np.float32(0), light)
-    sensitivity = _sensitivity(projector, level, ~bad)
+    seen = white_frame(
+        white, dark, saturation, kind=images.parameters.get("lattice", "square"),
+        pitch=float(images.parameters.get("sensor_pixels", images.pixels)), mask=mask,
+        find_hot=find_hot, force=force,
+    )  # fmt: skip
+    first = _of_first_kind(images, seen.lattice, seen.light, device)
+    projector = FrameProjector(images, first, device=device, memory=memory)
+    level = np.where(seen.bad, np.float32(0), seen.light)
     return RawPreparation(
         images.pixels,
         projector.device,
-        black,
+        dark_frame(dark),
         projector.lattice,
-        sensitivity,
+        _sensitivity(projector, level, ~seen.bad),
         level,
-        out,
-        sharpest,
+        seen.mask,
+        projected_sharpness(projector, images) if find_hot else None,
         projector,
     )
 

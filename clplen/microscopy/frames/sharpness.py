@@ -6,8 +6,7 @@ from collections.abc import Iterable, Iterator
 
 import numpy as np
 
-from clplen.microscopy.fourier.fourier_images import FourierPointImages
-from clplen.microscopy.frames.surroundings import (
+from clplen.microscopy.frames.outliers import (
     AROUND,
     BRIGHTEST,
     Step,
@@ -15,6 +14,7 @@ from clplen.microscopy.frames.surroundings import (
     steps_around,
     sums_around,
 )
+from clplen.microscopy.model.fourier_images import FourierPointImages
 from clplen.microscopy.model.images import PointImages
 from clplen.microscopy.reconstruction.frame_projector import FrameProjector
 

@@ -28,34 +28,16 @@ _ROOT = math.sqrt(3)
 
 @dataclass(frozen=True)
 class Cell:
-    """A rectangle of an array that repeats, centred on a lenslet of the first kind.
+    """A rectangle of an array that repeats, centred on a lenslet of the first kind."""
 
-    Attributes
-    ----------
-    lenslets : tuple of int
-        (rows, columns) of lenslets whose area it has.
-    size : tuple of float
-        (height, width) over the pitch of the lenslets.
-    voxels : tuple of int
-        (vy, vx) of it.
-    pixels : tuple of int
-        (ny, nx) of it.
-    mirror_y, mirror_x : bool
-        Whether y -> -y and x -> -x leave the array as it is.
-    transposed : bool
-        Whether the exchange of y and x does.
-    turned : bool
-        Whether (y, x) -> (-y, -x) does.
-    """
-
-    lenslets: Pair
-    size: tuple[float, float]
-    voxels: Pair
-    pixels: Pair
-    mirror_y: bool
-    mirror_x: bool
-    transposed: bool
-    turned: bool
+    lenslets: Pair  # (rows, columns) of lenslets whose area it has
+    size: tuple[float, float]  # (height, width) over the pitch
+    voxels: Pair  # (vy, vx)
+    pixels: Pair  # (ny, nx)
+    mirror_y: bool  # whether y -> -y leaves the array as it is
+    mirror_x: bool  # x -> -x
+    transposed: bool  # the exchange of y and x
+    turned: bool  # (y, x) -> (-y, -x)
 
     @property
     def parts(self) -> tuple[int, ...]:

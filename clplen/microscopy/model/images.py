@@ -106,19 +106,18 @@ class PointImages:
         shapes = (one.shape[1:] for one in self.stored)
         return tuple(((y // ny - 1) // 2, (x // nx - 1) // 2) for y, x in shapes)
 
+    @property
+    def blurs(self) -> Vector:
+        """Lenslets that a point's light reaches to a side, by plane; below 1/2 none sees detail."""
+        about = self.parameters
+        tangent = about["na"] / np.sqrt(np.square(about["medium_index"]) - np.square(about["na"]))
+        scale = about["magnification"] * tangent / about["lenslet_pitch"]
+        return np.asarray(np.abs(self.planes) * scale)
+
     def image(self, plane: int, phase: tuple[int, int]) -> Vector:
-        """The image of one voxel of energy 1.
+        """Return the image of one voxel of energy 1, float32, shape (ny ky, nx kx).
 
-        Parameters
-        ----------
-        plane : int
-        phase : tuple of int
-            (sy, sx) of the voxel in its cell, from (0, 0) on.
-
-        Returns
-        -------
-        numpy.ndarray
-            float32, shape (ny ky, nx kx): energy on the pixels of the cells about its own.
+        ``phase`` is (sy, sx) of the voxel in its cell; pixels are those of the cells about its own.
         """
         vy, vx = self.cell.voxels
         if not (0 <= phase[0] < vy and 0 <= phase[1] < vx):
@@ -138,20 +137,7 @@ class PointImages:
         return {phase: number for number, phase in enumerate(self.cell.phases())}
 
     def part(self, plane: int, phase: tuple[int, int], part: int) -> Vector:
-        """Of an image what keeps or changes its sign under the mirrors; all parts add up to it.
-
-        Parameters
-        ----------
-        plane : int
-        phase : tuple of int
-        part : int
-            One of ``cell.parts``.
-
-        Returns
-        -------
-        numpy.ndarray
-            float32, shape of `image`.
-        """
+        """Return a part of an image, which keeps or changes its sign under the mirrors."""
         total = self.image(plane, phase)
         (vy, vx), (a, b), parts = self.cell.voxels, phase, self.cell.parts
         if len(parts) == 1:

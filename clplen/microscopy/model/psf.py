@@ -143,7 +143,7 @@ def point_images(
     )
     if path is not None:
         found = point_image_files.read_matching(path, parameters)
-        if found is not None:
+        if isinstance(found, PointImages):
             return found
         check_writable(path)
     cell = _cell(camera, voxels_per_lenslet, binning)
@@ -175,13 +175,6 @@ def _cell(camera: Microscope, voxels: int, binning: int) -> Cell:
 def lenslets_across(camera: Microscope, z: float) -> int:
     """Lenslets along an axis that the image of a point covers, by rays."""
     return 2 * math.ceil(camera.objective.blur(z) / camera.mla.pitch) + 1
-
-
-def effort(camera: Microscope, planes: Vector) -> Vector:
-    """Return the relative work of simulating each plane's image, N log N for N samples."""
-    across = 2 * (np.ceil(camera.objective.blur(planes) / camera.mla.pitch) + MARGIN) + 1
-    samples = (np.maximum(across, LEAST) * camera.pixels_per_lenslet) ** 2
-    return np.asarray(samples * np.log2(samples))
 
 
 def described(
@@ -254,6 +247,16 @@ def checked_planes(
             f"sensor_pixels are those of a lenslet, from 1 to the {n} of the point images, which "
             f"are no coarser, not {sensor_pixels!r}."
         )
+    z = rising_planes(planes)
+    positive_integer(voxels, "voxels_per_lenslet")
+    check_cut(cut)
+    if store not in ("float32", "float16"):
+        raise ValueError(f"store is 'float32' or 'float16', not {store!r}.")
+    return z
+
+
+def rising_planes(planes: Any) -> Vector:
+    """Return z of planes in metres, float64; refuse those that do not rise."""
     z = real_array(planes, "planes", np.float64)
     if z.ndim != 1 or z.size == 0 or not np.isfinite(z).all() or np.unique(z).size != z.size:
         raise ValueError(f"planes are different finite numbers of metres, not {planes!r}.")
@@ -262,12 +265,13 @@ def checked_planes(
         raise ValueError(
             "planes rise, so that plane 0 is the nearest to the objective: give sorted(planes)."
         )
-    positive_integer(voxels, "voxels_per_lenslet")
+    return z
+
+
+def check_cut(cut: Any) -> None:
+    """Refuse what is no share of light that may be left out."""
     if not (is_finite(cut) and 0 < cut < 0.5):
         raise ValueError(f"cut is a share of the light between 0 and 0.5, not {cut!r}.")
-    if store not in ("float32", "float16"):
-        raise ValueError(f"store is 'float32' or 'float16', not {store!r}.")
-    return z
 
 
 def _check_lattice(camera: Microscope) -> None:
@@ -368,7 +372,8 @@ def _simulated(
                 done = number * len(phases) + sum(map(len, batches))
                 progress(done, len(planes) * len(phases))
         images = np.concatenate(batches)
-        yield _cut(_symmetric(images, phases, cell), cell, cut)
+        rows, columns = light_in(_symmetric(images, phases, cell), cell, cut)
+        yield images[:, rows, columns]
 
 
 def _window(camera: Microscope, z: float, cell: Cell) -> Pair:
@@ -466,8 +471,8 @@ def _symmetric(images: Vector, phases: list[Pair], cell: Cell) -> Vector:
     return images
 
 
-def _cut(images: Vector, cell: Cell, cut: float) -> Vector:
-    """The fewest cells about the middle one that leave out no more than a share of any image.
+def light_in(images: Vector, cell: Cell, cut: float) -> tuple[slice, slice]:
+    """Return rows and columns of the fewest cells that hold all but ``cut`` of any image.
 
     The share is of what is on the sensor: opaque places between lenslets leave out more.
     """
@@ -482,8 +487,8 @@ def _cut(images: Vector, cell: Cell, cut: float) -> Vector:
         top, left = max(rows // 2 - ry, 0), max(columns // 2 - rx, 0)
         inside = cells[:, top : rows - top, left : columns - left]
         if (inside.sum(axis=(1, 2)) >= least).all():
-            return images[:, top * ny : (rows - top) * ny, left * nx : (columns - left) * nx]
-    return images
+            return slice(top * ny, (rows - top) * ny), slice(left * nx, (columns - left) * nx)
+    return slice(None), slice(None)
 
 
 def _packed(images: Vector, store: str) -> tuple[Vector, float]:

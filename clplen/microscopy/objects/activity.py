@@ -73,20 +73,7 @@ class Traces(OneLine):
         return len(self.regions)
 
     def to_csv(self, path: PathLike) -> None:
-        """Write a row for each region and frame: region, frame, mean, surround, baseline, dff.
-
-        Parameters
-        ----------
-        path : path-like
-            ``.csv``.
-
-        Raises
-        ------
-        ValueError
-            If the ending is another one.
-        OSError
-            If the file cannot be written.
-        """
+        """Write a row for each region and frame: region, frame, mean, surround, baseline, dff."""
         count, frames = self.means.shape
         numbers = (np.repeat(self.regions, frames), np.tile(np.arange(frames), count))
         values = (self.means, self.surround, self.baseline, self.dff)
@@ -95,24 +82,7 @@ class Traces(OneLine):
 
     @classmethod
     def from_csv(cls, path: PathLike) -> Traces:
-        """Read a table that `to_csv` wrote.
-
-        Parameters
-        ----------
-        path : path-like
-            A table with its columns, in any order.
-
-        Returns
-        -------
-        Traces
-
-        Raises
-        ------
-        FormatError
-            If it is missing or damaged, or lacks a column.
-        ShapeError
-            If a region lacks a frame.
-        """
+        """Read a table that `to_csv` wrote, its columns in any order."""
         table = read_table(path, "traces", _COLUMNS)
         ids, frames = (whole_numbers(path, table[name], name) for name in _COLUMNS[:2])
         order = np.lexsort((frames, ids))

@@ -24,6 +24,12 @@ _SUFFIX = ".csv"
 _LARGEST = 1 << 31  # bytes of a table that is read
 
 
+def check_unit(unit: str) -> None:
+    """Refuse a unit of positions that is neither metres nor voxels."""
+    if unit not in UNITS:
+        raise ValueError(f'unit must be "m" or "voxel", got {unit!r}.')
+
+
 def write_table(path: PathLike, columns: dict[str, Vector]) -> None:
     """Write columns of numbers, whole or not at all."""
     if Path(path).suffix.lower() != _SUFFIX:

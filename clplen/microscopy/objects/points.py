@@ -22,7 +22,7 @@ from clplen.errors import ShapeError
 from clplen.files import PathLike
 from clplen.lightfield.refocusing.focal_stacks import FocalStack
 from clplen.microscopy.objects.csv_tables import (
-    UNITS,
+    check_unit,
     position_columns,
     read_positions,
     read_table,
@@ -73,24 +73,11 @@ class Points:
         return f"<Points: {len(self)}>"
 
     def to_csv(self, path: PathLike, *, unit: Literal["m", "voxel"] = "m") -> None:
-        """Write a table: point, z_m, y_m, x_m (or z_voxel, ...), peak, snr, width_z_m, ...
+        """Write a table: point, z_m, y_m, x_m (or z_voxel, ...), peak, snr, width_z_m, ....
 
-        Parameters
-        ----------
-        path : path-like
-            ``.csv``.
-        unit : {"m", "voxel"}
-            Of the positions, for the names of the columns.
-
-        Raises
-        ------
-        ValueError
-            If the ending or the unit is another one.
-        OSError
-            If the file cannot be written.
+        ``unit`` is that of the positions, for the names of the columns.
         """
-        if unit not in UNITS:
-            raise ValueError(f'The unit of points is "m" or "voxel", not {unit!r}.')
+        check_unit(unit)
         names = position_columns(unit)
         columns = {"point": np.arange(len(self)), **dict(zip(names, self.positions.T, strict=True))}
         columns |= {"peak": self.peaks, "snr": self.snr}
@@ -99,23 +86,7 @@ class Points:
 
     @classmethod
     def from_csv(cls, path: PathLike) -> Points:
-        """Read a table that `to_csv` wrote.
-
-        Parameters
-        ----------
-        path : path-like
-            A table with its columns, in any order.
-
-        Returns
-        -------
-        Points
-            In the unit of the table.
-
-        Raises
-        ------
-        FormatError
-            If it is missing or damaged, or lacks a column or a position.
-        """
+        """Read a table that `to_csv` wrote, its columns in any order."""
         positions, unit = read_positions(path)
         widths = [f"width_{name}" for name in position_columns(unit)]
         table = read_table(path, "points", ("peak", "snr", *widths))

@@ -19,7 +19,7 @@ from scipy.ndimage import gaussian_filter
 from clplen.checks import real_array
 from clplen.errors import ShapeError
 from clplen.files import PathLike
-from clplen.microscopy.objects.csv_tables import UNITS, position_columns, write_table
+from clplen.microscopy.objects.csv_tables import check_unit, position_columns, write_table
 from clplen.microscopy.objects.points import DEVIATION, checked_stack, coordinates_of, over_noise
 from clplen.reprs import OneLine
 
@@ -72,22 +72,9 @@ class Regions(OneLine):
     def to_csv(self, path: PathLike, *, unit: Literal["m", "voxel"] = "m") -> None:
         """Write a table: region, z_m, y_m, x_m, volume_m3 (or z_voxel, ...), mean, peak, snr.
 
-        Parameters
-        ----------
-        path : path-like
-            ``.csv``.
-        unit : {"m", "voxel"}
-            Of the positions, for the names of the columns.
-
-        Raises
-        ------
-        ValueError
-            If the ending or the unit is another one.
-        OSError
-            If the file cannot be written.
+        ``unit`` is that of the positions, for the names of the columns.
         """
-        if unit not in UNITS:
-            raise ValueError(f'The unit of regions is "m" or "voxel", not {unit!r}.')
+        check_unit(unit)
         columns = {"region": np.arange(1, len(self) + 1)}
         columns |= dict(zip(position_columns(unit), self.positions.T, strict=True))
         columns[f"volume_{unit}3"] = self.volumes

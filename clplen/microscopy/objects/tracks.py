@@ -12,7 +12,7 @@ from clplen.checks import float64_array, is_integer
 from clplen.errors import FormatError, ShapeError
 from clplen.files import PathLike
 from clplen.microscopy.objects.csv_tables import (
-    UNITS,
+    check_unit,
     position_columns,
     read_positions,
     read_table,
@@ -91,8 +91,7 @@ class Tracks:
                 f"Tracks of {count} points have positions of shape ({count}, 3) and a frame, a "
                 f"peak and an snr each, not shapes {np.shape(self.positions)} and {shapes}."
             )
-        if self.unit not in UNITS:
-            raise ValueError(f'The unit of tracks is "m" or "voxel", not {self.unit!r}.')
+        check_unit(self.unit)
 
     def __len__(self) -> int:
         return len(np.unique(self.ids))
@@ -102,56 +101,24 @@ class Tracks:
         return f"<Tracks: {len(self)} of {len(self.ids)} points in {last} frames>"
 
     def napari(self) -> Vector:
-        """The array that the layer Tracks of napari takes.
+        """Return the array that the layer Tracks of napari takes, float64, shape (n, 5).
 
-        Returns
-        -------
-        numpy.ndarray
-            float64, shape (n, 5): track, frame, z, y, x; positions in micrometres, or in voxels
-            where the unit is "voxel". An image layer of the series fits them with ``scale`` the
-            size of a voxel in micrometres and ``translate`` (z of plane 0, 0, 0).
+        Columns are track, frame, z, y, x; positions in micrometres, or in voxels where the unit is
+        "voxel". An image layer fits them with ``scale`` the size of a voxel in micrometres and
+        ``translate`` (z of plane 0, 0, 0).
         """
         scale = _MICRONS if self.unit == "m" else 1.0
         return np.column_stack([self.ids, self.frames, scale * self.positions])
 
     def to_csv(self, path: PathLike) -> None:
-        """Write a table: track, frame, z_m, y_m, x_m (or z_voxel, ...), peak, snr.
-
-        Parameters
-        ----------
-        path : path-like
-            ``.csv``.
-
-        Raises
-        ------
-        ValueError
-            If the ending is another one.
-        OSError
-            If the file cannot be written.
-        """
+        """Write a table: track, frame, z_m, y_m, x_m (or z_voxel, ...), peak, snr."""
         places = dict(zip(position_columns(self.unit), self.positions.T, strict=True))
         head = {"track": self.ids, "frame": self.frames}
         write_table(path, {**head, **places, "peak": self.peaks, "snr": self.snr})
 
     @classmethod
     def from_csv(cls, path: PathLike) -> Tracks:
-        """Read a table that `to_csv` wrote.
-
-        Parameters
-        ----------
-        path : path-like
-            A table with its columns, in any order.
-
-        Returns
-        -------
-        Tracks
-            Sorted by track and frame.
-
-        Raises
-        ------
-        FormatError
-            If it is missing or damaged, lacks a column, or has a frame twice in a track.
-        """
+        """Read a table that `to_csv` wrote, its columns in any order."""
         positions, unit = read_positions(path)
         table = read_table(path, "tracks", ("track", "frame", "peak", "snr"))
         ids, frames = (whole_numbers(path, table[name], name) for name in ("track", "frame"))
@@ -227,8 +194,7 @@ def track_points(
     [4.0, 4.5, 5.0, 5.5]
     """
     half_axes = _checked(step, gaps, motion, shortest)
-    if unit not in UNITS:
-        raise ValueError(f'The unit of tracks is "m" or "voxel", not {unit!r}.')
+    check_unit(unit)
     linker = _Linker(half_axes, gaps, motion)
     rows, frame = [], -1
     for frame, each in enumerate(found):

@@ -33,37 +33,17 @@ _FARTHEST = 2.0  # micrometres of a step along an axis
 
 @dataclass(frozen=True)
 class Beads:
-    """What a frame of beads tells.
+    """Parameters that fit a frame of beads best, in metres and photons."""
 
-    Attributes
-    ----------
-    positions : numpy.ndarray
-        (x, y, z) in metres from the middle of the frame and the native plane, shape (n, 3).
-    energies : numpy.ndarray
-        Photons in the pupil, shape (n,).
-    background : float
-        Photons of a pixel, beside what was known.
-    coefficients : numpy.ndarray
-        Metres, one for each term.
-    covariance : numpy.ndarray
-        Of the coefficients.
-    residual, residual_before : float
-        sum e^2/sum F^2, and that of the coefficients to begin with.
-    chi2 : float
-        Mean square of e over its standard deviation.
-    mean : numpy.ndarray
-        Photons of each pixel, what was known beside the beads included.
-    """
-
-    positions: Vector
-    energies: Vector
-    background: float
+    positions: Vector  # (x, y, z) from the middle of the frame, shape (n, 3)
+    energies: Vector  # photons in the pupil
+    background: float  # photons of a pixel, beside the known ones
     coefficients: Vector
-    covariance: Vector
-    residual: float
-    residual_before: float
-    chi2: float
-    mean: Vector
+    covariance: Vector  # of the coefficients
+    residual: float  # sum e^2/sum F^2
+    residual_before: float  # with the coefficients to begin with
+    chi2: float  # mean square of e over its standard deviation
+    mean: Vector  # photons of each pixel, known background included
 
 
 @dataclass(frozen=True)
@@ -86,7 +66,7 @@ class BeadFrame:
         self.side = camera.mla.pitch / camera.magnification
 
     def placed(self, position: Vector) -> tuple[PointSources, tuple[int, int]]:
-        """A bead about the middle of its lenslet, and (row, column) of that lenslet."""
+        """Return a bead about the middle of its lenslet, and (row, column) of that lenslet."""
         middle = (np.array(self.shape) - 1) / 2
         lenslet = np.rint(position[1::-1] / self.side + middle).astype(int)
         y, x = position[1::-1] - (lenslet - middle) * self.side

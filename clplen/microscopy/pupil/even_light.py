@@ -121,24 +121,10 @@ class EvenLight:
         return (abs(field) ** 2).astype(np.float32)
 
     def cell(self, na: float, apodisation: float) -> Vector:
-        """Even light behind a lenslet.
+        """Return even light behind a lenslet, float64, shape (samples, samples), mean 1.
 
-        Parameters
-        ----------
-        na : float
-            Of the pupil, up to ``largest``.
-        apodisation : float
-            e, of the amplitude cos(theta)^e.
-
-        Returns
-        -------
-        numpy.ndarray
-            float64, shape (samples, samples), mean 1, its centre that of the lenslet.
-
-        Raises
-        ------
-        ValueError
-            For an NA that is not positive or above ``largest``.
+        ``na`` is that of the pupil, up to ``largest``; ``apodisation`` is e of the amplitude
+        cos(theta)^e. Raise ValueError for another NA.
         """
         if not 0 < na <= self.largest:
             raise ValueError(f"The NA lies between 0 and {self.largest:.4g} here, not {na!r}.")
@@ -156,26 +142,9 @@ class EvenLight:
         return np.asarray(found / found.mean())
 
     def frame(self, lattice: Lattice, na: float, apodisation: float, binning: int = 1) -> Vector:
-        """A raw white frame.
+        """Return a raw white frame on a square lattice with a shape, float64, about 1 in the mean.
 
-        Parameters
-        ----------
-        lattice : Lattice
-            Square, with the shape of its frame.
-        na, apodisation : float
-            As of `cell`.
-        binning : int
-            Points of a pixel along an axis, whose mean it takes.
-
-        Returns
-        -------
-        numpy.ndarray
-            float64, shape (ny, nx), about 1 in the mean.
-
-        Raises
-        ------
-        ValueError
-            As `cell`, or if the lattice does not tell the shape of its frame.
+        ``binning`` is the number of points of a pixel along an axis, whose mean it takes.
         """
         n, mean = self.samples, []
         for pitch in lattice.pitch[::-1]:

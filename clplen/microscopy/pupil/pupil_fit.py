@@ -202,21 +202,27 @@ def fit_pupil(
     known = {} if camera.pupil is None else camera.pupil.coefficients
     start = np.array([known.get(j, 0.0) for j in terms])
     if beads is not None:
-        finder = _Finder(z, voxels, binning, cut)
-        where = finder(camera, seen) if is_looked_for else _checked_beads(beads)
+        how: dict[str, Any] = {"voxels_per_lenslet": voxels, "binning": binning, "cut": cut}
+
+        def looked_for(camera: Microscope, seen: Observed) -> Vector:
+            return find_beads(
+                seen.counts, camera, z, background=seen.background, white=seen.white, **how
+            )
+
+        where = looked_for(camera, seen) if is_looked_for else _checked_beads(beads)
         found, mean = _of_beads(camera, seen, terms, start, where, binning, progress)
         if is_looked_for and found.chi2 > _MORE_LEFT:
             left = replace(seen, background=mean)
-            more = finder(replace(camera, pupil=found.pupil), left, at_least=0)
-            if len(more):
-                where = np.concatenate([found.positions, more])
-                again, _ = _of_beads(
-                    camera, seen, terms, found.coefficients, where, binning, progress
-                )
-                return replace(again, residuals=np.append(found.residuals, again.residuals[-1]))
+            try:
+                more = looked_for(replace(camera, pupil=found.pupil), left)
+            except ValueError:  # no bead is found in what is left
+                return found
+            where = np.concatenate([found.positions, more])
+            again, _ = _of_beads(camera, seen, terms, found.coefficients, where, binning, progress)
+            return replace(again, residuals=np.append(found.residuals, again.residuals[-1]))
         return found
-    how = Sampling(z, voxels, binning, cut, iterations)
-    return _of_volume(camera, seen, terms, start, how, steps, progress)
+    sampling = Sampling(z, voxels, binning, cut, iterations)
+    return _of_volume(camera, seen, terms, start, sampling, steps, progress)
 
 
 def fit_pupil_patches(
@@ -322,28 +328,6 @@ def _of_beads(
         found.energies,
     )  # fmt: skip
     return fit, found.mean
-
-
-@dataclass(frozen=True)
-class _Finder:
-    """How beads are looked for."""
-
-    planes: Vector
-    voxels: int
-    binning: int
-    cut: float
-
-    def __call__(self, camera: Microscope, seen: Observed, *, at_least: int = 1) -> Vector:
-        """About where beads are; an error where none is and ``at_least`` is 1."""
-        try:
-            return find_beads(
-                seen.counts, camera, self.planes, background=seen.background, white=seen.white,
-                voxels_per_lenslet=self.voxels, binning=self.binning, cut=self.cut,
-            )  # fmt: skip
-        except ValueError:
-            if at_least:
-                raise
-            return np.empty((0, 3))
 
 
 def _of_volume(

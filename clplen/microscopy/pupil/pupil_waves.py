@@ -35,18 +35,10 @@ MARGIN = 6  # lenslets that are simulated around the geometrical blur; half of t
 
 @dataclass(frozen=True, eq=False)
 class PupilWaves:
-    """Points about the middle of a window of lenslets.
+    """Points about the middle of a window of lenslets."""
 
-    Attributes
-    ----------
-    camera : Microscope
-        Its lenslets are those of the window, odd in number.
-    binning : int
-        Pixels along an axis that are added up.
-    """
-
-    camera: Microscope
-    binning: int = 1
+    camera: Microscope  # its lenslets are those of the window, odd in number
+    binning: int = 1  # pixels along an axis that are added up
 
     @classmethod
     def of(

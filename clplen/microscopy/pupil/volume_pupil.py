@@ -18,7 +18,11 @@ import numpy as np
 
 from clplen.cameras.light_field_microscope import Microscope
 from clplen.cameras.optics.pupil_aberration import PupilAberration
-from clplen.microscopy.pupil.pupil_images import images_and_tangents
+from clplen.cameras.scenes.scene_sources import PointSources
+from clplen.microscopy.model.cells import cell_in, cell_of
+from clplen.microscopy.model.images import PointImages
+from clplen.microscopy.model.psf import described, light_in
+from clplen.microscopy.pupil.pupil_waves import PupilWaves
 from clplen.microscopy.reconstruction.deconvolution import deconvolve
 from clplen.microscopy.reconstruction.projector import Projector
 
@@ -31,67 +35,71 @@ _FLOOR = 0.02  # of the mean count: weights of darker pixels end there
 
 @dataclass(frozen=True)
 class Sampling:
-    """How a volume is sampled and found.
+    """How a volume is sampled and found."""
 
-    Attributes
-    ----------
-    planes : numpy.ndarray
-        z in metres, rising.
-    voxels, binning : int
-    cut : float
-    iterations : int
-        Of Richardson and Lucy.
-    """
-
-    planes: Vector
+    planes: Vector  # z in metres, rising
     voxels: int
     binning: int
     cut: float
-    iterations: int
+    iterations: int  # Richardson-Lucy
 
 
 @dataclass(frozen=True)
 class Observed:
-    """A frame with what is known of it.
-
-    Attributes
-    ----------
-    counts : numpy.ndarray
-        Photons, shape (rows n, columns n).
-    white, background : numpy.ndarray
-        Sensitivity, 0 where pixels are left out, and counts from elsewhere, same shape.
-    variance : float
-        Of a count over its mean.
-    """
+    """A frame in photons with what is known of it; arrays have its shape."""
 
     counts: Vector
-    white: Vector
-    background: Vector
-    variance: float
+    white: Vector  # sensitivity, 0 where pixels are left out
+    background: Vector  # photons from elsewhere
+    variance: float  # of a count over its mean
 
 
 @dataclass(frozen=True)
 class State:
-    """What a pupil leaves of a frame, and how it changes.
-
-    Attributes
-    ----------
-    volume : numpy.ndarray
-    left : numpy.ndarray
-        e over the standard deviations of pixels.
-    slopes : numpy.ndarray
-        E over the standard deviations, shape (terms, pixels).
-    residual : float
-        sum e^2/sum F^2.
-    chi2 : float
-        Mean square of ``left`` over the pixels that count.
-    """
+    """What a pupil leaves of a frame, and how it changes."""
 
     volume: Vector
-    left: Vector
-    slopes: Vector
-    residual: float
-    chi2: float
+    left: Vector  # e over the standard deviations of pixels
+    slopes: Vector  # E over the standard deviations, shape (terms, pixels)
+    residual: float  # sum e^2/sum F^2
+    chi2: float  # mean square of ``left`` over the pixels that count
+
+
+def images_and_tangents(
+    camera: Microscope,
+    planes: Vector,
+    terms: Sequence[int],
+    *,
+    voxels: int,
+    binning: int,
+    cut: float,
+    done: Callable[[], None] | None = None,
+) -> tuple[PointImages, tuple[PointImages, ...]]:
+    """Point images of all phases, and their derivatives by coefficients, a metre of path."""
+    phases = list(np.ndindex(voxels, voxels))
+    places = (np.array(phases) - (voxels - 1) / 2) / voxels * camera.mla.pitch
+    x, y = places[:, 1] / camera.magnification, places[:, 0] / camera.magnification
+    stored: list[list[Vector]] = [[] for _ in range(len(terms) + 1)]
+    for z in planes:
+        waves = PupilWaves.of(camera, float(z), binning=binning)
+        points = PointSources(np.stack([x, y, np.full_like(x, z)], axis=1))
+        images, tangents = waves.tangents(points, terms)
+        lenslet = cell_of("square", 1, voxels=1, pixels=images.shape[1] // waves.lenslets)
+        rows, columns = light_in(images, lenslet, cut)
+        for values, one in zip(stored, (images, *tangents), strict=True):
+            values.append(np.ascontiguousarray(one[:, rows, columns], np.float32))
+        if done is not None:
+            done()
+    about = described(camera, planes, voxels, binning, cut, "float32")
+    known = about["pupil"] or {}
+    n = about["pixels_per_lenslet"]
+    made = []
+    for values, more in zip(stored, ({}, *({str(j): 0.0} for j in terms)), strict=True):
+        of_these = about | {"pupil": known | more}
+        which = [phases.index(phase) for phase in cell_in(of_these, voxels, n).phases()]
+        z, different = np.asarray(planes, np.float64), tuple(one[which] for one in values)
+        made.append(PointImages(of_these, z, voxels, n, different, np.ones(len(planes))))
+    return made[0], tuple(made[1:])
 
 
 def state_of(

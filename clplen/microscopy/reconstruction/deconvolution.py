@@ -24,14 +24,13 @@ from clplen.checks import is_finite, positive_integer, real_array, require
 from clplen.compute.arrays import HostArray
 from clplen.compute.device import Device
 from clplen.errors import ShapeError
-from clplen.microscopy.fourier.fourier_projector import FourierProjector
-from clplen.microscopy.reconstruction.priors import Prior, blurs, prior_of
+from clplen.microscopy.reconstruction.priors import Prior, prior_of
 from clplen.microscopy.reconstruction.projector import Projector
+from clplen.microscopy.reconstruction.volume_projector import VolumeProjector
 from clplen.results import Plottable, Savable
 from clplen.wave.coherence.averaging import Progress
 
 Vector = np.ndarray[Any, Any]
-AnyProjector = Projector | FourierProjector
 
 LEAST = 1e-6  # of the largest H'w: voxels that are seen less than that stay 0
 FEWEST = 5  # lenslets of a frame along an axis
@@ -89,23 +88,11 @@ class DeconvolutionResult(Savable, Plottable, HostArray):
     voxel: tuple[float, float] | None = None
 
     def save(self, path: str | Path, **options: Any) -> None:
-        """Write the volume to a file; see `clplen.io.write_volume`.
+        """Write the volume to OME-TIFF or OME-Zarr; see `clplen.io.write_volume` for options.
 
-        Parameters
-        ----------
-        path : path-like
-            ``.tif``, OME-TIFF, or ``.zarr``, OME-Zarr.
-        **options
-            Those of `clplen.io.write_volume`; ``planes`` and ``voxel`` are known of what
-            `deconvolve` returns.
-
-        Raises
-        ------
-        ValueError, ShapeError
-            If the ending is another one, planes or voxel are not known, or it is a series: save
-            each volume by `clplen.io.write_volume`.
-        OSError
-            If it cannot be written.
+        ``planes`` and ``voxel`` are known of a result of `deconvolve`. Raise ValueError or
+        `ShapeError` where they are not, or for a series: save each volume by
+        `clplen.io.write_volume`.
         """
         options = {"planes": self.planes, "voxel": self.voxel} | options
         if options["planes"] is None or options["voxel"] is None:
@@ -127,7 +114,7 @@ class DeconvolutionResult(Savable, Plottable, HostArray):
 
 def deconvolve(
     frame: Any,
-    projector: AnyProjector,
+    projector: VolumeProjector,
     *,
     iterations: int = 20,
     background: Any = 0.0,
@@ -218,8 +205,7 @@ def deconvolve(
     [[1, 7, 7]]
     """
     frame = frame.to_numpy() if hasattr(frame, "to_numpy") else frame
-    if not isinstance(projector, FourierProjector):
-        require(Projector, projector, "projector", "Projector(images, shape, device=device)")
+    require(VolumeProjector, projector, "projector", "Projector(images, shape, device=device)")
     if isinstance(projector, Projector) and min(projector.lenslets) < FEWEST:
         rows, columns = projector.lenslets
         raise ShapeError(
@@ -273,13 +259,13 @@ def deconvolve(
         volume,
         residuals,
         len(history),
-        degenerate_planes(projector),
+        projector.degenerate,
         images.planes,
         images.sides,
     )
 
 
-def _before(values: Any, prior: str | None, projector: AnyProjector) -> Vector | None:
+def _before(values: Any, prior: str | None, projector: VolumeProjector) -> Vector | None:
     """The volume of the frame before."""
     if values is None:
         return None
@@ -294,39 +280,6 @@ def _before(values: Any, prior: str | None, projector: AnyProjector) -> Vector |
 def volumes_held(accelerate: bool, prior: str | None) -> int:
     """Volumes of a frame that are on the device."""
     return VOLUMES + OF_AHEAD * accelerate + OF_PRIOR * bool(prior)
-
-
-def degenerate_planes(projector: AnyProjector) -> tuple[float, ...]:
-    """Return z of the planes so near the native one that a lenslet sees its voxels alike.
-
-    A point's light there does not leave its lenslet and the next ones: M abs(z) tan(theta) below
-    half a pitch. A Fourier microscope has none: every sub-image shows every plane in full.
-
-    Parameters
-    ----------
-    projector : Projector or FourierProjector
-        Its point images bring the planes and the microscope.
-
-    Returns
-    -------
-    tuple of float
-        Values of z in metres from the native plane, farther positive.
-
-    Examples
-    --------
-    >>> camera = clplen.PlenopticCamera.microscope(
-    ...     magnification=10, na=0.2, wavelength=525e-9, pixels_per_lenslet=11,
-    ...     mla=clplen.MicrolensArray(60e-6, 1.5e-3, count=5, fill="full"))
-    >>> images = clplen.microscopy.point_images(
-    ...     camera, [0.0, 50e-6], voxels_per_lenslet=3, cut=0.05)
-    >>> projector = clplen.microscopy.Projector(images, (5, 5))
-    >>> clplen.microscopy.degenerate_planes(projector)
-    (0.0,)
-    """
-    if isinstance(projector, FourierProjector):
-        return projector.degenerate
-    images = projector.images
-    return tuple(float(z) for z in images.planes[blurs(images) < 0.5])
 
 
 class Acceleration:
@@ -379,7 +332,7 @@ class _Iteration:
 
     def __init__(
         self,
-        projector: AnyProjector,
+        projector: VolumeProjector,
         prior: Prior,
         counts: Vector,
         white: Vector,

@@ -6,10 +6,10 @@ the frame:
 
     g = W H V,   V' = H' W' g,
 
-H the point images as coefficients of cubic B-splines about their pixels (spline_coefficients.py), W
-the sum of the splines at the centres of the camera's pixels (Unser 1999), times the area of
-one in pixels of the other; W' its exact transpose. Counts are then those of the camera: whole,
-independent, and Poisson's.
+H the point images as coefficients of cubic B-splines about their pixels,
+f[k] = (c[k - 1] + 4 c[k] + c[k + 1])/6, W the sum of the splines at the centres of the camera's
+pixels (Unser 1999), times the area of one in pixels of the other; W' its exact transpose. Counts
+are then those of the camera: whole, independent, and Poisson's.
 """
 
 from __future__ import annotations
@@ -21,9 +21,8 @@ import numpy as np
 import pyopencl.array as cla
 
 from clplen.cameras.light_field_microscope import Microscope
-from clplen.checks import is_integer, require
+from clplen.checks import require
 from clplen.compute.device import DeviceLike, as_device
-from clplen.errors import ShapeError
 from clplen.lightfield.raw.decode import resample
 from clplen.lightfield.raw.decode_adjoint import resample_adjoint
 from clplen.lightfield.raw.lenslet_grid import LensletGrid
@@ -32,13 +31,14 @@ from clplen.lightfield.raw.raw_image import RawImage
 from clplen.microscopy.model.cells import Cell, Pair
 from clplen.microscopy.model.images import PointImages
 from clplen.microscopy.reconstruction.projector import Projector
-from clplen.microscopy.reconstruction.spline_coefficients import spline_coefficients
+from clplen.microscopy.reconstruction.volume_projector import checked_pair
 
 Vector = np.ndarray[Any, Any]
 
 COARSEST = 0.9  # pixels of the point images for one of the camera: fewer would step over light
 APART = 0.02  # of the pitch, between the pixels that images integrate over and those of the lattice
 _REACH = 2  # pixels that cubic interpolation mixes, on either side
+_SPLINE = 1 / 6, 2 / 3  # a cubic B-spline at the next pixel and at its own
 
 
 class FrameProjector(Projector):
@@ -113,13 +113,7 @@ class FrameProjector(Projector):
         require(PointImages, images, "images", "point_images")
         require(Lattice, lattice, "lattice", "estimate_lattice")
         shape = lattice.shape if shape is None else shape
-        if (
-            shape is None
-            or np.shape(shape) != (2,)
-            or any(not is_integer(n) or n < 1 for n in shape)
-        ):
-            raise ShapeError(f"shape is (ny, nx) of frames, as of the lattice, not {shape!r}.")
-        frame = (int(shape[0]), int(shape[1]))
+        frame = checked_pair(shape, "(ny, nx) of frames, as of the lattice")
         _check_lattice(images, lattice)
         self.lattice = lattice
         self._steps = _steps(lattice, images.cell)
@@ -132,46 +126,12 @@ class FrameProjector(Projector):
                 f"step over light: give their camera at least "
                 f"{math.ceil(COARSEST * lattice.neighbour)} pixels a lenslet (times its binning)."
             )
-        self._frame: Pair | None = None
         super().__init__(images, cells, device=device, memory=memory)
-        self._frame = self.frame_shape = frame
+        self.frame_shape, pixels = frame, math.prod(frame)
+        self._between = pixels * math.ceil(math.prod(self._model_shape) / pixels)
         self.require_memory(1)
 
-    def __repr__(self) -> str:
-        return f"<FrameProjector of {self.volume_shape} to {self.frame_shape}, {self.device.name}>"
-
-    def require_memory(self, frames: int, *, volumes: int = 1, pictures: int = 1) -> None:
-        """Refuse frames that cannot be projected together; see `Projector.require_memory`.
-
-        Parameters
-        ----------
-        frames : int
-        volumes, pictures : int
-            That are kept on the device for each frame.
-
-        Raises
-        ------
-        DeviceError
-            With the bytes needed and the bytes there are.
-        """
-        if self._frame is not None:
-            pictures += math.ceil(math.prod(self._model_shape) / math.prod(self._frame))
-        super().require_memory(frames, volumes=volumes, pictures=pictures)
-
     def project(self, volumes: cla.Array, *, clamp: bool = True) -> cla.Array:
-        """`forward` on the device.
-
-        Parameters
-        ----------
-        volumes : pyopencl.array.Array
-            float32, shape (frames, planes, rows vy, columns vx).
-        clamp : bool
-
-        Returns
-        -------
-        pyopencl.array.Array
-            float32, shape (frames, ny, nx).
-        """
         model = super().project(volumes, clamp=False)
         count, device = int(model.shape[0]), self.device
         out = device.empty((count, *self.frame_shape), np.float32)
@@ -185,18 +145,6 @@ class FrameProjector(Projector):
         return out
 
     def back_project(self, frames: cla.Array) -> cla.Array:
-        """`backward` on the device.
-
-        Parameters
-        ----------
-        frames : pyopencl.array.Array
-            float32, shape (frames, ny, nx).
-
-        Returns
-        -------
-        pyopencl.array.Array
-            float32, shape (frames, planes, rows vy, columns vx).
-        """
         count, device = int(frames.shape[0]), self.device
         model = device.empty((count, *self._model_shape), np.float32)
         for number in range(count):
@@ -217,35 +165,16 @@ class FrameProjector(Projector):
         )
 
     def of_cell(self, cell: Vector) -> Vector:
-        """The frame of an array whose cells all have one picture.
+        """Return the frame of an array whose cells all have one picture.
 
-        Parameters
-        ----------
-        cell : numpy.ndarray
-            Shape (ny, nx): coefficients of B-splines about the pixels of a cell, in counts of a
-            pixel of the camera. Those of an even cell are its level.
-
-        Returns
-        -------
-        numpy.ndarray
-            float32, shape of frames.
+        ``cell`` has coefficients of B-splines about the pixels of a cell, in counts of a pixel of
+        the camera, shape (ny, nx). Those of an even cell are its level.
         """
         model = self.device.upload(np.tile(cell.astype(np.float32), self.shape))
         return self.device.download(self._on_camera(model)).reshape(self.frame_shape)
 
     def to_cells(self, frame: Vector) -> Vector:
-        """The adjoint of interpolation, cell by cell.
-
-        Parameters
-        ----------
-        frame : numpy.ndarray
-            Shape of frames.
-
-        Returns
-        -------
-        numpy.ndarray
-            float32, shape (rows, ny, columns, nx).
-        """
+        """Apply the adjoint of interpolation; float32, shape (rows, ny, columns, nx)."""
         values = self.device.upload(np.ascontiguousarray(frame, np.float32))
         model = self.device.download(self._on_model(values))
         (rows, columns), (ny, nx) = self.shape, self._cell.pixels
@@ -259,15 +188,7 @@ class FrameProjector(Projector):
         return found.astype(np.float32)
 
     def place(self) -> dict[str, tuple[float, float]]:
-        """Where the columns of voxels lie on the frame, for volumes to be laid over it.
-
-        Returns
-        -------
-        dict
-            (y, x) in pixels of the frame, whose centres are integers: "first" of voxel (0, 0),
-            "down" and "right" the steps to (1, 0) and (0, 1). The image side is telecentric: that
-            of all planes.
-        """
+        """Return where columns of voxels lie on the frame, as `Preparation.place`."""
         voxels = np.array(self._cell.voxels)
         down, right = self._steps / voxels[:, None]
         start = (
@@ -368,3 +289,23 @@ def _area(grid: LensletGrid) -> float:
     """Pixels of the model that have the area of one of the camera."""
     (ay, ax), (by, bx) = grid.row_step, grid.column_step
     return float(abs(ay * bx - ax * by))
+
+
+def spline_coefficients(pictures: Vector) -> Vector:
+    """The coefficients c of B-splines that pass through all pixels; none lie outside a picture."""
+    found = np.asarray(pictures, np.float64)
+    for axis in (-1, -2):
+        found = np.moveaxis(_along_last(np.moveaxis(found, axis, -1)), -1, axis)
+    return found
+
+
+def _along_last(values: Vector) -> Vector:
+    """The same along the last axis."""
+    from scipy.linalg import solveh_banded  # a slow import
+
+    n = values.shape[-1]
+    if n == 1:
+        return values / _SPLINE[1]
+    bands = np.array([np.full(n, _SPLINE[0]), np.full(n, _SPLINE[1])])
+    lines = values.reshape(-1, n).T
+    return np.asarray(solveh_banded(bands, lines, check_finite=False)).T.reshape(values.shape)

@@ -32,34 +32,7 @@ class LatticeTransform:
         ny, nx = self.window
         return 4 * LANES * self._items(batch) * (2 * ny * nx + _LINES * max(ny, nx))
 
-    def spectra(
-        self,
-        out: cla.Array,
-        pictures: cla.Array,
-        w: Pair,
-        frames: int,
-        stack: tuple[int, int, int],
-        shape: Pair,
-        parts: tuple[int, ...],
-    ) -> None:
-        """Packed spectra of pictures with wy x wx samples a cell."""
-        self._launch("spectra", out, pictures, w, frames, stack, shape, parts)
-
-    def pictures(
-        self,
-        out: cla.Array,
-        spectra: cla.Array,
-        w: Pair,
-        frames: int,
-        stack: tuple[int, int, int],
-        shape: Pair,
-        parts: tuple[int, ...],
-        least: float,
-    ) -> None:
-        """Pictures from packed spectra, with the parameters of `spectra`."""
-        self._launch("pictures", out, spectra, w, frames, stack, shape, parts, np.float32(least))
-
-    def _launch(
+    def run(
         self,
         name: str,
         out: cla.Array,
@@ -69,15 +42,17 @@ class LatticeTransform:
         stack: tuple[int, int, int],
         shape: Pair,
         parts: tuple[int, ...],
-        *least: np.float32,
+        *least: float,
     ) -> None:
+        """Make packed "spectra" of pictures with wy x wx samples a cell, or "pictures" of them."""
         device, (ny, nx) = self.device, self.window
         batch = frames * stack[0] * ((math.prod(w) + 1) // 2)
         scratch = device.empty((self.nbytes(batch) // 4,), np.float32)
         sizes = (batch, *w, *stack, *shape, len(parts), bits_of(parts), ny, nx)
         device.launch(
             device.kernel("lattice_transform.cl", name), (self._items(batch),), out, given,
-            scratch, *self._tables(ny), *self._tables(nx), *least, *(np.int32(k) for k in sizes),
+            scratch, *self._tables(ny), *self._tables(nx), *map(np.float32, least),
+            *(np.int32(k) for k in sizes),
             group=(1,),
             operations=batch * 5.0 * ny * nx * math.log2(max(2, ny * nx)),
         )  # fmt: skip

@@ -17,10 +17,9 @@ import numpy as np
 import pyopencl.array as cla
 
 from clplen.checks import is_finite
-from clplen.microscopy.fourier.fourier_images import FourierPointImages
-from clplen.microscopy.fourier.fourier_projector import FourierProjector
-from clplen.microscopy.model.images import PointImages
+from clplen.microscopy.model.point_image_files import AnyImages
 from clplen.microscopy.reconstruction.projector import Projector
+from clplen.microscopy.reconstruction.volume_projector import VolumeProjector
 
 Vector = np.ndarray[Any, Any]
 
@@ -55,9 +54,7 @@ class TotalVariation(Prior):
         float64, shape (frames,): a. At most so large that no step is more than doubled.
     """
 
-    def __init__(
-        self, projector: Projector | FourierProjector, counts: Vector, strength: float
-    ) -> None:
+    def __init__(self, projector: VolumeProjector, counts: Vector, strength: float) -> None:
         self.device = device = projector.device
         z = projector.images.planes / projector.images.side
         order = np.argsort(z)
@@ -101,7 +98,7 @@ class TimeVariation(Prior):
 
     def __init__(
         self,
-        projector: Projector | FourierProjector,
+        projector: VolumeProjector,
         counts: Vector,
         strength: float,
         before: Vector | None = None,
@@ -134,7 +131,7 @@ class Sieve(Prior):
 
     def __init__(self, projector: Projector, strength: float) -> None:
         self.device, images = projector.device, projector.images
-        sigma = strength * EVEN * images.voxels * np.maximum(1 - blurs(images), 0)
+        sigma = strength * EVEN * images.voxels * np.maximum(1 - images.blurs, 0)
         radii = np.minimum(np.ceil(REACH * sigma), min(projector.volume_shape[1:]))
         self.margin = int(radii.max())
         t = np.arange(self.margin + 1)
@@ -165,7 +162,7 @@ class Sieve(Prior):
 def prior_of(
     name: str | None,
     strength: float,
-    projector: Projector | FourierProjector,
+    projector: VolumeProjector,
     counts: Vector,
     before: Vector | None = None,
 ) -> Prior:
@@ -185,7 +182,7 @@ def prior_of(
         return TimeVariation(projector, counts, strength, before)
     if name is None:
         return Prior()
-    if isinstance(projector, FourierProjector):
+    if not isinstance(projector, Projector):
         raise ValueError(
             "prior='gaussian' is of lenslets on the native plane, where they see no detail; a "
             "Fourier microscope has no such plane: give 'tv' or None."
@@ -193,7 +190,7 @@ def prior_of(
     return Sieve(projector, strength)
 
 
-def noise_level(counts: Vector, images: PointImages | FourierPointImages) -> Vector:
+def noise_level(counts: Vector, images: AnyImages) -> Vector:
     """Relative noise of what a voxel sees of I/HV, if counts are photons.
 
     Where V is right, H'(I/HV) has the variance sum h^2/HV over the image h of a voxel. For evenly
@@ -207,14 +204,3 @@ def noise_level(counts: Vector, images: PointImages | FourierPointImages) -> Vec
     total = counts.sum(axis=(1, 2), dtype=np.float64)
     lit = np.square(counts, dtype=np.float64).sum(axis=(1, 2)) / total - 1
     return np.asarray(np.sqrt(share / np.maximum(lit, total / counts[0].size)))
-
-
-def blurs(images: PointImages) -> Vector:
-    """M abs(z) tan(theta) over the pitch: how many lenslets a point's light reaches to a side.
-
-    float64, shape (planes,). Below 1/2 a lenslet sees its voxels alike.
-    """
-    about = images.parameters
-    tangent = about["na"] / np.sqrt(np.square(about["medium_index"]) - np.square(about["na"]))
-    scale = about["magnification"] * tangent / about["lenslet_pitch"]
-    return np.asarray(np.abs(images.planes) * scale)

@@ -14,22 +14,24 @@ import math
 from collections.abc import Iterator
 from dataclasses import dataclass
 from itertools import product
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 import pyopencl.array as cla
 
-from clplen.checks import finite_batch, is_finite, is_integer, require
+from clplen.checks import require
 from clplen.compute.device import Device, DeviceLike, as_device
 from clplen.compute.fft.lines import smooth_length
 from clplen.compute.memory import free_memory
-from clplen.errors import ShapeError
 from clplen.microscopy.model.cells import Pair
 from clplen.microscopy.model.images import PointImages
 from clplen.microscopy.reconstruction.lattice_transform import LatticeTransform, bits_of
-
-if TYPE_CHECKING:
-    from scipy.sparse.linalg import LinearOperator
+from clplen.microscopy.reconstruction.volume_projector import (
+    VolumeProjector,
+    check_memory_limit,
+    checked_pair,
+    frames_together,
+)
 
 Vector = np.ndarray[Any, Any]
 
@@ -56,7 +58,7 @@ class _Group:
 FRAME = _Group(0, 1)
 
 
-class Projector:
+class Projector(VolumeProjector):
     """Forward and backward projection with the point images of a microscope.
 
     A volume has shape (..., planes, rows v, columns v): voxel (z, i v + sy, k v + sx) is voxel
@@ -115,6 +117,9 @@ class Projector:
     (2, 15, 15)
     """
 
+    images: PointImages
+    _between = 0  # pixels on the device beside those of a frame
+
     def __init__(
         self,
         images: PointImages,
@@ -125,12 +130,9 @@ class Projector:
     ) -> None:
         device = as_device(device)
         require(PointImages, images, "images", "point_images")
-        if np.shape(shape) != (2,) or any(not is_integer(n) or n < 1 for n in shape):
-            raise ShapeError(f"shape is (rows, columns) of lenslets, not {shape!r}.")
-        if memory is not None and not (is_finite(memory) and memory >= 0):
-            raise ValueError(f"memory is a number of bytes from 0 on or None, not {memory!r}.")
         self.images = images
-        self.shape = (int(shape[0]), int(shape[1]))
+        self.shape = checked_pair(shape, "(rows, columns) of lenslets")
+        check_memory_limit(memory)
         self.device = device
         cell = self._cell = images.cell
         rows, columns = self.shape
@@ -166,14 +168,15 @@ class Projector:
         """Without what is on the device, which is made again when needed."""
         return self.__dict__ | {"_kept": {}, "_spare": {}}
 
-    def __repr__(self) -> str:
-        return f"<Projector of {self.volume_shape} to {self.frame_shape}, {self.device.name}>"
-
     @property
     def lenslets(self) -> tuple[int, int]:
         """(rows, columns) of lenslets that the volume lies under."""
         rows, columns = self._cell.lenslets
         return self.shape[0] * rows, self.shape[1] * columns
+
+    @property
+    def degenerate(self) -> tuple[float, ...]:
+        return tuple(float(z) for z in self.images.planes[self.images.blurs < 0.5])
 
     @property
     def nbytes(self) -> int:
@@ -187,19 +190,6 @@ class Projector:
         return math.prod(self._cell.voxels) * len(self._cell.parts)
 
     def require_memory(self, frames: int, *, volumes: int = 1, pictures: int = 1) -> None:
-        """Refuse frames that cannot be projected together, before anything is allocated.
-
-        Parameters
-        ----------
-        frames : int
-        volumes, pictures : int
-            That are kept on the device for each frame.
-
-        Raises
-        ------
-        DeviceError
-            With the bytes needed and the bytes there are.
-        """
         together, n = self._groups[0].count, math.prod(self._cell.pixels)
         whole = together * self._rows_of_plane
         start, stop = self._pieces(self._groups[0])[0]
@@ -213,127 +203,11 @@ class Projector:
             fields = max(self._lanes.nbytes(frames * rows), window * 2 * n * self._together)
         kept = volumes * math.prod(self.volume_shape) + pictures * math.prod(self.frame_shape)
         self.device.require_memory(
-            matrices + fields + frames * (spectra + 4 * kept),
-            f"The projection of {'one frame' if frames == 1 else f'{frames} frames together'}",
-        )
-
-    def forward(self, volume: Any, *, clamp: bool = True) -> Vector:
-        """The frames of volumes.
-
-        Parameters
-        ----------
-        volume : array_like
-            Energy of every voxel, shape (..., planes, rows v, columns v).
-        clamp : bool
-            Whether pixels that rounding leaves below 0 are 0, as Poisson statistics need it.
-            A volume with negative voxels needs False.
-
-        Returns
-        -------
-        numpy.ndarray
-            float32, shape (..., rows n, columns n).
-
-        Raises
-        ------
-        ShapeError
-            If the volume has another shape, or there is none.
-        ValueError
-            If a voxel is not finite.
-        TypeError
-            If the volume is no array of real numbers.
-        DeviceError
-            If so many frames do not fit the device.
-        """
-        values = finite_batch(volume, self.volume_shape, "A volume")
-        self.require_memory(len(values))
-        frames = self.project(self.device.upload(values), clamp=clamp)
-        lead = np.shape(volume)[:-3]
-        return self.device.download(frames).reshape(*lead, *self.frame_shape)
-
-    def backward(self, frame: Any) -> Vector:
-        """The adjoint: what every voxel sees of frames through its image.
-
-        Parameters
-        ----------
-        frame : array_like
-            Shape (..., rows n, columns n).
-
-        Returns
-        -------
-        numpy.ndarray
-            float32, shape (..., planes, rows v, columns v).
-
-        Raises
-        ------
-        ShapeError
-            If the frame has another shape, or there is none.
-        ValueError
-            If a pixel is not finite.
-        TypeError
-            If the frame is no array of real numbers.
-        DeviceError
-            If so many frames do not fit the device.
-        """
-        values = finite_batch(frame, self.frame_shape, "A frame")
-        self.require_memory(len(values))
-        volumes = self.back_project(self.device.upload(values))
-        lead = np.shape(frame)[:-2]
-        return self.device.download(volumes).reshape(*lead, *self.volume_shape)
-
-    adjoint = backward  # the name of every linear map
-
-    @property
-    def in_shape(self) -> tuple[int, int, int]:
-        """Shape of what `forward_data` takes, that of a volume."""
-        return self.volume_shape
-
-    @property
-    def out_shape(self) -> tuple[int, int]:
-        """Shape of what it gives, that of a frame."""
-        return self.frame_shape
-
-    @property
-    def dtype(self) -> np.dtype[Any]:
-        """Of volumes and frames, float32."""
-        return np.dtype(np.float32)
-
-    def forward_data(self, data: cla.Array) -> cla.Array:
-        """H x of volumes on the device with any leading axes, without clamping: a linear map."""
-        lead = data.shape[:-3]
-        frames = self.project(data.reshape(-1, *self.volume_shape), clamp=False)
-        return frames.reshape(*lead, *self.frame_shape)
-
-    def adjoint_data(self, data: cla.Array) -> cla.Array:
-        """H' y of frames on the device with any leading axes."""
-        lead = data.shape[:-2]
-        volumes = self.back_project(data.reshape(-1, *self.frame_shape))
-        return volumes.reshape(*lead, *self.volume_shape)
-
-    def as_linear_operator(self) -> LinearOperator:
-        """H for solvers of SciPy: vectors are raveled volumes and frames, float32, no clamping."""
-        from scipy.sparse.linalg import LinearOperator
-
-        return LinearOperator(
-            (math.prod(self.frame_shape), math.prod(self.volume_shape)),
-            matvec=lambda x: self.forward(np.reshape(x, self.volume_shape), clamp=False).ravel(),
-            rmatvec=lambda y: self.backward(np.reshape(y, self.frame_shape)).ravel(),
-            dtype=np.float32,
+            matrices + fields + frames * (spectra + 4 * (kept + self._between)),
+            frames_together(frames),
         )
 
     def project(self, volumes: cla.Array, *, clamp: bool = True) -> cla.Array:
-        """`forward` on the device.
-
-        Parameters
-        ----------
-        volumes : pyopencl.array.Array
-            float32, shape (frames, planes, rows v, columns v).
-        clamp : bool
-
-        Returns
-        -------
-        pyopencl.array.Array
-            float32, shape (frames, rows n, columns n).
-        """
         cell, device, frames = self._cell, self.device, int(volumes.shape[0])
         rows = math.prod(cell.pixels)
         total = self._rows(frames, rows)
@@ -359,18 +233,6 @@ class Projector:
         return out
 
     def back_project(self, frames: cla.Array) -> cla.Array:
-        """`backward` on the device.
-
-        Parameters
-        ----------
-        frames : pyopencl.array.Array
-            float32, shape (frames, rows n, columns n).
-
-        Returns
-        -------
-        pyopencl.array.Array
-            float32, shape (frames, planes, rows v, columns v).
-        """
         cell, device, count = self._cell, self.device, int(frames.shape[0])
         spectra = self._packed(frames, cell.pixels, FRAME, WHOLE)
         out = device.empty((count, *self.volume_shape), np.float32)
@@ -455,7 +317,7 @@ class Projector:
         stack = (planes, group.first, total)
         if self._lanes is not None:
             out = self._rows(frames, planes * len(parts) * math.prod(w))
-            self._lanes.spectra(out, pictures, w, frames, stack, self.shape, parts)
+            self._lanes.run("spectra", out, pictures, w, frames, stack, self.shape, parts)
             return out
         fields = self._fields(pictures, w, frames * planes, stack, self.shape, (0, 0))
         samples = math.prod(w)
@@ -502,7 +364,7 @@ class Projector:
         planes = group.count
         if self._lanes is not None:
             stack = (planes, group.first, total)
-            self._lanes.pictures(out, spectra, w, frames, stack, self.shape, parts, least)
+            self._lanes.run("pictures", out, spectra, w, frames, stack, self.shape, parts, least)
             return
         fields = device.empty((frames * planes * pairs, *self._window), np.complex64)
         sizes = (*w, planes, len(parts), bits_of(parts), *self._window)

@@ -19,32 +19,7 @@ Vector = np.ndarray[Any, Any]
 
 
 def rolling_minimum(frames: Iterable[Any], window: int) -> Iterator[tuple[Vector, Vector]]:
-    """Each frame of a series with the minimum of its pixels over the frames about it.
-
-    Parameters
-    ----------
-    frames : iterable of array_like
-        Counts, all of the same shape, in order.
-    window : int
-        N: frames from N // 2 before to (N - 1) // 2 after; at the ends of the series as many as
-        there are. So many frames are held.
-
-    Yields
-    ------
-    numpy.ndarray, numpy.ndarray
-        The frame and the minimum, both of the shape of a frame.
-
-    Raises
-    ------
-    ValueError
-        If the window is not positive.
-
-    Examples
-    --------
-    >>> counts = [np.full((1, 2), value) for value in (5.0, 3.0, 8.0, 9.0)]
-    >>> [float(low[0, 0]) for _, low in clplen.microscopy.rolling_minimum(counts, 3)]
-    [3.0, 3.0, 3.0, 8.0]
-    """
+    """Each frame of a series with the minimum of its pixels over ``window`` frames about it."""
     window = positive_integer(window, "window")
     ahead = (window - 1) // 2
     held: deque[Vector] = deque()

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, replace
-from itertools import groupby, islice
+from itertools import islice
 from typing import Any
 
 import numpy as np
@@ -24,12 +24,8 @@ from clplen.checks import (
 )
 from clplen.errors import DeviceError
 from clplen.microscopy.reconstruction import deconvolution
-from clplen.microscopy.reconstruction.deconvolution import (
-    AnyProjector,
-    DeconvolutionResult,
-    deconvolve,
-)
-from clplen.microscopy.reconstruction.projector import Projector
+from clplen.microscopy.reconstruction.deconvolution import DeconvolutionResult, deconvolve
+from clplen.microscopy.reconstruction.volume_projector import VolumeProjector
 from clplen.microscopy.series.rolling import rolling_minimum
 from clplen.microscopy.series.starts import Start, StartName
 from clplen.wave.coherence.averaging import Progress
@@ -42,26 +38,16 @@ _OPTIONS = ("iterations", "residual", "variance", "accelerate", "prior", "streng
 
 @dataclass(frozen=True, eq=False)
 class SeriesFrame:
-    """A frame of a series, with what of it is not light of the volume.
-
-    Attributes
-    ----------
-    counts : numpy.ndarray
-        Shape (rows n, columns n).
-    background : float or numpy.ndarray
-        b of `deconvolve`.
-    white : numpy.ndarray or None
-        Sensitivity of its pixels.
-    """
+    """Counts of a frame of a series, with what of them is not light of the volume."""
 
     counts: Vector
-    background: Any = 0.0
-    white: Vector | None = None
+    background: Any = 0.0  # b of `deconvolve`
+    white: Vector | None = None  # sensitivity of its pixels
 
 
 def deconvolve_series(
     frames: Iterable[Any],
-    projector: Projector,
+    projector: VolumeProjector,
     *,
     batch: int | None = None,
     start: StartName | None = None,
@@ -81,7 +67,7 @@ def deconvolve_series(
     frames : iterable of array_like
         Counts of each frame, shape (rows n, columns n), or an array (frames, rows n, columns n);
         no more than a batch (and the window of ``rolling``) is held.
-    projector : Projector
+    projector : Projector or FourierProjector
         With the point images of the microscope that took them.
     batch : int, optional
         Frames that are found together. Default: eight, or as many as the device has memory for.
@@ -102,8 +88,8 @@ def deconvolve_series(
     background : float or array_like
         As of `deconvolve`, the same for all frames.
     rolling : int, optional
-        Frames over which the minimum of each pixel is background, besides ``background``; see
-        `rolling_minimum`. Light of what never changes is then left out, too.
+        N: the minimum of each pixel over the frames from N//2 before to (N - 1)//2 after is
+        background, besides ``background``. Light of what never changes is then left out, too.
     white : array_like, optional
         As of `deconvolve`.
     progress : callable, optional
@@ -138,7 +124,7 @@ def deconvolve_series(
     >>> [int(one.volume.argmax() % 15) for one in found]
     [6, 7, 8]
     """
-    require(Projector, projector, "projector", "Projector(images, shape, device=device)")
+    require(VolumeProjector, projector, "projector", "Projector(images, shape, device=device)")
     how = Start(start, projector.images, decay=decay, motion=motion)
     check_keywords(options, (*keywords_of(deconvolve_series), *_OPTIONS), "deconvolve_series")
     together = batch_for(projector, batch, **options)
@@ -155,7 +141,7 @@ def deconvolve_series(
     )
 
 
-def batch_for(projector: AnyProjector, batch: int | None = None, **options: Any) -> int:
+def batch_for(projector: VolumeProjector, batch: int | None = None, **options: Any) -> int:
     """Frames that are found together: as asked, or at most eight for which there is memory."""
     if batch is not None:
         return positive_integer(batch, "batch")
@@ -172,7 +158,7 @@ def batch_for(projector: AnyProjector, batch: int | None = None, **options: Any)
 
 def found_in_batches(
     frames: Iterable[SeriesFrame],
-    projector: AnyProjector,
+    projector: VolumeProjector,
     batch: int,
     start: Start,
     *,
@@ -210,7 +196,7 @@ def _in_time(options: dict[str, Any], last: Vector | None, frames: int) -> dict[
 
 def _found(
     frames: list[SeriesFrame],
-    projector: AnyProjector,
+    projector: VolumeProjector,
     start: Vector | None,
     options: dict[str, Any],
 ) -> Iterator[DeconvolutionResult]:
@@ -226,15 +212,13 @@ def _found(
 
 def _alike(frames: list[SeriesFrame]) -> Iterator[list[SeriesFrame]]:
     """Neighbouring frames of the same shape and sensitivity."""
-    number, before = 0, frames[0]
-    numbers = []
-    for one in frames:
-        if not _same(one, before):
-            number += 1
-        numbers.append(number)
-        before = one
-    for _, some in groupby(zip(numbers, frames, strict=True), key=lambda pair: pair[0]):
-        yield [one for _, one in some]
+    group = [frames[0]]
+    for one in frames[1:]:
+        if not _same(one, group[-1]):
+            yield group
+            group = []
+        group.append(one)
+    yield group
 
 
 def _same(one: SeriesFrame, other: SeriesFrame) -> bool:

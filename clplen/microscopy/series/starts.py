@@ -17,8 +17,7 @@ import numpy as np
 from scipy.ndimage import gaussian_filter
 
 from clplen.checks import is_finite
-from clplen.microscopy.fourier.fourier_images import FourierPointImages
-from clplen.microscopy.model.images import PointImages
+from clplen.microscopy.model.point_image_files import AnyImages
 
 Vector = np.ndarray[Any, Any]
 StartName = Literal["previous", "decayed", "limited"]
@@ -34,7 +33,7 @@ class Start:
     def __init__(
         self,
         name: StartName | None,
-        images: PointImages | FourierPointImages,
+        images: AnyImages,
         *,
         decay: float = 0.5,
         motion: float | None = None,

@@ -1,25 +1,33 @@
-"""What frames of one camera are deconvolved with: every word arrives, and files are read anew."""
+"""Settings of a deconvolution by Python, jobs and commands; what frames of one camera share."""
 
 from __future__ import annotations
 
-from dataclasses import asdict, fields, replace
+from dataclasses import replace
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
 import pytest
+from click.testing import CliRunner
 
+from clplen.batch import JobSpec
 from clplen.batch.jobs.tables import DeconvolveTable
-from clplen.batch.work import deconvolution, volume_products
-from clplen.batch.work.deconvolution import DeconvolutionSettings, Deconvolver, provenance
+from clplen.batch.work import volume_products
+from clplen.cli import main
 from clplen.cli.microscopy.deconvolve import _jobs
 from clplen.cli.microscopy.frames import Page
 from clplen.compute.device import Device
+from clplen.config.setting_tables import take_settings
+from clplen.errors import FormatError
 from clplen.lightfield.raw.lenslet_lattice import Lattice
+from clplen.microscopy import DeconvolutionSettings, Deconvolver, pipeline
 from clplen.microscopy.frames.prepare import Preparation
 from clplen.microscopy.model.images import PointImages
+from clplen.microscopy.pipeline import provenance
 from clplen.microscopy.series.starts import Start
+from clplen.microscopy.settings import OF_FRAMES, LatticeSettings
+from clplen.settings import settings_of
 
 ALL = DeconvolutionSettings(7, 3.0, 2.0, 900.0, True, 0.25, True, "tv", 0.5)
 N = 4
@@ -72,9 +80,10 @@ def test_what_is_darker_than_the_dark_frame_is_0_and_counted(device: Device) -> 
 def test_every_word_arrives(device: Device, monkeypatch: pytest.MonkeyPatch) -> None:
     level = lenslets(np.arange(25.0).reshape(5, 5) + 1)
     prepare = preparation_of(device, level)
-    monkeypatch.setattr(deconvolution, "preparation", lambda *a, **k: prepare)
-    monkeypatch.setattr(deconvolution, "deconvolve", lambda *a, **k: (a, k))
-    series = Deconvolver(images(), ALL, device=device)
+    monkeypatch.setattr(pipeline, "preparation", lambda *a, **k: prepare)
+    monkeypatch.setattr(pipeline, "deconvolve", lambda *a, **k: (a, k))
+    series = Deconvolver(images(), replace(ALL, haze=False), device=device)
+    object.__setattr__(series, "how", ALL)  # haze needs a white frame, and this level is one
     even = 3.0 * 1.25**2 / 2.0  # background, area of a pixel, gain
     light = 2 * (0.5 * level + even)
     frame = SimpleNamespace(counts=light, white=np.where(level == 7, 0, 1))
@@ -88,7 +97,7 @@ def test_every_word_arrives(device: Device, monkeypatch: pytest.MonkeyPatch) -> 
     assert given["variance"] == prepare.variance
     for name in ("iterations", "residual", "accelerate", "prior", "strength"):
         assert given[name] == getattr(ALL, name)
-    monkeypatch.setattr("clplen.batch.work.diagnostics.diagnose_volume", lambda *words, **_: words)
+    monkeypatch.setattr("clplen.microscopy.diagnostics.diagnose_volume", lambda *words, **_: words)
     _, seen, dim, known, n, ratio = series.diagnose(frame, SimpleNamespace(residuals=[]))  # type: ignore[arg-type, misc]
     assert seen is frame
     assert known is level
@@ -96,10 +105,55 @@ def test_every_word_arrives(device: Device, monkeypatch: pytest.MonkeyPatch) -> 
     assert np.allclose(dim, 2 * given["background"])  # in counts, as the frame
 
 
-def test_jobs_and_commands_know_the_same_words() -> None:
-    made = DeconvolveTable(psf="psf.h5").model_dump()
-    assert made.pop("psf") == "psf.h5"
-    assert made == asdict(DeconvolutionSettings())
+WRONG = (  # value in Python, in TOML, on the command line, and what is said of it
+    ({"iterations": 0}, "iterations = 0", "--iterations 0", "must be a whole number from 1 on"),
+    ({"background": -1.0}, "background = -1.0", "--background -1", "must be a number from 0 on"),
+    ({"gain": 0.0}, "gain = 0.0", "--gain 0", "must be a positive number"),
+    ({"gain": np.nan}, "gain = nan", "--gain nan", "must be a positive number"),
+    ({"saturation": "a"}, 'saturation = "a"', "--saturation a", "must be a positive number"),
+    ({"residual": "low"}, 'residual = "low"', "--residual low", "positive number or 'noise'"),
+    ({"prior": "l1"}, 'prior = "l1"', "--prior l1", "must be 'tv', 'gaussian' or 'time'"),
+    ({"strength": 2.0}, "strength = 2.0", "--strength 2", "is of a prior: give tv, gaussian or"),
+    ({"start": "warm"}, 'start = "warm"', "--start warm", "must be 'previous', 'decayed' or 'lim"),
+    ({"motion": 1e-6}, "motion_um = 1", "--motion-um 1", "is of the start limited"),
+    ({"batch": 0}, "batch = 0", "--batch 0", "must be a whole number from 1 on"),
+    ({"haze": 1}, "haze = 1", None, "must be true or false"),
+)
+
+
+def test_wrong_values_are_refused_in_the_same_words(tmp_path: Path) -> None:
+    for python, toml, command, text in WRONG:
+        with pytest.raises(ValueError, match=text) as error:
+            DeconvolutionSettings(**python)
+        assert error.value.argument == next(iter(python))  # type: ignore[attr-defined]
+        job = '[[inputs]]\nfiles = "a.tif"\n[deconvolve]\npsf = "psf.h5"\n'
+        (tmp_path / "job.toml").write_text(f'output = "out"\n{job}{toml}\n')
+        with pytest.raises(FormatError, match=f"deconvolve.{toml.split()[0]} .*{text}"):
+            JobSpec.read(tmp_path / "job.toml")
+        if command:
+            words = ["microscope", "deconvolve", "a.tif", "-c", "psf.h5", "-o", "v.tif"]
+            result = CliRunner().invoke(main, [*words, *command.split()])
+            assert result.exit_code == 2
+            assert command.split()[0] in result.stderr
+            assert text in result.stderr
+
+
+def test_jobs_and_commands_know_the_same_settings() -> None:
+    table = DeconvolveTable(psf="psf.h5", gain=2, prior="tv", offset=[3, 4], pitch=9)
+    values = table.model_dump()
+    how, beside = (take_settings(one, values) for one in (DeconvolutionSettings, LatticeSettings))
+    assert values == {"psf": "psf.h5"}
+    assert how == DeconvolutionSettings(gain=2, prior="tv")
+    for alone in ({"start": "limited", "motion_um": 2}, {"prior": "time"}, {"batch": 2}):
+        with pytest.raises(ValueError, match=f"{next(iter(alone))} .*(of a series|of frames one)"):
+            DeconvolveTable(psf="psf.h5", **alone)
+    assert beside == LatticeSettings(pitch=9, offset=(3, 4))
+    options = {
+        one.name: one for one in main.get_command(None, "microscope").commands["deconvolve"].params
+    }  # type: ignore[union-attr, arg-type]
+    for one in (*settings_of(DeconvolutionSettings), *settings_of(LatticeSettings)):
+        assert options[one.name].default == one.default
+        assert DeconvolveTable.model_fields[one.key].default == one.default
 
 
 def test_a_changed_file_is_read_again(
@@ -139,7 +193,7 @@ def test_what_a_volume_depends_on(tmp_path: Path, monkeypatch: pytest.MonkeyPatc
     )
     hows = [
         ALL,
-        *(replace(ALL, **{f.name: getattr(other, f.name)}) for f in fields(DeconvolutionSettings)),
+        *(replace(ALL, **{name: getattr(other, name)}) for name in OF_FRAMES),
     ]
 
     def job(how: DeconvolutionSettings = ALL, page: int = 0, **changed: Any) -> str:
@@ -159,12 +213,3 @@ def test_what_a_volume_depends_on(tmp_path: Path, monkeypatch: pytest.MonkeyPatc
     monkeypatch.setattr("clplen.__version__", "another")
     found.append(job())
     assert len(set(found)) == len(found)
-    later = [
-        _jobs(
-            [Page(files[0], 0), Page(files[0], number)],
-            provenance(images(), ALL, None, None),
-            Start("previous", images()),
-        )[1]["start"]
-        for number in (1, 2)
-    ]  # fmt: skip
-    assert later[0] == later[1]

@@ -83,21 +83,7 @@ class FourierPointImages:
         return across, across
 
     def inside(self, lenslet: int, corner: tuple[int, int], shape: tuple[int, int]) -> Vector:
-        """Share of pixels within the sub-image of a lenslet.
-
-        Parameters
-        ----------
-        lenslet : int
-        corner : tuple of int
-            First pixel (y, x).
-        shape : tuple of int
-            Pixels (rows, columns) from there.
-
-        Returns
-        -------
-        numpy.ndarray
-            float32, from 0 to 1.
-        """
+        """Return the share of pixels from ``corner`` on in the sub-image of a lenslet, float32."""
         y, x = (
             first + np.arange(n) - middle
             for first, n, middle in zip(corner, shape, self.centres[lenslet], strict=True)
@@ -105,18 +91,9 @@ class FourierPointImages:
         return covered(self.radius - np.hypot(y[:, None], x), 1.0).astype(np.float32)
 
     def image(self, plane: int, phase: tuple[int, int]) -> Vector:
-        """The frame of one voxel of energy 1 in the pixel on the axis.
+        """Return the frame of one voxel of energy 1 in the pixel on the axis, float32.
 
-        Parameters
-        ----------
-        plane : int
-        phase : tuple of int
-            (sy, sx) of the voxel in its pixel, each from 0 to b - 1.
-
-        Returns
-        -------
-        numpy.ndarray
-            float32, shape of the sensor.
+        ``phase`` is (sy, sx) of the voxel in its pixel, each from 0 to b - 1.
         """
         b = self.voxels
         if not all(0 <= s < b for s in phase):

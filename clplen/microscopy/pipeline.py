@@ -4,83 +4,35 @@ from __future__ import annotations
 
 from collections import deque
 from collections.abc import Callable, Iterable, Iterator
-from dataclasses import asdict, dataclass, replace
+from dataclasses import replace
 from functools import cached_property
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any
 
 import numpy as np
 
-from clplen.batch.work import diagnostics
-from clplen.batch.work.deconvolution_files import AnyImages, Values, read_picture
 from clplen.compute.device import DeviceLike, as_device
 from clplen.errors import ShapeError
 from clplen.files import PathLike, naming
 from clplen.io.store.digest import digest
 from clplen.lightfield.raw.lenslet_lattice import Lattice
-from clplen.microscopy.fourier import fourier_files
-from clplen.microscopy.fourier.fourier_images import FourierPointImages
-from clplen.microscopy.fourier.fourier_projector import FourierProjector
-from clplen.microscopy.frames.prepare import Preparation, preparation
-from clplen.microscopy.frames.prepared import Prepared
+from clplen.microscopy import diagnostics
+from clplen.microscopy.deconvolution_files import Values, read_picture
+from clplen.microscopy.frames.prepare import Preparation, Prepared, preparation
 from clplen.microscopy.frames.raw_frames import RawPreparation, raw_preparation
 from clplen.microscopy.frames.sharpness import sharpness
 from clplen.microscopy.model import point_image_files
+from clplen.microscopy.model.fourier_images import FourierPointImages
 from clplen.microscopy.model.images import PointImages
+from clplen.microscopy.model.point_image_files import AnyImages
 from clplen.microscopy.pupil.pupil_check import PupilCheck, check_pupil, corrected
-from clplen.microscopy.reconstruction.deconvolution import (
-    AnyProjector,
-    DeconvolutionResult,
-    deconvolve,
-)
+from clplen.microscopy.reconstruction.deconvolution import DeconvolutionResult, deconvolve
+from clplen.microscopy.reconstruction.fourier_projector import FourierProjector
 from clplen.microscopy.reconstruction.projector import Projector
 from clplen.microscopy.series.rolling import rolling_minimum
 from clplen.microscopy.series.series import SeriesFrame, batch_for, found_in_batches
 from clplen.microscopy.series.starts import Start
-
-
-@dataclass(frozen=True)
-class DeconvolutionSettings:
-    """How frames are deconvolved; it decides the volumes.
-
-    Attributes
-    ----------
-    iterations : int
-        Of Richardson and Lucy.
-    background : float
-        Counts of a pixel of the camera above the dark frame.
-    gain : float
-        Counts of a photon.
-    saturation : float or None
-        Level from which on pixels are left out.
-    haze : bool
-        Whether light from far beyond the volume is told from it; see `Preparation.haze`.
-    residual, accelerate, prior, strength
-        Of `deconvolve`; prior "time" only of a series (`Deconvolver.series`).
-    radiometric : bool
-        Whether what the modelled pupil lacks beside the white frame goes into the sensitivity; see
-        `clplen.microscopy.corrected`.
-    keep_hot : bool
-        Whether hot pixels are kept; else they are left out, see `clplen.microscopy.hot_pixels`.
-
-    Examples
-    --------
-    >>> how = clplen.batch.DeconvolutionSettings(iterations=40, gain=2.2, prior="tv")
-    >>> how.iterations, how.background, how.prior
-    (40, 0.0, 'tv')
-    """
-
-    iterations: int = 20
-    background: float = 0.0
-    gain: float = 1.0
-    saturation: float | None = None
-    haze: bool = False
-    residual: float | Literal["noise"] | None = None
-    accelerate: bool = False
-    prior: Literal["tv", "gaussian", "time"] | None = None
-    strength: float = 1.0
-    radiometric: bool = False
-    keep_hot: bool = False
+from clplen.microscopy.settings import DeconvolutionSettings
 
 
 class Deconvolver:
@@ -106,8 +58,6 @@ class Deconvolver:
     force : bool
         Whether to go on where the lattice of the white frame is not to be trusted, as of
         `preparation`.
-    begin : Start, optional
-        What a frame begins with, made of the volume before it; default that volume.
     lattice : Lattice, optional
         Of frames without a white one, with their shape.
     mask : path-like, optional
@@ -130,7 +80,8 @@ class Deconvolver:
     >>> about = {"magnification": 20.0, "na": 0.5, "medium_index": 1.0, "lenslet_pitch": 125e-6}
     >>> spots = (np.full((1, 15, 15), 1 / 225, np.float32),)  # 3 x 3 lenslets, evenly lit
     >>> images = clplen.microscopy.PointImages(about, np.array([20e-6]), 1, 5, spots, np.ones(1))
-    >>> deconvolver = clplen.batch.Deconvolver(images, clplen.batch.DeconvolutionSettings())
+    >>> how = clplen.microscopy.DeconvolutionSettings()
+    >>> deconvolver = clplen.microscopy.Deconvolver(images, how)
     >>> frame = deconvolver.prepared(np.full((25, 25), 100.0, np.float32))
     >>> deconvolver(frame).volume.shape
     (1, 5, 5)
@@ -146,20 +97,20 @@ class Deconvolver:
         dark: PathLike | None = None,
         memory: int | None = None,
         force: bool = False,
-        begin: Start | None = None,
         lattice: Lattice | None = None,
         mask: PathLike | None = None,
     ) -> None:
         device = as_device(device)
         self.images, self.how, self.device, self._memory = images, how, device, memory
-        self._begin = begin or Start("previous", images)
+        how.require_white(white is not None)
+        self.begin = Start(how.start, images, motion=how.motion)
         self._files = {"white": white, "dark": dark, "mask": mask}
         self._lattice = lattice
         self.pupil: PupilCheck | None = None
         beside = {name: read_picture(path) for name, path in self._files.items() if path}
         with naming(white or mask or "Without a white frame"):
             self._prepare = self._prepared_for(beside, force)
-        self._projector: AnyProjector | None = None
+        self._projector: Projector | FourierProjector | None = None
 
     def _prepared_for(self, beside: dict[str, Values], force: bool) -> Preparation:
         """What frames share, rectified or as they are."""
@@ -189,10 +140,8 @@ class Deconvolver:
         sharpest = None if how.keep_hot else sharpness(images)
         found = preparation(images.pixels, lattice=self._lattice, sharpest=sharpest, **given)
         self.pupil = check_pupil(images, found)
-        if not how.radiometric:
+        if not how.radiometric or self.pupil is None:
             return found
-        if self.pupil is None:
-            raise ValueError("The pupil is corrected by a white frame, and there is none.")
         return corrected(found, self.pupil)
 
     @cached_property
@@ -201,11 +150,20 @@ class Deconvolver:
         return provenance(self.images, self.how, **self._files, lattice=self._lattice)
 
     def checks(self) -> list[str]:
-        """Sentences on the white frame and the point images, the same for all frames."""
+        """Return sentences on the settings, the white frame and the point images."""
+        how, said = self.how, []
+        if how.gain is None and (how.residual == "noise" or how.prior in ("tv", "time")):
+            what = "residual noise" if how.residual == "noise" else f"prior {how.prior}"
+            said.append(f"{what} takes each count as a photon: give the gain of the camera.")
+        if self._files["white"] and not self._files["dark"]:
+            said.append(
+                "without a dark frame the offset of the camera counts as light: do not compare "
+                "residuals and volumes with those made with a dark frame."
+            )
         if isinstance(self.images, FourierPointImages):
-            return []
-        return diagnostics.diagnose_series(
-            self.images, self._prepare, self.pupil, self.how.radiometric
+            return said
+        return said + diagnostics.diagnose_series(
+            self.images, self._prepare, self.pupil, how.radiometric
         )
 
     def prepared(self, frame: Values) -> Prepared:
@@ -224,7 +182,7 @@ class Deconvolver:
     def diagnose(
         self, frame: Prepared, found: DeconvolutionResult | None = None, low: Values | None = None
     ) -> list[str]:
-        """Sentences on a frame, or on its volume; see `clplen.batch.work.diagnostics`."""
+        """Sentences on a frame, or on its volume; see `clplen.microscopy.diagnostics`."""
         prepare = self._prepare
         if isinstance(prepare, RawPreparation):  # sub-images have no pixels to be compared
             prepare = replace(prepare, level=None)
@@ -233,7 +191,7 @@ class Deconvolver:
         if isinstance(prepare, RawPreparation):
             return []
         _, background = self._light(frame, low)
-        gain, variance = self.how.gain, self._prepare.variance
+        gain, variance = self.how.gain or 1.0, self._prepare.variance
         level = self._prepare.level
         pupil = 0.0 if self.pupil is None or self.how.radiometric else self.pupil.share
         placed = self._prepare.lattice is not None or isinstance(self.images, FourierPointImages)
@@ -244,11 +202,11 @@ class Deconvolver:
 
     def _light(self, frame: Prepared, low: Values | None = None) -> tuple[Values, Values]:
         """Photons of a frame, and those from nowhere in the volume: at least ``low`` counts."""
-        how = self.how
-        counts = frame.counts / np.float32(how.gain)
-        background = np.full_like(counts, how.background * self._prepare.area / how.gain)
+        how, gain = self.how, self.how.gain or 1.0
+        counts = frame.counts / np.float32(gain)
+        background = np.full_like(counts, how.background * self._prepare.area / gain)
         if low is not None:
-            background = np.maximum(background, low / np.float32(how.gain))
+            background = np.maximum(background, low / np.float32(gain))
         if how.haze:
             background += self._prepare.haze(counts - background, frame.white)
         return counts, background
@@ -261,18 +219,13 @@ class Deconvolver:
         progress: Callable[[int, int], None] | None = None,
         watch: Callable[[Values], None] | None = None,
     ) -> DeconvolutionResult:
-        """The volume behind a frame.
+        """Return the volume behind a prepared frame; ``start`` is the volume of the frame before.
 
-        Parameters
-        ----------
-        frame : Prepared
-        start : numpy.ndarray, optional
-            Volume of the frame before.
-        progress, watch : callable, optional
-            As of `deconvolve`.
+        ``progress`` and ``watch`` are those of `deconvolve`.
         """
         counts, background = self._light(frame)
-        begun = None if start is None else self._begin.volumes(start, 1)
+        begin = self.begin if self.begin.name else Start("previous", self.images)
+        begun = None if start is None else begin.volumes(start, 1)
         return deconvolve(
             counts,
             self.projector_for(frame.counts.shape),
@@ -294,14 +247,14 @@ class Deconvolver:
             "variance": self._prepare.variance,
             "accelerate": how.accelerate,
             "prior": how.prior,
-            "strength": how.strength,
+            "strength": how.strength or 1.0,
         }
 
-    def batch(self, shape: tuple[int, ...], wanted: int | None = None) -> int:
+    def batch(self, shape: tuple[int, ...]) -> int:
         """Frames of a shape that are found together; see `clplen.microscopy.deconvolve_series`."""
         how = self.how
         projector = self.projector_for(shape)
-        return batch_for(projector, wanted, accelerate=how.accelerate, prior=how.prior)
+        return batch_for(projector, how.batch, accelerate=how.accelerate, prior=how.prior)
 
     def series(
         self,
@@ -313,28 +266,19 @@ class Deconvolver:
         progress: Callable[[int, int], None] | None = None,
         watch: Callable[[Values], None] | None = None,
     ) -> Iterator[DeconvolutionResult]:
-        """The volumes behind frames, some at a time.
+        """Yield the volumes behind frames, ``batch`` at a time.
 
-        Parameters
-        ----------
-        frames : iterable of (Prepared, numpy.ndarray or None)
-            Frames, and counts that are at least background, as of `lowest`.
-        shape : tuple of int
-            Of the counts of all frames.
-        batch : int
-            How many are found together.
-        before : numpy.ndarray, optional
-            Volume of the frame before the first one.
-        progress, watch : callable, optional
-            As of `deconvolve`, of each batch.
+        Frames come with counts that are at least background, as of `lowest`, or None; all have
+        ``shape``. ``before`` is the volume of the frame before the first one; ``progress`` and
+        ``watch`` are those of `deconvolve`, of each batch.
         """
         lit = (SeriesFrame(*self._light(frame, low), frame.white) for frame, low in frames)
         return found_in_batches(
-            lit, self.projector_for(shape), batch, self._begin, before=before,
+            lit, self.projector_for(shape), batch, self.begin, before=before,
             progress=progress, watch=watch, **self._options,
         )  # fmt: skip
 
-    def projector_for(self, shape: tuple[int, ...]) -> AnyProjector:
+    def projector_for(self, shape: tuple[int, ...]) -> Projector | FourierProjector:
         """The projector of frames of a shape; that of the frame before where it is the same."""
         if isinstance(self._prepare, RawPreparation) and self._prepare.projector is not None:
             return self._prepare.projector
@@ -385,7 +329,7 @@ def _under_the_middle(images: FourierPointImages) -> dict[str, tuple[float, floa
 
 
 def lowest(frames: Iterable[Prepared], window: int) -> Iterator[tuple[Prepared, Values]]:
-    """Frames with the minimum of each pixel over the frames about them; see `rolling_minimum`."""
+    """Frames with the minimum of each pixel over the frames about them."""
     held: deque[Prepared] = deque()
 
     def counts() -> Iterator[Values]:
@@ -400,23 +344,19 @@ def lowest(frames: Iterable[Prepared], window: int) -> Iterator[tuple[Prepared, 
 def provenance(
     images: AnyImages,
     how: DeconvolutionSettings,
-    white: PathLike | None,
-    dark: PathLike | None,
     *,
+    white: PathLike | None = None,
+    dark: PathLike | None = None,
     mask: PathLike | None = None,
     lattice: Lattice | None = None,
 ) -> dict[str, Any]:
     """What volumes of one camera depend on besides their frames, kept with them."""
     from clplen import __version__
 
-    if isinstance(images, FourierPointImages):
-        of_images = fourier_files.digest(images)
-    else:
-        of_images = point_image_files.digest(images)
     return {
-        **asdict(how),
+        **how.of_frames,
         "clplen": __version__,
-        "psf": of_images,
+        "psf": point_image_files.digest(images),
         "white": digest(Path(white)) if white else None,
         "dark": digest(Path(dark)) if dark else None,
         "mask": digest(Path(mask)) if mask else None,

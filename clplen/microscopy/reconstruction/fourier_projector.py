@@ -12,22 +12,25 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 import pyopencl.array as cla
 from scipy import fft
 
-from clplen.checks import finite_batch, is_finite, is_integer, require
+from clplen.checks import require
 from clplen.compute.device import DeviceLike, as_device
 from clplen.compute.fft.lines import smooth_length
 from clplen.compute.memory import free_memory
-from clplen.errors import DeviceError, ShapeError
-from clplen.microscopy.fourier.fourier_images import FourierPointImages
+from clplen.errors import DeviceError
+from clplen.microscopy.model.fourier_images import FourierPointImages
+from clplen.microscopy.reconstruction.volume_projector import (
+    VolumeProjector,
+    check_memory_limit,
+    checked_pair,
+    frames_together,
+)
 from clplen.units import amount
-
-if TYPE_CHECKING:
-    from scipy.sparse.linalg import LinearOperator
 
 Vector = np.ndarray[Any, Any]
 
@@ -36,7 +39,7 @@ WORKING = 4  # windows of all sub-images that a projection works on
 THREADS = -1  # of the transforms: all that there are
 
 
-class FourierProjector:
+class FourierProjector(VolumeProjector):
     """Forward and backward projection with the point images of a Fourier microscope.
 
     A volume has shape (..., planes, rows b, columns b): its middle pixel, rows//2 and columns//2,
@@ -90,6 +93,8 @@ class FourierProjector:
     (2, 31, 31)
     """
 
+    images: FourierPointImages
+
     def __init__(
         self,
         images: FourierPointImages,
@@ -101,12 +106,9 @@ class FourierProjector:
         device = as_device(device)
         require(FourierPointImages, images, "images", "fourier_point_images")
         shape = images.field if shape is None else shape
-        if np.shape(shape) != (2,) or any(not is_integer(n) or n < 1 for n in shape):
-            raise ShapeError(f"shape is (rows, columns) in pixels, not {shape!r}.")
-        if memory is not None and not (is_finite(memory) and memory >= 0):
-            raise ValueError(f"memory is a number of bytes from 0 on or None, not {memory!r}.")
         self.images, self.device = images, device
-        self.shape = (int(shape[0]), int(shape[1]))
+        self.shape = checked_pair(shape, "(rows, columns) in pixels")
+        check_memory_limit(memory)
         b = images.voxels
         self.volume_shape = (len(images.planes), self.shape[0] * b, self.shape[1] * b)
         self.frame_shape = images.shape
@@ -126,10 +128,6 @@ class FourierProjector:
         """Without the transfer functions, which are made again when needed."""
         return self.__dict__ | {"_kept": {}}
 
-    def __repr__(self) -> str:
-        size = f"{self.volume_shape} to {self.frame_shape}"
-        return f"<FourierProjector of {size}, {self.device.name}>"
-
     @property
     def _spectrum(self) -> tuple[int, int]:
         """Shape of the transform of a window."""
@@ -144,24 +142,10 @@ class FourierProjector:
 
     @property
     def degenerate(self) -> tuple[float, ...]:
-        """z of planes without detail: none, because every sub-image shows every plane."""
-        return ()
+        return ()  # every sub-image shows every plane
 
     def require_memory(self, frames: int, *, volumes: int = 1, pictures: int = 1) -> None:
-        """Refuse frames that cannot be projected together, before anything is allocated.
-
-        Parameters
-        ----------
-        frames : int
-        volumes, pictures : int
-            That are kept on the device for each frame.
-
-        Raises
-        ------
-        DeviceError
-            With the bytes needed and the bytes there are.
-        """
-        what = f"The projection of {'one frame' if frames == 1 else f'{frames} frames together'}"
+        what = frames_together(frames)
         kept = volumes * math.prod(self.volume_shape) + pictures * math.prod(self.frame_shape)
         self.device.require_memory(4 * frames * kept, what)
         plane = self.nbytes // len(self.images.planes)
@@ -174,140 +158,12 @@ class FourierProjector:
                 "are free: take fewer planes or lenslets, or give memory=."
             )
 
-    def forward(self, volume: Any, *, clamp: bool = True) -> Vector:
-        """The frames of volumes.
-
-        Parameters
-        ----------
-        volume : array_like
-            Energy of every voxel, shape (..., planes, rows b, columns b).
-        clamp : bool
-            Whether pixels that rounding leaves below 0 are 0, as Poisson statistics need it.
-            A volume with negative voxels needs False.
-
-        Returns
-        -------
-        numpy.ndarray
-            float32, shape (..., ny, nx).
-
-        Raises
-        ------
-        ShapeError
-            If the volume has another shape, or there is none.
-        ValueError
-            If a voxel is not finite.
-        TypeError
-            If the volume is no array of real numbers.
-        DeviceError
-            If so many frames do not fit.
-        """
-        values = finite_batch(volume, self.volume_shape, "A volume")
-        self.require_memory(len(values))
-        frames = np.stack([self._frame(one) for one in values])
-        if clamp:
-            frames = np.maximum(frames, 0)
-        return frames.reshape(*np.shape(volume)[:-3], *self.frame_shape)
-
-    def backward(self, frame: Any) -> Vector:
-        """The adjoint: what every voxel sees of frames through its image.
-
-        Parameters
-        ----------
-        frame : array_like
-            Shape (..., ny, nx).
-
-        Returns
-        -------
-        numpy.ndarray
-            float32, shape (..., planes, rows b, columns b).
-
-        Raises
-        ------
-        ShapeError
-            If the frame has another shape, or there is none.
-        ValueError
-            If a pixel is not finite.
-        TypeError
-            If the frame is no array of real numbers.
-        DeviceError
-            If so many frames do not fit.
-        """
-        values = finite_batch(frame, self.frame_shape, "A frame")
-        self.require_memory(len(values))
-        volumes = np.stack([self._volume(one) for one in values])
-        return volumes.reshape(*np.shape(frame)[:-2], *self.volume_shape)
-
-    adjoint = backward  # the name of every linear map
-
-    @property
-    def in_shape(self) -> tuple[int, int, int]:
-        """Shape of what `forward_data` takes, that of a volume."""
-        return self.volume_shape
-
-    @property
-    def out_shape(self) -> tuple[int, int]:
-        """Shape of what it gives, that of a frame."""
-        return self.frame_shape
-
-    @property
-    def dtype(self) -> np.dtype[Any]:
-        """Of volumes and frames, float32."""
-        return np.dtype(np.float32)
-
-    def forward_data(self, data: cla.Array) -> cla.Array:
-        """H x of volumes on the device with any leading axes, without clamping: a linear map."""
-        lead = data.shape[:-3]
-        frames = self.project(data.reshape(-1, *self.volume_shape), clamp=False)
-        return frames.reshape(*lead, *self.frame_shape)
-
-    def adjoint_data(self, data: cla.Array) -> cla.Array:
-        """H' y of frames on the device with any leading axes."""
-        lead = data.shape[:-2]
-        volumes = self.back_project(data.reshape(-1, *self.frame_shape))
-        return volumes.reshape(*lead, *self.volume_shape)
-
-    def as_linear_operator(self) -> LinearOperator:
-        """H for solvers of SciPy: vectors are raveled volumes and frames, float32, no clamping."""
-        from scipy.sparse.linalg import LinearOperator
-
-        return LinearOperator(
-            (math.prod(self.frame_shape), math.prod(self.volume_shape)),
-            matvec=lambda x: self.forward(np.reshape(x, self.volume_shape), clamp=False).ravel(),
-            rmatvec=lambda y: self.backward(np.reshape(y, self.frame_shape)).ravel(),
-            dtype=np.float32,
-        )
-
     def project(self, volumes: cla.Array, *, clamp: bool = True) -> cla.Array:
-        """`forward` of what lies on the device.
-
-        Parameters
-        ----------
-        volumes : pyopencl.array.Array
-            float32, shape (frames, planes, rows b, columns b).
-        clamp : bool
-
-        Returns
-        -------
-        pyopencl.array.Array
-            float32, shape (frames, ny, nx).
-        """
         with self.device.on_host(volumes, write=False) as values:
             frames = np.stack([self._frame(one) for one in values])
         return self.device.upload(np.maximum(frames, 0) if clamp else frames)
 
     def back_project(self, frames: cla.Array) -> cla.Array:
-        """`backward` of what lies on the device.
-
-        Parameters
-        ----------
-        frames : pyopencl.array.Array
-            float32, shape (frames, ny, nx).
-
-        Returns
-        -------
-        pyopencl.array.Array
-            float32, shape (frames, planes, rows b, columns b).
-        """
         with self.device.on_host(frames, write=False) as values:
             volumes = np.stack([self._volume(one) for one in values])
         return self.device.upload(volumes)

@@ -12,14 +12,10 @@ from clplen.files import PathLike
 from clplen.io.formats.tiff import SUFFIXES
 from clplen.io.raw.raw_files import read_frame
 from clplen.io.results.volume_files import is_volume, write_volume
-from clplen.microscopy.fourier import fourier_files
-from clplen.microscopy.fourier.fourier_images import FourierPointImages
-from clplen.microscopy.model import point_image_files
-from clplen.microscopy.model.images import PointImages
+from clplen.microscopy.model.point_image_files import AnyImages, read_point_images
 from clplen.microscopy.reconstruction.deconvolution import DeconvolutionResult
 
 Values = np.ndarray[Any, Any]
-AnyImages = PointImages | FourierPointImages
 
 
 def read_psf(path: PathLike) -> AnyImages:
@@ -29,9 +25,7 @@ def read_psf(path: PathLike) -> AnyImages:
             f"{path} has the parameters of a microscope, not its point images: make them by "
             f"'clplen microscope psf {path} -o PSF.h5'."
         )
-    if fourier_files.is_fourier(path):
-        return fourier_files.read_fourier_point_images(path)
-    return point_image_files.read_point_images(path)
+    return read_point_images(path)
 
 
 def read_picture(path: PathLike, frame: int | None = None) -> Values:

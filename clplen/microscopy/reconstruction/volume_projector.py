@@ -1,0 +1,172 @@
+"""What all projectors of microscopes share: checks of arrays, memory, and the linear map."""
+
+from __future__ import annotations
+
+import math
+from abc import ABC, abstractmethod
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import pyopencl.array as cla
+
+from clplen.checks import finite_batch, is_finite, is_integer
+from clplen.compute.device import Device
+from clplen.errors import ShapeError
+from clplen.microscopy.model.cells import Pair
+from clplen.microscopy.model.point_image_files import AnyImages
+
+if TYPE_CHECKING:
+    from scipy.sparse.linalg import LinearOperator
+
+Vector = np.ndarray[Any, Any]
+
+
+class VolumeProjector(ABC):
+    """Forward and backward projection between volumes and frames of a microscope."""
+
+    images: AnyImages
+    device: Device
+    shape: Pair
+    volume_shape: tuple[int, int, int]
+    frame_shape: Pair
+
+    def __repr__(self) -> str:
+        size = f"{self.volume_shape} to {self.frame_shape}"
+        return f"<{type(self).__name__} of {size}, {self.device.name}>"
+
+    @property
+    @abstractmethod
+    def degenerate(self) -> tuple[float, ...]:
+        """Positions z in metres of planes in which lenslets see no detail."""
+
+    @abstractmethod
+    def require_memory(self, frames: int, *, volumes: int = 1, pictures: int = 1) -> None:
+        """Raise `DeviceError` if so many frames do not fit the device.
+
+        ``volumes`` and ``pictures`` are kept on the device for each frame.
+        """
+
+    @abstractmethod
+    def project(self, volumes: cla.Array, *, clamp: bool = True) -> cla.Array:
+        """Project volumes on the device, (frames, planes, rows, columns), as `forward`."""
+
+    @abstractmethod
+    def back_project(self, frames: cla.Array) -> cla.Array:
+        """Project frames on the device, (frames, ny, nx), back, as `backward`."""
+
+    def forward(self, volume: Any, *, clamp: bool = True) -> Vector:
+        """Project volumes to frames.
+
+        Parameters
+        ----------
+        volume : array_like
+            Energy of every voxel, shape (..., planes, rows, columns).
+        clamp : bool
+            Whether pixels that rounding leaves below 0 are 0, as Poisson statistics need it.
+            A volume with negative voxels needs False.
+
+        Returns
+        -------
+        numpy.ndarray
+            float32, shape (..., ny, nx).
+
+        Raises
+        ------
+        ShapeError
+            If the volume has another shape, or there is none.
+        ValueError
+            If a voxel is not finite.
+        TypeError
+            If the volume is no array of real numbers.
+        DeviceError
+            If so many frames do not fit the device.
+        """
+        values = finite_batch(volume, self.volume_shape, "A volume")
+        self.require_memory(len(values))
+        frames = self.project(self.device.upload(values), clamp=clamp)
+        return self.device.download(frames).reshape(*np.shape(volume)[:-3], *self.frame_shape)
+
+    def backward(self, frame: Any) -> Vector:
+        """Apply the adjoint: what every voxel sees of frames through its image.
+
+        Parameters
+        ----------
+        frame : array_like
+            Shape (..., ny, nx).
+
+        Returns
+        -------
+        numpy.ndarray
+            float32, shape (..., planes, rows, columns).
+
+        Raises
+        ------
+        ShapeError
+            If the frame has another shape, or there is none.
+        ValueError
+            If a pixel is not finite.
+        TypeError
+            If the frame is no array of real numbers.
+        DeviceError
+            If so many frames do not fit the device.
+        """
+        values = finite_batch(frame, self.frame_shape, "A frame")
+        self.require_memory(len(values))
+        volumes = self.back_project(self.device.upload(values))
+        return self.device.download(volumes).reshape(*np.shape(frame)[:-2], *self.volume_shape)
+
+    adjoint = backward  # the name of every linear map
+
+    @property
+    def in_shape(self) -> tuple[int, int, int]:
+        """Shape of the argument of `forward_data`, that of a volume."""
+        return self.volume_shape
+
+    @property
+    def out_shape(self) -> Pair:
+        """Shape of the result of `forward_data`, that of a frame."""
+        return self.frame_shape
+
+    @property
+    def dtype(self) -> np.dtype[Any]:
+        """Type of volumes and frames, float32."""
+        return np.dtype(np.float32)
+
+    def forward_data(self, data: cla.Array) -> cla.Array:
+        """Return H x of volumes on the device with any leading axes, without clamping."""
+        frames = self.project(data.reshape(-1, *self.volume_shape), clamp=False)
+        return frames.reshape(*data.shape[:-3], *self.frame_shape)
+
+    def adjoint_data(self, data: cla.Array) -> cla.Array:
+        """Return H' y of frames on the device with any leading axes."""
+        volumes = self.back_project(data.reshape(-1, *self.frame_shape))
+        return volumes.reshape(*data.shape[:-2], *self.volume_shape)
+
+    def as_linear_operator(self) -> LinearOperator:
+        """Return H for solvers of SciPy: raveled volumes and frames, float32, no clamping."""
+        from scipy.sparse.linalg import LinearOperator
+
+        return LinearOperator(
+            (math.prod(self.frame_shape), math.prod(self.volume_shape)),
+            matvec=lambda x: self.forward(np.reshape(x, self.volume_shape), clamp=False).ravel(),
+            rmatvec=lambda y: self.backward(np.reshape(y, self.frame_shape)).ravel(),
+            dtype=np.float32,
+        )
+
+
+def checked_pair(shape: Any, what: str) -> Pair:
+    """Return two positive whole numbers."""
+    if np.shape(shape) != (2,) or any(not is_integer(n) or n < 1 for n in shape):
+        raise ShapeError(f"shape is {what}, not {shape!r}.")
+    return int(shape[0]), int(shape[1])
+
+
+def check_memory_limit(memory: Any) -> None:
+    """Refuse what is no number of bytes."""
+    if memory is not None and not (is_finite(memory) and memory >= 0):
+        raise ValueError(f"memory is a number of bytes from 0 on or None, not {memory!r}.")
+
+
+def frames_together(frames: int) -> str:
+    """Name a projection in messages on memory."""
+    return f"The projection of {'one frame' if frames == 1 else f'{frames} frames together'}"

@@ -1,0 +1,214 @@
+"""The settings of a deconvolution, for Python, for jobs and for the command line."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any, Literal
+
+from clplen.files import PathLike, naming
+from clplen.lightfield.raw.lenslet_lattice import Lattice
+from clplen.microscopy.frames.given_lattice import check_given, square_lattice
+from clplen.settings import SettingError, check_settings, setting
+
+OF_FRAMES = (  # fields on which the volume of a frame depends by itself
+    "iterations", "background", "gain", "saturation", "haze", "residual", "accelerate", "prior",
+    "strength", "radiometric", "keep_hot",
+)  # fmt: skip
+
+
+@dataclass(frozen=True)
+class DeconvolutionSettings:
+    """Settings of a deconvolution, on which the volumes depend.
+
+    Attributes
+    ----------
+    iterations : int
+        Number of Richardson-Lucy iterations.
+    background : float
+        Uniform background in counts of a pixel of the camera, above the dark level.
+    gain : float or None
+        Counts of a photon; None takes each count as a photon.
+    saturation : float or None
+        Level from which on pixels are left out; None is the largest of an integer type.
+    haze : bool
+        Whether light from far beyond the volume is subtracted; see `Preparation.haze`.
+    residual, accelerate, prior, strength
+        As of `deconvolve`; prior "time" only of a series. ``strength`` None is 1.
+    radiometric : bool
+        Whether what the modelled pupil lacks beside the white frame goes into the sensitivity; see
+        `clplen.microscopy.corrected`.
+    keep_hot : bool
+        Whether hot pixels are kept; else they are left out, see `clplen.microscopy.hot_pixels`.
+    start, motion, batch, rolling
+        As of `deconvolve_series`; None where there is no series.
+
+    Raises
+    ------
+    ValueError
+        If a value is out of range, or one is given without the setting that it belongs to.
+
+    Examples
+    --------
+    >>> how = clplen.microscopy.DeconvolutionSettings(iterations=40, gain=2.2, prior="tv")
+    >>> how.iterations, how.background, how.prior
+    (40, 0.0, 'tv')
+    """
+
+    iterations: int = setting(
+        20, "Number of Richardson-Lucy iterations.", kind=int, least=1, flags=("--max-iter",)
+    )
+    background: float = setting(
+        0.0,
+        "Uniform background, in counts above the dark level.",
+        least=0,
+        flags=("--background-level",),
+    )
+    gain: float | None = setting(
+        None, "Counts of a photon, for the residual noise and for priors; default 1.", above=0
+    )
+    saturation: float | None = setting(
+        None,
+        "Level from which on pixels are left out; default: the largest of an integer type.",
+        above=0,
+    )
+    haze: bool = setting(
+        False,
+        "Subtract light from far beyond the volume: the white frame, as dark as in the darkest "
+        "lenslets.",
+        kind=bool,
+    )
+    residual: float | Literal["noise"] | None = setting(
+        None,
+        "Stop when the residual is below this number, or below that of photon noise.",
+        above=0,
+        choices=("noise",),
+        metavar="NUMBER|noise",
+    )
+    accelerate: bool = setting(
+        False, "Take fewer iterations, with memory for four more volumes.", kind=bool
+    )
+    prior: Literal["tv", "gaussian", "time"] | None = setting(
+        None,
+        "tv: against noise; gaussian: nothing finer than a lenslet about the native plane; time: "
+        "voxels of a series seldom change.",
+        kind=str,
+        choices=("tv", "gaussian", "time"),
+    )
+    strength: float | None = setting(None, "Strength of the prior; default 1.", above=0)
+    radiometric: bool = setting(
+        False, "Correct the pupil of the point images by the white frame.", kind=bool
+    )
+    keep_hot: bool = setting(False, "Keep hot pixels.", kind=bool)
+    start: Literal["previous", "decayed", "limited"] | None = setting(
+        None,
+        "Begin a frame of a series with the volume before: as it is, with half its contrast, or as "
+        "wide as things move.",
+        kind=str,
+        choices=("previous", "decayed", "limited"),
+    )
+    motion: float | None = setting(
+        None,
+        "Motion from frame to frame for start limited, in micrometres; default: half a voxel.",
+        above=0,
+        unit="um",
+    )
+    batch: int | None = setting(
+        None, "Number of frames of a series that are found together.", kind=int, least=1
+    )
+    rolling: int | None = setting(
+        None,
+        "Number of frames of a series over which the minimum of each pixel is background.",
+        kind=int,
+        least=1,
+        flags=("--rolling-background",),
+        metavar="N",
+    )
+
+    def __post_init__(self) -> None:
+        check_settings(self)
+        if self.strength is not None and self.prior is None:
+            raise SettingError("strength", "is of a prior: give tv, gaussian or time")
+        if self.motion is not None and self.start != "limited":
+            raise SettingError("motion", "is of the start limited: give it, or leave motion out")
+
+    def require_white(self, is_given: bool) -> None:
+        """Refuse settings that need a white frame where there is none."""
+        for name in ("haze", "radiometric"):
+            if getattr(self, name) and not is_given:
+                raise SettingError(name, "needs the white frame: give white")
+
+    def require_series(self, is_series: bool, *, in_turn: bool) -> None:
+        """Refuse settings of a series where frames are found alone, ``in_turn`` or anyhow."""
+        if is_series:
+            return
+        if self.start is not None and not in_turn:
+            raise SettingError("start", "is of frames one after the other")
+        if self.prior == "time":
+            raise SettingError("prior", "'time' is of a series of frames in one file")
+        for name in ("batch", "rolling"):
+            if getattr(self, name) is not None:
+                raise SettingError(name, "is of a series of frames in one file")
+
+    @property
+    def of_frames(self) -> dict[str, Any]:
+        """Values on which the volume of a frame depends by itself, defaults filled in."""
+        values = {name: getattr(self, name) for name in OF_FRAMES}
+        return values | {"gain": self.gain or 1.0, "strength": self.strength or 1.0}
+
+
+@dataclass(frozen=True)
+class LatticeSettings:
+    """Pixels that are left out, and the lattice of frames that have no white frame."""
+
+    mask: str | None = setting(None, "Picture that is not 0 where pixels are left out.", kind=Path)
+    lattice: str | None = setting(
+        None, "JSON file of the lattice, where there is no white frame.", kind=Path
+    )
+    pitch: float | None = setting(
+        None, "Pitch of a square lattice in pixels, where there is no white frame.", above=0
+    )
+    offset: tuple[float, float] | None = setting(
+        None,
+        "Centre of a lenslet in pixels, whose centres are integers; default: in the corner.",
+        kind=tuple,
+        metavar="Y:X",
+    )
+    rotation: float | None = setting(None, "Angle of the lattice in degrees, from +x towards +y.")
+
+    def __post_init__(self) -> None:
+        check_settings(self)
+        for name in ("offset", "rotation"):
+            if getattr(self, name) is not None and self.pitch is None:
+                raise SettingError(name, "is of a lattice by its pitch: give pitch")
+        if self.lattice is not None and self.pitch is not None:
+            raise SettingError("pitch", "and lattice both describe the lattice: give one of them")
+
+    @property
+    def has_lattice(self) -> bool:
+        """Whether a lattice is given."""
+        return self.lattice is not None or self.pitch is not None
+
+    def require_no_white(self, is_given: bool) -> None:
+        """Refuse a lattice beside a white frame."""
+        for name in ("lattice", "pitch"):
+            if getattr(self, name) is not None and is_given:
+                raise SettingError(name, "is told by the white frame: give one of them")
+
+    def of_frame(self, shape: tuple[int, int], frame: PathLike) -> Lattice | None:
+        """Return the lattice on frames of a shape, None without one."""
+        if self.pitch is not None:
+            with naming(frame):
+                return square_lattice(
+                    self.pitch, shape, offset=self.offset,
+                    rotation=math.radians(self.rotation or 0.0),
+                )  # fmt: skip
+        if self.lattice is None:
+            return None
+        found = Lattice.load(Path(self.lattice))
+        if found.shape is None:
+            found = replace(found, shape=shape)
+        with naming(self.lattice):
+            check_given(found)
+        return found
