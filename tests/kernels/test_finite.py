@@ -10,7 +10,7 @@ def test_counts_each_bad_part(device):
     for dtype in (np.float16, np.float32, np.complex64, np.float64, np.complex128):
         if dtype in (np.float64, np.complex128) and not device.has_fp64:
             continue
-        values = np.ones((3, 5, 7), dtype)
+        values = np.full((3, 5, 7), np.finfo(dtype).max, dtype)
         assert count_bad(device.upload(values), device) == 0
         values[0, 0, 0], values[2, 4, 6], values[1, 2, 3] = np.nan, -np.inf, np.inf
         expected = np.count_nonzero(~np.isfinite(values.view(values.real.dtype)))
