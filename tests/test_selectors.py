@@ -277,14 +277,13 @@ def device_of(result: Any) -> Device | None:
 def test_a_device_a_selector_or_none_is_taken(
     device: Device, folder: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    for name in CALLS:
-        by_device, by_selector = (CALLS[name](folder, one) for one in (device, device.place))
-        assert device_of(by_device) is device_of(by_selector)
+    monkeypatch.setenv("CLPLEN_DEVICE", device.place)
+    for name, call in CALLS.items():
+        by_selector = call(folder, device.place)
         assert device_of(by_selector) in (device, None)
-        assert type(by_device) is type(by_selector)
-        if name not in HOLDERS:
-            monkeypatch.setenv("CLPLEN_DEVICE", device.place)
-            assert device_of(CALLS[name](folder, None)) in (device, None)
+        by_other = call(folder, device if name in HOLDERS else None)
+        assert device_of(by_other) is device_of(by_selector)
+        assert type(by_other) is type(by_selector)
 
 
 def test_anything_else_is_refused(folder: Path) -> None:

@@ -38,9 +38,6 @@ def wave(name: str, *words: Any, **more: Any) -> Any:
 # Numbers as people give them in other units, and the length that is meant.
 MISTAKES: dict[str, tuple[Callable[[], Any], str]] = {
     "wavelength in nm": (lambda: wave("plane_wave", wavelength=550), "5.5e-07"),
-    "wavelength in um": (lambda: wave("plane_wave", wavelength=0.55), "5.5e-07"),
-    "integer of NumPy": (lambda: wave("plane_wave", wavelength=np.int64(633)), "6.33e-07"),
-    "spherical wave": (lambda: wave("spherical_wave", 1e-3, wavelength=550), "5.5e-07"),
     "beam": (lambda: wave("gaussian_beam", 1e-5, wavelength=10.6), "1.06e-05"),
     "waist in um": (lambda: wave("gaussian_beam", 5e4), "0.05"),
     "field": (
@@ -53,43 +50,26 @@ MISTAKES: dict[str, tuple[Callable[[], Any], str]] = {
         lambda: clplen.wave.plane_wave(clplen.Grid((8, 8), 6.5), wavelength=LAM, device="cpu"),
         "6.5e-06",
     ),
-    "two pitches in nm": (
-        lambda: clplen.Field.from_array(
-            np.ones((8, 8)), clplen.Grid((8, 8), (1e-6, 6500)), wavelength=LAM, device="cpu"
-        ),
-        "6.5e-06",
-    ),
     "lenslets in um and mm": (lambda: clplen.MicrolensArray(150, 10, count=5), "0.00015"),
-    "lenslets in mm": (lambda: clplen.MicrolensArray(0.15, 10e-3, count=5), "0.00015"),
     "lenslets of f in mm": (lambda: clplen.MicrolensArray(150e-6, 10, count=5), "0.01"),
-    "lenslets of f in um": (lambda: clplen.MicrolensArray(125e-6, 2500, count=5), "0.0025"),
     "several f in mm": (
         lambda: clplen.MicrolensArray(150e-6, (2e-3, -10), count=5),
         "0.01",
     ),
     "focal length in mm": (lambda: camera(focal_length=120), "0.12"),
-    "focal length of 50 mm": (lambda: camera(focal_length=50), "0.05"),
-    "focal length of type 2": (lambda: camera("type2", m=0.25, focal_length=120), "0.12"),
     "image distance in mm": (lambda: camera(image_distance=240), "0.24"),
     "aperture in mm": (lambda: camera(aperture_diameter=60), "0.06"),
-    "camera in nm": (lambda: camera(wavelength=550), "550e-9"),
-    "a in mm": (lambda: camera("type2", a=50), "0.05"),
     "tube lens in mm": (lambda: microscope(tube_lens=200), "0.2"),
-    "microscope in nm": (lambda: microscope(wavelength=525), "525e-9"),
     "cover glass in um": (lambda: clplen.cameras.CoverGlass(150), "150 um are 150e-6"),
     "planes in um": (lambda: clplen.point_images(microscope(), [-40, 40]), "-40e-6"),
     "spectrum in nm": (lambda: clplen.Spectrum.gaussian(550, 30), "550e-9"),
     "cell in um": (lambda: clplen.wave.RandomPhaseMask(66), "6.6e-05"),
     "period in um": (lambda: clplen.wave.grating(field(), 4.0), "4e-06"),
     "thin lens in um": (lambda: clplen.thin_lens(field(), 120_000.0), "0.12"),
-    "lens in um": (lambda: clplen.wave.Lens(120_000.0), "0.12"),
     "lens diameter in um": (lambda: clplen.wave.Lens(0.1, diameter=3600.0), "0.0036"),
     "system in mm": (lambda: clplen.wave.imaging_system(120, diameter=0.01), "0.12"),
-    "system's lens in um": (lambda: clplen.wave.imaging_system(0.12, diameter=3600), "0.0036"),
     "pupil in um": (lambda: clplen.wave.Pupil(3600, 0.24), "0.0036"),
-    "stop in um": (lambda: clplen.wave.Stop(3600), "0.0036"),
     "aperture in um": (lambda: clplen.aperture(field(), 3600), "0.0036"),
-    "rectangle in um": (lambda: clplen.wave.rectangular_aperture(field(), (1e-3, 3600)), "0.0036"),
     "ring in um": (lambda: clplen.wave.annular_aperture(field(), 3600, inner=1e-3), "0.0036"),
     "star in um": (lambda: clplen.wave.siemens_star(GRID, 8, diameter=3600), "0.0036"),
     "plate in um": (lambda: clplen.phase_plate(field(), {4: 1e-7}, diameter=3600), "0.0036"),
@@ -98,18 +78,11 @@ MISTAKES: dict[str, tuple[Callable[[], Any], str]] = {
         "1e-07",
     ),
     "wavefront in nm": (lambda: clplen.cameras.Aberrations(main_lens={4: 100}), "1e-07"),
-    "lenslets' wavefront in um": (lambda: clplen.cameras.Aberrations(lenslets={4: 0.1}), "1e-07"),
     "circle in um": (
         lambda: clplen.cameras.Aberrations(lenslets={4: 1e-7}, lenslet_circle=150),
         "0.00015",
     ),
     "points in um": (lambda: clplen.PointSources([(0, 0, 0)], diameter=10), "1e-05"),
-    "raw pixels": (
-        lambda: clplen.decode_raw(
-            np.ones((41, 41)), objects.LATTICE, device="cpu", pixel_pitch=6.5
-        ),
-        "6.5e-06",
-    ),
 }
 
 

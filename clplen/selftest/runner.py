@@ -113,7 +113,7 @@ def numbers_of(reports: Iterable[DeviceReport]) -> dict[str, Any]:
 
 
 def _child(place: str, names: list[str], errors: IO[bytes]) -> subprocess.Popen[bytes]:
-    paths = [os.environ.get("PYTHONPATH", ""), *sys.path]
+    paths = [os.environ.get("PYTHONPATH"), *(path or os.getcwd() for path in sys.path)]
     environment = os.environ | {
         "PYTHONPATH": os.pathsep.join(filter(None, paths)),
         "PYTHONSAFEPATH": "1",  # no module of the folder in which it is started

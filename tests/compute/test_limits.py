@@ -111,10 +111,10 @@ def test_a_kernel_is_not_built_where_its_compiler_does_not_fit(
     with pytest.raises(DeviceError, match=r"Building .*'multiply.cl' needs .*the limit leaves"):
         fresh.kernel("multiply.cl", "multiply")
     left[0] += 1
-    kernel = fresh.kernel("multiply.cl", "multiply")
+    kernel, one = fresh.kernel("multiply.cl", "multiply"), fresh.zeros((1, 1), np.complex64)
     left[0] = limits.BUILD_BYTES - 1
     with pytest.raises(DeviceError, match="Running a kernel needs"):
-        fresh.launch(kernel, (1,))
+        fresh.launch(kernel, (1,), one, one, one, np.int32(1), np.int32(1))
 
 
 def files(folder: Path, numbers: dict[str, str]) -> None:

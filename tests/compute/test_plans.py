@@ -43,6 +43,8 @@ def test_what_was_used_longest_ago_goes_first() -> None:
     put(cache, "c")
     assert (cache.nbytes, len(cache)) == (80, 2)
     assert [is_kept(cache, key) for key in "abc"] == [True, False, True]
+    put(cache, "d", 90)  # for which several go
+    assert (cache.nbytes, len(cache)) == (90, 1)
 
 
 def test_a_value_above_the_limit_is_returned_but_not_kept() -> None:

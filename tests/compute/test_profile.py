@@ -25,6 +25,11 @@ def test_a_kernel_is_noted_with_its_bytes_and_operations(device: Device) -> None
     assert run.nbytes == 3 * n * n * device.complex.itemsize
     assert run.operations == 6 * n * n
     assert 0 < run.seconds < 60
+    field = device.zeros((n, n), device.complex)
+    kernel = device.kernel("multiply.cl", "multiply", **device.wave_defines())
+    with device.profiling() as profile:  # an array given three times counts once
+        device.launch_rows(kernel, (n, n), field, field, field, np.int32(n), np.int32(n))
+    assert profile.runs[-1].nbytes == field.nbytes
 
 
 def test_copies_are_noted(device: Device) -> None:
@@ -54,6 +59,7 @@ def test_a_transform_is_noted_with_its_operations(device: Device) -> None:
         device.fft.forward(field, device)
     (run,) = (run for run in profile.runs if run.name.startswith("FFT"))
     assert run.operations == 5 * 16 * 32 * (4 + 5)  # 5 N log2 N along each axis
+    assert run.seconds > 0
     assert run.nbytes == 2 * field.nbytes
 
 

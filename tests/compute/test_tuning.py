@@ -51,6 +51,17 @@ def test_the_fastest_is_taken_and_kept(device, folder):
     assert len(list(folder.iterdir())) == 1
 
 
+def test_work_counts(device):
+    """Twice the work in one and a half times the time is faster."""
+    seconds = {"first": 0.02, "second": 0.03}
+
+    def run(label):
+        time.sleep(seconds[label])
+        return 2.0 if label == "second" else 1.0
+
+    assert Tuning(device).fastest("shear.cl", "some", LABELS[:2], run) == "second"
+
+
 def test_no_more_than_a_second(device, monkeypatch):
     monkeypatch.setattr("clplen.compute.tuning._BUDGET", 0.05)
     log = []

@@ -217,7 +217,8 @@ def _survives(version: str, name: str) -> bool:
         variables = {
             "POCL_CACHE_DIR": folder,
             "POCL_MAX_PTHREAD_COUNT": "1",
-            "PYTHONPATH": os.pathsep.join(filter(None, sys.path)),
+            "PYOPENCL_NO_CACHE": "1",
+            "PYTHONPATH": os.pathsep.join(path or os.getcwd() for path in sys.path),
         }
         try:
             child = subprocess.run(

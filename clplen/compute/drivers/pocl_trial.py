@@ -119,7 +119,7 @@ def _run(device: Any, source: str, y: Any, *inputs: Any, options: list[str] | No
     context = cl.Context([device])
     queue = cl.CommandQueue(context)
     flags = ["-cl-std=CL1.2", "-cl-mad-enable", "-w", *(options or [])]
-    kernel = cl.Kernel(cl.Program(context, source).build(flags, cache_dir=False), "builtins")
+    kernel = cl.Kernel(cl.Program(context, source).build(flags), "builtins")
     copied = cl.mem_flags.READ_WRITE | cl.mem_flags.COPY_HOST_PTR
     buffers = [cl.Buffer(context, copied, hostbuf=values) for values in (y, *inputs)]
     kernel(queue, (1,), (1,), *buffers, np.int32(builtin_functions.COUNT))
