@@ -8,12 +8,14 @@ from clplen.wave.field.field import Field, Grid
 from clplen.wave.field.transmission import multiply_sphere
 
 LAM = 532e-9
-# shape, pitch, origin, foot of the centre, distance, whether the amplitude is 1/r
+# shape, pitch, origin, foot of the centre, distance
 CASES = [
-    ((24, 19), (5e-6, 6.6e-6), (2.5e-6, 0), (40e-6, -31e-6), 3e-3, True),
-    ((1, 40), (5e-6, 4e-6), (3e-6, 1e-6), (2e-6, 7e-6), -2e-3, False),
-    ((17, 23), (20e-6, 30e-6), (0, 0), (1e-3, -2e-3), -5e-3, True),  # 300 turns beside the tables
-    ((9, 11), (3e-6, 2e-6), (0, 0), (0, 0), 4e-6, False),
+    ((13, 18), (6.6e-6, 5e-6), (0, 0), (0, 0), 0.12),
+    ((24, 19), (5e-6, 6.6e-6), (2.5e-6, 0), (40e-6, -31e-6), 3e-3),
+    ((1, 40), (5e-6, 4e-6), (3e-6, 1e-6), (2e-6, 7e-6), -2e-3),
+    ((31, 1), (4e-6, 5e-6), (0, 0), (-9e-6, 5e-6), 1e-3),
+    ((17, 23), (20e-6, 30e-6), (0, 0), (1e-3, -2e-3), -5e-3),  # 300 turns beside the tables
+    ((9, 11), (3e-6, 2e-6), (0, 0), (0, 0), 4e-6),
 ]
 
 
