@@ -41,12 +41,6 @@ def moments(lf: Real, d: float, weights: Real, steps: Real) -> tuple[Real, Real]
     return mean, (w[..., None] * (values - mean) ** 2).sum(axis=0) / some
 
 
-def shifted(image: Real, axis: int, step: int) -> Real:
-    """image at its index + step along an axis, edges repeated."""
-    n = image.shape[axis]
-    return np.take(image, np.clip(np.arange(n) + step, 0, n - 1), axis)
-
-
 def derivative(lf: Real, n: tuple[int, int], shift: Real, axis: int) -> tuple[Real, Real]:
     """(smoothed, slope) along an axis of one view sheared by a constant."""
     unit = np.eye(2)[axis]

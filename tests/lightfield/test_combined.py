@@ -145,13 +145,14 @@ def test_noise(device):
     assert (e > 0.07).mean() < 0.03
     quiet = errors(front(), device)[1]
     assert np.median(sure) < np.median(quiet)
+    e, _, _ = errors(front(), device, noise=0.3)  # nowhere do all views agree
+    assert (e > 0.07).mean() < 0.1
 
 
-@pytest.mark.parametrize("fall", [0.12])
-def test_vignetted_views(device, fall):
-    """Views that get darker, or brighter, towards the rim leave the map as it is."""
+def test_vignetted_views(device):
+    """Views that get darker towards the rim leave the map as it is."""
     v, u = (np.linspace(-1, 1, n) for n in VIEWS)
-    gain = 1 - fall * (v[:, None] ** 2 + u**2) / 2
+    gain = 1 - 0.12 * (v[:, None] ** 2 + u**2) / 2
     e, sure, _ = errors(front(0.37, contrast=0.3), device, gain=gain)
     assert np.median(e) < 0.01
     assert (e > 0.07).mean() < 0.01

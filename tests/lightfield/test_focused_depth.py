@@ -7,6 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from reference_focused import waves
 from setups_focused import (
     camera_of,
     exposed,
@@ -18,8 +19,9 @@ from setups_focused import (
 )
 
 from clplen.compute.device import Device
-from clplen.lightfield.focused.focused_depth import focused_depth, focused_maps
-from clplen.lightfield.focused.focused_geometry import alpha_of_m, z_of_m
+from clplen.lightfield.focused.focused_depth import focused_depth, focused_maps, refine_outliers
+from clplen.lightfield.focused.focused_geometry import FocusedGeometry, alpha_of_m, z_of_m
+from clplen.lightfield.focused.focused_matching import Matcher
 from clplen.lightfield.focused.focused_rendering import render_focused
 from clplen.lightfield.focused.focused_spots import point_m
 from clplen.lightfield.raw.lenslet_grid import LensType
@@ -28,9 +30,7 @@ from clplen.lightfield.raw.raw_image import RawImage
 pytestmark = pytest.mark.thorough
 
 
-@pytest.mark.parametrize(
-    ("m", "at"), [(-0.3, -0.3), (0.2, 0.17)]
-)
+@pytest.mark.parametrize(("m", "at"), [(-0.3, -0.3), (0.2, 0.17)])
 def test_planes_are_found_within_a_percent(device: Device, m: float, at: float) -> None:
     rig, image, _ = exposed("square", m, at if at != m else None)
     raw = raw_of(device, rig, image, m=m)
@@ -45,6 +45,9 @@ def test_planes_are_found_within_a_percent(device: Device, m: float, at: float) 
     distance = 1 / (1 / camera.focal_length - 1 / image_at)
     z = distance - camera.object_distance
     assert np.abs(depth.z[sure] - z).max() < 0.002 * camera.object_distance
+    alone = focused_depth(raw_of(device, rig, image))  # without a camera both signs are tried
+    assert alone.median == pytest.approx(at, rel=2e-3)
+    assert np.isnan(alone.z).all()
 
 
 def test_a_white_image_serves_where_rims_leave_nothing(device: Device) -> None:
@@ -95,6 +98,41 @@ def test_a_slanted_plane_under_three_types(device: Device) -> None:
     assert np.sqrt((off**2).mean()) < 0.003 * raw.camera.object_distance
     assert maps.confidence[inside].mean() > 0.8
     assert maps.confidence.min() >= 0
+
+
+def test_flat_places_are_not_trusted_and_filled(device: Device) -> None:
+    rig = square(0.2, (9, 12))
+    texture = waves(4, 60, 300)
+
+    def half(y, x):
+        return np.where(x > 0, 0.5, texture(y, x))
+
+    image = rig.expose(half, rig.b / 0.2, rays=5)
+    raw = raw_of(device, rig, image, m=0.2, count=(9, 12))
+    depth = focused_depth(raw)
+    x = depth.geometry.places[..., 1]
+    flat = x > rig.axis[1] + 60
+    assert depth.confidence[flat].max() < 0.05
+    assert depth.confidence[x < rig.axis[1] - 60].min() > 0.5
+    picture = render_focused(raw, method="depth", depth=depth)
+    assert np.abs(depth.on(picture.grid) - 0.2).max() < 0.002
+
+
+def test_what_went_astray_comes_back_and_an_edge_of_depth_stays(device: Device) -> None:
+    rig, image, _ = exposed("square", 0.2)
+    raw = raw_of(device, rig, image, m=0.2)
+    matcher = Matcher(raw, FocusedGeometry.of(raw), 6.0)
+    right = float(matcher.geometry.ratio(0.2))
+    start = np.full(matcher.geometry.kinds.shape, right)
+    start[4, 5], start[2, 3] = 0.48, 0.46
+    assert np.abs(matcher.refined(start).ratio / right - 1)[[4, 2], [5, 3]].min() > 0.15
+    found = refine_outliers(matcher, start)
+    assert np.abs(found.ratio / right - 1).max() < 0.01
+    # a lenslet between others that are wrong fits better by itself than from their median
+    start = np.full(matcher.geometry.kinds.shape, right)
+    bad = np.array([[3, 3, 5, 5], [4, 6, 4, 6]])
+    start[bad[0], bad[1]] = 0.48
+    assert abs(refine_outliers(matcher, start).ratio[4, 5] / right - 1) < 0.01
 
 
 def test_noise_widens_the_uncertainty(device: Device) -> None:

@@ -278,14 +278,6 @@ def test_bad_input_is_refused():
             estimate_lattice(frame, **words)
 
 
-# Real ones
-
-
-def distance(found: Lattice, point: tuple[float, float]) -> float:
-    """How far a point lies from the nearest centre."""
-    return float(np.hypot(*(found.centres() - point).T).min())
-
-
 # The lattice itself
 
 ROWS = Lattice("hexagonal", (50.2, 40.7), (8.66, 0.1), (-0.1, 10.0), (101, 83))

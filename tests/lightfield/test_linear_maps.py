@@ -22,7 +22,6 @@ from clplen.lightfield import (
 )
 
 EXACT = 1e-5  # |<A x, y> - <x, A' y>| / |<A x, y>|
-SHAPES = [(3, 4, 7, 5), (5, 3, 11, 13, 3), (1, 5, 13, 17), (2, 2, 1, 31)]
 PLANES = (-1.37, 0.0, 0.5, 2.2)
 
 
@@ -36,10 +35,6 @@ def light_field(shape, device, **more):
     weights = np.random.default_rng(2).uniform(0.3, 1.5, shape[:2])
     weights.flat[1] = 0
     return LightField.from_array(numbers(shape), device=device, weights=weights, **more)
-
-
-def scattered(views):
-    return np.random.default_rng(5).uniform(-2, 2, (*views, 2))
 
 
 def mismatch(linear, batch=(), seed=3):

@@ -31,10 +31,8 @@ def flat_of_picture(
 ) -> Frame | None:
     """What each pixel would be in even light, as one picture tells, up to a factor.
 
-    Every pixel of a sub-image is taken over the mean of the pixels of its colour round the centre.
-    The median of these over all sub-images that are lit, by the place from the centre, is the
-    vignetting: what the scene puts into single sub-images is odd or random. Fall of light
-    over the sensor is not known from one picture and stays.
+    It is the median over all lit sub-images, by the place from the centre, of each pixel over the
+    mean round the centre. Fall of light over the sensor is not known from one picture and stays.
     """
     shape = (int(raw.shape[0]), int(raw.shape[1]))
     picture = np.asarray(subtract_dark(raw, dark), np.float32)

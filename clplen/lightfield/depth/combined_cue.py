@@ -92,19 +92,10 @@ _SURE = 0.05  # pixels a view step: standard deviation of a confidence of one ha
 
 
 def combined_disparity(lf: LightField, planes: Vector) -> tuple[Map, Map]:
-    """Find disparity and confidence of every pixel of the centre view of a whole light field.
+    """Disparity and confidence of every pixel of the centre view of a whole light field.
 
-    This is done with the samples and with their detail (`view_detail`), which is believed where
-    the brightness of the views differs.
-
-    Samples are scaled to 255 levels. On every plane the views are compared with the centre
-    (`match_costs`), through an interpolation that treats all fractions of a pixel alike
-    (`shift_tables`); the costs are gathered over neighbours that look alike (Yoon and Kweon 2006),
-    the more tolerantly the noisier the place. The least cost, refined by a parabola, is then moved
-    by a robust Lucas-Kanade step on all views (Lucas and Kanade 1981), in which each pixel takes
-    part with the plane that fits its neighbourhood. Where no plane makes the views agree, in strong
-    noise or in the diffraction patterns of single points, the sharpest plane is taken
-    (`energy_disparity`).
+    docs/depth.md has the steps: `match_costs`, gathered over neighbours that look alike, the lowest
+    valley, least squares on all views, and the sharpest plane where no plane makes them agree.
     """
     survey = LevelSurvey(lf)
     survey.add(slice(0, lf.shape[2]), lf)

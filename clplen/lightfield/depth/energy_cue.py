@@ -34,12 +34,8 @@ NO_TAPS = np.array([1.0, 0.0, 0.0])
 def energy_disparity(source: LightField | FocalStack, planes: Vector) -> tuple[Map, Map]:
     """Disparity of the highest local energy of detail at every pixel, and how sure that is.
 
-    E_d = G_w * (R_d - G_s * R_d)^2, the squares added over the colours, with R_d the picture
-    refocused on disparity d and G Gaussians of s = 1.5 and w = 4 pixels: by Parseval the windowed
-    spectral energy above a cut-off. First every R_d is blurred until it has lost as much to
-    interpolation as a shift of half a pixel loses (`evening_taps`), or else whole disparities
-    would be preferred. The peak is refined by the parabola through the highest plane and its two
-    neighbours.
+    E_d = G_w * (R_d - G_s * R_d)^2, summed over the colours, with R_d the refocused picture and
+    Gaussians of s = 1.5 and w = 4 pixels, each R_d first blurred alike (`evening_taps`).
     """
     device = source.device
     shape = source.shape[1:] if isinstance(source, FocalStack) else source.shape[2:]

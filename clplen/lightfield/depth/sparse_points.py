@@ -113,11 +113,9 @@ def lit_pixels(picture: Map) -> Real:
 def point_disparity(lf: LightField, planes: Vector) -> tuple[Map, Map]:
     """Disparity of the sharpest plane, without what diffraction takes from it, and confidence.
 
-    Diffraction pulls the sharpest plane of a point towards the focus, by the factor kappa of
-    `CameraOptics`; it is divided out where the camera is known. It also spreads the energy of a
-    point in focus over planes on which the outermost views move less than a pixel apart, with a dip
-    in the middle: there planes 1.5 pixels apart are tried, elsewhere planes half a pixel apart,
-    over the range of the given ones.
+    Diffraction pulls the sharpest plane towards the focus by kappa of `CameraOptics`, which is
+    divided out, and spreads a point in focus over planes on which the outermost views move less
+    than a pixel apart: there planes 1.5 pixels apart are tried, elsewhere half a pixel.
     """
     optics = camera_optics(lf)
     has_views = lf.camera is not None and lf.camera.kind != "focused"

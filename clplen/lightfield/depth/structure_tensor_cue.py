@@ -27,11 +27,8 @@ _REACH = 0.75  # of a step: how far from its shear an orientation is believed
 def structure_disparity(lf: LightField, planes: Vector) -> tuple[Map, Map]:
     """Disparity of the most coherent orientation at every pixel, and how coherent it is.
 
-    The light field is sheared in steps of at most 0.25 px a view step. At each shear d0 the
-    gradients of all epipolar-plane images, along rows and along columns of views, give one tensor
-    each (Bigun and Granlund 1987; Wanner and Goldluecke 2012), gathered over a Gaussian of 2
-    pixels. The two are added by their coherence, and d = d0 + <Lx Lu>/<Lx Lx> follows directly,
-    without a search.
+    Shears are at most 0.25 px a view step apart; the tensors of rows and of columns of views are
+    gathered over a Gaussian of 2 pixels and added by their coherence.
     """
     _require_rows(lf)
     device = lf.device
