@@ -15,11 +15,12 @@ from clplen.compute.device import Device
 from clplen.errors import FormatError
 from clplen.io.formats.mat import Variable, read_variable, variables
 from clplen.io.formats.picture import linear
-from clplen.io.formats.untrusted import DEFLATE, listed, reading, require_bytes
+from clplen.io.formats.untrusted import DEFLATE, reading, require_bytes
 from clplen.io.lightfields.array_sources import (
     OpenSource,
     Source,
     axes_known,
+    chosen,
 )
 from clplen.io.lightfields.hdf5_lightfields import LF, has_weights
 from clplen.io.lightfields.layout import Array, Layout
@@ -74,26 +75,11 @@ def open_matlab(path: Path, *, device: Device, layout: Layout) -> Iterator[OpenS
     """
     with path.open("rb") as file:
         with reading(path):
-            variable = _chosen_variable(variables(file, path), path, layout.dataset)
+            found = {item.name: item for item in variables(file, path)}
+            held = {name: (item.shape, item.dtype) for name, item in found.items()}
+            variable = found[chosen(path, "variable", layout.dataset, (LF,), held)]
             source = _variable_source(variable, file, path, layout)
         yield OpenSource(source, device, layout, whole=True)
-
-
-def _chosen_variable(found: list[Variable], path: Path, name: str | None) -> Variable:
-    held = listed([f"{item.name} {item.shape} {item.dtype or 'no real array'}" for item in found])
-    for item in found:
-        if item.name == (name or LF) and item.dtype is not None:
-            return item
-    if name is not None:
-        raise FormatError(f"{path} has no variable {name!r} of real numbers; it holds {held}.")
-    fitting = [item for item in found if item.dtype is not None and len(item.shape) in (4, 5)]
-    if len(fitting) == 1:
-        return fitting[0]
-    count = "several variables" if fitting else "no variable"
-    raise FormatError(
-        f"{path} has {count} of real numbers in 4 or 5 dimensions and none named {LF}; it holds "
-        f"{held or 'none'}; name one by dataset=."
-    )
 
 
 def _variable_source(variable: Variable, file: BinaryIO, path: Path, layout: Layout) -> Source:

@@ -17,7 +17,7 @@ from tqdm import tqdm
 
 from clplen.compute.device import Device
 from clplen.errors import FormatError, ShapeError
-from clplen.io.formats.untrusted import reading, require_bytes
+from clplen.io.formats.untrusted import listed, reading, require_bytes
 from clplen.io.lightfields.layout import Array, Layout, View, axes_of, in_order
 from clplen.io.lightfields.view_positions import positions_of
 from clplen.io.store import attributes
@@ -91,6 +91,33 @@ def axes_known(
         )
     how = "as given" if order else "as the file says" if own else "guessed"
     return axes, f"axes {':'.join(axes)} ({how})"
+
+
+def chosen(
+    path: Path,
+    noun: str,
+    name: str | None,
+    usual: Sequence[str],
+    held: dict[str, tuple[tuple[int, ...], Any]],
+) -> str:
+    """The array of a file that is read: that of a name, a usual one, else the only fitting one.
+
+    ``held`` are shapes and types of the arrays, None for a type that is no real number.
+    """
+    for one in usual if name is None else [name.strip("/")]:
+        if held.get(one, ((), None))[1] is not None:
+            return one
+    texts = [f"{key} {shape} {kind or 'no real numbers'}" for key, (shape, kind) in held.items()]
+    said = listed(texts) or f"no {noun}"
+    if name is not None:
+        raise FormatError(f"{path} has no {noun} {name!r} of real numbers; it holds {said}.")
+    fitting = [key for key, (shape, kind) in held.items() if len(shape) in (4, 5) and kind]
+    if len(fitting) == 1:
+        return fitting[0]
+    raise FormatError(
+        f"{path} has {f'several {noun}s' if fitting else f'no {noun}'} of real numbers in 4 or 5 "
+        f"dimensions and none named {', '.join(usual)}; it holds {said}; name one by dataset=."
+    )
 
 
 @contextmanager

@@ -19,11 +19,12 @@ import numpy as np
 from clplen.compute.device import Device
 from clplen.errors import FormatError
 from clplen.files import PathLike, filling
-from clplen.io.formats.untrusted import listed, reading, require_bytes
+from clplen.io.formats.untrusted import reading, require_bytes
 from clplen.io.lightfields.array_sources import (
     OpenSource,
     Source,
     axes_known,
+    chosen,
     own_source,
 )
 from clplen.io.lightfields.layout import Layout, View
@@ -122,20 +123,8 @@ def _find(root: Any, path: Path, name: str | None) -> Any:
             raise FormatError(f"{path} is one array, with no dataset {name!r}: leave dataset= out.")
         return root
     found = _arrays(root)
-    held = listed([f"{key} {item.shape} {item.dtype}" for key, item in found.items()])
-    wanted = SAMPLES if name is None else name.strip("/")
-    if wanted in found:
-        return found[wanted]
-    if name is not None:
-        raise FormatError(f"{path} has no dataset {name!r}; it holds {held or 'no array'}.")
-    fitting = [item for item in found.values() if len(item.shape) in (4, 5)]
-    if len(fitting) == 1:
-        return fitting[0]
-    count = "several arrays" if fitting else "no array"
-    raise FormatError(
-        f"{path} has {count} in 4 or 5 dimensions and none named {SAMPLES}; it holds "
-        f"{held or 'none'}; name one by dataset=."
-    )
+    held = {key: (tuple(item.shape), item.dtype) for key, item in found.items()}
+    return found[chosen(path, "array", name, (SAMPLES,), held)]
 
 
 def _source(array: Any, found: dict[str, Any], path: Path, layout: Layout) -> Source:
