@@ -15,7 +15,7 @@ from clplen.compute.device import Device
 from clplen.errors import FormatError
 from clplen.io.formats.mat import Variable, read_variable, variables
 from clplen.io.formats.picture import linear
-from clplen.io.formats.untrusted import DEFLATE, reading, require_bytes
+from clplen.io.formats.untrusted import DEFLATE, Bound, reading, require_room
 from clplen.io.lightfields.array_sources import (
     OpenSource,
     Source,
@@ -58,8 +58,9 @@ def _npy_source(file: BinaryIO, path: Path, layout: Layout) -> Source:
         axes,
         known,
         lambda block: linear(samples.read(block)) if layout.srgb else samples.read(block),
-        stored=values.nbytes,
-        ratio=_FLOATS.itemsize / values.dtype.itemsize if layout.srgb else 1.0,
+        Bound(
+            path, values.nbytes, _FLOATS.itemsize / values.dtype.itemsize if layout.srgb else 1.0
+        ),
     )
 
 
@@ -92,7 +93,7 @@ def _variable_source(variable: Variable, file: BinaryIO, path: Path, layout: Lay
     @cache
     def samples() -> Array:
         if layout.max_bytes is None:
-            require_bytes(nbytes, path=path, what=what, stored=nbytes, ratio=1, max_bytes=None)
+            require_room(nbytes, path=path, what=what, max_bytes=None)
         return read_variable(file, variable).T  # as they lie in the file
 
     return Source(
@@ -103,8 +104,8 @@ def _variable_source(variable: Variable, file: BinaryIO, path: Path, layout: Lay
         axes[::-1],
         known,
         lambda block: samples()[block],
-        stored=variable.length,
-        ratio=(DEFLATE if variable.compressed else 1.0)
-        * (variable.dtype.itemsize / variable.packed.itemsize),
+        Bound(path, variable.length, DEFLATE if variable.compressed else 1.0).wider(
+            variable.dtype.itemsize / variable.packed.itemsize
+        ),
         weighted=has_weights(variable.name, axes, variable.shape),
     )

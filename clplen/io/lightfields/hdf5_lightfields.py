@@ -94,7 +94,7 @@ def vox_source(dataset: h5py.Dataset, path: Path, layout: Layout) -> Source:
         lenslets = (y.stop - y.start, views[0], x.stop - x.start, views[1])
         return part.reshape(lenslets)[:, v, :, u]
 
-    stored, ratio = storage(dataset, path, layout.max_bytes)
+    bound = storage(dataset, path, layout.max_bytes)
     return Source(
         path,
         f"the raw picture {IMAGE!r}",
@@ -103,8 +103,7 @@ def vox_source(dataset: h5py.Dataset, path: Path, layout: Layout) -> Source:
         "yvxu",
         "axes y:v:x:u, as plenoptomos writes it",
         read,
-        stored,
-        ratio,
+        bound,
         chunks=(1, views[0], shape[2], views[1]),
     )
 
@@ -166,7 +165,7 @@ def dataset_source(dataset: h5py.Dataset, path: Path, layout: Layout) -> Source:
     own = _own_axes(attributes_of(dataset, ("axes",), path))
     axes, known = axes_known(path, what, shape, order=layout.order, own=own)
     known += " of MATLAB, which HDF5 shows reversed" if turned else ""
-    stored, ratio = storage(dataset, path, layout.max_bytes)
+    bound = storage(dataset, path, layout.max_bytes)
     return Source(
         path,
         what,
@@ -175,8 +174,7 @@ def dataset_source(dataset: h5py.Dataset, path: Path, layout: Layout) -> Source:
         axes[::-1] if turned else axes,
         known,
         dataset.__getitem__,
-        stored,
-        ratio,
+        bound,
         dataset.chunks,
         weighted=turned and has_weights(name, axes, shape),
     )

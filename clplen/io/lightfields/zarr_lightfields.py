@@ -19,7 +19,7 @@ import numpy as np
 from clplen.compute.device import Device
 from clplen.errors import FormatError
 from clplen.files import PathLike, filling
-from clplen.io.formats.untrusted import reading, require_bytes
+from clplen.io.formats.untrusted import reading
 from clplen.io.lightfields.array_sources import (
     OpenSource,
     Source,
@@ -132,7 +132,7 @@ def _source(array: Any, found: dict[str, Any], path: Path, layout: Layout) -> So
     shape = tuple(int(n) for n in array.shape)
     own = attributes.axes_in(found)
     axes, known = axes_known(path, what, shape, order=layout.order, own=own)
-    stored, ratio = storage(array, path, what, layout.max_bytes)
+    bound = storage(array, path, what, layout.max_bytes)
     return Source(
         path,
         what,
@@ -141,8 +141,7 @@ def _source(array: Any, found: dict[str, Any], path: Path, layout: Layout) -> So
         axes,
         known,
         lambda block: np.asarray(array[block]),
-        stored,
-        ratio,
+        bound,
         tuple(int(n) for n in array.chunks),
     )
 
@@ -157,14 +156,8 @@ def _arrays_beside(
             if not _is_array(array) or tuple(array.shape) not in (views, (*views, 2)):
                 raise FormatError(f"{path}: {name!r} is no array of {views[0]} x {views[1]} views.")
             what = f"the array {name!r}"
-            stored, ratio = storage(array, path, what, max_bytes)
-            require_bytes(
-                math.prod(array.shape) * np.dtype(array.dtype).itemsize,
-                path=path,
-                what=what,
-                stored=stored,
-                ratio=ratio,
-                max_bytes=max_bytes,
+            storage(array, path, what, max_bytes).require(
+                math.prod(array.shape) * np.dtype(array.dtype).itemsize, what
             )
             found[name] = np.asarray(array[...])
     return found
