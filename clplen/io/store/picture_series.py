@@ -66,7 +66,7 @@ class OpenSeries:
     # The description that `write_series` was given; empty for files of other programs.
     about: dict[str, Any] = field(default_factory=dict)
     pixel: tuple[float, float] | None = None  # (dy, dx) in metres, where the file says them
-    axes: str = ""  # A letter for each axis that an OME-Zarr names, in its own order; else empty
+    axes: str = ""  # a letter for each axis that an OME-Zarr names, in its own order; else empty
 
     def read(self, out: Array | None = None) -> Array:
         """Read all pictures, into a given array part by part."""
@@ -143,8 +143,8 @@ def _open_zarr(files: ExitStack, path: Path, what: str, max_bytes: int | None) -
     colours = len(shape) == 4 and axes.startswith("c")
     chunks, axis = level.chunks, 1 if colours else 0  # of the planes
     steps = chunks[axis], chunks[axis + 1]
-    rest = nbytes // max(1, math.prod(shape[axis : axis + 2]))  # bytes of a row of a plane
-    rows = max(1, _BLOCK // max(1, steps[0] * steps[1] * rest)) * steps[1]
+    row_bytes = nbytes // max(1, math.prod(shape[axis : axis + 2]))  # of one plane
+    rows = max(1, _BLOCK // max(1, steps[0] * steps[1] * row_bytes)) * steps[1]
 
     def parts() -> Iterator[Part]:
         for plane, row in product(range(0, shape[axis], steps[0]), range(0, shape[axis + 1], rows)):
