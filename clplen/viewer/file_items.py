@@ -215,14 +215,14 @@ class PageBuilder:
     def _volumes(self, source: Path) -> Item:
         """Volumes with the places of their voxels, of one time or several."""
         from clplen.io import open_volumes
-        from clplen.io.formats.untrusted import require_bytes
+        from clplen.io.formats.untrusted import require_room
         from clplen.io.page.html_page import step_of
         from clplen.io.page.volume_item import volume_item
 
         series = open_volumes(source, max_bytes=self.layout["max_bytes"])
         total = 8 * math.prod(series.shape)
         limit = self.layout["max_bytes"]
-        require_bytes(total, path=source, what="the series", stored=total, ratio=1, max_bytes=limit)
+        require_room(total, path=source, what="the series", max_bytes=limit)
         values = np.stack(list(series))
         words: dict[str, Any] = {"dtype": values.dtype, "table": "magma"}
         if series.planes is not None and len(series.planes) > 1:

@@ -118,6 +118,14 @@ def test_damaged_parameters(folder: Path):
             read_parameters(folder)
 
 
+def test_no_parameters(tmp_path: Path):
+    with pytest.raises(FormatError, match=r"no parameters .*parameters\.cfg; some scenes"):
+        read_parameters(tmp_path)
+    (tmp_path / "parameters.cfg").write_bytes(bytes(2 << 20))
+    with pytest.raises(FormatError, match="too large"):
+        read_parameters(tmp_path)
+
+
 def test_truth(folder: Path):
     with pytest.raises(FormatError, match=r"no true disparity .*gt_disp_lowres\.pfm is missing"):
         hci.read_truth(folder)

@@ -145,7 +145,7 @@ def test_which_dataset(tmp_path: Path, device: Device):
         read_lightfield(tmp_path / "a.h5", device=device)
     lf = read_lightfield(tmp_path / "a.h5", device=device, dataset="other")
     assert (lf.to_numpy() == 2).all()
-    with pytest.raises(FormatError, match=r"no dataset 'nope'; it holds other \(2, 2, 3, 3\)"):
+    with pytest.raises(FormatError, match=r"'nope' of real numbers; it holds other \(2, 2"):
         read_lightfield(tmp_path / "a.h5", device=device, dataset="nope")
     with pytest.raises(FormatError, match=r"'picture' has shape \(3, 3\); a light field has 4 or"):
         read_lightfield(tmp_path / "a.h5", device=device, dataset="picture")

@@ -8,7 +8,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from lytro_files import a_container, content, contents_of, f01, illum, packed12
+from lytro_files import START, a_container, content, contents_of, f01, illum, packed12
 
 from clplen.compute.device import Device
 from clplen.errors import FormatError
@@ -227,3 +227,11 @@ def test_a_container_becomes_a_light_field(tmp_path: Path, device: Device):
     assert lf.shape[4] == 3  # GRBG of the metadata
     inside = lf.to_numpy()[:, :, 1:-1, 1:-1]
     np.testing.assert_allclose(inside / inside.mean(), 1, atol=0.05)
+
+
+def test_too_many_sections(tmp_path: Path, monkeypatch):
+    monkeypatch.setattr(lytro_container, "_MOST", 3)
+    empty = b"\x89LFC\r\n\x1a\n" + bytes(8)
+    (tmp_path / "a.lfp").write_bytes(START + 4 * empty)
+    with pytest.raises(FormatError, match="more than 3 sections"):
+        titles_of(tmp_path / "a.lfp")

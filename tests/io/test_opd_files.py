@@ -194,3 +194,10 @@ def test_listings_that_are_damaged(tmp_path: Path) -> None:
             read_zemax_map(path)
         with pytest.raises(FormatError, match="There is no file"):
             read_zemax_map(tmp_path / "none.txt")
+
+
+def test_a_listing_far_longer_than_its_grid(tmp_path: Path) -> None:
+    path = tmp_path / "a.txt"
+    path.write_text(listing(16) + "0.5\n" * 100_000)
+    with pytest.raises(FormatError, match=r"far more than its 16 by 16 numbers need"):
+        read_zemax_map(path)

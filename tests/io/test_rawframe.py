@@ -15,7 +15,7 @@ from reference_lattice import lattice as drawn_lattice
 from reference_lattice import white
 
 from clplen.compute.device import Device
-from clplen.errors import FormatError, SamplingWarning
+from clplen.errors import FormatError, SamplingWarning, ShapeError
 from clplen.io import read_lightfield
 from clplen.lightfield.calibration.lattice_fit import estimate_lattice
 from clplen.lightfield.calibration.raw_decoding import decode_raw
@@ -245,6 +245,12 @@ def test_a_bad_lattice_is_refused(folder: Path, values: dict[str, np.ndarray], d
         with pytest.raises(FormatError, match=text) as caught:
             read_lightfield(folder / "raw.tif", device=device, grid=folder / "grid.json")
         assert "grid.json" in str(caught.value)
+
+
+def test_lenslets_larger_than_the_picture(folder: Path, device: Device):
+    Lattice("square", (81.4, 85.2), (400, 0), (0, 400), SHAPE).save(folder / "grid.json")
+    with pytest.raises(ShapeError, match=r"raw\.tif: No lenslet of pitch 400"):
+        read_lightfield(folder / "raw.tif", device=device, grid=folder / "grid.json")
 
 
 def test_a_frame_that_would_take_too_much_memory(tmp_path: Path, one_device: Device):

@@ -101,127 +101,82 @@ def change(file: Path, act: Callable[[dict[str, Any]], Any]) -> None:
     file.write_text(json.dumps(document))
 
 
-def filtered(path: Path, name: str = "lightfield") -> None:
-    change(path / name / ".zarray", lambda found: found.update(filters=[V2]))
+def filtered(path: Path, name: str = "lightfield", **words: Any) -> None:
+    """Change the metadata of an array of format 2, by default its filters."""
+    change(path / name / ".zarray", lambda found: found.update(words or {"filters": [V2]}))
 
 
-def in_filters(path: Path) -> None:
-    filtered(stored(path, 2))
+def coded(path: Path, codec: dict[str, Any], name: str = "lightfield") -> None:
+    """One codec more for an array of format 3."""
+    change(path / name / "zarr.json", lambda found: found["codecs"].append(codec))
 
 
-def in_compressor(path: Path) -> None:
-    change(stored(path, 2) / "lightfield" / ".zarray", lambda found: found.update(compressor=V2))
+def in_shards(path: Path, place: str) -> None:
+    """One codec more for the chunks of a shard, or for its index."""
+    file = stored(path, 3, chunks=(1, 1, 5, 4), shards=(1, 3, 5, 4)) / "lightfield" / "zarr.json"
+    change(file, lambda found: found["codecs"][0]["configuration"][place].append(V3))
 
 
-def in_a_nested_array(path: Path) -> None:
-    filtered(stored(path, 2), "labels/0")
-
-
-def in_codecs(path: Path) -> None:
-    file = stored(path, 3) / "lightfield" / "zarr.json"
-    change(file, lambda found: found["codecs"].append(V3))
-
-
-def in_weights_of_format_3(path: Path) -> None:
-    file = stored(path, 3) / "weights" / "zarr.json"
-    change(file, lambda found: found["codecs"].append({"name": "numcodecs.pickle"}))
-
-
-def sharded(path: Path) -> Path:
-    return stored(path, 3, chunks=(1, 1, 5, 4), shards=(1, 3, 5, 4)) / "lightfield" / "zarr.json"
-
-
-def in_a_shard(path: Path) -> None:
-    change(sharded(path), lambda found: found["codecs"][0]["configuration"]["codecs"].append(V3))
-
-
-def in_the_index_of_a_shard(path: Path) -> None:
-    def put(found: dict[str, Any]) -> None:
-        found["codecs"][0]["configuration"]["index_codecs"].append(V3)
-
-    change(sharded(path), put)
-
-
-def in_consolidated_metadata(path: Path) -> None:
-    zarr.consolidate_metadata(str(stored(path, 2)))
-    change(
-        path / ".zmetadata",
-        lambda found: found["metadata"]["lightfield/.zarray"].update(filters=[V2]),
-    )
-
-
-def in_consolidated_metadata_of_format_3(path: Path) -> None:
+def consolidated(path: Path, form: int) -> None:
     with warnings.catch_warnings():
-        warnings.simplefilter("ignore")  # of the package: not part of the specification
-        zarr.consolidate_metadata(str(stored(path, 3)))
+        warnings.simplefilter("ignore")  # of the package: format 3 does not specify it
+        zarr.consolidate_metadata(str(stored(path, form)))
 
     def put(found: dict[str, Any]) -> None:
-        found["consolidated_metadata"]["metadata"]["lightfield"]["codecs"].append(V3)
+        if form == 2:
+            found["metadata"]["lightfield/.zarray"].update(filters=[V2])
+        else:
+            found["consolidated_metadata"]["metadata"]["lightfield"]["codecs"].append(V3)
 
-    change(path / "zarr.json", put)
+    change(path / {2: ".zmetadata", 3: "zarr.json"}[form], put)
 
 
-def in_the_other_format_beside(path: Path) -> None:
+def both_formats(path: Path) -> None:
     stored(path, 3)
-    stored(path.with_name("other"), 2)
-    filtered(path.with_name("other"))
+    other = stored(path.with_name("other"), 2)
+    filtered(other)
     for name in (".zgroup", "lightfield/.zarray"):
-        shutil.copy(path.with_name("other") / name, path / name)
+        shutil.copy(other / name, path / name)
 
 
-def in_objects(path: Path) -> None:
-    change(
-        stored(path, 2) / "weights" / ".zarray",
-        lambda found: found.update(dtype="|O", filters=[{"id": "vlen-utf8"}, {"id": "pickle"}]),
-    )
-
-
-def in_a_structure_with_objects(path: Path) -> None:
-    kind = [["a", "<f4"], ["b", [["c", "|O"]]]]
-    change(stored(path, 2) / "labels/0" / ".zarray", lambda found: found.update(dtype=kind))
-
-
-def in_texts_of_format_3(path: Path) -> None:
+def texts_of_format_3(path: Path) -> None:
     file = stored(path, 3) / "labels/0" / "zarr.json"
     change(file, lambda found: found.update(data_type="string", codecs=[{"name": "vlen-utf8"}]))
 
 
-def in_the_type_of_a_filter(path: Path) -> None:
-    delta = {"id": "delta", "dtype": "|O", "astype": "|O"}
-    file = stored(path, 2) / "lightfield" / ".zarray"
-    change(file, lambda found: found.update(filters=[delta]))
-
-
-def in_a_single_array(path: Path) -> None:
+def single_array(path: Path) -> None:
     shutil.move(stored(path.with_name("g"), 2) / "lightfield", path)
     change(path / ".zarray", lambda found: found.update(filters=[V2]))
 
 
-PLACES = [
-    in_filters,
-    in_compressor,
-    in_a_nested_array,
-    in_codecs,
-    in_weights_of_format_3,
-    in_a_shard,
-    in_the_index_of_a_shard,
-    in_consolidated_metadata,
-    in_consolidated_metadata_of_format_3,
-    in_the_other_format_beside,
-    in_objects,
-    in_a_structure_with_objects,
-    in_texts_of_format_3,
-    in_the_type_of_a_filter,
-    in_a_single_array,
-]
+OBJECTS = {"dtype": "|O", "filters": [{"id": "vlen-utf8"}, {"id": "pickle"}]}
+STRUCTURE = [["a", "<f4"], ["b", [["c", "|O"]]]]
+DELTA = {"id": "delta", "dtype": "|O", "astype": "|O"}
+PLACES: dict[str, Callable[[Path], None]] = {
+    "filters": lambda path: filtered(stored(path, 2)),
+    "compressor": lambda path: filtered(stored(path, 2), compressor=V2),
+    "nested array": lambda path: filtered(stored(path, 2), "labels/0"),
+    "codecs": lambda path: coded(stored(path, 3), V3),
+    "weights of format 3": lambda p: coded(stored(p, 3), {"name": "numcodecs.pickle"}, "weights"),
+    "shard": lambda path: in_shards(path, "codecs"),
+    "index of a shard": lambda path: in_shards(path, "index_codecs"),
+    "consolidated": lambda path: consolidated(path, 2),
+    "consolidated, format 3": lambda path: consolidated(path, 3),
+    "other format beside": both_formats,
+    "objects": lambda path: filtered(stored(path, 2), "weights", **OBJECTS),
+    "structure with objects": lambda path: filtered(stored(path, 2), "labels/0", dtype=STRUCTURE),
+    "texts of format 3": texts_of_format_3,
+    "type of a filter": lambda path: filtered(stored(path, 2), filters=[DELTA]),
+    "single array": single_array,
+}
 SAID = r"(packed by the codec '[\w.-]+', which is not accepted|data type .*, which is not accepted)"
 
 
 def test_refused_and_not_run(tmp_path: Path, one_device: Device, sung: Path):
-    for plant in PLACES:
-        path = tmp_path / plant.__name__ / "a.zarr"
+    for name, plant in PLACES.items():
+        path = tmp_path / name / "a.zarr"
         plant(path)
-        if plant in (in_filters, in_codecs):
+        if name in ("filters", "codecs"):
             path = Path(shutil.make_archive(str(path.with_name("a")), "zip", path))
         with pytest.raises(FormatError, match=rf"a\.z.*{SAID}"):
             read_lightfield(path, device=one_device)
@@ -230,14 +185,12 @@ def test_refused_and_not_run(tmp_path: Path, one_device: Device, sung: Path):
             open_lightfield(path, device=one_device),
         ):
             pass
-        assert not sung.exists(), plant
+        assert not sung.exists(), name
 
 
-@pytest.mark.parametrize("plant", [in_filters, in_a_shard], ids=lambda p: p.__name__)
-def test_the_canary_sings_where_nobody_looks(
-    tmp_path: Path, sung: Path, plant: Callable[[Path], None]
-):
-    plant(tmp_path / "a.zarr")
+@pytest.mark.parametrize("name", ["filters", "shard"])
+def test_the_canary_sings_where_nobody_looks(tmp_path: Path, sung: Path, name: str):
+    PLACES[name](tmp_path / "a.zarr")
     np.testing.assert_array_equal(zarr.open(str(tmp_path / "a.zarr"))["lightfield"][...], values())
     assert sung.exists()
 

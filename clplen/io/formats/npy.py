@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike
 from clplen.checks import host_array
 from clplen.errors import FormatError
 from clplen.files import PathLike, replacing
-from clplen.io.formats.untrusted import require_bytes
+from clplen.io.formats.untrusted import Bound
 from clplen.outputs import NPY_HEADER
 
 MAGIC = b"\x93NUMPY"
@@ -86,14 +86,7 @@ def read_npy(path: PathLike, *, max_bytes: int | None = None) -> np.ndarray[Any,
     values = map_npy(path)
     if values.dtype.kind not in "buif":
         raise FormatError(f"{path} holds {values.dtype}, no real numbers.")
-    require_bytes(
-        values.nbytes,
-        path=Path(path),
-        what="its array",
-        stored=Path(path).stat().st_size,
-        ratio=1,
-        max_bytes=max_bytes,
-    )
+    Bound(Path(path), Path(path).stat().st_size, 1, max_bytes).require(values.nbytes, "its array")
     return np.array(values)
 
 

@@ -25,7 +25,7 @@ from clplen.files import PathLike, replacing
 from clplen.io.formats import tiff
 from clplen.io.formats.png16 import decode_png16
 from clplen.io.formats.tiff import decode_tiff
-from clplen.io.formats.untrusted import DEFLATE, require_bytes
+from clplen.io.formats.untrusted import DEFLATE, Bound, require_room
 from clplen.outputs import MARK
 
 _LINEAR = 0.04045  # sRGB below it is a straight line (IEC 61966-2-1:1999)
@@ -239,7 +239,7 @@ def read_channels(path: PathLike, *, max_bytes: int | None = None) -> Array:
     if not path.is_file():
         raise FormatError(f"There is no picture {path}.")
     size = path.stat().st_size
-    require_bytes(size, path=path, what="the picture", stored=size, ratio=1, max_bytes=max_bytes)
+    require_room(size, path=path, what="the picture", max_bytes=max_bytes)
     try:
         with path.open("rb") as file:
             if size and file.read(4) in TIFF:  # mapped, without a second copy of its samples
@@ -282,14 +282,7 @@ def _decoded(content: bytes | mmap, path: Path, max_bytes: int | None) -> Array:
     header = header_of(content)
     if header.kind == "TIFF":
         return decode_tiff(content, path, max_bytes=max_bytes)
-    require_bytes(
-        header.nbytes,
-        path=path,
-        what="the picture",
-        stored=len(content),
-        ratio=header.ratio,
-        max_bytes=max_bytes,
-    )
+    Bound(path, len(content), header.ratio, max_bytes).require(header.nbytes, "the picture")
     if header.kind == "PNM":
         return _pnm(content)
     if header.deep:

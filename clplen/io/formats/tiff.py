@@ -19,7 +19,7 @@ import tifffile
 
 from clplen.errors import FormatError
 from clplen.files import require_file
-from clplen.io.formats.untrusted import DEFLATE, require_bytes
+from clplen.io.formats.untrusted import DEFLATE, Bound
 
 # Largest ratio of each compression (TIFF 6.0 and Adobe's supplements): none, LZW (a code of 12
 # bits is at most the longest of 4096 growing strings), JPEG, deflate twice, PackBits.
@@ -125,13 +125,8 @@ def _stack_shape(
         raise ValueError(f"its {len(pages)} pages are of {len(kinds)} shapes or types")
     first = pages[0]
     _check(first, content, path, max_bytes)
-    require_bytes(
-        len(pages) * first.nbytes,
-        path=path,
-        what="the stack",
-        stored=len(content),
-        ratio=_RATIO[first.compression] * _unpacked(first),
-        max_bytes=max_bytes,
+    Bound(path, len(content), _RATIO[first.compression] * _unpacked(first), max_bytes).require(
+        len(pages) * first.nbytes, "the stack"
     )
     shape = (*first.shape[1:], first.shape[0]) if first.axes == "SYX" else first.shape
     return (len(pages), *shape), np.dtype(first.dtype)
@@ -166,13 +161,8 @@ def _check(page: Any, content: bytes | mmap, path: Path, max_bytes: int | None) 
     stored = sum(page.databytecounts)
     if stored > len(content):
         raise ValueError("it is truncated, or its parts overlap")
-    require_bytes(
-        page.nbytes,
-        path=path,
-        what="the picture",
-        stored=stored,
-        ratio=_RATIO[page.compression] * _unpacked(page),
-        max_bytes=max_bytes,
+    Bound(path, stored, _RATIO[page.compression] * _unpacked(page), max_bytes).require(
+        page.nbytes, "the picture"
     )
     if page.is_tiled and math.prod(page.chunks) * page.dtype.itemsize > page.nbytes + _TILE:
         raise ValueError(f"its tiles, {page.chunks}, are much larger than the picture")

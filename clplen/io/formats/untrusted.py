@@ -12,6 +12,7 @@ import zipfile
 import zlib
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -53,16 +54,27 @@ UNREADABLE = (  # what libraries raise on files that are damaged or something el
 _LISTED = 10  # how many names a message lists
 
 
-def require_bytes(
-    wanted: int, *, path: Path, what: str, stored: int, ratio: float, max_bytes: int | None
-) -> None:
-    """Refuse a size that a file declares but cannot hold, or that would fill the memory."""
-    if wanted < 0 or wanted > stored * ratio + SLACK:
-        raise FormatError(
-            f"{path}: {what} declares {wanted:,} bytes, more than {stored:,} stored bytes can "
-            "hold: the file is damaged."
-        )
-    require_room(wanted, path=path, what=what, max_bytes=max_bytes)
+@dataclass(frozen=True)
+class Bound:
+    """What the bytes of a file, or of a part of it, can hold."""
+
+    path: Path
+    stored: int  # bytes that are there
+    ratio: float = 1.0  # largest ratio of their compression
+    max_bytes: int | None = None  # None: half of the free memory
+
+    def wider(self, times: float) -> Bound:
+        """The bound of samples that take so many times their bytes in memory."""
+        return replace(self, ratio=self.ratio * times)
+
+    def require(self, wanted: int, what: str) -> None:
+        """Refuse a size that a file declares but cannot hold, or that would fill the memory."""
+        if wanted < 0 or wanted > self.stored * self.ratio + SLACK:
+            raise FormatError(
+                f"{self.path}: {what} declares {wanted:,} bytes, more than {self.stored:,} stored "
+                "bytes can hold: the file is damaged."
+            )
+        require_room(wanted, path=self.path, what=what, max_bytes=self.max_bytes)
 
 
 def require_room(wanted: int, *, path: Path, what: str, max_bytes: int | None) -> None:

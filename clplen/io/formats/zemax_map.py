@@ -23,7 +23,7 @@ import numpy as np
 
 from clplen.errors import FormatError
 from clplen.files import PathLike
-from clplen.io.formats.untrusted import require_bytes
+from clplen.io.formats.untrusted import Bound
 
 Values = np.ndarray[Any, np.dtype[np.float64]]
 _NUMBER = r"([-+]?\d*\.?\d+(?:[eE][-+]?\d+)?)"
@@ -55,7 +55,7 @@ def read_zemax_map(path: PathLike, *, max_bytes: int | None = None) -> ZemaxMap:
     if not path.is_file():
         raise FormatError(f"There is no file {path}.")
     size = path.stat().st_size
-    require_bytes(12 * size, path=path, what="its text", stored=size, ratio=12, max_bytes=max_bytes)
+    Bound(path, size, 12, max_bytes).require(12 * size, "its text")
     with path.open("rb") as file:
         head = _decoded(file.read(_HEAD))
     colour, grid = _WAVELENGTH.search(head), _GRID.search(head)

@@ -15,11 +15,12 @@ from clplen.compute.device import Device
 from clplen.errors import FormatError, argument
 from clplen.io.formats.mat import Variable, read_variable, variables
 from clplen.io.formats.picture import linear
-from clplen.io.formats.untrusted import DEFLATE, listed, reading, require_bytes
+from clplen.io.formats.untrusted import DEFLATE, Bound, reading, require_room
 from clplen.io.lightfields.array_sources import (
     OpenSource,
     Source,
     axes_known,
+    chosen,
 )
 from clplen.io.lightfields.hdf5_lightfields import LF, has_weights
 from clplen.io.lightfields.layout import Array, Layout
@@ -58,8 +59,9 @@ def _npy_source(file: BinaryIO, path: Path, layout: Layout) -> Source:
         axes,
         known,
         lambda block: linear(samples.read(block)) if layout.srgb else samples.read(block),
-        stored=values.nbytes,
-        ratio=_FLOATS.itemsize / values.dtype.itemsize if layout.srgb else 1.0,
+        Bound(
+            path, values.nbytes, _FLOATS.itemsize / values.dtype.itemsize if layout.srgb else 1.0
+        ),
     )
 
 
@@ -75,26 +77,11 @@ def open_matlab(path: Path, *, device: Device, layout: Layout) -> Iterator[OpenS
     """
     with path.open("rb") as file:
         with reading(path):
-            variable = _chosen_variable(variables(file, path), path, layout.dataset)
+            found = {item.name: item for item in variables(file, path)}
+            held = {name: (item.shape, item.dtype) for name, item in found.items()}
+            variable = found[chosen(path, "variable", layout.dataset, (LF,), held)]
             source = _variable_source(variable, file, path, layout)
         yield OpenSource(source, device, layout, whole=True)
-
-
-def _chosen_variable(found: list[Variable], path: Path, name: str | None) -> Variable:
-    held = listed([f"{item.name} {item.shape} {item.dtype or 'no real array'}" for item in found])
-    for item in found:
-        if item.name == (name or LF) and item.dtype is not None:
-            return item
-    if name is not None:
-        raise FormatError(f"{path} has no variable {name!r} of real numbers; it holds {held}.")
-    fitting = [item for item in found if item.dtype is not None and len(item.shape) in (4, 5)]
-    if len(fitting) == 1:
-        return fitting[0]
-    count = "several variables" if fitting else "no variable"
-    raise FormatError(
-        f"{path} has {count} of real numbers in 4 or 5 dimensions and none named {LF}; it holds "
-        f"{held or 'none'}; name one by {argument('dataset')}."
-    )
 
 
 def _variable_source(variable: Variable, file: BinaryIO, path: Path, layout: Layout) -> Source:
@@ -107,7 +94,7 @@ def _variable_source(variable: Variable, file: BinaryIO, path: Path, layout: Lay
     @cache
     def samples() -> Array:
         if layout.max_bytes is None:
-            require_bytes(nbytes, path=path, what=what, stored=nbytes, ratio=1, max_bytes=None)
+            require_room(nbytes, path=path, what=what, max_bytes=None)
         return read_variable(file, variable).T  # as they lie in the file
 
     return Source(
@@ -118,8 +105,8 @@ def _variable_source(variable: Variable, file: BinaryIO, path: Path, layout: Lay
         axes[::-1],
         known,
         lambda block: samples()[block],
-        stored=variable.length,
-        ratio=(DEFLATE if variable.compressed else 1.0)
-        * (variable.dtype.itemsize / variable.packed.itemsize),
+        Bound(path, variable.length, DEFLATE if variable.compressed else 1.0).wider(
+            variable.dtype.itemsize / variable.packed.itemsize
+        ),
         weighted=has_weights(variable.name, axes, variable.shape),
     )

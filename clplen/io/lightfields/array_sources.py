@@ -17,7 +17,7 @@ from tqdm import tqdm
 
 from clplen.compute.device import Device
 from clplen.errors import FormatError, ShapeError, argument
-from clplen.io.formats.untrusted import reading, require_bytes
+from clplen.io.formats.untrusted import Bound, listed, reading
 from clplen.io.lightfields.layout import Array, Layout, View, axes_of, in_order
 from clplen.io.lightfields.view_positions import positions_of
 from clplen.io.store import attributes
@@ -48,8 +48,7 @@ class Source:
     axes: str  # A letter of "vuyxc" for each dimension
     known: str  # the axes and how they are known, for the sentence on what was taken
     read: Callable[[Selection], Array]  # A slice for each dimension -> the samples there
-    stored: int  # bytes that the file has for it
-    ratio: float = 1.0  # largest ratio of its compression; 1 for none
+    bound: Bound  # what the file can hold of it
     chunks: tuple[int, ...] | None = None  # best read as a whole
     weighted: bool = False  # whether the last channel is a weight
 
@@ -92,6 +91,33 @@ def axes_known(
         )
     how = "as given" if order else "as the file says" if own else "guessed"
     return axes, f"axes {':'.join(axes)} ({how})"
+
+
+def chosen(
+    path: Path,
+    noun: str,
+    name: str | None,
+    usual: Sequence[str],
+    held: dict[str, tuple[tuple[int, ...], Any]],
+) -> str:
+    """The array of a file that is read: that of a name, a usual one, else the only fitting one.
+
+    ``held`` are shapes and types of the arrays, None for a type that is no real number.
+    """
+    for one in usual if name is None else [name.strip("/")]:
+        if held.get(one, ((), None))[1] is not None:
+            return one
+    texts = [f"{key} {shape} {kind or 'no real numbers'}" for key, (shape, kind) in held.items()]
+    said = listed(texts) or f"no {noun}"
+    if name is not None:
+        raise FormatError(f"{path} has no {noun} {name!r} of real numbers; it holds {said}.")
+    fitting = [key for key, (shape, kind) in held.items() if len(shape) in (4, 5) and kind]
+    if len(fitting) == 1:
+        return fitting[0]
+    raise FormatError(
+        f"{path} has {f'several {noun}s' if fitting else f'no {noun}'} of real numbers in 4 or 5 "
+        f"dimensions and none named {', '.join(usual)}; it holds {said}; name one by {argument('dataset')}."
+    )
 
 
 @contextmanager
@@ -156,13 +182,8 @@ def require_samples(source: Source, layout: Layout) -> None:
     if 0 in source.shape:
         raise FormatError(f"{source.path}: {source.what} of shape {source.shape} is empty.")
     wider = max(device_dtype(source.dtype).itemsize / source.dtype.itemsize, 1)
-    require_bytes(
-        int(math.prod(source.shape) * source.dtype.itemsize * wider),
-        path=source.path,
-        what=source.what,
-        stored=source.stored,
-        ratio=source.ratio * wider,
-        max_bytes=layout.max_bytes,
+    replace(source.bound, max_bytes=layout.max_bytes).wider(wider).require(
+        int(math.prod(source.shape) * source.dtype.itemsize * wider), source.what
     )
 
 
@@ -237,7 +258,9 @@ class OpenSource:
         require_samples(source, replace(layout, max_bytes=sys.maxsize))
         at_once = dict(zip(source.axes, source.chunks or (1,) * len(source.shape), strict=True))
         whole = math.prod(source.shape) * source.dtype.itemsize
-        copies = 1 if source.ratio == 1 else 4  # packed, unpacked and turned, with what is left
+        copies = (
+            1 if source.bound.ratio == 1 else 4
+        )  # packed, unpacked and turned, with what is left
         stored = StoredLightField(
             shape_of(source, layout),
             device_dtype(source.dtype),

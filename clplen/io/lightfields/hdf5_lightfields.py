@@ -35,6 +35,7 @@ from clplen.io.lightfields.array_sources import (
     Selection,
     Source,
     axes_known,
+    chosen,
     own_source,
 )
 from clplen.io.lightfields.layout import Array, Layout, View
@@ -43,7 +44,6 @@ from clplen.io.store import attributes
 from clplen.io.store.attributes import SAMPLES, axes_in
 from clplen.io.store.hdf5_files import (
     attributes_of,
-    contents,
     created,
     dataset_of,
     datasets,
@@ -95,7 +95,7 @@ def vox_source(dataset: h5py.Dataset, path: Path, layout: Layout) -> Source:
         lenslets = (y.stop - y.start, views[0], x.stop - x.start, views[1])
         return part.reshape(lenslets)[:, v, :, u]
 
-    stored, ratio = storage(dataset, path, layout.max_bytes)
+    bound = storage(dataset, path, layout.max_bytes)
     return Source(
         path,
         f"the raw picture {IMAGE!r}",
@@ -104,8 +104,7 @@ def vox_source(dataset: h5py.Dataset, path: Path, layout: Layout) -> Source:
         "yvxu",
         "axes y:v:x:u, as plenoptomos writes it",
         read,
-        stored,
-        ratio,
+        bound,
         chunks=(1, views[0], shape[2], views[1]),
     )
 
@@ -146,23 +145,14 @@ def _text(pair: np.ndarray[Any, Any]) -> str:
 
 def find_dataset(file: h5py.File, path: Path, name: str | None) -> h5py.Dataset:
     """The dataset of the light field."""
-    if name is not None:
-        return dataset_of(file, name, path)
-    for usual in _USUAL:
-        if isinstance(file.get(usual), h5py.Dataset):
+    for usual in _USUAL if name is None else [name]:
+        if isinstance(file.get(usual), h5py.Dataset):  # soft links too, which are not listed
             return file[usual]
-    fitting = [item for _, item in datasets(file) if _may_be(item)]
-    if len(fitting) == 1:
-        return fitting[0]
-    count = "several datasets" if fitting else "no dataset"
-    raise FormatError(
-        f"{path} has {count} of real numbers in 4 or 5 dimensions and none named "
-        f"{', '.join(_USUAL)}; it holds {contents(file)}; name one by {argument('dataset')}."
-    )
-
-
-def _may_be(item: h5py.Dataset) -> bool:
-    return len(item.shape or ()) in (4, 5) and item.dtype.kind in "buif"
+    held = {
+        key: (item.shape or (), item.dtype if item.dtype.kind in "buif" else None)
+        for key, item in datasets(file)
+    }
+    return file[chosen(path, "dataset", name, _USUAL, held)]
 
 
 def dataset_source(dataset: h5py.Dataset, path: Path, layout: Layout) -> Source:
@@ -176,7 +166,7 @@ def dataset_source(dataset: h5py.Dataset, path: Path, layout: Layout) -> Source:
     own = _own_axes(attributes_of(dataset, ("axes",), path))
     axes, known = axes_known(path, what, shape, order=layout.order, own=own)
     known += " of MATLAB, which HDF5 shows reversed" if turned else ""
-    stored, ratio = storage(dataset, path, layout.max_bytes)
+    bound = storage(dataset, path, layout.max_bytes)
     return Source(
         path,
         what,
@@ -185,8 +175,7 @@ def dataset_source(dataset: h5py.Dataset, path: Path, layout: Layout) -> Source:
         axes[::-1] if turned else axes,
         known,
         dataset.__getitem__,
-        stored,
-        ratio,
+        bound,
         dataset.chunks,
         weighted=turned and has_weights(name, axes, shape),
     )

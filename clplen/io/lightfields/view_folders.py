@@ -28,7 +28,7 @@ from clplen.io.formats.picture import (
     without_alpha,
     write_picture,
 )
-from clplen.io.formats.untrusted import DEFLATE, UNREADABLE, require_bytes
+from clplen.io.formats.untrusted import DEFLATE, UNREADABLE, Bound
 from clplen.io.lightfields.layout import Layout, View
 from clplen.io.lightfields.view_names import DEFAULT_PATTERN, Pattern, arranged, views_only
 from clplen.io.lightfields.view_set import ViewSet
@@ -206,13 +206,8 @@ def _content(
             f"The picture {where} is compressed by method {info.compress_type}: write the archive "
             "with deflate."
         )
-    require_bytes(
-        info.file_size,
-        path=where,
-        what="the picture",
-        stored=min(info.compress_size, size),
-        ratio=_RATIO[info.compress_type],
-        max_bytes=max_bytes,
+    Bound(where, min(info.compress_size, size), _RATIO[info.compress_type], max_bytes).require(
+        info.file_size, "the picture"
     )
     try:
         with archive.open(info) as member:

@@ -19,7 +19,7 @@ from clplen.compute.device import Device
 from clplen.errors import FormatError, argument
 from clplen.files import naming
 from clplen.io.formats.picture import linear
-from clplen.io.formats.untrusted import listed, require_bytes
+from clplen.io.formats.untrusted import listed, require_room
 from clplen.io.lightfields.layout import Layout, View
 from clplen.io.lightfields.view_names import Pattern
 from clplen.io.lightfields.view_positions import positions_of
@@ -158,14 +158,7 @@ def new_samples(
     kept = _kept(dtype, layout)
     nbytes = math.prod(shape) * kept.itemsize
     device.require_memory(nbytes, "This light field")
-    require_bytes(
-        nbytes,
-        path=where,
-        what="the light field",
-        stored=nbytes,
-        ratio=1,
-        max_bytes=layout.max_bytes,
-    )
+    require_room(nbytes, path=where, what="the light field", max_bytes=layout.max_bytes)
     final = layout.shape((shape[0], shape[1])) + shape[2:]
     if not device.is_cpu:
         host = np.empty(final, kept)

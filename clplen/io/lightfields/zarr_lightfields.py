@@ -19,11 +19,12 @@ import numpy as np
 from clplen.compute.device import Device
 from clplen.errors import FormatError, argument
 from clplen.files import PathLike, filling
-from clplen.io.formats.untrusted import listed, reading, require_bytes
+from clplen.io.formats.untrusted import reading
 from clplen.io.lightfields.array_sources import (
     OpenSource,
     Source,
     axes_known,
+    chosen,
     own_source,
 )
 from clplen.io.lightfields.layout import Layout, View
@@ -124,20 +125,8 @@ def _find(root: Any, path: Path, name: str | None) -> Any:
             )
         return root
     found = _arrays(root)
-    held = listed([f"{key} {item.shape} {item.dtype}" for key, item in found.items()])
-    wanted = SAMPLES if name is None else name.strip("/")
-    if wanted in found:
-        return found[wanted]
-    if name is not None:
-        raise FormatError(f"{path} has no dataset {name!r}; it holds {held or 'no array'}.")
-    fitting = [item for item in found.values() if len(item.shape) in (4, 5)]
-    if len(fitting) == 1:
-        return fitting[0]
-    count = "several arrays" if fitting else "no array"
-    raise FormatError(
-        f"{path} has {count} in 4 or 5 dimensions and none named {SAMPLES}; it holds "
-        f"{held or 'none'}; name one by {argument('dataset')}."
-    )
+    held = {key: (tuple(item.shape), item.dtype) for key, item in found.items()}
+    return found[chosen(path, "array", name, (SAMPLES,), held)]
 
 
 def _source(array: Any, found: dict[str, Any], path: Path, layout: Layout) -> Source:
@@ -145,7 +134,7 @@ def _source(array: Any, found: dict[str, Any], path: Path, layout: Layout) -> So
     shape = tuple(int(n) for n in array.shape)
     own = attributes.axes_in(found)
     axes, known = axes_known(path, what, shape, order=layout.order, own=own)
-    stored, ratio = storage(array, path, what, layout.max_bytes)
+    bound = storage(array, path, what, layout.max_bytes)
     return Source(
         path,
         what,
@@ -154,8 +143,7 @@ def _source(array: Any, found: dict[str, Any], path: Path, layout: Layout) -> So
         axes,
         known,
         lambda block: np.asarray(array[block]),
-        stored,
-        ratio,
+        bound,
         tuple(int(n) for n in array.chunks),
     )
 
@@ -170,14 +158,8 @@ def _arrays_beside(
             if not _is_array(array) or tuple(array.shape) not in (views, (*views, 2)):
                 raise FormatError(f"{path}: {name!r} is no array of {views[0]} x {views[1]} views.")
             what = f"the array {name!r}"
-            stored, ratio = storage(array, path, what, max_bytes)
-            require_bytes(
-                math.prod(array.shape) * np.dtype(array.dtype).itemsize,
-                path=path,
-                what=what,
-                stored=stored,
-                ratio=ratio,
-                max_bytes=max_bytes,
+            storage(array, path, what, max_bytes).require(
+                math.prod(array.shape) * np.dtype(array.dtype).itemsize, what
             )
             found[name] = np.asarray(array[...])
     return found

@@ -23,7 +23,7 @@ from clplen.compute.drivers.environment import cache_dir
 from clplen.errors import FormatError
 from clplen.files import PathLike, replacing
 from clplen.io.formats.packing import Packing, packing_of, unpack
-from clplen.io.formats.untrusted import require_bytes
+from clplen.io.formats.untrusted import Bound
 from clplen.io.raw.lytro_container import listed_files, parse_json
 from clplen.io.raw.lytro_metadata import LytroMetadata, lytro_metadata
 
@@ -54,13 +54,8 @@ class WhiteImage:
 
     def read(self, *, max_bytes: int | None = None) -> np.ndarray[Any, np.dtype[np.uint16]]:
         """The white image, uint16, shape (ny, nx), no level subtracted."""
-        require_bytes(
-            2 * self.packing.width * self.packing.height,
-            path=Path(self.name),
-            what="the white image",
-            stored=self.size,
-            ratio=2,
-            max_bytes=max_bytes,
+        Bound(Path(self.name), self.size, 2, max_bytes).require(
+            2 * self.packing.width * self.packing.height, "the white image"
         )
         data = self.read_bytes()
         if len(data) != self.packing.stored:

@@ -21,7 +21,7 @@ import numpy as np
 from clplen.errors import FormatError
 from clplen.files import PathLike
 from clplen.io.formats.packing import Packing, packing_of, unpack
-from clplen.io.formats.untrusted import LYTRO, require_bytes
+from clplen.io.formats.untrusted import LYTRO, Bound
 from clplen.io.raw.lytro_metadata import LytroMetadata, lytro_metadata
 
 _MAGIC = LYTRO + b"\0\0\0\1"
@@ -167,13 +167,8 @@ def _read_image(
             f"bits takes {needed:,} bytes, but {section.length:,} are there: the image is cut "
             "off, or the metadata belong to another one."
         )
-    require_bytes(
-        2 * packing.width * packing.height,
-        path=path,
-        what="the raw image",
-        stored=section.length,
-        ratio=2,
-        max_bytes=max_bytes,
+    Bound(path, section.length, 2, max_bytes).require(
+        2 * packing.width * packing.height, "the raw image"
     )
     stored = np.memmap(file, np.uint8, "r", section.start, (section.length,))
     return unpack(stored, packing), packing.bayer

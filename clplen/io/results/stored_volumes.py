@@ -16,7 +16,7 @@ from clplen.files import PathLike, require_file
 from clplen.io.formats import npy, tiff
 from clplen.io.formats.npy import map_npy
 from clplen.io.formats.tiff import read_tiff_stacks, stack_axes
-from clplen.io.formats.untrusted import require_bytes
+from clplen.io.formats.untrusted import Bound
 from clplen.io.store import zarr_files
 from clplen.io.store.picture_series import axes_in, multiscales, read_description
 from clplen.io.store.zarr_files import opened_store, storage
@@ -77,13 +77,10 @@ class StoredFile:
     def _require(self, level: Any) -> None:
         """Refuse a volume that does not fit into memory, or that the file cannot hold."""
         size = 8 * math.prod(self.shape)
-        stored, ratio = (size, 1.0) if level is None else storage(
-            level, self.path, "a volume", self.max_bytes
-        )  # fmt: skip
-        require_bytes(
-            size // 2, path=self.path, what="a volume", stored=stored, ratio=ratio,
-            max_bytes=self.max_bytes,
-        )  # fmt: skip
+        bound = Bound(self.path, size, 1.0, self.max_bytes)
+        if level is not None:
+            bound = storage(level, self.path, "a volume", self.max_bytes)
+        bound.require(size // 2, "a volume")
 
 
 @dataclass(frozen=True, repr=False)

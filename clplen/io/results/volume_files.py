@@ -13,7 +13,7 @@ from clplen.errors import FormatError, ShapeError
 from clplen.files import PathLike
 from clplen.io.formats import npy
 from clplen.io.formats.npy import map_npy
-from clplen.io.formats.untrusted import require_bytes
+from clplen.io.formats.untrusted import Bound
 from clplen.io.store.picture_blocks import Array, as_block
 from clplen.io.store.picture_series import describe_series, is_series, open_series, write_series
 
@@ -129,9 +129,7 @@ def read_volume(path: PathLike, *, max_bytes: int | None = None) -> tuple[Array,
     else:
         mapped = map_npy(path, what="a volume")
         size = path.stat().st_size
-        require_bytes(
-            mapped.nbytes, path=path, what="a volume", stored=size, ratio=1, max_bytes=max_bytes
-        )
+        Bound(path, size, 1, max_bytes).require(mapped.nbytes, "a volume")
         values, about = np.array(mapped), {}
         values = values[None] if values.ndim == 2 else values
     if values.ndim != 3 or values.dtype.kind not in "uif" or values.size == 0:

@@ -14,7 +14,7 @@ import numpy as np
 from clplen.errors import FormatError
 from clplen.files import PathLike, replacing, require_file
 from clplen.hdf5_safety import members, require_heaps, require_own
-from clplen.io.formats.untrusted import DEFLATE, listed, reading, require_bytes
+from clplen.io.formats.untrusted import DEFLATE, Bound, listed, reading
 from clplen.io.store.attributes import plain
 from clplen.outputs import MARK
 
@@ -111,21 +111,16 @@ def require_size(dataset: h5py.Dataset, largest: int, path: Path) -> None:
         )
 
 
-def storage(dataset: h5py.Dataset, path: Path, max_bytes: int | None) -> tuple[int, float]:
-    """Bytes that a file has for a dataset, and the largest ratio of their compression."""
+def storage(dataset: h5py.Dataset, path: Path, max_bytes: int | None) -> Bound:
+    """What the file can hold of a dataset, each of whose chunks has to fit."""
     stored = min(dataset.id.get_storage_size(), path.stat().st_size)
     if dataset.chunks is None:
-        return stored, 1.0
-    ratio = _ratio(dataset, path)
-    require_bytes(
-        math.prod(dataset.chunks) * dataset.dtype.itemsize,
-        path=path,
-        what=f"a chunk of {dataset.name!r}",
-        stored=stored,
-        ratio=ratio,
-        max_bytes=max_bytes,
+        return Bound(path, stored, 1.0, max_bytes)
+    bound = Bound(path, stored, _ratio(dataset, path), max_bytes)
+    bound.require(
+        math.prod(dataset.chunks) * dataset.dtype.itemsize, f"a chunk of {dataset.name!r}"
     )
-    return stored, ratio
+    return bound
 
 
 def read_array(
@@ -133,14 +128,8 @@ def read_array(
 ) -> np.ndarray[Any, Any]:
     """The samples of a dataset, refused where it declares more than the file or memory holds."""
     name = str(dataset.name).strip("/")
-    stored, ratio = storage(dataset, path, max_bytes)
-    require_bytes(
-        math.prod(dataset.shape) * dataset.dtype.itemsize,
-        path=path,
-        what=f"the dataset {name!r}",
-        stored=stored,
-        ratio=ratio,
-        max_bytes=max_bytes,
+    storage(dataset, path, max_bytes).require(
+        math.prod(dataset.shape) * dataset.dtype.itemsize, f"the dataset {name!r}"
     )
     return np.asarray(dataset[part])
 

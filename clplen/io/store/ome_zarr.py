@@ -18,7 +18,7 @@ import numpy as np
 from clplen.checks import fits_float64
 from clplen.errors import FormatError, worded
 from clplen.files import PathLike, check_space, filling
-from clplen.io.formats.untrusted import reading, require_bytes
+from clplen.io.formats.untrusted import reading
 from clplen.io.store import zarr_files
 from clplen.io.store.picture_blocks import Array, Block, checked_blocks, write_rows
 from clplen.io.store.zarr_files import FORMAT_2, opened_store, storage, zarr_package
@@ -306,11 +306,8 @@ def read_omezarr_channel(path: PathLike, index: int, *, max_bytes: int | None = 
                 f"{path} is no depth map in OME-Zarr: its array '0' has shape {shape}, not "
                 "(c, y, x)."
             )
-        stored, ratio = storage(level, path, "its full size", max_bytes)
-        nbytes = math.prod(shape[1:]) * level.dtype.itemsize
-        require_bytes(
-            nbytes, path=path, what="a channel", stored=stored, ratio=ratio, max_bytes=max_bytes
-        )
+        bound = storage(level, path, "its full size", max_bytes)
+        bound.require(math.prod(shape[1:]) * level.dtype.itemsize, "a channel")
         return np.asarray(level[index])
 
 

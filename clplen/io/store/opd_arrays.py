@@ -18,7 +18,7 @@ import numpy as np
 
 from clplen.cameras.optics.opd_maps import OPDMaps
 from clplen.errors import FormatError
-from clplen.io.formats.untrusted import UNREADABLE, require_bytes
+from clplen.io.formats.untrusted import UNREADABLE, Bound
 from clplen.io.store import hdf5_files, zarr_files
 from clplen.io.store.attributes import CAMERA, of_camera
 
@@ -82,7 +82,7 @@ def read_zarr_maps(group: Any, path: Path, max_bytes: int | None = None) -> OPDM
     held = {name: group[name] for name in ARRAYS if name in group}
     held = {name: one for name, one in held.items() if isinstance(one, array)}
 
-    def storage(one: Any, path: Path, limit: int | None) -> tuple[int, float]:
+    def storage(one: Any, path: Path, limit: int | None) -> Bound:
         return zarr_files.storage(one, path, f"the array {zarr_files.array_name(one)!r}", limit)
 
     return _made(held, zarr_files.attributes_of(group), path, max_bytes, storage)
@@ -104,7 +104,7 @@ def _made(
     numbers: dict[str, Any],
     path: Path,
     max_bytes: int | None,
-    storage: Callable[[Any, Path, int | None], tuple[int, float]],
+    storage: Callable[[Any, Path, int | None], Bound],
 ) -> OPDMaps:
     missing = [name for name in ("path", "fields") if name not in held]
     if missing:
@@ -113,14 +113,8 @@ def _made(
     for name, one in held.items():
         if np.dtype(one.dtype).kind not in "iuf":
             raise FormatError(f"{path}: {name!r} of the OPD maps holds {one.dtype}, not numbers.")
-        stored, ratio = storage(one, path, max_bytes)
-        require_bytes(
-            8 * math.prod(int(n) for n in one.shape),
-            path=path,
-            what=f"{name!r} of the OPD maps",
-            stored=stored * (8 // np.dtype(one.dtype).itemsize or 1),
-            ratio=ratio,
-            max_bytes=max_bytes,
+        storage(one, path, max_bytes).wider(8 // np.dtype(one.dtype).itemsize or 1).require(
+            8 * math.prod(int(n) for n in one.shape), f"{name!r} of the OPD maps"
         )
         arrays[name] = np.asarray(one[...], np.float64)
     known = {name: float(numbers[name]) for name in NUMBERS if name in numbers}

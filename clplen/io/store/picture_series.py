@@ -18,7 +18,7 @@ from clplen.checks import check_finite, float64_array
 from clplen.errors import FormatError
 from clplen.files import PathLike, require_file
 from clplen.io.formats import tiff
-from clplen.io.formats.untrusted import require_bytes
+from clplen.io.formats.untrusted import require_room
 from clplen.io.store import zarr_files
 from clplen.io.store.ome_tiff import CHANNELS, write_ome
 from clplen.io.store.ome_zarr import write_omezarr
@@ -66,7 +66,7 @@ class OpenSeries:
     # The description that `write_series` was given; empty for files of other programs.
     about: dict[str, Any] = field(default_factory=dict)
     pixel: tuple[float, float] | None = None  # (dy, dx) in metres, where the file says them
-    axes: str = ""  # A letter for each axis that an OME-Zarr names, in its own order; else empty
+    axes: str = ""  # a letter for each axis that an OME-Zarr names, in its own order; else empty
 
     def read(self, out: Array | None = None) -> Array:
         """Read all pictures, into a given array part by part."""
@@ -120,7 +120,7 @@ def _unreadable(path: Path, noun: str) -> Iterator[None]:
 
 def _open_tiff(path: Path, noun: str, max_bytes: int | None) -> OpenSeries:
     size = path.stat().st_size
-    require_bytes(size, path=path, what=f"the {noun}", stored=size, ratio=1, max_bytes=max_bytes)
+    require_room(size, path=path, what=f"the {noun}", max_bytes=max_bytes)
     shape, dtype = tiff.stack_shape(path, max_bytes=max_bytes)
 
     def parts() -> Iterator[Part]:
@@ -134,17 +134,17 @@ def _open_zarr(files: ExitStack, path: Path, what: str, max_bytes: int | None) -
     """The full size of an OME-Zarr as (n, y, x) or (n, y, x, c), and the letters of its axes."""
     group = files.enter_context(opened_store(path, _INSTEAD, max_bytes))
     level, axes = group["0"], axes_in(group)
-    stored, ratio = storage(level, path, what, max_bytes)
+    bound = storage(level, path, what, max_bytes)
     dtype, shape = np.dtype(level.dtype), tuple(int(n) for n in level.shape)
     nbytes = math.prod(shape) * dtype.itemsize
-    require_bytes(nbytes, path=path, what=what, stored=stored, ratio=ratio, max_bytes=max_bytes)
+    bound.require(nbytes, what)
     if len(shape) == 2:
         return OpenSeries((1, *shape), dtype, lambda: iter([(_ALL, _ALL, level[...][None])]))
     colours = len(shape) == 4 and axes.startswith("c")
     chunks, axis = level.chunks, 1 if colours else 0  # of the planes
     steps = chunks[axis], chunks[axis + 1]
-    rest = nbytes // max(1, math.prod(shape[axis : axis + 2]))  # bytes of a row of a plane
-    rows = max(1, _BLOCK // max(1, steps[0] * steps[1] * rest)) * steps[1]
+    row_bytes = nbytes // max(1, math.prod(shape[axis : axis + 2]))  # of one plane
+    rows = max(1, _BLOCK // max(1, steps[0] * steps[1] * row_bytes)) * steps[1]
 
     def parts() -> Iterator[Part]:
         for plane, row in product(range(0, shape[axis], steps[0]), range(0, shape[axis + 1], rows)):

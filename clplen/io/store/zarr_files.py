@@ -12,7 +12,7 @@ import numpy as np
 
 from clplen.checks import install_advice
 from clplen.errors import FormatError
-from clplen.io.formats.untrusted import require_bytes
+from clplen.io.formats.untrusted import Bound
 from clplen.io.store import attributes
 
 SUFFIX = ".zarr"
@@ -58,8 +58,8 @@ def attributes_of(item: Any) -> dict[str, Any]:
     return {name: attributes.plain(value) for name, value in dict(item.attrs).items()}
 
 
-def storage(array: Any, path: Path, what: str, max_bytes: int | None) -> tuple[int, float]:
-    """Bytes that a store has for an array, and the largest ratio of their compression."""
+def storage(array: Any, path: Path, what: str, max_bytes: int | None) -> Bound:
+    """What a store can hold of an array, each of whose chunks has to fit."""
     inside = f"{array_name(array)}/" if array_name(array) else ""
     sizes = [size for key, size in array.store.sizes.items() if key.startswith(inside)]
     chunks = array.shards or array.chunks
@@ -70,21 +70,9 @@ def storage(array: Any, path: Path, what: str, max_bytes: int | None) -> tuple[i
             "is damaged or incomplete."
         )
     packing = array.store.arrays[array_name(array)]
-    require_bytes(
-        packing.index_bytes,
-        path=path,
-        what=f"the index of a shard of {what}",
-        stored=sum(sizes),
-        ratio=1,
-        max_bytes=max_bytes,
+    Bound(path, sum(sizes), 1, max_bytes).require(
+        packing.index_bytes, f"the index of a shard of {what}"
     )
-    ratio = _RATIO if packing.packed else float(_SPARSE)
-    require_bytes(
-        math.prod(array.chunks) * np.dtype(array.dtype).itemsize,
-        path=path,
-        what=f"a chunk of {what}",
-        stored=sum(sizes),
-        ratio=ratio,
-        max_bytes=max_bytes,
-    )
-    return sum(sizes), ratio
+    bound = Bound(path, sum(sizes), _RATIO if packing.packed else float(_SPARSE), max_bytes)
+    bound.require(math.prod(array.chunks) * np.dtype(array.dtype).itemsize, f"a chunk of {what}")
+    return bound

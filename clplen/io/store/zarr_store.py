@@ -33,7 +33,7 @@ from zarr.storage import LocalStore, WrapperStore, ZipStore
 
 from clplen.errors import FormatError
 from clplen.files import require_file
-from clplen.io.formats.untrusted import DEFLATE, SLACK, reading, require_bytes
+from clplen.io.formats.untrusted import DEFLATE, SLACK, Bound, reading
 from clplen.io.store.zarr_metadata import Packing, checked_arrays, is_metadata
 
 _PIECE = 1 << 18
@@ -258,14 +258,7 @@ def _members(archive: zipfile.ZipFile, path: Path, max_bytes: int | None) -> dic
                 f"{path}: {what} is compressed by method {item.compress_type}: write the archive "
                 "with deflate."
             )
-        require_bytes(
-            item.file_size,
-            path=path,
-            what=what,
-            stored=item.compress_size,
-            ratio=DEFLATE,
-            max_bytes=max_bytes,
-        )
+        Bound(path, item.compress_size, DEFLATE, max_bytes).require(item.file_size, what)
         sizes[item.filename] = item.file_size
     return sizes
 
