@@ -38,12 +38,12 @@ from clplen.cameras.optics.objective import (
     check_positions,
     fluorescent_lines,
     fluorescent_points,
+    quick_length,
 )
 from clplen.cameras.scenes.scene_sources import PointSources
 from clplen.checks import is_finite, is_integer
 from clplen.compute.arrays import Image
 from clplen.compute.device import Device, DeviceLike, as_device
-from clplen.compute.fft.lines import smooth_length
 from clplen.errors import SamplingError, ShapeError
 from clplen.lightfield.raw.lenslet_grid import LensletGrid
 from clplen.lightfield.raw.raw_image import RawImage, Sensor
@@ -392,7 +392,7 @@ class FourierMicroscope(Described):
         sides = 2 * (np.abs(self.lenslets.positions).max(axis=0) + self.lenslets.reach)
         across = GUARD * np.maximum(np.array(self.grid.extent), sides)
         shape = [
-            parts * _length(int(n), math.ceil(side / self.pixel_pitch))
+            parts * quick_length(int(n), side / self.pixel_pitch)
             for n, side in zip(self.grid.shape, across, strict=True)
         ]
         if max(shape) > LONGEST or parts > MOST_PARTS:
@@ -661,15 +661,6 @@ def _sensor(camera: FourierMicroscope, shape: tuple[int, int] | None) -> Grid:
         pitch,
         origin=(pitch / 2 if ny % 2 == 0 else 0.0, pitch / 2 if nx % 2 == 0 else 0.0),
     )
-
-
-def _length(pixels: int, least: int) -> int:
-    """The next quick length from ``least`` on, even or odd as ``pixels`` is."""
-    length = max(pixels, least)
-    length += (length - pixels) % 2
-    while smooth_length(length) != length:
-        length += 2
-    return length
 
 
 def _pixels(fine: Vector, shape: tuple[int, int], parts: int) -> Vector:

@@ -52,6 +52,7 @@ from clplen.cameras.optics.objective import (
     check_positions,
     fluorescent_lines,
     fluorescent_points,
+    quick_length,
 )
 from clplen.cameras.optics.pixel_array import PixelArray, PixelSums
 from clplen.cameras.optics.pupil_aberration import PupilAberration
@@ -524,7 +525,7 @@ class Microscope(Described, LensletCamera):
         blur += self.magnification * points.diameter / 2
         reach = (places + blur + GUARD * self.mla.pitch).max(axis=0)
         shape = tuple(
-            n if 2 * r <= n * self.pixel_pitch else _wider(n, 2 * r / self.pixel_pitch)
+            n if 2 * r <= n * self.pixel_pitch else quick_length(n, 2 * r / self.pixel_pitch)
             for n, r in zip(self.grid.shape, reach, strict=True)
         )
         return Grid((shape[0], shape[1]), self.grid.pitch, origin=self.grid.origin)
@@ -735,17 +736,6 @@ class MicroscopeWindows(Windows):
             grid = Grid((n, n), self.shape.pitch, origin=self._origin(centre))
             out[number] = optics.objective.fields(one, grid, optics.device).data[0]
         return out
-
-
-def _wider(n: int, least: float) -> int:
-    """The next quick length of a transform from ``least`` samples on, even or odd as ``n`` is."""
-    length = max(n, math.ceil(least))
-    if n % 2 == 0:
-        return 2 * smooth_length(-(-length // 2))
-    length += 1 - length % 2
-    while smooth_length(length) != length:
-        length += 2
-    return length
 
 
 def microscope_images(camera: Microscope, points: PointSources) -> Iterator[DeviceImages]:
