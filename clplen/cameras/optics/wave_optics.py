@@ -144,8 +144,10 @@ class WaveOptics(FixedOptics):
         In metres, from the main lens to the array, and from there to the sensor, where it is.
     occluders : tuple of Occluder
         Screens before the camera, which windows of single points know.
-    others
-        Those of `Plenoptic1`.
+    focal_length, object_distance, image_distance, aperture_diameter, mla, wavelength, device
+        As of `Plenoptic1`.
+    pixels_per_lenslet, pixel_pitch, grid, field_lens, aberrations, lens_model, pixels
+        As of `Plenoptic1`.
 
     Examples
     --------
