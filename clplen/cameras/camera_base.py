@@ -195,17 +195,7 @@ class Plenoptic(Described, RayOptics):
         return WaveOptics(**lengths, z2=self.array_distance, z3=self.sensor_distance)
 
     def raw_image(self, data: cla.Array) -> RawImage:
-        """Intensity on the sensor with the positions of the sub-images on it.
-
-        Parameters
-        ----------
-        data : pyopencl.array.Array
-            float32, shape of ``grid``.
-
-        Returns
-        -------
-        RawImage
-        """
+        """Intensity on the sensor with the positions of the sub-images on it."""
         return replace(raw_image(self, data), camera=self)
 
     def pupil(
@@ -213,18 +203,7 @@ class Plenoptic(Described, RayOptics):
     ) -> Field:
         """Fields of sources right behind the main lens.
 
-        Parameters
-        ----------
-        scene : PointSources
-        chosen : slice
-            Which of them.
-        full_grid : bool
-            On the whole grid, or only on those of its samples that the aperture touches.
-
-        Returns
-        -------
-        Field
-            Shape (n, ny, nx); not normalised.
+        Of the sources ``chosen``, shape (n, ny, nx); see `WaveOptics.pupil`.
         """
         return self.optics.pupil(scene.positions[chosen], scene.diameter, full_grid=full_grid)
 

@@ -418,15 +418,7 @@ class Microscope(Described, LensletCamera):
         return raw if sensor is None else sensor.record(raw)
 
     def lines(self, coherence: Coherence | None) -> Sequence[tuple[float, float]]:
-        """Wavelengths and their shares of the energy.
-
-        Raises
-        ------
-        ValueError
-            If there is a spatial model of coherence.
-        SamplingError
-            If the pixels cannot sample the light of a wavelength.
-        """
+        """Wavelengths and their shares of the energy."""
         lines = fluorescent_lines(coherence, self.wavelength)
         if coherence is not None and self.pixels is None:
             for wavelength, _ in lines:
@@ -476,17 +468,7 @@ class Microscope(Described, LensletCamera):
     def sensor_fields(self, points: PointSources, window: Grid | None = None) -> Field:
         """Fields of points on the sensor, each of energy 1 in the pupil.
 
-        Parameters
-        ----------
-        points : PointSources
-        window : Grid, optional
-            Periodic, of the camera's pitch and about the axis, that holds all light; default
-            `window`.
-
-        Returns
-        -------
-        Field
-            Shape (n, ny, nx).
+        On a periodic ``window`` about the axis that holds all light, shape (n, ny, nx).
         """
         window = self.window(points) if window is None else window
         at_array = self.objective.fields(points, window, self.device)
@@ -502,15 +484,7 @@ class Microscope(Described, LensletCamera):
         return way(behind)
 
     def window(self, points: PointSources) -> Grid:
-        """The smallest grid about the sensor's that holds the blur of points on the array.
-
-        Raises
-        ------
-        ValueError
-            If a place is more than 0.1 m away: one that was meant in micrometres.
-        SamplingError
-            If a point is imaged beyond the array.
-        """
+        """The smallest grid about the sensor's that holds the blur of points on the array."""
         check_positions(points.positions)
         places = np.abs(points.positions[:, 1::-1]) * self.magnification  # (y, x)
         half = np.asarray(self.grid.extent) / 2
@@ -538,13 +512,7 @@ class Microscope(Described, LensletCamera):
         return int(count)
 
     def raw_image(self, data: cla.Array) -> RawImage:
-        """Intensity on the sensor with the places of the sub-images on it.
-
-        Parameters
-        ----------
-        data : pyopencl.array.Array
-            float32, shape of ``grid``.
-        """
+        """Intensity on the sensor with the places of the sub-images on it."""
         step = self.pixel_pitch * self.tube_lens / self.mla.focal_length  # du on the pupil
         lenslets = lenslet_grid(self, 1.0)
         spacing = (-step, -step, self.mla.row_pitch, self.mla.pitch)
