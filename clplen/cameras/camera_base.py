@@ -10,7 +10,7 @@ import pyopencl.array as cla
 
 from clplen import units
 from clplen.cameras.description import Described
-from clplen.cameras.exposure.ray_exposure import expose_rays
+from clplen.cameras.exposure.ray_exposure import check_rays, expose_rays
 from clplen.cameras.exposure.wave_exposure import Light, Method, expose_waves
 from clplen.cameras.optics.camera_aberrations import Aberrations
 from clplen.cameras.optics.lenslet_camera import (
@@ -177,18 +177,9 @@ class Plenoptic(Described, RayOptics):
         averaging = Averaging(snapshots, rtol, region, checkpoint)
         optics = self.optics
         if _uses_rays(model, scene, coherence, averaging):
-            if self.pixels is not None and self.pixels.filters is not None:
-                raise ValueError(
-                    "Rays know no wavelengths, and the pixels of this camera have colour filters: "
-                    "use model='waves', or pixels without filters=."
-                )
-            if not isinstance(scene, SurfaceScene) and as_occluders(scene):
-                raise ValueError(
-                    "Rays of points and pictures know no occlusion: use model='waves', or a "
-                    "SurfaceScene."
-                )
-            sources = scene if isinstance(scene, SurfaceScene) else as_sources(scene)
-            raw = expose_rays(optics, sources)
+            surfaces = isinstance(scene, SurfaceScene)
+            check_rays(optics, () if surfaces else as_occluders(scene))
+            raw = expose_rays(optics, scene if surfaces else as_sources(scene))
         else:
             light = Light(coherence, koehler, averaging)
             sources, before = as_sources(scene), replace(optics, occluders=as_occluders(scene))
@@ -203,17 +194,7 @@ class Plenoptic(Described, RayOptics):
         return WaveOptics(**lengths, z2=self.array_distance, z3=self.sensor_distance)
 
     def raw_image(self, data: cla.Array) -> RawImage:
-        """Intensity on the sensor with the positions of the sub-images on it.
-
-        Parameters
-        ----------
-        data : pyopencl.array.Array
-            float32, shape of ``grid``.
-
-        Returns
-        -------
-        RawImage
-        """
+        """Intensity on the sensor with the positions of the sub-images on it."""
         return replace(raw_image(self, data), camera=self)
 
     def pupil(
@@ -221,18 +202,7 @@ class Plenoptic(Described, RayOptics):
     ) -> Field:
         """Fields of sources right behind the main lens.
 
-        Parameters
-        ----------
-        scene : PointSources
-        chosen : slice
-            Which of them.
-        full_grid : bool
-            On the whole grid, or only on those of its samples that the aperture touches.
-
-        Returns
-        -------
-        Field
-            Shape (n, ny, nx); not normalised.
+        Of the sources ``chosen``, shape (n, ny, nx); see `WaveOptics.pupil`.
         """
         return self.optics.pupil(scene.positions[chosen], scene.diameter, full_grid=full_grid)
 

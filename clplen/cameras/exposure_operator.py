@@ -216,28 +216,11 @@ class ExposureOperator:
         return mapped(self, raw, adjoint=True)
 
     def as_linear_operator(self) -> LinearOperator:
-        """This map for the solvers of SciPy.
-
-        Returns
-        -------
-        scipy.sparse.linalg.LinearOperator
-            Of raveled energies and images.
-        """
+        """This map for the solvers of SciPy."""
         return linear_operator(self)
 
     def forward_data(self, data: cla.Array) -> cla.Array:
-        """`forward` of arrays of the device.
-
-        Parameters
-        ----------
-        data : pyopencl.array.Array
-            Shape ``(..., *in_shape)``, of ``dtype``.
-
-        Returns
-        -------
-        pyopencl.array.Array
-            Shape (..., ny, nx).
-        """
+        """`forward` of arrays of the device."""
         leading = data.shape[: data.ndim - len(self.in_shape)]
         count, device = int(np.prod(leading, dtype=np.int64)), self.device
         if count == 0:
@@ -252,18 +235,7 @@ class ExposureOperator:
         return self._signals.read(totals, device).reshape(*leading, *self.out_shape)
 
     def adjoint_data(self, data: cla.Array) -> cla.Array:
-        """`adjoint` of arrays of the device.
-
-        Parameters
-        ----------
-        data : pyopencl.array.Array
-            Shape (..., ny, nx), of ``dtype``.
-
-        Returns
-        -------
-        pyopencl.array.Array
-            Shape ``(..., *in_shape)``.
-        """
+        """`adjoint` of arrays of the device."""
         leading = data.shape[:-2]
         count = int(np.prod(leading, dtype=np.int64))
         found = [np.zeros((count, part.size)) for part in self._parts]

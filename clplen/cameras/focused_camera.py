@@ -45,8 +45,10 @@ class Plenoptic2(Plenoptic):
         Keplerian, < 0 Galilean.
     image_distance : float
         F in metres, from the main lens to the image of the focused plane, not to the array.
-    others
-        Those of `Plenoptic1`.
+    focal_length, object_distance, aperture_diameter, mla, wavelength, field_lens, device
+        As of `Plenoptic1`; there is no field lens.
+    pixels_per_lenslet, pixel_pitch, grid, aberrations, lens_model, pixels
+        As of `Plenoptic1`.
 
     Examples
     --------

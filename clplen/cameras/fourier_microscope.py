@@ -38,12 +38,12 @@ from clplen.cameras.optics.objective import (
     check_positions,
     fluorescent_lines,
     fluorescent_points,
+    quick_length,
 )
 from clplen.cameras.scenes.scene_sources import PointSources
 from clplen.checks import is_finite, is_integer
 from clplen.compute.arrays import Image
 from clplen.compute.device import Device, DeviceLike, as_device
-from clplen.compute.fft.lines import smooth_length
 from clplen.errors import SamplingError, ShapeError
 from clplen.lightfield.raw.lenslet_grid import LensletGrid
 from clplen.lightfield.raw.raw_image import RawImage, Sensor
@@ -361,19 +361,7 @@ class FourierMicroscope(Described):
     def window(self, points: PointSources) -> tuple[Grid, int]:
         """A grid that holds and samples the light of points, and the parts of a pixel on it.
 
-        Parameters
-        ----------
-        points : PointSources
-
-        Returns
-        -------
-        (Grid, int)
-            Its samples are so many parts of a pixel along an axis.
-
-        Raises
-        ------
-        SamplingError
-            If it would have too many samples.
+        Its samples are so many parts of a pixel along an axis.
         """
         reach = self.magnification * np.abs(points.positions[:, :2]).max(axis=1)
         reach += self.objective.blur(points.positions[:, 2])
@@ -392,7 +380,7 @@ class FourierMicroscope(Described):
         sides = 2 * (np.abs(self.lenslets.positions).max(axis=0) + self.lenslets.reach)
         across = GUARD * np.maximum(np.array(self.grid.extent), sides)
         shape = [
-            parts * _length(int(n), math.ceil(side / self.pixel_pitch))
+            parts * quick_length(int(n), side / self.pixel_pitch)
             for n, side in zip(self.grid.shape, across, strict=True)
         ]
         if max(shape) > LONGEST or parts > MOST_PARTS:
@@ -413,16 +401,7 @@ class FourierMicroscope(Described):
     def pupil_fields(self, points: PointSources, window: Grid) -> Field:
         """Fields of points on the conjugate pupil, within the field stop.
 
-        Parameters
-        ----------
-        points : PointSources
-        window : Grid
-            Periodic.
-
-        Returns
-        -------
-        Field
-            Shape (n, ny, nx); before the stop each has the energy 1.
+        Shape (n, ny, nx); before the stop each has the energy 1.
         """
         planes, plane = np.unique(points.positions[:, 2], return_inverse=True)
         pupils = np.stack([
@@ -452,19 +431,7 @@ class FourierMicroscope(Described):
     def pupil(self, y: Vector, x: Vector, z: float, *, diameter: float = 0.0) -> Vector:
         """P at places of the conjugate pupil, 1 in its middle; samples on the rim are shared.
 
-        Parameters
-        ----------
-        y, x : numpy.ndarray
-            In metres, evenly spaced, shapes (ny,) and (nx,).
-        z : float
-            In metres, farther positive.
-        diameter : float
-            Of the source in metres.
-
-        Returns
-        -------
-        numpy.ndarray
-            complex128, shape (ny, nx).
+        ``y`` and ``x`` are evenly spaced, in metres; the result is complex128, shape (ny, nx).
         """
         step = float(x[1] - x[0])
         margin = 2 * step * self.magnification / self.relay
@@ -493,16 +460,7 @@ class FourierMicroscope(Described):
     def sensor_fields(self, points: PointSources, window: Grid) -> Field:
         """Fields of points on the sensor.
 
-        Parameters
-        ----------
-        points : PointSources
-        window : Grid
-            As `window` gives it.
-
-        Returns
-        -------
-        Field
-            Shape (n, ny, nx).
+        Shape (n, ny, nx), on a `window`.
         """
         device = self.device
         lenses = self.lenslets.transmission(window.y, window.x, self.wavelength)
@@ -661,15 +619,6 @@ def _sensor(camera: FourierMicroscope, shape: tuple[int, int] | None) -> Grid:
         pitch,
         origin=(pitch / 2 if ny % 2 == 0 else 0.0, pitch / 2 if nx % 2 == 0 else 0.0),
     )
-
-
-def _length(pixels: int, least: int) -> int:
-    """The next quick length from ``least`` on, even or odd as ``pixels`` is."""
-    length = max(pixels, least)
-    length += (length - pixels) % 2
-    while smooth_length(length) != length:
-        length += 2
-    return length
 
 
 def _pixels(fine: Vector, shape: tuple[int, int], parts: int) -> Vector:

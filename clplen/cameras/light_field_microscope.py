@@ -52,6 +52,7 @@ from clplen.cameras.optics.objective import (
     check_positions,
     fluorescent_lines,
     fluorescent_points,
+    quick_length,
 )
 from clplen.cameras.optics.pixel_array import PixelArray, PixelSums
 from clplen.cameras.optics.pupil_aberration import PupilAberration
@@ -416,15 +417,7 @@ class Microscope(Described, LensletCamera):
         return raw if sensor is None else sensor.record(raw)
 
     def lines(self, coherence: Coherence | None) -> Sequence[tuple[float, float]]:
-        """Wavelengths and their shares of the energy.
-
-        Raises
-        ------
-        ValueError
-            If there is a spatial model of coherence.
-        SamplingError
-            If the pixels cannot sample the light of a wavelength.
-        """
+        """Wavelengths and their shares of the energy."""
         lines = fluorescent_lines(coherence, self.wavelength)
         if coherence is not None and self.pixels is None:
             for wavelength, _ in lines:
@@ -474,17 +467,7 @@ class Microscope(Described, LensletCamera):
     def sensor_fields(self, points: PointSources, window: Grid | None = None) -> Field:
         """Fields of points on the sensor, each of energy 1 in the pupil.
 
-        Parameters
-        ----------
-        points : PointSources
-        window : Grid, optional
-            Periodic, of the camera's pitch and about the axis, that holds all light; default
-            `window`.
-
-        Returns
-        -------
-        Field
-            Shape (n, ny, nx).
+        On a periodic ``window`` about the axis that holds all light, shape (n, ny, nx).
         """
         window = self.window(points) if window is None else window
         at_array = self.objective.fields(points, window, self.device)
@@ -500,15 +483,7 @@ class Microscope(Described, LensletCamera):
         return way(behind)
 
     def window(self, points: PointSources) -> Grid:
-        """The smallest grid about the sensor's that holds the blur of points on the array.
-
-        Raises
-        ------
-        ValueError
-            If a place is more than 0.1 m away: one that was meant in micrometres.
-        SamplingError
-            If a point is imaged beyond the array.
-        """
+        """The smallest grid about the sensor's that holds the blur of points on the array."""
         check_positions(points.positions)
         places = np.abs(points.positions[:, 1::-1]) * self.magnification  # (y, x)
         half = np.asarray(self.grid.extent) / 2
@@ -523,7 +498,7 @@ class Microscope(Described, LensletCamera):
         blur += self.magnification * points.diameter / 2
         reach = (places + blur + GUARD * self.mla.pitch).max(axis=0)
         shape = tuple(
-            n if 2 * r <= n * self.pixel_pitch else _wider(n, 2 * r / self.pixel_pitch)
+            n if 2 * r <= n * self.pixel_pitch else quick_length(n, 2 * r / self.pixel_pitch)
             for n, r in zip(self.grid.shape, reach, strict=True)
         )
         return Grid((shape[0], shape[1]), self.grid.pitch, origin=self.grid.origin)
@@ -536,13 +511,7 @@ class Microscope(Described, LensletCamera):
         return int(count)
 
     def raw_image(self, data: cla.Array) -> RawImage:
-        """Intensity on the sensor with the places of the sub-images on it.
-
-        Parameters
-        ----------
-        data : pyopencl.array.Array
-            float32, shape of ``grid``.
-        """
+        """Intensity on the sensor with the places of the sub-images on it."""
         step = self.pixel_pitch * self.tube_lens / self.mla.focal_length  # du on the pupil
         lenslets = lenslet_grid(self, 1.0)
         spacing = (-step, -step, self.mla.row_pitch, self.mla.pitch)
@@ -734,17 +703,6 @@ class MicroscopeWindows(Windows):
             grid = Grid((n, n), self.shape.pitch, origin=self._origin(centre))
             out[number] = optics.objective.fields(one, grid, optics.device).data[0]
         return out
-
-
-def _wider(n: int, least: float) -> int:
-    """The next quick length of a transform from ``least`` samples on, even or odd as ``n`` is."""
-    length = max(n, math.ceil(least))
-    if n % 2 == 0:
-        return 2 * smooth_length(-(-length // 2))
-    length += 1 - length % 2
-    while smooth_length(length) != length:
-        length += 2
-    return length
 
 
 def microscope_images(camera: Microscope, points: PointSources) -> Iterator[DeviceImages]:

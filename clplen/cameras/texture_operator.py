@@ -134,28 +134,11 @@ class TextureOperator:
         return mapped(self, raw, adjoint=True)
 
     def as_linear_operator(self) -> LinearOperator:
-        """This map for the solvers of SciPy.
-
-        Returns
-        -------
-        scipy.sparse.linalg.LinearOperator
-            Of raveled samples and images.
-        """
+        """This map for the solvers of SciPy."""
         return linear_operator(self)
 
     def forward_data(self, data: cla.Array) -> cla.Array:
-        """`forward` of arrays of the device.
-
-        Parameters
-        ----------
-        data : pyopencl.array.Array
-            float32, shape ``(..., *in_shape)``.
-
-        Returns
-        -------
-        pyopencl.array.Array
-            Shape (..., ny, nx).
-        """
+        """`forward` of arrays of the device."""
         leading = data.shape[: data.ndim - len(self.in_shape)]
         device, channels = self.device, self.scene.channels
         values = device.download(data).reshape(-1, sum(t.samples.size for t in self.textures))
@@ -174,18 +157,7 @@ class TextureOperator:
         return device.upload(images.reshape(*leading, *self.out_shape))
 
     def adjoint_data(self, data: cla.Array) -> cla.Array:
-        """`adjoint` of arrays of the device.
-
-        Parameters
-        ----------
-        data : pyopencl.array.Array
-            float32, shape (..., ny, nx).
-
-        Returns
-        -------
-        pyopencl.array.Array
-            Shape ``(..., *in_shape)``.
-        """
+        """`adjoint` of arrays of the device."""
         device, channels = self.device, self.scene.channels
         images = device.download(data).reshape(-1, *self.out_shape)
         sizes = [t.samples.shape[0] * t.samples.shape[1] * channels for t in self.textures]

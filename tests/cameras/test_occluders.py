@@ -11,7 +11,7 @@ from scipy import special
 from clplen import LightField, MicrolensArray, PicturePlane, PlenopticCamera, PointSources
 from clplen.cameras import Occluder, PixelArray
 from clplen.cameras.optics.local_window import LocalWindows, window_shape
-from clplen.cameras.optics.shadows import shadows
+from clplen.cameras.scenes.occluders import shadows
 from clplen.compute.device import Device
 from clplen.errors import ShapeError
 

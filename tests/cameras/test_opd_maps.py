@@ -97,7 +97,7 @@ def scattered() -> OPDMaps:
     return OPDMaps([maps], fields=fields, wavelengths=[LAM])
 
 
-@pytest.mark.parametrize("make", [on_grid, scattered])
+@pytest.mark.parametrize("make", [on_grid, pytest.param(scattered, marks=pytest.mark.thorough)])
 def test_maps_over_the_field_are_the_zernike_terms(make: Any, device: Device) -> None:
     maps = make()
     terms, mapped = exposures(

@@ -16,6 +16,7 @@ from typing import Any
 import numpy as np
 import pyopencl.array as cla
 
+from clplen.cameras.exposure.local_exposure import refined
 from clplen.cameras.exposure.pattern_lattice import (
     Patch,
     PatternGrid,
@@ -158,21 +159,10 @@ def _fields(
     gains = 1 / energies
     to_array, to_sensor = plan.padding
     fields = optics.sensor_field(optics.array_field(pupil, pad=to_array), pad=to_sensor)
-    return _refined(fields, plan.finer), gains
-
-
-def _refined(fields: Field, finer: int) -> Field:
-    """The same fields with ``finer`` times the samples along each axis, by Fourier transforms."""
-    if finer == 1:
-        return fields
-    device, (ny, nx) = fields.device, fields.grid.shape
-    device.fft.forward(fields.data, device)
-    out = device.empty((*fields.shape[:-2], finer * ny, finer * nx), device.complex)
-    kernel = device.kernel("patterns.cl", "refine", **device.wave_defines())
-    sizes = (np.int32(n) for n in (finer * ny, finer * nx, ny, nx))
-    device.launch_rows(kernel, out.shape, out, fields.data, *sizes)
-    device.fft.inverse(out, device)
-    return fields.with_data(out)
+    if plan.finer > 1:
+        optics.device.fft.forward(fields.data, optics.device)
+        fields = fields.with_data(refined(fields.data, plan.finer, optics.device))
+    return fields, gains
 
 
 def _put_pattern(z: cla.Array, fields: Field, b: int, gain: float) -> None:

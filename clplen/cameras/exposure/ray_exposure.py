@@ -13,6 +13,7 @@ from clplen.cameras.exposure.surface_rays import SurfaceRays, well_spread
 from clplen.cameras.optics.camera_aberrations import slopes
 from clplen.cameras.optics.ray_optics import RayOptics, check_in_view, raw_image, view_step
 from clplen.cameras.scenes.ground_truth import Truth
+from clplen.cameras.scenes.occluders import Occluder
 from clplen.cameras.scenes.scene_sources import PicturePlane, PointSources, Source
 from clplen.cameras.scenes.surface_scene import (
     SurfaceScene,
@@ -58,6 +59,19 @@ def expose_rays(optics: RayOptics, scene: SurfaceScene | Sequence[Source]) -> Ra
             hit = rays.pixels >= 0
             image += np.bincount(rays.pixels[hit], energy[hit], image.size).reshape(image.shape)
     return raw_image(optics, optics.device.upload(image.astype(np.float32)), paraxial=True)
+
+
+def check_rays(optics: RayOptics, occluders: Sequence[Occluder]) -> None:
+    """Refuse colour filters and screens, which rays of points and pictures do not know."""
+    if optics.pixels is not None and optics.pixels.filters is not None:
+        raise ValueError(
+            "Rays know no wavelengths, and the pixels of this camera have colour filters: use "
+            "model='waves', or pixels without filters=."
+        )
+    if occluders:
+        raise ValueError(
+            "Rays of points and pictures know no occlusion: use model='waves', or a SurfaceScene."
+        )
 
 
 # Surfaces: every pixel looks back through its lenslets

@@ -7,9 +7,9 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
+import pyopencl.array as cla
 
-from clplen.cameras.exposure.ray_exposure import rays_of_each
-from clplen.cameras.exposure.ray_images import ray_images
+from clplen.cameras.exposure.ray_exposure import check_rays, point_rays, rays_of_each
 from clplen.cameras.exposure.source_images import SourceImages, local_images, point_images
 from clplen.cameras.exposure.spectral_exposure import filters_of, has_spectrum, spectral_lines
 from clplen.cameras.exposure.wave_exposure import (
@@ -19,15 +19,57 @@ from clplen.cameras.exposure.wave_exposure import (
     check_positions,
     is_local,
 )
-from clplen.cameras.optics.ray_optics import check_in_view
+from clplen.cameras.optics.ray_optics import RayOptics, check_in_view
 from clplen.cameras.optics.wave_optics import WaveOptics
 from clplen.cameras.scenes.scene_sources import PicturePlane, PointSources, Source
+from clplen.compute.device import Device
 from clplen.wave.coherence.averaging import Averaging
 from clplen.wave.coherence.coherence import Coherence
+from clplen.wave.field.intensity import add_scaled
 
 Values = np.ndarray[Any, np.dtype[np.float64]]
 Counts = np.ndarray[Any, np.dtype[np.int64]]
 Maker = Callable[[Any, PointSources], Iterator[SourceImages]]
+
+
+@dataclass(frozen=True, eq=False)
+class RayImages:
+    """Images of points by rays; see `SourceImages`."""
+
+    which: Counts  # which points of a scene, int64, shape (n,)
+    matrix: Any  # float64, shape (n, pixels)
+    device: Device
+
+    @property
+    def nbytes(self) -> int:
+        """Bytes on the host."""
+        parts = (self.matrix.data, self.matrix.indices, self.matrix.indptr)
+        return sum(int(part.nbytes) for part in parts)
+
+    def add(self, totals: cla.Array, energies: Values) -> None:
+        """As of `SourceImages`."""
+        images = (self.matrix.T @ energies.T).T  # (batch, pixels)
+        _, _, nx = totals.shape
+        picture = self.device.upload(np.ascontiguousarray(images, totals.dtype).reshape(-1, nx))
+        add_scaled(totals.reshape(-1, nx), picture, 1.0, self.device)
+
+    def inner(self, pictures: cla.Array) -> Values:
+        """As of `SourceImages`."""
+        flat = self.device.download(pictures).reshape(pictures.shape[0], -1)
+        return np.asarray((self.matrix @ flat.T.astype(np.float64)).T)
+
+
+def ray_images(optics: RayOptics, points: PointSources, count: int) -> Iterator[RayImages]:
+    """Images of points by ``count`` rays each, some at a time."""
+    from scipy import sparse  # a slow import
+
+    ny, nx = optics.grid.shape
+    for rays in point_rays(optics, points, count):
+        rows = np.broadcast_to(np.arange(len(rays.which))[:, None], rays.pixels.shape)
+        hit = rays.pixels >= 0
+        entries = (rays.shares[hit], (rows[hit], rays.pixels[hit]))
+        matrix = sparse.coo_matrix(entries, shape=(len(rays.which), ny * nx)).tocsr()
+        yield RayImages(rays.which, matrix, optics.device)
 
 
 @dataclass(frozen=True, eq=False)
@@ -166,13 +208,7 @@ def ray_parts(
 ) -> list[ScenePart]:
     """Points and self-luminous pictures exposed by rays."""
     _refuse_slides(sources)
-    if filters_of(optics) is not None:
-        raise ValueError(
-            "Rays know no wavelengths, and the pixels of this camera have colour filters: use "
-            "model='waves', or pixels without filters=."
-        )
-    if optics.occluders:
-        raise ValueError("Rays of points and pictures know no occlusion: use model='waves'.")
+    check_rays(optics, optics.occluders)
     if coherence is not None or method != "auto":
         raise ValueError(
             "coherence and method are for model='waves': rays are incoherent and of one kind."

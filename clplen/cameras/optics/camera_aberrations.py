@@ -310,19 +310,7 @@ class Aberrations(OneLine):
 
         Of OPD maps that of all their fields, with the distortion's.
 
-        Parameters
-        ----------
-        reach : float
-            Farthest place of an image along y or x, in metres.
-        radius : float
-            Of the aperture, in metres.
-        image_distance, wavelength : float
-            Main lens to image plane, in metres; in metres.
-
-        Raises
-        ------
-        ValueError
-            If there are OPD maps, and they do not reach to the wavelength.
+        For images up to ``reach`` metres from the axis and an aperture of this radius.
         """
         total = _steepest(self.main_lens)
         for axis in (0, 1):
@@ -346,13 +334,7 @@ class Aberrations(OneLine):
         return _lenslet_slope(self, mla) if self.bends_lenslets else 0.0
 
     def check_lenslets(self, mla: MicrolensArray) -> None:
-        """Refuse Zernike terms on lenslets that reach beyond their circle.
-
-        Raises
-        ------
-        ValueError
-            With the diameter that would do.
-        """
+        """Refuse Zernike terms on lenslets that reach beyond their circle."""
         if not self.lenslets:
             return
         needed, given = circumscribed(mla), self.lenslet_circle

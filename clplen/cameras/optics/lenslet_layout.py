@@ -176,18 +176,6 @@ class LensletLayout(OneLine):
         """How much of each sample an aperture about the origin covers.
 
         Exact along straight rims, else to second order in ``step``.
-
-        Parameters
-        ----------
-        y, x : numpy.ndarray
-            In metres from the centre, shapes (ny,) and (nx,).
-        step : float
-            Of the samples in metres.
-
-        Returns
-        -------
-        numpy.ndarray
-            From 0 to 1, shape (ny, nx).
         """
         half = self.diameter / 2
         if self.fill == "circular":
@@ -202,17 +190,7 @@ class LensletLayout(OneLine):
     def transmission(self, y: Vector, x: Vector, wavelength: float) -> Vector:
         """exp(-i pi r^2/(lam f)) within each aperture, 0 between them.
 
-        Parameters
-        ----------
-        y, x : numpy.ndarray
-            Evenly spaced, in metres, shapes (ny,) and (nx,).
-        wavelength : float
-            In metres.
-
-        Returns
-        -------
-        numpy.ndarray
-            complex128, shape (ny, nx).
+        At evenly spaced ``y`` and ``x`` in metres; complex128, shape (ny, nx).
         """
         out = np.zeros((len(y), len(x)), complex)
         step = float(x[1] - x[0])

@@ -19,8 +19,8 @@ import numpy as np
 import pyopencl.array as cla
 
 from clplen.cameras.optics.pixel_array import PixelArray
-from clplen.cameras.optics.shadows import shadows
 from clplen.cameras.optics.wave_optics import WaveOptics, disc_table
+from clplen.cameras.scenes.occluders import shadows
 from clplen.compute.device import Device
 from clplen.compute.fft.blocks import lanes_defines, run
 from clplen.compute.fft.lines import Line, Separable, smooth_length

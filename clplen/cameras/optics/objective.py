@@ -25,6 +25,7 @@ from clplen.cameras.optics.pupil_aberration import PupilAberration
 from clplen.cameras.scenes.scene_sources import PointSources
 from clplen.checks import check_finite, check_positive, is_finite, real_array
 from clplen.compute.device import DeviceLike, as_device
+from clplen.compute.fft.lines import smooth_length
 from clplen.wave.coherence.coherence import Coherence
 from clplen.wave.field.field import Field, Grid
 from clplen.wave.field.intensity import average_of
@@ -438,3 +439,14 @@ def fluorescent_lines(
             "Coherence(None, spectrum)."
         )
     return coherence.lines(wavelength)
+
+
+def quick_length(n: int, least: float) -> int:
+    """The next quick length of a transform from ``least`` samples on, even or odd as ``n`` is."""
+    length = max(n, math.ceil(least))
+    if n % 2 == 0:
+        return 2 * smooth_length(-(-length // 2))
+    length += 1 - length % 2
+    while smooth_length(length) != length:
+        length += 2
+    return length

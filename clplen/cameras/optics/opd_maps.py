@@ -271,20 +271,7 @@ class OPDMaps(Savable):
         return float(np.hypot(*np.moveaxis(self.pupil_shift, -1, 0)).max())
 
     def check(self, images: Values, wavelength: float) -> None:
-        """Refuse images, or a wavelength, that the maps do not reach.
-
-        Parameters
-        ----------
-        images : numpy.ndarray
-            Places (y, x) in metres, shape (n, 2).
-        wavelength : float
-            In metres.
-
-        Raises
-        ------
-        ValueError
-            With how far they reach.
-        """
+        """Refuse images, or a wavelength, that the maps do not reach."""
         self._colour(wavelength, STRAIGHT)
         self._places.require(images)
 
@@ -348,17 +335,7 @@ class OPDMaps(Savable):
     ) -> tuple[Values, Values]:
         """Share of the energy that passes within the edge, and how much of cells is within it.
 
-        Parameters are those of `path`, and
-
-        Parameters
-        ----------
-        cell : float
-            Width of the cells about the places along both axes, as a fraction of the radius.
-
-        Returns
-        -------
-        tuple of numpy.ndarray
-            Both float64, 0 to 1, the broadcast shape of ``v`` and ``u``.
+        ``cell`` is the width of the cells about the places, as a fraction of the radius.
         """
         turn, at = self._places.turn(y, x), _on_disc(v, u)
         share, edge = (
@@ -408,13 +385,7 @@ class OPDMaps(Savable):
         )
 
     def rms(self, wavelength: float) -> tuple[Values, Values]:
-        """Of each field: W's rms about its mean where light passes, metres; share that passes.
-
-        Parameters
-        ----------
-        wavelength : float
-            In metres.
-        """
+        """Of each field: W's rms about its mean where light passes, metres; share that passes."""
         colour = self._colour(wavelength, SMOOTH)
         paths = np.tensordot(colour, self._whole, 1)
         straight = self._colour(wavelength, STRAIGHT)
@@ -429,15 +400,7 @@ class OPDMaps(Savable):
     def steepest(self, wavelength: float) -> tuple[float, float]:
         """The largest slope along v or u of any field, and the largest distortion.
 
-        Parameters
-        ----------
-        wavelength : float
-            In metres.
-
-        Returns
-        -------
-        tuple of float
-            Metres over the pupil's radius; metres.
+        In metres over the pupil's radius, and in metres.
         """
         known = self._steepest.get(wavelength)
         if known is None:

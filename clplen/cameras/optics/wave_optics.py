@@ -144,8 +144,10 @@ class WaveOptics(FixedOptics):
         In metres, from the main lens to the array, and from there to the sensor, where it is.
     occluders : tuple of Occluder
         Screens before the camera, which windows of single points know.
-    others
-        Those of `Plenoptic1`.
+    focal_length, object_distance, image_distance, aperture_diameter, mla, wavelength, device
+        As of `Plenoptic1`.
+    pixels_per_lenslet, pixel_pitch, grid, field_lens, aberrations, lens_model, pixels
+        As of `Plenoptic1`.
 
     Examples
     --------
@@ -184,15 +186,7 @@ class WaveOptics(FixedOptics):
     def pupil_and_energy(
         self, positions: Values, diameter: float = 0.0, *, full_grid: bool = True
     ) -> tuple[Field, Values]:
-        """Fields of points right behind the main lens, and their energies without vignetting.
-
-        Parameters are those of `pupil`.
-
-        Returns
-        -------
-        Field, numpy.ndarray
-            As of `pupil`; shape (n,), sums of the squares that all of the aperture would pass.
-        """
+        """Fields of points right behind the main lens, and their energies without vignetting."""
         spherical = self.spherical_waves(positions, diameter, full_grid)
         return self.bent_and_energy(spherical, self.image_of(positions)[:, ::-1])
 
@@ -256,20 +250,7 @@ class WaveOptics(FixedOptics):
         return self.to_sensor(self.behind_lenslets(self.mla.apply(at_array)), pad=pad)
 
     def to_sensor(self, behind: Field, *, pad: int = 1) -> Field:
-        """Fields right behind the lenslets propagated to the pixels of the sensor.
-
-        Parameters
-        ----------
-        behind : Field
-            Shape (..., ny, nx).
-        pad : int
-            Zero padding, see `padding`.
-
-        Returns
-        -------
-        Field
-            Same shape.
-        """
+        """Fields right behind the lenslets propagated to the pixels of the sensor."""
         if not any(self.aberrations.sensor_tilt):
             return self.propagator(self.sensor_distance, "as", pad)(behind)
         planes = self._sensor_planes()
@@ -284,15 +265,7 @@ class WaveOptics(FixedOptics):
         return self._interpolated(behind, planes, planes.slopes, pad)
 
     def from_sensor(self, field: Field, *, pad: int = 1) -> Field:
-        """The transpose of `to_sensor`.
-
-        Parameters
-        ----------
-        field : Field
-            Shape (..., ny, nx), on the sensor.
-        pad : int
-            As of `to_sensor`.
-        """
+        """The transpose of `to_sensor`."""
         if not any(self.aberrations.sensor_tilt):
             return self.propagator(self.sensor_distance, "as", pad)(field)
         planes, total = self._sensor_planes(), None
@@ -376,17 +349,7 @@ class WaveOptics(FixedOptics):
     def check_positions(self, positions: Values) -> None:
         """Refuse points that the camera cannot show.
 
-        Parameters
-        ----------
-        positions : numpy.ndarray
-            (x, y, dz) in metres, shape (n, 3).
-
-        Raises
-        ------
-        ValueError
-            If one lies behind the main lens.
-        SamplingError
-            If one is imaged beyond the array, or the pixels do not sample its light.
+        Raise as `Plenoptic.expose` does.
         """
         check_in_view(self, positions)
         images = self.on_array(positions)
@@ -406,18 +369,7 @@ class WaveOptics(FixedOptics):
     def behind_main_lens(self, pupil: Field, images: Values | None = None) -> Field:
         """Fields right behind the main lens with its wavefront and vignetting.
 
-        Parameters
-        ----------
-        pupil : Field
-            Shape (..., ny, nx), on the camera's grid or a part of it about the same centre.
-        images : numpy.ndarray, optional
-            Images (y, x) of the points that each field comes from, in metres, shape (n, 2); needed
-            where the wavefront changes over the field.
-
-        Returns
-        -------
-        Field
-            Same shape.
+        ``images`` (y, x), shape (n, 2), are needed where the wavefront changes over the field.
         """
         if not self.aberrations.bends_main_lens:
             return pupil
@@ -544,11 +496,6 @@ class WaveOptics(FixedOptics):
         Light that the rim scatters beyond the band of the samples does not count to the power of a
         point: with this share a window of other samples agrees with one that is sampled as the
         sensor.
-
-        Parameters
-        ----------
-        pitch : float
-            Of the samples in metres.
         """
         across = self.aperture_diameter / pitch
         if pitch != self.pixel_pitch or across > LARGEST_SAMPLED_RIM:
@@ -576,16 +523,7 @@ class WaveOptics(FixedOptics):
     ) -> cla.Array:
         """Transmission of the array, its lenslets' errors with it, on a grid of any origin.
 
-        Parameters
-        ----------
-        grid : Grid
-        rim : tuple of float, optional
-            As in `MicrolensArray.transmission`.
-
-        Returns
-        -------
-        pyopencl.array.Array
-            Complex, shape of the grid.
+        ``rim`` as in `MicrolensArray.transmission`.
         """
         ideal = self.mla.transmission(grid, self.wavelength, self.device, rim=rim)
         if not self.aberrations.bends_lenslets:
@@ -627,18 +565,7 @@ class WaveOptics(FixedOptics):
         return rows, columns, y[rows] / radius, x[columns] / radius
 
     def behind_lenslets(self, field: Field) -> Field:
-        """Fields right behind the array with what its lenslets depart by from thin lenses.
-
-        Parameters
-        ----------
-        field : Field
-            Shape (..., ny, nx), behind ideal lenslets.
-
-        Returns
-        -------
-        Field
-            Same shape.
-        """
+        """Fields right behind the array with what its lenslets depart by from thin lenses."""
         aberrations, mla, device = self.aberrations, self.mla, field.device
         if not aberrations.bends_lenslets:
             return field

@@ -152,13 +152,7 @@ class SurfaceScene(OneLine):
         return lf, centre_truth(tables, (ny, nx))
 
     def check_views(self, down: float, right: float) -> None:
-        """Refuse planes that a view up to (down, right) from the centre sees edge-on.
-
-        Raises
-        ------
-        ValueError
-            Naming the plane and the slope that would do.
-        """
+        """Refuse planes that a view up to (down, right) from the centre sees edge-on."""
         for number, one in enumerate(self.surfaces):
             if not isinstance(one, Plane):
                 continue
