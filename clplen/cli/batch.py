@@ -124,13 +124,14 @@ def run(
             _print_estimate(job)
             return
         with _Bar() as bar:
+            watcher: Any = bar  # the class of watchers takes long to import
             summary = job.run(
                 scheduler=scheduler,
                 host=host,
                 certificates=certificates,
                 insecure=insecure,
                 force=force,
-                watcher=bar,
+                watcher=watcher,
             )
         _tell(summary, job, path)
 
@@ -263,10 +264,10 @@ def status(path: Path, verify: bool) -> None:
     from clplen.batch.running.manifest import count_states, status_of
 
     states = []
-    for task, state, why in status_of(Job.read(path), verify=verify):
+    for name, state, why in status_of(Job.read(path), verify=verify):
         states.append(state)
         if state != "done":
-            click.echo(f"{task.name}: {state}: {why}")
+            click.echo(f"{name}: {state}: {why}")
     click.echo(f"{len(states)} items: {count_states(states)}.")
     if set(states) - {"done"}:
         click.get_current_context().exit(1)

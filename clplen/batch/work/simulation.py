@@ -89,16 +89,7 @@ def _ms(raw: RawImage, table: dict[str, Any]) -> np.ndarray[Any, Any]:
 
 @dataclass(frozen=True, eq=False)
 class Simulated:
-    """What a simulation gives.
-
-    Attributes
-    ----------
-    light_field : LightField
-    raw : RawImage or None
-        Of a camera.
-    truth : Truth or None
-        Of a scene of surfaces.
-    """
+    """Results of a simulation: a camera gives a raw image, a scene of surfaces the truth."""
 
     light_field: LightField
     raw: RawImage | None = None

@@ -37,27 +37,10 @@ _TELLING = ("views", "pattern", "white", "grid", "calibration", "order", "positi
 
 @dataclass(frozen=True)
 class Shown:
-    """How files are shown.
+    """How files are shown on a page, to whose ``content`` their items are added.
 
-    Attributes
-    ----------
-    content : Content
-        What items are added to.
-    options : PageOptions
-    layout : dict
-        Words of layout as the command line has them.
-    selector : str or None
-        Of the device.
-    depth : bool
-        Whether the depth map of a light field is computed.
-    depth_file : pathlib.Path or None
-        Where it is read from instead.
-    memory : int or None
-        Bytes for a light field that is read part by part, of which the page has coarser views.
-    held : contextlib.ExitStack
-        Files that stay open as long as the page is served.
-    light_fields : list
-        Those that were shown, in the order of their items.
+    ``depth_file`` is read in place of a computed depth map; ``held`` keeps files open as long as
+    the page is served; ``light_fields`` are those shown, in the order of their items.
     """
 
     content: Content
