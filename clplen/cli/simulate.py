@@ -50,8 +50,8 @@ def _print_example(ctx: click.Context, _: click.Parameter, wanted: bool) -> None
 )
 @options.file(
     "--checkpoint",
-    help="Keeps the mean of snapshots of partially coherent light, written every 20 s; a run "
-    "that finds it goes on from there.",
+    help="File of the mean of snapshots of partially coherent light, written every 20 s, "
+    "from which another run continues.",
 )
 @options.force_output
 @options.device

@@ -35,20 +35,26 @@ _LENGTH = click.FloatRange(0, 1e12, min_open=True)
     help="transforms.json of instant-ngp and nerfstudio, or COLMAP's text files.",
 )
 @options.file("--disparity", "depth_file", help="Map of 'clplen depth', written as points.")
-@click.option("--baseline-mm", type=_LENGTH, help="Between neighbouring views.")
-@click.option("--focal-length-mm", type=_LENGTH, help="From the lens to the sensor.")
-@click.option("--pixel-um", type=_LENGTH, help="Pitch of the pixels.")
-@click.option("--focus-m", type=_LENGTH, help="Where disparity is 0; default: infinity.")
+@click.option("--baseline-mm", type=_LENGTH, help="Distance between neighbouring views.")
+@click.option(
+    "--focal-length-mm",
+    type=_LENGTH,
+    help="Distance from the lens to the sensor, for distances in metres.",
+)
+@click.option("--pixel-um", type=_LENGTH, help="Pitch of the pixels, for distances in metres.")
+@click.option(
+    "--focus-m", type=_LENGTH, help="Distance at which the disparity is 0; default: infinity."
+)
 @click.option(
     "--focal-px",
     type=_LENGTH,
-    help="Without lengths: focal length in pixels; default: the width of a view.",
+    help="Focal length in pixels, where no lengths are given; default: the width of a view.",
 )
 @click.option(
     "--infinity",
     metavar="D",
     type=options.FINITE,
-    help="Without lengths: disparity of what is infinitely far, at most 0; default 0.",
+    help="Disparity at infinity, where no lengths are given, at most 0; default: 0.",
 )
 @tone
 @options.layout

@@ -36,7 +36,7 @@ _DEPTH = (
         "zero",
         metavar="D",
         type=options.FINITE,
-        help="The disparity that lies in the display's plane; default: the median of the scene.",
+        help="Disparity in the plane of the display; default: the median of the scene.",
     ),
 )
 

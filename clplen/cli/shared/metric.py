@@ -28,11 +28,19 @@ _FROM_FOCUS = "metres: x right, y down from the axis, z from the plane in focus,
 
 _OPTIONS = (
     click.option(
-        "--baseline-mm", type=float, help="Between neighbouring views; with the next two: metres."
+        "--baseline-mm",
+        type=float,
+        help="Distance between neighbouring views, for distances in metres.",
     ),
-    click.option("--focal-length-mm", type=float, help="From the lens to the sensor."),
-    click.option("--pixel-um", type=float, help="Pitch of the pixels."),
-    click.option("--focus-m", type=float, help="Where disparity is 0; default: infinity."),
+    click.option(
+        "--focal-length-mm",
+        type=float,
+        help="Distance from the lens to the sensor, for distances in metres.",
+    ),
+    click.option("--pixel-um", type=float, help="Pitch of the pixels, for distances in metres."),
+    click.option(
+        "--focus-m", type=float, help="Distance at which the disparity is 0; default: infinity."
+    ),
     click.option(
         "--metric",
         metavar="FILE",
