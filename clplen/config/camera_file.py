@@ -52,6 +52,18 @@ class CameraFile(Table):
             return None
         return self.coherence.build(self.camera.wavelength_nm / 1e9)
 
+    def exposure(self) -> dict[str, Any]:
+        """Return the arguments of ``expose`` of the camera: scene, light, sensor, snapshots."""
+        how = self.coherence or CoherenceTable()
+        return {
+            "scene": self.scene.build(),
+            "coherence": self.light(),
+            "sensor": None if self.sensor is None else self.sensor.build(),
+            "koehler": how.koehler,
+            "snapshots": how.snapshots,
+            "rtol": how.rtol,
+        }
+
 
 def read_camera_file(path: PathLike) -> CameraFile:
     """Read a camera file."""
