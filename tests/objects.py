@@ -342,7 +342,6 @@ EXAMPLES |= {
     "InputTable": lambda _: clplen.batch.InputTable(files=["*.h5"]),
     "Job": lambda _: clplen.batch.Job(**JOB),
     "JobEstimate": lambda _: clplen.batch.JobEstimate([], 0, 0, 0.0, 0.0, 0.0, ""),
-    "JobSpec": lambda _: clplen.batch.JobSpec(**JOB),
     "LensSampling": lambda _: clplen.wave.LensSampling(*map(float, range(9))),
     "LensType": lambda device: clplen.lightfield.LensType(
         (0.0, 0.0), (1.0, 2.0), ((1.0, 0.0), (0.0, 1.0))

@@ -119,7 +119,7 @@ def test_poses_in_metres(camera: Path, scene: Path, tmp_path: Path):
     across = [frame["transform_matrix"][0][3] for frame in told["frames"]]
     assert np.ptp(across) == pytest.approx(2 * 4e-3)
     result = run("poses", scene, "-o", tmp_path / "more", *words, "--baseline-mm", "3")
-    assert "Give lengths or --intrinsics, which tell them, not both." in said(result, 2)
+    assert "--baseline-mm is not needed with --intrinsics" in said(result, 2)
 
 
 def test_the_summary_tells_what_to_look_at():

@@ -17,7 +17,7 @@ import tifffile
 from pydantic import BaseModel
 
 import clplen
-from clplen.batch import Job, JobSpec
+from clplen.batch import Job
 from clplen.cameras.focused_camera import Plenoptic2
 from clplen.cameras.light_field_microscope import Microscope
 from clplen.cameras.optics.camera_aberrations import LensletScatter
@@ -348,7 +348,7 @@ def keys_of(model: type[BaseModel], above: tuple[str, ...] = ()) -> Iterator[tup
 
 
 def test_every_key_of_another_type_is_one_sentence(tmp_path: Path):
-    for model in (CameraFile, FourierCameraFile, KnownTable, JobSpec):
+    for model in (CameraFile, FourierCameraFile, KnownTable, Job):
         for *above, key in keys_of(model):
             for value in WRONG:
                 content = {key: value}

@@ -214,8 +214,6 @@ OTHERS = {
     "batch.Job",
     "batch.Job.run",
     "batch.Job.with_settings",
-    "batch.JobSpec",
-    "batch.JobSpec.with_settings",
     "batch.Report",
     "batch.run_job",
     "lightfield.calibrate",  # needs pictures of boards, and opens them as find_corners does

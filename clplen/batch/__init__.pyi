@@ -1,4 +1,3 @@
-from .jobs.spec import JobSpec as JobSpec
 from .jobs.spec import StackTable as StackTable
 from .jobs.tables import InputTable as InputTable
 from .jobs.task import Report as Report

@@ -45,7 +45,7 @@ def _print_example(ctx: click.Context, _: click.Parameter, kind: str | None) -> 
     help="Depths z of transfer and depth, from the focused plane, farther positive; default: 7 up "
     "to 15 % of the object distance on either side.",
 )
-@click.option("--quick", is_flag=True, help="Fewer places of the point, and three depths.")
+@click.option("--quick", is_flag=True, help="Take fewer places of the point, and three depths.")
 @click.option(
     "--example",
     type=click.Choice(_NAMES),

@@ -78,20 +78,28 @@ _INSECURE = click.option(
     is_flag=True,
     help="Show items, sizes, what is done already, and the time that one measured item tells.",
 )
-@click.option("--workers", type=click.IntRange(1), help="Processes here; default: as the job says.")
 @click.option(
-    "--scheduler", metavar="ADDRESS", help="A Dask scheduler whose workers do it: tls://host:8786."
+    "--workers",
+    type=click.IntRange(1),
+    help="Number of processes on this computer; default: as the job says.",
+)
+@click.option(
+    "--scheduler",
+    metavar="ADDRESS",
+    help="Address of a Dask scheduler whose workers do the job: tls://host:8786.",
 )
 @click.option(
     "--host",
     metavar="ADDRESS",
-    help="Of this computer: where --workers listen, so that others may join; default: 127.0.0.1, "
-    "and only you can reach them.",
+    help="Address of this computer on which --workers listen, so that others may join; "
+    "default: 127.0.0.1, for this computer alone.",
 )
 @_CERTIFICATES
 @_INSECURE
-@click.option("--memory", metavar="SIZE", help='Of each worker, "4 GiB"; default: as the job says.')
-@click.option("--force", is_flag=True, help="Go on although the job was changed.")
+@click.option(
+    "--memory", metavar="SIZE", help='Memory of each worker ("4 GiB"); default: as the job says.'
+)
+@click.option("--force", is_flag=True, help="Continue although the job was changed.")
 @options.device
 def run(
     path: Path,
@@ -124,13 +132,14 @@ def run(
             _print_estimate(job)
             return
         with _Bar() as bar:
+            watcher: Any = bar  # the class of watchers takes long to import
             summary = job.run(
                 scheduler=scheduler,
                 host=host,
                 certificates=certificates,
                 insecure=insecure,
                 force=force,
-                watcher=bar,
+                watcher=watcher,
             )
         _tell(summary, job, path)
 
@@ -263,10 +272,10 @@ def status(path: Path, verify: bool) -> None:
     from clplen.batch.running.manifest import count_states, status_of
 
     states = []
-    for task, state, why in status_of(Job.read(path), verify=verify):
+    for name, state, why in status_of(Job.read(path), verify=verify):
         states.append(state)
         if state != "done":
-            click.echo(f"{task.name}: {state}: {why}")
+            click.echo(f"{name}: {state}: {why}")
     click.echo(f"{len(states)} items: {count_states(states)}.")
     if set(states) - {"done"}:
         click.get_current_context().exit(1)
@@ -277,7 +286,7 @@ def status(path: Path, verify: bool) -> None:
 @click.option(
     "--host",
     metavar="ADDRESS",
-    help="Of this computer, where the scheduler reaches the worker; default: 127.0.0.1.",
+    help="Address of this computer at which the scheduler reaches the worker; default: 127.0.0.1.",
 )
 @_CERTIFICATES
 @_INSECURE

@@ -20,10 +20,16 @@ if TYPE_CHECKING:
 @click.command()
 @click.argument("names", nargs=-1, metavar="[NAME]...")
 @options.device
-@click.option("--list", "listed", is_flag=True, help="Say which benchmarks there are.")
-@click.option("--size", "sizes", multiple=True, help="Instead of the benchmark's own; repeatable.")
+@click.option("--list", "listed", is_flag=True, help="List the benchmarks.")
+@click.option(
+    "--size", "sizes", multiple=True, help="Size in place of the benchmark's own; repeatable."
+)
 @click.option("--repeats", default=5, show_default=True, type=click.IntRange(1))
-@click.option("--quick", is_flag=True, help="Small sizes: whether everything works, not how fast.")
+@click.option(
+    "--quick",
+    is_flag=True,
+    help="Use small sizes, which show whether everything works, not how fast.",
+)
 @click.option("--profile", "profiled", is_flag=True, help="Time every kernel, beside the ceilings.")
 @click.option("--json", "as_json", is_flag=True, help="Print JSON: save it for --compare.")
 @click.option(

@@ -52,7 +52,7 @@ class Board(click.ParamType):
     "--board",
     required=True,
     type=Board(),
-    help="Inner corners, where four squares meet: one less than squares each way.",
+    help="Number of inner corners, where four squares meet: one less than squares each way.",
 )
 @click.option(
     "--spacing",

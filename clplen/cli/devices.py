@@ -26,7 +26,7 @@ if TYPE_CHECKING:
     help="Compare every kind of computation with NumPy in double precision, on the devices that "
     "--device fits or else on each one; the exit status is 1 if anything is wrong.",
 )
-@click.option("--json", "as_json", is_flag=True, help="With --check: print JSON, not a table.")
+@click.option("--json", "as_json", is_flag=True, help="Print JSON with --check, not a table.")
 def devices(selector: str | None, check: bool, as_json: bool) -> None:
     """List the OpenCL devices, and say which one would be taken and why; or check them.
 

@@ -50,18 +50,22 @@ _SURE = 1e-3  # of a confidence: below it there is nothing to tell depth by
     "--disparity", type=options.FINITE, help="Plane in focus, pixels a view step, nearer larger."
 )
 @click.option("--alpha", type=options.FINITE, help="Plane in focus, alpha = F/F'.")
-@click.option("--at", type=Point(), help="Focus on this pixel; its depth is told by sharpness.")
+@click.option(
+    "--at", type=Point(), help="Focus on this pixel, whose depth is estimated by sharpness."
+)
 @click.option(
     "--tilt",
     type=Point(depth=True),
     multiple=True,
-    help="Three of them: focus on the plane through three pixels, of disparity D or as told by "
-    "sharpness.",
+    help="Given three times, focus on the plane through three pixels, of disparity D or as "
+    "estimated by sharpness.",
 )
-@click.option("--all-in-focus", is_flag=True, help="Every pixel on the plane where it is sharp.")
+@click.option(
+    "--all-in-focus", is_flag=True, help="Focus every pixel on the plane where it is sharp."
+)
 @depth_map
 @click.option(
-    "--upsample", type=int, default=1, help="Pixels along each axis for one of the views; 1."
+    "--upsample", type=int, default=1, help="Number of pixels along each axis for one of the views."
 )
 @option_of(StackTable, "interpolation")
 @options.aperture

@@ -52,32 +52,32 @@ _ROUND = 0.8  # of the way to the outermost views
     type=options.FINITE,
     nargs=2,
     metavar="V U",
-    help="Also between views; default: centre.",
+    help="Viewpoint, also between views; default: the centre.",
 )
 @options.aperture
 @click.option(
     "--flatten",
     type=click.Choice(["mean", "variance", "median", "max", "min"]),
     default=None,
-    help="What is taken of all views of a pixel; default: mean.",
+    help="Statistic over all views of a pixel; default: mean.",
 )
 @click.option(
     "--disparity",
     type=options.FINITE,
-    help="Of the scene, pixels a view step: views are combined in focus on it.",
+    help="Disparity, in pixels a view step, in focus on which views are combined.",
 )
 @depth_map
 @tone
 @click.option(
     "--sweep",
     type=click.Choice(["views", "focus"]),
-    help="A GIF or MP4 that goes round the viewpoints, or through the planes (default 17) and "
-    "back.",
+    help="Make a GIF or MP4 that goes round the viewpoints, or through the planes (default "
+    "17) and back.",
 )
 @click.option(
     "--seconds",
     type=click.FloatRange(0.02, 3600),
-    help="For how long each picture of a sweep is shown; default: 0.1.",
+    help="Seconds for which each picture of a sweep is shown; default: 0.1.",
 )
 @picture_words
 @options.plane_range

@@ -28,41 +28,45 @@ _SAME = 1e-9  # of a distance
 
 
 @click.command()
-@click.option("--pitch", type=Lengths("positive"), required=True, help="Of the samples.")
-@click.option("--shape", type=Shape(), required=True, help="Samples of the field.")
+@click.option("--pitch", type=Lengths("positive"), required=True, help="Pitch of the samples.")
+@click.option("--shape", type=Shape(), required=True, help="Number of samples of the field.")
 @click.option("--wavelength", type=Length("positive"), required=True)
-@click.option("--z", "distances", type=Length(), multiple=True, help="Distance; repeatable.")
+@click.option(
+    "--z", "distances", type=Length(), multiple=True, help="Distance of propagation; repeatable."
+)
 @click.option("--method", type=click.Choice(METHODS), default="auto", show_default=True)
 @click.option(
     "--pad",
     type=click.FloatRange(1, 64),
     default=2,
     show_default=True,
-    help="Window over field; 1: periodic.",
+    help="Ratio of the window to the field; 1 is periodic.",
 )
 @click.option(
     "--guard",
     type=click.FloatRange(0, 100),
     default=GUARD,
     show_default=True,
-    help="In Fresnel widths.",
+    help="Guard band in Fresnel widths.",
 )
 @click.option("--support", type=Lengths("positive"), help="Width that carries light.")
-@click.option("--out-pitch", type=Lengths("positive"), help="Of the result.")
-@click.option("--out-shape", type=Shape(), help="Samples of the result.")
+@click.option("--out-pitch", type=Lengths("positive"), help="Pitch of the result.")
+@click.option("--out-shape", type=Shape(), help="Number of samples of the result.")
 @click.option("--out-offset", type=Lengths(one=False), help="Centre of the result.")
 @click.option("--lens", "f", type=Length("not 0"), metavar="F", help="Focal length of a lens.")
-@click.option("--diameter", type=Length("positive"), help="Of the lens; default: the window.")
+@click.option(
+    "--diameter", type=Length("positive"), help="Diameter of the lens; default: the window."
+)
 @click.option(
     "--arriving",
     type=Length("not 0"),
-    help="Curvature of the light at the lens: from a point so far before it; negative: behind it.",
+    help="Distance before the lens of the point that its light comes from; negative: behind it.",
 )
 @click.option(
     "--lenslets",
     type=(Length("positive"), Length("not 0")),
     metavar="PITCH F",
-    help="Lenslets; with --diameter, at each --z behind the lens.",
+    help="Pitch and focal length of lenslets; with --diameter, at each --z behind the lens.",
 )
 def sampling(
     pitch: Any, shape: Any, wavelength: float, distances: tuple[float, ...], **words: Any

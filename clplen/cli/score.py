@@ -35,7 +35,7 @@ _LOW = "lowres"
     type=click.IntRange(min=0),
     default=None,
     metavar="Y X",
-    help="Where the first pixel of a cropped RESULT lies in TRUTH.",
+    help="Place in TRUTH of the first pixel of a cropped RESULT.",
 )
 @click.option("--json", "as_json", is_flag=True, help="Write JSON; what is not known is null.")
 def score(

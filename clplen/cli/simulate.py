@@ -50,8 +50,8 @@ def _print_example(ctx: click.Context, _: click.Parameter, wanted: bool) -> None
 )
 @options.file(
     "--checkpoint",
-    help="Keeps the mean of snapshots of partially coherent light, written every 20 s; a run "
-    "that finds it goes on from there.",
+    help="File of the mean of snapshots of partially coherent light, written every 20 s, "
+    "from which another run continues.",
 )
 @options.force_output
 @options.device
@@ -70,37 +70,29 @@ def simulate(
     """
     from clplen import plot
     from clplen.config.camera_file import read_camera_file
-    from clplen.config.scene import CoherenceTable
     from clplen.files import check_writable, output_folder
     from clplen.outputs import check_outputs
 
     wanted = read_camera_file(camera)
-    how = wanted.coherence or CoherenceTable()
-    if checkpoint is not None and not how.is_random:
+    if checkpoint is not None and not (wanted.coherence and wanted.coherence.is_random):
         raise click.UsageError(
             f"--checkpoint keeps the mean of snapshots, and {camera} asks for none: leave it out, "
             "or set spatial in [coherence]."
         )
     note_link(output)
     check_outputs(output, _FILES, force=force)
-    scene, light = wanted.scene.build(), wanted.light()
+    words = wanted.exposure()
     device = open_device(selector)
     built = wanted.camera.build(device)
-    sensor = wanted.sensor.build() if wanted.sensor is not None else None
     with output_folder(output) as folder:
         if checkpoint is not None:
             check_writable(checkpoint)
         click.echo(built.describe())
         with progress_bar(0, "step") as bar:
             raw = built.expose(
-                scene,
-                coherence=light,
-                sensor=sensor,
+                **words,
                 progress=lambda done, total: update_bar(bar, done, total),
-                koehler=how.koehler,
-                snapshots=how.snapshots,
-                rtol=how.rtol,
-                checkpoint=checkpoint and (checkpoint, f"{built!r}, koehler={how.koehler}"),
+                checkpoint=checkpoint and (checkpoint, wanted.label),
             )
         _write_frame(folder / "raw.tif", raw)
         plot.save(plot.raw_image(raw), folder / "raw.png")

@@ -80,8 +80,8 @@ def stack(
     check_suffix(output, (".tif", ".tiff", ".zarr"))
     check_outputs(source, layout, output)
     if is_meant(source, {"m": ms, "view": view, "focused": focused, "image": image}):
-        how = None if interpolation == "linear" else interpolation
-        refuse(disparities=disparities, alphas=alphas, memory=memory, interpolation=how)
+        refuse(disparities=disparities, alphas=alphas, memory=memory)
+        refuse(interpolation=None if interpolation == "linear" else interpolation)
         check_kept(source, image, output)
         _of_focused(source, output, ms, view, aperture, image, selector, layout)
         return

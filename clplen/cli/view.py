@@ -31,7 +31,7 @@ _LARGE = 60e6  # bytes of a page that some mail servers and browsers refuse
     help="Write one file that holds everything, instead of opening a browser.",
     metavar="OUT.html",
 )
-@click.option("--title", help="Of the page; default: the names of the inputs.")
+@click.option("--title", help="Title of the page; default: the names of the inputs.")
 @click.option(
     "--depth/--no-depth",
     default=True,
@@ -39,17 +39,15 @@ _LARGE = 60e6  # bytes of a page that some mail servers and browsers refuse
     help="Find the depth of light fields: then clicks focus by it and all can be in focus.",
 )
 @options.file(
-    "--depth-map", "depth_file", help="The depth of the light field, of 'clplen depth', instead."
+    "--depth-map", "depth_file", help="Depth map of 'clplen depth', in place of the computed one."
 )
 @click.option("--compare", is_flag=True, help="Show the inputs side by side, with one cursor.")
-@options.file(
-    "--truth", help="The true disparity: with --compare the scores of disparity maps are shown."
-)
-@click.option("--time", is_flag=True, help="The inputs are the times of one series.")
+@options.file("--truth", help="True disparity, against which --compare scores disparity maps.")
+@click.option("--time", is_flag=True, help="Show the inputs as the times of one series.")
 @options.file(
     "--tracks",
     "tracks_file",
-    help="Of 'clplen microscope track', drawn over the volumes.",
+    help="Table of 'clplen microscope track', drawn over the volumes.",
     metavar="TRACKS.csv",
 )
 @click.option(
@@ -58,14 +56,14 @@ _LARGE = 60e6  # bytes of a page that some mail servers and browsers refuse
     nargs=2,
     metavar="V U",
     default=None,
-    help="Keep at most so many views, those in the middle.",
+    help="Largest number of views to keep, those in the middle.",
 )
 @click.option(
     "--downscale",
     type=click.IntRange(min=1),
     default=1,
     metavar="N",
-    help="Keep the means of N x N pixels.",
+    help="Number of pixels along each axis that are averaged to one.",
 )
 @click.option(
     "--quality",
@@ -73,8 +71,13 @@ _LARGE = 60e6  # bytes of a page that some mail servers and browsers refuse
     help="Keep views as JPEG of this quality; default: without loss.",
 )
 @options.memory
-@click.option("--port", type=click.IntRange(0, 65535), default=0, help="Default: any free one.")
-@click.option("--keep", is_flag=True, help="Go on after the page was closed, until Ctrl-C.")
+@click.option(
+    "--port",
+    type=click.IntRange(0, 65535),
+    default=0,
+    help="Port of the server; default: any free one.",
+)
+@click.option("--keep", is_flag=True, help="Serve until Ctrl-C, also after the page was closed.")
 @click.option("--no-browser", is_flag=True, help="Print the address, and open no browser.")
 @options.layout
 @options.device

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import hashlib
 from pathlib import Path
 from typing import Any
 
@@ -51,6 +52,24 @@ class CameraFile(Table):
         if self.coherence is None:
             return None
         return self.coherence.build(self.camera.wavelength_nm / 1e9)
+
+    def exposure(self) -> dict[str, Any]:
+        """Return the arguments of ``expose`` of the camera: scene, light, sensor, snapshots."""
+        how = self.coherence or CoherenceTable()
+        return {
+            "scene": self.scene.build(),
+            "coherence": self.light(),
+            "sensor": None if self.sensor is None else self.sensor.build(),
+            "koehler": how.koehler,
+            "snapshots": how.snapshots,
+            "rtol": how.rtol,
+        }
+
+    @property
+    def label(self) -> str:
+        """Digest of all that the mean of snapshots depends on, but their number."""
+        text = self.model_dump_json(exclude={"coherence": {"snapshots", "rtol"}})
+        return hashlib.sha256(text.encode()).hexdigest()[:16]
 
 
 def read_camera_file(path: PathLike) -> CameraFile:

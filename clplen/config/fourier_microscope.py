@@ -104,16 +104,7 @@ class FourierCameraFile(Table):
 
 @dataclass(frozen=True)
 class FourierFile:
-    """What a file says of a Fourier microscope.
-
-    Attributes
-    ----------
-    camera : FourierTable
-    slices : int or None
-    um_per_slice : float or None
-    voxels : int
-        Of a pixel, along an axis.
-    """
+    """Content of a file of a Fourier microscope; ``voxels`` are those of a pixel along an axis."""
 
     camera: FourierTable
     slices: int | None

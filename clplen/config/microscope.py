@@ -28,14 +28,7 @@ _POWERS = (3, -3, 6, -6, 9, -9)  # of 10: from m, mm, um and nm to one another
 
 @dataclass(frozen=True)
 class Range:
-    """From ``low`` to ``high``, both included, of instruments that exist.
-
-    Attributes
-    ----------
-    low, high : float
-    unit : str
-        Of both, empty for plain numbers.
-    """
+    """Range of values of instruments that exist, both ends included."""
 
     low: float
     high: float
@@ -170,27 +163,12 @@ def _in_range(words: str, value: float, limits: Range) -> None:
 
 @dataclass(frozen=True)
 class MicroscopeFile:
-    """What a file says of a microscope.
+    """Content of a file of a microscope.
 
-    Attributes
-    ----------
-    camera : CameraTable
-        With a whole number of pixels a lenslet, ``binning`` times those of the sensor.
-    pixels : float
-        A lenslet, as the file has them: frames are rectified to the whole number, if at all.
-    rectified : bool
-        Whether frames are: else the camera has `FINER` times as many pixels, whose images are
-        brought onto the frames' own.
-    binning : int
-        Of `point_images`; default as `suitable_binning` has it.
-    least : int
-        The least ``binning`` that samples the light.
-    taken : tuple of str
-        What the file does not tell, and what is taken for it, in sentences.
-    slices : int or None
-    um_per_slice : float or None
-    voxels : int or None
-        Of a lenslet, along an axis.
+    The camera has a whole number of pixels a lenslet, ``binning`` (at least ``least``) times those
+    of the sensor; ``pixels`` is the file's own number. Frames that are not ``rectified`` have
+    `FINER` times as many. ``taken`` says what is assumed for values that the file leaves out;
+    ``voxels`` are those of a lenslet along an axis.
     """
 
     camera: CameraTable

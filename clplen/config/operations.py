@@ -10,7 +10,7 @@ from typing import Any, Literal
 
 from pydantic import model_validator
 
-from clplen.config.settings import INPUT, PLANES, Aperture, Pair, Planes, Size, setting
+from clplen.config.settings import INPUT, LENGTHS, PLANES, Aperture, Pair, Planes, Size, setting
 from clplen.config.tables import Positive, Switch, Table
 
 Interpolation = Literal["linear", "nearest", "cubic", "fourier"]
@@ -160,6 +160,29 @@ class DepthTable(PlanesTable):
     cue: Cue | None = setting(
         None, "Depth cue.", default_text="combined, for a microscope energy", example="combined"
     )
+
+
+class LengthsTable(Table):
+    """Lengths of the camera of views, from which disparities are distances in metres."""
+
+    baseline_mm: Positive | None = setting(
+        None, "Distance between neighbouring views.", group=LENGTHS
+    )
+    focal_length_mm: Positive | None = setting(
+        None, "Distance from the lens to the sensor.", group=LENGTHS
+    )
+    pixel_um: Positive | None = setting(None, "Pitch of the pixels.", group=LENGTHS)
+    focus_m: Positive | None = setting(
+        None, "Distance at which the disparity is 0.", group=LENGTHS, default_text="infinity"
+    )
+
+    def build(self) -> dict[str, float] | None:
+        """Return the lengths in metres as `clplen.metric_depth` takes them; None without any."""
+        if not self.model_fields_set:
+            return None
+        known = self.in_si()
+        names = {"pixel": "pixel_pitch", "focus": "focus_distance"}
+        return {names.get(name, name): value for name, value in known.items()}
 
 
 class AllInFocusTable(Table):

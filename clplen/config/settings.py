@@ -22,9 +22,10 @@ from clplen.units import bytes_of
 
 MAX_PLANES = 10**6
 # Headings of help texts in their order.
-GROUPS = OPTIONS, PLANES, FOCUSED, OUTPUT, DEVICE, INPUT = (
+GROUPS = OPTIONS, PLANES, LENGTHS, FOCUSED, OUTPUT, DEVICE, INPUT = (
     "Options",
     "Planes",
+    "Lengths of the camera",
     "Raw images of focused cameras",
     "Output",
     "Device",

@@ -197,7 +197,8 @@ File = Annotated[Path, BeforeValidator(_there)]
 
 # Units of keys, as the number by which a value is divided: 200 / 1e6 is 0.0002, while 200 * 1e-6
 # is 0.00019999999999999998.
-_SI = {"nm": 1e9, "um": 1e6, "mm": 1e3, "mrad": 1e3, "deg": None, "electrons": 1.0, "s": 1.0}
+_SI = {"nm": 1e9, "um": 1e6, "mm": 1e3, "m": 1.0, "mrad": 1e3, "deg": None}
+_SI |= {"electrons": 1.0, "s": 1.0}
 
 
 def _scaled(value: Any, unit: str) -> Any:

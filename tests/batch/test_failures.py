@@ -284,7 +284,7 @@ def test_links_that_lead_nowhere(small: tuple[Path, list[Path]], device: Device)
         pytest.skip("no links can be made here")
     summary, _ = run(job, device)
     assert summary.failed.keys() == {"field_000", "gone"}
-    found = {task.name: (state, why) for task, state, why in status_of(Job.read(job))}
+    found = {name: (state, why) for name, state, why in status_of(Job.read(job))}
     assert found == {name: ("failed", said) for name, said in summary.failed.items()}
 
 

@@ -47,7 +47,7 @@ def test_only_what_is_missing_changed_or_failed_is_done_again(
     os.utime(files[0])  # looked at, and the same
     np.save(files[1], np.load(files[1])[::-1])  # changed
     (out / "field_002" / "stack.ome.tif").unlink()  # missing
-    states = {task.name: state for task, state, _ in status_of(Job.read(job))}
+    states = {name: state for name, state, _ in status_of(Job.read(job))}
     assert [states[file.stem] for file in files] == [
         "done",
         "changed",
@@ -83,7 +83,7 @@ def test_digests_find_what_size_and_time_do_not(small: tuple[Path, list[Path]], 
     files[1].write_bytes(changed)
     os.utime(files[1], ns=(stat.st_atime_ns, stat.st_mtime_ns))
     assert {state for _, state, _ in status_of(Job.read(job))} == {"done"}
-    found = {task.name: state for task, state, _ in status_of(Job.read(job), verify=True)}
+    found = {name: state for name, state, _ in status_of(Job.read(job), verify=True)}
     assert found["field_003"] == "damaged"
     assert found["field_001"] == "changed"
     assert list(found.values()).count("done") == 4

@@ -17,15 +17,12 @@ from clplen.batch.jobs.tables import EVERY, SceneTable, SimulationTable
 from clplen.batch.jobs.task import Source
 from clplen.batch.work.simulation import Simulated, simulate
 from clplen.cameras.scenes.gallery import SCENES, sample_scenes
-from clplen.cameras.scenes.scene_sources import PointSources
 from clplen.cameras.scenes.surfaces import Plane
-from clplen.cameras.standard_camera import Plenoptic1
 from clplen.compute.device import Device
 from clplen.config.camera_file import read_camera_file
 from clplen.config.example import EXAMPLE
 from clplen.errors import FormatError
 from clplen.lightfield.model.light_field import LightField
-from clplen.wave.coherence.phase_masks import RandomPhaseMask
 
 SMALL = """
 [camera]
@@ -256,27 +253,6 @@ def test_a_slide_in_random_light_is_the_same_each_time(tmp_path: Path, device: D
     assert first.raw.exposure is not None
     assert first.raw.exposure.snapshots == 2
     same(first.light_field, run(source, tmp_path, device).light_field)
-
-
-def test_what_a_camera_file_says_of_light_is_passed_on(
-    tmp_path: Path, device: Device, monkeypatch: pytest.MonkeyPatch
-):
-    given: dict[str, Any] = {}
-    expose = Plenoptic1.expose
-
-    def spy(self: Plenoptic1, scene: Any, **words: Any) -> Any:
-        given.update(words, scene=scene)
-        return expose(self, PointSources((0, 0, 0)), sensor=words["sensor"])
-
-    monkeypatch.setattr(Plenoptic1, "expose", spy)
-    light = '[coherence]\nspatial = "mask"\ncell_um = 50\nsnapshots = 4\nrtol = 0.2\n'
-    slide = SMALL + PICTURE + 'mode = "transmission"\n'
-    camera_file(tmp_path, slide + light + "koehler = false\n" + SENSOR)
-    run(items(tmp_path)[0], tmp_path, device)
-    assert (given["koehler"], given["snapshots"], given["rtol"]) == (False, 4, 0.2)
-    assert given["coherence"].spatial == RandomPhaseMask((50e-6, 50e-6))
-    assert given["sensor"].seed == 3
-    assert [part.mode for part in given["scene"]] == ["transmission"]
 
 
 def test_scenes_without_a_camera(tmp_path: Path, device: Device):

@@ -1647,6 +1647,9 @@ def run_job(job):
     return {
         "estimate": [estimate.todo, [one.name for one in estimate.lines]],
         "summary": [summary.done, summary.failed, summary.is_good],
-        "status": [[task.name, *words] for task, *words in batch.status_of(made, verify=True)],
+        "status": [
+            [getattr(item, "name", item), *words]
+            for item, *words in batch.status_of(made, verify=True)
+        ],
         "contents": made.contents(),
     }

@@ -459,7 +459,7 @@ def job_blocks() -> dict[str, str]:
 def read_block(text: str) -> Any:
     Path("block.toml").write_text(text)
     if "output =" in text:
-        return batch.JobSpec.read("block.toml").contents()
+        return batch.Job.read("block.toml").contents()
     return run("info block.toml")
 
 
@@ -517,9 +517,9 @@ def text_file(name: str, text: str | bytes) -> str:
     return name
 
 
-def job(text: str) -> batch.JobSpec:
+def job(text: str) -> batch.Job:
     head = "" if "output" in text else 'output = "out"\n[[inputs]]\nfiles = "*.npy"\n'
-    return batch.JobSpec.read(text_file("job.toml", head + text))
+    return batch.Job.read(text_file("job.toml", head + text))
 
 
 def camera_file(old: str, new: str) -> Any:

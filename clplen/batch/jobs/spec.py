@@ -35,35 +35,7 @@ Spec = TypeVar("Spec", bound="JobSpec")
 
 
 class JobSpec(RunTable):
-    """Many light fields, and what is made of each; `clplen.batch.Job` runs it.
-
-    Attributes
-    ----------
-    output : str
-        Folder of the results, a folder in it for each item; seen from the job file.
-    formats : list of str
-        Of stacks, depth maps and pictures: "ome-tiff", "ome-zarr" or both.
-    inputs, simulations, scenes : list
-        Where light fields come from; at least one.
-    stack, depth, all_in_focus, views, light_field, deconvolve, raw
-        What is made; at least one, or simulations and scenes, which write all that they know.
-    device : str or None
-        As for `Device.open`; a list gives each worker its own.
-    memory : int or None
-        Bytes that light field, results and what lies between may take in each worker; beyond it
-        light fields are streamed. None: half of the free memory, shared by the workers.
-    workers : int
-        Processes on this computer; more than one needs the extra ``batch``.
-    retries : int
-        How often an item that failed for a reason that may pass, or was lost, is tried again.
-
-    Examples
-    --------
-    >>> spec = clplen.batch.JobSpec(
-    ...     output="out", scenes={"kind": ["bars", "spheres"]}, depth={"cue": "energy"})
-    >>> spec.scenes[0].kind, spec.formats, spec.workers
-    (['bars', 'spheres'], ['ome-tiff'], 1)
-    """
+    """Many light fields, and what is made of each; `clplen.batch.Job` runs it."""
 
     output: str = setting(
         ..., "Folder of the results, with a folder for each item.", example="results"

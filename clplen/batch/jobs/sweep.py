@@ -20,15 +20,9 @@ _LONGEST = 40  # characters of a value in a name
 
 
 class Setting(NamedTuple):
-    """One key with one of its values.
+    """One key with one of its values, and what the name of an item says of it.
 
-    Attributes
-    ----------
-    key : str
-        Its words with dots between; numbers count the entries of lists from 0, ``*`` is all.
-    value : Any
-    label : str
-        What the name of an item says of it, such as "pitch_um=150".
+    Numbers in the key count the entries of lists from 0, ``*`` is all of them.
     """
 
     key: str

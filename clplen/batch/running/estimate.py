@@ -26,18 +26,7 @@ _OPENED = 200  # items whose sizes are looked at; of more, those of the others a
 
 @dataclass(frozen=True)
 class ItemEstimate:
-    """One item that is to be done.
-
-    Attributes
-    ----------
-    name : str
-    read, written : int
-        Bytes; 0 where they are not known.
-    streamed : bool
-        Whether it is larger than the memory.
-    problem : str
-        Why it will fail; empty if nothing is wrong so far.
-    """
+    """An item to do: bytes (0 if unknown), and why it will fail (empty if it will not)."""
 
     name: str
     read: int
@@ -87,8 +76,8 @@ def estimate_job(job: JobSpec, *, sample: bool = True) -> JobEstimate:
 
     Parameters
     ----------
-    job : JobSpec
-        A `Job`, or its content alone.
+    job : Job
+        Content of a job file.
     sample : bool
         Whether to do the item of middle size, in a temporary folder, to know how long it takes.
 

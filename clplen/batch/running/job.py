@@ -138,20 +138,27 @@ def choose_executor(
 
 
 class Job(JobSpec):
-    """Many light fields, and what is made of each; a `JobSpec` that runs.
-
-    Job files are those of `clplen.batch.JobSpec`; see ``clplen batch --example``.
+    """Many light fields, and what is made of each; see ``clplen batch --example``.
 
     Attributes
     ----------
-    output, formats
-        Where the results go, and in which formats.
-    inputs, simulations, scenes
+    output : str
+        Folder of the results, a folder in it for each item; seen from the job file.
+    formats : list of str
+        Of stacks, depth maps and pictures: "ome-tiff", "ome-zarr" or both.
+    inputs, simulations, scenes : list
         Where light fields come from; at least one.
     stack, depth, all_in_focus, views, light_field, deconvolve, raw
-        What is made of each.
-    device, memory, workers, retries
-        How it is done. All of these are as of `JobSpec`.
+        What is made; at least one, or simulations and scenes, which write all that they know.
+    device : str or None
+        As for `Device.open`; a list gives each worker its own.
+    memory : int or None
+        Bytes that light field, results and what lies between may take in each worker; beyond it
+        light fields are streamed. None: half of the free memory, shared by the workers.
+    workers : int
+        Processes on this computer; more than one needs the extra ``batch``.
+    retries : int
+        How often an item that failed for a reason that may pass, or was lost, is tried again.
 
     Examples
     --------
@@ -209,8 +216,8 @@ def run_job(
 
     Parameters
     ----------
-    job : JobSpec
-        A `Job`, or its content alone.
+    job : Job
+        Content of a job file.
     workers : int, optional
         Processes on this computer, at least 1; default: as the job says. With more than one, a
         script must call this below ``if __name__ == "__main__":``, as its workers import it.

@@ -234,20 +234,20 @@ def state_of(task: Task, known: Known | None, *, verify: bool = False) -> tuple[
     return "done", ", ".join(record.outputs)
 
 
-def status_of(job: JobSpec, *, verify: bool = False) -> Iterator[tuple[Task, str, str]]:
+def status_of(job: JobSpec, *, verify: bool = False) -> Iterator[tuple[str, str, str]]:
     """Say of each item of a job in which state it is, without doing anything.
 
     Parameters
     ----------
-    job : JobSpec
-        A `Job`, or its content alone; it ran at least once.
+    job : Job
+        Content of a job file; it ran at least once.
     verify : bool
         Whether to compare the digests of outputs and inputs.
 
     Yields
     ------
     tuple
-        Task, one of "done", "failed", "changed", "damaged", "missing", and words.
+        Name, one of "done", "failed", "changed", "damaged", "missing", and words.
 
     Raises
     ------
@@ -260,14 +260,14 @@ def status_of(job: JobSpec, *, verify: bool = False) -> Iterator[tuple[Task, str
     >>> job = clplen.batch.Job(
     ...     output="out", inputs={"files": "*.npy"}, stack={"disparities": "-1:1:3"})
     >>> summary = job.run()
-    >>> [(task.name, state, words) for task, state, words in clplen.batch.status_of(job)]
+    >>> list(clplen.batch.status_of(job))
     [('a', 'done', 'stack.ome.tif')]
     """
     tasks = tasks_of(job)
     with Manifest(job.output_folder) as manifest:
         known = manifest.known()
     for task in tasks:
-        yield (task, *state_of(task, known.get(task.name), verify=verify))
+        yield (task.name, *state_of(task, known.get(task.name), verify=verify))
 
 
 def count_states(states: Iterable[str]) -> str:

@@ -81,15 +81,7 @@ class Summary:
 
 @dataclass(frozen=True)
 class Plan:
-    """What there is to do.
-
-    Attributes
-    ----------
-    todo, current : list of Task
-        Items to do, and items that are done.
-    found : list of Report
-        Of items that are done and of which the manifest does not know.
-    """
+    """Items to do, items that are done, and records that the manifest does not know."""
 
     todo: list[Task]
     current: list[Task]

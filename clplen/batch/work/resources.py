@@ -20,15 +20,7 @@ class StoppedError(Exception):
 
 
 class Resources:
-    """What the items of one process share; several are under way, one in each stage.
-
-    Attributes
-    ----------
-    device : Device
-    memory : int
-    deconvolver : tuple or None
-        Key and `Deconvolver` of the frame before; used in the stage "compute" alone.
-    """
+    """Device, memory and locks that the items of one process share, one in each stage."""
 
     def __init__(self, *, selector: str | None, memory: int | None) -> None:
         self.device = Device.open(selector)
@@ -36,7 +28,7 @@ class Resources:
         self.limit(memory or default_memory(self.device))
         self._gates = {name: threading.Lock() for name in STAGES}
         self._stop = threading.Event()
-        self.deconvolver: tuple[Any, Any] | None = None
+        self.deconvolver: tuple[Any, Any] | None = None  # with its key; of the stage "compute"
 
     def limit(self, memory: int) -> None:
         """Set what the items that begin from now on may take together, in bytes."""

@@ -19,7 +19,6 @@ from clplen.batch.jobs.simulations import (
 from clplen.cameras.scenes.ground_truth import Truth
 from clplen.compute.device import Device
 from clplen.config.camera_file import CameraFile
-from clplen.config.scene import CoherenceTable
 from clplen.files import PathLike
 from clplen.lightfield.focused.focused_depth import focused_depth, focused_maps
 from clplen.lightfield.focused.focused_rendering import focused_stack, render_focused
@@ -89,16 +88,7 @@ def _ms(raw: RawImage, table: dict[str, Any]) -> np.ndarray[Any, Any]:
 
 @dataclass(frozen=True, eq=False)
 class Simulated:
-    """What a simulation gives.
-
-    Attributes
-    ----------
-    light_field : LightField
-    raw : RawImage or None
-        Of a camera.
-    truth : Truth or None
-        Of a scene of surfaces.
-    """
+    """Results of a simulation: a camera gives a raw image, a scene of surfaces the truth."""
 
     light_field: LightField
     raw: RawImage | None = None
@@ -132,16 +122,7 @@ def _by_waves(
     words: dict[str, Any], folder: Path, device: Device, progress: Progress | None
 ) -> Simulated:
     file = validate_content(CameraFile, words["content"], folder)
-    how = file.coherence or CoherenceTable()
-    raw = file.camera.build(device).expose(
-        file.scene.build(),
-        coherence=file.light(),
-        sensor=None if file.sensor is None else file.sensor.build(),
-        progress=progress,
-        koehler=how.koehler,
-        snapshots=how.snapshots,
-        rtol=how.rtol,
-    )
+    raw = file.camera.build(device).expose(**file.exposure(), progress=progress)
     return Simulated(_decoded(raw), raw)
 
 

@@ -30,25 +30,35 @@ _POSITIVE = click.FloatRange(0, 1e6, min_open=True)
 
 @click.command(cls=options.Command)
 @click.argument("source", metavar="[INPUT]", required=False, type=click.Path(path_type=Path))
-@options.output("OUT.tif|OUT.png", "8 bits, with its dpi.")
-@click.option("--lpi", type=_POSITIVE, required=True, help="Lenses an inch, by a pitch test.")
+@options.output("OUT.tif|OUT.png", "Picture of 8 bits, with its dpi.")
 @click.option(
-    "--dpi", type=_POSITIVE, default=720.0, show_default=True, help="Printed pixels an inch."
+    "--lpi", type=_POSITIVE, required=True, help="Number of lenses an inch, from a pitch test."
+)
+@click.option(
+    "--dpi",
+    type=_POSITIVE,
+    default=720.0,
+    show_default=True,
+    help="Number of printed pixels an inch.",
 )
 @click.option(
     "--width",
     type=options.Length("positive"),
     default="0.15",
     show_default=True,
-    help="Of the print.",
+    help="Width of the print.",
 )
-@click.option("--height", type=options.Length("positive"), help="Default: as the views have it.")
+@click.option(
+    "--height",
+    type=options.Length("positive"),
+    help="Height of the print; default: that of the views in proportion.",
+)
 @click.option(
     "--lenses",
     type=click.Choice(["vertical", "horizontal"]),
     default="vertical",
     show_default=True,
-    help="Which way they run: up and down for depth, left and right to tilt the print.",
+    help="Direction of the lenses: up and down for depth, left and right to tilt the print.",
 )
 @click.option(
     "--strips",
@@ -59,9 +69,10 @@ _POSITIVE = click.FloatRange(0, 1e6, min_open=True)
 @click.option(
     "--distance",
     type=options.Length("positive"),
-    help="From the eye to the print, with --thickness; default: far away, or the pitch test's.",
+    help="Distance from the eye to the print, with --thickness; default: infinity, or that "
+    "of the pitch test.",
 )
-@click.option("--thickness", type=options.Length("positive"), help="Of the sheet.")
+@click.option("--thickness", type=options.Length("positive"), help="Thickness of the sheet.")
 @click.option(
     "--index",
     type=click.FloatRange(1, 4),
@@ -77,14 +88,16 @@ _POSITIVE = click.FloatRange(0, 1e6, min_open=True)
     help="Part of the recorded baseline between the first view and the last.",
 )
 @click.option(
-    "--pitch-test", is_flag=True, help="A print that finds the lpi of the sheet; without INPUT."
+    "--pitch-test",
+    is_flag=True,
+    help="Make a print that finds the lpi of the sheet, without INPUT.",
 )
 @click.option(
     "--spread",
     type=click.FloatRange(0, 20, min_open=True),
     default=1.0,
     show_default=True,
-    help="Of the pitch test, per cent to both sides.",
+    help="Range of the pitch test, in per cent to both sides.",
 )
 @depth_options
 @tone

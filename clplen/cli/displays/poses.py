@@ -10,7 +10,7 @@ import numpy as np
 
 from clplen.cli.shared import options
 from clplen.cli.shared.console import note, read
-from clplen.cli.shared.metric import lengths_of_intrinsics
+from clplen.cli.shared.metric import camera_lengths, colours_of, lengths_of_camera
 from clplen.cli.shared.pictures import Tone, drawable, read_map, tone
 
 if TYPE_CHECKING:
@@ -18,10 +18,6 @@ if TYPE_CHECKING:
     from clplen.lightfield.model.view_cameras import ViewCameras
 
 Values = np.ndarray[Any, Any]
-
-_LENGTHS = {"baseline": 1e-3, "focal_length": 1e-3, "pixel_pitch": 1e-6, "focus_distance": 1.0}
-_OPTIONS = ("--baseline-mm", "--focal-length-mm", "--pixel-um", "--focus-m")
-_LENGTH = click.FloatRange(0, 1e12, min_open=True)
 
 
 @click.command(cls=options.Command)
@@ -35,20 +31,17 @@ _LENGTH = click.FloatRange(0, 1e12, min_open=True)
     help="transforms.json of instant-ngp and nerfstudio, or COLMAP's text files.",
 )
 @options.file("--disparity", "depth_file", help="Map of 'clplen depth', written as points.")
-@click.option("--baseline-mm", type=_LENGTH, help="Between neighbouring views.")
-@click.option("--focal-length-mm", type=_LENGTH, help="From the lens to the sensor.")
-@click.option("--pixel-um", type=_LENGTH, help="Pitch of the pixels.")
-@click.option("--focus-m", type=_LENGTH, help="Where disparity is 0; default: infinity.")
+@camera_lengths
 @click.option(
     "--focal-px",
-    type=_LENGTH,
-    help="Without lengths: focal length in pixels; default: the width of a view.",
+    type=click.FloatRange(0, min_open=True),
+    help="Focal length in pixels, where no lengths are given; default: the width of a view.",
 )
 @click.option(
     "--infinity",
     metavar="D",
     type=options.FINITE,
-    help="Without lengths: disparity of what is infinitely far, at most 0; default 0.",
+    help="Disparity at infinity, where no lengths are given, at most 0; default: 0.",
 )
 @tone
 @options.layout
@@ -58,10 +51,6 @@ def poses(
     output: Path,
     kind: str,
     depth_file: Path | None,
-    baseline_mm: float | None,
-    focal_length_mm: float | None,
-    pixel_um: float | None,
-    focus_m: float | None,
     focal_px: float | None,
     infinity: float | None,
     limits: Any,
@@ -83,8 +72,9 @@ def poses(
     from clplen.io import write_colmap, write_nerf
 
     _check_free(output)
-    given = dict(zip(_LENGTHS, (baseline_mm, focal_length_mm, pixel_um, focus_m), strict=True))
-    metric = _metric(given, focal_px, infinity, layout["intrinsics"])
+    metric = lengths_of_camera(layout)
+    if metric and (focal_px is not None or infinity is not None):
+        raise click.UsageError("--focal-px and --infinity are for views without lengths.")
     lf = read(source, selector, layout)
     cameras, unit = _cameras(lf, metric, focal_px, infinity)
     words: dict[str, Any] = {"keep": lf.weights > 0}
@@ -101,7 +91,7 @@ def poses(
         if count < len(points):
             behind = len(points) - count
             note(f"{behind:,} pixels lie at infinity or beyond it, and are left out of the points.")
-        words |= {"points": points, "colours": _colours(lf)}
+        words |= {"points": points, "colours": colours_of(lf)}
         placed = f", {count:,} points"
     write = write_nerf if kind == "nerf" else write_colmap
     write(output, _pictures(lf, Tone(limits, curve), layout), cameras, **words)
@@ -121,35 +111,8 @@ def _check_free(output: Path) -> None:
         )
 
 
-def _metric(
-    given: dict[str, float | None],
-    focal_px: float | None,
-    infinity: float | None,
-    intrinsics: Path | None,
-) -> dict[str, float]:
-    """Lengths in metres; none where none is given."""
-    known = {name: value * _LENGTHS[name] for name, value in given.items() if value is not None}
-    if intrinsics is not None:
-        if known:
-            raise click.UsageError("Give lengths or --intrinsics, which tell them, not both.")
-        told = lengths_of_intrinsics(intrinsics)
-        known = {name: value for name, value in told.items() if value is not None}
-    if not known:
-        return known
-    names = zip(_LENGTHS, _OPTIONS[:3], strict=False)
-    missing = [option for name, option in names if name not in known]
-    if missing:
-        raise click.UsageError(
-            f"Cameras in metres need {', '.join(_OPTIONS[:2])} and {_OPTIONS[2]} together; "
-            f"{' and '.join(missing)} {'is' if len(missing) == 1 else 'are'} missing."
-        )
-    if focal_px is not None or infinity is not None:
-        raise click.UsageError("--focal-px and --infinity are for views without lengths.")
-    return known
-
-
 def _cameras(
-    lf: LightField, metric: dict[str, float], focal_px: float | None, infinity: float | None
+    lf: LightField, metric: dict[str, Any] | None, focal_px: float | None, infinity: float | None
 ) -> tuple[ViewCameras, str]:
     """The cameras of the views, and the unit of their lengths."""
     from clplen.lightfield.model.view_cameras import view_cameras
@@ -158,7 +121,7 @@ def _cameras(
     own = focal_px is not None or infinity is not None
     known = lf.camera is not None and lf.spacing is not None and not is_telecentric(lf)
     if metric or (known and not own):
-        return view_cameras(lf, **metric), "lengths are in metres"
+        return view_cameras(lf, **(metric or {})), "lengths are in metres"
     if infinity is not None and infinity > 0:
         raise click.UsageError(
             f"--infinity is at most 0, not {infinity:g}: views in which even infinity lies before "
@@ -191,9 +154,3 @@ def _pictures(lf: LightField, tone: Tone, layout: dict[str, Any]) -> Values:
     for v, u in np.ndindex(*samples.shape[:2]):
         made[v, u] = toned(samples[v, u], black, white, curve)
     return made
-
-
-def _colours(lf: LightField) -> Values:
-    from clplen.cli.shared.metric import colours_of
-
-    return colours_of(lf)

@@ -23,18 +23,18 @@ _NAMES = ("go", "portrait", "16-landscape", "16-portrait", "32-landscape", "32-p
 
 @click.command(cls=options.Command)
 @options.source
-@options.output("OUT.png", "_qsCOLUMNSxROWSaASPECT is added to the name where it lacks.")
+@options.output("OUT.png", "Quilt; _qsCOLUMNSxROWSaASPECT is added to the name where it lacks.")
 @click.option(
     "--display",
     type=click.Choice(_NAMES),
     default="portrait",
     show_default=True,
-    help="Looking Glass whose tiles, size and aspect are taken.",
+    help="Model of the Looking Glass, which sets tiles, size and aspect.",
 )
-@click.option("--columns", type=int, help="Of tiles, in place of the display's.")
-@click.option("--rows", type=int, help="Of tiles.")
-@click.option("--size", type=Width(), help="Pixels of the quilt.")
-@click.option("--aspect", type=options.FINITE, help="Width over height of what is shown.")
+@click.option("--columns", type=int, help="Number of columns of tiles, in place of the display's.")
+@click.option("--rows", type=int, help="Number of rows of tiles.")
+@click.option("--size", type=Width(), help="Size of the quilt in pixels.")
+@click.option("--aspect", type=options.FINITE, help="Ratio of width to height of the picture.")
 @click.option(
     "--span",
     type=click.FloatRange(0, 1, min_open=True),

@@ -36,7 +36,7 @@ _DEPTH = (
         "zero",
         metavar="D",
         type=options.FINITE,
-        help="The disparity that lies in the display's plane; default: the median of the scene.",
+        help="Disparity in the plane of the display; default: the median of the scene.",
     ),
 )
 
@@ -74,17 +74,9 @@ def depth_options(command: Any) -> Any:
 
 @dataclass(frozen=True)
 class Scene:
-    """A light field, its disparities, and how its pictures are scaled to 8 bits.
+    """A light field, its disparities (y, x), and how its pictures are scaled to 8 bits.
 
-    Attributes
-    ----------
-    lf : LightField
-    disparity : numpy.ndarray
-        Shape (y, x).
-    zero : float
-        The disparity in the display's plane.
-    white, black : float
-    curve : str or float
+    ``zero`` is the disparity in the plane of the display.
     """
 
     lf: LightField

@@ -20,20 +20,20 @@ from clplen.cli.shared.pictures import Tone, check_output, tone
     type=click.Choice(["anaglyph", "side-by-side", "cross-eyed"]),
     default="anaglyph",
     show_default=True,
-    help="For red-cyan glasses, for parallel eyes, or for crossed ones.",
+    help="Kind of picture: for red-cyan glasses, for parallel eyes, or for crossed ones.",
 )
 @click.option(
     "--colours",
     type=click.Choice(["dubois", "colour", "grey"]),
     default="dubois",
     show_default=True,
-    help="Of an anaglyph.",
+    help="Colours of an anaglyph.",
 )
 @click.option(
     "--baseline",
     metavar="STEPS",
     type=click.FloatRange(0, min_open=True),
-    help="View steps between the eyes; default: all that were recorded.",
+    help="Number of view steps between the eyes; default: all that were recorded.",
 )
 @depth_options
 @tone

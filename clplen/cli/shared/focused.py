@@ -101,7 +101,7 @@ _VIEW = click.option(
     type=options.FINITE,
     nargs=2,
     metavar="Y X",
-    help="Pixels in the sub-images, another place on the main lens.",
+    help="Pixel in the sub-images, which is another place on the main lens.",
 )
 _PLANES = click.option(
     "--m",
@@ -147,7 +147,7 @@ depth_words = _with(
         cls=Option,
         group=FOCUSED,
         type=Range(),
-        help="Range of m = b/a to look through.",
+        help="Range of m = b/a to search.",
     )
 )
 

@@ -9,6 +9,10 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import click
 import numpy as np
 
+from clplen.cli.shared import options
+from clplen.cli.shared.table_options import options_of
+from clplen.config.operations import LengthsTable
+
 if TYPE_CHECKING:
     from clplen.lightfield.depth.depth_maps import DepthMap
     from clplen.lightfield.model.light_field import LightField
@@ -17,34 +21,19 @@ if TYPE_CHECKING:
 
 Values = np.ndarray[Any, Any]
 
-_NEEDED = {
-    "baseline_mm": "--baseline-mm",
-    "focal_length_mm": "--focal-length-mm",
-    "pixel_um": "--pixel-um",
-}
-_ALSO = {"focus_m": "--focus-m", "metric": "--metric", "ply": "--ply"}
-_LENGTHS = (*_NEEDED, "focus_m")
+_NEEDED = ("baseline_mm", "focal_length_mm", "pixel_um")
 _FROM_FOCUS = "metres: x right, y down from the axis, z from the plane in focus, farther positive"
-
-_OPTIONS = (
-    click.option(
-        "--baseline-mm", type=float, help="Between neighbouring views; with the next two: metres."
-    ),
-    click.option("--focal-length-mm", type=float, help="From the lens to the sensor."),
-    click.option("--pixel-um", type=float, help="Pitch of the pixels."),
-    click.option("--focus-m", type=float, help="Where disparity is 0; default: infinity."),
-    click.option(
+camera_lengths = options_of(LengthsTable)
+_MAPS = (
+    options.file(
         "--metric",
-        metavar="FILE",
-        type=click.Path(path_type=Path),
         help="Distances in metres, as .pfm, .tif or .npy; from the plane in focus where the light "
         "field knows its camera and no lengths are given.",
     ),
-    click.option(
+    options.file(
         "--ply",
-        metavar="FILE.ply|FILE.glb",
-        type=click.Path(path_type=Path),
         help="Points with their colours, in metres; pixels and disparity if nothing tells metres.",
+        metavar="FILE.ply|FILE.glb",
     ),
 )
 
@@ -70,48 +59,44 @@ class Said(NamedTuple):
 
 
 def lengths(command: Any) -> Any:
-    """The options of metres for a command."""
-    for option in reversed(_OPTIONS):
+    """Decorate a command with the options of metres."""
+    for option in reversed((camera_lengths, *_MAPS)):
         command = option(command)
     return command
 
 
 def lengths_of(words: dict[str, Any]) -> Lengths | None:
-    """The options of metres, taken out of `words`; None if none is given.
+    """Take the options of metres out of ``words``; None if none is given.
 
     ``intrinsics``, which stay there, tell lengths too.
     """
-    names = {**_NEEDED, **_ALSO}
-    given = {key: value for key in names if (value := words.pop(key)) is not None}
-    intrinsics = words.get("intrinsics")
-    if not given and intrinsics is None:
+    metric, ply = words.pop("metric"), words.pop("ply")
+    camera = lengths_of_camera(words)
+    if metric is None and ply is None and camera is None:
         return None
-    some = [name for name in _LENGTHS if name in given]
-    if some and intrinsics is not None:
+    return Lengths(camera, metric, ply)
+
+
+def lengths_of_camera(words: dict[str, Any]) -> dict[str, Any] | None:
+    """Take lengths in metres out of ``words``, from options or from ``intrinsics``."""
+    given = {name: words.pop(name) for name in LengthsTable.model_fields}
+    given = {name: value for name, value in given.items() if value is not None}
+    flags = {name: f"--{name.replace('_', '-')}" for name in LengthsTable.model_fields}
+    intrinsics = words.get("intrinsics")
+    if given and intrinsics is not None:
         raise click.UsageError(
-            f"{names[some[0]]} is not needed with --intrinsics, which tell all lengths: leave it "
-            "out."
+            f"{flags[next(iter(given))]} is not needed with --intrinsics, which tell all lengths: "
+            "leave it out."
         )
-    missing = [name for key, name in _NEEDED.items() if key not in given]
-    if some and missing:
+    missing = [flags[name] for name in _NEEDED if name not in given]
+    if given and missing:
         raise click.UsageError(
             "Distances in metres need --baseline-mm, --focal-length-mm and --pixel-um together; "
             f"{' and '.join(missing)} {'is' if len(missing) == 1 else 'are'} missing."
         )
-    for key, value in given.items():
-        if isinstance(value, float) and not (np.isfinite(value) and value > 0):
-            raise click.UsageError(f"{names[key]} is a length, positive and finite, not {value:g}.")
-    camera = None
-    if some:
-        camera = {
-            "baseline": given["baseline_mm"] * 1e-3,
-            "focal_length": given["focal_length_mm"] * 1e-3,
-            "pixel_pitch": given["pixel_um"] * 1e-6,
-            "focus_distance": given.get("focus_m"),
-        }
     if intrinsics is not None:
-        camera = lengths_of_intrinsics(intrinsics)
-    return Lengths(camera, given.get("metric"), given.get("ply"))
+        return lengths_of_intrinsics(intrinsics)
+    return LengthsTable(**given).build()
 
 
 def lengths_of_intrinsics(path: Path) -> dict[str, Any]:

@@ -70,7 +70,7 @@ class Tone:
 def tone(command: Any) -> Any:
     """Add the options of `Tone`."""
     for option in (
-        click.option("--curve", type=Curve(), help="Of a PNG, from black to white."),
+        click.option("--curve", type=Curve(), help="Curve of a PNG from black to white."),
         click.option("--limits", type=Limits(), help="Values that are black and white in a PNG."),
     ):
         command = option(command)

@@ -116,7 +116,8 @@ def chosen(
         return fitting[0]
     raise FormatError(
         f"{path} has {f'several {noun}s' if fitting else f'no {noun}'} of real numbers in 4 or 5 "
-        f"dimensions and none named {', '.join(usual)}; it holds {said}; name one by {argument('dataset')}."
+        f"dimensions and none named {', '.join(usual)}; it holds {said}; name one by "
+        f"{argument('dataset')}."
     )
 
 
