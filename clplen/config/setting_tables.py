@@ -54,9 +54,7 @@ def lines_of(*models: type, examples: dict[str, Any]) -> str:
     """Return commented lines of a file with keys of some models; without a default, an example."""
     lines = []
     for one in (one for model in models for one in settings_of(model)):
-        value = examples.get(one.key) if one.default is None else one.default
-        if value is None:
-            continue
+        value = examples[one.key] if one.default is None else one.default
         text = str(value).lower() if isinstance(value, bool) else repr(value).replace("'", '"')
         said, _, default = one.help.rstrip(".").partition("; default")
         said = said if said[1].isupper() else f"{said[0].lower()}{said[1:]}"

@@ -243,7 +243,7 @@ class DeconvolveTable(_Deconvolve):
     @model_validator(mode="after")
     def _go_together(self) -> DeconvolveTable:
         values = self.model_dump()
-        take_settings(DeconvolutionSettings, values).require_series(False, in_turn=False)
+        take_settings(DeconvolutionSettings, values)
         take_settings(LatticeSettings, values)
         return self
 
@@ -267,10 +267,10 @@ def _not_both(table: Any) -> Any:
     return table
 
 
-_SHOWN = {  # values of keys without a default; those of series are refused
+_SHOWN = {  # values of keys without a default
     "gain": 2.2, "saturation": 4095.0, "residual": 0.01, "prior": "tv", "strength": 1.0,
-    "mask": "mask.png", "lattice": "lattice.json", "pitch": 15.4, "offset": [7.2, 7.2],
-    "rotation": -0.1,
+    "start": "limited", "motion_um": 1.0, "batch": 8, "rolling": 9, "mask": "mask.png",
+    "lattice": "lattice.json", "pitch": 15.4, "offset": [7.2, 7.2], "rotation": -0.1,
 }  # fmt: skip
 EXAMPLE = """\
 # Many light fields, and what is made of each: clplen batch job.toml
