@@ -22,7 +22,14 @@ def setting_fields(*models: type) -> dict[str, Any]:
         for one in settings_of(model):
             kind: Any = str | None if one.kind is Path else hints[one.name]
             checked = Annotated[kind, BeforeValidator(_checker(one))]
-            found[one.key] = (checked, Field(default=one.default, description=one.help))
+            extra = {"default_text": one.default_text, "metavar": one.metavar or ""}
+            found[one.key] = (
+                checked,
+                Field(
+                    default=one.default, description=one.help, examples=[one.example],
+                    json_schema_extra=extra,
+                ),
+            )  # fmt: skip
     return found
 
 
@@ -50,16 +57,16 @@ def take_settings(model: type[Model], table: dict[str, Any], folder: Path | None
         raise ValueError(f"{key} {error.condition}") from error
 
 
-def lines_of(*models: type, examples: dict[str, Any]) -> str:
+def lines_of(*models: type) -> str:
     """Return commented lines of a file with keys of some models; without a default, an example."""
     lines = []
     for one in (one for model in models for one in settings_of(model)):
-        value = examples[one.key] if one.default is None else one.default
+        value = one.example if one.default is None else one.default
         text = str(value).lower() if isinstance(value, bool) else repr(value).replace("'", '"')
-        said, _, default = one.help.rstrip(".").partition("; default")
+        said = one.help.rstrip(".")
         said = said if said[1].isupper() else f"{said[0].lower()}{said[1:]}"
         if one.default is None:
-            said = f"default: {default.lstrip(': ') or 'none'}; {said}"
+            said = f"default: {one.default_text or 'none'}; {said}"
         first, *rest = textwrap.wrap(said, 66)
         lines.append(f"{f'# {one.key} = {text}':<31} # {first}")
         lines += [f"{'':<32}# {more}" for more in rest]

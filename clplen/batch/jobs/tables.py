@@ -267,11 +267,6 @@ def _not_both(table: Any) -> Any:
     return table
 
 
-_SHOWN = {  # values of keys without a default
-    "gain": 2.2, "saturation": 4095.0, "residual": 0.01, "prior": "tv", "strength": 1.0,
-    "start": "limited", "motion_um": 1.0, "batch": 8, "rolling": 9, "mask": "mask.png",
-    "lattice": "lattice.json", "pitch": 15.4, "offset": [7.2, 7.2], "rotation": -0.1,
-}  # fmt: skip
 EXAMPLE = """\
 # Many light fields, and what is made of each: clplen batch job.toml
 # A key that begins with # shows its default; a table that begins with # is left out.
@@ -375,4 +370,4 @@ disparities = "-2:2:41"         # START:STOP:N or a list, pixels a view step, ne
 @settings@
 
 # [raw]                         # of simulations and scenes; it has no keys
-""".replace("@settings@", lines_of(DeconvolutionSettings, LatticeSettings, examples=_SHOWN))
+""".replace("@settings@", lines_of(DeconvolutionSettings, LatticeSettings))
