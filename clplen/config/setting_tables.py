@@ -22,7 +22,7 @@ def setting_fields(*models: type) -> dict[str, Any]:
         for one in settings_of(model):
             kind: Any = str | None if one.kind is Path else hints[one.name]
             checked = Annotated[kind, BeforeValidator(_checker(one))]
-            extra = {"default_text": one.default_text, "metavar": one.metavar or ""}
+            extra: dict[str, Any] = {"default_text": one.default_text, "metavar": one.metavar or ""}
             found[one.key] = (
                 checked,
                 Field(

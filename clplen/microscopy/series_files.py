@@ -137,7 +137,8 @@ class SeriesWriter:
         before = self.file.read(at - 1) if at else None
         volumes = series.series(read(), self.shape, self.batch, before=before)
         while some := list(islice(volumes, min(self.batch, len(self.pages) - at))):
-            pages, frames, records = self.pages[at : at + len(some)], [], []
+            pages, frames = self.pages[at : at + len(some)], []
+            records: list[dict[str, Any]] = []
             for page, one in zip(pages, some, strict=True):
                 frame, low = seen.popleft()
                 frames.append(frame)
