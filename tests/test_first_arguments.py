@@ -131,7 +131,6 @@ PLAIN = {
     "deconvolve",
     "demosaic",
     "estimate_lattice",
-    "find_beads",
     "find_points",
     "find_regions",
     "fit_pupil",
