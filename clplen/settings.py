@@ -48,6 +48,8 @@ class Setting:
     above: float | None = None
     choices: tuple[str, ...] = ()
     default: Any = None
+    default_text: str = ""  # what a default of None means
+    example: Any = None  # where the default is None
     unit: str = ""  # "um": metres in Python, micrometres in files and commands
     flags: tuple[str, ...] = ()  # names on the command line besides that of the field
     metavar: str | None = None

@@ -95,12 +95,3 @@ def sensor(
     axial = np.sqrt(setup.lam**-2 - f[:, None] ** 2 - f[None, :] ** 2 + 0j)
     turned = np.exp(2j * np.pi * setup.f_mu * (axial - 1 / setup.lam))
     return np.asarray(np.abs(np.fft.ifft2(np.fft.fft2(behind) * turned)) ** 2)
-
-
-def placed(image: Real, lenslet: tuple[int, int], shape: tuple[int, int], n: int) -> Real:
-    """A point image about a lenslet in a frame of (rows, columns) lenslets of n x n pixels."""
-    r = (image.shape[0] // n - 1) // 2
-    whole = np.zeros(tuple((k + 2 * r) * n for k in shape))
-    y, x = (k * n for k in lenslet)
-    whole[y : y + image.shape[0], x : x + image.shape[1]] = image
-    return whole[r * n : (r + shape[0]) * n, r * n : (r + shape[1]) * n]

@@ -22,9 +22,10 @@ def setting_fields(*models: type) -> dict[str, Any]:
         for one in settings_of(model):
             kind: Any = str | None if one.kind is Path else hints[one.name]
             checked = Annotated[kind, BeforeValidator(_checker(one))]
-            help_text, _, default = one.help.rstrip(".").partition("; default")
-            known = default.lstrip(": ") or ("" if one.default is not None else "none")
-            field = setting(one.default, f"{help_text}.", default_text=known)
+            field = setting(
+                one.default, one.help, example=one.example, default_text=one.default_text,
+                metavar=one.metavar or "",
+            )  # fmt: skip
             found[one.key] = (checked, field)
     return found
 

@@ -28,7 +28,6 @@ from .objects.regions import sphere_labels as sphere_labels
 from .objects.tracks import Tracks as Tracks
 from .objects.tracks import track_points as track_points
 from .pipeline import Deconvolver as Deconvolver
-from .pupil.bead_places import find_beads as find_beads
 from .pupil.even_light import EvenLight as EvenLight
 from .pupil.pupil_check import PupilCheck as PupilCheck
 from .pupil.pupil_check import check_pupil as check_pupil

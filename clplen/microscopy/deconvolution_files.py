@@ -28,10 +28,15 @@ def read_psf(path: PathLike) -> AnyImages:
     return read_point_images(path)
 
 
+def refuse_volume(path: PathLike) -> None:
+    """Refuse a volume where a raw frame is expected."""
+    if is_volume(path):
+        raise FormatError(f"{path} is a volume, as clplen writes them: give raw frames.")
+
+
 def read_picture(path: PathLike, frame: int | None = None) -> Values:
     """A frame of one channel, of a file or of its ``frame``."""
-    if is_volume(path):
-        raise FormatError(f"{path} is a volume, as clplen writes them, and no raw frame.")
+    refuse_volume(path)
     picture, _ = read_frame(path, frame=frame)
     if picture.ndim != 2:
         text = f"{path} has shape {picture.shape}; a raw frame has one channel."

@@ -66,12 +66,15 @@ class DeconvolutionSettings:
         flags=("--background-level",),
     )
     gain: float | None = setting(
-        None, "Counts of a photon, for the residual noise and for priors; default 1.", above=0
-    )
+        None, "Counts of a photon, for the residual noise and for priors.", above=0,
+        default_text="1", example=2.2,
+    )  # fmt: skip
     saturation: float | None = setting(
         None,
-        "Level from which on pixels are left out; default: the largest of an integer type.",
+        "Level from which on pixels are left out.",
         above=0,
+        default_text="the largest of an integer type",
+        example=4095.0,
     )
     haze: bool = setting(
         False,
@@ -85,6 +88,7 @@ class DeconvolutionSettings:
         above=0,
         choices=("noise",),
         metavar="NUMBER|noise",
+        example=0.01,
     )
     accelerate: bool = setting(
         False, "Take fewer iterations, with memory for four more volumes.", kind=bool
@@ -95,8 +99,11 @@ class DeconvolutionSettings:
         "voxels of a series seldom change.",
         kind=str,
         choices=("tv", "gaussian", "time"),
+        example="tv",
     )
-    strength: float | None = setting(None, "Strength of the prior; default 1.", above=0)
+    strength: float | None = setting(
+        None, "Strength of the prior.", above=0, default_text="1", example=1.0
+    )
     radiometric: bool = setting(
         False, "Correct the pupil of the point images by the white frame.", kind=bool
     )
@@ -107,16 +114,20 @@ class DeconvolutionSettings:
         "wide as things move.",
         kind=str,
         choices=("previous", "decayed", "limited"),
+        example="limited",
     )
     motion: float | None = setting(
         None,
-        "Motion from frame to frame for start limited, in micrometres; default: half a voxel.",
+        "Motion from frame to frame for start limited, in micrometres.",
         above=0,
         unit="um",
+        default_text="half a voxel",
+        example=1.0,
     )
     batch: int | None = setting(
-        None, "Number of frames of a series that are found together.", kind=int, least=1
-    )
+        None, "Number of frames of a series that are found together.", kind=int, least=1,
+        default_text="8, or fewer where memory is scarce", example=8,
+    )  # fmt: skip
     rolling: int | None = setting(
         None,
         "Number of frames of a series over which the minimum of each pixel is background.",
@@ -124,6 +135,7 @@ class DeconvolutionSettings:
         least=1,
         flags=("--rolling-background",),
         metavar="N",
+        example=9,
     )
 
     def __post_init__(self) -> None:
@@ -162,20 +174,29 @@ class DeconvolutionSettings:
 class LatticeSettings:
     """Pixels that are left out, and the lattice of frames that have no white frame."""
 
-    mask: str | None = setting(None, "Picture that is not 0 where pixels are left out.", kind=Path)
+    mask: str | None = setting(
+        None, "Picture that is not 0 where pixels are left out.", kind=Path, example="mask.png"
+    )
     lattice: str | None = setting(
-        None, "JSON file of the lattice, where there is no white frame.", kind=Path
-    )
+        None, "JSON file of the lattice, where there is no white frame.", kind=Path,
+        example="lattice.json",
+    )  # fmt: skip
     pitch: float | None = setting(
-        None, "Pitch of a square lattice in pixels, where there is no white frame.", above=0
-    )
+        None, "Pitch of a square lattice in pixels, where there is no white frame.", above=0,
+        example=15.4,
+    )  # fmt: skip
     offset: tuple[float, float] | None = setting(
         None,
-        "Centre of a lenslet in pixels, whose centres are integers; default: in the corner.",
+        "Centre of a lenslet in pixels, whose centres are integers.",
         kind=tuple,
         metavar="Y:X",
+        default_text="in the corner",
+        example=[7.2, 7.2],
     )
-    rotation: float | None = setting(None, "Angle of the lattice in degrees, from +x towards +y.")
+    rotation: float | None = setting(
+        None, "Angle of the lattice in degrees, from +x towards +y.", default_text="0",
+        example=-0.1,
+    )  # fmt: skip
 
     def __post_init__(self) -> None:
         check_settings(self)

@@ -16,7 +16,6 @@ from clplen.batch.jobs.tables import DeconvolveTable
 from clplen.batch.work import volume_products
 from clplen.cli import main
 from clplen.cli.microscopy.deconvolve import _jobs
-from clplen.cli.microscopy.frames import Page
 from clplen.compute.device import Device
 from clplen.config.setting_tables import take_settings
 from clplen.errors import FormatError
@@ -26,6 +25,7 @@ from clplen.microscopy.frames.prepare import Preparation
 from clplen.microscopy.model.images import PointImages
 from clplen.microscopy.pipeline import provenance
 from clplen.microscopy.series.starts import Start
+from clplen.microscopy.series_files import Page
 from clplen.microscopy.settings import OF_FRAMES, LatticeSettings
 from clplen.settings import settings_of
 
@@ -144,9 +144,6 @@ def test_jobs_and_commands_know_the_same_settings() -> None:
     how, beside = (take_settings(one, values) for one in (DeconvolutionSettings, LatticeSettings))
     assert values == {"psf": "psf.h5"}
     assert how == DeconvolutionSettings(gain=2, prior="tv")
-    for alone in ({"start": "limited", "motion_um": 2}, {"prior": "time"}, {"batch": 2}):
-        with pytest.raises(ValueError, match=f"{next(iter(alone))} .*(of a series|of frames one)"):
-            DeconvolveTable(psf="psf.h5", **alone)
     assert beside == LatticeSettings(pitch=9, offset=(3, 4))
     options = {
         one.name: one for one in main.get_command(None, "microscope").commands["deconvolve"].params

@@ -2,13 +2,12 @@
 
 import numpy as np
 import pytest
-from reference_microscope import placed
 from tolerance import relative_max
 
 from clplen import MicrolensArray, PlenopticCamera, PointSources, ShapeError
 from clplen.errors import DeviceError
-from clplen.microscopy.model.cells import cell_in, cell_of
-from clplen.microscopy.model.images import PointImages, unique_phases
+from clplen.microscopy.model.cells import cell_in
+from clplen.microscopy.model.images import PointImages
 from clplen.microscopy.model.psf import _symmetric, point_images
 from clplen.microscopy.reconstruction import projector as projectors
 from clplen.microscopy.reconstruction.lattice_transform import LatticeTransform
@@ -27,80 +26,50 @@ def images(device):
     return camera, point_images(camera, Z, voxels_per_lenslet=5, cut=5e-3)
 
 
-def square(v, n):
-    return cell_of("square", 1, voxels=v, pixels=n)
-
-
-def any_images(v, n, radii):
-    """Images of random numbers that are symmetric as those of a square lattice."""
+def any_images(v, n, reaches, **parameters):
+    """Images of random numbers with the mirrors of an array and of its pupil."""
+    cell = cell_in(parameters, v, n)
+    phases, (ny, nx), rng = cell.phases(), cell.pixels, np.random.default_rng(n)
     planes = []
-    for r in radii:
-        stored = np.random.default_rng(r).random((len(unique_phases(v)), *((2 * r + 1) * n,) * 2))
-        planes.append(_symmetric(stored, unique_phases(v), square(v, n)).astype(np.float32))
-    z = np.arange(len(radii)) * 1e-6
-    return PointImages({}, z, v, n, tuple(planes), np.ones(len(radii)))
-
-
-@pytest.mark.parametrize(
-    ("v", "n", "radii", "shape"),
-    [(1, 2, (3,), (1, 1)), (3, 2, (2,), (5, 1)), (3, 5, (6, 1, 0), (2, 3))],
-)  # fmt: skip
-def test_any_numbers_of_voxels_pixels_and_lenslets(device, v, n, radii, shape, monkeypatch):
-    """Every voxel, at borders and in corners too, is its image, and sees frames through it."""
-    images = any_images(v, n, radii)
-    projector = Projector(images, shape, device=device)
-    streamed = Projector(images, shape, device=device, memory=1)
-    pieces = in_pieces(images, shape, device, monkeypatch)
-    voxels = list(np.ndindex(projector.volume_shape))
-    H = np.array([
-        placed(images.image(z, (y % v, x % v)), (y // v, x // v), shape, n) for z, y, x in voxels
-    ])  # fmt: skip
-    one = np.eye(len(voxels), dtype=np.float32).reshape(-1, *projector.volume_shape)
-    frames = np.random.default_rng(n).random((3, *projector.frame_shape), np.float32)
-    seen = (H.reshape(len(H), -1) @ frames.reshape(3, -1).T).T.reshape(3, *projector.volume_shape)
-    for each in (projector, streamed, pieces):
-        assert relative_max(H, each.forward(one)) < 1e-6
-        assert relative_max(seen, each.backward(frames)) < 1e-6
-    assert not streamed.resident
-
-
-def in_pieces(images, shape, device, monkeypatch):
-    """A projector whose matrices are made for two voxels at a time."""
-    monkeypatch.setattr(projectors, "PIECE_BYTES", 1)
-    monkeypatch.setattr(projectors, "FIELD_BYTES", 1)  # images are transformed one by one
-    found = Projector(images, shape, device=device, memory=1)
-    assert found._piece == min(2, np.prod(found.images.cell.voxels))
-    return found
+    for ry, rx in reaches:
+        one = rng.random((len(phases), (2 * ry + 1) * ny, (2 * rx + 1) * nx))
+        planes.append(_symmetric(one, phases, cell).astype(np.float32))
+    z = np.arange(len(reaches)) * 1e-6
+    return PointImages(parameters, z, v, n, tuple(planes), np.ones(len(reaches)))
 
 
 ABERRATED = {"5": 1.0, "8": 1.0}  # without any mirror
+SQUARE, NARROW = ((1, 1), (0, 0)), ((1, 0), (0, 2))
 
 
 @pytest.mark.parametrize(
-    ("lattice", "kinds", "v", "n", "pupil"),
+    ("lattice", "kinds", "v", "n", "pupil", "reaches", "shape"),
     [
-        ("square", 2, 1, 2, None), ("square", 4, 1, 1, None), ("hexagonal", 1, 2, 3, None),
-        ("hexagonal", 3, 1, 1, None), ("square", 1, 2, 3, ABERRATED),
+        ("square", 1, 1, 2, None, ((3, 3),), (1, 1)),
+        ("square", 1, 3, 2, None, ((2, 2),), (5, 1)),
+        ("square", 1, 3, 5, None, ((6, 6), (1, 1), (0, 0)), (2, 3)),
+        ("square", 1, 2, 3, ABERRATED, NARROW, (3, 2)),
+        ("square", 2, 1, 2, None, SQUARE, (3, 2)),
+        ("square", 4, 1, 1, None, SQUARE, (3, 2)),
+        ("hexagonal", 1, 2, 3, None, NARROW, (3, 2)),
+        ("hexagonal", 3, 1, 1, None, NARROW, (3, 2)),
     ],
-)  # fmt: skip
-def test_any_cell(device, lattice, kinds, v, n, pupil, monkeypatch):
-    """Arrays of other lattices and several kinds of lenslets: images without any other symmetry."""
+)
+def test_any_array(device, lattice, kinds, v, n, pupil, reaches, shape, monkeypatch):
+    """Every voxel, at borders and in corners too, is its image, and sees frames through it."""
     parameters = {"lattice": lattice, "lenslet_focal_lengths": (0.0,) * kinds, "pupil": pupil}
-    cell = cell_in(parameters, v, n)
-    phases, (ny, nx), stored, rng = cell.phases(), cell.pixels, [], np.random.default_rng(n)
-    for ry, rx in ((1, 1), (0, 0)) if cell.transposed else ((1, 0), (0, 2)):
-        one = rng.random((len(phases), (2 * ry + 1) * ny, (2 * rx + 1) * nx))
-        stored.append(_symmetric(one, phases, cell).astype(np.float32))
-    images = PointImages(parameters, np.array([0, 1e-6]), v, n, tuple(stored), np.ones(2))
-    shape = (3, 2)
+    images = any_images(v, n, reaches, **parameters)
+    cell = images.cell
     projector = Projector(images, shape, device=device)
     streamed = Projector(images, shape, device=device, memory=1)
-    pieces = in_pieces(images, shape, device, monkeypatch)
+    monkeypatch.setattr(projectors, "PIECE_BYTES", 1)
+    monkeypatch.setattr(projectors, "FIELD_BYTES", 1)  # images are transformed one by one
+    pieces = Projector(images, shape, device=device, memory=1)
+    assert pieces._piece == min(2, np.prod(cell.voxels))
     vy, vx = cell.voxels
-    voxels = list(np.ndindex(projector.volume_shape))
     H = np.array([
-        placed_in_cells(images.image(z, (y % vy, x % vx)), (y // vy, x // vx), shape, cell)
-        for z, y, x in voxels
+        placed(images.image(z, (y % vy, x % vx)), (y // vy, x // vx), shape, cell)
+        for z, y, x in np.ndindex(projector.volume_shape)
     ])  # fmt: skip
     volumes = np.random.default_rng(2).random((2, *projector.volume_shape), np.float32)
     frames = np.random.default_rng(n).random((3, *projector.frame_shape), np.float32)
@@ -109,13 +78,13 @@ def test_any_cell(device, lattice, kinds, v, n, pupil, monkeypatch):
     for each in (projector, streamed, pieces):
         assert relative_max(expected, each.forward(volumes)) < 1e-6
         assert relative_max(seen, each.backward(frames)) < 1e-6
-    rows, columns = cell.lenslets
-    assert projector.lenslets == (3 * rows, 2 * columns)
+    assert not streamed.resident
+    assert projector.lenslets == tuple(np.multiply(shape, cell.lenslets))
 
 
 def test_steps_apart_are_those_in_lanes(device):
     """What CPUs do in one step and GPUs in several, in batches that change in between."""
-    images = any_images(3, 5, (6, 1, 0))
+    images = any_images(3, 5, ((6, 6), (1, 1), (0, 0)))
     one, other = (Projector(images, (4, 5), device=device) for _ in range(2))
     one._lanes, other._lanes = None, LatticeTransform(device, one._window)
     rng = np.random.default_rng(0)
@@ -126,7 +95,7 @@ def test_steps_apart_are_those_in_lanes(device):
         assert relative_max(one.backward(pictures), other.backward(pictures)) < 1e-6
 
 
-def placed_in_cells(image, at, shape, cell):
+def placed(image, at, shape, cell):
     """A point image about a cell in a frame of (rows, columns) cells."""
     (ny, nx), reach = cell.pixels, [
         (k // n - 1) // 2 for k, n in zip(image.shape, cell.pixels, strict=True)

@@ -1,12 +1,12 @@
 """Pupils found from frames of beads and of anything, and what is refused."""
 
-from dataclasses import replace
 
 import numpy as np
 import pytest
 
 from clplen import MicrolensArray, PlenopticCamera, PointSources, ShapeError
-from clplen.microscopy import find_beads, fit_pupil, fit_pupil_patches
+from clplen.microscopy import fit_pupil, fit_pupil_patches
+from clplen.microscopy.pupil.bead_pupil import find_beads
 from clplen.microscopy.pupil.volume_pupil import (
     Observed,
     Sampling,
@@ -47,7 +47,9 @@ def test_beads(device, of_beads):
 
 def test_beads_are_found(device, of_beads):
     z = np.arange(-75, 76, 15) * 1e-6
-    found = find_beads(of_beads, microscope(device), z, background=0.25)
+    even = np.ones(of_beads.shape)
+    seen = Observed(of_beads, even, 0.25 * even, 1.0)
+    found = find_beads(microscope(device), seen, z, voxels=3, binning=1, cut=5e-3)
     for bead in BEADS:
         near = np.abs(found - bead).max(axis=1)
         assert near.min() < 8e-6
@@ -158,8 +160,9 @@ def test_lenslets_whose_frames_are_not_rectified(device):
 
 
 def test_no_beads(device):
-    camera = microscope(device)
-    with pytest.raises(ShapeError, match="3 planes or more"):
-        find_beads(np.ones((55, 55)), camera, [0.0, 1e-5])
-    with pytest.raises(ValueError, match="No bead"):
-        find_beads(np.ones((55, 55)), replace(camera), [-1e-5, 0.0, 1e-5])
+    for planes, error, words in [
+        ([0.0, 1e-5], ShapeError, "3 planes or more"),
+        ([-1e-5, 0.0, 1e-5], ValueError, "No bead"),
+    ]:
+        with pytest.raises(error, match=words):
+            fit_pupil(np.ones((55, 55)), microscope(device), beads="find", planes=planes)

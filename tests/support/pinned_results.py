@@ -1317,6 +1317,9 @@ def objects(axes):
 
 @pinned()
 def pupil_fits():
+    from clplen.microscopy.pupil.bead_pupil import find_beads
+    from clplen.microscopy.pupil.volume_pupil import Observed
+
     where = [(6e-6, -5e-6, 50e-6)]
     camera, bent = scope(count=7), scope(count=7, pupil={6: 4e-8})
     frame = bent.expose(clplen.PointSources(where, power=1e5)).to_numpy()
@@ -1327,7 +1330,10 @@ def pupil_fits():
     )
     return {
         "beads": parts(found, "terms coefficients errors residuals chi2 positions energies"),
-        "found": microscopy.find_beads(frame, camera, planes),
+        "found": find_beads(
+            camera, Observed(frame, np.ones_like(frame), 0 * frame, 1.0), planes, voxels=3,
+            binning=1, cut=5e-3,
+        ),
         "patches": [[one.coefficients for one in row] for row in patches],
     }
 

@@ -160,13 +160,7 @@ _SHOWN: dict[str, dict[str, Any]] = {  # keys that are not commented out
     "[scenes]": {"kind": ["bars", "spheres"], "shape": [128, 128], "views": [5, 5]},
     "stack": {"disparities": "-2:2:41"},
 }
-_EXAMPLES: dict[str, dict[str, Any]] = {
-    "[scenes.sweep]": {"key": "noise", "values": [0.0, 0.1], "name": "noise"},
-    "deconvolve": {  # those of a series are refused
-        "gain": 2.2, "saturation": 4095.0, "residual": 0.01, "prior": "tv", "strength": 1.0,
-        "mask": "mask.png", "pitch": 15.4, "offset": [7.2, 7.2], "rotation": -0.1,
-    },
-}  # fmt: skip
+_EXAMPLES = {"[scenes.sweep]": {"key": "noise", "values": [0.0, 0.1], "name": "noise"}}
 _INTRODUCTION = """\
 # Many light fields, and what is made of each: clplen batch job.toml
 # Keys and tables that begin with # are left out. Names of files are seen from the folder of this

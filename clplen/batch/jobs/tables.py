@@ -140,7 +140,7 @@ class DeconvolveTable(_Deconvolve):
     @model_validator(mode="after")
     def _go_together(self) -> DeconvolveTable:
         values = self.model_dump()
-        take_settings(DeconvolutionSettings, values).require_series(False, in_turn=False)
+        take_settings(DeconvolutionSettings, values)
         take_settings(LatticeSettings, values)
         return self
 

@@ -12,7 +12,6 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from clplen.cli.microscopy import series_file
-from clplen.cli.microscopy.frames import Page, pages_of
 from clplen.cli.shared import options
 from clplen.cli.shared.console import (
     check_output,
@@ -29,6 +28,7 @@ if TYPE_CHECKING:
     from clplen.microscopy.model.point_image_files import AnyImages
     from clplen.microscopy.pipeline import Deconvolver
     from clplen.microscopy.series.starts import Start
+    from clplen.microscopy.series_files import Page
 
 _PATH = click.Path(path_type=Path)
 _NAME = "{name}"
@@ -95,6 +95,7 @@ def deconvolve(
     from clplen.microscopy.model.images import PointImages
     from clplen.microscopy.pipeline import provenance
     from clplen.microscopy.series.starts import Start
+    from clplen.microscopy.series_files import pages_of, words_of_series
 
     if memory is not None and memory < _LEAST_MEMORY:
         raise click.UsageError(f"--memory is at least 1MiB, not {memory} bytes: did you mean 1GB?")
@@ -145,8 +146,9 @@ def deconvolve(
     opened = partial(_opened, images, how, selector, memory=memory, force=force, **files)
     shared = provenance(images, how, **files)
     if in_one:
-        asked = series_file.Asked(output, pages, how.batch, how.rolling, preview, force)
-        series_file.write(asked, shared, begin, opened)
+        words = words_of_series(pages, shared, begin.words, how.rolling)
+        asked = series_file.Asked(output, pages, how.batch, preview, force)
+        series_file.write(asked, words, opened)
         return
     jobs = _jobs(pages, shared, begin)
     todo = [not _is_done(out, job) for out, job in zip(outputs, jobs, strict=True)]

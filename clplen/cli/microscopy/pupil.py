@@ -121,7 +121,7 @@ def pupil(
         )
     text = None if output is None else source.read_text(encoding="utf-8")
     picture = read_picture(frame)
-    camera = file.camera.build(open_device(selector))
+    camera: Any = file.camera.build(open_device(selector))
     n = round(camera.pixels_per_lenslet) // file.binning
     beside: dict[str, Any] = {
         name: read_picture(path)

@@ -60,7 +60,7 @@ def setting_options(model: type, *names: str) -> Callable[[Command], Command]:
                 kind = {"is_flag": True}
             elif one.kind is Path:
                 kind = {"type": click.Path(path_type=Path)}
-            shown = not (one.default is None or one.kind is bool)
+            shown: bool | str = one.default_text or not (one.default is None or one.kind is bool)
             command = click.option(
                 _option(one), *one.flags, one.name, default=one.default, help=one.help,
                 show_default=shown, **kind,

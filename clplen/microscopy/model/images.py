@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from clplen.checks import check_finite
-from clplen.microscopy.model.cells import Cell, cell_in, cell_of
+from clplen.microscopy.model.cells import Cell, cell_in
 
 Vector = np.ndarray[Any, Any]
 
@@ -155,8 +155,3 @@ class PointImages:
         """The least share of a voxel's light in its images of a plane."""
         sums = self.stored[plane].astype(np.float64).sum(axis=(1, 2))
         return float(sums.min() * self.scales[plane])
-
-
-def unique_phases(voxels: int) -> list[tuple[int, int]]:
-    """Phases of a square lattice, (a, b), a <= b, whose images are not mirror images of others."""
-    return cell_of("square", 1, voxels=voxels, pixels=1).phases()

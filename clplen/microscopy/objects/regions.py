@@ -205,26 +205,16 @@ def sphere_labels(positions: Any, radius: float, axes: Sequence[Any]) -> Vector:
     reach = radius * (1 + _ROUNDING)  # samples on the surface count
     for number, centre in enumerate(centres, 1):
         off = [np.abs(place - at) for place, at in zip(places, centre, strict=True)]
-        middle = [int(one.argmin()) for one in off]
-        parts = [_around(one <= reach, k) for one, k in zip(off, middle, strict=True)]
-        z, y, x = (one[part] for one, part in zip(off, parts, strict=True))
-        box = tuple(parts)
-        far = np.sqrt(z[:, None, None] ** 2 + y[:, None] ** 2 + x**2)
+        box = np.ix_(*(np.flatnonzero(one <= max(reach, one.min())) for one in off))
+        far = np.sqrt(sum(np.square(one[k]) for one, k in zip(off, box, strict=True)))
         is_inside = far <= reach
-        at_hand = zip(off, places, middle, strict=True)
-        if all(one[k] <= _half_step(place, k) for one, place, k in at_hand):
-            is_inside[tuple(k - part.start for k, part in zip(middle, parts, strict=True))] = True
+        at_hand = zip(off, places, strict=True)
+        if all(one.min() <= _half_step(place, int(one.argmin())) for one, place in at_hand):
+            is_inside.flat[far.argmin()] = True
         is_nearest = is_inside & (far < nearest[box])
-        nearest[box][is_nearest] = far[is_nearest]
-        labels[box][is_nearest] = number
+        nearest[box] = np.where(is_nearest, far, nearest[box])
+        labels[box] = np.where(is_nearest, number, labels[box])
     return labels
-
-
-def _around(is_near: Vector, middle: int) -> slice:
-    """The samples that are near, with the one in the middle."""
-    near = np.flatnonzero(is_near)
-    first, last = (near[0], near[-1]) if len(near) else (middle, middle)
-    return slice(min(int(first), middle), max(int(last), middle) + 1)
 
 
 def _half_step(place: Vector, k: int) -> float:

@@ -17,13 +17,21 @@ from scipy import sparse
 
 from clplen.cameras.light_field_microscope import Microscope
 from clplen.cameras.scenes.scene_sources import PointSources
+from clplen.errors import ShapeError
+from clplen.microscopy.model.psf import point_images
+from clplen.microscopy.objects.points import find_points
 from clplen.microscopy.pupil.pupil_waves import PupilWaves
 from clplen.microscopy.pupil.volume_pupil import Observed, with_coefficients
+from clplen.microscopy.reconstruction.deconvolution import deconvolve
+from clplen.microscopy.reconstruction.projector import Projector
 from clplen.wave.coherence.averaging import Progress
 
 Vector = np.ndarray[Any, Any]
 
 PLACES = ("x", "y", "z")
+LEAST = 3  # planes that a bead is found among
+DIMMEST = 0.05  # of the brightest one: what is dimmer is rather a part of another one's image
+ITERATIONS = 15  # of the volume that shows where beads are
 MOST = 30  # steps
 _FLOOR = 0.02  # of the mean count: weights of darker pixels end there
 _STILL = 1e-4  # of the loss that a last step gains
@@ -52,6 +60,33 @@ class _Model:
 
     mean: Vector
     columns: sparse.csc_matrix
+
+
+def find_beads(
+    camera: Microscope, seen: Observed, planes: Vector, *, voxels: int, binning: int, cut: float
+) -> Vector:
+    """About where beads are, by the maxima of the volume of their frame, the brightest first."""
+    if len(planes) < LEAST:
+        raise ShapeError(
+            f"Beads are found among {LEAST} planes or more, not {len(planes)}: give planes on both "
+            "sides of them."
+        )
+    images = point_images(camera, planes, voxels_per_lenslet=voxels, binning=binning, cut=cut)
+    rows, columns = (size // images.pixels for size in seen.counts.shape)
+    projector = Projector(images, (rows, columns), device=camera.device)
+    volume = deconvolve(
+        seen.counts, projector, iterations=ITERATIONS, background=seen.background,
+        white=seen.white, accelerate=True,
+    ).volume  # fmt: skip
+    y, x = ((np.arange(k) - (k - 1) / 2) * images.side for k in volume.shape[1:])
+    found = find_points(volume, axes=(images.planes, y, x), size=(0.5, 1.0))
+    bright = found.peaks > DIMMEST * found.peaks.max(initial=0.0)
+    if not bright.any():
+        raise ValueError(
+            "No bead is found in the frame: give planes that reach beyond the beads on both sides, "
+            "or fit it without beads."
+        )
+    return np.ascontiguousarray(found.positions[bright][:, ::-1])
 
 
 class BeadFrame:

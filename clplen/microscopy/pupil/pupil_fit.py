@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -22,8 +23,7 @@ from clplen.checks import (
 )
 from clplen.errors import ShapeError
 from clplen.microscopy.model.psf import checked_planes
-from clplen.microscopy.pupil.bead_places import find_beads
-from clplen.microscopy.pupil.bead_pupil import BeadFrame, fit_beads
+from clplen.microscopy.pupil.bead_pupil import BeadFrame, find_beads, fit_beads
 from clplen.microscopy.pupil.volume_pupil import (
     Observed,
     Sampling,
@@ -130,7 +130,7 @@ def fit_pupil(
         z in metres, rising, of the volume; they cover all light. Not where ``beads`` has places.
     beads : array_like or "find", optional
         About where beads are: (x, y, z) in metres from the middle of the frame, within a micrometre
-        or two, shape (n, 3). "find": by `find_beads` on ``planes``, which then reach beyond the
+        or two, shape (n, 3). "find": on ``planes``, which then reach beyond the
         beads on both sides; where more is left than noise they are looked for once more in it.
     terms : sequence of int
         Noll's indices to fit, from 5 on, each once; the others keep what the camera has.
@@ -202,13 +202,7 @@ def fit_pupil(
     known = {} if camera.pupil is None else camera.pupil.coefficients
     start = np.array([known.get(j, 0.0) for j in terms])
     if beads is not None:
-        how: dict[str, Any] = {"voxels_per_lenslet": voxels, "binning": binning, "cut": cut}
-
-        def looked_for(camera: Microscope, seen: Observed) -> Vector:
-            return find_beads(
-                seen.counts, camera, z, background=seen.background, white=seen.white, **how
-            )
-
+        looked_for = partial(find_beads, planes=z, voxels=voxels, binning=binning, cut=cut)
         where = looked_for(camera, seen) if is_looked_for else _checked_beads(beads)
         found, mean = _of_beads(camera, seen, terms, start, where, binning, progress)
         if is_looked_for and found.chi2 > _MORE_LEFT:

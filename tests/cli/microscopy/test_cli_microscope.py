@@ -251,7 +251,7 @@ BAD: list[tuple[list[str], str, int]] = [
     (["a.tif", "-o", "a.tif"], "is one of the files that are read", 2),
     (["a.tif", "-o", "a.tif/v.tif"], "is to be a folder, but there is a file", 1),
     (["a.tif", "-o", "noise.tif"], "is there already, and clplen did not write it", 1),
-    (["volume.tif", "-o", "v.tif"], "is a volume, as clplen writes them", 2),
+    (["volume.tif", "-o", "v.tif"], "is a volume, as clplen writes them", 1),
     (["a.tif", "-o", "v.tif", "-c", "known.toml"], "make them by 'clplen microscope psf", 1),
     (["a.tif", "-o", "v.tif", "--memory", "1"], "--memory is at least 1MiB", 2),
     (["a.tif", "-o", "v.tif", "--white", "noise.tif", "--saturation", "9"],

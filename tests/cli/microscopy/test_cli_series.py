@@ -8,6 +8,7 @@ import subprocess
 import sys
 from pathlib import Path
 
+import batchworks
 import numpy as np
 import pytest
 import tifffile
@@ -128,6 +129,23 @@ def test_frames_that_are_compared_are_in_one_file(
     done(run(*words_of(folder, device, "-o", plain, "--gain", 2)))
     changes = [np.abs(np.diff(volumes_in(one), axis=0)).sum() for one in (out, plain)]
     assert changes[0] < changes[1]
+
+
+def test_a_job_makes_the_same_series(tmp_path: Path, folder: Path, device: Device) -> None:
+    out, made = tmp_path / "s.ome.tif", tmp_path / "out" / "t" / "volume.ome.tif"
+    more = ("--prior", "time", "--rolling-background", 3)
+    done(run(*words_of(folder, device, "-o", out, *more)))
+    job = tmp_path / "job.toml"
+    job.write_text(
+        f'output = "out"\n[[inputs]]\nfiles = "{folder}/t.tif"\n[deconvolve]\n'
+        f'psf = "{folder}/psf.h5"\niterations = 3\nbatch = 2\nprior = "time"\nrolling = 3\n'
+    )
+    assert batchworks.run(job, device)[0].failed == {}
+    assert np.array_equal(volumes_in(made), volumes_in(out))
+    assert series_in(made) == series_in(out)
+    job.write_text(job.read_text().replace("t.tif", "frame3.tif").replace('"out"', '"alone"'))
+    (said_of,) = batchworks.run(job, device)[0].failed.values()
+    assert "prior 'time' is of a series of frames in one file" in said_of
 
 
 def test_other_words_and_frames_are_refused(tmp_path: Path, folder: Path, device: Device) -> None:
