@@ -10,7 +10,7 @@ from __future__ import annotations
 import json
 import re
 import textwrap
-from collections.abc import Iterator
+from collections.abc import Collection, Iterator
 from typing import Annotated, Any, Literal, get_args, get_origin
 
 import numpy as np
@@ -83,17 +83,21 @@ def checked(field: FieldInfo, value: Any) -> Any:
 
 
 def commented(
-    model: type[Table], *, shown: dict[str, Any], examples: dict[str, Any]
+    model: type[Table],
+    *,
+    shown: dict[str, Any],
+    examples: dict[str, Any],
+    hidden: Collection[str] = (),
 ) -> Iterator[str]:
     """Yield the lines of a commented file that show all keys of a model.
 
     Keys of ``shown`` are given with their values; the others are commented out, with the value of
-    ``examples``, else with that of the field.
+    ``examples``, else with that of the field. Those of ``hidden`` are left out.
     """
     for name, field in model.model_fields.items():
         value = shown.get(name, examples.get(name, (field.examples or [None])[0]))
-        if model_in(field.annotation) is not None or value is field.default is None:
-            continue  # a table of its own, or nothing to show
+        if name in hidden or model_in(field.annotation) is not None:
+            continue  # the latter is a table of its own
         text = json.dumps(field.default if value is None else value)
         words = [field.description or ""]
         choices = choices_of(field.annotation)

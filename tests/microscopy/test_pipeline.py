@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 from click.testing import CliRunner
 
-from clplen.batch import JobSpec
+from clplen.batch.jobs.spec import JobSpec
 from clplen.batch.jobs.tables import DeconvolveTable
 from clplen.batch.work import volume_products
 from clplen.cli import main

@@ -161,6 +161,7 @@ _SHOWN: dict[str, dict[str, Any]] = {  # keys that are not commented out
     "stack": {"disparities": "-2:2:41"},
 }
 _EXAMPLES = {"[scenes.sweep]": {"key": "noise", "values": [0.0, 0.1], "name": "noise"}}
+_HIDDEN = {"deconvolve": ("start", "motion_um", "batch", "rolling")}  # of series, refused in jobs
 _INTRODUCTION = """\
 # Many light fields, and what is made of each: clplen batch job.toml
 # Keys and tables that begin with # are left out. Names of files are seen from the folder of this
@@ -174,7 +175,8 @@ def commented_job() -> str:
     parts = [_INTRODUCTION]
     for header, model, words in _TABLES:
         shown = _SHOWN.get(header, {})
-        lines = list(commented(model, shown=shown, examples=_EXAMPLES.get(header, {})))
+        examples, hidden = _EXAMPLES.get(header, {}), _HIDDEN.get(header, ())
+        lines = list(commented(model, shown=shown, examples=examples, hidden=hidden))
         if header:
             key = f"{'' if shown else '# '}[{header}]"
             lines.insert(0, f"{key:<31} # {words}")
