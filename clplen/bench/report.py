@@ -1,4 +1,4 @@
-"""What a benchmark is and finds: rows of times, goals; as text, saved, and compared."""
+"""Results of benchmarks: rows of times, as text, saved, and compared."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from collections.abc import Callable, Iterable, Sequence
 from dataclasses import asdict, dataclass
 from datetime import datetime, timezone
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any
 
 from clplen.bench.ceilings import Ceilings
 from clplen.bench.measure import Times
@@ -22,21 +22,7 @@ VERSION = 1
 
 @dataclass(frozen=True)
 class Row:
-    """One line of a table.
-
-    Attributes
-    ----------
-    name : str
-    seconds : float
-        Median of one run.
-    spread : float
-        Distance of the quartiles over the median.
-    rate : float
-        Work a second, in ``unit`` a second.
-    unit : str
-    ratio : float or None
-        What this table compares: see `Report.ratio_is`.
-    """
+    """One line of a table: median seconds of a run, work a second, ratio as `Report.ratio_is`."""
 
     name: str
     seconds: float
@@ -44,33 +30,6 @@ class Row:
     rate: float
     unit: str
     ratio: float | None = None
-
-
-@dataclass(frozen=True)
-class Goal:
-    """A figure that is to be reached.
-
-    Attributes
-    ----------
-    name : str
-    measured, limit : float
-    rule : {"at least", "at most"}
-    why : str
-        The reason where it is not met, if it is known.
-    """
-
-    name: str
-    measured: float
-    limit: float
-    rule: Literal["at least", "at most"]
-    why: str = ""
-
-    @property
-    def met(self) -> bool:
-        """Whether it is reached."""
-        if self.rule == "at least":
-            return self.measured >= self.limit
-        return self.measured <= self.limit
 
 
 @dataclass(frozen=True)
@@ -83,7 +42,6 @@ class Report:
     ratio_is : str
         What the rows' ratios are of: "rays/s over those of NumPy", "time over two bare FFTs".
     rows : tuple of Row
-    goals : tuple of Goal
     notes : tuple of str
         Whole sentences below the table.
     """
@@ -92,15 +50,7 @@ class Report:
     size: str
     ratio_is: str
     rows: tuple[Row, ...]
-    goals: tuple[Goal, ...] = ()
     notes: tuple[str, ...] = ()
-
-    def as_json(self) -> dict[str, Any]:
-        """Plain dictionaries and lists."""
-        found = asdict(self)
-        for goal, plain in zip(self.goals, found["goals"], strict=True):
-            plain["met"] = goal.met
-        return found
 
 
 def time_rows(times: Sequence[Times], by: Times | None = None) -> tuple[Row, ...]:
@@ -137,8 +87,6 @@ class Benchmark:
         Bytes on host and device together, of a size.
     run : callable
         Measures one size with a number of repeats on a device.
-    smaller : callable
-        A smaller size for a machine whose memory does not suffice, "" if there is none.
     """
 
     name: str
@@ -147,7 +95,6 @@ class Benchmark:
     quick: str
     needs: Callable[[str], int]
     run: Callable[[Device, str, int], Report]
-    smaller: Callable[[str], str]
 
 
 def run_as_json(reports: Sequence[Report], environment: dict[str, Any]) -> str:
@@ -157,7 +104,7 @@ def run_as_json(reports: Sequence[Report], environment: dict[str, Any]) -> str:
         "version": VERSION,
         "date": datetime.now(timezone.utc).isoformat(timespec="seconds"),
         "environment": environment,
-        "reports": [report.as_json() for report in reports],
+        "reports": [asdict(report) for report in reports],
     }
     return json.dumps(found, indent=1)
 
@@ -224,24 +171,13 @@ def report_text(report: Report) -> str:
     width = max([len(row.name) for row in report.rows] + [4])
     lines = [f"{report.name}, {report.size}; ratio: {report.ratio_is}"]
     lines.append(f"  {'':{width}s}  {'median':>10s} {'spread':>7s} {'rate':>18s} {'ratio':>8s}")
-    lines += [f"  {_row(row, width)}" for row in report.rows]
-    lines += [f"  {_goal(goal)}" for goal in report.goals]
+    for row in report.rows:
+        ratio = "" if row.ratio is None else f"{row.ratio:8.2f}"
+        rate = f"{scaled(row.rate)}{row.unit}/s"
+        time = f"{_time(row.seconds):>10s} {row.spread:6.0%}"
+        lines.append(f"  {row.name:{width}s}  {time} {rate:>19s} {ratio:>8s}")
     lines += [f"  {note}" for note in report.notes]
     return "\n".join(lines)
-
-
-def _row(row: Row, width: int) -> str:
-    ratio = "" if row.ratio is None else f"{row.ratio:8.2f}"
-    rate = f"{scaled(row.rate)}{row.unit}/s"
-    return (
-        f"{row.name:{width}s}  {_time(row.seconds):>10s} {row.spread:6.0%} {rate:>19s} {ratio:>8s}"
-    )
-
-
-def _goal(goal: Goal) -> str:
-    state = "met" if goal.met else "NOT MET"
-    why = f" ({goal.why})" if goal.why and not goal.met else ""
-    return f"{state:7s} {goal.name}: {goal.measured:.3g}, {goal.rule} {goal.limit:g}{why}"
 
 
 def scaled(value: float) -> str:

@@ -1,0 +1,92 @@
+"""The index of published figures, `claims.toml`."""
+
+from __future__ import annotations
+
+import datetime
+import re
+import sys
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+if sys.version_info >= (3, 11):
+    import tomllib
+else:
+    import tomli as tomllib
+
+INDEX = Path(__file__).with_name("claims.toml")
+NUMBER = re.compile(r"(?<![\w.])[-+]?(?:\d+\.?\d*|\.\d+)(?:e[-+]?\d+)?")
+
+
+@dataclass(frozen=True)
+class Claim:
+    """A published figure and the command that measures it again.
+
+    Attributes
+    ----------
+    name : str
+        "group.row" of the index.
+    says : str
+        The quantity, with its unit.
+    figures : str
+        The figures as published.
+    command : str
+        A command line in the root of a checkout: a benchmark, `clplen bench` or a test.
+    date, machine : datetime.date, str
+        When and on which machine the figures were measured.
+    pages : tuple of str
+        Pages that quote the figures.
+    find : str
+        Regular expression whose groups are the figures in the output of the command; without one
+        the exit status of the command decides.
+    tolerance : float
+        Largest relative difference of a new figure.
+    """
+
+    name: str
+    says: str
+    figures: str
+    command: str
+    date: datetime.date
+    machine: str
+    pages: tuple[str, ...]
+    find: str = ""
+    tolerance: float = 0.3
+
+    @property
+    def group(self) -> str:
+        """First part of the name."""
+        return self.name.partition(".")[0]
+
+    @property
+    def numbers(self) -> list[float]:
+        """The published figures as numbers."""
+        return numbers_of(self.figures)
+
+    def numbers_in(self, output: str) -> list[float]:
+        """Return the figures in the output of the command."""
+        groups = [match.groups() for match in re.finditer(self.find, output)]
+        return [float(group) for match in groups for group in match]
+
+    def agrees_with(self, numbers: list[float]) -> bool:
+        """Whether new figures are as near to the published ones as the tolerance asks for."""
+        pairs = list(zip(self.numbers, numbers, strict=False))
+        near = all(abs(new - old) <= self.tolerance * abs(old) for old, new in pairs)
+        return near and len(numbers) == len(self.numbers)
+
+
+def numbers_of(text: str) -> list[float]:
+    """Return all numbers of a text, ".5" and "0.5" alike."""
+    return [float(word) for word in NUMBER.findall(text)]
+
+
+def claims() -> list[Claim]:
+    """Return all claims of the index in its order."""
+    index: dict[str, Any] = tomllib.loads(INDEX.read_text(encoding="utf-8"))
+    machines = index.pop("machines")
+    return [
+        Claim(f"{group}.{name}", **row | {"machine": machines[row["machine"]],
+                                          "pages": tuple(row["pages"])})
+        for group, rows in index.items()
+        for name, row in rows.items()
+    ]  # fmt: skip
