@@ -73,15 +73,15 @@ def check(names: tuple[str, ...]) -> None:
     if unknown:
         raise click.UsageError(f"No claim or group has the name {', '.join(sorted(unknown))}.")
     failed = 0
-    for command in dict.fromkeys(c.command for c in chosen):
-        words = [sys.executable, *command.split()[1:]]
-        done = subprocess.run(words, cwd=HERE.parent, capture_output=True, text=True, check=False)
-        for claim in (c for c in chosen if c.command == command):
+    for words in dict.fromkeys(tuple(c.words) for c in chosen):
+        call = [sys.executable if words[0] == "python" else words[0], *words[1:]]
+        done = subprocess.run(call, cwd=HERE.parent, capture_output=True, text=True, check=False)
+        for claim in (c for c in chosen if tuple(c.words) == words):
             holds, words_of = measured(claim, done.stdout, done.returncode)
             failed += not holds
             click.echo(f"{claim.name}: {'holds' if holds else 'DIFFERS'}: {words_of}")
             if not holds:
-                click.echo(f"    {command}\n" + (done.stdout + done.stderr)[-2000:])
+                click.echo(f"    {' '.join(words)}\n" + (done.stdout + done.stderr)[-2000:])
     sys.exit(bool(failed))
 
 

@@ -14,6 +14,7 @@ if sys.version_info >= (3, 11):
 else:
     import tomli as tomllib
 
+TESTS = Path(__file__).parents[1] / "tests"
 INDEX = Path(__file__).with_name("claims.toml")
 NUMBER = re.compile(r"(?<![\w.])[-+]?(?:\d+\.?\d*|\.\d+)(?:e[-+]?\d+)?")
 
@@ -29,13 +30,15 @@ class Claim:
     says : str
         The quantity, with its unit.
     figures : str
-        The figures as published.
-    command : str
-        A command line in the root of a checkout: a benchmark, `clplen bench` or a test.
+        The figures as published; empty where the claim is a limit.
     date, machine : datetime.date, str
         When and on which machine the figures were measured.
-    pages : tuple of str
+    pages : list of str
         Pages that quote the figures.
+    command : str
+        A command line in the root of a checkout: a benchmark or `clplen bench`.
+    test : str
+        In place of a command, the name of a test that asserts a limit of the figures.
     find : str
         Regular expression whose groups are the figures in the output of the command; without one
         the exit status of the command decides.
@@ -46,10 +49,11 @@ class Claim:
     name: str
     says: str
     figures: str
-    command: str
     date: datetime.date
     machine: str
-    pages: tuple[str, ...]
+    pages: list[str]
+    command: str = ""
+    test: str = ""
     find: str = ""
     tolerance: float = 0.3
 
@@ -63,9 +67,16 @@ class Claim:
         """The published figures as numbers."""
         return numbers_of(self.figures)
 
+    @property
+    def words(self) -> list[str]:
+        """The command as a list of words."""
+        if not self.test:
+            return self.command.replace("clplen bench", "python -m clplen bench").split()
+        return ["python", "-m", "pytest", "-q", "-m", "", *ids_of(self.test)]
+
     def numbers_in(self, output: str) -> list[float]:
         """Return the figures in the output of the command."""
-        groups = [match.groups() for match in re.finditer(self.find, output)]
+        groups = [match.groups() for match in re.finditer(self.find, output, re.M)]
         return [float(group) for match in groups for group in match]
 
     def agrees_with(self, numbers: list[float]) -> bool:
@@ -80,13 +91,25 @@ def numbers_of(text: str) -> list[float]:
     return [float(word) for word in NUMBER.findall(text)]
 
 
+def ids_of(name: str) -> list[str]:
+    """Return the pytest ids of the tests of a name; raise KeyError if there is none."""
+    pattern = re.compile(rf"^def {name}\(", re.M)
+    files = [file for file in TESTS.rglob("test_*.py") if pattern.search(file.read_text("utf-8"))]
+    if not files:
+        raise KeyError(f"No test has the name {name}.")
+    return [f"{file.relative_to(TESTS.parent)}::{name}" for file in sorted(files)]
+
+
 def claims() -> list[Claim]:
     """Return all claims of the index in its order."""
     index: dict[str, Any] = tomllib.loads(INDEX.read_text(encoding="utf-8"))
     machines = index.pop("machines")
-    return [
-        Claim(f"{group}.{name}", **row | {"machine": machines[row["machine"]],
-                                          "pages": tuple(row["pages"])})
-        for group, rows in index.items()
-        for name, row in rows.items()
-    ]  # fmt: skip
+    found = []
+    for group, shared in index.items():
+        for name, row in shared.pop("rows").items():
+            values = shared | row
+            if "test" in row:
+                values.pop("command", None)
+            values["machine"] = machines[values["machine"]]
+            found.append(Claim(name=f"{group}.{name}", **values))
+    return found
