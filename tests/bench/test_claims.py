@@ -5,7 +5,7 @@ from __future__ import annotations
 import re
 from pathlib import Path
 
-from benchmarks.claims import claims, numbers_of, ids_of
+from benchmarks.claims import claims, ids_of, numbers_of
 
 ROOT = Path(__file__).parents[2]
 DOCS = re.compile(r"python -m benchmarks check ([\w. ]+)")
