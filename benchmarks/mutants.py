@@ -2,11 +2,10 @@
 
     python benchmarks/mutants.py [CHECKOUT] [--count 60] [--seed 1] [--map .coverage]
 
-Works in a copy of any checkout, so that two revisions can be compared. A mutation changes an
-operator, a comparison, a constant, a sign or an index: in clplen/ by the syntax tree, in kernels/
-by regular expressions. Its tests are those that run the line by a coverage map (of `pytest
---cov=clplen --cov-context=test -m ""`), else the files that name the most of what the module
-defines, with `-x`: first those of the README's command, then the thorough ones.
+Works in a copy of any checkout. A mutation changes an operator, a constant, a sign or an index: in
+clplen/ by the syntax tree, in kernels/ by regular expressions. Its tests are those that run a line
+by a coverage map (`pytest --cov=clplen --cov-context=test -m ""`), else the files that name most of
+what the module defines: first those of the README's command, then the thorough ones.
 """
 
 from __future__ import annotations
@@ -52,20 +51,15 @@ def of_python(file: Path) -> list[Mutant]:
     text = file.read_text(encoding="utf-8")
     lines, mutants = text.splitlines(), []
     for node in ast.walk(ast.parse(text)):
-        sides: list[ast.expr] = []
-        if isinstance(node, ast.BinOp):
-            sides = [node.left, node.right]
-        elif isinstance(node, ast.Compare):
-            sides = [node.left, *node.comparators]
-        elif isinstance(node, ast.BoolOp):
-            sides = node.values
+        sides = [getattr(node, name, None) for name in ("left", "right")]
+        sides = [*filter(None, sides), *getattr(node, "comparators", ())]
+        sides = node.values if isinstance(node, ast.BoolOp) else sides
         for left, right in pairwise(sides):
-            if left.end_lineno == right.lineno:
-                start = left.end_col_offset
-                match = OPERATOR.fullmatch(lines[right.lineno - 1][start : right.col_offset])
-                if match:
-                    span = (start + match.start(1), start + match.end(1))
-                    mutants.append(Mutant(file, right.lineno, span, SWAPS[match[1]]))
+            start, line = left.end_col_offset, lines[right.lineno - 1]
+            match = OPERATOR.fullmatch(line[start : right.col_offset])
+            if match and left.end_lineno == right.lineno:
+                span = (start + match.start(1), start + match.end(1))
+                mutants.append(Mutant(file, right.lineno, span, SWAPS[match[1]]))
         if isinstance(node, ast.UnaryOp) and isinstance(node.op, ast.USub):
             at = node.col_offset
             mutants.append(Mutant(file, node.lineno, (at, at + 1), "+"))
@@ -114,11 +108,11 @@ def naming(mutant: Mutant, root: Path) -> list[str]:
     return [file for file in sorted(ranks, key=lambda f: -ranks[f])[:FILES] if ranks[file]]
 
 
-def verdict(files: list[str], root: Path, device: str, limit: float) -> str:
+def verdict(files: list[str], root: Path, limit: float) -> str:
     """Return the way whose tests fail, else "nothing" or "out of time"."""
     found = "nothing"
     for way, marks in WAYS.items():
-        words = [sys.executable, "-m", "pytest", "-qx", "--device", device, "-m", marks, *files]
+        words = [sys.executable, "-m", "pytest", "-qx", "--device", "pocl", "-m", marks, *files]
         with_root = {"cwd": root, "env": os.environ | {"PYTHONPATH": str(root)}}
         try:
             done = subprocess.run(words, timeout=limit, capture_output=True, **with_root)
@@ -134,12 +128,9 @@ def verdict(files: list[str], root: Path, device: str, limit: float) -> str:
 @click.argument("checkout", default=Path(__file__).parents[1], type=click.Path(path_type=Path))
 @click.option("--count", default=60, show_default=True)
 @click.option("--seed", default=1, show_default=True)
-@click.option("--device", default="pocl", show_default=True)
 @click.option("--limit", default=60.0, show_default=True, help="Seconds of tests of each way.")
 @click.option("--map", "database", type=click.Path(exists=True, path_type=Path))
-def main(
-    checkout: Path, count: int, seed: int, device: str, limit: float, database: Path | None
-) -> None:
+def main(checkout: Path, count: int, seed: int, limit: float, database: Path | None) -> None:
     with tempfile.TemporaryDirectory(prefix="mutants-") as folder:
         root = Path(folder, "tree").resolve()
         shutil.copytree(checkout.resolve(), root, ignore=shutil.ignore_patterns(".git", "images"))
@@ -154,7 +145,7 @@ def main(
             files = covering(mutant, root, database) if database else []
             files = files or naming(mutant, root)
             mutant.file.write_text("".join(lines), encoding="utf-8")
-            way = verdict(files, root, device, limit)
+            way = verdict(files, root, limit)
             mutant.file.write_text(text, encoding="utf-8")
             verdicts[way] += 1
             where = f"{mutant.file.relative_to(root)}:{mutant.line}"
