@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 import pytest
 from PIL import Image
-from test_architecture import PACKAGE, WAYS, ways
+from test_architecture import LONGEST_WAY, PACKAGE, WAYS, ways
 
 import clplen
 from clplen import Device
@@ -95,6 +95,7 @@ def test_calls_go_the_ways_that_are_written_down(device: Device, tmp_path: Path)
     assert tuple(call.__name__ for call in CALLS) == WAYS
     for prepare in CALLS:
         stops = ways()[prepare.__name__]
+        assert 3 <= len({file for file, _ in stops}) <= LONGEST_WAY
         calls = followed(prepare(device, tmp_path))
         entered = {(file, function) for _, file, function in calls}
         for file, function in stops:
