@@ -6,6 +6,7 @@ import datetime
 import re
 import sys
 from dataclasses import dataclass
+from functools import cache
 from pathlib import Path
 from typing import Any
 
@@ -72,7 +73,7 @@ class Claim:
         """The command as a list of words."""
         if not self.test:
             return self.command.replace("clplen bench", "python -m clplen bench").split()
-        return ["python", "-m", "pytest", "-q", "-m", "", *ids_of(self.test)]
+        return ["python", "-m", "pytest", "-q", "-m", "", *tests()[self.test]]
 
     def numbers_in(self, output: str) -> list[float]:
         """Return the figures in the output of the command."""
@@ -91,13 +92,14 @@ def numbers_of(text: str) -> list[float]:
     return [float(word) for word in NUMBER.findall(text)]
 
 
-def ids_of(name: str) -> list[str]:
-    """Return the pytest ids of the tests of a name; raise KeyError if there is none."""
-    pattern = re.compile(rf"^def {name}\(", re.M)
-    files = [file for file in TESTS.rglob("test_*.py") if pattern.search(file.read_text("utf-8"))]
-    if not files:
-        raise KeyError(f"No test has the name {name}.")
-    return [f"{file.relative_to(TESTS.parent)}::{name}" for file in sorted(files)]
+@cache
+def tests() -> dict[str, list[str]]:
+    """Return the pytest ids of all test functions by their names."""
+    ids: dict[str, list[str]] = {}
+    for file in sorted(TESTS.rglob("test_*.py")):
+        for name in re.findall(r"^def (test_\w+)\(", file.read_text("utf-8"), re.M):
+            ids.setdefault(name, []).append(f"{file.relative_to(TESTS.parent)}::{name}")
+    return ids
 
 
 def claims() -> list[Claim]:
