@@ -27,13 +27,13 @@ _FIELDS = 12  # of complex samples of the sensor that are held at a time, with a
 
 
 def _needs(size: str) -> int:
-    """Fields on the sensor, padded ones at most."""
+    """Return the bytes of the fields on the sensor."""
     [count] = numbers(size, (1,), _FORM)
     return 4 * _FIELDS * 8 * (30 * count) ** 2
 
 
 def measure_camera(device: Device, size: str, repeats: int) -> Report:
-    """Times of exposure and decoding over those of bare transforms."""
+    """Measure exposure and decoding beside bare transforms."""
     [count] = numbers(size, (1,), _FORM)
     cam = demo.camera(device, count=count)
     point = (0.0, 0.0, demo.DEPTHS[0])
@@ -59,7 +59,7 @@ def measure_camera(device: Device, size: str, repeats: int) -> Report:
 
 
 def focused_camera(device: Device, count: int) -> Plenoptic2:
-    """A 2.0 camera of the demo's sensor: f = 120 mm, lenslets of f_mu = 3 mm, m = .2."""
+    """Return a 2.0 camera of the demo's sensor: f = 120 mm, f_mu = 3 mm, m = 0.2."""
     lenslets = MicrolensArray(150e-6, 3e-3, count=count, fill="full")
     return PlenopticCamera.type2(
         focal_length=0.120,
@@ -72,12 +72,12 @@ def focused_camera(device: Device, count: int) -> Plenoptic2:
 
 
 def _expose(cam: Plenoptic2) -> RawImage:
-    """One point of the demo's size on the axis, in focus."""
+    """Expose one point of the demo's size on the axis, in focus."""
     return cam.expose(PointSources([(0.0, 0.0, 0.0)], diameter=demo.SOURCE_DIAMETER))
 
 
 def bare_ffts(transforms: Transforms, device: Device, what: str = "") -> Case:
-    """All the transforms of exposures, at their padded sizes, by the device's own route."""
+    """Return all transforms of exposures, at their padded sizes, by the device's own route."""
     parts = [ceilings.bare_fft(shape, device, count=count) for count, shape in transforms]
     name = what + " + ".join(part.name for part in parts)
 
@@ -89,7 +89,7 @@ def bare_ffts(transforms: Transforms, device: Device, what: str = "") -> Case:
 
 
 def added(transforms: Sequence[Transforms]) -> Transforms:
-    """Transforms of several exposures, those of one shape together."""
+    """Add up the transforms of several exposures by shape."""
     counts: dict[tuple[int, int], int] = {}
     for several in transforms:
         for count, shape in several:
@@ -98,7 +98,7 @@ def added(transforms: Sequence[Transforms]) -> Transforms:
 
 
 def measure_demo(device: Device, size: str, repeats: int) -> Report:
-    """Time of the demo's computation over that of bare transforms."""
+    """Measure the demo's computation beside bare transforms."""
     [count] = numbers(size, (1,), _FORM)
     cam = demo.camera(device, count=count)
     cases = [
@@ -115,7 +115,7 @@ def measure_demo(device: Device, size: str, repeats: int) -> Report:
 
 
 def compute_demo(cam: Plenoptic1) -> None:
-    """The scene's raw image, light field and stack; then every point of the depth table."""
+    """Compute the scene's raw image, light field and stack, and the points of the depth table."""
     lf = LightField.from_raw(demo.scene(cam))
     focal_stack(lf, alphas=np.linspace(*demo.STACK_ALPHAS))
     for dz in demo.DEPTHS:
@@ -123,7 +123,7 @@ def compute_demo(cam: Plenoptic1) -> None:
 
 
 def demo_transforms(cam: Plenoptic1) -> Transforms:
-    """Those of all exposures of `compute_demo`."""
+    """Return the transforms of all exposures of `compute_demo`."""
     positions = [*demo.POINTS.values(), *((0.0, 0.0, dz) for dz in demo.DEPTHS)]
     reports = [demo.expose_point(cam, position).exposure for position in positions]
     return added([report.transforms for report in reports if report is not None])

@@ -33,13 +33,13 @@ _WAVES, _WAVELENGTHS = 48, (3.0, 20.0)  # of a texture; pixels
 
 
 def stack_needs(size: str) -> int:
-    """The light field in four types on the device, twice on the host, its copy, and the stacks."""
+    """Return the bytes of the light field in four types, of copies and of stacks."""
     shape = numbers(size, (4, 5), STACK_FORM)
     return 25 * math.prod(shape) + 5 * 4 * STACK_PLANES * math.prod(shape[2:])
 
 
 def measure_stack(device: Device, size: str, repeats: int) -> Report:
-    """Rates of stacks and of refocus, beside moving the samples alone."""
+    """Measure stacks and refocus beside moving the samples alone."""
     shape = numbers(size, (4, 5), STACK_FORM)
     values = np.random.default_rng(1).random(shape, dtype=np.float32)
     lf = LightField.from_array(values, device=device)
@@ -56,7 +56,7 @@ def measure_stack(device: Device, size: str, repeats: int) -> Report:
 
 
 def transfer_cases(lf: LightField) -> list[Case]:
-    """What moving the samples alone costs."""
+    """Return cases that only move the samples."""
     device, rays = lf.device, float(math.prod(lf.shape[:4]))
     twin = device.empty(lf.shape, lf.dtype)
     return [
@@ -66,7 +66,7 @@ def transfer_cases(lf: LightField) -> list[Case]:
 
 
 def stack_cases(lf: LightField, values: np.ndarray[Any, Any]) -> list[Case]:
-    """Refocus and stacks of every storage type, and a stack with the way in and out."""
+    """Return stacks of every storage type, a stack with its transfers, and refocus."""
     device, rays = lf.device, float(math.prod(lf.shape[:4]))
     planes = np.linspace(-STACK_RANGE, STACK_RANGE, STACK_PLANES)
 
@@ -89,12 +89,12 @@ def stack_cases(lf: LightField, values: np.ndarray[Any, Any]) -> list[Case]:
 
 
 def _transfers_needs(size: str) -> int:
-    """The light field eight times: three on the host, four on the device, one on its way."""
+    """Return the bytes of eight light fields: on the host, on the device and under way."""
     return 8 * 4 * math.prod(numbers(size, (4, 5), STACK_FORM))
 
 
 def measure_transfers(device: Device, size: str, repeats: int) -> Report:
-    """Rates of a light field's way in and out."""
+    """Measure a light field's way in and out."""
     shape = numbers(size, (4, 5), STACK_FORM)
     values = np.random.default_rng(1).random(shape, dtype=np.float32)
     twin = np.empty_like(values)
@@ -119,13 +119,13 @@ def measure_transfers(device: Device, size: str, repeats: int) -> Report:
 
 
 def _depth_needs(size: str) -> int:
-    """The light field, slants in grey and in colours, stacks, and maps of the combined cue."""
+    """Return the bytes of light fields, stacks, and maps of the combined cue."""
     shape = numbers(size, (4, 5), STACK_FORM)
     return 4 * (12 * math.prod(shape) + 4 * _DEPTH_PLANES * math.prod(shape[2:]))
 
 
 def measure_depth(device: Device, size: str, repeats: int) -> Report:
-    """Times of every cue over that of the focal stack: on random samples, and on a surface."""
+    """Measure every cue beside the focal stack: on random samples, and on a surface."""
     shape = numbers(size, (4, 5), STACK_FORM)
     values = np.random.default_rng(1).random(shape, dtype=np.float32)
     planes = np.linspace(-STACK_RANGE, STACK_RANGE, _DEPTH_PLANES)
@@ -156,7 +156,7 @@ def measure_depth(device: Device, size: str, repeats: int) -> Report:
 
 
 def slanted_views(shape: tuple[int, ...]) -> Samples:
-    """Grey views of a surface with texture, whose disparity rises from -1 to 1 along x.
+    """Return grey views of a surface with texture, whose disparity rises from -1 to 1 along x.
 
     Its texture is a sum of waves of random directions, which is exact between the pixels, too.
     """

@@ -18,19 +18,7 @@ from clplen.errors import ShapeError
 
 @dataclass(frozen=True)
 class Case:
-    """Something to time.
-
-    Attributes
-    ----------
-    name : str
-        First column of the table.
-    run : callable
-        Does it once and returns when it is done.
-    work : float
-        Amount that one run does, in ``unit``.
-    unit : str
-        "rays", "samples", "bytes", "operations", ...
-    """
+    """A call to time, which returns when it is done, and the work that one run does."""
 
     name: str
     run: Callable[[], object]

@@ -37,24 +37,24 @@ _SPREAD = 20  # lenslets that the widest image reaches to, at most
 
 
 def _needs(size: str) -> int:
-    """Matrices of all planes, and transfer functions of those of the plain form."""
+    """Return the bytes of all matrices and of the plain form's transfer functions."""
     planes, count = numbers(size, (2,), FORM)
     plain = 5 * PLAIN * VOXELS**2 * (_window(count) * PIXELS) ** 2
     return matrices_of(planes, count) + plain
 
 
 def _window(count: int) -> int:
-    """Lattice points of a transform of so many lenslets."""
+    """Return the lattice points of a transform of so many lenslets."""
     return smooth_length(max(count + _SPREAD, 2 * _SPREAD + 1))
 
 
 def matrices_of(planes: int, count: int) -> int:
-    """Bytes of the matrices of so many planes and lenslets, at most."""
+    """Return the largest bytes of the matrices of so many planes and lenslets."""
     return 5 * planes * (_window(count) // 2 + 2) ** 2 * (PIXELS * VOXELS) ** 2
 
 
 def measure_microscope(device: Device, size: str, repeats: int) -> Report:
-    """Times of one projection and one back-projection over those of the plain form."""
+    """Measure a projection and a back-projection beside the plain form."""
     planes, count = numbers(size, (2,), FORM)
     start = perf_counter()
     images = images_of(device, planes)
@@ -93,7 +93,7 @@ def measure_microscope(device: Device, size: str, repeats: int) -> Report:
 
 
 def images_of(device: Device, planes: int) -> PointImages:
-    """A 60x/1.2 water objective, lenslets of 100 um and 2.5 mm, planes within 10 um."""
+    """Simulate a 60x/1.2 water objective, lenslets of 100 um and 2.5 mm, planes within 10 um."""
     camera = PlenopticCamera.microscope(
         magnification=60,
         na=1.2,
@@ -126,7 +126,7 @@ class Plain:
         return np.roll(out, (-r * PIXELS, -r * PIXELS), axis=(0, 1))
 
     def forward(self, volume: Array) -> Array:
-        """A volume's frame, of the first planes only."""
+        """Return the frame of the first planes of a volume."""
         total = np.zeros_like(self.otf[0])
         for number, otf in enumerate(self.otf):
             z, (y, x) = number // VOXELS**2, divmod(number % VOXELS**2, VOXELS)
@@ -138,7 +138,7 @@ class Plain:
         return np.maximum(frame[: self.count * PIXELS, : self.count * PIXELS], 0)
 
     def backward(self, frame: Array) -> Array:
-        """The adjoint."""
+        """Apply the adjoint."""
         padded = np.zeros((self.window, self.window), np.float32)
         reach = self.count * PIXELS
         padded[:reach, :reach] = frame
@@ -152,7 +152,7 @@ class Plain:
 
 
 def _transforms() -> tuple[Callable[[Array], Array], Callable[[Array, int], Array]]:
-    """Real transforms of float32 with all cores."""
+    """Return real transforms of float32 with all cores, forward and inverse."""
     if find_spec("ducc0") is not None:
         from ducc0.fft import c2r, r2c
 
@@ -169,7 +169,7 @@ def _transforms() -> tuple[Callable[[Array], Array], Callable[[Array, int], Arra
 
 
 def _series_needs(size: str) -> int:
-    """Matrices, and the frames of a batch."""
+    """Return the bytes of the matrices and of the frames of a batch."""
     planes, count = numbers(size, (2,), FORM)
     lenslets = count**2
     frame = 4 * lenslets * (VOLUMES * 25 * planes + (PICTURES + 4) * 225)
@@ -177,7 +177,7 @@ def _series_needs(size: str) -> int:
 
 
 def measure_series(device: Device, size: str, repeats: int) -> Report:
-    """Times of a batch and of a frame, each of eight iterations from the volume before."""
+    """Measure a batch and a frame, each of eight iterations from the volume before."""
     planes, count = numbers(size, (2,), FORM)
     projector = Projector(images_of(device, planes), (count, count), device=device)
     rng = np.random.default_rng(1)

@@ -64,7 +64,7 @@ def run_benchmark(
 
 
 def is_of_memory(error: DeviceError) -> bool:
-    """Whether a device refused something because it is too large."""
+    """Return whether a device refused something because it is too large."""
     if is_want_of_memory(error.__cause__):
         return True
     return any(words in str(error) for words in _REFUSED) and "bytes" in str(error)

@@ -34,17 +34,7 @@ class Row:
 
 @dataclass(frozen=True)
 class Report:
-    """One benchmark at one size.
-
-    Attributes
-    ----------
-    name, size : str
-    ratio_is : str
-        What the rows' ratios are of: "rays/s over those of NumPy", "time over two bare FFTs".
-    rows : tuple of Row
-    notes : tuple of str
-        Whole sentences below the table.
-    """
+    """Results of one benchmark at one size; ``ratio_is`` says of what the ratios of rows are."""
 
     name: str
     size: str
@@ -54,7 +44,7 @@ class Report:
 
 
 def time_rows(times: Sequence[Times], by: Times | None = None) -> tuple[Row, ...]:
-    """Rows whose ratio is their time over that of ``by``."""
+    """Return rows whose ratio is their time over that of ``by``."""
     return tuple(
         Row(t.case.name, t.median, t.spread, t.rate, t.case.unit, t.over(by) if by else None)
         for t in times
@@ -62,7 +52,7 @@ def time_rows(times: Sequence[Times], by: Times | None = None) -> tuple[Row, ...
 
 
 def rate_rows(times: Sequence[Times], by: Times) -> tuple[Row, ...]:
-    """Rows whose ratio is their rate over that of ``by``."""
+    """Return rows whose ratio is their rate over that of ``by``."""
     scale = [t.case.work / by.case.work for t in times]
     return tuple(
         Row(t.case.name, t.median, t.spread, t.rate, t.case.unit, s / t.over(by))
@@ -72,21 +62,10 @@ def rate_rows(times: Sequence[Times], by: Times) -> tuple[Row, ...]:
 
 @dataclass(frozen=True)
 class Benchmark:
-    """Something that can be measured at several sizes.
+    """A measurement at several sizes.
 
-    Attributes
-    ----------
-    name : str
-    summary : str
-        One line.
-    sizes : tuple of str
-        That are run when none is asked for.
-    quick : str
-        One small size, to see that everything works.
-    needs : callable
-        Bytes on host and device together, of a size.
-    run : callable
-        Measures one size with a number of repeats on a device.
+    ``needs`` gives the bytes of a size on host and device together; ``quick`` is a small size;
+    ``run`` measures one size with a number of repeats on a device.
     """
 
     name: str
@@ -98,7 +77,7 @@ class Benchmark:
 
 
 def run_as_json(reports: Sequence[Report], environment: dict[str, Any]) -> str:
-    """A run with the place and the time (UTC) where it was made."""
+    """Return a run as JSON, with its machine and time (UTC)."""
     found = {
         "format": FORMAT,
         "version": VERSION,
@@ -110,7 +89,7 @@ def run_as_json(reports: Sequence[Report], environment: dict[str, Any]) -> str:
 
 
 def read_run(path: Path) -> dict[str, Any]:
-    """A saved run."""
+    """Read a saved run; raise FormatError if a file holds none."""
     try:
         found = json.loads(path.read_text("utf-8"))
     except (ValueError, RecursionError) as error:
@@ -130,7 +109,7 @@ def read_run(path: Path) -> dict[str, Any]:
 
 
 def compare_runs(reports: Sequence[Report], saved: dict[str, Any]) -> str:
-    """A line for every ratio that is in both, its change first where it is a large one."""
+    """Return a line for every ratio that is in both runs, its change first."""
     before = {
         (report["name"], report["size"], row["name"]): row["ratio"]
         for report in saved["reports"]
@@ -156,7 +135,7 @@ _LONGEST = 64  # characters of a name
 
 
 def device_text(environment: dict[str, Any]) -> str:
-    """Device, driver, processor and versions in two lines."""
+    """Format device, driver, processor and versions as two lines."""
     packages = ", ".join(f"{name} {version}" for name, version in environment["packages"].items())
     note = f" {environment['note']}" if environment["note"] else ""
     return (
@@ -167,7 +146,7 @@ def device_text(environment: dict[str, Any]) -> str:
 
 
 def report_text(report: Report) -> str:
-    """A table with its goals and notes."""
+    """Format a table with its notes."""
     width = max([len(row.name) for row in report.rows] + [4])
     lines = [f"{report.name}, {report.size}; ratio: {report.ratio_is}"]
     lines.append(f"  {'':{width}s}  {'median':>10s} {'spread':>7s} {'rate':>18s} {'ratio':>8s}")
@@ -181,7 +160,7 @@ def report_text(report: Report) -> str:
 
 
 def scaled(value: float) -> str:
-    """A number of three digits with its SI prefix."""
+    """Format a number of three digits with its SI prefix."""
     for size, prefix in _PREFIXES:
         if value >= size:
             return f"{value / size:.3g} {prefix}"
@@ -196,7 +175,7 @@ def _time(seconds: float) -> str:
 
 
 def profile_text(runs: Iterable[Run], ceilings: Ceilings) -> str:
-    """A line a kernel: how often, how long, how near the ceiling that binds it.
+    """Format a line for each kernel: count, times, share of the ceiling that binds it.
 
     The share of the ceiling is the larger one of bytes and operations at the machine's own rates
     over the time taken. Operations are those that the package counts; most kernels move memory.

@@ -33,13 +33,13 @@ FOCAL = 5.0
 
 
 def _propagation_needs(size: str) -> int:
-    """Twelve arrays of N x N complex samples, twenty where several distances are timed."""
+    """Return the bytes of 12 arrays of N x N complex samples, of 24 with several distances."""
     (n,) = numbers(size, (1,), "N")
     return (24 if n <= SEVERAL else 12) * 8 * n * n
 
 
 def measure_propagation(device: Device, size: str, repeats: int) -> Report:
-    """A step with its transfer function there, one that makes it, and several distances."""
+    """Measure a step with its transfer function kept and made, and several distances."""
     (n,) = numbers(size, (1,), "N")
     field = speckle(n, device)
     plan = _plan(field, DISTANCE)
@@ -71,7 +71,7 @@ def measure_propagation(device: Device, size: str, repeats: int) -> Report:
 
 
 def speckle(n: int, device: Device) -> Field:
-    """A random field of 75 % of the band in the middle half of the window."""
+    """Return a random field of 75 % of the band in the middle half of the window."""
     rng = np.random.default_rng(2)
     spectrum = rng.normal(size=(n, n)) + 1j * rng.normal(size=(n, n))
     low = np.abs(np.fft.fftfreq(n)) < 0.375
@@ -88,19 +88,19 @@ def _plan(field: Field, z: float) -> Propagator:
 
 
 def _several(field: Field) -> Case:
-    """Distances from one forward transform, their plans there."""
+    """Return distances from one forward transform, their plans kept."""
     run = finished(lambda: propagate(field, DISTANCES, method="blas"), field.device)
     return Case(f"{len(DISTANCES)} distances at once", run, float(len(DISTANCES)), "distances")
 
 
 def _fields_needs(size: str) -> int:
-    """Eight arrays of complex samples."""
+    """Return the bytes of eight arrays of complex samples."""
     (n,) = numbers(size, (1,), "N")
     return 8 * 8 * n * n
 
 
 def measure_fields(device: Device, size: str, repeats: int) -> Report:
-    """Each kernel over whole arrays that are there; results of a lens are new arrays."""
+    """Measure each kernel over whole arrays; results of a lens are new arrays."""
     (n,) = numbers(size, (1,), "N")
     rng = np.random.default_rng(3)
     u = rng.random((n, n), dtype=np.float32) + np.complex64(1j)
@@ -129,19 +129,19 @@ def measure_fields(device: Device, size: str, repeats: int) -> Report:
 
 
 def _transfer(n: int) -> Transfer:
-    """H at n x n frequencies of an FFT of as many samples, none of them mirrored."""
+    """Return H at n x n frequencies of an FFT of as many samples, none of them mirrored."""
     f = np.fft.fftfreq(n, PITCH)
     return Transfer((n, n), (f, f), (np.ones(n), np.ones(n)), DISTANCE, WAVELENGTH)
 
 
 def _gradients_needs(size: str) -> int:
-    """Thirty arrays of N x N complex samples."""
+    """Return the bytes of thirty arrays of N x N complex samples."""
     (n,) = numbers(size, (1,), "N")
     return 30 * 8 * n * n
 
 
 def measure_gradients(device: Device, size: str, repeats: int) -> Report:
-    """Each step alone, and with its gradient by what it is given and by its parameters."""
+    """Measure each step alone, and with its gradient by the input and by its parameters."""
     (n,) = numbers(size, (1,), "N")
     field = speckle(n, device)
     steps = {
