@@ -55,8 +55,10 @@ def main() -> None:
 
 def measured(claim: Claim, output: str, status: int) -> tuple[bool, str]:
     """Whether a claim holds, and the words that say so, from what its command printed."""
+    if claim.test:
+        return status == 0, "its test passed" if status == 0 else "its test failed"
     if not claim.find:
-        return status == 0, f"the command ended with {status}"
+        return status == 0, f"published {claim.figures}; compare with\n{output[-2000:]}"
     numbers = claim.numbers_in(output)
     if not numbers:
         return False, "the output holds no figure"
@@ -79,7 +81,8 @@ def check(names: tuple[str, ...]) -> None:
         for claim in (c for c in chosen if tuple(c.words) == words):
             holds, words_of = measured(claim, done.stdout, done.returncode)
             failed += not holds
-            click.echo(f"{claim.name}: {'holds' if holds else 'DIFFERS'}: {words_of}")
+            state = "DIFFERS" if not holds else "holds" if claim.test or claim.find else "printed"
+            click.echo(f"{claim.name}: {state}: {words_of}")
             if not holds:
                 click.echo(f"    {' '.join(words)}\n" + (done.stdout + done.stderr)[-2000:])
     sys.exit(bool(failed))
