@@ -29,6 +29,7 @@ extensions = [
     "sphinx_design",
     # ours, in extensions/
     "api_pages",
+    "claims_tables",
     "command_pages",
     "figure_pages",
     "toml_tables",

@@ -5,6 +5,7 @@ from __future__ import annotations
 import inspect
 import os
 import signal
+from functools import cache
 from pathlib import Path
 
 import launches
@@ -63,6 +64,7 @@ def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item
     items[:] = chosen
 
 
+@cache
 def _devices(config: pytest.Config) -> list[Device]:
     selectors = config.getoption("--device")
     if selectors is None:

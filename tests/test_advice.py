@@ -6,6 +6,7 @@ import ast
 import re
 import sys
 from collections.abc import Iterator
+from functools import cache
 from importlib import import_module
 from pathlib import Path
 from typing import Any
@@ -62,7 +63,12 @@ def texts(path: Path) -> Iterator[tuple[int, str]]:
 
 
 MODULES = sorted(PACKAGE.rglob("*.py"))
-TEXTS = [(path, line, text) for path in MODULES for line, text in texts(path)]
+
+
+@cache
+def strings() -> list[tuple[Path, int, str]]:
+    """Return the strings of all modules with their places, read when a test first asks."""
+    return [(path, line, text) for path in MODULES for line, text in texts(path)]
 
 
 def named_command(match: re.Match[str]) -> click.Command | None:
@@ -71,7 +77,7 @@ def named_command(match: re.Match[str]) -> click.Command | None:
 
 def test_commands_and_their_options_that_are_named_exist():
     wrong = []
-    for path, line, text in TEXTS:
+    for path, line, text in strings():
         for match in _COMMAND.finditer(text):
             command = named_command(match)
             if command is None or not set(_OPTION.findall(match[3])) <= options_of(command):
@@ -87,7 +93,7 @@ def test_options_that_are_named_exist():
         if command.callback is not None:
             own.setdefault(command.callback.__module__, set()).update(options_of(command))
     wrong = []
-    for path, line, text in TEXTS:
+    for path, line, text in strings():
         module = ".".join(path.relative_to(PACKAGE.parent).with_suffix("").parts)
         sentence = _COMMAND.sub("", text) if " " in text.strip() else ""
         strange = set(_OPTION.findall(sentence)) - own.get(module, every)
@@ -98,7 +104,7 @@ def test_options_that_are_named_exist():
 
 def test_names_of_python_that_are_named_exist():
     wrong = []
-    for path, line, text in TEXTS:
+    for path, line, text in strings():
         for match in _NAME.finditer(text):
             if " " in text and not is_there(match[1].split(".")[1:]):
                 wrong.append(f"{path}:{line}: {match[0]}: {text[:120]!r}")
@@ -124,7 +130,7 @@ def test_extras_that_are_named_exist():
     calls = re.compile(r"install_advice\(['\"](\w+)['\"]\)")
     named = {one for path in MODULES for one in calls.findall(path.read_text(encoding="utf-8"))}
     assert {"zarr", "lenses", "batch", "video", "calibrate", "gpu"} <= named <= set(EXTRAS)
-    written = {one for _, _, text in TEXTS for one in re.findall(r"clplen\[(\w+)\]", text)}
+    written = {one for _, _, text in strings() for one in re.findall(r"clplen\[(\w+)\]", text)}
     assert written <= set(EXTRAS) - set(checks._MIN_PYTHON)
 
 

@@ -7,7 +7,8 @@ that takes long runs with the marker `thorough` only, and what takes minutes wit
 from __future__ import annotations
 
 import re
-from collections.abc import Callable
+import traceback
+from collections.abc import Callable, Iterable
 from pathlib import Path
 from typing import Any
 
@@ -200,12 +201,6 @@ def matlab_and_numpy() -> Names:
     return {}
 
 
-def train_with_torch() -> Names:
-    pytest.importorskip("torch", reason='PyTorch: pip install "clplen[torch]"')
-    pytest.importorskip("jax", reason='JAX: pip install "clplen[jax]"')
-    return {}
-
-
 def white_images() -> Names:
     return frames(15.4, 18)
 
@@ -225,12 +220,12 @@ SAMPLES: dict[str, Callable[[], Names]] = {
     "docs/howto/point_cloud.md": small_flower,
     "docs/howto/nerf_and_splats.md": small_flower,
     "docs/howto/refocus_in_metres.md": small_flower,
-    "docs/howto/train_with_torch.md": train_with_torch,
     "docs/howto/views_in_wrong_order.md": small_flower,
     "docs/howto/white_image_not_found.md": white_images,
 }  # fmt: skip
 
 
+BRIDGES = "docs/howto/train_with_torch.md"
 # Pages whose blocks take more than a second.
 LONG = (
     "README.md",
@@ -255,46 +250,50 @@ LONG = (
 )
 
 
-@pytest.fixture
-def reader(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
-    monkeypatch.chdir(tmp_path)
-    return tmp_path
-
-
-def run(page: str, marks: tuple[str, ...]) -> None:
-    names = SAMPLES.get(page, dict)()
-    names["__name__"] = "reader"
-    for block in docpages.blocks(page):
-        if block.mark in marks:
-            docpages.run_block(block, names)
-
-
 def has(page: str, mark: str) -> bool:
     return any(block.mark == mark for block in docpages.blocks(page))
 
 
-@pytest.mark.parametrize(
-    "page",
-    [
-        pytest.param(page, marks=pytest.mark.thorough if page in LONG else ())
-        for page in docpages.PAGES
-        if not has(page, "thorough")
-    ],
-)
-def test_the_blocks_of_a_page(reader: Path, page: str):
-    run(page, ("",))
+def run(pages: Iterable[str], marks: tuple[str, ...], folder: Path, patch: Any) -> None:
+    """Run the blocks of pages, each page in a folder of its own; raise all that fails."""
+    failures = []
+    for page in pages:
+        reader = folder / page.replace("/", " ")
+        reader.mkdir()
+        patch.chdir(reader)
+        try:
+            names = SAMPLES.get(page, dict)()
+            names["__name__"] = "reader"
+            for block in docpages.blocks(page):
+                if block.mark in marks:
+                    docpages.run_block(block, names)
+        except Exception:
+            failures.append(f"{page}: {traceback.format_exc()}")
+    assert not failures, "\n".join(failures)
+
+
+def test_the_blocks_of_quick_pages(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    slow = {page for page in docpages.PAGES if has(page, "thorough")} | {*LONG, BRIDGES}
+    run(sorted({*docpages.PAGES} - slow), ("",), tmp_path, monkeypatch)
+
+
+def test_train_with_torch(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    pytest.importorskip("torch", reason='PyTorch: pip install "clplen[torch]"')
+    pytest.importorskip("jax", reason='JAX: pip install "clplen[jax]"')
+    run([BRIDGES], ("", "thorough"), tmp_path, monkeypatch)
 
 
 @pytest.mark.thorough
-@pytest.mark.parametrize("page", [page for page in docpages.PAGES if has(page, "thorough")])
-def test_all_blocks_of_a_page(reader: Path, page: str):
-    run(page, ("", "thorough"))
+def test_the_blocks_of_long_pages(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    pages = [page for page in docpages.PAGES if page in LONG or has(page, "thorough")]
+    pages = [page for page in pages if page != BRIDGES]
+    run(pages, ("", "thorough"), tmp_path, monkeypatch)
 
 
 @pytest.mark.nightly
-@pytest.mark.parametrize("page", [page for page in docpages.PAGES if has(page, "nightly")])
-def test_all_blocks_of_a_page_and_those_of_minutes(reader: Path, page: str):
-    run(page, ("", "thorough", "nightly"))
+def test_the_blocks_of_minutes(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    pages = [page for page in docpages.PAGES if has(page, "nightly")]
+    run(pages, ("", "thorough", "nightly"), tmp_path, monkeypatch)
 
 
 def test_blocks_say_why_they_do_not_run():

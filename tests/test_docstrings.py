@@ -8,17 +8,8 @@ import warnings
 from pathlib import Path
 from typing import Any
 
-import numpy as np
 import pytest
-from public_names import bridge_names, public_objects
 
-import clplen
-
-OBJECTS = {
-    f"clplen.{name}": value
-    for name, value in (public_objects() | bridge_names()).items()
-    if inspect.isclass(value) or inspect.isroutine(value)
-}
 # numpydoc's checks that are on. Off are those of taste: an extended summary (ES01), a section See
 # Also (SA01), and capitals for descriptions (PR08, RT04), which may begin with a symbol or a dtype.
 CHECKS = (
@@ -32,43 +23,61 @@ CHECKS = (
 )  # fmt: skip
 FLAGS = doctest.ELLIPSIS | doctest.NORMALIZE_WHITESPACE
 
+pytestmark = pytest.mark.thorough
 
-def complaints(path: str, value: Any) -> list[str]:
-    """What numpydoc finds wrong with a public name."""
-    validate = pytest.importorskip("numpydoc.validate", reason="numpydoc: pip install '.[docs]'")
+
+def documented() -> dict[str, Any]:
+    """Public classes and functions by their full names."""
+    from public_names import bridge_names, public_objects
+
+    return {
+        f"clplen.{name}": value
+        for name, value in (public_objects() | bridge_names()).items()
+        if inspect.isclass(value) or inspect.isroutine(value)
+    }
+
+
+def complaints(validate: Any, path: str, value: Any) -> list[str]:
+    """Errors that numpydoc finds in the docstring of a public name."""
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")
-        found = validate.validate(path)["errors"]
+        errors = validate.validate(path)["errors"]
         doc = validate.Validator(validate.get_doc_object(value))
     if getattr(value, "_is_protocol", False):  # made by nobody: its *args are Python's own
-        found = [(code, text) for code, text in found if code != "PR01"]
+        errors = [(code, text) for code, text in errors if code != "PR01"]
     described = set(doc.doc_all_parameters) | {a.name for a in doc.doc["Attributes"]}
-    told = {word.strip() for names in described for word in names.split(",")}
-    missing = set(doc.signature_parameters) - told
+    names = {word.strip() for line in described for word in line.split(",")}
+    missing = set(doc.signature_parameters) - names
     return [
-        f"{code}: {text}"
-        for code, text in found
+        f"{path}: {code}: {text}"
+        for code, text in errors
         # fields of a result are its attributes
         if code in CHECKS and not (code == "PR01" and inspect.isclass(value) and not missing)
     ]
 
 
-@pytest.mark.thorough
-@pytest.mark.parametrize("path", OBJECTS)
-def test_sections(path: str) -> None:
-    assert complaints(path, OBJECTS[path]) == []
+def test_sections() -> None:
+    validate = pytest.importorskip("numpydoc.validate", reason="numpydoc: pip install '.[docs]'")
+    objects = documented().items()
+    assert [line for path, value in objects for line in complaints(validate, path, value)] == []
 
 
-@pytest.mark.thorough
-@pytest.mark.parametrize("path", OBJECTS)
-def test_examples(path: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.chdir(tmp_path)
-    given = {"np": np, "clplen": clplen}
-    source = inspect.getdoc(OBJECTS[path]) or ""
-    test = doctest.DocTestParser().get_doctest(source, dict(given), path, path, 0)
-    assert test.examples, f"{path} has no example"
-    said: list[str] = []
-    with warnings.catch_warnings():
-        warnings.simplefilter("error")
-        failed = doctest.DocTestRunner(optionflags=FLAGS).run(test, out=said.append).failed
-    assert failed == 0, "".join(said)
+def test_examples(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    import numpy as np
+
+    import clplen
+
+    failures: list[str] = []
+    for path, value in documented().items():
+        folder = tmp_path / path
+        folder.mkdir()
+        monkeypatch.chdir(folder)
+        source = inspect.getdoc(value) or ""
+        names = {"np": np, "clplen": clplen}
+        example = doctest.DocTestParser().get_doctest(source, names, path, path, 0)
+        if not example.examples:
+            failures.append(f"{path} has no example")
+        with warnings.catch_warnings():
+            warnings.simplefilter("error")
+            doctest.DocTestRunner(optionflags=FLAGS).run(example, out=failures.append)
+    assert not failures, "".join(failures)

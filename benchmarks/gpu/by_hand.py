@@ -1,6 +1,6 @@
 """Steps and stacks beside code by hand in PyTorch and CuPy on the same device.
 
-    python benchmarks/gpu/by_hand.py [--device gpu] [--repeats 9] [--quick]
+    python -m benchmarks gpu/by_hand [--device gpu] [--repeats 9] [--quick]
 
 A step: N x N samples padded to 2N, a transfer function that is there already, complex64; by hand
 `ifft2(fft2(u, 2N x 2N) * H)` and a slice. A stack: linear interpolation of every view on 32 planes;
@@ -142,7 +142,7 @@ def stack(shape: tuple[int, ...], device: Device, repeats: int) -> str:
     return line(f"{title} ({rate}, largest difference inside {difference:.1e})", seconds)
 
 
-@click.command(help=__doc__)
+@click.command()
 @click.option("--device", "selector", default="gpu", show_default=True)
 @click.option("--repeats", default=9, show_default=True, type=click.IntRange(1))
 @click.option("--quick", is_flag=True, help="Small sizes.")
@@ -155,6 +155,3 @@ def main(selector: str, repeats: int, quick: bool) -> None:
     for shape in QUICK_VIEWS if quick else VIEWS:
         click.echo(stack(shape, device, repeats))
 
-
-if __name__ == "__main__":
-    main()

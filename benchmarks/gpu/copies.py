@@ -1,6 +1,6 @@
 """Rates of copies between host and device, by the kind of memory on the host.
 
-    python benchmarks/gpu/copies.py [--device gpu] [--mib 512] [--repeats 5] [--quick]
+    python -m benchmarks gpu/copies [--device gpu] [--mib 512] [--repeats 5] [--quick]
 
 Up from and down to: a fresh array, an array whose pages were touched, pinned memory
 (`ALLOC_HOST_PTR`, mapped), pinned memory in pieces of 16 MiB on two queues. Beside them what
@@ -34,7 +34,7 @@ def rate(name: str, run: Callable[[], Any], moved: int, repeats: int) -> None:
     click.echo(f"{name:38s} {moved / np.median(seconds) / 1e9:8.2f} GB/s")
 
 
-@click.command(help=__doc__)
+@click.command()
 @click.option("--device", "selector", default="gpu", show_default=True)
 @click.option("--mib", default=512, show_default=True, type=click.IntRange(16))
 @click.option("--repeats", default=5, show_default=True, type=click.IntRange(1))
@@ -99,6 +99,3 @@ def main(selector: str, mib: int, repeats: int, quick: bool) -> None:
     known = queue.device.extensions.split()
     click.echo(f"extensions: {[one for one in known if 'external' in one or 'import' in one]}")
 
-
-if __name__ == "__main__":
-    main()

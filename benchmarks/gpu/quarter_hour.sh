@@ -86,9 +86,9 @@ forms() {
 }
 
 speed() {
-    step "copies" 20 "$python" benchmarks/gpu/copies.py --device "$CLPLEN_DEVICE" $quick
-    step "by hand" 50 "$python" benchmarks/gpu/by_hand.py --device "$CLPLEN_DEVICE" $quick
-    step "three passes" 20 "$python" benchmarks/gpu/three_passes.py --device "$CLPLEN_DEVICE" $quick
+    step "copies" 20 "$python" -m benchmarks gpu/copies --device "$CLPLEN_DEVICE" $quick
+    step "by hand" 50 "$python" -m benchmarks gpu/by_hand --device "$CLPLEN_DEVICE" $quick
+    step "three passes" 20 "$python" -m benchmarks gpu/three_passes --device "$CLPLEN_DEVICE" $quick
     bench transfers 20
     bench propagation 25
     bench depth 40

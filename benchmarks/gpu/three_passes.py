@@ -1,6 +1,6 @@
 """A padded propagation step in three passes over memory: what a step on a GPU takes at least.
 
-    python benchmarks/gpu/three_passes.py [--device gpu] [--repeats 11] [--quick]
+    python -m benchmarks gpu/three_passes [--device gpu] [--repeats 11] [--quick]
 
 N x N samples padded to 2N, the transfer function there already, complex64; microseconds of the
 device for each pass, rates of the bytes that a pass must move, and the rms error against complex128
@@ -74,7 +74,7 @@ def step(n: int, device: Device, repeats: int) -> None:
         )
 
 
-@click.command(help=__doc__)
+@click.command()
 @click.option("--device", "selector", default="gpu", show_default=True)
 @click.option("--repeats", default=11, show_default=True, type=click.IntRange(1))
 @click.option("--quick", is_flag=True, help="A small size.")
@@ -84,6 +84,3 @@ def main(selector: str, repeats: int, quick: bool) -> None:
     for n in QUICK_SIZES if quick else SIZES:
         step(n, device, repeats)
 
-
-if __name__ == "__main__":
-    main()

@@ -1,4 +1,4 @@
-"""What the machine can do at most: copy memory, multiply and add, transform."""
+"""Ceilings of a machine: copying memory, multiplying and adding, transforms."""
 
 from __future__ import annotations
 
@@ -17,21 +17,13 @@ _CHAINS = {16: 12, 8: 10, 4: 10, 1: 16}  # sums in flight, by floats of a vector
 
 @dataclass(frozen=True)
 class Ceilings:
-    """Of one device, measured.
-
-    Attributes
-    ----------
-    bytes_per_second : float
-        Read and written by a copy of an array much larger than any cache.
-    operations_per_second : float
-        float32 multiplications and additions on data in registers.
-    """
+    """Bytes and float32 operations a second of a device, by a copy and in registers."""
 
     bytes_per_second: float
     operations_per_second: float
 
     def fraction(self, seconds: float, nbytes: float, operations: float) -> tuple[float, str]:
-        """Share of the ceiling that binds, and which: "memory" or "arithmetic"."""
+        """Return the share of the ceiling that binds, and its name, "memory" or "arithmetic"."""
         memory = nbytes / self.bytes_per_second
         arithmetic = operations / self.operations_per_second
         least, which = max((memory, "memory"), (arithmetic, "arithmetic"))
@@ -39,14 +31,14 @@ class Ceilings:
 
 
 def measure(device: Device, *, nbytes: int = 2**28, repeats: int = 5) -> Ceilings:
-    """Both ceilings, taken in turn."""
+    """Measure both ceilings in turn."""
     cases = [copy(device, nbytes), multiply_add(device)]
     memory, arithmetic = in_turn(cases, repeats)
     return Ceilings(memory.rate, arithmetic.rate)
 
 
 def copy(device: Device, nbytes: int, name: str = "copy of as many bytes") -> Case:
-    """A copy within the device's memory; its work counts bytes read and written."""
+    """Return a copy within the device's memory; its work counts bytes read and written."""
     count = max(1, nbytes // 4)
     source, target = (device.zeros((count,), np.float32) for _ in range(2))
     run = finished(lambda: device.copy_into(target, source, 0), device)
@@ -54,7 +46,7 @@ def copy(device: Device, nbytes: int, name: str = "copy of as many bytes") -> Ca
 
 
 def multiply_add(device: Device, *, rounds: int | None = None) -> Case:
-    """Multiply-adds in registers on every core; its work counts two operations for each."""
+    """Return multiply-adds in registers on every core, two operations each."""
     lanes = min(max(int(device.cl_device.native_vector_width_float), 4), 16) if device.rows else 1
     chains = _CHAINS[max(n for n in _CHAINS if n <= lanes)]
     units = int(device.cl_device.max_compute_units)
@@ -75,7 +67,7 @@ def multiply_add(device: Device, *, rounds: int | None = None) -> Case:
 def bare_fft(
     shape: tuple[int, ...], device: Device, *, count: int = 1, axes: tuple[int, ...] = (-2, -1)
 ) -> Case:
-    """`count` in-place transforms of one complex array by the device's own route, to and fro."""
+    """Return `count` transforms in place of a complex array by the device's own route."""
     rng = np.random.default_rng(1)
     values = rng.random(shape, dtype=np.float32).astype(device.complex)
     array: Any = device.upload(values)

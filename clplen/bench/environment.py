@@ -1,4 +1,4 @@
-"""Where a benchmark ran."""
+"""The machine on which a benchmark ran."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ PACKAGES = (
 
 
 def describe_environment(device: Device) -> dict[str, Any]:
-    """Device, driver, processor and versions, for the head of a table and for JSON."""
+    """Return device, driver, processor and versions."""
     return {
         "clplen": __version__,
         "device": device.name,
@@ -44,7 +44,7 @@ def describe_environment(device: Device) -> dict[str, Any]:
 
 
 def processor() -> str:
-    """Its name, with family and model where Linux tells them."""
+    """Return the name of the processor, with family and model on Linux."""
     try:
         text = Path("/proc/cpuinfo").read_text()
     except OSError:
@@ -68,7 +68,7 @@ def _versions() -> dict[str, str]:
 
 
 def quiet_enough() -> str:
-    """A sentence where other programs use the processor now, else nothing; ask before measuring."""
+    """Return a sentence where other programs use the processor now, else an empty text."""
     if not hasattr(os, "getloadavg"):
         return ""
     load, cores = os.getloadavg()[0], os.cpu_count() or 1

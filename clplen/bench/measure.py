@@ -18,18 +18,7 @@ from clplen.errors import ShapeError
 
 @dataclass(frozen=True)
 class Case:
-    """Something to time.
-
-    Attributes
-    ----------
-    name : str
-    run : callable
-        Does it once and returns when it is done.
-    work : float
-        How much one run does, in ``unit``.
-    unit : str
-        "rays", "samples", "bytes", "operations", ...
-    """
+    """A call to time, which returns when it is done, and the work that one run does."""
 
     name: str
     run: Callable[[], object]
@@ -46,7 +35,7 @@ class Times:
 
     @property
     def median(self) -> float:
-        """Of the seconds."""
+        """Median of the seconds."""
         return statistics.median(self.seconds)
 
     @property
@@ -63,25 +52,13 @@ class Times:
         return self.case.work / self.median
 
     def over(self, other: Times) -> float:
-        """Median of the ratios of runs of the same round: this one's time over the other's."""
+        """Return the median of the ratios of this time over another of the same round."""
         pairs = zip(self.seconds, other.seconds, strict=True)
         return statistics.median(mine / theirs for mine, theirs in pairs)
 
 
 def in_turn(cases: Sequence[Case], repeats: int) -> list[Times]:
-    """Run every case once uncounted, then `repeats` rounds of all of them.
-
-    Parameters
-    ----------
-    cases : sequence of Case
-    repeats : int
-        At least 1.
-
-    Returns
-    -------
-    list of Times
-        In the order of the cases.
-    """
+    """Run every case once uncounted, then so many rounds of all of them."""
     seconds: list[list[float]] = [[] for _ in cases]
     for _ in range(repeats + 1):
         for case, taken in zip(cases, seconds, strict=True):
@@ -92,7 +69,7 @@ def in_turn(cases: Sequence[Case], repeats: int) -> list[Times]:
 
 
 def finished(run: Callable[[], object], device: Device) -> Callable[[], Any]:
-    """``run``, then a wait until the device is done."""
+    """Return a call of ``run`` that waits until the device is done."""
 
     def both() -> None:
         run()
@@ -102,29 +79,7 @@ def finished(run: Callable[[], object], device: Device) -> Callable[[], Any]:
 
 
 def numbers(size: str, counts: tuple[int, ...], form: str) -> tuple[int, ...]:
-    """The whole numbers of a size.
-
-    Parameters
-    ----------
-    size : str
-    counts : tuple of int
-        How many there may be.
-    form : str
-        What a size looks like, for the message.
-
-    Raises
-    ------
-    ShapeError
-        If it is something else.
-    """
+    """Return the whole numbers of a size; raise ShapeError with its form if it has others."""
     if not re.fullmatch(r"[1-9]\d*(x[1-9]\d*)*", size) or size.count("x") + 1 not in counts:
         raise ShapeError(f"A size of this benchmark is {form}, not {size!r}.")
     return tuple(int(n) for n in size.split("x"))
-
-
-def halved(size: str, axes: tuple[int, ...], least: int) -> str:
-    """The size with some of its numbers halved; nothing where one would fall below ``least``."""
-    found = [int(n) for n in size.split("x")]
-    for axis in axes:
-        found[axis] //= 2
-    return "x".join(map(str, found)) if min(found[axis] for axis in axes) >= least else ""

@@ -22,11 +22,11 @@ _MODULES = {
     "transfers": "lightfields",
     "propagation": "waves",
     "fields": "waves",
-    "gradients": "gradients",
+    "gradients": "waves",
     "depth": "lightfields",
     "camera": "exposures",
     "microscope": "microscope",
-    "series": "series",
+    "series": "microscope",
     "demo": "exposures",
     "start": "start",
 }
@@ -36,13 +36,7 @@ _REFUSED = ("needs", "largest that")  # what a DeviceError says of memory that d
 
 
 def find_benchmark(name: str) -> Benchmark:
-    """The benchmark of a name.
-
-    Raises
-    ------
-    ClplenError
-        If there is none.
-    """
+    """Return the benchmark of a name; raise ClplenError if there is none."""
     if name not in NAMES:
         raise ClplenError(f"There is no benchmark {name!r}; there are {', '.join(NAMES)}.")
     module = importlib.import_module(f"clplen.bench.{_MODULES[name]}")
@@ -53,50 +47,24 @@ def find_benchmark(name: str) -> Benchmark:
 def run_benchmark(
     benchmark: Benchmark, device: Device, *, size: str, repeats: int, say: Callable[[str], None]
 ) -> Report | None:
-    """One benchmark at one size, or at the next smaller one that memory allows.
-
-    Parameters
-    ----------
-    benchmark : Benchmark
-    device : Device
-    size : str
-        In the benchmark's own words.
-    repeats : int
-    say : callable
-        Takes one sentence when a smaller size is tried.
-
-    Returns
-    -------
-    Report or None
-        None where no size fits.
-    """
-    name = benchmark.name
-    while True:
-        if benchmark.needs(size) <= _room(device):
-            try:
-                return benchmark.run(device, size, repeats)
-            except (MemoryError, cl.MemoryError):
-                device.free_spare()
-            except DeviceError as error:
-                if not is_of_memory(error):
-                    raise
-                device.free_spare()
-        less = benchmark.smaller(size)
-        if not less:
-            say(f"{name}: the memory does not suffice for {size}, and there is no smaller size.")
-            return None
-        say(f"{name}: the memory does not suffice for {size}; {less} is measured instead.")
-        size = less
-
-
-def _room(device: Device) -> int:
-    """Bytes of the host that may be taken, and on a GPU no more than it has."""
+    """Run one benchmark at one size; say so and return None where the memory does not suffice."""
     free = int(_SHARE * free_memory())
-    return free if device.is_cpu else min(free, device.memory_bytes)
+    room = free if device.is_cpu else min(free, device.memory_bytes)
+    if benchmark.needs(size) <= room:
+        try:
+            return benchmark.run(device, size, repeats)
+        except (MemoryError, cl.MemoryError):
+            pass
+        except DeviceError as error:
+            if not is_of_memory(error):
+                raise
+        device.free_spare()
+    say(f"{benchmark.name}: the memory does not suffice for {size}; give a smaller --size.")
+    return None
 
 
 def is_of_memory(error: DeviceError) -> bool:
-    """Whether a device refused something because it is too large."""
+    """Return whether a device refused something because it is too large."""
     if is_want_of_memory(error.__cause__):
         return True
     return any(words in str(error) for words in _REFUSED) and "bytes" in str(error)

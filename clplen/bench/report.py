@@ -1,4 +1,4 @@
-"""What a benchmark is and finds: rows of times, goals; as text, saved, and compared."""
+"""Results of benchmarks: rows of times, as text, saved, and compared."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from collections.abc import Callable, Iterable, Sequence
 from dataclasses import asdict, dataclass
 from datetime import datetime, timezone
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any
 
 from clplen.bench.ceilings import Ceilings
 from clplen.bench.measure import Times
@@ -22,21 +22,7 @@ VERSION = 1
 
 @dataclass(frozen=True)
 class Row:
-    """One line of a table.
-
-    Attributes
-    ----------
-    name : str
-    seconds : float
-        Median of one run.
-    spread : float
-        Distance of the quartiles over the median.
-    rate : float
-        Work a second, in ``unit`` a second.
-    unit : str
-    ratio : float or None
-        What this table compares: see `Report.ratio_is`.
-    """
+    """One line of a table: median seconds of a run, work a second, ratio as `Report.ratio_is`."""
 
     name: str
     seconds: float
@@ -47,64 +33,18 @@ class Row:
 
 
 @dataclass(frozen=True)
-class Goal:
-    """A figure that is to be reached.
-
-    Attributes
-    ----------
-    name : str
-    measured, limit : float
-    rule : {"at least", "at most"}
-    why : str
-        The reason where it is not met, if it is known.
-    """
-
-    name: str
-    measured: float
-    limit: float
-    rule: Literal["at least", "at most"]
-    why: str = ""
-
-    @property
-    def met(self) -> bool:
-        """Whether it is reached."""
-        if self.rule == "at least":
-            return self.measured >= self.limit
-        return self.measured <= self.limit
-
-
-@dataclass(frozen=True)
 class Report:
-    """One benchmark at one size.
-
-    Attributes
-    ----------
-    name, size : str
-    ratio_is : str
-        What the rows' ratios are of: "rays/s over those of NumPy", "time over two bare FFTs".
-    rows : tuple of Row
-    goals : tuple of Goal
-    notes : tuple of str
-        Whole sentences below the table.
-    """
+    """Results of one benchmark at one size; ``ratio_is`` says of what the ratios of rows are."""
 
     name: str
     size: str
     ratio_is: str
     rows: tuple[Row, ...]
-    goals: tuple[Goal, ...] = ()
     notes: tuple[str, ...] = ()
-
-    def as_json(self) -> dict[str, Any]:
-        """Plain dictionaries and lists."""
-        found = asdict(self)
-        for goal, plain in zip(self.goals, found["goals"], strict=True):
-            plain["met"] = goal.met
-        return found
 
 
 def time_rows(times: Sequence[Times], by: Times | None = None) -> tuple[Row, ...]:
-    """Rows whose ratio is their time over that of ``by``."""
+    """Return rows whose ratio is their time over that of ``by``."""
     return tuple(
         Row(t.case.name, t.median, t.spread, t.rate, t.case.unit, t.over(by) if by else None)
         for t in times
@@ -112,7 +52,7 @@ def time_rows(times: Sequence[Times], by: Times | None = None) -> tuple[Row, ...
 
 
 def rate_rows(times: Sequence[Times], by: Times) -> tuple[Row, ...]:
-    """Rows whose ratio is their rate over that of ``by``."""
+    """Return rows whose ratio is their rate over that of ``by``."""
     scale = [t.case.work / by.case.work for t in times]
     return tuple(
         Row(t.case.name, t.median, t.spread, t.rate, t.case.unit, s / t.over(by))
@@ -122,23 +62,10 @@ def rate_rows(times: Sequence[Times], by: Times) -> tuple[Row, ...]:
 
 @dataclass(frozen=True)
 class Benchmark:
-    """Something that can be measured at several sizes.
+    """A measurement at several sizes.
 
-    Attributes
-    ----------
-    name : str
-    summary : str
-        One line.
-    sizes : tuple of str
-        That are run when none is asked for.
-    quick : str
-        One small size, to see that everything works.
-    needs : callable
-        Bytes on host and device together, of a size.
-    run : callable
-        Measures one size with a number of repeats on a device.
-    smaller : callable
-        A smaller size for a machine whose memory does not suffice, "" if there is none.
+    ``needs`` gives the bytes of a size on host and device together; ``quick`` is a small size;
+    ``run`` measures one size with a number of repeats on a device.
     """
 
     name: str
@@ -147,23 +74,22 @@ class Benchmark:
     quick: str
     needs: Callable[[str], int]
     run: Callable[[Device, str, int], Report]
-    smaller: Callable[[str], str]
 
 
 def run_as_json(reports: Sequence[Report], environment: dict[str, Any]) -> str:
-    """A run with the place and the time (UTC) where it was made."""
+    """Return a run as JSON, with its machine and time (UTC)."""
     found = {
         "format": FORMAT,
         "version": VERSION,
         "date": datetime.now(timezone.utc).isoformat(timespec="seconds"),
         "environment": environment,
-        "reports": [report.as_json() for report in reports],
+        "reports": [asdict(report) for report in reports],
     }
     return json.dumps(found, indent=1)
 
 
 def read_run(path: Path) -> dict[str, Any]:
-    """A saved run."""
+    """Read a saved run; raise FormatError if a file holds none."""
     try:
         found = json.loads(path.read_text("utf-8"))
     except (ValueError, RecursionError) as error:
@@ -183,7 +109,7 @@ def read_run(path: Path) -> dict[str, Any]:
 
 
 def compare_runs(reports: Sequence[Report], saved: dict[str, Any]) -> str:
-    """A line for every ratio that is in both, its change first where it is a large one."""
+    """Return a line for every ratio that is in both runs, its change first."""
     before = {
         (report["name"], report["size"], row["name"]): row["ratio"]
         for report in saved["reports"]
@@ -209,7 +135,7 @@ _LONGEST = 64  # characters of a name
 
 
 def device_text(environment: dict[str, Any]) -> str:
-    """Device, driver, processor and versions in two lines."""
+    """Format device, driver, processor and versions as two lines."""
     packages = ", ".join(f"{name} {version}" for name, version in environment["packages"].items())
     note = f" {environment['note']}" if environment["note"] else ""
     return (
@@ -220,32 +146,21 @@ def device_text(environment: dict[str, Any]) -> str:
 
 
 def report_text(report: Report) -> str:
-    """A table with its goals and notes."""
+    """Format a table with its notes."""
     width = max([len(row.name) for row in report.rows] + [4])
     lines = [f"{report.name}, {report.size}; ratio: {report.ratio_is}"]
     lines.append(f"  {'':{width}s}  {'median':>10s} {'spread':>7s} {'rate':>18s} {'ratio':>8s}")
-    lines += [f"  {_row(row, width)}" for row in report.rows]
-    lines += [f"  {_goal(goal)}" for goal in report.goals]
+    for row in report.rows:
+        ratio = "" if row.ratio is None else f"{row.ratio:8.2f}"
+        rate = f"{scaled(row.rate)}{row.unit}/s"
+        time = f"{_time(row.seconds):>10s} {row.spread:6.0%}"
+        lines.append(f"  {row.name:{width}s}  {time} {rate:>19s} {ratio:>8s}")
     lines += [f"  {note}" for note in report.notes]
     return "\n".join(lines)
 
 
-def _row(row: Row, width: int) -> str:
-    ratio = "" if row.ratio is None else f"{row.ratio:8.2f}"
-    rate = f"{scaled(row.rate)}{row.unit}/s"
-    return (
-        f"{row.name:{width}s}  {_time(row.seconds):>10s} {row.spread:6.0%} {rate:>19s} {ratio:>8s}"
-    )
-
-
-def _goal(goal: Goal) -> str:
-    state = "met" if goal.met else "NOT MET"
-    why = f" ({goal.why})" if goal.why and not goal.met else ""
-    return f"{state:7s} {goal.name}: {goal.measured:.3g}, {goal.rule} {goal.limit:g}{why}"
-
-
 def scaled(value: float) -> str:
-    """A number of three digits with its SI prefix."""
+    """Format a number of three digits with its SI prefix."""
     for size, prefix in _PREFIXES:
         if value >= size:
             return f"{value / size:.3g} {prefix}"
@@ -260,7 +175,7 @@ def _time(seconds: float) -> str:
 
 
 def profile_text(runs: Iterable[Run], ceilings: Ceilings) -> str:
-    """A line a kernel: how often, how long, how near the ceiling that binds it.
+    """Format a line for each kernel: count, times, share of the ceiling that binds it.
 
     The share of the ceiling is the larger one of bytes and operations at the machine's own rates
     over the time taken. Operations are those that the package counts; most kernels move memory.

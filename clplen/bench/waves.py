@@ -1,44 +1,45 @@
-"""Propagation beside bare Fourier transforms; multiplied fields beside a multiplication."""
+"""Propagation beside bare transforms; fields beside a multiplication; gradients beside both."""
 
 from __future__ import annotations
 
-import multiprocessing
 from collections.abc import Callable
-from pathlib import Path
+from typing import Any
 
 import numpy as np
 
 from clplen.bench import ceilings
-from clplen.bench.measure import Case, Times, finished, halved, in_turn, numbers
-from clplen.bench.report import Benchmark, Goal, Report, time_rows
+from clplen.bench.measure import Case, finished, in_turn, numbers
+from clplen.bench.report import Benchmark, Report, time_rows
 from clplen.compute.device import Device
 from clplen.compute.fft.blocks import Spectrum, multiplied
+from clplen.wave.coherence.coherence import Coherence
+from clplen.wave.coherence.phase_masks import RandomPhaseMask
 from clplen.wave.elements.lens import thin_lens
+from clplen.wave.field.adjoints import intensity_gradient
 from clplen.wave.field.field import Field, Grid
 from clplen.wave.propagation.free_space import propagate
 from clplen.wave.propagation.propagator import Propagator
 from clplen.wave.propagation.transfer_function import Transfer
+from clplen.wave.systems.components import Lens
+from clplen.wave.systems.optical_system import OpticalSystem
+from clplen.wave.systems.space import Space
 
 PITCH, WAVELENGTH, DISTANCE = 6.6e-6, 550e-9, 0.1
 DISTANCES = tuple(0.05 + 0.01 * n for n in range(8))
 SEVERAL = 2048  # samples a side up to which several distances are timed
-_CACHED = {"ducc0": 0.8, "scipy": 0.9}  # over two bare FFTs, by library
-_MADE = {"ducc0": 1.0, "scipy": 1.1}
-_MEMORY = 1.2  # over input, result, the rows' spectra and the quadrant of H
-_LEAST = 1024  # samples a side from which the goals hold: below, starting a kernel counts
-_TABLES = {"Intel": 1.6, "": 3.5}  # over a multiplication, by the beginning of the platform's name
-_LENS, _APPLIED = 2.0, 1.5
+_SNAPSHOTS = 4
+_CELLS = 16  # of a mask, along a side of the window
 FOCAL = 5.0
 
 
 def _propagation_needs(size: str) -> int:
-    """Twelve arrays of N x N complex samples, twenty where several distances are timed."""
+    """Return the bytes of 12 arrays of N x N complex samples, of 24 with several distances."""
     (n,) = numbers(size, (1,), "N")
     return (24 if n <= SEVERAL else 12) * 8 * n * n
 
 
 def measure_propagation(device: Device, size: str, repeats: int) -> Report:
-    """A step with its transfer function there, one that makes it, and several distances."""
+    """Measure a step with its transfer function kept and made, and several distances."""
     (n,) = numbers(size, (1,), "N")
     field = speckle(n, device)
     plan = _plan(field, DISTANCE)
@@ -66,12 +67,11 @@ def measure_propagation(device: Device, size: str, repeats: int) -> Report:
         size,
         "time over two bare FFTs",
         time_rows(times, times[0]),
-        tuple(_propagation_goals(device, n, times)),
     )
 
 
 def speckle(n: int, device: Device) -> Field:
-    """A random field of 75 % of the band in the middle half of the window."""
+    """Return a random field of 75 % of the band in the middle half of the window."""
     rng = np.random.default_rng(2)
     spectrum = rng.normal(size=(n, n)) + 1j * rng.normal(size=(n, n))
     low = np.abs(np.fft.fftfreq(n)) < 0.375
@@ -88,79 +88,19 @@ def _plan(field: Field, z: float) -> Propagator:
 
 
 def _several(field: Field) -> Case:
-    """Distances from one forward transform, their plans there."""
+    """Return distances from one forward transform, their plans kept."""
     run = finished(lambda: propagate(field, DISTANCES, method="blas"), field.device)
     return Case(f"{len(DISTANCES)} distances at once", run, float(len(DISTANCES)), "distances")
 
 
-def _propagation_goals(device: Device, n: int, times: list[Times]) -> list[Goal]:
-    bare, step, made, *_ = times
-    fft = device.fft.name
-    goals = []
-    if fft in _CACHED and n >= 1024:  # below, a step is mostly the work of starting it
-        goals = [
-            Goal("step over two bare FFTs", step.over(bare), _CACHED[fft], "at most"),
-            Goal("step that makes H over them", made.over(bare), _MADE[fft], "at most"),
-        ]
-    if times[-1].case.unit == "distances":
-        each = times[-1].over(step) / len(DISTANCES)
-        goals.append(Goal("one of 8 distances over a step", each, 1.0, "at most"))
-    used = peak_memory(n, device)
-    if used is not None:
-        goals.append(Goal("memory over input, result, rows, H", used, _MEMORY, "at most"))
-    return goals
-
-
-def peak_memory(n: int, device: Device) -> float | None:
-    """Resident memory that a step adds at most, over five times N x N samples.
-
-    Those are the input, the result, the spectra of the rows (two) and the quadrant of H.
-
-    In a fresh process; None where Linux does not tell, or the arrays are not in its memory. Below
-    1024 samples a side what runtimes take for themselves would count.
-    """
-    if not device.is_cpu or device.fft.name == "vkfft" or n < 1024:
-        return None
-    if not Path("/proc/self/clear_refs").exists():
-        return None
-    with multiprocessing.get_context("spawn").Pool(1) as pool:
-        added = pool.apply(_added, (n, device.place))
-    return added / (5 * n * n * device.complex.itemsize)
-
-
-def _added(n: int, place: str) -> int:
-    """Bytes between a process that has done a small step and the peak of one of N x N samples."""
-    from clplen.compute.device import Device
-
-    device = Device.open(place)
-    small = speckle(64, device)
-    _plan(small, DISTANCE)(small)
-    device.finish()
-    Path("/proc/self/clear_refs").write_text("5")  # the peak begins anew
-    before = _resident("VmRSS")
-    data = device.zeros((n, n), device.complex)
-    field = Field(data, Grid((n, n), PITCH), WAVELENGTH, device)
-    _plan(field, DISTANCE)(field)
-    device.finish()
-    return _resident("VmHWM") - before
-
-
-def _resident(name: str) -> int:
-    """A figure of /proc/self/status in bytes."""
-    for line in Path("/proc/self/status").read_text().splitlines():
-        if line.startswith(name + ":"):
-            return 1024 * int(line.split()[1])
-    raise LookupError(f"/proc/self/status has no line {name}.")
-
-
 def _fields_needs(size: str) -> int:
-    """Eight arrays of complex samples."""
+    """Return the bytes of eight arrays of complex samples."""
     (n,) = numbers(size, (1,), "N")
     return 8 * 8 * n * n
 
 
 def measure_fields(device: Device, size: str, repeats: int) -> Report:
-    """Each kernel over whole arrays that are there; results of a lens are new arrays."""
+    """Measure each kernel over whole arrays; results of a lens are new arrays."""
     (n,) = numbers(size, (1,), "N")
     rng = np.random.default_rng(3)
     u = rng.random((n, n), dtype=np.float32) + np.complex64(1j)
@@ -184,25 +124,85 @@ def measure_fields(device: Device, size: str, repeats: int) -> Report:
         ceilings.copy(device, n * n * device.complex.itemsize),
     ]
     times = in_turn(cases, repeats)
-    goals = tuple(_fields_goals(device, times)) if n >= _LEAST else ()
     rows = time_rows(times, times[0])
-    return Report("fields", size, "time over a complex multiplication", rows, goals)
+    return Report("fields", size, "time over a complex multiplication", rows)
 
 
 def _transfer(n: int) -> Transfer:
-    """H at n x n frequencies of an FFT of as many samples, none of them mirrored."""
+    """Return H at n x n frequencies of an FFT of as many samples, none of them mirrored."""
     f = np.fft.fftfreq(n, PITCH)
     return Transfer((n, n), (f, f), (np.ones(n), np.ones(n)), DISTANCE, WAVELENGTH)
 
 
-def _fields_goals(device: Device, times: list[Times]) -> list[Goal]:
-    _, made, quadrant, lens, *_ = (t.over(times[0]) for t in times)
-    limit = next(m for name, m in _TABLES.items() if device.platform.startswith(name))
-    return [
-        Goal("transfer function, whole", made, limit, "at most"),
-        Goal("quadrant applied", quadrant, _APPLIED, "at most"),
-        Goal("thin lens", lens, _LENS, "at most"),
+def _gradients_needs(size: str) -> int:
+    """Return the bytes of thirty arrays of N x N complex samples."""
+    (n,) = numbers(size, (1,), "N")
+    return 30 * 8 * n * n
+
+
+def measure_gradients(device: Device, size: str, repeats: int) -> Report:
+    """Measure each step alone, and with its gradient by the input and by its parameters."""
+    (n,) = numbers(size, (1,), "N")
+    field = speckle(n, device)
+    steps = {
+        "propagation": _propagation(field),
+        "lens and propagation, intensity": _imaging(field, ()),
+        "the same, focal length too": _imaging(field, (0,)),
+        f"mean of {_SNAPSHOTS} snapshots": _mean(field),
+    }
+    cases = [
+        Case(name if way == 0 else f"{name}, and back", finished(run, device), 1.0, "steps")
+        for name, ways in steps.items()
+        for way, run in enumerate(ways)
     ]
+    times = in_turn(cases, repeats)
+    pairs = zip(times[::2], times[1::2], strict=True)
+    rows = tuple(row for pair in pairs for row in time_rows(pair, pair[0]))
+    notes = (
+        "Backward holds no field between, but one in front of each part whose parameters are asked "
+        f"for, {n * n * device.complex.itemsize / 2**20:.0f} MiB, and one a snapshot.",
+    )
+    return Report("gradients", size, "time over forward alone", rows, notes)
+
+
+Ways = tuple[Callable[[], Any], Callable[[], Any]]
+
+
+def _propagation(field: Field) -> Ways:
+    plan = _plan(field, DISTANCE)
+
+    def both() -> Any:
+        return plan.adjoint(plan(field))
+
+    return (lambda: plan(field)), both
+
+
+def _imaging(field: Field, parameters: tuple[int, ...]) -> Ways:
+    system = OpticalSystem([Lens(FOCAL), Space(DISTANCE, method="blas")])
+    weights = field.intensity()
+
+    def both() -> Any:
+        image, pullback = system.vjp(field, parameters=parameters)
+        image.intensity()
+        return pullback(intensity_gradient(image, weights))
+
+    return (lambda: system(field).intensity()), both
+
+
+def _mean(field: Field) -> Ways:
+    cell = field.grid.extent[0] / _CELLS
+    light = Coherence(RandomPhaseMask(cell))
+    system = OpticalSystem([Space(DISTANCE, method="blas")])
+    weights = field.intensity().to_numpy()
+
+    def forward() -> Any:
+        return light.average(system, field, snapshots=_SNAPSHOTS, method="monte-carlo")
+
+    def both() -> Any:
+        _, pullback = light.vjp(system, field, snapshots=_SNAPSHOTS, method="monte-carlo")
+        return pullback(weights)
+
+    return forward, both
 
 
 BENCHMARKS = (
@@ -213,7 +213,6 @@ BENCHMARKS = (
         quick="128",
         needs=_propagation_needs,
         run=measure_propagation,
-        smaller=lambda size: halved(size, (0,), 16),
     ),
     Benchmark(
         "fields",
@@ -222,6 +221,13 @@ BENCHMARKS = (
         quick="128",
         needs=_fields_needs,
         run=measure_fields,
-        smaller=lambda size: halved(size, (0,), 16),
+    ),
+    Benchmark(
+        "gradients",
+        "forward and backward beside forward alone, through propagation, a lens, coherence",
+        sizes=("1024", "2048"),
+        quick="256",
+        needs=_gradients_needs,
+        run=measure_gradients,
     ),
 )

@@ -238,7 +238,6 @@ def test_crosstalk_over_the_width_of_lenslets(
     device: Device, width: float, fill: str, expected: float
 ) -> None:
     # f_mu = 10 mm, matched f-numbers; a float64 simulation with Airy's closed form on the array.
-    # All widths: benchmarks/accuracy_resolution.py.
     camera = PlenopticCamera.type1(
         focal_length=0.120,
         mla=MicrolensArray(width, 0.010, count=51, fill=fill),

@@ -93,7 +93,7 @@ def test_high_na_is_said_with_what_rays_make_of_it(device, name, z):
     assert found.z == pytest.approx(camera.z(found.disparity))
     ratio = focus_ratio_of_disparity(camera, found.disparity)
     assert abs(found.z / z - 1) > 0.25
-    # rays leave diffraction out: up to 3.6 % (benchmarks/accuracy_microscope_depth.py)
+    # rays leave diffraction out: up to 3.6 % (docs/microscope_theory.md)
     assert found.z / ratio == pytest.approx(z, rel=0.05)
     assert abs(found.z - z) < found.z_uncertainty < 0.6 * abs(z)
 

@@ -12,7 +12,7 @@ from clplen import decode_raw
 
 
 def test_colours_are_nearer_to_the_truth_than_bilinear_ones(device):
-    """All three scenes and both arrays: benchmarks/accuracy_color_mosaics.py."""
+    """All three scenes and both arrays: python -m benchmarks accuracy/color_mosaics."""
     pytest.importorskip("skimage")
     array = replace(ARRAYS["hexagonal"], shape=(173, 197))
     scene = SCENES["texture"](array)

@@ -19,13 +19,12 @@ from tolerance import err_db, snr_db
 
 from clplen import Grid
 
-hcipy = pytest.importorskip("hcipy", reason="the cross-check needs hcipy: pip install hcipy")
-
 GRIDS = [Grid((100, 128), (4e-6, 3e-6)), Grid((111, 96), (3e-6, 4e-6))]
 
 
 def by_hcipy(u: np.ndarray, grid: Grid, z: float, oversampling: int = 1) -> np.ndarray:
     """u after z, its carrier taken off."""
+    hcipy = pytest.importorskip("hcipy", reason="the cross-check needs hcipy: pip install hcipy")
     (ny, nx), (dy, dx) = grid.shape, grid.pitch
     first = np.array([grid.x[0], grid.y[0]])
     coordinates = hcipy.RegularCoords(np.array([dx, dy]), np.array([nx, ny]), first)

@@ -252,6 +252,8 @@ def fits(name: str, patterns: list[str]) -> bool:
 
 def recorded(folder: Path) -> dict[str, dict[str, Leaf]]:
     """What `record` left in a folder."""
+    if not (folder / "words.json").is_file():
+        sys.exit(f"{folder} holds no record: make one by 'pinned.py record {folder}'.")
     found: dict[str, dict[str, Leaf]] = json.loads((folder / "words.json").read_text("utf-8"))
     with np.load(folder / "arrays.npz") as arrays:
         for key in arrays.files:

@@ -19,7 +19,7 @@ _AIRY = 1.22  # of lam F/D
 _FWHM = 0.886  # of sinc^2, in units of its first zero
 _FWHM_PER_SIGMA = 2.355
 # Standard deviation of alpha over p/D at blurs of so many lenslets, where there is no noise: by
-# where points fall on the lenslets. Measured by benchmarks/accuracy_uncertainty.py.
+# where points fall on the lenslets. Measured on the cameras of claims "uncertainty".
 _BLURS = (0.3, 0.9, 1.4, 1.8, 2.25, 2.75, 3.5, 5.0, 6.0)
 _DEVIATIONS = {
     "compensated": (0.54, 0.45, 0.28, 0.19, 0.12, 0.085, 0.066, 0.062, 0.058),

@@ -154,7 +154,7 @@ def aperture(
     -----
     Accuracy at .1, 1 and 5 z_c behind a slit, z_c = N dx^2/lam, N = 512, against Fresnel integrals:
     "samples" 26, 29, 36 dB and "area" 30, 36, 58 dB for edges anywhere, "pixels" 32, 39, 139 dB for
-    edges on the borders of cells (benchmarks/accuracy_apertures.py; docs/accuracy.md has squares
+    edges on the borders of cells (claims "apertures"; docs/accuracy.md has squares
     and circles).
 
     Examples

@@ -1,0 +1,1 @@
+"""Measurements beside other programs, of accuracy beyond what tests assert, and on GPUs."""
