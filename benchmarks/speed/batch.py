@@ -16,16 +16,16 @@ import tempfile
 import time
 from collections.abc import Callable
 from functools import partial
-from importlib import import_module
 from pathlib import Path
 from typing import Any
 
 import batchworks
 import click
 import numpy as np
+from batchworks import execute_job, local_executor
 
 from clplen import Device, FocalStack, LightField, depth_map, focal_stack, io
-from clplen.batch import Job, Report, execute_job, local_executor
+from clplen.batch import Job, Report
 from clplen.io import digest
 
 STAGES = ("read", "compute", "write", "digest")

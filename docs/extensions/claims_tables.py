@@ -16,7 +16,7 @@ from sphinx.application import Sphinx
 
 sys.path.insert(0, str(Path(__file__).parents[2]))
 
-from benchmarks.claims import claims  # noqa: E402 - after the path that leads there
+from benchmarks.claims import claims
 
 
 def table_of(group: str) -> list[str]:
