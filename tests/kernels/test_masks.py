@@ -1,4 +1,4 @@
-"""masks.cl and philox.cl: random phases of cells, their spread over samples, the phase alone."""
+"""masks.cl: random phases of cells, their spread over samples, the phase alone."""
 
 import numpy as np
 import pytest
