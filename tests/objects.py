@@ -346,7 +346,6 @@ EXAMPLES |= {
     "Job": lambda _: clplen.batch.Job(**JOB),
     "JobEstimate": lambda _: clplen.batch.JobEstimate([], 0, 0, 0.0, 0.0, 0.0, ""),
     "JobSpec": lambda _: clplen.batch.JobSpec(**JOB),
-    "LensSampling": lambda _: clplen.wave.LensSampling(*map(float, range(9))),
     "LensType": lambda device: clplen.lightfield.LensType(
         (0.0, 0.0), (1.0, 2.0), ((1.0, 0.0), (0.0, 1.0))
     ),
@@ -355,7 +354,6 @@ EXAMPLES |= {
     ),
     "EvenLight": lambda _: clplen.microscopy.EvenLight(EVEN_LIGHT),
     "FrameProjector": lambda device: frame_projector(device),
-    "LensletSampling": lambda _: clplen.wave.LensletSampling(0.1, 0.2, 1.0, 1e-3),
     "LightFieldReport": lambda device: clplen.lightfield.check_light_field(lightfield(device)),
     "LocalExecutor": lambda _: clplen.batch.LocalExecutor(None),  # type: ignore[arg-type]
     "Measured": lambda device: clplen.analysis.Measured(
