@@ -44,7 +44,6 @@ def check_gradient_by_the_object_against_differences(precise, light, system, met
 @pytest.mark.filterwarnings("ignore::clplen.errors.SamplingWarning")
 def test_gradient_by_the_object_against_differences(precise):
     for light, system, method in [
-        (clplen.Coherence(MASK), IMAGING, "monte-carlo"),
         (clplen.Coherence(MASK, SPECTRUM, wavelengths=2), IMAGING, "monte-carlo"),
         (clplen.Coherence(MASK), FILTER, "abbe"),
         (clplen.Coherence(IncoherentLight()), FILTER, "incoherent"),
