@@ -342,7 +342,6 @@ EXAMPLES |= {
     "InputTable": lambda _: clplen.batch.InputTable(files=["*.h5"]),
     "Job": lambda _: clplen.batch.Job(**JOB),
     "JobEstimate": lambda _: clplen.batch.JobEstimate([], 0, 0, 0.0, 0.0, 0.0, ""),
-    "LensSampling": lambda _: clplen.wave.LensSampling(*map(float, range(9))),
     "LensType": lambda device: clplen.lightfield.LensType(
         (0.0, 0.0), (1.0, 2.0), ((1.0, 0.0), (0.0, 1.0))
     ),
@@ -351,7 +350,6 @@ EXAMPLES |= {
     ),
     "EvenLight": lambda _: clplen.microscopy.EvenLight(EVEN_LIGHT),
     "FrameProjector": lambda device: frame_projector(device),
-    "LensletSampling": lambda _: clplen.wave.LensletSampling(0.1, 0.2, 1.0, 1e-3),
     "LightFieldReport": lambda device: clplen.lightfield.check_light_field(lightfield(device)),
     "Measured": lambda device: clplen.analysis.Measured(
         "one", camera(device), EXAMPLES["Sampling"](device)

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from reference_closed import (
     gaussian_paraxial,
-    rayleigh_sommerfeld,
 )
 from reference_elements import (
     circle_coverage,
@@ -43,7 +42,6 @@ __all__ = [
     "microlens_array",
     "padded_length",
     "propagate",
-    "rayleigh_sommerfeld",
     "rectangle_coverage",
     "refocus",
     "render",

@@ -7,7 +7,7 @@ imports the package under test.
 from __future__ import annotations
 
 import numpy as np
-from reference_optics import Complex, Pair, Real, axis, pair
+from reference_optics import Complex, Real
 from scipy.special import fresnel, j0, j1
 
 
@@ -99,19 +99,3 @@ def talbot_distance(period: float, wavelength: float) -> float:
     """Exact self-imaging distance of a grating, lam (1 + sqrt(1-q))/q, q = (lam/d)^2."""
     q = (wavelength / period) ** 2
     return wavelength * (1 + np.sqrt(1 - q)) / q
-
-
-def rayleigh_sommerfeld(u: Complex, pitch: Pair, z: float, wavelength: float) -> Complex:
-    """Direct RS-I sum over the samples of u (ny, nx), on the same grid; small arrays only."""
-    (ny, nx), (dy, dx) = u.shape, pair(pitch)
-    y, x = axis(ny, dy), axis(nx, dx)
-    k = 2 * np.pi / wavelength
-    out = np.empty_like(u, dtype=np.complex128)
-    for i in range(ny):
-        for j in range(nx):
-            rho2 = (y - y[i])[:, None] ** 2 + (x - x[j])[None, :] ** 2
-            r = np.sqrt(rho2 + z**2)
-            h = abs(z) / (2 * np.pi * r**2) * (1 / r - 1j * k)
-            h = h * np.exp(1j * k * rho2 / (r + abs(z)))
-            out[i, j] = np.sum(u * (h if z > 0 else h.conj())) * dy * dx
-    return out

@@ -104,23 +104,6 @@ def gaussian_at(r: Real, z: float, *, waist: float, chunk: int = 1024) -> Comple
 # Fresnel: N = 512 or 1024, dx = 6.6 um ----------------------------------------------------------
 
 
-def rectangle(n: int = 512, dx: float = 6.6e-6) -> tuple[Complex, tuple[float, float]]:
-    """Area-weighted rectangle S/4 x S/8 (y, x) at z = 0, and its size."""
-    size = n * dx / 4, n * dx / 8
-    return rectangle_coverage((n, n), dx, size) + 0j, size
-
-
-def rectangle_exact(
-    shape: Sequence[int], pitch: Pair, z: float, *, size: tuple[float, float]
-) -> Complex:
-    """Fresnel field behind a rectangle of size (y, x) on a grid of any pitch."""
-    y, x = (
-        fresnel_slit(axis(n, d), z, width=w, wavelength=LAM)
-        for n, d, w in zip(shape, pair(pitch), size, strict=True)
-    )
-    return y[:, None] * x[None, :]
-
-
 def slit_fresnel(z_units: float, *, n: int = 1024, dx: float = 6.6e-6) -> SetUp:
     """Slit S/4 with its Fresnel field at z = z_units N dx^2/lam."""
     z = z_units * n * dx**2 / LAM

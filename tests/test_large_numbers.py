@@ -48,7 +48,6 @@ CALLS = {
     "lens": lambda d: clplen.thin_lens(lit(d), HUGE),
     "period": lambda d: wave.grating(lit(d), HUGE),
     "waist": lambda d: wave.gaussian_beam(GRID, HUGE, wavelength=5e-7, device=d),
-    "sampling": lambda d: wave.lens_sampling(GRID, 0.1, wavelength=5e-7, diameter=HUGE),
     "system": lambda d: wave.imaging_system(0.1, diameter=1e-3, magnification=HUGE),
     "pupil": lambda d: wave.Pupil(HUGE, 1.0),
     "source": lambda d: wave.ExtendedSource(1e-3, HUGE),

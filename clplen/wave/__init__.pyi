@@ -24,10 +24,6 @@ from .elements.hard_apertures import annular_aperture as annular_aperture
 from .elements.hard_apertures import aperture as aperture
 from .elements.hard_apertures import polygonal_aperture as polygonal_aperture
 from .elements.hard_apertures import rectangular_aperture as rectangular_aperture
-from .elements.lens import LensletSampling as LensletSampling
-from .elements.lens import LensSampling as LensSampling
-from .elements.lens import lens_sampling as lens_sampling
-from .elements.lens import lenslet_sampling as lenslet_sampling
 from .elements.lens import thin_lens as thin_lens
 from .elements.lens import thin_lens_gradient as thin_lens_gradient
 from .elements.lenslet_errors import LensletErrors as LensletErrors

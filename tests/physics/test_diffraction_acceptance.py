@@ -29,27 +29,22 @@ def random_field(shape, seed=0, share=1.0) -> np.ndarray:
     return np.fft.ifft2(spectrum * np.multiply.outer(*inside)) * np.sqrt(np.prod(shape)) + 0.2
 
 
-def vdot(a, b) -> complex:
-    return np.vdot(a.astype(complex), b.astype(complex))
-
-
 # Plane waves ------------------------------------------------------------------------------------
 
 
 def test_tilted_plane_waves(device, precise):
-    for shape in [(16, 21)]:
-        for index in [(-2, 3), (2, -3), (0, 5)]:
-            for z in [0.013, -0.1]:
-                pitch = (3e-6, 2e-6)
-                fy, fx = (i / (n * d) for i, n, d in zip(index, shape, pitch, strict=True))
-                y, x = (axis(n, d) for n, d in zip(shape, pitch, strict=True))
-                start, end = (
-                    tilted_plane_wave(y[:, None], x, t, fy=fy, fx=fx, wavelength=LAM)
-                    for t in (0, z)
-                )
-                got = step(start, pitch, z, precise, method="as", pad=1)
-                assert np.abs(got - end).max() <= 1e-12
-                assert err_db(end, step(start, pitch, z, device, method="as", pad=1)) >= 120
+    shape = (16, 21)
+    for index in [(-2, 3), (2, -3), (0, 5)]:
+        for z in [0.013, -0.1]:
+            pitch = (3e-6, 2e-6)
+            fy, fx = (i / (n * d) for i, n, d in zip(index, shape, pitch, strict=True))
+            y, x = (axis(n, d) for n, d in zip(shape, pitch, strict=True))
+            start, end = (
+                tilted_plane_wave(y[:, None], x, t, fy=fy, fx=fx, wavelength=LAM) for t in (0, z)
+            )
+            got = step(start, pitch, z, precise, method="as", pad=1)
+            assert np.abs(got - end).max() <= 1e-12
+            assert err_db(end, step(start, pitch, z, device, method="as", pad=1)) >= 120
 
 
 def test_talbot_images(device, precise):
@@ -57,19 +52,18 @@ def test_talbot_images(device, precise):
 
     The orders come back in phase with each other; the common phase of all is the carrier's.
     """
-    for times in [10]:
-        for n in [128, 135]:
-            dx, period = 0.5 * LAM, 8 * LAM
-            if n % 2:
-                dx = period / 15  # odd: 9 periods of 15 samples
-            u = 1 + 0.5 * np.cos(2 * np.pi * axis(n, dx)[None] / period)
-            exact = talbot_distance(period, LAM)
-            assert exact / (2 * period**2 / LAM) == pytest.approx(0.99608, abs=1e-5)
-            for dev, worst in ((precise, 1e-12), (device, 1e-6)):
-                got = step(u, dx, times * exact, dev, method="as", pad=1)
-                assert relative_max(u + 0j, got) <= worst
-                paraxial = step(u, dx, times * 2 * period**2 / LAM, dev, method="as", pad=1)
-                assert relative_max(u + 0j, paraxial) > 1e-3
+    for n in [128, 135]:
+        dx, period = 0.5 * LAM, 8 * LAM
+        if n % 2:
+            dx = period / 15  # odd: 9 periods of 15 samples
+        u = 1 + 0.5 * np.cos(2 * np.pi * axis(n, dx)[None] / period)
+        exact = talbot_distance(period, LAM)
+        assert exact / (2 * period**2 / LAM) == pytest.approx(0.99608, abs=1e-5)
+        for dev, worst in ((precise, 1e-12), (device, 1e-6)):
+            got = step(u, dx, 10 * exact, dev, method="as", pad=1)
+            assert relative_max(u + 0j, got) <= worst
+            paraxial = step(u, dx, 10 * 2 * period**2 / LAM, dev, method="as", pad=1)
+            assert relative_max(u + 0j, paraxial) > 1e-3
 
 
 # Group laws -------------------------------------------------------------------------------------

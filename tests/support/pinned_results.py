@@ -17,6 +17,7 @@ import clplen
 from clplen import analysis, batch, cameras, lightfield, microscopy, plot, wave
 from clplen import io as files
 from clplen.plot import base, scale_bars
+from clplen.wave.elements import lens as lens_module
 
 LAM = 532e-9
 CELL = (4.5e-5, 6.2e-5)  # of a mask of random phase; whole numbers of them fit GRID
@@ -178,8 +179,10 @@ def lenslet_shapes():
 
 @pinned()
 def lens_sampling():
-    found = wave.lens_sampling(GRID, 0.1, wavelength=LAM, diameter=3e-4, arriving=0.3)
-    small = wave.lenslet_sampling(1e-4, 3e-3, samples=4e-6, wavelength=LAM, diameter=1e-2, z=0.2)
+    found = lens_module.lens_sampling(GRID, 0.1, wavelength=LAM, diameter=3e-4, arriving=0.3)
+    small = lens_module.lenslet_sampling(
+        1e-4, 3e-3, samples=4e-6, wavelength=LAM, diameter=1e-2, z=0.2
+    )
     return {"lens": vars_of(found), "lenslet": vars_of(small)}
 
 

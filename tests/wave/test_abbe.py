@@ -143,9 +143,6 @@ def test_cost_is_that_of_the_cheaper_route():
     assert abbe_cost(grid, H, even) >= 2 * 5 * 6144 * np.log2(6144)
 
 
-# Partially coherent edges: the row of section 9.2 of the reference, its figures to three digits
-
-
 # Bad input
 
 

@@ -7,7 +7,6 @@ from reference_elements import stigmatic_phase
 from tolerance import relative_max
 
 from clplen import Field, Grid, SamplingError, SamplingWarning, thin_lens
-from clplen.wave import lens_sampling, lenslet_sampling
 
 LAM = 532e-9
 
@@ -122,16 +121,3 @@ def test_a_length_of_one_is_a_cylinder(device):
 
 
 # What a lens does
-
-
-def test_sampling_of_no_focal_length():
-    for f in [0, 0.0, np.nan]:
-        with pytest.raises(ValueError, match="focal length is a number of metres and not 0"):
-            lens_sampling(Grid((8, 8), 1e-5), f, wavelength=LAM)
-        with pytest.raises(ValueError, match="focal length is a number of metres and not 0"):
-            lenslet_sampling(1e-4, f, samples=1e-6, wavelength=LAM)
-
-
-def test_sampling_of_no_grid():
-    with pytest.raises(TypeError, match="grid is a Grid"):
-        lens_sampling((8, 8), 0.1, wavelength=LAM)

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import clplen
-from clplen.wave import ExtendedSource, IncoherentLight, Lens, Pupil, RandomPhaseMask, Space
+from clplen.wave import IncoherentLight, Lens, Pupil, RandomPhaseMask, Space
 
 LAM = 500e-9
 GRID = clplen.Grid((15, 26), (8e-6, 5e-6))
@@ -44,7 +44,6 @@ def check_gradient_by_the_object_against_differences(precise, light, system, met
 @pytest.mark.filterwarnings("ignore::clplen.errors.SamplingWarning")
 def test_gradient_by_the_object_against_differences(precise):
     for light, system, method in [
-        (clplen.Coherence(MASK), IMAGING, "monte-carlo"),
         (clplen.Coherence(MASK, SPECTRUM, wavelengths=2), IMAGING, "monte-carlo"),
         (clplen.Coherence(MASK), FILTER, "abbe"),
         (clplen.Coherence(IncoherentLight()), FILTER, "incoherent"),
@@ -78,13 +77,3 @@ def test_gradient_by_parameters_and_without_memory(precise, monkeypatch):
         light.vjp(IMAGING, field, snapshots=3, parameters=[1])[1](weights).field.to_numpy(),
         rtol=1e-12,
     )
-
-
-def test_extended_sources_have_gradients_too(device):
-    grid = clplen.Grid((20, 20), 10e-6)
-    hole = clplen.aperture(clplen.wave.plane_wave(grid, wavelength=LAM, device=device), 120e-6)
-    light = clplen.Coherence(ExtendedSource(0.5e-3, 0.1))
-    image, pullback = light.vjp(clplen.OpticalSystem([2e-3]), hole, snapshots=2)
-    gradient = pullback(np.ones(image.grid.shape)).field
-    assert gradient.shape == (20, 20)
-    assert np.isfinite(gradient.to_numpy()).all()

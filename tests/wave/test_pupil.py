@@ -197,32 +197,6 @@ def test_images_of_an_edge(device):
         assert np.abs(seen - incoherent_edge(x_fc, shape=rim))[near].max() <= 0.006
 
 
-def check_cut_offs_at_fc_and_twice_fc(device, axis):
-    grid = Grid((240, 250), (3e-6, 2e-6))
-    n, d = grid.shape[axis], grid.pitch[axis]
-    pupil = Pupil.of_cutoff(56 / (n * d), LAM)
-    H = pupil.transfer(grid, LAM)
-    for cycles in (51, 61, 84, 107, 117):  # f/fc = .91, 1.09, 1.5, 1.91, 2.09
-        wave = np.cos(2 * np.pi * cycles * np.arange(n) / n)
-        wave = np.broadcast_to(wave[:, None] if axis == 0 else wave, grid.shape)
-
-        def share(image, cycles=cycles):
-            spectrum = np.fft.fft(image.to_numpy(), axis=axis).mean(axis=1 - axis)
-            return 2 * np.abs(spectrum[cycles]) / np.abs(spectrum[0])
-
-        # amplitude 1 + cos: the intensity's first harmonic is 4/3 of its mean, or nothing
-        coherent = share(pupil.apply(on(device, 1 + wave, grid)).intensity())
-        assert coherent == pytest.approx(4 / 3 if cycles < 56 else 0, abs=1e-5)
-        # 56 frequencies across the radius sample the disc's overlap to 3e-3
-        lamp = share(incoherent_image(on(device, np.sqrt((1 + wave) / 2), grid), H))
-        assert lamp == pytest.approx(float(otf(cycles / 112)), abs=0.004)
-
-
-def test_cut_offs_at_fc_and_twice_fc(device):
-    for axis in [0, 1]:
-        check_cut_offs_at_fc_and_twice_fc(device, axis)
-
-
 # Words and refusals
 
 

@@ -38,15 +38,6 @@ def verify(path: PathLike) -> None:
         _read(target)
 
 
-def _save(path: PathLike, heading: dict[str, Any], arrays: Arrays) -> None:
-    """Write a checkpoint, whole or not at all."""
-    members: dict[str, Any] = {"heading": json.dumps({"format": FORMAT, **heading}), **arrays}
-    with replacing(path) as temporary, temporary.open("wb") as file:
-        np.savez(file, **members)
-        file.flush()
-        os.fsync(file.fileno())
-
-
 def _load(path: PathLike, setup: dict[str, str]) -> tuple[dict[str, Any], Arrays] | None:
     """Read a checkpoint of this set-up; None where there is no file."""
     target = check_writable(path)
@@ -194,11 +185,16 @@ def _require_light(curve: list[tuple[int, float]], how: Averaging) -> None:
 def _keep(
     path: PathLike, statistics: Statistics, curve: list[tuple[int, float]], setup: dict[str, str]
 ) -> None:
+    """Write a checkpoint, whole or not at all."""
     device = statistics.device
-    arrays = {
+    heading = {"format": FORMAT, "count": statistics.count, "unit": statistics.unit, "setup": setup}
+    members: dict[str, Any] = {
+        "heading": json.dumps(heading),
         "mean": device.download(statistics.mean),
         "m2": device.download(statistics.m2),
         "convergence": np.array(curve, np.float64).reshape(-1, 2),
     }
-    heading = {"count": statistics.count, "unit": statistics.unit, "setup": setup}
-    _save(path, heading, arrays)
+    with replacing(path) as temporary, temporary.open("wb") as file:
+        np.savez(file, **members)
+        file.flush()
+        os.fsync(file.fileno())

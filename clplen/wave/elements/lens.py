@@ -15,10 +15,9 @@ from clplen.checks import (
     alias_argument,
     check_aliasing,
     check_diameter,
-    float64_array,
 )
 from clplen.wave.elements.hard_apertures import disc
-from clplen.wave.field.field import Field, Grid, require_field, require_grid
+from clplen.wave.field.field import Field, Grid, require_field
 from clplen.wave.field.field_gradients import (
     check_cotangent,
     log_moments,
@@ -226,38 +225,17 @@ def _bend(field: Field, f: float) -> Field:
 
 @dataclass(frozen=True)
 class LensSampling:
-    """The sampling of a thin paraxial lens.
+    """The sampling of a thin paraxial lens: lengths in metres, slopes, and the largest slope."""
 
-    Attributes
-    ----------
-    radius, largest_radius : float
-        That is used, and R_max = lam abs(f)/(2 dx), in metres.
-    shortest_focal_length : float
-        f_min = 2 R dx/lam in metres.
-    f_number, fastest : float
-        abs(f)/(2 R), and dx/lam, the least that is sampled.
-    arriving, alone, behind : float
-        Largest slopes of the light before the lens, of the lens, and of the light behind it.
-    limit : float
-        The slope lam/(2 dx).
-
-    Examples
-    --------
-    >>> grid = clplen.Grid((64, 64), 10e-6)
-    >>> found = clplen.wave.lens_sampling(grid, 0.1, wavelength=500e-9, diameter=500e-6)
-    >>> f"slope {found.behind:.4f} of {found.limit:.4f}", found.is_sampled(found.behind)
-    ('slope 0.0025 of 0.0250', True)
-    """
-
-    radius: float
-    largest_radius: float
-    shortest_focal_length: float
+    radius: float  # that is used
+    largest_radius: float  # R_max = lam abs(f)/(2 dx)
+    shortest_focal_length: float  # f_min = 2 R dx/lam
     f_number: float
-    fastest: float
-    arriving: float
+    fastest: float  # f-number that is sampled, dx/lam
+    arriving: float  # largest slopes of the light before the lens, of the lens, and behind it
     alone: float
     behind: float
-    limit: float
+    limit: float  # lam/(2 dx)
 
     def is_sampled(self, slope: float) -> bool:
         """Whether a slope is at most the limit."""
@@ -272,38 +250,13 @@ def lens_sampling(
     diameter: float | None = None,
     arriving: float = math.inf,
 ) -> LensSampling:
-    """Return how finely a grid samples a thin lens on the axis.
+    """How finely a grid samples a thin lens on the axis, along the axis that is sampled worse.
 
-    Parameters
-    ----------
-    grid : Grid
-        Samples of the plane, shape (ny, nx).
-    f : float
-        Focal length in metres, not 0.
-    wavelength : float
-        In metres.
-    diameter : float, optional
-        Of its aperture in metres, at most the window counts; None: the half window.
-    arriving : float
-        Radius of curvature of the light at the lens in metres, not 0: positive from a point that
-        far before it, negative to a point behind it.
-
-    Returns
-    -------
-    LensSampling
-        Along the axis that is sampled worse.
-
-    Examples
-    --------
-    >>> grid = clplen.Grid((64, 64), 10e-6)
-    >>> found = clplen.wave.lens_sampling(grid, 0.1, wavelength=500e-9, diameter=500e-6)
-    >>> f"f/{found.f_number:.0f}, focal lengths from {found.shortest_focal_length * 1e3:.0f} mm on"
-    'f/200, focal lengths from 10 mm on'
+    ``arriving`` is the radius of curvature of the light at the lens in metres: positive from a
+    point before it, negative to a point behind it. Without a diameter the half window counts.
     """
-    require_grid(grid)
     _check_focal_length(f)
     check_diameter(diameter)
-    f, wavelength = map(float, float64_array([f, wavelength]))
     used = []
     for axis, coordinates in enumerate((grid.y, grid.x)):
         reach = float(np.abs(coordinates).max())
@@ -331,28 +284,12 @@ def _check_focal_length(f: float) -> None:
 
 @dataclass(frozen=True)
 class LensletSampling:
-    """The sampling of lenslets in the light of a lens.
+    """The sampling of lenslets in the light of a lens, by the slopes of both."""
 
-    Attributes
-    ----------
-    lenslet, lens : float
-        Slopes d/(2 f_mu) of a lenslet and D/(2 z) of the light that arrives.
-    limit : float
-        The slope lam/(2 dx).
-    shortest_focal_length : float
-        Smallest f_mu in metres with which the sum is sampled; infinite where there is none.
-
-    Examples
-    --------
-    >>> found = clplen.wave.lenslet_sampling(125e-6, 2e-3, samples=4e-6, wavelength=550e-9)
-    >>> f"slope {found.lenslet:.3f} of {found.limit:.3f}", found.is_sampled
-    ('slope 0.031 of 0.069', True)
-    """
-
-    lenslet: float
-    lens: float
-    limit: float
-    shortest_focal_length: float
+    lenslet: float  # d/(2 f_mu)
+    lens: float  # D/(2 z) of the light that arrives
+    limit: float  # lam/(2 dx)
+    shortest_focal_length: float  # f_mu that is sampled in metres; infinite where none is
 
     @property
     def is_sampled(self) -> bool:
@@ -369,34 +306,8 @@ def lenslet_sampling(
     diameter: float = 0.0,
     z: float = math.inf,
 ) -> LensletSampling:
-    """Return how finely lenslets are sampled, alone or behind a lens.
-
-    Parameters
-    ----------
-    pitch, f : float
-        Pitch d, positive, and focal length f_mu, not 0, of a lenslet in metres.
-    samples : float
-        Larger pitch dx of the grid in metres.
-    wavelength : float
-        In metres.
-    diameter, z : float
-        Diameter D of a lens and its distance in metres, z not 0; by default a plane wave arrives.
-
-    Returns
-    -------
-    LensletSampling
-        Slopes of the lenslets and of the light that arrives, and the largest that is sampled.
-
-    Examples
-    --------
-    >>> found = clplen.wave.lenslet_sampling(
-    ...     125e-6, 2e-3, samples=4e-6, wavelength=550e-9, diameter=10e-3, z=0.25)
-    >>> f"lenslets of f = {found.shortest_focal_length * 1e3:.2f} mm or more are sampled"
-    'lenslets of f = 1.28 mm or more are sampled'
-    """
+    """How finely lenslets are sampled in a plane wave, or ``z`` behind a lens of a diameter."""
     _check_focal_length(f)
-    given = float64_array([pitch, f, samples, wavelength, diameter, z])
-    pitch, f, samples, wavelength, diameter, z = map(float, given)
     limit, lens = steepest_slope(samples, wavelength), diameter / (2 * abs(z))
     left = limit - lens
     shortest = pitch / (2 * left) if left > 0 else math.inf
