@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 
 from clplen.cameras.exposure import isoplanatic
+from clplen.cameras.exposure.local_exposure import refined
 from clplen.cameras.exposure.point_gradients import point_rows, put_cotangents
 from clplen.cameras.exposure.source_images import DeviceImages
 from clplen.cameras.exposure.surface_rays import SAMPLES, sample_rays
@@ -184,7 +185,9 @@ def _patterns(device: Device) -> Pairs:
 
     u = sampled(ny, nx).astype(device.complex)
     field = Field.from_array(u, Grid((ny, nx), 1e-6), wavelength=LAM, device=device)
-    fine = isoplanatic._refined(field, 3)
+    spectra = device.upload(u)
+    device.fft.forward(spectra, device)
+    fine = field.with_data(refined(spectra, 3, device))
     expected = sampled(3 * ny, 3 * nx)
     yield expected / 9, fine.to_numpy()  # the larger window's factor is left to the pattern
     z = device.empty((16, 27), device.complex)
