@@ -177,9 +177,12 @@ class Plenoptic(Described, RayOptics):
         averaging = Averaging(snapshots, rtol, region, checkpoint)
         optics = self.optics
         if _uses_rays(model, scene, coherence, averaging):
-            surfaces = isinstance(scene, SurfaceScene)
-            check_rays(optics, () if surfaces else as_occluders(scene))
-            raw = expose_rays(optics, scene if surfaces else as_sources(scene))
+            if isinstance(scene, SurfaceScene):
+                check_rays(optics, ())
+                raw = expose_rays(optics, scene)
+            else:
+                check_rays(optics, as_occluders(scene))
+                raw = expose_rays(optics, as_sources(scene))
         else:
             light = Light(coherence, koehler, averaging)
             sources, before = as_sources(scene), replace(optics, occluders=as_occluders(scene))

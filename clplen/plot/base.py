@@ -179,12 +179,10 @@ def for_display(values: Array, norm: Normalize) -> Array:
     return np.clip(values, norm.vmin, None)
 
 
-def draw(figure: Figure, axes: Axes, values: Array, scale: Scale, label: str) -> None:
-    """An image with its colour bar; no label, no bar."""
+def draw(figure: Figure, axes: Axes, values: Array, scale: Scale, label: str, **how: Any) -> None:
+    """An image with its colour bar; no label, no bar. ``how`` is for `imshow`."""
     norm = norm_of(values, scale)
-    drawn = axes.imshow(
-        for_display(values, norm), cmap=LIGHT, norm=norm, interpolation="antialiased"
-    )
+    drawn = axes.imshow(for_display(values, norm), cmap=LIGHT, norm=norm, **how)
     if label:
         bar(figure, drawn, axes, label + said(scale), extend=cut(values, norm))
 

@@ -37,7 +37,6 @@ from clplen.plot.base import (
     spread,
     styled,
 )
-from clplen.plot.base import said as scale_said
 from clplen.wave.field.field import Field
 
 _RAW_DECADES = 5
@@ -255,7 +254,8 @@ def picture(image: Image | ArrayLike, *, title: str = "", scale: Scale = "linear
         )
     figure = new_figure(5.6, 5.0 * min(2.0, values.shape[0] / values.shape[1]) + 0.2)
     axes = figure.add_subplot()
-    draw(figure, axes, values, scale, "value" if values.ndim == 2 else "")
+    label = "value" if values.ndim == 2 else ""
+    draw(figure, axes, values, scale, label, interpolation="antialiased")
     axes.set(xlabel="x / pixel", ylabel="y / pixel", title=title)
     return figure
 
@@ -408,20 +408,15 @@ def epi(
     if not isinstance(found, PhaseSpace):
         lf = as_lightfield(found)
         found = phase_space(lf, y=lf.shape[2] // 2, v=lf.shape[0] // 2)
-    norm = norm_of(found.values, scale)
     figure = new_figure(7.4, 3.2)
     axes = figure.add_subplot()
     down, across = (
         values * _MILLI.get(unit, 1.0)
         for values, unit in zip((found.direction, found.position), found.units, strict=True)
     )
-    drawn = axes.imshow(
-        for_display(found.values, norm),
-        cmap=LIGHT,
-        norm=norm,
-        extent=(*_ends(across), *_ends(down)[::-1]),
-        aspect="auto",
-    )
+    ends = (*_ends(across), *_ends(down)[::-1])
+    label = "value of a sample" if found.values.ndim == 2 else ""
+    draw(figure, axes, found.values, scale, label, extent=ends, aspect="auto")
     views, pixels = found.axes
     places = {"m": f"{views} on the main lens / mm", "view": f"{views} from the middle / view"}
     place = places.get(found.units[0], rf"$\{views}$ / mrad")
@@ -438,9 +433,6 @@ def epi(
             functions=(lambda u: np.asarray(u) * ratio, lambda theta: np.asarray(theta) / ratio),
         )
         other.set_ylabel(rf"$\theta = -{views}/F$ at {pixels} = 0 / mrad")
-    if found.values.ndim == 2:
-        label = f"value of a sample{scale_said(scale)}"
-        bar(figure, drawn, axes, label, extend=cut(found.values, norm))
     return figure
 
 

@@ -8,7 +8,7 @@ from matplotlib.figure import Figure
 
 from clplen.analysis.point.otf import OTF, Curve
 from clplen.analysis.point.psf import PSF
-from clplen.plot.base import LIGHT, Scale, bar, cut, for_display, new_figure, norm_of, said, styled
+from clplen.plot.base import LIGHT, Scale, bar, draw, new_figure, styled
 
 _PER_MM = 1e-3  # of cycles a metre
 _MICRONS = 1e6
@@ -40,19 +40,13 @@ def psf(found: PSF, *, title: str = "", scale: Scale = "root") -> Figure:
     >>> [round(float(edge), 3) for edge in figure.axes[0].images[0].get_extent()]
     [-16.5, 16.5, 16.5, -16.5]
     """
-    norm = norm_of(found.values, scale)
     y, x = found.grid.y * _MICRONS, found.grid.x * _MICRONS
     dy, dx = (pitch * _MICRONS / 2 for pitch in found.pitch)
     figure = new_figure(5.6, 4.6)
     axes = figure.add_subplot()
-    drawn = axes.imshow(
-        for_display(found.values, norm),
-        cmap=LIGHT,
-        norm=norm,
-        extent=(x[0] - dx, x[-1] + dx, y[-1] + dy, y[0] - dy),
-    )
+    extent = (x[0] - dx, x[-1] + dx, y[-1] + dy, y[0] - dy)
+    draw(figure, axes, found.values, scale, "intensity", extent=extent)
     axes.set(xlabel="x / µm", ylabel="y / µm", title=title or "point spread function")
-    bar(figure, drawn, axes, f"intensity{said(scale)}", extend=cut(found.values, norm))
     return figure
 
 

@@ -114,3 +114,15 @@ def test_bad_pictures_are_told() -> None:
     ):
         with pytest.raises(error, match=words):
             slanted_edge(picture, pitch=PITCH)
+
+
+def test_what_lies_far_from_the_edge_is_windowed_out() -> None:
+    # A second step of 5 % at 95 % of the reach counts for .0245 of itself: Tukey's cosine there.
+    grid, sigma = Grid((97, 80), PITCH), 1.5e-6
+    away = distance(grid, 1, 5)
+    reach = 39 * PITCH - OFFSET - 48 * PITCH * math.tan(math.radians(5))
+    sharp = (1 + erf(away / (2**0.5 * sigma))) / 2
+    edge = slanted_edge(sharp - 0.05 * (away < -0.95 * reach), pitch=PITCH)
+    kept = edge.mtf.frequency < 0.4 / PITCH
+    expected = np.exp(-2 * (np.pi * sigma * edge.mtf.frequency) ** 2)
+    assert np.abs(edge.mtf.value - expected)[kept].max() < 0.006

@@ -13,6 +13,8 @@ from clplen import (
     PointSources,
     SamplingError,
     Sensor,
+    estimate_alpha,
+    refocus,
 )
 from clplen.cameras import camera_base
 from clplen.cameras.exposure import wave_exposure
@@ -205,3 +207,16 @@ def test_every_camera_is_a_plenoptic_camera_and_says_its_kind(device):
     assert not isinstance(lenslets, PlenopticCamera)
     with pytest.raises(TypeError, match="type1"):
         PlenopticCamera()
+
+
+def test_turned_arrays_obey_the_shear_law(device):
+    """Refocused on its true alpha a point is sharp, however the array is turned."""
+    mla = MicrolensArray(
+        150e-6, 10e-3, count=41, fill="full", lattice="hexagonal", rotation=np.deg2rad(30)
+    )
+    camera = small(device, mla=mla, pixels_per_lenslet=20)
+    lf = LightField.from_raw(camera.expose(PointSources((0.1e-3, -0.2e-3, -0.05))))
+    alpha = camera.alpha(-0.05)
+    assert refocus(lf, alpha=alpha).to_numpy().max() > 3.5 * lf.render().to_numpy().max()
+    assert refocus(lf, alpha=2 - alpha).to_numpy().max() < lf.render().to_numpy().max()
+    assert estimate_alpha(lf, c_max=0.4).alpha == pytest.approx(alpha, abs=0.03)  # d = .316

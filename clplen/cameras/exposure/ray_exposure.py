@@ -63,7 +63,7 @@ def expose_rays(optics: RayOptics, scene: SurfaceScene | Sequence[Source]) -> Ra
 
 def check_rays(optics: RayOptics, occluders: Sequence[Occluder]) -> None:
     """Refuse colour filters and screens, which rays of points and pictures do not know."""
-    if optics.pixels is not None and optics.pixels.filters is not None:
+    if optics.filters is not None:
         raise ValueError(
             "Rays know no wavelengths, and the pixels of this camera have colour filters: use "
             "model='waves', or pixels without filters=."

@@ -11,7 +11,7 @@ import pyopencl.array as cla
 
 from clplen.cameras.exposure.ray_exposure import check_rays, point_rays, rays_of_each
 from clplen.cameras.exposure.source_images import SourceImages, local_images, point_images
-from clplen.cameras.exposure.spectral_exposure import filters_of, has_spectrum, spectral_lines
+from clplen.cameras.exposure.spectral_exposure import spectral_lines
 from clplen.cameras.exposure.wave_exposure import (
     Light,
     Method,
@@ -251,7 +251,7 @@ def _refuse_slides(sources: Sequence[Source]) -> None:
 
 def _lines(optics: WaveOptics, source: Source, light: Light) -> list[SceneLine]:
     """The wavelengths of a source, from the longest to the shortest or the other way."""
-    if filters_of(optics) is None and not has_spectrum(source):
+    if optics.filters is None and source.spectra is None:
         return [
             SceneLine(replace(optics, wavelength=wavelength), np.array([[share]]))
             for wavelength, share in light.lines(optics.wavelength)

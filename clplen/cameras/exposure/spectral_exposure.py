@@ -45,22 +45,11 @@ class SpectralLine:
     weights: Values
 
 
-def filters_of(optics: WaveOptics) -> ColorFilterArray | None:
-    """The colour filters of a camera's pixels."""
-    return None if optics.pixels is None else optics.pixels.filters
-
-
-def has_spectrum(source: Source) -> bool:
-    """Whether a source has light of its own wavelengths."""
-    own = source.spectra if isinstance(source, PicturePlane) else source.spectrum
-    return own is not None
-
-
 def spectral_lines(
     optics: WaveOptics, source: Source, coherence: Coherence | None
 ) -> list[SpectralLine]:
     """The wavelengths by which a self-luminous source is exposed."""
-    spectra, filters = _spectra_of(source, coherence, optics.wavelength), filters_of(optics)
+    spectra, filters = _spectra_of(source, coherence, optics.wavelength), optics.filters
     positions = (source.corners() if isinstance(source, PicturePlane) else source).positions
     check_in_view(replace(optics, wavelength=spectra[0].centre), positions)
     if filters is None:
@@ -104,7 +93,7 @@ def wavelengths_needed(
 
 def _shares(optics: WaveOptics) -> Values:
     """Square roots of the shares of the pixels that filters have, shape (filters, 1)."""
-    filters = filters_of(optics)
+    filters = optics.filters
     if filters is None:
         return np.ones((1, 1))
     counts = np.bincount(filters.index.ravel(), minlength=len(filters.names))
@@ -143,11 +132,8 @@ def _spectra_of(
     source: Source, coherence: Coherence | None, wavelength: float
 ) -> Sequence[Spectrum]:
     """One a channel."""
-    if isinstance(source, PicturePlane):
-        if source.spectra is not None:
-            return source.spectra
-    elif source.spectrum is not None:
-        return [source.spectrum]
+    if source.spectra is not None:
+        return source.spectra
     if coherence is not None and coherence.spectrum is not None:
         return [coherence.spectrum]
     return [Spectrum.monochromatic(wavelength)]

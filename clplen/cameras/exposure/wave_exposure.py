@@ -29,8 +29,6 @@ from clplen.cameras.exposure.spectral_exposure import (
     SpectralLine,
     add_by_tile,
     energies_by_pixel,
-    filters_of,
-    has_spectrum,
     spectral_lines,
 )
 from clplen.cameras.optics.ray_optics import check_in_view, raw_image
@@ -118,7 +116,7 @@ def expose_waves(
     emitters = [s for s in sources if s not in slides]
     light.check(len(slides))
     # sources whose light is shared by wavelength, whatever pixel it falls on, and the others
-    plain = [s for s in emitters if filters_of(optics) is None and not has_spectrum(s)]
+    plain = [s for s in emitters if optics.filters is None and s.spectra is None]
     spectral = [(s, spectral_lines(optics, s, light.coherence)) for s in emitters if s not in plain]
     lines = light.lines(optics.wavelength) if plain or slides else []
     colours = [replace(optics, wavelength=wavelength) for wavelength, _ in lines]
@@ -235,7 +233,7 @@ def _add_line(
     progress: Progress | None,
 ) -> Exposure:
     """Add the signal of a source at one of its wavelengths to an image of the sensor."""
-    filters = filters_of(optics)
+    filters = optics.filters
     if isinstance(source, PointSources):
         points, powers = source, source.power[:, None]
     else:
@@ -257,7 +255,7 @@ def _add_channels(
     progress: Progress | None,
 ) -> Exposure:
     """Add the channels of a picture, each from its patterns."""
-    device, filters, reports = optics.device, filters_of(optics), []
+    device, filters, reports = optics.device, optics.filters, []
     for number, weights in enumerate(line.weights):
         image = plane.image.reshape(*plane.energy.shape, -1)[..., number]
         if not image.any():

@@ -21,6 +21,7 @@ import numpy as np
 import pyopencl.array as cla
 
 from clplen.cameras.optics.camera_aberrations import NONE, Aberrations
+from clplen.cameras.optics.color_filters import ColorFilterArray
 from clplen.cameras.optics.lenslet_camera import LensletCamera, lenslet_grid
 from clplen.cameras.optics.pixel_array import PixelArray
 from clplen.checks import real_array
@@ -63,6 +64,11 @@ class RayOptics(LensletCamera, ABC):
             f"<{type(self).__name__} f = {metres(self.focal_length)}, {self._sensor}, "
             f"{metres(self.wavelength)}, {self.device.name}>"
         )
+
+    @property
+    def filters(self) -> ColorFilterArray | None:
+        """Colour filters of the pixels."""
+        return None if self.pixels is None else self.pixels.filters
 
     @property
     @abstractmethod
@@ -384,7 +390,7 @@ def raw_image(optics: RayOptics, data: cla.Array, *, paraxial: bool = False) -> 
     larger = 1.0 if paraxial or not on_image else pupil_image(optics)[0]
     if abs(larger - 1) > NEARLY_PARAXIAL:
         step /= larger
-    filters = None if optics.pixels is None else optics.pixels.filters
+    filters = optics.filters
     return RawImage(
         data,
         optics.device,

@@ -109,6 +109,11 @@ class PointSources(OneLine):
     def __len__(self) -> int:
         return len(self.positions)
 
+    @property
+    def spectra(self) -> tuple[Spectrum] | None:
+        """The spectrum as that of a picture's channels."""
+        return None if self.spectrum is None else (self.spectrum,)
+
     def chosen(self, which: slice | Sequence[int]) -> PointSources:
         """Some of the sources, by a slice or their indices."""
         return PointSources(
