@@ -92,11 +92,15 @@ __kernel void builtins(
         *out = b;
         atomic_cmpxchg((volatile __global uint *)out, as_uint(b), as_uint(a));
         out += n;
+        *out = a;
+        atomic_add((volatile __global uint *)out, as_uint(b) - as_uint(a));
+        out += n;
+        KEEP(as_ulong(convert_long_rte(b)) + 4);
         const float2 pair = (float2)(a, b);
         const int2 whole = convert_int2(floor(pair));
         KEEP(convert_float2(whole).y + rint(pair).x + sqrt(pair).x + clamp(pair, 0.0f, 1.0f).y);
     }
-    y += 16 * n;
+    y += 18 * n;
     VECTORS(4, float4, convert_float4, convert_int4, vload4, vload_half4, vstore4);
     VECTORS(8, float8, convert_float8, convert_int8, vload8, vload_half8, vstore8);
     VECTORS(16, float16, convert_float16, convert_int16, vload16, vload_half16, vstore16);

@@ -2,14 +2,19 @@
 
 from __future__ import annotations
 
+import re
 from pathlib import Path
 
 from clplen.batch import Job
 from clplen.batch.jobs.spec import commented_job
+from clplen.cameras.scenes.gallery import SCENES
 
 
 def test_the_example_is_a_job(tmp_path: Path):
-    (tmp_path / "job.toml").write_text(commented_job())
+    text = commented_job()
+    assert "One of linear, nearest," in text
+    assert all(re.search(rf"\b{kind}\b", text) for kind in SCENES)
+    (tmp_path / "job.toml").write_text(text)
     job = Job.read(tmp_path / "job.toml")
     assert job.output_folder == tmp_path / "results"
     assert not job.inputs  # it runs where there are no files yet

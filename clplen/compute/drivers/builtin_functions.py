@@ -63,6 +63,8 @@ def expected(*, double: bool) -> dict[str, Array]:
         "as_float, as_uint": -a,
         "vload_half": i,
         "atomic_cmpxchg": a,
+        "atomic_add": b,
+        "convert_long_rte, as_ulong": np.rint(b) + 4,
         "functions of float2": np.floor(b) + np.rint(a) + np.sqrt(a) + np.clip(b, 0, 1),
     }
     for width in (4, 8, 16):
