@@ -331,3 +331,13 @@ def test_a_correction_needs_metres(device: Device) -> None:
     naive = LightField.from_raw(camera_of(device, count=25).expose(MIDDLE), decode="naive")
     with pytest.raises(ValueError, match="decode with 'calibrated'"):
         correct_aberrations(naive, {4: 1e-8})
+
+
+@pytest.mark.thorough
+def test_strehl_ratio_of_each_low_term(device: Device) -> None:
+    camera = camera_of(device)
+    ideal = psf(camera)
+    for j, sigma in (*((j, 0.5) for j in range(4, 12)), (11, 0.25)):
+        wavefront = Aberrations(main_lens={j: sigma * LAM / (2 * np.pi)})
+        found = psf(camera.with_aberrations(wavefront)).strehl(ideal)
+        assert found == pytest.approx(math.exp(-(sigma**2)), abs=0.01), (sigma, j)

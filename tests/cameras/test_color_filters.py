@@ -9,6 +9,12 @@ import numpy as np
 import pytest
 from accuracy_color import (
     apart,
+    by_wavelengths,
+    dispersive,
+    focal_length_in_image,
+    focal_length_of,
+    place_in_image,
+    white_cameras,
 )
 
 from clplen import (
@@ -256,3 +262,40 @@ def test_scenes_that_are_refused(device: Device) -> None:
             camera.expose(PointSources((0, 0, behind), spectrum=LIGHT))
     with pytest.raises(SamplingError, match="field of view"):
         camera.expose(PointSources((0.1, 0, 0), spectrum=LIGHT))
+
+
+@pytest.mark.nightly
+@pytest.mark.parametrize("name", ["f/5, SF11", "f/8, 40 um"])
+def test_the_plan_takes_enough_wavelengths_and_not_many_more(device: Device, name: str) -> None:
+    camera, light = white_cameras(device)[name], SpectralDistribution.illuminant("D65")
+    point = (2e-4, -1e-4, 0.0)
+    wanted, most = by_wavelengths(camera, point, light, 41)
+    assert most == 41
+    found, n = by_wavelengths(camera, point, light, None)
+    assert apart(found, wanted) < 1e-3
+    assert n < 25
+    assert apart(by_wavelengths(camera, point, light, n // 3)[0], wanted) > 1e-3
+
+
+@pytest.mark.parametrize("wavelength", [450e-9, 550e-9, 650e-9])
+def test_a_lenslet_of_glass_has_its_focal_length_in_the_raw_image(
+    device: Device, wavelength: float
+) -> None:
+    wanted = focal_length_of(2e-3, wavelength)
+    camera = dispersive(
+        device, wavelength, pitch=150e-6, focal_length=2e-3, shift=0.2, aperture=0.012, count=1
+    )
+    assert focal_length_in_image(camera, 0.06, wanted) == pytest.approx(wanted, rel=2e-3)
+
+
+def test_lateral_colour_of_a_point_beside_the_middle_of_a_lenslet(device: Device) -> None:
+    X, places, laws = -50e-6, [], []
+    for wavelength in (450e-9, 650e-9):
+        camera = dispersive(
+            device, wavelength, pitch=200e-6, focal_length=2e-3, shift=0.0, aperture=0.012, count=3
+        )
+        places.append(place_in_image(camera, X))
+        z2, z3 = camera.array_distance, camera.sensor_distance
+        laws.append(X * (1 - z3 / focal_length_of(2e-3, wavelength)) + z3 * X / z2)
+    assert places[1] - places[0] == pytest.approx(laws[1] - laws[0], rel=0.02)
+    assert places == pytest.approx(laws, abs=1e-7)

@@ -27,6 +27,7 @@ from clplen import (
 from clplen.cameras import PixelArray
 from clplen.cameras.optics.ray_optics import pupil_image
 from clplen.compute.device import Device
+from clplen.lightfield import point_m
 
 CAMERAS = Path(__file__).parents[2] / "examples" / "cameras"
 
@@ -93,20 +94,6 @@ def test_steep_lenslets_magnify_the_image_of_the_pupil(device: Device) -> None:
         expected = size if size > 1.001 else 1
         assert by_rays[1] / by_waves[1] == pytest.approx(expected, rel=1e-12)
 
-
-def test_alpha_of_a_camera_that_people_own(device: Device) -> None:
-    """Points on both sides of the focus: blurs to a fifth of a lenslet."""
-    camera = read_camera(CAMERAS / "canon_50mm.toml", device=device, count=(29, 31))
-    p, tolerance = camera.mla.pitch, camera.mla.pitch / camera.aperture_diameter
-    for blur, place in ((4.7, (1.3, -0.6)), (-3.6, (-0.8, 1.9))):
-        dz = float(camera.dz(1 + blur * tolerance))
-        x, y = np.multiply(place, p / camera.array_scale(dz))
-        lf = LightField.from_raw(camera.expose(PointSources((x, y, dz))))
-        for method, least in (("compensated", 0.2), ("slope", 0.35)):
-            found = estimate_alpha(lf, method=method, c_max=0.5)
-            error = found.alpha - camera.alpha(dz)
-            assert abs(error) < least * tolerance, (method, error / tolerance)
-            assert abs(error) < 2.5 * found.uncertainty, (method, error / tolerance)
 
 
 def test_the_description_of_windows(device: Device) -> None:
@@ -267,3 +254,29 @@ def test_windows_that_do_not_fit_are_refused_before_memory_is_taken(
     monkeypatch.setattr(Device, "zeros", refuse)
     with pytest.raises(DeviceError, match=r"blurred over 7011 lenslets: its window .* nearer"):
         camera.expose(points)
+
+
+@pytest.mark.parametrize("name", ["lytro_illum", "canon_50mm"])
+def test_alpha_of_cameras_that_people_own(device: Device, name: str) -> None:
+    """Points on both sides of the focus: blurs to a fifth of a lenslet."""
+    camera = read_camera(CAMERAS / f"{name}.toml", device=device, count=(29, 31))
+    p, tolerance = camera.mla.pitch, camera.mla.pitch / camera.aperture_diameter
+    for blur, place in ((4.7, (1.3, -0.6)), (-3.6, (-0.8, 1.9))):
+        dz = float(camera.dz(1 + blur * tolerance))
+        x, y = np.multiply(place, p / camera.array_scale(dz))
+        lf = LightField.from_raw(camera.expose(PointSources((x, y, dz))))
+        for method, least in (("compensated", 0.2), ("slope", 0.35)):
+            found = estimate_alpha(lf, method=method, c_max=0.5)
+            error = found.alpha - camera.alpha(dz)
+            assert abs(error) < least * tolerance, (method, error / tolerance)
+            assert abs(error) < 2.5 * found.uncertainty, (method, error / tolerance)
+
+
+@pytest.mark.thorough
+def test_m_of_three_kinds_of_lenslets(device: Device) -> None:
+    """A virtual depth of 5 b, at which no kind is in focus."""
+    camera = read_camera(CAMERAS / "raytrix_r12.toml", device=device, count=(15, 17))
+    m = -0.2
+    dz = camera.dz(camera.image_distance / (camera.array_distance - camera.b / m))
+    found = point_m(camera.expose(PointSources((2e-3, -1e-3, dz))))
+    assert found.m == pytest.approx(m, rel=0.02)

@@ -8,6 +8,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+import setups_slanted
 from reference_focused import Rig
 from setups_focused import (
     PITCH,
@@ -264,3 +265,22 @@ def test_a_focused_camera_has_no_light_field(device: Device) -> None:
     values[3, 4:6] = np.nan
     with pytest.raises(ValueError, match="2 pixels that are NaN or infinite"):
         point_m(replace(shot, data=device.upload(values)))
+
+
+def test_edges_from_near_to_far_are_sharper_than_by_one_m(device: Device) -> None:
+    """A camera of three types before a slanted plane, its own rays; m from .15 to .27."""
+    scene = setups_slanted.slanted(device, (0.15, 0.27), count=(24, 21))
+    raw = scene.by_rays()
+    depth = focused_depth(raw)
+    m, z, count = scene.rms(depth)
+    assert count > 350
+    assert m < 0.03
+    assert z < 0.015  # of the object's distance
+    step = depth.geometry.pitch / 8
+    best = scene.mtf50(render_focused(raw, method="depth", depth=depth, step=step))
+    assert best.min() > 1  # cycles a lenslet
+    for method in ("basic", "blended"):
+        for one in (0.17, 0.2, 0.23):
+            found = scene.mtf50(render_focused(raw, method=method, m=one, step=step))
+            assert found.mean() < 0.75 * best.mean()
+            assert found.min() < 0.75 * best.min()

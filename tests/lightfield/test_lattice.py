@@ -10,6 +10,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+import tifffile
 from reference_lattice import Drawn, lattice, white
 from scipy.ndimage import map_coordinates
 
@@ -407,3 +408,23 @@ def test_what_is_no_file_is_not_waited_for(tmp_path: Path):
         os.mkfifo(tmp_path / "pipe.json")
         with pytest.raises(FormatError, match="is not a file"):
             Lattice.load(tmp_path / "pipe.json")
+
+
+def distance(found: Lattice, point: tuple[float, float]) -> float:
+    """How far a point lies from the nearest centre."""
+    return float(np.hypot(*(found.centres() - point).T).min())
+
+
+@pytest.mark.thorough
+def test_vesicle(data_folder: Path):
+    folder = data_folder / "lfm_guv"
+    flat, dark = (
+        tifffile.imread(folder / f"{name}_GUVExperim1.tif") for name in ("Radiometry", "DarkFrame")
+    )
+    found = estimate_lattice(flat, dark=dark)
+    assert (found.kind, found.trust) == ("square", "high")
+    assert found.pitch == pytest.approx((15.387, 15.410), rel=5e-4)
+    assert math.degrees(found.rotation) == pytest.approx(-0.12, abs=0.03)
+    assert distance(found, (210.05, 224.64)) < 0.2
+    scene = estimate_lattice(tifffile.imread(folder / "Lightfield_GUVExperim1.tif"), dark=dark)
+    assert scene.trust == "low"  # a bright vesicle, no white image

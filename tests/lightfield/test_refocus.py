@@ -251,3 +251,21 @@ def test_the_limit_of_overlap_is_that_of_the_best_pair():
         pairs = combinations(places, 2) if count > 1 else [2 * [places[0]]]
         least = min(np.abs([a, b, a - b]).max() for a, b in pairs)
         assert overlap_limit(steps, (1, count, 17, 23)) == pytest.approx(1 / least)
+
+
+TYPES = (np.uint8, np.uint16, np.float32)
+
+
+SHAPES = [(3, 4, 17, 23), (4, 3, 13, 11, 3), (1, 6, 5, 19), (5, 2, 31, 7)]
+
+
+@pytest.mark.parametrize("dtype", TYPES)
+@pytest.mark.parametrize("shape", SHAPES)
+def test_focal_stack_against_twin(device, dtype, shape):
+    a = values(dtype, shape)
+    weights = np.random.default_rng(31).random(shape[:2])
+    stack = focal_stack(light_field(device, a, weights=weights), disparities=DISPARITIES)
+    assert stack.shape == (len(DISPARITIES), *shape[2:])
+    assert stack.to_numpy().dtype == np.float32
+    for d, got in zip(DISPARITIES, stack.to_numpy(), strict=True):
+        assert relative_max(twin(a, d, weights=weights), got) <= LIMIT

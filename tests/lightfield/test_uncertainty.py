@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from accuracy_uncertainty import cover, estimates
+from accuracy_uncertainty import METHODS, cover, estimates
 
 from clplen import LightField, MicrolensArray, PlenopticCamera, PointSources, estimate_alpha
 from clplen.lightfield.arrays.spectral_sharpness import BAND, find_peak, sharpness
@@ -158,3 +158,13 @@ def test_deviation_of_a_peak_by_noise():
     drawn = [peak(clean + random.normal(0, sigma, clean.shape))[1] for _ in range(60)]
     assert np.std(drawn) == pytest.approx(stated, rel=0.3)
     assert measure.deviation(0.58, np.ones(clean.shape), step=0.005) > 0
+
+
+@pytest.mark.nightly
+def test_two_hundred_points_are_covered(device):
+    """68 and 95 % of each method, within the 99 % limits of a binomial of 200."""
+    found = list(estimates(device, 200, 77))
+    for method in METHODS:
+        inner, outer = cover([one for one in found if one.method == method])
+        assert 0.597 < inner < 0.768
+        assert 0.916 < outer < 0.993

@@ -262,3 +262,10 @@ def test_what_is_not_deconvolved(projector):
     few = Projector(projector.images, (9, 4), device=projector.device)
     with pytest.raises(ShapeError, match="9 x 4 lenslets; at least 5 x 5"):
         deconvolve(np.ones(few.frame_shape), few)
+
+
+@pytest.mark.thorough
+def test_two_points_behind_each_other(fine):
+    found = deconvolve(counted(fine, [(5, 22, 22), (7, 22, 22)]), fine, iterations=40).volume
+    light = found.sum(axis=(1, 2))
+    assert light[6] / min(light[5], light[7]) == pytest.approx(0.5, abs=0.1)  # reference .50

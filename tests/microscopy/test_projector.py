@@ -183,3 +183,16 @@ def test_what_is_not_projected(device, images):
         volume = given.pop("volume")
         with pytest.raises(error, match=words):
             Projector(**given, device=device).forward(volume)
+
+
+def test_memory_holds_pieces_of_a_plane(device, images, monkeypatch):
+    """Of less memory than the matrix of a plane takes, no matrix is larger than that memory."""
+    whole = Projector(images[1], (5, 5), device=device)
+    memory = whole.nbytes // len(Z) // 3
+    monkeypatch.setattr(projectors, "PIECE_BYTES", 1)
+    pieces = Projector(images[1], (5, 5), device=device, memory=memory)
+    plane = pieces._groups[0]
+    made = [pieces._assembled(plane, *piece) for piece in pieces._pieces(plane)]
+    assert len(made) > 1
+    assert max(matrix.nbytes for matrix in made) <= memory
+    assert sum(matrix.nbytes for matrix in made) == whole.nbytes // len(Z)

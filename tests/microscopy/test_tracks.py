@@ -245,3 +245,19 @@ def test_too_many_points_that_could_be_exchanged(monkeypatch):
     with pytest.raises(ValueError, match="give a smaller step"):
         track_points(moving(21, 2), step=100.0)
     assert len(track_points(moving(20, 2), step=100.0)) == 20
+
+
+def test_crowded_points():
+    series = moving(300, 8, step=0.3, missing=0.05)
+    right, wrong, possible = links(track_points(series, step=1.5))
+    assert right > 0.97 * possible
+    assert wrong < 0.03 * possible
+
+
+def test_points_that_cross_need_their_velocity():
+    t = np.arange(20) - 9.5
+    positions = np.stack([np.stack([0 * t, t, 2 * t], 1), np.stack([0 * t, -t, 2 * t + 0.1], 1)])
+    series = [Frame(positions[:, k], np.arange(2)) for k in range(20)]
+    right, wrong, possible = links(track_points(series, step=3.0))
+    assert (right, wrong, possible) == (36, 2, 38)  # they bounce off each other
+    assert links(track_points(series, step=3.0, motion="straight")) == (38, 0, 38)

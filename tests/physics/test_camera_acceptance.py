@@ -1,12 +1,15 @@
 """The section 1.5 camera: raw image, energy, decode, refocus, aperture, viewpoint, phase space."""
 
+import itertools
+
 import numpy as np
 import pytest
 from tolerance import relative_max
 
-from clplen import LightField, PointSources
+from clplen import LightField, MicrolensArray, PlenopticCamera, PointSources, Propagator
 from clplen.cameras.camera_base import scene_energy
 from clplen.lightfield.refocusing.focal_stacks import refocus
+from clplen.wave.field.field import row_powers
 
 pytestmark = pytest.mark.thorough
 
@@ -125,3 +128,40 @@ def test_viewpoint_moves_the_point_by_its_disparity(point_fields):
             assert np.sign(slope) == np.sign(first)
             assert abs(slope) <= abs(squared) * 1.05
             assert slope == pytest.approx(first, rel=0.15)
+
+
+def test_calibrated_decode_keeps_the_energy_of_30_of_31_pixels(scene):
+    assert float(scene.to_numpy().sum(dtype=np.float64)) / 3 == pytest.approx(0.964, abs=0.02)
+
+
+def crosstalk(device, d, *, count=51, alone=False):
+    """Energy of a centred in-focus point outside its own cell."""
+    pixels = 24 if d < 180e-6 else 40  # the angles that a wide lenslet bends light to
+    array = MicrolensArray(d, 10e-3, count=count, fill="full")
+    camera = PlenopticCamera.type1(
+        focal_length=0.12, mla=array, wavelength=532e-9, pixels_per_lenslet=pixels, device=device
+    )
+    middle = slice((count // 2) * pixels, (count // 2 + 1) * pixels)
+    if not alone:
+        raw = camera.expose(PointSources((0, 0, 0))).to_numpy().astype(np.float64)
+        return 1 - raw[middle, middle].sum() / raw.sum()
+    at_array = camera.array_field(camera.pupil(PointSources((0, 0, 0))))
+    through = MicrolensArray(d, 10e-3, count=1, fill="full").apply(at_array)
+    step = Propagator(camera.grid, 10e-3, wavelength=532e-9, method="as", pad=1, device=device)
+    behind = step(through)
+    field = behind.to_numpy()[0]
+    inside = (np.abs(field[middle, middle]) ** 2).sum(dtype=np.float64)
+    return 1 - inside / row_powers(behind).sum()
+
+
+@pytest.mark.nightly
+def test_crosstalk(device):
+    assert crosstalk(device, 70e-6) > 0.45
+    assert crosstalk(device, 150e-6) == pytest.approx(0.107, abs=0.01)
+    assert crosstalk(device, 150e-6, alone=True) < 0.03
+    # averaged over d +- 20 % the curve falls
+    means = [
+        np.mean([crosstalk(device, d * s) for s in (0.8, 0.9, 1.0, 1.1, 1.2)])
+        for d in (60e-6, 100e-6, 150e-6, 225e-6)
+    ]
+    assert all(a > b for a, b in itertools.pairwise(means))

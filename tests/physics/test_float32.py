@@ -7,10 +7,12 @@ from functools import lru_cache
 import numpy as np
 import pytest
 from fields import field_of, step
+from reference_optics import blas_limit
 from setups import LAM
 from tolerance import err_db
 
-from clplen import Field, Grid, Propagator
+from clplen import Device, Field, Grid, Propagator
+from clplen.wave.propagation.transfer_function import Transfer
 
 pytestmark = pytest.mark.filterwarnings("ignore::clplen.errors.SamplingWarning")
 
@@ -76,3 +78,55 @@ def test_every_route_of_the_phase_keeps_the_light(
     taken = result(device, None)
     monkeypatch.setattr(device, "has_fp64", not device.has_fp64)
     np.testing.assert_array_equal(result(device, None), taken)
+
+
+GRIDS = [  # N, dx, z
+    (3030, 6.6e-6, 0.010),
+    (3030, 6.6e-6, 0.240),
+    (3030, 5e-6, 0.240),
+    (3030, 6.6e-6, 1.0),
+    (8192, 6.6e-6, 0.6),
+    (2048, 0.5e-6, 1e-3),
+    (2048, 0.2e-6, 1e-3),
+]
+
+
+ROWS = 24
+
+
+def sampled(n: int, dx: float, z: float) -> tuple[Transfer, np.ndarray]:
+    """Some rows and every column of H in the band of the window 2 N, and H in double.
+
+    The highest frequencies of the band are among the rows: the error grows with them.
+    """
+    f = np.arange(n + 1) / (2 * n * dx)
+    f = f[(f < blas_limit(2 * n * dx, z, LAM)) & (LAM * f < 1)]
+    some = np.unique(np.linspace(0, f.size - 1, ROWS).astype(int))
+    rows = np.unique(np.append(f[some], f[-4:]))
+    s = (LAM * rows[:, None]) ** 2 + (LAM * f) ** 2
+    inside = np.minimum(s, 1)
+    exact = np.exp(-2j * np.pi * (z / LAM) * inside / (1 + np.sqrt(1 - inside)))
+    exact[s > 1] = np.nan  # evanescent
+    ones = (np.ones(rows.size), np.ones(f.size))
+    return Transfer((rows.size, f.size), (rows, f), ones, z, LAM), exact
+
+
+def transposed(h: Transfer) -> Transfer:
+    """The same with the rows in the place of the columns."""
+    return Transfer(h.shape[::-1], h.frequencies[::-1], h.weights[::-1], h.z, h.wavelength)
+
+
+def worst(h: Transfer, exact: np.ndarray, device: Device, phase: str) -> float:
+    """Largest error of rows and of columns."""
+    rows = device.download(h.on_device(device, phase).values)
+    columns = device.download(transposed(h).on_device(device, phase).values)
+    assert rows.shape == exact.shape
+    return float(max(np.nanmax(np.abs(got - exact)) for got in (rows, columns.T)))
+
+
+@pytest.mark.parametrize(("n", "dx", "z"), GRIDS)
+def test_errors_of_the_transfer_function(device, n, dx, z):
+    """Not more than rounding, whatever the residual."""
+    h, exact = sampled(n, dx, z)
+    for phase in ("tables", "twofloat", *(["fp64"] if device.has_fp64 else [])):
+        assert worst(h, exact, device, phase) <= ROUNDING, phase
