@@ -10,7 +10,8 @@ from typing import Any, Literal
 from clplen.files import PathLike, naming
 from clplen.lightfield.raw.lenslet_lattice import Lattice
 from clplen.microscopy.frames.given_lattice import check_given, square_lattice
-from clplen.settings import SettingError, check_settings, setting
+from clplen.reprs import one_line
+from clplen.settings import SettingError, check_settings, setting, settings_of
 
 OF_FRAMES = (  # fields on which the volume of a frame depends by itself
     "iterations", "background", "gain", "saturation", "haze", "residual", "accelerate", "prior",
@@ -18,7 +19,7 @@ OF_FRAMES = (  # fields on which the volume of a frame depends by itself
 )  # fmt: skip
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class DeconvolutionSettings:
     """Settings of a deconvolution, on which the volumes depend.
 
@@ -137,6 +138,10 @@ class DeconvolutionSettings:
         metavar="N",
         example=9,
     )
+
+    def __repr__(self) -> str:
+        known = {one.name: getattr(self, one.name) for one in settings_of(self)}
+        return one_line(self, {k: v for k, v in known.items() if v not in (None, False)})
 
     def __post_init__(self) -> None:
         check_settings(self)
