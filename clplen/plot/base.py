@@ -182,6 +182,7 @@ def for_display(values: Array, norm: Normalize) -> Array:
 def draw(figure: Figure, axes: Axes, values: Array, scale: Scale, label: str, **how: Any) -> None:
     """An image with its colour bar; no label, no bar. ``how`` is for `imshow`."""
     norm = norm_of(values, scale)
+    how = {"interpolation": "antialiased"} | how
     drawn = axes.imshow(for_display(values, norm), cmap=LIGHT, norm=norm, **how)
     if label:
         bar(figure, drawn, axes, label + said(scale), extend=cut(values, norm))

@@ -255,7 +255,7 @@ def picture(image: Image | ArrayLike, *, title: str = "", scale: Scale = "linear
     figure = new_figure(5.6, 5.0 * min(2.0, values.shape[0] / values.shape[1]) + 0.2)
     axes = figure.add_subplot()
     label = "value" if values.ndim == 2 else ""
-    draw(figure, axes, values, scale, label, interpolation="antialiased")
+    draw(figure, axes, values, scale, label)
     axes.set(xlabel="x / pixel", ylabel="y / pixel", title=title)
     return figure
 
@@ -416,7 +416,8 @@ def epi(
     )
     ends = (*_ends(across), *_ends(down)[::-1])
     label = "value of a sample" if found.values.ndim == 2 else ""
-    draw(figure, axes, found.values, scale, label, extent=ends, aspect="auto")
+    how = {"extent": ends, "aspect": "auto", "interpolation": None}
+    draw(figure, axes, found.values, scale, label, **how)
     views, pixels = found.axes
     places = {"m": f"{views} on the main lens / mm", "view": f"{views} from the middle / view"}
     place = places.get(found.units[0], rf"$\{views}$ / mrad")

@@ -45,7 +45,7 @@ def psf(found: PSF, *, title: str = "", scale: Scale = "root") -> Figure:
     figure = new_figure(5.6, 4.6)
     axes = figure.add_subplot()
     extent = (x[0] - dx, x[-1] + dx, y[-1] + dy, y[0] - dy)
-    draw(figure, axes, found.values, scale, "intensity", extent=extent)
+    draw(figure, axes, found.values, scale, "intensity", extent=extent, interpolation=None)
     axes.set(xlabel="x / µm", ylabel="y / µm", title=title or "point spread function")
     return figure
 

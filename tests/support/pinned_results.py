@@ -1400,7 +1400,7 @@ def view_files(lf):
         "hci": clplen.read_lightfield("hci", views=views, swap_uv=views[0] == views[1]),
         "mosaic": clplen.read_lightfield("mosaic.png", views=views, order="vyux"),
         "lenses": clplen.read_lightfield("lenses.tif", views=views, order="yvxu", srgb=True),
-        "names": [path.name for path in files.files_of("views")],
+        "names": [path.name for path in sorted(Path("views").iterdir())],
     }
 
 

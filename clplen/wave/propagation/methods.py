@@ -162,7 +162,7 @@ def _one_step(r: Request, series: one_step.Series, why: str) -> Description:
         warning = (
             f"The path between the grids {wrong} in one-step at z = {r.z:g} m: from "
             f"{nearest:.4g} m on the error is below 1e-9 of the field. Use "
-            f"{argument('method', 'auto')} or 'cblas'."
+            f"{argument('method', 'auto')} or {argument('method', 'cblas')}."
         )
     return Description(
         request=r,
@@ -445,7 +445,7 @@ def _kernel_sampling(r: Request) -> tuple[float, float, str]:
         return step, nearest, ""
     warning = (
         f"The Rayleigh-Sommerfeld kernel at z = {r.z:g} m is aliased: it is sampled from "
-        f"{nearest:.4g} m on. Use {argument('method', 'auto')} or 'cblas'."
+        f"{nearest:.4g} m on. Use {argument('method', 'auto')} or {argument('method', 'cblas')}."
     )
     return step, nearest, warning
 
