@@ -67,8 +67,9 @@ class CameraFile(Table):
 
     @property
     def label(self) -> str:
-        """Digest of all that the mean of snapshots depends on, but their number."""
-        text = self.model_dump_json(exclude={"coherence": {"snapshots", "rtol"}})
+        """Digest of the system whose snapshots are averaged; checkpoints compare the light."""
+        koehler = self.coherence is not None and self.coherence.koehler
+        text = f"{self.model_dump_json(exclude={'coherence'})}, koehler={koehler}"
         return hashlib.sha256(text.encode()).hexdigest()[:16]
 
 
