@@ -276,7 +276,7 @@ def test_an_axis_of_length_one_has_no_edge(precise):
 @pytest.mark.parametrize(
     ("width", "centre", "expected"),
     [
-        # as benchmarks/accuracy_apertures.py prints it: samples, area, pixels, finer pixels
+        # in dB: samples, area, pixels, finer pixels
         (255, 0, (61.9, 61.9, 138.9, 76.6)),
         (187.37, 11.3, (35.7, 58.2, 35.7, 78.8)),
     ],
