@@ -84,8 +84,8 @@ def test_wrong_words(device: Device, tmp_path: Path, views: Path, monkeypatch: p
     for words, said in (
         (("--baseline-mm", 2, "--pixel-um", 3), "together; --focal-length-mm is missing."),
         (("--focus-m", 3), "--baseline-mm and --focal-length-mm and --pixel-um are missing."),
-        ((*LENGTHS[:4], "--pixel-um", 0), "'--pixel-um': must be greater than 0 (found 0)"),
-        ((*LENGTHS, "--focus-m", -2), "'--focus-m': must be greater than 0"),
+        ((*LENGTHS[:4], "--pixel-um", 0), "'--pixel-um': must be a positive number, got 0"),
+        ((*LENGTHS, "--focus-m", -2), "'--focus-m': must be a positive number"),
         ((*LENGTHS, "--ply", "p.obj"), "ends in .ply"),
         ((*LENGTHS, "--metric", "z.png"), "ends in .pfm or .tif or .tiff or .npy"),
         (("--confidence", "c.jpg"), "ends in .pfm"),

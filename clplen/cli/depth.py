@@ -34,8 +34,8 @@ from clplen.cli.shared.focused import (
     refuse,
 )
 from clplen.cli.shared.focused import read as open_raw
-from clplen.cli.shared.table_options import option_of
-from clplen.config.operations import DepthTable
+from clplen.cli.shared.setting_options import setting_options
+from clplen.settings.light_fields import DepthSettings
 
 if TYPE_CHECKING:
     from clplen.compute.device import Device
@@ -57,7 +57,7 @@ _SURE = 0.5  # confidence above which a pixel counts as sure
     "OUT.pfm|OUT.tif|OUT.npy",
     "Disparities; a picture of the same name in .png is written beside them.",
 )
-@option_of(DepthTable, "cue")
+@setting_options(DepthSettings, "cue")
 @options.file("--confidence", help="Confidence from 0 to 1, as .pfm, .tif or .npy.")
 @options.aperture
 @depth_words

@@ -30,8 +30,6 @@ from clplen.cli.shared.pictures import (
     tone,
     write,
 )
-from clplen.cli.shared.table_options import option_of
-from clplen.config.operations import StackTable
 
 if TYPE_CHECKING:
     from clplen.lightfield.depth.depth_maps import DepthMap
@@ -67,7 +65,7 @@ _SURE = 1e-3  # of a confidence: below it there is nothing to tell depth by
 @click.option(
     "--upsample", type=int, default=1, help="Number of pixels along each axis for one of the views."
 )
-@option_of(StackTable, "interpolation")
+@options.interpolation
 @options.aperture
 @tone
 @options.plane_range

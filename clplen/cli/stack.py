@@ -30,8 +30,6 @@ from clplen.cli.shared.focused import (
     suitable_ms,
 )
 from clplen.cli.shared.focused import read as open_raw
-from clplen.cli.shared.table_options import option_of
-from clplen.config.operations import StackTable
 
 _MS = 11  # planes of a focused raw image where none are said
 
@@ -41,7 +39,7 @@ _MS = 11  # planes of a focused raw image where none are said
 @options.output("OUT.tif|OUT.zarr")
 @options.plane_range
 @options.aperture
-@option_of(StackTable, "interpolation")
+@options.interpolation
 @stack_words
 @options.memory
 @options.layout

@@ -6,12 +6,30 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Annotated, Any, TypeVar, get_type_hints
 
-from pydantic import BeforeValidator
+from pydantic import BeforeValidator, create_model, model_validator
 
 from clplen.config.settings import setting
-from clplen.settings import Setting, SettingError, settings_of
+from clplen.config.tables import Table
+from clplen.settings.declaration import Setting, settings_of
 
 Model = TypeVar("Model")
+
+
+def table_of(name: str, doc: str, *models: type, **more: Any) -> Any:
+    """Return the table with the keys of some settings models, checked as these check them.
+
+    ``more`` are fields of its own, as of ``pydantic.create_model``, which come first.
+    """
+
+    def go_together(table: Table) -> Table:
+        values = table.model_dump(include={key for key in fields if key not in more})
+        for model in models:
+            take_settings(model, values)
+        return table
+
+    fields = more | setting_fields(*models)
+    validators: Any = {"go_together": model_validator(mode="after")(go_together)}
+    return create_model(name, __base__=Table, __validators__=validators, __doc__=doc, **fields)
 
 
 def setting_fields(*models: type) -> dict[str, Any]:
@@ -23,32 +41,22 @@ def setting_fields(*models: type) -> dict[str, Any]:
             kind: Any = str | None if one.kind is Path else hints[one.name]
             checked = Annotated[kind, BeforeValidator(_checker(one))]
             field = setting(
-                one.default, one.help, example=one.example, default_text=one.default_text,
-                metavar=one.metavar or "",
-            )  # fmt: skip
+                one.default, one.help, example=one.example, default_text=one.default_text
+            )
             found[one.key] = (checked, field)
     return found
 
 
 def _checker(one: Setting) -> Callable[[Any], Any]:
-    def check(value: Any) -> Any:
-        if not one.fits(value):
-            raise ValueError(one.rule)
-        return value
-
-    return check
+    return lambda value: one.read(value)
 
 
 def take_settings(model: type[Model], table: dict[str, Any], folder: Path | None = None) -> Model:
     """Take the values of a model out of a table; names of files are seen from a folder."""
     values = {}
     for one in settings_of(model):
-        value = one.in_python(table.pop(one.key, one.default))
+        value = one.in_metres(table.pop(one.key, one.default))
         if one.kind is Path and value is not None and folder is not None:
             value = Path(folder, value)
         values[one.name] = value
-    try:
-        return model(**values)
-    except SettingError as error:
-        key = next(one.key for one in settings_of(model) if one.name == error.argument)
-        raise ValueError(f"{key} {error.condition}") from error
+    return model(**values)

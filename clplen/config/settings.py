@@ -1,64 +1,29 @@
-"""Settings of operations: one declaration for job files, the command line and the documentation.
-
-A settings model is a `Table` whose fields are made by `setting`: type, bounds and unit by the
-annotation, the default, one sentence of help, and the group of the help text. The command line
-takes its options from it (`clplen.cli.shared.table_options`), the commented job file its lines.
-"""
+"""Keys of TOML files with their help sentences, and commented files that show them all."""
 
 from __future__ import annotations
 
 import json
-import re
 import textwrap
 from collections.abc import Collection, Iterator
 from typing import Annotated, Any, Literal, get_args, get_origin
 
-import numpy as np
-from pydantic import BeforeValidator, Field, TypeAdapter, ValidationError
+from pydantic import BeforeValidator, Field
 from pydantic.fields import FieldInfo
 
-from clplen.config.tables import Count, Table, model_in, problem_with
+from clplen.config.tables import Count, Table, model_in
 from clplen.units import bytes_of
 
-MAX_PLANES = 10**6
-# Headings of help texts in their order.
-GROUPS = OPTIONS, PLANES, LENGTHS, FOCUSED, OUTPUT, DEVICE, INPUT = (
-    "Options",
-    "Planes",
-    "Lengths of the camera",
-    "Raw images of focused cameras",
-    "Output",
-    "Device",
-    "Input",
-)
 _COLUMN, _WIDTH = 32, 100  # of the comments in a commented file, and of its lines
 
 
-def setting(
-    default: Any,
-    help: str,
-    *,
-    group: str = "",
-    default_text: str = "",
-    example: Any = None,
-    option: str = "",
-    metavar: str = "",
-) -> Any:
-    """Declare a field of a settings model; ``...`` as the default makes it required.
+def setting(default: Any, help: str, *, default_text: str = "", example: Any = None) -> Any:
+    """Declare a key of a table; ``...`` as the default makes it required.
 
     ``help`` is one sentence. ``default_text`` describes a default of None; ``example`` is the value
-    that a commented file shows; ``option`` is the flag of the command line where it is not the
-    field's name; ``group`` is the heading below which help texts show it.
+    that a commented file shows.
     """
-    extra: Any = {"group": group, "default_text": default_text, "option": option}
-    extra["metavar"] = metavar
+    extra: Any = {"default_text": default_text}
     return Field(default, description=help, examples=[example], json_schema_extra=extra)
-
-
-def extra_of(field: FieldInfo, name: str) -> str:
-    """Return a word that `setting` was given; empty for other fields."""
-    extra = field.json_schema_extra
-    return str(extra.get(name, "")) if isinstance(extra, dict) else ""
 
 
 def default_of(field: FieldInfo) -> str:
@@ -66,20 +31,10 @@ def default_of(field: FieldInfo) -> str:
     if field.is_required() or field.default is False:
         return ""
     if field.default is None:
-        return extra_of(field, "default_text")
+        extra = field.json_schema_extra
+        return str(extra.get("default_text", "")) if isinstance(extra, dict) else ""
     value = field.default
     return value if isinstance(value, str) else json.dumps(value)
-
-
-def checked(field: FieldInfo, value: Any) -> Any:
-    """Return a value as a field takes it; raise ValueError in the words of its type."""
-    annotation: Any = field.annotation
-    for part in field.metadata:
-        annotation = Annotated[annotation, part]
-    try:
-        return TypeAdapter(annotation).validate_python(value)
-    except ValidationError as error:
-        raise ValueError(problem_with(error)) from error
 
 
 def commented(
@@ -121,45 +76,5 @@ def choices_of(annotation: Any) -> list[str]:
     return [text for part in get_args(annotation) for text in choices_of(part)]
 
 
-def planes_of(value: Any) -> list[float]:
-    """Return planes given as a list, or as START:STOP:N with both ends included."""
-    if isinstance(value, str):
-        return _range(value)
-    if not isinstance(value, list) or not value:
-        raise ValueError('must be a list of numbers or "START:STOP:N", such as "-1:1:41"')
-    if any(isinstance(one, bool) or not isinstance(one, int | float) for one in value):
-        raise ValueError("must hold numbers only")
-    planes = [float(one) for one in value]
-    if not np.isfinite(planes).all():
-        raise ValueError("must hold finite numbers only")
-    return planes
-
-
-def _range(text: str) -> list[float]:
-    parts = text.split(":")
-    try:
-        start, stop, count = float(parts[0]), float(parts[1]), int(parts[2])
-    except (ValueError, IndexError):
-        count = -1
-    if len(parts) != 3 or not 1 <= count <= MAX_PLANES or not np.isfinite([start, stop]).all():
-        raise ValueError(f'must be START:STOP:N with 1 to {MAX_PLANES:,} planes, such as "-2:2:33"')
-    if (count == 1) != (start == stop):
-        raise ValueError(
-            "must have at least 2 planes between two different ends, or 1 plane with START equal "
-            "to STOP"
-        )
-    return [float(plane) for plane in np.linspace(start, stop, count)]
-
-
-def aperture_of(value: Any) -> int | float | str:
-    """Return views across, a fraction of the diameter, or an f-number such as "f/66"."""
-    is_number = isinstance(value, int | float) and not isinstance(value, bool) and value > 0
-    if is_number or (isinstance(value, str) and re.fullmatch(r"[fF]/\d+(\.\d+)?", value)):
-        return value
-    raise ValueError('must be views across (9), a fraction of the diameter (0.5) or "f/66"')
-
-
 Pair = tuple[Count, Count]
 Size = Annotated[int, BeforeValidator(bytes_of), Field(ge=1)]
-Planes = Annotated[list[float], BeforeValidator(planes_of)]
-Aperture = Annotated[Any, BeforeValidator(aperture_of)]

@@ -5,7 +5,6 @@ from __future__ import annotations
 import difflib
 import math
 import re
-import reprlib
 import sys
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -14,8 +13,9 @@ from typing import Annotated, Any, TypeVar, get_args
 
 from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, ValidationError, ValidationInfo
 
-from clplen.errors import ClplenError, FormatError
+from clplen.errors import ClplenError, FormatError, arguments_as
 from clplen.reprs import one_line
+from clplen.settings.declaration import SettingError, shown
 
 if sys.version_info >= (3, 11):
     import tomllib
@@ -23,8 +23,6 @@ else:
     import tomli as tomllib
 
 Model = TypeVar("Model", bound=BaseModel)
-_SHORT = reprlib.Repr()  # of a value in a message
-_SHORT.maxstring = _SHORT.maxlong = _SHORT.maxother = 80
 # What values must be, where pydantic's words are of Python: by its names of errors.
 _EXPECTED = {
     "model_type": "must be a table",
@@ -35,6 +33,11 @@ _EXPECTED = {
     "string_type": "must be a text",
     "int_type": "must be a whole number",
     "float_type": "must be a number",
+    "finite_number": "must be a finite number",
+    "greater_than": "must be above {gt:g}",
+    "greater_than_equal": "must be {ge:g} or more",
+    "less_than": "must be below {lt:g}",
+    "less_than_equal": "must be at most {le:g}",
     "too_short": "must have {min_length} or more values",
     "too_long": "must have {max_length} or fewer values",
 }
@@ -84,7 +87,8 @@ def _require_short_keys(text: str, path: Path) -> None:
 def validated(model: type[Model], content: dict[str, Any], path: Path) -> Model:
     """A file's content as a model; names of files in it are seen from its folder."""
     try:
-        return model.model_validate(content, context={"folder": path.parent})
+        with arguments_as("file"):
+            return model.model_validate(content, context={"folder": path.parent})
     except ValidationError as error:
         said = problems_of(model, error)
         raise FormatError(f"{path}: {said}{'' if said.endswith('?') else '.'}") from error
@@ -124,20 +128,24 @@ def model_in(annotation: Any) -> type[BaseModel] | None:
     return next((found for part in get_args(annotation) if (found := model_in(part))), None)
 
 
-def problem_with(error: ValidationError) -> str:
-    """Return what the first finding says of a single value, such as "must be a number"."""
-    return _wrong_value(error.errors()[0])
-
-
 def _wrong_value(error: Any) -> str:
     """Describe a wrong value, or values of a whole table that exclude each other."""
-    if error["type"] in _EXPECTED:
-        said = _EXPECTED[error["type"]].format(**error.get("ctx", {}))
+    context = error.get("ctx", {})
+    cause = context.get("error")
+    if isinstance(cause, SettingError):
+        return f"{_key(error)}.{cause.key} {cause.condition}".lstrip(".")
+    if error["type"] == "greater_than" and context["gt"] == 0:
+        said = "must be a positive number"
+    elif error["type"] in _EXPECTED:
+        said = _EXPECTED[error["type"]].format(**context)
     else:
         said = error["msg"].removeprefix("Value error, ").replace("Input should", "must", 1)
     sentence = f"{_key(error)} {said[0].lower()}{said[1:]}".lstrip()
     is_table = error["type"] == "value_error" and isinstance(error["input"], dict)
-    return sentence if is_table else f"{sentence} (found {_SHORT.repr(error['input'])})"
+    if is_table:
+        return sentence
+    got = f"got {shown(error['input'])}"
+    return f"{sentence} ({got})" if sentence.endswith("?") else f"{sentence}, {got}"
 
 
 def _key(error: Any) -> str:

@@ -26,7 +26,7 @@ from clplen.lightfield.depth.all_in_focus import (
     disparity_of,
     surface_memory,
 )
-from clplen.lightfield.depth.best_focus import default_disparities
+from clplen.lightfield.depth.best_focus import default_disparities, suitable_planes
 from clplen.lightfield.depth.cue import Cue
 from clplen.lightfield.depth.depth_maps import (
     DepthMap,
@@ -133,8 +133,8 @@ def focal_stack(
     lf : LightField, StoredLightField or array_like
         Shape (v, u, y, x[, c]).
     alphas, disparities : array_like, optional
-        Planes, shape (n,), in any order; exactly one of the two: F/F', which needs the spacing of
-        the light field, or pixels a view step.
+        Planes, shape (n,), in any order, or "START:STOP:N"; one of the two: F/F', which needs the
+        spacing of the light field, or pixels a view step. Default: those of `suitable_planes`.
     aperture : int, float, str or array_like, optional
         As in `LightField.render`.
     interpolation : {"linear", "nearest", "cubic", "fourier"}
@@ -156,11 +156,10 @@ def focal_stack(
     Raises
     ------
     ValueError
-        If both or neither of alphas and disparities are given, or they are no finite numbers in
-        one dimension, no two views overlap on a plane, the aperture does not fit, the
-        interpolation is unknown, or a stored light field does not fit into the memory: its stack
-        itself (take `stack_tiles`, or ``clplen stack``), its smallest tile, or whole views for
-        "fourier".
+        If both alphas and disparities are given, or they are no finite numbers in one dimension, no
+        two views overlap on a plane, the aperture does not fit, the interpolation is unknown, or a
+        stored light field does not fit into the memory: its stack itself (take `stack_tiles`, or
+        ``clplen stack``), its smallest tile, or whole views for "fourier".
     DeviceError
         If the stack and the light field together are larger than the device's memory.
     OSError, FormatError
@@ -271,8 +270,11 @@ class _Stack(NamedTuple):
     def of(
         cls, source: Source, alphas: Any, disparities: Any, aperture: Any, interpolation: str
     ) -> _Stack:
+        given = {"alphas": alphas, "disparities": disparities}
+        if alphas is None and disparities is None:
+            given |= suitable_planes(source)
         weights = view_weights(source, aperture, None)
-        planes, ratios = stack_planes(source, weights, alphas=alphas, disparities=disparities)
+        planes, ratios = stack_planes(source, weights, **given)
         check_interpolation(interpolation)
         return cls(planes, ratios, weights, interpolation)
 

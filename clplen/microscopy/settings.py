@@ -11,7 +11,7 @@ from clplen.files import PathLike, naming
 from clplen.lightfield.raw.lenslet_lattice import Lattice
 from clplen.microscopy.frames.given_lattice import check_given, square_lattice
 from clplen.reprs import one_line
-from clplen.settings import SettingError, check_settings, setting, settings_of
+from clplen.settings.declaration import SettingError, Settings, named, setting, settings_of
 
 OF_FRAMES = (  # fields on which the volume of a frame depends by itself
     "iterations", "background", "gain", "saturation", "haze", "residual", "accelerate", "prior",
@@ -20,7 +20,7 @@ OF_FRAMES = (  # fields on which the volume of a frame depends by itself
 
 
 @dataclass(frozen=True, repr=False)
-class DeconvolutionSettings:
+class DeconvolutionSettings(Settings):
     """Settings of a deconvolution, on which the volumes depend.
 
     Attributes
@@ -144,29 +144,33 @@ class DeconvolutionSettings:
         return one_line(self, {k: v for k, v in known.items() if v not in (None, False)})
 
     def __post_init__(self) -> None:
-        check_settings(self)
+        super().__post_init__()
         if self.strength is not None and self.prior is None:
-            raise SettingError("strength", "is of a prior: give tv, gaussian or time")
+            raise SettingError(
+                "strength", f"needs {named('prior')}: give tv, gaussian or time, or leave it out"
+            )
         if self.motion is not None and self.start != "limited":
-            raise SettingError("motion", "is of the start limited: give it, or leave motion out")
+            raise SettingError(
+                "motion", f"needs {named('start')} limited: give it, or leave both out", "motion_um"
+            )
 
     def require_white(self, is_given: bool) -> None:
         """Refuse settings that need a white frame where there is none."""
         for name in ("haze", "radiometric"):
             if getattr(self, name) and not is_given:
-                raise SettingError(name, "needs the white frame: give white")
+                raise SettingError(name, f"needs the white frame: give {named('white')}")
 
     def require_series(self, is_series: bool, *, in_turn: bool) -> None:
         """Refuse settings of a series where frames are found alone, ``in_turn`` or anyhow."""
         if is_series:
             return
         if self.start is not None and not in_turn:
-            raise SettingError("start", "is of frames one after the other")
+            raise SettingError("start", "needs frames one after the other: leave it out")
         if self.prior == "time":
-            raise SettingError("prior", "'time' is of a series of frames in one file")
+            raise SettingError("prior", "time needs a series of frames in one file")
         for name in ("batch", "rolling"):
             if getattr(self, name) is not None:
-                raise SettingError(name, "is of a series of frames in one file")
+                raise SettingError(name, "needs a series of frames in one file")
 
     @property
     def of_frames(self) -> dict[str, Any]:
@@ -176,7 +180,7 @@ class DeconvolutionSettings:
 
 
 @dataclass(frozen=True)
-class LatticeSettings:
+class LatticeSettings(Settings):
     """Pixels that are left out, and the lattice of frames that have no white frame."""
 
     mask: str | None = setting(
@@ -193,7 +197,7 @@ class LatticeSettings:
     offset: tuple[float, float] | None = setting(
         None,
         "Centre of a lenslet in pixels, whose centres are integers.",
-        kind=tuple,
+        pair=True,
         metavar="Y:X",
         default_text="in the corner",
         example=[7.2, 7.2],
@@ -204,12 +208,12 @@ class LatticeSettings:
     )  # fmt: skip
 
     def __post_init__(self) -> None:
-        check_settings(self)
+        super().__post_init__()
         for name in ("offset", "rotation"):
             if getattr(self, name) is not None and self.pitch is None:
-                raise SettingError(name, "is of a lattice by its pitch: give pitch")
+                raise SettingError(name, f"needs the pitch of the lattice: give {named('pitch')}")
         if self.lattice is not None and self.pitch is not None:
-            raise SettingError("pitch", "and lattice both describe the lattice: give one of them")
+            self._refuse_both("pitch", "lattice")
 
     @property
     def has_lattice(self) -> bool:
@@ -220,7 +224,10 @@ class LatticeSettings:
         """Refuse a lattice beside a white frame."""
         for name in ("lattice", "pitch"):
             if getattr(self, name) is not None and is_given:
-                raise SettingError(name, "is told by the white frame: give one of them")
+                self._refuse_both(name, "white")
+
+    def _refuse_both(self, name: str, other: str) -> None:
+        raise SettingError(name, f"and {named(other)} both give the lattice: give one of them")
 
     def of_frame(self, shape: tuple[int, int], frame: PathLike) -> Lattice | None:
         """Return the lattice on frames of a shape, None without one."""

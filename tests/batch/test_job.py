@@ -10,8 +10,8 @@ import pytest
 from clplen.batch import Job
 from clplen.batch.jobs.items import tasks_of
 from clplen.batch.running.runner import check_same
-from clplen.config.settings import planes_of
 from clplen.errors import FormatError
+from clplen.settings.light_fields import planes_of
 from clplen.units import bytes_of
 
 BASE = 'output = "out"\n[[inputs]]\nfiles = "in/*.npy"\n'
@@ -61,7 +61,7 @@ def test_a_wrong_job_gets_one_sentence(tmp_path: Path):
         (f"{BASE}[stack]\ndisparities = [0]\nalphas = [1]\n", "alphas and disparities"),
         (f"{BASE}[stack]\naperture = 'wide'\n", "f/66"),
         (f"memory = 'much'\n{BASE}[stack]\n", "512MiB"),
-        (f"workers = 0\n{BASE}[stack]\n", "workers must be greater than or equal to 1"),
+        (f"workers = 0\n{BASE}[stack]\n", "workers must be 1 or more"),
         (f"{BASE}[depth]\ncue = 'best'\n", "'combined'"),
         ("output = ", "is not TOML"),
     ):

@@ -155,7 +155,7 @@ def test_what_is_said_about_wrong_scenes():
         ({"kind": "sphere"}, "kind knows no scene 'sphere'; did you mean spheres?"),
         ({"kind": ["bars", "q"]}, "kind knows no scene 'q'; known are plane, slant, layers"),
         ({"kind": []}, "kind"),
-        ({"kind": "all", "noise": -0.1}, "noise must be greater than or equal to 0"),
+        ({"kind": "all", "noise": -0.1}, "noise must be 0 or more"),
         (
             {"kind": "all", "sweep": [{"key": "sensor.seed", "values": [1]}]},
             "sweeps sensor.seed, but without a camera only shape, views, noise can be swept",

@@ -27,7 +27,7 @@ from clplen.microscopy.pipeline import provenance
 from clplen.microscopy.series.starts import Start
 from clplen.microscopy.series_files import Page
 from clplen.microscopy.settings import OF_FRAMES, LatticeSettings
-from clplen.settings import settings_of
+from clplen.settings.declaration import settings_of
 
 ALL = DeconvolutionSettings(7, 3.0, 2.0, 900.0, True, 0.25, True, "tv", 0.5)
 N = 4
@@ -113,9 +113,9 @@ WRONG = (  # value in Python, in TOML, on the command line, and what is said of 
     ({"saturation": "a"}, 'saturation = "a"', "--saturation a", "must be a positive number"),
     ({"residual": "low"}, 'residual = "low"', "--residual low", "positive number or 'noise'"),
     ({"prior": "l1"}, 'prior = "l1"', "--prior l1", "must be 'tv', 'gaussian' or 'time'"),
-    ({"strength": 2.0}, "strength = 2.0", "--strength 2", "is of a prior: give tv, gaussian or"),
+    ({"strength": 2.0}, "strength = 2.0", "--strength 2", "needs (--)?prior: give tv, gaussian or"),
     ({"start": "warm"}, 'start = "warm"', "--start warm", "must be 'previous', 'decayed' or 'lim"),
-    ({"motion": 1e-6}, "motion_um = 1", "--motion-um 1", "is of the start limited"),
+    ({"motion": 1e-6}, "motion_um = 1", "--motion-um 1", "needs (--)?start limited"),
     ({"batch": 0}, "batch = 0", "--batch 0", "must be a whole number from 1 on"),
     ({"haze": 1}, "haze = 1", None, "must be true or false"),
 )

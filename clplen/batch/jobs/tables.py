@@ -5,12 +5,12 @@ from __future__ import annotations
 import difflib
 from typing import Annotated, Any, Literal
 
-from pydantic import AfterValidator, BeforeValidator, Field, create_model, model_validator
+from pydantic import AfterValidator, BeforeValidator, Field, model_validator
 
 from clplen.batch.jobs.sweep import SweepTable, swept_once
 from clplen.cameras.scenes.gallery import SCENES
 from clplen.config.operations import LayoutTable
-from clplen.config.setting_tables import setting_fields, take_settings
+from clplen.config.setting_tables import table_of
 from clplen.config.settings import Pair, Size, setting
 from clplen.config.tables import Count, NotNegative, Seed, Table, listed
 from clplen.microscopy.settings import DeconvolutionSettings, LatticeSettings
@@ -126,23 +126,13 @@ class RawTable(Table):
     """``[raw]``: the raw image of simulations."""
 
 
-_Deconvolve: Any = create_model(
-    "_Deconvolve",
-    __base__=Table,
+DeconvolveTable: Any = table_of(
+    "DeconvolveTable",
+    "``[deconvolve]``: the volume behind frames of a light-field microscope.",
+    DeconvolutionSettings,
+    LatticeSettings,
     psf=(str, setting(..., "Point images of 'clplen microscope psf'.", example="psf.h5")),
-    **setting_fields(DeconvolutionSettings, LatticeSettings),
 )
-
-
-class DeconvolveTable(_Deconvolve):
-    """``[deconvolve]``: the volume behind frames of a light-field microscope."""
-
-    @model_validator(mode="after")
-    def _go_together(self) -> DeconvolveTable:
-        values = self.model_dump()
-        take_settings(DeconvolutionSettings, values)
-        take_settings(LatticeSettings, values)
-        return self
 
 
 WORK = ("stack", "depth", "all_in_focus", "views", "light_field", "deconvolve", "raw")

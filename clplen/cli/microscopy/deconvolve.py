@@ -21,7 +21,7 @@ from clplen.cli.shared.console import (
     progress_bar,
     update_bar,
 )
-from clplen.cli.shared.settings_options import setting_errors, setting_options, take_settings
+from clplen.cli.shared.setting_options import setting_options, take_settings
 from clplen.microscopy.settings import DeconvolutionSettings, LatticeSettings
 
 if TYPE_CHECKING:
@@ -106,15 +106,12 @@ def deconvolve(
     given["start"] = "previous" if warm_start else given["start"]
     how = take_settings(DeconvolutionSettings, given)
     of_lattice = take_settings(LatticeSettings, given)
-    with setting_errors(DeconvolutionSettings):
-        how.require_white(white is not None)
-    with setting_errors(LatticeSettings):
-        of_lattice.require_no_white(white is not None)
+    how.require_white(white is not None)
+    of_lattice.require_no_white(white is not None)
     pages = [page for path in frames for page in pages_of(path)]
     in_one = len(pages) > 1 and _NAME not in str(output)
     if not in_one:
-        with setting_errors(DeconvolutionSettings):
-            how.require_series(False, in_turn=True)
+        how.require_series(False, in_turn=True)
         if preview is not None:
             raise click.UsageError(
                 "--preview is of a series in one file: give several frames, and an output without "

@@ -19,7 +19,7 @@ from clplen.cli.shared.console import (
     progress_bar,
     update_bar,
 )
-from clplen.cli.shared.settings_options import setting_errors, setting_options
+from clplen.cli.shared.setting_options import setting_options
 from clplen.microscopy.settings import DeconvolutionSettings, LatticeSettings
 from clplen.outputs import MARK
 
@@ -100,8 +100,7 @@ def pupil(
     from clplen.microscopy.frames.prepare import preparation
     from clplen.microscopy.pupil.pupil_fit import fit_pupil
 
-    with setting_errors(DeconvolutionSettings):
-        DeconvolutionSettings(haze=haze).require_white(white is not None)
+    DeconvolutionSettings(haze=haze).require_white(white is not None)
     if gain is None:
         note("each count is taken as a photon, which the standard errors depend on: give --gain.")
     if output is not None:

@@ -17,6 +17,8 @@ from tqdm import tqdm
 from clplen import interrupts
 from clplen.cli.shared import options
 from clplen.errors import ClplenError, arguments_as
+from clplen.settings.declaration import SettingError
+from clplen.settings.light_fields import one_of_planes
 
 if TYPE_CHECKING:
     from clplen.compute.device import Device
@@ -39,6 +41,8 @@ class Commands(click.Group):
                 ctx.exit(interrupts.STATUS)
             except BrokenPipeError:
                 raise
+            except SettingError as error:
+                raise click.UsageError(str(error)) from error
             except (ClplenError, ValueError, OSError, MemoryError) as error:
                 raise click.ClickException(error_sentence(error)) from error
             except ImportError as error:
@@ -158,8 +162,8 @@ def tile_progress() -> Iterator[Callable[[int, int], None]]:
 
 
 def check_planes(disparities: Any, alphas: Any) -> None:
-    if disparities is not None and alphas is not None:
-        raise click.UsageError("Give --disparities or --alphas, not both.")
+    """Refuse planes that are given in both ways."""
+    one_of_planes(alphas, disparities)
 
 
 def note_end(disparities: Any, found: Any, what: str = "the sharpest plane is") -> bool:
@@ -238,9 +242,11 @@ def planes_of(
     from clplen.lightfield.model.alpha_law import shifts
 
     if disparities is None and alphas is None:
-        suitable = suitable_planes(lf, count=count)
-        disparities, alphas = suitable.get("disparities"), suitable.get("alphas")
-    chosen = lf.disparity(alphas) if disparities is None else disparities
+        planes = suitable_planes(lf, count=count)
+    else:
+        name, given = ("alphas", alphas) if disparities is None else ("disparities", disparities)
+        planes = {name: np.array(given)}
+    chosen = tried_disparities(lf, planes)
     moved = [np.abs(along).reshape(len(along), -1).max(axis=1) for along in shifts(lf, chosen)]
     beyond = (moved[0] >= lf.shape[2]) | (moved[1] >= lf.shape[3])
     if beyond.any():
@@ -248,7 +254,7 @@ def planes_of(
             f"{beyond.sum()} of {options.planes(beyond.size)} move the outermost views by more "
             "than a whole picture, so that parts stay empty: choose planes nearer to disparity 0."
         )
-    return {"alphas": alphas} if disparities is None else {"disparities": disparities}
+    return planes
 
 
 def tried_disparities(lf: LightField | StoredLightField, planes: dict[str, Any]) -> Any:

@@ -11,8 +11,8 @@ import numpy as np
 
 from clplen.cli.shared import options
 from clplen.cli.shared.metric import distances, write_map
-from clplen.cli.shared.table_options import Option
-from clplen.config.settings import FOCUSED
+from clplen.cli.shared.setting_options import Option
+from clplen.settings.declaration import FOCUSED
 
 if TYPE_CHECKING:
     from clplen.lightfield.focused.focused_depth import FocusedDepth, FocusedMaps

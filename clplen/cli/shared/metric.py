@@ -10,8 +10,9 @@ import click
 import numpy as np
 
 from clplen.cli.shared import options
-from clplen.cli.shared.table_options import options_of
-from clplen.config.operations import LengthsTable
+from clplen.cli.shared.setting_options import setting_options, take_settings
+from clplen.settings.declaration import settings_of
+from clplen.settings.light_fields import ViewLengths
 
 if TYPE_CHECKING:
     from clplen.lightfield.depth.depth_maps import DepthMap
@@ -21,9 +22,9 @@ if TYPE_CHECKING:
 
 Values = np.ndarray[Any, Any]
 
-_NEEDED = ("baseline_mm", "focal_length_mm", "pixel_um")
+_NEEDED = ("baseline", "focal_length", "pixel_pitch")
 _FROM_FOCUS = "metres: x right, y down from the axis, z from the plane in focus, farther positive"
-camera_lengths = options_of(LengthsTable)
+camera_lengths = setting_options(ViewLengths)
 _MAPS = (
     options.file(
         "--metric",
@@ -79,9 +80,8 @@ def lengths_of(words: dict[str, Any]) -> Lengths | None:
 
 def lengths_of_camera(words: dict[str, Any]) -> dict[str, Any] | None:
     """Take lengths in metres out of ``words``, from options or from ``intrinsics``."""
-    given = {name: words.pop(name) for name in LengthsTable.model_fields}
-    given = {name: value for name, value in given.items() if value is not None}
-    flags = {name: f"--{name.replace('_', '-')}" for name in LengthsTable.model_fields}
+    given = take_settings(ViewLengths, words).known
+    flags = {one.name: f"--{one.key.replace('_', '-')}" for one in settings_of(ViewLengths)}
     intrinsics = words.get("intrinsics")
     if given and intrinsics is not None:
         raise click.UsageError(
@@ -96,7 +96,7 @@ def lengths_of_camera(words: dict[str, Any]) -> dict[str, Any] | None:
         )
     if intrinsics is not None:
         return lengths_of_intrinsics(intrinsics)
-    return LengthsTable(**given).build()
+    return given or None
 
 
 def lengths_of_intrinsics(path: Path) -> dict[str, Any]:

@@ -10,11 +10,11 @@ from typing import Any, Literal, NoReturn
 import click
 import numpy as np
 
-from clplen.cli.shared.table_options import Command as Command
-from clplen.cli.shared.table_options import Decorated, Option, option_of, options_of
-from clplen.config.operations import LayoutTable, PlanesTable, StackTable
-from clplen.config.settings import DEVICE, OUTPUT, planes_of
-from clplen.units import bytes_of
+from clplen.cli.shared.setting_options import Command as Command
+from clplen.cli.shared.setting_options import Decorated, Option, setting_options
+from clplen.settings.declaration import DEVICE, OUTPUT, shown
+from clplen.settings.light_fields import PlaneSettings, StackSettings, planes_of
+from clplen.settings.reading import ReadingSettings, size_of
 
 
 class _Parsed(click.ParamType):
@@ -27,7 +27,7 @@ class _Parsed(click.ParamType):
         try:
             return type(self).read(value)
         except ValueError as error:
-            self.fail(f"{error}, got {value!r}.", param, ctx)
+            self.fail(f"{error}, got {shown(value)}.", param, ctx)
 
 
 class Planes(_Parsed):
@@ -49,9 +49,7 @@ class Size(_Parsed):
     @staticmethod
     def read(value: Any) -> int:
         """Return the bytes, at least 1."""
-        if (size := bytes_of(value)) < 1:
-            raise ValueError('must be 1 byte or more, such as "512MiB"')
-        return size
+        return size_of(value)
 
 
 source = click.argument("source", metavar="INPUT", type=click.Path(path_type=Path))
@@ -133,11 +131,10 @@ force = click.option(
     help="Replace outputs that clplen did not write; accept a white image whose lattice is "
     "uncertain.",
 )
-layout = _with_options(options_of(LayoutTable, leave_out=["force"]), force)
-plane_range = _with_options(
-    *(option_of(PlanesTable, name, type=Planes()) for name in ("disparities", "alphas"))
-)
-aperture = option_of(StackTable, "aperture")
+layout = _with_options(setting_options(ReadingSettings, leave_out=("force",)), force)
+plane_range = setting_options(PlaneSettings)
+aperture = setting_options(StackSettings, "aperture")
+interpolation = setting_options(StackSettings, "interpolation")
 
 
 POWER_OF_TEN = {

@@ -11,10 +11,10 @@ from typing import Any, Protocol
 import numpy as np
 
 from clplen.errors import FormatError, argument
-from clplen.files import PathLike
 from clplen.io.formats.untrusted import ZIP
 from clplen.lightfield.model.light_field import LightField
 from clplen.lightfield.model.stored_light_field import StoredLightField
+from clplen.settings.reading import ReadingSettings
 
 View = tuple[int, int]
 Array = np.ndarray[Any, Any]
@@ -29,35 +29,8 @@ RAW_WORDS = (
 
 
 @dataclass(frozen=True)
-class Layout:
-    """The words of `clplen.io.read_lightfield`, explained there.
-
-    Each kind of file takes some of them; `require` refuses the others.
-    """
-
-    pattern: str | None = None
-    views: View | None = None
-    flip_v: bool = False
-    flip_u: bool = False
-    swap_uv: bool = False
-    order: str | None = None
-    white: PathLike | None = None
-    dark: PathLike | None = None
-    grid: PathLike | None = None
-    calibration: PathLike | None = None
-    allow_missing: bool = False
-    positions: PathLike | None = None
-    srgb: bool = False
-    step: float | None = None
-    lattice: str | None = None
-    bayer: str | tuple[tuple[str, ...], ...] | None = None
-    demosaic: str | None = None
-    devignette: bool | None = None
-    dataset: str | None = None
-    max_bytes: int | None = None
-    trust_lattice: bool = False
-    intrinsics: PathLike | None = None
-    force: bool = False
+class Layout(ReadingSettings):
+    """Settings of `clplen.read_lightfield`, of which each kind of file takes some."""
 
     def given(self) -> dict[str, Any]:
         """The words that were given."""

@@ -27,6 +27,9 @@ from clplen.lightfield.model.stored_light_field import StoredLightField
 from clplen.lightfield.raw.raw_image import is_telecentric
 from clplen.lightfield.refocusing.focal_stacks import FocalStack, plane_values
 from clplen.results import Plottable, Savable
+from clplen.settings.declaration import setting_of
+from clplen.settings.light_fields import CUES as CUES
+from clplen.settings.light_fields import DepthSettings, one_of_planes
 
 _CUES = {
     "energy": energy_cue.CUE,
@@ -34,7 +37,6 @@ _CUES = {
     "structure-tensor": structure_tensor_cue.CUE,
     "combined": combined_cue.CUE,
 }
-CUES = tuple(_CUES)
 
 _CURVE_HIGH_PASS = 2.0  # pixels, for the whole picture
 _BORDER = 15  # pixels left out of the whole picture, at most a quarter of it
@@ -111,9 +113,7 @@ def default_cue(source: LightField | FocalStack | StoredLightField) -> str:
 
 def cue_named(name: str) -> Cue:
     """One of the cues."""
-    if name not in CUES:
-        raise ValueError(f"The cues of depth_map are {', '.join(map(repr, CUES))}, not {name!r}.")
-    return _CUES[name]
+    return _CUES[setting_of(DepthSettings, "cue").checked(name)]
 
 
 def sharpness_curve(stack: FocalStack) -> Vector:
@@ -166,10 +166,9 @@ def distinct_planes(
                 "with a light field."
             )
         values = source.disparities
-    elif len(names) == 2:
-        raise ValueError("Give alphas or disparities, not both.")
     elif alphas is not None:
-        values = source.disparity(alphas)
+        one_of_planes(alphas, disparities)
+        values = source.disparity(plane_values(alphas, "alphas"))
     else:
         given = default_disparities(source) if disparities is None else disparities
         values = plane_values(given)

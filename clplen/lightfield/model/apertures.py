@@ -9,8 +9,6 @@ view steps, or one along v and one along u (for steps that differ in metres).
 
 from __future__ import annotations
 
-import re
-from numbers import Integral, Real
 from typing import Any
 
 import numpy as np
@@ -19,6 +17,8 @@ from numpy.typing import ArrayLike
 from clplen.checks import float64_array, host_array, is_integer, real_array
 from clplen.errors import ShapeError
 from clplen.lightfield.model.sampled_views import SampledViews
+from clplen.settings.declaration import SettingError, setting_of
+from clplen.settings.light_fields import StackSettings, f_number_of
 
 Weights = np.ndarray[Any, np.dtype[np.float32]]
 Vector = np.ndarray[Any, np.dtype[np.float64]]
@@ -417,7 +417,6 @@ def _checked_cells(cells: Vector, name: str) -> Weights:
     return np.where(cells < _ROUNDING, 0.0, cells).astype(np.float32)
 
 
-_F_NUMBER = re.compile(r"\s*f\s*/\s*(\d+\.?\d*|\.\d+)\s*", re.IGNORECASE)
 
 
 def aperture_weights(lf: SampledViews, aperture: Any, viewpoint: Any) -> Weights:
@@ -430,19 +429,16 @@ def aperture_weights(lf: SampledViews, aperture: Any, viewpoint: Any) -> Weights
     centre = None if viewpoint is None else _checked_viewpoint(viewpoint, views)
     if aperture is None:
         weights = np.ones(views) if centre is None else _point(views, centre)
-    elif isinstance(aperture, str):
-        weights = _disc(views, _f_number_diameter(lf, aperture), centre)
-    elif np.ndim(aperture) == 2:
+    elif not isinstance(aperture, str) and np.ndim(aperture) == 2:
         weights = _shifted(_checked_array(aperture, views), centre)
-    elif isinstance(aperture, Integral) and not isinstance(aperture, bool):
-        weights = _square(views, int(aperture), centre)
-    elif isinstance(aperture, Real) and not isinstance(aperture, bool):
-        weights = _disc(views, _fraction_diameter(views, float(aperture)), centre)
     else:
-        raise TypeError(
-            "An aperture is a number of views (int), a fraction of the full diameter (float), an "
-            f"f-number such as 'f/66' or an array of weights, not {aperture!r}."
-        )
+        given = setting_of(StackSettings, "aperture").checked(aperture)
+        if isinstance(given, str):
+            weights = _disc(views, _f_number_diameter(lf, given), centre)
+        elif isinstance(given, int):
+            weights = _square(views, given, centre)
+        else:
+            weights = _disc(views, (given * views[0], given * views[1]), centre)
     return weights.astype(np.float32)
 
 
@@ -467,9 +463,10 @@ def _point(views: tuple[int, int], at: Pair) -> Vector:
 def _square(views: tuple[int, int], across: int, centre: Pair | None) -> Vector:
     """So many views across, cells that the edge crosses in part; eq. 3.3 when not moved."""
     if not 1 <= across <= max(views):
-        raise ValueError(
-            f"The aperture is {across} views across, the light field {views[0]} x {views[1]}: give "
-            f"1 to {max(views)} (a float in (0, 1] is a fraction of the full diameter)."
+        raise SettingError(
+            "aperture",
+            f"must be at most the {max(views)} views across of a light field of {views[0]} x "
+            f"{views[1]} views, got {across}",
         )
     sides = []
     for axis, n in enumerate(views):
@@ -486,20 +483,8 @@ def _disc(views: tuple[int, int], diameter: Pair, centre: Pair | None) -> Vector
     return ellipse_cells(views, (diameter[0] / 2, diameter[1] / 2), centre or (v, u))
 
 
-def _fraction_diameter(views: tuple[int, int], fraction: float) -> Pair:
-    if not 0 < fraction <= 1:
-        raise ValueError(
-            f"A float aperture is a fraction of the full diameter, in (0, 1], not {fraction!r} (an "
-            "int is a number of views)."
-        )
-    return fraction * views[0], fraction * views[1]
-
-
 def _f_number_diameter(lf: SampledViews, text: str) -> Pair:
     """Diameter, in view steps along v and u, of the main lens stopped down to an f-number."""
-    match = _F_NUMBER.fullmatch(text)
-    if match is None or float(match[1]) == 0:
-        raise ValueError(f"An aperture in words is an f-number such as 'f/66', not {text!r}.")
     if lf.camera is None or lf.spacing is None or not np.isfinite(lf.spacing).all():
         raise ValueError(
             f"The aperture {text!r} needs the camera and the spacing of views in metres, which "
@@ -507,7 +492,7 @@ def _f_number_diameter(lf: SampledViews, text: str) -> Pair:
         )
     full, distance = lf.camera.aperture_diameter, lf.camera.image_distance
     dv, du = abs(lf.spacing[0]), abs(lf.spacing[1])
-    diameter = distance / float(match[1])
+    diameter = distance / f_number_of(text)
     if diameter > full + min(dv, du):  # f-numbers are round numbers: a view step is forgiven
         raise ValueError(
             f"The aperture {text!r} is wider than the main lens, which is f/{distance / full:.4g} "

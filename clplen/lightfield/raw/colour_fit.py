@@ -11,8 +11,9 @@ import pyopencl.array as cla
 
 from clplen.compute.device import Device
 from clplen.lightfield.raw.decode import grid_tables
-from clplen.lightfield.raw.demosaicing import BAYER, COLOURS, Frame, positions_of, tile_of
+from clplen.lightfield.raw.demosaicing import COLOURS, Frame, positions_of, tile_of
 from clplen.lightfield.raw.lenslet_grid import LensletGrid
+from clplen.settings.reading import BAYER
 
 Values = np.ndarray[Any, np.dtype[np.float64]]
 

@@ -14,21 +14,20 @@ from clplen.compute.device import Device
 from clplen.lightfield.raw.decode import Interpolation, resample
 from clplen.lightfield.raw.lenslet_grid import LensletGrid
 from clplen.lightfield.raw.raw_image import RawImage
+from clplen.settings.declaration import setting_of
+from clplen.settings.reading import ReadingSettings
 
 Frame = np.ndarray[Any, np.dtype[np.float32]]
 Tile = tuple[tuple[str, ...], ...]
 
 COLOURS = "RGB"
-BAYER = ("RGGB", "BGGR", "GRBG", "GBRG")
 _LEAST = 1e-5  # of the white level: less than any view has that a lenslet lights
 
 
 def tile_of(bayer: str | Sequence[Sequence[str]]) -> Tile:
     """The tile of a mosaic of red, green and blue, row by row, in capitals."""
     if isinstance(bayer, str):
-        name = bayer.upper()
-        if name not in BAYER:
-            raise ValueError(f"bayer is one of {', '.join(BAYER)}, not {bayer!r}.")
+        name = setting_of(ReadingSettings, "bayer").checked(bayer)
         return (name[0], name[1]), (name[2], name[3])
     rows = tuple(tuple(str(name).upper() for name in row) for row in bayer)
     found = {name for row in rows for name in row}

@@ -13,7 +13,7 @@ from numpy.typing import ArrayLike
 from clplen.checks import real_array
 from clplen.compute.arrays import Image, OnDevice
 from clplen.compute.device import Device, DeviceLike
-from clplen.lightfield.arrays.ray_samples import INTERPOLATIONS, along_rays
+from clplen.lightfield.arrays.ray_samples import along_rays
 from clplen.lightfield.arrays.shear import shear_sum
 from clplen.lightfield.arrays.stored_samples import C_TYPE
 from clplen.lightfield.model.alpha_law import (
@@ -35,6 +35,8 @@ from clplen.lightfield.refocusing.memory_estimate import (
 )
 from clplen.lightfield.refocusing.phase_ramps import fourier_refocus
 from clplen.results import Plottable, Savable
+from clplen.settings.declaration import setting_of
+from clplen.settings.light_fields import PlaneSettings, StackSettings, one_of_planes
 
 Vector = np.ndarray[Any, np.dtype[np.float64]]
 
@@ -254,7 +256,11 @@ def stack_planes(
     Views of these weights must overlap on every plane; None for a linear map, where planes beyond
     the views are zero.
     """
-    given = plane_values(_exactly_one(alphas=alphas, disparities=disparities))
+    one_of_planes(alphas, disparities)
+    if alphas is None:
+        given = plane_values(_exactly_one(alphas=alphas, disparities=disparities))
+    else:
+        given = plane_values(alphas, "alphas")
     if given.ndim != 1 or given.size == 0:
         raise ValueError(
             f"A focal stack takes a list of at least one plane, not shape {given.shape}."
@@ -265,23 +271,19 @@ def stack_planes(
     return planes
 
 
-def plane_values(planes: Any) -> Vector:
-    """Return planes as float64; refuse the words by which commands and jobs give ranges."""
-    if isinstance(planes, str):
-        raise TypeError(
-            f"A list of planes must be numbers, got {planes!r}: for evenly spaced planes give "
-            "numpy.linspace(first, last, count)."
-        )
-    return real_array(planes, "A list of planes", np.float64)
+def plane_values(planes: Any, name: str = "disparities") -> Vector:
+    """Return planes, numbers or START:STOP:N, as float64; ``name`` is that of the argument."""
+    rule = setting_of(PlaneSettings, name)
+    given = rule.checked(planes) if isinstance(planes, str) else planes
+    values = real_array(given, "A list of planes", np.float64)
+    if values.ndim == 1 and not np.isfinite(values).all():
+        rule.checked(values.tolist())
+    return values
 
 
 def check_interpolation(interpolation: str) -> None:
     """Refuse an unknown way to move views by fractions of a pixel."""
-    known = (*INTERPOLATIONS, "fourier")
-    if interpolation not in known:
-        raise ValueError(
-            f"The interpolation is {', '.join(map(repr, known))}, not {interpolation!r}."
-        )
+    setting_of(StackSettings, "interpolation").checked(interpolation)
 
 
 def _check_options(ndim: int, rescale: bool, interpolation: str, upsample: int) -> None:

@@ -160,10 +160,10 @@ def test_bad_words(tmp_path: Path, psf: Path, device: Device) -> None:
         (("--pitch", "2"), "3 pixels or more"),
         (("--pitch", "1e9"), "do not fit"),
         (("--pitch", "20"), "would step over light"),
-        (("--pitch", "11", "--offset", "8"), "must be two finite numbers, got '8'"),
+        (("--pitch", "11", "--offset", "8"), "must be two finite numbers, got 8"),
         (("--pitch", "11", "--rotation", "inf"), "must be a finite number"),
         (("--pitch", "11", "--rotation", "120"), "less than 90 degrees"),
-        (("--offset", "8:8"), "--offset is of a lattice by its pitch: give pitch"),
+        (("--offset", "8:8"), "--offset needs the pitch of the lattice: give --pitch"),
         (("--radiometric",), "--radiometric needs the white frame"),
     ]:
         assert message in said(run(*given, *words))

@@ -30,11 +30,11 @@ def test_bad_microscopes(tmp_path: Path, device: Device) -> None:
         (
             "wavelength = 593",
             "wavelength = 0.593",
-            "is in nm here, from 150 to 3000: did you mean 593? (found 0.593)",
+            "is in nm here, from 150 to 3000: did you mean 593? (got 0.593)",
         ),
         ("pixel_size = 6.666666667", "pixel_size = 65", "pixel_size gives a lenslet 1.54 pixels"),
         ("ulens_focal_length = 2500", "ulens_focal_length = 2.5", "did you mean 2500?"),
-        ("na = 1.2", "na = 12", "na lies between 0.01 and 1.8 (found 12)"),
+        ("na = 1.2", "na = 12", "na lies between 0.01 and 1.8, got 12"),
         ("medium_index = 1.33\n", " ", "medium_index is missing"),
         ("apodisation = 0.4", "[camera]", "has magnification beside [camera]: give all in"),
     ]:

@@ -122,7 +122,7 @@ def test_frames_that_are_compared_are_in_one_file(
     words = ["deconvolve", folder / "frame3.tif", "-c", folder / "psf.h5", "--prior", "time"]
     place = ("--device", device.place)
     result = run(*words, "-o", tmp_path / "one.tif", *place)
-    assert "--prior 'time' is of a series of frames in one file" in said(result, 2)
+    assert "--prior time needs a series of frames in one file" in said(result, 2)
     out = tmp_path / "s.ome.zarr"
     done(run(*words_of(folder, device, "-o", out, "--prior", "time", "--gain", 2)))
     plain = tmp_path / "plain.ome.zarr"
@@ -145,7 +145,7 @@ def test_a_job_makes_the_same_series(tmp_path: Path, folder: Path, device: Devic
     assert series_in(made) == series_in(out)
     job.write_text(job.read_text().replace("t.tif", "frame3.tif").replace('"out"', '"alone"'))
     (said_of,) = batchworks.run(job, device)[0].failed.values()
-    assert "prior 'time' is of a series of frames in one file" in said_of
+    assert "prior time needs a series of frames in one file" in said_of
 
 
 def test_other_words_and_frames_are_refused(tmp_path: Path, folder: Path, device: Device) -> None:
@@ -175,8 +175,8 @@ def test_what_is_refused_before_anything_is_written(
         (("-o", tmp_path / "s.png"), 2, "ends in .tif or .tiff or .zarr"),
         (("-o", out, "--preview", tmp_path / "p.jpg"), 2, "ends in .png"),
         (("-o", out, "--warm-start", "--start", "limited"), 2, "--warm-start is --start previous"),
-        (("-o", out, "--motion-um", 1), 2, "--motion-um is of the start limited"),
-        (("-o", tmp_path / "{name}.tif"), 2, "--batch is of a series of frames in one file"),
+        (("-o", out, "--motion-um", 1), 2, "--motion-um needs --start limited"),
+        (("-o", tmp_path / "{name}.tif"), 2, "--batch needs a series of frames in one file"),
         (("-o", out, "--prior", "time", "--strength", 0), 2, "must be a positive number, got '0'"),
     ):
         assert text in said(run(*words_of(folder, device, *more)), code)

@@ -1,0 +1,1 @@
+"""Settings of operations, declared once for Python, files and commands."""
