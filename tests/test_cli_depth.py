@@ -90,7 +90,7 @@ def test_wrong_words(device: Device, tmp_path: Path, views: Path, monkeypatch: p
         ((*LENGTHS, "--metric", "z.png"), "ends in .pfm or .tif or .tiff or .npy"),
         (("--confidence", "c.jpg"), "ends in .pfm"),
         (("--confidence", "d.pfm"), "named for two outputs"),
-        (("--cue", "magic"), "'magic' is not one of"),
+        (("--cue", "magic"), "must be 'energy', 'correspondence', 'structure-tensor' or"),
     ):
         monkeypatch.chdir(tmp_path)
         monkeypatch.setattr("clplen.io.read_lightfield", lambda *_, **__: pytest.fail("computed"))

@@ -18,7 +18,7 @@ import clplen
 from clplen import Device, LightField
 from clplen.cli import main
 from clplen.microscopy import DeconvolutionSettings
-from clplen.settings.declaration import Setting, settings_of
+from clplen.settings.declaration import Setting, setting_of
 from clplen.settings.light_fields import (
     AllInFocusSettings,
     DepthSettings,
@@ -85,7 +85,7 @@ def file(tmp_path_factory: pytest.TempPathFactory, device: Device) -> Path:
 def test_wrong_values_are_refused_in_the_same_words(tmp_path: Path, file: Path) -> None:
     for table, argument, value, rule in WRONG:
         model, command = MODELS[table]
-        one = next(one for one in settings_of(model) if one.name == argument)
+        one = setting_of(model, argument)
         with pytest.raises(ValueError, match="must") as error:
             model(**{argument: value})
         python = str(error.value)
@@ -106,6 +106,26 @@ def test_wrong_values_are_refused_in_the_same_words(tmp_path: Path, file: Path) 
         assert result.exit_code == 2, (words, result.output)
         said = " ".join(result.output.split())
         assert re.search(f"value for '{option}'( / [^ ]+)?:{re.escape(rest)}, got ", said), said
+
+
+def test_settings_that_need_another_one(tmp_path: Path, file: Path) -> None:
+    for argument, value, option, rule in (
+        ("strength", 2.0, "--strength 2", "needs prior: give tv, gaussian or time"),
+        ("motion", 1e-6, "--motion-um 1", "needs start limited: give it, or leave both out"),
+        ("haze", 1, None, "must be true or false"),
+    ):
+        one = setting_of(DeconvolutionSettings, argument)
+        with pytest.raises(ValueError, match=f"^{argument} {rule}"):
+            DeconvolutionSettings(**{argument: value})
+        in_file = value * 1e6 if one.unit else value
+        with pytest.raises(clplen.FormatError, match=f": deconvolve.{one.key} {rule}"):
+            clplen.batch.Job.read(_job(tmp_path, file, "deconvolve", one, in_file))
+        if option is not None:
+            words = [*MODELS["deconvolve"][1].split(), "a.tif", "-o", "v.tif", *option.split()]
+            result = CliRunner().invoke(main, words)
+            assert result.exit_code == 2
+            said = result.stderr.replace("needs --", "needs ")
+            assert f"Error: {option.split()[0]} {rule}" in said
 
 
 def _job(folder: Path, file: Path, table: str, one: Setting, value: Any) -> Path:

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from pathlib import Path
-from typing import Annotated, Any, TypeVar, get_type_hints
+from typing import Annotated, Any, Literal, TypeVar, get_type_hints
 
-from pydantic import BeforeValidator, create_model, model_validator
+from pydantic import BeforeValidator, Field, create_model, model_validator
 
 from clplen.config.settings import setting
 from clplen.config.tables import Table
@@ -28,7 +28,7 @@ def table_of(name: str, doc: str, *models: type, **more: Any) -> Any:
         return table
 
     fields = more | setting_fields(*models)
-    validators: Any = {"go_together": model_validator(mode="after")(go_together)}
+    validators: Any = {"_go_together": model_validator(mode="after")(go_together)}
     return create_model(name, __base__=Table, __validators__=validators, __doc__=doc, **fields)
 
 
@@ -38,13 +38,25 @@ def setting_fields(*models: type) -> dict[str, Any]:
     for model in models:
         hints = get_type_hints(model)
         for one in settings_of(model):
-            kind: Any = str | None if one.kind is Path else hints[one.name]
-            checked = Annotated[kind, BeforeValidator(_checker(one))]
+            checked = Annotated[_kind(one, hints[one.name]), BeforeValidator(_checker(one))]
             field = setting(
                 one.default, one.help, example=one.example, default_text=one.default_text
             )
             found[one.key] = (checked, field)
     return found
+
+
+def _kind(one: Setting, hint: Any) -> Any:
+    """Return the type of a key, with its choices and bounds for tables of the documentation."""
+    if one.kind is Path:
+        return str | None
+    if one.kind is str and one.choices:
+        kind: Any = Literal[one.choices]
+    elif one.kind in (int, float) and not (one.choices or one.pair or one.check):
+        kind = Annotated[one.kind, Field(ge=one.least, gt=one.above)]
+    else:
+        return hint
+    return kind if one.default is not None else kind | None
 
 
 def _checker(one: Setting) -> Callable[[Any], Any]:

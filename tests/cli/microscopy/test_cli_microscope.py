@@ -260,7 +260,7 @@ BAD: list[tuple[list[str], str, int]] = [
     (["none.tif", "-o", "v.tif"], "There is no file", 1),
     (["a.tif", "-o", "v.tif", "--white", "noise.tif"], "lattice of lenslets of about 15 pixels", 1),
     (["a.tif", "-o", "v.tif", "--haze"], "--haze needs the white frame: give --white", 2),
-    (["a.tif", "-o", "v.tif", "--gain", "0"], "must be a positive number, got '0'", 2),
+    (["a.tif", "-o", "v.tif", "--gain", "0"], "must be a positive number, got 0", 2),
     (["a.tif", "-o", "v.tif", "--strength", "2"], "--strength needs --prior", 2),
     (["a.tif", "-o", "v.tif", "--residual", "noisy"], "a positive number or 'noise'", 2),
     (["a.tif", "-o", "v.tif", "--white", "few.tif"], "white frame (120, 121)", 1),

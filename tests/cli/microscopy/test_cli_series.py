@@ -177,7 +177,7 @@ def test_what_is_refused_before_anything_is_written(
         (("-o", out, "--warm-start", "--start", "limited"), 2, "--warm-start is --start previous"),
         (("-o", out, "--motion-um", 1), 2, "--motion-um needs --start limited"),
         (("-o", tmp_path / "{name}.tif"), 2, "--batch needs a series of frames in one file"),
-        (("-o", out, "--prior", "time", "--strength", 0), 2, "must be a positive number, got '0'"),
+        (("-o", out, "--prior", "time", "--strength", 0), 2, "must be a positive number, got 0"),
     ):
         assert text in said(run(*words_of(folder, device, *more)), code)
     (tmp_path / "s.ome.zarr").mkdir()
