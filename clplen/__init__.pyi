@@ -33,7 +33,7 @@ from .lightfield.depth.alpha_estimate import estimate_alpha as estimate_alpha
 from .lightfield.depth.depth_maps import DepthMap as DepthMap
 from .lightfield.focus_and_depth import all_in_focus as all_in_focus
 from .lightfield.focus_and_depth import depth_map as depth_map
-from .lightfield.focus_and_depth import focal_stack as focal_stack
+from .lightfield.stacks import focal_stack as focal_stack
 from .lightfield.focused.focused_rendering import render_focused as render_focused
 from .lightfield.model.light_field import LightField as LightField
 from .lightfield.model.stored_light_field import StoredLightField as StoredLightField

@@ -13,11 +13,11 @@ from .depth.depth_maps import CUES as CUES
 from .depth.depth_maps import DepthMap as DepthMap
 from .depth.depth_maps import metric_depth as metric_depth
 from .depth.depth_maps import sharpness_curve as sharpness_curve
-from .focus_and_depth import StackTiles as StackTiles
+from .stacks import StackTiles as StackTiles
 from .focus_and_depth import all_in_focus as all_in_focus
 from .focus_and_depth import depth_map as depth_map
-from .focus_and_depth import focal_stack as focal_stack
-from .focus_and_depth import stack_tiles as stack_tiles
+from .stacks import focal_stack as focal_stack
+from .stacks import stack_tiles as stack_tiles
 from .focused.focused_depth import FocusedDepth as FocusedDepth
 from .focused.focused_depth import FocusedMaps as FocusedMaps
 from .focused.focused_depth import focused_depth as focused_depth

@@ -9,7 +9,8 @@ import pytest
 from reference_cues import plain_depth
 
 from clplen.errors import DeviceError
-from clplen.lightfield.focus_and_depth import depth_map, focal_stack
+from clplen.lightfield.focus_and_depth import depth_map
+from clplen.lightfield.stacks import focal_stack
 from clplen.lightfield.model.light_field import LightField
 
 pytestmark = pytest.mark.thorough

@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 
 import clplen.io
-from clplen.lightfield.focus_and_depth import depth_map, focal_stack
+from clplen.lightfield.focus_and_depth import depth_map
+from clplen.lightfield.stacks import focal_stack
 from clplen.lightfield.model.light_field import LightField
 from clplen.lightfield.refocusing.focal_stacks import refocus
 

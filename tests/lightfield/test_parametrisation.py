@@ -8,7 +8,8 @@ import numpy as np
 import pytest
 
 from clplen.io import read_lightfield, write_lightfield
-from clplen.lightfield.focus_and_depth import depth_map, focal_stack
+from clplen.lightfield.focus_and_depth import depth_map
+from clplen.lightfield.stacks import focal_stack
 from clplen.lightfield.model.light_field import LightField
 from clplen.lightfield.refocusing.focal_stacks import refocus
 

@@ -14,7 +14,7 @@ from tolerance import relative_max
 
 import clplen
 from clplen.errors import DeviceError
-from clplen.lightfield.focus_and_depth import focal_stack
+from clplen.lightfield.stacks import focal_stack
 from clplen.lightfield.model.alpha_law import overlap_limit
 from clplen.lightfield.model.apertures import aperture_weights
 from clplen.lightfield.model.light_field import LightField

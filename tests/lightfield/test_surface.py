@@ -9,7 +9,7 @@ from reference_render import phase_ramps, statistic, steps
 from tolerance import relative_max
 
 from clplen.errors import ShapeError
-from clplen.lightfield.focus_and_depth import focal_stack
+from clplen.lightfield.stacks import focal_stack
 from clplen.lightfield.model.light_field import LightField
 from clplen.lightfield.model.rendering import plane_through
 from clplen.lightfield.refocusing.focal_stacks import refocus

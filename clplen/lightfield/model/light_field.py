@@ -204,18 +204,9 @@ class LightField(AlphaLaw, Savable, Plottable, OnDevice):
         return f"<LightField {self.shape} {self.dtype}, {self.device.name}>"
 
     @property
-    def shape(self) -> tuple[int, ...]:
-        """(v, u, y, x[, c])."""
-        return tuple(int(n) for n in self.data.shape)
-
-    @property
     def dtype(self) -> np.dtype[Any]:
         """uint8, uint16, float16 or float32."""
         return np.dtype(self.data.dtype)
-
-    def to_numpy(self) -> np.ndarray[Any, Any]:
-        """The samples on the host, same shape and dtype."""
-        return self.device.download(self.data)
 
     def view(
         self,

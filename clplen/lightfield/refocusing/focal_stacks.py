@@ -91,15 +91,6 @@ class FocalStack(Savable, Plottable, OnDevice):
         planes = f"disparities {self.disparities.min():g} to {self.disparities.max():g}"
         return f"<FocalStack {self.shape} {self.data.dtype}, {planes}, {self.device.name}>"
 
-    @property
-    def shape(self) -> tuple[int, ...]:
-        """(n, y, x[, c])."""
-        return tuple(int(n) for n in self.data.shape)
-
-    def to_numpy(self) -> np.ndarray[Any, np.dtype[np.float32]]:
-        """The pictures on the host, float32, shape (n, y, x[, c])."""
-        return self.device.download(self.data)
-
 
 def refocus(
     lf: LightField | ArrayLike,
