@@ -171,8 +171,8 @@ def _check_tilt(tilt: Any) -> None:
 def _focused(
     lf: LightField, plane: dict[str, Any], aperture: Any, upsample: int, interpolation: str
 ) -> Values:
-    from clplen.lightfield.stacks import focal_stack
     from clplen.lightfield.refocusing.focal_stacks import refocus
+    from clplen.lightfield.stacks import focal_stack
 
     if aperture is None:
         picture = refocus(lf, **plane, upsample=upsample, interpolation=interpolation)

@@ -7,17 +7,14 @@ and the windows of a cue reach; the result has the same bits.
 
 from __future__ import annotations
 
-import math
-from collections.abc import Iterator
-from dataclasses import dataclass, field
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 import pyopencl.array as cla
 from numpy.typing import ArrayLike
 
 from clplen.compute.arrays import Image
-from clplen.compute.device import Device, DeviceLike, as_device
+from clplen.compute.device import Device, DeviceLike
 from clplen.lightfield.depth.all_in_focus import (
     between_planes,
     blend_memory,
@@ -37,33 +34,22 @@ from clplen.lightfield.depth.depth_maps import (
 )
 from clplen.lightfield.depth.energy_cue import energy_disparity
 from clplen.lightfield.model.alpha_law import require_overlap
-from clplen.lightfield.model.apertures import Weights
 from clplen.lightfield.model.light_field import LightField
-from clplen.lightfield.model.rendering import view_weights
-from clplen.lightfield.model.stored_light_field import StoredLightField, as_lightfield
-from clplen.lightfield.raw.raw_image import CameraModel, Spacing
+from clplen.lightfield.model.stored_light_field import StoredLightField
 from clplen.lightfield.refocusing.focal_stacks import (
     FocalStack,
-    check_interpolation,
     on_surface,
-    stack_memory,
-    stack_of,
     stack_on_planes,
     stack_planes,
 )
-from clplen.lightfield.streaming.tile_plan import StreamPlan, Tile, bands, memory_budget, plan_tiles
+from clplen.lightfield.streaming.tile_plan import StreamPlan, Tile, bands, plan_tiles
 from clplen.lightfield.streaming.tile_reading import (
     Progress,
     Source,
+    as_source,
     fast_source,
-    process_tiles,
-    report,
+    read_tiles,
 )
-from clplen.reprs import OneLine
-
-Vector = np.ndarray[Any, np.dtype[np.float64]]
-Pictures = np.ndarray[Any, np.dtype[np.float32]]
-Part = tuple[slice, slice, slice, Pictures]
 
 
 def depth_map(
@@ -171,7 +157,6 @@ def depth_map(
     lost = np.zeros(size if chosen.survey else (0, 0), np.bool_)
     with fast_source(lf, plan) as fast:
         more = (_surveyed(fast, plan, chosen, device),) if chosen.survey else ()
-
         for tile, part in read_tiles(fast, plan.tiles, device, progress):
             inside: Any = {"inside": tile.inside} if chosen.survey else {}
             disparity, confidence, *away = chosen.disparity(part, planes, *more, **inside)
@@ -285,7 +270,7 @@ def all_in_focus(
             return blended(stack_on_planes(lf, planes, ratios, lf.weights))
         return on_surface(lf, surface[tile.outer_rows, tile.outer_columns])
 
-    out = np.empty(source.shape[2:], np.float32)
+    out = np.empty((0,) if plan.in_core else source.shape[2:], np.float32)
     with fast_source(source, plan) as fast:
         for tile, lf in read_tiles(fast, plan.tiles, device, progress):
             picture = focused(tile, lf)

@@ -17,8 +17,8 @@ from clplen.errors import DeviceError
 from clplen.lightfield.depth.depth_maps import sharpness_curve
 from clplen.lightfield.depth.energy_cue import evening_taps
 from clplen.lightfield.focus_and_depth import depth_map
-from clplen.lightfield.stacks import focal_stack
 from clplen.lightfield.model.light_field import LightField
+from clplen.lightfield.stacks import focal_stack
 
 pytestmark = pytest.mark.thorough
 

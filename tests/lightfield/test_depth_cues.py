@@ -10,8 +10,8 @@ from reference_cues import plain_depth
 
 from clplen.errors import DeviceError
 from clplen.lightfield.focus_and_depth import depth_map
-from clplen.lightfield.stacks import focal_stack
 from clplen.lightfield.model.light_field import LightField
+from clplen.lightfield.stacks import focal_stack
 
 pytestmark = pytest.mark.thorough
 

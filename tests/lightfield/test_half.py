@@ -7,9 +7,9 @@ import pytest
 
 import clplen.io
 from clplen.lightfield.focus_and_depth import depth_map
-from clplen.lightfield.stacks import focal_stack
 from clplen.lightfield.model.light_field import LightField
 from clplen.lightfield.refocusing.focal_stacks import refocus
+from clplen.lightfield.stacks import focal_stack
 
 PLANES = np.linspace(-0.6, 0.8, 5)
 

@@ -14,11 +14,11 @@ from tolerance import relative_max
 
 import clplen
 from clplen.errors import DeviceError
-from clplen.lightfield.stacks import focal_stack
 from clplen.lightfield.model.alpha_law import overlap_limit
 from clplen.lightfield.model.apertures import aperture_weights
 from clplen.lightfield.model.light_field import LightField
 from clplen.lightfield.refocusing.focal_stacks import refocus
+from clplen.lightfield.stacks import focal_stack
 
 SAMPLES = [
     (np.uint8, (3, 4, 17, 23)), (np.uint16, (4, 3, 13, 11, 3)), (np.float32, (1, 6, 5, 19)),

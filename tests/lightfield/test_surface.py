@@ -9,10 +9,10 @@ from reference_render import phase_ramps, statistic, steps
 from tolerance import relative_max
 
 from clplen.errors import ShapeError
-from clplen.lightfield.stacks import focal_stack
 from clplen.lightfield.model.light_field import LightField
 from clplen.lightfield.model.rendering import plane_through
 from clplen.lightfield.refocusing.focal_stacks import refocus
+from clplen.lightfield.stacks import focal_stack
 
 SPACING = (-3e-4, -2e-4, 1e-4, 1.5e-4)  # d along y is 2.25 times d along x
 
