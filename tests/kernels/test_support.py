@@ -7,7 +7,7 @@ import pytest
 from reference_matching import gather, valley
 from tolerance import relative_max
 
-from clplen.lightfield.matching.plane_spans import all_planes
+from clplen.lightfield.matching.view_detail import all_planes
 
 EPS = 2.0**-24
 

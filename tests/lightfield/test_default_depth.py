@@ -8,7 +8,7 @@ import pytest
 
 from clplen import LightField, depth_map
 from clplen.compute.device import Device
-from clplen.lightfield.depth.sample_levels import LevelSurvey
+from clplen.lightfield.depth.combined_cue import LevelSurvey
 from clplen.lightfield.matching.view_detail import Surroundings, is_even
 from clplen.lightfield.matching.view_matching import group_views
 
