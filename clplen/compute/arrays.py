@@ -78,6 +78,11 @@ class OnDevice(HostArray):
         """Shape of the samples."""
         return tuple(int(n) for n in self.data.shape)
 
+    @property
+    def dtype(self) -> np.dtype[Any]:
+        """Type of the samples."""
+        return np.dtype(self.data.dtype)
+
     def to_numpy(self) -> Array:
         """The samples on the host, same shape and dtype."""
         return self.device.download(self.data)

@@ -203,11 +203,6 @@ class LightField(AlphaLaw, Savable, Plottable, OnDevice):
     def __repr__(self) -> str:
         return f"<LightField {self.shape} {self.dtype}, {self.device.name}>"
 
-    @property
-    def dtype(self) -> np.dtype[Any]:
-        """uint8, uint16, float16 or float32."""
-        return np.dtype(self.data.dtype)
-
     def view(
         self,
         v: float,
