@@ -53,17 +53,6 @@ def test_no_plane():
             plane_through(points, (9, 9))
 
 
-@pytest.mark.parametrize(
-    ("dtype", "shape"), [(np.uint16, (5, 4, 9, 14)), (np.float32, (3, 4, 5, 7, 3))]
-)
-def test_on_a_surface(device, dtype, shape):
-    a, w, lf = light_field(device, shape, dtype, spacing=SPACING)
-    d = plane_through([(0, 0, -1.2), (5, 1, 0.4), (2, 6, 1.3)], shape[2:])
-    got = refocus(lf, disparity=d).to_numpy().astype(float)
-    want = statistic("mean", *sampled(a, d, weights=w, step=steps(shape[:2], 2.25)))
-    assert relative_max(want, got) <= 1e-5
-
-
 def test_a_surface_in_alphas(device):
     _, _, lf = light_field(device, spacing=SPACING)
     d = np.linspace(-0.5, 0.5, 9 * 14).reshape(9, 14)
