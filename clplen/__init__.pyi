@@ -33,7 +33,6 @@ from .lightfield.depth.alpha_estimate import estimate_alpha as estimate_alpha
 from .lightfield.depth.depth_maps import DepthMap as DepthMap
 from .lightfield.focus_and_depth import all_in_focus as all_in_focus
 from .lightfield.focus_and_depth import depth_map as depth_map
-from .lightfield.focus_and_depth import focal_stack as focal_stack
 from .lightfield.focused.focused_rendering import render_focused as render_focused
 from .lightfield.model.light_field import LightField as LightField
 from .lightfield.model.stored_light_field import StoredLightField as StoredLightField
@@ -41,6 +40,7 @@ from .lightfield.raw.raw_image import RawImage as RawImage
 from .lightfield.raw.raw_image import Sensor as Sensor
 from .lightfield.refocusing.focal_stacks import FocalStack as FocalStack
 from .lightfield.refocusing.focal_stacks import refocus as refocus
+from .lightfield.stacks import focal_stack as focal_stack
 from .microscopy.model.psf import point_images as point_images
 from .microscopy.reconstruction.deconvolution import deconvolve as deconvolve
 from .microscopy.reconstruction.projector import Projector as Projector

@@ -21,10 +21,10 @@ from clplen.compute.device import Device
 from clplen.files import replacing
 from clplen.io import write_html, write_lightfield, write_picture, write_stack
 from clplen.lightfield.depth.alpha_estimate import AlphaEstimate, estimate_alpha
-from clplen.lightfield.focus_and_depth import focal_stack
 from clplen.lightfield.model.light_field import LightField
 from clplen.lightfield.raw.raw_image import RawImage
 from clplen.lightfield.refocusing.focal_stacks import FocalStack, refocus
+from clplen.lightfield.stacks import focal_stack
 from clplen.outputs import MARK
 from clplen.wave.elements.lenslets import MicrolensArray
 from clplen.wave.field.intensity import add_scaled

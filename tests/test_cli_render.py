@@ -15,10 +15,10 @@ from clplen.compute.device import Device
 from clplen.io import read_lightfield
 from clplen.io.formats.animation import to_eight_bits, white_level, write_animation
 from clplen.io.formats.picture import encoded
-from clplen.lightfield.focus_and_depth import focal_stack
 from clplen.lightfield.model.light_field import LightField
 from clplen.lightfield.model.rendering import plane_through
 from clplen.lightfield.refocusing.focal_stacks import refocus
+from clplen.lightfield.stacks import focal_stack
 
 D = 1.0
 

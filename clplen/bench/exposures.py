@@ -16,9 +16,9 @@ from clplen.cameras.plenoptic_camera import PlenopticCamera
 from clplen.cameras.scenes.scene_sources import PointSources
 from clplen.cameras.standard_camera import Plenoptic1
 from clplen.compute.device import Device
-from clplen.lightfield.focus_and_depth import focal_stack
 from clplen.lightfield.model.light_field import LightField
 from clplen.lightfield.raw.raw_image import RawImage, Transforms
+from clplen.lightfield.stacks import focal_stack
 from clplen.wave.elements.lenslets import MicrolensArray
 
 _FORM = "a number of lenslets across"

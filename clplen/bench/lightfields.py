@@ -15,9 +15,10 @@ from clplen.bench.report import Benchmark, Report, rate_rows, time_rows
 from clplen.compute.arrays import count_bad
 from clplen.compute.device import Device
 from clplen.lightfield.depth.depth_maps import CUES
-from clplen.lightfield.focus_and_depth import depth_map, focal_stack
+from clplen.lightfield.focus_and_depth import depth_map
 from clplen.lightfield.model.light_field import LightField
 from clplen.lightfield.refocusing.focal_stacks import refocus
+from clplen.lightfield.stacks import focal_stack
 
 Samples = np.ndarray[Any, np.dtype[np.float32]]
 

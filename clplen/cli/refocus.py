@@ -169,8 +169,8 @@ def _check_tilt(tilt: Any) -> None:
 def _focused(
     lf: LightField, plane: dict[str, Any], aperture: Any, upsample: int, interpolation: str
 ) -> Values:
-    from clplen.lightfield.focus_and_depth import focal_stack
     from clplen.lightfield.refocusing.focal_stacks import refocus
+    from clplen.lightfield.stacks import focal_stack
 
     if aperture is None:
         picture = refocus(lf, **plane, upsample=upsample, interpolation=interpolation)
@@ -181,7 +181,8 @@ def _focused(
 
 
 def _sharp(lf: LightField, planes: dict[str, Any], aperture: Any) -> tuple[Values, str]:
-    from clplen.lightfield.focus_and_depth import all_in_focus, focal_stack
+    from clplen.lightfield.focus_and_depth import all_in_focus
+    from clplen.lightfield.stacks import focal_stack
 
     stack = focal_stack(lf, aperture=aperture, **planes)
     count = options.planes(len(stack.disparities))

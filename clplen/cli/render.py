@@ -194,7 +194,7 @@ def _views(lf: LightField, disparity: float | None) -> np.ndarray[Any, Any]:
 
 
 def _planes(lf: LightField, disparities: Any, alphas: Any) -> np.ndarray[Any, Any]:
-    from clplen.lightfield.focus_and_depth import focal_stack
+    from clplen.lightfield.stacks import focal_stack
 
     stack = focal_stack(lf, **planes_of(lf, disparities, alphas, count=_PLANES)).to_numpy()
     return np.concatenate((stack, stack[-2:0:-1]))

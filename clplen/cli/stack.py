@@ -72,7 +72,7 @@ def stack(
       clplen stack shot.xml -o stack.tif --m 0.1:0.3:9
     """
     from clplen.io import write_stack
-    from clplen.lightfield.focus_and_depth import focal_stack
+    from clplen.lightfield.stacks import focal_stack
 
     check_planes(disparities, alphas)
     check_suffix(output, (".tif", ".tiff", ".zarr"))
@@ -147,7 +147,7 @@ def _stream(
 ) -> None:
     """The same tile by tile; nothing is said of the sharpest plane."""
     from clplen.io import write_stack
-    from clplen.lightfield.focus_and_depth import stack_tiles
+    from clplen.lightfield.stacks import stack_tiles
 
     with stored(source, selector, layout) as (lf, device), tile_progress() as progress:
         made = stack_tiles(

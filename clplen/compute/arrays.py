@@ -73,6 +73,16 @@ class OnDevice(HostArray):
     def __post_init__(self) -> None:
         object.__setattr__(self, "device", as_device(self.device, optional=False))
 
+    @property
+    def shape(self) -> tuple[int, ...]:
+        """Shape of the samples."""
+        return tuple(int(n) for n in self.data.shape)
+
+    @property
+    def dtype(self) -> np.dtype[Any]:
+        """Type of the samples."""
+        return np.dtype(self.data.dtype)
+
     def to_numpy(self) -> Array:
         """The samples on the host, same shape and dtype."""
         return self.device.download(self.data)
@@ -120,12 +130,6 @@ class Image(Savable, Plottable, OnDevice):
 
     def __repr__(self) -> str:
         return f"<{type(self).__name__} {self.shape} {self.data.dtype}, {self.device.name}>"
-
-    @property
-    def shape(self) -> tuple[int, ...]:
-        """Shape of the values."""
-        return tuple(self.data.shape)
-
 
 _DEFINES = {np.dtype(np.float64): {"DOUBLE": True}, np.dtype(np.float16): {"HALF": True}}
 LENGTH = 2**14  # reals that one work-item reads: enough to forget the cost of starting it

@@ -1,4 +1,4 @@
-"""Focal stacks, depth maps and all-in-focus pictures of light fields of any size.
+"""Depth maps and all-in-focus pictures of light fields of any size.
 
 A light field is a source of tiles, and one on a device is one tile. A stored one is loaded where
 memory suffices, and else read tile by tile, each with a halo as wide as the planes shift its views
@@ -7,17 +7,14 @@ and the windows of a cue reach; the result has the same bits.
 
 from __future__ import annotations
 
-import math
-from collections.abc import Iterator
-from dataclasses import dataclass, field
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 import pyopencl.array as cla
 from numpy.typing import ArrayLike
 
 from clplen.compute.arrays import Image
-from clplen.compute.device import Device, DeviceLike, as_device
+from clplen.compute.device import Device, DeviceLike
 from clplen.lightfield.depth.all_in_focus import (
     between_planes,
     blend_memory,
@@ -26,7 +23,7 @@ from clplen.lightfield.depth.all_in_focus import (
     disparity_of,
     surface_memory,
 )
-from clplen.lightfield.depth.best_focus import default_disparities, suitable_planes
+from clplen.lightfield.depth.best_focus import default_disparities
 from clplen.lightfield.depth.cue import Cue
 from clplen.lightfield.depth.depth_maps import (
     DepthMap,
@@ -37,306 +34,22 @@ from clplen.lightfield.depth.depth_maps import (
 )
 from clplen.lightfield.depth.energy_cue import energy_disparity
 from clplen.lightfield.model.alpha_law import require_overlap
-from clplen.lightfield.model.apertures import Weights
 from clplen.lightfield.model.light_field import LightField
-from clplen.lightfield.model.rendering import view_weights
-from clplen.lightfield.model.stored_light_field import StoredLightField, as_lightfield
-from clplen.lightfield.raw.raw_image import CameraModel, Spacing
+from clplen.lightfield.model.stored_light_field import StoredLightField
 from clplen.lightfield.refocusing.focal_stacks import (
     FocalStack,
-    check_interpolation,
     on_surface,
-    stack_memory,
-    stack_of,
     stack_on_planes,
     stack_planes,
 )
-from clplen.lightfield.streaming.tile_plan import StreamPlan, Tile, bands, memory_budget, plan_tiles
+from clplen.lightfield.streaming.tile_plan import StreamPlan, Tile, bands, plan_tiles
 from clplen.lightfield.streaming.tile_reading import (
     Progress,
     Source,
+    as_source,
     fast_source,
-    process_tiles,
-    report,
+    read_tiles,
 )
-from clplen.reprs import OneLine
-
-Vector = np.ndarray[Any, np.dtype[np.float64]]
-Pictures = np.ndarray[Any, np.dtype[np.float32]]
-Part = tuple[slice, slice, slice, Pictures]
-
-
-@dataclass(frozen=True, eq=False, repr=False)
-class StackTiles(OneLine):
-    """A focal stack that is computed tile by tile while it is iterated over, once.
-
-    Yields (planes, rows, columns, pictures): three slices and float32 pictures of shape
-    (planes, rows, columns[, c]), in new arrays. Leaving the loop early lets go of everything.
-
-    Attributes
-    ----------
-    plan : StreamPlan
-    shape : tuple of int
-        (n, y, x[, c]).
-    disparities, alphas : numpy.ndarray
-        float64, shape (n,), as in `FocalStack`.
-    spacing : tuple of float or None
-        Signed (dv, du, dy, dx) of the light field, in metres.
-    camera : CameraModel or None
-        Of the light field.
-    _parts : iterator
-        The tiles that are left.
-
-    Examples
-    --------
-    >>> clplen.write_lightfield("l.h5", clplen.LightField.from_array(np.ones((3, 3, 16, 20))))
-    >>> with clplen.open_lightfield("l.h5") as stored:
-    ...     tiles = clplen.lightfield.stack_tiles(stored, disparities=[0, 1])
-    ...     print(tiles.shape)
-    (2, 16, 20)
-    """
-
-    plan: StreamPlan
-    shape: tuple[int, ...]
-    disparities: Vector
-    alphas: Vector
-    spacing: Spacing | None
-    camera: CameraModel | None
-    _parts: Iterator[Part] = field(repr=False)
-
-    def __iter__(self) -> Iterator[Part]:
-        return self._parts
-
-    def __getstate__(self) -> dict[str, Any]:
-        raise TypeError(
-            "StackTiles are made one after the other and cannot be copied or pickled: copy the "
-            "pictures that they yield, or call stack_tiles in the other process."
-        )
-
-
-def focal_stack(
-    lf: LightField | StoredLightField | ArrayLike,
-    *,
-    alphas: ArrayLike | None = None,
-    disparities: ArrayLike | None = None,
-    aperture: Any = None,
-    interpolation: str = "linear",
-    memory: int | None = None,
-    device: DeviceLike | None = None,
-) -> FocalStack:
-    """Make pictures focused on many planes, in one pass over the light field.
-
-    Every plane is what `refocus` returns for it (without rescaling).
-
-    Parameters
-    ----------
-    lf : LightField, StoredLightField or array_like
-        Shape (v, u, y, x[, c]).
-    alphas, disparities : array_like, optional
-        Planes, shape (n,), in any order, or "START:STOP:N"; one of the two: F/F', which needs the
-        spacing of the light field, or pixels a view step. Default: those of `suitable_planes`.
-    aperture : int, float, str or array_like, optional
-        As in `LightField.render`.
-    interpolation : {"linear", "nearest", "cubic", "fourier"}
-        As in `refocus`; "fourier" needs whole views.
-    memory : int, optional
-        Bytes for what a stored light field needs on the host and the device together, the result
-        included; default half of what is free on the host, or of the device's memory if that is
-        less. What does not fit is computed in tiles.
-    device : Device or str, optional
-        Where an array or a stored light field goes; default ``Device.open()``. Other light fields
-        bring their own.
-
-    Returns
-    -------
-    FocalStack
-        Pictures, float32, shape (n, y, x[, c]). It keeps the weights of its views, by which depth
-        makes planes equally blurred, for linear interpolation only.
-
-    Raises
-    ------
-    ValueError
-        If both alphas and disparities are given, or they are no finite numbers in one dimension, no
-        two views overlap on a plane, the aperture does not fit, the interpolation is unknown, or a
-        stored light field does not fit into the memory: its stack itself (take `stack_tiles`, or
-        ``clplen stack``), its smallest tile, or whole views for "fourier".
-    DeviceError
-        If the stack and the light field together are larger than the device's memory.
-    OSError, FormatError
-        As in `stack_tiles`.
-
-    Examples
-    --------
-    >>> plane = clplen.cameras.Plane(0.5, texture=clplen.cameras.noise(1, 64))
-    >>> lf, truth = clplen.SurfaceScene(plane).light_field((5, 5), (32, 32))
-    >>> stack = clplen.focal_stack(lf, disparities=[-0.5, 0, 0.5, 1])
-    >>> stack.shape
-    (4, 32, 32)
-    >>> int(stack.to_numpy().std(axis=(1, 2)).argmax())  # the plane in focus
-    2
-    """
-    source, device = _source(lf, device)
-    chosen = _Stack.of(source, alphas, disparities, aperture, interpolation)
-    if isinstance(source, StoredLightField):
-        memory = memory_budget(memory, device)
-        kept = _stack_bytes(chosen, source, memory, device)
-        plan = plan_tiles(
-            source, stack_memory(source, chosen.planes, kept=kept), memory=memory, device=device
-        )
-        if not plan.in_core or len(plan.planes) > 1:
-            _require_tiles(chosen)
-            return _gathered(chosen, source, plan, device)
-        source = source.load(device)
-    return stack_on_planes(source, *chosen)
-
-
-def stack_tiles(
-    lf: LightField | StoredLightField | ArrayLike,
-    *,
-    alphas: ArrayLike | None = None,
-    disparities: ArrayLike | None = None,
-    aperture: Any = None,
-    interpolation: str = "linear",
-    memory: int | None = None,
-    device: DeviceLike | None = None,
-    progress: Progress | None = None,
-) -> StackTiles:
-    """Compute a focal stack tile by tile: one that may be larger than memory.
-
-    Parameters
-    ----------
-    lf : LightField, StoredLightField or array_like
-        As in `focal_stack`; one on a device is one tile.
-    alphas, disparities, aperture, interpolation : array_like, array_like, object, str, optional
-        As in `focal_stack`; several tiles without "fourier".
-    memory : int, optional
-        Bytes for samples, pictures and what is between, on the host and the device together.
-        Default half of what is free on the host, or of the device's memory if that is less.
-    device : Device or str, optional
-        As in `focal_stack`.
-    progress : callable, optional
-        Called with (tiles done, tiles in all).
-
-    Returns
-    -------
-    StackTiles
-        Tiles that are computed as they are taken, with the bits of `focal_stack`.
-
-    Raises
-    ------
-    ValueError
-        As in `focal_stack`; for "fourier", which needs whole views; if the memory is too little
-        for the smallest tile.
-    OSError
-        While iterating, if views have to be copied to a temporary file and the disk is too small.
-    FormatError
-        While iterating, if the file is damaged.
-
-    Examples
-    --------
-    >>> clplen.write_lightfield("l.h5", clplen.LightField.from_array(np.ones((3, 3, 32, 32))))
-    >>> with clplen.open_lightfield("l.h5") as stored:
-    ...     tiles = clplen.lightfield.stack_tiles(stored, disparities=[-1, 0, 1])
-    ...     clplen.io.write_stack("stack.ome.tif", tiles)
-    >>> clplen.io.read_stack("stack.ome.tif").shape
-    (3, 32, 32)
-    """
-    source, device = _source(lf, device)
-    chosen = _Stack.of(source, alphas, disparities, aperture, interpolation)
-    estimates = stack_memory(source, chosen.planes)
-    plan = plan_tiles(source, estimates, memory=memory, device=device)
-    if not plan.in_core:
-        _require_tiles(chosen)
-    return StackTiles(
-        plan,
-        (chosen.planes.size, *source.shape[2:]),
-        chosen.planes,
-        chosen.ratios,
-        source.spacing,
-        source.camera,
-        _stack_parts(chosen, source, plan, device, progress),
-    )
-
-
-class _Stack(NamedTuple):
-    """Checked planes, weights of the views and interpolation of a stack."""
-
-    planes: Vector
-    ratios: Vector
-    weights: Weights
-    interpolation: str
-
-    @classmethod
-    def of(
-        cls, source: Source, alphas: Any, disparities: Any, aperture: Any, interpolation: str
-    ) -> _Stack:
-        given = {"alphas": alphas, "disparities": disparities}
-        if alphas is None and disparities is None:
-            given |= suitable_planes(source)
-        weights = view_weights(source, aperture, None)
-        planes, ratios = stack_planes(source, weights, **given)
-        check_interpolation(interpolation)
-        return cls(planes, ratios, weights, interpolation)
-
-
-def _stack_bytes(chosen: _Stack, source: StoredLightField, memory: int, device: Device) -> int:
-    """Bytes a pixel of the whole stack; refuse one that is larger than the memory."""
-    shape = (chosen.planes.size, *source.shape[2:])
-    nbytes = 4 * math.prod(shape)
-    if nbytes > min(memory, device.memory_bytes):
-        limit = (
-            f"memory={memory:,}"
-            if nbytes > memory
-            else f"the {device.memory_bytes:,} of {device.name}"
-        )
-        raise ValueError(
-            f"A focal stack of shape {shape} needs {nbytes:,} bytes itself, more than {limit}: "
-            "take stack_tiles, or `clplen stack --memory` on the command line, which make it tile "
-            "by tile."
-        )
-    copies = 1 if device.is_cpu else 2  # elsewhere than on a CPU it is filled on the host
-    return copies * nbytes // math.prod(source.shape[2:4])
-
-
-def _require_tiles(chosen: _Stack) -> None:
-    """Refuse a stack whose pixels depend on whole views."""
-    if chosen.interpolation == "fourier":
-        raise ValueError(
-            "A stack that is made in tiles takes interpolation='linear', 'nearest', 'cubic', not "
-            "'fourier', which needs every pixel of a view."
-        )
-
-
-def _gathered(
-    chosen: _Stack, source: StoredLightField, plan: StreamPlan, device: Device
-) -> FocalStack:
-    """Compute a stack on a device from tiles."""
-    data = device.empty((chosen.planes.size, *source.shape[2:]), np.float32)
-    parts = _stack_parts(chosen, source, plan, device, None)
-    with device.on_host(data) as pictures:
-        for group, rows, columns, values in parts:
-            pictures[group, rows, columns] = values
-    return stack_of(source, data, device, *chosen)
-
-
-def _stack_parts(
-    chosen: _Stack,
-    source: Source,
-    plan: StreamPlan,
-    device: Device,
-    progress: Progress | None,
-) -> Iterator[Part]:
-    def process(tile: Tile, lf: LightField) -> Iterator[Part]:
-        rows, columns = tile.inside
-        for group in plan.planes:
-            some = chosen._replace(planes=chosen.planes[group], ratios=chosen.ratios[group])
-            stack = stack_on_planes(lf, *some)
-            with device.on_host(stack.data, write=False) as pictures:
-                yield group, tile.rows, tile.columns, np.array(pictures[:, rows, columns])
-
-    with fast_source(source, plan) as fast:
-        for _, part in process_tiles(fast, plan.tiles, process, device, progress):
-            yield part
 
 
 def depth_map(
@@ -433,7 +146,7 @@ def depth_map(
                 "field, or cue='energy'."
             )
         return with_depth(source, *energy_disparity(source, planes))
-    lf, device = _source(source, device)
+    lf, device = as_source(source, device)
     chosen = cue_named(default_cue(lf) if cue is None else cue)
     planes = distinct_planes(lf, alphas, disparities)
     plan = plan_tiles(lf, [chosen.memory(lf, planes)], memory=memory, device=device)
@@ -444,16 +157,14 @@ def depth_map(
     lost = np.zeros(size if chosen.survey else (0, 0), np.bool_)
     with fast_source(lf, plan) as fast:
         more = (_surveyed(fast, plan, chosen, device),) if chosen.survey else ()
-
-        def process(tile: Tile, part: LightField) -> Iterator[DepthMap]:
+        for tile, part in read_tiles(fast, plan.tiles, device, progress):
             inside: Any = {"inside": tile.inside} if chosen.survey else {}
             disparity, confidence, *away = chosen.disparity(part, planes, *more, **inside)
+            del part  # before the next tile is sent to the device
             for mask in away:
                 lost[tile.rows, tile.columns] = mask[tile.inside]
-            yield with_depth(lf, disparity[tile.inside], confidence[tile.inside])
-
-        for tile, found in process_tiles(fast, plan.tiles, process, device, progress):
-            for attribute, values in vars(found).items():
+            depth = with_depth(lf, disparity[tile.inside], confidence[tile.inside])
+            for attribute, values in vars(depth).items():
                 getattr(maps, attribute)[tile.rows, tile.columns] = values
     if chosen.merge is not None:
         maps.confidence[...] = chosen.merge(maps.confidence, lost)
@@ -464,13 +175,9 @@ def _surveyed(source: Source, plan: StreamPlan, cue: Cue, device: Device) -> Any
     """Return what a cue needs to know of the whole light field, from bands of its rows."""
     assert cue.survey is not None
     survey = cue.survey(source)
-
-    def process(tile: Tile, lf: LightField) -> Iterator[None]:
+    for tile, lf in read_tiles(source, bands(source.shape[2:4], plan.band_rows), device, None):
         survey.add(tile.rows, lf)
-        yield None
-
-    for _ in process_tiles(source, bands(source.shape[2:4], plan.band_rows), process, device, None):
-        pass
+        del lf  # before the next tile is sent to the device
     return survey.finish()
 
 
@@ -546,7 +253,7 @@ def all_in_focus(
             return Image(blended(source), source.device)
         surface = disparity_of(depth, source.shape[1:3])
         return Image(between_planes(source, surface), source.device)
-    source, device = _source(source, device)
+    source, device = as_source(source, device)
     check_planes(depth, disparities)
     if depth is not None:
         surface = disparity_of(depth, source.shape[2:4])
@@ -563,25 +270,11 @@ def all_in_focus(
             return blended(stack_on_planes(lf, planes, ratios, lf.weights))
         return on_surface(lf, surface[tile.outer_rows, tile.outer_columns])
 
-    if plan.in_core:
-        lf = source.load(device) if isinstance(source, StoredLightField) else source
-        picture = focused(plan.tiles[0], lf)
-        report(progress, 1, 1)
-        return Image(picture, device)
-
-    def process(tile: Tile, lf: LightField) -> Iterator[Pictures]:
-        yield device.download(focused(tile, lf))[tile.inside]
-
-    out = np.empty(source.shape[2:], np.float32)
+    out = np.empty((0,) if plan.in_core else source.shape[2:], np.float32)
     with fast_source(source, plan) as fast:
-        for tile, part in process_tiles(fast, plan.tiles, process, device, progress):
-            out[tile.rows, tile.columns] = part
-    return Image(device.upload(out), device)
-
-
-def _source(lf: Any, device: DeviceLike | None) -> tuple[Source, Device]:
-    """Return a light field as a source of tiles, an array on a device, and the device."""
-    if isinstance(lf, StoredLightField):
-        return lf, as_device(device)
-    lf = as_lightfield(lf, device=device)
-    return lf, lf.device
+        for tile, lf in read_tiles(fast, plan.tiles, device, progress):
+            picture = focused(tile, lf)
+            del lf  # before the next tile is sent to the device
+            if not plan.in_core:
+                out[tile.rows, tile.columns] = device.download(picture)[tile.inside]
+    return Image(picture if plan.in_core else device.upload(out), device)

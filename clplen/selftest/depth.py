@@ -7,11 +7,11 @@ from typing import Any
 import numpy as np
 
 from clplen.compute.device import Device
-from clplen.lightfield.arrays.peaks import PeakTracker
 from clplen.lightfield.arrays.smoothing import Smoother, gaussian_taps
 from clplen.lightfield.depth.correspondence_cue import shear_moments
+from clplen.lightfield.depth.cue import PeakTracker
 from clplen.lightfield.depth.structure_tensor_cue import epi_tensors
-from clplen.lightfield.matching.plane_spans import all_planes
+from clplen.lightfield.matching.view_detail import all_planes
 from clplen.lightfield.matching.view_matching import (
     group_views,
     match_costs,
@@ -51,7 +51,7 @@ def _moments(device: Device) -> Pairs:
     a = twins.reals(4, 3, 2, 6, 37, low=100, high=160).astype(np.uint8)
     w, planes = twins.reals(5, 3, 2, low=0.1), np.array([0.3, -1.75])
     lf = LightField.from_array(a, device=device, weights=w)
-    found = shear_moments(lf, planes)
+    mean_map, variance_map = shear_moments(lf, planes)
     means, spreads = np.zeros((2, 2, 6, 37))
     for p, d in enumerate(planes):
         steps = d * twins.view_steps((3, 2)).reshape(-1, 2)
@@ -63,8 +63,8 @@ def _moments(device: Device) -> Pairs:
         share /= share.sum(axis=0)
         means[p] = (share * values).sum(axis=0)
         spreads[p] = (share * (values - means[p]) ** 2).sum(axis=0)
-    yield means, device.download(found.mean)
-    yield spreads, device.download(found.variance)
+    yield means, device.download(mean_map)
+    yield spreads, device.download(variance_map)
 
 
 def _tensor(device: Device) -> Pairs:

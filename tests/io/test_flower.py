@@ -10,7 +10,7 @@ import pytest
 from clplen.compute.device import Device
 from clplen.io import read_lightfield
 from clplen.lightfield.depth.depth_maps import sharpness_curve
-from clplen.lightfield.focus_and_depth import focal_stack
+from clplen.lightfield.stacks import focal_stack
 
 PLANES = np.linspace(-2, 2, 33)
 

@@ -18,10 +18,10 @@ from clplen.errors import FormatError
 from clplen.io import open_lightfield, read_lightfield, write_lightfield
 from clplen.io.lightfields import array_sources
 from clplen.io.lightfields.array_sources import blocks
-from clplen.lightfield.focus_and_depth import stack_tiles
 from clplen.lightfield.model import stored_light_field
 from clplen.lightfield.model.light_field import LightField
 from clplen.lightfield.model.stored_light_field import StoredLightField
+from clplen.lightfield.stacks import stack_tiles
 
 SPACING = (-1e-3, 1.2e-3, 2e-5, 3e-5)
 PARTS = [

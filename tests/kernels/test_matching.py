@@ -9,7 +9,7 @@ import pytest
 from reference_matching import bell_taps, centre_shares, costs, membership
 
 from clplen.lightfield.matching import view_matching
-from clplen.lightfield.matching.plane_spans import all_planes
+from clplen.lightfield.matching.view_detail import all_planes
 from clplen.lightfield.matching.view_matching import (
     group_views,
     match_costs,

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from clplen.lightfield.arrays.peaks import PeakTracker
+from clplen.lightfield.depth.cue import PeakTracker
 
 EPS = 2.0**-24
 

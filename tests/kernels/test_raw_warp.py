@@ -29,12 +29,10 @@ HEXAGONAL = lattice("hexagonal", (6.1, 0), (0, 7.1))
 GRIDS = {
     "square": lattice("square", (6.3, 0), (0, 7.1)).grid((6, 7), complete=False),
     "hexagonal": HEXAGONAL.grid((7, 7), complete=False),
-    "square pixels": HEXAGONAL.grid((7, 7), complete=False, square=True),
     "hexagonal along y": lattice("hexagonal", (7.1, 0), (0, 6.1)).grid(
         (7, 7), complete=False, square=True
     ),
     "skew": LensletGrid((5, 7), (4, 6), (13.217, 9.703), (9.3, -1.1), (1.2, 7.4), 0.5),
-    "odd rows to the left": HEXAGONAL.grid((5, 6), step=1.1),
 }
 
 
@@ -131,10 +129,10 @@ def test_gradient_of_the_disparity(device, grid):
     assert relative_max(want.reshape(got.shape), got.astype(float)) <= 1e-6
 
 
-@pytest.mark.parametrize("pitch", [(5, 5), (4, 7)])
-def test_whole_lattices_have_the_samples_of_view_warp(device, pitch):
+def test_whole_lattices_have_the_samples_of_view_warp(device):
     """Bit by bit, gradients too."""
-    count, (V, U) = (9, 11), pitch
+    count, (V, U) = (9, 11), (4, 7)
+    pitch = V, U
     steps = (float(V), 0.0), (0.0, float(U))
     grid = LensletGrid(count, pitch, ((V - 1) / 2, (U - 1) / 2), *steps)
     shape = (count[0] * V, count[1] * U)

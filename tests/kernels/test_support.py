@@ -7,7 +7,7 @@ import pytest
 from reference_matching import gather, valley
 from tolerance import relative_max
 
-from clplen.lightfield.matching.plane_spans import all_planes
+from clplen.lightfield.matching.view_detail import all_planes
 
 EPS = 2.0**-24
 
@@ -152,13 +152,6 @@ def test_valleys_of_neighbours_with_their_own_spans(device, lanes):
     np.testing.assert_array_equal(got[1], want[1])
     for one, other in zip(got, want, strict=True):
         np.testing.assert_allclose(one, other, rtol=8 * EPS, atol=8 * EPS * 8)
-
-
-def test_valley_in_the_program_of_its_cue(device):
-    cost = np.random.default_rng(4).uniform(1, 9, (len(UNEVEN), 3, 19)).astype(np.float32)
-    sizes = {"SAMPLE": "float", "RADIUS": 1, "BLOCK": 1, "MATCH_BLOCK": 1}
-    together = lowest(device, cost, UNEVEN, "combined.cl", **sizes)
-    np.testing.assert_array_equal(together, lowest(device, cost, UNEVEN))
 
 
 def test_valley_without_one(device):

@@ -8,8 +8,9 @@ from reference_lightfield import refocus as twin_refocus
 
 from clplen.errors import ShapeError
 from clplen.lightfield.depth.depth_maps import DepthMap
-from clplen.lightfield.focus_and_depth import all_in_focus, focal_stack
+from clplen.lightfield.focus_and_depth import all_in_focus
 from clplen.lightfield.model.light_field import LightField
+from clplen.lightfield.stacks import focal_stack
 
 NEAR, FAR, SIZE = 1.0, -1.0, (30, 64)
 

@@ -15,7 +15,8 @@ from clplen.lightfield.depth.best_focus import (
     focus_ratio_of_disparity,
     suitable_planes,
 )
-from clplen.lightfield.focus_and_depth import all_in_focus, depth_map, focal_stack
+from clplen.lightfield.focus_and_depth import all_in_focus, depth_map
+from clplen.lightfield.stacks import focal_stack
 
 CASES = {  # M, NA, n, wavelength, lenslets, pixels a lenslet; all matched
     "20x": (20, 0.5, 1.0, 525e-9, 125e-6, 25),

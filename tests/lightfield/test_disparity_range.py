@@ -24,31 +24,12 @@ SCENES: dict[str, Surfaces] = {
         ),
     ],
     "narrow, near": lambda unit: [Plane(0.7, (0.1 / unit, 0.05 / unit), texture=noise(3))],
-    "narrow, far": lambda unit: [
-        Plane(-1.3, (0.15 / unit, 0.05 / unit), texture=noise(4, contrast=0.05))
-    ],
     "faint and plain": lambda unit: [
         Plane(-0.5, (0.4 / unit, 0), texture=noise(81, contrast=0.02, exponent=1.5)),
         Plane(
             0.6,
             texture=uniform(0.6),
             outline=rectangle((0.3 * unit, -0.4 * unit), (0.4 * unit, 0.5 * unit)),
-        ),
-    ],
-    "detail in front only": lambda unit: [
-        Plane(-1.8, (0.3 / unit, 0.2 / unit), texture=noise(11, contrast=0.02)),
-        Plane(
-            0.4,
-            texture=noise(12, contrast=0.3),
-            outline=Ellipse((-0.3 * unit, -0.3 * unit), (0.45 * unit, 0.5 * unit)),
-        ),
-    ],
-    "near thing at the border": lambda unit: [
-        Plane(0.2, (0, 0.9 / unit), texture=noise(5)),
-        Plane(
-            1.9,
-            texture=noise(6),
-            outline=rectangle((-0.75 * unit, 0.75 * unit), (0.4 * unit, 0.4 * unit)),
         ),
     ],
     "sphere": lambda unit: [

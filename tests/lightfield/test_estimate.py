@@ -12,13 +12,9 @@ from reference_lightfield import thesis_alpha
 from scipy.special import j1
 
 from clplen.errors import SamplingWarning
-from clplen.lightfield.arrays.spectral_sharpness import (
-    LensletBlur,
-    disc_ambiguity,
-    interval_ambiguity,
-    sharpness,
-)
 from clplen.lightfield.depth.alpha_estimate import estimate_alpha
+from clplen.lightfield.depth.camera_optics import LensletBlur, disc_ambiguity, interval_ambiguity
+from clplen.lightfield.depth.spectral_sharpness import sharpness
 from clplen.lightfield.depth.window_measures import read_window
 from clplen.lightfield.model.light_field import LightField
 from clplen.lightfield.raw.lenslet_grid import LensletGrid

@@ -16,9 +16,10 @@ from clplen.errors import DeviceError, ShapeError
 from clplen.io import open_lightfield, write_lightfield
 from clplen.lightfield.depth.combined_cue import combined_disparity
 from clplen.lightfield.depth.depth_maps import CUES
-from clplen.lightfield.focus_and_depth import all_in_focus, depth_map, focal_stack, stack_tiles
+from clplen.lightfield.focus_and_depth import all_in_focus, depth_map
 from clplen.lightfield.model.light_field import LightField
 from clplen.lightfield.model.stored_light_field import StoredLightField
+from clplen.lightfield.stacks import focal_stack, stack_tiles
 from clplen.lightfield.streaming import tile_reading
 
 PLANES = np.linspace(-0.9, 1.3, 6)

@@ -119,18 +119,6 @@ def test_a_stack_is_its_pictures_and_sharpest_where_it_should(device: Device) ->
     assert np.array_equal(stack.to_numpy()[3], one.to_numpy())
 
 
-def test_a_white_image_takes_the_rims_out(raw: RawImage) -> None:
-    y, x = np.indices(raw.shape)
-    places = FocusedGeometry.of(raw).places.reshape(-1, 2)
-    near = np.min([np.hypot(y - a, x - b) for a, b in places], axis=0)
-    dimmed = np.maximum(0.05, 1 - (near / 20) ** 2).astype(np.float32)
-    dark = replace(raw, data=raw.device.upload(raw.to_numpy() * dimmed))
-    plain, even = render_focused(dark), render_focused(dark, white=dimmed)
-    clear = render_focused(raw, white=whites("square")).to_numpy()
-    assert wrong(even.to_numpy() * dimmed.max(), clear) < 0.1
-    assert wrong(plain.to_numpy(), clear) > 2 * wrong(even.to_numpy(), clear)
-
-
 # Several lens types
 
 

@@ -6,9 +6,10 @@ import numpy as np
 import pytest
 
 import clplen.io
-from clplen.lightfield.focus_and_depth import depth_map, focal_stack
+from clplen.lightfield.focus_and_depth import depth_map
 from clplen.lightfield.model.light_field import LightField
 from clplen.lightfield.refocusing.focal_stacks import refocus
+from clplen.lightfield.stacks import focal_stack
 
 PLANES = np.linspace(-0.6, 0.8, 5)
 
@@ -58,22 +59,6 @@ def test_depth(pair, cue):
     maps = [depth_map(lf, disparities=PLANES, cue=cue) for lf in pair]
     np.testing.assert_array_equal(maps[0].disparity, maps[1].disparity)
     np.testing.assert_array_equal(maps[0].confidence, maps[1].confidence)
-
-
-def test_what_is_not_finite_is_refused(device):
-    values = samples(2, 2, 5, 7)
-    values[1, 0, 2, 3] = np.inf
-    with pytest.raises(ValueError, match="1 samples that are NaN or infinite"):
-        LightField.from_array(values, device=device)
-
-
-def test_black_views_have_no_weight(device):
-    values = samples(2, 3, 5, 7)
-    values[1, 2] = 0
-    values[0, 1] = 0
-    values[0, 1, 4, 6] = np.float16(6e-8)  # the least that float16 has
-    lf = LightField.from_array(values, device=device)
-    np.testing.assert_array_equal(lf.weights, [[1, 1, 1], [1, 1, 0]])
 
 
 @pytest.mark.parametrize("suffix", ["h5", "npy"])

@@ -8,9 +8,10 @@ import numpy as np
 import pytest
 
 from clplen.io import read_lightfield, write_lightfield
-from clplen.lightfield.focus_and_depth import depth_map, focal_stack
+from clplen.lightfield.focus_and_depth import depth_map
 from clplen.lightfield.model.light_field import LightField
 from clplen.lightfield.refocusing.focal_stacks import refocus
+from clplen.lightfield.stacks import focal_stack
 
 F, DU, DX = 0.24, 120e-6, 150e-6  # section 1.5: raw pixel order has du < 0
 SPACING = (-DU, -DU, DX, DX)

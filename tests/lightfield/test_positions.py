@@ -7,8 +7,9 @@ import pytest
 
 from clplen.errors import ShapeError
 from clplen.lightfield.depth.depth_maps import sharpness_curve
-from clplen.lightfield.focus_and_depth import depth_map, focal_stack
+from clplen.lightfield.focus_and_depth import depth_map
 from clplen.lightfield.model.light_field import LightField
+from clplen.lightfield.stacks import focal_stack
 
 D = 1.9  # of the textured plane
 VIEWS = (5, 4)

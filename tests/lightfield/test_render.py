@@ -15,9 +15,7 @@ from clplen.errors import ShapeError
 from clplen.lightfield.model.apertures import aperture_weights
 from clplen.lightfield.model.light_field import LightField
 
-SAMPLES = [
-    (np.uint8, (5, 8, 7, 11)), (np.uint16, (2, 3, 5, 4, 3)), (np.float32, (5, 8, 7, 11))
-]  # fmt: skip
+SAMPLES = [(np.uint8, (5, 8, 7, 11)), (np.uint16, (2, 3, 5, 4, 3))]
 SPACING = (-120e-6, -60e-6, 150e-6, 150e-6)
 CAMERA = SimpleNamespace(image_distance=0.24, aperture_diameter=0.9e-3)
 
@@ -81,7 +79,7 @@ def test_all_views(device, dtype, total):
     assert np.abs(got - want).max() <= rounding(a) * (weights.sum() if total else 1)
 
 
-@pytest.mark.parametrize(("across", "total"), [(1, False), (2, True), (3, False), (4, False)])
+@pytest.mark.parametrize(("across", "total"), [(2, True), (3, False)])
 def test_square_aperture(device, across, total):
     """Eq. 3.3 of the thesis, even and odd numbers dropped."""
     a = values()

@@ -15,10 +15,8 @@ from clplen.lightfield.model.apertures import (
     half_plane,
     hann,
     kaiser,
-    picture,
     polygon,
     regular_polygon,
-    square,
 )
 from clplen.lightfield.model.light_field import LightField
 
@@ -34,20 +32,18 @@ def judged(w: np.ndarray, inside: np.ndarray) -> None:
 
 
 @pytest.mark.parametrize(("radius", "centre"), [((1.3, 3.1), None), (0.3, (2.2, 5.7))])
-def test_discs_annuli_squares(radius, centre):
+def test_discs_and_annuli(radius, centre):
     v, u = centre or (3, 4)
     high, wide = np.broadcast_to(radius, 2)
     r = np.hypot((V - v) / high, (U - u) / wide)
     judged(disc(VIEWS, radius, centre=centre), r <= 1)
     inner = (0.4 * high, 0.4 * wide)
     judged(annulus(VIEWS, inner, radius, centre=centre), (r <= 1) & (r >= 0.4))
-    judged(square(VIEWS, radius, centre=centre), (abs(V - v) <= high) & (abs(U - u) <= wide))
 
 
 def test_areas():
     """The sum is the area in cells, whatever lies between views."""
     assert disc(VIEWS, 2.3, centre=(3.1, 4.3)).sum() == pytest.approx(np.pi * 2.3**2, rel=1e-6)
-    assert square(VIEWS, 0.2, centre=(2.5, 3.5)).sum() == pytest.approx(0.16, rel=1e-6)
     hexagon = regular_polygon(VIEWS, 6, 2.0, angle=0.3)
     assert hexagon.sum() == pytest.approx(1.5 * np.sqrt(3) * 4, rel=1e-6)
     assert half_plane(VIEWS, 0.4).sum() == pytest.approx(63 / 2, rel=1e-6)
@@ -85,16 +81,6 @@ def test_half_planes_keep_the_side_of_their_angle():
     )
 
 
-def test_a_picture_is_laid_over_the_views():
-    image = np.array([[1.0, 0.0, 0.5], [0.25, 2.0, 0.0]])
-    w = picture(VIEWS, image, (2.3, 3.1), centre=(2.7, 4.4))
-    rows = np.floor((V - 2.7 + 2.3) / 2.3).astype(int)
-    columns = np.floor((U - 4.4 + 3.1) / (6.2 / 3)).astype(int)
-    inside = (rows >= 0) & (rows < 2) & (columns >= 0) & (columns < 3)
-    values = np.where(inside, image[np.clip(rows, 0, 1), np.clip(columns, 0, 2)], 0)
-    assert np.abs(w - covered(values, FINE)).max() <= 2 * RASTER
-
-
 def test_apodisations():
     v, u = np.mgrid[:7, :9]
     r = np.hypot(v - 2.5, (u - 4) / 2)
@@ -123,11 +109,10 @@ REFUSED = [
     (lambda: annulus(VIEWS, 2, 2), ValueError, "inner below outer"),
     (lambda: polygon(VIEWS, [(0, 0), (1, 1)]), ShapeError, "at least three corners"),
     (lambda: regular_polygon(VIEWS, 2, 1), ValueError, "at least 3 sides"),
-    (lambda: picture(VIEWS, [[-1.0]], 2), ValueError, "not negative"),
     (lambda: half_plane(VIEWS, np.inf), ValueError, "finite number in radians"),
     (lambda: kaiser(VIEWS, 2, -1), ValueError, "from 0 to 100"),
-    (lambda: square((7,), 2), ShapeError, r"Views are \(V, U\)"),
-    (lambda: square(VIEWS, 2, centre=3), ValueError, r"is \(v, u\), not 3"),
+    (lambda: disc((7,), 2), ShapeError, r"Views are \(V, U\)"),
+    (lambda: disc(VIEWS, 2, centre=3), ValueError, r"is \(v, u\), not 3"),
 ]
 
 

@@ -9,10 +9,10 @@ from reference_render import phase_ramps, statistic, steps
 from tolerance import relative_max
 
 from clplen.errors import ShapeError
-from clplen.lightfield.focus_and_depth import focal_stack
 from clplen.lightfield.model.light_field import LightField
 from clplen.lightfield.model.rendering import plane_through
 from clplen.lightfield.refocusing.focal_stacks import refocus
+from clplen.lightfield.stacks import focal_stack
 
 SPACING = (-3e-4, -2e-4, 1e-4, 1.5e-4)  # d along y is 2.25 times d along x
 
@@ -51,17 +51,6 @@ def test_no_plane():
     ):
         with pytest.raises(error, match=words):
             plane_through(points, (9, 9))
-
-
-@pytest.mark.parametrize(
-    ("dtype", "shape"), [(np.uint16, (5, 4, 9, 14)), (np.float32, (3, 4, 5, 7, 3))]
-)
-def test_on_a_surface(device, dtype, shape):
-    a, w, lf = light_field(device, shape, dtype, spacing=SPACING)
-    d = plane_through([(0, 0, -1.2), (5, 1, 0.4), (2, 6, 1.3)], shape[2:])
-    got = refocus(lf, disparity=d).to_numpy().astype(float)
-    want = statistic("mean", *sampled(a, d, weights=w, step=steps(shape[:2], 2.25)))
-    assert relative_max(want, got) <= 1e-5
 
 
 def test_a_surface_in_alphas(device):

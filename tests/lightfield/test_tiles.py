@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from clplen.lightfield.model.stored_light_field import StoredLightField
-from clplen.lightfield.refocusing.memory_estimate import MemoryEstimate
+from clplen.lightfield.refocusing.focal_stacks import MemoryEstimate
 from clplen.lightfield.streaming import tile_plan
 from clplen.lightfield.streaming.tile_plan import plan_tiles
 

@@ -9,8 +9,9 @@ import pytest
 from accuracy_uncertainty import METHODS, cover, estimates
 
 from clplen import LightField, MicrolensArray, PlenopticCamera, PointSources, estimate_alpha
-from clplen.lightfield.arrays.spectral_sharpness import BAND, find_peak, sharpness
-from clplen.lightfield.depth.phase_slope import Pupil, fit_slope
+from clplen.lightfield.depth.camera_optics import BAND, Pupil
+from clplen.lightfield.depth.phase_slope import fit_slope
+from clplen.lightfield.depth.spectral_sharpness import find_peak, sharpness
 from clplen.lightfield.depth.window_measures import (
     read_lenslets,
     read_window,

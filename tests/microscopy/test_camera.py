@@ -21,8 +21,9 @@ from clplen.cameras.optics.objective import CoverGlass, Objective
 from clplen.errors import SamplingWarning
 from clplen.io import read_lightfield, write_lightfield
 from clplen.lightfield.depth.alpha_estimate import estimate_alpha
-from clplen.lightfield.focus_and_depth import depth_map, focal_stack
+from clplen.lightfield.focus_and_depth import depth_map
 from clplen.lightfield.refocusing.focal_stacks import refocus
+from clplen.lightfield.stacks import focal_stack
 from clplen.wave import RandomPhaseMask
 from clplen.wave.field.field import Grid
 

@@ -10,7 +10,7 @@ import tifffile
 from clplen import LightField, MicrolensArray, PlenopticCamera, PointSources, ShapeError
 from clplen.lightfield.calibration.lattice_fit import estimate_lattice
 from clplen.lightfield.calibration.raw_decoding import decode_raw
-from clplen.lightfield.focus_and_depth import focal_stack
+from clplen.lightfield.stacks import focal_stack
 from clplen.microscopy.objects.points import find_points, match_points
 
 EXAMPLES = Path(__file__).parents[2] / "examples"

@@ -24,10 +24,11 @@ from clplen.files import filling, replacing
 from clplen.lightfield.depth.all_in_focus import blend_memory
 from clplen.lightfield.depth.best_focus import suitable_planes
 from clplen.lightfield.depth.depth_maps import DepthMap, cue_named, default_cue
-from clplen.lightfield.focus_and_depth import all_in_focus, depth_map, focal_stack, stack_tiles
+from clplen.lightfield.focus_and_depth import all_in_focus, depth_map
 from clplen.lightfield.model.light_field import LightField
 from clplen.lightfield.model.stored_light_field import StoredLightField
 from clplen.lightfield.refocusing.focal_stacks import stack_memory
+from clplen.lightfield.stacks import focal_stack, stack_tiles
 
 Advance = Callable[[int, int], None]
 Source = LightField | StoredLightField

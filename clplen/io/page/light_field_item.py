@@ -15,11 +15,11 @@ from clplen.io.formats.animation import white_level
 from clplen.io.page.samples import Array, Content, Levels, downscaled, jpeg, packed_floats, png
 from clplen.lightfield.depth.best_focus import default_disparities
 from clplen.lightfield.depth.depth_maps import DepthMap, sharpness_curve
-from clplen.lightfield.focus_and_depth import focal_stack
 from clplen.lightfield.model.alpha_law import depth_at, unit_steps
 from clplen.lightfield.model.light_field import LightField
 from clplen.lightfield.model.stored_light_field import StoredLightField
 from clplen.lightfield.raw.raw_image import RawImage, is_telecentric
+from clplen.lightfield.stacks import focal_stack
 
 _RANGE = (2.0, 98.0)  # per cent of the disparities that the colours of a depth map span
 _SURE = 0.5  # confidence above which they count

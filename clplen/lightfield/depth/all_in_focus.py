@@ -12,10 +12,10 @@ from clplen.lightfield.arrays.ray_samples import checked_disparity
 from clplen.lightfield.arrays.smoothing import Smoother, gaussian_taps
 from clplen.lightfield.depth.energy_cue import ENERGY_REACH, LocalEnergy
 from clplen.lightfield.model.sampled_views import SampledViews
-from clplen.lightfield.refocusing.focal_stacks import FocalStack
-from clplen.lightfield.refocusing.memory_estimate import (
+from clplen.lightfield.refocusing.focal_stacks import (
     DEVICE_FLOAT,
     HOST_FLOAT,
+    FocalStack,
     MemoryEstimate,
     shear_halo,
 )

@@ -9,23 +9,23 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from clplen.checks import is_integer
-from clplen.lightfield.arrays.spectral_sharpness import (
-    BAND,
-    Peak,
-    Real,
-    find_peak,
-    sharpness,
-)
+from clplen.errors import SamplingWarning, warn_caller
 from clplen.lightfield.depth import window_measures
 from clplen.lightfield.depth.best_focus import (
     SEARCH_SHARE,
     farthest_disparity,
-    paraxial_excess,
-    warn_at_search_end,
-    z_uncertainty,
+    focus_ratio_of_disparity,
+    high_na_message,
 )
-from clplen.lightfield.depth.camera_optics import UNFLOORED, CameraOptics, camera_optics
+from clplen.lightfield.depth.camera_optics import (
+    BAND,
+    UNFLOORED,
+    CameraOptics,
+    Real,
+    camera_optics,
+)
 from clplen.lightfield.depth.phase_slope import fit_slope
+from clplen.lightfield.depth.spectral_sharpness import Peak, find_peak, sharpness
 from clplen.lightfield.depth.window_measures import (
     brightest,
     read_lenslets,
@@ -133,7 +133,7 @@ def estimate_alpha(
     Its peak is pulled towards alpha = 1 by kappa = U^2/(U^2 + s^2), U the rms radius of the pupil
     and s that of the lenslets' diffraction in a sub-image (errors in variables); it is returned
     as found. "compensated" divides the spectrum by the ambiguity function of the lenslet aperture
-    (`clplen.lightfield.arrays.spectral_sharpness`), which puts the peak back. When both peaks lie
+    (`clplen.lightfield.depth.camera_optics`), which puts the peak back. When both peaks lie
     within 1.2 p/D of 1, the object is in focus, the compensated curve is flat, and "compensated"
     returns 1 + (alpha_energy - 1)/kappa. "slope" fits the line of one point in phase space
     (`fit_slope`): no search, but a single point, out of focus, of at least three spots. The
@@ -214,14 +214,14 @@ def estimate_alpha(
     sharp = {"energy": sharpness(cells, pad=pad, band=BAND, aspect=aspect)}
     energy = find_peak(sharp["energy"], c_max, step=step)
     if optics is None:
-        warn_at_search_end(lf, energy, _limit(lf, window, optics))
+        _warn_at_search_end(lf, energy, _limit(lf, window, optics))
         return _result(lf, method, at, energy)
     sharp["compensated"] = sharpness(
         cells, pad=pad, band=optics.band(c_max), aspect=aspect, blur=optics.blur
     )
     compensated = find_peak(sharp["compensated"], c_max, step=step)
     peak = energy if method == "energy" else compensated
-    warn_at_search_end(lf, peak, _limit(lf, window, optics))
+    _warn_at_search_end(lf, peak, _limit(lf, window, optics))
     in_focus = all(
         abs(lf.shear_alpha(one.position) - 1) < _IN_FOCUS * optics.tolerance
         for one in (energy, compensated)
@@ -318,7 +318,7 @@ def _result(
     uncertainty = math.nan
     if optics is not None and peak.inside:
         uncertainty = optics.deviation(value, method, noise * _alpha_of_one(lf))
-        uncertainty += paraxial_excess(lf, value, disparity)
+        uncertainty += _paraxial_excess(lf, value, disparity)
     rising = np.argsort(lf.shear_alpha(peak.positions))
     return AlphaEstimate(
         alpha=math.nan if is_telecentric(lf) else value,
@@ -331,9 +331,54 @@ def _result(
         disparities=peak.positions[rising],
         at=at,
         blur=_blur(value, optics),
-        z_uncertainty=z_uncertainty(lf, value, uncertainty),
+        z_uncertainty=_z_uncertainty(lf, value, uncertainty),
         bias=math.nan if optics is None else optics.bias(value, method),
     )
+
+
+def _warn_at_search_end(lf: LightField, peak: Peak, limit: float) -> None:
+    """Warn where no peak was found, with what was searched and what would do."""
+    if peak.inside:
+        return
+    end = abs(float(peak.positions[0]))
+    z = np.abs(depth_at(lf, [-end, end]))
+    metres = f", abs(z) up to {z.max():.3g} m" if np.isfinite(z).all() else ""
+    wider = min(2 * end, SEARCH_SHARE * limit)
+    advice = (
+        f"pass c_max={wider:.3g}"
+        if wider > 1.01 * end
+        else f"this window allows no more than {limit:.3g}, give a larger one"
+    )
+    warn_caller(
+        f"The window is sharpest at an end of the search, disparity {peak.position:.3g} of "
+        f"{-end:.3g} to {end:.3g} pixels a view step{metres}, so that this is no depth: the object "
+        f"lies farther from the focused plane; {advice}.",
+        SamplingWarning,
+    )
+
+
+def _paraxial_excess(lf: LightField, alpha: float, disparity: float) -> float:
+    """By how much abs(1 - alpha) is too large: 0, and of a telecentric camera what rays say."""
+    if not is_telecentric(lf):
+        return 0.0
+    words = high_na_message(lf.camera, disparity)
+    ratio = focus_ratio_of_disparity(lf.camera, disparity)
+    if words:
+        z = float(depth_at(lf, disparity))
+        warn_caller(
+            f"{words}: the object lies at about {z / ratio:.3g} m rather than at z = {z:.3g} m, "
+            "which is that of the paraxial law.",
+            SamplingWarning,
+        )
+    return (1 - 1 / ratio) * abs(1 - alpha)
+
+
+def _z_uncertainty(lf: LightField, alpha: float, uncertainty: float) -> float:
+    """An uncertainty of alpha as one of z."""
+    if not 0 <= uncertainty < alpha:  # nor nan
+        return math.nan
+    ends = lf.disparity_of_shear([alpha - uncertainty, alpha + uncertainty])
+    return float(np.ptp(depth_at(lf, ends))) / 2
 
 
 def _alpha_of_one(lf: LightField) -> float:
@@ -366,7 +411,7 @@ def _slope(
         deviation = 0.0 if math.isnan(slope.deviation) else slope.deviation
         noise = _SCATTER * deviation * _alpha_of_one(lf)
         uncertainty = optics.deviation(alpha, "slope", noise) if slope.spots else math.nan
-        uncertainty += paraxial_excess(lf, alpha, slope.disparity)
+        uncertainty += _paraxial_excess(lf, alpha, slope.disparity)
     none = np.empty(0)
     return AlphaEstimate(
         alpha=math.nan if is_telecentric(lf) else alpha,
@@ -381,7 +426,7 @@ def _slope(
         confidence=slope.confidence,
         bias=math.nan if optics is None else 0.0,
         blur=_blur(alpha, optics),
-        z_uncertainty=z_uncertainty(lf, alpha, uncertainty),
+        z_uncertainty=_z_uncertainty(lf, alpha, uncertainty),
     )
 
 

@@ -22,10 +22,8 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from clplen.checks import check_finite
-from clplen.errors import SamplingWarning, warn_caller
-from clplen.lightfield.arrays.spectral_sharpness import BAND, Peak
-from clplen.lightfield.model.alpha_law import depth_at, overlap_limit, unit_steps
-from clplen.lightfield.model.light_field import LightField
+from clplen.lightfield.depth.camera_optics import BAND
+from clplen.lightfield.model.alpha_law import overlap_limit, unit_steps
 from clplen.lightfield.model.sampled_views import FocusableViews
 from clplen.lightfield.model.stored_light_field import as_lightfield
 from clplen.lightfield.raw.raw_image import is_telecentric
@@ -190,48 +188,3 @@ def default_disparities(lf: Any) -> Any:
     """Disparities that are tried where none were given: those of `suitable_planes`."""
     planes = suitable_planes(lf)
     return planes["disparities"] if "disparities" in planes else lf.disparity(planes["alphas"])
-
-
-def warn_at_search_end(lf: LightField, peak: Peak, limit: float) -> None:
-    """Warn where no peak was found, with what was searched and what would do."""
-    if peak.inside:
-        return
-    end = abs(float(peak.positions[0]))
-    z = np.abs(depth_at(lf, [-end, end]))
-    metres = f", abs(z) up to {z.max():.3g} m" if np.isfinite(z).all() else ""
-    wider = min(2 * end, SEARCH_SHARE * limit)
-    advice = (
-        f"pass c_max={wider:.3g}"
-        if wider > 1.01 * end
-        else f"this window allows no more than {limit:.3g}, give a larger one"
-    )
-    warn_caller(
-        f"The window is sharpest at an end of the search, disparity {peak.position:.3g} of "
-        f"{-end:.3g} to {end:.3g} pixels a view step{metres}, so that this is no depth: the object "
-        f"lies farther from the focused plane; {advice}.",
-        SamplingWarning,
-    )
-
-
-def paraxial_excess(lf: LightField, alpha: float, disparity: float) -> float:
-    """By how much abs(1 - alpha) is too large: 0, and of a telecentric camera what rays say."""
-    if not is_telecentric(lf):
-        return 0.0
-    words = high_na_message(lf.camera, disparity)
-    ratio = focus_ratio_of_disparity(lf.camera, disparity)
-    if words:
-        z = float(depth_at(lf, disparity))
-        warn_caller(
-            f"{words}: the object lies at about {z / ratio:.3g} m rather than at z = {z:.3g} m, "
-            "which is that of the paraxial law.",
-            SamplingWarning,
-        )
-    return (1 - 1 / ratio) * abs(1 - alpha)
-
-
-def z_uncertainty(lf: LightField, alpha: float, uncertainty: float) -> float:
-    """An uncertainty of alpha as one of z."""
-    if not 0 <= uncertainty < alpha:  # nor nan
-        return math.nan
-    ends = lf.disparity_of_shear([alpha - uncertainty, alpha + uncertainty])
-    return float(np.ptp(depth_at(lf, ends))) / 2

@@ -4,17 +4,21 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
-from clplen.lightfield.arrays.spectral_sharpness import BAND, LensletBlur
-from clplen.lightfield.depth.phase_slope import Pupil
 from clplen.lightfield.model.light_field import LightField
 from clplen.lightfield.raw.raw_image import CameraModel
 
+Real = np.ndarray[Any, np.dtype[np.floating[Any]]]
+
+BAND = (0.1, 0.45)  # cycles a lenslet, of the spectral energy
 UNFLOORED = 0.8  # of the ambiguity offset: up to here the transfer function is not floored
 _HEXAGON = math.sqrt(2 * math.sqrt(3) / math.pi)  # disc as large as a hexagon, over its width
 _UNKNOWN = 1 / 5  # of the share of alpha - 1 that steep lenslets and large pixels change
+_NODES = 16  # of the quadrature over a round lenslet
+_SHARP, _BLURRED = 0.05, 0.2  # Airy radii a lenslet
 _AIRY = 1.22  # of lam F/D
 _FWHM = 0.886  # of sinc^2, in units of its first zero
 _FWHM_PER_SIGMA = 2.355
@@ -26,6 +30,84 @@ _DEVIATIONS = {
     "energy": (0.54, 0.46, 0.27, 0.24, 0.19, 0.135, 0.08, 0.073, 0.088),
     "slope": (0.83, 0.75, 0.50, 0.47, 0.28, 0.20, 0.12, 0.10, 0.09),
 }
+
+
+@dataclass(frozen=True)
+class LensletBlur:
+    """How the lenslets smooth what they record."""
+
+    # lam f_mu/(dx d): the ambiguity offset, in lenslet diameters, of one cycle a sensor pixel
+    q: float
+    fill: tuple[float, float]  # Lenslet diameter over pitch, (y, x)
+    circular: bool  # Round lenslets; square ones otherwise
+    # Of what else blurs the spots behind lenslets, along one axis, in square pixels
+    variance: float = 0.0
+
+    def transfer(self, ky: Real, kx: Real, *, shear: tuple[float, float]) -> Real:
+        """Factor on the spectrum of a refocused image."""
+        ny, nx = (k * fill for k, fill in zip((ky, kx), self.fill, strict=True))
+        ty, tx = (np.abs(self.q * c * k) for k, c in zip((ky, kx), shear, strict=True))
+        gy, gx = (
+            np.exp(-2 * np.pi**2 * self.variance * (c * k) ** 2)
+            for k, c in zip((ky, kx), shear, strict=True)
+        )
+        if self.circular:
+            lens = disc_ambiguity(
+                np.hypot(ny[:, None], nx[None, :]), np.hypot(ty[:, None], tx[None, :])
+            )
+            return lens * (gy[:, None] * gx[None, :])
+        return (gy * interval_ambiguity(ny, ty))[:, None] * (gx * interval_ambiguity(nx, tx))
+
+
+def interval_ambiguity(frequency: Real, offset: Real) -> Real:
+    """Ambiguity function of an interval of length 1: (1 - t) sinc(k (1 - t)), 0 from t = 1.
+
+    Woodward 1953, "Probability and information theory", chapter 7.
+    """
+    overlap = np.maximum(1 - offset, 0)
+    return overlap * np.sinc(frequency * overlap)
+
+
+def disc_ambiguity(frequency: Real, offset: Real) -> Real:
+    """Ambiguity function of a disc of diameter 1, the frequency parallel to the offset.
+
+    (4/pi) times the integral of cos(2 pi k x) over the overlap of two discs ``offset`` apart; with
+    x = (sin(angle) - offset)/2 its integrand is smooth (Gauss-Legendre quadrature).
+    """
+    nodes, weights = np.polynomial.legendre.leggauss(_NODES)
+    t = np.minimum(offset, 1)[..., None]
+    half = (np.pi / 2 - np.arcsin(t)) / 2
+    angle = np.pi / 2 - half * (1 + nodes)
+    wave = np.cos(np.pi * frequency[..., None] * (np.sin(angle) - t))
+    return 4 / np.pi * (half * weights * np.cos(angle) ** 2 * wave).sum(axis=-1)
+
+
+@dataclass(frozen=True)
+class Pupil:
+    """What a point's light passes: the main lens, and the lenslets.
+
+    Attributes
+    ----------
+    radius : float
+        Of the main lens' aperture, in views along x.
+    lenslet : float
+        Radius of round lenslets in pitches; inf where they fill the plane.
+    airy : float
+        Radius of the main lens' Airy disc on the array, in pitches.
+    """
+
+    radius: float
+    lenslet: float = math.inf
+    airy: float = 0.0
+
+    @property
+    def sharpness(self) -> float:
+        """1 where the rim of a blur is sharp against a lenslet, 0 where diffraction blurs it.
+
+        Between .05 and .2 Airy radii a lenslet, measured with `estimate_alpha`: beyond, what
+        diffraction does to the lenslets at the rim outweighs that they are lit in part.
+        """
+        return float(np.clip((_BLURRED - self.airy) / (_BLURRED - _SHARP), 0, 1))
 
 
 @dataclass(frozen=True)

@@ -2,17 +2,23 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 import pyopencl as cl
 import pyopencl.array as cla
 
-from clplen.lightfield.arrays.peaks import Map, PeakTracker
 from clplen.lightfield.arrays.smoothing import Smoother, box_taps
 from clplen.lightfield.arrays.stored_samples import C_TYPE
-from clplen.lightfield.depth.cue import AT_ONCE, Cue, depth_memory, nearest_zero, require_maps
+from clplen.lightfield.depth.cue import (
+    AT_ONCE,
+    Cue,
+    Map,
+    PeakTracker,
+    depth_memory,
+    nearest_zero,
+    require_maps,
+)
 from clplen.lightfield.depth.sheared_views import (
     add_colours,
     edge_table,
@@ -23,7 +29,7 @@ from clplen.lightfield.depth.sheared_views import (
 from clplen.lightfield.model.alpha_law import unit_steps
 from clplen.lightfield.model.light_field import LightField
 from clplen.lightfield.model.sampled_views import SampledViews
-from clplen.lightfield.refocusing.memory_estimate import MemoryEstimate
+from clplen.lightfield.refocusing.focal_stacks import MemoryEstimate
 
 Vector = np.ndarray[Any, np.dtype[np.float64]]
 
@@ -31,19 +37,13 @@ _BOX = 9  # pixels: over which the variance is gathered
 _HEIGHT, _VECTORS = 4, 8  # rows and vectors of a block, on CPUs
 
 
-@dataclass(frozen=True)
-class Moments:
-    """Of the views' samples at every pixel of some planes."""
-
-    mean: cla.Array  # S1, the refocused pictures, float32, shape (P, y, x) or (P, y, x, c)
-    variance: cla.Array  # S2 - S1^2, same shape, not negative
-
-
-def shear_moments(lf: LightField, planes: Vector) -> Moments:
+def shear_moments(lf: LightField, planes: Vector) -> tuple[cla.Array, cla.Array]:
     """Mean and variance over the views, each shifted and interpolated linearly.
 
-    A sample outside a view counts in neither, in proportion to the taps that lie outside; the
-    variance is that of the interpolated values, so that it is not separable along y and x.
+    Both are float32, shape (planes, y, x[, c]): S1, the refocused pictures, and S2 - S1^2, not
+    negative. A sample outside a view counts in neither, in proportion to the taps that lie
+    outside; the variance is that of the interpolated values, so that it is not separable along y
+    and x.
     """
     device = lf.device
     shape = (planes.size, *lf.shape[2:])
@@ -57,7 +57,7 @@ def shear_moments(lf: LightField, planes: Vector) -> Moments:
     args = (mean, variance, lf.data, *tables, np.int32(views.size), np.int32(middle))
     if not (device.rows and _launch_blocks(lf, args, planes.size, device.download(tables[0]))):
         launch_sheared(lf, ("moments.cl", "moments"), planes.size, args)
-    return Moments(mean, variance)
+    return mean, variance
 
 
 def _launch_blocks(
@@ -111,7 +111,7 @@ def correspondence_disparity(lf: LightField, planes: Vector) -> tuple[Map, Map]:
     gather = Smoother(box_taps(_BOX), device=lf.device)
     for first in range(0, planes.size, AT_ONCE):
         batch = planes[first : first + AT_ONCE]
-        variance = add_colours(shear_moments(lf, batch).variance, lf.device)
+        variance = add_colours(shear_moments(lf, batch)[1], lf.device)
         gather(tracker.curve, variance, start=tracker.held, count=batch.size)
         tracker.add(batch)
     return tracker.finish()

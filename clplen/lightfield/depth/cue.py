@@ -8,23 +8,26 @@ from typing import Any, NamedTuple, Protocol
 
 import numpy as np
 
-from clplen.lightfield.arrays.peaks import Map
+from clplen.compute.device import Device
+from clplen.lightfield.arrays.shear import vector_lanes
 from clplen.lightfield.model.light_field import LightField
 from clplen.lightfield.model.sampled_views import SampledViews
-from clplen.lightfield.refocusing.focal_stacks import FocalStack
-from clplen.lightfield.refocusing.memory_estimate import (
+from clplen.lightfield.refocusing.focal_stacks import (
     DEVICE_FLOAT,
     HOST_FLOAT,
+    FocalStack,
     MemoryEstimate,
     shear_halo,
 )
 
+Map = np.ndarray[Any, np.dtype[np.float32]]
 Vector = np.ndarray[Any, np.dtype[np.float64]]
-
 Mask = np.ndarray[Any, np.dtype[np.bool_]]
 
 AT_ONCE = 8  # planes whose curve is held at a time
 MAP_BYTES = 16  # of a pixel of a depth map: four float32
+_PAD = 15  # floats: the last vector of a plane may be short
+_LENGTH = 4096  # pixels of an item on CPUs
 
 
 class PartialDepth(NamedTuple):
@@ -90,3 +93,78 @@ def depth_memory(
         4 * largest,
         MAP_BYTES,
     )
+
+
+class PeakTracker:
+    """The highest of a curve at every pixel, while its planes come a few at a time."""
+
+    def __init__(
+        self,
+        shape: tuple[int, int],
+        *,
+        device: Device,
+        start: float,
+        most: int,
+        lowest: bool = False,
+    ) -> None:
+        self._shape = shape
+        self._size = shape[0] * shape[1]
+        self._device = device
+        self._defines: dict[str, Any] = {"LOWEST": True} if lowest else {}
+        if device.rows:
+            self._defines["LANES"] = vector_lanes(device)[0]
+        self._state = [device.empty((self._padded(1),), np.float32) for _ in range(4)]
+        self._start, self._fresh = start, True
+        self.curve = device.empty((self._padded(most + 2),), np.float32)
+        self.held = 0
+        self._values: list[float] = []
+
+    def add(self, values: Vector) -> None:
+        """Take in planes that were written to ``curve`` from plane ``held`` on."""
+        count = len(values)
+        behind = 1 if self.held else 0  # the last plane had no neighbour above yet
+        self._values.extend(float(value) for value in values)
+        self._track(self.held - behind, count - 1 + behind, len(self._values) - count - behind)
+        last = self.held + count
+        if last > 2:
+            self._keep(last - 2)
+        self.held = min(last, 2)
+
+    def finish(self) -> tuple[Map, Map]:
+        """(values, confidence) of the peaks, float32, shape (y, x)."""
+        self._track(self.held - 1, 1, len(self._values) - 1)
+        best, second, place, curvature = self._state
+        sure = self._device.empty(self._shape, np.float32)
+        self._launch("confidence", (sure, best, second, curvature))
+        found = self._device.download(place)[: self._size].reshape(self._shape)
+        return found, self._device.download(sure)
+
+    def _track(self, first: int, count: int, index: int) -> None:
+        """Compare planes of `curve` from `first` on with their neighbours; the first is `index`."""
+        if count < 1:
+            return
+        steps = np.concatenate(([0], np.diff(self._values), [0]))
+        some = slice(index, index + count)
+        places = np.stack((self._values[some], steps[:-1][some], steps[1:][some]), axis=1)
+        table = self._device.upload(places.astype(np.float32))
+        numbers = (np.int32(first), np.int32(count), np.int32(self._fresh))
+        args = (*self._state, self.curve, table, *numbers, np.float32(self._start))
+        self._launch("track_peaks", args)
+        self._fresh = False
+
+    def _launch(self, name: str, args: tuple[Any, ...]) -> None:
+        length = _LENGTH if self._device.rows else 1
+        kernel = self._device.kernel("peaks.cl", name, **self._defines)
+        sizes = (np.int32(self._size), np.int32(length))
+        self._device.launch(kernel, (-(-self._size // length),), *args, *sizes)
+
+    def _keep(self, plane: int) -> None:
+        """Move two planes to the front, one after the other: they may overlap."""
+        for to in range(2):
+            start = (plane + to) * self._size
+            moved = self.curve[start : start + self._size]
+            if start != to * self._size:
+                self._device.copy_into(self.curve, moved, 4 * to * self._size)
+
+    def _padded(self, planes: int) -> int:
+        return planes * self._size + _PAD

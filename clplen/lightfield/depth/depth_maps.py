@@ -11,7 +11,6 @@ from numpy.typing import ArrayLike
 from clplen.checks import real_array, real_map, require
 from clplen.compute.arrays import HostArray
 from clplen.errors import SamplingWarning, ShapeError, warn_caller
-from clplen.lightfield.arrays.peaks import Map
 from clplen.lightfield.depth import (
     combined_cue,
     correspondence_cue,
@@ -19,7 +18,7 @@ from clplen.lightfield.depth import (
     structure_tensor_cue,
 )
 from clplen.lightfield.depth.best_focus import default_disparities, high_na_message
-from clplen.lightfield.depth.cue import Cue
+from clplen.lightfield.depth.cue import Cue, Map
 from clplen.lightfield.depth.energy_cue import LocalEnergy
 from clplen.lightfield.model.alpha_law import depth_at, require_overlap
 from clplen.lightfield.model.light_field import LightField

@@ -12,14 +12,20 @@ import numpy as np
 import pyopencl.array as cla
 
 from clplen.compute.device import Device
-from clplen.lightfield.arrays.peaks import Map, PeakTracker
 from clplen.lightfield.arrays.smoothing import Smoother, gaussian_taps, launch_stretches, whole_taps
-from clplen.lightfield.depth.cue import AT_ONCE, Cue, depth_memory, nearest_zero, require_maps
+from clplen.lightfield.depth.cue import (
+    AT_ONCE,
+    Cue,
+    Map,
+    PeakTracker,
+    depth_memory,
+    nearest_zero,
+    require_maps,
+)
 from clplen.lightfield.model.alpha_law import view_shifts
 from clplen.lightfield.model.light_field import LightField
 from clplen.lightfield.model.sampled_views import SampledViews
-from clplen.lightfield.refocusing.focal_stacks import FocalStack, stack_on_planes
-from clplen.lightfield.refocusing.memory_estimate import MemoryEstimate
+from clplen.lightfield.refocusing.focal_stacks import FocalStack, MemoryEstimate, stack_on_planes
 
 Vector = np.ndarray[Any, np.dtype[np.float64]]
 

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from clplen.lightfield.arrays.spectral_sharpness import Real
+from clplen.lightfield.depth.camera_optics import Pupil, Real
 from clplen.lightfield.depth.window_measures import sample_noise
 
 _SPOT = 0.5  # of a sub-image's maximum: what is above is the spot, not a neighbour's tail
@@ -17,7 +17,6 @@ _LEAST_SPOTS = 3  # of a line: a point in focus between two lenslets has two spo
 _POWER = 0.75  # of a sub-image's energy, its weight: between light and energy
 _ROUNDS = 4  # of the line through lenslets that are lit in part
 _SAMPLES = 1500  # of the pupil
-_SHARP, _BLURRED = 0.05, 0.2  # Airy radii a lenslet
 _FARTHEST = 0.75  # pitches from its centre to the corner of a cell, a little more
 
 
@@ -34,34 +33,6 @@ class PhaseSlope:
     # independent (White 1980, "A heteroskedasticity-consistent covariance matrix estimator", eq. 6,
     # times n/(n - 2) for n spots); nan where the disparity is 0
     deviation: float = math.nan
-
-
-@dataclass(frozen=True)
-class Pupil:
-    """What a point's light passes: the main lens, and the lenslets.
-
-    Attributes
-    ----------
-    radius : float
-        Of the main lens' aperture, in views along x.
-    lenslet : float
-        Radius of round lenslets in pitches; inf where they fill the plane.
-    airy : float
-        Radius of the main lens' Airy disc on the array, in pitches.
-    """
-
-    radius: float
-    lenslet: float = math.inf
-    airy: float = 0.0
-
-    @property
-    def sharpness(self) -> float:
-        """1 where the rim of a blur is sharp against a lenslet, 0 where diffraction blurs it.
-
-        Between .05 and .2 Airy radii a lenslet, measured with `estimate_alpha`: beyond, what
-        diffraction does to the lenslets at the rim outweighs that they are lit in part.
-        """
-        return float(np.clip((_BLURRED - self.airy) / (_BLURRED - _SHARP), 0, 1))
 
 
 def fit_slope(

@@ -13,9 +13,8 @@ from typing import Any
 
 import numpy as np
 
-from clplen.lightfield.arrays.peaks import Map
 from clplen.lightfield.depth.camera_optics import camera_optics
-from clplen.lightfield.depth.cue import Mask
+from clplen.lightfield.depth.cue import Map, Mask
 from clplen.lightfield.depth.energy_cue import energy_disparity
 from clplen.lightfield.model.light_field import LightField
 from clplen.lightfield.model.sampled_views import SampledViews

@@ -7,14 +7,13 @@ from typing import Any
 import numpy as np
 import pyopencl.array as cla
 
-from clplen.lightfield.arrays.peaks import Map
 from clplen.lightfield.arrays.smoothing import Smoother, gaussian_taps
-from clplen.lightfield.depth.cue import AT_ONCE, Cue, depth_memory, nearest_zero, require_maps
+from clplen.lightfield.depth.cue import AT_ONCE, Cue, Map, depth_memory, nearest_zero, require_maps
 from clplen.lightfield.depth.sheared_views import add_colours, launch_sheared, view_tables
 from clplen.lightfield.model.alpha_law import unit_steps
 from clplen.lightfield.model.light_field import LightField
 from clplen.lightfield.model.sampled_views import SampledViews
-from clplen.lightfield.refocusing.memory_estimate import MemoryEstimate
+from clplen.lightfield.refocusing.focal_stacks import MemoryEstimate
 
 Table = np.ndarray[Any, Any]
 Vector = np.ndarray[Any, np.dtype[np.float64]]

@@ -12,7 +12,7 @@ import numpy as np
 import pyopencl as cl
 
 from clplen.compute.drivers.failures import device_errors
-from clplen.lightfield.arrays.spectral_sharpness import Real
+from clplen.lightfield.depth.camera_optics import Real
 from clplen.lightfield.model.light_field import LightField
 from clplen.lightfield.raw.decode import resample
 from clplen.lightfield.raw.lenslet_grid import LensletGrid

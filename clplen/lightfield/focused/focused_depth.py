@@ -16,9 +16,13 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from clplen.checks import real_array, require
-from clplen.compute.arrays import count_bad
 from clplen.errors import argument
-from clplen.lightfield.focused.focused_geometry import FocusedGeometry, Values, z_of_m
+from clplen.lightfield.focused.focused_geometry import (
+    FocusedGeometry,
+    Values,
+    require_finite,
+    z_of_m,
+)
 from clplen.lightfield.focused.focused_matching import Match, Matcher
 from clplen.lightfield.focused.focused_picture import (
     PictureGrid,
@@ -153,7 +157,7 @@ def focused_depth(
         Radius in pixels of what is compared; default a fifth of the pitch. On the picture it is
         1/m times as large.
     white : array_like, optional
-        White image of shape (ny, nx), by which the raw image is divided.
+        White image of shape (ny, nx[, c]), by whose mean over the colours the raw image is divided.
 
     Returns
     -------
@@ -181,12 +185,7 @@ def focused_depth(
     (9, 9)
     """
     geometry = FocusedGeometry.of(raw)
-    bad = count_bad(raw.data, raw.device)
-    if bad:
-        raise ValueError(
-            f"The raw image has {bad} pixels that are NaN or infinite: replace them before "
-            "matching, for example by the mean of their neighbours."
-        )
+    require_finite(raw, "matching")
     matcher = Matcher(raw, geometry, _checked_window(geometry, window), white)
     bounds = [_checked_range(geometry, ms)] if ms is not None else _default_ranges(raw, geometry)
     ratios = [(float(geometry.ratio(low)), float(geometry.ratio(high))) for low, high in bounds]

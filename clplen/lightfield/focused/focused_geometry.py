@@ -24,12 +24,14 @@ from typing import Any
 import numpy as np
 import pyopencl.array as cla
 
-from clplen.checks import require
+from clplen.checks import host_array, require
+from clplen.compute.arrays import count_bad
 from clplen.compute.device import DeviceLike, as_device
 from clplen.errors import ShapeError
 from clplen.lightfield.raw.lenslet_grid import LensletGrid, LensType
 from clplen.lightfield.raw.lenslet_lattice import Lattice
 from clplen.lightfield.raw.raw_image import RawImage
+from clplen.types import Array
 
 Pair = tuple[float, float]
 Values = np.ndarray[Any, np.dtype[np.float64]]
@@ -183,6 +185,29 @@ def require_focused(raw: RawImage) -> None:
             "This raw image is a mosaic of colour filters: give its colours, "
             "clplen.lightfield.demosaic(raw)."
         )
+
+
+def require_finite(raw: RawImage, what: str) -> None:
+    """Refuse a raw image with pixels that are NaN or infinite before something is done with it."""
+    bad = count_bad(raw.data, raw.device)
+    if bad:
+        raise ValueError(
+            f"The raw image has {bad} pixels that are NaN or infinite: replace them before {what}, "
+            "for example by the mean of their neighbours."
+        )
+
+
+def white_level(raw: RawImage, white: Any) -> Array:
+    """Return a white image over its brightest pixel, float32, shape (ny, nx[, c])."""
+    level = np.asarray(host_array(white, "The white image"), np.float32)
+    if level.shape not in (raw.shape, tuple(raw.data.shape)):
+        raise ShapeError(
+            f"The white image has shape {level.shape}, the raw image {tuple(raw.data.shape)}: "
+            "give the white image of this camera."
+        )
+    if not np.isfinite(level).all() or not level.max() > 0:
+        raise ValueError("The white image is finite and not dark throughout.")
+    return level / level.max()
 
 
 def split_positions(values: Values) -> tuple[Whole, np.ndarray[Any, np.dtype[np.float32]]]:

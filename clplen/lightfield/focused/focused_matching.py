@@ -15,13 +15,12 @@ from typing import Any
 
 import numpy as np
 
-from clplen.checks import host_array
-from clplen.errors import ShapeError
 from clplen.lightfield.focused.focused_geometry import (
     FocusedGeometry,
     Values,
     Whole,
     same_type_steps,
+    white_level,
 )
 from clplen.lightfield.raw.raw_image import RawImage
 
@@ -187,16 +186,12 @@ class Matcher:
 
 
 def _evened(raw: RawImage, white: Any) -> RawImage:
-    """The raw image divided by a white image."""
-    level = np.asarray(host_array(white, "The white image"), np.float32)
-    if level.shape != raw.shape:
-        raise ShapeError(
-            f"The white image has shape {level.shape}, the raw image {raw.shape}: give the white "
-            "image of this camera, of one channel."
-        )
-    if not np.isfinite(level).all() or not level.max() > 0:
-        raise ValueError("The white image is finite and not dark throughout.")
-    level = np.maximum(level / level.max(), np.float32(_WHITE))
+    """The raw image divided by a white image, the mean of its colours."""
+    level = white_level(raw, white)
+    if level.ndim == 3:
+        level = level.mean(2)
+        level = level / level.max()
+    level = np.maximum(level, np.float32(_WHITE))
     values = raw.to_numpy()
     values = values / (level[..., None] if values.ndim == 3 else level)
     return replace(raw, data=raw.device.upload(values))

@@ -181,15 +181,6 @@ class FocusedStack(Savable, OnDevice):
         planes = f"{len(self.ms)} planes"
         return f"<FocusedStack {self.shape} {self.data.dtype}, {planes}, {self.device.name}>"
 
-    @property
-    def shape(self) -> tuple[int, ...]:
-        """(n, y, x[, c])."""
-        return tuple(int(n) for n in self.data.shape)
-
-    def to_numpy(self) -> np.ndarray[Any, np.dtype[np.float32]]:
-        """The pictures on the host, float32, shape (n, y, x[, c])."""
-        return self.device.download(self.data)
-
 
 def seam(picture: FocusedImage) -> float:
     """How far patches fail to join: 1 where their borders do not show.

@@ -13,16 +13,17 @@ import numpy as np
 import pyopencl.array as cla
 from numpy.typing import ArrayLike
 
-from clplen.checks import float64_array, host_array
-from clplen.compute.arrays import count_bad
-from clplen.errors import ShapeError, argument
+from clplen.checks import float64_array
+from clplen.errors import argument
 from clplen.lightfield.focused.focused_depth import FocusedDepth, focused_depth, reference_m
 from clplen.lightfield.focused.focused_geometry import (
     FocusedGeometry,
     Pair,
     Values,
     alpha_of_m,
+    require_finite,
     split_positions,
+    white_level,
     z_of_m,
 )
 from clplen.lightfield.focused.focused_picture import FocusedImage, FocusedStack, PictureGrid
@@ -134,9 +135,9 @@ def render_focused(
     gather = _Gather(raw, white, interpolation, view, aperture)
     geometry = gather.geometry
     if method == "depth" and depth is None:
-        depth = focused_depth(raw, white=_grey_white(white))
+        depth = focused_depth(raw, white=white)
     if m is None:
-        m = reference_m(raw, white=_grey_white(white)) if depth is None else depth.median
+        m = reference_m(raw, white=white) if depth is None else depth.median
     ratio = checked_ratio(geometry, m)
     if patch is not None:
         ratio = math.copysign(_checked_patch(geometry, patch), ratio)
@@ -270,13 +271,8 @@ class _Gather:
         _choice("interpolation", interpolation, INTERPOLATIONS)
         self._view, self._radius = self._window(view, aperture)
         self._linear = interpolation == "linear"
-        bad = count_bad(raw.data, raw.device)
-        if bad:
-            raise ValueError(
-                f"The raw image has {bad} pixels that are NaN or infinite: replace them before "
-                "rendering, for example by the mean of their neighbours."
-            )
-        self._white = raw.data if white is None else _checked_white(raw, white)
+        require_finite(raw, "rendering")
+        self._white = raw.data if white is None else _uploaded_white(raw, white)
         self._has_white = white is not None
 
     def _window(self, view: Any, aperture: Any) -> tuple[Pair, float]:
@@ -333,21 +329,9 @@ class _Gather:
         return (self.raw.device.upload(ranges), *(np.float32(n) for n in lengths))
 
 
-def _grey_white(white: Any) -> Any:
-    """A white image of one channel."""
-    return white.mean(2) if np.ndim(white) == 3 else white
-
-
-def _checked_white(raw: RawImage, white: Any) -> cla.Array:
+def _uploaded_white(raw: RawImage, white: Any) -> cla.Array:
     """The white image as the kernels take it: as many channels as the raw image, none below 0."""
-    values = np.asarray(host_array(white, "The white image"), np.float32)
-    if values.shape not in (raw.shape, tuple(raw.data.shape)):
-        raise ShapeError(
-            f"The white image has shape {values.shape}, the raw image {tuple(raw.data.shape)}: "
-            "give the white image of this camera."
-        )
-    if not np.isfinite(values).all() or not values.max() > 0:
-        raise ValueError("The white image is finite and not dark throughout.")
-    if values.ndim < len(raw.data.shape):
-        values = np.repeat(values[..., None], 3, axis=2)
-    return raw.device.upload(np.maximum(values / values.max(), 0))
+    level = white_level(raw, white)
+    if level.ndim < len(raw.data.shape):
+        level = np.repeat(level[..., None], 3, axis=2)
+    return raw.device.upload(np.maximum(level, 0))

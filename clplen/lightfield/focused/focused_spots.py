@@ -7,8 +7,13 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from clplen.compute.arrays import count_bad
-from clplen.lightfield.focused.focused_geometry import FocusedGeometry, Pair, Values, z_of_m
+from clplen.lightfield.focused.focused_geometry import (
+    FocusedGeometry,
+    Pair,
+    Values,
+    require_finite,
+    z_of_m,
+)
 from clplen.lightfield.raw.raw_image import RawImage
 
 _FEWEST = 3  # spots
@@ -99,12 +104,7 @@ def point_m(raw: RawImage, *, least: float = 0.25) -> SpotFit:
     '0.2'
     """
     geometry = FocusedGeometry.of(raw)
-    bad = count_bad(raw.data, raw.device)
-    if bad:
-        raise ValueError(
-            f"The raw image has {bad} pixels that are NaN or infinite: replace them before looking "
-            "for the point, for example by the mean of their neighbours."
-        )
+    require_finite(raw, "looking for the point")
     strength, offset = _spots(raw, geometry)
     centres, weight = geometry.centres.reshape(-1, 2), strength**2
     use = strength > least * strength.max()

@@ -96,16 +96,6 @@ def annulus(
     )
 
 
-def square(views: Views, radius: float | Pair, *, centre: Pair | None = None) -> Weights:
-    """A square (a rectangle for two radii), 2 radii wide; parameters as of `disc`."""
-    (high, wide), (v, u) = _pair(radius), _centre(views, centre)
-    sides = [
-        _overlap(n, np.array([at - half, at + half]))[:, 0]
-        for n, at, half in zip(_views(views), (v, u), (high, wide), strict=True)
-    ]
-    return _checked_cells(np.outer(*sides), "square")
-
-
 def polygon(views: Views, corners: ArrayLike) -> Weights:
     """Any polygon that does not cross itself.
 
@@ -220,23 +210,6 @@ def half_plane(views: Views, angle: float, *, centre: Pair | None = None) -> Wei
     at = np.array([v, u])
     near = [at - far * edge, at + far * edge]
     return polygon(views, [*near, near[1] + far * open_side, near[0] + far * open_side])
-
-
-def picture(
-    views: Views, image: ArrayLike, radius: float | Pair, *, centre: Pair | None = None
-) -> Weights:
-    """Any picture as an aperture, its pixels taken as small rectangles."""
-    values = host_array(image, "A picture as aperture").astype(np.float64)
-    if values.ndim != 2 or values.size == 0:
-        raise ShapeError(f"A picture as aperture has shape (rows, columns), not {values.shape}.")
-    if not (np.isfinite(values).all() and (values >= 0).all()):
-        raise ValueError("Transmissions of an aperture are finite and not negative.")
-    at, half = _centre(views, centre), _pair(radius)
-    sides = [
-        _overlap(n, c + r * np.linspace(-1, 1, m + 1))
-        for n, c, r, m in zip(_views(views), at, half, values.shape, strict=True)
-    ]
-    return _checked_cells(sides[0] @ values @ sides[1].T, "picture")
 
 
 def gaussian(views: Views, sigma: float | Pair, *, centre: Pair | None = None) -> Weights:
@@ -380,14 +353,6 @@ def _distance(views: Views, unit: Any, centre: Any) -> Vector:
         for n, at, r in zip(_views(views), _centre(views, centre), _pair(unit), strict=True)
     )
     return np.hypot(v[:, None], u[None, :])
-
-
-def _overlap(n: int, edges: Vector) -> Vector:
-    """Length that each of n cells shares with each interval between edges, (n, len(edges) - 1)."""
-    cell = np.arange(n)[:, None]
-    return np.maximum(
-        np.minimum(cell + 0.5, edges[None, 1:]) - np.maximum(cell - 0.5, edges[None, :-1]), 0
-    )
 
 
 def _clipped(corners: Vector, axis: int, edge: float, side: int) -> Vector:

@@ -9,11 +9,9 @@ import numpy as np
 import pyopencl.array as cla
 from numpy.typing import ArrayLike
 
-from clplen.compute.arrays import Image, OnDevice
 from clplen.compute.device import Device, DeviceLike, as_device
 from clplen.lightfield.model import parametrisation as parametrisations
-from clplen.lightfield.model import rendering
-from clplen.lightfield.model.alpha_law import AlphaLaw
+from clplen.lightfield.model.rendering import Rendering
 from clplen.lightfield.model.sample_checks import (
     checked_positions,
     checked_samples,
@@ -28,7 +26,7 @@ from clplen.results import Plottable, Savable
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class LightField(AlphaLaw, Savable, Plottable, OnDevice):
+class LightField(Rendering, Savable, Plottable):
     """Radiance along rays, L[v, u, y, x] or L[v, u, y, x, c]. Made by a ``from_`` method.
 
     v, u are row and column of the view; y, x row and column inside a view. A plane of disparity d
@@ -202,167 +200,6 @@ class LightField(AlphaLaw, Savable, Plottable, OnDevice):
 
     def __repr__(self) -> str:
         return f"<LightField {self.shape} {self.dtype}, {self.device.name}>"
-
-    @property
-    def shape(self) -> tuple[int, ...]:
-        """(v, u, y, x[, c])."""
-        return tuple(int(n) for n in self.data.shape)
-
-    @property
-    def dtype(self) -> np.dtype[Any]:
-        """uint8, uint16, float16 or float32."""
-        return np.dtype(self.data.dtype)
-
-    def to_numpy(self) -> np.ndarray[Any, Any]:
-        """The samples on the host, same shape and dtype."""
-        return self.device.download(self.data)
-
-    def view(
-        self,
-        v: float,
-        u: float,
-        *,
-        disparity: ArrayLike | None = None,
-        interpolation: str = "cubic",
-    ) -> Image:
-        """The view at (v, u), between views too (bilinear in the aperture, by `weights`).
-
-        A view of weight 0 is shown as it is stored, but not mixed into others. Between views,
-        what is not in focus is seen several times, unless its ``disparity`` is given: then each
-        view is shifted by its own distance from (v, u) times d.
-
-        Parameters
-        ----------
-        v, u : float
-            0 <= v <= V - 1, 0 <= u <= U - 1.
-        disparity : float or array_like, optional
-            Of the scene, pixels a view step: one number, or one of every pixel of the centre view,
-            shape (y, x), as of a `DepthMap`; the map is carried to (v, u).
-        interpolation : {"cubic", "linear", "nearest"}
-            How views are shifted, as in `flatten`.
-
-        Returns
-        -------
-        Image
-            float32, shape (y, x[, c]).
-
-        Raises
-        ------
-        ValueError, ShapeError
-            If (v, u) lies outside the views, a disparity is not finite, or they have another shape.
-        """
-        return rendering.view(self, v, u, disparity=disparity, interpolation=interpolation)
-
-    def epi(
-        self,
-        *,
-        y: int | None = None,
-        x: int | None = None,
-        v: int | None = None,
-        u: int | None = None,
-    ) -> Image:
-        """An epipolar-plane image: ``epi(y=, v=)`` is (u, x[, c]), ``epi(x=, u=)`` is (v, y[, c]).
-
-        Raises
-        ------
-        ValueError
-            If neither pair, or an index outside the light field, is given.
-        """
-        return rendering.epi(self, y=y, x=x, v=v, u=u)
-
-    def render(
-        self,
-        *,
-        aperture: Any = None,
-        viewpoint: tuple[float, float] | None = None,
-        total: bool = False,
-    ) -> Image:
-        """The picture as focused, through part of the aperture.
-
-        Parameters
-        ----------
-        aperture : int, float, str or array_like, optional
-            int: that many views across (of N views, thesis eq. 3.3 drops (N - N')//2 below and the
-            rest above); float in (0, 1]: a disc of that fraction of the full diameter (an ellipse
-            V views high and U wide); ``"f/66"``: a disc on the main lens by f-number at its image,
-            needs camera and spacing; array (V, U): weights. A view that the rim crosses counts
-            with the covered fraction of its cell. None: all views.
-        viewpoint : tuple of float, optional
-            (v, u) of the aperture's centre, between views too; what then lies outside the views is
-            cut off. Alone, it is that one view.
-        total : bool
-            The weighted sum over views instead of the weighted mean.
-
-        Returns
-        -------
-        Image
-            float32, shape (y, x[, c]).
-
-        Raises
-        ------
-        ValueError
-            If the aperture or the viewpoint lies outside the views, leaves only views of weight 0,
-            or needs a camera that is not known.
-        ShapeError
-            If an array of weights has not one for each view.
-        TypeError
-            If the aperture is none of these.
-        """
-        return rendering.render(self, aperture=aperture, viewpoint=viewpoint, total=total)
-
-    def flatten(
-        self,
-        statistic: str = "mean",
-        *,
-        disparity: ArrayLike = 0.0,
-        aperture: Any = None,
-        viewpoint: tuple[float, float] | None = None,
-        mask: ArrayLike | None = None,
-        interpolation: str = "linear",
-    ) -> Image:
-        """What the views see of one plane or surface, as one picture registered to the centre view.
-
-        Samples of the same point are weighted with the aperture times `weights` times the share of
-        their interpolation that lies inside the view and the mask. The median sees around thin
-        things in front of the surface; the variance is small where the surface is one.
-
-        Parameters
-        ----------
-        statistic : {"mean", "median", "max", "min", "variance"}
-            Weighted, as in `clplen.lightfield.arrays.ray_samples.along_rays`.
-        disparity : float or array_like
-            d in pixels a view step, or one of every pixel, shape (y, x).
-        aperture, viewpoint
-            As in `render`.
-        mask : array_like, optional
-            Shape (V, U, y, x); where it is False, a sample is not known.
-        interpolation : {"linear", "nearest", "cubic"}
-            "cubic" (Keys 1981, a = -1/2) repeats the edge within a view, and takes no place
-            outside it and no mask.
-
-        Returns
-        -------
-        Image
-            float32, shape (y, x[, c]); 0 where no view sees anything.
-
-        Raises
-        ------
-        ValueError
-            If the statistic or the interpolation is unknown, a disparity is not finite, no two
-            views overlap on the plane or anywhere on the surface, more than 1024 views go into a
-            median, or from `render`.
-        ShapeError
-            If disparities or mask are not one for every pixel or ray.
-        """
-        return rendering.flatten(
-            self,
-            statistic,
-            disparity=disparity,
-            aperture=aperture,
-            viewpoint=viewpoint,
-            mask=mask,
-            interpolation=interpolation,
-        )
 
     def resample(
         self,

@@ -12,11 +12,10 @@ from clplen.checks import is_array, is_integer
 from clplen.compute.arrays import Image
 from clplen.compute.device import Device, DeviceLike, as_device
 from clplen.lightfield.arrays.linear_step import LinearStep
-from clplen.lightfield.arrays.shear import shear_sum
 from clplen.lightfield.arrays.shear_adjoint import shear_adjoint
 from clplen.lightfield.model.alpha_law import AlphaLaw
 from clplen.lightfield.model.light_field import LightField
-from clplen.lightfield.model.rendering import render_weights
+from clplen.lightfield.model.rendering import render_weights, sum_of_views
 from clplen.lightfield.model.sample_checks import check_shape
 from clplen.lightfield.model.stored_light_field import as_lightfield
 from clplen.lightfield.raw.raw_image import CameraModel, Spacing
@@ -121,19 +120,17 @@ class RenderOperator(LinearStep):
         self.weights = np.asarray(
             render_weights(self._geometry, aperture, viewpoint, total), np.float64
         )
-        V, U = self.weights.shape
-        self._still = (np.zeros((1, V)), np.zeros((1, U)))
 
     def _about(self) -> str:
         return f", {np.count_nonzero(self.weights)} views of weight {self.weights.sum():g}"
 
     def _forward(self, data: cla.Array) -> cla.Array:
-        picture = shear_sum(data, self.weights, *self._still, device=self.device, total=True)
-        return picture.reshape(self.out_shape)
+        return sum_of_views(data, self.weights, device=self.device)
 
     def _adjoint(self, data: cla.Array) -> cla.Array:
+        still = [np.zeros((1, n)) for n in self.weights.shape]
         return shear_adjoint(
-            data.reshape((1, *self.out_shape)), self.in_shape, self.weights, *self._still,
+            data.reshape((1, *self.out_shape)), self.in_shape, self.weights, *still,
             device=self.device, total=True,
         )  # fmt: skip
 

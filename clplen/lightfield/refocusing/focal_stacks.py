@@ -27,12 +27,6 @@ from clplen.lightfield.model.sampled_views import FocusableViews, SampledViews
 from clplen.lightfield.model.stored_light_field import StoredLightField, as_lightfield
 from clplen.lightfield.raw.raw_image import CameraModel, Spacing, is_telecentric
 from clplen.lightfield.refocusing.magnification import magnify
-from clplen.lightfield.refocusing.memory_estimate import (
-    DEVICE_FLOAT,
-    HOST_FLOAT,
-    MemoryEstimate,
-    shear_halo,
-)
 from clplen.lightfield.refocusing.phase_ramps import fourier_refocus
 from clplen.results import Plottable, Savable
 from clplen.settings.declaration import setting_of
@@ -42,6 +36,9 @@ Vector = np.ndarray[Any, np.dtype[np.float64]]
 
 UPSAMPLE_BASE = 1e-3  # share of plain interpolation, which fills what no sample comes near
 _MOST_UPSAMPLE = 16
+DEVICE_FLOAT = 4.5  # bytes of one on the device: its spare buffers are up to an eighth larger
+HOST_FLOAT = 4  # bytes of one on the host
+_TAPS = 2  # pixels beyond a shift that interpolations reach
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -92,15 +89,6 @@ class FocalStack(Savable, Plottable, OnDevice):
     def __repr__(self) -> str:
         planes = f"disparities {self.disparities.min():g} to {self.disparities.max():g}"
         return f"<FocalStack {self.shape} {self.data.dtype}, {planes}, {self.device.name}>"
-
-    @property
-    def shape(self) -> tuple[int, ...]:
-        """(n, y, x[, c])."""
-        return tuple(int(n) for n in self.data.shape)
-
-    def to_numpy(self) -> np.ndarray[Any, np.dtype[np.float32]]:
-        """The pictures on the host, float32, shape (n, y, x[, c])."""
-        return self.device.download(self.data)
 
 
 def refocus(
@@ -218,6 +206,31 @@ def stack_of(
     """The pictures of a light field with what it knows; weights for linear interpolation only."""
     known = weights if interpolation == "linear" else None
     return FocalStack(data, device, planes, ratios, lf.spacing, lf.camera, known, lf.positions)
+
+
+@dataclass(frozen=True)
+class MemoryEstimate:
+    """What a computation needs beside the samples, so that it can be made in tiles."""
+
+    what: str  # As the subject of a sentence
+    planes: tuple[slice, ...]  # Groups of planes that are made one after the other of each tile
+    halo: tuple[int, int]  # (y, x) pixels that a result depends on, on every side
+    per_pixel: int  # Bytes a pixel that is read: temporary arrays and results, on device and host
+    largest: int  # Those of the largest array among them
+    kept: int = 0  # Bytes a pixel of the whole picture that are held until the end
+    before: int = 0  # Those that are held, at most, before and after the pass over the tiles
+    passes: int = 1  # How often all samples are read
+
+
+def shear_halo(source: SampledViews, planes: Vector, reach: int) -> tuple[int, int]:
+    """Pixels (y, x) around a tile: as far as the planes shift views, and windows reach."""
+    ends = np.array([planes.min(), planes.max()])  # shifts are linear in the disparity
+    down, right = shifts(source, ends)
+    if source.positions is None:
+        down, right = np.broadcast_arrays(down[:, :, None], right[:, None, :])
+    lit = source.weights > 0
+    y, x = (int(np.ceil(np.abs(shift[:, lit]).max())) + _TAPS + reach for shift in (down, right))
+    return min(y, source.shape[2]), min(x, source.shape[3])
 
 
 def stack_memory(

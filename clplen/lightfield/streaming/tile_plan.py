@@ -11,7 +11,7 @@ from clplen.compute.device import Device
 from clplen.compute.memory import free_memory
 from clplen.lightfield.model.light_field import LightField
 from clplen.lightfield.model.stored_light_field import StoredLightField
-from clplen.lightfield.refocusing.memory_estimate import MemoryEstimate
+from clplen.lightfield.refocusing.focal_stacks import MemoryEstimate
 from clplen.reprs import OneLine
 
 _LEAST = 16  # rows and columns that a tile writes, at least

@@ -15,14 +15,18 @@ from typing import Any
 
 import numpy as np
 
-from clplen.compute.device import Device
+from clplen.compute.device import Device, DeviceLike, as_device
 from clplen.lightfield.model.light_field import LightField
-from clplen.lightfield.model.stored_light_field import Array, Block, StoredLightField
+from clplen.lightfield.model.stored_light_field import (
+    Array,
+    Block,
+    StoredLightField,
+    as_lightfield,
+)
 from clplen.lightfield.streaming.tile_plan import StreamPlan, Tile
 
 Source = LightField | StoredLightField  # of tiles; a light field on a device is one tile
 Progress = Callable[[int, int], None]
-TileFunction = Callable[[Tile, LightField], Iterator[Any]]
 
 _MOST = 1 << 30  # bytes of one request
 
@@ -121,21 +125,28 @@ def fast_source(source: Source, plan: StreamPlan) -> Iterator[Source]:
         yield copied
 
 
-def process_tiles(
-    source: Source,
-    tiles: tuple[Tile, ...],
-    process: TileFunction,
-    device: Device,
-    progress: Progress | None,
-) -> Iterator[tuple[Tile, Any]]:
-    """What is made of each tile; one thread reads the next one meanwhile, into one buffer."""
-    if isinstance(source, LightField) or (
-        len(tiles) == 1 and tiles[0].outer_shape == source.shape[2:4]
-    ):
-        whole = source if isinstance(source, LightField) else source.load(device)
-        for result in process(tiles[0], whole):
-            yield tiles[0], result
-        report(progress, 1, 1)
+def as_source(lf: Any, device: DeviceLike | None) -> tuple[Source, Device]:
+    """Return a light field as a source of tiles, an array on a device, and the device."""
+    if isinstance(lf, StoredLightField):
+        return lf, as_device(device)
+    lf = as_lightfield(lf, device=device)
+    return lf, lf.device
+
+
+def read_tiles(
+    source: Source, tiles: tuple[Tile, ...], device: Device, progress: Progress | None
+) -> Iterator[tuple[Tile, LightField]]:
+    """Tiles on the device; one thread reads the next one meanwhile, into one buffer.
+
+    The caller lets go of a tile before it asks for the next one, so that only one is there.
+    """
+    if isinstance(source, LightField):
+        yield tiles[0], source
+        _report(progress, 1, 1)
+        return
+    if len(tiles) == 1 and tiles[0].outer_shape == source.shape[2:4]:
+        yield tiles[0], source.load(device)
+        _report(progress, 1, 1)
         return
     most = max(tile.outer_shape[0] * tile.outer_shape[1] for tile in tiles)
     buffer = np.empty(most * source.bytes_per_pixel, np.uint8)
@@ -149,10 +160,9 @@ def process_tiles(
             lf = source.part(pending.result(), device)
             if number < len(tiles):
                 pending = reader.submit(_read, source, tiles[number], buffer)
-            for result in process(tile, lf):
-                yield tile, result
-            del lf, result
-            report(progress, number, len(tiles))
+            yield tile, lf
+            del lf
+            _report(progress, number, len(tiles))
     device.free_spare()
 
 
@@ -164,6 +174,6 @@ def _read(source: StoredLightField, tile: Tile, buffer: Array) -> Array:
     return source.read((slice(0, V), slice(0, U), tile.outer_rows, tile.outer_columns), out=out)
 
 
-def report(progress: Progress | None, done: int, total: int) -> None:
+def _report(progress: Progress | None, done: int, total: int) -> None:
     if progress is not None:
         progress(done, total)

@@ -16,67 +16,15 @@ from typing import Any
 
 import numpy as np
 
-Real = np.ndarray[Any, np.dtype[np.floating[Any]]]
-Complex = np.ndarray[Any, np.dtype[np.complex128]]
+from clplen.lightfield.depth.camera_optics import LensletBlur, Real
 
-BAND = (0.1, 0.45)  # cycles a lenslet, of the spectral energy
+Complex = np.ndarray[Any, np.dtype[np.complex128]]
 
 _COARSE = 49  # disparities of the first search, at least
 _FINE = 9  # disparities of each refinement, over two steps to either side
 _REFINEMENTS = 2
 _FLOOR = 0.05  # of the transfer function
 _BETA = 0.9  # power of the transfer function that is divided out
-_NODES = 16  # of the quadrature over a round lenslet
-
-
-@dataclass(frozen=True)
-class LensletBlur:
-    """How the lenslets smooth what they record."""
-
-    # lam f_mu/(dx d): the ambiguity offset, in lenslet diameters, of one cycle a sensor pixel
-    q: float
-    fill: tuple[float, float]  # Lenslet diameter over pitch, (y, x)
-    circular: bool  # Round lenslets; square ones otherwise
-    # Of what else blurs the spots behind lenslets, along one axis, in square pixels
-    variance: float = 0.0
-
-    def transfer(self, ky: Real, kx: Real, *, shear: tuple[float, float]) -> Real:
-        """Factor on the spectrum of a refocused image."""
-        ny, nx = (k * fill for k, fill in zip((ky, kx), self.fill, strict=True))
-        ty, tx = (np.abs(self.q * c * k) for k, c in zip((ky, kx), shear, strict=True))
-        gy, gx = (
-            np.exp(-2 * np.pi**2 * self.variance * (c * k) ** 2)
-            for k, c in zip((ky, kx), shear, strict=True)
-        )
-        if self.circular:
-            lens = disc_ambiguity(
-                np.hypot(ny[:, None], nx[None, :]), np.hypot(ty[:, None], tx[None, :])
-            )
-            return lens * (gy[:, None] * gx[None, :])
-        return (gy * interval_ambiguity(ny, ty))[:, None] * (gx * interval_ambiguity(nx, tx))
-
-
-def interval_ambiguity(frequency: Real, offset: Real) -> Real:
-    """Ambiguity function of an interval of length 1: (1 - t) sinc(k (1 - t)), 0 from t = 1.
-
-    Woodward 1953, "Probability and information theory", chapter 7.
-    """
-    overlap = np.maximum(1 - offset, 0)
-    return overlap * np.sinc(frequency * overlap)
-
-
-def disc_ambiguity(frequency: Real, offset: Real) -> Real:
-    """Ambiguity function of a disc of diameter 1, the frequency parallel to the offset.
-
-    (4/pi) times the integral of cos(2 pi k x) over the overlap of two discs ``offset`` apart; with
-    x = (sin(angle) - offset)/2 its integrand is smooth (Gauss-Legendre quadrature).
-    """
-    nodes, weights = np.polynomial.legendre.leggauss(_NODES)
-    t = np.minimum(offset, 1)[..., None]
-    half = (np.pi / 2 - np.arcsin(t)) / 2
-    angle = np.pi / 2 - half * (1 + nodes)
-    wave = np.cos(np.pi * frequency[..., None] * (np.sin(angle) - t))
-    return 4 / np.pi * (half * weights * np.cos(angle) ** 2 * wave).sum(axis=-1)
 
 
 @dataclass(frozen=True)
