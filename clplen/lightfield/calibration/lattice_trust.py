@@ -19,7 +19,6 @@ apart.
 
 from __future__ import annotations
 
-import math
 from typing import Any
 
 import numpy as np
@@ -36,16 +35,11 @@ _MIDDLE = 512  # pixels a side of a frame, in which its own lattice is looked fo
 _APART = 0.05  # of a lenslet, by which steps of two lattices of one camera may differ
 
 
-def is_measured(lattice: Lattice) -> bool:
-    """Whether a lattice was given or found, and does not stand in for one where nothing repeats."""
-    return lattice.trust == "high" or math.isfinite(lattice.residual)
-
-
 def require_trust(
     lattice: Lattice, source: str, *, force: bool = False, error: type[Exception] = ValueError
 ) -> Lattice:
     """Refuse the lattice of a white image that is not to be trusted."""
-    if not is_measured(lattice):
+    if not lattice.is_measured:
         raise error(
             f"{source} is no white image: nothing repeats in it, so that nothing tells where the "
             f"lenslets are; {_PROPER}."

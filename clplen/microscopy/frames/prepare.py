@@ -23,7 +23,6 @@ from clplen.lightfield.calibration.lattice_fit import estimate_lattice
 from clplen.lightfield.calibration.lattice_trust import require_trust
 from clplen.lightfield.raw.decode import resample
 from clplen.lightfield.raw.lenslet_lattice import Lattice
-from clplen.lightfield.raw.raw_image import RawImage
 from clplen.microscopy.frames.given_lattice import check_given
 from clplen.microscopy.frames.outliers import MANY, hot_pixels, uneven_pixels
 from clplen.reprs import OneLine
@@ -108,8 +107,7 @@ def rectify(
     if complete:
         values = np.pad(values, REACH, mode="edge")
         grid = replace(grid, first=(grid.first[0] + REACH, grid.first[1] + REACH))
-    raw = RawImage(device.upload(values), device, math.nan, grid, grid)
-    views = device.download(resample(raw, grid))
+    views = device.download(resample(device.upload(values), grid, device))
     rows, columns = views.shape[2:]
     cells = np.maximum(views, 0).transpose(2, 0, 3, 1) * np.float32(area(lattice, n))
     return np.ascontiguousarray(cells.reshape(rows * n, columns * n))
