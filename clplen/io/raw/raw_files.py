@@ -29,6 +29,7 @@ from clplen.io.formats.untrusted import (
     RAYTRIX_SUFFIXES,
     require_room,
 )
+from clplen.io.raw.lattice_cache import kept_lattice
 from clplen.io.raw.lytro_container import read_container
 from clplen.io.raw.raytrix import read_raytrix
 from clplen.io.raw.sensor_tiff import SensorTags, sensor_tags, write_sensor_tiff
@@ -46,8 +47,7 @@ from clplen.io.store.opd_arrays import (
     read_hdf5_maps,
     write_camera,
 )
-from clplen.lightfield.calibration.lattice_fit import estimate_lattice
-from clplen.lightfield.calibration.lattice_trust import require_camera, require_trust
+from clplen.lightfield.calibration.lattice_trust import lattice_of_white
 from clplen.lightfield.raw.lenslet_grid import LensType
 from clplen.lightfield.raw.lenslet_lattice import Lattice
 from clplen.lightfield.raw.raw_image import Levels, RawImage
@@ -501,15 +501,10 @@ def _lattice(
     flat, bayer = read_beside(white, "white image", frame, path)
     flat = flat.astype(np.float32)
     black = None if dark is None else _grey(dark)
-    with naming(white):
-        lattice = estimate_lattice(_grey(flat), dark=black, bayer=bayer)
-    require_trust(lattice, str(white), force=force, error=FormatError)
-    if not force:
-        with naming(path):
-            require_camera(
-                _grey(frame), lattice, str(white), dark=black, bayer=bayer, error=FormatError
-            )
-    return lattice
+    return lattice_of_white(
+        _grey(flat), white, frame=_grey(frame), path=path, dark=black, bayer=bayer, force=force,
+        error=FormatError, estimate=kept_lattice,
+    )  # fmt: skip
 
 
 def _grey(frame: Frame) -> Frame:
