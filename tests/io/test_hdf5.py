@@ -185,7 +185,7 @@ def test_arrays_beside_that_do_not_fit(tmp_path: Path, device: Device):
     for name, values, message in [
         ("weights", np.ones((3, 2)), r"weights have shape \(3, 2\), the views \(2, 3\)"),
         ("weights", np.zeros((2, 3)), "not all 0"),
-        ("weights", np.ones((40, 50)), r"'/weights' of shape \(40, 50\)"),
+        ("weights", np.ones((40, 50)), r"'weights' of shape \(40, 50\)"),
         ("positions", np.ones((2, 3, 1)), r"shape \(2, 3, 2\), not \(2, 3, 1\)"),
     ]:
         with h5py.File(tmp_path / "a.h5", "w") as file:

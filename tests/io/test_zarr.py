@@ -19,7 +19,7 @@ from clplen.cameras.plenoptic_camera import PlenopticCamera
 from clplen.compute.device import Device
 from clplen.errors import FormatError
 from clplen.io import read_lightfield, write_lightfield
-from clplen.io.lightfields import zarr_lightfields
+from clplen.io.lightfields import container_lightfields
 from clplen.lightfield.model.light_field import LightField
 from clplen.wave.elements.lenslets import MicrolensArray
 
@@ -145,7 +145,7 @@ def test_which_array(tmp_path: Path, device: Device):
     lf = read_lightfield(tmp_path / "a.zarr", device=device)
     np.testing.assert_array_equal(lf.to_numpy(), values)
     write(tmp_path / "a.zarr", form, "two", 2 * values)
-    with pytest.raises(FormatError, match=r"several arrays .*two \(3, 5, 7, 11, 2\) uint16"):
+    with pytest.raises(FormatError, match=r"several datasets .*two \(3, 5, 7, 11, 2\) uint16"):
         read_lightfield(tmp_path / "a.zarr", device=device)
     lf = read_lightfield(tmp_path / "a.zarr", device=device, dataset="two")
     np.testing.assert_array_equal(lf.to_numpy(), 2 * values)
@@ -200,7 +200,7 @@ def test_what_is_wrong_inside_names_the_folder(tmp_path: Path, device: Device):
     damaged("weights have shape")
     shutil.rmtree(written() / "weights")
     shutil.copytree(tmp_path / "a.zarr" / "lightfield", tmp_path / "a.zarr" / "weights")
-    damaged("'weights' is no array of 3 x 5 views")
+    damaged("'weights' of shape .* not up to 30 real numbers")
     chunk = written() / "lightfield" / "1.0.0.0.0"
     chunk.write_bytes(chunk.read_bytes()[:40])
     damaged("is truncated or damaged")
@@ -267,7 +267,7 @@ def test_long_metadata_in_an_archive(tmp_path: Path, device: Device):
 def test_large_rows_of_views_are_cut(
     tmp_path: Path, device: Device, monkeypatch: pytest.MonkeyPatch
 ):
-    monkeypatch.setattr(zarr_lightfields, "_CHUNK", 3 * 5 * 13 * 2 + 1)
+    monkeypatch.setattr(container_lightfields, "_CHUNK", 3 * 5 * 13 * 2 + 1)
     values = np.random.default_rng(1).integers(0, 999, (2, 3, 11, 13), np.uint16)
     write_lightfield(tmp_path / "lf.zarr", LightField.from_array(values, device=device))
     root = zarr.open_group(str(tmp_path / "lf.zarr"), mode="r")

@@ -23,7 +23,7 @@ from clplen.io.formats import npy, pfm, picture
 from clplen.io.formats.npy import map_npy
 from clplen.io.formats.pfm import read_pfm
 from clplen.io.formats.picture import read_picture
-from clplen.io.lightfields.hdf5_lightfields import is_matlab
+from clplen.io.lightfields.container_lightfields import is_matlab
 from clplen.io.results import hci
 from clplen.io.store import hdf5_files, zarr_files
 from clplen.io.store.hdf5_files import (
