@@ -47,8 +47,8 @@ from clplen.io import (
 )
 from clplen.io.formats.pfm import read_pfm, write_pfm
 from clplen.io.formats.picture import write_picture
+from clplen.io.lightfields.container_lightfields import write_container
 from clplen.io.lightfields.view_positions import read_positions
-from clplen.io.lightfields.zarr_lightfields import write_zarr
 from clplen.io.raw.raw_files import read_frame
 from clplen.io.raw.raytrix import FocusType, RaytrixCalibration, write_raytrix
 from clplen.io.results.hci import read_parameters
@@ -200,7 +200,7 @@ def _mat5(folder: Path, device: Device) -> Path:
 
 
 def _zarr(folder: Path, device: Device) -> Path:
-    write_zarr(folder / "a.zarr", light_field(device))
+    write_container(folder / "a.zarr", light_field(device))
     return folder / "a.zarr"
 
 

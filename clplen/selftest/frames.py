@@ -62,7 +62,7 @@ def _decode(device: Device) -> Pairs:
     columns = TURNED.count[1]
     back = twins.interpolation(np.arange(columns) - 0.5, columns, kernel=twins.keys, clamp=True)
     expected[:, :, 1::2] = expected[:, :, 1::2] @ back.T
-    yield expected, device.download(resample(_raw(raw, device, TURNED), TURNED))
+    yield expected, device.download(resample(device.upload(raw), TURNED, device))
 
 
 def _divided(device: Device) -> Pairs:

@@ -45,14 +45,12 @@ def make(tmp_path: Path) -> Callable[..., Path]:
     return write
 
 
-@pytest.mark.parametrize("how", [zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED])
 @pytest.mark.parametrize(
-    "name",
+    ("name", "how"),
     [
-        "view_{v:02d}_{u:02d}.png",
-        "scene/rectified/out_{v:02d}_{u:02d}_-1.5_2.5_.png",
-        "scene\\p{v}-{u}.png",
-        "set/row{v}/{u}.png",
+        ("scene/rectified/out_{v:02d}_{u:02d}_-1.5_2.5_.png", zipfile.ZIP_STORED),
+        ("scene\\p{v}-{u}.png", zipfile.ZIP_DEFLATED),
+        ("set/row{v}/{u}.png", zipfile.ZIP_DEFLATED),
     ],
 )
 def test_views_anywhere(make: Callable[..., Path], device: Device, name: str, how: int):
@@ -75,23 +73,17 @@ def test_words_of_layout(
     np.testing.assert_array_equal(half.to_numpy()[1, 2], samples()[1, 3])
 
 
-def test_positions_of_the_names(make: Callable[..., Path], device: Device):
-    lf = read_lightfield(make("out_{v}_{u}_-{v}.5_{u}.25_.png"), device=device, positions="names")
-    grid = np.stack(np.indices(SHAPE[:2]), axis=-1)
-    np.testing.assert_allclose(lf.positions, grid - grid.mean(axis=(0, 1)), atol=1e-12)
-
-
-@pytest.mark.parametrize("name", ["../x.png", "/etc/x.png", "C:\\x.png", "a/../../x.png"])
-def test_members_outside_are_refused_by_name(make: Callable[..., Path], device: Device, name: str):
-    path = make("view_{v}_{u}.png", {name: b"x"})
-    with pytest.raises(FormatError, match=r"a\.zip: the member '.*x\.png' lies outside"):
-        read_lightfield(path, device=device)
-
-
-def test_a_member_that_is_there_twice(make: Callable[..., Path], device: Device):
-    path = make("view_{v}_{u}.png", {"./view_0_0.png": b"x"})
-    with pytest.raises(FormatError, match=r"the member 'view_0_0\.png' is there twice"):
-        read_lightfield(path, device=device)
+def test_members_that_are_refused_by_name(make: Callable[..., Path], device: Device):
+    for name, said in (
+        ("../x.png", "lies outside"),
+        ("/etc/x.png", "lies outside"),
+        ("C:\\x.png", "lies outside"),
+        ("a/../../x.png", "lies outside"),
+        ("./view_0_0.png", "is there twice"),
+    ):
+        path = make("view_{v}_{u}.png", {name: b"x"})
+        with pytest.raises(FormatError, match=rf"a\.zip: the member '.*\.png' {said}"):
+            read_lightfield(path, device=device)
 
 
 def test_missing_and_unusable_views(make: Callable[..., Path], device: Device):
@@ -118,24 +110,19 @@ def changed(path: Path, offset: int, value: bytes) -> None:
 FLAGS, METHOD, CRC, SIZE = 2, 4, 10, 18  # from the version on
 
 
-@pytest.mark.parametrize(
-    ("offset", "value", "said"),
-    [
+def test_members_that_are_not_what_they_say(make: Callable[..., Path], device: Device):
+    for offset, value, said in [
         (FLAGS, b"\1\0", r"view_0_0\.png is encrypted: make an archive without"),
         (METHOD, b"\x0c\0", r"view_0_0\.png is compressed by method 12: write the archive"),
         (CRC, b"abcd", r"view_0_0\.png cannot be read \(Bad CRC-32"),
         (SIZE, struct.pack("<I", 2**31), r"view_0_0\.png declares 2,147,483,648 bytes, more"),
         (SIZE, struct.pack("<I", 50), r"view_0_0\.png cannot be read \(Bad CRC-32"),
         (SIZE, struct.pack("<I", 1000), r"view_0_0\.png has another size than its archive"),
-    ],
-)
-def test_members_that_are_not_what_they_say(
-    make: Callable[..., Path], device: Device, offset: int, value: bytes, said: str
-):
-    path = make("view_{v}_{u}.png")
-    changed(path, offset, value)
-    with pytest.raises(FormatError, match=f"1 of 12 views .*{said}"):
-        read_lightfield(path, device=device)
+    ]:
+        path = make("view_{v}_{u}.png")
+        changed(path, offset, value)
+        with pytest.raises(FormatError, match=f"1 of 12 views .*{said}"):
+            read_lightfield(path, device=device)
 
 
 def test_a_bomb_is_read_up_to_its_declared_size(make: Callable[..., Path], device: Device):
@@ -172,13 +159,13 @@ def test_a_member_with_a_long_hole(
     assert peak < 8 << 20
 
 
-@pytest.mark.parametrize("kept", [4, 30, 0.5, 0.95, -1])
-def test_truncated_archives(make: Callable[..., Path], device: Device, kept: float):
+def test_truncated_archives(make: Callable[..., Path], device: Device):
     path = make("view_{v}_{u}.png")
     whole = path.read_bytes()
-    path.write_bytes(whole[: int(kept * len(whole)) if isinstance(kept, float) else kept])
-    with pytest.raises(FormatError, match=r"a\.zip is no zip archive that can be read"):
-        read_lightfield(path, device=device)
+    for kept in (4, 30, len(whole) // 2, len(whole) - 1):
+        path.write_bytes(whole[:kept])
+        with pytest.raises(FormatError, match=r"a\.zip is no zip archive that can be read"):
+            read_lightfield(path, device=device)
 
 
 def test_names_without_suffix_need_a_pattern(make: Callable[..., Path], device: Device):

@@ -47,15 +47,6 @@ def test_order_and_words(tmp_path: Path, device: Device, caplog: pytest.LogCaptu
     np.testing.assert_allclose(lf.positions[0, 4], (3, 2))  # the file's last row of views
 
 
-def test_more_than_a_block(tmp_path: Path, device: Device, monkeypatch: pytest.MonkeyPatch):
-    for block in [1, 1200]:
-        monkeypatch.setattr(array_sources, "_BLOCK", block)
-        values = values_of()
-        np.save(tmp_path / "a.npy", values)
-        lf = read_lightfield(tmp_path / "a.npy", device=device, swap_uv=True)
-        np.testing.assert_array_equal(lf.to_numpy(), values.swapaxes(0, 1))
-
-
 def test_blocks(monkeypatch: pytest.MonkeyPatch):
     for size in [1, 3000]:
         for chunks in [None, (1, 2, 3, 4, 5), (3, 5, 7, 11, 3)]:

@@ -65,14 +65,13 @@ def test_points_are_where_they_were(tmp_path: Path) -> None:
 
 def test_what_is_no_point_cloud(tmp_path: Path) -> None:
     points = np.zeros((4, 3))
-    with pytest.raises(ValueError, match=r"written as \.glb"):
-        write_glb(tmp_path / "a.gltf", points)
-    with pytest.raises(ShapeError, match="Points have shape"):
-        write_glb(tmp_path / "a.glb", points[:, :2])
-    with pytest.raises(ShapeError, match="has one colour"):
-        write_glb(tmp_path / "a.glb", points, np.zeros((3, 3), np.uint8))
-    with pytest.raises(ValueError, match="uint8"):
-        write_glb(tmp_path / "a.glb", points, points)
-    with pytest.raises(ValueError, match="finite place"):
-        write_glb(tmp_path / "a.glb", points * np.nan)
+    for error, message, words in (
+        (ValueError, r"written as \.glb", (tmp_path / "a.gltf", points)),
+        (ShapeError, "Points have shape", (tmp_path / "a.glb", points[:, :2])),
+        (ShapeError, "one colour", (tmp_path / "a.glb", points, np.zeros((3, 3), np.uint8))),
+        (ValueError, "uint8", (tmp_path / "a.glb", points, points)),
+        (ValueError, "finite place", (tmp_path / "a.glb", points * np.nan)),
+    ):
+        with pytest.raises(error, match=message):
+            write_glb(*words)
     assert not list(tmp_path.iterdir())

@@ -44,23 +44,13 @@ def folder(tmp_path: Path) -> Path:
 
 def test_parameters(folder: Path):
     expected = HciParameters(
-        focal_length_mm=100,
-        sensor_size_mm=35,
-        fstop=100,
-        image_resolution_x_px=512,
-        image_resolution_y_px=384,
-        num_cams_x=9,
-        num_cams_y=7,
-        baseline_mm=50.5,
-        focus_distance_m=7.5,
-        disp_min=-1.4,
-        disp_max=1.5,
-        depth_map_scale=10,
-        scene="cotton %(100)",
-        category="training",
-    )
-    assert read_parameters(folder) == expected
-    assert read_parameters(folder / "parameters.cfg") == expected
+        focal_length_mm=100, sensor_size_mm=35, fstop=100, image_resolution_x_px=512,
+        image_resolution_y_px=384, num_cams_x=9, num_cams_y=7, baseline_mm=50.5,
+        focus_distance_m=7.5, disp_min=-1.4, disp_max=1.5, depth_map_scale=10,
+        scene="cotton %(100)", category="training",
+    )  # fmt: skip
+    for path in (folder, folder / "parameters.cfg"):
+        assert read_parameters(path) == expected
     assert isinstance(read_parameters(folder).num_cams_x, int)
 
 
@@ -93,11 +83,16 @@ def test_planes(folder: Path):
 
 
 def test_what_is_not_said_is_none(tmp_path: Path):
+    with pytest.raises(FormatError, match=r"no parameters .*parameters\.cfg; some scenes"):
+        read_parameters(tmp_path)
     (tmp_path / "parameters.cfg").write_text("[meta]\nscene = a\nother = 3\n[else]\nx = y\n")
     parameters = read_parameters(tmp_path)
     assert parameters == HciParameters(scene="a")
     with pytest.raises(ValueError, match="needs baseline_mm, focal_length_mm, sensor_size_mm, foc"):
         parameters.disparity(3)
+    (tmp_path / "parameters.cfg").write_bytes(bytes(2 << 20))
+    with pytest.raises(FormatError, match="too large"):
+        read_parameters(tmp_path)
 
 
 def test_damaged_parameters(folder: Path):
@@ -116,14 +111,6 @@ def test_damaged_parameters(folder: Path):
         (folder / "parameters.cfg").write_bytes(text.encode(errors="surrogateescape"))
         with pytest.raises(FormatError, match=rf"parameters\.cfg.*{said}"):
             read_parameters(folder)
-
-
-def test_no_parameters(tmp_path: Path):
-    with pytest.raises(FormatError, match=r"no parameters .*parameters\.cfg; some scenes"):
-        read_parameters(tmp_path)
-    (tmp_path / "parameters.cfg").write_bytes(bytes(2 << 20))
-    with pytest.raises(FormatError, match="too large"):
-        read_parameters(tmp_path)
 
 
 def test_truth(folder: Path):

@@ -70,7 +70,7 @@ def test_hci_2016_in_hdf5(tmp_path: Path, device: Device):
 
 
 def test_a_truth_that_is_not_there(tmp_path: Path):
-    with pytest.raises(FormatError, match=r"There is no file .*lf\.h5"):
+    with pytest.raises(FormatError, match=r"There is no HDF5 file .*lf\.h5"):
         read_truth(tmp_path / "lf.h5")
     write_hci_2013(tmp_path / "lf.h5", shift=None, dH=[1.0, 2.0])
     with pytest.raises(FormatError, match=r"lf\.h5 lacks dH, shift: d = dH focalLength"):

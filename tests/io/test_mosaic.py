@@ -59,55 +59,37 @@ def test_the_order_is_guessed_and_said(
     tmp_path: Path, device: Device, caplog: pytest.LogCaptureFixture
 ):
     for order in ["yvxu", "vyux"]:
-        for d in [0.3, -1.0]:
-            imageio.imwrite(tmp_path / "a.png", mosaic(scene(d), order))
+        for d, views in [(0.3, (3, 5)), (-1.0, (3, 5)), (0.4, (1, 5)), (0.4, (3, 1))]:
+            values = scene(d, (*views, 13, 11))
+            imageio.imwrite(tmp_path / "a.png", mosaic(values, order))
             caplog.clear()
             with caplog.at_level(logging.INFO, "clplen.io"):
-                lf = read_lightfield(tmp_path / "a.png", device=device, views=(3, 5))
-            np.testing.assert_array_equal(lf.to_numpy(), scene(d))
-            assert "3 x 5 views (V x U) of 13 x 11 uint8" in caplog.text
+                lf = read_lightfield(tmp_path / "a.png", device=device, views=views)
+            np.testing.assert_array_equal(lf.to_numpy(), values)
+            assert f"{views[0]} x {views[1]} views (V x U) of 13 x 11 uint8" in caplog.text
             assert f"order '{order}' (guessed from the content)" in caplog.text
 
 
-def test_a_row_of_views_is_guessed(tmp_path: Path, device: Device):
-    for views in [(1, 5), (3, 1)]:
-        values = scene(0.4, (*views, 13, 11))
-        for order in ("yvxu", "vyux"):
-            imageio.imwrite(tmp_path / "a.png", mosaic(values, order))
-            lf = read_lightfield(tmp_path / "a.png", device=device, views=views)
-            np.testing.assert_array_equal(lf.to_numpy(), values)
-
-
-def test_a_real_light_field_is_guessed(data_folder: Path, tmp_path: Path, device: Device):
-    flower = read_lightfield(
-        data_folder / "lytro_f01_flower", device=device, pattern="IMG_0001_{n}_{u}_{v}.png"
-    )
-    for order in ("yvxu", "vyux"):
-        write_mosaic(tmp_path / "a.tif", flower, order=order)
-        again = read_lightfield(tmp_path / "a.tif", device=device, views=(10, 10))
-        np.testing.assert_array_equal(again.to_numpy(), flower.to_numpy())
-
-
-def test_what_looks_alike_is_not_guessed(tmp_path: Path, device: Device):
+def test_what_is_not_taken(tmp_path: Path, device: Device):
     imageio.imwrite(tmp_path / "a.png", noise(channels=3).reshape(39, 55, 3))
     with pytest.raises(FormatError, match=r"a\.png looks alike .* order='yvxu' or order='vyux'"):
         read_lightfield(tmp_path / "a.png", device=device, views=(3, 5))
+    imageio.imwrite(tmp_path / "eslf.png", np.full((28, 28, 4), [9, 9, 9, 0], np.uint8))
+    with pytest.raises(FormatError, match="transparent wherever it is not black"):
+        read_lightfield(tmp_path / "eslf.png", device=device)
 
 
 def test_sizes_that_are_no_multiple(tmp_path: Path, device: Device):
     imageio.imwrite(tmp_path / "a.png", np.ones((37, 55, 3), np.uint8))
-    with pytest.raises(
-        FormatError, match=r"37 x 55 pixels, .* sizes are 36 or 39 rows and 55 columns"
+    for words, error, message in (
+        ({"views": (3, 5)}, FormatError, r"37 x 55 pixels, .* 36 or 39 rows and 55 columns"),
+        ({"views": (100, 5)}, FormatError, "sizes are 100 rows and 55 columns"),
+        ({}, FormatError, r"how many views\? Give views=\(V, U\)"),
+        ({"views": (3, 5), "order": "vuyx"}, ValueError, "is 'yvxu' or 'vyux', not 'vuyx'"),
+        ({"views": (0, 5)}, ValueError, r"counts rows and columns from 1, not \(0, 5\)"),
     ):
-        read_lightfield(tmp_path / "a.png", device=device, views=(3, 5))
-    with pytest.raises(FormatError, match="sizes are 100 rows and 55 columns"):
-        read_lightfield(tmp_path / "a.png", device=device, views=(100, 5))
-    with pytest.raises(FormatError, match=r"how many views\? Give views=\(V, U\)"):
-        read_lightfield(tmp_path / "a.png", device=device)
-    with pytest.raises(ValueError, match=r"order of a mosaic is 'yvxu' or 'vyux', not 'vuyx'"):
-        read_lightfield(tmp_path / "a.png", device=device, views=(3, 5), order="vuyx")
-    with pytest.raises(ValueError, match=r"counts rows and columns from 1, not \(0, 5\)"):
-        read_lightfield(tmp_path / "a.png", device=device, views=(0, 5))
+        with pytest.raises(error, match=message):
+            read_lightfield(tmp_path / "a.png", device=device, **words)
 
 
 @pytest.mark.parametrize(("dtype", "alpha"), [(np.uint8, False), (np.uint16, True)])
@@ -139,12 +121,6 @@ def test_eslf(tmp_path: Path, device: Device, dtype: type, alpha: bool):
     np.testing.assert_allclose(lf.weights, weights, atol=1e-6)
     lf = read_lightfield(tmp_path / "IMG_7_eslf.png", device=device, flip_v=True, swap_uv=True)
     np.testing.assert_allclose(lf.weights, weights.T[::-1], atol=1e-6)
-
-
-def test_a_mosaic_that_is_transparent(tmp_path: Path, device: Device):
-    imageio.imwrite(tmp_path / "eslf.png", np.full((28, 28, 4), [9, 9, 9, 0], np.uint8))
-    with pytest.raises(FormatError, match="transparent wherever it is not black"):
-        read_lightfield(tmp_path / "eslf.png", device=device)
 
 
 @pytest.mark.parametrize("words", [{}, {"white": "w.tif"}])

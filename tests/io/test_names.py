@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 import pytest
+from refusals import refused
 
 from clplen.errors import FormatError
 from clplen.io.lightfields.lightfield_files import kind_of
@@ -15,70 +18,51 @@ def grid(template: str, vs: range, us: range) -> list[str]:
     return [template.format(v=v, u=u) for v in vs for u in us]
 
 
-def test_first_number_and_step_do_not_matter():
-    names = grid("a_{v:03d}_{u}.png", range(3, 12, 4), range(10, 40, 5))
-    shape, files = arrange(Pattern("a_{v}_{u}.png"), names)
-    assert shape == (3, 6)
-    assert files[2, 1] == "a_011_15.png"
+def test_which_file_is_which_view():
+    for pattern, names, words, shape, view, file in [
+        # the first number and the step do not matter
+        ("a_{v}_{u}.png", grid("a_{v:03d}_{u}.png", range(3, 12, 4), range(10, 40, 5)), {},
+         (3, 6), (2, 1), "a_011_15.png"),
+        # a counter and anything are ignored
+        ("*_{n}_{u}_{v}.png", ["x9_07_02_01.png", "y10_08_02_02.png", "thumbs.db"], {},
+         (2, 1), (1, 0), "y10_08_02_02.png"),
+        # rows are counted by columns, a square count is a square, a missing row leaves a gap
+        ("cam{i}.png", [f"cam{i:03d}.png" for i in range(6)], {"views": (2, 3)},
+         (2, 3), (1, 0), "cam003.png"),
+        ("{i}.png", [f"{i}.png" for i in range(1, 10)], {}, (3, 3), (2, 2), "9.png"),
+        ("{v}_{u}", ["0_0", "0_1", "1_0", "1_1", "3_0", "3_1"], {}, (4, 2), (3, 1), "3_1"),
+        # every other row is counted backwards
+        ("{i}.png", [f"{i}.png" for i in range(1, 7)], {"views": (2, 3), "lawnmower": True},
+         (2, 3), (1, 0), "6.png"),
+    ]:  # fmt: skip
+        found, files = arrange(Pattern(pattern), names, **words)
+        assert found == shape
+        assert files[view] == file
+        assert len(files) == len([name for name in names if name != "thumbs.db"])
 
 
-def test_a_counter_and_anything_are_ignored():
-    names = ["x9_07_02_01.png", "y10_08_02_02.png", "thumbs.db"]
-    shape, files = arrange(Pattern("*_{n}_{u}_{v}.png"), names)
-    assert shape == (2, 1)
-    assert files == {(0, 0): "x9_07_02_01.png", (1, 0): "y10_08_02_02.png"}
+def test_names_that_fit_no_views():
+    def arranged(pattern: str, names: list[str], **words: Any) -> Callable[[], Any]:
+        return lambda: arrange(Pattern(pattern), names, **words)
+
+    six, rows = [f"{i}.png" for i in range(6)], grid("{v}_{u}", range(2), range(3))
+    refused(
+        (FormatError, r"6 views, which is no square.*views=\(V, U\)", arranged("{i}.png", six)),
+        (FormatError, r"6 views, more than views=\(1, 5\)", arranged("{i}.png", six, views=(1, 5))),
+        (FormatError, r"2 x 3 views .*but views=\(3, 2\)", arranged("{v}_{u}", rows, views=(3, 2))),
+        (FormatError, r"same view: 1_2 and 01_2", arranged("{v}_{u}", ["1_2", "01_2"])),
+        (FormatError, r"in D matches .*'\{v\}x\{u\}'.*a, b, c",
+         arranged("{v}x{u}", ["b", "a", "c", "d"], where="D")),
+        (ValueError, "is for names with one number", arranged("{v}_{u}", rows, lawnmower=True)),
+        (FormatError, "give 2 x 999,999,999 views from 3 files",
+         arranged("{v}_{u}", ["0_0", "0_1", "1_999999998"])),
+    )  # fmt: skip
 
 
 def test_a_pattern_without_row_and_column_is_refused():
     for text in ["a_{v}.png", "a_{v}_{u}_{i}.png", "a_{v}_{w}.png", "{}", "{v}{v}{u}", "a.png"]:
         with pytest.raises(ValueError, match=r"must have \{v\} and \{u\} once each, or \{i\} once"):
             Pattern(text)
-
-
-def test_rows_are_counted_by_columns_where_v_differs_from_u():
-    names = [f"cam{i:03d}.png" for i in range(6)]
-    shape, files = arrange(Pattern("cam{i}.png"), names, views=(2, 3))
-    assert shape == (2, 3)
-    assert files[1, 0] == "cam003.png"
-
-
-def test_a_square_count_is_taken_as_square():
-    shape, files = arrange(Pattern("{i}.png"), [f"{i}.png" for i in range(1, 10)])
-    assert shape == (3, 3)
-    assert files[2, 2] == "9.png"
-
-
-def test_a_count_that_is_no_square_asks_for_views():
-    with pytest.raises(FormatError, match=r"gives 6 views, which is no square.*views=\(V, U\)"):
-        arrange(Pattern("{i}.png"), [f"{i}.png" for i in range(6)])
-
-
-def test_more_views_than_asked_for():
-    with pytest.raises(FormatError, match=r"gives 6 views, more than views=\(1, 5\)"):
-        arrange(Pattern("{i}.png"), [f"{i}.png" for i in range(6)], views=(1, 5))
-
-
-def test_a_row_that_is_missing_leaves_a_gap():
-    names = grid("{v}_{u}", range(2), range(2)) + grid("{v}_{u}", range(3, 4), range(2))
-    shape, files = arrange(Pattern("{v}_{u}"), names)
-    assert shape == (4, 2)
-    assert (2, 0) not in files
-    assert files[3, 1] == "3_1"
-
-
-def test_counts_that_contradict_views():
-    with pytest.raises(FormatError, match=r"give 2 x 3 views .* but views=\(3, 2\)"):
-        arrange(Pattern("{v}_{u}"), grid("{v}_{u}", range(2), range(3)), views=(3, 2))
-
-
-def test_two_files_for_one_view():
-    with pytest.raises(FormatError, match=r"same view: 1_2\.png and 01_2\.png"):
-        arrange(Pattern("{v}_{u}.png"), ["1_2.png", "01_2.png"])
-
-
-def test_nothing_matches():
-    with pytest.raises(FormatError, match=r"No file in D matches .*'\{v\}x\{u\}'.*a, b, c"):
-        arrange(Pattern("{v}x{u}"), ["b", "a", "c", "d"], where="D")
 
 
 def test_guesses():
@@ -95,24 +79,17 @@ def test_guesses():
         assert guess(names).text == pattern
 
 
-def test_a_counter_beside_row_and_column_cannot_be_guessed():
-    names = [f"IMG_{v + u}_{v}_{u}.png" for v in range(2) for u in range(2)]
-    with pytest.raises(FormatError, match=r"3 numbers vary .*IMG_0_0_0\.png.*give a pattern"):
-        guess(names)
-
-
-def test_a_pattern_is_proposed():
-    names = [f"IMG_0001_{3 * u + v + 1:03d}_{u}_{v}.png" for v in range(3) for u in range(4)]
-    with pytest.raises(FormatError, match=r"perhaps pattern='IMG_0001_\{n\}_\{v\}_\{u\}\.png'"):
-        guess(names)
-    names = [f"t{20240131 + 7 * i}-{i}.png" for i in range(9)]
-    with pytest.raises(FormatError, match=r"perhaps pattern='t\{n\}-\{i\}\.png'"):
-        guess(names)
-
-
-def test_pictures_that_are_no_views():
-    for names in [["raw7.png"], ["white.png", "raw.png"]]:
-        with pytest.raises(FormatError, match=r"No number varies .* raw frame as a file"):
+def test_names_that_cannot_be_guessed():
+    for names, message in [
+        ([f"IMG_{v + u}_{v}_{u}.png" for v in range(2) for u in range(2)],
+         r"3 numbers vary .*IMG_0_0_0\.png.*give a pattern"),
+        ([f"IMG_0001_{3 * u + v + 1:03d}_{u}_{v}.png" for v in range(3) for u in range(4)],
+         r"perhaps pattern='IMG_0001_\{n\}_\{v\}_\{u\}\.png'"),
+        ([f"t{20240131 + 7 * i}-{i}.png" for i in range(9)],
+         r"perhaps pattern='t\{n\}-\{i\}\.png'"),
+        (["white.png", "raw.png"], r"No number varies .* raw frame as a file"),
+    ]:  # fmt: skip
+        with pytest.raises(FormatError, match=message):
             guess(names)
 
 
@@ -135,15 +112,6 @@ def test_files_of_no_kind(tmp_path: Path):
             kind_of(tmp_path / name)
 
 
-def test_every_other_row_is_counted_backwards():
-    names = [f"{i}.png" for i in range(1, 7)]
-    _, files = arrange(Pattern("{i}.png"), names, views=(2, 3), lawnmower=True)
-    rows = [[files[v, u] for u in range(3)] for v in range(2)]
-    assert rows == [["1.png", "2.png", "3.png"], ["6.png", "5.png", "4.png"]]
-    with pytest.raises(ValueError, match="lawnmower' is for names with one number"):
-        arrange(Pattern("{v}_{u}"), grid("{v}_{u}", range(2), range(3)), lawnmower=True)
-
-
 def test_names_that_are_no_views():
     views = ["input_Cam001.png", "unmasked_1.png", "depthcharge_2.png", "a/view_1_2.png"]
     others = ["mask_1.png", "gt_disp_lowres.png", "Depth01.png", "objectids_highres.png", ".x.png"]
@@ -153,10 +121,8 @@ def test_names_that_are_no_views():
 
 
 def test_numbers_that_are_no_rows():
-    with pytest.raises(FormatError, match=r"would give 2 x 999,999,999 views from 3 files"):
-        arrange(Pattern("{v}_{u}"), ["0_0", "0_1", "1_999999998"])
     assert Pattern("{v}_{u}").numbers(["1" * 5000 + "_2", "3_4"]) == {(3, 4): ["3_4"]}
-    with pytest.raises(FormatError, match="3 numbers vary"):
-        guess([f"{'7' * 5000}_{v}_{u}_{v + u}.png" for v in range(2) for u in range(2)])
     long = "7" * 5000
+    with pytest.raises(FormatError, match="3 numbers vary"):
+        guess([f"{long}_{v}_{u}_{v + u}.png" for v in range(2) for u in range(2)])
     assert guess([f"{long}_{u}.png" for u in range(2)]).text == f"{long}_{{i}}.png"

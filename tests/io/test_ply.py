@@ -7,6 +7,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from refusals import refused
 
 from clplen.errors import FormatError, ShapeError
 from clplen.io.formats.ply import points_of, read_ply, write_ply
@@ -30,7 +31,7 @@ def test_the_file_is_what_the_format_says(tmp_path: Path):
 
 
 def test_without_colours(tmp_path: Path):
-    write_ply(tmp_path / "a.ply", POINTS[:1])
+    write_ply(tmp_path / "a.ply", np.array([[1, 2, 3], [1e300, 0, 0]]))  # float32 cannot hold it
     content = (tmp_path / "a.ply").read_bytes()
     assert b"red" not in content
     assert content.count(b"comment") == 1
@@ -39,22 +40,14 @@ def test_without_colours(tmp_path: Path):
 
 def test_what_cannot_be_written(tmp_path: Path):
     path = tmp_path / "a.ply"
-    with pytest.raises(ValueError, match=r"as \.ply, not as a\.obj"):
-        write_ply(tmp_path / "a.obj", POINTS)
-    with pytest.raises(ShapeError, match=r"shape \(n, 3\), not \(4, 2\)"):
-        write_ply(path, POINTS[:, :2])
-    with pytest.raises(ShapeError, match=r"expected shape \(4, 3\), not \(3, 3\)"):
-        write_ply(path, POINTS, COLOURS[1:])
-    with pytest.raises(ValueError, match="uint8, not float64"):
-        write_ply(path, POINTS, COLOURS / 255)
-    with pytest.raises(ValueError, match="is ASCII"):
-        write_ply(path, POINTS, comment="µm")
+    refused(
+        (ValueError, r"as \.ply, not as a\.obj", lambda: write_ply(tmp_path / "a.obj", POINTS)),
+        (ShapeError, r"\(n, 3\), not \(4, 2\)", lambda: write_ply(path, POINTS[:, :2])),
+        (ShapeError, r"\(4, 3\), not \(3, 3\)", lambda: write_ply(path, POINTS, COLOURS[1:])),
+        (ValueError, "uint8, not float64", lambda: write_ply(path, POINTS, COLOURS / 255)),
+        (ValueError, "is ASCII", lambda: write_ply(path, POINTS, comment="µm")),
+    )
     assert not path.exists()
-
-
-def test_points_that_float32_cannot_hold_are_left_out(tmp_path: Path):
-    write_ply(tmp_path / "a.ply", np.array([[1e300, 0, 0], [1, 2, 3]]))
-    assert b"element vertex 1\n" in (tmp_path / "a.ply").read_bytes()
 
 
 def test_a_point_projects_back():
@@ -87,17 +80,14 @@ def test_without_a_camera():
 
 
 def test_half_a_camera():
-    d = np.zeros((2, 2))
-    with pytest.raises(ValueError, match="need baseline=, focal_length= and pixel_pitch="):
-        points_of(d, baseline=1)
-    with pytest.raises(ValueError, match="need baseline="):
-        points_of(d, focus_distance=1)
-    with pytest.raises(
-        ValueError, match="focal_length is a length in metres, positive and finite, not 0"
-    ):
-        points_of(d, baseline=1, focal_length=0, pixel_pitch=1)
-    with pytest.raises(ShapeError, match=r"\(y, x\), not \(3,\)"):
-        points_of(np.zeros(3))
+    d, lengths = np.zeros((2, 2)), "need baseline=, focal_length= and pixel_pitch="
+    zero = {"baseline": 1, "focal_length": 0, "pixel_pitch": 1}
+    refused(
+        (ValueError, lengths, lambda: points_of(d, baseline=1)),
+        (ValueError, lengths, lambda: points_of(d, focus_distance=1)),
+        (ValueError, "focal_length is a length in metres, pos", lambda: points_of(d, **zero)),
+        (ShapeError, r"\(y, x\), not \(3,\)", lambda: points_of(np.zeros(3))),
+    )
 
 
 HEADS = [

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import itertools
+
 import numpy as np
 import pytest
 
@@ -98,31 +100,26 @@ def test_one_row_and_one_column():
 
 
 def test_names_without_positions_are_refused():
-    with pytest.raises(FormatError, match=r"needs views that are files with names"):
-        read_positions("names", VIEWS)
-    with pytest.raises(FormatError, match=r"view_0_0\.png has 2 numbers"):
-        read_positions("names", VIEWS, names={(0, 0): "view_0_0.png"})
     same = {(v, u): f"out_{v}_{u}_1.0_2.0.png" for v, u in np.ndindex(*VIEWS)}
-    with pytest.raises(FormatError, match=r"do not change with v"):
-        read_positions("names", VIEWS, names=same)
+    for names, message in (
+        (None, "needs views that are files with names"),
+        ({(0, 0): "view_0_0.png"}, r"view_0_0\.png has 2 numbers"),
+        (same, "do not change with v"),
+    ):
+        with pytest.raises(FormatError, match=message):
+            read_positions("names", VIEWS, names=names)
 
 
 def test_layout_words(tmp_path):
     """Names take their sign from the final axes; a table is what it says."""
-    for flip_u in [False, True]:
-        for flip_v in [False, True]:
-            for swap in [False, True]:
-                words = {"swap_uv": swap, "flip_v": flip_v, "flip_u": flip_u}
-                names = Layout(positions="names", **words)
-                found = positions_of(names, VIEWS, names=names_of(GRID))
-                final = names.shape(VIEWS)
-                want = np.stack(
-                    [i - (n - 1) / 2 for i, n in zip(np.indices(final), final, strict=True)], -1
-                )
-                assert found is not None
-                assert np.allclose(found, want, atol=1e-6)
-                layout = Layout(positions=table(tmp_path, rows_of(places())), **words)
-                found = positions_of(layout, VIEWS)
-                assert found is not None
-                assert np.allclose(layout.stored(found), places(), atol=1e-12)
-                assert positions_of(Layout(**words), VIEWS) is None
+    for flip_u, flip_v, swap in itertools.product((False, True), repeat=3):
+        words = {"swap_uv": swap, "flip_v": flip_v, "flip_u": flip_u}
+        names = Layout(positions="names", **words)
+        found = positions_of(names, VIEWS, names=names_of(GRID))
+        final = names.shape(VIEWS)
+        want = [i - (n - 1) / 2 for i, n in zip(np.indices(final), final, strict=True)]
+        np.testing.assert_allclose(found, np.stack(want, -1), atol=1e-6)
+        layout = Layout(positions=table(tmp_path, rows_of(places())), **words)
+        stored = layout.stored(positions_of(layout, VIEWS))
+        np.testing.assert_allclose(stored, places(), atol=1e-12)
+        assert positions_of(Layout(**words), VIEWS) is None

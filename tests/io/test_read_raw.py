@@ -47,7 +47,7 @@ def test_a_raytrix_picture_with_its_lenses(
     assert raw.lens_types == calibration.types()
     assert raw.sub_images == raw.cells == raw.lattice.grid((9, 9))
     assert "lenslets" in repr(raw)
-    views = device.download(resample(raw, raw.sub_images))
+    views = device.download(resample(raw.data, raw.sub_images, device))
     y, x = (n // 2 for n in raw.sub_images.count)
     assert views[:, :, y, x].std() > 1000  # a sub-image lies there
 
@@ -75,7 +75,7 @@ def test_colour_pictures_are_read_but_not_sliced(
     np.testing.assert_array_equal(raw.to_numpy(), colour)
     assert raw.shape == (41, 66)
     with pytest.raises(ShapeError, match="colour picture of lenslets is not sliced"):
-        resample(raw, raw.sub_images)
+        resample(raw.data, raw.sub_images, device)
 
 
 def test_a_frame_with_a_saved_grid(tmp_path: Path, device: Device, frame: np.ndarray):

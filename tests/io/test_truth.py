@@ -52,5 +52,3 @@ def test_what_is_said_where_there_are_no_masks(tmp_path: Path):
         file["masks/near"] = np.zeros((2, 3, 5))
     with pytest.raises(FormatError, match=r"'/masks/near' of shape \(2, 3, 5\) .* no map"):
         read_masks(tmp_path / "a.h5")
-    with pytest.raises(FormatError, match="There is no file"):
-        read_masks(tmp_path / "b.h5")

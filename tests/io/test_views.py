@@ -9,7 +9,6 @@ import imageio.v3 as imageio
 import numpy as np
 import pytest
 import tifffile
-from png_writer import encode
 
 from clplen.compute.device import Device
 from clplen.errors import DeviceError, FormatError
@@ -48,13 +47,8 @@ def test_values_are_the_file_s_own(folder: Path, device: Device):
     assert lf.spacing is None
     np.testing.assert_array_equal(lf.to_numpy(), samples())
     np.testing.assert_array_equal(lf.weights, np.ones(SHAPE[:2]))
-
-
-def test_swap_comes_before_the_flips(folder: Path, device: Device):
-    lf = read_lightfield(folder, device=device, pattern="p_{v}_{u}.png", swap_uv=True, flip_v=True)
+    lf = read_lightfield(folder, device=device, swap_uv=True, flip_v=True)  # swapped first
     np.testing.assert_array_equal(lf.to_numpy(), samples().swapaxes(0, 1)[::-1])
-    lf = read_lightfield(folder, device=device, pattern="p_{v}_{u}.png", flip_u=True)
-    np.testing.assert_array_equal(lf.to_numpy(), samples()[:, ::-1])
 
 
 def test_views_in_folders(tmp_path: Path, device: Device):
@@ -84,19 +78,19 @@ def test_written_and_read_again(tmp_path: Path, device: Device):
         np.testing.assert_array_equal(again.to_numpy(), values)
 
 
-@pytest.mark.parametrize("shape", [(1, 3, 1, 5), (3, 1, 7, 1, 1)])
 @pytest.mark.parametrize("form", ["views", "stanford", "zip", "tif"])
-def test_axes_of_length_1_are_kept(tmp_path: Path, device: Device, shape: tuple, form: str):
+def test_axes_of_length_1_are_kept(tmp_path: Path, device: Device, form: str):
+    shape = (1, 3, 1, 5) if form in ("views", "tif") else (3, 1, 7, 1, 1)
     dtype = np.float32 if form == "tif" else np.uint8
     values = np.random.default_rng(1).integers(1, 200, shape).astype(dtype)
     lf = LightField.from_array(values, device=device)
     path, words = tmp_path / f"a.{form}", {"views": shape[:2]}
-    if form in ("tif", "png"):
+    if form == "tif":
         write_mosaic(path, lf, order="vyux")
         words["order"] = "vyux"
     else:
         folder = tmp_path / "folder"
-        write_views(folder, lf, **({"pattern": form} if form in ("hci", "stanford") else {}))
+        write_views(folder, lf, **({"pattern": form} if form == "stanford" else {}))
         path = Path(shutil.make_archive(str(path), "zip", folder)) if form == "zip" else folder
     found = read_lightfield(path, device=device, **words)
     assert found.shape == shape
@@ -105,23 +99,10 @@ def test_axes_of_length_1_are_kept(tmp_path: Path, device: Device, shape: tuple,
         assert stored.shape == shape
 
 
-def test_a_folder_with_something_in_it_is_not_written(folder: Path, device: Device):
-    lf = LightField.from_array(samples(), device=device)
-    with pytest.raises(FileExistsError, match="there already and not empty"):
-        write_lightfield(folder, lf)
-
-
-def test_missing_views_are_listed(folder: Path, device: Device):
+def test_missing_views_are_listed_or_get_weight_zero(folder: Path, device: Device):
     (folder / "p_2_3.png").unlink()
-    (folder / "p_3_1.png").unlink()
-    with pytest.raises(
-        FormatError, match=r"2 of 3 x 4 views are missing .*\(v=1, u=2\), \(v=2, u=0\)"
-    ):
+    with pytest.raises(FormatError, match=r"1 of 3 x 4 views are missing .*\(v=1, u=2\)"):
         read_lightfield(folder, device=device)
-
-
-def test_missing_views_get_weight_zero_when_allowed(folder: Path, device: Device):
-    (folder / "p_2_3.png").unlink()
     lf = read_lightfield(folder, device=device, allow_missing=True, flip_v=True, swap_uv=True)
     expected = np.ones((3, 4), np.float32)
     expected[1, 2] = 0
@@ -133,14 +114,14 @@ def test_every_unusable_picture_is_listed(folder: Path, device: Device):
     whole = (folder / "p_1_2.png").read_bytes()
     (folder / "p_1_2.png").write_bytes(whole[: len(whole) // 2])
     (folder / "p_2_2.png").write_bytes(b"no picture at all")
-    imageio.imwrite(folder / "p_3_4.png", samples()[0, 0, :-1])
+    imageio.imwrite(folder / "p_1_1.png", samples()[0, 0, :-1])  # of another size, though first
     imageio.imwrite(folder / "p_3_3.png", samples()[0, 0, ..., 0])
     with pytest.raises(FormatError) as caught:
         read_lightfield(folder, device=device)
     text = str(caught.value)
     assert "4 of 12 views" in text
     assert all(f"{name}.png cannot be read" in text for name in ("p_1_2", "p_2_2"))
-    assert "p_3_4.png is 6 x 11 x 3 uint8, most are 7 x 11 x 3 uint8" in text
+    assert "p_1_1.png is 6 x 11 x 3 uint8, most are 7 x 11 x 3 uint8" in text
     assert "p_3_3.png is 7 x 11 uint8, most are 7 x 11 x 3 uint8" in text
 
 
@@ -176,14 +157,6 @@ def test_truncated_pictures(tmp_path: Path, device: Device):
             read_lightfield(tmp_path, device=device, pattern="{v}_{u}." + suffix)
 
 
-def test_png_of_16_bit_colour(tmp_path: Path, device: Device):
-    for v, u in np.ndindex(2, 3):
-        (tmp_path / f"{v}_{u}.png").write_bytes(encode(samples(np.uint16)[v, u]))
-    lf = read_lightfield(tmp_path, device=device, pattern="{v}_{u}.png")
-    assert lf.dtype == np.uint16
-    np.testing.assert_array_equal(lf.to_numpy(), samples(np.uint16)[:2, :3])
-
-
 def test_srgb_is_decoded(folder: Path, device: Device):
     flips = {"swap_uv": True, "flip_u": True}
     raw = read_lightfield(folder, device=device, **flips).to_numpy()
@@ -192,13 +165,6 @@ def test_srgb_is_decoded(folder: Path, device: Device):
     expected = np.where(s <= 0.04045, s / 12.92, ((s + 0.055) / 1.055) ** 2.4)
     assert lf.dtype == np.float32
     np.testing.assert_allclose(lf.to_numpy(), expected, rtol=1e-6)  # float32: 6e-8
-
-
-def test_black_views_get_weight_zero(folder: Path, device: Device):
-    imageio.imwrite(folder / "p_2_1.png", np.zeros((*SHAPE[2:], 3), np.uint8))
-    weights = read_lightfield(folder, device=device).weights
-    assert weights[1, 0] == 0
-    assert weights.sum() == 11
 
 
 def test_lawnmower(tmp_path: Path, device: Device):
@@ -273,20 +239,25 @@ def test_positions_are_written_in_names(tmp_path: Path, device: Device):
     np.testing.assert_allclose(again.positions, places, atol=2e-6)  # six decimals
 
 
-def test_patterns_that_write_no_names(tmp_path: Path, device: Device):
-    for pattern in ["a_{v}", "a_{v}_{u}_{n}", "a_{v}_{u}*", "{v}/{u}"]:
-        lf = LightField.from_array(samples(), device=device)
+def test_what_is_not_written(folder: Path, device: Device):
+    lf = LightField.from_array(samples(), device=device)
+    for pattern in ["a_{v}", "a_{v}_{u}_{n}", "{v}/{u}"]:
         with pytest.raises(ValueError, match="The pattern"):
-            write_views(tmp_path / "out", lf, pattern=pattern)
-        assert not (tmp_path / "out").exists()
+            write_views(folder / "out", lf, pattern=pattern)
+        assert not (folder / "out").exists()
+    with pytest.raises(FileExistsError, match="there already and not empty"):
+        write_lightfield(folder, lf)
 
 
-def test_more_than_max_bytes(folder: Path, device: Device):
+def test_more_than_max_bytes(folder: Path, device: Device, monkeypatch: pytest.MonkeyPatch):
     with pytest.raises(FormatError, match=r"light field needs 2,772 bytes, more than 2,771 \(the"):
         read_lightfield(folder, device=device, max_bytes=2771)
     with pytest.raises(FormatError, match=r"12 of 12 views .* need \d+ bytes, more than 230"):
         read_lightfield(folder, device=device, max_bytes=230)
     assert read_lightfield(folder, device=device, max_bytes=2772).shape == (*SHAPE, 3)
+    monkeypatch.setattr(device, "memory_bytes", 1000)
+    with pytest.raises(DeviceError, match=r"This light field needs 2,772 bytes .* has 1,000 bytes"):
+        read_lightfield(folder, device=device)
 
 
 def test_nan_in_a_picture_is_refused(tmp_path: Path, device: Device):
@@ -297,27 +268,11 @@ def test_nan_in_a_picture_is_refused(tmp_path: Path, device: Device):
         read_lightfield(tmp_path, device=device, pattern="{v}_{u}.tif")
 
 
-def test_larger_than_the_device(folder: Path, device: Device, monkeypatch: pytest.MonkeyPatch):
-    monkeypatch.setattr(device, "memory_bytes", 1000)
-    with pytest.raises(DeviceError, match=r"This light field needs 2,772 bytes .* has 1,000 bytes"):
-        read_lightfield(folder, device=device)
-
-
-def test_words_of_other_kinds_are_refused(folder: Path, device: Device):
-    for word in ["dataset", "white"]:
-        with pytest.raises(ValueError, match=f"{word}= does not apply to a folder of views"):
-            read_lightfield(folder, device=device, **{word: "x"})
-
-
-def test_unknown_words_are_errors(folder: Path, device: Device):
+def test_words_that_do_not_apply(folder: Path, device: Device):
+    with pytest.raises(ValueError, match="white= does not apply to a folder of views"):
+        read_lightfield(folder, device=device, white="x")
     with pytest.raises(TypeError, match="flip_w"):
         read_lightfield(folder, device=device, flip_w=True)
-
-
-def test_an_odd_first_picture_is_the_one_named(folder: Path, device: Device):
-    imageio.imwrite(folder / "p_1_1.png", samples()[0, 0, :-1])
-    with pytest.raises(FormatError, match=r"1 of 12 views .*p_1_1\.png is 6 x 11"):
-        read_lightfield(folder, device=device)
 
 
 def test_other_types_become_float32(tmp_path: Path, device: Device):

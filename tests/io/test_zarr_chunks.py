@@ -172,4 +172,4 @@ def test_a_packed_chunk_of_weights(tmp_path: Path, one_device: Device):
     group.create_array("weights", shape=(2, 3), dtype="f4")[...] = 1
     file = tmp_path / "a.zarr" / "weights" / ".zarray"
     file.write_text(json.dumps(json.loads(file.read_text()) | {"chunks": [10**4, 10**5]}))
-    refused(tmp_path / "a.zarr", one_device, "a chunk of the array 'weights' declares 4,000,000,0")
+    refused(tmp_path / "a.zarr", one_device, "a chunk of the dataset 'weights' declares 4,000,000")

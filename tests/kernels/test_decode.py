@@ -12,7 +12,6 @@ from reference_lightfield import decode_naive, keys_kernel, spline_kernel
 from clplen.errors import DeviceError, ShapeError
 from clplen.lightfield.raw.decode import fits_local_memory, is_upright, resample
 from clplen.lightfield.raw.lenslet_grid import LensletGrid
-from clplen.lightfield.raw.raw_image import RawImage
 
 # Round-off in units of 2^-24 of the largest pixel. Keys' four weights add up to at most 1.25 in
 # magnitude and each is off by at most 4 units; a value is a sum of 4 x 4 products, so at most
@@ -71,8 +70,9 @@ def straightened(views: np.ndarray, shift: float) -> np.ndarray:
     return out
 
 
-def raw_image(device, values: np.ndarray, grid: LensletGrid) -> RawImage:
-    return RawImage(device.upload(values.astype(np.float32)), device, 5e-6, grid, grid)
+def decoded(device, raw: np.ndarray, grid: LensletGrid, **words) -> np.ndarray:
+    pixels = device.upload(raw.astype(np.float32))
+    return device.download(resample(pixels, grid, device, **words))
 
 
 def picture(*shape: int) -> np.ndarray:
@@ -91,8 +91,8 @@ def test_any_lattice(device, name):
     """Weights of B-splines are products of three factors, and add up to 1: fewer roundings."""
     grid, raw = GRIDS[name], picture(97, 131)
     for interpolation, kernel in (("cubic", keys_kernel), ("spline", spline_kernel)):
-        values = resample(raw_image(device, raw, grid), grid, interpolation=interpolation)
-        got, want = device.download(values), sampled(raw.astype(np.float64), grid, kernel)
+        got = decoded(device, raw, grid, interpolation=interpolation)
+        want = sampled(raw.astype(np.float64), grid, kernel)
         assert got.dtype == np.float32
         assert got.shape == (*grid.views, *grid.count)
         assert np.abs(got - want).max() <= TOLERANCE * raw.max()
@@ -104,7 +104,7 @@ def test_any_lattice(device, name):
 def test_hexagonal_lattice(device, shift, interpolation):
     grid = LensletGrid((7, 11), (5, 4), (9.1, 8.3), (8.1, 0.4), (-0.2, 9.37), shift)
     raw = picture(61, 113)
-    got = device.download(resample(raw_image(device, raw, grid), grid, interpolation=interpolation))
+    got = decoded(device, raw, grid, interpolation=interpolation)
     kernel = spline_kernel if interpolation == "spline" else keys_kernel
     want = straightened(sampled(raw.astype(np.float64), grid, kernel), shift)
     assert np.abs(got - want).max() <= TOLERANCE_HEXAGONAL * raw.max()
@@ -116,14 +116,14 @@ def test_cells_are_a_permutation(device, pixels, noise):
     raw[raw < 0.5] = 0  # next to which nothing is too small to be seen
     middle = (pixels - 1) / 2 + noise
     grid = LensletGrid((5, 11), (pixels, pixels), (middle, middle), (pixels, 0), (0, pixels))
-    got = device.download(resample(raw_image(device, raw, grid), grid))
+    got = decoded(device, raw, grid)
     np.testing.assert_array_equal(got, decode_naive(raw, pixels))
 
 
 def test_off_the_sensor_is_zero(device):
     raw = np.full((5, 7), 2.0)
     grid = LensletGrid((1, 4), (1, 1), (2.0, -5.0), (1.0, 0.0), (0.0, 4.5))
-    got = device.download(resample(raw_image(device, raw, grid), grid))[0, 0, 0]
+    got = decoded(device, raw, grid)[0, 0, 0]
     # at x = -5, -0.5, 4 and 8.5 of 7 pixels: none, half of the weights, all, none
     np.testing.assert_allclose(got, [0, 1, 2, 0], atol=TOLERANCE * 2)
 
@@ -134,7 +134,7 @@ def test_raw_with_nan_is_refused(device):
     raw[5, 6] = np.inf
     grid = GRIDS["one view"]
     with pytest.raises(ValueError, match="raw image has 2 pixels that are NaN or infinite"):
-        resample(raw_image(device, raw, grid), grid)
+        decoded(device, raw, grid)
 
 
 def test_wrong_grids_are_refused(device):
@@ -145,16 +145,16 @@ def test_wrong_grids_are_refused(device):
     ):
         grid = replace(GRIDS["square"], **change)
         with pytest.raises((ShapeError, ValueError), match=message):
-            resample(raw_image(device, picture(20, 20), grid), grid)
+            decoded(device, picture(20, 20), grid)
 
 
 def test_too_large_is_refused_before_anything_is_made(device, monkeypatch):
     grid = GRIDS["square"]
-    raw = raw_image(device, picture(20, 20), grid)
+    raw = picture(20, 20)
     needed = 4 * 6 * 5 * 11 * 13
     monkeypatch.setattr(device, "memory_bytes", needed - 1)
     with pytest.raises(DeviceError, match=f"This light field needs {needed:,} bytes"):
-        resample(raw, grid)
+        decoded(device, raw, grid)
 
 
 UPRIGHT = {
@@ -175,10 +175,10 @@ UPRIGHT = {
 def test_both_ways_of_an_upright_lattice_agree(device, name, interpolation, monkeypatch):
     grid = UPRIGHT[name]
     assert is_upright(grid)
-    raw = raw_image(device, picture(47, 53), grid)
-    quick = device.download(resample(raw, grid, interpolation=interpolation))
+    raw = picture(47, 53)
+    quick = decoded(device, raw, grid, interpolation=interpolation)
     monkeypatch.setattr("clplen.lightfield.raw.decode.is_upright", lambda _: False)
-    general = device.download(resample(raw, grid, interpolation=interpolation))
+    general = decoded(device, raw, grid, interpolation=interpolation)
     assert quick.shape == general.shape == grid.shape
     assert np.abs(quick - general).max() <= 2 * TOLERANCE
     assert name == "off the sensor" or quick.any()
@@ -186,14 +186,13 @@ def test_both_ways_of_an_upright_lattice_agree(device, name, interpolation, monk
 
 def test_a_row_that_local_memory_does_not_hold_is_decoded_all_the_same(device, monkeypatch):
     grid = UPRIGHT["fractions"]
-    raw = raw_image(device, picture(47, 53), grid)
+    raw = picture(47, 53)
     room = SimpleNamespace(cl_device=SimpleNamespace(local_mem_size=4 * 61))
-    assert fits_local_memory(SimpleNamespace(device=room, shape=(47, 53)))
-    assert not fits_local_memory(SimpleNamespace(device=room, shape=(47, 54)))
-    quick = device.download(resample(raw, grid))
-    monkeypatch.setattr("clplen.lightfield.raw.decode.fits_local_memory", lambda _: False)
-    monkeypatch.setattr("clplen.lightfield.raw.decode.resample_upright", None)
-    assert np.abs(quick - device.download(resample(raw, grid))).max() <= 2 * TOLERANCE
+    assert fits_local_memory(53, room)
+    assert not fits_local_memory(54, room)
+    quick = decoded(device, raw, grid)
+    monkeypatch.setattr("clplen.lightfield.raw.decode.fits_local_memory", lambda *_: False)
+    assert np.abs(quick - decoded(device, raw, grid)).max() <= 2 * TOLERANCE
 
 
 def test_other_lattices_are_not_upright(device):

@@ -12,7 +12,6 @@ from clplen.lightfield.raw import decode_adjoint
 from clplen.lightfield.raw.decode import is_upright, resample
 from clplen.lightfield.raw.decode_adjoint import resample_adjoint
 from clplen.lightfield.raw.lenslet_grid import LensletGrid
-from clplen.lightfield.raw.raw_image import RawImage
 
 SIZE = (47, 53)
 
@@ -119,8 +118,7 @@ def test_values(device, name, interpolation):
 def test_inner_products(device, name, monkeypatch):
     monkeypatch.setattr(decode_adjoint, "_BAND", 7)  # rows of an item, fewer than of a sub-image
     grid, x = GRIDS[name], numbers(SIZE)
-    raw = RawImage(device.upload(x), device, 5e-6, grid, grid)
-    seen = device.download(resample(raw, grid))
+    seen = device.download(resample(device.upload(x), grid, device))
     y = seen + numbers(seen.shape, 8)
     back = device.download(resample_adjoint(device.upload(y), SIZE, grid, device=device))
     want = np.vdot(seen.astype(np.float64), y)

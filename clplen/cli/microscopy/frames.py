@@ -42,9 +42,7 @@ def _check_white(
     file: MicroscopeFile, n: int, white: Path, shape: tuple[int, ...] | None, force: bool
 ) -> None:
     """Refuse a white frame of another camera, and say where the pitch is another."""
-    from clplen.files import naming
-    from clplen.lightfield.calibration.lattice_fit import estimate_lattice
-    from clplen.lightfield.calibration.lattice_trust import require_trust
+    from clplen.lightfield.calibration.lattice_trust import lattice_of_white
     from clplen.microscopy.deconvolution_files import read_picture
     from clplen.microscopy.frames.given_lattice import pitch_sentence
     from clplen.microscopy.frames.prepare import LEAST
@@ -55,9 +53,7 @@ def _check_white(
             f"The white frame {white} has shape {level.shape}, the frame {shape}: give that of the "
             "same camera and crop."
         )
-    with naming(white):
-        lattice = estimate_lattice(level, kind="square", pitch=n)
-        require_trust(lattice, "The white frame", force=force)
+    lattice = lattice_of_white(level, white, kind="square", pitch=n, force=force)
     if n < LEAST * max(lattice.pitch):
         raise click.ClickException(
             f"{white} has lenslets {max(lattice.pitch):.5g} pixels apart, the point images would "

@@ -24,7 +24,7 @@ from clplen.errors import FormatError, ShapeError
 from clplen.files import PathLike, replacing
 from clplen.io.formats import tiff
 from clplen.io.formats.png16 import decode_png16
-from clplen.io.formats.tiff import decode_tiff
+from clplen.io.formats.tiff import checked_picture, decode_tiff, picture_errors
 from clplen.io.formats.untrusted import DEFLATE, Bound, require_room
 from clplen.outputs import MARK
 
@@ -257,21 +257,9 @@ def read_channels(path: PathLike, *, max_bytes: int | None = None) -> Array:
 def decode_picture(content: bytes | mmap, name: PathLike, *, max_bytes: int | None = None) -> Array:
     """Decode one picture from memory, with its alpha channel, if it has one."""
     path = Path(name)
-    try:
-        values = _decoded(content, path, max_bytes)
-    except FormatError:
-        raise
-    except Exception as error:  # Pillow and tifffile raise all kinds on damaged files
-        reason = str(error).splitlines()[0] if str(error) else type(error).__name__
-        raise FormatError(f"The picture {path} cannot be read ({reason}).") from error
-    if values.dtype.kind not in "buif":
-        raise FormatError(f"The picture {path} has samples of type {values.dtype}, not real ones.")
-    channels = values.shape[2:]
-    if values.ndim not in (2, 3) or values.size == 0 or channels not in ((), (2,), (3,), (4,)):
-        raise FormatError(f"The picture {path} has shape {values.shape}, not (y, x) or (y, x, 3).")
-    if values.dtype == bool:
-        return values.astype(np.uint8)
-    return values.astype(values.dtype.newbyteorder("="), copy=False)
+    with picture_errors(path):
+        values = checked_picture(_decoded(content, path, max_bytes), path)
+    return values.astype(np.uint8) if values.dtype == bool else values
 
 
 def _decoded(content: bytes | mmap, path: Path, max_bytes: int | None) -> Array:

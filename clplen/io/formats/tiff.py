@@ -40,6 +40,28 @@ def open_tiff(path: Path) -> tifffile.TiffFile:
     return tifffile.TiffFile(require_file(path, "TIFF file"), is_ome=False, is_imagej=False)
 
 
+@contextmanager
+def picture_errors(path: Path) -> Iterator[None]:
+    """Make a FormatError of all kinds that Pillow and tifffile raise on damaged files."""
+    try:
+        yield
+    except FormatError:
+        raise
+    except Exception as error:
+        reason = str(error).splitlines()[0] if str(error) else type(error).__name__
+        raise FormatError(f"The picture {path} cannot be read ({reason}).") from error
+
+
+def checked_picture(values: np.ndarray[Any, Any], path: Path) -> np.ndarray[Any, Any]:
+    """Return the samples of a picture in the byte order of this computer; refuse other arrays."""
+    if values.dtype.kind not in "buif":
+        raise FormatError(f"The picture {path} has samples of type {values.dtype}, not real ones.")
+    channels = values.shape[2:]
+    if values.ndim not in (2, 3) or values.size == 0 or channels not in ((), (2,), (3,), (4,)):
+        raise FormatError(f"The picture {path} has shape {values.shape}, not (y, x) or (y, x, 3).")
+    return np.asarray(values.astype(values.dtype.newbyteorder("="), copy=False))
+
+
 def decode_tiff(
     content: bytes | mmap, path: Path, *, max_bytes: int | None, page: int | None = None
 ) -> np.ndarray[Any, Any]:
@@ -192,30 +214,13 @@ def read_tiff_frame(
 
     Of the file only this page is read, however many it has.
     """
-    try:
-        with _opened(path) as (pages, content):
-            count, axes = len(pages), _axes(pages)
-            _require(path, frame, count, axes)
-            values = _values(pages[frame or 0], content, path, max_bytes)
-    except FormatError:
-        raise
-    except Exception as error:  # tifffile raises all kinds on damaged files
-        reason = str(error).splitlines()[0] if str(error) else type(error).__name__
-        raise FormatError(f"The picture {path} cannot be read ({reason}).") from error
-    channels = values.shape[2:]
-    if (
-        values.dtype.kind not in "buif"
-        or values.ndim not in (2, 3)
-        or values.size == 0
-        or channels not in ((), (2,), (3,), (4,))
-    ):
-        raise FormatError(
-            f"The picture {path} holds {values.dtype} of shape {values.shape}, not real numbers "
-            "(y, x) or (y, x, 3)."
-        )
+    with picture_errors(path), _opened(path) as (pages, content):
+        count, axes = len(pages), _axes(pages)
+        _require(path, frame, count, axes)
+        values = checked_picture(_values(pages[frame or 0], content, path, max_bytes), path)
     if count > 1:
         logger.info("took frame %d of %d%s of %s", frame, count, _place(frame or 0, axes), path)
-    return np.asarray(values.astype(values.dtype.newbyteorder("="), copy=False))
+    return values
 
 
 def frames_in(path: Path) -> int:

@@ -22,7 +22,7 @@ from clplen.io.lightfields.array_sources import (
     axes_known,
     chosen,
 )
-from clplen.io.lightfields.hdf5_lightfields import LF, has_weights
+from clplen.io.lightfields.container_lightfields import LF, has_weights
 from clplen.io.lightfields.layout import Array, Layout
 from clplen.lightfield.streaming.tile_reading import RawSamples
 

@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import zipfile
 from collections.abc import Callable, Iterable
+from contextlib import AbstractContextManager, nullcontext
 from dataclasses import dataclass, fields
+from functools import partial
 from pathlib import Path
 from typing import Any, Protocol
 
@@ -114,12 +116,21 @@ class Whole:
         return StoredLightField.from_light_field(lf), took
 
 
+def read_whole(
+    read: Callable[..., tuple[LightField, str]],
+) -> Callable[..., AbstractContextManager[LightFieldSource]]:
+    """Return what opens files that a function reads as a whole."""
+    return lambda path, **words: nullcontext(Whole(partial(read, path, **words)))
+
+
 @dataclass(frozen=True)
 class Kind:
     """One kind of light-field file."""
 
     name: str  # as messages call it
     words: tuple[str, ...]  # words of layout that apply
+    # (path, *, device, layout) -> the source while a file is open
+    open: Callable[..., AbstractContextManager[LightFieldSource]]
     magic: bytes = b""  # with which its files begin
     suffixes: tuple[str, ...] = ()  # of its files, in lower case; any if there are none
     marks: tuple[str, ...] = ()  # files of which its folders and zip archives hold one

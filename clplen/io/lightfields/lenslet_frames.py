@@ -23,9 +23,9 @@ from clplen.io.raw.raw_files import read_beside, read_lattice, require_decoding
 from clplen.io.raw.sensor_tiff import sensor_tags
 from clplen.lightfield.calibration.lattice_fit import visible_lattice
 from clplen.lightfield.calibration.lattice_trust import (
-    is_measured,
-    require_camera,
+    lattice_of_white,
     require_trust,
+    rms_apart,
 )
 from clplen.lightfield.calibration.picture_flat import flat_of_picture
 from clplen.lightfield.calibration.raw_decoding import decode_raw, decoding_bytes
@@ -200,78 +200,45 @@ def _lattice(
     layout: Layout,
     pitch: float | None,
 ) -> tuple[Lattice, str]:
-    """The lattice and where it comes from."""
+    """Return the lattice and where it comes from."""
     trusted = layout.force or layout.trust_lattice
+    words: dict[str, Any] = {"dark": dark, "bayer": layout.bayer}
+    search = {**words, "kind": layout.lattice, "pitch": pitch}
     if layout.grid is not None:
         given = read_lattice(layout.grid, (int(frame.shape[0]), int(frame.shape[1])))
         if white is not None and layout.white is not None:
-            _require_same(given, _estimated(white, dark, layout.white, layout, pitch), layout)
+            with naming(layout.white):
+                _require_same(given, kept_lattice(white, **search), layout)
         return given, f"of {layout.grid}"
     if white is not None and layout.white is not None:
-        found = _estimated(white, dark, layout.white, layout, pitch)
-        require_trust(found, str(layout.white), force=trusted, error=FormatError)
-        if not trusted:
-            _require_camera(frame, found, dark, path, layout)
+        found = lattice_of_white(
+            white, layout.white, frame=frame, path=path, force=trusted, error=FormatError,
+            estimate=kept_lattice, **search,
+        )  # fmt: skip
         return found, f"of the white image {layout.white}"
-    seen = None if pitch is None else _seen(frame, dark, path, layout, pitch)
-    if seen is not None:
-        return seen, _ITSELF
-    found = _estimated(frame, dark, path, layout, pitch)
+    with naming(path):
+        if pitch is not None:
+            seen = visible_lattice(frame, **words)
+            if seen is not None and abs(seen.neighbour / pitch - 1) < _NEAR:
+                return seen, _ITSELF
+        found = kept_lattice(frame, **search)
     if found.trust == "low":
-        measured = is_measured(found)
-        if measured and layout.trust_lattice:
-            require_trust(found, str(path), force=True, error=FormatError)
-            return found, "of the frame itself, without a white image"
-        take = (
-            f", or {argument('trust_lattice', True)} to take what was found" if measured else ""
-        )
-        raise FormatError(
-            f"{path} does not tell where its lenslets are: give {argument('white')}, a white image "
-            f"of the same camera, or {argument('grid')}, its lattice{take} ({found.verdict})"
-        )
+        if not (found.is_measured and layout.trust_lattice):
+            trust = f", or {argument('trust_lattice', True)} to take what was found"
+            raise FormatError(
+                f"{path} does not tell where its lenslets are: give {argument('white')}, a white "
+                f"image of the same camera, or {argument('grid')}, its lattice"
+                f"{trust if found.is_measured else ''} ({found.verdict})"
+            )
+        require_trust(found, str(path), force=True, error=FormatError)
     return found, "of the frame itself, without a white image"
 
 
-def _require_camera(
-    frame: Frame, found: Lattice, dark: Frame | None, path: Path, layout: Layout
-) -> None:
-    with naming(path):
-        require_camera(
-            frame, found, str(layout.white), dark=dark, bayer=layout.bayer, error=FormatError
-        )
-
-
-def _estimated(
-    picture: Frame, dark: Frame | None, source: PathLike, layout: Layout, pitch: float | None
-) -> Lattice:
-    with naming(source):
-        return kept_lattice(
-            picture, dark=dark, kind=layout.lattice, bayer=layout.bayer, pitch=pitch
-        )
-
-
-def _seen(
-    frame: Frame, dark: Frame | None, path: Path, layout: Layout, pitch: float
-) -> Lattice | None:
-    """The lattice that a picture shows of itself, where it has the pitch that the file tells."""
-    with naming(path):
-        found = visible_lattice(frame, dark=dark, bayer=layout.bayer)
-    near = found is not None and abs(found.neighbour / pitch - 1) < _NEAR
-    return found if near else None
-
-
 def _require_same(given: Lattice, found: Lattice, layout: Layout) -> None:
-    """The lattice of a file agrees with the one of the white image, if that can be trusted."""
+    """Refuse a lattice of a file beside that of the white image, if that can be trusted."""
     if found.trust == "low":
         return
-    centres = found.centres()
-    inverse = np.linalg.inv(np.array([given.row, given.column]))
-    places = (centres - given.origin) @ inverse
-    if given.kind == "hexagonal":
-        odd = np.rint(places[:, 1 if given.turned else 0]) % 2 / 2
-        places[:, 0 if given.turned else 1] -= odd
-    apart = (places - np.rint(places)) @ np.array([given.row, given.column])
-    off = float(np.sqrt((apart**2).sum(1).mean()))
+    off = rms_apart(given, found)
     if off > _APART * found.neighbour or given.kind != found.kind:
         raise FormatError(
             f"{layout.grid} and the white image {layout.white} are of different cameras: their "

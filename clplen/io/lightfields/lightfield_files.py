@@ -4,19 +4,19 @@ from __future__ import annotations
 
 import logging
 from collections.abc import Iterator
-from contextlib import AbstractContextManager, contextmanager, nullcontext
+from contextlib import contextmanager
 from dataclasses import fields, replace
-from functools import partial
 from pathlib import Path
 from typing import Any
 
 from numpy.typing import ArrayLike
 
 from clplen.checks import check_keywords
-from clplen.compute.device import Device, DeviceLike, as_device
+from clplen.compute.device import DeviceLike, as_device
 from clplen.errors import FormatError
 from clplen.files import PathLike
 from clplen.io.formats import npy, picture
+from clplen.io.formats.intrinsics_files import read_intrinsics
 from clplen.io.formats.untrusted import (
     LYTRO,
     LYTRO_DESCRIBED,
@@ -27,6 +27,8 @@ from clplen.io.formats.untrusted import (
     ZIP,
 )
 from clplen.io.lightfields import view_folders
+from clplen.io.lightfields.array_files import open_matlab, open_npy
+from clplen.io.lightfields.container_lightfields import open_hdf5, open_zarr, write_container
 from clplen.io.lightfields.layout import (
     ARRAY_WORDS,
     NAME_WORDS,
@@ -36,8 +38,12 @@ from clplen.io.lightfields.layout import (
     Layout,
     LightFieldSource,
     Whole,
+    read_whole,
 )
+from clplen.io.lightfields.lytro_files import read_lytro
+from clplen.io.lightfields.mosaic import read_mosaic
 from clplen.io.lightfields.view_positions import NAMES
+from clplen.io.raw.raytrix import read_raytrix
 from clplen.io.store import hdf5_files, zarr_files
 from clplen.lightfield.model.light_field import LightField
 from clplen.lightfield.model.stored_light_field import StoredLightField, as_lightfield
@@ -65,18 +71,34 @@ def _is_raytrix(path: Path, head: bytes) -> bool:
     return path.suffix.lower() in RAYTRIX_SUFFIXES or RAYTRIX in head
 
 
+def _refuse_raytrix(path: Path, **_: Any) -> Any:
+    read_raytrix(path)
+    raise FormatError(
+        f"{path} is the calibration of a focused (plenoptic 2.0) raw image, whose views are "
+        "rendered, not sliced: clplen.io.read_raw(path) gives the raw image with its lenses."
+    )
+
+
+_LYTRO = read_whole(read_lytro)
 KINDS = {
-    "zarr": Kind("Zarr", ARRAY_WORDS, marks=zarr_files.MARKS),
-    "folder": Kind("a folder of views", NAME_WORDS, folder=True),
-    "archive": Kind("an archive of views", NAME_WORDS, magic=ZIP),
-    "hdf5": Kind("HDF5", ARRAY_WORDS, recognises=_is_hdf5),
-    "matlab": Kind("a MATLAB file", ARRAY_WORDS, magic=MATLAB, suffixes=MATLAB_SUFFIXES),
-    "numpy": Kind("a NumPy array", (*VIEW_WORDS, "order", "srgb"), magic=npy.MAGIC),
-    "lytro": Kind("a Lytro container", _LYTRO_WORDS, magic=LYTRO),
-    "described": Kind("a raw image described by JSON", _LYTRO_WORDS, recognises=_is_described),
-    "raytrix": Kind("a Raytrix calibration", (), recognises=_is_raytrix),
+    "zarr": Kind("Zarr", ARRAY_WORDS, open_zarr, marks=zarr_files.MARKS),
+    "folder": Kind("a folder of views", NAME_WORDS, view_folders.open_folder, folder=True),
+    "archive": Kind("an archive of views", NAME_WORDS, view_folders.open_archive, magic=ZIP),
+    "hdf5": Kind("HDF5", ARRAY_WORDS, open_hdf5, recognises=_is_hdf5),
+    "matlab": Kind(
+        "a MATLAB file", ARRAY_WORDS, open_matlab, magic=MATLAB, suffixes=MATLAB_SUFFIXES
+    ),
+    "numpy": Kind("a NumPy array", (*VIEW_WORDS, "order", "srgb"), open_npy, magic=npy.MAGIC),
+    "lytro": Kind("a Lytro container", _LYTRO_WORDS, _LYTRO, magic=LYTRO),
+    "described": Kind(
+        "a raw image described by JSON", _LYTRO_WORDS, _LYTRO, recognises=_is_described
+    ),
+    "raytrix": Kind("a Raytrix calibration", (), _refuse_raytrix, recognises=_is_raytrix),
     "picture": Kind(
-        "a picture", (*VIEW_WORDS, *RAW_WORDS, "order", "srgb"), suffixes=picture.SUFFIXES
+        "a picture",
+        (*VIEW_WORDS, *RAW_WORDS, "order", "srgb"),
+        read_whole(read_mosaic),
+        suffixes=picture.SUFFIXES,
     ),
 }
 
@@ -208,64 +230,20 @@ def _opened(path: Path, device: DeviceLike | None, layout: Layout) -> Iterator[L
     """Open a file of any kind: the one set of checks of paths and words of layout."""
     kind = kind_of(path)
     intrinsics, layout = layout.intrinsics, replace(layout, intrinsics=None)
-    if intrinsics is not None:  # read before anything else is
-        from clplen.io.formats.intrinsics_files import read_intrinsics
-        from clplen.lightfield.metric.rectification import rectify_views
-
-        camera = read_intrinsics(intrinsics)
+    camera = None if intrinsics is None else read_intrinsics(intrinsics)  # before anything else
     layout.require(kind.words, kind.name)
-    with _source_of(kind, path, as_device(device), layout) as source:
-        if intrinsics is None:
+    with kind.open(path, device=as_device(device), layout=layout) as source:
+        if camera is None:
             yield source
-        else:
+            return
 
-            def rectified(progress: bool) -> tuple[LightField, str]:
-                lf, took = source.load(progress=progress)
-                return rectify_views(lf, camera), took
+        def rectified(progress: bool) -> tuple[LightField, str]:
+            from clplen.lightfield.metric.rectification import rectify_views
 
-            yield Whole(rectified)
+            lf, took = source.load(progress=progress)
+            return rectify_views(lf, camera), took
 
-
-def _source_of(
-    kind: Kind, path: Path, device: Device, layout: Layout
-) -> AbstractContextManager[LightFieldSource]:
-    """Open a file of a kind, whose module is imported when it is needed."""
-    words: dict[str, Any] = {"device": device, "layout": layout}
-    if kind is KINDS["folder"]:
-        return view_folders.open_folder(path, **words)
-    if kind is KINDS["archive"]:
-        return view_folders.open_archive(path, **words)
-    if kind is KINDS["hdf5"]:
-        from clplen.io.lightfields.hdf5_lightfields import open_hdf5
-
-        return open_hdf5(path, **words)
-    if kind is KINDS["zarr"]:
-        from clplen.io.lightfields.zarr_lightfields import open_zarr
-
-        return open_zarr(path, **words)
-    if kind is KINDS["numpy"]:
-        from clplen.io.lightfields.array_files import open_npy
-
-        return open_npy(path, **words)
-    if kind is KINDS["matlab"]:
-        from clplen.io.lightfields.array_files import open_matlab
-
-        return open_matlab(path, **words)
-    if kind is KINDS["raytrix"]:
-        from clplen.io.raw.raytrix import read_raytrix
-
-        read_raytrix(path)
-        raise FormatError(
-            f"{path} is the calibration of a focused (plenoptic 2.0) raw image, whose views are "
-            "rendered, not sliced: clplen.io.read_raw(path) gives the raw image with its lenses."
-        )
-    if kind is KINDS["picture"]:
-        from clplen.io.lightfields.mosaic import read_mosaic
-
-        return nullcontext(Whole(partial(read_mosaic, path, **words)))
-    from clplen.io.lightfields.lytro_files import read_lytro
-
-    return nullcontext(Whole(partial(read_lytro, path, **words)))
+        yield Whole(rectified)
 
 
 @contextmanager
@@ -354,14 +332,8 @@ def write_lightfield(path: PathLike, lf: LightField | ArrayLike) -> None:
     """
     lf = as_lightfield(lf)
     suffix = Path(path).suffix.lower()
-    if suffix in hdf5_files.SUFFIXES:
-        from clplen.io.lightfields.hdf5_lightfields import write_hdf5
-
-        write_hdf5(path, lf)
-    elif suffix == zarr_files.SUFFIX:
-        from clplen.io.lightfields.zarr_lightfields import write_zarr
-
-        write_zarr(path, lf)
+    if suffix in (*hdf5_files.SUFFIXES, zarr_files.SUFFIX):
+        write_container(path, lf)
     elif suffix == "" or Path(path).is_dir():
         view_folders.write_views(path, lf)
     else:

@@ -87,29 +87,22 @@ def _fill_part(views: ViewSet, form: tuple[Any, ...], block: Selection, out: Arr
     layout = views.layout
     v, u = layout.selected((block[0], block[1]), views.shape)
     target = layout.stored(out)
-    problems: dict[str, str] = {}
+    places = {(v.start + i, u.start + k): (i, k) for i, k in np.ndindex(*target.shape[:2])}
+    wrong: dict[str, str] = {}
 
-    def read(index: View) -> None:
-        view = (v.start + index[0], u.start + index[1])
-        name = views.files.get(view)
-        if name is None:
-            target[index] = 0
-            return
-        try:
-            picture = views.picture(views.where / name)
-        except FormatError as error:
-            problems[name] = _cause(error, views.where / name)
-            return
+    def take(view: View, picture: Array) -> None:
         if (picture.shape, picture.dtype) != form:
             found = form_of(picture.shape, picture.dtype)
-            problems[name] = f"is {found}, most are {form_of(*form)}."
+            wrong[views.files[view]] = f"is {found}, most are {form_of(*form)}."
             return
         part = picture[block[2], block[3]]
         with np.errstate(all="ignore"):
-            target[index] = linear(part) if layout.srgb else part
+            target[places[view]] = linear(part) if layout.srgb else part
 
-    with ThreadPoolExecutor(_threads()) as pool:
-        list(pool.map(read, np.ndindex(*target.shape[:2])))
+    for view, place in places.items():
+        if view not in views.files:
+            target[place] = 0
+    problems = _read_each(views, [view for view in places if view in views.files], take) | wrong
     if problems:
         raise _unusable(views, problems, len(views.files))
     if out.dtype.kind == "f":
@@ -178,27 +171,44 @@ def _kept(dtype: Any, layout: Layout) -> np.dtype[Any]:
 def _fill(stored: Array, views: ViewSet, known: View, first: Array, progress: bool) -> None:
     """Decode all pictures by several threads; ``first`` is that of ``known``."""
     forms: dict[View, tuple[Any, ...]] = {}
+
+    def take(view: View, picture: Array) -> None:
+        forms[view] = (picture.shape, picture.dtype)
+        if forms[view] == (first.shape, first.dtype):
+            stored[view] = linear(picture) if views.layout.srgb else picture
+
+    take(known, first)
+    others = [view for view in views.files if view != known]
+    problems = _read_each(views, others, take, progress=progress)
+    problems |= _differing(forms, views.files)
+    if problems:
+        raise _unusable(views, problems, len(views.files))
+
+
+def _read_each(
+    views: ViewSet,
+    wanted: list[View],
+    take: Callable[[View, Array], None],
+    *,
+    progress: bool = False,
+) -> dict[str, str]:
+    """Read pictures by several threads and hand each over; return what is wrong with others."""
     problems: dict[str, str] = {}
 
     def read(view: View) -> None:
         name = views.files[view]
         try:
-            picture = first if view == known else views.picture(views.where / name)
+            picture = views.picture(views.where / name)
         except FormatError as error:
             problems[name] = _cause(error, views.where / name)
-            return
-        forms[view] = (picture.shape, picture.dtype)
-        if forms[view] == (first.shape, first.dtype):
-            stored[view] = linear(picture) if views.layout.srgb else picture
+        else:
+            take(view, picture)
 
-    with ThreadPoolExecutor(_threads()) as pool:
-        bar = tqdm(total=len(views.files), desc="reading", unit="view", disable=not progress)
-        for _ in pool.map(read, views.files):
+    bar = tqdm(total=len(wanted), desc="reading", unit="view", disable=not progress)
+    with ThreadPoolExecutor(_threads()) as pool, bar:
+        for _ in pool.map(read, wanted):
             bar.update()
-        bar.close()
-    problems |= _differing(forms, views.files)
-    if problems:
-        raise _unusable(views, problems, len(views.files))
+    return problems
 
 
 def _first_readable(views: ViewSet) -> tuple[View, Array]:

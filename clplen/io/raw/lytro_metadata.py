@@ -14,6 +14,8 @@ from typing import Any
 
 import numpy as np
 
+from clplen.lightfield.raw.raw_image import tiled
+
 _CORNERS = ("r", "gr", "gb", "b")
 _LARGEST_GAIN = 100.0
 
@@ -22,11 +24,10 @@ _LARGEST_GAIN = 100.0
 class LytroMetadata:
     """The metadata of a Lytro frame."""
 
-    model: str | None = None  # F01 or ILLUM (B01), and the serial number of the camera
-    serial: str | None = None  # F01 or ILLUM (B01), and the serial number of the camera
+    model: str | None = None  # F01 or ILLUM (B01)
+    serial: str | None = None  # of the camera
     # Positions of the lens' two motors, by which a white image is chosen.
     zoom_step: float | None = None
-    # Positions of the lens' two motors, by which a white image is chosen.
     focus_step: float | None = None
     exposure: float | None = None  # exposure time in seconds
     black: dict[str, float] | None = None  # levels of the colours r, gr, gb, b in digital numbers
@@ -57,9 +58,7 @@ class LytroMetadata:
         if self.black is None:
             return None
         tile = np.array(_levels_of(self.black, bayer), np.float32).reshape(2, 2)
-        ny, nx = shape
-        whole = np.tile(tile, (-(-ny // 2), -(-nx // 2)))[:ny, :nx]
-        return np.ascontiguousarray(whole, np.float32)
+        return np.ascontiguousarray(tiled(tile, shape))
 
     @property
     def range(self) -> float | None:

@@ -29,25 +29,22 @@ from clplen.io.formats.untrusted import (
     RAYTRIX_SUFFIXES,
     require_room,
 )
+from clplen.io.raw.lattice_cache import kept_lattice
 from clplen.io.raw.lytro_container import read_container
 from clplen.io.raw.raytrix import read_raytrix
 from clplen.io.raw.sensor_tiff import SensorTags, sensor_tags, write_sensor_tiff
 from clplen.io.store import hdf5_files
-from clplen.io.store.attributes import CAMERA, CAMERA_NAMES, RAW, SAMPLES, of_camera, read_camera
+from clplen.io.store.attributes import CAMERA, RAW, SAMPLES, of_camera
 from clplen.io.store.hdf5_files import (
+    HDF5Container,
     attributes_of,
     created,
     dataset_of,
     opened,
     read_array,
 )
-from clplen.io.store.opd_arrays import (
-    OPD,
-    read_hdf5_maps,
-    write_camera,
-)
-from clplen.lightfield.calibration.lattice_fit import estimate_lattice
-from clplen.lightfield.calibration.lattice_trust import require_camera, require_trust
+from clplen.io.store.opd_arrays import read_stored_camera, write_camera
+from clplen.lightfield.calibration.lattice_trust import lattice_of_white
 from clplen.lightfield.raw.lenslet_grid import LensType
 from clplen.lightfield.raw.lenslet_lattice import Lattice
 from clplen.lightfield.raw.raw_image import Levels, RawImage
@@ -113,12 +110,13 @@ def write_raw(
             "write_picture and its lattice by Lattice.save."
         )
     with created(path, durable=durable) as file:
-        data = file.create_dataset(RAW, data=raw.to_numpy())
-        data.attrs["pixel_pitch"] = float(raw.pixel_pitch)
-        data.attrs["wavelength"] = float(camera.wavelength)
+        container = HDF5Container(file, path)
+        known: dict[str, Any] = {"pixel_pitch": float(raw.pixel_pitch)}
+        known["wavelength"] = float(camera.wavelength)
         if raw.levels is not None:
-            data.attrs[LEVELS] = [raw.levels.black, raw.levels.white, raw.levels.bit_depth]
-        write_camera(file, camera)
+            known[LEVELS] = [raw.levels.black, raw.levels.white, raw.levels.bit_depth]
+        container.write(RAW, raw.to_numpy(), **known)
+        write_camera(container, camera)
 
 
 def is_raw(file: h5py.File) -> bool:
@@ -173,10 +171,7 @@ def read_raw_file(
     device = as_device(device)
     with opened(path) as file:
         dataset = dataset_of(file, RAW, path)
-        group = file.get(CAMERA)
-        values = attributes_of(group, CAMERA_NAMES, path) if isinstance(group, h5py.Group) else {}
-        maps = read_hdf5_maps(file.get(f"{CAMERA}/{OPD}"), path, max_bytes)
-        camera = read_camera(values, path, device, maps)
+        camera = read_stored_camera(HDF5Container(file, path), device, max_bytes)
         if camera is None:
             raise FormatError(f"{path} does not tell which camera took its raw image.")
         _require_sensor(dataset, camera.grid.shape, path)
@@ -501,15 +496,10 @@ def _lattice(
     flat, bayer = read_beside(white, "white image", frame, path)
     flat = flat.astype(np.float32)
     black = None if dark is None else _grey(dark)
-    with naming(white):
-        lattice = estimate_lattice(_grey(flat), dark=black, bayer=bayer)
-    require_trust(lattice, str(white), force=force, error=FormatError)
-    if not force:
-        with naming(path):
-            require_camera(
-                _grey(frame), lattice, str(white), dark=black, bayer=bayer, error=FormatError
-            )
-    return lattice
+    return lattice_of_white(
+        _grey(flat), white, frame=_grey(frame), path=path, dark=black, bayer=bayer, force=force,
+        error=FormatError, estimate=kept_lattice,
+    )  # fmt: skip
 
 
 def _grey(frame: Frame) -> Frame:

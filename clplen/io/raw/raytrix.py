@@ -20,6 +20,8 @@ import numpy as np
 from clplen.checks import check_finite, fits_float64
 from clplen.errors import FormatError
 from clplen.files import PathLike, replacing
+from clplen.lightfield.calibration.lattice_fit import lattice_steps
+from clplen.lightfield.calibration.reciprocal import reduced_basis
 from clplen.lightfield.raw.lenslet_grid import LensType
 from clplen.lightfield.raw.lenslet_lattice import Lattice
 
@@ -28,8 +30,6 @@ Array = np.ndarray[Any, np.dtype[np.float64]]
 
 _LARGEST = 10000  # pixels a lens, and lens diameters
 _NEAR = 0.05  # lens diameters: how far a lens of a type may lie from the lattice
-
-
 _SQUARE = 0.1  # cosine up to which base vectors are at right angles
 _HEXAGON = 0.06  # relative differences among neighbours of a hexagonal lattice
 _LONGEST = 1 << 20  # bytes
@@ -225,39 +225,19 @@ class RaytrixCalibration:
 
 
 def lattice_vectors(first: Vector, second: Vector) -> tuple[str, Vector, Vector]:
-    """Kind, row and column of `Lattice` for any two base vectors (y, x)."""
-    a, b = _shortest(np.array(first), np.array(second))
+    """Return kind, row and column of `Lattice` for any two base vectors (y, x)."""
+    a, b = short = reduced_basis(np.array([first, second]))
     cosine = float(a @ b / math.sqrt(a @ a * (b @ b)))
-    if abs(cosine) < _SQUARE:
-        column, row = (a, b) if abs(a[1] * b[0]) > abs(a[0] * b[1]) else (b, a)
-        return "square", _vector(row * np.sign(row[0])), _vector(column * np.sign(column[1]))
-    near = [a, b, b - a if cosine > 0 else a + b]
-    lengths = [math.hypot(*vector) for vector in near]
-    if max(lengths) > (1 + _HEXAGON) * min(lengths):
+    kind = "square" if abs(cosine) < _SQUARE else "hexagonal"
+    lengths = [math.hypot(*vector) for vector in (a, b, b - a if cosine > 0 else a + b)]
+    if kind == "hexagonal" and max(lengths) > (1 + _HEXAGON) * min(lengths):
         angle = math.degrees(math.acos(abs(cosine)))
         raise ValueError(
             f"The base vectors enclose {angle:.1f} degrees with lengths of {lengths[0]:.4g} and "
             f"{lengths[1]:.4g} px: the lattice is neither square nor hexagonal."
         )
-    along = max(near, key=lambda v: float(np.abs(v).max() / math.hypot(*v)))
-    other = next(vector for vector in near if vector is not along)
-    axis = int(np.abs(along).argmax())  # 1: neighbours along x
-    along = along * np.sign(along[axis])
-    across = other - along * np.sign(other @ along) / 2
-    across = across * np.sign(across[1 - axis])
-    row, column = (across, along) if axis == 1 else (along, across)
-    return "hexagonal", _vector(row), _vector(column)
-
-
-def _shortest(a: Array, b: Array) -> tuple[Array, Array]:
-    """The two shortest vectors that span the lattice of two (Gauss 1801)."""
-    while True:
-        if a @ a > b @ b:
-            a, b = b, a
-        shorter = b - round(float(a @ b / (a @ a))) * a
-        if not shorter @ shorter < (1 - 1e-9) * (b @ b):  # a tie, as in a hexagon, ends too
-            return a, b
-        b = shorter
+    row, column = lattice_steps(short, kind)
+    return kind, _vector(row), _vector(column)
 
 
 def _vector(vector: Array) -> Vector:

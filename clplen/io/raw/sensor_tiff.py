@@ -21,7 +21,7 @@ from clplen.checks import fits_float64
 from clplen.errors import FormatError
 from clplen.files import PathLike, replacing
 from clplen.io.formats import tiff
-from clplen.lightfield.raw.raw_image import Levels, RawImage
+from clplen.lightfield.raw.raw_image import Levels, RawImage, tiled
 from clplen.outputs import MARK
 
 Tile = tuple[tuple[str, ...], ...]
@@ -50,10 +50,7 @@ class SensorTags:
         """The black level of every pixel, float32; None where it is 0."""
         if not self.black.any():
             return None
-        down, across = self.black.shape
-        ny, nx = shape
-        whole = np.tile(self.black, (-(-ny // down), -(-nx // across)))[:ny, :nx]
-        return np.asarray(whole, np.float32)
+        return np.asarray(tiled(self.black, shape), np.float32)
 
     @property
     def bayer(self) -> str | Tile | None:

@@ -23,7 +23,7 @@ from clplen.io.formats import npy, pfm, picture
 from clplen.io.formats.npy import map_npy
 from clplen.io.formats.pfm import read_pfm
 from clplen.io.formats.picture import read_picture
-from clplen.io.lightfields.hdf5_lightfields import is_matlab
+from clplen.io.lightfields.container_lightfields import is_matlab
 from clplen.io.results import hci
 from clplen.io.store import hdf5_files, zarr_files
 from clplen.io.store.hdf5_files import (
@@ -129,20 +129,13 @@ def read_scene_truth(path: PathLike, *, max_bytes: int | None = None) -> Truth:
     (['edges', 'far', 'near', 'planes', 'smooth'], [0, 1])
     """
     path = Path(path)
-    if not path.is_file():
-        raise FormatError(f"There is no file {path}.")
     with opened(path) as file:
         disparity = _picture(dataset_of(file, "disparity", path), (), path, max_bytes)
         surface = _picture(dataset_of(file, "surface", path), (), path, max_bytes)
         z = np.full_like(disparity, np.nan)
         if isinstance(file.get("z"), h5py.Dataset):
             z = _picture(file["z"], (), path, max_bytes)
-        group = file.get(_MASKS)
-        names = [] if not isinstance(group, h5py.Group) else list(group)
-        masks = {
-            name: _picture(dataset_of(file, f"{_MASKS}/{name}", path), (), path, max_bytes) > 0
-            for name in names
-        }
+        masks = _masks(file, path, max_bytes)
     differing = {values.shape for values in (disparity, surface, z, *masks.values())}
     if len(differing) > 1:
         raise FormatError(f"{path} holds maps of the shapes {sorted(differing)}, not of one.")
@@ -184,17 +177,25 @@ def read_masks(
     ((32, 32), False)
     """
     path = Path(path)
-    if not path.is_file():
-        raise FormatError(f"There is no file {path}.")
     with opened(path) as file:
-        group = file.get(_MASKS)
-        if not isinstance(group, h5py.Group) or len(group) == 0:
+        masks = _masks(file, path, max_bytes)
+        if not masks:
             raise FormatError(
                 f"{path} has no masks: no dataset in a group {_MASKS!r}; it holds {contents(file)}."
             )
-        names = [f"{_MASKS}/{name}" for name in group]
-        maps = [_picture(dataset_of(file, name, path), (), path, max_bytes) for name in names]
-        return {name: values > 0 for name, values in zip(group, maps, strict=True)}
+        return masks
+
+
+def _masks(
+    file: h5py.File, path: Path, max_bytes: int | None
+) -> dict[str, np.ndarray[Any, np.dtype[np.bool_]]]:
+    """Return the masks of a file by their names; none without a group of them."""
+    group = file.get(_MASKS)
+    names = list(group) if isinstance(group, h5py.Group) else []
+    return {
+        name: _picture(dataset_of(file, f"{_MASKS}/{name}", path), (), path, max_bytes) > 0
+        for name in names
+    }
 
 
 def read_truth(
@@ -246,8 +247,6 @@ def read_truth(
                 "clplen.io.results.hci.read_truth(folder, high=True) for the large maps."
             )
         return hci.read_truth(path)
-    if not path.is_file():
-        raise FormatError(f"There is no file or folder {path}.")
     with opened(path) as file:
         if dataset is not None:
             return _picture(dataset_of(file, dataset, path), (), path, max_bytes)

@@ -20,7 +20,7 @@ from clplen.io.results.stack_files import numbers, planes_of
 from clplen.io.store import hdf5_files
 from clplen.io.store.hdf5_files import created
 from clplen.io.store.picture_blocks import as_block
-from clplen.io.store.picture_series import describe_series, is_ome, is_series, write_series
+from clplen.io.store.picture_series import describe_series, is_ome, write_series
 from clplen.lightfield.focused.focused_depth import FocusedDepth, FocusedMaps
 from clplen.lightfield.focused.focused_picture import FocusedImage, FocusedStack, PictureGrid
 from clplen.lightfield.raw.raw_image import Spacing
@@ -88,16 +88,13 @@ def write_focused(
     >>> clplen.io.read_image("picture.tif").shape == picture.shape
     True
     """
-    if not is_series(path):
-        raise ValueError(
-            f"Pictures of a focused camera are written as .tif or .zarr, not as {Path(path).name}."
-        )
     is_stack = isinstance(made, FocusedStack)
     shape = made.shape if is_stack else (1, *made.shape)
     axes = ("ZYX" if is_stack else "YX") + ("S" if len(shape) == 4 else "")
     write_series(
         path,
         planes_of(made) if isinstance(made, FocusedStack) else as_block(made.to_numpy()[None]),
+        "Pictures of a focused camera are",
         shape=shape,
         axes=axes,
         description=_said_of(made) | _said_of_grid(made.grid),
@@ -183,6 +180,7 @@ def write_focused_depth(
         write_series(
             path,
             as_block(values),
+            "Depth of a focused camera is",
             shape=values.shape,
             axes="CYX",
             description={name: _CHANNELS[name] for name in found} | _said_of_grid(maps.grid),

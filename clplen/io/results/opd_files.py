@@ -13,7 +13,7 @@ from clplen.errors import FormatError
 from clplen.files import PathLike
 from clplen.io.formats.zemax_map import ZemaxMap, read_zemax_map
 from clplen.io.store import hdf5_files
-from clplen.io.store.opd_arrays import OPD, read_hdf5_maps, write_hdf5_maps
+from clplen.io.store.opd_arrays import OPD, read_maps, write_maps
 
 
 def write_opd_maps(path: PathLike, maps: OPDMaps, *, durable: bool = False) -> None:
@@ -44,7 +44,7 @@ def write_opd_maps(path: PathLike, maps: OPDMaps, *, durable: bool = False) -> N
     if Path(path).suffix.lower() not in hdf5_files.SUFFIXES:
         raise ValueError(f"OPD maps are written as .h5, not as {Path(path).name}.")
     with hdf5_files.created(path, durable=durable) as file:
-        write_hdf5_maps(file.create_group(OPD), maps)
+        write_maps(hdf5_files.HDF5Container(file, path), OPD, maps)
 
 
 def read_opd_maps(path: PathLike, *, max_bytes: int | None = None) -> OPDMaps:
@@ -79,7 +79,7 @@ def read_opd_maps(path: PathLike, *, max_bytes: int | None = None) -> OPDMaps:
     path = Path(path)
     with hdf5_files.opened(path) as file:
         for name in (OPD, f"camera/{OPD}"):
-            maps = read_hdf5_maps(file.get(name), path, max_bytes)
+            maps = read_maps(hdf5_files.HDF5Container(file, path), name, max_bytes)
             if maps is not None:
                 return maps
         raise FormatError(

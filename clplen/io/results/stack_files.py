@@ -21,7 +21,7 @@ from clplen.io.formats.pfm import write_pfm
 from clplen.io.formats.picture import write_picture
 from clplen.io.results.disparity_maps import read_disparity
 from clplen.io.store.picture_blocks import Block, Tiles, as_block
-from clplen.io.store.picture_series import is_ome, is_series, open_series, write_series
+from clplen.io.store.picture_series import is_ome, open_series, write_series
 from clplen.lightfield.depth.depth_maps import DepthMap, as_depth_map
 from clplen.lightfield.focused.focused_picture import FocusedStack
 from clplen.lightfield.model.alpha_law import depth_at
@@ -87,12 +87,11 @@ def write_stack(
     >>> clplen.io.read_stack("stack.tif").shape
     (4, 32, 32)
     """
-    if not is_series(path):
-        raise ValueError(f"A focal stack is written as .tif or .zarr, not as {Path(path).name}.")
     blocks: Iterable[Block] = planes_of(stack) if isinstance(stack, FocalStack) else stack
     write_series(
         path,
         _shown(blocks, stack.shape) if progress else blocks,
+        "A focal stack is",
         shape=stack.shape,
         axes="ZYXS" if len(stack.shape) == 4 else "ZYX",
         description=_description(stack),
@@ -252,6 +251,7 @@ def write_depth(
         write_series(
             path,
             as_block(values),
+            "Disparities are",
             shape=values.shape,
             axes="CYX",
             description={name: _CHANNELS[name] for name in maps},
@@ -361,14 +361,13 @@ def write_image(
     >>> bool((clplen.io.read_image("picture.tif").to_numpy() == picture).all())
     True
     """
-    if not is_series(path):
-        raise ValueError(f"A picture is written as .tif or .zarr, not as {Path(path).name}.")
     values = np.asarray(host_array(image, "A picture"), np.float32)
     if values.ndim not in (2, 3):
         raise ValueError(f"A picture has shape (y, x) or (y, x, c), not {values.shape}.")
     write_series(
         path,
         as_block(values[None]),
+        "A picture is",
         shape=(1, *values.shape),
         axes="YXS" if values.ndim == 3 else "YX",
         description={"values": description} if description else {},

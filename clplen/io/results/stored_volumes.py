@@ -18,7 +18,12 @@ from clplen.io.formats.npy import map_npy
 from clplen.io.formats.tiff import read_tiff_stacks, stack_axes
 from clplen.io.formats.untrusted import Bound
 from clplen.io.store import zarr_files
-from clplen.io.store.picture_series import axes_in, multiscales, read_description
+from clplen.io.store.picture_series import (
+    axes_in,
+    multiscales,
+    read_description,
+    unreadable,
+)
 from clplen.io.store.zarr_files import opened_store, storage
 
 Array = np.ndarray[Any, Any]
@@ -49,13 +54,9 @@ class StoredFile:
 
     def volumes(self, times: range) -> Iterator[Array]:
         """Volumes (z, y, x) as stored."""
-        try:
+        with unreadable(self.path, "volume"):
             for values in self._stored(times):
                 yield np.asarray(values).reshape(self.shape)
-        except FormatError:
-            raise
-        except Exception as error:  # what parsers raise on damaged files
-            raise _unreadable(self.path, error) from error
 
     def _stored(self, times: range) -> Iterator[Array]:
         suffix = self.path.suffix.lower()
@@ -198,12 +199,8 @@ def open_volumes(
 def _described(path: Path, max_bytes: int | None) -> StoredFile:
     """What a file holds, without its samples."""
     require_file(path, "volume", folder=True)
-    try:
+    with unreadable(path, "volume"):
         axes, sides, kind = _axes(path)
-    except FormatError:
-        raise
-    except Exception as error:  # what parsers raise on damaged files
-        raise _unreadable(path, error) from error
     if kind not in "uif" or min((*sides, *axes.values())) < 1:
         raise FormatError(f"{path} holds no volume of numbers (t, z, y, x): its axes are {axes}.")
     if axes.get("c", 1) > 1:
@@ -287,7 +284,3 @@ def _said(values: Any) -> str:
     """Some lengths in micrometres."""
     um = [f"{1e6 * one:.6g}" for one in values]
     return " x ".join(um) if len(um) == 2 else f"{um[0]} to {um[-1]}"
-
-
-def _unreadable(path: Path, error: Exception) -> FormatError:
-    return FormatError(f"{path} is no volume that can be read ({str(error)[:200]}).")

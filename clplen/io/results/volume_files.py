@@ -15,7 +15,7 @@ from clplen.io.formats import npy
 from clplen.io.formats.npy import map_npy
 from clplen.io.formats.untrusted import Bound
 from clplen.io.store.picture_blocks import Array, as_block
-from clplen.io.store.picture_series import describe_series, is_series, open_series, write_series
+from clplen.io.store.picture_series import describe_series, open_series, write_series
 
 
 def write_volume(
@@ -60,8 +60,6 @@ def write_volume(
     >>> clplen.io.read_volume("volume.tif")[0].shape
     (5, 24, 32)
     """
-    if not is_series(path):
-        raise ValueError(f"A volume is written as .tif or .zarr, not as {Path(path).name}.")
     values, z = real_array(volume, "A volume"), real_array(planes, "planes", np.float64)
     if values.ndim != 3 or z.shape != values.shape[:1]:
         raise ShapeError(
@@ -72,6 +70,7 @@ def write_volume(
     write_series(
         path,
         as_block(values),
+        "A volume is",
         shape=values.shape,
         axes="ZYX",
         description={**(description or {}), "planes_um": [round(one * 1e6, 9) for one in z]},

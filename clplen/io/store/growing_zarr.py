@@ -20,7 +20,14 @@ from typing import Any
 import numpy as np
 
 from clplen.files import filling, replacing, said_of
-from clplen.io.store.ome_zarr import level_sizes, means, multiscales, omero
+from clplen.io.store.ome_zarr import (
+    chunk_sides,
+    create_level,
+    level_sizes,
+    means,
+    multiscales,
+    omero,
+)
 from clplen.io.store.picture_blocks import Array
 from clplen.io.store.series_layout import Record, SeriesLayout, checked_series
 from clplen.io.store.zarr_files import FORMAT_2, zarr_package
@@ -28,7 +35,6 @@ from clplen.outputs import MARK
 
 _INSTEAD = "write .ome.tif"
 _AXES = "TCZYX"
-_CHUNK = 512  # pixels along y and x, at most
 
 
 class GrowingZarr:
@@ -63,17 +69,8 @@ class GrowingZarr:
         zarr = zarr_package(_INSTEAD)
         with filling(self.path, durable=True, replace=True) as folder:
             for level, size in enumerate(self._sizes):
-                zarr.create(
-                    (0, 1, *size),
-                    chunks=(1, 1, size[0], *_sides(size)),
-                    dtype="<f4",
-                    store=zarr.storage.LocalStore(folder),
-                    path=str(level),
-                    compressor=None,
-                    fill_value=0,
-                    dimension_separator="/",
-                    **FORMAT_2,
-                )
+                chunks = (1, 1, size[0], *chunk_sides(size))
+                create_level(folder, str(level), (0, 1, *size), chunks)
             zarr.open_group(zarr.storage.LocalStore(folder), mode="a", **FORMAT_2)
             _write_json(folder / ".zattrs", self._attributes())
 
@@ -99,7 +96,7 @@ class GrowingZarr:
     def holds(self, t: int) -> bool:
         """Return whether all files of a time point have their size."""
         for level, size in enumerate(self._sizes):
-            sides = _sides(size)
+            sides = chunk_sides(size)
             nbytes = 4 * size[0] * math.prod(sides)
             for i, k in _places(size, sides):
                 name = self._chunk(level, t, i, k)
@@ -130,7 +127,7 @@ class GrowingZarr:
     def read(self, t: int) -> Array:
         """The volume of a time point, as it was given."""
         size = self._sizes[0]
-        sides, found = _sides(size), np.empty(size, np.float32)
+        sides, found = chunk_sides(size), np.empty(size, np.float32)
         for i, k in _places(size, sides):
             part = np.fromfile(self._chunk(0, t, i, k), "<f4").reshape(size[0], *sides)
             rows, columns = _part(i, sides[0], size[1]), _part(k, sides[1], size[2])
@@ -142,7 +139,7 @@ class GrowingZarr:
         """Nothing is left to do: the folder is whole after each time point."""
 
     def _write(self, level: int, t: int, size: tuple[int, ...], volume: Array) -> None:
-        sides = _sides(size)
+        sides = chunk_sides(size)
         for i, k in _places(size, sides):
             name = self._chunk(level, t, i, k)
             name.parent.mkdir(parents=True, exist_ok=True)
@@ -175,12 +172,6 @@ class GrowingZarr:
             "clplen": {**layout.about, "records": self.records},
             "software": MARK,
         }
-
-
-def _sides(size: tuple[int, ...]) -> tuple[int, int]:
-    """Rows and columns of a chunk: equal ones, not full ones and a rest."""
-    rows, columns = (-(-n // -(-n // _CHUNK)) for n in size[-2:])
-    return rows, columns
 
 
 def _places(size: tuple[int, ...], sides: tuple[int, int]) -> Iterator[tuple[int, int]]:

@@ -16,6 +16,7 @@ from clplen.files import PathLike, replacing, require_file
 from clplen.hdf5_safety import members, require_heaps, require_own
 from clplen.io.formats.untrusted import DEFLATE, Bound, listed, reading
 from clplen.io.store.attributes import plain
+from clplen.io.store.containers import Array, StoredArray
 from clplen.outputs import MARK
 
 SUFFIXES = (".h5", ".hdf5")
@@ -34,6 +35,45 @@ _RATIOS = {
     h5py.h5z.FILTER_LZF: 88.0,
 }
 _OTHER = DEFLATE  # of scale-offset and of filters that plugins bring
+
+
+class HDF5Container:
+    """An HDF5 file as a `Container`."""
+
+    def __init__(self, file: h5py.File, path: PathLike) -> None:
+        self.file, self.path = file, Path(path)
+
+    def array(self, name: str) -> StoredArray | None:
+        item = self.file.get(name) if name else None
+        return self._stored(name, item) if isinstance(item, h5py.Dataset) else None
+
+    def arrays(self) -> dict[str, StoredArray]:
+        return {name: self._stored(name, item) for name, item in datasets(self.file)}
+
+    def _stored(self, name: str, item: h5py.Dataset) -> StoredArray:
+        return StoredArray(
+            name.strip("/"),
+            item.shape or (),
+            item.dtype,
+            item.chunks,
+            item,
+            self.path,
+            lambda names: attributes_of(item, names, self.path),
+            lambda max_bytes: storage(item, self.path, max_bytes),
+        )
+
+    def group(self, name: str, attributes: Iterable[str]) -> dict[str, Any] | None:
+        item = self.file.get(name)
+        known = isinstance(item, h5py.Group)
+        return attributes_of(item, attributes, self.path) if known else None
+
+    def write(
+        self, name: str, values: Array, *, chunks: tuple[int, ...] | None = None, **attributes: Any
+    ) -> None:
+        self.file.create_dataset(name, data=values).attrs.update(attributes)
+
+    def write_group(self, name: str, attributes: dict[str, Any]) -> None:
+        self.file.create_group(name).attrs.update(attributes)
 
 
 @contextmanager
@@ -100,15 +140,6 @@ def _is_variable(kind: Any) -> bool:
     return bool(kind.detect_class(h5py.h5t.VLEN)) or (
         isinstance(kind, h5py.h5t.TypeStringID) and bool(kind.is_variable_str())
     )
-
-
-def require_size(dataset: h5py.Dataset, largest: int, path: Path) -> None:
-    """Refuse a small dataset of real numbers that is none or declares too many samples."""
-    if dataset.dtype.kind not in "buif" or math.prod(dataset.shape) > largest:
-        raise FormatError(
-            f"{path}: the dataset {dataset.name!r} of shape {dataset.shape} holds {dataset.dtype}, "
-            f"not up to {largest} real numbers."
-        )
 
 
 def storage(dataset: h5py.Dataset, path: Path, max_bytes: int | None) -> Bound:

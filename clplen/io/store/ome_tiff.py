@@ -17,7 +17,6 @@ import tifffile
 
 from clplen.errors import FormatError
 from clplen.files import PathLike, check_space, replacing
-from clplen.io.formats import tiff
 from clplen.io.formats.tiff import read_tiff_stacks
 from clplen.io.store.picture_blocks import Array, Block, checked_blocks, write_rows
 from clplen.lightfield.raw.raw_image import Spacing
@@ -45,8 +44,6 @@ def write_ome(
     The file is laid out first, without compression, and each block then goes to its place, so that
     no more than one plane of one block is held besides the block.
     """
-    if Path(path).suffix.lower() not in tiff.SUFFIXES:
-        raise ValueError(f"OME-TIFF is written as .tif, not as {Path(path).name}.")
     stored = shape if axes[0] in "ZC" else shape[1:]
     if shape[3:] == (1,):  # TIFF knows no axis of one sample: the description keeps it
         stored, axes = stored[:-1], axes.removesuffix("S")

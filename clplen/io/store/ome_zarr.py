@@ -19,7 +19,6 @@ from clplen.checks import fits_float64
 from clplen.errors import FormatError, worded
 from clplen.files import PathLike, check_space, filling
 from clplen.io.formats.untrusted import reading
-from clplen.io.store import zarr_files
 from clplen.io.store.picture_blocks import Array, Block, checked_blocks, write_rows
 from clplen.io.store.zarr_files import FORMAT_2, opened_store, storage, zarr_package
 from clplen.lightfield.raw.raw_image import Spacing
@@ -55,15 +54,16 @@ def write_omezarr(
     what is there), until the longer side has at most 256. Besides a block no more than one plane
     of it and a few chunks are held.
     """
-    if Path(path).suffix.lower() != zarr_files.SUFFIX:
-        raise ValueError(f"OME-Zarr is written as .zarr, not as {Path(path).name}.")
     _zarr()
     sizes = level_sizes(shape, axes)
     first = positions[0] if depth is not None and positions else 0.0
     _require_replaceable(Path(path), sizes[0], replace)
     check_space(path, 4 * sum(map(math.prod, sizes)))
     with filling(path, durable, replace=True) as folder:
-        levels = [_array(folder, str(number), size) for number, size in enumerate(sizes)]
+        levels = [
+            create_level(folder, str(number), size, (*(1 for _ in size[:-2]), *chunk_sides(size)))
+            for number, size in enumerate(sizes)
+        ]
         with closing(checked_blocks(blocks, shape)) as parts:
             limits = _fill(folder / "0", levels[0].chunks, parts, axes, len(channels))
         for finer, coarser in pairwise(levels):
@@ -128,12 +128,19 @@ def level_sizes(shape: tuple[int, ...], axes: str) -> list[tuple[int, ...]]:
     return sizes
 
 
-def _array(folder: Path, name: str, size: tuple[int, ...]) -> Any:
-    """A new array of one plane a chunk, whose chunks are equal, not full and a rest."""
-    sides = (-(-n // -(-n // _CHUNK)) for n in size[-2:])
+def chunk_sides(size: tuple[int, ...]) -> tuple[int, int]:
+    """Return rows and columns of a chunk: equal ones, not full ones and a rest."""
+    rows, columns = (-(-n // -(-n // _CHUNK)) for n in size[-2:])
+    return rows, columns
+
+
+def create_level(
+    folder: Path, name: str, size: tuple[int, ...], chunks: tuple[int, ...]
+) -> Any:
+    """Create an array of float32 without compression."""
     return _zarr().create(
         size,
-        chunks=(*(1 for _ in size[:-2]), *sides),
+        chunks=chunks,
         dtype="<f4",
         store=_zarr().storage.LocalStore(folder),  # a name may look like an address
         path=name,

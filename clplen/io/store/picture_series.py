@@ -45,8 +45,12 @@ def is_ome(path: PathLike) -> bool:
     return suffixes[-1:] == [zarr_files.SUFFIX] or suffixes[-2:] in tiffs
 
 
-def write_series(path: PathLike, blocks: Iterable[Block], *, replace: bool, **known: Any) -> None:
-    """Write OME-TIFF or OME-Zarr, by the suffix."""
+def write_series(
+    path: PathLike, blocks: Iterable[Block], what: str, *, replace: bool, **known: Any
+) -> None:
+    """Write OME-TIFF or OME-Zarr, by the suffix; messages call it ``what``."""
+    if not is_series(path):
+        raise ValueError(f"{what} written as .tif or .zarr, not as {Path(path).name}.")
     spacing = float64_array(known.get("spacing") or ())
     check_finite(spacing=spacing[~np.isnan(spacing)])
     if Path(path).suffix.lower() == zarr_files.SUFFIX:
@@ -87,7 +91,7 @@ def open_series(
     noun, suffix = what.partition(" ")[2], path.suffix.lower()
     require_file(path, noun, folder=True)
     with ExitStack() as files:
-        with _unreadable(path, noun):
+        with unreadable(path, noun):
             if suffix == zarr_files.SUFFIX:
                 series = _open_zarr(files, path, what, max_bytes)
             elif suffix in tiff.SUFFIXES:
@@ -101,14 +105,14 @@ def open_series(
             raise FormatError(f"{path} holds {series.dtype} of shape {shape}, no {noun}.")
 
         def parts() -> Iterator[Part]:
-            with _unreadable(path, noun):
+            with unreadable(path, noun):
                 yield from series.parts()
 
         yield replace(series, shape=shape, parts=parts, about=said.about, pixel=said.pixel)
 
 
 @contextmanager
-def _unreadable(path: Path, noun: str) -> Iterator[None]:
+def unreadable(path: Path, noun: str) -> Iterator[None]:
     """Make a FormatError of what parsers raise on damaged files."""
     try:
         yield

@@ -118,7 +118,7 @@ class DecodeOperator(LinearStep):
         return even
 
     def _forward(self, data: cla.Array) -> cla.Array:
-        return self._even(resample(replace(self._raw, data=data), self.grid))
+        return self._even(resample(data, self.grid, self.device))
 
     def _adjoint(self, data: cla.Array) -> cla.Array:
         return resample_adjoint(self._even(data), self.in_shape, self.grid, device=self.device)

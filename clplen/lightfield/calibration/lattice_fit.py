@@ -272,7 +272,7 @@ def _lattice_of(fit: PhaseFit, kind: str | None, shape: tuple[int, ...]) -> Latt
     if kind is None:
         cosine = abs(short[0] @ short[1]) / np.hypot(*short.T).prod()
         kind = "hexagonal" if cosine > math.cos(math.radians(75)) else "square"
-    row, column = _square_steps(short) if kind == "square" else _hexagonal_steps(short)
+    row, column = lattice_steps(short, kind)
     middle = (np.array(shape) - 1) / 2
     near = np.rint((middle - fit.origin) @ np.linalg.inv(short)) - 1
     best = min(
@@ -283,15 +283,16 @@ def _lattice_of(fit: PhaseFit, kind: str | None, shape: tuple[int, ...]) -> Latt
     return Lattice(kind, origin, down, right, (shape[0], shape[1]), fit.rms)
 
 
-def _square_steps(short: Basis) -> tuple[Values, Values]:
-    """Row nearest to +y and column nearest to +x."""
-    down = int(abs(short[1, 0]) * abs(short[0, 1]) > abs(short[0, 0]) * abs(short[1, 1]))
-    row, column = short[down], short[1 - down]
-    return row * (1 if row[0] > 0 else -1), column * (1 if column[1] > 0 else -1)
+def lattice_steps(short: Basis, kind: str) -> tuple[Values, Values]:
+    """Return the steps to the next row and column from the shortest two vectors of a lattice.
 
-
-def _hexagonal_steps(short: Basis) -> tuple[Values, Values]:
-    """Rows and columns of a hexagonal lattice, whichever axis its neighbours lie nearer to."""
+    Rows of a square lattice follow one another along +y; those of a hexagonal one run along the
+    nearest neighbours, whichever axis these lie nearer to.
+    """
+    if kind == "square":
+        down = int(abs(short[1, 0]) * abs(short[0, 1]) > abs(short[0, 0]) * abs(short[1, 1]))
+        row, column = short[down], short[1 - down]
+        return row * (1 if row[0] > 0 else -1), column * (1 if column[1] > 0 else -1)
     a, b = short
     if a @ b < 0:
         b = -b

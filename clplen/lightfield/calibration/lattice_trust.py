@@ -19,14 +19,15 @@ apart.
 
 from __future__ import annotations
 
-import math
+from collections.abc import Callable
 from typing import Any
 
 import numpy as np
 
 from clplen.checks import host_array
 from clplen.errors import SamplingWarning, argument, warn_caller
-from clplen.lightfield.calibration.lattice_fit import visible_lattice
+from clplen.files import PathLike, naming
+from clplen.lightfield.calibration.lattice_fit import estimate_lattice, visible_lattice
 from clplen.lightfield.calibration.sensor_frames import Mosaic
 from clplen.lightfield.raw.demosaicing import tile_of
 from clplen.lightfield.raw.lenslet_lattice import Lattice
@@ -36,19 +37,20 @@ _MIDDLE = 512  # pixels a side of a frame, in which its own lattice is looked fo
 _APART = 0.05  # of a lenslet, by which steps of two lattices of one camera may differ
 
 
-def is_measured(lattice: Lattice) -> bool:
-    """Whether a lattice was given or found, and does not stand in for one where nothing repeats."""
-    return lattice.trust == "high" or math.isfinite(lattice.residual)
-
-
 def require_trust(
-    lattice: Lattice, source: str, *, force: bool = False, error: type[Exception] = ValueError
+    lattice: Lattice,
+    source: str,
+    *,
+    pitch: float | None = None,
+    force: bool = False,
+    error: type[Exception] = ValueError,
 ) -> Lattice:
-    """Refuse the lattice of a white image that is not to be trusted."""
-    if not is_measured(lattice):
+    """Refuse the lattice of a white image in doubt; ``pitch`` is the one that was looked for."""
+    if not lattice.is_measured:
+        about = "" if pitch is None else f" about every {pitch:g} pixels"
         raise error(
-            f"{source} is no white image: nothing repeats in it, so that nothing tells where the "
-            f"lenslets are; {_PROPER}."
+            f"{source} is no white image: nothing repeats in it{about}, so that nothing tells "
+            f"where the lenslets are; {_PROPER}."
         )
     if lattice.trust == "high":
         return lattice
@@ -62,28 +64,54 @@ def require_trust(
     return lattice
 
 
-def require_camera(
-    frame: Any,
-    lattice: Lattice,
-    source: str,
+def lattice_of_white(
+    white: Any,
+    source: PathLike,
     *,
+    frame: Any = None,
+    path: PathLike = "The frame",
     dark: Any = None,
     bayer: Mosaic | None = None,
+    kind: str | None = None,
+    pitch: float | None = None,
+    force: bool = False,
     error: type[Exception] = ValueError,
-) -> None:
-    """Refuse a lattice beside that of a frame, where the middle of the frame shows its own one."""
-    own = visible_lattice(
-        _central_crop(frame, bayer),
-        dark=None if dark is None else _central_crop(dark, bayer),
-        bayer=bayer,
-    )
+    estimate: Callable[..., Lattice] = estimate_lattice,
+) -> Lattice:
+    """Find the lattice of a white image; refuse one in doubt, or beside the frame's own lattice.
+
+    Messages call the white image ``source`` and the frame ``path``.
+    """
+    with naming(source):
+        lattice = estimate(white, dark=dark, bayer=bayer, kind=kind, pitch=pitch)
+    require_trust(lattice, str(source), pitch=pitch, force=force, error=error)
+    if frame is None or force:
+        return lattice
+    with naming(path):
+        own = visible_lattice(
+            _central_crop(frame, bayer),
+            dark=None if dark is None else _central_crop(dark, bayer),
+            bayer=bayer,
+        )
     if own is None or _steps_agree(own, lattice):
-        return
+        return lattice
     raise error(
         f"{source} is of another camera: its lenslets are {lattice.neighbour:.4g} px apart and "
         f"those of the frame {own.neighbour:.4g} px; give the white image of this camera, or "
         f"{argument('force', True)} to go on."
     )
+
+
+def rms_apart(given: Lattice, found: Lattice) -> float:
+    """Return the rms distance of lenslets from the nearest ones of a given lattice, in pixels."""
+    centres = found.centres()
+    steps = np.array([given.row, given.column])
+    places = (centres - given.origin) @ np.linalg.inv(steps)
+    if given.kind == "hexagonal":
+        along, across = (0, 1) if given.turned else (1, 0)
+        places[:, along] -= np.rint(places[:, across]) % 2 / 2
+    apart = (places - np.rint(places)) @ steps
+    return float(np.sqrt((apart**2).sum(1).mean()))
 
 
 def _central_crop(picture: Any, bayer: Mosaic | None) -> Any:

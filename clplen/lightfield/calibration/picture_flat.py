@@ -6,7 +6,6 @@ import math
 from typing import Any
 
 import numpy as np
-from scipy.ndimage import map_coordinates
 
 from clplen.lightfield.calibration.sensor_frames import Mosaic, saturated_pixels, subtract_dark
 from clplen.lightfield.raw.demosaicing import tile_of
@@ -119,6 +118,8 @@ def _filled(table: Values) -> Frame:
 
 def _spread(table: Frame, lattice: Lattice, shape: tuple[int, int], reach: int) -> Frame:
     """The table about the nearest centre of every pixel; 0 where there is none near."""
+    from scipy.ndimage import map_coordinates
+
     centres = lattice.centres()
     on = ((centres >= 0) & (centres <= np.array(shape) - 1)).all(axis=1)
     inside = np.rint(centres[on]).astype(np.intp)

@@ -16,7 +16,6 @@ from clplen.checks import is_integer, real_array
 from clplen.compute.device import Device, DeviceLike, as_device
 from clplen.errors import ShapeError, argument
 from clplen.lightfield.calibration import sensor_frames
-from clplen.lightfield.calibration.lattice_trust import is_measured
 from clplen.lightfield.calibration.sensor_frames import Frame, Mosaic
 from clplen.lightfield.model.light_field import LightField
 from clplen.lightfield.raw.colour_fit import fit_colours, noise_of
@@ -25,7 +24,7 @@ from clplen.lightfield.raw.demosaicing import (
     COLOURS,
     Tile,
     bilinear_colours,
-    sliced,
+    scaled_colours,
     tile_of,
     views_of_colours,
 )
@@ -147,7 +146,7 @@ def decode_raw(
     _check(views, step, bayer, demosaic, devignette, white, pixel_pitch)
     _check_balance(white_balance, bayer)
     matrix = _checked_matrix(colour_matrix, bayer)
-    if not is_measured(lattice):
+    if not lattice.is_measured:
         raise ValueError(f"This lattice was not measured: {lattice.verdict}")
     lattice = _with_shape(lattice, frame.shape)
     divide = white is not None if devignette is None else devignette
@@ -157,7 +156,8 @@ def decode_raw(
     device.require_memory(nbytes, "Decoding this light field")
     pixels = _cleaned(frame, white if divide else None, dark, bayer)
     if white_balance is not None and pixels.tile is not None:
-        balanced = _balanced(pixels.picture, pixels.tile, white_balance)
+        factors = dict(zip(COLOURS, white_balance, strict=True))
+        balanced = scaled_colours(pixels.picture, pixels.tile, factors)
         pixels = replace(pixels, picture=balanced, factors=white_balance)
     kept = _raw_image(pixels.picture, grid, device, pixel_pitch, lattice)
     if bayer is None:
@@ -233,16 +233,6 @@ def _mix_colours(data: cla.Array, matrix: Frame, device: Device) -> None:
         data[v].set(np.ascontiguousarray(row.reshape(-1, 3) @ matrix.T).reshape(row.shape))
 
 
-def _balanced(picture: Frame, tile: Tile, factors: tuple[float, float, float]) -> Frame:
-    """A mosaic times the factors of its colours."""
-    of = dict(zip(COLOURS, factors, strict=True))
-    out = picture.copy()
-    for y, row in enumerate(tile):
-        for x, colour in enumerate(row):
-            out[y :: len(tile), x :: len(row)] *= np.float32(of[colour])
-    return out
-
-
 def _with_shape(lattice: Lattice, shape: tuple[int, int]) -> Lattice:
     if lattice.shape is None:
         return replace(lattice, shape=shape)
@@ -303,14 +293,19 @@ def _raw_image(
     return RawImage(device.upload(picture), device, pitch, grid, grid, spacing, lattice=lattice)
 
 
+def _sliced(frame: Frame, grid: LensletGrid, device: Device) -> cla.Array:
+    """Return the views of a frame."""
+    return resample(device.upload(frame), grid, device)
+
+
 def _grey(
     kept: RawImage, pixels: _Pixels, grid: LensletGrid, device: Device
 ) -> tuple[cla.Array, cla.Array | None]:
     """Views, and the white level of each of their samples."""
-    data = resample(kept, grid)
+    data = resample(kept.data, grid, device)
     if pixels.white is None:
         return data, None
-    level = sliced(pixels.white, grid, device)
+    level = _sliced(pixels.white, grid, device)
     even = device.empty(grid.shape, np.float32)
     divide_views(even, data, level, 1, 0, device)
     return even, level
@@ -332,7 +327,7 @@ def _interpolated(
     pixels: _Pixels, bayer: Tile, grid: LensletGrid, demosaic: str, device: Device
 ) -> tuple[cla.Array, cla.Array | None]:
     white = np.ones_like(pixels.picture) if pixels.white is None else pixels.white
-    level = None if pixels.white is None else sliced(white, grid, device)
+    level = None if pixels.white is None else _sliced(white, grid, device)
     if demosaic == "after":
         lit = np.maximum(white, np.float32(_FLOOR))
         return views_of_colours(pixels.picture, lit, grid, bayer, device=device), level
@@ -341,8 +336,8 @@ def _interpolated(
         bilinear_colours(pixels.picture, bayer), bilinear_colours(white, bayer), strict=True
     )
     for channel, (picture, flat) in enumerate(planes):
-        views = sliced(picture, grid, device)
-        divide_views(data, views, sliced(flat, grid, device), 3, channel, device)
+        views = _sliced(picture, grid, device)
+        divide_views(data, views, _sliced(flat, grid, device), 3, channel, device)
     return data, level
 
 
@@ -351,15 +346,17 @@ def _fitted(
 ) -> tuple[cla.Array, cla.Array | None]:
     device = kept.device
     white = np.ones_like(pixels.picture) if pixels.white is None else pixels.white
-    flat = RawImage(device.upload(white), device, math.nan, grid, grid)
+    flat = device.upload(white)
     # without a white image, nothing tells vignetting from noise
     green = 0.0 if pixels.white is None else noise_of(pixels.picture, pixels.white, bayer)
     noise = [green * factor / pixels.factors[1] for factor in pixels.factors]
     data = fit_colours(
-        kept.data, flat.data, grid, bayer, noise=noise, floor=_FLOOR, device=device, matrix=matrix
+        kept.data, flat, grid, bayer, noise=noise, floor=_FLOOR, device=device, matrix=matrix
     )
+    if pixels.white is None:
+        return data, None
     # the mean of a view is the same before its rows are interpolated, but at their ends
-    return data, None if pixels.white is None else resample(flat, replace(grid, columns=None))
+    return data, resample(flat, replace(grid, columns=None), device)
 
 
 def white_samples(
@@ -369,7 +366,7 @@ def white_samples(
     flat = sensor_frames.as_frame(white, "white image")
     level = _cleaned(flat, flat, dark, None).white
     assert level is not None
-    return sliced(level, grid, device)
+    return _sliced(level, grid, device)
 
 
 def divide_views(

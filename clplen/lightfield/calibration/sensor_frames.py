@@ -9,7 +9,7 @@ import numpy as np
 
 from clplen.checks import host_array
 from clplen.errors import ShapeError
-from clplen.lightfield.raw.demosaicing import tile_of
+from clplen.lightfield.raw.demosaicing import COLOURS, positions_of, scaled_colours, tile_of
 
 Frame = np.ndarray[Any, np.dtype[np.float32]]
 Mask = np.ndarray[Any, np.dtype[np.bool_]]
@@ -54,25 +54,22 @@ Mosaic = str | Sequence[Sequence[str]]  # of filters, as `tile_of` takes it
 
 
 def balance_colours(picture: Frame, bayer: Mosaic) -> Frame:
-    """A mosaic whose colours are brought to the same mean."""
-    out = picture.copy()
-    tile, means = tile_of(bayer), colour_means(picture, bayer)
-    for y, row in enumerate(tile):
-        for x, colour in enumerate(row):
-            if means[colour] > 0:
-                out[y :: len(tile), x :: len(row)] *= np.float32(means["G"] / means[colour])
-    return out
-
-
-def colour_means(picture: Frame, bayer: Mosaic) -> dict[str, float]:
-    """Mean of each colour of a mosaic."""
+    """Return a mosaic whose colours are brought to the same mean."""
     tile = tile_of(bayer)
-    parts: dict[str, list[float]] = {"R": [], "G": [], "B": []}
-    for y, row in enumerate(tile):
-        for x, colour in enumerate(row):
-            part = picture[y :: len(tile), x :: len(row)]
-            parts[colour].append(float(part.mean(dtype=np.float64)))
-    return {colour: float(np.mean(values)) for colour, values in parts.items()}
+    down, across = len(tile), len(tile[0])
+    means = {
+        colour: float(
+            np.mean(
+                [
+                    picture[y::down, x::across].mean(dtype=np.float64)
+                    for y, x in positions_of(tile, colour)
+                ]
+            )
+        )
+        for colour in COLOURS
+    }
+    factors = {colour: means["G"] / mean if mean > 0 else 1.0 for colour, mean in means.items()}
+    return scaled_colours(picture, tile, factors)
 
 
 def saturated_pixels(frame: Any) -> Mask:

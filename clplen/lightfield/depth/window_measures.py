@@ -179,7 +179,7 @@ def _odd_rows(lf: LightField, grid: LensletGrid, samples: Real, y: Real, x: Real
             row_step=(2 * grid.row_step[0], 2 * grid.row_step[1]),
             odd_row_shift=0.0,
         )
-        values = lf.device.download(resample(raw, part)).astype(float)
+        values = lf.device.download(resample(raw.data, part, raw.device)).astype(float)
         if grid.exchanged:
             values = values.transpose(1, 0, 3, 2)
         found[parity] = values * weights[:, :, None, None]

@@ -189,7 +189,7 @@ class LightField(Rendering, Savable, Plottable):
             )
         lit = raw.above_black()
         if raw.mosaic is None:
-            data = resample(lit, grids[decode])
+            data = resample(lit.data, grids[decode], raw.device)
         else:
             frame = lit.to_numpy()
             data = views_of_colours(

@@ -10,7 +10,7 @@ import numpy as np
 import pyopencl.array as cla
 
 from clplen.compute.device import Device
-from clplen.lightfield.raw.decode import grid_tables
+from clplen.lightfield.raw.decode import grid_tables, strides_of
 from clplen.lightfield.raw.demosaicing import COLOURS, Frame, positions_of, tile_of
 from clplen.lightfield.raw.lenslet_grid import LensletGrid
 from clplen.settings.reading import BAYER
@@ -45,18 +45,14 @@ def fit_colours(
     tables = grid_tables(grid, device)
     period = (len(tile), len(tile[0]))
     lanes = _LANES if device.rows else 1
-    fit = device.kernel(
-        "colour_fit.cl", "fit_colours", LANES=lanes, DOWN=period[0], ACROSS=period[1]
-    )
-    spread = device.kernel(
-        "colour_fit.cl", "to_columns", LANES=lanes, DOWN=period[0], ACROSS=period[1]
+    fit, spread = (
+        device.kernel("colour_fit.cl", name, LANES=lanes, DOWN=period[0], ACROSS=period[1])
+        for name in ("fit_colours", "to_columns")
     )
     edges, sides = _cell(grid, period)
     levels = np.array(np.broadcast_to(noise, 3), np.float32)
     edge_table, tile_table, noises = map(device.upload, (edges, _places(tile), levels))
-    steps = [int(n) // out.dtype.itemsize for n in out.strides]
-    order = (1, 0, 3, 2) if grid.exchanged else (0, 1, 2, 3)
-    stride_v, stride_u, stride_y, stride_x = (steps[axis] for axis in order)
+    stride_v, stride_u, stride_y, stride_x = strides_of(out, grid)
     alone = device.empty((U, rows, lenslets, 3), np.float32)
     for v in range(V):
         device.launch_rows(

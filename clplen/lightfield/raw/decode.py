@@ -16,7 +16,6 @@ from clplen.compute.arrays import count_bad
 from clplen.compute.device import Device
 from clplen.errors import ShapeError
 from clplen.lightfield.raw.lenslet_grid import LensletGrid
-from clplen.lightfield.raw.raw_image import RawImage
 
 Vector = np.ndarray[Any, np.dtype[np.float64]]
 Table = np.ndarray[Any, Any]
@@ -33,35 +32,19 @@ def is_upright(grid: LensletGrid) -> bool:
     return not any((*across, *down, grid.odd_row_shift)) and grid.columns is None
 
 
-def fits_local_memory(raw: RawImage) -> bool:
-    """Whether local memory holds a row of the sensor."""
-    return _line_bytes(raw) <= int(raw.device.cl_device.local_mem_size)
+def fits_local_memory(width: int, device: Device) -> bool:
+    """Return whether local memory holds a row of the sensor."""
+    return _line_bytes(width) <= int(device.cl_device.local_mem_size)
 
 
-def _line_bytes(raw: RawImage) -> int:
-    return 4 * (raw.shape[1] + 2 * _MARGIN)
+def _line_bytes(width: int) -> int:
+    return 4 * (width + 2 * _MARGIN)
 
 
-def resample_upright(
-    views: cla.Array, raw: RawImage, grid: LensletGrid, interpolation: Interpolation
-) -> None:
-    """Fill the views of such a grid, as `clplen.lightfield.raw.decode.resample` describes."""
-    device, (ny, nx) = raw.device, raw.shape
-    (V, U), (rows, columns) = grid.views, grid.count
-    (above, down), (left, across) = taps_along(grid, (ny, nx), interpolation)
+def strides_of(views: cla.Array, grid: LensletGrid) -> list[int]:
+    """Return the strides of a light field in samples along the grid's (V, U, rows, columns)."""
     strides = [int(n) // views.dtype.itemsize for n in views.strides]
-    order = (1, 0, 3, 2) if grid.exchanged else (0, 1, 2, 3)
-    device.launch(
-        device.kernel("upright.cl", "decode_upright"),
-        (V * rows,),
-        views,
-        raw.data,
-        *(device.upload(table) for table in (above, down, left + _MARGIN, across)),
-        *(np.int32(n) for n in (ny, nx, V, U, rows, columns)),
-        *(np.int64(strides[axis]) for axis in order),
-        cl.LocalMemory(_line_bytes(raw)),
-        group=(1,),
-    )
+    return [strides[axis] for axis in ((1, 0, 3, 2) if grid.exchanged else (0, 1, 2, 3))]
 
 
 def taps_along(
@@ -75,7 +58,7 @@ def taps_along(
 
 
 def _positions(first: float, views: int, view_step: float, count: int, step: float) -> Vector:
-    """Along one axis, view by view, shape (views count,): see `_row_tables` in decode.py."""
+    """Along one axis, view by view, shape (views count,): see `grid_tables`."""
     corner = first - (views - 1) / 2 * view_step
     parts = (np.arange(views) * view_step, corner + np.arange(count) * step)
     return np.add.outer(*(np.round(part * FRACTION) / FRACTION for part in parts)).ravel()
@@ -113,9 +96,9 @@ def tap_weights(t: Vector, interpolation: Interpolation) -> Table:
 
 
 def resample(
-    raw: RawImage, grid: LensletGrid, *, interpolation: Interpolation = "cubic"
+    pixels: cla.Array, grid: LensletGrid, device: Device, *, interpolation: Interpolation = "cubic"
 ) -> cla.Array:
-    """Views of a raw image, interpolated along both axes.
+    """Return the views of a raw image (ny, nx), float32, interpolated along both axes.
 
     A position that is a whole number of pixels takes that pixel as it is; pixels off the sensor
     count 0. On a hexagonal lattice every lenslet is sampled about its own centre, and its odd rows
@@ -123,29 +106,35 @@ def resample(
     all rows to the grid's own ``columns``, so that the views lie on a rectangular lattice; at the
     end of such a row its last lenslet stands for the one that is missing.
     """
-    _check(raw, grid)
-    device = raw.device
+    _check(pixels, grid, device)
     device.require_memory(4 * int(np.prod(grid.shape, dtype=np.int64)), "This light field")
     views = device.empty(grid.shape, np.float32)
-    if device.rows and is_upright(grid) and fits_local_memory(raw):
-        resample_upright(views, raw, grid, interpolation)
+    (V, U), (rows, lenslets) = grid.views, grid.count
+    ny, nx = (int(n) for n in pixels.shape)
+    strides = [np.int64(n) for n in strides_of(views, grid)]
+    if device.rows and is_upright(grid) and fits_local_memory(nx, device):
+        (above, down), (left, across) = taps_along(grid, (ny, nx), interpolation)
+        device.launch(
+            device.kernel("upright.cl", "decode_upright"),
+            (V * rows,),
+            *(views, pixels),
+            *(device.upload(table) for table in (above, down, left + _MARGIN, across)),
+            *(np.int32(n) for n in (ny, nx, V, U, rows, lenslets)),
+            *strides,
+            cl.LocalMemory(_line_bytes(nx)),
+            group=(1,),
+        )
         return views
-    (V, U), (rows, lenslets), (ny, nx) = grid.views, grid.count, raw.shape
     columns = lenslets if grid.columns is None else grid.columns[0]
-    strides = [int(n) // views.dtype.itemsize for n in views.strides]
-    order = (1, 0, 3, 2) if grid.exchanged else (0, 1, 2, 3)
+    tables = grid_tables(grid, device)
     device.launch_rows(
         device.kernel("decode.cl", "decode", **form_of(interpolation)),
         (V, rows, U, columns),
-        views,
-        raw.data,
-        *_row_tables(grid, device),
-        *_column_tables(grid, device),
-        *split_places(np.arange(V)[:, None] * np.asarray(grid.row_view_step), device),
-        *split_places(np.arange(U)[:, None] * np.asarray(grid.column_view_step), device),
-        *_near_tables(grid, device),
+        *(views, pixels, *tables.rows, *tables.columns),
+        *(table for steps in tables.steps for table in split_places(steps, device)),
+        *tables.near,
         *(np.int32(n) for n in (ny, nx, rows, lenslets, columns)),
-        *(np.int64(strides[axis]) for axis in order),
+        *strides,
     )
     return views
 
@@ -155,14 +144,14 @@ def form_of(interpolation: Interpolation) -> dict[str, Any]:
     return {} if interpolation == "cubic" else {interpolation.upper(): True}
 
 
-def _check(raw: RawImage, grid: LensletGrid) -> None:
-    if len(raw.data.shape) != 2:
+def _check(pixels: cla.Array, grid: LensletGrid, device: Device) -> None:
+    if len(pixels.shape) != 2:
         raise ShapeError(
             "A colour picture of lenslets is not sliced into views, but one of shape (ny, nx): "
             "decode its colours one by one, or give the raw frame with bayer=."
         )
     check_grid(grid)
-    bad = count_bad(raw.data, raw.device)
+    bad = count_bad(pixels, device)
     if bad:
         raise ValueError(
             f"The raw image has {bad} pixels that are NaN or infinite, which interpolation would "
@@ -184,37 +173,14 @@ def check_grid(grid: LensletGrid) -> None:
         raise ValueError(f"The numbers of a lenslet grid are finite, not {grid}.")
 
 
-def _row_tables(grid: LensletGrid, device: Device) -> tuple[cla.Array, cla.Array]:
-    """Where pixel (0, 0) of the first lenslet of each row lies."""
-    i = np.arange(grid.count[0])[:, None]
-    V, U = grid.views
-    corner = (
-        np.asarray(grid.first)
-        - (V - 1) / 2 * np.asarray(grid.row_view_step)
-        - (U - 1) / 2 * np.asarray(grid.column_view_step)
-    )
-    shift = np.where(i % 2, grid.odd_row_shift, 0.0)
-    return split_places(
-        corner + i * np.asarray(grid.row_step) + shift * np.asarray(grid.column_step), device
-    )
-
-
-def _column_tables(grid: LensletGrid, device: Device) -> tuple[cla.Array, cla.Array]:
-    """How far each lenslet lies from the first of its row."""
-    return split_places(np.arange(grid.count[1])[:, None] * np.asarray(grid.column_step), device)
-
-
 @dataclass(frozen=True)
 class GridTables:
     """Places of a grid's samples as the kernels read them: integers and fractions of pixels."""
 
-    # rows, columns, near: Of the rows of lenslets, of the lenslets of a row, and of the columns
-    # wanted
-    rows: tuple[cla.Array, cla.Array]
-    columns: tuple[cla.Array, cla.Array]
-    near: tuple[cla.Array, cla.Array]
-    # Where views lie, down and to the right, float64, shapes (V, 2) and (U, 2)
-    steps: tuple[Vector, Vector]
+    rows: tuple[cla.Array, cla.Array]  # of pixel (0, 0) of the first lenslet of each row
+    columns: tuple[cla.Array, cla.Array]  # of each lenslet from the first one of its row
+    near: tuple[cla.Array, cla.Array]  # of the columns among the lenslets of even and odd rows
+    steps: tuple[Vector, Vector]  # of views down and to the right, float64, (V, 2) and (U, 2)
     device: Device
 
     def views(self, v: int) -> tuple[cla.Array, cla.Array]:
@@ -224,22 +190,20 @@ class GridTables:
 
 
 def grid_tables(grid: LensletGrid, device: Device) -> GridTables:
-    """Where the samples of a grid lie."""
+    """Return where the samples of a grid lie."""
     V, U = grid.views
-    down = np.arange(V)[:, None] * np.asarray(grid.row_view_step)
-    right = np.arange(U)[:, None] * np.asarray(grid.column_view_step)
+    row, column = np.asarray(grid.row_step), np.asarray(grid.column_step)
+    down, right = np.asarray(grid.row_view_step), np.asarray(grid.column_view_step)
+    corner = np.asarray(grid.first) - (V - 1) / 2 * down - (U - 1) / 2 * right
+    i, k = (np.arange(n)[:, None] for n in grid.count)
+    shift = np.where(i % 2, grid.odd_row_shift, 0.0)
     return GridTables(
-        _row_tables(grid, device),
-        _column_tables(grid, device),
-        _near_tables(grid, device),
-        (down, right),
+        split_places(corner + i * row + shift * column, device),
+        split_places(k * column, device),
+        split_places(near_places(grid), device),
+        (np.arange(V)[:, None] * down, np.arange(U)[:, None] * right),
         device,
     )
-
-
-def _near_tables(grid: LensletGrid, device: Device) -> tuple[cla.Array, cla.Array]:
-    """Between which lenslets of even and odd rows the columns lie, and at which fraction."""
-    return split_places(near_places(grid), device)
 
 
 def near_places(grid: LensletGrid) -> Vector:

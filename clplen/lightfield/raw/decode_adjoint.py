@@ -20,6 +20,7 @@ from clplen.lightfield.raw.decode import (
     is_upright,
     near_places,
     split_places,
+    strides_of,
     tap_weights,
     taps_along,
 )
@@ -47,9 +48,7 @@ def resample_adjoint(
     weights. The result has the same bits in every run.
     """
     check_grid(grid)
-    order = (1, 0, 3, 2) if grid.exchanged else (0, 1, 2, 3)
-    steps = [int(np.prod(grid.shape[axis + 1 :], dtype=np.int64)) for axis in range(4)]
-    strides = [steps[axis] for axis in order]
+    strides = strides_of(views, grid)
     raw = device.empty(shape, np.float32)
     if is_upright(grid):
         _spread_upright(raw, views, grid, strides, device, interpolation)

@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from typing import Any
 
@@ -11,7 +10,7 @@ import numpy as np
 import pyopencl.array as cla
 
 from clplen.compute.device import Device
-from clplen.lightfield.raw.decode import Interpolation, resample
+from clplen.lightfield.raw.decode import resample
 from clplen.lightfield.raw.lenslet_grid import LensletGrid
 from clplen.lightfield.raw.raw_image import RawImage
 from clplen.settings.declaration import setting_of
@@ -37,6 +36,15 @@ def tile_of(bayer: str | Sequence[Sequence[str]]) -> Tile:
             f"('RG', 'GB'), not {tuple(bayer)!r}."
         )
     return rows
+
+
+def scaled_colours(picture: Frame, tile: Tile, factors: Mapping[str, float]) -> Frame:
+    """Return a mosaic times a factor for each of its colours."""
+    out = picture.copy()
+    for y, row in enumerate(tile):
+        for x, colour in enumerate(row):
+            out[y :: len(tile), x :: len(row)] *= np.float32(factors[colour])
+    return out
 
 
 def positions_of(tile: Tile, colour: str) -> list[tuple[int, int]]:
@@ -69,12 +77,16 @@ def views_of_colours(
             alone = np.zeros_like(frame)
             for y, x in positions:
                 alone[y::down, x::across] = frame[y::down, x::across]
-            slices = [sliced(alone, grid, device, interpolation="linear")]
+            pictures = [(alone, grid)]
             for y, x in (positions[0], positions[-1]):
                 own = np.ascontiguousarray(frame[y::down, x::across])
-                every = _every(grid, (y, x), (down, across))
-                slices.append(sliced(own, every, device, interpolation="linear"))
-            parts.append(slices)
+                pictures.append((own, _every(grid, (y, x), (down, across))))
+            parts.append(
+                [
+                    resample(device.upload(one), places, device, interpolation="linear")
+                    for one, places in pictures
+                ]
+            )
         (raw, *near), (flat, *near_flat) = parts
         device.launch_rows(
             device.kernel("devignette.cl", "colours"),
@@ -168,11 +180,3 @@ def _triangle(period: int) -> Frame:
     """Weights up to a period of the tile on either side, 1 in the middle."""
     n = np.arange(1 - period, period)
     return np.asarray(1 - np.abs(n) / period, np.float32)
-
-
-def sliced(
-    frame: Frame, grid: LensletGrid, device: Device, *, interpolation: Interpolation = "cubic"
-) -> cla.Array:
-    """Views of a frame, shape ``grid.shape``; ``interpolation`` as for `resample`."""
-    raw = RawImage(device.upload(frame), device, math.nan, grid, grid)
-    return resample(raw, grid, interpolation=interpolation)

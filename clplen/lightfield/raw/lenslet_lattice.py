@@ -218,6 +218,11 @@ class Lattice:
             )
 
     @property
+    def is_measured(self) -> bool:
+        """Whether the lattice was given or found, and does not stand in for a missing one."""
+        return self.trust == "high" or math.isfinite(self.residual)
+
+    @property
     def pitch(self) -> Pair:
         """Distances between columns and between rows, in pixels: (abs(column), abs(row))."""
         return math.hypot(*self.column), math.hypot(*self.row)

@@ -158,6 +158,12 @@ class DepthTruth(Protocol):
         """Metres from the focused plane, farther positive; NaN where not known."""
 
 
+def tiled(tile: Any, shape: tuple[int, int]) -> np.ndarray[Any, Any]:
+    """Return a tile, such as one of colour filters, repeated over a sensor of a shape (ny, nx)."""
+    (down, across), (ny, nx) = np.shape(tile), shape
+    return np.tile(tile, (-(-ny // down), -(-nx // across)))[:ny, :nx]
+
+
 def is_telecentric(source: Any) -> bool:
     """Whether what took a light field has its exit pupil at infinity."""
     return bool(getattr(getattr(source, "camera", None), "telecentric", False))
@@ -474,8 +480,7 @@ class Sensor:
             )
         assert raw.mosaic is not None
         tile = np.array([[gains[name] for name in row] for row in raw.mosaic])
-        ny, nx = raw.shape
-        return np.tile(tile, (-(-ny // len(tile)), -(-nx // tile.shape[1])))[:ny, :nx]
+        return tiled(tile, raw.shape)
 
 
 def _gains(gain: Any) -> float | Gains:

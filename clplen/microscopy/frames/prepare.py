@@ -19,11 +19,9 @@ from scipy.ndimage import binary_dilation
 from clplen.checks import host_array, positive_integer, real_array, require
 from clplen.compute.device import Device, DeviceLike, as_device
 from clplen.errors import ShapeError
-from clplen.lightfield.calibration.lattice_fit import estimate_lattice
-from clplen.lightfield.calibration.lattice_trust import require_trust
+from clplen.lightfield.calibration.lattice_trust import lattice_of_white
 from clplen.lightfield.raw.decode import resample
 from clplen.lightfield.raw.lenslet_lattice import Lattice
-from clplen.lightfield.raw.raw_image import RawImage
 from clplen.microscopy.frames.given_lattice import check_given
 from clplen.microscopy.frames.outliers import MANY, hot_pixels, uneven_pixels
 from clplen.reprs import OneLine
@@ -108,8 +106,7 @@ def rectify(
     if complete:
         values = np.pad(values, REACH, mode="edge")
         grid = replace(grid, first=(grid.first[0] + REACH, grid.first[1] + REACH))
-    raw = RawImage(device.upload(values), device, math.nan, grid, grid)
-    views = device.download(resample(raw, grid))
+    views = device.download(resample(device.upload(values), grid, device))
     rows, columns = views.shape[2:]
     cells = np.maximum(views, 0).transpose(2, 0, 3, 1) * np.float32(area(lattice, n))
     return np.ascontiguousarray(cells.reshape(rows * n, columns * n))
@@ -520,13 +517,7 @@ def white_frame(
     """Find the lattice of a white frame and the pixels that do not count; refuse what is none."""
     light, bad = _white_light(white, dark_frame(dark), saturation)
     out = None if mask is None else mask_of(mask, light.shape)
-    lattice = estimate_lattice(light, kind=kind, pitch=pitch)
-    if math.isnan(lattice.residual):
-        raise ValueError(
-            f"The white frame has no {kind} lattice of lenslets of about {pitch:g} pixels, as the "
-            "point images have: is it one, and of the same camera?"
-        )
-    require_trust(lattice, "The white frame", force=force)
+    lattice = lattice_of_white(light, "The white frame", kind=kind, pitch=pitch, force=force)
     if find_hot:
         uneven = uneven_pixels(light, lattice)
         bad = bad | uneven if np.count_nonzero(uneven) <= MANY * light.size else bad

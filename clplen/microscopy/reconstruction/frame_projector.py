@@ -27,7 +27,6 @@ from clplen.lightfield.raw.decode import resample
 from clplen.lightfield.raw.decode_adjoint import resample_adjoint
 from clplen.lightfield.raw.lenslet_grid import LensletGrid
 from clplen.lightfield.raw.lenslet_lattice import Lattice
-from clplen.lightfield.raw.raw_image import RawImage
 from clplen.microscopy.model.cells import Cell, Pair
 from clplen.microscopy.model.images import PointImages
 from clplen.microscopy.reconstruction.projector import Projector
@@ -154,8 +153,7 @@ class FrameProjector(Projector):
 
     def _on_camera(self, model: cla.Array) -> cla.Array:
         """W of a model's frame, on the device."""
-        raw = RawImage(model, self.device, math.nan, self._grid, self._grid)
-        return resample(raw, self._grid, interpolation="spline")
+        return resample(model, self._grid, self.device, interpolation="spline")
 
     def _on_model(self, frame: cla.Array) -> cla.Array:
         """W' of a frame, on the device."""
