@@ -42,7 +42,7 @@ from clplen.cameras.scenes.surface_scene import SurfaceScene
 from clplen.compute.device import Device
 from clplen.errors import SamplingWarning, warn_caller
 from clplen.lightfield.raw.raw_image import RawImage, Sensor
-from clplen.wave.coherence.averaging import Averaging, Checkpoint, Progress
+from clplen.wave.coherence.averaging import Checkpoint, Progress
 from clplen.wave.coherence.coherence import Coherence
 from clplen.wave.elements.lenslets import MicrolensArray
 from clplen.wave.field.field import Field, row_powers
@@ -174,7 +174,8 @@ class Plenoptic(Described, RayOptics):
         DeviceError
             If the fields do not fit the device.
         """
-        averaging = Averaging(snapshots, rtol, region, checkpoint)
+        slides = {"snapshots": snapshots, "rtol": rtol, "region": region, "checkpoint": checkpoint}
+        averaging = {name: value for name, value in slides.items() if value is not None}
         optics = self.optics
         if _uses_rays(model, scene, coherence, averaging):
             if isinstance(scene, SurfaceScene):
@@ -193,8 +194,7 @@ class Plenoptic(Described, RayOptics):
     @property
     def optics(self) -> WaveOptics:
         """The waves that go through the camera: fields of positions at each of its planes."""
-        lengths = {field.name: getattr(self, field.name) for field in fields(RayOptics)}
-        return WaveOptics(**lengths, z2=self.array_distance, z3=self.sensor_distance)
+        return WaveOptics(**{field.name: getattr(self, field.name) for field in fields(RayOptics)})
 
     def raw_image(self, data: cla.Array) -> RawImage:
         """Intensity on the sensor with the positions of the sub-images on it."""
@@ -270,7 +270,9 @@ def scene_energy(camera: Plenoptic, scene: PointSources) -> Sequence[tuple[float
     return rows
 
 
-def _uses_rays(model: str, scene: Any, coherence: Coherence | None, averaging: Averaging) -> bool:
+def _uses_rays(
+    model: str, scene: Any, coherence: Coherence | None, averaging: dict[str, Any]
+) -> bool:
     """Whether a raw image is to be found by rays."""
     if model not in ("waves", "rays"):
         raise ValueError(f"model is 'waves' or 'rays', not {model!r}.")
@@ -279,9 +281,7 @@ def _uses_rays(model: str, scene: Any, coherence: Coherence | None, averaging: A
             "A SurfaceScene is exposed by rays: give model='rays'. Waves take PointSources, "
             "PicturePlanes and Occluders."
         )
-    slides = (averaging.snapshots, averaging.rtol, averaging.region, averaging.checkpoint)
-    options = (coherence, *slides)
-    if model == "rays" and any(option is not None for option in options):
+    if model == "rays" and (coherence is not None or averaging):
         raise ValueError(
             "coherence, snapshots, rtol, region and checkpoint are for model='waves': rays are "
             "incoherent and exact at once."

@@ -63,28 +63,6 @@ class Plenoptic2(Plenoptic):
 
     kind: ClassVar[Kind] = "focused"
 
-    m: float
-
-    @property
-    def a(self) -> float:
-        """f (1 + 1/m) in metres, from the main lens' image to the array; < 0: Galilean."""
-        return self.mla.focal_length * (1 + 1 / self.m)
-
-    @property
-    def b(self) -> float:
-        """f (1 + m) in metres, from the array to the sensor."""
-        return self.mla.focal_length * (1 + self.m)
-
-    @property
-    def array_distance(self) -> float:
-        """z2 = F + a in metres, from the main lens to the array."""
-        return self.image_distance + self.a
-
-    @property
-    def sensor_distance(self) -> float:
-        """z3 = b in metres, from the array to the sensor, and what this is moved by."""
-        return self.b + self.aberrations.sensor_shift
-
     @property
     def patch_size(self) -> float:
         """abs(m) p F/(z2 dx): pixels of each sub-image that tile the main image without a seam.

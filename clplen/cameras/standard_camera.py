@@ -70,16 +70,6 @@ class Plenoptic1(Plenoptic):
 
     kind: ClassVar[Kind] = "standard"
 
-    @property
-    def array_distance(self) -> float:
-        """z2 = F in metres, from the main lens to the array."""
-        return self.image_distance
-
-    @property
-    def sensor_distance(self) -> float:
-        """z3 = f_mu in metres, from the array to the sensor, and what this is moved by."""
-        return self.mla.focal_length + self.aberrations.sensor_shift
-
     def describe(self) -> Description:
         """Derived parameters; see `Description`."""
         p, f_mu, lam = self.mla.pitch, self.mla.focal_length, self.wavelength

@@ -4,13 +4,14 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 
 from clplen.cameras.optics.wave_optics import WaveOptics, padded_shape
 from clplen.cameras.scenes.scene_sources import PicturePlane
 from clplen.lightfield.raw.raw_image import Exposure
-from clplen.wave.coherence.averaging import Averaging, Progress
+from clplen.wave.coherence.averaging import Progress
 from clplen.wave.coherence.coherence import Coherence
 from clplen.wave.coherence.coherence_plan import Opening, check_opening
 from clplen.wave.elements.lens import thin_lens
@@ -76,7 +77,7 @@ def light_slide(
     slide: PicturePlane,
     light: Coherence,
     koehler: bool,
-    averaging: Averaging,
+    averaging: dict[str, Any],
     progress: Progress | None,
 ) -> tuple[MeanIntensity, Exposure]:
     """The raw image of one slide, and how it was found."""
@@ -84,10 +85,7 @@ def light_slide(
     if light.spatial is not None:
         focus = path.z if koehler else math.inf
         check_opening(field, light.spatial, Opening(path.z, optics.aperture_diameter, focus))
-    mean = light.average(
-        path, field, snapshots=averaging.snapshots, rtol=averaging.rtol, region=averaging.region,
-        checkpoint=averaging.checkpoint, progress=progress, method="monte-carlo",
-    )  # fmt: skip
+    mean = light.average(path, field, **averaging, progress=progress, method="monte-carlo")
     return mean, _report(path, mean, light, len(light.lines(optics.wavelength)))
 
 
