@@ -23,6 +23,7 @@ from clplen.cameras.exposure.local_exposure import (
     add_local,
     check_windows,
     local_transforms,
+    merged,
 )
 from clplen.cameras.exposure.slides import light_slide
 from clplen.cameras.exposure.spectral_exposure import (
@@ -401,7 +402,7 @@ def _add_picture(
             SamplingWarning,
         )
     transforms = plan.transforms(optics.grid.shape) + once.transforms
-    return Exposure("isoplanatic", _merged(transforms), float(error))
+    return Exposure("isoplanatic", merged(transforms), float(error))
 
 
 def _probes(plane: PicturePlane, plan: Layout) -> list[int]:
@@ -417,18 +418,10 @@ def _probes(plane: PicturePlane, plan: Layout) -> list[int]:
     return [int(lit[n]) for n in sorted({*found, int(apart.argmax())})]
 
 
-def _merged(transforms: Transforms) -> Transforms:
-    """One entry for each shape."""
-    counts: dict[tuple[int, int], int] = {}
-    for n, shape in transforms:
-        counts[shape] = counts.get(shape, 0) + n
-    return tuple((n, shape) for shape, n in counts.items())
-
-
 def _joined(reports: list[Exposure]) -> Exposure:
     """What several parts of a scene were exposed by; their errors as if they were independent."""
     routes = sorted({report.route for report in reports})
-    transforms = _merged(tuple(pair for report in reports for pair in report.transforms))
+    transforms = merged(pair for report in reports for pair in report.transforms)
     numbers = [report.snapshots for report in reports if report.snapshots is not None]
     relative = [report.relative_error for report in reports if report.relative_error is not None]
     errors = [report.standard_error for report in reports if report.standard_error is not None]

@@ -243,9 +243,12 @@ class WaveOptics(RayOptics):
         Field
             Same shape.
         """
-        if self.field_lens:
-            at_array = thin_lens(at_array, self.array_distance)
-        return self.to_sensor(self.behind_lenslets(self.mla.apply(at_array)), pad=pad)
+        through = self.mla.apply(self.behind_field_lens(at_array))
+        return self.to_sensor(self.behind_lenslets(through), pad=pad)
+
+    def behind_field_lens(self, at_array: Field) -> Field:
+        """Fields at the array behind its field lens, where the camera has one."""
+        return thin_lens(at_array, self.array_distance) if self.field_lens else at_array
 
     def to_sensor(self, behind: Field, *, pad: int = 1) -> Field:
         """Fields right behind the lenslets propagated to the pixels of the sensor."""
