@@ -89,12 +89,6 @@ def lens_focus(r: Real, *, f: float, diameter: float, wavelength: float) -> Comp
     return area / (1j * wavelength * f) * chirp * airy(np.pi * diameter * r / (wavelength * f))
 
 
-def point_image(r: Real, *, z1: float, z2: float, diameter: float, wavelength: float) -> Complex:
-    """Fresnel image of a unit point source on the axis, 1/f = 1/z1 + 1/z2."""
-    pattern = lens_focus(r, f=z2, diameter=diameter, wavelength=wavelength)
-    return pattern / (1j * wavelength * z1)
-
-
 def talbot_distance(period: float, wavelength: float) -> float:
     """Exact self-imaging distance of a grating, lam (1 + sqrt(1-q))/q, q = (lam/d)^2."""
     q = (wavelength / period) ** 2

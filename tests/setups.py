@@ -14,7 +14,6 @@ from reference_closed import (
     gauss_legendre,
     gaussian_exact,
     gaussian_paraxial,
-    point_image,
 )
 from reference_elements import rectangle_coverage
 from reference_optics import Complex, Pair, Real, axis, pair, radius_squared
@@ -116,29 +115,3 @@ def gaussian_fresnel(z_units: float, *, n: int = 1024, dx: float = 6.6e-6) -> Se
     z, waist, x = z_units * n * dx**2 / LAM, n * dx / 16, axis(n, dx)
     exact = gaussian_paraxial(x, z, waist=waist, wavelength=LAM, dim=1)
     return one_axis(np.exp(-((x / waist) ** 2)), dx, z, exact)
-
-
-# The 2f system ----------------------------------------------------------------------------------
-
-
-@dataclass(frozen=True)
-class TwoF:
-    """A point, f - lens - f at unit magnification: z1 = z2 = 2f; `image` on the grid of `u`."""
-
-    u: Complex
-    pitch: tuple[float, float]
-    f: float
-    diameter: float
-    z1: float
-    z2: float
-    image: Complex
-    wavelength: float = LAM
-
-
-def two_f(n: int = 1010, dx: float = 6.6e-6, *, f: float = 0.12, diameter: float = 3.6e-3) -> TwoF:
-    """One-sample delta of height 1/dx^2 and its Airy image."""
-    u = np.zeros((n, n), dtype=np.complex128)
-    u[n // 2, n // 2] = dx**-2
-    r = np.sqrt(radius_squared((n, n), dx))
-    image = point_image(r, z1=2 * f, z2=2 * f, diameter=diameter, wavelength=LAM)
-    return TwoF(u, (dx, dx), f, diameter, 2 * f, 2 * f, image)

@@ -39,10 +39,9 @@ from clplen.cameras.scenes.scene_sources import (
     as_sources,
 )
 from clplen.cameras.scenes.surface_scene import SurfaceScene
-from clplen.compute.device import Device
 from clplen.errors import SamplingWarning, warn_caller
 from clplen.lightfield.raw.raw_image import RawImage, Sensor
-from clplen.wave.coherence.averaging import Averaging, Checkpoint, Progress
+from clplen.wave.coherence.averaging import Checkpoint, Progress
 from clplen.wave.coherence.coherence import Coherence
 from clplen.wave.elements.lenslets import MicrolensArray
 from clplen.wave.field.field import Field, row_powers
@@ -174,7 +173,8 @@ class Plenoptic(Described, RayOptics):
         DeviceError
             If the fields do not fit the device.
         """
-        averaging = Averaging(snapshots, rtol, region, checkpoint)
+        slides = {"snapshots": snapshots, "rtol": rtol, "region": region, "checkpoint": checkpoint}
+        averaging = {name: value for name, value in slides.items() if value is not None}
         optics = self.optics
         if _uses_rays(model, scene, coherence, averaging):
             if isinstance(scene, SurfaceScene):
@@ -193,8 +193,7 @@ class Plenoptic(Described, RayOptics):
     @property
     def optics(self) -> WaveOptics:
         """The waves that go through the camera: fields of positions at each of its planes."""
-        lengths = {field.name: getattr(self, field.name) for field in fields(RayOptics)}
-        return WaveOptics(**lengths, z2=self.array_distance, z3=self.sensor_distance)
+        return WaveOptics(**{field.name: getattr(self, field.name) for field in fields(RayOptics)})
 
     def raw_image(self, data: cla.Array) -> RawImage:
         """Intensity on the sensor with the positions of the sub-images on it."""
@@ -270,7 +269,9 @@ def scene_energy(camera: Plenoptic, scene: PointSources) -> Sequence[tuple[float
     return rows
 
 
-def _uses_rays(model: str, scene: Any, coherence: Coherence | None, averaging: Averaging) -> bool:
+def _uses_rays(
+    model: str, scene: Any, coherence: Coherence | None, averaging: dict[str, Any]
+) -> bool:
     """Whether a raw image is to be found by rays."""
     if model not in ("waves", "rays"):
         raise ValueError(f"model is 'waves' or 'rays', not {model!r}.")
@@ -279,9 +280,7 @@ def _uses_rays(model: str, scene: Any, coherence: Coherence | None, averaging: A
             "A SurfaceScene is exposed by rays: give model='rays'. Waves take PointSources, "
             "PicturePlanes and Occluders."
         )
-    slides = (averaging.snapshots, averaging.rtol, averaging.region, averaging.checkpoint)
-    options = (coherence, *slides)
-    if model == "rays" and any(option is not None for option in options):
+    if model == "rays" and (coherence is not None or averaging):
         raise ValueError(
             "coherence, snapshots, rtol, region and checkpoint are for model='waves': rays are "
             "incoherent and exact at once."
@@ -322,7 +321,46 @@ def main_lens_distances(
     return distances
 
 
-def check_aperture(D: float, F: float) -> None:
+def build(
+    kind: type[Self],
+    *,
+    distances: tuple[float, float],
+    aperture_diameter: float,
+    focal_length: float,
+    wavelength: float,
+    mla: MicrolensArray,
+    pixels_per_lenslet: float | None,
+    pixels: PixelArray | None,
+    lens_model: str,
+    aberrations: Aberrations,
+    **own: Any,
+) -> Self:
+    """Build a camera of checked distances: its aperture, lens model, sensor and aberrations."""
+    z_obj, F = distances
+    D = float(aperture_diameter)
+    _check_aperture(D, F)
+    across = lenslet_pixels(mla, pixels_per_lenslet, pixels)
+    if pixels is not None:
+        mla = pixels.turned(mla)
+    grid = sensor_grid(mla, across, pixels)
+    camera = kind(
+        focal_length=float(focal_length),
+        object_distance=z_obj,
+        image_distance=F,
+        aperture_diameter=D,
+        mla=mla,
+        wavelength=float(wavelength),
+        pixels_per_lenslet=float(across),
+        pixel_pitch=grid.pitch[1],
+        grid=grid,
+        lens_model=_choose_lens_model(lens_model, D, z_obj, F, wavelength),
+        pixels=pixels,
+        **own,
+    )
+    return camera.with_aberrations(aberrations)
+
+
+def _check_aperture(D: float, F: float) -> None:
     """Refuse an aperture that no lens has; warn of one that scalar waves do not describe well.
 
     The numerical aperture at the image of a lens that obeys the sine condition is D/(2 F), below 1.
@@ -342,32 +380,7 @@ def check_aperture(D: float, F: float) -> None:
         )
 
 
-def shared_fields(
-    focal_length: float,
-    wavelength: float,
-    mla: MicrolensArray,
-    pixels_per_lenslet: float | None,
-    pixels: PixelArray | None,
-    device: Device,
-) -> dict[str, Any]:
-    """Fields of both cameras that are as given, and the sensor's."""
-    across = lenslet_pixels(mla, pixels_per_lenslet, pixels)
-    if pixels is not None:
-        mla = pixels.turned(mla)
-    grid = sensor_grid(mla, across, pixels)
-    return {
-        "focal_length": float(focal_length),
-        "mla": mla,
-        "wavelength": float(wavelength),
-        "pixels_per_lenslet": float(across),
-        "pixel_pitch": grid.pitch[1],
-        "grid": grid,
-        "device": device,
-        "pixels": pixels,
-    }
-
-
-def choose_lens_model(
+def _choose_lens_model(
     given: str, D: float, object_distance: float, image_distance: float, wavelength: float
 ) -> LensModel:
     """The model of the main lens."""

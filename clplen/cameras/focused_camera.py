@@ -14,19 +14,13 @@ from numbers import Real
 from typing import ClassVar, Literal
 
 from clplen import units
-from clplen.cameras.camera_base import (
-    Plenoptic,
-    check_aperture,
-    choose_lens_model,
-    main_lens_distances,
-    shared_fields,
-)
+from clplen.cameras.camera_base import Plenoptic, build, main_lens_distances
 from clplen.cameras.description import Description, Row, optics_rows
 from clplen.cameras.optics.camera_aberrations import NONE, Aberrations
 from clplen.cameras.optics.lenslet_camera import Kind
 from clplen.cameras.optics.pixel_array import PixelArray
 from clplen.checks import fits_float64
-from clplen.compute.device import DeviceLike, as_device
+from clplen.compute.device import DeviceLike
 from clplen.wave.elements.lenslets import MicrolensArray
 
 LEAST_PATCH = 0.1  # pixels that pictures of neighbouring lenslets move by
@@ -62,28 +56,6 @@ class Plenoptic2(Plenoptic):
     """
 
     kind: ClassVar[Kind] = "focused"
-
-    m: float
-
-    @property
-    def a(self) -> float:
-        """f (1 + 1/m) in metres, from the main lens' image to the array; < 0: Galilean."""
-        return self.mla.focal_length * (1 + 1 / self.m)
-
-    @property
-    def b(self) -> float:
-        """f (1 + m) in metres, from the array to the sensor."""
-        return self.mla.focal_length * (1 + self.m)
-
-    @property
-    def array_distance(self) -> float:
-        """z2 = F + a in metres, from the main lens to the array."""
-        return self.image_distance + self.a
-
-    @property
-    def sensor_distance(self) -> float:
-        """z3 = b in metres, from the array to the sensor, and what this is moved by."""
-        return self.b + self.aberrations.sensor_shift
 
     @property
     def patch_size(self) -> float:
@@ -211,25 +183,26 @@ def type2(
     SamplingWarning
         As `type1`.
     """
-    device = as_device(device)
-    z_obj, F = main_lens_distances(
-        mla, wavelength, focal_length, object_distance, image_distance,
-        aperture_diameter,
-    )  # fmt: skip
-    m = _magnification(mla.focal_length, m, a)
+    distances = main_lens_distances(
+        mla, wavelength, focal_length, object_distance, image_distance, aperture_diameter
+    )
+    F, m = distances[1], _magnification(mla.focal_length, m, a)
     z2, b = F + mla.focal_length * (1 + 1 / m), mla.focal_length * (1 + m)
-    D = _matched_aperture(match, pitch=mla.pitch, F=F, z2=z2, b=b)
-    D = float(D if aperture_diameter is None else aperture_diameter)
-    check_aperture(D, F)
-    shared = shared_fields(focal_length, wavelength, mla, pixels_per_lenslet, pixels, device)
-    camera = Plenoptic2(
-        object_distance=z_obj,
-        image_distance=F,
-        aperture_diameter=D,
+    matched = _matched_aperture(match, pitch=mla.pitch, F=F, z2=z2, b=b)
+    camera = build(
+        Plenoptic2,
+        distances=distances,
+        aperture_diameter=matched if aperture_diameter is None else aperture_diameter,
+        focal_length=focal_length,
+        wavelength=wavelength,
+        mla=mla,
+        pixels_per_lenslet=pixels_per_lenslet,
+        pixels=pixels,
+        lens_model=lens_model,
+        aberrations=aberrations,
+        device=device,
         field_lens=False,
         m=float(m),
-        lens_model=choose_lens_model(lens_model, D, z_obj, F, wavelength),
-        **shared,
     )
     if camera.patch_size < LEAST_PATCH:
         raise ValueError(
@@ -238,7 +211,7 @@ def type2(
             f"abs(m) of {_least_m(mla.focal_length, F, camera.pixels_per_lenslet):.2g} or more "
             "would do."
         )
-    return camera.with_aberrations(aberrations)
+    return camera
 
 
 def _magnification(f: float, m: float | None, a: float | None) -> float:

@@ -6,19 +6,13 @@ import math
 from dataclasses import dataclass
 from typing import ClassVar, Literal
 
-from clplen.cameras.camera_base import (
-    Plenoptic,
-    check_aperture,
-    choose_lens_model,
-    main_lens_distances,
-    shared_fields,
-)
+from clplen.cameras.camera_base import Plenoptic, build, main_lens_distances
 from clplen.cameras.description import Description, Row, optics_rows
 from clplen.cameras.optics.camera_aberrations import NONE, Aberrations
 from clplen.cameras.optics.lenslet_camera import Kind, independent_views, views
 from clplen.cameras.optics.pixel_array import PixelArray
 from clplen.cameras.optics.ray_optics import view_step
-from clplen.compute.device import DeviceLike, as_device
+from clplen.compute.device import DeviceLike
 from clplen.wave.elements.lenslets import MicrolensArray
 
 
@@ -69,16 +63,6 @@ class Plenoptic1(Plenoptic):
     """
 
     kind: ClassVar[Kind] = "standard"
-
-    @property
-    def array_distance(self) -> float:
-        """z2 = F in metres, from the main lens to the array."""
-        return self.image_distance
-
-    @property
-    def sensor_distance(self) -> float:
-        """z3 = f_mu in metres, from the array to the sensor, and what this is moved by."""
-        return self.mla.focal_length + self.aberrations.sensor_shift
 
     def describe(self) -> Description:
         """Derived parameters; see `Description`."""
@@ -186,25 +170,26 @@ def type1(
     SamplingWarning
         If the numerical aperture D/(2 F) of the main lens is above .4: waves are scalar.
     """
-    device = as_device(device)
-    z_obj, F = main_lens_distances(
-        mla, wavelength, focal_length, object_distance, image_distance,
-        aperture_diameter,
-    )  # fmt: skip
+    distances = main_lens_distances(
+        mla, wavelength, focal_length, object_distance, image_distance, aperture_diameter
+    )
     if len(mla.focal_lengths) > 1:
         raise ValueError(
             f"The sensor of a 1.0 camera lies f_mu behind its lenslets, which here have "
             f"{len(mla.focal_lengths)} focal lengths: give one, or use PlenopticCamera.type2."
         )
-    D = mla.pitch * F / mla.focal_length if aperture_diameter is None else aperture_diameter
-    check_aperture(D, F)
-    shared = shared_fields(focal_length, wavelength, mla, pixels_per_lenslet, pixels, device)
-    camera = Plenoptic1(
-        object_distance=z_obj,
-        image_distance=F,
-        aperture_diameter=float(D),
+    matched = mla.pitch * distances[1] / mla.focal_length
+    return build(
+        Plenoptic1,
+        distances=distances,
+        aperture_diameter=matched if aperture_diameter is None else aperture_diameter,
+        focal_length=focal_length,
+        wavelength=wavelength,
+        mla=mla,
+        pixels_per_lenslet=pixels_per_lenslet,
+        pixels=pixels,
+        lens_model=lens_model,
+        aberrations=aberrations,
+        device=device,
         field_lens=bool(field_lens),
-        lens_model=choose_lens_model(lens_model, D, z_obj, F, wavelength),
-        **shared,
     )
-    return camera.with_aberrations(aberrations)

@@ -6,7 +6,6 @@ import math
 
 import numpy as np
 import pytest
-from reference_closed import airy
 
 from clplen.analysis.cameras.crosstalk import (
     cell_centres,
@@ -132,48 +131,6 @@ def test_a_cell_that_leaves_the_sensor_has_what_is_on_it() -> None:
     assert energy_in_cell(even, cells, (2, 2)) == pytest.approx(2.5 * (13.5 - 12))
     away = LensletGrid((3, 3), (1, 1), (-40.0, 4.5), (6.0, 0.0), (0.0, 5.0))
     assert energy_in_cell(even, away, (0, 0)) == 0
-
-
-def exposed(width: float, lenslets: int, pixels: int, *, circular: bool) -> np.ndarray:
-    """Intensity on the sensor of a point in focus on a lenslet's centre, in float64.
-
-    The image of a circular main lens of matched aperture (f-number 10 mm/width at 240 mm) on square
-    or circular lenslets of f = 10 mm, carried to the sensor by Fresnel's transfer function.
-    """
-    wavelength, f, distance = 532e-9, 0.010, 0.240
-    dx, n = width / pixels, lenslets * pixels
-    x = (np.arange(n) - (n - 1) / 2) * dx
-    r2 = np.add.outer(x**2, x**2)
-    v = np.pi * width / f * np.sqrt(r2) / wavelength
-    field = airy(v) * np.exp(1j * np.pi * r2 / (wavelength * distance))
-    local = np.tile((np.arange(pixels) - (pixels - 1) / 2) * dx, lenslets)
-    lens = np.exp(-1j * np.pi * local**2 / (wavelength * f))
-    frequency = np.fft.fftfreq(n, dx)
-    hop = np.exp(-1j * np.pi * wavelength * f * frequency**2)
-    field = field * np.multiply.outer(lens, lens)
-    if circular:
-        inside = (width / 2 - np.hypot.outer(local, local)) / dx + 0.5
-        field *= np.clip(inside, 0, 1)
-    out = np.fft.ifft2(np.fft.fft2(field) * np.multiply.outer(hop, hop))
-    return np.abs(out) ** 2
-
-
-@pytest.mark.parametrize(
-    ("width", "shape", "expected"), [(70e-6, "square", 0.514), (150e-6, "circular", 0.086)]
-)
-def test_crosstalk_against_the_lenslets_width(width: float, shape: str, expected: float) -> None:
-    # The values are those of an independent simulation on 25 lenslets, to three digits.
-    lenslets, pixels = 25, 24
-    cells = LensletGrid(
-        (lenslets, lenslets),
-        (pixels, pixels),
-        ((pixels - 1) / 2, (pixels - 1) / 2),
-        (pixels, 0.0),
-        (0.0, pixels),
-    )
-    light = exposed(width, lenslets, pixels, circular=shape == "circular")
-    assert crosstalk(light, cells, cell=(12, 12)) == pytest.approx(expected, abs=0.002)
-    assert crosstalk(light, cells) == crosstalk(light, cells, cell=(12, 12))
 
 
 @pytest.mark.parametrize(("lattice", "cell"), [("square", (25, 25)), ("hexagonal", (24, 26))])

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from scipy import special
 
-from clplen import LightField, MicrolensArray, PicturePlane, PlenopticCamera, PointSources
+from clplen import MicrolensArray, PicturePlane, PlenopticCamera, PointSources
 from clplen.cameras import Occluder, PixelArray
 from clplen.cameras.optics.local_window import LocalWindows, window_shape
 from clplen.cameras.scenes.occluders import shadows
@@ -121,25 +121,6 @@ def bench(device: Device, **options) -> PlenopticCamera:
     return PlenopticCamera.type1(**(values | options))
 
 
-def test_a_raw_image_has_no_light_from_behind_a_screen(device: Device) -> None:
-    """Half of the pupil is hidden: views on that side are dark, and the others as they were."""
-    camera = bench(device)
-    x = 4e-4
-    pitch = 2 * x * 0.3 / 0.55  # the chief ray crosses the screen half of this beside the axis
-    opacity = np.zeros((21, 21))
-    opacity[:, 11:] = 1
-    screen = Occluder(opacity, 21 * pitch, -0.2)
-    point = PointSources((x, -3e-4, 0.05))
-    free, half = (LightField.from_raw(camera.expose(s)) for s in (point, [point, screen]))
-    seen = half.to_numpy().sum((0, 2, 3)) / free.to_numpy().sum((0, 2, 3)).max()
-    all_of_it = free.to_numpy().sum((0, 2, 3)) / free.to_numpy().sum((0, 2, 3)).max()
-    u = (np.arange(half.shape[1]) - (half.shape[1] - 1) / 2) * half.spacing[1]
-    radius = camera.aperture_diameter / 2
-    lit, dark = (u < -0.35 * radius) & (u > -radius), (u > 0.35 * radius) & (u < radius)
-    assert seen[lit].sum() == pytest.approx(all_of_it[lit].sum(), rel=0.1)
-    assert seen[dark].sum() < 0.15 * all_of_it[dark].sum()
-
-
 def test_cameras_whose_pixels_sample_the_light_know_screens(device: Device) -> None:
     """The share of the light that passes, by the shadow on the pupil."""
     mla = MicrolensArray(60e-6, 1.2e-3, count=41)
@@ -174,23 +155,24 @@ def test_pictures_hide_what_is_behind_them(device: Device) -> None:
 def test_what_is_said_of_occluders(device: Device) -> None:
     camera, point = bench(device), PointSources((0, 0, 0))
     screen = Occluder(np.eye(3), 1e-3, -0.1)
-    with pytest.raises(ValueError, match="behind the main lens"):
-        camera.expose([point, Occluder(np.eye(3), 1e-3, -0.5)])
-    with pytest.raises(ValueError, match="which send no light"):
-        camera.expose([screen])
-    with pytest.raises(ValueError, match="SurfaceScene"):
-        camera.expose([point, screen], model="rays")
-    with pytest.raises(ValueError, match="method='points'"):
-        camera.expose([point, screen], method="points")
-    with pytest.raises(ShapeError, match=r"opacity has shape \(2, 2\), and the picture \(3, 3\)"):
-        PicturePlane(np.eye(3), 1e-3, opacity=np.eye(2))
-    with pytest.raises(ValueError, match="from 0 to 1"):
-        PicturePlane(np.eye(3), 1e-3, opacity=1.5)
-    with pytest.raises(ValueError, match="no opacity"):
-        PicturePlane(np.eye(3), 1e-3, mode="transmission", opacity=0.5)
+    for scene, how, words in (
+        ([point, Occluder(np.eye(3), 1e-3, -0.5)], {}, "behind the main lens"),
+        ([screen], {}, "which send no light"),
+        ([point, screen], {"model": "rays"}, "SurfaceScene"),
+        ([point, screen], {"method": "points"}, "method='points'"),
+    ):
+        with pytest.raises(ValueError, match=words):
+            camera.expose(scene, **how)
+    for change, error, words in (
+        ({"opacity": np.eye(2)}, ShapeError, r"shape \(2, 2\), and the picture \(3, 3\)"),
+        ({"opacity": 1.5}, ValueError, "from 0 to 1"),
+        ({"mode": "transmission", "opacity": 0.5}, ValueError, "no opacity"),
+    ):
+        with pytest.raises(error, match=words):
+            PicturePlane(np.eye(3), 1e-3, **change)
     for wrong, kind in (([[np.nan]], ValueError), ([1.0], ShapeError), ("ab", TypeError)):
         with pytest.raises(kind):
             Occluder(wrong, 1e-3)
-    for width, z in ((0, 0), (np.inf, 0), (1e-3, np.nan), ("1", 0)):
+    for width, z in ((0, 0), ("1", 0), (1e-3, np.nan)):
         with pytest.raises(ValueError, match=r"width|z of"):
             Occluder(np.eye(2), width, z)

@@ -20,21 +20,6 @@ GRIDS = [
 ]
 
 
-@pytest.mark.parametrize("grid", GRIDS[1:])
-@pytest.mark.parametrize("diameter", [50e-6, 83e-6])
-def test_every_cell_that_the_aperture_touches_is_there(grid, diameter):
-    part = aperture_grid(grid, diameter)
-    assert all(n <= m for n, m in zip(part.shape, grid.shape, strict=True))
-    for whole, some, pitch in zip((grid.y, grid.x), (part.y, part.x), grid.pitch, strict=True):
-        start = len(whole) // 2 - len(some) // 2
-        assert np.array_equal(some, whole[start : start + len(some)])
-        touched = np.abs(whole) - pitch / 2 < diameter / 2
-        touched[start : start + len(some)] = False
-        assert not touched.any()
-    if diameter == 50e-6:
-        assert part.shape[0] < grid.shape[0]
-
-
 @pytest.mark.parametrize("grid", GRIDS[::2])
 def test_a_part_is_propagated_like_the_whole(device, grid):
     part = aperture_grid(grid, 60e-6)

@@ -13,8 +13,6 @@ from clplen import (
     PointSources,
     SamplingError,
     Sensor,
-    estimate_alpha,
-    refocus,
 )
 from clplen.cameras import camera_base
 from clplen.cameras.exposure import wave_exposure
@@ -55,28 +53,6 @@ def test_a_raw_image_is_the_twins(device, precise):
         got = camera.expose(PointSources(POINTS[:2], diameter=10e-6)).to_numpy()
         assert got.dtype == np.float32
         assert relative_max(expected, got.astype(np.float64)) <= tolerance
-
-
-def test_power_scales_each_source(device):
-    camera = small(device, aperture_diameter=1.0e-3)
-    one, two = (camera.expose(PointSources(p)).to_numpy() for p in POINTS[:2])
-    both = camera.expose(PointSources(POINTS[:2], power=[2.0, 0.5])).to_numpy()
-    np.testing.assert_allclose(both, 2 * one + 0.5 * two, atol=1e-6 * both.max())
-
-
-def test_sub_images_lie_on_chief_rays(device):
-    mla = MicrolensArray(150e-6, 10e-3, count=(12, 17), rotation=0.1, offset=(20e-6, -9e-6))
-    camera = small(device, mla=mla, aperture_diameter=0.5e-3)
-    raw = camera.expose(PointSources((0, 0, 0)))
-    grid = raw.sub_images
-    i, k = 3, 11
-    place = np.add(grid.first, np.multiply(i, grid.row_step)) + np.multiply(k, grid.column_step)
-    expected = mla.centres()[i, k] * (1 + 10e-3 / 0.24)
-    at = [
-        np.interp(p, np.arange(n), axis)
-        for p, n, axis in zip(place, camera.grid.shape, (camera.grid.y, camera.grid.x), strict=True)
-    ]
-    np.testing.assert_allclose(at, expected, atol=1e-12)
 
 
 def test_distances(device):
@@ -207,16 +183,3 @@ def test_every_camera_is_a_plenoptic_camera_and_says_its_kind(device):
     assert not isinstance(lenslets, PlenopticCamera)
     with pytest.raises(TypeError, match="type1"):
         PlenopticCamera()
-
-
-def test_turned_arrays_obey_the_shear_law(device):
-    """Refocused on its true alpha a point is sharp, however the array is turned."""
-    mla = MicrolensArray(
-        150e-6, 10e-3, count=41, fill="full", lattice="hexagonal", rotation=np.deg2rad(30)
-    )
-    camera = small(device, mla=mla, pixels_per_lenslet=20)
-    lf = LightField.from_raw(camera.expose(PointSources((0.1e-3, -0.2e-3, -0.05))))
-    alpha = camera.alpha(-0.05)
-    assert refocus(lf, alpha=alpha).to_numpy().max() > 3.5 * lf.render().to_numpy().max()
-    assert refocus(lf, alpha=2 - alpha).to_numpy().max() < lf.render().to_numpy().max()
-    assert estimate_alpha(lf, c_max=0.4).alpha == pytest.approx(alpha, abs=0.03)  # d = .316

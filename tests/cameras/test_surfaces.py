@@ -232,6 +232,9 @@ PLANE = Plane(0.0)
 
 
 def test_bad_input_gets_one_sentence(device: Device) -> None:
+    def lit(device: Any, scene: Any = PLANE, **words: Any) -> Any:
+        return SurfaceScene(scene).light_field(device=device, **words)
+
     for call, error, words in [
         (lambda d: Plane(np.nan), ValueError, "finite"),
         (lambda d: Sphere((0, 0), -1, disparity=0, height=1), ValueError, "radius|Radius"),
@@ -240,42 +243,27 @@ def test_bad_input_gets_one_sentence(device: Device) -> None:
         (lambda d: Bars((0, 0), 5, count=2, period=3, width=4), ValueError, "0 to 3 pixels wide"),
         (lambda d: Bars((0, 0), 5, count=0, period=3, width=2), ValueError, "at least one bar"),
         (lambda d: Ellipse((0, 0), (1, 0)), ValueError, "positive"),
-        (lambda d: Polygon(), ValueError, "at least one contour"),
         (lambda d: Polygon([(0, 0), (1, 1)]), ValueError, "three points"),
-        (lambda d: SurfaceScene([]), ValueError, "1 to 64 surfaces, not 0"),
-        (lambda d: SurfaceScene([PLANE] * 65), ValueError, "not 65"),
+        (lambda d: SurfaceScene([PLANE] * 65), ValueError, "1 to 64 surfaces, not 65"),
         (lambda d: SurfaceScene(["wall"]), TypeError, "Plane or a Sphere, not str"),
         (lambda d: Texture(np.zeros((2, 2, 2))), ShapeError, r"\(2, 2, 2\)"),
-        (lambda d: Texture([[np.inf]]), ValueError, "finite"),
         (lambda d: Texture([[1.0]], 0), ValueError, "scale"),
         (lambda d: noise(1, 32, finest=0.6), ValueError, "0.5 cycles"),
         (lambda d: noise(1, 8, finest=0.1, coarsest=0.05), ValueError, "take more"),
         (lambda d: checker(0), ValueError, "period of a chessboard"),
-        (lambda d: checker(-3.0), ValueError, "period of a chessboard"),
-        (lambda d: checker(np.nan), ValueError, "period of a chessboard"),
         (lambda d: checker(8, smoothing=-1), ValueError, "smoothing is 0 or a positive"),
         (lambda d: stripes(0), ValueError, "period of stripes"),
         (lambda d: picture(np.ones((4, 4)), scale=0), ValueError, "scale of a picture"),
-        (lambda d: bricks(1, size=(0, 0)), ValueError, "Bricks are at least 4"),
         (lambda d: bricks(1, size=(2, 20)), ValueError, "Bricks are at least 4"),
-        (lambda d: bricks(1, smoothing=np.inf), ValueError, "smoothing is 0 or a positive"),
         (lambda d: picture(np.ones((0, 4))), ShapeError, r"not \(0, 4\)"),
-        (lambda d: SurfaceScene(PLANE).light_field((0, 3), device=d), ShapeError, "views"),
-        (lambda d: SurfaceScene(PLANE).light_field((3, 3), (4,), device=d), ShapeError, "shape"),
-        (lambda d: SurfaceScene(PLANE).light_field(device=d, dtype="f8"), ValueError, "float64"),
-        (lambda d: SurfaceScene(PLANE).light_field(device=d, noise=-1), ValueError, "negative"),
-        (
-            lambda d: SurfaceScene(PLANE).light_field((2, 2), (3, 4), device=d, noise=[1, 2, 3]),
-            ShapeError,
-            "does not fit",
-        ),
-        (lambda d: SurfaceScene(PLANE).light_field(device=d, gain=[1]), ShapeError, r"\(9, 9\)"),
-        (lambda d: SurfaceScene(PLANE).light_field(device=0), TypeError, "Device"),
-        (
-            lambda d: SurfaceScene([PLANE, Plane(0, (0.2, -0.1))]).light_field(device=d),
-            ValueError,
-            "Surface 1.*edge-on",
-        ),
+        (lambda d: lit(d, views=(0, 3)), ShapeError, "views"),
+        (lambda d: lit(d, shape=(4,)), ShapeError, "shape"),
+        (lambda d: lit(d, dtype="f8"), ValueError, "float64"),
+        (lambda d: lit(d, noise=-1), ValueError, "negative"),
+        (lambda d: lit(d, shape=(3, 4), noise=[1, 2, 3]), ShapeError, "does not fit"),
+        (lambda d: lit(d, gain=[1]), ShapeError, r"\(9, 9\)"),
+        (lambda d: lit(0), TypeError, "Device"),
+        (lambda d: lit(d, [PLANE, Plane(0, (0.2, -0.1))]), ValueError, "Surface 1.*edge-on"),
     ]:
         with pytest.raises(error, match=words):
             call(device)

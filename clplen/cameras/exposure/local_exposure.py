@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from itertools import groupby
 from typing import Any
 
@@ -76,7 +76,7 @@ def add_local(
         done += len(same)
         if progress is not None:
             progress(done, len(points))
-    return Exposure("local", _merged(transforms), 0.0)
+    return Exposure("local", merged(transforms), 0.0)
 
 
 def window_batches(
@@ -263,7 +263,8 @@ def _sums(windows: Windows, number: int, more: int, active: float) -> tuple[Pixe
     return sums, scale / windows.energy[number]
 
 
-def _merged(transforms: Any) -> Transforms:
+def merged(transforms: Iterable[tuple[int, tuple[int, int]]]) -> Transforms:
+    """One entry for each shape."""
     counts: dict[tuple[int, int], int] = {}
     for n, shape in transforms:
         counts[shape] = counts.get(shape, 0) + n

@@ -23,7 +23,6 @@ from clplen.cameras.scenes.scene_sources import PointSources
 from clplen.compute.device import Device
 from clplen.compute.fft.blocks import window
 from clplen.reprs import OneLine
-from clplen.wave.elements.lens import thin_lens
 from clplen.wave.field.field import Field, Grid
 
 Values = np.ndarray[Any, np.dtype[np.float64]]
@@ -115,11 +114,9 @@ def array_fields(
         samples, _, scale = pixel_samples(fields.at_sensor, active_of(optics))
         weights = energies[:, fields.which] * (scale / fields.energy)
         behind = _behind_array(optics, fields, samples, weights, counts, to_sensor)
-        before = fields.at_array
-        assert before is not None  # `point_fields` gives it
-        if optics.field_lens:
-            before = thin_lens(before, optics.array_distance)
-        yield before, behind.with_data(_conjugate(behind.data, behind.device))
+        assert fields.at_array is not None  # `point_fields` gives it
+        conjugate = behind.with_data(_conjugate(behind.data, behind.device))
+        yield optics.behind_field_lens(fields.at_array), conjugate
 
 
 def active_of(optics: WaveOptics) -> float:
@@ -174,8 +171,7 @@ def put_cotangents(
 
 def _before(optics: WaveOptics, behind: Field) -> Field:
     """h right before the field lens and the lenslets."""
-    before = optics.mla.apply(behind)
-    return thin_lens(before, optics.array_distance) if optics.field_lens else before
+    return optics.behind_field_lens(optics.mla.apply(behind))
 
 
 def _by_place(

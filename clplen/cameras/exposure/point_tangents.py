@@ -19,7 +19,6 @@ from clplen.cameras.exposure.point_gradients import SHARE, active_of, check_diff
 from clplen.cameras.exposure.source_images import PointFields, point_fields
 from clplen.cameras.optics.wave_optics import WaveOptics
 from clplen.cameras.scenes.scene_sources import PointSources
-from clplen.wave.elements.lens import thin_lens
 from clplen.wave.field.field import Field
 from clplen.wave.field.transmission import multiply
 
@@ -53,10 +52,8 @@ def point_tangents(
         positions = np.zeros((0, *images.shape))
         if "positions" in by:
             positions = _by_place(optics, points, fields, images, pixels, pads)
-        before = fields.at_array
-        assert before is not None  # `point_fields` gives it
-        if optics.field_lens:
-            before = thin_lens(before, optics.array_distance)
+        assert fields.at_array is not None  # `point_fields` gives it
+        before = optics.behind_field_lens(fields.at_array)
         if "lenslets" in by:
             shared |= _by_lenslets(optics, before, pixels, pads[1])
         if "sensor" in by:

@@ -23,7 +23,6 @@ from clplen.cameras.optics.ray_optics import RayOptics, check_in_view
 from clplen.cameras.optics.wave_optics import WaveOptics
 from clplen.cameras.scenes.scene_sources import PicturePlane, PointSources, Source
 from clplen.compute.device import Device
-from clplen.wave.coherence.averaging import Averaging
 from clplen.wave.coherence.coherence import Coherence
 from clplen.wave.field.intensity import add_scaled
 
@@ -190,7 +189,7 @@ def wave_parts(
             "that repeat are for one exposure."
         )
     _refuse_slides(sources)
-    light = Light(coherence, True, Averaging(None, None, None, None))
+    light = Light(coherence, True, {})
     light.check(0)
     check_occluders(optics, method, has_slides=False)
     local = is_local(optics, method)

@@ -4,13 +4,15 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 
+from clplen.cameras.exposure.local_exposure import merged
 from clplen.cameras.optics.wave_optics import WaveOptics, padded_shape
 from clplen.cameras.scenes.scene_sources import PicturePlane
 from clplen.lightfield.raw.raw_image import Exposure
-from clplen.wave.coherence.averaging import Averaging, Progress
+from clplen.wave.coherence.averaging import Progress
 from clplen.wave.coherence.coherence import Coherence
 from clplen.wave.coherence.coherence_plan import Opening, check_opening
 from clplen.wave.elements.lens import thin_lens
@@ -76,7 +78,7 @@ def light_slide(
     slide: PicturePlane,
     light: Coherence,
     koehler: bool,
-    averaging: Averaging,
+    averaging: dict[str, Any],
     progress: Progress | None,
 ) -> tuple[MeanIntensity, Exposure]:
     """The raw image of one slide, and how it was found."""
@@ -84,10 +86,7 @@ def light_slide(
     if light.spatial is not None:
         focus = path.z if koehler else math.inf
         check_opening(field, light.spatial, Opening(path.z, optics.aperture_diameter, focus))
-    mean = light.average(
-        path, field, snapshots=averaging.snapshots, rtol=averaging.rtol, region=averaging.region,
-        checkpoint=averaging.checkpoint, progress=progress, method="monte-carlo",
-    )  # fmt: skip
+    mean = light.average(path, field, **averaging, progress=progress, method="monte-carlo")
     return mean, _report(path, mean, light, len(light.lines(optics.wavelength)))
 
 
@@ -95,14 +94,12 @@ def _report(path: SlidePath, mean: MeanIntensity, coherence: Coherence, lines: i
     """How a slide was exposed."""
     fields = mean.snapshots * lines if coherence.is_random else lines
     shape = path.optics.grid.shape
-    counts: dict[tuple[int, int], int] = {}
-    for pad in (1 if path.koehler else 2, *path.padding):
-        size = padded_shape(shape, pad)
-        counts[size] = counts.get(size, 0) + 2 * fields
-    if coherence.is_random:
-        counts[shape] = counts.get(shape, 0) + MASK_TRANSFORMS * fields
-    transforms = tuple((count, size) for size, count in counts.items())
-    error = mean.standard_error if coherence.is_random else None
-    number = mean.snapshots if coherence.is_random else None
-    route = "snapshots" if coherence.is_random else "coherent"
-    return Exposure(route, transforms, 0.0, number, error, mean.relative_error if number else None)
+    pads = (1 if path.koehler else 2, *path.padding)
+    transforms = [(2 * fields, padded_shape(shape, pad)) for pad in pads]
+    if not coherence.is_random:
+        return Exposure("coherent", merged(transforms), 0.0)
+    transforms.append((MASK_TRANSFORMS * fields, shape))
+    return Exposure(
+        "snapshots", merged(transforms), 0.0, mean.snapshots, mean.standard_error,
+        mean.relative_error,
+    )  # fmt: skip

@@ -23,6 +23,7 @@ from clplen.cameras.exposure.local_exposure import (
     add_local,
     check_windows,
     local_transforms,
+    merged,
 )
 from clplen.cameras.exposure.slides import light_slide
 from clplen.cameras.exposure.spectral_exposure import (
@@ -38,7 +39,7 @@ from clplen.compute.arrays import Image
 from clplen.compute.device import Device
 from clplen.errors import SamplingError, SamplingWarning, warn_caller
 from clplen.lightfield.raw.raw_image import Exposure, RawImage, Transforms
-from clplen.wave.coherence.averaging import Averaging, Progress
+from clplen.wave.coherence.averaging import Progress
 from clplen.wave.coherence.coherence import Coherence
 from clplen.wave.coherence.spatial_models import LARGEST_SEED
 from clplen.wave.field.intensity import accumulate, add_scaled, average_of
@@ -60,7 +61,7 @@ class Light:
     # wavelength
     coherence: Coherence | None
     koehler: bool  # whether the light behind a slide converges on the main lens
-    averaging: Averaging  # of the slides' snapshots
+    averaging: dict[str, Any]  # options of `Coherence.average` for slides, those that were given
 
     def lines(self, wavelength: float) -> Sequence[tuple[float, float]]:
         """Wavelengths and their shares of the energy."""
@@ -74,7 +75,7 @@ class Light:
 
     def check(self, slides: int) -> None:
         """Refuse slides without light, light without a slide, one checkpoint for two slides."""
-        coherence, averaging = self.coherence, self.averaging
+        coherence = self.coherence
         if slides and coherence is None:
             raise ValueError(
                 "A picture with mode='transmission' needs light that falls on it: give "
@@ -87,15 +88,12 @@ class Light:
                 "of coherence lights pictures with mode='transmission'. Leave it out: "
                 "Coherence(None, spectrum)."
             )
-        options = (
-            averaging.snapshots, averaging.rtol, averaging.region, averaging.checkpoint
-        )  # fmt: skip
-        if not slides and any(option is not None for option in options):
+        if not slides and self.averaging:
             raise ValueError(
                 "snapshots, rtol, region and checkpoint are for pictures with mode='transmission'; "
                 "this scene has none."
             )
-        if slides > 1 and averaging.checkpoint is not None:
+        if slides > 1 and "checkpoint" in self.averaging:
             raise ValueError("A checkpoint serves one slide: expose several one by one.")
 
 
@@ -404,7 +402,7 @@ def _add_picture(
             SamplingWarning,
         )
     transforms = plan.transforms(optics.grid.shape) + once.transforms
-    return Exposure("isoplanatic", _merged(transforms), float(error))
+    return Exposure("isoplanatic", merged(transforms), float(error))
 
 
 def _probes(plane: PicturePlane, plan: Layout) -> list[int]:
@@ -420,18 +418,10 @@ def _probes(plane: PicturePlane, plan: Layout) -> list[int]:
     return [int(lit[n]) for n in sorted({*found, int(apart.argmax())})]
 
 
-def _merged(transforms: Transforms) -> Transforms:
-    """One entry for each shape."""
-    counts: dict[tuple[int, int], int] = {}
-    for n, shape in transforms:
-        counts[shape] = counts.get(shape, 0) + n
-    return tuple((n, shape) for shape, n in counts.items())
-
-
 def _joined(reports: list[Exposure]) -> Exposure:
     """What several parts of a scene were exposed by; their errors as if they were independent."""
     routes = sorted({report.route for report in reports})
-    transforms = _merged(tuple(pair for report in reports for pair in report.transforms))
+    transforms = merged(pair for report in reports for pair in report.transforms)
     numbers = [report.snapshots for report in reports if report.snapshots is not None]
     relative = [report.relative_error for report in reports if report.relative_error is not None]
     errors = [report.standard_error for report in reports if report.standard_error is not None]

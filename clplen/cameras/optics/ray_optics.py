@@ -1,7 +1,9 @@
 """Lengths and rays of the plenoptic cameras: a main lens, an array of lenslets, a sensor.
 
-They differ in two distances: z2, main lens to array, and z3, array to sensor. A point at dz whose
-image through the main lens lies at F' puts a ray from u on the lens to
+They differ in two distances: z2, main lens to array, and z3, array to sensor. With the
+magnification m of the lenslets, 0 where the array lies on the main lens' image at F, they are
+z2 = F + f (1 + 1/m) and z3 = f (1 + m). A point at dz whose image through the main lens lies at F'
+puts a ray from u on the lens to
 
     x = X + u (1 - beta),   beta = z2/F' = alpha z2/F,   X = -(x, y) z2/(object distance + dz)
 
@@ -13,7 +15,6 @@ chief ray of a lenslet (x = c, u = 0) to c (1 + z3/z2).
 from __future__ import annotations
 
 import math
-from abc import ABC, abstractmethod
 from dataclasses import dataclass, field
 from typing import Any, Literal
 
@@ -41,8 +42,8 @@ Positions = np.ndarray[Any, np.dtype[np.float64]]
 
 
 @dataclass(frozen=True, repr=False)
-class RayOptics(LensletCamera, ABC):
-    """A plenoptic camera as lengths and rays; `Plenoptic1` documents its fields."""
+class RayOptics(LensletCamera):
+    """A plenoptic camera as lengths and rays; `Plenoptic1` and `Plenoptic2` document its fields."""
 
     focal_length: float
     object_distance: float
@@ -58,6 +59,7 @@ class RayOptics(LensletCamera, ABC):
     aberrations: Aberrations = field(default=NONE, kw_only=True)
     lens_model: LensModel = field(default="thin", kw_only=True)
     pixels: PixelArray | None = field(default=None, kw_only=True)
+    m: float = field(default=0.0, kw_only=True)
 
     def __repr__(self) -> str:
         return (
@@ -71,14 +73,24 @@ class RayOptics(LensletCamera, ABC):
         return None if self.pixels is None else self.pixels.filters
 
     @property
-    @abstractmethod
-    def array_distance(self) -> float:
-        """z2 in metres, from the main lens to the array."""
+    def a(self) -> float:
+        """From the main lens' image to the array in metres, f (1 + 1/m); < 0: Galilean."""
+        return self.mla.focal_length * (1 + 1 / self.m) if self.m else 0.0
 
     @property
-    @abstractmethod
+    def b(self) -> float:
+        """From the array to the sensor in metres, f (1 + m), unless the sensor is moved."""
+        return self.mla.focal_length * (1 + self.m)
+
+    @property
+    def array_distance(self) -> float:
+        """z2 = F + a in metres, from the main lens to the array."""
+        return self.image_distance + self.a
+
+    @property
     def sensor_distance(self) -> float:
-        """z3 in metres, from the array to the sensor."""
+        """z3 = b in metres, from the array to the sensor, and what the sensor is moved by."""
+        return self.b + self.aberrations.sensor_shift
 
     def alpha(self, dz: Any) -> Any:
         """alpha = F/F' = F (1/f - 1/(object distance + dz)) of an object at dz.
@@ -225,24 +237,6 @@ class RayOptics(LensletCamera, ABC):
         f, b = kinds[lens_type], self.sensor_distance
         a = self.array_distance - self.image_distance / alpha
         return np.array([[1 - b / f, a + b - a * b / f], [-1 / f, 1 - a / f]])
-
-
-@dataclass(frozen=True, repr=False)
-class FixedOptics(RayOptics):
-    """A plenoptic camera as lengths and rays, with its two distances as plain numbers."""
-
-    z2: float  # in metres, from the main lens to the array
-    z3: float  # in metres, from the array to the sensor, where it is
-
-    @property
-    def array_distance(self) -> float:
-        """z2 in metres."""
-        return self.z2
-
-    @property
-    def sensor_distance(self) -> float:
-        """z3 in metres."""
-        return self.z3
 
 
 def is_sampled(optics: RayOptics, reach: float, alpha: float) -> bool:

@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 import pyopencl.array as cla
 
-from clplen.cameras.optics.ray_optics import FixedOptics, check_in_view, check_sampling, is_sampled
+from clplen.cameras.optics.ray_optics import RayOptics, check_in_view, check_sampling, is_sampled
 from clplen.cameras.optics.tilted_sensor import SensorPlanes, sensor_planes
 from clplen.cameras.scenes.occluders import Occluder
 from clplen.compute.device import Device
@@ -135,19 +135,17 @@ FRESNEL_WIDTHS = 2  # diffraction beyond the geometric edge that a window withou
 
 
 @dataclass(frozen=True, repr=False)
-class WaveOptics(FixedOptics):
+class WaveOptics(RayOptics):
     """Fields behind the main lens, at the array and on the sensor of a plenoptic camera.
 
     Attributes
     ----------
-    z2, z3 : float
-        In metres, from the main lens to the array, and from there to the sensor, where it is.
     occluders : tuple of Occluder
         Screens before the camera, which windows of single points know.
     focal_length, object_distance, image_distance, aperture_diameter, mla, wavelength, device
         As of `Plenoptic1`.
-    pixels_per_lenslet, pixel_pitch, grid, field_lens, aberrations, lens_model, pixels
-        As of `Plenoptic1`.
+    pixels_per_lenslet, pixel_pitch, grid, field_lens, aberrations, lens_model, pixels, m
+        As of `Plenoptic1` and `Plenoptic2`.
 
     Examples
     --------
@@ -245,9 +243,12 @@ class WaveOptics(FixedOptics):
         Field
             Same shape.
         """
-        if self.field_lens:
-            at_array = thin_lens(at_array, self.array_distance)
-        return self.to_sensor(self.behind_lenslets(self.mla.apply(at_array)), pad=pad)
+        through = self.mla.apply(self.behind_field_lens(at_array))
+        return self.to_sensor(self.behind_lenslets(through), pad=pad)
+
+    def behind_field_lens(self, at_array: Field) -> Field:
+        """Fields at the array behind its field lens, where the camera has one."""
+        return thin_lens(at_array, self.array_distance) if self.field_lens else at_array
 
     def to_sensor(self, behind: Field, *, pad: int = 1) -> Field:
         """Fields right behind the lenslets propagated to the pixels of the sensor."""

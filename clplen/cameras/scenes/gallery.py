@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -181,11 +181,9 @@ def _layers(s: Studio) -> list[Any]:
 def _roof(s: Studio) -> list[Any]:
     g, wide = s.uniform(0.7, 1.4) / s.unit, WIDE * s.unit
     across = s.uniform(-0.3, 0.3) / s.unit
-    top, bottom = ([(-wide, -wide), (-wide, wide), (SEAM, wide), (SEAM, -wide)],
-                   [(wide, -wide), (wide, wide), (-SEAM, wide), (-SEAM, -wide)])  # fmt: skip
     return [
-        Plane(1.0, (slope, across), texture=s.texture(), outline=Polygon(half))
-        for slope, half in ((g, top), (-g, bottom))
+        Plane(1.0, (slope, across), texture=s.texture(), outline=Polygon(_band(*rows, wide)))
+        for slope, rows in ((g, (-wide, SEAM)), (-g, (wide, -SEAM)))
     ]
 
 
@@ -200,10 +198,9 @@ def _staircase(s: Studio) -> list[Any]:
     depths = np.linspace(-1.6, 1.6, steps)
     first = Plane(depths[0], (0.0, slope), texture=s.texture())
     return [first] + [
-        Plane(d, (0.0, slope), texture=s.texture(),
-              outline=Polygon([(y, -wide), (y, wide), (wide, wide), (wide, -wide)]))
+        Plane(d, (0.0, slope), texture=s.texture(), outline=Polygon(_band(y, wide, wide)))
         for d, y in zip(depths[1:], edges, strict=True)
-    ]  # fmt: skip
+    ]
 
 
 def _spheres(s: Studio) -> list[Any]:
@@ -256,8 +253,7 @@ def _stripes(s: Studio) -> list[Any]:
     edges = np.linspace(-1, 1, 7) * ny / 2
     edges[0], edges[-1] = -WIDE * ny, WIDE * ny
     for top, bottom, contrast in zip(edges, edges[1:], np.geomspace(0.2, 0.01, 6), strict=False):
-        wide = WIDE * nx
-        band = Polygon([(top, -wide), (top, wide), (bottom, wide), (bottom, -wide)])
+        band = Polygon(_band(top, bottom, WIDE * nx))
         found.append(Plane(-0.5, texture=s.texture(contrast), outline=band))
         middle = float(np.clip((top + bottom) / 2, -ny / 2.4, ny / 2.4))
         bars = Bars((middle, 0.0), ny / 6, count=8, period=nx / 9, width=nx / 18)
@@ -270,7 +266,7 @@ def _pyramids(s: Studio) -> list[Any]:
     centres = [(y * s.unit, x * s.unit) for y in (-0.6, 0, 0.6) for x in (-0.6, 0, 0.6)]
     wide = WIDE * s.unit
     holes = [_square(c, half) for c in centres[::2]]
-    outline = Polygon([(-wide, -wide), (-wide, wide), (wide, wide), (wide, -wide)], *holes)
+    outline = Polygon(_band(-wide, wide, wide), *holes)
     found: list[Any] = [Plane(0.0, texture=s.texture(), outline=outline)]
     for number, (y, x) in enumerate(centres):
         height, texture = s.uniform(0.5, 1.3), s.texture()
@@ -322,8 +318,7 @@ def _glossy(s: Studio) -> list[Any]:
         moved = 0.3 * one.radius
         lamp = Spot((Y - moved, X - moved), 0.1 * one.radius, strength=0.6,
                     disparity=one.disparity + s.uniform(-1, 0.5))  # fmt: skip
-        found[number] = Sphere(one.centre, one.radius, disparity=one.disparity, height=one.height,
-                               texture=s.texture(0.05), spots=[lamp])  # fmt: skip
+        found[number] = replace(one, texture=s.texture(0.05), spots=[lamp])
     return found
 
 
@@ -337,6 +332,11 @@ def _clutter(s: Studio) -> list[Any]:
         d = s.uniform(-1.2, 1.6) - slope @ centre
         found.append(Plane(d, (slope[0], slope[1]), texture=s.texture(), outline=Polygon(corners)))
     return found
+
+
+def _band(first: float, last: float, wide: float) -> list[Pair]:
+    """Corners of a rectangle between two rows, ``wide`` to both sides."""
+    return [(first, -wide), (first, wide), (last, wide), (last, -wide)]
 
 
 def _square(centre: Pair, half: float) -> list[Pair]:

@@ -98,24 +98,12 @@ def _beside(disparity: Map, surface: Any) -> tuple[Mask, Mask]:
         jump = (surface[first] != surface[second]) & (rise > JUMP)
         edges[first] |= jump
         edges[second] |= jump
-    edges = _grown(edges)
+    edges = maximum_filter(edges, 2 * REACH - 1)  # less than REACH away along both axes
     size = 2 * REACH + 1  # reaches across the edge from every pixel of its band
     high = maximum_filter(depth, size, mode="nearest")
     low = minimum_filter(depth, size, mode="nearest")
     nearer = high - depth < depth - low
     return edges & nearer, edges & ~nearer
-
-
-def _grown(mask: Mask) -> Mask:
-    """Pixels less than REACH from those of a mask, along both axes."""
-    grown = mask.copy()
-    for axis in (0, 1):
-        source = grown.copy()
-        n = mask.shape[axis]
-        for step in range(1, min(REACH, n)):
-            grown[_part(axis, step, n)] |= source[_part(axis, 0, n - step)]
-            grown[_part(axis, 0, n - step)] |= source[_part(axis, step, n)]
-    return grown
 
 
 def _part(axis: int, first: int, stop: int) -> tuple[slice, ...]:

@@ -76,10 +76,7 @@ class Occluder(OneLine, HostArray):
             raise ShapeError(f"An opacity has shape (ny, nx), not {values.shape}.")
         if not ((values >= 0) & (values <= 1)).all():
             raise ValueError("An opacity is a share, from 0 to 1, and no NaN.")
-        if not (is_finite(width) and width > 0):
-            raise ValueError(f"The width of a screen is positive, in metres, not {width!r}.")
-        if not is_finite(z):
-            raise ValueError(f"z of a screen is a finite number of metres, not {z!r}.")
+        check_plane("a screen", width, z)
         object.__setattr__(self, "opacity", values)
         object.__setattr__(self, "width", float(width))
         object.__setattr__(self, "z", float(z))
@@ -89,6 +86,14 @@ class Occluder(OneLine, HostArray):
         ny, nx = self.opacity.shape
         pitch = self.width / nx
         return tuple((np.arange(n + 1) - n // 2 - 0.5) * pitch for n in (ny, nx))
+
+
+def check_plane(what: str, width: float, z: float) -> None:
+    """Refuse a width or a place of a flat thing across the axis that is none."""
+    if not (is_finite(width) and width > 0):
+        raise ValueError(f"The width of {what} is positive, in metres, not {width!r}.")
+    if not is_finite(z):
+        raise ValueError(f"z of {what} is a finite number of metres, not {z!r}.")
 
 
 def shadows(

@@ -9,7 +9,7 @@ from typing import Any, ClassVar, Literal
 import numpy as np
 
 from clplen import units
-from clplen.cameras.scenes.occluders import Occluder
+from clplen.cameras.scenes.occluders import Occluder, check_plane
 from clplen.checks import is_finite, real_array
 from clplen.compute.arrays import HostArray
 from clplen.errors import ShapeError
@@ -244,10 +244,7 @@ class PicturePlane(OneLine, HostArray):
             raise ValueError(
                 f"A slide transmits at most 1, not {values.max():g}: divide by its largest sample."
             )
-        if not (is_finite(width) and width > 0):
-            raise ValueError(f"The width of a picture is positive, in metres, not {width!r}.")
-        if not is_finite(z):
-            raise ValueError(f"z of a picture is a finite number of metres, not {z!r}.")
+        check_plane("a picture", width, z)
         object.__setattr__(self, "image", values)
         object.__setattr__(self, "width", float(width))
         object.__setattr__(self, "z", float(z))

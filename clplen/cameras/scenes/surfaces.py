@@ -57,9 +57,7 @@ class Ellipse:
     @property
     def half(self) -> Pair:
         """Both radii."""
-        if isinstance(self.radii, tuple | list):
-            return (float(self.radii[0]), float(self.radii[1]))
-        return (float(float64_array(self.radii)),) * 2
+        return _pair(self.radii)
 
     def corners(self) -> Vector:
         """Corners of a rectangle about it, (Y, X), shape (4, 2)."""
@@ -120,9 +118,7 @@ class Bars:
     @property
     def widths(self) -> Pair:
         """Of a bar at its first end and at its last."""
-        if isinstance(self.width, tuple | list):
-            return (float(self.width[0]), float(self.width[1]))
-        return (float(float64_array(self.width)),) * 2
+        return _pair(self.width)
 
     @property
     def half(self) -> Pair:
@@ -223,6 +219,13 @@ def rectangle(centre: Pair, size: Pair, *, angle: float = 0.0) -> Polygon:
     _finite(centre, 2, "The centre of a rectangle")
     _finite(size, 2, "The size of a rectangle", positive=True)
     return Polygon(_rectangle(centre, (size[0] / 2, size[1] / 2), angle))
+
+
+def _pair(value: float | Pair) -> Pair:
+    """Two numbers, or one taken twice."""
+    if isinstance(value, tuple | list):
+        return (float(value[0]), float(value[1]))
+    return (float(float64_array(value)),) * 2
 
 
 def _rectangle(centre: Pair, half: Pair, angle: float) -> Vector:
