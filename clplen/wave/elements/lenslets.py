@@ -436,16 +436,15 @@ class MicrolensArray(OneLine):
         -------
         pyopencl.array.Array
         """
-        opened = as_device(device)
-        if rim is not None and self.is_thin:
-            return self._transmission(grid, wavelength, opened, rim)
-        if rim is not None:
-            return self._made(grid, wavelength, opened)
-        return opened.plans.get(
-            ("lenslets", self, grid, wavelength),
-            lambda: (self._transmission if self.is_thin else self._made)(grid, wavelength, opened),
-            lambda array: int(array.nbytes),
-        )
+        opened, key = as_device(device), ("lenslets", self, grid, wavelength)
+        kept = opened.plans.get(key) if rim is None else None
+        if kept is not None:
+            return kept
+        if self.is_thin:
+            samples = self._transmission(grid, wavelength, opened, rim)
+        else:
+            samples = self._made(grid, wavelength, opened)
+        return opened.plans.keep(key, samples, int(samples.nbytes)) if rim is None else samples
 
     def _transmission(
         self,
