@@ -5,8 +5,7 @@ from __future__ import annotations
 import math
 import pickle
 import sqlite3
-from collections.abc import Iterator, Sequence
-from contextlib import AbstractContextManager, contextmanager, nullcontext
+from collections.abc import Sequence
 from typing import Any
 
 import pyopencl as cl
@@ -14,32 +13,23 @@ import pyopencl.array as cla
 
 from clplen.compute.drivers import limits, pocl
 from clplen.compute.drivers.environment import require_room
-from clplen.compute.drivers.failures import ADVICE, device_error, device_errors
-from clplen.compute.drivers.forked import Guard
+from clplen.compute.drivers.failures import ADVICE, device_error
 from clplen.compute.drivers.program import build_program
 from clplen.compute.memory import Memory
-from clplen.compute.profile import Profile, bytes_of, label
+from clplen.compute.profile import bytes_of, label
 from clplen.errors import DeviceError, KernelBuildError
 
 _GPU_GROUP = 64  # work-items of one row that a GPU runs as a group
 
 
 class Launcher(Memory):
-    """The kernels and the command queue of a `Device`, which has the attributes named here."""
+    """The kernels of a device."""
 
-    precision: Any
-    driver: str
-    platform: str
-    rows: bool
-    note: str
-
-    def __init__(self) -> None:
-        super().__init__()
+    def __init__(self, cl_device: cl.Device, beside: Launcher | None = None) -> None:
+        super().__init__(cl_device, beside)
         self._programs: dict[tuple[Any, ...], cl.Program] = {}
         self._kernels: dict[tuple[Any, ...], cl.Kernel] = {}
         self._labels: dict[cl.Kernel, str] = {}
-        self._queue: cl.CommandQueue | None = None
-        self._lock = Guard()
 
     def kernel(self, file: str, name: str, **defines: Any) -> cl.Kernel:
         """Return a kernel, built once for every file and set of definitions."""
@@ -91,10 +81,6 @@ class Launcher(Memory):
                 f"it had built ({error}): {ADVICE}."
             ) from error
 
-    def wave_defines(self) -> dict[str, Any]:
-        """Definitions that choose the precision of a kernel of the wave tower."""
-        return {"DOUBLE": True} if self.precision == "double" else {}
-
     def launch(
         self,
         kernel: cl.Kernel,
@@ -119,7 +105,11 @@ class Launcher(Memory):
         with self._lock:
             self._require_build_room("Running a kernel")  # PoCL links it now
             try:
-                done = self.roomy(lambda: kernel(self.queue, total, tuple(group), *plain))
+                try:
+                    done = kernel(self.queue, total, tuple(group), *plain)
+                except cl.Error as error:
+                    self.make_room(error)
+                    done = kernel(self.queue, total, tuple(group), *plain)
             except cl.Error as error:
                 step = f"The kernel {kernel.function_name!r}"
                 raise device_error(self.cl_device, step, error) from error
@@ -134,32 +124,3 @@ class Launcher(Memory):
         *batch, ny, nx = (int(n) for n in shape)
         count = math.prod(batch)
         self.launch(kernel, (1 if self.rows else nx, ny, count), *args, operations=operations)
-
-    def finish(self) -> None:
-        """Wait until everything enqueued is done."""
-        with device_errors(self.cl_device, "What was enqueued"):
-            self.queue.finish()
-
-    @contextmanager
-    def profiling(self) -> Iterator[Profile]:
-        """Time everything that is enqueued in this block, by the device's own clock."""
-        properties = cl.command_queue_properties.PROFILING_ENABLE
-        with self._lock:
-            self.queue.finish()
-            plain, before = self.queue, self._profile
-            profile = self._profile = Profile()
-            self._queue = cl.CommandQueue(self.context, properties=properties)
-        try:
-            yield profile
-        finally:
-            with self._lock:
-                self.queue.finish()
-                self._queue, self._profile = plain, before
-
-    def timed(
-        self, what: str, *, nbytes: int, operations: float = 0.0
-    ) -> AbstractContextManager[None]:
-        """Time work of the host for a profile; do nothing where none is kept."""
-        if self._profile is None:
-            return nullcontext()
-        return self._profile.on_host(what, self.queue, nbytes, operations)
