@@ -8,6 +8,7 @@ import sqlite3
 from collections.abc import Sequence
 from typing import Any
 
+import numpy as np
 import pyopencl as cl
 import pyopencl.array as cla
 
@@ -20,6 +21,13 @@ from clplen.compute.profile import bytes_of, label
 from clplen.errors import DeviceError, KernelBuildError
 
 _GPU_GROUP = 64  # work-items of one row that a GPU runs as a group
+
+
+def _plain(arg: Any) -> Any:
+    """Return an argument of a kernel as pyopencl takes it."""
+    if isinstance(arg, cla.Array):
+        return arg.data
+    return np.int32(arg) if type(arg) is int else arg
 
 
 class Launcher(Memory):
@@ -92,16 +100,16 @@ class Launcher(Memory):
     ) -> None:
         """Enqueue a kernel over ``size`` work-items, rounded up to the group.
 
-        ``args`` are NumPy scalars, arrays without offset, or buffers. By default a group is one
-        item, or 64 along the first axis where ``rows`` is off. ``nbytes`` to be moved (by default
-        every array once) and ``operations`` are for a profile.
+        ``args`` are integers (of 32 bits), NumPy scalars, arrays without offset, or buffers. By
+        default a group is one item, or 64 along the first axis where ``rows`` is off. ``nbytes`` to
+        be moved (by default every array once) and ``operations`` are for a profile.
         """
         if group is None:
             group = (1 if self.rows else _GPU_GROUP, *(1 for _ in size[1:]))
         total = tuple(-(-int(n) // g) * g for n, g in zip(size, group, strict=True))
         if 0 in total:
             return
-        plain: list[Any] = [arg.data if isinstance(arg, cla.Array) else arg for arg in args]
+        plain = [_plain(arg) for arg in args]
         with self._lock:
             self._require_build_room("Running a kernel")  # PoCL links it now
             try:

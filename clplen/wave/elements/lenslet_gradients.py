@@ -93,7 +93,9 @@ def array_sums(
         *_tables(mla, grid, device),
         device.upload(_aperture_boxes(mla, grid)),
         *_apertures(mla, grid, wavelength, device),
-        *(np.int32(n) for n in (parts, *mla.count, grid.shape[1])),
+        parts,
+        *mla.count,
+        grid.shape[1],
     )
     return np.asarray(device.download(out).sum(axis=2, dtype=np.float64))
 
@@ -177,7 +179,9 @@ def array_tangents(
         device.upload(np.ascontiguousarray(rates, _real(device))),
         *_tables(mla, grid, device),
         *_apertures(mla, grid, wavelength, device),
-        *(np.int32(n) for n in (len(rates), *mla.count, *grid.shape)),
+        len(rates),
+        *mla.count,
+        *grid.shape,
     )
     return out
 
@@ -198,7 +202,9 @@ def lenslet_moments(
         of_log,
         *(device.upload(table) for table in mla.lattice_tables(grid, device)),
         device.upload(_nearest_boxes(mla, grid)),
-        *(np.int32(n) for n in (parts, *mla.count, grid.shape[1])),
+        parts,
+        *mla.count,
+        grid.shape[1],
     )
     moments = np.zeros((*mla.count, order + 1, order + 1))
     moments[..., power[:, 0], power[:, 1]] = device.download(out).sum(axis=2, dtype=np.float64)

@@ -478,11 +478,9 @@ class MicrolensArray(OneLine):
             real(grid.pitch[0] / self.pitch / 2),
             real(grid.pitch[1] / self.pitch / 2),
             device.upload(weights.astype(device.real)),
-            np.int32(len(weights)),
-            np.int32(self.count[0]),
-            np.int32(self.count[1]),
-            np.int32(grid.shape[0]),
-            np.int32(grid.shape[1]),
+            len(weights),
+            *self.count,
+            *grid.shape,
         )
         return out
 
@@ -519,8 +517,10 @@ class MicrolensArray(OneLine):
             real.type(grid.pitch[1] / self.pitch / 2),
             np.array(per, real) * real.type(self.pitch),
             np.array(zero, real),
-            np.int32(self.map is not None and self.map.is_of_each),
-            *(np.int32(n) for n in (*maps.shape[-2:], *self.count, *grid.shape)),
+            int(self.map is not None and self.map.is_of_each),
+            *maps.shape[-2:],
+            *self.count,
+            *grid.shape,
         )
         return out
 
