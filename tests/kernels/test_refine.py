@@ -150,14 +150,6 @@ def test_normal_of_views_on_no_grid(device):
     close(want, got)
 
 
-def test_normal_within_other_limits(device):
-    """Most samples out of range; only the whole aperture; only halves."""
-    lf = light_field(device, (3, 4, 9, 11))
-    for limits in ((5.0, 1.2, 0.5), (60.0, 1e3, 0.0), (60.0, 0.5, -1.0)):
-        got, want = compared(device, lf, some_start((9, 11)), limits)
-        close(want, got)
-
-
 def fitted(device, maps, picture, scales, prior, *, ridge, most, radius, lanes=0):
     shape = maps[0].shape
     out, known = (device.empty(shape, np.float32) for _ in "ok")
