@@ -308,3 +308,8 @@ def test_columns_outside_the_band_are_known_to_be_zero(device):
         known = made.description.factor.lit
         assert (known is not None) == narrow
         assert np.array_equal(lit, known if narrow else np.ones(shape[1] + 1, bool))
+
+
+def test_a_periodic_window_is_not_called_aliased(device):
+    for method in ("as", "fresnel-tf", "fresnel-ir"):
+        Propagator(Grid((9, 12), 3e-6), 0.5, wavelength=LAM, method=method, pad=1, device=device)
