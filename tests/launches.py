@@ -69,7 +69,7 @@ def fits(kind: str, arg: Any, defines: dict[str, Any]) -> bool:
     if scalar not in NAMES:  # another macro's
         return True
     if not isinstance(arg, cla.Array | np.generic | np.ndarray):
-        return False
+        return type(arg) is int and base == "int"
     dtype, size = np.dtype(NAMES[scalar]), int(width or 1)
     if size == 2 and arg.dtype.kind == "c":
         return arg.dtype == np.dtype(f"c{2 * dtype.itemsize}")

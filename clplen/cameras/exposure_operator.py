@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
-from typing import TYPE_CHECKING, Any, Literal
+from typing import Any, Literal
 
 import numpy as np
 import pyopencl.array as cla
@@ -32,20 +32,17 @@ from clplen.cameras.scenes.occluders import Occluder
 from clplen.cameras.scenes.scene_sources import Source, as_occluders, as_sources
 from clplen.checks import is_finite, real_array, require
 from clplen.compute.device import Device
-from clplen.compute.linear_map import linear_operator, mapped
+from clplen.compute.linear_map import ArrayMap
 from clplen.errors import ShapeError
 from clplen.wave.coherence.coherence import Coherence
 from clplen.wave.field.field import Field
-
-if TYPE_CHECKING:
-    from scipy.sparse.linalg import LinearOperator
 
 Values = np.ndarray[Any, Any]
 
 MEMORY = 2**28  # bytes of images that are kept
 
 
-class ExposureOperator:
+class ExposureOperator(ArrayMap):
     """The map from energies of points and pictures to the raw image, linear, with its adjoint.
 
     Points and the samples of self-luminous pictures are incoherent, so that their images add up.
@@ -170,54 +167,6 @@ class ExposureOperator:
     def positions(self) -> Values:
         """(x, y, dz) in metres of all points that send light, shape (n, 3)."""
         return np.concatenate([part.points.positions for part in self._parts])
-
-    def forward(self, values: Any) -> Values:
-        """The raw images of scenes.
-
-        Parameters
-        ----------
-        values : array_like
-            Energies, shape ``(..., *in_shape)``.
-
-        Returns
-        -------
-        numpy.ndarray
-            Shape (..., ny, nx).
-
-        Raises
-        ------
-        ShapeError
-            If the values have another shape.
-        DeviceError
-            If the fields do not fit the device.
-        """
-        return mapped(self, values)
-
-    def adjoint(self, raw: Any) -> Values:
-        """The transpose: what of raw images the images of each point have in common with them.
-
-        Parameters
-        ----------
-        raw : RawImage or array_like
-            Shape (..., ny, nx).
-
-        Returns
-        -------
-        numpy.ndarray
-            Shape ``(..., *in_shape)``.
-
-        Raises
-        ------
-        ShapeError
-            If the images have another shape.
-        DeviceError
-            If the fields do not fit the device.
-        """
-        return mapped(self, raw, adjoint=True)
-
-    def as_linear_operator(self) -> LinearOperator:
-        """This map for the solvers of SciPy."""
-        return linear_operator(self)
 
     def forward_data(self, data: cla.Array) -> cla.Array:
         """`forward` of arrays of the device."""

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 import pyopencl.array as cla
@@ -14,15 +14,12 @@ from clplen.cameras.scenes.surface_scene import SurfaceScene
 from clplen.cameras.scenes.textures import Texture, spline_coefficients
 from clplen.checks import require
 from clplen.compute.device import Device
-from clplen.compute.linear_map import linear_operator, mapped
-
-if TYPE_CHECKING:
-    from scipy.sparse.linalg import LinearOperator
+from clplen.compute.linear_map import ArrayMap
 
 Values = np.ndarray[Any, Any]
 
 
-class TextureOperator:
+class TextureOperator(ArrayMap):
     """The map from samples of textures to the raw image that rays take, linear, with its adjoint.
 
     Which surface a ray sees does not depend on textures, so that the raw image is linear in their
@@ -92,50 +89,6 @@ class TextureOperator:
 
     def __repr__(self) -> str:
         return f"<TextureOperator of {self.in_shape} to {self.out_shape}, {self.device.name}>"
-
-    def forward(self, samples: Any) -> Values:
-        """The raw images of scenes with other textures.
-
-        Parameters
-        ----------
-        samples : array_like
-            Shape ``(..., *in_shape)``.
-
-        Returns
-        -------
-        numpy.ndarray
-            float32, shape (..., ny, nx).
-
-        Raises
-        ------
-        ShapeError
-            If the samples have another shape.
-        """
-        return mapped(self, samples)
-
-    def adjoint(self, raw: Any) -> Values:
-        """The transpose: what each sample of the textures counts for raw images.
-
-        Parameters
-        ----------
-        raw : RawImage or array_like
-            Shape (..., ny, nx).
-
-        Returns
-        -------
-        numpy.ndarray
-            float32, shape ``(..., *in_shape)``.
-
-        Raises
-        ------
-        ShapeError
-            If the images have another shape.
-        """
-        return mapped(self, raw, adjoint=True)
-
-    def as_linear_operator(self) -> LinearOperator:
-        """This map for the solvers of SciPy."""
-        return linear_operator(self)
 
     def forward_data(self, data: cla.Array) -> cla.Array:
         """`forward` of arrays of the device."""

@@ -150,5 +150,5 @@ def count_bad(array: cla.Array, device: Device) -> int:
     bad = device.empty((stretches,), np.int32)
     kernel = device.kernel("finite.cl", "count_bad", **defines)
     size = (stretches * group,)
-    device.launch(kernel, size, bad, reals, np.int64(reals.size), np.int32(length), group=(group,))
+    device.launch(kernel, size, bad, reals, np.int64(reals.size), length, group=(group,))
     return int(device.download(bad).sum(dtype=np.int64))

@@ -1,8 +1,7 @@
-"""An OpenCL device with its queue and its plans; how one is found, and kept for its hardware."""
+"""An OpenCL device at one precision: how it is found, and kept for its hardware."""
 
 from __future__ import annotations
 
-import gc
 import os
 from functools import cached_property
 from threading import Lock
@@ -10,27 +9,15 @@ from typing import Any, Literal
 
 import numpy as np
 import pyopencl as cl
-from pyopencl.tools import MemoryPool
 
-from clplen.compute.drivers import pocl, selection
-from clplen.compute.drivers.failures import device_errors, is_want_of_memory
-from clplen.compute.drivers.forked import is_forked, require_own_process
+from clplen.compute.drivers.forked import is_forked
 from clplen.compute.drivers.selection import find_devices, select
-from clplen.compute.fft.plans import PlanCache, Workspace
 from clplen.compute.fft.routes import FFTRoute, choose_route
 from clplen.compute.launcher import Launcher
-from clplen.compute.memory import trim_heap
 from clplen.compute.tuning import Tuning
-from clplen.errors import DeviceError, warn_caller
-from clplen.units import bytes_of
+from clplen.errors import DeviceError
 
 Precision = Literal["single", "double"]
-
-_SPARE_BYTES = 2**30  # that both precisions of a CPU keep for later calls
-_GPU_SPARE_BYTES = 6 * 2**30  # on a GPU: other programs use it, too
-_SPARE_SHARE = 4  # of the device's memory: at most a quarter
-_PLAN_SHARE = 5 / 8  # of what is kept: plans, which take longest to make again; buffers the rest
-_WORKSPACE_SHARE = 1 / 4
 
 
 class Device(Launcher):
@@ -88,38 +75,16 @@ class Device(Launcher):
     ) -> None:
         if precision not in ("single", "double"):
             raise ValueError(f"precision is 'single' or 'double', not {precision!r}.")
-        super().__init__()
-        self.cl_device = cl_device
+        if precision == "double" and "cl_khr_fp64" not in cl_device.extensions:
+            name, platform = cl_device.name.strip(), cl_device.platform.name.strip()
+            raise DeviceError(
+                f"precision='double' was asked for, but {name} ({platform}) has no double "
+                "precision (cl_khr_fp64); use precision='single' or another device."
+            )
+        super().__init__(cl_device, beside)
         self.place = place
         self.precision: Precision = precision
-        self.name: str = cl_device.name.strip()
-        self.platform: str = cl_device.platform.name.strip()
-        self.driver: str = f"{self.platform} {cl_device.driver_version.strip()}"
-        self.is_cpu = bool(cl_device.type & cl.device_type.CPU)
-        self.has_fp64 = "cl_khr_fp64" in cl_device.extensions
-        self.memory_bytes = int(cl_device.global_mem_size)
-        # one work-item a row (CPU) or one a sample (GPU, and the CPU that works like one)
-        self.rows = self.is_cpu and not selection.is_llvmpipe(cl_device)
-        self.note = ""
-        self._usable = False
         self._fft: FFTRoute | None = None
-        self._context: cl.Context | None = None
-        self.spare_bytes = min(_spare_limit(self.is_cpu), self.memory_bytes // _SPARE_SHARE)
-        limit = int(_PLAN_SHARE * self.spare_bytes)
-        # plans (transfer functions, arrays of lenslets), bounded in bytes with those below
-        self.plans: PlanCache = PlanCache(limit, beside.plans if beside else None)
-        self.transforms = PlanCache(limit, self.plans)  # Fourier transforms that the device runs
-        self.tables = PlanCache(limit, self.plans)  # small ones of recent launches
-        # host memory that transforms on the host use again and again
-        workspace = beside.workspace if beside else None
-        self.workspace: Workspace = workspace or Workspace(int(_WORKSPACE_SHARE * self.spare_bytes))
-        self._precisions: list[Device] = beside._precisions if beside else []
-        self._precisions.append(self)
-        if precision == "double" and not self.has_fp64:
-            raise DeviceError(
-                f"precision='double' was asked for, but {self.name} ({self.platform}) has no "
-                "double precision (cl_khr_fp64); use precision='single' or another device."
-            )
 
     @staticmethod
     def open(selector: str | None = None, *, precision: Precision = "single") -> Device:
@@ -178,16 +143,6 @@ class Device(Launcher):
         parts += [self.tuning.note] if self.tuning.note else []
         return f"<Device {', '.join(parts)}>"
 
-    def ensure_usable(self) -> None:
-        """Make PoCL fit this CPU, once; warn where loops are cut. Both are kept in ``note``."""
-        with self._lock:
-            if not self._usable:
-                self.note = pocl.ensure_usable(self.cl_device)
-                self._usable = True
-                if loops := selection.warning(self.cl_device):
-                    self.note = loops
-                    warn_caller(loops, RuntimeWarning)
-
     def __reduce__(self) -> tuple[Any, ...]:
         """By its selector: what another process gets is its own object of the same hardware."""
         return _reopened, (self.place, self.name, self.platform, self.precision)
@@ -197,39 +152,6 @@ class Device(Launcher):
 
     def __deepcopy__(self, memo: dict[int, Any]) -> Device:
         return self
-
-    @property
-    def context(self) -> cl.Context:
-        """The OpenCL context, made at first use."""
-        with self._lock:
-            if self._context is None:
-                self.ensure_usable()
-                with device_errors(self.cl_device, "An OpenCL context"):
-                    self._context = self._make_context()
-            return self._context
-
-    def _make_context(self) -> cl.Context:
-        """Create a context; where memory is wanting, once more without devices nobody holds.
-
-        Plans refer to their device, so that Python lets go of both, and of the driver's memory,
-        when it collects garbage: 0.4 GiB a context on an NVIDIA GPU.
-        """
-        try:
-            return cl.Context([self.cl_device])
-        except cl.Error as error:
-            if not is_want_of_memory(error):
-                raise
-        gc.collect()
-        return cl.Context([self.cl_device])
-
-    @property
-    def queue(self) -> cl.CommandQueue:
-        """The in-order command queue, made at first use."""
-        with self._lock:
-            if self._queue is None:
-                with device_errors(self.cl_device, "A command queue"):
-                    self._queue = cl.CommandQueue(self.context)
-            return self._queue
 
     @property  # not a cached one, whose frame would hide the line that a warning points to
     def fft(self) -> FFTRoute:
@@ -242,39 +164,14 @@ class Device(Launcher):
     def fft(self, route: FFTRoute) -> None:
         self._fft = route
 
-    def held_bytes(self) -> int:
-        """Bytes of large arrays on this hardware, in use or kept for use again."""
-        return sum(pool.managed_bytes for pool in self._pools())
-
-    def _pools(self) -> list[MemoryPool]:
-        """The spare buffers of both precisions, where there are any yet."""
-        devices = tuple(self._precisions)
-        return [one._spare for one in devices if "_spare" in one.__dict__]
-
-    def _trim(self) -> None:
-        pools = self._pools()
-        spare = sum(pool.managed_bytes - pool.active_bytes for pool in pools)
-        if spare > self.spare_bytes - self.plans.shared_bytes - self.workspace.nbytes:
-            for pool in pools:
-                pool.free_held()
-
-    def free_spare(self) -> None:
-        """Give back what this hardware keeps for later calls, in both precisions.
-
-        These are plans, tables, spare buffers and the working memory of Fourier transforms.
-        """
-        require_own_process()
-        for one in tuple(self._precisions):
-            for kept in (one.plans, one.transforms, one.tables, one.workspace):
-                kept.clear()
-        for pool in self._pools():
-            pool.free_held()
-        trim_heap()
-
     @cached_property
     def tuning(self) -> Tuning:
         """Which forms of kernels are fastest here, and which cannot be run."""
         return Tuning(self)
+
+    def wave_defines(self) -> dict[str, Any]:
+        """Definitions that choose the precision of a kernel of the wave tower."""
+        return {"DOUBLE": True} if self.precision == "double" else {}
 
     @property
     def real(self) -> np.dtype[Any]:
@@ -317,15 +214,6 @@ def _registered(cl_device: cl.Device, precision: Precision, place: str) -> Devic
                 cl_device, precision=precision, place=place, beside=next(others, None)
             )
         return _registry[key]
-
-
-def _spare_limit(is_cpu: bool) -> int:
-    """Bytes that may be kept for later calls: ``$CLPLEN_SPARE_MEMORY``, else the default."""
-    asked = os.environ.get("CLPLEN_SPARE_MEMORY", "").strip()
-    try:
-        return bytes_of(asked) if asked else (_SPARE_BYTES if is_cpu else _GPU_SPARE_BYTES)
-    except ValueError as error:
-        raise DeviceError(f"CLPLEN_SPARE_MEMORY {error}, got {asked!r}.") from error
 
 
 DeviceLike = Device | str

@@ -5,41 +5,39 @@ from __future__ import annotations
 import math
 import pickle
 import sqlite3
-from collections.abc import Iterator, Sequence
-from contextlib import AbstractContextManager, contextmanager, nullcontext
+from collections.abc import Sequence
 from typing import Any
 
+import numpy as np
 import pyopencl as cl
 import pyopencl.array as cla
 
 from clplen.compute.drivers import limits, pocl
 from clplen.compute.drivers.environment import require_room
-from clplen.compute.drivers.failures import ADVICE, device_error, device_errors
-from clplen.compute.drivers.forked import Guard
+from clplen.compute.drivers.failures import ADVICE, device_error
 from clplen.compute.drivers.program import build_program
 from clplen.compute.memory import Memory
-from clplen.compute.profile import Profile, bytes_of, label
+from clplen.compute.profile import bytes_of, label
 from clplen.errors import DeviceError, KernelBuildError
 
 _GPU_GROUP = 64  # work-items of one row that a GPU runs as a group
 
 
+def _plain(arg: Any) -> Any:
+    """Return an argument of a kernel as pyopencl takes it."""
+    if isinstance(arg, cla.Array):
+        return arg.data
+    return np.int32(arg) if type(arg) is int else arg
+
+
 class Launcher(Memory):
-    """The kernels and the command queue of a `Device`, which has the attributes named here."""
+    """The kernels of a device."""
 
-    precision: Any
-    driver: str
-    platform: str
-    rows: bool
-    note: str
-
-    def __init__(self) -> None:
-        super().__init__()
+    def __init__(self, cl_device: cl.Device, beside: Launcher | None = None) -> None:
+        super().__init__(cl_device, beside)
         self._programs: dict[tuple[Any, ...], cl.Program] = {}
         self._kernels: dict[tuple[Any, ...], cl.Kernel] = {}
         self._labels: dict[cl.Kernel, str] = {}
-        self._queue: cl.CommandQueue | None = None
-        self._lock = Guard()
 
     def kernel(self, file: str, name: str, **defines: Any) -> cl.Kernel:
         """Return a kernel, built once for every file and set of definitions."""
@@ -91,10 +89,6 @@ class Launcher(Memory):
                 f"it had built ({error}): {ADVICE}."
             ) from error
 
-    def wave_defines(self) -> dict[str, Any]:
-        """Definitions that choose the precision of a kernel of the wave tower."""
-        return {"DOUBLE": True} if self.precision == "double" else {}
-
     def launch(
         self,
         kernel: cl.Kernel,
@@ -106,20 +100,24 @@ class Launcher(Memory):
     ) -> None:
         """Enqueue a kernel over ``size`` work-items, rounded up to the group.
 
-        ``args`` are NumPy scalars, arrays without offset, or buffers. By default a group is one
-        item, or 64 along the first axis where ``rows`` is off. ``nbytes`` to be moved (by default
-        every array once) and ``operations`` are for a profile.
+        ``args`` are integers (of 32 bits), NumPy scalars, arrays without offset, or buffers. By
+        default a group is one item, or 64 along the first axis where ``rows`` is off. ``nbytes`` to
+        be moved (by default every array once) and ``operations`` are for a profile.
         """
         if group is None:
             group = (1 if self.rows else _GPU_GROUP, *(1 for _ in size[1:]))
         total = tuple(-(-int(n) // g) * g for n, g in zip(size, group, strict=True))
         if 0 in total:
             return
-        plain: list[Any] = [arg.data if isinstance(arg, cla.Array) else arg for arg in args]
+        plain = [_plain(arg) for arg in args]
         with self._lock:
             self._require_build_room("Running a kernel")  # PoCL links it now
             try:
-                done = self.roomy(lambda: kernel(self.queue, total, tuple(group), *plain))
+                try:
+                    done = kernel(self.queue, total, tuple(group), *plain)
+                except cl.Error as error:
+                    self.make_room(error)
+                    done = kernel(self.queue, total, tuple(group), *plain)
             except cl.Error as error:
                 step = f"The kernel {kernel.function_name!r}"
                 raise device_error(self.cl_device, step, error) from error
@@ -134,32 +132,3 @@ class Launcher(Memory):
         *batch, ny, nx = (int(n) for n in shape)
         count = math.prod(batch)
         self.launch(kernel, (1 if self.rows else nx, ny, count), *args, operations=operations)
-
-    def finish(self) -> None:
-        """Wait until everything enqueued is done."""
-        with device_errors(self.cl_device, "What was enqueued"):
-            self.queue.finish()
-
-    @contextmanager
-    def profiling(self) -> Iterator[Profile]:
-        """Time everything that is enqueued in this block, by the device's own clock."""
-        properties = cl.command_queue_properties.PROFILING_ENABLE
-        with self._lock:
-            self.queue.finish()
-            plain, before = self.queue, self._profile
-            profile = self._profile = Profile()
-            self._queue = cl.CommandQueue(self.context, properties=properties)
-        try:
-            yield profile
-        finally:
-            with self._lock:
-                self.queue.finish()
-                self._queue, self._profile = plain, before
-
-    def timed(
-        self, what: str, *, nbytes: int, operations: float = 0.0
-    ) -> AbstractContextManager[None]:
-        """Time work of the host for a profile; do nothing where none is kept."""
-        if self._profile is None:
-            return nullcontext()
-        return self._profile.on_host(what, self.queue, nbytes, operations)

@@ -43,18 +43,69 @@ class LinearMap(Protocol):
         """A' y, shape ``(..., *in_shape)`` of ``(..., *out_shape)``."""
 
 
-def linear_operator(linear: LinearMap) -> LinearOperator:
-    """A linear map for solvers of SciPy, whose vectors are raveled arrays without leading axes."""
-    from scipy.sparse.linalg import LinearOperator
+class Solvable:
+    """Base of linear maps that solvers of SciPy take."""
 
-    def forward(x: Array) -> Array:
-        return mapped(linear, np.reshape(x, linear.in_shape)).ravel()
+    def as_linear_operator(self: LinearMap) -> LinearOperator:
+        """Return the map for solvers of SciPy, whose vectors are raveled arrays."""
+        from scipy.sparse.linalg import LinearOperator
 
-    def adjoint(y: Array) -> Array:
-        return mapped(linear, np.reshape(y, linear.out_shape), adjoint=True).ravel()
+        def forward(x: Array) -> Array:
+            return mapped(self, np.reshape(x, self.in_shape)).ravel()
 
-    shape = (math.prod(linear.out_shape), math.prod(linear.in_shape))
-    return LinearOperator(shape, matvec=forward, rmatvec=adjoint, dtype=linear.dtype)
+        def adjoint(y: Array) -> Array:
+            return mapped(self, np.reshape(y, self.out_shape), adjoint=True).ravel()
+
+        shape = (math.prod(self.out_shape), math.prod(self.in_shape))
+        return LinearOperator(shape, matvec=forward, rmatvec=adjoint, dtype=self.dtype)
+
+
+class ArrayMap(Solvable):
+    """Base of linear maps between arrays of the host, whose leading axes are a batch."""
+
+    def forward(self: LinearMap, values: Any) -> Array:
+        """Map arrays.
+
+        Parameters
+        ----------
+        values : array_like
+            Shape ``(..., *in_shape)``.
+
+        Returns
+        -------
+        numpy.ndarray
+            Shape ``(..., *out_shape)``.
+
+        Raises
+        ------
+        ShapeError
+            If the values have another shape.
+        DeviceError
+            If they do not fit the device.
+        """
+        return mapped(self, values)
+
+    def adjoint(self: LinearMap, values: Any) -> Array:
+        """Map arrays by the transpose.
+
+        Parameters
+        ----------
+        values : array_like
+            Shape ``(..., *out_shape)``; a `RawImage` is one, too.
+
+        Returns
+        -------
+        numpy.ndarray
+            Shape ``(..., *in_shape)``.
+
+        Raises
+        ------
+        ShapeError
+            If the values have another shape.
+        DeviceError
+            If they do not fit the device.
+        """
+        return mapped(self, values, adjoint=True)
 
 
 def mapped(linear: LinearMap, values: Any, *, adjoint: bool = False) -> Array:

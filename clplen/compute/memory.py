@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import ctypes
 import math
+import os
 import sys
 from collections import deque
 from collections.abc import Callable, Iterator, Sequence
@@ -23,9 +24,11 @@ from pyopencl.tools import ImmediateAllocator, MemoryPool
 
 from clplen.compute.drivers import limits
 from clplen.compute.drivers.failures import device_errors, is_want_of_memory
-from clplen.compute.drivers.forked import Guard, HoldsOpenCL
-from clplen.compute.profile import Profile
+from clplen.compute.drivers.forked import Guard, require_own_process
+from clplen.compute.fft.plans import PlanCache, Workspace
+from clplen.compute.hardware import Hardware
 from clplen.errors import DeviceError, ShapeError
+from clplen.units import bytes_of
 
 T = TypeVar("T")
 LEAST_BYTES = 2**22  # below this the request costs as much as it saves
@@ -66,36 +69,40 @@ def trim_heap() -> None:
             trim(0)
 
 
+_SPARE_BYTES = 2**30  # that both precisions of a CPU keep for later calls
+_GPU_SPARE_BYTES = 6 * 2**30  # on a GPU: other programs use it, too
+_SPARE_SHARE = 4  # of the device's memory: at most a quarter
+_PLAN_SHARE = 5 / 8  # of what is kept: plans, which take longest to make again; buffers the rest
+_WORKSPACE_SHARE = 1 / 4
 _COPIES = 64  # small arrays on their way to a GPU
 _POOL_STEP = 8  # their sizes are rounded up by less than an eighth
 
 
-class Memory(HoldsOpenCL):
-    """The memory of a `Device`, which has the attributes that are named here."""
+class Memory(Hardware):
+    """The memory of a device, and what is kept there between calls.
 
-    cl_device: cl.Device
-    name: str
-    is_cpu: bool
-    memory_bytes: int
+    ``beside`` is the same hardware in the other precision, with which it shares what may be kept.
+    """
 
-    def __init__(self) -> None:
-        self._profile: Profile | None = None
+    def __init__(self, cl_device: cl.Device, beside: Memory | None = None) -> None:
+        super().__init__(cl_device)
         self._unchecked_bytes = 0  # allocated since the limits were last looked at
         # mapped buffers: their bytes, and how many use them
         self._maps: dict[tuple[int, bool], list[Any]] = {}
         self._maps_lock = Guard()
         # copies to a GPU under way, which hold what they copy; the oldest is waited for
         self._copies: deque[Any] = deque(maxlen=_COPIES)
-
-    @property
-    def context(self) -> cl.Context:
-        """The OpenCL context."""
-        raise NotImplementedError
-
-    @property
-    def queue(self) -> cl.CommandQueue:
-        """The in-order command queue."""
-        raise NotImplementedError
+        self.spare_bytes = min(_spare_limit(self.is_cpu), self.memory_bytes // _SPARE_SHARE)
+        limit = int(_PLAN_SHARE * self.spare_bytes)
+        # plans (transfer functions, arrays of lenslets), bounded in bytes with those below
+        self.plans: PlanCache = PlanCache(limit, beside.plans if beside else None)
+        self.transforms = PlanCache(limit, self.plans)  # Fourier transforms that the device runs
+        self.tables = PlanCache(limit, self.plans)  # small ones of recent launches
+        # host memory that transforms on the host use again and again
+        workspace = beside.workspace if beside else None
+        self.workspace: Workspace = workspace or Workspace(int(_WORKSPACE_SHARE * self.spare_bytes))
+        self._precisions: list[Memory] = beside._precisions if beside else []
+        self._precisions.append(self)
 
     def require_memory(self, nbytes: int, what: str) -> None:
         """Raise a `DeviceError` about ``what`` if its bytes cannot fit; allocate nothing."""
@@ -122,7 +129,12 @@ class Memory(HoldsOpenCL):
 
     def held_bytes(self) -> int:
         """Bytes of large arrays on this hardware, in use or kept for use again."""
-        raise NotImplementedError
+        return sum(pool.managed_bytes for pool in self._pools())
+
+    def _pools(self) -> list[MemoryPool]:
+        """The spare buffers of both precisions, where there are any yet."""
+        devices = tuple(self._precisions)
+        return [one._spare for one in devices if "_spare" in one.__dict__]
 
     def _require_room(self, nbytes: int, what: str) -> None:
         """Refuse an array of a CPU that a limit of the process or the computer does not admit.
@@ -179,24 +191,38 @@ class Memory(HoldsOpenCL):
 
     def _trim(self) -> None:
         """Give back spare buffers beyond what may be kept."""
-        raise NotImplementedError
+        pools = self._pools()
+        spare = sum(pool.managed_bytes - pool.active_bytes for pool in pools)
+        if spare > self.spare_bytes - self.plans.shared_bytes - self.workspace.nbytes:
+            for pool in pools:
+                pool.free_held()
 
     def roomy(self, act: Callable[[], T]) -> T:
         """What ``act`` gives; where memory is wanting, once more without what is kept."""
         try:
             return act()
         except Exception as error:
-            if not is_want_of_memory(error):
-                raise
-        self.free_spare()
+            self.make_room(error)
         return act()
+
+    def make_room(self, error: Exception) -> None:
+        """Give back what is kept after a want of memory; raise any other error again."""
+        if not is_want_of_memory(error):
+            raise error
+        self.free_spare()
 
     def free_spare(self) -> None:
         """Give back what this hardware keeps for later calls, in both precisions.
 
         These are plans, tables, spare buffers and the working memory of Fourier transforms.
         """
-        raise NotImplementedError
+        require_own_process()
+        for one in tuple(self._precisions):
+            for kept in (one.plans, one.transforms, one.tables, one.workspace):
+                kept.clear()
+        for pool in self._pools():
+            pool.free_held()
+        trim_heap()
 
     def zeros(self, shape: Sequence[int], dtype: Any) -> cla.Array:
         """Allocate an array of zeros on the device."""
@@ -245,10 +271,6 @@ class Memory(HoldsOpenCL):
                 )
             self._note("download", done, values.nbytes)
         return values
-
-    def _note(self, what: str, event: Any, nbytes: int, operations: float = 0.0) -> None:
-        if self._profile is not None:
-            self._profile.add_event(what, event, nbytes, operations)
 
     def copy_into(self, target: cla.Array, source: cla.Array, offset: int) -> None:
         """Copy a whole device array into another one, from a byte of that on."""
@@ -341,6 +363,15 @@ class Memory(HoldsOpenCL):
                 if not held[1]:
                     del self._maps[key]
                     held[0].base.release(self.queue)
+
+
+def _spare_limit(is_cpu: bool) -> int:
+    """Bytes that may be kept for later calls: ``$CLPLEN_SPARE_MEMORY``, else the default."""
+    asked = os.environ.get("CLPLEN_SPARE_MEMORY", "").strip()
+    try:
+        return bytes_of(asked) if asked else (_SPARE_BYTES if is_cpu else _GPU_SPARE_BYTES)
+    except ValueError as error:
+        raise DeviceError(f"CLPLEN_SPARE_MEMORY {error}, got {asked!r}.") from error
 
 
 def _require_contiguous(array: cla.Array) -> None:

@@ -15,7 +15,7 @@ from tolerance import err_db, fft_tolerance, relative_max
 
 from clplen.compute.device import Device
 from clplen.compute.fft import columns, routes
-from clplen.compute.fft.blocks import Spectrum, multiplied, run
+from clplen.compute.fft.blocks import Spectrum, run
 from clplen.compute.fft.lines import (
     Line,
     Separable,
@@ -330,23 +330,6 @@ def test_an_error_in_a_thread_is_raised(device: Device, monkeypatch: pytest.Monk
     data = on.upload(random_complex(shape).astype(on.complex))
     with pytest.raises(DeviceError, match=r"needs more memory .*no room"):
         run(data, maps, [], [], on)
-
-
-def test_multiplied(device: Device) -> None:
-    for shape, quadrant, copy in (
-        ((6, 9), True, True),
-        ((7, 4), False, False),
-        ((1, 5), True, False),
-    ):
-        values = factors(shape, quadrant, 3, device)
-        u = random_complex((2, *shape), 4).astype(device.complex)
-        data = device.upload(u)
-        out = device.download(
-            multiplied(data, Spectrum(device.upload(values), shape), device, copy=copy)
-        )
-        expected = u * unfolded(values.astype(complex), shape)
-        assert relative_max(expected, out) <= 1e-6  # one product in float32
-        np.testing.assert_array_equal(device.download(data), u if copy else out)
 
 
 def test_dropped_spectra_free_their_memory_at_once(device: Device) -> None:

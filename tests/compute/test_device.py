@@ -11,9 +11,8 @@ import pyopencl.array as cla
 import pytest
 
 from clplen import Field, Grid, Propagator
-from clplen.compute import device as devices
 from clplen.compute.device import Device, require_same_device
-from clplen.compute.drivers import selection
+from clplen.compute.drivers import pocl, selection
 from clplen.errors import DeviceError, ShapeError
 
 CPU, GPU = cl.device_type.CPU, cl.device_type.GPU
@@ -65,7 +64,7 @@ def machine(monkeypatch: pytest.MonkeyPatch) -> list[FakePlatform]:
     ]
     monkeypatch.delenv("CLPLEN_DEVICE", raising=False)
     monkeypatch.setattr(selection.environment, "expose_intel_runtime", lambda: None)
-    monkeypatch.setattr(devices.pocl, "ensure_usable", lambda cl_device: "")
+    monkeypatch.setattr(pocl, "ensure_usable", lambda cl_device: "")
     monkeypatch.setattr(cl, "get_platforms", lambda: platforms)
     return platforms
 
@@ -129,7 +128,7 @@ def test_a_device_that_cannot_compile_is_passed_over_unless_asked_for(
             raise DeviceError(f"{cl_device.name} is broken.")
         return ""
 
-    monkeypatch.setattr(devices.pocl, "ensure_usable", ensure_usable)
+    monkeypatch.setattr(pocl, "ensure_usable", ensure_usable)
     assert Device.open().name == "pthread-Intel(R) Xeon"
     with pytest.raises(DeviceError, match="RTX 3090 is broken"):
         Device.open("gpu")

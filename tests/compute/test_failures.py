@@ -113,7 +113,7 @@ def test_kept_plans_and_buffers_make_room(device: Device, monkeypatch: pytest.Mo
                 raise errors.pop()
             return act(*args, **more)
 
-        fresh.plans.get("kept", lambda: "plan", lambda _: 7)
+        fresh.plans.keep("kept", "plan", 7)
         with monkeypatch.context() as patched:
             patched.setattr(owner, function, refused)
             step()
@@ -128,7 +128,7 @@ def test_kept_plans_and_buffers_make_room(device: Device, monkeypatch: pytest.Mo
                 raise errors.pop()
             return kernel(*args)
 
-    fresh.plans.get("kept", lambda: "plan", lambda _: 7)
+    fresh.plans.keep("kept", "plan", 7)
     product = fresh.zeros((2, 3), np.complex64)
     fresh.launch_rows(cast(Any, Refused()), (2, 3), product, one, one, *size)
     assert len(fresh.plans) == 0
@@ -155,7 +155,7 @@ def test_other_errors_pass(device: Device) -> None:
 
 def test_both_precisions_of_a_device_make_room(device: Device, precise: Device) -> None:
     one, other = Device.open(precise.place), precise
-    other.plans.get("kept by the other precision", lambda: "plan", lambda _: 7)
+    other.plans.keep("kept by the other precision", "plan", 7)
     one.free_spare()
     assert len(other.plans) == len(one.plans) == 0
     assert device.download(device.upload(np.arange(3, dtype=np.float32))).tolist() == [0, 1, 2]
@@ -166,7 +166,7 @@ def test_a_context_is_made_once_more_without_devices_that_nobody_holds(
 ) -> None:
     def lost_device() -> weakref.ref[Device]:
         lost = Device(device.cl_device)
-        lost.plans.get("plan", lambda: lost, lambda _: 8)  # plans refer to their device
+        lost.plans.keep("plan", lost, 8)  # plans refer to their device
         return weakref.ref(lost)
 
     lost, made = lost_device(), cl.Context

@@ -196,7 +196,7 @@ def test_what_is_kept_is_given_back_before_an_array_is_refused(
 ) -> None:
     fresh = Device(device.cl_device)
     fresh.is_cpu = True
-    fresh.plans.get("kept", lambda: "plan", lambda _: 7)
+    fresh.plans.keep("kept", "plan", 7)
     monkeypatch.setattr(
         limits, "array_room", lambda _: Room(0 if len(fresh.plans) else 2**40, "it")
     )

@@ -7,9 +7,8 @@ from types import SimpleNamespace
 import pyopencl as cl
 import pytest
 
-from clplen.compute import device as devices
 from clplen.compute.device import Device
-from clplen.compute.drivers import selection
+from clplen.compute.drivers import pocl, selection
 
 CPU, GPU = cl.device_type.CPU, cl.device_type.GPU
 
@@ -67,7 +66,7 @@ def test_a_device_that_is_not_llvmpipe_is_not_tried():
 
 
 def test_what_is_cut_is_said_once(monkeypatch):
-    monkeypatch.setattr(devices.pocl, "ensure_usable", lambda cl_device: "")
+    monkeypatch.setattr(pocl, "ensure_usable", lambda cl_device: "")
     monkeypatch.setattr(selection, "loops_are_cut", lambda cl_device: cl_device is LLVMPIPE)
     opened = Device(LLVMPIPE)
     with pytest.warns(RuntimeWarning, match="llvmpipe ends the loops of a work-item after 65535"):
@@ -77,7 +76,7 @@ def test_what_is_cut_is_said_once(monkeypatch):
 
 
 def test_a_new_name_for_pocl_is_a_note_without_a_warning(monkeypatch):
-    monkeypatch.setattr(devices.pocl, "ensure_usable", lambda cl_device: "A new name.")
+    monkeypatch.setattr(pocl, "ensure_usable", lambda cl_device: "A new name.")
     monkeypatch.setattr(selection, "warning", lambda cl_device: "")
     opened = Device(POCL)
     opened.ensure_usable()  # warnings are errors in tests

@@ -116,23 +116,15 @@ def test_a_small_buffer_is_left_alone(
         assert (asked, mapped) == ([], [])
 
 
-def test_other_systems_are_left_alone(
+def test_other_systems_and_libraries_are_left_alone(
     device: Device, monkeypatch: pytest.MonkeyPatch, mapped: list[np.ndarray]
 ) -> None:
-    monkeypatch.setattr(memory, "sys", SimpleNamespace(platform="win32"))
-    monkeypatch.setattr(memory, "ctypes", SimpleNamespace())  # Windows has no CDLL(None)
-    device.empty((LARGE,), np.uint8)
-    assert mapped == []
-    holds(device, LARGE)
-
-
-def test_a_library_without_the_function_is_left_alone(
-    device: Device, monkeypatch: pytest.MonkeyPatch, mapped: list[np.ndarray]
-) -> None:
-    monkeypatch.setattr(memory, "ctypes", SimpleNamespace(CDLL=lambda _: SimpleNamespace()))
-    monkeypatch.setattr(memory, "sys", SimpleNamespace(platform="linux"))
-    device.empty((LARGE,), np.uint8)
-    assert mapped == []
+    for system, library in (("win32", {}), ("linux", {"CDLL": lambda _: SimpleNamespace()})):
+        memory._madvise.cache_clear()
+        monkeypatch.setattr(memory, "sys", SimpleNamespace(platform=system))
+        monkeypatch.setattr(memory, "ctypes", SimpleNamespace(**library))
+        device.empty((LARGE,), np.uint8)
+        assert mapped == []
 
 
 def test_a_device_with_memory_of_its_own_is_left_alone(

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from concurrent.futures import ThreadPoolExecutor
-from threading import Barrier
 from types import SimpleNamespace
 
 import numpy as np
@@ -19,19 +17,14 @@ from clplen.errors import DeviceError
 
 def put(cache: PlanCache, key: str, nbytes: int = 40) -> str:
     """The value of a key, whose bytes are stated."""
-    return cache.get(key, lambda: f"plan {key}", lambda _: nbytes)
-
-
-def is_kept(cache: PlanCache, key: str) -> bool:
-    before = cache.misses
-    cache.get(key, lambda: "made again", lambda _: cache.limit_bytes + 1)
-    return cache.misses == before
+    kept: str | None = cache.get(key)
+    return cache.keep(key, f"plan {key}", nbytes) if kept is None else kept
 
 
 def test_a_value_is_made_once() -> None:
     cache = PlanCache(100)
     assert put(cache, "a") == "plan a"
-    assert cache.get("a", lambda: pytest.fail("made again"), lambda _: 0) == "plan a"
+    assert cache.get("a") == "plan a"
     assert (cache.hits, cache.misses, cache.nbytes, len(cache)) == (1, 1, 40, 1)
 
 
@@ -42,7 +35,7 @@ def test_what_was_used_longest_ago_goes_first() -> None:
     put(cache, "a")
     put(cache, "c")
     assert (cache.nbytes, len(cache)) == (80, 2)
-    assert [is_kept(cache, key) for key in "abc"] == [True, False, True]
+    assert [cache.get(key) for key in "abc"] == ["plan a", None, "plan c"]
     put(cache, "d", 90)  # for which several go
     assert (cache.nbytes, len(cache)) == (90, 1)
 
@@ -56,28 +49,12 @@ def test_a_value_above_the_limit_is_returned_but_not_kept() -> None:
     assert (cache.nbytes, len(cache)) == (100, 2)
 
 
-def test_a_failure_keeps_nothing() -> None:
-    cache = PlanCache(100)
-    with pytest.raises(ZeroDivisionError):
-        cache.get("a", lambda: 1 // 0, lambda _: 8)
-    assert (cache.misses, cache.nbytes, len(cache)) == (0, 0, 0)
-    assert put(cache, "a") == "plan a"
-
-
-def test_threads_that_make_the_same_value_get_one() -> None:
+def test_callers_that_make_the_same_value_get_one() -> None:
     """As long as it is kept: of plans on a device all callers hold the same."""
     cache = PlanCache(100)
-    all_three = Barrier(3, timeout=10)
-
-    def make() -> object:
-        all_three.wait()
-        return object()
-
-    with ThreadPoolExecutor(3) as pool:
-        made = [pool.submit(cache.get, "a", make, lambda _: 40) for _ in range(3)]
-        first, *others = [each.result() for each in made]
+    first, *others = [cache.keep("a", object(), 40) for _ in range(3)]
     assert all(other is first for other in others)
-    assert cache.get("a", lambda: pytest.fail("made again"), lambda _: 0) is first
+    assert cache.get("a") is first
     assert (cache.nbytes, len(cache), cache.hits, cache.misses) == (40, 1, 1, 3)
 
 
@@ -90,7 +67,7 @@ def test_caches_beside_each_other_keep_to_one_limit() -> None:
     put(one, "a")
     put(other, "b")  # the other's "a" was used longest ago
     assert (one.nbytes, other.nbytes, other.shared_bytes) == (40, 40, 80)
-    assert (is_kept(one, "a"), is_kept(other, "a"), is_kept(other, "b")) == (True, False, True)
+    assert (one.get("a"), other.get("a"), other.get("b")) == ("plan a", None, "plan b")
     one.clear()
     assert (len(one), one.nbytes, len(other), other.shared_bytes) == (0, 0, 1, 40)
 

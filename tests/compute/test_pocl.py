@@ -131,14 +131,6 @@ def test_where_no_child_can_be_started_a_name_that_fits_is_trusted(tmp_path: Pat
     assert verdicts(tmp_path) == []
 
 
-@pytest.mark.thorough
-@needs_pocl
-def test_no_writable_cache_is_no_failure(tmp_path: Path) -> None:
-    environment = forced_environment(tmp_path, PYOPENCL_NO_CACHE="1", XDG_CACHE_HOME="/proc/none")
-    done = python(OPEN + RUN, environment)
-    assert done.stdout.endswith("ran\n"), done.stdout + done.stderr
-
-
 @needs_pocl
 def test_a_name_that_fails_is_refused_and_the_process_lives(tmp_path: Path) -> None:
     environment = forced_environment(tmp_path, CLPLEN_POCL_CPU="no-such-cpu")
@@ -149,15 +141,6 @@ def test_a_name_that_fails_is_refused_and_the_process_lives(tmp_path: Path) -> N
     again = python(NO_CHILD + OPEN, environment)
     (file,) = tmp_path.glob("clplen/pocl-*.json")
     assert f"remove {file} to try again" in again.stdout
-
-
-@pytest.mark.thorough
-@needs_pocl
-def test_kernels_cached_earlier_do_not_hide_the_fault(tmp_path: Path) -> None:
-    healthy = python(OPEN + RUN, caches_in(tmp_path))
-    assert healthy.stdout.endswith("ran\n"), healthy.stdout + healthy.stderr
-    done = python(OPEN, forced_environment(tmp_path, CLPLEN_POCL_CPU="off"))
-    assert done.returncode == 3, done.stdout
 
 
 @needs_pocl
@@ -409,14 +392,6 @@ def test_every_built_in_function_of_the_kernels_is_tried() -> None:
     missing = {name: sorted(names - tried) for name, names in others.items() if names - tried}
     assert not missing
     assert len(set().union(*others.values())) > 25, "the pattern finds what is called"
-
-
-def test_each_width_of_the_kernels_is_tried() -> None:
-    """Vector types that kernels declare have their line in builtins.cl."""
-    source = BUILTINS.read_text()
-    wide = re.compile(r"\b(?:float|int|double)(4|8|16)\b")
-    used = {w for f in KERNELS.rglob("*.cl") for w in wide.findall(COMMENT.sub(" ", f.read_text()))}
-    assert used <= set(re.findall(r"VECTORS\((\d+),", source))
 
 
 def test_each_value_that_is_wrong_is_named() -> None:

@@ -225,7 +225,7 @@ def test_a_plan_that_has_no_memory_is_made_once_more(
     words: str | None,
 ) -> None:
     fresh = Device(device.cl_device)
-    fresh.plans.get("kept", lambda: "plan", lambda _: 7)
+    fresh.plans.keep("kept", "plan", 7)
     left = list(errors)
 
     def made(*_: object) -> Application:

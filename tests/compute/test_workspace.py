@@ -61,15 +61,6 @@ def test_two_borrowers_never_share() -> None:
     assert workspace.nbytes == 100
 
 
-def test_the_larger_of_two_is_kept() -> None:
-    workspace = Workspace(1000)
-    for first, second in ((100, 300), (300, 100)):
-        with workspace.borrow((first,), BYTE), workspace.borrow((second,), BYTE):
-            pass
-        assert workspace.nbytes == 300
-        workspace.clear()
-
-
 def test_a_failure_gives_memory_back() -> None:
     workspace = Workspace(1000)
     with pytest.raises(MemoryError), workspace.borrow((50,), BYTE):
@@ -173,16 +164,6 @@ def test_two_threads_take_factors_to_the_host_once() -> None:
     np.testing.assert_array_equal(one.result(), values)
 
 
-def test_parts_of_arrays_are_copied_where_they_belong(device: Device) -> None:
-    """From the second of three rows to the third of four rows of part of an array."""
-    values = np.arange(15, dtype=np.float32).reshape(3, 5)
-    source, target = device.upload(values), device.zeros((5, 5), np.float32)
-    device.copy_into(target[1:], source[1], 2 * values[0].nbytes)
-    expected = np.zeros((5, 5), np.float32)
-    expected[3] = values[1]
-    np.testing.assert_array_equal(device.download(target), expected)
-
-
 def test_what_is_only_read_is_mapped_to_be_read(
     device: Device, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -203,3 +184,22 @@ def test_what_is_only_read_is_mapped_to_be_read(
     if device.is_cpu:
         assert asked == [cl.map_flags.READ, cl.map_flags.READ | cl.map_flags.WRITE]
     np.testing.assert_array_equal(device.download(array), [0, 1, 9, 3, 4, 5])
+
+
+def test_the_larger_of_two_is_kept() -> None:
+    workspace = Workspace(1000)
+    for first, second in ((100, 300), (300, 100)):
+        with workspace.borrow((first,), BYTE), workspace.borrow((second,), BYTE):
+            pass
+        assert workspace.nbytes == 300
+        workspace.clear()
+
+
+def test_parts_of_arrays_are_copied_where_they_belong(device: Device) -> None:
+    """From the second of three rows to the third of four rows of part of an array."""
+    values = np.arange(15, dtype=np.float32).reshape(3, 5)
+    source, target = device.upload(values), device.zeros((5, 5), np.float32)
+    device.copy_into(target[1:], source[1], 2 * values[0].nbytes)
+    expected = np.zeros((5, 5), np.float32)
+    expected[3] = values[1]
+    np.testing.assert_array_equal(device.download(target), expected)

@@ -87,7 +87,6 @@ def tolerance(lf, channels):
     [
         (3, 5, 7, 17, 3),  # V != U, no multiple of the block
         (2, 4, 11, 8),  # even counts: four views make the centre
-        (5, 1, 23, 3),
         (3, 2, 1, 19),
     ],
 )
@@ -103,9 +102,7 @@ def test_match(device, shape):
 
 
 @pytest.mark.thorough
-@pytest.mark.parametrize(
-    ("shape", "lanes"), [((3, 3, 9, 53), 4), ((3, 5, 7, 37, 3), 8), ((5, 5, 6, 19), 16)]
-)
+@pytest.mark.parametrize(("shape", "lanes"), [((3, 5, 7, 37, 3), 4), ((5, 5, 6, 19), 16)])
 def test_vectors_of_other_lengths(device, monkeypatch, shape, lanes):
     monkeypatch.setattr(view_matching, "vector_lanes", lambda device: (lanes, 8))
     lf = light_field(device, shape)
@@ -132,8 +129,6 @@ def test_vectors_of_other_lengths(device, monkeypatch, shape, lanes):
     [
         ((3, 3, 7, 13), np.uint8),
         ((2, 3, 9, 11, 3), np.uint16),
-        pytest.param((3, 3, 7, 13), np.float16, marks=pytest.mark.thorough),
-        pytest.param((2, 3, 9, 11, 3), np.uint8, marks=pytest.mark.thorough),
     ],
 )
 def test_integers_and_gain(device, shape, dtype):

@@ -6,7 +6,6 @@ import numpy as np
 import pytest
 from tolerance import relative_max
 
-from clplen.errors import DeviceError
 from clplen.lightfield.arrays import shear
 from clplen.lightfield.arrays.shear import shear_sum
 
@@ -14,7 +13,6 @@ DISPARITIES = (-2, -1.37, -1, 0, 0.5, 1, 1.9, 2, 400.3)  # the last one leaves t
 SHAPES = [
     (3, 4, 7, 5),  # rows shorter than a vector
     (4, 3, 13, 43, 3),  # one sample more than whole vectors
-    (2, 5, 11, 1),
     (5, 2, 1, 211, 3),
     (2, 3, 31, 131),
     (1, 1, 3, 2),
@@ -108,12 +106,6 @@ def check(device, shape, dtype="float32", disparities=None, **options):
     assert relative_max(want, got) <= tolerance(shape) < 1e-5
 
 
-def test_weights_of_samples_that_all_views_hold(device):
-    """Those weights are kept once for the whole middle of a row."""
-    check(device, (2, 3, 3, 40), disparities=(-1.37, 0.5))
-    check(device, (2, 2, 3, 5, 20), disparities=(2.2,))
-
-
 def test_tables_of_one_axis_are_not_those_of_another(device):
     field, weights = light_field(SHAPES[1]), view_weights(SHAPES[1])
     for down, right in ((0.2, 0.2), (0.2, 0.4), (0.4, 0.4)):  # only one of them changes at a time
@@ -156,13 +148,8 @@ def test_views_on_no_grid(device, shape, own):
     assert relative_max(want, got) <= tolerance((shape[0] * shape[1], 1)) < 1e-5
 
 
-def test_few_planes_a_launch_for_many_views(device, monkeypatch):
-    monkeypatch.setattr(shear, "_NORM_FLOATS", 1)
-    check(device, (3, 4, 7, 5))
-
-
 @pytest.mark.thorough
-@pytest.mark.parametrize("vectors", [(4, 6), (8, 6), (16, 8)])
+@pytest.mark.parametrize("vectors", [(4, 6), (16, 8)])
 def test_vectors_of_other_machines(device, vectors, monkeypatch):
     monkeypatch.setattr(shear, "vector_lanes", lambda device: vectors)
     check(device, (4, 3, 13, 43, 3))
@@ -179,11 +166,6 @@ def test_little_local_memory(device, nbytes, monkeypatch):
 def test_several_launches(device, monkeypatch):
     monkeypatch.setattr(shear, "_MOST_PLANES", 2)
     check(device, (3, 4, 7, 29))
-
-
-def test_high_blocks(device, monkeypatch):
-    monkeypatch.setattr(shear, "_ITEMS_PER_CORE", 1)
-    check(device, (2, 3, 41, 140), disparities=np.linspace(-0.7, 1.1, 5))
 
 
 def test_weights_of_either_sign(device):
@@ -224,11 +206,3 @@ def test_same_bits_and_input_left_alone(device):
     np.testing.assert_array_equal(runs[1], runs[0])
     np.testing.assert_array_equal(runs[2], runs[0])
     np.testing.assert_array_equal(device.download(data), field)
-
-
-def test_pictures_that_do_not_fit(device, monkeypatch):
-    shape = (2, 3, 8, 9)
-    data, weights, moves = device.upload(light_field(shape)), view_weights(shape), shifts(shape)
-    monkeypatch.setattr(device, "memory_bytes", 4 * 9 * 8 * 9 - 1)
-    with pytest.raises(DeviceError, match="2,592 bytes"):
-        shear_sum(data, weights, *moves, device=device)

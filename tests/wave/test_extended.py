@@ -69,18 +69,6 @@ def test_degree_of_a_picture_is_its_sum():
         assert got == pytest.approx(expected, abs=2e-4)
 
 
-def test_a_picture_of_one_pixel_is_a_square():
-    grid, lags = Grid((20, 31), (3e-6, 4e-6)), np.arange(-5, 6) * 3e-6
-    square = ExtendedSource(1e-3, 0.1, shape="square")
-    pixel = ExtendedSource(1e-3, 0.1, picture=[[7.0]])
-    one, other = (s.degree(lags[:, None], lags, wavelength=WAVELENGTH) for s in (square, pixel))
-    np.testing.assert_allclose(other, one, atol=1e-14)
-    assert one.dtype == np.float64
-    assert other.dtype == np.complex128
-    one, other = (s.power_spectrum(grid, wavelength=WAVELENGTH) for s in (square, pixel))
-    np.testing.assert_allclose(other, one, atol=1e-15)
-
-
 # Snapshots
 
 
@@ -133,17 +121,6 @@ def test_devices_and_precisions_agree(device, precise):
     assert relative_max(np.exp(2j * np.pi * turns).sum(-1) / np.sqrt(77), u) <= 1e-11
 
 
-def test_snapshots_do_not_depend_on_their_order(device):
-    source, grid = ExtendedSource(2e-3, 0.1, points=30), Grid((12, 17), 4e-6)
-    forward = [f.to_numpy() for f in snapshots(source, grid, device, 4)]
-    for index in (3, 1, 2, 0):
-        again = source.field(grid, wavelength=WAVELENGTH, device=device, seed=11, index=index)
-        np.testing.assert_array_equal(again.to_numpy(), forward[index])
-    other = source.field(grid, wavelength=WAVELENGTH, device=device, seed=12, index=0)
-    assert not np.allclose(other.to_numpy(), forward[0], atol=0.1)
-    assert not np.allclose(forward[1], forward[0], atol=0.1)
-
-
 def test_a_dark_pixel_sends_no_point():
     """The first pixel is dark: not even a draw of 0 falls into it, nor one below 1 off the end."""
     source = ExtendedSource(4e-3, 0.1, picture=LETTER)
@@ -153,14 +130,6 @@ def test_a_dark_pixel_sends_no_point():
 
 
 # Spectra
-
-
-def test_a_square_up_to_nyquist_fills_the_lattice():
-    for shape in [(24, 25), (25, 24)]:
-        pitch = 5e-6
-        source = ExtendedSource(WAVELENGTH * 0.1 / pitch, 0.1, shape="square")
-        got = source.power_spectrum(Grid(shape, pitch), wavelength=WAVELENGTH)
-        np.testing.assert_allclose(got, 1 / 600, rtol=1e-9)
 
 
 def test_spectrum_is_the_source_on_the_lattice():
@@ -253,15 +222,6 @@ def test_what_is_no_source():
     ]:
         with pytest.raises(ValueError, match=words):
             ExtendedSource(*args, **more)
-
-
-def test_a_picture_is_kept_as_it_was():
-    mine = LETTER.copy()
-    source = ExtendedSource(1e-3, 0.1, picture=mine)
-    mine[:] = 0
-    np.testing.assert_array_equal(source.picture, LETTER)
-    with pytest.raises(ValueError, match="read-only"):
-        source.picture[0, 0] = 1
 
 
 def test_a_grid_too_coarse():

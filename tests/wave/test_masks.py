@@ -61,11 +61,10 @@ def test_degree_on_a_rectangle_of_oblong_cells(device):
 
 
 def test_degree_of_the_phase_alone(device):
-    for factor in [2, 4]:
-        mask = RandomPhaseMask(CELL, distance=factor * CELL**2 / LAM, kind="phase")
-        assert deviation(mask, device, count=60) <= 0.01
-        u = next(snapshots(mask, device, 1))
-        assert np.abs(np.abs(u) - 1).max() < 1e-6
+    mask = RandomPhaseMask(CELL, distance=3 * CELL**2 / LAM, kind="phase")
+    assert deviation(mask, device, count=60) <= 0.01
+    u = next(snapshots(mask, device, 1))
+    assert np.abs(np.abs(u) - 1).max() < 1e-6
 
 
 def test_the_law_of_the_phase_alone():
@@ -118,12 +117,12 @@ def test_snapshots_are_the_same_in_any_order_and_precision(device, precise):
 
 
 def test_one_axis(device):
-    for shape in [(1, 96), (96, 1)]:
+    for shape in [(1, 1536), (1536, 1)]:
         grid = Grid(shape, 2e-6)
         mask = RandomPhaseMask(12e-6, distance=0)
         y, x = lags(grid)
-        mu = measured_degree(snapshots(mask, device, 400, grid))
-        assert np.abs(mu - mask.degree(y[:, None], x)).max() < 0.06  # 3/sqrt(400 x 16 cells) x 1.6
+        mu = measured_degree(snapshots(mask, device, 25, grid))
+        assert np.abs(mu - mask.degree(y[:, None], x)).max() < 0.06  # 3/sqrt(25 x 256 cells) x 1.6
         spectrum = mask.power_spectrum(grid)
         assert spectrum.shape == shape
         assert spectrum.sum() == pytest.approx(1)

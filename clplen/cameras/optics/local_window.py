@@ -363,7 +363,7 @@ class LocalWindows(Windows):
             np.int32(shape.pupil),
         )
         line = _to_window(shape).astype(device.complex)
-        return run(pupil, Separable((line,), (line,)), [], [], device)[0]
+        return run(pupil, Separable.of((line, line)), [], [], device)[0]
 
     def _paths(self) -> Values:
         """(turns, transmission) of the main lens over the pupil's square, for each point."""

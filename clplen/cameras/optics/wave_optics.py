@@ -280,11 +280,11 @@ class WaveOptics(RayOptics):
         """The planes between which fields on a tilted sensor are interpolated."""
         tilt, device = self.aberrations.sensor_tilt, self.device
         key = (self.grid, self.sensor_distance, tilt, self.wavelength)
-        return device.plans.get(
-            ("sensor planes", *key),
-            lambda: sensor_planes(*key, device),
-            lambda planes: planes.nbytes,
-        )
+        planes: SensorPlanes | None = device.plans.get(("sensor planes", *key))
+        if planes is None:
+            planes = sensor_planes(*key, device)
+            planes = device.plans.keep(("sensor planes", *key), planes, planes.nbytes)
+        return planes
 
     def _interpolated(
         self, behind: Field, planes: SensorPlanes, weights: tuple[cla.Array, ...], pad: int
@@ -475,12 +475,14 @@ class WaveOptics(RayOptics):
         """Fields times a plate each, made for their image; without images one plate, kept."""
         device = pupil.device
         if images is None:
-            key = ("main lens", name, self.aberrations, self.aperture_diameter)
-            one = device.plans.get(
-                (*key, self.image_distance, pupil.grid, pupil.wavelength),
-                lambda: device.upload(plate(0.0, 0.0)),
-                lambda array: int(array.nbytes),
+            key = (
+                *("main lens", name, self.aberrations, self.aperture_diameter),
+                *(self.image_distance, pupil.grid, pupil.wavelength),
             )
+            one = device.plans.get(key)
+            if one is None:
+                one = device.upload(plate(0.0, 0.0))
+                one = device.plans.keep(key, one, int(one.nbytes))
             return multiply(pupil, one)
         plates = [plate(float(y), float(x)) for y, x in images]
         (ny, nx), count = pupil.grid.shape, len(images)
@@ -501,9 +503,9 @@ class WaveOptics(RayOptics):
         across = self.aperture_diameter / pitch
         if pitch != self.pixel_pitch or across > LARGEST_SAMPLED_RIM:
             return RIM_LOSS / across
-        return self.device.plans.get(
-            ("rim loss", self.grid, self.aperture_diameter), self._rim_loss, lambda value: 8
-        )
+        key = ("rim loss", self.grid, self.aperture_diameter)
+        loss: float | None = self.device.plans.get(key)
+        return self.device.plans.keep(key, self._rim_loss(), 8) if loss is None else loss
 
     def _rim_loss(self) -> float:
         area = math.pi / 4 * (self.aperture_diameter / self.pixel_pitch) ** 2
@@ -570,12 +572,12 @@ class WaveOptics(RayOptics):
         aberrations, mla, device = self.aberrations, self.mla, field.device
         if not aberrations.bends_lenslets:
             return field
-        key = (mla, field.grid, field.wavelength)
-        phase = device.plans.get(
-            ("lenslet errors", aberrations, *key),
-            lambda: aberrations.lenslet_errors(mla).phase(*key, device),
-            lambda array: int(array.nbytes),
-        )
+        where = (mla, field.grid, field.wavelength)
+        key = ("lenslet errors", aberrations, *where)
+        phase = device.plans.get(key)
+        if phase is None:
+            phase = aberrations.lenslet_errors(mla).phase(*where, device)
+            phase = device.plans.keep(key, phase, int(phase.nbytes))
         return multiply(field, phase)
 
     def _turns(self, pupil: Field, y: float, x: float) -> Values:

@@ -208,7 +208,7 @@ def multiply_tables(work: cla.Array, y: Array | None, x: Array | None, device: F
     tx = np.ones(nx, device.complex) if x is None else x.astype(device.complex)
     kernel = device.kernel("separable.cl", "multiply_separable", **lanes_defines(device))
     tables = (device.upload(ty), device.upload(tx))
-    device.launch_rows(kernel, work.shape, work, work, *tables, np.int32(ny), np.int32(nx))
+    device.launch_rows(kernel, work.shape, work, work, *tables, ny, nx)
 
 
 def multiplied(
@@ -216,7 +216,7 @@ def multiplied(
 ) -> cla.Array:
     """Spectra (..., my, mx) times their factors; in place unless ``copy``."""
     out = window(work, work.shape, device) if copy else work
-    ny, nx = (np.int32(n) for n in spectrum.shape)
+    ny, nx = spectrum.shape
     form = {"CONJUGATE": True} if spectrum.is_conjugated else {}
     if spectrum.is_quadrant:
         defines = lanes_defines(device) | form
@@ -232,7 +232,7 @@ def add(out: cla.Array, values: cla.Array, device: FieldDevice) -> None:
     """Complex samples (..., ny, nx) added to others of the same shape, in place."""
     ny, nx = out.shape[-2:]
     kernel = device.kernel("multiply.cl", "add", **device.wave_defines())
-    device.launch_rows(kernel, out.shape, out, values, np.int32(ny), np.int32(nx))
+    device.launch_rows(kernel, out.shape, out, values, ny, nx)
 
 
 def window(
@@ -249,7 +249,7 @@ def window(
         place = (ny // 2 - in_ny // 2, nx // 2 - in_nx // 2)
     kernel = device.kernel("window.cl", "window", **device.wave_defines())
     numbers = (ny, nx, in_ny, in_nx, -place[0], -place[1])
-    device.launch_rows(kernel, shape, out, data, *(np.int32(n) for n in numbers))
+    device.launch_rows(kernel, shape, out, data, *numbers)
     return out
 
 

@@ -7,6 +7,7 @@ transform, one Fresnel step. `run` in blocks.py applies them to arrays.
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Any, Literal
 
@@ -98,6 +99,12 @@ class Separable:
 
     y: tuple[Line, ...] = ()
     x: tuple[Line, ...] = ()
+
+    @classmethod
+    def of(cls, lines: Sequence[Line]) -> Separable:
+        """One map along y and one along x."""
+        y, x = lines
+        return cls((y,), (x,))
 
     def astype(self, dtype: np.dtype[Any]) -> Separable:
         """The same maps with tables of a complex dtype; a map that is repeated stays one."""

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections import OrderedDict
-from collections.abc import Callable, Hashable, Iterator, Sequence
+from collections.abc import Hashable, Iterator, Sequence
 from contextlib import contextmanager
 from typing import Any, TypeVar
 
@@ -38,20 +38,24 @@ class PlanCache:
         with self._lock:
             return sum(nbytes for _, nbytes in self._items.values())
 
-    def get(self, key: Hashable, make: Callable[[], T], size: Callable[[T], int]) -> T:
-        """The value of ``key``, made by ``make`` when it is not there."""
+    def get(self, key: Hashable) -> Any:
+        """Return the value of ``key``, or None."""
         place = (self, key)
         with self._lock:
-            if place in self._items:
-                self.hits += 1
-                self._items.move_to_end(place)
-                return self._items[place][0]
-        value = make()
-        nbytes = size(value)
+            if place not in self._items:
+                return None
+            self.hits += 1
+            self._items.move_to_end(place)
+            return self._items[place][0]
+
+    def keep(self, key: Hashable, value: T, nbytes: int) -> T:
+        """Keep a new value; return it, or that of another thread which was faster."""
+        place = (self, key)
         with self._lock:
             self.misses += 1
-            if place in self._items:  # made by another thread meanwhile: one plan for both
-                return self._items[place][0]
+            if place in self._items:
+                other: T = self._items[place][0]
+                return other
             if nbytes <= self.limit_bytes:
                 self._items[place] = (value, nbytes)
                 self.nbytes += nbytes

@@ -188,12 +188,12 @@ def _vkfft(array: cla.Array, device: TransformDevice, axes: tuple[int, ...], for
     if all(array.shape[axis] == 1 for axis in axes):
         return
     key = (array.shape, array.dtype.str, axes)
-
-    def made() -> _Transform:
-        return _Transform(device.roomy(lambda: _vkfft_app(array, device, axes)), Guard())
-
     try:
-        device.transforms.get(key, made, lambda one: one.nbytes).run(array, device.queue, forward)
+        plan = device.transforms.get(key)
+        if plan is None:
+            plan = _Transform(device.roomy(lambda: _vkfft_app(array, device, axes)), Guard())
+            plan = device.transforms.keep(key, plan, plan.nbytes)
+        plan.run(array, device.queue, forward)
     except (RuntimeError, cl.Error) as error:
         what = f"A Fourier transform of shape {array.shape} by VkFFT"
         raise device_error(device.cl_device, what, error) from error

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from typing import TYPE_CHECKING, Any, ClassVar
+from typing import Any, ClassVar
 
 import numpy as np
 import pyopencl.array as cla
@@ -12,16 +12,13 @@ import pyopencl.array as cla
 from clplen.checks import real_array
 from clplen.compute.arrays import OnDevice
 from clplen.compute.device import Device, require_same_device
-from clplen.compute.linear_map import linear_operator, mapped
+from clplen.compute.linear_map import Solvable, mapped
 from clplen.errors import DeviceError, ShapeError
-
-if TYPE_CHECKING:
-    from scipy.sparse.linalg import LinearOperator
 
 Step = Callable[[cla.Array], cla.Array]
 
 
-class LinearStep:
+class LinearStep(Solvable):
     """A linear map A of float32 samples and its transpose A', <A x, y> = <x, A' y>."""
 
     _takes: ClassVar[tuple[type[OnDevice], type[OnDevice]]]
@@ -70,10 +67,6 @@ class LinearStep:
     def adjoint_data(self, data: cla.Array) -> cla.Array:
         """A' y on the device, shape ``(..., *in_shape)`` of ``(..., *out_shape)``, float32."""
         return self._each(data, self.out_shape, self.in_shape, self._adjoint)
-
-    def as_linear_operator(self) -> LinearOperator:
-        """A for solvers of SciPy: vectors are raveled arrays, float32."""
-        return linear_operator(self)
 
     def _through(self, values: Any, adjoint: bool) -> Any:
         shape, kind = (self.in_shape, self.out_shape)[adjoint], self._takes[adjoint]

@@ -342,15 +342,14 @@ def _launch_samples(
 
 def _arguments(work: _Sum, views: Views, first: int, width: int) -> list[Any]:
     """What every form takes, for rows of `width` samples."""
-    device = work.device
-
-    def made() -> tuple[list[cla.Array], Norm]:
+    device, key = work.device, ("shear", width, views.key)
+    kept: tuple[list[cla.Array], Norm] | None = device.tables.get(key)
+    if kept is None:
         norm = weight_norms(views, width)
-        return [device.upload(table) for table in (*kernel_tables(views), norm.table)], norm
-
-    tables, norm = device.tables.get(
-        ("shear", width, views.key), made, lambda both: sum(2 * table.nbytes for table in both[0])
-    )
+        uploaded = [device.upload(table) for table in (*kernel_tables(views), norm.table)]
+        nbytes = sum(2 * int(table.nbytes) for table in uploaded)
+        kept = device.tables.keep(key, (uploaded, norm), nbytes)
+    tables, norm = kept
     sizes = (*views.weights.shape, views.ny, views.samples, views.channels, views.planes, first)
     numbers = (*sizes, norm.table.shape[2], norm.near, norm.far, int(work.total))
     return [work.out, work.lf_data, *tables, *(np.int32(n) for n in numbers)]

@@ -77,14 +77,7 @@ def _divided(pictures: cla.Array, views: Views, device: Device) -> cla.Array:
     step = max(1, _NORM_FLOATS // ((V + 1) * views.samples))
     for first in range(0, views.planes, step):
         part = views.part(first, step)
-
-        def made(part: Views = part) -> tuple[list[cla.Array], tuple[int, int, int]]:
-            norm = weight_norms(part, part.samples)
-            down, below = part.down.T.astype(np.int32), part.below.T.astype(np.float32)
-            tables = [device.upload(table) for table in (norm.table, down, below)]
-            return tables, (norm.table.shape[2], norm.near, norm.far)
-
-        tables, numbers = device.tables.get(("shear norm", part.key), made, _table_bytes)
+        tables, numbers = _norm_tables(part, device)
         sizes = (V, views.ny, views.samples, part.planes, first, *numbers)
         device.launch_rows(
             kernel,
@@ -95,17 +88,31 @@ def _divided(pictures: cla.Array, views: Views, device: Device) -> cla.Array:
     return shares
 
 
-def _table_bytes(made: tuple[list[cla.Array], Any]) -> int:
-    return sum(2 * int(table.nbytes) for table in made[0])
+def _norm_tables(part: Views, device: Device) -> tuple[list[cla.Array], tuple[int, ...]]:
+    """Return the tables and numbers of `divide` for some planes; keep them on the device."""
+    key = ("shear norm", part.key)
+    kept: tuple[list[cla.Array], tuple[int, ...]] | None = device.tables.get(key)
+    if kept is not None:
+        return kept
+    norm = weight_norms(part, part.samples)
+    down, below = part.down.T.astype(np.int32), part.below.T.astype(np.float32)
+    tables = [device.upload(table) for table in (norm.table, down, below)]
+    numbers = (norm.table.shape[2], norm.near, norm.far)
+    return device.tables.keep(key, (tables, numbers), _table_bytes(tables))
+
+
+def _table_bytes(tables: list[cla.Array]) -> int:
+    return sum(2 * int(table.nbytes) for table in tables)
 
 
 def _uploaded(views: Views, device: Device) -> list[cla.Array]:
-    """Tables of some planes on the device, those of recent calls again."""
-
-    def made() -> tuple[list[cla.Array], None]:
-        return [device.upload(table) for table in spread_tables(views)], None
-
-    return device.tables.get(("shear adjoint", views.key), made, _table_bytes)[0]
+    """Return the tables of some planes on the device; keep them for later calls."""
+    key = ("shear adjoint", views.key)
+    kept: list[cla.Array] | None = device.tables.get(key)
+    if kept is not None:
+        return kept
+    tables = [device.upload(table) for table in spread_tables(views)]
+    return device.tables.keep(key, tables, _table_bytes(tables))
 
 
 def _spread_blocks(out: cla.Array, shares: cla.Array, views: Views, device: Device) -> bool:

@@ -59,11 +59,12 @@ class LatticeTransform:
 
     def _tables(self, n: int) -> tuple[cla.Array, cla.Array]:
         """Of a transform over n samples, on the device."""
-        return self.device.tables.get(
-            ("lattice transform", n),
-            lambda: (self.device.upload(_turns(n)), self.device.upload(radices_of(n))),
-            lambda made: sum(table.nbytes for table in made),
-        )
+        kept: tuple[cla.Array, cla.Array] | None = self.device.tables.get(("lattice transform", n))
+        if kept is not None:
+            return kept
+        turns, radices = self.device.upload(_turns(n)), self.device.upload(radices_of(n))
+        nbytes = int(turns.nbytes + radices.nbytes)
+        return self.device.tables.keep(("lattice transform", n), (turns, radices), nbytes)
 
     def _items(self, batch: int) -> int:
         """Work-items, each of which has scratch of its own."""

@@ -282,7 +282,9 @@ def _images(spectrum: Any, pupil: Any, first: Values, box: Box, device: Device) 
     device.launch_rows(
         device.kernel("abbe.cl", "shifted_spectra", **device.wave_defines()),
         out.shape, out, spectrum, pupil, device.upload(first),
-        *(np.int32(n) for n in (*box.size, *box.window, *box.shape)),
+        *box.size,
+        *box.window,
+        *box.shape,
     )  # fmt: skip
     device.fft.inverse(out, device)
     return out

@@ -61,9 +61,8 @@ def plane_waves(
         out,
         device.upload(_row_blocks(rows, blocks.HEIGHT, device.complex)),
         device.upload(_column_blocks(columns, blocks.LANES * blocks.VECTORS, device.real)),
-        np.int32(points),
-        np.int32(ny),
-        np.int32(nx),
+        points,
+        *grid.shape,
     )
     return Field(out, grid, float(wavelength), device)
 

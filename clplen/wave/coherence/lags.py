@@ -94,7 +94,7 @@ def _spectra(a: Any, shifts: Values, device: Device) -> Any:
     out = device.empty((len(shifts), ny, nx), device.complex)
     device.launch_rows(
         device.kernel("lags.cl", "lag_products", **device.wave_defines()),
-        out.shape, out, a, device.upload(shifts), np.int32(ny), np.int32(nx),
+        out.shape, out, a, device.upload(shifts), ny, nx,
     )  # fmt: skip
     device.fft.forward(out, device)
     return out
@@ -105,5 +105,5 @@ def _add(sums: Any, T: Any, G: Any, weights: Values, device: Device) -> None:
     device.launch_rows(
         device.kernel("lags.cl", "add_products", **device.wave_defines()),
         sums.shape, sums, T, G, device.upload(weights.astype(device.complex)),
-        np.int32(len(weights)), np.int32(ny), np.int32(nx),
+        len(weights), ny, nx,
     )  # fmt: skip

@@ -250,7 +250,7 @@ class RandomPhaseMask(SpatialModel):
         phasors = device.empty(cells, device.complex)
         device.launch_rows(
             device.kernel("masks.cl", "cell_phasors", **defines),
-            cells, phasors, np.uint32(index), key, np.int32(my), np.int32(mx),
+            cells, phasors, np.uint32(index), key, my, mx,
         )  # fmt: skip
         (rows_at, rows_w), (columns_at, columns_w) = (
             (device.upload(at), device.upload(w.astype(device.real))) for at, w in tables
@@ -258,12 +258,12 @@ class RandomPhaseMask(SpatialModel):
         rows = device.empty((ny, mx), device.complex)
         device.launch_rows(
             device.kernel("masks.cl", "spread_rows", **defines),
-            rows.shape, rows, phasors, rows_at, rows_w, np.int32(ny), np.int32(mx),
+            rows.shape, rows, phasors, rows_at, rows_w, ny, mx,
         )  # fmt: skip
         out = device.empty(grid.shape, device.complex)
         device.launch_rows(
             device.kernel("masks.cl", "spread", **defines),
-            out.shape, out, rows, columns_at, columns_w, np.int32(mx), np.int32(ny), np.int32(nx),
+            out.shape, out, rows, columns_at, columns_w, mx, ny, nx,
         )  # fmt: skip
         return out
 
@@ -271,7 +271,7 @@ class RandomPhaseMask(SpatialModel):
         """The field's phase alone, in place."""
         device, (ny, nx) = field.device, field.grid.shape
         kernel = device.kernel("masks.cl", "unit_phase", **device.wave_defines())
-        device.launch_rows(kernel, field.shape, field.data, np.int32(ny), np.int32(nx))
+        device.launch_rows(kernel, field.shape, field.data, ny, nx)
         return field
 
 

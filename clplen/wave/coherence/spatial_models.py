@@ -215,9 +215,7 @@ class IncoherentLight(SpatialModel):
         ny, nx = grid.shape
         out = device.empty(grid.shape, device.complex)
         kernel = device.kernel("masks.cl", "cell_phasors", **device.wave_defines())
-        device.launch_rows(
-            kernel, grid.shape, out, np.uint32(index), key_of(seed), np.int32(ny), np.int32(nx)
-        )
+        device.launch_rows(kernel, grid.shape, out, np.uint32(index), key_of(seed), ny, nx)
         return Field(out, grid, float(wavelength), device)
 
     def degree(self, dy: ArrayLike, dx: ArrayLike, *, wavelength: float = 0.0) -> Array:

@@ -20,7 +20,7 @@ from clplen.wave.elements.edges import (
     polygon_middles,
     square_samples,
 )
-from clplen.wave.field.field import Field, Grid, require_field
+from clplen.wave.field.field import Field, Grid, map_samples, require_field
 from clplen.wave.field.transmission import Vector, multiply, multiply_separable, offsets
 
 
@@ -366,23 +366,16 @@ def disc(field: Field, radius: float, centre: Pair, *, out: cla.Array | None = N
     device, grid = field.device, field.grid
     if 1 in grid.shape:
         return _upright(field, (2 * radius, 2 * radius), centre)
-    if out is None:
-        out = device.empty(field.shape, device.complex)
     real = device.real.type
-    kernel = device.kernel("aperture.cl", "disc", **device.wave_defines())
-    device.launch_rows(
-        kernel,
-        field.shape,
-        out,
-        field.data,
+    return map_samples(
+        field,
+        device.kernel("aperture.cl", "disc", **device.wave_defines()),
         *(device.upload(t.astype(device.real)) for t in offsets(grid, centre)),
         real(radius),
         real(grid.pitch[0] / 2),
         real(grid.pitch[1] / 2),
-        np.int32(grid.shape[0]),
-        np.int32(grid.shape[1]),
+        out=out,
     )
-    return field.with_data(out)
 
 
 def _upright(field: Field, size: Pair, centre: Pair, edges: Edges = "area") -> Field:

@@ -77,7 +77,8 @@ class LensletErrors(OneLine):
             *(device.upload(table) for table in mla.lattice_tables(grid, device)),
             device.upload(self._polynomial(order, mla.pitch, wavelength).astype(real)),
             device.upload(self._own(mla, wavelength).astype(real)),
-            *(np.int32(n) for n in (*mla.count, *grid.shape)),
+            *mla.count,
+            *grid.shape,
         )
         return out
 

@@ -20,9 +20,13 @@ from clplen.reprs import OneLine, one_line
 from clplen.units import metres
 from clplen.wave.elements.lens import check_lens_sampling
 from clplen.wave.elements.lenslet_gradients import (
+    aperture_numbers,
     array_gradient,
     array_rates,
     array_tangents,
+    lattice_defines,
+    lens_turns,
+    widest_real,
 )
 from clplen.wave.elements.lenslet_surface import LensletMap, LensletSurface
 from clplen.wave.elements.rims import rim_weights
@@ -436,16 +440,15 @@ class MicrolensArray(OneLine):
         -------
         pyopencl.array.Array
         """
-        opened = as_device(device)
-        if rim is not None and self.is_thin:
-            return self._transmission(grid, wavelength, opened, rim)
-        if rim is not None:
-            return self._made(grid, wavelength, opened)
-        return opened.plans.get(
-            ("lenslets", self, grid, wavelength),
-            lambda: (self._transmission if self.is_thin else self._made)(grid, wavelength, opened),
-            lambda array: int(array.nbytes),
-        )
+        opened, key = as_device(device), ("lenslets", self, grid, wavelength)
+        kept = opened.plans.get(key) if rim is None else None
+        if kept is not None:
+            return kept
+        if self.is_thin:
+            samples = self._transmission(grid, wavelength, opened, rim)
+        else:
+            samples = self._made(grid, wavelength, opened)
+        return opened.plans.keep(key, samples, int(samples.nbytes)) if rim is None else samples
 
     def _transmission(
         self,
@@ -454,58 +457,40 @@ class MicrolensArray(OneLine):
         device: Device,
         rim: tuple[float, float] | None = None,
     ) -> cla.Array:
-        real = device.real.type
         out = device.empty(grid.shape, device.complex)
-        defines = device.wave_defines()
-        defines |= {"HEXAGONAL": True} if self.lattice == "hexagonal" else {}
-        defines |= {"FULL": True} if self.fill == "full" else {}
-        defines |= {"TYPES": len(self.focal_lengths), "TYPE_STEP": self.type_step}
+        defines = lattice_defines(self, double=device.precision == "double")
         defines |= {"FILTERED": True} if rim else {}
         if rim and len(self.focal_lengths) == 1 and device.rows and device.precision == "single":
             defines["LANES"] = True
         weights = rim_weights(*rim) if rim else np.zeros(1)
-        turns = self.pitch**2 / (2 * wavelength * np.asarray(self.focal_lengths))
-        kernel = device.kernel("lenslets.cl", "lenslets", **defines)
-        cos, sin = math.cos(self.rotation), math.sin(self.rotation)
         device.launch_rows(
-            kernel,
+            device.kernel("lenslets.cl", "lenslets", **defines),
             grid.shape,
             out,
             *(device.upload(t) for t in self.lattice_tables(grid, device)),
-            device.upload(turns.astype(device.real)),
-            real(self.diameter / self.pitch / 2),
-            np.array([cos, sin], device.real),
-            real(self.rotation),
-            real(grid.pitch[0] / self.pitch / 2),
-            real(grid.pitch[1] / self.pitch / 2),
+            device.upload(lens_turns(self, wavelength).astype(device.real)),
+            *aperture_numbers(self, grid, device.real),
             device.upload(weights.astype(device.real)),
-            np.int32(len(weights)),
-            np.int32(self.count[0]),
-            np.int32(self.count[1]),
-            np.int32(grid.shape[0]),
-            np.int32(grid.shape[1]),
+            len(weights),
+            *self.count,
+            *grid.shape,
         )
         return out
 
     def _made(self, grid: Grid, wavelength: float, device: Device) -> cla.Array:
         """`transmission` of surfaces, maps and clear gaps, in float64 where there is any."""
-        wide = device.precision == "double" or device.has_fp64
-        real = np.dtype(np.float64 if wide else np.float32)
+        real = widest_real(device)
         out = device.empty(grid.shape, device.complex)
         shapes = self._shapes(wavelength)
-        defines: dict[str, Any] = {"DOUBLE": True} if wide else {}
+        defines = lattice_defines(self, double=real == np.float64)
         defines["RESULT"] = "double2" if device.precision == "double" else "float2"
-        defines |= {"HEXAGONAL": True} if self.lattice == "hexagonal" else {}
-        defines |= {"FULL": True} if self.fill == "full" else {}
         defines |= {"CLEAR": True} if self.gap == "clear" else {}
-        defines |= {"TYPES": len(shapes), "TYPE_STEP": self.type_step}
         defines["POWERS"] = shapes.shape[1] - 3
         maps, per, zero = np.zeros((1, 1)), (0.0, 0.0), (0.0, 0.0)
         if self.map is not None:
             defines["MAP"] = True
             maps = self.map.padded() * (self.map.path(wavelength) / wavelength)
             per, zero = self.map.places()
-        cos, sin = math.cos(self.rotation), math.sin(self.rotation)
         device.launch_rows(
             device.kernel("made_lenslets.cl", "made_lenslets", **defines),
             grid.shape,
@@ -513,15 +498,13 @@ class MicrolensArray(OneLine):
             *(device.upload(t) for t in self.lattice_tables(grid, device, dtype=real)),
             device.upload(shapes.astype(real)),
             device.upload(maps.astype(real)),
-            real.type(self.diameter / self.pitch / 2),
-            np.array([cos, sin], real),
-            real.type(self.rotation),
-            real.type(grid.pitch[0] / self.pitch / 2),
-            real.type(grid.pitch[1] / self.pitch / 2),
+            *aperture_numbers(self, grid, real),
             np.array(per, real) * real.type(self.pitch),
             np.array(zero, real),
-            np.int32(self.map is not None and self.map.is_of_each),
-            *(np.int32(n) for n in (*maps.shape[-2:], *self.count, *grid.shape)),
+            int(self.map is not None and self.map.is_of_each),
+            *maps.shape[-2:],
+            *self.count,
+            *grid.shape,
         )
         return out
 

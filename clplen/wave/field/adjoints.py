@@ -12,16 +12,13 @@ from clplen.compute.arrays import Image
 from clplen.compute.device import require_same_device
 from clplen.errors import ShapeError
 from clplen.types import Array
-from clplen.wave.field.field import Field, require_field
+from clplen.wave.field.field import Field, map_samples, require_field
 
 
 def conjugate(field: Field) -> Field:
     """The complex conjugate of a field."""
-    device, (ny, nx) = field.device, field.grid.shape
-    out = device.empty(field.shape, device.complex)
-    kernel = device.kernel("adjoint.cl", "conjugate", **device.wave_defines())
-    device.launch_rows(kernel, field.shape, out, field.data, np.int32(ny), np.int32(nx))
-    return field.with_data(out)
+    defines = field.device.wave_defines()
+    return map_samples(field, field.device.kernel("adjoint.cl", "conjugate", **defines))
 
 
 def pointwise_adjoint(element: Callable[[Field], Field], field: Field) -> Field:
@@ -40,7 +37,7 @@ def inner_product(a: Field, b: Field) -> complex:
     rows = device.empty(a.shape[:-1], device.complex)
     kernel = device.kernel("adjoint.cl", "row_inner", **device.wave_defines())
     size = (ny, math.prod(a.shape[:-2]))
-    device.launch(kernel, size, rows, a.data, b.data, np.int32(ny), np.int32(nx))
+    device.launch(kernel, size, rows, a.data, b.data, ny, nx)
     return complex(device.download(rows).sum(dtype=np.complex128))
 
 
@@ -78,7 +75,7 @@ def intensity_gradient(field: Field, cotangent: Image | Array) -> Field:
     '-2.0-0.0j'
     """
     require_field(field)
-    device, (ny, nx) = field.device, field.grid.shape
+    device = field.device
     if isinstance(cotangent, Image):
         require_same_device(cotangent.device, device)
     given = cotangent if isinstance(cotangent, Image) else host_array(cotangent, "A cotangent")
@@ -94,6 +91,5 @@ def intensity_gradient(field: Field, cotangent: Image | Array) -> Field:
         weights = device.upload(np.ascontiguousarray(given, device.real))
     out = device.empty(field.shape, device.complex)
     kernel = device.kernel("adjoint.cl", "intensity_slope", **device.wave_defines())
-    arguments = (out, weights, field.data, np.int32(ny), np.int32(nx))
-    device.launch_rows(kernel, field.shape, *arguments)
+    device.launch_rows(kernel, field.shape, out, weights, field.data, *field.grid.shape)
     return field.with_data(out)

@@ -7,6 +7,7 @@ from numbers import Real
 from typing import Any, ClassVar
 
 import numpy as np
+import pyopencl as cl
 import pyopencl.array as cla
 
 from clplen import units
@@ -241,9 +242,8 @@ class Field(Plottable, OnDevice):
     def intensity(self) -> Image:
         """abs(u)^2 as an image of shape (..., ny, nx)."""
         out = self.device.empty(self.shape, self.device.real)
-        ny, nx = self.grid.shape
         kernel = self.device.kernel("intensity.cl", "intensity", **self.device.wave_defines())
-        self.device.launch_rows(kernel, self.shape, out, self.data, np.int32(ny), np.int32(nx))
+        self.device.launch_rows(kernel, self.shape, out, self.data, *self.grid.shape)
         return Image(out, self.device)
 
     def power(self) -> Any:
@@ -272,11 +272,18 @@ def require_grid(grid: object) -> None:
     require(Grid, grid, "grid", "Grid(shape, pitch)")
 
 
+def map_samples(field: Field, kernel: cl.Kernel, *args: Any, out: cla.Array | None = None) -> Field:
+    """Return the field that a kernel (out, samples, ``args``, ny, nx) makes of another one."""
+    out = field.device.empty(field.shape, field.device.complex) if out is None else out
+    field.device.launch_rows(kernel, field.shape, out, field.data, *args, *field.grid.shape)
+    return field.with_data(out)
+
+
 def row_powers(field: Field) -> Vector:
     """Sum of abs(u)^2 along each row, compensated on the device, shape (..., ny), float64."""
     out = field.device.empty(field.shape[:-1], field.device.real)
     ny, nx = field.grid.shape
     kernel = field.device.kernel("intensity.cl", "row_power", **field.device.wave_defines())
     count = int(np.prod(field.shape[:-2], dtype=np.int64))
-    field.device.launch(kernel, (ny, count), out, field.data, np.int32(ny), np.int32(nx))
+    field.device.launch(kernel, (ny, count), out, field.data, ny, nx)
     return field.device.download(out).astype(np.float64)

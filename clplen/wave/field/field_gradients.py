@@ -5,6 +5,7 @@ The gradient of a real loss L with respect to complex samples is dL/dRe + i dL/d
 
 from __future__ import annotations
 
+import math
 from typing import Any
 
 import numpy as np
@@ -82,9 +83,9 @@ def transmission_gradient(field: Field, cotangent: Field) -> cla.Array:
         out,
         field.data,
         cotangent.data,
-        np.int32(np.prod(field.shape[:-2], dtype=np.int64)),
-        np.int32(ny),
-        np.int32(nx),
+        math.prod(field.shape[:-2]),
+        ny,
+        nx,
     )
     return out
 
@@ -103,9 +104,9 @@ def log_moments(behind: Field, cotangent: Field, y: Array, x: Array, order: int 
         behind.data,
         cotangent.data,
         device.upload((x / unit).astype(device.real)),
-        np.int32(np.prod(behind.shape[:-2], dtype=np.int64)),
-        np.int32(ny),
-        np.int32(nx),
+        math.prod(behind.shape[:-2]),
+        ny,
+        nx,
     )
     rows = device.download(sums).astype(np.complex128)
     powers = np.asarray(y, np.float64) ** np.arange(order + 1)[:, None]

@@ -45,20 +45,18 @@ class Window:
 
 def accumulate(total: cla.Array, fields: cla.Array, weights: Any, device: Device) -> None:
     """total[y, x] += sum_b weights[b] abs(fields[b, y, x])^2, on the device."""
-    ny, nx = total.shape
     factors = np.atleast_1d(np.asarray(weights, device.real))
     kernel = device.kernel("intensity.cl", "accumulate", **device.wave_defines())
-    sizes = (np.int32(n) for n in (factors.size, ny, nx))
-    device.launch_rows(kernel, (ny, nx), total, fields, device.upload(factors), *sizes)
+    sizes = (factors.size, *total.shape)
+    device.launch_rows(kernel, total.shape, total, fields, device.upload(factors), *sizes)
 
 
 def add_scaled(total: cla.Array, picture: cla.Array, weight: float, device: Device) -> None:
     """total[y, x] += weight picture[y, x], on the device; both real, of one shape."""
-    ny, nx = total.shape
     defines = {"DOUBLE": True} if total.dtype == np.float64 else {}
     kernel = device.kernel("intensity.cl", "add_scaled", **defines)
-    sizes = (np.int32(ny), np.int32(nx))
-    device.launch_rows(kernel, (ny, nx), total, picture, total.dtype.type(weight), *sizes)
+    scale = total.dtype.type(weight)
+    device.launch_rows(kernel, total.shape, total, picture, scale, *total.shape)
 
 
 class Statistics:
@@ -84,7 +82,7 @@ class Statistics:
     def add(self, snapshot: Field | cla.Array) -> None:
         """Take a snapshot: a field, whose abs(u)^2 counts, or an image; shape (ny, nx)."""
         self.count += 1
-        device, (ny, nx) = self.device, self.shape
+        device = self.device
         field = isinstance(snapshot, Field)
         data = snapshot.data if isinstance(snapshot, Field) else snapshot
         if self.count == 1:
@@ -92,8 +90,7 @@ class Statistics:
         name = "add_field" if field else "add_image"
         kernel = device.kernel("statistics.cl", name, **device.wave_defines())
         numbers = (device.real.type(x) for x in (1 / self.count, 1 / self.unit))
-        sizes = (np.int32(ny), np.int32(nx))
-        device.launch_rows(kernel, self.shape, self.mean, self.m2, data, *numbers, *sizes)
+        device.launch_rows(kernel, self.shape, self.mean, self.m2, data, *numbers, *self.shape)
 
     def restore(
         self, mean: np.ndarray[Any, Any], m2: np.ndarray[Any, Any], count: int, unit: float
@@ -113,8 +110,7 @@ class Statistics:
         factors = (self.device.real.type(x) for x in (scale, self.unit))
         out = self.device.empty(self.shape, self.device.real)
         kernel = self.device.kernel("statistics.cl", "standard_error", **self.device.wave_defines())
-        ny, nx = (np.int32(n) for n in self.shape)
-        self.device.launch_rows(kernel, self.shape, out, self.m2, *factors, ny, nx)
+        self.device.launch_rows(kernel, self.shape, out, self.m2, *factors, *self.shape)
         return Image(out, self.device)
 
     def relative_error(self, window: Window) -> float:
@@ -126,7 +122,7 @@ class Statistics:
         out = device.empty((rows, 2), device.real)
         kernel = device.kernel("statistics.cl", "row_sums", **device.wave_defines())
         sizes = (window.y0, window.x0, window.x1, rows, self.shape[1])
-        device.launch(kernel, (rows,), out, self.mean, self.m2, *(np.int32(n) for n in sizes))
+        device.launch(kernel, (rows,), out, self.mean, self.m2, *sizes)
         sums = device.download(out).sum(axis=0, dtype=np.float64)
         pixels, k = rows * (window.x1 - window.x0), self.count
         if k < 2 or sums[0] <= 0:

@@ -13,7 +13,7 @@ import numpy as np
 import pyopencl.array as cla
 
 from clplen.compute.fft.blocks import lanes_defines
-from clplen.wave.field.field import Field, Grid
+from clplen.wave.field.field import Field, Grid, map_samples
 
 Vector = np.ndarray[Any, np.dtype[np.floating[Any]]]
 
@@ -32,20 +32,9 @@ def offsets(grid: Grid, centre: tuple[float, float] = (0.0, 0.0)) -> tuple[Vecto
 
 def multiply_separable(field: Field, ty: np.ndarray, tx: np.ndarray) -> Field:
     """``field`` times the product of two 1-D complex tables over y and x."""
-    device, (ny, nx) = field.device, field.grid.shape
-    out = device.empty(field.shape, device.complex)
+    device = field.device
     kernel = device.kernel("separable.cl", "multiply_separable", **lanes_defines(device))
-    device.launch_rows(
-        kernel,
-        field.shape,
-        out,
-        field.data,
-        device.upload(ty),
-        device.upload(tx),
-        np.int32(ny),
-        np.int32(nx),
-    )
-    return field.with_data(out)
+    return map_samples(field, kernel, device.upload(ty), device.upload(tx))
 
 
 def multiply(field: Field, transmission: cla.Array, *, conjugate: bool = False) -> Field:
@@ -53,14 +42,10 @@ def multiply(field: Field, transmission: cla.Array, *, conjugate: bool = False) 
 
     Or times its conjugate, which is the adjoint.
     """
-    device, (ny, nx) = field.device, field.grid.shape
-    out = device.empty(field.shape, device.complex)
-    defines = device.wave_defines() | ({"CONJUGATE": True} if conjugate else {})
-    kernel = device.kernel("multiply.cl", "multiply", **defines)
-    device.launch_rows(
-        kernel, field.shape, out, field.data, transmission, np.int32(ny), np.int32(nx)
+    defines = field.device.wave_defines() | ({"CONJUGATE": True} if conjugate else {})
+    return map_samples(
+        field, field.device.kernel("multiply.cl", "multiply", **defines), transmission
     )
-    return field.with_data(out)
 
 
 Table = np.ndarray[Any, Any]
@@ -105,9 +90,7 @@ def multiply_sphere(
     r - abs(z) = rho^2/(2 abs(z)) - (r - abs(z))^2/(2 abs(z)): a product of 1-D tables, made in
     double, times a residual in turns.
     """
-    device, (ny, nx) = field.device, field.grid.shape
-    if out is None:
-        out = device.empty(field.shape, device.complex)
+    device = field.device
     coordinates = offsets(field.grid, centre)
     tables = [phasor(t**2 / (2 * field.wavelength * z), device.complex) for t in coordinates]
     squares = [split((t / z) ** 2, device.real) for t in coordinates]
@@ -115,16 +98,12 @@ def multiply_sphere(
     defines[f"PHASE_{phase.upper()}"] = True
     if fades:
         defines["SOURCE"] = True
-    device.launch_rows(
+    return map_samples(
+        field,
         device.kernel("sphere.cl", "sphere", **defines),
-        field.shape,
-        out,
-        field.data,
         *(device.upload(t) for t in tables),
         *(device.upload(s) for s in squares),
         split(z / field.wavelength, device.real),
         device.real.type(1 / abs(z)),
-        np.int32(ny),
-        np.int32(nx),
+        out=out,
     )
-    return field.with_data(out)

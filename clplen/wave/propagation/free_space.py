@@ -4,8 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from functools import partial
-from operator import attrgetter
 from typing import Any, overload
 
 import numpy as np
@@ -243,11 +241,11 @@ def plan(
 
 
 def _cached_plan(request: Request, device: Device) -> Propagator:
-    return device.plans.get(
-        ("propagator", request),
-        partial(Propagator.of, request, device),
-        attrgetter("nbytes"),
-    )
+    kept: Propagator | None = device.plans.get(("propagator", request))
+    if kept is not None:
+        return kept
+    propagator = Propagator.of(request, device)
+    return device.plans.keep(("propagator", request), propagator, propagator.nbytes)
 
 
 def _stack(fields: Sequence[Field]) -> Field:

@@ -305,7 +305,7 @@ def _separable(
         request=r,
         method=method,
         own_grid=out_grid,
-        into=Separable((lines[0],), (lines[1],)),
+        into=Separable.of(lines),
         kind="separable",
         route=f"each axis by itself, window {lines[0].length} x {lines[1].length}",
         sampled=sampled,

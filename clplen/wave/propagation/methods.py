@@ -335,8 +335,8 @@ def by_fft(
         request=r,
         method=method,
         why=why,
-        into=Separable(*_tuples(into)),
-        back=Separable(*_tuples(back)),
+        into=Separable.of(into),
+        back=Separable.of(back),
         factor=factor,
         kind="fft",
         route=f"FFT of {lengths[0]} x {lengths[1]} samples",
@@ -385,8 +385,8 @@ def by_chirps(r: Request, bands: list[Band], *, why: str, warning: str = "") -> 
         request=r,
         method="cblas",
         why=why,
-        into=Separable(*_tuples(into)),
-        back=Separable(*_tuples(back)),
+        into=Separable.of(into),
+        back=Separable.of(back),
         factor=_transfer(r, shape, frequencies, weights),
         kind="chirp-z",
         route=f"chirp-z transforms over {shape[0]} x {shape[1]} frequencies",
@@ -423,8 +423,8 @@ def sommerfeld(r: Request, why: str = "asked for") -> Description:
         request=r,
         method="rs",
         why=why,
-        into=Separable(*_tuples(into)),
-        back=Separable(*_tuples(back)),
+        into=Separable.of(into),
+        back=Separable.of(back),
         factor=Sommerfeld((lengths[0], lengths[1]), r.grid.pitch, r.z, r.wavelength),
         kind="fft",
         route=f"FFT of {lengths[0]} x {lengths[1]} samples",
@@ -478,8 +478,8 @@ def _windowed_kernel(r: Request, why: str) -> Description:
         request=r,
         method="rs",
         why=why,
-        into=Separable(*_tuples(into)),
-        back=Separable(*_tuples(back)),
+        into=Separable.of(into),
+        back=Separable.of(back),
         factor=factor,
         kind="chirp-z",
         route=f"chirp-z transforms over {factor.shape[0]} x {factor.shape[1]} frequencies",
@@ -608,10 +608,6 @@ def _used(bands: list[Band], r: Request) -> tuple[tuple[float, float], tuple[flo
         for n, band in zip(r.grid.shape, bands, strict=True)
     )
     return (y, x)
-
-
-def _tuples(lines: list[Line]) -> tuple[tuple[Line], tuple[Line]]:
-    return ((lines[0],), (lines[1],))
 
 
 _METHODS = {

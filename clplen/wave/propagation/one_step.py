@@ -205,7 +205,7 @@ class Series:
     def ways(self) -> list[Separable]:
         """The maps of each term along both axes."""
         y, x = ({p[axis]: self.line(axis, p[axis]) for p in self.powers} for axis in (0, 1))
-        return [Separable((y[a],), (x[b],)) for a, b in self.powers]
+        return [Separable.of((y[a], x[b])) for a, b in self.powers]
 
     @property
     def shape(self) -> tuple[int, int]:

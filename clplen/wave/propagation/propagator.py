@@ -6,7 +6,7 @@ import math
 from collections.abc import Sequence
 from dataclasses import replace
 from functools import cached_property
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 import pyopencl.array as cla
@@ -15,7 +15,7 @@ from clplen.compute.device import Device, DeviceLike, as_device, require_same_de
 from clplen.compute.drivers.forked import Guard
 from clplen.compute.fft.blocks import Spectrum, add, run
 from clplen.compute.fft.lines import Separable, adjoint_maps
-from clplen.compute.linear_map import linear_operator
+from clplen.compute.linear_map import Solvable
 from clplen.errors import SamplingError, SamplingWarning, ShapeError, warn_caller
 from clplen.wave.field.field import Field, Grid
 from clplen.wave.propagation.description import (
@@ -34,16 +34,13 @@ from clplen.wave.propagation.plan_report import Energy, PlanReport, energy_budge
 from clplen.wave.propagation.transfer_function import Sommerfeld, Transfer, factor_on_device
 from clplen.wave.propagation.windowed_kernel import WindowedKernel
 
-if TYPE_CHECKING:
-    from scipy.sparse.linalg import LinearOperator
-
 PHASES = ("tables", "fp64", "twofloat")
 SHARING = 8  # plans that share the field's transform at a time: more hold memory and gain nothing
 
 Way = tuple[Separable, Spectrum | None, Separable]
 
 
-class Propagator:
+class Propagator(Solvable):
     """A plan for one grid and distance: transforms along the axes, transfer function, windows.
 
     Parameters
@@ -301,10 +298,6 @@ class Propagator:
             return replace(field, data=self.device.zeros(shape, self.dtype), grid=self.out_grid)
         data = sum_of_ways(field.data, self._slope, self.device)
         return replace(field, data=data, grid=self.out_grid)
-
-    def as_linear_operator(self) -> LinearOperator:
-        """The plan for solvers of SciPy; vectors are raveled fields of one batch index."""
-        return linear_operator(self)
 
     @property
     def in_shape(self) -> tuple[int, int]:

@@ -75,7 +75,7 @@ def impulse_response(
         multiply_kernel_slope(quadrant, y, x, z, wavelength, device)
     h = device.empty(shape, device.complex)
     kernel = device.kernel("sommerfeld.cl", "unfold", **_defines(device, phase))
-    device.launch_rows(kernel, shape, h, quadrant, *(np.int32(n) for n in shape))
+    device.launch_rows(kernel, shape, h, quadrant, *shape)
     return h
 
 
@@ -106,7 +106,7 @@ def kernel_samples(
         split(far / wavelength, device.real),
         device.real.type(pitch[0] * pitch[1] / (wavelength * far)),
         device.real.type(math.copysign(1, z)),
-        *(np.int32(n) for n in h.shape),
+        *h.shape,
     )
     return h
 
@@ -285,7 +285,7 @@ class Transfer:
             *(device.upload(w.astype(device.real)) for w in (wx, wy)),
             split(self.z / self.wavelength, device.real),
             carrier.view(device.real),
-            *(np.int32(n) for n in self.stored),
+            *self.stored,
         )
         if self.is_slope:
             multiply_transfer_slope(H, self.frequencies, self.wavelength, device)
@@ -309,7 +309,7 @@ def multiply_transfer_slope(
     squares = [device.upload(split((wavelength * f) ** 2, device.real)) for f in (fx, fy)]
     kernel = device.kernel("transfer_slope.cl", "transfer_slope", **device.wave_defines())
     k = device.real.type(2 * np.pi / wavelength)
-    device.launch_rows(kernel, H.shape, H, *squares, k, *(np.int32(n) for n in H.shape))
+    device.launch_rows(kernel, H.shape, H, *squares, k, *H.shape)
 
 
 @dataclass(frozen=True, eq=False)

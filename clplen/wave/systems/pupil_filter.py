@@ -154,12 +154,12 @@ class Pupil(OneLine):
         return field.with_data(_filtered(field, self._spectrum(field).conjugate(), field.device))
 
     def _spectrum(self, field: Field) -> Spectrum:
-        device = field.device
-        return device.plans.get(
-            ("pupil", self, field.grid, field.wavelength),
-            lambda: Spectrum.of(self.transfer(field.grid, field.wavelength), device),
-            lambda _: math.prod(field.grid.shape) * device.complex.itemsize,
-        )
+        device, key = field.device, ("pupil", self, field.grid, field.wavelength)
+        kept: Spectrum | None = device.plans.get(key)
+        if kept is not None:
+            return kept
+        spectrum = Spectrum.of(self.transfer(field.grid, field.wavelength), device)
+        return device.plans.keep(key, spectrum, int(spectrum.values.nbytes))
 
     def describe(self) -> str:
         """Shape, diameter and distance."""

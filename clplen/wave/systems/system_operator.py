@@ -4,20 +4,17 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 import pyopencl.array as cla
 
 from clplen.compute.device import DeviceLike, as_device, require_same_device
-from clplen.compute.linear_map import linear_operator
+from clplen.compute.linear_map import Solvable
 from clplen.errors import ShapeError
 from clplen.wave.field.field import Field, Grid, require_field
 from clplen.wave.systems.components import Lens, Part, label_of
 from clplen.wave.systems.space import Space
-
-if TYPE_CHECKING:
-    from scipy.sparse.linalg import LinearOperator
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -49,7 +46,7 @@ class SystemGradient:
         return f"<SystemGradient by a field {self.field.shape} and parameters of {parts}>"
 
 
-class SystemOperator:
+class SystemOperator(Solvable):
     """An optical system for fields on one grid and of one wavelength. Made by `OpticalSystem`.
 
     Parameters
@@ -164,10 +161,6 @@ class SystemOperator:
                 kept[number] = field
             field = part.apply(field)
         return field, SystemPullback(self, kept)
-
-    def as_linear_operator(self) -> LinearOperator:
-        """The system for solvers of SciPy; vectors are raveled fields."""
-        return linear_operator(self)
 
     @property
     def in_shape(self) -> tuple[int, int]:
