@@ -428,10 +428,8 @@ def _energies(
 
     With ``box`` it is the mean over pixels of that side in metres, about the same centres.
     """
-    step = camera.batch(camera.grid)
     ny, nx = (k // binning for k in camera.grid.shape)
-    for start in range(0, len(points), step):
-        some = PointSources(points.positions[start : start + step])
+    for some in camera.batches(points, camera.grid):
         fine = camera.sensor_fields(some, camera.grid).intensity().to_numpy()
         if box is None:
             cells = fine.reshape(len(some), ny, binning, nx, binning)

@@ -12,7 +12,6 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
-from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -24,8 +23,6 @@ from clplen.compute.fft.lines import smooth_length
 from clplen.wave.elements.lenslets import MicrolensArray
 from clplen.wave.elements.zernike import noll, zernike
 from clplen.wave.field.field import Field
-from clplen.wave.propagation.free_space import plan
-from clplen.wave.propagation.propagator import Propagator
 
 Vector = np.ndarray[Any, Any]
 Parameter = int | str  # Noll's index, or "x", "y", "z"
@@ -91,6 +88,7 @@ class PupilWaves:
         """Derivatives of a loss, from its derivatives by the pixels of each image."""
         camera, found, start = self.camera, [], 0
         b, device = self.binning, camera.device
+        way = camera.to_sensor(camera.grid, camera.sensor_distance)
         weights = np.stack([self.phases(name) for name in parameters])
         weights = weights.reshape(len(parameters), -1)
         for some, u in self._sensor(points):
@@ -101,7 +99,7 @@ class PupilWaves:
                 device.upload((Y * u).astype(device.complex)),
                 camera.grid, camera.wavelength, device,
             )  # fmt: skip
-            at_array = camera.mla.adjoint(self._way.adjoint(back)).data
+            at_array = camera.mla.adjoint(way.adjoint(back)).data
             device.fft.forward(at_array, device)
             light = device.download(at_array).astype(np.complex128) / np.prod(camera.grid.shape)
             pupil = device.download(camera.objective.spectra(some, camera.grid, device))
@@ -127,26 +125,14 @@ class PupilWaves:
             values = zernike(*noll(int(name)), rho, np.arctan2(fy, fx)) / camera.wavelength
         return np.asarray(2 * np.pi * np.where(inside, values, 0.0))
 
-    @cached_property
-    def _way(self) -> Propagator:
-        camera = self.camera
-        return plan(
-            camera.grid, camera.mla.focal_length, wavelength=camera.wavelength, method="as", pad=1,
-            device=camera.device,
-        )  # fmt: skip
-
     def _sensor(self, points: PointSources) -> Iterator[tuple[PointSources, Vector]]:
         """Some points after others, with their fields on the sensor."""
-        step = self.camera.batch(self.camera.grid)
-        for start in range(0, len(points), step):
-            some = PointSources(points.positions[start : start + step])
+        for some in self.camera.batches(points, self.camera.grid):
             yield some, self._at_sensor(some)
 
     def _at_sensor(self, points: PointSources, factor: Vector | None = None) -> Vector:
-        camera = self.camera
-        field = camera.objective.fields(points, camera.grid, camera.device, factor=factor)
-        behind = camera.mla.apply(field, aliasing="allow")
-        return camera.device.download(self._way(behind).data)
+        field = self.camera.sensor_fields(points, self.camera.grid, factor=factor)
+        return self.camera.device.download(field.data)
 
     def _binned(self, values: Vector) -> Vector:
         b = self.binning
