@@ -27,21 +27,22 @@ from typing import Any, ClassVar
 import numpy as np
 from scipy import fft
 
-from clplen import units
 from clplen.cameras.description import Described, Description, Row
+from clplen.cameras.optics.lenslet_camera import require_lengths
 from clplen.cameras.optics.lenslet_layout import LensletLayout, covered
 from clplen.cameras.optics.objective import (
     APODISATION,
     CoverGlass,
-    Objective,
     check_objective,
     check_positions,
     fluorescent_lines,
     fluorescent_points,
+    moved_pupils,
     quick_length,
 )
+from clplen.cameras.optics.objective_camera import ObjectiveCamera
 from clplen.cameras.scenes.scene_sources import PointSources
-from clplen.checks import is_finite, is_integer
+from clplen.checks import is_integer
 from clplen.compute.arrays import Image
 from clplen.compute.device import Device, DeviceLike, as_device
 from clplen.errors import SamplingError, ShapeError
@@ -52,9 +53,7 @@ from clplen.wave.coherence.averaging import Progress
 from clplen.wave.coherence.coherence import Coherence
 from clplen.wave.elements.lenslets import MicrolensArray
 from clplen.wave.field.field import Field, Grid
-from clplen.wave.field.intensity import accumulate
 from clplen.wave.field.transmission import multiply, phasor
-from clplen.wave.propagation.free_space import plan
 from clplen.wave.spectrum.spectrum_tables import check_wavelength
 
 Vector = np.ndarray[Any, Any]
@@ -66,13 +65,12 @@ LIT = 0.02  # of it: a lenslet that has less of the pupil makes no sub-image
 SAMPLES = 128  # across a lenslet, by which its share of the pupil is found
 FINENESS = 4.0  # times the samples that the steepest light needs, because rims are sharp
 GUARD = 1.15  # times what sensor and array take
-BATCH_BYTES = 2**27  # of fields that travel together
 LONGEST = 16384  # samples of a window along an axis
 MOST_PARTS = 64  # of a pixel along an axis
 
 
 @dataclass(frozen=True, repr=False)
-class FourierMicroscope(Described):
+class FourierMicroscope(Described, ObjectiveCamera):
     """A Fourier light-field microscope. Made by `PlenopticCamera.fourier_microscope`.
 
     Its lenslets lie on the conjugate pupil: a pixel of a sub-image is a place, a sub-image a view.
@@ -143,18 +141,6 @@ class FourierMicroscope(Described):
             f"<{type(self).__name__} {self.magnification:g}x/{self.na:g}, {len(self.lenslets)} "
             f"lenslets of {metres(self.lenslets.diameter)}, {ny} x {nx} pixels, "
             f"{metres(self.wavelength)}, {self.device.name}>"
-        )
-
-    @property
-    def objective(self) -> Objective:
-        """Objective with tube lens."""
-        return Objective(
-            self.magnification,
-            self.na,
-            self.medium_index,
-            self.wavelength,
-            self.cover,
-            self.apodisation,
         )
 
     @property
@@ -346,17 +332,8 @@ class FourierMicroscope(Described):
         """Energy on the sensor's pixels."""
         check_positions(points.positions)
         window, parts = self.window(points)
-        nbytes = math.prod(window.shape) * self.device.complex.itemsize
-        step = max(1, BATCH_BYTES // nbytes)
-        self.device.require_memory(4 * step * nbytes, "This exposure")
-        total = self.device.zeros(window.shape, self.device.real)
-        for start in range(0, len(points), step):
-            some = slice(start, min(start + step, len(points)))
-            fields = self.sensor_fields(points.chosen(some), window)
-            accumulate(total, fields.data, points.power[some], self.device)
-            if progress is not None:
-                progress(some.stop, len(points))
-        return _pixels(self.device.download(total).astype(np.float64), self.grid.shape, parts)
+        total = self.energies(points, window, progress).astype(np.float64)
+        return _pixels(total, self.grid.shape, parts)
 
     def window(self, points: PointSources) -> tuple[Grid, int]:
         """A grid that holds and samples the light of points, and the parts of a pixel on it.
@@ -414,19 +391,8 @@ class FourierMicroscope(Described):
             phasor(per_metre * points.positions[:, k : k + 1] * axis)
             for axis, k in ((window.y, 1), (window.x, 0))
         )
-        device = self.device
-        out = device.empty((len(points), *window.shape), device.complex)
-        device.launch_rows(
-            device.kernel("objective.cl", "point_spectra", **device.wave_defines()),
-            out.shape,
-            out,
-            device.upload(pupils.astype(device.complex)),
-            device.upload(plane.ravel().astype(np.int32)),
-            device.upload(ty.astype(device.complex)),
-            device.upload(tx.astype(device.complex)),
-            *(np.int32(n) for n in window.shape),
-        )
-        return self._stopped(Field(out, window, self.wavelength, device))
+        out = moved_pupils(pupils, plane, (ty, tx), self.device)
+        return self._stopped(Field(out, window, self.wavelength, self.device))
 
     def pupil(self, y: Vector, x: Vector, z: float, *, diameter: float = 0.0) -> Vector:
         """P at places of the conjugate pupil, 1 in its middle; samples on the rim are shared.
@@ -466,15 +432,7 @@ class FourierMicroscope(Described):
         lenses = self.lenslets.transmission(window.y, window.x, self.wavelength)
         before = self.pupil_fields(points, window)
         behind = multiply(before, device.upload(lenses.astype(device.complex)))
-        way = plan(
-            window,
-            self.sensor_distance,
-            wavelength=self.wavelength,
-            method="as",
-            pad=1,
-            device=device,
-        )
-        return way(behind)
+        return self.to_sensor(window, self.sensor_distance)(behind)
 
 
 def fourier_microscope(
@@ -549,19 +507,10 @@ def fourier_microscope(
             f"diameter=1e-3), not of type {type(mla).__name__}."
         )
     layout = LensletLayout.of(mla) if isinstance(mla, MicrolensArray) else mla
-    for name, value, length in (
-        ("relay", relay, units.CAMERA_FOCAL_LENGTH),
-        ("pixel_pitch", pixel_pitch, units.PIXEL_PITCH),
-        ("tube_lens", tube_lens, units.TUBE_LENS),
-        ("field_stop", field_stop, units.IMAGE_PLACE),
-        ("sensor_distance", sensor_distance, units.CAMERA_FOCAL_LENGTH),
-        ("wavelength", wavelength, units.WAVELENGTH),
-    ):
-        if value is None:
-            continue
-        if not (is_finite(value) and value > 0):
-            raise ValueError(f"{name} is positive, in metres, not {value!r}.")
-        length.check(value, name)
+    require_lengths(
+        relay=relay, pixel_pitch=pixel_pitch, tube_lens=tube_lens, field_stop=field_stop,
+        sensor_distance=sensor_distance,
+    )  # fmt: skip
     check_wavelength(wavelength)
     check_objective(magnification, na, medium_index, apodisation, cover)
     focal = np.unique(layout.focal_lengths)

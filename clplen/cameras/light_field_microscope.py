@@ -54,6 +54,7 @@ from clplen.cameras.optics.objective import (
     fluorescent_points,
     quick_length,
 )
+from clplen.cameras.optics.objective_camera import ObjectiveCamera
 from clplen.cameras.optics.pixel_array import PixelArray, PixelSums
 from clplen.cameras.optics.pupil_aberration import PupilAberration
 from clplen.cameras.scenes.scene_sources import PointSources
@@ -68,13 +69,10 @@ from clplen.wave.coherence.averaging import Checkpoint, Progress
 from clplen.wave.coherence.coherence import Coherence
 from clplen.wave.elements.lenslets import MicrolensArray
 from clplen.wave.field.field import Field, Grid
-from clplen.wave.field.intensity import accumulate
-from clplen.wave.propagation.free_space import plan
 from clplen.wave.spectrum.spectrum_tables import check_wavelength
 
 Vector = np.ndarray[Any, Any]
 
-BATCH_BYTES = 2**27  # of fields that travel through the microscope together
 GUARD = 2  # lenslets of light around the geometrical blur
 MISMATCH = 0.1  # relative difference of the two f-numbers above which a warning is issued
 SPARROW = 0.47  # lam/NA, resolution of the objective
@@ -83,7 +81,7 @@ LAWS = get_args(Law)
 
 
 @dataclass(frozen=True, repr=False)
-class Microscope(Described, LensletCamera):
+class Microscope(Described, ObjectiveCamera, LensletCamera):
     """A light-field microscope. Made by `PlenopticCamera.microscope`.
 
     Attributes
@@ -162,16 +160,8 @@ class Microscope(Described, LensletCamera):
 
     @property
     def objective(self) -> Objective:
-        """The optics before the array."""
-        return Objective(
-            self.magnification,
-            self.na,
-            self.medium_index,
-            self.wavelength,
-            self.cover,
-            self.apodisation,
-            self.pupil,
-        )
+        """The objective with its tube lens and the aberrations of the pupil."""
+        return replace(super().objective, aberration=self.pupil)
 
     @property
     def focal_length(self) -> float:
@@ -426,19 +416,12 @@ class Microscope(Described, LensletCamera):
 
     def _exposed(self, points: PointSources, window: Grid, progress: Progress | None) -> Vector:
         """Energy on the sensor's pixels, in the device's precision."""
-        step = self.batch(window)
-        total = self.device.zeros(window.shape, self.device.real)
-        for start in range(0, len(points), step):
-            stop = min(start + step, len(points))
-            fields = self.sensor_fields(points.chosen(slice(start, stop)), window)
-            accumulate(total, fields.data, points.power[start:stop], self.device)
-            if progress is not None:
-                progress(stop, len(points))
+        total = self.energies(points, window, progress)
         rows, columns = (
             slice((big - n) // 2, (big - n) // 2 + n)
             for big, n in zip(window.shape, self.grid.shape, strict=True)
         )
-        return np.asarray(self.device.download(total)[rows, columns])
+        return np.asarray(total[rows, columns])
 
     def _exposed_in_windows(
         self,
@@ -464,23 +447,22 @@ class Microscope(Described, LensletCamera):
         for same in batches(shapes, self.device):
             yield same, MicroscopeWindows.of(self, shapes[same[0]], points.chosen(same))
 
-    def sensor_fields(self, points: PointSources, window: Grid | None = None) -> Field:
+    def sensor_fields(
+        self,
+        points: PointSources,
+        window: Grid | None = None,
+        *,
+        factor: Vector | None = None,
+    ) -> Field:
         """Fields of points on the sensor, each of energy 1 in the pupil.
 
-        On a periodic ``window`` about the axis that holds all light, shape (n, ny, nx).
+        On a periodic ``window`` about the axis that holds all light, shape (n, ny, nx); ``factor``
+        is that of `Objective.fields`.
         """
         window = self.window(points) if window is None else window
-        at_array = self.objective.fields(points, window, self.device)
+        at_array = self.objective.fields(points, window, self.device, factor=factor)
         behind = self.mla.apply(at_array, aliasing="allow")  # checked with the whole camera
-        way = plan(
-            window,
-            self.mla.focal_length,
-            wavelength=self.wavelength,
-            method="as",
-            pad=1,
-            device=self.device,
-        )
-        return way(behind)
+        return self.to_sensor(window, self.sensor_distance)(behind)
 
     def window(self, points: PointSources) -> Grid:
         """The smallest grid about the sensor's that holds the blur of points on the array."""
@@ -502,13 +484,6 @@ class Microscope(Described, LensletCamera):
             for n, r in zip(self.grid.shape, reach, strict=True)
         )
         return Grid((shape[0], shape[1]), self.grid.pitch, origin=self.grid.origin)
-
-    def batch(self, window: Grid) -> int:
-        """How many fields on a window travel together."""
-        nbytes = math.prod(window.shape) * self.device.complex.itemsize
-        count = max(1, BATCH_BYTES // nbytes)
-        self.device.require_memory(4 * count * nbytes, "This exposure")
-        return int(count)
 
     def raw_image(self, data: cla.Array) -> RawImage:
         """Intensity on the sensor with the places of the sub-images on it."""
@@ -714,10 +689,11 @@ def microscope_images(camera: Microscope, points: PointSources) -> Iterator[Devi
     window = camera.window(points)
     first = [(big - n) // 2 for big, n in zip(window.shape, camera.grid.shape, strict=True)]
     middle = PixelSums((first[0], first[1]), 1, 0.0, (0, 0), camera.grid.shape)
-    step = camera.batch(window)
-    for start in range(0, len(points), step):
-        which = list(range(start, min(start + step, len(points))))
-        fields = camera.sensor_fields(points.chosen(which), window).data
+    done = 0
+    for some in camera.batches(points, window):
+        which = list(range(done, done + len(some)))
+        done += len(some)
+        fields = camera.sensor_fields(some, window).data
         sums, gains = [middle] * len(which), np.ones(len(which))
         yield images_on_patches(which, fields, sums, gains, camera.device)
 

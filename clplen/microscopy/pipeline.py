@@ -22,6 +22,7 @@ from clplen.microscopy.frames.prepare import Preparation, Prepared, preparation
 from clplen.microscopy.frames.raw_frames import RawPreparation, raw_preparation
 from clplen.microscopy.frames.sharpness import sharpness
 from clplen.microscopy.model import point_image_files
+from clplen.microscopy.model.cells import place_of
 from clplen.microscopy.model.fourier_images import FourierPointImages
 from clplen.microscopy.model.images import PointImages
 from clplen.microscopy.model.point_image_files import AnyImages
@@ -321,11 +322,7 @@ def _under_the_middle(images: FourierPointImages) -> dict[str, tuple[float, floa
     nearest = images.centres[np.square(images.centres - middle).sum(axis=1).argmin()]
     b = images.voxels
     first = nearest - np.array(images.field) // 2 - (b - 1) / (2 * b)
-    return {
-        "first": (round(float(first[0]), 4), round(float(first[1]), 4)),
-        "down": (round(1 / b, 4), 0.0),
-        "right": (0.0, round(1 / b, 4)),
-    }
+    return place_of(first, (1 / b, 0.0), (0.0, 1 / b))
 
 
 def lowest(frames: Iterable[Prepared], window: int) -> Iterator[tuple[Prepared, Values]]:

@@ -29,22 +29,16 @@ def moved(waves, points, name, step):
     if name in ("x", "y", "z"):
         there = points.copy()
         there[:, "xyz".index(name)] += step
-        return waves.images(PointSources(there))
+        return waves.tangents(PointSources(there), ())[0]
     known = waves.camera.pupil.coefficients
     pupil = PupilAberration(known | {name: known.get(name, 0.0) + step})
-    return replace(waves, camera=replace(waves.camera, pupil=pupil)).images(PointSources(points))
+    other = replace(waves, camera=replace(waves.camera, pupil=pupil))
+    return other.tangents(PointSources(points), ())[0]
 
 
-def test_tangents_and_gradients(waves):
-    for name in NAMES:
-        images, tangents = waves.tangents(PointSources(POINTS), NAMES)
-        assert np.allclose(images, waves.images(PointSources(POINTS)), rtol=0, atol=1e-15)
+def test_tangents(waves):
+    _, tangents = waves.tangents(PointSources(POINTS), NAMES)
+    for name, found in zip(NAMES, tangents, strict=True):
         step = 2e-11
         slope = (moved(waves, POINTS, name, step) - moved(waves, POINTS, name, -step)) / (2 * step)
-        found = tangents[NAMES.index(name)]
         assert np.abs(found - slope).max() < 1e-6 * np.abs(slope).max()
-        Y = np.random.default_rng(3).normal(size=images.shape)
-        gradient = waves.gradient(PointSources(POINTS), Y, NAMES)[:, NAMES.index(name)]
-        expected = (Y * slope).sum(axis=(1, 2))
-        size = np.sqrt(np.square(slope).sum(axis=(1, 2)) * np.square(Y).sum(axis=(1, 2)))
-        assert (np.abs(gradient - expected) < 1e-6 * size).all()

@@ -24,6 +24,10 @@ _LENGTHS = {
     "image_distance": units.CAMERA_FOCAL_LENGTH,
     "aperture_diameter": units.CAMERA_DIAMETER,
     "tube_lens": units.TUBE_LENS,
+    "relay": units.CAMERA_FOCAL_LENGTH,
+    "sensor_distance": units.CAMERA_FOCAL_LENGTH,
+    "field_stop": units.IMAGE_PLACE,
+    "pixel_pitch": units.PIXEL_PITCH,
 }  # an object may be anywhere, and wavelengths have a check of their own
 
 

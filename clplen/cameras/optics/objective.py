@@ -24,7 +24,7 @@ import pyopencl.array as cla
 from clplen.cameras.optics.pupil_aberration import PupilAberration
 from clplen.cameras.scenes.scene_sources import PointSources
 from clplen.checks import check_finite, check_positive, is_finite, real_array
-from clplen.compute.device import DeviceLike, as_device
+from clplen.compute.device import Device, DeviceLike, as_device
 from clplen.compute.fft.lines import smooth_length
 from clplen.wave.coherence.coherence import Coherence
 from clplen.wave.field.field import Field, Grid
@@ -352,18 +352,27 @@ class Objective:
             phasor(f * (axis[0] - self.magnification * sources.positions[:, k : k + 1]))
             for f, axis, k in ((grid.fy, grid.y, 1), (grid.fx, grid.x, 0))
         )
-        out = device.empty((len(sources), *grid.shape), device.complex)
-        device.launch_rows(
-            device.kernel("objective.cl", "point_spectra", **device.wave_defines()),
-            out.shape,
-            out,
-            device.upload(pupils.astype(device.complex)),
-            device.upload(plane.ravel().astype(np.int32)),
-            device.upload(ty.astype(device.complex)),
-            device.upload(tx.astype(device.complex)),
-            *(np.int32(n) for n in grid.shape),
-        )
-        return out
+        return moved_pupils(pupils, plane, (ty, tx), device)
+
+
+def moved_pupils(
+    pupils: Vector, plane: Vector, turns: tuple[Vector, Vector], device: Device
+) -> cla.Array:
+    """Multiply the pupil of each point's plane by the phases along y and x of its place."""
+    shape = (plane.size, *pupils.shape[1:])
+    out = device.empty(shape, device.complex)
+    ty, tx = (device.upload(one.astype(device.complex)) for one in turns)
+    device.launch_rows(
+        device.kernel("objective.cl", "point_spectra", **device.wave_defines()),
+        shape,
+        out,
+        device.upload(pupils.astype(device.complex)),
+        device.upload(plane.ravel().astype(np.int32)),
+        ty,
+        tx,
+        *(np.int32(n) for n in shape[1:]),
+    )
+    return out
 
 
 def _disc(v: Vector) -> Vector:

@@ -139,7 +139,7 @@ def _labels(
         return found[0]
     assert points is not None
     assert radius_um is not None
-    positions, unit = read_positions(points)
+    positions, unit, _ = read_positions(points)
     if unit != "m":
         raise click.ClickException(f"{points} has positions in voxels: give a table in metres.")
     if not len(positions):

@@ -20,6 +20,7 @@ from clplen.errors import SamplingWarning, ShapeError, warn_caller
 from clplen.microscopy.fourier.fourier_psf import centres_of, checked_planes, described
 from clplen.microscopy.model.fourier_images import FourierPointImages
 from clplen.microscopy.model.psf import check_cut
+from clplen.microscopy.objects.points import level_and_noise
 from clplen.reprs import OneLine
 
 Vector = np.ndarray[Any, Any]
@@ -219,7 +220,7 @@ def _first_shifts(
         half = int(np.ceil(3 * wide))
         corner = np.rint(about).astype(int) - half
         part = ndimage.gaussian_filter(_window(frame, corner, 2 * half + 1), SMOOTH)
-        level, noise = _level(part)
+        level, noise = level_and_noise(part)
         if not part.max() > level + 3 * noise:
             raise ValueError(
                 f"No bead is seen in frame {number} (from 0) within {half} pixels of (y, x) = "
@@ -265,7 +266,7 @@ def _cut_out(
     images = np.empty((len(chosen), size, size))
     for number, corner in enumerate(corners):
         window = _window(frame, corner + whole, size)
-        level, _ = _level(window)
+        level, _ = level_and_noise(window)
         moved = np.fft.ifft2(ndimage.fourier_shift(np.fft.fft2(window - level), -part)).real
         images[number] = _supported(moved, threshold)
     return images, corners
@@ -274,7 +275,7 @@ def _cut_out(
 def _supported(image: Vector, threshold: float) -> Vector:
     """An image where it rises above the noise, connected with its brightest pixel."""
     smooth = ndimage.gaussian_filter(image, SMOOTH)
-    _, noise = _level(smooth)
+    _, noise = level_and_noise(smooth)
     above = smooth > threshold * noise
     labels, count = ndimage.label(above, np.ones((3, 3)))
     if count == 0:
@@ -290,12 +291,6 @@ def _window(frame: Vector, corner: Vector, size: int) -> Vector:
         for first, n in zip(corner, frame.shape, strict=True)
     )
     return np.asarray(frame[np.ix_(rows, columns)])
-
-
-def _level(part: Vector) -> tuple[float, float]:
-    """Background and noise: median, and that of the deviations from it."""
-    level = float(np.median(part))
-    return level, 1.4826 * float(np.median(np.abs(part - level)))
 
 
 def _enough(stored: list[Vector], cut: float) -> int:

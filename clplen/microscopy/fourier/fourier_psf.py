@@ -14,7 +14,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Sequence
-from dataclasses import asdict
 from typing import Any
 
 import numpy as np
@@ -24,10 +23,10 @@ from clplen.cameras.fourier_microscope import LIT, FourierMicroscope
 from clplen.checks import positive_integer, require
 from clplen.compute.memory import free_memory
 from clplen.errors import SamplingError
-from clplen.files import PathLike, check_writable
+from clplen.files import PathLike
 from clplen.microscopy.model.fourier_images import FourierPointImages
 from clplen.microscopy.model.point_image_files import read_matching, write_point_images
-from clplen.microscopy.model.psf import check_cut, rising_planes
+from clplen.microscopy.model.psf import check_cut, objective_parameters, rising_planes
 from clplen.wave.coherence.averaging import Progress
 from clplen.wave.field.transmission import phasor
 
@@ -101,11 +100,9 @@ def fourier_point_images(
     b = positive_integer(voxels_per_pixel, "voxels_per_pixel")
     check_cut(cut)
     parameters = described(camera, z, b) | {"cut": float(cut), "source": "simulated"}
-    if path is not None:
-        found = read_matching(path, parameters)
-        if isinstance(found, FourierPointImages):
-            return found
-        check_writable(path)
+    found = read_matching(path, parameters)
+    if isinstance(found, FourierPointImages):
+        return found
     centres = centres_of(camera)
     _check_memory(camera, len(z), b, len(centres))
     stored, corners = [], []
@@ -142,12 +139,7 @@ def described(camera: FourierMicroscope, planes: Vector, voxels: int) -> dict[st
     layout = camera.lenslets
     return {
         "kind": camera.kind,
-        "magnification": camera.magnification,
-        "na": camera.na,
-        "medium_index": camera.medium_index,
-        "wavelength": camera.wavelength,
-        "cover": None if camera.cover is None else asdict(camera.cover),
-        "apodisation": camera.apodisation,
+        **objective_parameters(camera),
         "relay": camera.relay,
         "field_stop": camera.field_stop,
         "sensor_distance": camera.sensor_distance,

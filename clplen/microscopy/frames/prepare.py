@@ -11,7 +11,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import Any, Literal
+from typing import Any, ClassVar, Literal
 
 import numpy as np
 from scipy.ndimage import binary_dilation
@@ -24,6 +24,7 @@ from clplen.lightfield.raw.decode import resample
 from clplen.lightfield.raw.lenslet_lattice import Lattice
 from clplen.microscopy.frames.given_lattice import check_given
 from clplen.microscopy.frames.outliers import MANY, hot_pixels, uneven_pixels
+from clplen.microscopy.model.cells import place_of
 from clplen.reprs import OneLine
 
 Vector = np.ndarray[Any, Any]
@@ -192,11 +193,6 @@ class Prepared(OneLine):
     doubtful: int = 0
 
 
-def samples(frame: Any) -> Vector:
-    """Those of an array or of a `RawImage`."""
-    return host_array(frame.to_numpy() if hasattr(frame, "to_numpy") else frame, "A frame")
-
-
 def unknown(values: Vector, saturation: float | None) -> Vector:
     """Pixels that are saturated or not finite."""
     if saturation is None and values.dtype.kind in "ui":
@@ -207,7 +203,7 @@ def unknown(values: Vector, saturation: float | None) -> Vector:
 
 def mask_of(mask: Any, shape: tuple[int, ...] | None) -> Vector:
     """Pixels that a mask leaves out: those that are not 0."""
-    values = samples(mask)
+    values = host_array(mask, "A mask")
     if values.ndim != 2 or (shape is not None and values.shape != shape):
         wanted = "(ny, nx)" if shape is None else str(shape)
         raise ShapeError(f"The mask has shape {values.shape}, frames have {wanted}: give theirs.")
@@ -267,6 +263,8 @@ class Preparation(OneLine):
     mask: Vector | None = None
     sharpest: tuple[float, float, float] | None = None
 
+    _MIN_LIGHT: ClassVar[float] = 0.0  # of the brightest lenslet: dimmer ones tell no haze
+
     def __post_init__(self) -> None:
         object.__setattr__(self, "device", as_device(self.device))
 
@@ -295,7 +293,7 @@ class Preparation(OneLine):
         or dark frame, or without a whole number of lenslets, and ValueError where the dark frame is
         brighter than the frame.
         """
-        values = samples(frame)
+        values = host_array(frame, "A frame")
         self._check(values.shape)
         bad = unknown(values, saturation)
         light = np.where(bad, 0, values.astype(np.float32))
@@ -343,10 +341,7 @@ class Preparation(OneLine):
             first, row, column = grid.first, grid.row_step, grid.column_step
         down, right = np.array(row) / voxels, np.array(column) / voxels
         start = np.array(first) - (voxels - 1) / 2 * (down + right)
-        return {
-            name: (round(float(y), 4), round(float(x), 4))
-            for name, (y, x) in (("first", start), ("down", down), ("right", right))
-        }
+        return place_of(start, down, right)
 
     def haze(self, counts: Vector, white: Vector) -> Vector:
         """Return the light in a rectified frame from far beyond the volume, float32.
@@ -356,14 +351,16 @@ class Preparation(OneLine):
         """
         if self.level is None:
             raise ValueError("Haze looks like the white frame, and there is none: give it.")
-        n = self.pixels
-        cells = (counts.shape[0] // n, n, counts.shape[1] // n, n)
-        light = (np.where(white > 0, one, 0).reshape(cells) for one in (counts, self.level))
+        light = (self._cells(np.where(white > 0, one, 0)) for one in (counts, self.level))
         seen, full = (one.sum(axis=(1, 3), dtype=np.float64) for one in light)
-        if not full.any():
-            return np.zeros_like(self.level)
-        share = np.percentile(seen[full > 0] / full[full > 0], DIMMEST)
-        return self.level * np.float32(max(share, 0))
+        whole = full > self._MIN_LIGHT * full.max()
+        share = np.percentile(seen[whole] / full[whole], DIMMEST) if whole.any() else 0.0
+        return np.asarray(self.level * np.float32(max(share, 0)))
+
+    def _cells(self, frame: Vector) -> Vector:
+        """Pixels of a prepared frame by lenslet, shape (rows, n, columns, n)."""
+        n = self.pixels
+        return frame.reshape(frame.shape[0] // n, n, frame.shape[1] // n, n)
 
     def _check(self, shape: tuple[int, ...]) -> None:
         if len(shape) != 2:
@@ -526,14 +523,14 @@ def white_frame(
 
 def dark_frame(dark: Any) -> Vector | None:
     """A dark frame as float32, if there is one."""
-    return None if dark is None else np.asarray(samples(dark), np.float32)
+    return None if dark is None else np.asarray(host_array(dark, "A dark frame"), np.float32)
 
 
 def _white_light(
     white: Any, black: Vector | None, saturation: float | None
 ) -> tuple[Vector, Vector]:
     """A white frame without its dark one, and which of its pixels are unknown."""
-    values = samples(white)
+    values = host_array(white, "A white frame")
     if black is not None and black.shape != values.shape:
         raise ShapeError(
             f"The white frame has shape {values.shape} and the dark frame {black.shape}: give "

@@ -8,7 +8,7 @@ the white frame best (Richardson and Lucy's iteration over the pixels of a cell)
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 
@@ -17,7 +17,6 @@ from clplen.compute.device import DeviceLike, as_device
 from clplen.lightfield.raw.lenslet_lattice import Lattice
 from clplen.microscopy.frames.prepare import (
     DARKEST,
-    DIMMEST,
     Preparation,
     dark_frame,
     white_frame,
@@ -29,7 +28,6 @@ from clplen.microscopy.reconstruction.frame_projector import FrameProjector
 Vector = np.ndarray[Any, Any]
 
 STEPS = 12  # of the iteration that finds the mean cell
-SEEN = 0.5  # of the light of the brightest cell: those at the rim of a frame with less tell no haze
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -58,6 +56,8 @@ class RawPreparation(Preparation):
 
     projector: FrameProjector | None = None
 
+    _MIN_LIGHT: ClassVar[float] = 0.5  # cells at the rim of a frame have less
+
     @property
     def _map(self) -> FrameProjector:
         assert self.projector is not None
@@ -77,17 +77,8 @@ class RawPreparation(Preparation):
         """Where the columns of voxels lie on the raw frame, as of `Preparation`."""
         return self._map.place()
 
-    def haze(self, counts: Vector, white: Vector) -> Vector:
-        """Light in a frame from far beyond the volume, as of `Preparation`."""
-        if self.level is None:
-            raise ValueError("Haze looks like the white frame, and there is none: give it.")
-        seen, full = (
-            self._map.to_cells(np.where(white > 0, one, 0)).sum(axis=(1, 3), dtype=np.float64)
-            for one in (counts, self.level)
-        )
-        whole = full > SEEN * full.max()
-        share = np.percentile(seen[whole] / full[whole], DIMMEST) if whole.any() else 0.0
-        return np.asarray(self.level * np.float32(max(share, 0)))
+    def _cells(self, frame: Vector) -> Vector:
+        return self._map.to_cells(frame)
 
     def _resampled(self, light: Vector) -> Vector:
         return light

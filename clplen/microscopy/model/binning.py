@@ -18,8 +18,7 @@ from clplen.cameras.light_field_microscope import Microscope
 from clplen.cameras.optics.lenslet_camera import sensor_grid
 from clplen.cameras.scenes.scene_sources import PointSources
 from clplen.checks import check_finite, check_positive, real_array
-from clplen.microscopy.model.psf import lenslets_across
-from clplen.wave.elements.lenslets import MicrolensArray
+from clplen.microscopy.model.psf import array_of, binned, lenslets_across
 
 Vector = np.ndarray[Any, Any]
 
@@ -101,15 +100,11 @@ def binning_error(camera: Microscope, planes: Vector, binning: int) -> float:
 
 def _image(camera: Microscope, z: float, count: int, pixels: int, binning: int) -> Vector:
     """Energy on the sensor's pixels, of lenslets with so many finer ones."""
-    mla = MicrolensArray(
-        camera.mla.pitch, camera.mla.focal_length, count=count, fill=camera.mla.fill,  # type: ignore[arg-type]
-        diameter=camera.mla.diameter,
-    )  # fmt: skip
+    mla = array_of(camera.mla, count)
     some = replace(
         camera, mla=mla, grid=sensor_grid(mla, pixels), pixels_per_lenslet=float(pixels),
         pixel_pitch=mla.pitch / pixels,
     )  # fmt: skip
     y, x = (part * mla.pitch / camera.magnification for part in PHASE)
-    fine = some.sensor_fields(PointSources([(x, y, z)]), some.grid).intensity().to_numpy()[0]
-    n = len(fine) // binning
-    return np.asarray(fine.reshape(n, binning, n, binning).sum(axis=(1, 3), dtype=np.float64))
+    fine = some.sensor_fields(PointSources([(x, y, z)]), some.grid).intensity().to_numpy()
+    return binned(fine, binning)[0]

@@ -94,6 +94,14 @@ class Cell:
         return ((b, a) if exchanged else (a, b)), (turned[0], turned[1]), exchanged
 
 
+def place_of(first: Any, down: Any, right: Any) -> dict[str, tuple[float, float]]:
+    """Where columns of voxels lie on a frame: the first one, and steps, (y, x) in pixels."""
+    return {
+        name: (round(float(y), 4), round(float(x), 4))
+        for name, (y, x) in (("first", first), ("down", down), ("right", right))
+    }
+
+
 def cell_of(lattice: str, kinds: int, *, voxels: int, pixels: int) -> Cell:
     """The cell of an array with some voxels and pixels a lenslet.
 

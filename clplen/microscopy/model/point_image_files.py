@@ -16,7 +16,7 @@ import numpy as np
 
 from clplen.compute.memory import free_memory
 from clplen.errors import FormatError
-from clplen.files import PathLike, check_space, replacing
+from clplen.files import PathLike, check_space, check_writable, replacing
 from clplen.hdf5_safety import require_heaps, require_own
 from clplen.microscopy.model.fourier_images import FourierPointImages
 from clplen.microscopy.model.images import PointImages
@@ -239,9 +239,15 @@ def read_parameters(path: PathLike) -> tuple[Parameters, list[tuple[int, ...]]] 
         return None
 
 
-def read_matching(path: PathLike, parameters: Parameters) -> AnyImages | None:
-    """Return the point images of a file, None if there is no file; refuse other parameters."""
+def read_matching(path: PathLike | None, parameters: Parameters) -> AnyImages | None:
+    """Return the point images of a file; refuse other parameters.
+
+    None without a file; raise OSError where none can be written.
+    """
+    if path is None:
+        return None
     if not Path(path).is_file():
+        check_writable(path)
         return None
     images = read_point_images(path)
     for name, value in parameters.items():

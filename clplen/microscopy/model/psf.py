@@ -18,11 +18,12 @@ import numpy as np
 
 from clplen.cameras.light_field_microscope import Microscope
 from clplen.cameras.optics.objective import check_positions
+from clplen.cameras.optics.objective_camera import ObjectiveCamera
 from clplen.cameras.scenes.scene_sources import PointSources
 from clplen.checks import is_finite, positive_integer, real_array, require
 from clplen.compute.fft.lines import smooth_length
 from clplen.compute.memory import free_memory
-from clplen.files import PathLike, check_space, check_writable
+from clplen.files import PathLike, check_space
 from clplen.microscopy.model import point_image_files
 from clplen.microscopy.model.cells import Cell, Pair, cell_of
 from clplen.microscopy.model.images import PointImages
@@ -141,11 +142,9 @@ def point_images(
     parameters = described(
         camera, z, voxels_per_lenslet, binning, cut, store, sensor_pixels=sensor_pixels
     )
-    if path is not None:
-        found = point_image_files.read_matching(path, parameters)
-        if isinstance(found, PointImages):
-            return found
-        check_writable(path)
+    found = point_image_files.read_matching(path, parameters)
+    if isinstance(found, PointImages):
+        return found
     cell = _cell(camera, voxels_per_lenslet, binning)
     _check_memory(camera, z, cell, binning)
     _check_room(camera, z, cell, cut, store, path)
@@ -195,12 +194,7 @@ def described(
     if sensor_pixels is not None:
         of_lattice["sensor_pixels"] = float(sensor_pixels)
     return {
-        "magnification": camera.magnification,
-        "na": camera.na,
-        "medium_index": camera.medium_index,
-        "wavelength": camera.wavelength,
-        "cover": None if camera.cover is None else asdict(camera.cover),
-        "apodisation": camera.apodisation,
+        **objective_parameters(camera),
         "pupil": None if camera.pupil is None else {str(j): c for j, c in camera.pupil.terms},
         "lenslet_pitch": mla.pitch,
         "lenslet_focal_length": mla.focal_length,
@@ -214,6 +208,18 @@ def described(
         "store": store,
         "precision": camera.device.precision,
         **of_lattice,
+    }
+
+
+def objective_parameters(camera: ObjectiveCamera) -> dict[str, Any]:
+    """What point images depend on of the objective, by the names of the camera."""
+    return {
+        "magnification": camera.magnification,
+        "na": camera.na,
+        "medium_index": camera.medium_index,
+        "wavelength": camera.wavelength,
+        "cover": None if camera.cover is None else asdict(camera.cover),
+        "apodisation": camera.apodisation,
     }
 
 
@@ -412,13 +418,18 @@ def _centred(mla: MicrolensArray, count: Pair, cell: Cell) -> MicrolensArray:
         rows = 4 * math.ceil((rows + 1) / 4) + 1  # the middle row is an even one
         columns = columns + 2 + (columns + 1) % 2
     while True:
-        made = MicrolensArray(
-            mla.pitch, mla.focal_lengths, count=(rows, columns), fill=mla.fill,  # type: ignore[arg-type]
-            lattice=mla.lattice, diameter=mla.diameter,  # type: ignore[arg-type]
-        )  # fmt: skip
+        made = array_of(mla, (rows, columns))
         if made.types()[rows // 2, columns // 2] == 0:
             return made
         columns += 2
+
+
+def array_of(mla: MicrolensArray, count: int | Pair) -> MicrolensArray:
+    """An array of so many of the same lenslets, along the axes and centred."""
+    return MicrolensArray(
+        mla.pitch, mla.focal_lengths, count=count, fill=mla.fill,  # type: ignore[arg-type]
+        lattice=mla.lattice, diameter=mla.diameter,  # type: ignore[arg-type]
+    )  # fmt: skip
 
 
 def _energies(
@@ -428,18 +439,21 @@ def _energies(
 
     With ``box`` it is the mean over pixels of that side in metres, about the same centres.
     """
-    step = camera.batch(camera.grid)
-    ny, nx = (k // binning for k in camera.grid.shape)
-    for start in range(0, len(points), step):
-        some = PointSources(points.positions[start : start + step])
+    for some in camera.batches(points, camera.grid):
         fine = camera.sensor_fields(some, camera.grid).intensity().to_numpy()
         if box is None:
-            cells = fine.reshape(len(some), ny, binning, nx, binning)
-            yield cells.sum(axis=(2, 4), dtype=np.float64)
+            yield binned(fine, binning)
             continue
         for axis in (1, 2):
             fine = _averaged(fine, axis, binning, box / camera.grid.pitch[axis - 1])
         yield fine
+
+
+def binned(pictures: Vector, binning: int) -> Vector:
+    """Sums of b x b pixels of pictures (n, ny, nx), float64."""
+    count, ny, nx = pictures.shape
+    cells = pictures.reshape(count, ny // binning, binning, nx // binning, binning)
+    return np.asarray(cells.sum(axis=(2, 4), dtype=np.float64))
 
 
 def _averaged(values: Vector, axis: int, binning: int, width: float) -> Vector:

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import csv
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -48,7 +48,31 @@ def _texts(values: Vector) -> list[str]:
 
 def read_table(path: PathLike, what: str, names: Sequence[str]) -> dict[str, Vector]:
     """Read columns of numbers by their names; others are left out."""
+    return _columns(Path(path), what, _rows(Path(path), what), names)
+
+
+def read_positions(
+    path: PathLike, what: str = "positions", names: Callable[[str], Sequence[str]] = lambda _: ()
+) -> tuple[Vector, str, dict[str, Vector]]:
+    """Read positions (z, y, x), their unit, and the columns that ``names`` has for that unit."""
     path = Path(path)
+    rows = _rows(path, what)
+    unit = next((one for one in UNITS if rows and f"z_{one}" in rows[0]), None)
+    if unit is None:
+        raise FormatError(
+            f"{path} is no table of positions: its header has no column "
+            f"{' or '.join(f'z_{one}' for one in UNITS)}."
+        )
+    places = position_columns(unit)
+    table = _columns(path, what, rows, (*places, *names(unit)))
+    positions = np.stack([table.pop(name) for name in places], axis=1)
+    if not np.isfinite(positions).all():
+        raise FormatError(f"{path}: a point has no position.")
+    return positions, unit, table
+
+
+def _rows(path: Path, what: str) -> list[list[str]]:
+    """Cells of a table, the header first."""
     if not path.is_file():
         raise FormatError(f"There is no table of {what} {path}.")
     if path.stat().st_size > _LARGEST:
@@ -58,7 +82,14 @@ def read_table(path: PathLike, what: str, names: Sequence[str]) -> dict[str, Vec
             rows = [row for row in csv.reader(file) if row]
     except (UnicodeDecodeError, csv.Error) as error:
         raise FormatError(f"{path} is no table of {what}: it is no CSV text ({error}).") from error
-    header = [name.strip() for name in rows[0]] if rows else []
+    return [[name.strip() for name in row] for row in rows[:1]] + rows[1:]
+
+
+def _columns(
+    path: Path, what: str, rows: list[list[str]], names: Sequence[str]
+) -> dict[str, Vector]:
+    """Numbers of some columns."""
+    header = rows[0] if rows else []
     missing = [name for name in names if name not in header]
     if missing:
         raise FormatError(
@@ -101,30 +132,3 @@ def whole_numbers(path: PathLike, values: Vector, name: str) -> Vector:
 def position_columns(unit: str) -> tuple[str, str, str]:
     """Names of the columns of z, y and x in a unit, "m" or "voxel"."""
     return (f"z_{unit}", f"y_{unit}", f"x_{unit}")
-
-
-def unit_of(path: PathLike) -> str:
-    """The unit of a table's positions by its header: "m" or "voxel"."""
-    path = Path(path)
-    if not path.is_file():
-        raise FormatError(f"There is no table {path}.")
-    with path.open("rb") as file:
-        header = file.readline(1 << 16).decode("utf-8-sig", errors="replace")
-    names = [name.strip().strip('"') for name in header.split(",")]
-    found = [unit for unit in UNITS if f"z_{unit}" in names]
-    if not found:
-        raise FormatError(
-            f"{path} is no table of positions: its header has no column "
-            f"{' or '.join(f'z_{unit}' for unit in UNITS)}."
-        )
-    return found[0]
-
-
-def read_positions(path: PathLike) -> tuple[Vector, str]:
-    """Positions (z, y, x) of a table of points or regions, and their unit."""
-    unit = unit_of(path)
-    table = read_table(path, "positions", position_columns(unit))
-    positions = np.stack(list(table.values()), axis=1)
-    if not np.isfinite(positions).all():
-        raise FormatError(f"{path}: a point has no position.")
-    return positions, unit

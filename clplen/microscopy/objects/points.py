@@ -25,7 +25,6 @@ from clplen.microscopy.objects.csv_tables import (
     check_unit,
     position_columns,
     read_positions,
-    read_table,
     write_table,
 )
 
@@ -81,17 +80,21 @@ class Points:
         names = position_columns(unit)
         columns = {"point": np.arange(len(self)), **dict(zip(names, self.positions.T, strict=True))}
         columns |= {"peak": self.peaks, "snr": self.snr}
-        widths = (f"width_{name}" for name in names)
-        write_table(path, columns | dict(zip(widths, self.widths.T, strict=True)))
+        write_table(path, columns | dict(zip(_width_columns(unit), self.widths.T, strict=True)))
 
     @classmethod
     def from_csv(cls, path: PathLike) -> Points:
         """Read a table that `to_csv` wrote, its columns in any order."""
-        positions, unit = read_positions(path)
-        widths = [f"width_{name}" for name in position_columns(unit)]
-        table = read_table(path, "points", ("peak", "snr", *widths))
-        across = np.stack([table[name] for name in widths], axis=1)
-        return cls(positions, table["peak"], table["snr"], across)
+        positions, _, table = read_positions(
+            path, "points", lambda unit: ("peak", "snr", *_width_columns(unit))
+        )
+        peak, snr, *widths = table.values()
+        return cls(positions, peak, snr, np.stack(widths, axis=1))
+
+
+def _width_columns(unit: str) -> list[str]:
+    """Names of the columns of widths along z, y and x."""
+    return [f"width_{name}" for name in position_columns(unit)]
 
 
 def find_points(
@@ -148,7 +151,7 @@ def find_points(
     """
     if axes is None and isinstance(stack, FocalStack):
         axes = (stack.disparities, None, None)
-    values = checked_stack(stack.to_numpy() if isinstance(stack, FocalStack) else stack)
+    values = checked_stack(stack)
     planes, across = size
     if not (planes >= 0 and across >= 0.5 and snr > 0 and min(distance) > 0):
         raise ValueError(
@@ -157,8 +160,7 @@ def find_points(
         )
     places = coordinates_of(axes, values.shape)
     raised = _smoothed(values, planes, across) - _smoothed(values, planes, WIDER * across)
-    middle = np.median(raised, axis=(1, 2), keepdims=True)
-    noise = DEVIATION * np.median(np.abs(raised - middle), axis=(1, 2))
+    _, noise = level_and_noise(raised, axis=(1, 2))
     found = _apart(_maxima(raised, snr * noise), distance)
     positions = [[_top(raised, places, tuple(at), axis) for axis in range(3)] for at in found]
     above = values - _smoothed(values, 0.0, WIDER * across)
@@ -244,6 +246,13 @@ def coordinates_of(axes: Sequence[Any] | None, shape: tuple[int, ...]) -> list[V
             raise ValueError(f"Coordinates along an axis rise or fall all the way, not {axis!r}.")
         found.append(places)
     return found
+
+
+def level_and_noise(values: Vector, axis: tuple[int, ...] | None = None) -> tuple[Any, Any]:
+    """Median, and standard deviation of normal noise by the median absolute deviation."""
+    level = np.median(values, axis=axis, keepdims=True)
+    noise = DEVIATION * np.median(np.abs(values - level), axis=axis)
+    return np.squeeze(level, axis), noise
 
 
 def over_noise(heights: Vector, noise: Vector | float) -> Vector:

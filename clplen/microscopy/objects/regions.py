@@ -20,7 +20,12 @@ from clplen.checks import real_array
 from clplen.errors import ShapeError
 from clplen.files import PathLike
 from clplen.microscopy.objects.csv_tables import check_unit, position_columns, write_table
-from clplen.microscopy.objects.points import DEVIATION, checked_stack, coordinates_of, over_noise
+from clplen.microscopy.objects.points import (
+    checked_stack,
+    coordinates_of,
+    level_and_noise,
+    over_noise,
+)
 from clplen.reprs import OneLine
 
 Vector = np.ndarray[Any, Any]
@@ -149,8 +154,7 @@ def find_regions(
         raise ValueError(f"A threshold is a finite number, not {threshold!r}.")
     places = coordinates_of(axes, values.shape)
     smooth = np.asarray(gaussian_filter(values, (planes, across, across), mode="nearest"))
-    middle = float(np.median(smooth))
-    noise = float(DEVIATION * np.median(np.abs(smooth - middle)))
+    middle, noise = map(float, level_and_noise(smooth))
     if threshold is None:
         threshold = max(_otsu(smooth), middle + snr * noise)
     labels = _basins(smooth, float(threshold), middle, split)

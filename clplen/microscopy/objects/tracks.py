@@ -15,7 +15,6 @@ from clplen.microscopy.objects.csv_tables import (
     check_unit,
     position_columns,
     read_positions,
-    read_table,
     whole_numbers,
     write_table,
 )
@@ -119,8 +118,8 @@ class Tracks:
     @classmethod
     def from_csv(cls, path: PathLike) -> Tracks:
         """Read a table that `to_csv` wrote, its columns in any order."""
-        positions, unit = read_positions(path)
-        table = read_table(path, "tracks", ("track", "frame", "peak", "snr"))
+        names = ("track", "frame", "peak", "snr")
+        positions, unit, table = read_positions(path, "tracks", lambda _: names)
         ids, frames = (whole_numbers(path, table[name], name) for name in ("track", "frame"))
         order = np.lexsort((frames, ids))
         twice = (np.diff(ids[order]) == 0) & (np.diff(frames[order]) == 0)

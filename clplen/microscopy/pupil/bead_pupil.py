@@ -33,7 +33,6 @@ LEAST = 3  # planes that a bead is found among
 DIMMEST = 0.05  # of the brightest one: what is dimmer is rather a part of another one's image
 ITERATIONS = 15  # of the volume that shows where beads are
 MOST = 30  # steps
-_FLOOR = 0.02  # of the mean count: weights of darker pixels end there
 _STILL = 1e-4  # of the loss that a last step gains
 _UNIT = {"place": 1e-6, "path": 1e-8}  # metres of a parameter of 1
 _FARTHEST = 2.0  # micrometres of a step along an axis
@@ -152,12 +151,6 @@ class BeadFrame:
             of.append(slice((start - first) * self.n, (stop - first) * self.n))
         return (on[0], on[1]), (of[0], of[1])
 
-    def spread(self, mean: Vector) -> Vector:
-        """Standard deviations of counts, infinite where pixels are left out."""
-        counted = self.seen.white > 0
-        level = np.maximum(mean, _FLOOR * mean[counted].mean())
-        return np.where(counted, np.sqrt(self.seen.variance * level), np.inf)
-
 
 def fit_beads(
     frame: BeadFrame, positions: Vector, start: Vector, *, progress: Progress | None = None
@@ -167,9 +160,9 @@ def fit_beads(
     energies, background = _energies(frame, positions, c)
     damping, model = 1e-3, frame.model(positions, energies, background, c)
     loss = _loss(frame, model)
-    before = _residual(frame, model)
+    before = frame.seen.residual(model.mean)
     for number in range(MOST):
-        scale = sparse.diags(1 / frame.spread(model.mean).ravel())
+        scale = sparse.diags(1 / frame.seen.spread(model.mean).ravel())
         J = scale @ model.columns
         left = scale @ (frame.seen.counts - model.mean).ravel()
         normal, slope = (J.T @ J).toarray(), J.T @ left
@@ -200,7 +193,7 @@ def _energies(frame: BeadFrame, positions: Vector, c: Vector) -> tuple[Vector, f
     ones = np.ones(len(positions))
     known = frame.model(positions, ones, 0.0, c)
     which = [*range(3, 4 * len(positions), 4), 4 * len(positions)]
-    scale = sparse.diags(1 / frame.spread(frame.seen.counts + 1.0).ravel())
+    scale = sparse.diags(1 / frame.seen.spread(frame.seen.counts + 1.0).ravel())
     A = scale @ known.columns[:, which]
     light = scale @ (frame.seen.counts - frame.seen.background).ravel()
     found = lsq_linear(A, light, bounds=(0, np.inf)).x
@@ -220,31 +213,25 @@ def _moved(
 
 def _loss(frame: BeadFrame, model: _Model) -> float:
     """Deviance of Poisson counts over the pixels that count, halved, over their variance."""
-    counted = frame.seen.white > 0
+    counted = frame.seen.counted
     F, mean = frame.seen.counts[counted], np.maximum(model.mean[counted], 1e-9)
     parts = mean - F + np.where(F > 0, F * np.log(np.maximum(F, 1e-300) / mean), 0)
     return float(parts.sum() / frame.seen.variance)
-
-
-def _residual(frame: BeadFrame, model: _Model) -> float:
-    counted = frame.seen.white > 0
-    counts = frame.seen.counts[counted]
-    return float(np.square(counts - model.mean[counted]).sum() / np.square(counts).sum())
 
 
 def _result(
     frame: BeadFrame, positions: Vector, energies: Vector, background: float, c: Vector,
     model: _Model, before: float,
 ) -> Beads:  # fmt: skip
-    spread = frame.spread(model.mean)
+    spread = frame.seen.spread(model.mean)
     scale = sparse.diags(1 / spread.ravel())
     J = scale @ model.columns
     covariance = np.linalg.pinv((J.T @ J).toarray(), hermitian=True)
     of_terms = slice(4 * len(positions) + 1, None)
     off = frame.seen.counts - model.mean
-    counted = frame.seen.white > 0
+    counted = frame.seen.counted
     chi2 = float(np.square(off[counted] / spread[counted]).mean())
     return Beads(
         positions, energies, background, c, covariance[of_terms, of_terms] * _UNIT["path"] ** 2,
-        _residual(frame, model), before, chi2, model.mean,
+        frame.seen.residual(model.mean), before, chi2, model.mean,
     )  # fmt: skip

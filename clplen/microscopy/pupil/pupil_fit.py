@@ -268,7 +268,6 @@ def fit_pupil_patches(
     if "beads" in options:
         raise ValueError("Beads of a frame are fitted together; patches are those of a volume.")
     check_keywords(options, keywords_of(fit_pupil), "fit_pupil_patches")
-    frame = frame.to_numpy() if hasattr(frame, "to_numpy") else frame
     counts = real_array(frame, "A frame")
     if np.shape(patches) != (2,):
         raise ShapeError(f"patches is (rows, columns) of parts, not {patches!r}.")
@@ -392,7 +391,6 @@ def _observed(
     for name, number in (("gain", gain), ("variance", variance)):
         if not (is_finite(number) and number > 0):
             raise ValueError(f"{name} is positive and finite, not {number!r}.")
-    frame = frame.to_numpy() if hasattr(frame, "to_numpy") else frame
     counts = real_array(frame, "A frame", np.float64)
     if counts.ndim != 2 or any(size % n or size < LEAST * n for size in counts.shape):
         raise ShapeError(

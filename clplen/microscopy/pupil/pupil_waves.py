@@ -2,17 +2,13 @@
 
 Everything that a fit changes turns the phase of the pupil: dP = i g P, with g = 2 pi Z_j/lam by a
 Zernike coefficient, -2 pi M f_x by x, -2 pi M f_y by y and 2 pi (sqrt((n/lam)^2 - (M f)^2) - n/lam)
-by z. With A the linear way from pupil to sensor and u = A P,
-
-    dI = 2 Re(conj(u) A(i g P))                             (forward, one passage for each g)
-    dL/dc = -2 sum g Im(conj(A^H(Y u)) P),  Y = dL/dI       (adjoint, one passage for all g).
+by z. With A the linear way from pupil to sensor and u = A P, dI = 2 Re(conj(u) A(i g P)).
 """
 
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
-from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -21,11 +17,8 @@ from clplen.cameras.light_field_microscope import Microscope
 from clplen.cameras.optics.lenslet_camera import sensor_grid
 from clplen.cameras.scenes.scene_sources import PointSources
 from clplen.compute.fft.lines import smooth_length
-from clplen.wave.elements.lenslets import MicrolensArray
+from clplen.microscopy.model.psf import array_of, binned
 from clplen.wave.elements.zernike import noll, zernike
-from clplen.wave.field.field import Field
-from clplen.wave.propagation.free_space import plan
-from clplen.wave.propagation.propagator import Propagator
 
 Vector = np.ndarray[Any, Any]
 Parameter = int | str  # Noll's index, or "x", "y", "z"
@@ -49,10 +42,7 @@ class PupilWaves:
         count = 2 * (int(np.ceil(blur / camera.mla.pitch)) + margin) + 1
         while smooth_length(count) != count:
             count += 2
-        mla = MicrolensArray(
-            camera.mla.pitch, camera.mla.focal_length, count=count, fill=camera.mla.fill,  # type: ignore[arg-type]
-            diameter=camera.mla.diameter,
-        )  # fmt: skip
+        mla = array_of(camera.mla, count)
         grid = sensor_grid(mla, camera.pixels_per_lenslet)
         return cls(replace(camera, mla=mla, grid=grid), binning)
 
@@ -61,14 +51,6 @@ class PupilWaves:
         """Across the window."""
         return self.camera.mla.count[0]
 
-    def images(self, points: PointSources) -> Vector:
-        """Energy on the pixels of each point, of 1 in the pupil."""
-        found = [
-            self._binned(np.square(np.abs(u.astype(np.complex128))))
-            for _, u in self._sensor(points)
-        ]
-        return np.concatenate(found)
-
     def tangents(
         self, points: PointSources, parameters: Sequence[Parameter]
     ) -> tuple[Vector, Vector]:
@@ -76,38 +58,14 @@ class PupilWaves:
         images, tangents = [], []
         for some, u in self._sensor(points):
             u = u.astype(np.complex128)
-            images.append(self._binned(np.square(np.abs(u))))
+            images.append(binned(np.square(np.abs(u)), self.binning))
             row = []
             for name in parameters:
                 du = self._at_sensor(some, 1j * self.phases(name))
-                row.append(self._binned(2 * (u.real * du.real + u.imag * du.imag)))
+                row.append(binned(2 * (u.real * du.real + u.imag * du.imag), self.binning))
             tangents.append(row)
         joined = [np.concatenate(one) for one in zip(*tangents, strict=True)]
         return np.concatenate(images), np.array(joined)
-
-    def gradient(
-        self, points: PointSources, cotangents: Vector, parameters: Sequence[Parameter]
-    ) -> Vector:
-        """Derivatives of a loss, from its derivatives by the pixels of each image."""
-        camera, found, start = self.camera, [], 0
-        b, device = self.binning, camera.device
-        weights = np.stack([self.phases(name) for name in parameters])
-        weights = weights.reshape(len(parameters), -1)
-        for some, u in self._sensor(points):
-            part = cotangents[start : start + len(some)]
-            start += len(some)
-            Y = np.repeat(np.repeat(part, b, axis=1), b, axis=2)
-            back = Field(
-                device.upload((Y * u).astype(device.complex)),
-                camera.grid, camera.wavelength, device,
-            )  # fmt: skip
-            at_array = camera.mla.adjoint(self._way.adjoint(back)).data
-            device.fft.forward(at_array, device)
-            light = device.download(at_array).astype(np.complex128) / np.prod(camera.grid.shape)
-            pupil = device.download(camera.objective.spectra(some, camera.grid, device))
-            turned = np.imag(np.conj(light) * pupil).reshape(len(some), -1)
-            found.append(-2 * turned @ weights.T)
-        return np.concatenate(found)
 
     def phases(self, name: Parameter) -> Vector:
         """Return g of a parameter over the window's frequencies, rad/m; 0 beyond the rim."""
@@ -127,29 +85,11 @@ class PupilWaves:
             values = zernike(*noll(int(name)), rho, np.arctan2(fy, fx)) / camera.wavelength
         return np.asarray(2 * np.pi * np.where(inside, values, 0.0))
 
-    @cached_property
-    def _way(self) -> Propagator:
-        camera = self.camera
-        return plan(
-            camera.grid, camera.mla.focal_length, wavelength=camera.wavelength, method="as", pad=1,
-            device=camera.device,
-        )  # fmt: skip
-
     def _sensor(self, points: PointSources) -> Iterator[tuple[PointSources, Vector]]:
         """Some points after others, with their fields on the sensor."""
-        step = self.camera.batch(self.camera.grid)
-        for start in range(0, len(points), step):
-            some = PointSources(points.positions[start : start + step])
+        for some in self.camera.batches(points, self.camera.grid):
             yield some, self._at_sensor(some)
 
     def _at_sensor(self, points: PointSources, factor: Vector | None = None) -> Vector:
-        camera = self.camera
-        field = camera.objective.fields(points, camera.grid, camera.device, factor=factor)
-        behind = camera.mla.apply(field, aliasing="allow")
-        return camera.device.download(self._way(behind).data)
-
-    def _binned(self, values: Vector) -> Vector:
-        b = self.binning
-        ny, nx = (k // b for k in values.shape[1:])
-        cells = values.reshape(len(values), ny, b, nx, b)
-        return np.asarray(cells.sum(axis=(2, 4), dtype=np.float64))
+        field = self.camera.sensor_fields(points, self.camera.grid, factor=factor)
+        return self.camera.device.download(field.data)

@@ -53,6 +53,21 @@ class Observed:
     background: Vector  # photons from elsewhere
     variance: float  # of a count over its mean
 
+    @property
+    def counted(self) -> Vector:
+        """Whether a pixel counts."""
+        return np.asarray(self.white > 0)
+
+    def spread(self, mean: Vector) -> Vector:
+        """Standard deviations of counts, infinite where pixels are left out."""
+        level = np.maximum(mean, _FLOOR * mean[self.counted].mean())
+        return np.where(self.counted, np.sqrt(self.variance * level), np.inf)
+
+    def residual(self, mean: Vector) -> float:
+        """Sum of squares of what mean counts leave, over that of the counts."""
+        counts = self.counts[self.counted]
+        return float(np.square(counts - mean[self.counted]).sum() / np.square(counts).sum())
+
 
 @dataclass(frozen=True)
 class State:
@@ -137,14 +152,11 @@ def state_of(
         for k in range(half)
     ])  # fmt: skip
     mean = light + seen.background
-    counted = seen.white > 0
-    spread = np.sqrt(seen.variance * np.maximum(mean, _FLOOR * mean[counted].mean()))
-    weight = np.where(counted, 1 / spread, 0)
+    weight = 1 / seen.spread(mean)
     left = (seen.counts - mean) * weight
     slopes = ((changes - made_up / (2 * STEP)) * weight).reshape(half, -1)
-    residual = np.square(left * spread).sum() / np.square(seen.counts[counted]).sum()
-    chi2 = float(np.square(left).sum() / np.count_nonzero(counted))
-    return State(volume, left.ravel(), slopes, float(residual), chi2)
+    chi2 = float(np.square(left).sum() / np.count_nonzero(seen.counted))
+    return State(volume, left.ravel(), slopes, seen.residual(mean), chi2)
 
 
 def step_of(state: State) -> tuple[Vector, Vector]:

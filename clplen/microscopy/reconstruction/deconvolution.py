@@ -204,7 +204,6 @@ def deconvolve(
     >>> np.argwhere(found.volume == found.volume.max()).tolist()
     [[1, 7, 7]]
     """
-    frame = frame.to_numpy() if hasattr(frame, "to_numpy") else frame
     require(VolumeProjector, projector, "projector", "Projector(images, shape, device=device)")
     if isinstance(projector, Projector) and min(projector.lenslets) < FEWEST:
         rows, columns = projector.lenslets

@@ -26,8 +26,6 @@ from clplen.errors import DeviceError
 from clplen.microscopy.model.fourier_images import FourierPointImages
 from clplen.microscopy.reconstruction.volume_projector import (
     VolumeProjector,
-    check_memory_limit,
-    checked_pair,
     frames_together,
 )
 from clplen.units import amount
@@ -106,9 +104,7 @@ class FourierProjector(VolumeProjector):
         device = as_device(device)
         require(FourierPointImages, images, "images", "fourier_point_images")
         shape = images.field if shape is None else shape
-        self.images, self.device = images, device
-        self.shape = checked_pair(shape, "(rows, columns) in pixels")
-        check_memory_limit(memory)
+        super().__init__(images, shape, "(rows, columns) in pixels", device, memory)
         b = images.voxels
         self.volume_shape = (len(images.planes), self.shape[0] * b, self.shape[1] * b)
         self.frame_shape = images.shape
@@ -121,12 +117,7 @@ class FourierProjector(VolumeProjector):
         )
         allowed = free_memory() // SHARE if memory is None else memory
         self.resident = self.nbytes <= allowed
-        self._kept: dict[int, Vector] = {}
         self.require_memory(1)
-
-    def __getstate__(self) -> dict[str, Any]:
-        """Without the transfer functions, which are made again when needed."""
-        return self.__dict__ | {"_kept": {}}
 
     @property
     def _spectrum(self) -> tuple[int, int]:
@@ -207,12 +198,7 @@ class FourierProjector(VolumeProjector):
     def _transfers(self) -> Iterator[Vector]:
         """Transforms of the images of each plane, shape (b b, lenslets, ...)."""
         for plane, stack in enumerate(self.images.stored):
-            kept = self._kept.get(plane)
-            if kept is None:
-                kept = self._transfer(plane, stack)
-                if self.resident:
-                    self._kept[plane] = kept
-            yield kept
+            yield self._made_once(plane, lambda one=(plane, stack): self._transfer(*one))
 
     def _transfer(self, plane: int, stack: Vector) -> Vector:
         phases, lenslets, k, _ = stack.shape

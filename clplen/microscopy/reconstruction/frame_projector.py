@@ -27,7 +27,7 @@ from clplen.lightfield.raw.decode import resample
 from clplen.lightfield.raw.decode_adjoint import resample_adjoint
 from clplen.lightfield.raw.lenslet_grid import LensletGrid
 from clplen.lightfield.raw.lenslet_lattice import Lattice
-from clplen.microscopy.model.cells import Cell, Pair
+from clplen.microscopy.model.cells import Cell, Pair, place_of
 from clplen.microscopy.model.images import PointImages
 from clplen.microscopy.reconstruction.projector import Projector
 from clplen.microscopy.reconstruction.volume_projector import checked_pair
@@ -193,10 +193,7 @@ class FrameProjector(Projector):
             np.array(self.lattice.origin)
             + (np.array(self._first) - 0.5 + 0.5 / voxels) @ self._steps
         )
-        return {
-            name: (round(float(y), 4), round(float(x), 4))
-            for name, (y, x) in (("first", start), ("down", down), ("right", right))
-        }
+        return place_of(start, down, right)
 
 
 def lattice_of(camera: Microscope) -> Lattice:

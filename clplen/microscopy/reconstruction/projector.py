@@ -28,8 +28,6 @@ from clplen.microscopy.model.images import PointImages
 from clplen.microscopy.reconstruction.lattice_transform import LatticeTransform, bits_of
 from clplen.microscopy.reconstruction.volume_projector import (
     VolumeProjector,
-    check_memory_limit,
-    checked_pair,
     frames_together,
 )
 
@@ -130,10 +128,7 @@ class Projector(VolumeProjector):
     ) -> None:
         device = as_device(device)
         require(PointImages, images, "images", "point_images")
-        self.images = images
-        self.shape = checked_pair(shape, "(rows, columns) of lenslets")
-        check_memory_limit(memory)
-        self.device = device
+        super().__init__(images, shape, "(rows, columns) of lenslets", device, memory)
         cell = self._cell = images.cell
         rows, columns = self.shape
         self.volume_shape = (len(images.planes), rows * cell.voxels[0], columns * cell.voxels[1])
@@ -160,13 +155,12 @@ class Projector(VolumeProjector):
             one = 2 * plane // self._rows_of_plane
             pairs = min(pairs, max(1, max(allowed, PIECE_BYTES) // one))
         self._piece = voxels if pairs == self._pictures else 2 * pairs
-        self._kept: dict[_Group, cla.Array] = {}
         self._spare: dict[tuple[int, ...], list[cla.Array]] = {}
         self.require_memory(1)
 
     def __getstate__(self) -> dict[str, Any]:
         """Without what is on the device, which is made again when needed."""
-        return self.__dict__ | {"_kept": {}, "_spare": {}}
+        return super().__getstate__() | {"_spare": {}}
 
     @property
     def lenslets(self) -> tuple[int, int]:
@@ -388,11 +382,7 @@ class Projector(VolumeProjector):
         Rows (start, stop) are those of the packed spectra of the planes.
         """
         for piece in self._pieces(group):
-            matrix = self._kept.get(group)
-            if matrix is None:
-                matrix = self._assembled(group, *piece)
-                if self.resident:
-                    self._kept[group] = matrix
+            matrix = self._made_once(group, lambda piece=piece: self._assembled(group, *piece))
             yield piece, matrix
             del matrix
 

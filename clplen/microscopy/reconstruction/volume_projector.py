@@ -1,9 +1,10 @@
-"""What all projectors of microscopes share: checks of arrays, memory, and the linear map."""
+"""What all projectors of microscopes share: checks, matrices that are kept, the linear map."""
 
 from __future__ import annotations
 
 import math
 from abc import ABC, abstractmethod
+from collections.abc import Callable, Hashable
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -29,6 +30,30 @@ class VolumeProjector(ABC):
     shape: Pair
     volume_shape: tuple[int, int, int]
     frame_shape: Pair
+    resident: bool
+
+    def __init__(
+        self, images: AnyImages, shape: Any, what: str, device: Device, memory: Any
+    ) -> None:
+        """Keep what was given; ``what`` names the shape in messages."""
+        self.images, self.device = images, device
+        self.shape = checked_pair(shape, what)
+        if memory is not None and not (is_finite(memory) and memory >= 0):
+            raise ValueError(f"memory is a number of bytes from 0 on or None, not {memory!r}.")
+        self._kept: dict[Hashable, Any] = {}
+
+    def __getstate__(self) -> dict[str, Any]:
+        """Without matrices, which are made again when needed."""
+        return self.__dict__ | {"_kept": {}}
+
+    def _made_once(self, key: Hashable, make: Callable[[], Any]) -> Any:
+        """Matrices of some planes, kept where there is room for those of all."""
+        found = self._kept.get(key)
+        if found is None:
+            found = make()
+            if self.resident:
+                self._kept[key] = found
+        return found
 
     def __repr__(self) -> str:
         size = f"{self.volume_shape} to {self.frame_shape}"
@@ -159,12 +184,6 @@ def checked_pair(shape: Any, what: str) -> Pair:
     if np.shape(shape) != (2,) or any(not is_integer(n) or n < 1 for n in shape):
         raise ShapeError(f"shape is {what}, not {shape!r}.")
     return int(shape[0]), int(shape[1])
-
-
-def check_memory_limit(memory: Any) -> None:
-    """Refuse what is no number of bytes."""
-    if memory is not None and not (is_finite(memory) and memory >= 0):
-        raise ValueError(f"memory is a number of bytes from 0 on or None, not {memory!r}.")
 
 
 def frames_together(frames: int) -> str:

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections import deque
 from collections.abc import Iterable, Iterator
+from itertools import islice
 from typing import Any
 
 import numpy as np
@@ -22,17 +23,12 @@ def rolling_minimum(frames: Iterable[Any], window: int) -> Iterator[tuple[Vector
     """Each frame of a series with the minimum of its pixels over ``window`` frames about it."""
     window = positive_integer(window, "window")
     ahead = (window - 1) // 2
-    held: deque[Vector] = deque()
-    before = 0  # frames held before the next one that is given
-    for frame in frames:
-        held.append(host_array(frame, "A frame"))
-        if len(held) - before > ahead:
-            yield held[before], np.minimum.reduce(held)
-            before += 1
-            if before > window // 2:
-                held.popleft()
-                before -= 1
-    while before < len(held):
+    series, held, before = iter(frames), deque[Vector](), 0  # frames held before the next one
+    while True:
+        missing = before + 1 + ahead - len(held)
+        held.extend(host_array(frame, "A frame") for frame in islice(series, missing))
+        if before == len(held):
+            return
         yield held[before], np.minimum.reduce(held)
         before += 1
         if before > window // 2:

@@ -132,9 +132,9 @@ def deconvolve_series(
     if before is not None and start is None and options.get("prior") != "time":
         raise ValueError("before is for a start or for prior='time': give one of them.")
     if rolling is None:
-        series = (SeriesFrame(_counts(one), background, white) for one in frames)
+        series = (SeriesFrame(host_array(one, "A frame"), background, white) for one in frames)
     else:
-        pairs = rolling_minimum((_counts(one) for one in frames), rolling)
+        pairs = rolling_minimum((host_array(one, "A frame") for one in frames), rolling)
         series = (SeriesFrame(one, np.add(low, background), white) for one, low in pairs)
     return found_in_batches(
         series, projector, together, how, before=before, progress=progress, **options
@@ -227,7 +227,3 @@ def _same(one: SeriesFrame, other: SeriesFrame) -> bool:
     if one.white is None or other.white is None:
         return one.white is other.white
     return one.white is other.white or np.array_equal(one.white, other.white)
-
-
-def _counts(frame: Any) -> Vector:
-    return host_array(frame.to_numpy() if hasattr(frame, "to_numpy") else frame, "A frame")
