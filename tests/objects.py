@@ -10,12 +10,29 @@ from typing import Any
 import numpy as np
 
 import clplen
-from clplen.analysis.cameras.comparison import Comparison
+from clplen.analysis.cameras.camera_psf import DepthTransfer
+from clplen.analysis.cameras.comparison import Comparison, Measured
+from clplen.analysis.cameras.depth_scan import DepthErrors
+from clplen.analysis.cameras.imaging import Rendered
+from clplen.batch.jobs.spec import StackTable
+from clplen.batch.jobs.tables import InputTable
+from clplen.batch.jobs.task import Report
+from clplen.batch.running.estimate import JobEstimate
+from clplen.cameras.exposure.exposure_jacobian import ExposureJacobian
+from clplen.cameras.exposure.point_gradients import ExposureGradient
 from clplen.compute.device import Device
 from clplen.io.results.stored_volumes import StoredFile
+from clplen.lightfield.focus_and_depth import StackTiles
 from clplen.lightfield.focused.focused_picture import PictureGrid
 from clplen.lightfield.raw.lenslet_lattice import Lattice
+from clplen.lightfield.raw.raw_image import Exposure
+from clplen.lightfield.streaming.tile_plan import Tile
+from clplen.microscopy.fourier.bead_stack import BeadCalibration
+from clplen.microscopy.frames.prepare import Prepared
+from clplen.microscopy.frames.raw_frames import RawPreparation
 from clplen.microscopy.model.images import PointImages
+from clplen.microscopy.pupil.even_light import EvenLight
+from clplen.wave.coherence.abbe import AbbeImage
 
 LAM = 5e-7
 GRID = clplen.Grid((8, 8), 1e-6)
@@ -153,7 +170,7 @@ def texture() -> clplen.cameras.Texture:
     return clplen.cameras.Texture(samples(16, 16))
 
 
-def stream(device: Device) -> clplen.lightfield.StackTiles:
+def stream(device: Device) -> StackTiles:
     stored = clplen.StoredLightField.from_array(samples(3, 3, 32, 32))
     return clplen.lightfield.stack_tiles(stored, disparities=[0, 1], device=device)
 
@@ -225,10 +242,8 @@ EXAMPLES: dict[str, Callable[[Device], Any]] = {
         focal_length=0.05,
         pixel_pitch=1e-5,
     ),
-    "ExposureGradient": lambda _: clplen.cameras.ExposureGradient(np.ones(2), np.eye(2, 3)),
-    "ExposureJacobian": lambda _: clplen.cameras.ExposureJacobian(
-        np.ones((2, 3)), np.ones((1, 2, 3))
-    ),
+    "ExposureGradient": lambda _: ExposureGradient(np.ones(2), np.eye(2, 3)),
+    "ExposureJacobian": lambda _: ExposureJacobian(np.ones((2, 3)), np.ones((1, 2, 3))),
     "ExposureOperator": lambda device: clplen.cameras.ExposureOperator(
         camera(device), clplen.PointSources((0.0, 0.0, 0.0))
     ),
@@ -237,7 +252,7 @@ EXAMPLES: dict[str, Callable[[Device], Any]] = {
     ),
     "PixelArray": lambda _: clplen.cameras.PixelArray(pitch=1.4e-6, fill_factor=0.8),
     "MicrolensArray": lambda _: MLA,
-    "BeadCalibration": lambda _: clplen.microscopy.BeadCalibration(
+    "BeadCalibration": lambda _: BeadCalibration(
         fourier_images(), 1e-6, np.zeros((1, 2)), np.zeros(1), 0.01
     ),
     "FourierMicroscope": lambda device: clplen.PlenopticCamera.fourier_microscope(
@@ -304,19 +319,17 @@ EXAMPLES |= {
     "SystemGradient": lambda device: system().vjp(field(device))[1](field(device)),
     "SystemOperator": lambda device: system().operator(GRID, wavelength=LAM, device=device),
     "SystemPullback": lambda device: system().vjp(field(device), parameters=[1])[1],
-    "AbbeImage": lambda device: clplen.wave.AbbeImage(EXAMPLES["Image"](device), 3, 0.1),
+    "AbbeImage": lambda device: AbbeImage(EXAMPLES["Image"](device), 3, 0.1),
     "Bars": lambda _: clplen.cameras.Bars((0.0, 0.0), 9.0, count=3, period=2.0, width=1.0),
     "DeconvolutionSettings": lambda _: clplen.microscopy.DeconvolutionSettings(),
     "Deconvolver": deconvolver,
-    "DepthErrors": lambda _: clplen.analysis.DepthErrors(samples(9), samples(9), ("",) * 9),
-    "DepthTransfer": lambda _: clplen.analysis.DepthTransfer(
-        samples(2), (edge().mtf, None), ("", "no light")
-    ),
+    "DepthErrors": lambda _: DepthErrors(samples(9), samples(9), ("",) * 9),
+    "DepthTransfer": lambda _: DepthTransfer(samples(2), (edge().mtf, None), ("", "no light")),
     "Description": lambda device: camera(device).describe(),
     "Distortion": lambda _: clplen.io.Distortion("radial", "poly", (0.1, 0.2), (0.0, 0.0)),
     "Ellipse": lambda _: clplen.cameras.Ellipse((0.0, 0.0), (3.0, 2.0)),
     "Energy": lambda _: clplen.wave.Energy(0.9, 0.8, 0.1, 0.1),
-    "Exposure": lambda _: clplen.lightfield.Exposure("fields", ((1, (64, 64)),), 1e-6),
+    "Exposure": lambda _: Exposure("fields", ((1, (64, 64)),), 1e-6),
     "FocusType": lambda _: clplen.io.FocusType((0.0, 0.0), (1.0, 2.0)),
     "FocusedDepth": lambda device: clplen.lightfield.FocusedDepth(
         EXAMPLES["FocusedGeometry"](device), *(samples(5, 5) for _ in range(4))
@@ -339,21 +352,19 @@ EXAMPLES |= {
         samples(2),
     ),
     "HciParameters": lambda _: clplen.io.HciParameters(focal_length_mm=100.0, scene="cotton"),
-    "InputTable": lambda _: clplen.batch.InputTable(files=["*.h5"]),
+    "InputTable": lambda _: InputTable(files=["*.h5"]),
     "Job": lambda _: clplen.batch.Job(**JOB),
-    "JobEstimate": lambda _: clplen.batch.JobEstimate([], 0, 0, 0.0, 0.0, 0.0, ""),
+    "JobEstimate": lambda _: JobEstimate([], 0, 0, 0.0, 0.0, 0.0, ""),
     "LensType": lambda device: clplen.lightfield.LensType(
         (0.0, 0.0), (1.0, 2.0), ((1.0, 0.0), (0.0, 1.0))
     ),
     "LensletErrors": lambda _: clplen.wave.LensletErrors(
         {(2, -2): 1e-7}, 2e-4, 0.01 + 1e-4 * samples(5, 5), *(1e-6 * samples(5, 5, 2),) * 2
     ),
-    "EvenLight": lambda _: clplen.microscopy.EvenLight(EVEN_LIGHT),
+    "EvenLight": lambda _: EvenLight(EVEN_LIGHT),
     "FrameProjector": lambda device: frame_projector(device),
     "LightFieldReport": lambda device: clplen.lightfield.check_light_field(lightfield(device)),
-    "Measured": lambda device: clplen.analysis.Measured(
-        "one", camera(device), EXAMPLES["Sampling"](device)
-    ),
+    "Measured": lambda device: Measured("one", camera(device), EXAMPLES["Sampling"](device)),
     "Objective": lambda _: clplen.cameras.Objective(20.0, 0.5, 1.0, LAM),
     "PictureGrid": lambda _: PICTURE,
     "PlanReport": lambda device: EXAMPLES["Propagator"](device).report,
@@ -361,11 +372,11 @@ EXAMPLES |= {
     "Plenoptic2": focused,
     "Polygon": lambda _: clplen.cameras.Polygon([(0.0, 0.0), (0.0, 2.0), (2.0, 0.0)]),
     "Preparation": lambda device: clplen.microscopy.preparation(10, device=device),
-    "Prepared": lambda _: clplen.microscopy.Prepared(samples(9, 9), samples(9, 9), 0, 0),
+    "Prepared": lambda _: Prepared(samples(9, 9), samples(9, 9), 0, 0),
     "PupilCheck": lambda _: clplen.microscopy.PupilCheck(
         0.1, 1e-3, 0.475, 0.5, 4e-3, samples(9, 9), samples(9, 9)
     ),
-    "RawPreparation": lambda device: clplen.microscopy.RawPreparation(
+    "RawPreparation": lambda device: RawPreparation(
         3, device, None, None, None, None, projector=frame_projector(device)
     ),
     "Regions": lambda _: clplen.microscopy.Regions(
@@ -375,15 +386,15 @@ EXAMPLES |= {
     "RaytrixCalibration": lambda _: clplen.io.RaytrixCalibration(
         (0.0, 0.0), 20.0, (1.0, 0.0), (0.5, 0.87)
     ),
-    "Rendered": lambda _: clplen.analysis.Rendered(samples(9, 9), (1e-6, 1e-6)),
-    "Report": lambda _: clplen.batch.Report("a", "done", "0" * 64, 0.0),
+    "Rendered": lambda _: Rendered(samples(9, 9), (1e-6, 1e-6)),
+    "Report": lambda _: Report("a", "done", "0" * 64, 0.0),
     "SampleScene": lambda _: next(iter(clplen.cameras.sample_scenes(shape=(32, 32)))),
     "Scores": lambda _: clplen.analysis.Scores(81, *map(float, range(8))),
     "SpectralDistribution": lambda _: clplen.wave.SpectralDistribution.illuminant("D65"),
     "SpectralSamples": lambda _: clplen.Spectrum.gaussian(550e-9, 30e-9).sample(5),
     "Spot": lambda _: clplen.cameras.Spot((0.0, 0.0), 2.0),
     "SpotFit": lambda _: clplen.lightfield.SpotFit(0.25, 0.0, (0.0, 0.0), 9, 0.1),
-    "StackTable": lambda _: clplen.batch.StackTable(disparities=[-1, 0, 1]),
+    "StackTable": lambda _: StackTable(disparities=[-1, 0, 1]),
     "Summary": lambda _: clplen.batch.Summary(3, 1, {"a": "no file"}),
     "Traces": lambda _: clplen.microscopy.Traces(
         np.arange(1, 4), *(samples(3, 50) for _ in range(4))
@@ -393,7 +404,7 @@ EXAMPLES |= {
     ),
     "Table": lambda _: clplen.analysis.Table(("camera", "pixels"), (("one", 3),)),
     "TargetElement": lambda _: clplen.wave.usaf1951_elements(groups=[0])[0],
-    "Tile": lambda _: clplen.lightfield.Tile(*(slice(0, 9),) * 4),
+    "Tile": lambda _: Tile(*(slice(0, 9),) * 4),
     "WaveOptics": lambda device: camera(device).optics,
 }
 EXAMPLES |= {

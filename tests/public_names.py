@@ -10,6 +10,35 @@ import clplen
 
 TOPICS = ("analysis", "batch", "cameras", "io", "lightfield", "microscopy", "plot", "wave")
 
+# Classes that users hold, since calls return them, but do not name: by module.
+RETURNED = {
+    "analysis.cameras.camera_psf": ("DepthTransfer",),
+    "analysis.cameras.comparison": ("Measured",),
+    "analysis.cameras.depth_scan": ("DepthErrors",),
+    "analysis.cameras.imaging": ("Rendered",),
+    "batch.jobs.spec": ("StackTable",),
+    "batch.jobs.tables": ("InputTable",),
+    "batch.jobs.task": ("Report",),
+    "batch.running.estimate": ("JobEstimate",),
+    "cameras.exposure.exposure_jacobian": ("ExposureJacobian",),
+    "cameras.exposure.point_gradients": ("ExposureGradient",),
+    "cameras.optics.wave_optics": ("WaveOptics",),
+    "cameras.scenes.gallery": ("SampleScene",),
+    "lightfield.focus_and_depth": ("StackTiles",),
+    "lightfield.focused.focused_picture": ("PictureGrid",),
+    "lightfield.raw.raw_image": ("Exposure",),
+    "lightfield.streaming.tile_plan": ("StreamPlan", "Tile"),
+    "microscopy.fourier.bead_stack": ("BeadCalibration",),
+    "microscopy.frames.prepare": ("Prepared",),
+    "microscopy.frames.raw_frames": ("RawPreparation",),
+    "microscopy.pupil.even_light": ("EvenLight",),
+    "wave.coherence.abbe": ("AbbeImage",),
+    "wave.coherence.mean_gradient": ("MeanPullback",),
+    "wave.propagation.plan_report": ("PlanReport",),
+    "wave.spectrum.lineshapes": ("SpectralSamples",),
+    "wave.systems.system_operator": ("SystemGradient", "SystemPullback", "SystemOperator"),
+}
+
 
 def topic_names() -> dict[str, Any]:
     """From ``topic.name`` to the object."""
@@ -37,8 +66,12 @@ def public_objects() -> dict[str, Any]:
 
 
 def public_classes() -> dict[str, type]:
-    """The public classes among them."""
-    return {name: value for name, value in public_objects().items() if inspect.isclass(value)}
+    """The public classes, and those that calls return."""
+    found = public_objects()
+    for module, names in RETURNED.items():
+        inside = importlib.import_module(f"clplen.{module}")
+        found |= {f"{module}.{name}": getattr(inside, name) for name in names}
+    return {name: value for name, value in found.items() if inspect.isclass(value)}
 
 
 def public_functions() -> dict[str, Any]:

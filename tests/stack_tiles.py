@@ -1,4 +1,4 @@
-"""A focal stack in host memory that comes in parts, as `clplen.lightfield.StackTiles` does."""
+"""A focal stack in host memory that comes in parts, as those of `clplen.lightfield.stack_tiles`."""
 
 from __future__ import annotations
 

@@ -14,7 +14,8 @@ import clplen
 from clplen.cli import main
 from clplen.compute.device import Device
 from clplen.errors import ShapeError
-from clplen.io import DISPLAYS, QuiltLayout, write_quilt
+from clplen.io import QuiltLayout, write_quilt
+from clplen.io.displays.quilt import DISPLAYS
 
 Array = np.ndarray[Any, Any]
 

@@ -16,6 +16,7 @@ from clplen.checks import host_array
 from clplen.compute.device import Device
 from clplen.errors import SamplingWarning
 from clplen.lightfield import DepthMap
+from clplen.microscopy.frames.outliers import hot_pixels
 
 Maker = Callable[[np.ndarray], Any]
 
@@ -258,7 +259,7 @@ REFUSING: dict[str, Callable[[Any, Device], Any]] = {
     "edge": lambda m, d: clplen.analysis.slanted_edge(m[0, 0], pitch=1e-6),
     "spectrum": lambda m, d: clplen.Spectrum.lines(m[0, 0, 0, :3], VIEWS[0, 0, 0, :3]),
     "volume": lambda m, d: clplen.io.write_volume("v.tif", m[0], planes=range(4), voxel=(1, 1)),
-    "frame": lambda m, d: clplen.microscopy.hot_pixels(m[0, 0], (1.0, 1.0), objects.LATTICE),
+    "frame": lambda m, d: hot_pixels(m[0, 0], (1.0, 1.0), objects.LATTICE),
     "picture": lambda m, d: clplen.plot.picture(m[0, 0]),
     "list": lambda m, d: clplen.cameras.Texture([list(m[0, 0]), list(m[0, 0])]),
     "netCDF": lambda m, d: clplen.cameras.Texture(ReadMasked(m[0, 0])),

@@ -23,7 +23,9 @@ from clplen import (
     wave,
 )
 from clplen.checks import float64_array, is_integer
-from clplen.microscopy.pupil.even_light import NEEDED
+from clplen.microscopy.frames.outliers import hot_pixels
+from clplen.microscopy.model.binning import suitable_binning
+from clplen.microscopy.pupil.even_light import NEEDED, EvenLight
 from clplen.wave import Space
 
 HUGE = 10**400
@@ -70,11 +72,11 @@ CALLS = {
     "groups": lambda d: wave.usaf1951(GRID, groups=[HUGE]),
     "terms": lambda d: wave.wavefront(GRID, {(2, 0): HUGE}, diameter=4e-5),
     "order": lambda d: wave.zernike(*wave.noll(10**20), 0.5, 0),
-    "binning": lambda d: microscopy.suitable_binning(1.4, HUGE, 0.52, 125, 2800, 8.3),
+    "binning": lambda d: suitable_binning(1.4, HUGE, 0.52, 125, 2800, 8.3),
     "lattice": lambda d: microscopy.square_lattice(33.67, (HUGE, 600)),
     "match": lambda d: microscopy.match_points(np.ones(3), np.ones(3), tolerance=(HUGE, 1, 1)),
-    "even": lambda d: microscopy.EvenLight(dict.fromkeys(NEEDED, HUGE)),
-    "hot": lambda d: microscopy.hot_pixels(np.ones((20, 30)), (0.3, 0.4, HUGE), 10),
+    "even": lambda d: EvenLight(dict.fromkeys(NEEDED, HUGE)),
+    "hot": lambda d: hot_pixels(np.ones((20, 30)), (0.3, 0.4, HUGE), 10),
     "cover": lambda d: cameras.CoverGlass(15e-5).path(np.array([0.5]), HUGE),
     "sines": lambda d: cameras.CoverGlass(15e-5).path(np.array([HUGE]), 1.0),
     "objective": lambda d: cameras.Objective(20, 0.5, 1.0, HUGE),

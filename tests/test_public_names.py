@@ -128,7 +128,6 @@ def test_what_is_written_is_read() -> None:
     assert readers ^ writers == set(ONE_WAY)
 
 
-
 def test_topics_are_attributes() -> None:
     for topic in TOPICS:
         assert isinstance(getattr(clplen, topic), types.ModuleType)

@@ -93,9 +93,6 @@ CALLS: dict[str, Callable[[Path, Any], Any]] = {
     ),
     "lightfield.ViewWarp": lambda _, d: clplen.lightfield.ViewWarp((3, 3, 8, 8), device=d),
     "wave.Space.plan": lambda _, d: clplen.wave.Space(1e-4).plan(GRID, LAM, d),
-    "wave.SystemOperator": lambda _, d: clplen.wave.SystemOperator(
-        objects.system().parts, GRID, LAM, d
-    ),
     "LightField.from_array": lambda _, d: clplen.LightField.from_array(
         objects.samples(3, 3, 8, 8), device=d
     ),
@@ -132,7 +129,6 @@ CALLS: dict[str, Callable[[Path, Any], Any]] = {
     "open_lightfield": opened,
     "wave.plane_wave": lambda _, d: clplen.wave.plane_wave(GRID, device=d, **WAVE),
     "microscopy.FrameProjector": lambda _, d: objects.frame_projector(d),
-    "microscopy.RawPreparation": bare("microscopy.RawPreparation"),
     "microscopy.raw_preparation": lambda _, d: raw_preparation(d),
     "microscopy.preparation": lambda _, d: clplen.microscopy.preparation(10, device=d),
     "read_camera": lambda _, d: clplen.read_camera(
@@ -161,7 +157,6 @@ CALLS: dict[str, Callable[[Path, Any], Any]] = {
     "cameras.Objective.spectra": lambda _, d: OBJECTIVE.spectra(POINT, GRID, d),
     "cameras.Plenoptic1": bare("cameras.Plenoptic1"),
     "cameras.Plenoptic2": bare("cameras.Plenoptic2"),
-    "cameras.WaveOptics": bare("cameras.WaveOptics"),
     "depth_map": lambda _, d: clplen.depth_map(
         objects.samples(3, 3, 32, 32), disparities=[-1, 0, 1], cue="energy", device=d
     ),
@@ -202,12 +197,9 @@ HOLDERS = {
     "cameras.Microscope",
     "cameras.Plenoptic1",
     "cameras.Plenoptic2",
-    "cameras.WaveOptics",
     "lightfield.FocusedImage",
     "lightfield.FocusedStack",
     "microscopy.Preparation",
-    "microscopy.RawPreparation",
-    "wave.SystemOperator",
 }
 # Their `device` is a selector for other processes, the name of what was used, or a protocol's.
 OTHERS = {

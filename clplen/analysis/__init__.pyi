@@ -1,15 +1,10 @@
-from .cameras.camera_psf import DepthTransfer as DepthTransfer
 from .cameras.camera_psf import camera_psf as camera_psf
-from .cameras.comparison import ANALYSES as ANALYSES
 from .cameras.comparison import Comparison as Comparison
-from .cameras.comparison import Measured as Measured
 from .cameras.comparison import compare as compare
 from .cameras.crosstalk import camera_crosstalk as camera_crosstalk
 from .cameras.crosstalk import cell_energies as cell_energies
 from .cameras.crosstalk import crosstalk as crosstalk
-from .cameras.depth_scan import DepthErrors as DepthErrors
 from .cameras.depth_scan import depth_scan as depth_scan
-from .cameras.imaging import Rendered as Rendered
 from .cameras.sampling import Sampling as Sampling
 from .cameras.sampling import sampling_of as sampling_of
 from .cameras.sampling import sampling_table as sampling_table

@@ -1,7 +1,3 @@
-from .jobs.spec import StackTable as StackTable
-from .jobs.tables import InputTable as InputTable
-from .jobs.task import Report as Report
-from .running.estimate import JobEstimate as JobEstimate
 from .running.estimate import estimate_job as estimate_job
 from .running.job import Job as Job
 from .running.job import run_job as run_job

@@ -1,7 +1,4 @@
-from .camera_base import scene_energy as scene_energy
 from .description import Description as Description
-from .exposure.exposure_jacobian import ExposureJacobian as ExposureJacobian
-from .exposure.point_gradients import ExposureGradient as ExposureGradient
 from .exposure_operator import ExposureOperator as ExposureOperator
 from .focused_camera import Plenoptic2 as Plenoptic2
 from .fourier_microscope import FourierMicroscope as FourierMicroscope
@@ -16,9 +13,7 @@ from .optics.objective import Objective as Objective
 from .optics.opd_maps import OPDMaps as OPDMaps
 from .optics.pixel_array import PixelArray as PixelArray
 from .optics.pupil_aberration import PupilAberration as PupilAberration
-from .optics.wave_optics import WaveOptics as WaveOptics
 from .plenoptic_camera import PlenopticCamera as PlenopticCamera
-from .scenes.gallery import SampleScene as SampleScene
 from .scenes.gallery import sample_scenes as sample_scenes
 from .scenes.ground_truth import Truth as Truth
 from .scenes.occluders import Occluder as Occluder

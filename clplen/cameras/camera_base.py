@@ -246,15 +246,6 @@ def scene_energy(camera: Plenoptic, scene: PointSources) -> Sequence[tuple[float
     -------
     list of tuple of float
         For each source (1.0, at the array, at the sensor), fractions of its energy at the aperture.
-
-    Examples
-    --------
-    >>> camera = clplen.PlenopticCamera.type1(
-    ...     focal_length=0.12, mla=clplen.MicrolensArray(150e-6, 10e-3, count=5),
-    ...     wavelength=532e-9, pixels_per_lenslet=30, aperture_diameter=0.5e-3)
-    >>> rows = clplen.cameras.scene_energy(camera, clplen.PointSources((0, 0, 0)))
-    >>> [f"{share:.2f}" for share in rows[0]]  # at the aperture, the array and the sensor
-    ['1.00', '0.88', '0.68']
     """
     rows = []
     to_array, to_sensor = camera.padding(scene)

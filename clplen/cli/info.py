@@ -159,8 +159,8 @@ def info(
       clplen info truth.pfm --json
       clplen info IMG_0001-stk.lfp --save-pictures pictures
     """
-    from clplen.io import is_raw_file
     from clplen.io.raw.lytro_container import processed_contents
+    from clplen.io.raw.raw_files import is_raw_file
     from clplen.io.results.focused_files import describe_focused
 
     if save_grid is not None:
@@ -210,7 +210,7 @@ def info(
 def _of_processed(
     source: Path, contents: list[tuple[str, int]], folder: Path | None, force: bool
 ) -> tuple[Rows, dict[str, Any]]:
-    from clplen.io import save_lytro_pictures
+    from clplen.io.raw.lytro_pictures import save_lytro_pictures
 
     kind = "a processed Lytro picture, without a raw image"
     rows = [("File", f"{source}, {kind}")]

@@ -48,9 +48,4 @@ class StackTable(_Stack):
         Views across, a fraction of the diameter (0.5) or "f/66"; None: all views.
     interpolation : {"linear", "nearest", "cubic", "fourier"}
         Between the pixels of the views.
-
-    Examples
-    --------
-    >>> clplen.batch.StackTable(disparities="-1:1:5", aperture=0.5).disparities
-    [-1.0, -0.5, 0.0, 0.5, 1.0]
     """

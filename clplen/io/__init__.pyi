@@ -3,7 +3,6 @@ from .displays.lenticular import lens_pitch as lens_pitch
 from .displays.lenticular import pitch_test as pitch_test
 from .displays.pose_files import write_colmap as write_colmap
 from .displays.pose_files import write_nerf as write_nerf
-from .displays.quilt import DISPLAYS as DISPLAYS
 from .displays.quilt import QuiltLayout as QuiltLayout
 from .displays.quilt import write_quilt as write_quilt
 from .displays.stereo import anaglyph as anaglyph
@@ -26,8 +25,6 @@ from .lightfields.lightfield_files import write_lightfield as write_lightfield
 from .lightfields.mosaic import write_mosaic as write_mosaic
 from .lightfields.view_folders import write_views as write_views
 from .page.html_page import write_html as write_html
-from .raw.lytro_pictures import save_lytro_pictures as save_lytro_pictures
-from .raw.raw_files import is_raw_file as is_raw_file
 from .raw.raw_files import read_frame as read_frame
 from .raw.raw_files import read_lattice as read_lattice
 from .raw.raw_files import read_raw as read_raw
@@ -58,10 +55,7 @@ from .results.stack_files import write_image as write_image
 from .results.stack_files import write_stack as write_stack
 from .results.stored_volumes import StoredVolumes as StoredVolumes
 from .results.stored_volumes import open_volumes as open_volumes
-from .results.volume_files import is_volume as is_volume
 from .results.volume_files import read_volume as read_volume
 from .results.volume_files import write_volume as write_volume
 from .results.volume_series import read_volume_series as read_volume_series
 from .results.volume_series import series_in as series_in
-from .store.digest import digest as digest
-from .store.picture_blocks import Tiles as Tiles

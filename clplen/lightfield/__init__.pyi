@@ -22,7 +22,6 @@ from .focused.focused_depth import focused_maps as focused_maps
 from .focused.focused_geometry import FocusedGeometry as FocusedGeometry
 from .focused.focused_picture import FocusedImage as FocusedImage
 from .focused.focused_picture import FocusedStack as FocusedStack
-from .focused.focused_picture import PictureGrid as PictureGrid
 from .focused.focused_picture import seam as seam
 from .focused.focused_rendering import focused_stack as focused_stack
 from .focused.focused_rendering import render_focused as render_focused
@@ -54,8 +53,6 @@ from .raw.demosaicing import demosaic as demosaic
 from .raw.lenslet_grid import LensletGrid as LensletGrid
 from .raw.lenslet_grid import LensType as LensType
 from .raw.lenslet_lattice import Lattice as Lattice
-from .raw.raw_image import CameraModel as CameraModel
-from .raw.raw_image import Exposure as Exposure
 from .raw.raw_image import Levels as Levels
 from .raw.raw_image import RawImage as RawImage
 from .raw.raw_image import Sensor as Sensor
@@ -67,8 +64,5 @@ from .refocusing.phase_ramps import shift_views as shift_views
 from .refocusing.raw_warp import RawWarp as RawWarp
 from .refocusing.stack_operator import StackOperator as StackOperator
 from .refocusing.view_warp import ViewWarp as ViewWarp
-from .stacks import StackTiles as StackTiles
 from .stacks import focal_stack as focal_stack
 from .stacks import stack_tiles as stack_tiles
-from .streaming.tile_plan import StreamPlan as StreamPlan
-from .streaming.tile_plan import Tile as Tile

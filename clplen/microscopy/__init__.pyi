@@ -1,17 +1,10 @@
-from .fourier.bead_stack import BeadCalibration as BeadCalibration
 from .fourier.bead_stack import measure_point_images as measure_point_images
 from .fourier.fourier_psf import fourier_point_images as fourier_point_images
 from .frames.given_lattice import square_lattice as square_lattice
-from .frames.outliers import hot_pixels as hot_pixels
 from .frames.prepare import Preparation as Preparation
-from .frames.prepare import Prepared as Prepared
 from .frames.prepare import preparation as preparation
 from .frames.prepare import rectify as rectify
-from .frames.raw_frames import RawPreparation as RawPreparation
 from .frames.raw_frames import raw_preparation as raw_preparation
-from .frames.sharpness import sharpness as sharpness
-from .model.binning import binning_error as binning_error
-from .model.binning import suitable_binning as suitable_binning
 from .model.fourier_images import FourierPointImages as FourierPointImages
 from .model.images import PointImages as PointImages
 from .model.point_image_files import read_point_images as read_point_images
@@ -28,7 +21,6 @@ from .objects.regions import sphere_labels as sphere_labels
 from .objects.tracks import Tracks as Tracks
 from .objects.tracks import track_points as track_points
 from .pipeline import Deconvolver as Deconvolver
-from .pupil.even_light import EvenLight as EvenLight
 from .pupil.pupil_check import PupilCheck as PupilCheck
 from .pupil.pupil_check import check_pupil as check_pupil
 from .pupil.pupil_check import corrected as corrected

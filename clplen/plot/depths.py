@@ -295,7 +295,8 @@ def focused_depth(found: FocusedMaps, *, title: str = "") -> Figure:
     Examples
     --------
     >>> m, z, sure = np.random.default_rng(1).random((3, 16, 16))
-    >>> grid = clplen.lightfield.PictureGrid((0.0, 0.0), 1.0, (16, 16))
+    >>> from clplen.lightfield.focused.focused_picture import PictureGrid
+    >>> grid = PictureGrid((0.0, 0.0), 1.0, (16, 16))
     >>> found = clplen.lightfield.FocusedMaps(grid, m, z, sure)
     >>> clplen.plot.focused_depth(found).axes[0].get_title()
     'm = b/a'

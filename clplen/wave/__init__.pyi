@@ -1,4 +1,3 @@
-from .coherence.abbe import AbbeImage as AbbeImage
 from .coherence.abbe import abbe_image as abbe_image
 from .coherence.abbe import incoherent_image as incoherent_image
 from .coherence.coherence import Coherence as Coherence
@@ -6,7 +5,6 @@ from .coherence.coherence_plan import CoherencePlan as CoherencePlan
 from .coherence.degree import measured_degree as measured_degree
 from .coherence.degree import speckle_contrast as speckle_contrast
 from .coherence.extended_source import ExtendedSource as ExtendedSource
-from .coherence.mean_gradient import MeanPullback as MeanPullback
 from .coherence.phase_masks import RandomPhaseMask as RandomPhaseMask
 from .coherence.spatial_models import IncoherentLight as IncoherentLight
 from .coherence.spatial_models import SpatialModel as SpatialModel
@@ -50,9 +48,7 @@ from .field.intensity import MeanIntensity as MeanIntensity
 from .propagation.free_space import propagate as propagate
 from .propagation.free_space import propagate_wavelengths as propagate_wavelengths
 from .propagation.plan_report import Energy as Energy
-from .propagation.plan_report import PlanReport as PlanReport
 from .propagation.propagator import Propagator as Propagator
-from .spectrum.lineshapes import SpectralSamples as SpectralSamples
 from .spectrum.spectral_distribution import SpectralDistribution as SpectralDistribution
 from .spectrum.spectrum import Spectrum as Spectrum
 from .systems.components import ConvergingLight as ConvergingLight
@@ -67,6 +63,3 @@ from .systems.pupil_filter import coherent_edge as coherent_edge
 from .systems.pupil_filter import incoherent_edge as incoherent_edge
 from .systems.pupil_filter import otf as otf
 from .systems.space import Space as Space
-from .systems.system_operator import SystemGradient as SystemGradient
-from .systems.system_operator import SystemOperator as SystemOperator
-from .systems.system_operator import SystemPullback as SystemPullback

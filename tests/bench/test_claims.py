@@ -5,11 +5,28 @@ from __future__ import annotations
 import re
 from pathlib import Path
 
+import docpages
+
 from benchmarks import claims as index
 from benchmarks.claims import claims, numbers_of
 
 ROOT = Path(__file__).parents[2]
 DOCS = re.compile(r"python -m benchmarks check ([\w. ]+)")
+FENCE = re.compile(r"^```.*?^```$", re.M | re.S)
+# An error such as 3e-7, or a number of dB, seconds, per cent or bytes a second.
+MEASURED = re.compile(
+    r"(?<![\w.])(?:\d+\.?\d*|\.\d+)(?:e-\d+| (?:dB|[mu]?s|%|G(?:B|ray)/s)(?![\w/^]))"
+)
+# Pages whose figures are limits, options and formulas, not measurements.
+GIVEN = {
+    "docs/batch.md",
+    "docs/coherence.md",
+    "docs/formats.md",
+    "docs/howto/stereo_and_lenticular.md",
+    "docs/howto/white_image_not_found.md",
+    "docs/tutorials/partial_coherence.md",
+    "docs/tutorials/two_cameras.md",
+}
 
 
 def faults(scripts: set[str]) -> list[str]:
@@ -47,6 +64,16 @@ def test_claims_are_well_formed_and_agree_with_the_pages() -> None:
     assert faults(scripts) == []
     names = [claim.name for claim in claims()]
     assert len(names) == len(set(names))
+
+
+def test_pages_with_measured_figures_have_claims() -> None:
+    claimed = {page for claim in claims() for page in claim.pages}
+    measured = {
+        page
+        for page in docpages.PAGES
+        if MEASURED.search(FENCE.sub("", (ROOT / page).read_text(encoding="utf-8")))
+    }
+    assert measured - claimed == GIVEN, "name the page in the claims of its figures"
 
 
 def test_pages_name_groups_of_claims() -> None:

@@ -20,7 +20,8 @@ from clplen import (
     SamplingError,
 )
 from clplen.analysis import PSF
-from clplen.cameras import Aberrations, OPDMaps, Plenoptic1, scene_energy
+from clplen.cameras import Aberrations, OPDMaps, Plenoptic1
+from clplen.cameras.camera_base import scene_energy
 from clplen.compute.device import Device
 from clplen.wave.elements.hard_apertures import disc_coverage
 from clplen.wave.elements.zernike import noll, zernike

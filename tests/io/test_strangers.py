@@ -23,7 +23,6 @@ import tifffile
 from clplen.compute.device import Device
 from clplen.errors import FormatError
 from clplen.io import (
-    is_volume,
     open_lightfield,
     open_volumes,
     read_disparity,
@@ -43,7 +42,7 @@ from clplen.io import (
 )
 from clplen.io.formats.tiff import read_tiff_frame
 from clplen.io.results.focused_files import describe_focused
-from clplen.io.results.volume_files import read_volume
+from clplen.io.results.volume_files import is_volume, read_volume
 from clplen.io.store.picture_series import describe_series
 from clplen.lightfield.model.light_field import LightField
 from clplen.lightfield.raw.lenslet_lattice import Lattice

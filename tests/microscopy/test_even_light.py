@@ -6,14 +6,8 @@ import numpy as np
 import pytest
 
 from clplen import MicrolensArray, PlenopticCamera, point_images
-from clplen.microscopy import (
-    EvenLight,
-    PointImages,
-    Preparation,
-    check_pupil,
-    corrected,
-    preparation,
-)
+from clplen.microscopy import PointImages, Preparation, check_pupil, corrected, preparation
+from clplen.microscopy.pupil.even_light import EvenLight
 from clplen.microscopy.pupil.pupil_check import mean_lenslet
 
 ABOUT = {

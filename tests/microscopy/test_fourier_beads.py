@@ -14,9 +14,9 @@ from clplen.microscopy import (
     fourier_point_images,
     measure_point_images,
     read_point_images,
-    sharpness,
 )
 from clplen.microscopy.frames.outliers import without_hot_pixels
+from clplen.microscopy.frames.sharpness import sharpness
 
 Z = np.array([-20.0, 0.0, 15.0]) * 1e-6
 OFFSET = 1.7e-6

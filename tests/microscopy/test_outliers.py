@@ -13,14 +13,9 @@ from clplen import (
     point_images,
 )
 from clplen.lightfield import Lattice
-from clplen.microscopy import (
-    FourierProjector,
-    fourier_point_images,
-    hot_pixels,
-    preparation,
-    sharpness,
-)
-from clplen.microscopy.frames.outliers import noise, steps_around, uneven_pixels
+from clplen.microscopy import FourierProjector, fourier_point_images, preparation
+from clplen.microscopy.frames.outliers import hot_pixels, noise, steps_around, uneven_pixels
+from clplen.microscopy.frames.sharpness import sharpness
 
 N = 11
 

@@ -16,6 +16,11 @@ from scipy.io import savemat
 import clplen
 from clplen import analysis, batch, cameras, lightfield, microscopy, plot, wave
 from clplen import io as files
+from clplen.cameras.camera_base import scene_energy
+from clplen.microscopy.frames.outliers import hot_pixels
+from clplen.microscopy.frames.sharpness import sharpness
+from clplen.microscopy.model.binning import binning_error, suitable_binning
+from clplen.microscopy.pupil.even_light import EvenLight
 from clplen.plot import base, scale_bars
 from clplen.wave.elements import lens as lens_module
 
@@ -773,7 +778,7 @@ def expose(name):
         found |= {"lattice": vars_of(raw.cells), "spacing": raw.spacing}
     if name not in (*SMALL, "filters"):
         found["rays"] = camera.expose(points, model="rays")
-        found["energy"] = cameras.scene_energy(camera, points)
+        found["energy"] = scene_energy(camera, points)
         found["alpha"] = [camera.alpha(one) for one in (-1e-3, 2e-3)]
     return found
 
@@ -1226,9 +1231,9 @@ def point_image_files():
         "fourier": [fourier.image(1, (0, 0)), fourier.kept(1), fourier.centres],
         "half": half.image(0, (1, 2)),
         "binned": clplen.point_images(scope(22), PLANES[:1], binning=2).image(0, (2, 2)),
-        "error": microscopy.binning_error(scope(22), [0.0, 50e-6], 2),
-        "suitable": microscopy.suitable_binning(1.4, 63, 0.52, 125, 2800, 8.3),
-        "sharpness": microscopy.sharpness(point_images()),
+        "error": binning_error(scope(22), [0.0, 50e-6], 2),
+        "suitable": suitable_binning(1.4, 63, 0.52, 125, 2800, 8.3),
+        "sharpness": sharpness(point_images()),
         "lattice": vars_of(microscopy.lattice_of(scope())),
     }
 
@@ -1236,7 +1241,7 @@ def point_image_files():
 def microscope_white() -> np.ndarray:
     """A white frame of the microscope of `scope` on another pitch and angle."""
     lattice = microscopy.square_lattice(11.2, (150, 163), rotation=0.005)
-    return 1e4 * microscopy.EvenLight(point_images().parameters).frame(lattice, 0.19, 0.5)
+    return 1e4 * EvenLight(point_images().parameters).frame(lattice, 0.19, 0.5)
 
 
 @pinned()
@@ -1259,7 +1264,7 @@ def preparations():
         "corrected": microscopy.corrected(prepare, check).sensitivity,
         "raw": [raw(frame).counts, raw.sensitivity],
         "rectified": microscopy.rectify(frame, prepare.lattice, pixels=11),
-        "hot": microscopy.hot_pixels(frame, microscopy.sharpness(point_images()), prepare.lattice),
+        "hot": hot_pixels(frame, sharpness(point_images()), prepare.lattice),
         "rolling": [low for _, low in rolling_minimum([frame, 2 * frame, frame / 2], 2)],
     }
 

@@ -31,12 +31,6 @@ class InputTable(Table):
         Of the items; {stem}, {name}, {parent}, {path} and {index} are known in it.
     layout : LayoutTable
         How the files are read: the words of `clplen.read_lightfield`.
-
-    Examples
-    --------
-    >>> table = clplen.batch.InputTable(files="captures/*.h5", layout={"views": [9, 9]})
-    >>> table.files, table.name, table.layout.views
-    (['captures/*.h5'], '{stem}', (9, 9))
     """
 
     files: Annotated[list[str], BeforeValidator(listed), Field(min_length=1)] = setting(

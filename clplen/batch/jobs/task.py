@@ -63,12 +63,6 @@ class Report(OneLine):
         One sentence, if it failed.
     passing : bool
         Whether trying again may help.
-
-    Examples
-    --------
-    >>> report = clplen.batch.Report("a", "failed", "0" * 64, 0.0, error="There is no file a.h5.")
-    >>> report.name, report.error
-    ('a', 'There is no file a.h5.')
     """
 
     name: str

@@ -2,10 +2,9 @@
 
 How many: images of a point by a camera of one dimension (cylindrical_twin.py) at `PLACES`
 wavelengths tell, without a simulation of the camera itself, how the raw image by n wavelengths
-differs from that by `MOST`, on average over places beside a lenslet's middle. On 27 set-ups of
-three cameras and lights (claims "color") the raw image of a point by n wavelengths
-was right to 1e-3, but for two points in the middle of an f/2 lenslet with 1.2e-3 and 1.6e-3; n was
-at most 7 larger than the smallest number that is right to 1e-3, on average 2.
+differs from that by `MOST`, on average over places beside a lenslet's middle. The raw
+image of a point by n wavelengths is then right to 1e-3 (claims "color"), but for points in the
+middle of an f/2 lenslet, with up to 1.6e-3.
 """
 
 from __future__ import annotations

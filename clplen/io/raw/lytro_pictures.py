@@ -60,11 +60,6 @@ def save_lytro_pictures(path: PathLike, folder: PathLike, *, force: bool = False
     FormatError, OSError
         If the container is damaged, or holds nothing of the kind; if a file cannot be written, or
         one of its name is there that holds something else; then none is written.
-
-    Examples
-    --------
-    >>> clplen.io.save_lytro_pictures("IMG_0001-stk.lfp", "pictures")  # doctest: +SKIP
-    [PosixPath('pictures/picture_00.jpg'), PosixPath('pictures/picture_01.jpg')]
     """
     path, folder = Path(path), Path(folder)
     found = list(_contents(path, *open_sections(path)))

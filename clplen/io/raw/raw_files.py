@@ -142,15 +142,6 @@ def is_raw_file(path: PathLike) -> bool:
     ------
     FormatError
         If it is an HDF5 file that cannot be opened.
-
-    Examples
-    --------
-    >>> camera = clplen.PlenopticCamera.type1(
-    ...     focal_length=10e-3, mla=clplen.MicrolensArray(100e-6, 1e-3, count=11),
-    ...     wavelength=550e-9, pixels_per_lenslet=5)
-    >>> clplen.write_raw("raw.h5", camera.expose(clplen.PointSources((0, 0, 0))))
-    >>> clplen.io.is_raw_file("raw.h5"), clplen.io.is_raw_file("none.h5")
-    (True, False)
     """
     path = Path(path)
     if (

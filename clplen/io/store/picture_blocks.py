@@ -16,7 +16,7 @@ Block = tuple[slice, slice, slice, Array]  # planes, rows, columns and their sam
 
 
 class Tiles(Protocol):
-    """A focal stack that comes in parts, such as `clplen.lightfield.StackTiles`.
+    """A focal stack that comes in parts, such as those of `clplen.lightfield.stack_tiles`.
 
     Iterated over once, it gives (planes, rows, columns, pictures): three slices of the whole stack
     and float32 of shape (planes, rows, columns[, c]). Together they are the whole, each sample

@@ -33,11 +33,6 @@ class PictureGrid:
         Pixels of the sensor from sample to sample, both ways.
     shape : tuple of int
         (height, width) in samples.
-
-    Examples
-    --------
-    >>> clplen.lightfield.PictureGrid((0.0, 0.0), 2.0, (10, 12)).shape
-    (10, 12)
     """
 
     first: Pair

@@ -86,17 +86,6 @@ class Exposure:
 
 class CameraModel(Protocol):
     """What the light-field tower asks of a camera; all lengths in metres.
-
-    Examples
-    --------
-    >>> lenslets = clplen.MicrolensArray(150e-6, 3e-3, count=5, fill="full")
-    >>> camera = clplen.PlenopticCamera.type1(
-    ...     focal_length=0.03, mla=lenslets, wavelength=532e-9, pixels_per_lenslet=15
-    ... )
-    >>> lf = clplen.LightField.from_array(np.ones((15, 15, 5, 5), np.float32), camera=camera)
-    >>> model: clplen.lightfield.CameraModel = lf.camera
-    >>> model.kind
-    'standard'
     """
 
     @property

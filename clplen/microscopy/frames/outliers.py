@@ -55,13 +55,6 @@ def hot_pixels(
     -------
     numpy.ndarray
         bool, shape (ny, nx).
-
-    Examples
-    --------
-    >>> frame = np.random.default_rng(1).poisson(100, (60, 60)).astype(float)
-    >>> frame[20, 31] = 5000
-    >>> np.argwhere(clplen.microscopy.hot_pixels(frame, (0.3, 0.4, 0.5), 10)).tolist()
-    [[20, 31]]
     """
     light = real_array(frame, "A frame")
     check_finite(sharpest=sharpest)

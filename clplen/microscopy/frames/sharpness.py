@@ -42,14 +42,6 @@ def sharpness(images: PointImages | FourierPointImages) -> Bounds:
     tuple of float
         c_0, c_1, c_2: over the sum of the sixteen pixels around without the 0, 1, 2 brightest; of a
         Fourier microscope, whose sub-images differ, of the eight that touch it.
-
-    Examples
-    --------
-    >>> about = {"magnification": 20.0, "na": 0.5, "medium_index": 1.0, "lenslet_pitch": 125e-6}
-    >>> spots = (np.full((1, 15, 15), 1 / 225, np.float32),)  # 3 x 3 lenslets, evenly lit
-    >>> images = clplen.microscopy.PointImages(about, np.array([20e-6]), 1, 5, spots, np.ones(1))
-    >>> [round(c, 3) for c in clplen.microscopy.sharpness(images)]  # six around that of a corner
-    [0.167, 0.2, 0.25]
     """
     chosen = [images.stored[plane] for plane in chosen_planes(len(images.stored))]
     if isinstance(images, FourierPointImages):

@@ -45,11 +45,6 @@ def suitable_binning(
     -------
     int
         Parts, from 1 on.
-
-    Examples
-    --------
-    >>> clplen.microscopy.suitable_binning(1.4, 63, 0.52, 125, 2800, 8.3)
-    3
     """
     check_positive(
         na=na, magnification=magnification, wavelength=wavelength, diameter=diameter,
@@ -77,14 +72,6 @@ def binning_error(camera: Microscope, planes: Vector, binning: int) -> float:
     -------
     float
         Norm of the difference over norm.
-
-    Examples
-    --------
-    >>> camera = clplen.PlenopticCamera.microscope(
-    ...     magnification=10, na=0.2, wavelength=525e-9, pixels_per_lenslet=22,
-    ...     mla=clplen.MicrolensArray(60e-6, 1.5e-3, count=5, fill="full"))
-    >>> f"{clplen.microscopy.binning_error(camera, [0.0, 50e-6], 2):.1%}"
-    '0.7%'
     """
     z = real_array(planes, "planes", np.float64)
     counts = np.array([lenslets_across(camera, float(one)) + 2 * AROUND for one in z])

@@ -57,15 +57,6 @@ class EvenLight:
     ------
     ValueError
         If a parameter is missing.
-
-    Examples
-    --------
-    >>> about = {"magnification": 20.0, "na": 0.5, "medium_index": 1.0, "wavelength": 525e-9,
-    ...          "apodisation": 0.5, "lenslet_pitch": 125e-6, "lenslet_focal_length": 2.5e-3,
-    ...          "lenslet_diameter": 125e-6, "lenslet_fill": "full", "binning": 1}
-    >>> cell = clplen.microscopy.EvenLight(about).cell(0.5, 0.5)
-    >>> cell.shape, f"{cell.mean():.2f}, {cell[0, 0]:.2f} in a corner"
-    ((54, 54), '1.00, 0.04 in a corner')
     """
 
     def __init__(self, about: dict[str, Any]) -> None:

@@ -123,7 +123,8 @@ def check_pupil(images: PointImages, prepare: Preparation) -> PupilCheck | None:
     ...     mla=clplen.MicrolensArray(60e-6, 1.5e-3, count=5, fill="full"))
     >>> images = clplen.point_images(camera, [50e-6], voxels_per_lenslet=3, cut=0.05)
     >>> lattice = clplen.microscopy.square_lattice(11.2, (230, 230))
-    >>> light = clplen.microscopy.EvenLight(images.parameters)
+    >>> from clplen.microscopy.pupil.even_light import EvenLight
+    >>> light = EvenLight(images.parameters)
     >>> white = 1e4 * light.frame(lattice, 0.19, 0.5)  # a smaller pupil
     >>> prepare = clplen.microscopy.preparation(11, white=white)
     >>> found = clplen.microscopy.check_pupil(images, prepare)

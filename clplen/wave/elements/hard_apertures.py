@@ -152,10 +152,9 @@ def aperture(
 
     Notes
     -----
-    Accuracy at .1, 1 and 5 z_c behind a slit, z_c = N dx^2/lam, N = 512, against Fresnel integrals:
-    "samples" 26, 29, 36 dB and "area" 30, 36, 58 dB for edges anywhere, "pixels" 32, 39, 139 dB for
-    edges on the borders of cells (claims "apertures"; docs/accuracy.md has squares
-    and circles).
+    Accuracy at 5 N dx^2/lam behind a slit, N = 512, against Fresnel integrals: "samples" 36 dB and
+    "area" 58 dB for edges anywhere, "pixels" 139 dB for edges on the borders of cells (claims
+    "apertures"; docs/accuracy.md has more masks).
 
     Examples
     --------

@@ -91,8 +91,8 @@ def transparency(
     -----
     With "pixels" a step of 0 to 1 is .064, .936 on the samples beside it, and the light that a
     picture sends beyond the Nyquist frequency is missing. Where that light does not reach the
-    window, from about 2 N dx^2/lam on, it is right to 40 to 60 dB, at 5 N dx^2/lam to 118 dB and
-    more (docs/accuracy.md). Without a pitch the picture goes on beyond the window as it is at its
+    window, from about 2 N dx^2/lam on, the picture is right, far away to 100 dB and more
+    (docs/accuracy.md). Without a pitch the picture goes on beyond the window as it is at its
     border.
 
     Examples

@@ -16,7 +16,8 @@ from clplen.config.microscope import read_microscope_file
 from clplen.errors import FormatError
 from clplen.io.results.volume_files import read_volume
 from clplen.lightfield import Lattice
-from clplen.microscopy import EvenLight, read_point_images, square_lattice
+from clplen.microscopy import read_point_images, square_lattice
+from clplen.microscopy.pupil.even_light import EvenLight
 from clplen.microscopy.reconstruction.projector import Projector
 
 KNOWN = """
