@@ -90,7 +90,7 @@ def write_focused(
     """
     if not is_series(path):
         raise ValueError(
-            f"Pictures of a focused camera are written as .tif or .zarr, not as {Path(path).name}."
+            f"Pictures of a focused camera are written as .tif or .zarr, not as {path}."
         )
     is_stack = isinstance(made, FocusedStack)
     shape = made.shape if is_stack else (1, *made.shape)
@@ -247,8 +247,8 @@ def _write_map(path: Path, values: np.ndarray[Any, Any], durable: bool) -> None:
         write_picture(path, values, description=_MAP, durable=durable)
     else:
         raise ValueError(
-            f"Depth of a focused camera is written as .h5, .tif, .zarr, .pfm or .npy, not as "
-            f"{path.name}."
+            "Depth of a focused camera is written as .h5, .tif, .zarr, .pfm or .npy, not as "
+            f"{path}."
         )
 
 

@@ -88,7 +88,7 @@ def write_stack(
     (4, 32, 32)
     """
     if not is_series(path):
-        raise ValueError(f"A focal stack is written as .tif or .zarr, not as {Path(path).name}.")
+        raise ValueError(f"A focal stack is written as .tif or .zarr, not as {path}.")
     blocks: Iterable[Block] = planes_of(stack) if isinstance(stack, FocalStack) else stack
     write_series(
         path,
@@ -265,7 +265,7 @@ def write_depth(
         write_picture(path, disparity, description=f"disparity, {_DISPARITY}", durable=durable)
     else:
         raise ValueError(
-            f"Disparities are written as .pfm, .tif or .zarr, not as {Path(path).name}."
+            f"Disparities are written as .pfm, .tif or .zarr, not as {path}."
         )
 
 
@@ -362,7 +362,7 @@ def write_image(
     True
     """
     if not is_series(path):
-        raise ValueError(f"A picture is written as .tif or .zarr, not as {Path(path).name}.")
+        raise ValueError(f"A picture is written as .tif or .zarr, not as {path}.")
     values = np.asarray(host_array(image, "A picture"), np.float32)
     if values.ndim not in (2, 3):
         raise ValueError(f"A picture has shape (y, x) or (y, x, c), not {values.shape}.")

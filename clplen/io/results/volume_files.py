@@ -61,7 +61,7 @@ def write_volume(
     (5, 24, 32)
     """
     if not is_series(path):
-        raise ValueError(f"A volume is written as .tif or .zarr, not as {Path(path).name}.")
+        raise ValueError(f"A volume is written as .tif or .zarr, not as {path}.")
     values, z = real_array(volume, "A volume"), real_array(planes, "planes", np.float64)
     if values.ndim != 3 or z.shape != values.shape[:1]:
         raise ShapeError(

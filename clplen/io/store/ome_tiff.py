@@ -46,7 +46,7 @@ def write_ome(
     no more than one plane of one block is held besides the block.
     """
     if Path(path).suffix.lower() not in tiff.SUFFIXES:
-        raise ValueError(f"OME-TIFF is written as .tif, not as {Path(path).name}.")
+        raise ValueError(f"OME-TIFF is written as .tif, not as {path}.")
     stored = shape if axes[0] in "ZC" else shape[1:]
     if shape[3:] == (1,):  # TIFF knows no axis of one sample: the description keeps it
         stored, axes = stored[:-1], axes.removesuffix("S")

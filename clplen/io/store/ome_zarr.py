@@ -56,7 +56,7 @@ def write_omezarr(
     of it and a few chunks are held.
     """
     if Path(path).suffix.lower() != zarr_files.SUFFIX:
-        raise ValueError(f"OME-Zarr is written as .zarr, not as {Path(path).name}.")
+        raise ValueError(f"OME-Zarr is written as .zarr, not as {path}.")
     _zarr()
     sizes = level_sizes(shape, axes)
     first = positions[0] if depth is not None and positions else 0.0
