@@ -21,6 +21,7 @@ Wrong plain arguments (a negative pitch, both or neither of two options) are `Va
 from __future__ import annotations
 
 import json
+import os
 import sys
 import warnings
 from collections.abc import Iterator
@@ -164,6 +165,16 @@ def warn_caller(message: str, category: type[Warning]) -> None:
 def _is_inside(module: str) -> bool:
     """Return whether a frame belongs to the package or to a wrapper of the standard library."""
     return module.partition(".")[0] in (_PACKAGE, "contextlib", "functools")
+
+
+def reason_of(error: BaseException) -> str:
+    """Return what an error says, without a compiler's log, with the name of its file as given."""
+    if isinstance(error, OSError) and error.errno is not None:
+        name = error.filename
+        place = f"{os.fsdecode(name)}: " if isinstance(name, str | bytes | os.PathLike) else ""
+        return f"{place}{error.strerror or os.strerror(error.errno)}"
+    is_whole = isinstance(error, UnicodeError)
+    return str(error.args[0] if error.args and not is_whole else error)
 
 
 @contextmanager

@@ -27,7 +27,6 @@ from clplen.cli.shared.console import error_sentence
 from clplen.compute.device import Device
 from clplen.config.camera_file import read_camera_file
 from clplen.config.example import EXAMPLE
-from clplen.errors import FormatError, arguments_as
 from clplen.io import read_lightfield, read_pfm, write_lightfield
 from clplen.lightfield.focus_and_depth import depth_map
 from clplen.lightfield.model.light_field import LightField
@@ -433,30 +432,6 @@ def test_a_failed_build_is_one_sentence(tmp_path: Path, monkeypatch: pytest.Monk
     assert said(run("stack", tmp_path, "-o", tmp_path / "s.tif")) == (
         "Error: The kernel does not build.\n"
     )
-
-
-def test_names_of_files_appear_as_given(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
-    """Arguments are written as the surface in use has them, words in names of files stay."""
-    monkeypatch.chdir(tmp_path)
-    for name in (
-        "white=1.png", "run-step=2/order='uvyxc'.npy", "grid=a/dark=b.h5", "views=(3, 4)",
-        "force=True.npy", "method='as'.zarr", "pattern='a_{v}.png'", "max_bytes=9.tif", "ms=.npy",
-        "or 'auto'", "by support=.mat", "allow_missing=True gives", "flip_v=1/swap_uv=2.npy",
-    ):  # fmt: skip
-        assert f"Error: There is no file or folder {name}." in said(run("info", name))
-    odd = tmp_path / "white=1.png"
-    odd.mkdir()
-    for view in ("0_0", "0_1", "1_0"):
-        imageio.imwrite(odd / f"{view}.png", np.full((9, 9), 7, np.uint8))
-    for surface, words in (
-        ("python", "allow_missing=True"), ("file", "allow_missing = true"),
-        ("command", "--allow-missing"),
-    ):  # fmt: skip
-        with arguments_as(surface), pytest.raises(FormatError) as error:
-            read_lightfield(odd)
-        assert f"{words} gives them weight 0." in str(error.value)
-        assert f"missing in {odd} (" in str(error.value)
-    assert "--allow-missing gives them weight 0." in said(run("info", odd))
 
 
 def test_little_memory_says_how_little():

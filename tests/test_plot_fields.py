@@ -157,6 +157,6 @@ def test_a_figure_is_saved_as_its_name_says(device, tmp_path: Path):
         plot.save(figure, path, dpi=40)
         assert path.read_bytes().startswith(start)
     for name in ("figure.bmp", "figure"):
-        with pytest.raises(ValueError, match=rf"\.png, \.pdf, \.svg, not as '{name}'"):
+        with pytest.raises(ValueError, match=rf"\.png, \.pdf, \.svg, not as .*{name}"):
             plot.save(figure, tmp_path / name)
     assert len(list(tmp_path.iterdir())) == 3

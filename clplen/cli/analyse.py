@@ -133,7 +133,7 @@ def _read(paths: tuple[Path, ...]) -> dict[str, CameraFile]:
         name = printable(path.stem)
         if name in found:
             raise click.UsageError(
-                f"Two camera files are named {name!r}: figures and tables tell cameras apart "
+                f"Two camera files are named {name}: figures and tables tell cameras apart "
                 "by the names of their files; rename one."
             )
         found[name] = read_camera_file(path)

@@ -121,7 +121,7 @@ _AXIS_WORDS = ("swap_uv", "flip_v", "flip_u")
 @click.option(
     "--save-pictures",
     metavar="FOLDER",
-    type=click.Path(path_type=Path, file_okay=False),
+    type=click.Path(path_type=Path),
     help="Save the pictures and maps that a processed Lytro file holds.",
 )
 @click.option(

@@ -50,10 +50,11 @@ def _kind(one: Setting, hint: Any) -> Any:
     """Return the type of a key, with its choices and bounds for tables of the documentation."""
     if one.kind is Path:
         return str | None
+    kind: Any = one.kind
     if one.kind is str and one.choices:
-        kind: Any = Literal[one.choices]
+        kind = Literal[one.choices]
     elif one.kind in (int, float) and not (one.choices or one.pair or one.check):
-        kind = Annotated[one.kind, Field(ge=one.least, gt=one.above)]
+        kind = Annotated[kind, Field(ge=one.least, gt=one.above)]
     else:
         return hint
     return kind if one.default is not None else kind | None

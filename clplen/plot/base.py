@@ -67,7 +67,7 @@ def save(figure: Figure, path: PathLike, *, dpi: int = 150) -> None:
     ending = Path(path).suffix.lower()
     if ending not in _ENDINGS:
         raise ValueError(
-            f"A figure is written as {', '.join(_ENDINGS)}, not as {Path(path).name!r}: name a "
+            f"A figure is written as {', '.join(_ENDINGS)}, not as {path}: name a "
             "file that ends so."
         )
     check_positive(dpi=dpi)

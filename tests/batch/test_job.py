@@ -86,7 +86,7 @@ def test_a_pattern_without_files_is_refused(tmp_path: Path):
 def test_two_inputs_of_one_name_are_refused(tmp_path: Path):
     inputs(tmp_path, "one/a.npy", "two/a.npy")
     text = BASE.replace("*.npy", "*/*.npy")
-    with pytest.raises(FormatError, match=r"in/one/a\.npy and in/two/a\.npy.* name 'a'.*parent"):
+    with pytest.raises(FormatError, match=r"in/one/a\.npy and in/two/a\.npy.* name a:.*parent"):
         tasks_of(read(tmp_path, f"{text}[stack]\n"))
     text = text + 'name = "{parent}_{stem}"\n'
     names = [task.name for task in tasks_of(read(tmp_path, f"{text}[stack]\n"))]

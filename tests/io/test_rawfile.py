@@ -79,7 +79,7 @@ def test_a_light_field_keeps_a_focused_camera(tmp_path: Path, device: Device) ->
 
 def test_what_makes_no_raw_file(tmp_path: Path, device: Device) -> None:
     raw, path = raw_of(device, "galilean"), tmp_path / "raw.h5"
-    with pytest.raises(ValueError, match=r"as \.h5, with its camera, or as \.tif, not as raw\.npy"):
+    with pytest.raises(ValueError, match=r"with its camera, or as \.tif, not as .*raw\.npy"):
         write_raw(tmp_path / "raw.npy", raw)
     with pytest.raises(ValueError, match="TIFF holds the whole numbers of a sensor"):
         write_raw(tmp_path / "raw.tif", raw)

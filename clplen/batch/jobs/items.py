@@ -151,7 +151,7 @@ def _check_name(name: str, key: str) -> None:
     parts = PurePosixPath(name).parts
     if not parts or any(part.startswith(".") for part in parts) or name.startswith("/"):
         raise FormatError(
-            f"{key}.name: an item cannot have the name {name!r}: its folder lies in the output's, "
+            f"{key}.name: an item cannot have the name {name}: its folder lies in the output's, "
             "and begins with no dot; give another, such as name = 'views'."
         )
 
@@ -164,16 +164,16 @@ def _check_names(sources: list[Source]) -> None:
         if name in first:
             raise FormatError(
                 f"Two inputs, {_described(first[name])} and {_described(source)}, have the output "
-                f"name {source.name!r}: give their table a name, such as "
+                f"name {source.name}: give their table a name, such as "
                 "name = '{parent}_{stem}'."
             )
         first[name] = source
-    for name in first:
+    for name, source in first.items():
         for above in PurePosixPath(name).parents:
             if str(above) in first:
                 raise FormatError(
-                    f"The outputs of {name!r} would lie in those of {str(above)!r}: give one of "
-                    "them another name."
+                    f"The outputs of {source.name} would lie in those of "
+                    f"{first[str(above)].name}: give one of them another name."
                 )
 
 

@@ -21,7 +21,6 @@ from clplen.batch.work.execution import RECORD, read_record, result_folder
 from clplen.batch.work.fingerprints import find_damage, is_unchanged
 from clplen.errors import FormatError
 from clplen.io.store.digest import digest
-from clplen.reprs import printable
 
 NAME = "manifest.sqlite"
 VERSION = 1  # of the tables
@@ -127,7 +126,7 @@ class Manifest:
                 one.seconds.get("total"),
                 one.device,
                 one.worker,
-                printable(one.error),
+                one.error.encode(errors="backslashreplace").decode(),
                 one.to_json(),
             )
             for one in reports

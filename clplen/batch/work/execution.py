@@ -19,7 +19,7 @@ from clplen.batch.work.fingerprints import find_damage, fingerprints, is_unchang
 from clplen.batch.work.locks import item_lock
 from clplen.batch.work.products import compute, read, write
 from clplen.batch.work.resources import Resources, StoppedError
-from clplen.errors import ClplenError, FormatError, arguments_as
+from clplen.errors import ClplenError, FormatError, arguments_as, reason_of
 from clplen.files import check_folder, clear_temporaries, replacing
 from clplen.io.store.digest import digest, size_of
 from clplen.outputs import is_ours
@@ -206,13 +206,10 @@ def _errno(error: BaseException | None) -> int | None:
 
 
 def describe_error(error: BaseException) -> str:
-    """What went wrong, in one line."""
+    """Return what went wrong; of an error that nobody expects, in one line."""
     if isinstance(error, MemoryError):
         return "This computer has not enough memory for it: lower memory or workers."
-    is_whole = isinstance(error, OSError | UnicodeError)
-    text = str(error.args[0]) if error.args and not is_whole else str(error)
-    text = " ".join(text.split())
-    known = isinstance(error, ClplenError | ValueError | OSError)
-    if known and text:
+    text = reason_of(error)
+    if isinstance(error, ClplenError | ValueError | OSError) and text:
         return text
-    return f"unexpected {type(error).__name__}" + (f": {text}" if text else "")
+    return f"unexpected {type(error).__name__}" + (f": {' '.join(text.split())}" if text else "")

@@ -231,7 +231,7 @@ def _opened(optic: Any) -> Any:
         return files.load_optiland_file(str(path))
     if path.suffix.lower() == ".zmx":
         return files.load_zemax_file(str(path))
-    raise ValueError(f"A prescription is optiland's .json or Zemax' .zmx, not {path.name}.")
+    raise ValueError(f"A prescription is optiland's .json or Zemax' .zmx, not {path}.")
 
 
 def _fractions(fields: int | Sequence[float]) -> Values:

@@ -16,7 +16,7 @@ from tqdm import tqdm
 
 from clplen import interrupts
 from clplen.cli.shared import options
-from clplen.errors import ClplenError, arguments_as
+from clplen.errors import ClplenError, arguments_as, reason_of
 from clplen.settings.declaration import SettingError
 from clplen.settings.light_fields import one_of_planes
 
@@ -77,9 +77,7 @@ def error_sentence(error: BaseException) -> str:
     if isinstance(error, MemoryError):
         detail = str(error).rstrip(".")
         return "This computer has not enough memory" + (f": {detail}." if detail else " for it.")
-    if isinstance(error, UnicodeError) or (isinstance(error, OSError) and error.errno is not None):
-        return str(error)
-    return str(error.args[0]) if error.args else type(error).__name__
+    return reason_of(error) or type(error).__name__
 
 
 _DETAIL = 1e-5  # of the brightest pixel, rms: what is less is rounding
@@ -295,4 +293,4 @@ def note_link(folder: Path | str) -> None:
 
 def check_suffix(output: Path, suffixes: tuple[str, ...]) -> None:
     if output.suffix.lower() not in suffixes:
-        raise click.UsageError(f"The output ends in {' or '.join(suffixes)}, not as {output.name}.")
+        raise click.UsageError(f"The output ends in {' or '.join(suffixes)}, not as {output}.")

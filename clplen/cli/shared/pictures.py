@@ -62,7 +62,7 @@ class Tone:
         """Refuse to scale what holds linear values."""
         if (self.limits or self.curve) and output.suffix.lower() != ".png":
             raise click.UsageError(
-                f"--limits and --curve scale pictures to look at; {output.name} holds linear "
+                f"--limits and --curve scale pictures to look at; {output} holds linear "
                 "values: leave them out, or write .png."
             )
 

@@ -133,7 +133,7 @@ class QuiltLayout:
         same = (int(told[1]), int(told[2])) == (self.columns, self.rows)
         if not same or abs(float(told[3]) - self.aspect) > 1e-2 * self.aspect:
             raise ValueError(
-                f"The name {path.name} tells of another layout than {ending[1:]}: leave "
+                f"The name {path} tells of another layout than {ending[1:]}: leave "
                 f"{told[0]} out, it is added."
             )
         return path
@@ -186,7 +186,7 @@ def write_quilt(path: PathLike, tiles: Iterable[ArrayLike], layout: QuiltLayout)
     """
     target = layout.name(path)
     if target.suffix.lower() != ".png":
-        raise ValueError(f"A quilt is written as .png, not as {target.name}.")
+        raise ValueError(f"A quilt is written as .png, not as {target}.")
     quilt: Array | None = None
     count = 0
     for tile in (host_array(tile, "A tile") for tile in tiles):

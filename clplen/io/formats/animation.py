@@ -58,7 +58,7 @@ def write_animation(path: PathLike, pictures: Iterable[ArrayLike], *, seconds: f
     frames = [host_array(picture, "A picture") for picture in pictures]
     suffix = Path(path).suffix.lower()
     if suffix not in FILMS:
-        raise ValueError(f"An animation is written as .gif or .mp4, not as {Path(path).name}.")
+        raise ValueError(f"An animation is written as .gif or .mp4, not as {path}.")
     if not frames or len({frame.shape for frame in frames}) != 1:
         raise ValueError("An animation has at least one picture, all of one shape.")
     if any(frame.dtype != np.uint8 or frame.ndim not in (2, 3) for frame in frames):

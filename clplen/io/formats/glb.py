@@ -62,7 +62,7 @@ def write_glb(
     b'glTF'
     """
     if Path(path).suffix.lower() != ".glb":
-        raise ValueError(f"Binary glTF is written as .glb, not as {Path(path).name}.")
+        raise ValueError(f"Binary glTF is written as .glb, not as {path}.")
     points, colours = checked_points(points, colours)
     with np.errstate(over="ignore"):
         places = (points * _AXES).astype("<f4")

@@ -57,7 +57,7 @@ def write_ply(
     (2, 3)
     """
     if Path(path).suffix.lower() != ".ply":
-        raise ValueError(f"A point cloud is written as .ply, not as {Path(path).name}.")
+        raise ValueError(f"A point cloud is written as .ply, not as {path}.")
     points, colours = checked_points(points, colours)
     if not comment.isascii():
         raise ValueError(f"A comment of PLY is ASCII, not {comment!r}.")

@@ -109,7 +109,7 @@ def write_html(
     '<!doctype html>'
     """
     if Path(path).suffix.lower() not in _SUFFIXES:
-        raise ValueError(f"A page is written as .html, not as {Path(path).name}.")
+        raise ValueError(f"A page is written as .html, not as {path}.")
     options = PageOptions(quality, downscale, views)
     content = content_of(subject, title=title, depth=depth, options=options, compare=compare)
     write_page(path, content, durable=durable)

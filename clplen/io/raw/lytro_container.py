@@ -154,7 +154,7 @@ def _offer(path: Path, table: dict[str, Any]) -> str:
     beside = f" ({raw.name} lies beside it)" if raw != path and raw.is_file() else ""
     if not _is_processed(table):
         return beside
-    return f"{beside}; 'clplen info {path.name} --save-pictures FOLDER' saves what is in this one"
+    return f"{beside}; 'clplen info {path} --save-pictures FOLDER' saves what is in this one"
 
 
 def _read_image(

@@ -101,7 +101,7 @@ def write_raw(
         raise ValueError("white_balance= is kept by TIFF only: give it to decode_raw later.")
     if Path(path).suffix.lower() not in hdf5_files.SUFFIXES:
         raise ValueError(
-            f"A raw image is written as .h5, with its camera, or as .tif, not as {Path(path).name}."
+            f"A raw image is written as .h5, with its camera, or as .tif, not as {path}."
         )
     camera: Any = raw.camera
     if of_camera(camera) is None:
@@ -335,11 +335,11 @@ def read_raw(
     beside = any(one is not None for one in (white, dark, grid))
     if beside and path.suffix.lower() in (*RAYTRIX_SUFFIXES, *hdf5_files.SUFFIXES):
         words = f"{argument('white')}, {argument('dark')} and {argument('grid')}"
-        raise ValueError(f"{path.name} tells the lenses: {words} do not apply.")
+        raise ValueError(f"{path} tells the lenses: {words} do not apply.")
     if path.suffix.lower() in hdf5_files.SUFFIXES:
         if image is not None or frame is not None:
             words = f"{argument('image')} and {argument('frame')}"
-            raise ValueError(f"{path.name} holds one raw image: {words} do not apply.")
+            raise ValueError(f"{path} holds one raw image: {words} do not apply.")
         return read_raw_file(path, device=device)
     if path.suffix.lower() in RAYTRIX_SUFFIXES:
         values, _ = read_frame(picture_of(path) if image is None else image, frame=frame)
@@ -348,7 +348,7 @@ def read_raw(
     else:
         if image is not None:
             word = argument("image")
-            raise ValueError(f"{word} belongs to an XML, {path.name} is an image itself.")
+            raise ValueError(f"{word} belongs to an XML, {path} is an image itself.")
         values, _ = read_frame(path, frame=frame)
         black = None
         if dark is not None:

@@ -430,7 +430,7 @@ def write_raytrix(path: PathLike, calibration: RaytrixCalibration) -> None:
     ...
     """
     if Path(path).suffix.lower() != ".xml":
-        raise ValueError(f"A Raytrix calibration is written as .xml, not as {Path(path).name}.")
+        raise ValueError(f"A Raytrix calibration is written as .xml, not as {path}.")
     given = calibration
     lines = [
         _pair("offset", "pix", given.offset),

@@ -85,7 +85,7 @@ def write_truth(path: PathLike, truth: Truth, *, durable: bool = False) -> None:
     <Truth 32 x 32, disparity -0.500 to 1.000>
     """
     if Path(path).suffix.lower() not in hdf5_files.SUFFIXES:
-        raise ValueError(f"The truth of a scene is written as .h5, not as {Path(path).name}.")
+        raise ValueError(f"The truth of a scene is written as .h5, not as {path}.")
     maps = {"disparity": truth.disparity, "surface": truth.surface}
     if np.isfinite(truth.z).any():
         maps["z"] = truth.z

@@ -245,8 +245,8 @@ def _write_map(path: Path, values: np.ndarray[Any, Any], durable: bool) -> None:
         write_picture(path, values, description=_MAP, durable=durable)
     else:
         raise ValueError(
-            f"Depth of a focused camera is written as .h5, .tif, .zarr, .pfm or .npy, not as "
-            f"{path.name}."
+            "Depth of a focused camera is written as .h5, .tif, .zarr, .pfm or .npy, not as "
+            f"{path}."
         )
 
 

@@ -42,7 +42,7 @@ def write_opd_maps(path: PathLike, maps: OPDMaps, *, durable: bool = False) -> N
     True
     """
     if Path(path).suffix.lower() not in hdf5_files.SUFFIXES:
-        raise ValueError(f"OPD maps are written as .h5, not as {Path(path).name}.")
+        raise ValueError(f"OPD maps are written as .h5, not as {path}.")
     with hdf5_files.created(path, durable=durable) as file:
         write_maps(hdf5_files.HDF5Container(file, path), OPD, maps)
 

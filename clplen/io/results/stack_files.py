@@ -265,7 +265,7 @@ def write_depth(
         write_picture(path, disparity, description=f"disparity, {_DISPARITY}", durable=durable)
     else:
         raise ValueError(
-            f"Disparities are written as .pfm, .tif or .zarr, not as {Path(path).name}."
+            f"Disparities are written as .pfm, .tif or .zarr, not as {path}."
         )
 
 

@@ -33,7 +33,7 @@ def check_unit(unit: str) -> None:
 def write_table(path: PathLike, columns: dict[str, Vector]) -> None:
     """Write columns of numbers, whole or not at all."""
     if Path(path).suffix.lower() != _SUFFIX:
-        raise ValueError(f"A table is written as .csv, not as {Path(path).name}.")
+        raise ValueError(f"A table is written as .csv, not as {path}.")
     texts = [_texts(np.asarray(values)) for values in columns.values()]
     with replacing(path) as temporary, temporary.open("w", newline="", encoding="utf-8") as file:
         file.write(",".join(f'"{name}"' for name in columns) + "\r\n")
