@@ -22,7 +22,7 @@ from clplen.cameras.exposure.exposure_jacobian import ExposureJacobian
 from clplen.cameras.exposure.point_gradients import ExposureGradient
 from clplen.compute.device import Device
 from clplen.io.results.stored_volumes import StoredFile
-from clplen.lightfield.focus_and_depth import StackTiles
+from clplen.lightfield.stacks import StackTiles
 from clplen.lightfield.focused.focused_picture import PictureGrid
 from clplen.lightfield.raw.lenslet_lattice import Lattice
 from clplen.lightfield.raw.raw_image import Exposure

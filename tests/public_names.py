@@ -24,7 +24,7 @@ RETURNED = {
     "cameras.exposure.point_gradients": ("ExposureGradient",),
     "cameras.optics.wave_optics": ("WaveOptics",),
     "cameras.scenes.gallery": ("SampleScene",),
-    "lightfield.focus_and_depth": ("StackTiles",),
+    "lightfield.stacks": ("StackTiles",),
     "lightfield.focused.focused_picture": ("PictureGrid",),
     "lightfield.raw.raw_image": ("Exposure",),
     "lightfield.streaming.tile_plan": ("StreamPlan", "Tile"),
