@@ -11,7 +11,7 @@ import pyopencl.array as cla
 from clplen.compute.device import Device
 from clplen.compute.drivers.failures import is_want_of_memory
 from clplen.errors import DeviceError, KernelBuildError
-from clplen.lightfield.arrays.shear import vector_lanes
+from clplen.lightfield.arrays.shear import table_bytes, vector_lanes
 from clplen.lightfield.arrays.shear_tables import (
     Table,
     Views,
@@ -84,7 +84,7 @@ def _divided(pictures: cla.Array, views: Views, device: Device) -> cla.Array:
             tables = [device.upload(table) for table in (norm.table, down, below)]
             return tables, (norm.table.shape[2], norm.near, norm.far)
 
-        tables, numbers = device.tables.get(("shear norm", part.key), made, _table_bytes)
+        tables, numbers = device.tables.get(("shear norm", part.key), made, table_bytes)
         sizes = (V, views.ny, views.samples, part.planes, first, *numbers)
         device.launch_rows(
             kernel,
@@ -95,17 +95,13 @@ def _divided(pictures: cla.Array, views: Views, device: Device) -> cla.Array:
     return shares
 
 
-def _table_bytes(made: tuple[list[cla.Array], Any]) -> int:
-    return sum(2 * int(table.nbytes) for table in made[0])
-
-
 def _uploaded(views: Views, device: Device) -> list[cla.Array]:
     """Tables of some planes on the device, those of recent calls again."""
 
     def made() -> tuple[list[cla.Array], None]:
         return [device.upload(table) for table in spread_tables(views)], None
 
-    return device.tables.get(("shear adjoint", views.key), made, _table_bytes)[0]
+    return device.tables.get(("shear adjoint", views.key), made, table_bytes)[0]
 
 
 def _spread_blocks(out: cla.Array, shares: cla.Array, views: Views, device: Device) -> bool:
@@ -132,7 +128,7 @@ def _spread_blocks(out: cla.Array, shares: cla.Array, views: Views, device: Devi
             *(np.int32(n) for n in (width, pitch)),
             *(cl.LocalMemory(4 * n) for n in (part.planes * pitch, second)),
             group=(1, 1, 1),
-            operations=_operations(part),
+            operations=part.operations,
         )
     return True
 
@@ -172,7 +168,7 @@ def _spread_samples(out: cla.Array, shares: cla.Array, views: Views, device: Dev
             (views.samples, -(-views.ny // _HEIGHT), V * U),
             *(out, shares, *_uploaded(part, device)),
             *_numbers(part, first),
-            operations=_operations(part),
+            operations=part.operations,
         )
 
 
@@ -180,8 +176,3 @@ def _numbers(views: Views, first: int) -> list[Any]:
     """What both forms take after the tables."""
     sizes = (views.weights.shape[1], views.ny, views.samples, views.channels, views.planes, first)
     return [np.int32(n) for n in (*sizes, int(first > 0))]
-
-
-def _operations(views: Views) -> float:
-    """Additions and multiplications: two of each for every sample of a view."""
-    return 4.0 * np.count_nonzero(views.weights) * views.planes * views.ny * views.samples
