@@ -5,10 +5,8 @@ from __future__ import annotations
 from typing import Any, Protocol
 
 import numpy as np
-import pyopencl.array as cla
 from numpy.typing import ArrayLike
 
-from clplen.compute.device import Device
 from clplen.lightfield.raw.raw_image import CameraModel, Spacing
 
 
@@ -56,19 +54,3 @@ class FocusableViews(SampledViews, Protocol):
 
     def alpha(self, disparity: ArrayLike) -> np.ndarray[Any, np.dtype[np.float64]]:
         """The inverse; NaN without spacing."""
-
-
-class DeviceViews(SampledViews, Protocol):
-    """Views whose samples are on a device."""
-
-    @property
-    def data(self) -> cla.Array:
-        """The samples."""
-
-    @property
-    def device(self) -> Device:
-        """Where they are."""
-
-    @property
-    def dtype(self) -> np.dtype[Any]:
-        """Of the samples."""
