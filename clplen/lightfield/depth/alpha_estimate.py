@@ -415,7 +415,7 @@ def _alpha_of_one(lf: LightField) -> float:
 def _slope(
     lf: LightField, at: tuple[int, int], window: int, optics: CameraOptics | None
 ) -> AlphaEstimate:
-    require_two_plane(lf, "The slope")
+    require_two_plane(lf.parametrisation, "The slope")
     lenslets = read_lenslets(lf, at, window)
     samples = lenslets.samples * (lf.weights > 0)[:, :, None, None]
     if not samples.max() > 0:

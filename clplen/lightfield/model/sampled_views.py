@@ -10,16 +10,12 @@ from numpy.typing import ArrayLike
 from clplen.lightfield.raw.raw_image import CameraModel, Spacing
 
 
-class Parametrised(Protocol):
-    """What says whether its views are positions on the main lens, or directions."""
+class SampledViews(Protocol):
+    """Views and what is known of them, wherever the samples are; as in `LightField`."""
 
     @property
     def parametrisation(self) -> str:
         """ "two-plane" or "point-angle"."""
-
-
-class SampledViews(Parametrised, Protocol):
-    """Views and what is known of them, wherever the samples are; as in `LightField`."""
 
     @property
     def shape(self) -> tuple[int, ...]:
