@@ -77,13 +77,8 @@ def depth_map(
         See Notes. Default "energy" for a stack, and for the light field of a microscope: what
         fluoresces is transparent, where the other cues look for surfaces and put single points on
         disparity 0; "combined" for other light fields.
-    memory : int, optional
-        Bytes for what a stored light field needs on the host and the device together, the result
-        included; default half of what is free on the host, or of the device's memory if that is
-        less. What does not fit is computed in tiles.
-    device : Device or str, optional
-        Where an array or a stored light field goes; default ``Device.open()``. Other light fields
-        bring their own.
+    memory, device : int, Device or str, optional
+        As in `focal_stack`.
     progress : callable, optional
         Called with (tiles done, tiles in all).
 
@@ -209,13 +204,8 @@ def all_in_focus(
     disparities : array_like, optional
         Planes to blend, for a light field without depth; default those of `suitable_planes`, as
         for `depth_map`.
-    memory : int, optional
-        Bytes for what a stored light field needs on the host and the device together, the result
-        included; default half of what is free on the host, or of the device's memory if that is
-        less. What does not fit is computed in tiles.
-    device : Device or str, optional
-        Where an array or a stored light field goes; default ``Device.open()``. Other light fields
-        bring their own.
+    memory, device : int, Device or str, optional
+        As in `focal_stack`.
     progress : callable, optional
         Called with (tiles done, tiles in all).
 

@@ -188,11 +188,8 @@ def stack_tiles(
         As in `focal_stack`; one on a device is one tile.
     alphas, disparities, aperture, interpolation : array_like, array_like, object, str, optional
         As in `focal_stack`; several tiles without "fourier".
-    memory : int, optional
-        Bytes for samples, pictures and what is between, on the host and the device together.
-        Default half of what is free on the host, or of the device's memory if that is less.
-    device : Device or str, optional
-        As in `focal_stack`.
+    memory, device : int, Device or str, optional
+        As in `focal_stack`; the pictures of one tile count, not all.
     progress : callable, optional
         Called with (tiles done, tiles in all).
 

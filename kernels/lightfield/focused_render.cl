@@ -55,6 +55,12 @@ inline void take_nearest(float *sum, float *level, __global const float *restric
 #endif
 }
 
+#ifdef MAP
+#define RATIO(y, x, plane) ratios[(size_t)(y) * width + (x)]
+#else
+#define RATIO(y, x, plane) ratios[plane]
+#endif
+
 __kernel void nearest(__global float *restrict out, __global const float *restrict raw,
                       __global const float *restrict white, __global const int2 *restrict at,
                       __global const float2 *restrict part, __global const int *restrict kind,
@@ -69,11 +75,7 @@ __kernel void nearest(__global float *restrict out, __global const float *restri
     const int y = get_global_id(1), plane = get_global_id(2);
     FOR_X(x, width) {
         const size_t pixel = row_start(plane, y, height, width) + x;
-#ifdef MAP
-        const float ratio = ratios[(size_t)y * width + x];
-#else
-        const float ratio = ratios[plane];
-#endif
+        const float ratio = RATIO(y, x, plane);
         const int2 y_at = (int2)(row_at[y], column_at[x]);
         const float2 y_part = (float2)(row_part[y], column_part[x]);
         const float2 q = convert_float2(y_at) + y_part + view / ratio - origin;
@@ -119,11 +121,7 @@ __kernel void blend(__global float *restrict out, __global const float *restrict
     const float apart = cross2(first, along);
     FOR_X(x, width) {
         const size_t pixel = row_start(plane, y, height, width) + x;
-#ifdef MAP
-        const float ratio = ratios[(size_t)y * width + x];
-#else
-        const float ratio = ratios[plane];
-#endif
+        const float ratio = RATIO(y, x, plane);
         const int2 y_at = (int2)(row_at[y], column_at[x]);
         const float2 y_part = (float2)(row_part[y], column_part[x]);
         const float2 q = convert_float2(y_at) + y_part + view / ratio - origin;

@@ -74,6 +74,16 @@ inline int place(int i, float shift, int n, float *part, int *within)
     return at < 0 ? 0 : at < n ? at : n - 1;
 }
 
+/* Where a view with `step` sees (y, x) of a disparity: pixel (i, j) of the picture, the fractions
+ * b and a to the next ones, and whether it goes on there, down and right. */
+#define LOOK_UP(disparity) \
+    const float turn_y = STEP(y, x).x, turn_x = STEP(y, x).y; \
+    const float moved = disparity; \
+    float b, a; \
+    int down, right; \
+    const int i = place(y, moved * turn_y, ny, &b, &down); \
+    const int j = place(COLUMN(y, x), PART(y, x, moved * turn_x), WIDE, &a, &right)
+
 __kernel void views(__global float *restrict L, __global const float *restrict P,
                     __global const float *restrict d, __global const float2 *restrict steps,
                     const int ny, const int nx, TABLES const int channels)
@@ -83,12 +93,7 @@ __kernel void views(__global float *restrict L, __global const float *restrict P
     FOR_X(x, nx) {
         const long at = SAMPLE(view, y, x);
         if (IS_SEEN(at)) {
-            const float shift = d[(size_t)y * nx + x];
-            const float move_y = shift * STEP(y, x).x, move_x = shift * STEP(y, x).y;
-            float b, a;
-            int down, right;
-            const int i = place(y, move_y, ny, &b, &down);
-            const int j = place(COLUMN(y, x), PART(y, x, move_x), WIDE, &a, &right);
+            LOOK_UP(d[(size_t)y * nx + x]);
             __global const float *from = P + ((size_t)i * WIDE + j) * COUNT;
             const size_t below = down ? (size_t)WIDE * COUNT : 0;
             const size_t beside = right ? COUNT : 0;
@@ -114,12 +119,7 @@ __kernel void of_disparity(__global float *restrict out, __global const float *r
             if (!IS_SEEN(at))
                 continue;
             const float2 step = steps[view];
-            const float turn_y = STEP(y, x).x, turn_x = STEP(y, x).y;
-            const float move_y = shift * turn_y, move_x = shift * turn_x;
-            float b, a;
-            int down, right;
-            const int i = place(y, move_y, ny, &b, &down);
-            const int j = place(COLUMN(y, x), PART(y, x, move_x), WIDE, &a, &right);
+            LOOK_UP(shift);
             __global const float *from = P + ((size_t)i * WIDE + j) * COUNT;
             const size_t below = down ? (size_t)WIDE * COUNT : 0;
             const size_t beside = right ? COUNT : 0;
@@ -177,14 +177,9 @@ __kernel void of_picture(__global float *restrict out, __global const float *res
                 const long at = SAMPLE(view, y, x);
                 if (!IS_SEEN(at))
                     continue;
-                const float shift = d[(size_t)y * nx + x];
-                const float move_y = shift * STEP(y, x).x, move_x = shift * STEP(y, x).y;
-                float b, a;
-                int down, right;
-                const int i = place(y, move_y, ny, &b, &down);
+                LOOK_UP(d[(size_t)y * nx + x]);
                 if (i > last || i + 1 < first)
                     continue;
-                const int j = place(COLUMN(y, x), PART(y, x, move_x), WIDE, &a, &right);
                 for (int k = i; k <= i + down; ++k) {
                     if (k < first || k > last)
                         continue;
@@ -217,12 +212,7 @@ __kernel void of_picture(__global float *restrict out, __global const float *res
                 const long at = SAMPLE(view, y, x);
                 if (!IS_SEEN(at))
                     continue;
-                const float shift = d[(size_t)y * nx + x];
-                const float move_y = shift * STEP(y, x).x, move_x = shift * STEP(y, x).y;
-                float b, a;
-                int down, right;
-                const int i = place(y, move_y, ny, &b, &down);
-                const int j = place(COLUMN(y, x), PART(y, x, move_x), WIDE, &a, &right);
+                LOOK_UP(d[(size_t)y * nx + x]);
                 const float wy = i == Y ? 1.0f - b : down && i + 1 == Y ? b : 0.0f;
                 const float wx = j == X ? 1.0f - a : right && j + 1 == X ? a : 0.0f;
                 if (wy != 0.0f && wx != 0.0f)

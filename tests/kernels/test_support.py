@@ -154,6 +154,13 @@ def test_valleys_of_neighbours_with_their_own_spans(device, lanes):
         np.testing.assert_allclose(one, other, rtol=8 * EPS, atol=8 * EPS * 8)
 
 
+def test_valley_in_the_program_of_its_cue(device):
+    cost = np.random.default_rng(4).uniform(1, 9, (len(UNEVEN), 3, 19)).astype(np.float32)
+    sizes = {"SAMPLE": "float", "RADIUS": 1, "BLOCK": 1, "MATCH_BLOCK": 1}
+    together = lowest(device, cost, UNEVEN, "combined.cl", **sizes)
+    np.testing.assert_array_equal(together, lowest(device, cost, UNEVEN))
+
+
 def test_valley_without_one(device):
     cost = np.stack([np.full((2, 3), 4.0), np.full((2, 3), 4.0), np.full((2, 3), 4.0)])
     place, number, least, second, mean = lowest(

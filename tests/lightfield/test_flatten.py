@@ -5,9 +5,12 @@ from __future__ import annotations
 import numpy as np
 import pytest
 from reference_lightfield import refocus as twin_refocus
+from reference_render import along_rays as sampled
+from reference_render import statistic, steps
 from tolerance import relative_max
 
 from clplen.errors import ShapeError
+from clplen.lightfield.model.apertures import disc, gaussian
 from clplen.lightfield.model.light_field import LightField
 
 
@@ -25,6 +28,14 @@ def test_the_mean_is_the_refocused_picture(device):
     everything = np.ones(a.shape, bool)
     masked = lf.flatten(disparity=1.3, mask=everything).to_numpy().astype(float)
     assert relative_max(want, masked) <= 1e-5
+
+
+def test_an_aperture_weighs_the_views(device):
+    a, w, lf = light_field(device)
+    shape = disc(lf.shape, 1.4) * gaussian(lf.shape, 1.0)
+    got = lf.flatten("median", aperture=shape).to_numpy().astype(float)
+    want = statistic("median", *sampled(a, 0.0, weights=w * shape, step=steps(a.shape[:2])))
+    assert relative_max(want, got) <= 1e-5
 
 
 def test_the_median_sees_around_a_wire(device):

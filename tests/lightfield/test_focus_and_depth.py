@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import threading
+import weakref
 from functools import partial
 
 import numpy as np
@@ -209,6 +210,28 @@ def test_all_in_focus(device, pair, tiles, surface):
         assert found.device is device
         assert (tiles == ["everything"]) == (memory is None or len(tiles) == 1)
         np.testing.assert_array_equal(found.to_numpy(), whole)
+
+
+def test_one_tile_is_on_the_device_at_a_time(device, monkeypatch):
+    made, alive, part = [], set(), StoredLightField.part
+
+    def counted(source, samples, where=None):
+        alive.update(index for index, data in enumerate(made) if data() is not None)
+        lf = part(source, samples, where)
+        made.append(weakref.ref(lf.data))
+        return lf
+
+    monkeypatch.setattr(StoredLightField, "part", counted)
+    words = {"disparities": PLANES, "device": device}
+    for call in (
+        lambda **more: list(stack_tiles(stored("grey"), **words, **more)),
+        partial(depth_map, stored("grey"), cue="energy", **words),
+        partial(all_in_focus, stored("grey"), **words),
+    ):
+        made.clear()
+        call(memory=least(call))
+        assert len(made) > 2
+    assert not alive
 
 
 def test_a_file_and_an_array(device, tmp_path):

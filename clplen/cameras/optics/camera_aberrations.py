@@ -466,7 +466,7 @@ def correct_aberrations(
             "A wavefront is corrected where views and pixels lie in metres: give camera=, and a "
             "light field with spacing."
         )
-    require_two_plane(lf, "The correction of a wavefront")
+    require_two_plane(lf.parametrisation, "The correction of a wavefront")
     if lf.decode == "naive":
         raise ValueError(
             "Naive cells are directions, not places on the main lens: decode with 'calibrated'."

@@ -29,7 +29,7 @@ def along_rays(
     steps: Table,
     disparity: Table | float = 0.0,
     interpolation: str = "linear",
-    mask: Table | None = None,
+    mask: Any = None,
 ) -> cla.Array:
     """One picture of what all views see of a surface.
 

@@ -276,7 +276,7 @@ def _launch_blocks(
         *(np.int32(n) for n in (blocks.height, blocks.width, blocks.pitch)),
         *(cl.LocalMemory(4 * n) for n in floats),
         group=(1, 1),
-        operations=_operations(views),
+        operations=views.operations,
     )
 
 
@@ -336,7 +336,7 @@ def _launch_samples(
         np.int32(tile[1]),
         cl.LocalMemory(4 * tile[0] * tile[1]),
         group=(_GPU_GROUP, 1, 1),
-        operations=_operations(views),
+        operations=views.operations,
     )
 
 
@@ -347,17 +347,16 @@ def _arguments(work: _Sum, views: Views, first: int, width: int) -> list[Any]:
     if kept is None:
         norm = weight_norms(views, width)
         uploaded = [device.upload(table) for table in (*kernel_tables(views), norm.table)]
-        nbytes = sum(2 * int(table.nbytes) for table in uploaded)
-        kept = device.tables.keep(key, (uploaded, norm), nbytes)
+        kept = device.tables.keep(key, (uploaded, norm), table_bytes(uploaded))
     tables, norm = kept
     sizes = (*views.weights.shape, views.ny, views.samples, views.channels, views.planes, first)
     numbers = (*sizes, norm.table.shape[2], norm.near, norm.far, int(work.total))
     return [work.out, work.lf_data, *tables, *(np.int32(n) for n in numbers)]
 
 
-def _operations(views: Views) -> float:
-    """Additions and multiplications: two of each for every sample of a view."""
-    return 4.0 * np.count_nonzero(views.weights) * views.planes * views.ny * views.samples
+def table_bytes(tables: list[cla.Array]) -> int:
+    """Bytes of tables on a device, with those on the host."""
+    return sum(2 * int(table.nbytes) for table in tables)
 
 
 _ENQUEUE: dict[str, Callable[[_Sum], bool]] = {

@@ -11,7 +11,7 @@ import pyopencl.array as cla
 from clplen.compute.device import Device
 from clplen.compute.drivers.failures import is_want_of_memory
 from clplen.errors import DeviceError, KernelBuildError
-from clplen.lightfield.arrays.shear import vector_lanes
+from clplen.lightfield.arrays.shear import table_bytes, vector_lanes
 from clplen.lightfield.arrays.shear_tables import (
     Table,
     Views,
@@ -98,11 +98,7 @@ def _norm_tables(part: Views, device: Device) -> tuple[list[cla.Array], tuple[in
     down, below = part.down.T.astype(np.int32), part.below.T.astype(np.float32)
     tables = [device.upload(table) for table in (norm.table, down, below)]
     numbers = (norm.table.shape[2], norm.near, norm.far)
-    return device.tables.keep(key, (tables, numbers), _table_bytes(tables))
-
-
-def _table_bytes(tables: list[cla.Array]) -> int:
-    return sum(2 * int(table.nbytes) for table in tables)
+    return device.tables.keep(key, (tables, numbers), table_bytes(tables))
 
 
 def _uploaded(views: Views, device: Device) -> list[cla.Array]:
@@ -112,7 +108,7 @@ def _uploaded(views: Views, device: Device) -> list[cla.Array]:
     if kept is not None:
         return kept
     tables = [device.upload(table) for table in spread_tables(views)]
-    return device.tables.keep(key, tables, _table_bytes(tables))
+    return device.tables.keep(key, tables, table_bytes(tables))
 
 
 def _spread_blocks(out: cla.Array, shares: cla.Array, views: Views, device: Device) -> bool:
@@ -139,7 +135,7 @@ def _spread_blocks(out: cla.Array, shares: cla.Array, views: Views, device: Devi
             *(np.int32(n) for n in (width, pitch)),
             *(cl.LocalMemory(4 * n) for n in (part.planes * pitch, second)),
             group=(1, 1, 1),
-            operations=_operations(part),
+            operations=part.operations,
         )
     return True
 
@@ -179,7 +175,7 @@ def _spread_samples(out: cla.Array, shares: cla.Array, views: Views, device: Dev
             (views.samples, -(-views.ny // _HEIGHT), V * U),
             *(out, shares, *_uploaded(part, device)),
             *_numbers(part, first),
-            operations=_operations(part),
+            operations=part.operations,
         )
 
 
@@ -187,8 +183,3 @@ def _numbers(views: Views, first: int) -> list[Any]:
     """What both forms take after the tables."""
     sizes = (views.weights.shape[1], views.ny, views.samples, views.channels, views.planes, first)
     return [np.int32(n) for n in (*sizes, int(first > 0))]
-
-
-def _operations(views: Views) -> float:
-    """Additions and multiplications: two of each for every sample of a view."""
-    return 4.0 * np.count_nonzero(views.weights) * views.planes * views.ny * views.samples

@@ -41,6 +41,11 @@ class Views:
         known = tuple((a.shape, a.tobytes()) for a in arrays)
         return (*known, self.ny, self.nx, self.channels)
 
+    @property
+    def operations(self) -> float:
+        """Additions and multiplications: two of each for every sample of a view."""
+        return 4.0 * np.count_nonzero(self.weights) * self.planes * self.ny * self.samples
+
     def part(self, first: int, count: int) -> Views:
         """`count` planes (or as many as there are) from `first` on."""
         some = slice(first, first + count)

@@ -48,6 +48,7 @@ _IN_FOCUS = 1.2  # in units of the focus tolerance p/D
 _SCATTER = 1.5  # of a slope's own deviation: the spots' scatter is not independent
 _NOISE_STEP = 0.1  # of a step of the search: for derivatives of the sharpness
 _ROUNDING = 1e-6  # of the largest sample: less is no detail
+_NONE = np.empty(0)  # curve of a method without a search
 
 
 @dataclass(frozen=True, repr=False)
@@ -215,7 +216,7 @@ def estimate_alpha(
     energy = find_peak(sharp["energy"], c_max, step=step)
     if optics is None:
         _warn_at_search_end(lf, energy, _limit(lf, window, optics))
-        return _result(lf, method, at, energy)
+        return _of_peak(lf, method, at, energy)
     sharp["compensated"] = sharpness(
         cells, pad=pad, band=optics.band(c_max), aspect=aspect, blur=optics.blur
     )
@@ -230,7 +231,9 @@ def estimate_alpha(
     alpha = None
     if in_focus and method == "compensated":
         alpha = 1 + float(lf.shear_alpha(energy.position) - 1) / optics.kappa
-    return _result(lf, method, at, peak, optics=optics, in_focus=in_focus, alpha=alpha, noise=noise)
+    return _of_peak(
+        lf, method, at, peak, optics=optics, in_focus=in_focus, alpha=alpha, noise=noise
+    )
 
 
 def _aspect(spacing: Spacing | None) -> float:
@@ -301,7 +304,7 @@ def _range(lf: LightField, window: int, c_max: float | None, optics: CameraOptic
     return c_max
 
 
-def _result(
+def _of_peak(
     lf: LightField,
     method: str,
     at: tuple[int, int],
@@ -312,7 +315,7 @@ def _result(
     alpha: float | None = None,
     noise: float = 0.0,
 ) -> AlphaEstimate:
-    """Everything that follows from a peak, or from an alpha that takes its place."""
+    """Estimate from a peak, or from an alpha that takes its place."""
     value = float(lf.shear_alpha(peak.position)) if alpha is None else alpha
     disparity = peak.position if alpha is None else float(lf.disparity_of_shear(alpha))
     uncertainty = math.nan
@@ -320,19 +323,42 @@ def _result(
         uncertainty = optics.deviation(value, method, noise * _alpha_of_one(lf))
         uncertainty += _paraxial_excess(lf, value, disparity)
     rising = np.argsort(lf.shear_alpha(peak.positions))
+    curve = (lf.alpha(peak.positions)[rising], peak.values[rising])
+    return _estimate(
+        lf, method, at, value, disparity, optics=optics, in_focus=in_focus,
+        uncertainty=uncertainty, curve=curve, disparities=peak.positions[rising],
+    )  # fmt: skip
+
+
+def _estimate(
+    lf: LightField,
+    method: str,
+    at: tuple[int, int],
+    alpha: float,
+    disparity: float,
+    *,
+    optics: CameraOptics | None = None,
+    in_focus: bool = False,
+    uncertainty: float = math.nan,
+    curve: tuple[Real, Real] = (_NONE, _NONE),
+    disparities: Real = _NONE,
+    confidence: float = math.nan,
+) -> AlphaEstimate:
+    """Everything that follows from an alpha and its uncertainty."""
     return AlphaEstimate(
-        alpha=math.nan if is_telecentric(lf) else value,
+        alpha=math.nan if is_telecentric(lf) else alpha,
         z=float(depth_at(lf, disparity)),
         in_focus=in_focus,
         uncertainty=uncertainty,
-        curve=(lf.alpha(peak.positions)[rising], peak.values[rising]),
+        curve=curve,
         method=method,
         disparity=disparity,
-        disparities=peak.positions[rising],
+        disparities=disparities,
         at=at,
-        blur=_blur(value, optics),
-        z_uncertainty=_z_uncertainty(lf, value, uncertainty),
-        bias=math.nan if optics is None else optics.bias(value, method),
+        confidence=confidence,
+        blur=math.nan if optics is None else abs(1 - alpha) / optics.tolerance,
+        z_uncertainty=_z_uncertainty(lf, alpha, uncertainty),
+        bias=math.nan if optics is None else optics.bias(alpha, method),
     )
 
 
@@ -389,7 +415,7 @@ def _alpha_of_one(lf: LightField) -> float:
 def _slope(
     lf: LightField, at: tuple[int, int], window: int, optics: CameraOptics | None
 ) -> AlphaEstimate:
-    require_two_plane(lf, "The slope")
+    require_two_plane(lf.parametrisation, "The slope")
     lenslets = read_lenslets(lf, at, window)
     samples = lenslets.samples * (lf.weights > 0)[:, :, None, None]
     if not samples.max() > 0:
@@ -412,26 +438,10 @@ def _slope(
         noise = _SCATTER * deviation * _alpha_of_one(lf)
         uncertainty = optics.deviation(alpha, "slope", noise) if slope.spots else math.nan
         uncertainty += _paraxial_excess(lf, alpha, slope.disparity)
-    none = np.empty(0)
-    return AlphaEstimate(
-        alpha=math.nan if is_telecentric(lf) else alpha,
-        z=float(depth_at(lf, slope.disparity)),
-        in_focus=in_focus,
-        uncertainty=uncertainty,
-        curve=(none, none),
-        method="slope",
-        disparity=slope.disparity,
-        disparities=none,
-        at=at,
-        confidence=slope.confidence,
-        bias=math.nan if optics is None else 0.0,
-        blur=_blur(alpha, optics),
-        z_uncertainty=_z_uncertainty(lf, alpha, uncertainty),
-    )
-
-
-def _blur(alpha: float, optics: CameraOptics | None) -> float:
-    return math.nan if optics is None else abs(1 - alpha) / optics.tolerance
+    return _estimate(
+        lf, "slope", at, alpha, slope.disparity, optics=optics, in_focus=in_focus,
+        uncertainty=uncertainty, confidence=slope.confidence,
+    )  # fmt: skip
 
 
 def _thesis(lf: LightField, at: tuple[int, int]) -> AlphaEstimate:
@@ -446,14 +456,7 @@ def _thesis(lf: LightField, at: tuple[int, int]) -> AlphaEstimate:
     best = int(np.argmax(energies))
     disparities = lf.disparity_of_shear(window_measures.THESIS_ALPHAS)
     alpha = float(window_measures.THESIS_ALPHAS[best])
-    return AlphaEstimate(
-        alpha=alpha,
-        z=float(depth_at(lf, float(disparities[best]))),
-        in_focus=False,
-        uncertainty=math.nan,
-        curve=(window_measures.THESIS_ALPHAS.copy(), energies),
-        method="thesis",
-        disparity=float(disparities[best]),
-        disparities=disparities,
-        at=at,
+    curve = (window_measures.THESIS_ALPHAS.copy(), energies)
+    return _estimate(
+        lf, "thesis", at, alpha, float(disparities[best]), curve=curve, disparities=disparities
     )

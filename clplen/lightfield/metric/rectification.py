@@ -74,7 +74,7 @@ def rectify_views(
     """
     lf = as_lightfield(light_field, device=device)
     require(Intrinsics, intrinsics, "intrinsics", "calibrate")
-    require_two_plane(lf, "Rectifying")
+    require_two_plane(lf.parametrisation, "Rectifying")
     if lf.positions is not None:
         raise ValueError(
             "The views have positions of their own, and intrinsics describe views on a grid: read "

@@ -13,7 +13,7 @@ from numpy.typing import ArrayLike
 
 from clplen.checks import real_array
 from clplen.errors import worded
-from clplen.lightfield.model.sampled_views import Parametrised, SampledViews
+from clplen.lightfield.model.sampled_views import SampledViews
 from clplen.lightfield.raw.raw_image import CameraModel, Spacing, is_telecentric
 from clplen.types import Array
 
@@ -75,7 +75,7 @@ class AlphaLaw:
 
     def _view_ratio(self) -> float:
         """du/dx, signed."""
-        require_two_plane(self, "alpha")
+        require_two_plane(self.parametrisation, "alpha")
         if self.spacing is None or not np.isfinite(self.spacing).all():
             raise ValueError(
                 "alpha needs the spacing of views and pixels in metres, which this light field "
@@ -89,9 +89,9 @@ class AlphaLaw:
         return self.spacing[1] / self.spacing[3]
 
 
-def require_two_plane(lf: Parametrised, what: str) -> None:
-    """Refuse a light field of directions."""
-    if lf.parametrisation != "two-plane":
+def require_two_plane(parametrisation: str, what: str) -> None:
+    """Refuse views that are directions."""
+    if parametrisation != "two-plane":
         raise ValueError(
             f"{what} needs views that are positions on the main lens, and those of this light "
             "field are directions: take lf.resample('two-plane')."
@@ -110,7 +110,7 @@ def depth_at(source: Any, disparity: ArrayLike) -> Vector:
 
 def shifts(lf: SampledViews, disparities: Vector) -> tuple[Vector, Vector]:
     """`view_shifts` of a light field; a ValueError where its views are directions."""
-    require_two_plane(lf, "Focusing")
+    require_two_plane(lf.parametrisation, "Focusing")
     return view_shifts(lf.spacing, lf.weights.shape, disparities, positions=lf.positions)
 
 

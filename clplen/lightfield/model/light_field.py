@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Any, ClassVar
 
 import numpy as np
@@ -10,7 +10,7 @@ import pyopencl.array as cla
 from numpy.typing import ArrayLike
 
 from clplen.compute.device import Device, DeviceLike, as_device
-from clplen.lightfield.model import parametrisation as parametrisations
+from clplen.lightfield.model.parametrisation import Resampling
 from clplen.lightfield.model.rendering import Rendering
 from clplen.lightfield.model.sample_checks import (
     checked_positions,
@@ -26,7 +26,7 @@ from clplen.results import Plottable, Savable
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class LightField(Rendering, Savable, Plottable):
+class LightField(Rendering, Resampling, Savable, Plottable):
     """Radiance along rays, L[v, u, y, x] or L[v, u, y, x, c]. Made by a ``from_`` method.
 
     v, u are row and column of the view; y, x row and column inside a view. A plane of disparity d
@@ -200,54 +200,3 @@ class LightField(Rendering, Savable, Plottable):
 
     def __repr__(self) -> str:
         return f"<LightField {self.shape} {self.dtype}, {self.device.name}>"
-
-    def resample(
-        self,
-        parametrisation: str,
-        *,
-        image_distance: float | None = None,
-        views: tuple[int, int] | None = None,
-        interpolation: str = "linear",
-    ) -> LightField:
-        """The same rays by position on the main lens, or by direction.
-
-        A ray through u on the main lens and x on the image plane has theta = (x - u)/F, along y
-        alike (paraxial; thesis, sections 1.2 and 1.4.2), both from the axis, which lies in the
-        middle of the views and of the pixels. A point of alpha = F/F' is a line of slope
-        dx/du = 1 - alpha in (x, u), and dx/dtheta = F - F' in (x, theta). Steps of theta are -du/F.
-        Views of a telecentric camera are directions already, theta = -u/F.
-
-        Parameters
-        ----------
-        parametrisation : {"two-plane", "point-angle"}
-        image_distance : float, optional
-            F, metres from the main lens to the image plane; by default that of ``camera``.
-        views : tuple of int, optional
-            (V, U) of the result, about the middle. By default as many directions as hold every
-            ray, and back as many positions as there were before.
-        interpolation : {"linear", "cubic"}
-            Along the view axes (cubic: Keys 1981, a = -1/2, linear next to the edges). Views
-            outside or of weight 0 count neither in the sum nor in its weight, and a ray that none
-            of them saw is 0.
-
-        Returns
-        -------
-        LightField
-            float32; ``weights`` are the means of the weights of each view's rays that were seen.
-
-        Raises
-        ------
-        ValueError
-            If the spacing or F is not known, the views have ``positions`` or are naive cells, or
-            an option is out of range.
-        DeviceError
-            If the result is larger than the device's memory.
-        """
-        changes = parametrisations.resample(
-            self,
-            parametrisation,
-            image_distance=image_distance,
-            views=views,
-            interpolation=interpolation,
-        )
-        return replace(self, **changes) if changes else self

@@ -3,55 +3,23 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
-from typing import Any
+from dataclasses import dataclass, replace
+from typing import Any, TypeVar
 
 import numpy as np
 
 from clplen.checks import fits_float64
+from clplen.compute.arrays import OnDevice
 from clplen.lightfield.arrays.stored_samples import C_TYPE
-from clplen.lightfield.model.sampled_views import DeviceViews
 from clplen.lightfield.raw.raw_image import is_telecentric
 
 Real = np.ndarray[Any, np.dtype[np.float64]]
-View = tuple[int, int]
+Kind = TypeVar("Kind", bound="Resampling")
 
 PARAMETRISATIONS = ("two-plane", "point-angle")
 INTERPOLATIONS = ("linear", "cubic")
 
 _COVERED = 1e-6  # of a ray: what is less was not seen
-
-
-def resample(
-    lf: DeviceViews,
-    parametrisation: str,
-    *,
-    image_distance: float | None,
-    views: View | None,
-    interpolation: str,
-) -> dict[str, Any]:
-    """The attributes that change; see `LightField.resample`."""
-    if parametrisation not in PARAMETRISATIONS:
-        raise ValueError(
-            f"parametrisation is {' or '.join(map(repr, PARAMETRISATIONS))}, not "
-            f"{parametrisation!r}."
-        )
-    if interpolation not in INTERPOLATIONS:
-        raise ValueError(f"interpolation is 'linear' or 'cubic', not {interpolation!r}.")
-    if parametrisation == lf.parametrisation and views is None:
-        return {}
-    distance = _image_distance(lf, image_distance)
-    axes = _axes(lf, parametrisation, distance)
-    counts = tuple(axis.views(n) for axis, n in zip(axes, _counts(views), strict=True))
-    data = _launch(lf, axes, counts, interpolation)
-    spacing = (axes[0].step, axes[1].step, *lf.spacing[2:])  # type: ignore[index]
-    weights = _weights(lf, axes, counts)
-    return {
-        "data": data,
-        "spacing": spacing,
-        "weights": weights,
-        "parametrisation": parametrisation,
-    }
 
 
 @dataclass(frozen=True)
@@ -90,7 +58,7 @@ class _Axis:
         return matrix
 
 
-def _axes(lf: DeviceViews, parametrisation: str, distance: float) -> tuple[_Axis, _Axis]:
+def _axes(lf: Any, parametrisation: str, distance: float) -> tuple[_Axis, _Axis]:
     """Along v and y, and along u and x."""
     if lf.spacing is None or not np.isfinite(lf.spacing).all():
         raise ValueError(
@@ -116,7 +84,7 @@ def _axes(lf: DeviceViews, parametrisation: str, distance: float) -> tuple[_Axis
     return made[0], made[1]
 
 
-def _image_distance(lf: DeviceViews, image_distance: float | None) -> float:
+def _image_distance(lf: Any, image_distance: float | None) -> float:
     """F, in metres."""
     if image_distance is None and lf.camera is not None:
         image_distance = float(lf.camera.image_distance)
@@ -128,12 +96,8 @@ def _image_distance(lf: DeviceViews, image_distance: float | None) -> float:
     return image_distance
 
 
-def _counts(views: View | None) -> tuple[int | None, int | None]:
-    return (None, None) if views is None else (views[0], views[1])
-
-
 def _launch(
-    lf: DeviceViews, axes: tuple[_Axis, _Axis], counts: tuple[int, ...], interpolation: str
+    lf: Any, axes: tuple[_Axis, _Axis], counts: tuple[int, ...], interpolation: str
 ) -> Any:
     device = lf.device
     shape = (*counts, *lf.shape[2:])
@@ -176,10 +140,78 @@ def _keys(part: Real) -> Real:
     )
 
 
-def _weights(lf: DeviceViews, axes: tuple[_Axis, _Axis], counts: tuple[int, ...]) -> Any:
+def _weights(lf: Any, axes: tuple[_Axis, _Axis], counts: tuple[int, ...]) -> Any:
     """Mean weight of the rays of each view that were seen; 0 where none was."""
     down, right = (axis.matrix(count) for axis, count in zip(axes, counts, strict=True))
     seen = down @ (lf.weights > 0) @ right.T
     total = down @ lf.weights.astype(np.float64) @ right.T
     found = np.divide(total, seen, out=np.zeros_like(seen), where=seen > _COVERED / lf.shape[3])
     return found.astype(np.float32)
+
+
+class Resampling(OnDevice):
+    """The method of a light field that exchanges positions on the main lens and directions."""
+
+    def resample(
+        self: Kind,
+        parametrisation: str,
+        *,
+        image_distance: float | None = None,
+        views: tuple[int, int] | None = None,
+        interpolation: str = "linear",
+    ) -> Kind:
+        """The same rays by position on the main lens, or by direction.
+
+        A ray through u on the main lens and x on the image plane has theta = (x - u)/F, along y
+        alike (paraxial; thesis, sections 1.2 and 1.4.2), both from the axis, which lies in the
+        middle of the views and of the pixels. A point of alpha = F/F' is a line of slope
+        dx/du = 1 - alpha in (x, u), and dx/dtheta = F - F' in (x, theta). Steps of theta are -du/F.
+        Views of a telecentric camera are directions already, theta = -u/F.
+
+        Parameters
+        ----------
+        parametrisation : {"two-plane", "point-angle"}
+        image_distance : float, optional
+            F, metres from the main lens to the image plane; by default that of ``camera``.
+        views : tuple of int, optional
+            (V, U) of the result, about the middle. By default as many directions as hold every
+            ray, and back as many positions as there were before.
+        interpolation : {"linear", "cubic"}
+            Along the view axes (cubic: Keys 1981, a = -1/2, linear next to the edges). Views
+            outside or of weight 0 count neither in the sum nor in its weight, and a ray that none
+            of them saw is 0.
+
+        Returns
+        -------
+        LightField
+            float32; ``weights`` are the means of the weights of each view's rays that were seen.
+
+        Raises
+        ------
+        ValueError
+            If the spacing or F is not known, the views have ``positions`` or are naive cells, or
+            an option is out of range.
+        DeviceError
+            If the result is larger than the device's memory.
+        """
+        lf: Any = self
+        if parametrisation not in PARAMETRISATIONS:
+            raise ValueError(
+                f"parametrisation is {' or '.join(map(repr, PARAMETRISATIONS))}, not "
+                f"{parametrisation!r}."
+            )
+        if interpolation not in INTERPOLATIONS:
+            raise ValueError(f"interpolation is 'linear' or 'cubic', not {interpolation!r}.")
+        if parametrisation == lf.parametrisation and views is None:
+            return self
+        axes = _axes(lf, parametrisation, _image_distance(lf, image_distance))
+        given = (None, None) if views is None else views
+        counts = tuple(axis.views(n) for axis, n in zip(axes, given, strict=True))
+        resampled: Kind = replace(
+            lf,
+            data=_launch(lf, axes, counts, interpolation),
+            spacing=(axes[0].step, axes[1].step, *lf.spacing[2:]),
+            weights=_weights(lf, axes, counts),
+            parametrisation=parametrisation,
+        )
+        return resampled

@@ -5,23 +5,17 @@ from __future__ import annotations
 from typing import Any, Protocol
 
 import numpy as np
-import pyopencl.array as cla
 from numpy.typing import ArrayLike
 
-from clplen.compute.device import Device
 from clplen.lightfield.raw.raw_image import CameraModel, Spacing
 
 
-class Parametrised(Protocol):
-    """What says whether its views are positions on the main lens, or directions."""
+class SampledViews(Protocol):
+    """Views and what is known of them, wherever the samples are; as in `LightField`."""
 
     @property
     def parametrisation(self) -> str:
         """ "two-plane" or "point-angle"."""
-
-
-class SampledViews(Parametrised, Protocol):
-    """Views and what is known of them, wherever the samples are; as in `LightField`."""
 
     @property
     def shape(self) -> tuple[int, ...]:
@@ -56,19 +50,3 @@ class FocusableViews(SampledViews, Protocol):
 
     def alpha(self, disparity: ArrayLike) -> np.ndarray[Any, np.dtype[np.float64]]:
         """The inverse; NaN without spacing."""
-
-
-class DeviceViews(SampledViews, Protocol):
-    """Views whose samples are on a device."""
-
-    @property
-    def data(self) -> cla.Array:
-        """The samples."""
-
-    @property
-    def device(self) -> Device:
-        """Where they are."""
-
-    @property
-    def dtype(self) -> np.dtype[Any]:
-        """Of the samples."""

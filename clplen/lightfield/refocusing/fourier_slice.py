@@ -90,7 +90,7 @@ def fourier_stack(
             "A Fourier slice needs views on a regular grid, and this light field has positions: "
             "use focal_stack, with interpolation='fourier' if periodic edges are wanted."
         )
-    require_two_plane(lf, "A Fourier slice")
+    require_two_plane(lf.parametrisation, "A Fourier slice")
     weights = view_weights(lf, aperture, None)
     planes, ratios = stack_planes(lf, weights, alphas=alphas, disparities=disparities)
     sizes = tuple(max(_OVERSAMPLING * n, width) for n in weights.shape)

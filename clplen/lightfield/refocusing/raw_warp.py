@@ -9,12 +9,13 @@ import numpy as np
 import pyopencl.array as cla
 from numpy.typing import ArrayLike
 
-from clplen.checks import real_array, require
+from clplen.checks import require
 from clplen.compute.device import Device
 from clplen.errors import ShapeError
 from clplen.lightfield.model.alpha_law import row_ratio
 from clplen.lightfield.raw.lenslet_grid import LensletGrid
 from clplen.lightfield.raw.raw_image import RawImage
+from clplen.lightfield.refocusing.view_warp import finite_of_shape
 from clplen.types import Float32Array
 
 _BAND = 32  # rows of the picture that a CPU's work-item gathers
@@ -91,14 +92,15 @@ class RawWarp:
         self.device: Device = raw.device
         self.shape: tuple[int, int] = raw.shape
         self.picture_shape: tuple[int, int] = raw.sub_images.shape[2:]
-        level = np.ones(self.shape) if white is None else self._checked(white, "white image")
+        given = np.ones(self.shape) if white is None else white
+        level = finite_of_shape(given, self.shape, "The white image")
         self._raw, self._exchanged = raw, raw.sub_images.exchanged
         self._pixels = _lenslet_pixels(raw.sub_images, self.shape, row_ratio(raw.spacing))
         self._places = _columns(raw.sub_images)
         self.used: np.ndarray[Any, np.dtype[np.bool_]] = np.zeros(self.shape, bool)
         index = self._pixels.index
         self.used.ravel()[index[index >= 0]] = True
-        self._white = level.astype(np.float32)
+        self._white = level
         self._tables = self._uploaded()
 
     def __getstate__(self) -> dict[str, Any]:
@@ -161,7 +163,9 @@ class RawWarp:
             As `forward`.
         """
         seen, own = self._of_grid(picture, disparity)
-        g = self.device.upload(self._checked(gradient, "gradient of the raw image"))
+        g = self.device.upload(
+            finite_of_shape(gradient, self.shape, "The gradient of the raw image")
+        )
         P, d = self._sent(seen, own)
         of_own = self.device.empty(own.shape, np.float32)
         count = np.int32(len(self._pixels.steps))
@@ -176,24 +180,11 @@ class RawWarp:
     def _of_grid(self, picture: Any, disparity: Any) -> tuple[Float32Array, Float32Array]:
         """The picture as its grid has it, and the disparity of every lenslet."""
         pictures = (
-            self._checked(values, what, self.picture_shape)
-            for values, what in ((picture, "picture"), (disparity, "disparity"))
+            finite_of_shape(values, self.picture_shape, what)
+            for values, what in ((picture, "The picture"), (disparity, "The disparity"))
         )
         seen, d = (a.T if self._exchanged else a for a in pictures)
         return np.ascontiguousarray(seen), self._places.gather(d).astype(np.float32)
-
-    def _checked(self, values: Any, what: str, shape: tuple[int, int] | None = None) -> Any:
-        """Finite values of a shape, that of the raw image if none is given, float32."""
-        array, shape = real_array(values, f"The {what}"), shape or self.shape
-        if array.shape != shape:
-            raise ShapeError(f"The {what} of this model has shape {shape}, not {array.shape}.")
-        array = np.asarray(array, np.float32)
-        bad = int(array.size - np.isfinite(array).sum())
-        if bad:
-            raise ValueError(
-                f"The {what} has {bad:,} values that are NaN or infinite: replace them."
-            )
-        return array
 
     def _uploaded(self) -> tuple[Any, ...]:
         """Tables of the pixels, as arguments of the kernels."""

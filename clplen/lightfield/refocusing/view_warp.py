@@ -10,7 +10,6 @@ import pyopencl.array as cla
 from numpy.typing import ArrayLike
 
 from clplen.checks import real_array
-from clplen.compute.arrays import count_bad
 from clplen.compute.device import Device, DeviceLike
 from clplen.errors import ShapeError
 from clplen.lightfield.model.alpha_law import unit_steps
@@ -19,6 +18,17 @@ from clplen.lightfield.model.render_operator import ViewGeometry
 from clplen.types import Float32Array
 
 _BAND = 32  # rows of the picture that a CPU's work-item gathers
+
+
+def finite_of_shape(values: Any, shape: tuple[int, ...], what: str) -> Float32Array:
+    """Finite values of a shape, float32."""
+    array = real_array(values, what)
+    if array.shape != shape:
+        raise ShapeError(f"{what} of this model has shape {shape}, not {array.shape}.")
+    bad = array.size - int(np.count_nonzero(np.isfinite(array)))
+    if bad:
+        raise ValueError(f"{what} has {bad:,} values that are NaN or infinite: replace them.")
+    return array
 
 
 class ViewWarp:
@@ -134,9 +144,8 @@ class ViewWarp:
             As `forward`.
         """
         given = self._uploaded(picture, disparity)
-        of_picture, of_disparity = self.vjp_data(
-            *given, self._checked(gradient, self.shape, "The gradient of the views")
-        )
+        of_views = finite_of_shape(gradient, self.shape, "The gradient of the views")
+        of_picture, of_disparity = self.vjp_data(*given, self.device.upload(of_views))
         return self.device.download(of_picture), self.device.download(of_disparity)
 
     def forward_data(self, picture: cla.Array, disparity: cla.Array) -> cla.Array:
@@ -197,20 +206,9 @@ class ViewWarp:
 
     def _uploaded(self, picture: Any, disparity: Any) -> tuple[cla.Array, cla.Array]:
         return (
-            self._checked(picture, self.shape[2:], "The picture"),
-            self._checked(disparity, self.shape[2:4], "The disparity"),
+            self.device.upload(finite_of_shape(picture, self.shape[2:], "The picture")),
+            self.device.upload(finite_of_shape(disparity, self.shape[2:4], "The disparity")),
         )
-
-    def _checked(self, values: Any, shape: tuple[int, ...], what: str) -> cla.Array:
-        """Finite values of a shape on the device, float32."""
-        array = real_array(values, what)
-        if array.shape != shape:
-            raise ShapeError(f"{what} of this model has shape {shape}, not {array.shape}.")
-        data = self.device.upload(array)
-        bad = count_bad(data, self.device)
-        if bad:
-            raise ValueError(f"{what} has {bad:,} values that are NaN or infinite: replace them.")
-        return data
 
     def _require(self, *arrays: cla.Array) -> None:
         """Refuse arrays of the device that are not (picture, disparity[, gradient])."""
