@@ -141,7 +141,7 @@ def both_formats(path: Path) -> None:
 
 def texts_of_format_3(path: Path) -> None:
     file = stored(path, 3) / "labels/0" / "zarr.json"
-    change(file, lambda found: found.update(data_type="string", codecs=[{"name": "vlen-utf8"}]))
+    change(file, lambda found: found.update(data_type="string"))
 
 
 OBJECTS = {"dtype": "|O", "filters": [{"id": "vlen-utf8"}, {"id": "pickle"}]}
