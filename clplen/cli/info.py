@@ -159,8 +159,8 @@ def info(
       clplen info truth.pfm --json
       clplen info IMG_0001-stk.lfp --save-pictures pictures
     """
-    from clplen.io import is_raw_file
     from clplen.io.raw.lytro_container import processed_contents
+    from clplen.io.raw.raw_files import is_raw_file
     from clplen.io.results.focused_files import describe_focused
 
     if save_grid is not None:

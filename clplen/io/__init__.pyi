@@ -27,7 +27,6 @@ from .lightfields.mosaic import write_mosaic as write_mosaic
 from .lightfields.view_folders import write_views as write_views
 from .page.html_page import write_html as write_html
 from .raw.lytro_pictures import save_lytro_pictures as save_lytro_pictures
-from .raw.raw_files import is_raw_file as is_raw_file
 from .raw.raw_files import read_frame as read_frame
 from .raw.raw_files import read_lattice as read_lattice
 from .raw.raw_files import read_raw as read_raw
@@ -38,7 +37,6 @@ from .raw.raytrix import RaytrixCalibration as RaytrixCalibration
 from .raw.raytrix import read_raytrix as read_raytrix
 from .raw.raytrix import write_raytrix as write_raytrix
 from .results.disparity_maps import read_disparity as read_disparity
-from .results.disparity_maps import read_masks as read_masks
 from .results.disparity_maps import read_scene_truth as read_scene_truth
 from .results.disparity_maps import read_truth as read_truth
 from .results.disparity_maps import write_truth as write_truth
@@ -58,7 +56,6 @@ from .results.stack_files import write_image as write_image
 from .results.stack_files import write_stack as write_stack
 from .results.stored_volumes import StoredVolumes as StoredVolumes
 from .results.stored_volumes import open_volumes as open_volumes
-from .results.volume_files import is_volume as is_volume
 from .results.volume_files import read_volume as read_volume
 from .results.volume_files import write_volume as write_volume
 from .results.volume_series import read_volume_series as read_volume_series

@@ -87,7 +87,8 @@ class PageBuilder:
 
     def _is_ordinary(self, source: Path) -> bool:
         """Whether a raw image is that of a 1.0 camera, which decodes to a light field."""
-        from clplen.io import is_raw_file, read_raw
+        from clplen.io import read_raw
+        from clplen.io.raw.raw_files import is_raw_file
 
         if not is_raw_file(source):
             return False

@@ -15,7 +15,8 @@ from clplen import LightField, MicrolensArray, PlenopticCamera
 from clplen.cameras.optics.camera_aberrations import Aberrations, LensletScatter
 from clplen.compute.device import Device
 from clplen.errors import FormatError
-from clplen.io import is_raw_file, read_lightfield, read_raw, write_lightfield, write_raw
+from clplen.io import read_lightfield, read_raw, write_lightfield, write_raw
+from clplen.io.raw.raw_files import is_raw_file
 from clplen.lightfield.raw.raw_image import RawImage
 
 

@@ -23,7 +23,6 @@ import tifffile
 from clplen.compute.device import Device
 from clplen.errors import FormatError
 from clplen.io import (
-    is_volume,
     open_lightfield,
     open_volumes,
     read_disparity,
@@ -31,11 +30,11 @@ from clplen.io import (
     read_intrinsics,
     read_lattice,
     read_lightfield,
-    read_masks,
     read_opd_maps,
     read_picture,
     read_raw,
     read_raytrix,
+    read_scene_truth,
     read_stack,
     read_truth,
     write_lightfield,
@@ -43,7 +42,7 @@ from clplen.io import (
 )
 from clplen.io.formats.tiff import read_tiff_frame
 from clplen.io.results.focused_files import describe_focused
-from clplen.io.results.volume_files import read_volume
+from clplen.io.results.volume_files import is_volume, read_volume
 from clplen.io.store.picture_series import describe_series
 from clplen.lightfield.model.light_field import LightField
 from clplen.lightfield.raw.lenslet_lattice import Lattice
@@ -158,7 +157,7 @@ def test_other_readers_of_hdf5(tmp_path: Path, secret: Path):
         file.attrs["format"] = point_image_files.FORMAT
     for read in (
         read_truth,
-        read_masks,
+        read_scene_truth,
         read_disparity,
         read_raw,
         point_image_files.read_point_images,

@@ -16,6 +16,8 @@ from scipy.io import savemat
 import clplen
 from clplen import analysis, batch, cameras, lightfield, microscopy, plot, wave
 from clplen import io as files
+from clplen.io.raw.raw_files import is_raw_file
+from clplen.io.results.volume_files import is_volume
 from clplen.plot import base, scale_bars
 from clplen.wave.elements import lens as lens_module
 
@@ -1450,7 +1452,7 @@ def volume_files(name):
     return {
         "read": files.read_volume(name),
         "series": [series[0], series.planes, series.voxel, repr(series)],
-        "kind": files.is_volume(name),
+        "kind": is_volume(name),
     }
 
 
@@ -1467,7 +1469,7 @@ def truth_files():
     return {
         "truth": parts(again, "disparity z surface masks"),
         "disparity": files.read_truth("truth.h5"),
-        "masks": files.read_masks("truth.h5"),
+        "masks": again.masks,
         "hci": [vars_of(files.read_parameters("parameters.cfg")), hci.disparity([7.0, 9.0])],
     }
 
@@ -1481,7 +1483,7 @@ def raw_files(name):
         "raw": again,
         "camera": str(again.camera.describe()),
         "lattice": vars_of(again.cells),
-        "kind": [files.is_raw_file("raw.h5"), files.is_raw_file("none.h5")],
+        "kind": [is_raw_file("raw.h5"), is_raw_file("none.h5")],
     }
 
 

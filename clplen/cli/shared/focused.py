@@ -182,7 +182,7 @@ def is_meant(source: Path, words: dict[str, Any]) -> bool:
 
 def tells(source: Path) -> bool:
     """Whether a file says by itself that it is a raw image, and where its lenslets are."""
-    from clplen.io import is_raw_file
+    from clplen.io.raw.raw_files import is_raw_file
 
     return source.suffix.lower() in _XML or is_raw_file(source)
 

@@ -126,32 +126,7 @@ def is_raw(file: h5py.File) -> bool:
 
 
 def is_raw_file(path: PathLike) -> bool:
-    """Tell whether a file is one of `write_raw` in HDF5.
-
-    Parameters
-    ----------
-    path : path-like
-        A file, or what may be none.
-
-    Returns
-    -------
-    bool
-        False too where there is no such file, or it is no HDF5.
-
-    Raises
-    ------
-    FormatError
-        If it is an HDF5 file that cannot be opened.
-
-    Examples
-    --------
-    >>> camera = clplen.PlenopticCamera.type1(
-    ...     focal_length=10e-3, mla=clplen.MicrolensArray(100e-6, 1e-3, count=11),
-    ...     wavelength=550e-9, pixels_per_lenslet=5)
-    >>> clplen.write_raw("raw.h5", camera.expose(clplen.PointSources((0, 0, 0))))
-    >>> clplen.io.is_raw_file("raw.h5"), clplen.io.is_raw_file("none.h5")
-    (True, False)
-    """
+    """Return whether a file is one of `write_raw` in HDF5; False too where there is none."""
     path = Path(path)
     if (
         path.suffix.lower() not in hdf5_files.SUFFIXES

@@ -137,25 +137,5 @@ def read_volume(path: PathLike, *, max_bytes: int | None = None) -> tuple[Array,
 
 
 def is_volume(path: PathLike) -> bool:
-    """Tell whether a file was written by `write_volume`.
-
-    Parameters
-    ----------
-    path : path-like
-        A file, or a folder of OME-Zarr; it may be missing.
-
-    Returns
-    -------
-    bool
-        Whether it says where its planes lie, as those of `write_volume` do.
-
-    Examples
-    --------
-    >>> volume = np.zeros((5, 24, 32), np.float32)
-    >>> clplen.io.write_volume(
-    ...     "volume.tif", volume, planes=np.linspace(-10e-6, 10e-6, 5), voxel=(0.5e-6, 0.5e-6))
-    >>> clplen.io.write_image("picture.tif", volume[2])
-    >>> clplen.io.is_volume("volume.tif"), clplen.io.is_volume("picture.tif")
-    (True, False)
-    """
+    """Return whether a file says where its planes lie, as those of `write_volume` do."""
     return "planes_um" in describe_series(path)
