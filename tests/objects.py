@@ -22,10 +22,10 @@ from clplen.cameras.exposure.exposure_jacobian import ExposureJacobian
 from clplen.cameras.exposure.point_gradients import ExposureGradient
 from clplen.compute.device import Device
 from clplen.io.results.stored_volumes import StoredFile
-from clplen.lightfield.stacks import StackTiles
 from clplen.lightfield.focused.focused_picture import PictureGrid
 from clplen.lightfield.raw.lenslet_lattice import Lattice
 from clplen.lightfield.raw.raw_image import Exposure
+from clplen.lightfield.stacks import StackTiles
 from clplen.lightfield.streaming.tile_plan import Tile
 from clplen.microscopy.fourier.bead_stack import BeadCalibration
 from clplen.microscopy.frames.prepare import Prepared

@@ -28,7 +28,6 @@ ONE_WAY = {
     "lattice": "of JSON and Raytrix XML; Lattice.save and write_raytrix write them",
     "nerf": "for other programs",
     "quilt": "a picture for a display; read_picture reads it",
-    "masks": "part of what write_truth writes",
     "mosaic": "read_lightfield reads it",
     "volume_series": "grows while clplen microscope deconvolve runs",
     "scene_truth": "all that write_truth writes; read_truth is of any data set",

@@ -35,7 +35,6 @@ from .raw.raytrix import RaytrixCalibration as RaytrixCalibration
 from .raw.raytrix import read_raytrix as read_raytrix
 from .raw.raytrix import write_raytrix as write_raytrix
 from .results.disparity_maps import read_disparity as read_disparity
-from .results.disparity_maps import read_masks as read_masks
 from .results.disparity_maps import read_scene_truth as read_scene_truth
 from .results.disparity_maps import read_truth as read_truth
 from .results.disparity_maps import write_truth as write_truth

@@ -29,8 +29,3 @@ def test_wrong_view_axes_lower_the_peak_threefold(data_folder: Path, device: Dev
     assert PLANES[right.argmax()] == pytest.approx(-0.65, abs=0.1)
     for wrong in ({"swap_uv": True}, {"flip_v": True}, {"flip_u": True}):
         assert curve(data_folder, device, **wrong).max() < right.max() / 3, wrong
-
-
-def test_both_axes_reversed_mirror_the_disparity(data_folder: Path, device: Device):
-    mirrored = curve(data_folder, device, flip_v=True, flip_u=True)
-    np.testing.assert_allclose(mirrored, curve(data_folder, device)[::-1], rtol=1e-4)

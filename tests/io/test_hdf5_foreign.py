@@ -9,6 +9,7 @@ from typing import Any
 import h5py
 import numpy as np
 import pytest
+from refusals import refused
 
 from clplen.compute.device import Device
 from clplen.errors import FormatError
@@ -70,23 +71,23 @@ def test_hci_2016_in_hdf5(tmp_path: Path, device: Device):
 
 
 def test_a_truth_that_is_not_there(tmp_path: Path):
-    with pytest.raises(FormatError, match=r"There is no HDF5 file .*lf\.h5"):
-        read_truth(tmp_path / "lf.h5")
-    write_hci_2013(tmp_path / "lf.h5", shift=None, dH=[1.0, 2.0])
-    with pytest.raises(FormatError, match=r"lf\.h5 lacks dH, shift: d = dH focalLength"):
-        read_truth(tmp_path / "lf.h5")
-    with pytest.raises(FormatError, match=r"no dataset 'disp'; it holds GT_DEPTH \(3, 5, 7, 11\)"):
-        read_truth(tmp_path / "lf.h5", dataset="disp")
-    with pytest.raises(FormatError, match=r"'/LF' of shape \(3, 5, 7, 11, 3\) .* no map"):
-        read_truth(tmp_path / "lf.h5", dataset="LF")
-    with h5py.File(tmp_path / "lf.h5", "w") as file:
-        file["LF"] = values_of()
-    with pytest.raises(FormatError, match="has no true disparity: neither"):
-        read_truth(tmp_path / "lf.h5")
-    with h5py.File(tmp_path / "lf.h5", "w") as file:
-        file["GT_DEPTH"] = np.ones((2, 3, 4, 5))
-    with pytest.raises(FormatError, match="with a centre view"):
-        read_truth(tmp_path / "lf.h5")
+    path = tmp_path / "lf.h5"
+    refused((FormatError, r"There is no HDF5 file .*lf\.h5", lambda: read_truth(path)))
+    write_hci_2013(path, shift=None, dH=[1.0, 2.0])
+    held = r"no dataset 'disp'; it holds GT_DEPTH \(3, 5, 7, 11\)"
+    no_map = r"'/LF' of shape \(3, 5, 7, 11, 3\) .* no map"
+    refused(
+        (FormatError, r"lf\.h5 lacks dH, shift: d = dH focalLength", lambda: read_truth(path)),
+        (FormatError, held, lambda: read_truth(path, dataset="disp")),
+        (FormatError, no_map, lambda: read_truth(path, dataset="LF")),
+    )
+    for name, values, message in (
+        ("LF", values_of(), "has no true disparity: neither"),
+        ("GT_DEPTH", np.ones((2, 3, 4, 5)), "with a centre view"),
+    ):
+        with h5py.File(path, "w") as file:
+            file[name] = values
+        refused((FormatError, message, lambda: read_truth(path)))
 
 
 def test_lftoolbox_7_3(tmp_path: Path, device: Device):

@@ -49,20 +49,17 @@ def test_the_stored_image_takes_no_memory(tmp_path: Path):
         assert peak < 1.4 * frame.nbytes
 
 
-def test_whole_bytes():
+def test_samples_of_other_widths():
     for bits, order in [(8, "big"), (16, "big"), (16, "little")]:
         frame = np.random.default_rng(1).integers(0, 2**bits, (3, 5))
         stored = frame.astype(f"{'>' if order == 'big' else '<'}u{bits // 8}").tobytes()
         read = unpack(np.frombuffer(stored, np.uint8), Packing(5, 3, bits, order))
         np.testing.assert_array_equal(read, frame)
-
-
-def test_an_odd_number_of_pixels():
-    frame = np.array([[1, 2, 4095]], np.uint16)
-    stored = packed12(np.append(frame, 0))
+    odd = np.array([[1, 2, 4095]], np.uint16)  # an odd number of pixels of 12 bits
+    stored = packed12(np.append(odd, 0))
     size = Packing(3, 1, 12, "big")
     assert size.stored == len(stored) == 6
-    np.testing.assert_array_equal(unpack(np.frombuffer(stored, np.uint8), size), frame)
+    np.testing.assert_array_equal(unpack(np.frombuffer(stored, np.uint8), size), odd)
 
 
 def test_raw_and_json_lie_side_by_side(tmp_path: Path, frame: np.ndarray):
@@ -127,33 +124,25 @@ def damaged(path: Path, old: bytes, new: bytes, *, last: bool = False) -> None:
 
 
 def test_damaged_containers_say_where(tmp_path: Path, frame: np.ndarray):
-    def refused(match: str) -> None:
+    path = tmp_path / "a.lfp"
+    for damages, match in [
+        ([], r"section 3 at byte .*declares 2 bytes, 0 are there: the file is truncated"),
+        ([(b"\x89LFC", b"\x89LFX", False)], r"section 1 at byte \d+ begins with none"),
+        ([(b"\x89LFM", b"\x89LFC", False)], "no table of contents among its 4 sections"),
+        # of the private metadata, which are not needed, and of the metadata
+        ([(b"sha1-", b"sha2-", True), (b"sha1-", b"sha9-", True)],
+         r"refers to metadataRef 'sha1-.*but no section has this name"),
+        ([(b'{"picture"', b'["picture"', False)], "the table of contents is no JSON"),
+        ([(b"\0\0\0\1", b"\0\0\0\2", False)], "not begin as a Lytro container of version 1"),
+    ]:  # fmt: skip
+        a_container(path, *f01(frame), newer=False)
+        for old, new, last in damages:
+            read_container(path)
+            damaged(path, old, new, last=last)
+        if not damages:
+            path.write_bytes(path.read_bytes()[:-30])
         with pytest.raises(FormatError, match=match):
             read_container(path)
-
-    def fresh() -> Path:
-        return a_container(tmp_path / "a.lfp", *f01(frame), newer=False)
-
-    path = fresh()
-    path.write_bytes(path.read_bytes()[:-30])
-    refused(r"section 3 at byte .*declares 2 bytes, 0 are there: the file is truncated")
-    path = fresh()
-    damaged(path, b"\x89LFC", b"\x89LFX")
-    refused(r"section 1 at byte \d+ begins with none")
-    path = fresh()
-    damaged(path, b"\x89LFM", b"\x89LFC")
-    refused("no table of contents among its 4 sections")
-    path = fresh()
-    damaged(path, b"sha1-", b"sha2-", last=True)  # of the private metadata, not needed
-    read_container(path)
-    damaged(path, b"sha1-", b"sha9-", last=True)  # of the metadata
-    refused(r"refers to metadataRef 'sha1-.*but no section has this name")
-    path = fresh()
-    damaged(path, b'{"picture"', b'["picture"')
-    refused("the table of contents is no JSON")
-    path = fresh()
-    damaged(path, b"\0\0\0\1", b"\0\0\0\2")
-    refused("does not begin as a Lytro container of version 1")
 
 
 def test_metadata_that_cannot_be(tmp_path: Path, frame: np.ndarray):

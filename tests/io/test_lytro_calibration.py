@@ -74,36 +74,26 @@ def a_picture(path: Path, frame: np.ndarray, *, camera=illum, **words: object) -
     return a_container(path, raw, about, newer=camera is illum)
 
 
-@pytest.mark.parametrize("camera", [illum])
-@pytest.mark.parametrize("kind", WRITERS)
 @pytest.mark.parametrize(
-    ("zoom", "focus", "number"),
+    ("kind", "zoom", "focus", "number", "missing"),
     [
-        (470, 700, 5),
-        pytest.param(9999, 9999, 11, marks=pytest.mark.thorough),
+        ("folder", 470, 700, 5, None),
+        ("archive", 900, 777, 7, 8),  # zoom counts before focus
+        ("volumes", 9999, 9999, 11, None),
     ],
 )
-def test_the_right_one_of_twelve(tmp_path: Path, kind, camera, zoom, focus, number):
+def test_the_right_one_of_twelve(tmp_path: Path, kind, zoom, focus, number, missing):
     suffix = ".tar" if kind == "archive" else ""
-    place = WRITERS[kind](tmp_path / f"calibration{suffix}", twelve(camera))
+    files = {name: data for name, data in twelve().items() if f"{missing}." not in name}
+    place = WRITERS[kind](tmp_path / f"calibration{suffix}", files)
     images = read_white_images(place)
-    assert len(images) == 12
-    path = a_picture(tmp_path / "a.lfr", flat(), camera=camera, zoom=zoom, focus=focus)
+    assert len(images) == (12 if missing is None else 11)
+    path = a_picture(tmp_path / "a.lfr", flat(), zoom=zoom, focus=focus)
     metadata = read_lytro_frame(path)[2]
     found = choose_white_image(metadata, images, picture=path, calibration=place)
     np.testing.assert_array_equal(found.read(), flat(top=500.0 + 20 * number))
-    assert (found.metadata.zoom_step, found.metadata.focus_step) == (
-        ZOOMS[number // 3],
-        FOCUSES[number % 3],
-    )
-
-
-def test_zoom_counts_before_focus(tmp_path: Path):
-    place = write_folder(tmp_path / "c", twelve())
-    path = a_picture(tmp_path / "a.lfr", flat(), zoom=900, focus=1e6)
-    metadata = read_lytro_frame(path)[2]
-    found = choose_white_image(metadata, read_white_images(place), picture=path, calibration=place)
-    assert (found.metadata.zoom_step, found.metadata.focus_step) == (901, 777)
+    assert found.metadata.zoom_step == ZOOMS[number // 3]
+    assert found.metadata.focus_step == FOCUSES[number % 3]
 
 
 def test_what_the_camera_refers_to_is_taken(tmp_path: Path):
@@ -126,12 +116,16 @@ def test_what_the_camera_refers_to_is_taken(tmp_path: Path):
     assert found.name.endswith("MOD_0002.RAW")
 
 
-def test_dark_images_of_a_first_camera_are_left_out(tmp_path: Path):
+def test_dark_images_and_copies_are_left_out(tmp_path: Path):
     dark = {f"DARK_{name}": data for name, data in twelve(f01, exposure=0.001).items()}
-    place = write_volumes(tmp_path / "c", twelve(f01) | dark)
-    images = read_white_images(place)
+    images = read_white_images(write_volumes(tmp_path / "c", twelve(f01) | dark))
     assert len(images) == 12
     assert all("DARK" not in image.name for image in images)
+    files = twelve()
+    files |= {f"COPY_{name}": data for name, data in files.items()}
+    place, path = write_folder(tmp_path / "d", files), a_picture(tmp_path / "a.lfr", flat())
+    metadata = read_lytro_frame(path)[2]  # equal bytes are no doubt
+    choose_white_image(metadata, read_white_images(place), picture=path, calibration=place)
 
 
 def refused(tmp_path: Path, place: Path, match: str, **words: object) -> None:
@@ -166,15 +160,6 @@ def test_calibrations_that_do_not_fit(tmp_path: Path):
     refused(tmp_path, tmp_path / "half.tar", r"half\.tar is no tar archive that is whole|cut off")
     files = twelve() | {"MOD_0003.TXT": b'{"master": ['}
     refused(tmp_path, write_folder(tmp_path / "json", files), "MOD_0003.TXT: the metadata is no")
-
-
-def test_equal_bytes_are_no_doubt(tmp_path: Path):
-    files = twelve()
-    files |= {f"COPY_{name}": data for name, data in files.items()}
-    place = write_folder(tmp_path / "c", files)
-    path = a_picture(tmp_path / "a.lfr", flat())
-    metadata = read_lytro_frame(path)[2]
-    choose_white_image(metadata, read_white_images(place), picture=path, calibration=place)
 
 
 @pytest.mark.thorough

@@ -102,7 +102,7 @@ def test_stacks_are_valid_and_large_ones_bigtiff(tmp_path: Path, device: Device,
         require_valid(tmp_path / "s.tif", sizes=sizes, channels=1)
     with tifffile.TiffFile(tmp_path / "s.tif") as file:
         assert not file.is_bigtiff
-    monkeypatch.setattr(ome_tiff, "_BIG", 800)
+    monkeypatch.setattr(ome_tiff, "BIG", 800)
     write_stack(tmp_path / "s.tif", stack)
     with tifffile.TiffFile(tmp_path / "s.tif") as file:
         assert file.is_bigtiff

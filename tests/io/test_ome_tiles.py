@@ -122,19 +122,18 @@ def test_memory_does_not_grow_with_the_stack(tmp_path: Path):
 
 
 def test_durable_reaches_every_kind_of_file(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
-    synced = []
+    synced: list[Path] = []
     monkeypatch.setattr("clplen.files._sync", synced.append)
     picture = random_values(4, 5)
     depth = SimpleNamespace(disparity=picture, confidence=picture, alpha=picture, z=picture)
-    for name in ("d.pfm", "d.tif", "d.ome.tif"):
-        synced.clear()
-        write_depth(tmp_path / name, depth, durable=True)
-        assert len(synced) == 2
-    write_image(tmp_path / "a.tif", picture, durable=True)
-    assert len(synced) == 4
-    write_image(tmp_path / "a.tif", picture)
-    write_depth(tmp_path / "d.pfm", depth)
-    assert len(synced) == 4
+    for durable in (False, True):
+        for name in ("d.pfm", "d.tif", "d.ome.tif"):
+            write_depth(tmp_path / name, depth, durable=durable)
+        write_image(tmp_path / "a.tif", picture, durable=durable)
+        write_image(tmp_path / "a.zarr", picture, durable=durable)
+        files = {path.name for path in tmp_path.glob("a.zarr/**/*") if path.is_file()}
+        assert len(synced) == (8 + len(list(tmp_path.glob("a.zarr/**/*"))) + 2 if durable else 0)
+        assert not durable or files <= {path.name for path in synced}
 
 
 def test_parts_are_told_that_no_more_are_wanted(tmp_path: Path):

@@ -9,6 +9,7 @@ from typing import Any
 import h5py
 import numpy as np
 import pytest
+from refusals import refused
 
 from clplen import LightField, MicrolensArray, PlenopticCamera
 from clplen.cameras.optics.camera_aberrations import Aberrations, LensletScatter
@@ -48,8 +49,9 @@ def raw_of(device: Device, kind: str, channels: tuple[int, ...] = ()) -> RawImag
     return camera.raw_image(device.upload(values.astype(np.float32)))
 
 
-@pytest.mark.parametrize("kind", ["type1", "galilean", "hexagonal"])
-@pytest.mark.parametrize("channels", [(), (3,)])
+@pytest.mark.parametrize(
+    ("kind", "channels"), [("type1", ()), ("galilean", (3,)), ("hexagonal", ())]
+)
 def test_a_raw_image_and_its_camera_come_back(
     tmp_path: Path, device: Device, kind: str, channels: tuple[int, ...]
 ) -> None:
@@ -59,7 +61,6 @@ def test_a_raw_image_and_its_camera_come_back(
     back = read_raw(tmp_path / "raw.h5", device=device)
     np.testing.assert_array_equal(back.to_numpy(), raw.to_numpy())
     assert back.camera == raw.camera
-    assert back.camera.mla == raw.camera.mla
     for name in ("sub_images", "cells", "spacing", "lens_types", "pixel_pitch"):
         assert getattr(back, name) == getattr(raw, name)
     if kind != "type1":
@@ -79,42 +80,37 @@ def test_a_light_field_keeps_a_focused_camera(tmp_path: Path, device: Device) ->
 
 def test_what_makes_no_raw_file(tmp_path: Path, device: Device) -> None:
     raw, path = raw_of(device, "galilean"), tmp_path / "raw.h5"
-    with pytest.raises(ValueError, match=r"with its camera, or as \.tif, not as .*raw\.npy"):
-        write_raw(tmp_path / "raw.npy", raw)
-    with pytest.raises(ValueError, match="TIFF holds the whole numbers of a sensor"):
-        write_raw(tmp_path / "raw.tif", raw)
-    with pytest.raises(ValueError, match="taken by no camera of this package"):
-        write_raw(path, replace(raw, camera=None))
+    suffixes = r"as \.h5, with its camera, or as \.tif, not as .*raw\.npy"
     write_raw(path, raw)
-    with pytest.raises(FormatError, match="holds a raw image, not a light field"):
-        read_lightfield(path, device=device)
-    with pytest.raises(ValueError, match="white=, dark= and grid= do not apply"):
-        read_raw(path, white="w.tif", device=device)
-    with pytest.raises(ValueError, match="image= and frame= do not apply"):
-        read_raw(path, frame=1, device=device)
-
-    def broken(change: Any, said: str) -> None:
-        write_raw(path, raw)
-        with h5py.File(path, "a") as file:
-            change(file)
-        with pytest.raises(FormatError, match=said):
-            read_raw(path, device=device)
+    refused(
+        (ValueError, suffixes, lambda: write_raw(tmp_path / "raw.npy", raw)),
+        (ValueError, "TIFF holds the whole numbers", lambda: write_raw(tmp_path / "raw.tif", raw)),
+        (ValueError, "taken by no camera of", lambda: write_raw(path, replace(raw, camera=None))),
+        (FormatError, "raw image, not a light field", lambda: read_lightfield(path)),
+        (ValueError, "white=, dark= and grid= do not", lambda: read_raw(path, white="w.tif")),
+        (ValueError, "image= and frame= do not apply", lambda: read_raw(path, frame=1)),
+    )
 
     def smaller(file: h5py.File) -> None:
         values = file["raw"][1:]
         del file["raw"]
         file["raw"] = values
 
-    broken(smaller, "not real numbers on the sensor of its camera")
-    broken(lambda file: file.pop("camera"), "does not tell which camera")
-    broken(lambda file: file.pop("raw"), "has no dataset 'raw'")
-    broken(lambda file: file["camera"].attrs.pop("m"), "lacks 'm'")
-    broken(lambda file: file["camera"].attrs.update(m=-2.0), "not behind the array")
-    broken(lambda file: file["camera"].attrs.update(aberrations="{"), "is none")
     many = {"aberrations": Aberrations().to_json(), "mla_count": (10**5, 10**5)}
-    broken(lambda file: file["camera"].attrs.update(many), "lenslets are more than 10,000,000")
-    broken(lambda file: file["camera"].attrs.update(mla_f=np.zeros(3)), "not 0")
+    for change, said in (
+        (smaller, "not real numbers on the sensor of its camera"),
+        (lambda file: file.pop("camera"), "does not tell which camera"),
+        (lambda file: file.pop("raw"), "has no dataset 'raw'"),
+        (lambda file: file["camera"].attrs.pop("m"), "lacks 'm'"),
+        (lambda file: file["camera"].attrs.update(m=-2.0), "not behind the array"),
+        (lambda file: file["camera"].attrs.update(aberrations="{"), "is none"),
+        (lambda file: file["camera"].attrs.update(many), "lenslets are more than 10,000,000"),
+        (lambda file: file["camera"].attrs.update(mla_f=np.zeros(3)), "not 0"),
+    ):
+        write_raw(path, raw)
+        with h5py.File(path, "a") as file:
+            change(file)
+        refused((FormatError, said, lambda: read_raw(path, device=device)))
     path.write_bytes(path.read_bytes()[:900])
-    with pytest.raises(FormatError, match="truncated or damaged"):
-        read_raw(path, device=device)
+    refused((FormatError, "truncated or damaged", lambda: read_raw(path, device=device)))
     assert not is_raw_file(tmp_path / "none.h5")

@@ -151,17 +151,17 @@ def test_black_levels_and_white_balance_of_a_captured_frame(
 
 def test_what_tiff_cannot_keep(exposed: dict[str, RawImage], tmp_path: Path) -> None:
     path, raw = tmp_path / "raw.tif", SENSOR.record(exposed["GRBG"])
-    for one, said in (
-        (exposed["GRBG"], "TIFF holds the whole numbers of a sensor"),
-        (replace(SENSOR, bit_depth=17, white_level=None).record(exposed["GRBG"]), "up to 16 bits"),
-        (replace(raw, mosaic=(("R", "clear"),)), "no number for the filter 'clear'"),
+    deep = replace(SENSOR, bit_depth=17, white_level=None).record(exposed["GRBG"])
+    clear = replace(raw, mosaic=(("R", "clear"),))
+    for one, name, words, said in (
+        (exposed["GRBG"], path, {}, "TIFF holds the whole numbers of a sensor"),
+        (deep, path, {}, "up to 16 bits"),
+        (clear, path, {}, "no number for the filter 'clear'"),
+        (raw, path, {"white_balance": (1.0, 0.0, 2.0)}, "three numbers above 0"),
+        (raw, tmp_path / "raw.h5", {"white_balance": (1.0, 1.0, 2.0)}, "kept by TIFF only"),
     ):
         with pytest.raises(ValueError, match=said):
-            write_raw(path, one)
-    with pytest.raises(ValueError, match="three numbers above 0"):
-        write_raw(path, raw, white_balance=(1.0, 0.0, 2.0))
-    with pytest.raises(ValueError, match="white_balance= is kept by TIFF only"):
-        write_raw(tmp_path / "raw.h5", raw, white_balance=(1.0, 1.0, 2.0))
+            write_raw(name, one, **words)
     assert not path.exists()
 
 

@@ -39,16 +39,12 @@ def test_ome_tiff_with_times(tmp_path):
     assert (len(z), y[-1], x[-1]) == (3, pytest.approx(6 * 4e-7), pytest.approx(8 * 5e-7))
 
 
-def test_other_orders_of_the_axes(tmp_path):
+def test_orders_of_the_axes(tmp_path):
+    path = tmp_path / "s.ome.tif"
     for axes in ["ZTYX", "TCZYX"]:
-        moved = VALUES.swapaxes(0, 1) if axes.index("Z") < axes.index("T") else VALUES
-        moved = np.expand_dims(moved, axes.index("C")) if "C" in axes else moved
-        path = tmp_path / "s.ome.tif"
+        moved = VALUES.swapaxes(0, 1) if axes == "ZTYX" else VALUES[:, None]
         tifffile.imwrite(path, moved, metadata={"axes": axes}, compression="zlib")
         same(open_volumes(str(path)))
-
-
-def test_a_hyperstack_of_imagej(tmp_path):
     path = tmp_path / "s.tif"
     tifffile.imwrite(path, VALUES[:, :, None], imagej=True, metadata={"axes": "TZCYX"})
     series = open_volumes([path])
@@ -96,8 +92,7 @@ def test_files_of_one_time_each(tmp_path, suffix):
         open_volumes([paths[0], tmp_path / "a.npy"])
 
 
-@pytest.mark.parametrize("version", [2, 3])
-@pytest.mark.parametrize("axes", ["tczyx", "tzyx"])
+@pytest.mark.parametrize(("axes", "version"), [("tczyx", 2), ("tzyx", 3)])
 def test_ome_zarr_with_times(tmp_path, axes, version):
     zarr = pytest.importorskip("zarr")
     path = tmp_path / "s.ome.zarr"
@@ -115,9 +110,8 @@ def test_ome_zarr_with_times(tmp_path, axes, version):
             {"type": "scale", "scale": [size.get(a, 1.0) for a in axes]},
             {"type": "translation", "translation": [shift.get(a, 0.0) for a in axes]}]}],
     }  # fmt: skip
-    group.attrs.update(
-        {"multiscales": [scales]} if version == 2 else {"ome": {"multiscales": [scales]}}
-    )
+    multiscales = {"multiscales": [scales]}
+    group.attrs.update(multiscales if version == 2 else {"ome": multiscales})
     series = open_volumes(path)
     same(series)
     assert series.planes == pytest.approx([-4e-6, -1.5e-6, 1e-6])

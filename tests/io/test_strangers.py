@@ -30,11 +30,11 @@ from clplen.io import (
     read_intrinsics,
     read_lattice,
     read_lightfield,
-    read_masks,
     read_opd_maps,
     read_picture,
     read_raw,
     read_raytrix,
+    read_scene_truth,
     read_stack,
     read_truth,
     write_lightfield,
@@ -157,7 +157,7 @@ def test_other_readers_of_hdf5(tmp_path: Path, secret: Path):
         file.attrs["format"] = point_image_files.FORMAT
     for read in (
         read_truth,
-        read_masks,
+        read_scene_truth,
         read_disparity,
         read_raw,
         point_image_files.read_point_images,

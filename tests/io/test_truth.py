@@ -6,11 +6,9 @@ from pathlib import Path
 
 import h5py
 import numpy as np
-import pytest
 
 from clplen.cameras.scenes.ground_truth import Truth, truth_of
-from clplen.errors import FormatError
-from clplen.io import read_masks, write_truth
+from clplen.io import write_truth
 
 SHAPE = (11, 17)
 NAMES = ["edges", "near", "far", "planes", "smooth"]
@@ -41,14 +39,3 @@ def test_what_the_file_says_of_its_maps(tmp_path: Path):
         assert all(file["masks"][name].attrs["meaning"] for name in NAMES)
     with h5py.File(tmp_path / "without.h5") as file:
         assert "z" not in file
-
-
-def test_what_is_said_where_there_are_no_masks(tmp_path: Path):
-    with h5py.File(tmp_path / "a.h5", "w") as file:
-        file["disparity"] = np.zeros((3, 5))
-    with pytest.raises(FormatError, match=r"a\.h5 has no masks: .* it holds disparity \(3, 5\)"):
-        read_masks(tmp_path / "a.h5")
-    with h5py.File(tmp_path / "a.h5", "a") as file:
-        file["masks/near"] = np.zeros((2, 3, 5))
-    with pytest.raises(FormatError, match=r"'/masks/near' of shape \(2, 3, 5\) .* no map"):
-        read_masks(tmp_path / "a.h5")

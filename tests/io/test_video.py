@@ -105,10 +105,3 @@ def test_ffmpeg_that_fails(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> N
     assert not list(tmp_path.iterdir())
     with pytest.raises(ValueError, match=r"at least 0\.02"):
         write_animation(tmp_path / "a.mp4", [np.zeros((8, 8), np.uint8)], seconds=float("nan"))
-
-
-def test_seconds_belong_to_a_sweep(tmp_path: Path) -> None:
-    words = ["render", tmp_path / "v.npy", "-o", tmp_path / "a.png", "--seconds", 1]
-    result = CliRunner().invoke(main, [str(word) for word in words])
-    assert result.exit_code == 2
-    assert "--seconds belongs to --sweep" in result.stderr

@@ -17,6 +17,8 @@ import clplen
 from clplen import analysis, batch, cameras, lightfield, microscopy, plot, wave
 from clplen import io as files
 from clplen.cameras.camera_base import scene_energy
+from clplen.io.raw.raw_files import is_raw_file
+from clplen.io.results.volume_files import is_volume
 from clplen.microscopy.frames.outliers import hot_pixels
 from clplen.microscopy.frames.sharpness import sharpness
 from clplen.microscopy.model.binning import binning_error, suitable_binning
@@ -1455,7 +1457,7 @@ def volume_files(name):
     return {
         "read": files.read_volume(name),
         "series": [series[0], series.planes, series.voxel, repr(series)],
-        "kind": files.is_volume(name),
+        "kind": is_volume(name),
     }
 
 
@@ -1472,7 +1474,7 @@ def truth_files():
     return {
         "truth": parts(again, "disparity z surface masks"),
         "disparity": files.read_truth("truth.h5"),
-        "masks": files.read_masks("truth.h5"),
+        "masks": again.masks,
         "hci": [vars_of(files.read_parameters("parameters.cfg")), hci.disparity([7.0, 9.0])],
     }
 
@@ -1486,7 +1488,7 @@ def raw_files(name):
         "raw": again,
         "camera": str(again.camera.describe()),
         "lattice": vars_of(again.cells),
-        "kind": [files.is_raw_file("raw.h5"), files.is_raw_file("none.h5")],
+        "kind": [is_raw_file("raw.h5"), is_raw_file("none.h5")],
     }
 
 

@@ -4,9 +4,8 @@ from __future__ import annotations
 
 import zipfile
 from collections.abc import Callable, Iterable
-from contextlib import AbstractContextManager, nullcontext
+from contextlib import AbstractContextManager
 from dataclasses import dataclass, fields
-from functools import partial
 from pathlib import Path
 from typing import Any, Protocol
 
@@ -114,13 +113,6 @@ class Whole:
         """Read it, for functions that read part by part."""
         lf, took = self.load()
         return StoredLightField.from_light_field(lf), took
-
-
-def read_whole(
-    read: Callable[..., tuple[LightField, str]],
-) -> Callable[..., AbstractContextManager[LightFieldSource]]:
-    """Return what opens files that a function reads as a whole."""
-    return lambda path, **words: nullcontext(Whole(partial(read, path, **words)))
 
 
 @dataclass(frozen=True)

@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import logging
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import AbstractContextManager, contextmanager, nullcontext
 from dataclasses import fields, replace
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -16,7 +17,6 @@ from clplen.compute.device import DeviceLike, as_device
 from clplen.errors import FormatError
 from clplen.files import PathLike
 from clplen.io.formats import npy, picture
-from clplen.io.formats.intrinsics_files import read_intrinsics
 from clplen.io.formats.untrusted import (
     LYTRO,
     LYTRO_DESCRIBED,
@@ -27,8 +27,6 @@ from clplen.io.formats.untrusted import (
     ZIP,
 )
 from clplen.io.lightfields import view_folders
-from clplen.io.lightfields.array_files import open_matlab, open_npy
-from clplen.io.lightfields.container_lightfields import open_hdf5, open_zarr, write_container
 from clplen.io.lightfields.layout import (
     ARRAY_WORDS,
     NAME_WORDS,
@@ -38,18 +36,15 @@ from clplen.io.lightfields.layout import (
     Layout,
     LightFieldSource,
     Whole,
-    read_whole,
 )
-from clplen.io.lightfields.lytro_files import read_lytro
-from clplen.io.lightfields.mosaic import read_mosaic
 from clplen.io.lightfields.view_positions import NAMES
-from clplen.io.raw.raytrix import read_raytrix
 from clplen.io.store import hdf5_files, zarr_files
 from clplen.lightfield.model.light_field import LightField
 from clplen.lightfield.model.stored_light_field import StoredLightField, as_lightfield
 
 logger = logging.getLogger("clplen.io")
 
+Opened = AbstractContextManager[LightFieldSource]
 _HEAD = 64  # bytes that recognition looks at
 _USER_BLOCK = 512  # bytes that MATLAB 7.3 puts before the signature of HDF5
 _LYTRO_WORDS = (*VIEW_WORDS, *RAW_WORDS, "calibration")
@@ -71,7 +66,48 @@ def _is_raytrix(path: Path, head: bytes) -> bool:
     return path.suffix.lower() in RAYTRIX_SUFFIXES or RAYTRIX in head
 
 
-def _refuse_raytrix(path: Path, **_: Any) -> Any:
+# What opens files of a kind; its module is imported when it is needed.
+
+
+def _open_zarr(path: Path, **words: Any) -> Opened:
+    from clplen.io.lightfields.container_lightfields import open_zarr
+
+    return open_zarr(path, **words)
+
+
+def _open_hdf5(path: Path, **words: Any) -> Opened:
+    from clplen.io.lightfields.container_lightfields import open_hdf5
+
+    return open_hdf5(path, **words)
+
+
+def _open_matlab(path: Path, **words: Any) -> Opened:
+    from clplen.io.lightfields.array_files import open_matlab
+
+    return open_matlab(path, **words)
+
+
+def _open_npy(path: Path, **words: Any) -> Opened:
+    from clplen.io.lightfields.array_files import open_npy
+
+    return open_npy(path, **words)
+
+
+def _open_lytro(path: Path, **words: Any) -> Opened:
+    from clplen.io.lightfields.lytro_files import read_lytro
+
+    return nullcontext(Whole(partial(read_lytro, path, **words)))
+
+
+def _open_mosaic(path: Path, **words: Any) -> Opened:
+    from clplen.io.lightfields.mosaic import read_mosaic
+
+    return nullcontext(Whole(partial(read_mosaic, path, **words)))
+
+
+def _refuse_raytrix(path: Path, **_: Any) -> Opened:
+    from clplen.io.raw.raytrix import read_raytrix
+
     read_raytrix(path)
     raise FormatError(
         f"{path} is the calibration of a focused (plenoptic 2.0) raw image, whose views are "
@@ -79,25 +115,24 @@ def _refuse_raytrix(path: Path, **_: Any) -> Any:
     )
 
 
-_LYTRO = read_whole(read_lytro)
 KINDS = {
-    "zarr": Kind("Zarr", ARRAY_WORDS, open_zarr, marks=zarr_files.MARKS),
+    "zarr": Kind("Zarr", ARRAY_WORDS, _open_zarr, marks=zarr_files.MARKS),
     "folder": Kind("a folder of views", NAME_WORDS, view_folders.open_folder, folder=True),
     "archive": Kind("an archive of views", NAME_WORDS, view_folders.open_archive, magic=ZIP),
-    "hdf5": Kind("HDF5", ARRAY_WORDS, open_hdf5, recognises=_is_hdf5),
+    "hdf5": Kind("HDF5", ARRAY_WORDS, _open_hdf5, recognises=_is_hdf5),
     "matlab": Kind(
-        "a MATLAB file", ARRAY_WORDS, open_matlab, magic=MATLAB, suffixes=MATLAB_SUFFIXES
+        "a MATLAB file", ARRAY_WORDS, _open_matlab, magic=MATLAB, suffixes=MATLAB_SUFFIXES
     ),
-    "numpy": Kind("a NumPy array", (*VIEW_WORDS, "order", "srgb"), open_npy, magic=npy.MAGIC),
-    "lytro": Kind("a Lytro container", _LYTRO_WORDS, _LYTRO, magic=LYTRO),
+    "numpy": Kind("a NumPy array", (*VIEW_WORDS, "order", "srgb"), _open_npy, magic=npy.MAGIC),
+    "lytro": Kind("a Lytro container", _LYTRO_WORDS, _open_lytro, magic=LYTRO),
     "described": Kind(
-        "a raw image described by JSON", _LYTRO_WORDS, _LYTRO, recognises=_is_described
+        "a raw image described by JSON", _LYTRO_WORDS, _open_lytro, recognises=_is_described
     ),
     "raytrix": Kind("a Raytrix calibration", (), _refuse_raytrix, recognises=_is_raytrix),
     "picture": Kind(
         "a picture",
         (*VIEW_WORDS, *RAW_WORDS, "order", "srgb"),
-        read_whole(read_mosaic),
+        _open_mosaic,
         suffixes=picture.SUFFIXES,
     ),
 }
@@ -230,7 +265,11 @@ def _opened(path: Path, device: DeviceLike | None, layout: Layout) -> Iterator[L
     """Open a file of any kind: the one set of checks of paths and words of layout."""
     kind = kind_of(path)
     intrinsics, layout = layout.intrinsics, replace(layout, intrinsics=None)
-    camera = None if intrinsics is None else read_intrinsics(intrinsics)  # before anything else
+    camera = None
+    if intrinsics is not None:  # read before anything else is
+        from clplen.io.formats.intrinsics_files import read_intrinsics
+
+        camera = read_intrinsics(intrinsics)
     layout.require(kind.words, kind.name)
     with kind.open(path, device=as_device(device), layout=layout) as source:
         if camera is None:
@@ -333,6 +372,8 @@ def write_lightfield(path: PathLike, lf: LightField | ArrayLike) -> None:
     lf = as_lightfield(lf)
     suffix = Path(path).suffix.lower()
     if suffix in (*hdf5_files.SUFFIXES, zarr_files.SUFFIX):
+        from clplen.io.lightfields.container_lightfields import write_container
+
         write_container(path, lf)
     elif suffix == "" or Path(path).is_dir():
         view_folders.write_views(path, lf)

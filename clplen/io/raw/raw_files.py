@@ -126,23 +126,7 @@ def is_raw(file: h5py.File) -> bool:
 
 
 def is_raw_file(path: PathLike) -> bool:
-    """Tell whether a file is one of `write_raw` in HDF5.
-
-    Parameters
-    ----------
-    path : path-like
-        A file, or what may be none.
-
-    Returns
-    -------
-    bool
-        False too where there is no such file, or it is no HDF5.
-
-    Raises
-    ------
-    FormatError
-        If it is an HDF5 file that cannot be opened.
-    """
+    """Return whether a file is one of `write_raw` in HDF5; False too where there is none."""
     path = Path(path)
     if (
         path.suffix.lower() not in hdf5_files.SUFFIXES

@@ -135,67 +135,18 @@ def read_scene_truth(path: PathLike, *, max_bytes: int | None = None) -> Truth:
         z = np.full_like(disparity, np.nan)
         if isinstance(file.get("z"), h5py.Dataset):
             z = _picture(file["z"], (), path, max_bytes)
-        masks = _masks(file, path, max_bytes)
+        group = file.get(_MASKS)
+        names = list(group) if isinstance(group, h5py.Group) else []
+        masks = {
+            name: _picture(dataset_of(file, f"{_MASKS}/{name}", path), (), path, max_bytes) > 0
+            for name in names
+        }
     differing = {values.shape for values in (disparity, surface, z, *masks.values())}
     if len(differing) > 1:
         raise FormatError(f"{path} holds maps of the shapes {sorted(differing)}, not of one.")
     if not (np.abs(surface) < 2.0**31).all():  # NaN is not below either
         raise FormatError(f"{path} is damaged: its surfaces are no numbers of 32 bits.")
     return Truth(disparity, z, surface.astype(np.int32), masks)
-
-
-def read_masks(
-    path: PathLike, *, max_bytes: int | None = None
-) -> dict[str, np.ndarray[Any, np.dtype[np.bool_]]]:
-    """Read the masks of a file that `write_truth` wrote.
-
-    Parameters
-    ----------
-    path : path-like
-        HDF5 of `write_truth`.
-    max_bytes : int, optional
-        Largest allocation that the file may ask for; default half of the free memory.
-
-    Returns
-    -------
-    dict of numpy.ndarray
-        Shape (y, x), bool, by the names of `clplen.cameras.Truth`.
-
-    Raises
-    ------
-    FormatError
-        If it has none, or is damaged.
-
-    Examples
-    --------
-    >>> disc = clplen.cameras.Plane(1.0, outline=clplen.cameras.Ellipse((0, 0), 8))
-    >>> scene = clplen.SurfaceScene([clplen.cameras.Plane(-0.5), disc])
-    >>> lf, truth = scene.light_field((3, 3), (32, 32))
-    >>> clplen.io.write_truth("truth.h5", truth)
-    >>> masks = clplen.io.read_masks("truth.h5")
-    >>> masks["edges"].shape, bool((masks["near"] & masks["far"]).any())
-    ((32, 32), False)
-    """
-    path = Path(path)
-    with opened(path) as file:
-        masks = _masks(file, path, max_bytes)
-        if not masks:
-            raise FormatError(
-                f"{path} has no masks: no dataset in a group {_MASKS!r}; it holds {contents(file)}."
-            )
-        return masks
-
-
-def _masks(
-    file: h5py.File, path: Path, max_bytes: int | None
-) -> dict[str, np.ndarray[Any, np.dtype[np.bool_]]]:
-    """Return the masks of a file by their names; none without a group of them."""
-    group = file.get(_MASKS)
-    names = list(group) if isinstance(group, h5py.Group) else []
-    return {
-        name: _picture(dataset_of(file, f"{_MASKS}/{name}", path), (), path, max_bytes) > 0
-        for name in names
-    }
 
 
 def read_truth(

@@ -137,16 +137,5 @@ def read_volume(path: PathLike, *, max_bytes: int | None = None) -> tuple[Array,
 
 
 def is_volume(path: PathLike) -> bool:
-    """Tell whether a file was written by `write_volume`.
-
-    Parameters
-    ----------
-    path : path-like
-        A file, or a folder of OME-Zarr; it may be missing.
-
-    Returns
-    -------
-    bool
-        Whether it says where its planes lie, as those of `write_volume` do.
-    """
+    """Return whether a file says where its planes lie, as those of `write_volume` do."""
     return "planes_um" in describe_series(path)

@@ -19,12 +19,12 @@ import numpy as np
 import tifffile
 
 from clplen.files import replacing, said_of
+from clplen.io.store.ome_tiff import BIG, ome_metadata
 from clplen.io.store.picture_blocks import Array
 from clplen.io.store.picture_series import describe_series, ome_of
 from clplen.io.store.series_layout import Record, SeriesLayout, checked_series
 from clplen.outputs import MARK
 
-_BIG = (1 << 32) - (1 << 25)  # bytes from which on BigTIFF is written
 _NAMESPACE = "http://www.openmicroscopy.org/Schemas/OME/2016-06"
 
 
@@ -63,23 +63,12 @@ class GrowingTiff:
     def begin(self) -> None:
         """Lay out the file, of volumes of 0; what was there under its own name stays so far."""
         layout = self.layout
-        metadata: dict[str, Any] = {
-            "axes": "TZYX",
-            "Description": json.dumps(layout.about),
-            "PhysicalSizeY": layout.voxel[0] * 1e6,
-            "PhysicalSizeX": layout.voxel[1] * 1e6,
-            "PhysicalSizeYUnit": "µm",
-            "PhysicalSizeXUnit": "µm",
-        }
-        if layout.depth is not None:
-            metadata |= {"PhysicalSizeZ": layout.depth * 1e6, "PhysicalSizeZUnit": "µm"}
-        else:
-            places = [round(z * 1e6, 9) for z in layout.planes] * layout.frames
-            metadata["Plane"] = {"PositionZ": places, "PositionZUnit": ["µm"] * len(places)}
+        places = () if layout.depth is not None else layout.planes * layout.frames
+        metadata = ome_metadata("TZYX", layout.about, layout.voxel, layout.depth, places)
         hidden = _hidden(self.path)
         with said_of(self.path):
             hidden.unlink(missing_ok=True)  # a link could lead to a file of others
-            with tifffile.TiffWriter(hidden, ome=True, bigtiff=self.nbytes > _BIG) as writer:
+            with tifffile.TiffWriter(hidden, ome=True, bigtiff=self.nbytes > BIG) as writer:
                 self._start, _ = writer.write(
                     shape=(layout.frames, *layout.shape),
                     dtype=np.float32,

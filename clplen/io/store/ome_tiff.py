@@ -23,7 +23,7 @@ from clplen.lightfield.raw.raw_image import Spacing
 from clplen.outputs import MARK
 
 CHANNELS = "channels"  # key of a description: an axis of that length, which TIFF leaves out
-_BIG = (1 << 32) - (1 << 25)  # bytes from which on BigTIFF is written; the rest is for the heads
+BIG = (1 << 32) - (1 << 25)  # bytes from which on BigTIFF is written; the rest is for the heads
 
 
 def write_ome(
@@ -48,21 +48,14 @@ def write_ome(
     if shape[3:] == (1,):  # TIFF knows no axis of one sample: the description keeps it
         stored, axes = stored[:-1], axes.removesuffix("S")
         description = {**description, CHANNELS: 1}
-    metadata: dict[str, Any] = {"axes": axes, "Description": json.dumps(description)}
-    if spacing is not None:
-        for axis, step in zip("YX", spacing[2:], strict=True):
-            metadata |= {f"PhysicalSize{axis}": abs(step) * 1e6, f"PhysicalSize{axis}Unit": "µm"}
-    if depth is not None:
-        metadata |= {"PhysicalSizeZ": abs(depth) * 1e6, "PhysicalSizeZUnit": "µm"}
-    places = [round(z * 1e6, 9) for z in positions]
-    if places:
-        metadata["Plane"] = {"PositionZ": places, "PositionZUnit": ["µm"] * len(places)}
+    pixel = None if spacing is None else (abs(spacing[2]), abs(spacing[3]))
+    metadata = ome_metadata(axes, description, pixel, depth, positions)
     if channels:
         metadata["Channel"] = {"Name": list(channels)}
     nbytes = 4 * math.prod(shape)
     check_space(path, nbytes)
     with replacing(path, durable) as temporary:
-        with tifffile.TiffWriter(temporary, ome=True, bigtiff=nbytes > _BIG) as writer:
+        with tifffile.TiffWriter(temporary, ome=True, bigtiff=nbytes > BIG) as writer:
             start, _ = writer.write(
                 shape=stored,
                 dtype=np.float32,
@@ -78,6 +71,25 @@ def write_ome(
                 for plane, picture in zip(range(planes.start, planes.stop), values, strict=True):
                     before = (plane * shape[1] + rows.start) * shape[2] + columns.start
                     write_rows(file, picture, start=start + sample * before, step=sample * shape[2])
+
+
+def ome_metadata(
+    axes: str,
+    description: dict[str, Any],
+    pixel: tuple[float, float] | None,
+    depth: float | None,
+    positions: Sequence[float],
+) -> dict[str, Any]:
+    """Return what tifffile writes into OME: sizes (dy, dx) and z, given in metres, in um."""
+    metadata: dict[str, Any] = {"axes": axes, "Description": json.dumps(description)}
+    steps = {"Z": depth} if pixel is None else {"Y": pixel[0], "X": pixel[1], "Z": depth}
+    for axis, step in steps.items():
+        if step is not None:
+            metadata |= {f"PhysicalSize{axis}": abs(step) * 1e6, f"PhysicalSize{axis}Unit": "µm"}
+    if positions:
+        places = [round(z * 1e6, 9) for z in positions]
+        metadata["Plane"] = {"PositionZ": places, "PositionZUnit": ["µm"] * len(places)}
+    return metadata
 
 
 def read_ome_page(path: PathLike, index: int, *, max_bytes: int | None = None) -> Array:
