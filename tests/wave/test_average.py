@@ -107,6 +107,21 @@ def test_a_resumed_run_has_the_same_bits(device, tmp_path):
     assert same(run(device, snapshots=23, checkpoint=file), run(device, snapshots=23))
 
 
+def test_an_interrupted_run_goes_on_from_what_it_saved(device, tmp_path, monkeypatch):
+    file, steps = tmp_path / "run.npz", []
+
+    def stop(done, most):
+        if done == 5:
+            raise KeyboardInterrupt
+
+    monkeypatch.setattr(module, "SAVE_SECONDS", 0.0)
+    with pytest.raises(KeyboardInterrupt):
+        run(device, snapshots=9, checkpoint=file, progress=stop)
+    again = run(device, snapshots=9, checkpoint=file, progress=lambda *step: steps.append(step))
+    assert steps[0] == (5, 9)  # four were saved
+    assert same(again, run(device, snapshots=9))
+
+
 def test_a_finished_run_is_not_done_again(device, tmp_path):
     file, seen, steps = tmp_path / "run.npz", [], []
     first = run(device, snapshots=7, checkpoint=file, progress=lambda *step: steps.append(step))

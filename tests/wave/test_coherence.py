@@ -294,3 +294,10 @@ def test_bad_plans():
         known = {"grid": GRID, "wavelength": LAM, **options}
         with pytest.raises(ValueError, match=words):
             Coherence.plan(PUPIL, **known)
+
+
+def test_the_grid_of_the_last_part_counts(device):
+    small = Grid((32, 32), DX)
+    system = OpticalSystem([Pupil.of_cutoff(FC, LAM), Space(0, out_grid=small)])
+    light = Coherence(RandomPhaseMask(40e-6))
+    assert system(bars(device), coherence=light, snapshots=2).method == "monte-carlo"

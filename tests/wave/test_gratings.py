@@ -178,3 +178,13 @@ def test_what_is_no_grating_and_no_axicon(device):
     ]:
         with pytest.raises(ValueError, match=message):
             axicon(ones(Grid((5, 6), 1e-6), device), angle, **options)
+
+
+def test_a_slight_tilt_is_continuous(precise):
+    """The trapezoid of a cell becomes a box without a step."""
+    grid = Grid((7, 40), 5e-6)
+    light = ones(grid, precise)
+    straight = grating(light, 37e-6).to_numpy()
+    for tilt in (1e-14, 1e-11, 1e-8, 1e-6):
+        near = grating(light, 37e-6, orientation=tilt).to_numpy()
+        assert np.abs(near - straight).max() <= 10 * tilt + 1e-14

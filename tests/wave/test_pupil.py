@@ -206,3 +206,12 @@ def test_bad_pupils():
     holed = Pupil.of_cutoff(5e4, LAM, path=lambda v, u: np.where(v > 0.5, np.nan, 0))
     with pytest.raises(ValueError, match="finite all over the pupil"):
         holed.transfer(Grid((16, 16), 3e-6), LAM)
+
+
+def test_transfer_of_evanescent_waves(precise):
+    for z in [3e-7, -3e-7]:
+        grid = Grid((12, 15), (LAM / 5, LAM / 4))
+        space = Space(z, method="as", pad=1)
+        u = noise(grid.shape)
+        expected = np.fft.ifft2(np.fft.fft2(u) * transfer_of(space, grid, LAM))
+        assert relative_max(expected, space.apply(on(precise, u, grid)).to_numpy()) <= 1e-12
