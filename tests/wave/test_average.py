@@ -188,3 +188,14 @@ def test_bad_numbers(device):
     for how in ({"snapshots": 0}, {"snapshots": 2.5}, {"rtol": 0}, {"rtol": math.nan}):
         with pytest.raises(ValueError, match=r"snapshots is|rtol"):
             run(device, **how)
+
+
+def test_any_amplitude(device):
+    for size in [1e-12, 1e10]:
+        values = size * clear(device).to_numpy().astype(complex)
+        thing = Field.from_array(values, GRID, wavelength=LAM, device=device)
+        scaled = Coherence(MASK).average(SYSTEM, thing, snapshots=9, method="monte-carlo")
+        plain = run(device, snapshots=9)
+        assert scaled.relative_error == pytest.approx(plain.relative_error, rel=1e-3)
+        errors = scaled.standard_error.to_numpy().astype(float) / size**2
+        assert np.allclose(errors, plain.standard_error.to_numpy(), rtol=1e-3, atol=1e-5)
