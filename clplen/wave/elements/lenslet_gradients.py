@@ -110,12 +110,12 @@ def widest_real(device: Device) -> np.dtype[Any]:
     return np.dtype(np.float64 if wide else np.float32)
 
 
-def lattice_defines(mla: LensletLattice, *, double: bool) -> dict[str, Any]:
+def lattice_defines(mla: LensletLattice, type_step: int, *, double: bool) -> dict[str, Any]:
     """Return the definitions of a kernel that finds the lenslet of a sample."""
     defines: dict[str, Any] = {"DOUBLE": True} if double else {}
     defines |= {"HEXAGONAL": True} if mla.lattice == "hexagonal" else {}
     defines |= {"FULL": True} if mla.fill == "full" else {}
-    return defines | {"TYPES": len(mla.focal_lengths), "TYPE_STEP": mla.type_step}
+    return defines | {"TYPES": len(mla.focal_lengths), "TYPE_STEP": type_step}
 
 
 def aperture_numbers(mla: LensletLattice, grid: Grid, dtype: np.dtype[Any]) -> list[Any]:
@@ -137,7 +137,7 @@ def lens_turns(mla: LensletLattice, wavelength: float) -> Float64Array:
 
 def _defines(mla: LensletLattice, device: Device) -> dict[str, Any]:
     sample = "double2" if device.precision == "double" else "float2"
-    defines = lattice_defines(mla, double=widest_real(device) == np.float64)
+    defines = lattice_defines(mla, mla.type_step, double=widest_real(device) == np.float64)
     return defines | {"SAMPLE": sample}
 
 

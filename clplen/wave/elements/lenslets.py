@@ -458,7 +458,7 @@ class MicrolensArray(OneLine):
         rim: tuple[float, float] | None = None,
     ) -> cla.Array:
         out = device.empty(grid.shape, device.complex)
-        defines = lattice_defines(self, double=device.precision == "double")
+        defines = lattice_defines(self, self.type_step, double=device.precision == "double")
         defines |= {"FILTERED": True} if rim else {}
         if rim and len(self.focal_lengths) == 1 and device.rows and device.precision == "single":
             defines["LANES"] = True
@@ -482,7 +482,7 @@ class MicrolensArray(OneLine):
         real = widest_real(device)
         out = device.empty(grid.shape, device.complex)
         shapes = self._shapes(wavelength)
-        defines = lattice_defines(self, double=real == np.float64)
+        defines = lattice_defines(self, self.type_step, double=real == np.float64)
         defines["RESULT"] = "double2" if device.precision == "double" else "float2"
         defines |= {"CLEAR": True} if self.gap == "clear" else {}
         defines["POWERS"] = shapes.shape[1] - 3
