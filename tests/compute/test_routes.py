@@ -20,9 +20,9 @@ from clplen.compute.fft.routes import FFTRoute, choose_route
 from clplen.errors import DeviceError
 
 ROUTES = ("vkfft", "ducc0", "scipy")
-# A power of two, a prime (Bluestein), 2 5 101 (Bluestein for 101 in some
+# A power of two, a prime (Bluestein), 2 5 101 and 2 3 5 101 (Bluestein for 101 in some
 # libraries), two odd lengths under two batch axes, and the cylindrical problem.
-SHAPES = [(64, 64), (509, 64), (31, 1010), (2, 3, 45, 37), (1, 96)]
+SHAPES = [(64, 64), (509, 64), (31, 1010), (3030, 7), (2, 3, 45, 37), (1, 96)]
 find_spec = importlib.util.find_spec
 
 
