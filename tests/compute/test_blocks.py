@@ -15,7 +15,7 @@ from tolerance import err_db, fft_tolerance, relative_max
 
 from clplen.compute.device import Device
 from clplen.compute.fft import columns, routes
-from clplen.compute.fft.blocks import Spectrum, run
+from clplen.compute.fft.blocks import Spectrum, multiplied, run
 from clplen.compute.fft.lines import (
     Line,
     Separable,
@@ -345,3 +345,20 @@ def test_dropped_spectra_free_their_memory_at_once(device: Device) -> None:
         assert alive[0]() is None
     finally:
         gc.enable()
+
+
+def test_multiplied(device: Device) -> None:
+    for shape, quadrant, copy in (
+        ((6, 9), True, True),
+        ((7, 4), False, False),
+        ((1, 5), True, False),
+    ):
+        values = factors(shape, quadrant, 3, device)
+        u = random_complex((2, *shape), 4).astype(device.complex)
+        data = device.upload(u)
+        out = device.download(
+            multiplied(data, Spectrum(device.upload(values), shape).conjugate(), device, copy=copy)
+        )
+        expected = u * unfolded(values.astype(complex), shape).conj()
+        assert relative_max(expected, out) <= 1e-6  # one product in float32
+        np.testing.assert_array_equal(device.download(data), u if copy else out)

@@ -193,12 +193,6 @@ def test_repr_names_driver_precision_and_fft_route(
     assert repr(opened) == "<Device Xeon Gold 6230, Intel(R) OpenCL 1.2, double, FFT scipy>"
 
 
-def test_the_same_hardware_and_precision_is_the_same_device(device: Device) -> None:
-    again = Device.open(device.platform)
-    assert again is Device.open(device.platform)
-    require_same_device(again, Device.open(device.platform))
-
-
 def test_two_devices_are_not_mixed(device: Device, precise: Device) -> None:
     with pytest.raises(DeviceError) as error:
         require_same_device(device, precise)
@@ -244,25 +238,18 @@ def test_one_array_larger_than_the_device_gives_is_refused(machine: list[FakePla
     assert "268,435,456 bytes (0.25 GiB)" in words
 
 
-def test_an_impossible_array_is_refused_by_a_real_device(device: Device) -> None:
-    with pytest.raises(DeviceError, match=r"shape \(1048576, 1048576, 1024\) \(complex64\) needs"):
-        device.empty((2**20, 2**20, 2**10), np.complex64)
-
-
 SAMPLES = np.random.default_rng(3).integers(1, 100, (3, 5, 7))
 
 
 def test_what_goes_up_comes_down(device: Device) -> None:
     for values in [
         SAMPLES.astype(np.float32),
-        SAMPLES.astype(np.uint8),
         SAMPLES.astype(np.uint16),
         SAMPLES * (1 + 2j),
         (SAMPLES * (1 + 2j)).astype(np.complex64),
         SAMPLES.transpose(2, 0, 1),
         SAMPLES[:, ::2, ::-3],
         np.asfortranarray(SAMPLES[0]),
-        np.zeros((0, 5), np.float32),
         np.zeros((3, 0, 2), np.complex64),
         np.float32(2.5),
     ]:

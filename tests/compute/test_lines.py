@@ -66,15 +66,6 @@ def test_chirp_z_is_the_sum_it_stands_for() -> None:
             np.testing.assert_allclose(matrix(line), expected, atol=1e-12)
 
 
-def test_a_chirp_of_many_turns_keeps_its_phase() -> None:
-    n, m, step = 3, 5, 1e6 + 1 / 3
-    line = chirp_z(n, m, step, pre=np.ones(n), post=np.ones(m))
-    part = step - 1e6  # whole turns do not count
-    expected = np.exp(2j * np.pi * part * np.outer(centred(m), centred(n)))
-    # The fraction of 1e6 turns is known to 1e6 eps, 1.2e-10 turns, before squares up to 9.
-    np.testing.assert_allclose(matrix(line), expected, atol=1e-8)
-
-
 def test_nothing_happens_to_one_sample() -> None:
     for line in (padded_spectrum(1, 1), cropped_inverse(1, 1), still(1)):
         assert line.kind == "none"

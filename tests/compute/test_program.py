@@ -149,19 +149,6 @@ def test_two_kernels_of_a_file_share_a_build(
     assert fresh.kernel("intensity.cl", "intensity") is first
 
 
-def test_a_failed_build_names_the_word(folder: Path, fresh: Device) -> None:
-    """Of an included file, and of the file itself; compilers name lines in many ways."""
-    write(folder, outer=OUTER, inner=INNER.replace("2.0f * value", "2.0f * valeu"))
-    with pytest.raises(KernelBuildError) as error:
-        fresh.kernel("outer.cl", "twice", FACTOR=2)
-    assert "valeu" in error.value.log
-    program.kernel_source.cache_clear()
-    write(folder, outer=OUTER.replace("FACTOR", "FAKTOR"), inner=INNER)
-    with pytest.raises(KernelBuildError) as error:
-        fresh.kernel("outer.cl", "twice", FACTOR=2)
-    assert "FAKTOR" in error.value.log
-
-
 def test_a_failed_build_carries_numbered_source_and_log(folder: Path, fresh: Device) -> None:
     write(folder, outer=OUTER, inner=INNER.replace("return", "retrun"))
     with pytest.raises(KernelBuildError) as error:

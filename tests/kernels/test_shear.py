@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from tolerance import relative_max
 
+from clplen.errors import DeviceError
 from clplen.lightfield.arrays import shear
 from clplen.lightfield.arrays.shear import shear_sum
 
@@ -206,3 +207,11 @@ def test_same_bits_and_input_left_alone(device):
     np.testing.assert_array_equal(runs[1], runs[0])
     np.testing.assert_array_equal(runs[2], runs[0])
     np.testing.assert_array_equal(device.download(data), field)
+
+
+def test_pictures_that_do_not_fit(device, monkeypatch):
+    shape = (2, 3, 8, 9)
+    data, weights, moves = device.upload(light_field(shape)), view_weights(shape), shifts(shape)
+    monkeypatch.setattr(device, "memory_bytes", 4 * 9 * 8 * 9 - 1)
+    with pytest.raises(DeviceError, match="2,592 bytes"):
+        shear_sum(data, weights, *moves, device=device)

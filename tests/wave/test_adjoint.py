@@ -195,6 +195,7 @@ def test_adjoint_of_an_element(precise):
         Lens(np.inf),
         ConvergingLight(0.03),
         Stop(90e-6, centre=(8e-6, -5e-6)),
+        clplen.wave.Pupil.of_cutoff(7e4, LAM, path=lambda v, u: 2e-7 * v**3),
         clplen.MicrolensArray(40e-6, 1e-3, count=(3, 5), rotation=0.1, lattice="hexagonal"),
     ]:
         grid = clplen.Grid((31, 48), (4e-6, 5e-6))

@@ -217,3 +217,13 @@ def test_a_kernel_of_one_sample_is_refused(device):
                 with warnings.catch_warnings():
                     warnings.simplefilter("ignore")
                     Propagator(Grid((21, 32), pitch[::-1]), -far, **options)
+
+
+def test_the_kernel_onto_another_grid_by_name(device, precise):
+    """rs on coarser samples: off the axis, odd and rectangular."""
+    for z in [2e-4, -1e-3]:
+        grid = Grid((45, 38), (1.3e-6, 1.1e-6), origin=(1e-5, 3e-6))
+        out = Grid((29, 50), (2.7e-6, 0.9e-6), origin=(2e-5, -1.5e-5))
+        u = spot(grid, 5e-6, (0.02, -0.05))
+        single, double = error_of(u, grid, z, out, (device, precise), method="rs")
+        assert (single >= SINGLE, double >= DOUBLE) == (True, True), (single, double)

@@ -107,6 +107,21 @@ def test_a_resumed_run_has_the_same_bits(device, tmp_path):
     assert same(run(device, snapshots=23, checkpoint=file), run(device, snapshots=23))
 
 
+def test_an_interrupted_run_goes_on_from_what_it_saved(device, tmp_path, monkeypatch):
+    file, steps = tmp_path / "run.npz", []
+
+    def stop(done, most):
+        if done == 5:
+            raise KeyboardInterrupt
+
+    monkeypatch.setattr(module, "SAVE_SECONDS", 0.0)
+    with pytest.raises(KeyboardInterrupt):
+        run(device, snapshots=9, checkpoint=file, progress=stop)
+    again = run(device, snapshots=9, checkpoint=file, progress=lambda *step: steps.append(step))
+    assert steps[0] == (5, 9)  # four were saved
+    assert same(again, run(device, snapshots=9))
+
+
 def test_a_finished_run_is_not_done_again(device, tmp_path):
     file, seen, steps = tmp_path / "run.npz", [], []
     first = run(device, snapshots=7, checkpoint=file, progress=lambda *step: steps.append(step))
@@ -173,3 +188,14 @@ def test_bad_numbers(device):
     for how in ({"snapshots": 0}, {"snapshots": 2.5}, {"rtol": 0}, {"rtol": math.nan}):
         with pytest.raises(ValueError, match=r"snapshots is|rtol"):
             run(device, **how)
+
+
+def test_any_amplitude(device):
+    for size in [1e-12, 1e10]:
+        values = size * clear(device).to_numpy().astype(complex)
+        thing = Field.from_array(values, GRID, wavelength=LAM, device=device)
+        scaled = Coherence(MASK).average(SYSTEM, thing, snapshots=9, method="monte-carlo")
+        plain = run(device, snapshots=9)
+        assert scaled.relative_error == pytest.approx(plain.relative_error, rel=1e-3)
+        errors = scaled.standard_error.to_numpy().astype(float) / size**2
+        assert np.allclose(errors, plain.standard_error.to_numpy(), rtol=1e-3, atol=1e-5)

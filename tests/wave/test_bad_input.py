@@ -161,12 +161,6 @@ def test_a_field_is_a_field():
                 propagate(wrong, z)
 
 
-def test_a_plan_of_another_device(device, precise):
-    made = Propagator(GRID, 1e-3, wavelength=LAM, device=precise)
-    with pytest.raises(DeviceError, match="two devices"):
-        made(ones(device))
-
-
 @pytest.mark.filterwarnings("ignore::clplen.errors.SamplingWarning")
 def test_what_does_not_fit_the_memory(device, monkeypatch):
     needed = r"This propagation needs ([\d,]+) bytes .*, but .* has 400,000 bytes"

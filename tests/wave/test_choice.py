@@ -99,17 +99,6 @@ def test_evanescent_waves_are_kept_within_three_wavelengths() -> None:
     assert (wide.method, wide.window) == ("as", (315, 100))
 
 
-def test_the_longer_axis_decides() -> None:
-    """A square's short side alone would take a window of twice its size."""
-    z = 0.02
-    assert taken(auto(Grid((1, 800), 5e-6), z)) == "as"
-    assert taken(auto(Grid((50, 1), 5e-6), z)) == "rs"
-    both = auto(Grid((50, 800), 5e-6), z)
-    turned = auto(Grid((800, 50), 5e-6), z)
-    assert (turned.method, turned.why) == (both.method, both.why)
-    assert turned.window == both.window[::-1]
-
-
 def test_less_light_needs_less() -> None:
     grid, z = Grid((1, 1000), 1e-6), 0.01
     whole, some = (auto(grid, z, support=s) for s in (None, (1e-4, 1e-4)))
@@ -135,14 +124,6 @@ def test_nothing_is_done_at_z_zero() -> None:
         assert made.method == ("as" if method == "auto" else method)
     moved = auto(grid, 0.0, out_grid=Grid((5, 6), 2e-6))
     assert taken(moved) == "cblas chirp-z"
-
-
-def test_what_is_asked_for_is_taken() -> None:
-    grid = Grid((20, 30), 3e-6)
-    for z in (1e-6, 1e-3, 1.0):
-        for method in ("as", "blas", "cblas", "rs", "fresnel-tf", "fresnel-ir", "fresnel-1fft"):
-            made = describe(Request(grid, z, LAM, method))
-            assert (made.method, made.why) == (method, "asked for")
 
 
 def test_cblas_takes_transforms_of_the_window_or_of_the_band() -> None:

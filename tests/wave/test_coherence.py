@@ -223,13 +223,6 @@ def test_light_is_checked_at_both_ends_of_a_spectrum(device):
         PUPIL(bars(device), coherence=Coherence(short, lines), snapshots=1, method="monte-carlo")
 
 
-def test_the_grid_of_the_last_part_counts(device):
-    small = Grid((32, 32), DX)
-    system = OpticalSystem([Pupil.of_cutoff(FC, LAM), Space(0, out_grid=small)])
-    light = Coherence(RandomPhaseMask(40e-6))
-    assert system(bars(device), coherence=light, snapshots=2).method == "monte-carlo"
-
-
 def test_snapshots_go_on_from_any_number(device):
     light = Coherence(RandomPhaseMask(20e-6), seed=3)
     first = list(light.snapshots(GRID, wavelength=LAM, device=device, count=4))
@@ -301,3 +294,10 @@ def test_bad_plans():
         known = {"grid": GRID, "wavelength": LAM, **options}
         with pytest.raises(ValueError, match=words):
             Coherence.plan(PUPIL, **known)
+
+
+def test_the_grid_of_the_last_part_counts(device):
+    small = Grid((32, 32), DX)
+    system = OpticalSystem([Pupil.of_cutoff(FC, LAM), Space(0, out_grid=small)])
+    light = Coherence(RandomPhaseMask(40e-6))
+    assert system(bars(device), coherence=light, snapshots=2).method == "monte-carlo"

@@ -104,16 +104,6 @@ def test_area_weights_of_bars(precise):
                 assert np.abs(got - expected).mean() <= 0.004
 
 
-def test_a_slight_tilt_is_continuous(precise):
-    """The trapezoid of a cell becomes a box without a step."""
-    grid = Grid((7, 40), 5e-6)
-    light = ones(grid, precise)
-    straight = grating(light, 37e-6).to_numpy()
-    for tilt in (1e-14, 1e-11, 1e-8, 1e-6):
-        near = grating(light, 37e-6, orientation=tilt).to_numpy()
-        assert np.abs(near - straight).max() <= 10 * tilt + 1e-14
-
-
 def test_orientation_turns_x_towards_y(precise):
     """Light of the order +1 of a blazed grating leaves towards (+y, +x) for 0 < angle < 90."""
     grid = Grid((64, 48), (5e-6, 5e-6))
@@ -134,26 +124,6 @@ def test_period_below_two_samples(device):
         grating(light, 9e-6)
     with pytest.raises(SamplingError, match=r"1\.75 samples along axis 0"):
         grating(light, 7e-6, orientation=np.pi / 2)
-
-
-def test_bad_gratings(device):
-    for change, message in [
-        ({"period": 0}, "period of a grating is positive"),
-        ({"period": np.nan}, "period of a grating is positive"),
-        ({"kind": "square"}, "'binary', 'sinusoidal', 'phase' or 'blazed', not 'square'"),
-        ({"orientation": np.inf}, "orientation of a grating is finite"),
-        ({"offset": np.nan}, "offset of a grating is finite"),
-        ({"duty": 0}, "duty of a grating lies between 0 and 1"),
-        ({"duty": 1.5}, "duty of a grating lies between 0 and 1"),
-        ({"depth": 1}, "binary grating has no depth"),
-        ({"kind": "phase"}, "needs its depth"),
-        ({"kind": "phase", "depth": np.nan}, "depth of a grating is finite"),
-        ({"kind": "sinusoidal", "depth": 1.1}, r"lies in 0\.\.1"),
-    ]:
-        values = {"period": 4e-6} | change
-        period = values.pop("period")
-        with pytest.raises(ValueError, match=message):
-            grating(ones(Grid((5, 6), 1e-6), device), period, **values)
 
 
 def test_no_lines_along_an_axis_of_one_sample(device):
@@ -185,7 +155,22 @@ def test_aliased_axicon(device):
     axicon(ones(Grid((1, 24), (4e-5, 5e-6)), device), LAM / 10e-6)  # the other axis has no step
 
 
-def test_bad_axicons(device):
+def test_what_is_no_grating_and_no_axicon(device):
+    for change, message in [
+        ({"period": 0}, "period of a grating is positive"),
+        ({"kind": "square"}, "'binary', 'sinusoidal', 'phase' or 'blazed', not 'square'"),
+        ({"orientation": np.inf}, "orientation of a grating is finite"),
+        ({"offset": np.nan}, "offset of a grating is finite"),
+        ({"duty": 0}, "duty of a grating lies between 0 and 1"),
+        ({"duty": 1.5}, "duty of a grating lies between 0 and 1"),
+        ({"depth": 1}, "binary grating has no depth"),
+        ({"kind": "phase"}, "needs its depth"),
+        ({"kind": "phase", "depth": np.nan}, "depth of a grating is finite"),
+        ({"kind": "sinusoidal", "depth": 1.1}, r"lies in 0\.\.1"),
+    ]:
+        options = {"period": 4e-6} | change
+        with pytest.raises(ValueError, match=message):
+            grating(ones(Grid((5, 6), 1e-6), device), **options)
     for angle, options, message in [
         (np.nan, {}, "angle of an axicon is finite"),
         (1e-3, {"centre": (np.nan, 0)}, "centre of an axicon is finite"),
@@ -193,3 +178,13 @@ def test_bad_axicons(device):
     ]:
         with pytest.raises(ValueError, match=message):
             axicon(ones(Grid((5, 6), 1e-6), device), angle, **options)
+
+
+def test_a_slight_tilt_is_continuous(precise):
+    """The trapezoid of a cell becomes a box without a step."""
+    grid = Grid((7, 40), 5e-6)
+    light = ones(grid, precise)
+    straight = grating(light, 37e-6).to_numpy()
+    for tilt in (1e-14, 1e-11, 1e-8, 1e-6):
+        near = grating(light, 37e-6, orientation=tilt).to_numpy()
+        assert np.abs(near - straight).max() <= 10 * tilt + 1e-14

@@ -347,3 +347,27 @@ def test_where_lenslets_must_be_thin_or_alike(device):
         warnings.simplefilter("ignore", clplen.SamplingWarning)
         with pytest.raises(ValueError, match="lenslets have a map each"):
             several.expose(clplen.PicturePlane(np.eye(3), 1e-4), method="isoplanatic")
+
+
+def test_clear_gaps_let_rays_pass(device):
+    """What opaque gaps take of the light is their share of the blur on the array."""
+    surface = LensletSurface(2.6e-3, "N-BK7", conic=-1)
+    scene = clplen.PointSources([(0, 0, -45e-3)])
+    lay = {"count": 5, "surface": surface, "diameter": 100e-6}
+    made = {gap: camera(device, MicrolensArray(P, gap=gap, **lay)) for gap in ("opaque", "clear")}
+    sums = {gap: one.expose(scene, model="rays").to_numpy().sum() for gap, one in made.items()}
+    blur = 0.2e-3 * abs(1 - made["clear"].alpha(-45e-3))
+    y, x = np.meshgrid(*[np.linspace(-blur, blur, 801)] * 2, indexing="ij")
+    lit = np.hypot((y + P / 2) % P - P / 2, (x + P / 2) % P - P / 2) < 50e-6
+    share = lit[np.hypot(y, x) < blur].mean()
+    assert 0.3 < share < 0.6
+    assert sums["opaque"] / sums["clear"] == pytest.approx(share, rel=0.01)
+    assert sums["clear"] == pytest.approx(1, rel=1e-3)
+    bare = camera(device, MicrolensArray(P, gap="clear", **(lay | {"diameter": 1e-9})))
+    image = bare.expose(scene, model="rays").to_numpy()
+    y, x = np.meshgrid(bare.grid.y, bare.grid.x, indexing="ij")
+    # unbent, light goes on towards its image: blur (1 - alpha z3/...) of a disc
+    far = np.hypot(y, x)[image > 0].max()
+    z2, z3 = bare.image_distance, bare.sensor_distance
+    alpha = bare.alpha(-45e-3)
+    assert far == pytest.approx(0.2e-3 * abs(1 - alpha * (z2 + z3) / z2), rel=0.06)

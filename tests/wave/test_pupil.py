@@ -13,7 +13,7 @@ from clplen.wave.systems.pupil_filter import Pupil, coherent_edge, incoherent_ed
 from clplen.wave.systems.space import Space
 
 LAM = 550e-9
-SHAPES = [(15, 22), (23, 31), (1, 17), (19, 1), (16, 16)]
+SHAPES = [(15, 22), (1, 17), (19, 1)]
 
 
 def noise(shape, seed=5):
@@ -153,15 +153,6 @@ def test_transfer_of_a_system_is_what_it_does(device, precise):
     np.testing.assert_array_equal(single, pupil.transfer(grid, LAM))
 
 
-def test_transfer_of_evanescent_waves(precise):
-    for z in [3e-7, -3e-7]:
-        grid = Grid((12, 15), (LAM / 5, LAM / 4))
-        space = Space(z, method="as", pad=1)
-        u = noise(grid.shape)
-        expected = np.fft.ifft2(np.fft.fft2(u) * transfer_of(space, grid, LAM))
-        assert relative_max(expected, space.apply(on(precise, u, grid)).to_numpy()) <= 1e-12
-
-
 def test_other_parts_are_no_filter():
     for part in [
         Lens(0.1),
@@ -212,9 +203,15 @@ def test_bad_pupils():
     ]:
         with pytest.raises(ValueError, match=words):
             make()
-
-
-def test_an_aberration_that_is_not_finite():
-    pupil = Pupil.of_cutoff(5e4, LAM, path=lambda v, u: np.where(v > 0.5, np.nan, 0))
+    holed = Pupil.of_cutoff(5e4, LAM, path=lambda v, u: np.where(v > 0.5, np.nan, 0))
     with pytest.raises(ValueError, match="finite all over the pupil"):
-        pupil.transfer(Grid((16, 16), 3e-6), LAM)
+        holed.transfer(Grid((16, 16), 3e-6), LAM)
+
+
+def test_transfer_of_evanescent_waves(precise):
+    for z in [3e-7, -3e-7]:
+        grid = Grid((12, 15), (LAM / 5, LAM / 4))
+        space = Space(z, method="as", pad=1)
+        u = noise(grid.shape)
+        expected = np.fft.ifft2(np.fft.fft2(u) * transfer_of(space, grid, LAM))
+        assert relative_max(expected, space.apply(on(precise, u, grid)).to_numpy()) <= 1e-12

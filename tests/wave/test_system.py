@@ -60,14 +60,6 @@ def test_a_system_is_its_calls_by_hand(device):
         np.testing.assert_array_equal(out.to_numpy(), by_hand.to_numpy())
 
 
-def test_a_space_may_end_on_another_grid(device):
-    other = Grid((31, 20), (6e-6, 3e-6), origin=(1e-5, 0))
-    out = OpticalSystem([Space(1e-3, out_grid=other), Lens(0.1)])(noise(device))
-    by_hand = thin_lens(propagate(noise(device), 1e-3, out_grid=other), 0.1)
-    assert out.grid == other
-    np.testing.assert_array_equal(out.to_numpy(), by_hand.to_numpy())
-
-
 def test_the_trace_passes_every_plane(device):
     lens = Lens(0.01)
     system = OpticalSystem([1e-3, lens, conjugate, 2e-3, Element(conjugate, "block", length=1e-3)])
@@ -227,14 +219,6 @@ def test_a_point_beside_the_axis_is_imaged_upside_down(device, precise):
             # 58 and 55 dB: a paraxial lens aberrates; an
             # image that is one sample off has less than 25 dB.
             assert err_db(image, got) >= 50
-
-
-def test_converging_light_is_a_phase(device, precise):
-    y, x = GRID.y[:, None], GRID.x[None, :]
-    for dev, tolerance in ((device, 1e-6), (precise, 1e-13)):  # of fields of about 3
-        lit = ConvergingLight(0.03).apply(noise(dev)).to_numpy()
-        expected = noise(dev).to_numpy() * np.exp(-1j * np.pi * (y**2 + x**2) / (LAM * 0.03))
-        assert np.abs(lit - expected).max() <= tolerance
 
 
 def test_converging_light_shows_an_object_wider_than_the_lens(device):

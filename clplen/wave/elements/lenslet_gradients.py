@@ -41,9 +41,9 @@ class LensletLattice(Protocol):
     def offset(self) -> tuple[float, float]: ...
     @property
     def rotation(self) -> float: ...
-    @property
-    def type_step(self) -> int: ...
-
+    def lattice_defines(self, *, double: bool) -> dict[str, Any]: ...
+    def aperture_numbers(self, grid: Grid, dtype: np.dtype[Any]) -> list[Any]: ...
+    def lens_turns(self, wavelength: float) -> Float64Array: ...
     def types(self) -> np.ndarray: ...
     def centres(self) -> np.ndarray: ...
     def lattice_tables(
@@ -84,7 +84,7 @@ def array_sums(
 ) -> Float64Array:
     """The seven sums of lenslet_gradient.cl, shape (rows, columns, 7); see `array_gradient`."""
     parts, columns = _parts(mla, device), mla.count[1]
-    out = device.empty((*mla.count, parts, 7), widest_real(device))
+    out = device.empty((*mla.count, parts, 7), _real(device))
     device.launch(
         device.kernel("lenslet_gradient.cl", "lenslet_gradient", **_defines(mla, device)),
         (mla.count[0] * columns * parts,),
@@ -100,7 +100,7 @@ def array_sums(
     return np.asarray(device.download(out).sum(axis=2, dtype=np.float64))
 
 
-def widest_real(device: Device) -> np.dtype[Any]:
+def _real(device: Device) -> np.dtype[Any]:
     """Return the type of sums and places: float64 where the device has it.
 
     In float32 a sample whose cell a rim just touches falls on the other side of it, which costs a
@@ -110,48 +110,23 @@ def widest_real(device: Device) -> np.dtype[Any]:
     return np.dtype(np.float64 if wide else np.float32)
 
 
-def lattice_defines(mla: LensletLattice, *, double: bool) -> dict[str, Any]:
-    """Return the definitions of a kernel that finds the lenslet of a sample."""
-    defines: dict[str, Any] = {"DOUBLE": True} if double else {}
-    defines |= {"HEXAGONAL": True} if mla.lattice == "hexagonal" else {}
-    defines |= {"FULL": True} if mla.fill == "full" else {}
-    return defines | {"TYPES": len(mla.focal_lengths), "TYPE_STEP": mla.type_step}
-
-
-def aperture_numbers(mla: LensletLattice, grid: Grid, dtype: np.dtype[Any]) -> list[Any]:
-    """Return the arguments radius, turn, angle, hy and hx of kernels: lengths in pitches."""
-    real = dtype.type
-    return [
-        real(mla.diameter / mla.pitch / 2),
-        np.array([math.cos(mla.rotation), math.sin(mla.rotation)], dtype),
-        real(mla.rotation),
-        real(grid.pitch[0] / mla.pitch / 2),
-        real(grid.pitch[1] / mla.pitch / 2),
-    ]
-
-
-def lens_turns(mla: LensletLattice, wavelength: float) -> Float64Array:
-    """Return the phase of each kind of lenslet one pitch from its centre, in turns."""
-    return mla.pitch**2 / (2 * wavelength * np.asarray(mla.focal_lengths))
-
-
 def _defines(mla: LensletLattice, device: Device) -> dict[str, Any]:
     sample = "double2" if device.precision == "double" else "float2"
-    defines = lattice_defines(mla, double=widest_real(device) == np.float64)
+    defines = mla.lattice_defines(double=_real(device) == np.float64)
     return defines | {"SAMPLE": sample}
 
 
 def _tables(mla: LensletLattice, grid: Grid, device: Device) -> list[cla.Array]:
     """The arguments a_of_y, b_of_y, a_of_x and b_of_x of lenslet_gradient.cl."""
-    tables = mla.lattice_tables(grid, device, dtype=widest_real(device))
+    tables = mla.lattice_tables(grid, device, dtype=_real(device))
     return [device.upload(table) for table in tables]
 
 
 def _apertures(mla: LensletLattice, grid: Grid, wavelength: float, device: Device) -> list[Any]:
     """The arguments turns, radius, turn, angle, hy and hx of lenslet_gradient.cl."""
-    dtype = widest_real(device)
-    turns = lens_turns(mla, wavelength).astype(dtype)
-    return [device.upload(turns), *aperture_numbers(mla, grid, dtype)]
+    dtype = _real(device)
+    turns = mla.lens_turns(wavelength).astype(dtype)
+    return [device.upload(turns), *mla.aperture_numbers(grid, dtype)]
 
 
 def array_rates(mla: LensletLattice, wavelength: float) -> dict[str, Float64Array]:
@@ -191,7 +166,7 @@ def array_tangents(
         device.kernel("lenslet_gradient.cl", "lenslet_tangent", **_defines(mla, device)),
         grid.shape,
         out,
-        device.upload(np.ascontiguousarray(rates, widest_real(device))),
+        device.upload(np.ascontiguousarray(rates, _real(device))),
         *_tables(mla, grid, device),
         *_apertures(mla, grid, wavelength, device),
         len(rates),

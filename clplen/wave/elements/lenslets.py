@@ -17,16 +17,13 @@ from clplen.checks import Aliasing, alias_argument, is_finite, is_integer
 from clplen.compute.device import Device, DeviceLike, as_device
 from clplen.errors import SamplingError, ShapeError
 from clplen.reprs import OneLine, one_line
+from clplen.types import Float64Array
 from clplen.units import metres
 from clplen.wave.elements.lens import check_lens_sampling
 from clplen.wave.elements.lenslet_gradients import (
-    aperture_numbers,
     array_gradient,
     array_rates,
     array_tangents,
-    lattice_defines,
-    lens_turns,
-    widest_real,
 )
 from clplen.wave.elements.lenslet_surface import LensletMap, LensletSurface
 from clplen.wave.elements.rims import rim_weights
@@ -458,7 +455,7 @@ class MicrolensArray(OneLine):
         rim: tuple[float, float] | None = None,
     ) -> cla.Array:
         out = device.empty(grid.shape, device.complex)
-        defines = lattice_defines(self, double=device.precision == "double")
+        defines = self.lattice_defines(double=device.precision == "double")
         defines |= {"FILTERED": True} if rim else {}
         if rim and len(self.focal_lengths) == 1 and device.rows and device.precision == "single":
             defines["LANES"] = True
@@ -468,8 +465,8 @@ class MicrolensArray(OneLine):
             grid.shape,
             out,
             *(device.upload(t) for t in self.lattice_tables(grid, device)),
-            device.upload(lens_turns(self, wavelength).astype(device.real)),
-            *aperture_numbers(self, grid, device.real),
+            device.upload(self.lens_turns(wavelength).astype(device.real)),
+            *self.aperture_numbers(grid, device.real),
             device.upload(weights.astype(device.real)),
             len(weights),
             *self.count,
@@ -479,10 +476,11 @@ class MicrolensArray(OneLine):
 
     def _made(self, grid: Grid, wavelength: float, device: Device) -> cla.Array:
         """`transmission` of surfaces, maps and clear gaps, in float64 where there is any."""
-        real = widest_real(device)
+        wide = device.precision == "double" or device.has_fp64
+        real = np.dtype(np.float64 if wide else np.float32)
         out = device.empty(grid.shape, device.complex)
         shapes = self._shapes(wavelength)
-        defines = lattice_defines(self, double=real == np.float64)
+        defines = self.lattice_defines(double=wide)
         defines["RESULT"] = "double2" if device.precision == "double" else "float2"
         defines |= {"CLEAR": True} if self.gap == "clear" else {}
         defines["POWERS"] = shapes.shape[1] - 3
@@ -498,7 +496,7 @@ class MicrolensArray(OneLine):
             *(device.upload(t) for t in self.lattice_tables(grid, device, dtype=real)),
             device.upload(shapes.astype(real)),
             device.upload(maps.astype(real)),
-            *aperture_numbers(self, grid, real),
+            *self.aperture_numbers(grid, real),
             np.array(per, real) * real.type(self.pitch),
             np.array(zero, real),
             int(self.map is not None and self.map.is_of_each),
@@ -524,6 +522,28 @@ class MicrolensArray(OneLine):
                 rim = c * u / (1 + math.sqrt(max(1 - q * u, 0.0)))
                 shape[2] = rim + sum(e * u ** (2 + i) for i, e in enumerate(higher))
         return found
+
+    def lattice_defines(self, *, double: bool) -> dict[str, Any]:
+        """Return the definitions of a kernel that finds the lenslet of a sample."""
+        defines: dict[str, Any] = {"DOUBLE": True} if double else {}
+        defines |= {"HEXAGONAL": True} if self.lattice == "hexagonal" else {}
+        defines |= {"FULL": True} if self.fill == "full" else {}
+        return defines | {"TYPES": len(self.focal_lengths), "TYPE_STEP": self.type_step}
+
+    def aperture_numbers(self, grid: Grid, dtype: np.dtype[Any]) -> list[Any]:
+        """Return the arguments radius, turn, angle, hy and hx of kernels: lengths in pitches."""
+        real = dtype.type
+        return [
+            real(self.diameter / self.pitch / 2),
+            np.array([math.cos(self.rotation), math.sin(self.rotation)], dtype),
+            real(self.rotation),
+            real(grid.pitch[0] / self.pitch / 2),
+            real(grid.pitch[1] / self.pitch / 2),
+        ]
+
+    def lens_turns(self, wavelength: float) -> Float64Array:
+        """Return the phase of each kind of lenslet one pitch from its centre, in turns."""
+        return self.pitch**2 / (2 * wavelength * np.asarray(self.focal_lengths))
 
     def lattice_tables(
         self, grid: Grid, device: DeviceLike | None = None, *, dtype: Any = None
