@@ -18,7 +18,7 @@ import setups
 from setups import LAM
 from tolerance import err_db, snr_db
 
-from clplen import Device, Field, Grid, propagate
+from clplen import Device, Field, Grid, propagate, thin_lens
 
 Array = np.ndarray[Any, Any]
 EXACT: tuple[dict[str, Any], ...] = (
@@ -116,7 +116,9 @@ def point_image(devices: Sequence[Device]) -> None:
         cells = []
         for device in devices:
             at_lens = moved(case.u, case.pitch, case.z1, device, way)
-            u = moved(at_lens * case.lens, case.pitch, case.z2, device, way)
+            field = Field.from_array(at_lens, grid, wavelength=LAM, device=device)
+            behind = thin_lens(field, case.f, diameter=case.diameter).to_numpy().astype(complex)
+            u = moved(behind, case.pitch, case.z2, device, way)
             peak = abs(u[grid.shape[0] // 2, grid.shape[1] // 2] / np.abs(case.image).max()) ** 2
             cells.append(
                 f"{snr_db(case.image, u):.1f}, {snr_db(case.image[core], u[core]):.1f}, {peak:.5f}"

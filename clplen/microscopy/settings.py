@@ -41,7 +41,7 @@ class DeconvolutionSettings(Settings):
         Whether what the modelled pupil lacks beside the white frame goes into the sensitivity; see
         `clplen.microscopy.corrected`.
     keep_hot : bool
-        Whether hot pixels are kept; else they are left out, by their eight neighbours.
+        Whether hot pixels are kept; otherwise they are left out.
     start, motion, batch, rolling
         As of `deconvolve_series`; None where there is no series.
 
