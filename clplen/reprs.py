@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import fields
 from typing import Any
 
@@ -39,6 +40,16 @@ def printable(text: str) -> str:
     Line breaks, control characters, marks of direction and bytes that are not UTF-8 are replaced.
     """
     return "".join(one if one.isprintable() else ascii(one)[1:-1] for one in text)
+
+
+def columns(rows: Sequence[Sequence[str]], sides: str) -> list[str]:
+    """Return lines whose cells stand below each other, each column at its side, "<" or ">"."""
+    widths = [max(map(len, column)) for column in zip(*rows, strict=True)]
+    forms = list(zip(sides, widths, strict=True))
+    return [
+        "  ".join(f"{cell:{side}{w}}" for cell, (side, w) in zip(row, forms, strict=True)).rstrip()
+        for row in rows
+    ]
 
 
 def _line(thing: object, texts: dict[str, str]) -> str:

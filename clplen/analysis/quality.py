@@ -18,7 +18,7 @@ from numpy.typing import ArrayLike
 from clplen.cameras.scenes.ground_truth import Truth
 from clplen.checks import host_array, is_integer, real_map
 from clplen.errors import ShapeError
-from clplen.reprs import OneLine
+from clplen.reprs import OneLine, columns
 
 Real = np.ndarray[Any, np.dtype[np.float64]]
 Mask = np.ndarray[Any, np.dtype[np.bool_]]
@@ -109,8 +109,8 @@ class Scores(OneLine):
             if not math.isnan(value)
         ]
         rows[0] = ("pixels", str(self.pixels), "")
-        wide, number = (max(len(row[k]) for row in rows) for k in (0, 1))
-        return "\n".join(f"{a:<{wide}}  {b:>{number}} {c}".rstrip() for a, b, c in rows)
+        lines = columns([row[:2] for row in rows], "<>")
+        return "\n".join(f"{line} {row[2]}".rstrip() for line, row in zip(lines, rows, strict=True))
 
 
 _LABELS = (

@@ -12,6 +12,7 @@ import click
 from clplen.cli.shared.console import note
 from clplen.cli.shared.options import Length, Lengths, Shape
 from clplen.errors import SamplingError
+from clplen.reprs import columns
 from clplen.units import angle, both, interval, metres
 from clplen.wave.elements.lens import LensSampling, lens_sampling, lenslet_sampling
 from clplen.wave.elements.lenslets import SMALLEST_PITCH
@@ -167,11 +168,9 @@ def _say_methods(wanted: list[Request]) -> None:
         rows.append([method, _valid(own), *(_verdict(r, method) for r in wanted)])
     errors = [_paraxial_error(r) for r in wanted]
     rows.append(["paraxial phase", "", *(f"wrong by up to {error:.2g} rad" for error in errors)])
-    widths = [max(map(len, column)) for column in zip(*rows, strict=True)]
     click.echo(f"Methods with --pad {wanted[0].pad:g}")
-    for row in rows:
-        cells = (f"{cell:<{width}}" for cell, width in zip(row, widths, strict=True))
-        click.echo(("  " + "  ".join(cells)).rstrip())
+    for line in columns(rows, "<" * len(rows[0])):
+        click.echo(f"  {line}")
     click.echo()
 
 

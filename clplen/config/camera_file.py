@@ -17,7 +17,7 @@ from clplen.compute.device import DeviceLike, as_device
 from clplen.config.camera import CameraTable, SensorTable
 from clplen.config.kinds import refuse_fourier
 from clplen.config.scene import CoherenceTable, SceneTable
-from clplen.config.tables import Table, read_toml, validated
+from clplen.config.tables import Model, Table, read_toml, validated
 from clplen.files import PathLike
 from clplen.wave.coherence.coherence import Coherence
 
@@ -75,10 +75,13 @@ class CameraFile(Table):
 
 def read_camera_file(path: PathLike) -> CameraFile:
     """Read a camera file."""
-    path = Path(path)
+    return _read(CameraFile, Path(path))
+
+
+def _read(model: type[Model], path: Path) -> Model:
     content = read_toml(path, f"camera file {path}; 'clplen simulate --example' prints one")
     refuse_fourier(content, path)
-    return validated(CameraFile, content, path)
+    return validated(model, content, path)
 
 
 class _CameraAlone(Table):
@@ -138,10 +141,7 @@ def read_camera(
     >>> clplen.read_camera("camera.toml")
     <Plenoptic1 f = 10 mm, 11 x 11 lenslets of 100 um, 55 x 55 pixels, 550 nm, ...>
     """
-    path = Path(path)
-    content = read_toml(path, f"camera file {path}; 'clplen simulate --example' prints one")
-    refuse_fourier(content, path)
-    table = validated(_CameraAlone, content, path).camera
+    table = _read(_CameraAlone, Path(path)).camera
     if count is not None:
         counts = np.ravel(count)
         if counts.size not in (1, 2) or not all(is_integer(n) and n >= 1 for n in counts):

@@ -15,7 +15,7 @@ from typing import Any
 
 from clplen.cameras.optics.lenslet_camera import independent_views
 from clplen.checks import check_positive, fits_float64, require
-from clplen.reprs import OneLine
+from clplen.reprs import OneLine, columns
 
 
 @dataclass(frozen=True, repr=False)
@@ -341,15 +341,7 @@ def sampling_table(cameras: Mapping[str, Sampling]) -> str:
     for label, name, unit, text in ROWS:
         values = (getattr(one, name) * unit for one in cameras.values())
         lines.append([label, *(f"{value:.4g}" for value in values), text])
-    wide = [max(len(line[k]) for line in lines) for k in range(len(lines[0]))]
-    return "\n".join(
-        "  ".join(
-            [line[0].ljust(wide[0])]
-            + [cell.rjust(w) for cell, w in zip(line[1:-1], wide[1:-1], strict=True)]
-            + [line[-1]]
-        ).rstrip()
-        for line in lines
-    )
+    return "\n".join(columns(lines, f"<{'>' * len(cameras)}<"))
 
 
 def _check(**numbers: float) -> None:

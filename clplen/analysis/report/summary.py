@@ -45,24 +45,36 @@ def usable_limit(one: Measured) -> float:
 def criteria(comparison: Comparison) -> list[Criterion]:
     """Those for which a comparison has numbers."""
     shared = common_depths(comparison)
-
-    def error(one: Measured) -> float:
-        return depth_rms(one, shared)
-
-    depth_name = "rms depth error where all measure"
     every = [
-        Criterion("sampling", "places along x", _places, True, 1.0, "", reasons.places),
-        Criterion("sampling", "independent directions", _views, True, 1.0, "", reasons.views),
+        Criterion(
+            "sampling", "places along x", lambda one: one.sampling.spatial_samples, True, 1.0, "",
+            reasons.places,
+        ),
+        Criterion(
+            "sampling", "independent directions", lambda one: one.sampling.independent_views, True,
+            1.0, "", reasons.views,
+        ),
         Criterion("mtf", "usable MTF50", usable_mtf50, True, 1e-3, "cycles/mm", reasons.frequency),
         Criterion("two-points", "two-point limit", usable_limit, False, 1e6, "um", reasons.limit),
-        Criterion("strehl", "Strehl ratio", _strehl, True, 1.0, "", reasons.peak),
+        Criterion("strehl", "Strehl ratio", Measured.strehl, True, 1.0, "", reasons.peak),
         Criterion(
-            "energy", "radius of 80 % of the light", _radius, False, 1e6, "um", reasons.radius
+            "energy", "radius of 80 % of the light", lambda one: one.radius(0.8), False, 1e6, "um",
+            reasons.radius,
         ),
-        Criterion("crosstalk", "crosstalk", _crosstalk, False, 100.0, "%", reasons.crosstalk),
-        Criterion("depth", "depths measured", _depths, True, 1.0, "", reasons.depth_range),
-        Criterion("depth", depth_name, error, False, 1e3, "mm", reasons.depth),
-    ]
+        Criterion(
+            "crosstalk", "crosstalk", lambda one: _known(one.crosstalk), False, 100.0, "%",
+            reasons.crosstalk,
+        ),
+        Criterion(
+            "depth", "depths measured",
+            lambda one: _known(None if one.depth is None else np.isfinite(one.depth.rms).sum()),
+            True, 1.0, "", reasons.depth_range,
+        ),
+        Criterion(
+            "depth", "rms depth error where all measure", lambda one: depth_rms(one, shared), False,
+            1e3, "mm", reasons.depth,
+        ),
+    ]  # fmt: skip
     return [one for one in every if one.analysis in comparison.analyses]
 
 
@@ -160,28 +172,8 @@ def _number(value: float, unit: str) -> str:
     return f"{value:.4g} {unit}".rstrip()
 
 
-def _places(one: Measured) -> float:
-    return one.sampling.spatial_samples
-
-
-def _views(one: Measured) -> float:
-    return one.sampling.independent_views
-
-
-def _strehl(one: Measured) -> float:
-    return one.strehl()
-
-
-def _radius(one: Measured) -> float:
-    return one.radius(0.8)
-
-
-def _crosstalk(one: Measured) -> float:
-    return math.nan if one.crosstalk is None else one.crosstalk
-
-
-def _depths(one: Measured) -> float:
-    return math.nan if one.depth is None else float(np.isfinite(one.depth.rms).sum())
+def _known(value: Any) -> float:
+    return math.nan if value is None else float(value)
 
 
 def _runs(names: list[str]) -> list[tuple[int, int]]:
@@ -257,7 +249,9 @@ def _notes(comparison: Comparison) -> list[str]:
 def _rows(comparison: Comparison) -> list[list[str]]:
     rows = [["type", *(one.sampling.kind for one in comparison.cameras), ""]]
     if "sampling" in comparison.analyses:
-        rows += [_sampling_row(comparison, *row) for row in ROWS]
+        for label, name, factor, unit in ROWS:
+            values = (getattr(one.sampling, name) * factor for one in comparison.cameras)
+            rows.append([label.replace("the axis", "x"), *map(_cell, values), unit])
     every = [summary_values(one, comparison.analyses) for one in comparison.cameras]
     for name, (_, unit) in every[0].items():
         if name.endswith(" y") and all(_alike(one, name) for one in every):
@@ -273,19 +267,6 @@ def _alike(found: dict[str, tuple[float, str]], name: str) -> bool:
     """Whether the number along y is that along x."""
     y, x = found[name][0], found[f"{name[:-1]}x"][0]
     return math.isclose(y, x, rel_tol=1e-3) or (math.isnan(y) and math.isnan(x))
-
-
-def _sampling_row(
-    comparison: Comparison, label: str, name: str, factor: float, unit: str
-) -> list[str]:
-    def value(one: Measured) -> float:
-        return float(getattr(one.sampling, name)) * factor
-
-    return [
-        label.replace("the axis", "x"),
-        *(_cell(value(one)) for one in comparison.cameras),
-        unit,
-    ]
 
 
 def _cell(value: float) -> str:
