@@ -70,7 +70,6 @@ CALLS = {
     "groups": lambda d: wave.usaf1951(GRID, groups=[HUGE]),
     "terms": lambda d: wave.wavefront(GRID, {(2, 0): HUGE}, diameter=4e-5),
     "order": lambda d: wave.zernike(*wave.noll(10**20), 0.5, 0),
-    "binning": lambda d: microscopy.suitable_binning(1.4, HUGE, 0.52, 125, 2800, 8.3),
     "lattice": lambda d: microscopy.square_lattice(33.67, (HUGE, 600)),
     "match": lambda d: microscopy.match_points(np.ones(3), np.ones(3), tolerance=(HUGE, 1, 1)),
     "even": lambda d: microscopy.EvenLight(dict.fromkeys(NEEDED, HUGE)),

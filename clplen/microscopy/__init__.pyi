@@ -10,8 +10,6 @@ from .frames.prepare import rectify as rectify
 from .frames.raw_frames import RawPreparation as RawPreparation
 from .frames.raw_frames import raw_preparation as raw_preparation
 from .frames.sharpness import sharpness as sharpness
-from .model.binning import binning_error as binning_error
-from .model.binning import suitable_binning as suitable_binning
 from .model.fourier_images import FourierPointImages as FourierPointImages
 from .model.images import PointImages as PointImages
 from .model.point_image_files import read_point_images as read_point_images

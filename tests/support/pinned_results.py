@@ -1216,6 +1216,8 @@ def degenerate_planes():
 
 @pinned()
 def point_image_files():
+    from clplen.microscopy.model import binning
+
     microscopy.write_point_images("images.h5", point_images())
     microscopy.write_point_images("fourier.h5", fourier_images())
     again = microscopy.read_point_images("images.h5")
@@ -1226,8 +1228,8 @@ def point_image_files():
         "fourier": [fourier.image(1, (0, 0)), fourier.kept(1), fourier.centres],
         "half": half.image(0, (1, 2)),
         "binned": clplen.point_images(scope(22), PLANES[:1], binning=2).image(0, (2, 2)),
-        "error": microscopy.binning_error(scope(22), [0.0, 50e-6], 2),
-        "suitable": microscopy.suitable_binning(1.4, 63, 0.52, 125, 2800, 8.3),
+        "error": binning.binning_error(scope(22), [0.0, 50e-6], 2),
+        "suitable": binning.suitable_binning(1.4, 63, 0.52, 125, 2800, 8.3),
         "sharpness": microscopy.sharpness(point_images()),
         "lattice": vars_of(microscopy.lattice_of(scope())),
     }
