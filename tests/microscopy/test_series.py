@@ -10,8 +10,13 @@ from clplen.errors import ShapeError
 from clplen.microscopy import deconvolve, deconvolve_series
 from clplen.microscopy.reconstruction.projector import Projector
 from clplen.microscopy.series.preview import disparities, preview
-from clplen.microscopy.series.rolling import rolling_minimum
-from clplen.microscopy.series.series import BATCH, SeriesFrame, batch_for, found_in_batches
+from clplen.microscopy.series.series import (
+    BATCH,
+    SeriesFrame,
+    batch_for,
+    found_in_batches,
+    rolling_minimum,
+)
 from clplen.microscopy.series.starts import FLOOR, Start
 
 FRAMES = 5

@@ -1243,7 +1243,7 @@ def microscope_white() -> np.ndarray:
 
 @pinned()
 def preparations():
-    from clplen.microscopy.series.rolling import rolling_minimum
+    from clplen.microscopy.series.series import rolling_minimum
 
     white = microscope_white()
     frame = np.float32(white * samples(*white.shape))
