@@ -24,7 +24,6 @@ from clplen import (
 )
 from clplen.checks import float64_array, is_integer
 from clplen.microscopy.frames.outliers import hot_pixels
-from clplen.microscopy.model.binning import suitable_binning
 from clplen.microscopy.pupil.even_light import NEEDED, EvenLight
 from clplen.wave import Space
 
@@ -72,7 +71,6 @@ CALLS = {
     "groups": lambda d: wave.usaf1951(GRID, groups=[HUGE]),
     "terms": lambda d: wave.wavefront(GRID, {(2, 0): HUGE}, diameter=4e-5),
     "order": lambda d: wave.zernike(*wave.noll(10**20), 0.5, 0),
-    "binning": lambda d: suitable_binning(1.4, HUGE, 0.52, 125, 2800, 8.3),
     "lattice": lambda d: microscopy.square_lattice(33.67, (HUGE, 600)),
     "match": lambda d: microscopy.match_points(np.ones(3), np.ones(3), tolerance=(HUGE, 1, 1)),
     "even": lambda d: EvenLight(dict.fromkeys(NEEDED, HUGE)),

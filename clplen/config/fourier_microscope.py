@@ -10,11 +10,18 @@ import numpy as np
 from pydantic import AfterValidator, BeforeValidator, Field, model_validator
 
 from clplen.cameras import FourierMicroscope, LensletLayout, PlenopticCamera
-from clplen.cameras.optics.objective import APODISATION
 from clplen.compute.device import Device
-from clplen.config.camera import CoverTable, MicrolensTable
+from clplen.config.camera import MicrolensTable
 from clplen.config.kinds import FOURIER, kind_of, require_fourier
-from clplen.config.microscope import INDEX, MAGNIFICATION, NA, STEP, TUBE_LENS, WAVELENGTH, Range
+from clplen.config.microscope import (
+    INDEX,
+    PIXEL,
+    STEP,
+    TUBE_LENS,
+    WAVELENGTH,
+    ObjectiveTable,
+    Range,
+)
 from clplen.config.tables import (
     Count,
     Finite,
@@ -28,7 +35,6 @@ from clplen.config.tables import (
 from clplen.files import PathLike
 
 RELAY = Range(5, 2000, "mm")
-PIXEL = Range(0.3, 200, "um")
 STOP = Range(0.05, 200, "mm")
 DISTANCE = Range(0.1, 2000, "mm")
 
@@ -49,12 +55,10 @@ class LensletsTable(Table):
         return LensletLayout(**self.in_si() | {"positions": np.array(self.positions_mm) / 1e3})
 
 
-class FourierTable(Table):
+class FourierTable(ObjectiveTable):
     """``[camera]`` of a Fourier microscope."""
 
     kind: Literal["fourier_microscope"]
-    magnification: Annotated[Positive, AfterValidator(MAGNIFICATION.check)]
-    na: Annotated[Positive, AfterValidator(NA.check)]
     medium_index: Annotated[Positive, AfterValidator(INDEX.check)] = 1.0
     wavelength_nm: Annotated[Positive, AfterValidator(WAVELENGTH.check)]
     tube_lens_mm: Annotated[Positive, AfterValidator(TUBE_LENS.check)] = 200.0
@@ -63,8 +67,6 @@ class FourierTable(Table):
     sensor_distance_mm: Annotated[Positive, AfterValidator(DISTANCE.check)] | None = None
     pixel_um: Annotated[Positive, AfterValidator(PIXEL.check)]
     sensor: Annotated[tuple[Count, Count], of(2, "[rows, columns]")] | None = None
-    apodisation: Annotated[float, Field(ge=-1, le=1, strict=True)] = APODISATION
-    cover: CoverTable | None = None
     microlenses: MicrolensTable | None = None
     lenslets: LensletsTable | None = None
 

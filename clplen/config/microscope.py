@@ -71,11 +71,18 @@ _PRINTED = "'clplen microscope psf --example' prints one"
 _F_NUMBER = "the f-number of the lenslets, focal length over pitch, is {:.3g}; it"
 
 
-class KnownTable(Table):
-    """A microscope by the names of LFAnalyze; the whole file."""
+class ObjectiveTable(Table):
+    """What tables of microscopes have of the objective."""
 
     magnification: Annotated[Positive, AfterValidator(MAGNIFICATION.check)]
     na: Annotated[Positive, AfterValidator(NA.check)]
+    apodisation: Annotated[float, Field(ge=-1, le=1, strict=True)] = APODISATION
+    cover: CoverTable | None = None
+
+
+class KnownTable(ObjectiveTable):
+    """A microscope by the names of LFAnalyze; the whole file."""
+
     medium_index: Annotated[Positive, AfterValidator(INDEX.check)]
     wavelength: Annotated[Positive, AfterValidator(WAVELENGTH.check)]
     tubelens_focal_length: Annotated[Positive, AfterValidator(TUBE_LENS.check)] = 200.0
@@ -83,8 +90,6 @@ class KnownTable(Table):
     ulens_focal_length: Annotated[Positive, AfterValidator(FOCAL_LENGTH.check)]
     ulens_lattice: Literal["square", "hexagonal"] = "square"
     pixel_size: Annotated[Positive, AfterValidator(PIXEL.check)]
-    apodisation: Annotated[float, Field(ge=-1, le=1, strict=True)] = APODISATION
-    cover: CoverTable | None = None
     pupil_nm: PupilTerms | None = None
     num_slices: Count | None = None
     um_per_slice: Annotated[Positive, AfterValidator(STEP.check)] | None = None

@@ -30,8 +30,12 @@ from clplen.microscopy.pupil.pupil_check import PupilCheck, check_pupil, correct
 from clplen.microscopy.reconstruction.deconvolution import DeconvolutionResult, deconvolve
 from clplen.microscopy.reconstruction.fourier_projector import FourierProjector
 from clplen.microscopy.reconstruction.projector import Projector
-from clplen.microscopy.series.rolling import rolling_minimum
-from clplen.microscopy.series.series import SeriesFrame, batch_for, found_in_batches
+from clplen.microscopy.series.series import (
+    SeriesFrame,
+    batch_for,
+    found_in_batches,
+    rolling_minimum,
+)
 from clplen.microscopy.series.starts import Start
 from clplen.microscopy.settings import DeconvolutionSettings
 

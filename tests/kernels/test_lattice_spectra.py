@@ -17,7 +17,7 @@ def paired(cells, w):
 
 @pytest.mark.parametrize(
     ("w", "window", "parts"),
-    [((1, 1), (4, 4), (0,)), ((3, 3), (5, 6), (0, 1)), ((2, 3), (6, 9), (0, 1, 2, 3))],
+    [((3, 3), (5, 6), (0, 1)), ((2, 3), (6, 9), (0, 1, 2, 3))],
 )
 def test_pack_and_unpack(device, w, window, parts):
     cells = np.random.default_rng(w).random((2, PLANES, math.prod(w), *window))
@@ -41,7 +41,7 @@ def test_pack_and_unpack(device, w, window, parts):
 
 
 @pytest.mark.parametrize(
-    ("w", "v", "odd"), [((3, 3), (2, 2), 0), ((2, 2), (3, 3), 1), ((5, 2), (1, 3), 1)]
+    ("w", "v", "odd"), [((3, 3), (2, 2), 0), ((5, 2), (1, 3), 1)]
 )
 def test_assembled_matrix_multiplies_spectra(device, w, v, odd):
     # H[m, s] of any point images with H[m', s'](k) = H[m, s](-k), or -H[m, s](-k) where odd

@@ -59,10 +59,9 @@ def there_and_back(device, w, window, parts, shape, seed=0):
     assert (again[:, [0, 3]] == 9).all()
 
 
-@pytest.mark.parametrize("w", [(3, 3), (5, 2)])
-def test_windows(device, w):
-    for window in WINDOWS:
-        there_and_back(device, w, window, (0,), filled(window))
+def test_windows(device):
+    for number, window in enumerate(WINDOWS):
+        there_and_back(device, ((3, 3), (5, 2))[number % 2], window, (0,), filled(window))
 
 
 @pytest.mark.parametrize("parts", [(0, 2), (0, 1, 2, 3)])

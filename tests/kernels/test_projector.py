@@ -21,7 +21,7 @@ def launched(device, name, out, R, other, *, add=False, depth=2):
     return device.download(target)
 
 
-@pytest.mark.parametrize("shape", [(2, 7, 5), (3, 1, 1), (1, 5, 13)])
+@pytest.mark.parametrize("shape", [(2, 7, 5), (1, 5, 13)])
 def test_forward_and_backward(device, shape):
     blocks, rows, columns = shape
     rng = np.random.default_rng(rows)

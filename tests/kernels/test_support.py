@@ -171,10 +171,3 @@ def test_valley_without_one(device):
     np.testing.assert_array_equal(least, 4)
     np.testing.assert_array_equal(mean, 4)
     assert np.isinf(second).all()
-
-
-def test_valley_in_the_program_of_its_cue(device):
-    cost = np.random.default_rng(4).uniform(1, 9, (len(UNEVEN), 3, 19)).astype(np.float32)
-    sizes = {"SAMPLE": "float", "RADIUS": 1, "BLOCK": 1, "MATCH_BLOCK": 1}
-    together = lowest(device, cost, UNEVEN, "combined.cl", **sizes)
-    np.testing.assert_array_equal(together, lowest(device, cost, UNEVEN))

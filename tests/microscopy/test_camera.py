@@ -42,9 +42,8 @@ def cells(picture, n=25):
     return picture.astype(float).reshape(ny, n, nx, n).sum(axis=(1, 3))
 
 
-@pytest.mark.parametrize(("z", "limit"), [(0, 1e-3), (-25e-6, 0.0235)])
-def test_native_field_is_the_debye_integral(precise, z, limit):
-    # what is left is the sampling of the pupil by a window of 375^2: 9e-4, .0225
+def test_native_field_is_the_debye_integral(precise):
+    z, limit = -25e-6, 0.0235  # the sampling of the pupil by a window of 375^2 leaves 0.0225
     grid = Grid((375, 375), 5e-6)
     objective = Objective(20, 0.5, 1, 525e-9)
     field = objective.fields(PointSources([(0, 0, z)]), grid, precise).to_numpy()[0, 187]
@@ -67,30 +66,12 @@ def test_apodisation_and_index_shape_the_field(precise):
     assert relative_max(native(setup, point, 9), found.to_numpy()[0]) < 1e-10
 
 
-@pytest.mark.parametrize(("count", "n", "z"), [(9, 25, 8e-6), (8, 26, -6e-6)])
-def test_sensor_is_that_of_the_twin(device, count, n, z):
-    point = (2.3e-6, -4.1e-6, z)
-    found = microscope(device, count=count, n=n).expose(PointSources([point])).to_numpy()
+def test_sensor_is_that_of_the_twin(device):
+    points, power, count = ((2.3e-6, -4.1e-6, -6e-6), (-1e-6, 2e-6, 8e-6)), (1, 3), 8
+    found = microscope(device, count=count, n=26).expose(PointSources(points, power=power))
+    twins = (p * sensor(replace(S, n=26), one, count) for one, p in zip(points, power, strict=True))
     # complex64 through three transforms, measured 9e-7 of the peak
-    assert relative_max(sensor(replace(S, n=n), point, count), found) < 3e-6
-
-
-@pytest.mark.parametrize(("z", "lit"), [(-20e-6, 21), (20e-6, 25)])
-def test_energy_and_lenslets_of_a_point(device, z, lit):
-    picture = microscope(device).expose(PointSources([(0, 0, z)])).to_numpy()
-    assert picture.sum(dtype=float) == pytest.approx(1, abs=1e-6)
-    energy = cells(picture)
-    assert np.count_nonzero(energy > 0.01 * energy.max()) == lit
-
-
-def test_image_is_not_inverted_and_energy_follows_power(device):
-    camera = microscope(device, count=(7, 9))
-    scene = PointSources([(12.5e-6, -6.25e-6, 0), (-18.75e-6, 0, 0)], power=(1, 3))
-    energy = cells(camera.expose(scene).to_numpy())
-    assert energy.sum() == pytest.approx(4, rel=2e-2)  # the Airy tails leave 7 lenslets
-    assert np.unravel_index(energy.argmax(), energy.shape) == (3, 1)
-    energy[:, :3] = 0
-    assert np.unravel_index(energy.argmax(), energy.shape) == (2, 6)
+    assert relative_max(sum(twins), found.to_numpy()) < 3e-6
 
 
 def test_depth_by_disparity(device):
@@ -160,31 +141,12 @@ def test_cover_glass_aberrates_as_third_order_theory_says(device):
     expected = 50e-6 * (1.5**2 - n**2) * s**4 / (8 * 1.5**3 * n**2) / 525e-9
     inside = s < 0.19
     phase = np.angle(aberrated[inside] / plain[inside]) / (2 * np.pi)
-    assert np.abs(phase).max() > (0.004 if n == 1 else 8e-4)
+    assert np.abs(phase).max() > 8e-4
     assert np.allclose(phase, expected[inside], atol=0.04 * expected[inside].max())
     same = replace(objective, cover=CoverGlass(170e-6, 1.5255))
     assert np.array_equal(same.pupil(grid, 0), replace(same, cover=None).pupil(grid, 0))
-
-
-def test_cover_glass_of_a_camera(device):
-    thick = microscope(device, count=7, cover=CoverGlass(300e-6))
-    plain = microscope(device, count=7)
-    point = PointSources([(0, 0, 0)])
-    fields = [cam.objective.fields(point, cam.grid, device).to_numpy() for cam in (thick, plain)]
-    assert np.abs(fields[0]).max() < 0.8 * np.abs(fields[1]).max()  # .7 waves of W040
-    assert relative_max(*(cam.expose(point).to_numpy() for cam in (thick, plain))) > 0.1
-    with pytest.raises(ValueError, match=r"NA 1\.1 does not pass a cover glass of index 1\.05"):
-        microscope(device, na=1.1, medium_index=1.33, cover=CoverGlass(1e-4, 1.05))
-
-
-def test_cover_glasses_that_cannot_be():
-    for thickness, index, words in [
-        (150, 1.5, "0 to 0.01 m thick, not 150: 150 um are 150e-6"),
-        ("150um", 1.5, "not '150um'"),
-        (1e-4, 0.9, "index from 1 to 5, not 0.9"),
-    ]:
-        with pytest.raises(ValueError, match=words):
-            CoverGlass(thickness, index)
+    camera = microscope(device, count=7, cover=CoverGlass(3e-4), pupil={5: 1e-8})
+    assert (camera.objective.cover, camera.objective.aberration) == (camera.cover, camera.pupil)
 
 
 @pytest.mark.parametrize(("thickness", "z"), [(500e-6, 4e-6), (0, -45e-6)])
@@ -240,9 +202,20 @@ def test_bad_microscopes(device):
         ({"n": "25"}, SamplingError, "pixels_per_lenslet is a number, at least 2, not '25'"),
         ({"mla": None}, TypeError, "mla is a MicrolensArray, not None"),
         ({"cover": "150um"}, TypeError, "cover is a CoverGlass, as .* not '150um'"),
-    ]:
+        ({"na": 1.1, "medium_index": 1.33, "cover": CoverGlass(1e-4, 1.05)}, ValueError,
+         r"NA 1\.1 does not pass a cover glass of index 1\.05"),
+    ]:  # fmt: skip
         with pytest.raises(error, match=words):
             microscope(device, **change)
+    for thickness, index, words in [
+        (150, 1.5, "0 to 0.01 m thick, not 150: 150 um are 150e-6"),
+        ("150um", 1.5, "not '150um'"),
+        (1e-4, 0.9, "index from 1 to 5, not 0.9"),
+    ]:
+        with pytest.raises(ValueError, match=words):
+            CoverGlass(thickness, index)
+    with pytest.raises(SamplingError, match="beyond the array"):
+        microscope(device, count=7).expose(PointSources([(30e-6, 0, 0)]))
 
 
 def test_unmatched_f_numbers_are_said_aloud(device):
@@ -251,11 +224,3 @@ def test_unmatched_f_numbers_are_said_aloud(device):
     with warnings.catch_warnings():
         warnings.simplefilter("error")
         microscope(device, na=0.47)
-
-
-def test_scenes_that_are_none(device):
-    camera = microscope(device, count=7)
-    with pytest.raises(SamplingError, match="beyond the array"):
-        camera.expose(PointSources([(30e-6, 0, 0)]))
-    with pytest.raises(TypeError, match="exposes PointSources"):
-        camera.expose("beads")

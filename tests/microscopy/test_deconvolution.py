@@ -6,12 +6,11 @@ import numpy as np
 import pytest
 import setups_microscope as setups
 from scipy.ndimage import gaussian_filter
-from setups_microscope import projector_of, voxels, wrong
+from setups_microscope import projector_of, voxels
 
 from clplen import DeviceError, ShapeError
 from clplen.lightfield import Lattice
 from clplen.microscopy.frames.prepare import Preparation
-from clplen.microscopy.model.images import PointImages
 from clplen.microscopy.reconstruction.deconvolution import Acceleration, deconvolve
 from clplen.microscopy.reconstruction.priors import noise_level
 from clplen.microscopy.reconstruction.projector import Projector
@@ -130,15 +129,11 @@ def test_stopping_at_the_noise(fine):
 
 
 def test_noise_of_rectified_photons(device):
-    for origin, row, column in [
-        ((151.3, 149.7), (15.4, 0.03), (-0.03, 15.2)),
-        ((151.9, 149.8), (16.0, 0.0), (0.0, 16.0)),
-    ]:
-        lattice = Lattice("square", origin, row, column, (300, 300))
-        prepare = Preparation(16, device, None, lattice, None)
-        counts = prepare(np.random.default_rng(0).poisson(20, (300, 300))).counts
-        # 300^2 samples, correlated with a few neighbours
-        assert counts.var() / counts.mean() == pytest.approx(prepare.variance, rel=0.02)
+    lattice = Lattice("square", (151.3, 149.7), (15.4, 0.03), (-0.03, 15.2), (300, 300))
+    prepare = Preparation(16, device, None, lattice, None)
+    counts = prepare(np.random.default_rng(0).poisson(20, (300, 300))).counts
+    # 300^2 samples, correlated with a few neighbours
+    assert counts.var() / counts.mean() == pytest.approx(prepare.variance, rel=0.02)
 
 
 def twin(frame, projector, prior, accelerate, white, background, iterations=5):
@@ -192,9 +187,7 @@ def uneven(device):
 @pytest.mark.parametrize(
     ("prior", "accelerate"),
     [
-        pytest.param("tv", False, marks=pytest.mark.thorough),
         ("gaussian", False),
-        pytest.param(None, True, marks=pytest.mark.thorough),
         ("tv", True),
     ],
 )
@@ -216,21 +209,9 @@ def test_steps(uneven, prior, accelerate):
     assert np.abs(found - expected).max() < 2e-4 * expected.max()
 
 
-def test_how_far_light_reaches():
-    about = {"magnification": 60, "na": 1.2, "medium_index": 1.33, "lenslet_pitch": 1e-4}
-    z = np.array([-2e-6, 0, 1e-6])
-    found = PointImages(about, z, 1, 1, (), np.ones(3)).blurs
-    assert found == pytest.approx(np.abs(z) * 60 * np.tan(np.arcsin(1.2 / 1.33)) / 1e-4)
-
-
-@pytest.mark.thorough
-def test_total_variation_against_noise(fine):
-    frame, true = setups.counted(fine, setups.shell(fine, 15), 1e4)
-    free = wrong(deconvolve(frame, fine, iterations=20).volume, true)
-    found = deconvolve(frame, fine, iterations=20, prior="tv", accelerate=True)
-    assert wrong(found.volume, true) < 0.85 * free
-    less = deconvolve(frame, fine, iterations=20, prior="tv", strength=0.2)
-    assert wrong(found.volume, true) < wrong(less.volume, true) < free
+def test_how_far_light_reaches(uneven):
+    z = np.abs(uneven.images.planes)
+    assert uneven.images.blurs == pytest.approx(z * 20 * np.tan(np.arcsin(0.5)) / 125e-6)
 
 
 def test_what_is_not_deconvolved(projector):
@@ -243,11 +224,8 @@ def test_what_is_not_deconvolved(projector):
         ({"white": 0}, ValueError, "The white frame is 0 everywhere"),
         ({"white": np.ones((2, 225, 225))}, ShapeError, "one for all frames, not of shape"),
         ({"background": 1j}, TypeError, "background holds real numbers"),
-        ({"frame": np.ones((225, 225), complex)}, TypeError, "A frame holds real numbers, not c"),
-        ({"frame": None}, TypeError, "A frame is an array of numbers, not of type NoneType"),
         ({"frame": np.ones((0, 225, 225))}, ShapeError, r"A frame has shape .* not \(0, 225"),
         ({"projector": None}, TypeError, "projector is a VolumeProjector, as Projector"),
-        ({"frame": np.ones((224, 225))}, ShapeError, "A frame has shape"),
         ({"frame": np.full((225, 225), -1)}, ValueError, "A frame has 50625 negative or not fin"),
         ({"frame": np.zeros((225, 225))}, ValueError, "black"),
         ({"prior": "TV"}, ValueError, "prior is 'tv', 'gaussian', 'time' or None, not 'TV'"),

@@ -59,15 +59,6 @@ def test_light_of_lenslets(camera):
     assert camera.lit == pytest.approx(expected, abs=2e-3)
 
 
-def test_apertures_have_their_area():
-    for fill in ["circular", "square", "hexagonal"]:
-        layout = LensletLayout([(0, 0)], 0.01, diameter=1e-3, fill=fill, rotation=0.3)
-        step = 1.7e-5
-        t = (np.arange(81) - 40.3) * step
-        found = layout.coverage(t, t, step).sum() * step**2
-        assert found == pytest.approx(layout.area, rel=2e-3)
-
-
 def test_arrays_are_layouts():
     """Turned and moved lattices, several focal lengths, hexagons."""
     mla = MicrolensArray(
@@ -97,13 +88,6 @@ def test_point_images_of_an_independent_simulation(camera, lenslet):
 def test_the_field_stop_hides_points(camera):
     inside = camera.field_stop / (2 * camera.magnification)
     assert camera.expose(PointSources((1.1 * inside, 0, 0))).to_numpy().sum() < 0.01
-
-
-def test_energy_apart_from_gaps(camera):
-    """Discs cover pi/4 of the pupil, and its corners hold lenslets, too."""
-    frame = camera.expose(PointSources((0, 0, 0))).to_numpy()
-    covered = camera.lit.sum() * camera.lenslets.area / (math.pi / 4 * camera.pupil_diameter**2)
-    assert frame.sum() == pytest.approx(covered, abs=0.02)
 
 
 def test_focal_lengths_focus_planes(device):

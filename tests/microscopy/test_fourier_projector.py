@@ -71,27 +71,13 @@ def test_sums_over_voxels(device, b, shape):
     assert not streamed.resident
 
 
-def test_backward_is_the_adjoint(device, images):
-    projector = FourierProjector(images, (33, 40), device=device)
-    rng = np.random.default_rng(5)
-    f = rng.normal(size=projector.volume_shape).astype(np.float32)
-    g = rng.normal(size=projector.frame_shape).astype(np.float32)
-    Hf = projector.forward(f, clamp=False).astype(float)
-    left, right = np.vdot(Hf, g), np.vdot(f, projector.backward(g).astype(float))
-    assert abs(left - right) < 1e-6 * np.linalg.norm(Hf) * np.linalg.norm(g)
-    operator = projector.as_linear_operator()
-    assert relative_max(Hf.ravel(), operator @ f.ravel()) < 1e-6
-    on_device = projector.forward_data(device.upload(f[None]))
-    assert relative_max(Hf[None], device.download(on_device)) < 1e-6
-
-
 def test_voxels_are_what_the_camera_sees(device, camera):
     """Two of them, off the axis and between pixels, beside the exposure of points; by energy.
 
     Sub-images of one exposure interfere, which shift-invariant images leave out.
     """
     b = 2
-    images = fourier_point_images(camera, Z[1:], voxels_per_pixel=b, cut=1e-4)
+    images = fourier_point_images(camera, Z[1:], voxels_per_pixel=b, cut=5e-4)
     projector = FourierProjector(images, device=device)
     volume = np.zeros(projector.volume_shape)
     rows, columns = projector.shape
@@ -105,30 +91,22 @@ def test_voxels_are_what_the_camera_sees(device, camera):
     assert relative_max(seen, found) < 5e-3
 
 
-@pytest.mark.parametrize("how", [{}, {"prior": "tv", "strength": 0.3}])
-def test_points_come_back(device, images, how):
+def test_points_come_back(device, images):
     projector = FourierProjector(images, (31, 31), device=device)
     volume = np.zeros(projector.volume_shape)
     at = [(0, 8, 22), (1, 15, 12), (1, 15, 17), (2, 20, 10)]
     volume[tuple(np.transpose(at))] = 1
     frame = projector.forward(volume)
     counts = np.random.default_rng(0).poisson(frame * 1e5 / frame.sum())
-    found = deconvolve(counts, projector, iterations=15, **how)
+    found = deconvolve(counts, projector, iterations=15, prior="tv", strength=0.3)
     assert found.degenerate == ()
-    assert found.voxel == pytest.approx((camera_side(), camera_side()))
+    side = SMALL["pixel_pitch"] / (20 * 12e-3 / 0.05)
+    assert found.voxel == pytest.approx((side, side))
     assert [tuple(p) for p in np.argwhere(found.volume > 0.4 * found.volume.max())] == at
     share = found.volume[tuple(np.transpose(at))].sum() / found.volume.sum()
     assert share > 0.6
-
-
-def camera_side():
-    return SMALL["pixel_pitch"] / (20 * 12e-3 / 0.05)
-
-
-def test_gaussian_prior_is_of_another_microscope(device, images):
-    projector = FourierProjector(images, (31, 31), device=device)
     with pytest.raises(ValueError, match="no such plane"):
-        deconvolve(np.ones(projector.frame_shape), projector, prior="gaussian")
+        deconvolve(counts, projector, prior="gaussian")
 
 
 def test_files_come_back(tmp_path, camera, images):
@@ -170,18 +148,14 @@ def test_files_that_are_none(tmp_path, images):
 
 
 def test_what_cannot_be(device, camera, images):
-    with pytest.raises(ShapeError, match="rows, columns"):
-        FourierProjector(images, (3,), device=device)
-    with pytest.raises(ValueError, match="memory"):
-        FourierProjector(images, device=device, memory=-1)
-    with pytest.raises(TypeError, match="fourier_point_images"):
-        FourierProjector(np.ones(3), device=device)
-    for planes, words in (([1e-6, 0], "rise"), ([0, np.inf], "finite"), ([5.0], "did you mean")):
-        with pytest.raises(ValueError, match=words):
-            fourier_point_images(camera, planes)
-    with pytest.raises(ValueError, match="cut"):
-        fourier_point_images(camera, Z, cut=0.7)
-    with pytest.raises(ValueError, match="voxels_per_pixel"):
-        fourier_point_images(camera, Z, voxels_per_pixel=0)
-    with pytest.raises(SamplingError, match="nearer planes"):
-        fourier_point_images(camera, [1e-3])
+    for make, words in (
+        (lambda: FourierProjector(images, (3,), device=device), "rows, columns"),
+        (lambda: FourierProjector(images, device=device, memory=-1), "memory"),
+        (lambda: FourierProjector(np.ones(3), device=device), "fourier_point_images"),
+        (lambda: fourier_point_images(camera, [1e-6, 0]), "rise"),
+        (lambda: fourier_point_images(camera, Z, cut=0.7), "cut"),
+        (lambda: fourier_point_images(camera, Z, voxels_per_pixel=0), "voxels_per_pixel"),
+        (lambda: fourier_point_images(camera, [1e-3]), "nearer planes"),
+    ):
+        with pytest.raises((ShapeError, ValueError, TypeError, SamplingError), match=words):
+            make()

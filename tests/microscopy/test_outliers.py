@@ -51,20 +51,15 @@ def volumes(projector):
     yield rng.random(projector.volume_shape) ** 4
 
 
-def test_light_is_not_hot(images, projector):
-    rng, sharpest = np.random.default_rng(7), sharpness(images)
-    for volume in volumes(projector):
+def test_hot_pixels_are_found(images, projector):
+    rng, sharpest = np.random.default_rng(8), sharpness(images)
+    for number, volume in enumerate(volumes(projector)):
         frame = projector.forward(volume)
         frame = rng.poisson(frame * 1e6 / frame.sum(dtype=float))
         frame = np.maximum(frame + rng.normal(0, 1.5, frame.shape).round(), 0)
         assert not hot_pixels(frame, sharpest, N).any()
-
-
-def test_hot_pixels_are_found(images, projector):
-    rng, sharpest = np.random.default_rng(8), sharpness(images)
-    for volume in list(volumes(projector))[3:]:
-        frame = projector.forward(volume)
-        frame = rng.poisson(frame * 1e6 / frame.sum(dtype=float)).astype(float)
+        if number < 3:  # single beads leave too few photons beside them
+            continue
         places = rng.choice(frame.size, 25, replace=False)
         frame.flat[places] = 40 * np.percentile(frame, 95) + 400
         found = hot_pixels(frame, sharpest, N)
@@ -100,14 +95,12 @@ def fourier(device):
     ]
 
 
-@pytest.mark.parametrize("photons", [None, 2e4])
-def test_hot_pixels_of_a_fourier_microscope(fourier, photons):
+def test_hot_pixels_of_a_fourier_microscope(fourier):
     images, frames = fourier
     rng, sharpest = np.random.default_rng(12), sharpness(images)
     for mean in frames:
-        frame = mean * ((photons or 1e6) / mean.sum(dtype=float))
-        if photons is not None:
-            frame = np.maximum(rng.poisson(frame) + rng.normal(0, 1.5, frame.shape).round(), 0)
+        frame = rng.poisson(mean * (2e4 / mean.sum(dtype=float)))
+        frame = np.maximum(frame + rng.normal(0, 1.5, frame.shape).round(), 0)
         assert not hot_pixels(frame, sharpest, None).any()
         places = rng.choice(frame.size, 30, replace=False)
         frame = frame.astype(float)
@@ -143,15 +136,13 @@ def test_steps_of_hexagonal_lattices():
 
 
 def test_noise_of_a_frame():
-    for floor, gain in [(0.0, 1.0), (4.0, 2.5)]:
-        rng = np.random.default_rng(3)
-        mean = np.kron(rng.uniform(5, 300, (20, 20)), np.ones((15, 15)))
-        frame = rng.poisson(mean / gain) * gain if gain else mean
-        frame = frame + rng.normal(0, np.sqrt(floor), mean.shape)
-        frame[40:60:7, ::31] = 1e5  # hot
-        found = noise(frame, 15)
-        for level in (150, 300):  # the darkest quarter counts as dark
-            assert found[0] + found[1] * level == pytest.approx(floor + gain * level, rel=0.35)
+    floor, gain, rng = 4.0, 2.5, np.random.default_rng(3)
+    mean = np.kron(rng.uniform(5, 300, (20, 20)), np.ones((15, 15)))
+    frame = rng.poisson(mean / gain) * gain + rng.normal(0, np.sqrt(floor), mean.shape)
+    frame[40:60:7, ::31] = 1e5  # hot
+    found = noise(frame, 15)
+    for level in (150, 300):  # the darkest quarter counts as dark
+        assert found[0] + found[1] * level == pytest.approx(floor + gain * level, rel=0.35)
 
 
 def test_hot_and_dead_pixels_of_a_white_frame():

@@ -45,13 +45,10 @@ SQUARE, NARROW = ((1, 1), (0, 0)), ((1, 0), (0, 2))
 @pytest.mark.parametrize(
     ("lattice", "kinds", "v", "n", "pupil", "reaches", "shape"),
     [
-        ("square", 1, 1, 2, None, ((3, 3),), (1, 1)),
-        ("square", 1, 3, 2, None, ((2, 2),), (5, 1)),
         ("square", 1, 3, 5, None, ((6, 6), (1, 1), (0, 0)), (2, 3)),
         ("square", 1, 2, 3, ABERRATED, NARROW, (3, 2)),
         ("square", 2, 1, 2, None, SQUARE, (3, 2)),
         ("square", 4, 1, 1, None, SQUARE, (3, 2)),
-        ("hexagonal", 1, 2, 3, None, NARROW, (3, 2)),
         ("hexagonal", 3, 1, 1, None, NARROW, (3, 2)),
     ],
 )
@@ -139,18 +136,6 @@ def test_one_voxel_is_what_the_camera_sees(device, images):
     assert 1 - 5e-3 <= found.sum(dtype=float) < 1
 
 
-def test_backward_is_the_adjoint(device, images):
-    projector = Projector(images[1], (6, 9), device=device)
-    f = volumes(projector)
-    g = np.random.default_rng(6).random(projector.frame_shape, np.float32)
-    left = np.vdot(projector.forward(f).astype(float), g)
-    assert np.vdot(f, projector.backward(g).astype(float)) == pytest.approx(left, rel=1e-5)
-    signed = f - 0.5
-    left = np.vdot(projector.forward(signed, clamp=False).astype(float), g - 0.5)
-    scale = np.linalg.norm(projector.forward(signed, clamp=False)) * np.linalg.norm(g - 0.5)
-    assert abs(np.vdot(signed, projector.backward(g - 0.5).astype(float)) - left) < 1e-6 * scale
-
-
 def test_forward_is_not_negative(device, images):
     projector = Projector(images[1], (14, 5), device=device)
     volume = np.zeros(projector.volume_shape, np.float32)
@@ -168,6 +153,9 @@ def test_linear_operator(device, images):
     assert projector.forward(f[None, None]).shape == (1, 1, *projector.frame_shape)
     g = projector.forward(f)
     assert np.array_equal(H.T @ g.ravel(), projector.backward(g).ravel())
+    signed = f - 0.5
+    on_device = device.download(projector.forward_data(device.upload(signed)))
+    assert np.array_equal(on_device, projector.forward(signed, clamp=False))
 
 
 def test_what_is_not_projected(device, images):

@@ -37,10 +37,13 @@ def test_exposure_against_sums_over_frequencies(device):
     assert relative_max(expected, plain) > 0.2
 
 
-@pytest.mark.parametrize("terms", [TERMS, {5: 50e-9}])
-def test_point_images_of_all_phases(device, terms):
-    camera = microscope(device, terms)
-    images = point_images(camera, [-6e-6], voxels_per_lenslet=3, cut=0.01)
+def test_point_images_of_all_phases(device, tmp_path):
+    camera, path = microscope(device), tmp_path / "psf.h5"
+    images = point_images(camera, [-6e-6], voxels_per_lenslet=3, cut=0.01, path=path)
+    assert read_point_images(path).cell == images.cell
+    other = dataclasses.replace(camera, pupil=PupilAberration({5: 1e-9}))
+    with pytest.raises(ValueError, match="were made with pupil = "):
+        point_images(other, [-6e-6], voxels_per_lenslet=3, cut=0.01, path=path)
     assert len(images.stored[0]) == images.cell.count > 3
     r, step = images.radii[0], S.p / S.M / 3
     for sy, sx in ((0, 2), (1, 0)):
@@ -51,34 +54,15 @@ def test_point_images_of_all_phases(device, terms):
         assert relative_max(images.image(0, (sy, sx)), total) < 1e-4
 
 
-def test_symmetric_terms_keep_the_mirrors(device):
-    images = point_images(microscope(device, {11: 40e-9}), [-6e-6], voxels_per_lenslet=3, cut=0.01)
-    assert images.cell.parts == (0,)
-    assert len(images.stored[0]) == 3
-
-
 def test_parts_of_mirrors():
     for terms, parts in [
-        ({6: 1e-9}, 1),
-        ({5: 1e-9}, 2),
+        ({6: 1e-9, 11: 1e-9}, 1),
         ({8: 1e-9}, 2),
-        ({7: 1e-9}, 2),
         ({7: 1e-9, 6: 1e-9}, 2),
         ({5: 1e-9, 8: 1e-9}, 4),
     ]:
         about = {"pupil": {str(j): c for j, c in terms.items()}}
         assert len(cell_in(about, 3, 5).parts) == parts
-
-
-def test_file_names_the_pupil(device, tmp_path):
-    path = tmp_path / "psf.h5"
-    images = point_images(microscope(device), [9e-6], voxels_per_lenslet=1, cut=0.05, path=path)
-    again = read_point_images(path)
-    assert again.parameters["pupil"] == {str(j): c for j, c in TERMS.items()}
-    assert again.cell == images.cell
-    other = dataclasses.replace(microscope(device), pupil=PupilAberration({5: 1e-9}))
-    with pytest.raises(ValueError, match="were made with pupil = "):
-        point_images(other, [9e-6], voxels_per_lenslet=1, cut=0.05, path=path)
 
 
 def test_index_mismatch_is_the_closed_path():

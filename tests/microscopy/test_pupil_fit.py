@@ -119,6 +119,11 @@ def test_patches(device):
         fit_pupil_patches(frame, microscope(device), (2, 1), planes=how.planes)
 
 
+def other_array(device, f=1.5e-3, **array):
+    mla = MicrolensArray(60e-6, f, count=9, fill="full", **array)
+    return PlenopticCamera.microscope(mla=mla, device=device, **OPTICS)
+
+
 def test_what_is_not_fitted(device):
     for change, error, words in [
         ({"terms": (4, 5)}, ValueError, "fit terms from 5 on, not 4"),
@@ -137,6 +142,10 @@ def test_what_is_not_fitted(device):
         ({"frame": np.zeros((55, 55))}, ValueError, "black"),
         ({"frame": np.ones((44, 55))}, ShapeError, "at least 5 along an axis"),
         ({"camera": None}, TypeError, "PlenopticCamera.microscope"),
+        ({"camera": other_array(device, lattice="hexagonal")}, ValueError, "hexagonal one of 1"),
+        ({"camera": other_array(device, f=(1.5e-3, 1.7e-3))}, ValueError, "a square one of 2"),
+        ({"beads": "find", "planes": [0.0, 1e-5]}, ShapeError, "3 planes or more"),
+        ({"beads": "find", "planes": [-1e-5, 0.0, 1e-5]}, ValueError, "No bead"),
     ]:
         given = {
             "frame": np.ones((55, 55)),
@@ -145,24 +154,3 @@ def test_what_is_not_fitted(device):
         } | change
         with pytest.raises(error, match=words):
             fit_pupil(given.pop("frame"), given.pop("camera"), **given)
-
-
-def test_lenslets_whose_frames_are_not_rectified(device):
-    for array, words in [
-        ({"lattice": "hexagonal"}, "not to those of a hexagonal one of 1"),
-        ({"focal_length": (1.5e-3, 1.7e-3)}, "not to those of a square one of 2"),
-    ]:
-        given = {"focal_length": 1.5e-3, "count": 9, "fill": "full"} | array
-        mla = MicrolensArray(60e-6, given.pop("focal_length"), **given)
-        camera = PlenopticCamera.microscope(mla=mla, device=device, **OPTICS)
-        with pytest.raises(ValueError, match=words):
-            fit_pupil(np.ones((99, 99)), camera, planes=[1e-5])
-
-
-def test_no_beads(device):
-    for planes, error, words in [
-        ([0.0, 1e-5], ShapeError, "3 planes or more"),
-        ([-1e-5, 0.0, 1e-5], ValueError, "No bead"),
-    ]:
-        with pytest.raises(error, match=words):
-            fit_pupil(np.ones((55, 55)), microscope(device), beads="find", planes=planes)

@@ -66,7 +66,6 @@ def test_the_threshold():
     assert 30 < found.threshold < 50
     given = find_regions(volume, size=(0, 0), threshold=90.5, least=1, split=0)
     assert ((given.labels > 0) == (volume > 90.5)).all()
-    assert (find_regions(volume, threshold=70, size=(0.7, 1.5)).volumes < found.volumes[0]).all()
     assert len(find_regions(volume, size=(0.7, 1.5), least=100_000)) == 0
 
 
@@ -189,15 +188,12 @@ def test_known_traces_without_noise():
 
 def test_a_ring_takes_haze_away():
     known = activity()
-    plain = traces(series(known, haze=40.0), LABELS, window=60)
-    assert np.abs(plain.dff - known).max() > 0.5
     ring = traces(
         series(known, haze=40.0), LABELS, window=60, ring=(1e-6, 5e-6), axes=AXES, neuropil=1.0
     )
     assert np.abs(ring.dff - known).max() < 0.01
     t = np.arange(FRAMES)
     assert ring.surround == pytest.approx(np.tile(40 * (1 + 0.5 * np.sin(t / 9)), (3, 1)))
-    assert ring.means == pytest.approx(plain.means)
 
 
 def test_the_ring_is_that_of_the_distance():

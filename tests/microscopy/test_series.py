@@ -10,8 +10,13 @@ from clplen.errors import ShapeError
 from clplen.microscopy import deconvolve, deconvolve_series
 from clplen.microscopy.reconstruction.projector import Projector
 from clplen.microscopy.series.preview import disparities, preview
-from clplen.microscopy.series.rolling import rolling_minimum
-from clplen.microscopy.series.series import BATCH, SeriesFrame, batch_for, found_in_batches
+from clplen.microscopy.series.series import (
+    BATCH,
+    SeriesFrame,
+    batch_for,
+    found_in_batches,
+    rolling_minimum,
+)
 from clplen.microscopy.series.starts import FLOOR, Start
 
 FRAMES = 5
@@ -32,9 +37,8 @@ def one_by_one(counts, projector, **options):
     return [deconvolve(one, projector, **options) for one in counts]
 
 
-@pytest.mark.parametrize("batch", [2, None])
-def test_batches_are_frames_one_by_one(projector, counts, batch):
-    found = list(deconvolve_series(iter(counts), projector, batch=batch, iterations=3))
+def test_batches_are_frames_one_by_one(projector, counts):
+    found = list(deconvolve_series(iter(counts), projector, batch=2, iterations=3))
     assert len(found) == FRAMES
     for one, expected in zip(found, one_by_one(counts, projector, iterations=3), strict=True):
         assert one.volume.shape == projector.volume_shape
@@ -180,7 +184,6 @@ def test_what_is_no_series(projector, counts):
         ({"rolling": 0}, ValueError, "window"),
         ({"start": "warm"}, ValueError, "start is 'previous', 'decayed', 'limited' or None"),
         ({"decay": 1.5}, ValueError, "decay is a number from 0 to 1"),
-        ({"motion": -1e-6}, ValueError, "motion is a positive length"),
         ({"motion": np.nan}, ValueError, "motion is a positive length"),
         ({"before": 1.0}, ValueError, "before is for a start or for prior='time'"),
         ({"whites": 1}, TypeError, "no keyword 'whites': did you mean white="),

@@ -1223,6 +1223,7 @@ def degenerate_planes():
 
 @pinned()
 def point_image_files():
+
     microscopy.write_point_images("images.h5", point_images())
     microscopy.write_point_images("fourier.h5", fourier_images())
     again = microscopy.read_point_images("images.h5")
@@ -1248,7 +1249,7 @@ def microscope_white() -> np.ndarray:
 
 @pinned()
 def preparations():
-    from clplen.microscopy.series.rolling import rolling_minimum
+    from clplen.microscopy.series.series import rolling_minimum
 
     white = microscope_white()
     frame = np.float32(white * samples(*white.shape))

@@ -17,7 +17,6 @@ import numpy as np
 from clplen.cameras.light_field_microscope import Microscope
 from clplen.cameras.optics.lenslet_camera import sensor_grid
 from clplen.cameras.scenes.scene_sources import PointSources
-from clplen.checks import check_finite, check_positive, real_array
 from clplen.microscopy.model.psf import array_of, binned, lenslets_across
 
 Vector = np.ndarray[Any, Any]
@@ -34,46 +33,19 @@ def suitable_binning(
 ) -> int:  # fmt: skip
     """Return parts of a pixel along an axis, with which point images are right to some 1 %.
 
-    Parameters
-    ----------
-    na, magnification : float
-        Of the objective.
-    wavelength, diameter, focal_length, pixel : float
-        Of light in vacuum, of lenslets and of the sensor, all in one unit.
-
-    Returns
-    -------
-    int
-        Parts, from 1 on.
+    Wavelength, diameter and focal length of lenslets, and the pixel are in one unit.
     """
-    check_positive(
-        na=na, magnification=magnification, wavelength=wavelength, diameter=diameter,
-        focal_length=focal_length, pixel=pixel,
-    )  # fmt: skip
     slope = na / magnification + diameter / (2 * focal_length)
     parts = FINE * pixel * 2 * slope / wavelength
-    check_finite(parts=parts)
     return max(1, math.ceil(round(parts, 6)))
 
 
 def binning_error(camera: Microscope, planes: Vector, binning: int) -> float:
-    """How far an image is from that of parts half as large, norm over norm.
+    """Compare an image with that of parts half as large: norm of the difference over norm.
 
-    Parameters
-    ----------
-    camera : Microscope
-        As of `point_images`, with ``binning`` times the pixels of the sensor.
-    planes : numpy.ndarray
-        z in metres: of the farthest one whose image is small enough, because errors grow with z.
-    binning : int
-        Parts of a pixel of the sensor along an axis.
-
-    Returns
-    -------
-    float
-        Norm of the difference over norm.
+    The image is that of the farthest plane whose image is small enough, because errors grow with z.
     """
-    z = real_array(planes, "planes", np.float64)
+    z = np.asarray(planes, np.float64)
     counts = np.array([lenslets_across(camera, float(one)) + 2 * AROUND for one in z])
     pixels = round(camera.pixels_per_lenslet)
     small = np.flatnonzero(2 * counts * pixels <= LARGEST)

@@ -12,6 +12,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -198,7 +199,7 @@ class FourierProjector(VolumeProjector):
     def _transfers(self) -> Iterator[Vector]:
         """Transforms of the images of each plane, shape (b b, lenslets, ...)."""
         for plane, stack in enumerate(self.images.stored):
-            yield self._made_once(plane, lambda one=(plane, stack): self._transfer(*one))
+            yield self._made_once(plane, partial(self._transfer, plane, stack))
 
     def _transfer(self, plane: int, stack: Vector) -> Vector:
         phases, lenslets, k, _ = stack.shape

@@ -13,6 +13,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator
 from dataclasses import dataclass
+from functools import partial
 from itertools import product
 from typing import Any
 
@@ -382,7 +383,7 @@ class Projector(VolumeProjector):
         Rows (start, stop) are those of the packed spectra of the planes.
         """
         for piece in self._pieces(group):
-            matrix = self._made_once(group, lambda piece=piece: self._assembled(group, *piece))
+            matrix = self._made_once(group, partial(self._assembled, group, *piece))
             yield piece, matrix
             del matrix
 

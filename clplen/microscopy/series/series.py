@@ -7,6 +7,7 @@ once for all, so that from about eight frames on arithmetic and transforms do.
 
 from __future__ import annotations
 
+from collections import deque
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, replace
 from itertools import islice
@@ -26,7 +27,6 @@ from clplen.errors import DeviceError
 from clplen.microscopy.reconstruction import deconvolution
 from clplen.microscopy.reconstruction.deconvolution import DeconvolutionResult, deconvolve
 from clplen.microscopy.reconstruction.volume_projector import VolumeProjector
-from clplen.microscopy.series.rolling import rolling_minimum
 from clplen.microscopy.series.starts import Start, StartName
 from clplen.wave.coherence.averaging import Progress
 
@@ -227,3 +227,25 @@ def _same(one: SeriesFrame, other: SeriesFrame) -> bool:
     if one.white is None or other.white is None:
         return one.white is other.white
     return one.white is other.white or np.array_equal(one.white, other.white)
+
+
+def rolling_minimum(frames: Iterable[Any], window: int) -> Iterator[tuple[Vector, Vector]]:
+    """Yield each frame of a series with the minimum of its pixels over ``window`` frames about it.
+
+    What is always there, haze and a slowly changing autofluorescence, stays in the minimum; what is
+    brighter at times stands above it. The minimum of N counts with the noise s lies below their
+    mean by about s sqrt(2 ln N), so that the background is estimated too low rather than too high.
+    """
+    window = positive_integer(window, "window")
+    ahead = (window - 1) // 2
+    series, held, before = iter(frames), deque[Vector](), 0  # frames held before the next one
+    while True:
+        missing = before + 1 + ahead - len(held)
+        held.extend(host_array(frame, "A frame") for frame in islice(series, missing))
+        if before == len(held):
+            return
+        yield held[before], np.minimum.reduce(held)
+        before += 1
+        if before > window // 2:
+            held.popleft()
+            before -= 1
