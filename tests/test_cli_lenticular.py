@@ -11,11 +11,10 @@ import imageio.v3 as imageio
 import numpy as np
 import pytest
 import tifffile
-from click.testing import CliRunner, Result
-from command_line import done, refused
+from click.testing import Result
+from command_line import done, invoke_on, refused
 
 import clplen
-from clplen.cli import main
 from clplen.compute.device import Device
 from clplen.errors import ShapeError
 from clplen.io import interlace, lens_pitch, pitch_test
@@ -25,8 +24,7 @@ Array = np.ndarray[Any, Any]
 
 
 def run(device: Device, *words: object) -> Result:
-    words = ("lenticular", *words, "--device", device.place)
-    return CliRunner().invoke(main, [str(word) for word in words])
+    return invoke_on(device, "lenticular", *words)
 
 
 def view_at(x: Fraction, pitch: Fraction, count: int, axis: Fraction) -> int:

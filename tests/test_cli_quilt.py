@@ -8,30 +8,15 @@ from typing import Any
 import imageio.v3 as imageio
 import numpy as np
 import pytest
-from click.testing import CliRunner, Result
+from command_line import done, refused
+from command_line import invoke_on as run
 
 import clplen
-from clplen.cli import main
 from clplen.compute.device import Device
 from clplen.errors import ShapeError
 from clplen.io import DISPLAYS, QuiltLayout, write_quilt
 
 Array = np.ndarray[Any, Any]
-
-
-def run(device: Device, *words: object) -> Result:
-    return CliRunner().invoke(main, [str(word) for word in (*words, "--device", device.place)])
-
-
-def done(result: Result) -> str:
-    assert result.exit_code == 0, result.output
-    return result.stdout
-
-
-def refused(result: Result, code: int = 2) -> str:
-    assert result.exit_code == code, result.output
-    assert "Traceback" not in result.output
-    return " ".join(result.stderr.split())
 
 
 def stored(folder: Path, samples: Array, name: str = "views.npy") -> Path:

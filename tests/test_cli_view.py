@@ -10,19 +10,14 @@ import imageio.v3 as imageio
 import numpy as np
 import pytest
 import tifffile
-from click.testing import CliRunner, Result
+from command_line import invoke as run
 
 import clplen
-from clplen.cli.app import main
 from clplen.io import read_picture, write_depth, write_pfm, write_volume
 from clplen.viewer.file_items import option_words
 
 RNG = np.random.default_rng(9)
 VIEWS = RNG.integers(0, 256, (3, 5, 24, 31), np.uint8)
-
-
-def run(*words: object) -> Result:
-    return CliRunner().invoke(main, [str(word) for word in words])
 
 
 def good(*words: object) -> str:
