@@ -9,13 +9,12 @@ import imageio.v3 as imageio
 import numpy as np
 import pytest
 import tifffile
-from click.testing import CliRunner, Result
-from command_line import done, write_views
+from click.testing import Result
+from command_line import done, invoke, write_views
 
 import clplen
 from clplen.cameras import Plane, noise, rectangle
 from clplen.cameras.plenoptic_camera import PlenopticCamera
-from clplen.cli import main
 from clplen.compute.device import Device
 from clplen.io import read_lightfield, read_pfm, write_lightfield
 from clplen.lightfield.depth.depth_maps import metric_depth
@@ -37,7 +36,7 @@ def views(tmp_path: Path) -> Path:
 
 def run(device: Device, *words: object) -> Result:
     words = ("depth", *words, "--device", device.place)
-    return CliRunner().invoke(main, [str(word) for word in words])
+    return invoke(*words)
 
 
 def test_maps_of_a_cue(device: Device, tmp_path: Path, views: Path):

@@ -7,10 +7,10 @@ from pathlib import Path
 import imageio.v3 as imageio
 import numpy as np
 import pytest
-from click.testing import CliRunner
+from command_line import done, refused
+from command_line import invoke_on as run
 
 import clplen
-from clplen.cli import main
 from clplen.compute.device import Device
 from clplen.errors import ShapeError
 from clplen.io import anaglyph
@@ -24,23 +24,18 @@ def test_eyes(tmp_path: Path, device: Device) -> None:
     clplen.io.write_pfm(tmp_path / "map.pfm", np.zeros((22, 31), np.float32))
     out = tmp_path / "out.png"
     words = ["stereo", tmp_path / "views.npy", "-o", out, "--disparity", tmp_path / "map.pfm"]
-    words += ["--device", device.place]
     for more, ends in (
         (("--kind", "side-by-side"), (41, 201)),
         (("--kind", "cross-eyed"), (201, 41)),
         (("--kind", "side-by-side", "--baseline", 2), (81, 161)),
     ):
-        result = CliRunner().invoke(main, [str(word) for word in (*words, *more)])
-        assert result.exit_code == 0, result.output
+        done(run(device, *words, *more))
         found = imageio.imread(out)
         assert found.shape == (22, 62)
         assert (found[3, 3], found[18, 58]) == ends
-    result = CliRunner().invoke(main, [str(w) for w in (*words, "--colours", "colour")])
-    assert result.exit_code == 0, result.output
+    done(run(device, *words, "--colours", "colour"))
     assert imageio.imread(out)[5, 5].tolist() == [41, 201, 201]
-    result = CliRunner().invoke(main, [str(w) for w in (*words, "--baseline", 4.5)])
-    assert result.exit_code == 2
-    assert "at most 4 view steps" in result.stderr
+    assert "at most 4 view steps" in refused(run(device, *words, "--baseline", 4.5))
 
 
 def test_anaglyphs() -> None:

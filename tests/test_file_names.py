@@ -110,6 +110,7 @@ def said_of(command: str, words: list[str], name: str, *, exists: bool) -> str:
     if exists:
         path.write_text("of others\n")
     result = invoke(*command.split(), *words)
+    assert not exists or path.read_bytes() == b"of others\n", (command, words)
     return said(result, result.exit_code) if result.exit_code else ""
 
 

@@ -71,10 +71,7 @@ def check(done: subprocess.CompletedProcess[str]) -> None:
     assert done.stderr == f"\n{interrupts.SENTENCE}\n"
 
 
-@pytest.mark.parametrize(
-    "module",
-    ["numpy", "clplen.cli", "clplen.cli.stack", "clplen.lightfield.refocusing.focal_stacks"],
-)
+@pytest.mark.parametrize("module", ["numpy", "clplen.lightfield.refocusing.focal_stacks"])
 def test_while_modules_are_imported(tmp_path: Path, module: str):
     (tmp_path / "sitecustomize.py").write_text(AT_IMPORT)
     words = ("-m", "clplen", "stack", "none.h5", "-o", "out.tif")

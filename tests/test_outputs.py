@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 import tifffile
-from click.testing import CliRunner, Result
+from command_line import invoke as run
 from lytro_files import content, contents_of
 
 from clplen import (
@@ -24,7 +24,6 @@ from clplen import (
     plot,
     refocus,
 )
-from clplen.cli import main
 from clplen.compute.device import Device
 from clplen.files import check_writable
 from clplen.io.formats.animation import write_animation
@@ -196,10 +195,6 @@ def test_folders_of_others(tmp_path: Path):
 
 
 # Commands
-
-
-def run(*words: object) -> Result:
-    return CliRunner().invoke(main, [str(word) for word in words])
 
 
 COMMANDS = {

@@ -179,13 +179,33 @@ def for_display(values: Array, norm: Normalize) -> Array:
     return np.clip(values, norm.vmin, None)
 
 
+class Shades:
+    """One scale of values for the images of a figure, with one colour bar."""
+
+    def __init__(self, values: Array, scale: Scale, decades: int = _DECADES) -> None:
+        self._values, self._scale = values, scale
+        self.norm = norm_of(values, scale, decades)
+        self._drawn: Any = None
+
+    def show(self, axes: Axes, values: Array, **how: Any) -> None:
+        """Draw an image; ``how`` is for `imshow`."""
+        shown = for_display(values, self.norm)
+        self._drawn = axes.imshow(shown, cmap=LIGHT, norm=self.norm, **how)
+
+    def bar(self, figure: Figure, label: str, **where: Any) -> None:
+        """Add the colour bar beside the axes ``ax``, or into the axes ``cax``."""
+        if "ax" in where:
+            where |= {"shrink": 0.9, "pad": 0.02}
+        extend = cut(self._values, self.norm)
+        figure.colorbar(self._drawn, label=label + said(self._scale), extend=extend, **where)
+
+
 def draw(figure: Figure, axes: Axes, values: Array, scale: Scale, label: str, **how: Any) -> None:
     """An image with its colour bar; no label, no bar. ``how`` is for `imshow`."""
-    norm = norm_of(values, scale)
-    how = {"interpolation": "antialiased"} | how
-    drawn = axes.imshow(for_display(values, norm), cmap=LIGHT, norm=norm, **how)
+    shades = Shades(values, scale)
+    shades.show(axes, values, **{"interpolation": "antialiased"} | how)
     if label:
-        bar(figure, drawn, axes, label + said(scale), extend=cut(values, norm))
+        shades.bar(figure, label, ax=axes)
 
 
 def bar(figure: Figure, drawn: Any, axes: Any, label: str, *, extend: str = "neither") -> None:

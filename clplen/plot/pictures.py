@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from typing import Any
 
 import numpy as np
 from matplotlib.axes import Axes
-from matplotlib.colors import Normalize
 from matplotlib.figure import Figure
 from matplotlib.patches import Rectangle
 from numpy.typing import ArrayLike
@@ -20,20 +20,15 @@ from clplen.lightfield.model.stored_light_field import as_lightfield
 from clplen.lightfield.raw.raw_image import RawImage
 from clplen.lightfield.refocusing.focal_stacks import FocalStack
 from clplen.plot.base import (
-    LIGHT,
     WHOLE,
     Array,
     Region,
     Scale,
-    bar,
+    Shades,
     centred,
-    cut,
     draw,
-    for_display,
     new_figure,
-    norm_of,
     placed,
-    said,
     spread,
     styled,
 )
@@ -81,24 +76,18 @@ def raw_image(raw: RawImage, *, details: Mapping[str, tuple[float, float]] | Non
     figure = new_figure(6.2 * (1.36 if details else 1), 5.4)
     grid = figure.add_gridspec(max(len(details), 1), columns, width_ratios=[3, 1][:columns])
     axes = figure.add_subplot(grid[:, 0])
-    norm = norm_of(values, "log", _RAW_DECADES)
     coarse, step = _coarser(values)
+    shades = Shades(values, "log", _RAW_DECADES)
     left, _, _, top = centred(values.shape, mm)
     extent = (left, left + coarse.shape[1] * step * mm, top + coarse.shape[0] * step * mm, top)
-    drawn = axes.imshow(
-        for_display(coarse, norm),
-        cmap=LIGHT,
-        norm=norm,
-        extent=extent,
-        interpolation="antialiased",
-        interpolation_stage="data",
-    )
+    how: Any = {"interpolation": "antialiased", "interpolation_stage": "data"}
+    shades.show(axes, coarse, extent=extent, **how)
     axes.set(xlabel="x on the sensor / mm", ylabel="y on the sensor / mm", title="raw image")
-    bar(figure, drawn, axes, "value of a pixel (logarithmic)", extend=cut(coarse, norm))
+    shades.bar(figure, "value of a pixel", ax=axes)
     check_finite(details=list(details.values()))
     for row, (name, (y, x)) in enumerate(details.items()):
         panel = figure.add_subplot(grid[row, 1])
-        _detail(axes, panel, values, raw, (y * 1e3, x * 1e3), norm, name)
+        _detail(axes, panel, values, raw, (y * 1e3, x * 1e3), shades, name)
     return figure
 
 
@@ -116,7 +105,7 @@ def _detail(
     values: Array,
     raw: RawImage,
     centre: tuple[float, float],
-    norm: Normalize,
+    shades: Shades,
     name: str,
 ) -> None:
     """A magnified part of the raw image, framed in both; ``centre`` and axes in millimetres."""
@@ -136,7 +125,7 @@ def _detail(
         (bottom - middles[0]) * mm,
         (top - middles[0]) * mm,
     )
-    panel.imshow(for_display(values[region], norm), cmap=LIGHT, norm=norm, extent=extent)
+    shades.show(panel, values[region], extent=extent)
     cells = raw.cells
     for axis, line in enumerate((panel.axhline, panel.axvline)):
         step = (cells.row_step, cells.column_step)[axis][axis]
@@ -306,17 +295,13 @@ def refocused(
     ratio = values[0].shape[0] / values[0].shape[1]
     figure = new_figure(3.2 * len(values) + 0.8, 3.2 * ratio + 0.5)
     panels = figure.subplots(1, len(values), squeeze=False)[0]
-    norm = norm_of(np.stack(values), scale)
-    drawn = None
+    shades = Shades(np.stack(values), scale)
     for panel, shown, title in zip(panels, values, titles, strict=True):
-        drawn = panel.imshow(
-            for_display(shown, norm), cmap=LIGHT, norm=norm, extent=placed(region, whole[0].shape)
-        )
+        shades.show(panel, shown, extent=placed(region, whole[0].shape))
         panel.set(title=title, xlabel="x / pixel")
     panels[0].set_ylabel("y / pixel")
     if values[0].ndim == 2:
-        label = f"mean of the views{said(scale)}"
-        bar(figure, drawn, list(panels), label, extend=cut(np.stack(values), norm))
+        shades.bar(figure, "mean of the views", ax=list(panels))
     return figure
 
 
@@ -358,18 +343,16 @@ def montage(
     rows = -(-len(planes) // columns)
     figure = new_figure(8.0, rows * (1.37 * min(2.0, values.shape[1] / values.shape[2]) + 0.24))
     panels = figure.subplots(rows, columns, squeeze=False).ravel()
-    norm = norm_of(values, scale)
-    drawn = None
+    shades = Shades(values, scale)
     for panel in panels:
         panel.set_axis_off()
     for panel, plane, shown_values in zip(panels, planes, values, strict=False):
-        drawn = panel.imshow(for_display(shown_values, norm), cmap=LIGHT, norm=norm)
+        shades.show(panel, shown_values)
         alpha, d = stack.alphas[plane], stack.disparities[plane]
         title = rf"$\alpha$ = {alpha:.3f}" if np.isfinite(alpha) else f"d = {d:+.3f}"
         panel.set_title(title, fontsize=8)
     if values.ndim == 3:
-        label = f"mean of the views{said(scale)}"
-        bar(figure, drawn, list(panels), label, extend=cut(values, norm))
+        shades.bar(figure, "mean of the views", ax=list(panels))
     return figure
 
 

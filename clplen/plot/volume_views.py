@@ -13,18 +13,7 @@ from matplotlib.patheffects import withStroke
 from clplen.checks import is_finite, is_integer, real_array
 from clplen.errors import ShapeError
 from clplen.microscopy.objects.tracks import Tracks
-from clplen.plot.base import (
-    LIGHT,
-    Array,
-    Scale,
-    bar,
-    cut,
-    for_display,
-    new_figure,
-    norm_of,
-    said,
-    styled,
-)
+from clplen.plot.base import Array, Scale, Shades, new_figure, styled
 from clplen.plot.scale_bars import scale_bar
 
 Voxel = tuple[float, float, float]
@@ -104,11 +93,10 @@ def orthogonal_views(
     parts = _projections(values) if places is None else _sections(values, places)
     deep, high, wide = (n * side for n, side in zip(values.shape, sides, strict=True))
     figure, panels, beside = _three(deep, high, wide)
-    norm = _norm(parts, scale, limits)
-    drawn = None
+    shades = _shades(parts, scale, limits)
     extents = ((0, wide, high, 0), (0, deep, high, 0), (0, wide, deep, 0))
     for panel, part, extent in zip(panels, (parts[0], parts[2].T, parts[1]), extents, strict=True):
-        drawn = panel.imshow(for_display(part, norm), cmap=LIGHT, norm=norm, extent=extent)
+        shades.show(panel, part, extent=extent)
         panel.set_axis_off()
         if places is None and tracks is not None:
             axes = {panels[0]: "yx", panels[1]: "yz", panels[2]: "zx"}[panel]
@@ -123,9 +111,7 @@ def orthogonal_views(
         _name(panel, names)
     words = "largest along z, y and x" if places is None else f"slices at {_said(places)}"
     panels[0].set_title(title or words, loc="left")
-    label = f"value of a voxel{said(scale)}"
-    every = np.concatenate([part.ravel() for part in parts])
-    figure.colorbar(drawn, cax=beside, label=label, extend=cut(every, norm))  # type: ignore[arg-type]
+    shades.bar(figure, "value of a voxel", cax=beside)
     return figure
 
 
@@ -196,18 +182,14 @@ def maximum_projection(
     tall = min(width * high / wide, _HIGHEST / rows)
     figure = new_figure(columns * tall * wide / high + 1.2, rows * (tall + 0.3) + 0.1)
     panels = figure.subplots(rows, columns, squeeze=False).ravel()
-    norm = _norm(parts, scale, None)
-    drawn = None
+    shades = _shades(parts, scale, None)
     for panel in panels:
         panel.set_axis_off()
     for panel, part, t in zip(panels, parts, times, strict=False):
-        drawn = panel.imshow(
-            for_display(part, norm), cmap=LIGHT, norm=norm, extent=(0, wide, high, 0)
-        )
+        shades.show(panel, part, extent=(0, wide, high, 0))
         panel.set_title(title or f"largest along {axis}" if len(times) == 1 else f"frame {t}")
     scale_bar(panels[0], 1 / _MICRONS)
-    label = f"value of a voxel{said(scale)}"
-    bar(figure, drawn, list(panels), label, extend=cut(np.array(parts), norm))
+    shades.bar(figure, "value of a voxel", ax=list(panels))
     return figure
 
 
@@ -239,14 +221,14 @@ def _sections(values: Array, at: tuple[int, ...]) -> list[Array]:
     return [np.take(values, k, axis=axis) for axis, k in enumerate(at)]
 
 
-def _norm(parts: list[Array], scale: Scale, limits: tuple[float, float] | None) -> Any:
+def _shades(parts: list[Array], scale: Scale, limits: tuple[float, float] | None) -> Shades:
     values = np.concatenate([part.ravel() for part in parts])
     if not np.isfinite(values).any():
         raise ValueError("No sample of the volume is finite: there is nothing to draw.")
-    norm = norm_of(values, scale)
+    shades = Shades(values, scale)
     if limits is not None:
-        norm.vmin, norm.vmax = limits
-    return norm
+        shades.norm.vmin, shades.norm.vmax = limits
+    return shades
 
 
 def _three(deep: float, high: float, wide: float) -> tuple[Figure, list[Axes], Axes]:

@@ -10,18 +10,7 @@ from matplotlib.figure import Figure
 from clplen.checks import check_finite
 from clplen.errors import ShapeError
 from clplen.microscopy.reconstruction.deconvolution import DeconvolutionResult
-from clplen.plot.base import (
-    LIGHT,
-    Array,
-    Scale,
-    bar,
-    cut,
-    for_display,
-    new_figure,
-    norm_of,
-    said,
-    styled,
-)
+from clplen.plot.base import Scale, Shades, new_figure, styled
 
 Pair = tuple[float, float]
 
@@ -90,26 +79,16 @@ def volume(
     ratio = min(2.0, abs(y[1] - y[0]) / abs(x[1] - x[0]))
     figure = new_figure(_WIDTH, _WIDTH * 0.8 * (ratio + deep) / (1 + deep) + 0.4)
     panels = figure.subplots(2, 2, width_ratios=(1, deep), height_ratios=(ratio, deep))
-    norm = norm_of(np.concatenate([a.ravel() for a in (from_z, from_y, from_x)]), scale)
-
-    def show(panel: tuple[int, int], values: Array, across: Pair, down: Pair) -> Any:
-        return panels[panel].imshow(
-            for_display(values, norm),
-            cmap=LIGHT,
-            norm=norm,
-            extent=(*across, *down[::-1]),
-            aspect="auto",
-        )
-
-    drawn = show((0, 0), from_z, x, y)
-    show((0, 1), from_x.T, z, y)
-    show((1, 0), from_y, x, z)
+    shades = Shades(np.concatenate([a.ravel() for a in (from_z, from_y, from_x)]), scale)
+    for panel, values, across, down in (
+        (panels[0, 0], from_z, x, y), (panels[0, 1], from_x.T, z, y), (panels[1, 0], from_y, x, z)
+    ):  # fmt: skip
+        shades.show(panel, values, extent=(*across, *down[::-1]), aspect="auto")
     panels[0, 0].set(ylabel=f"y / {unit[1]}", title=title or f"{projection} along z, y and x")
     panels[0, 1].set(xlabel=f"z / {unit[0]}", yticklabels=[])
     panels[1, 0].set(xlabel=f"x / {unit[1]}", ylabel=f"z / {unit[0]}")
     panels[1, 1].set_axis_off()
-    label = f"energy of a voxel{said(scale)}"
-    bar(figure, drawn, list(panels.ravel()), label, extend=cut(found.volume, norm))
+    shades.bar(figure, "energy of a voxel", ax=list(panels.ravel()))
     return figure
 
 

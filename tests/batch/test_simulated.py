@@ -39,7 +39,6 @@ POINTS = "[scene]\npoints_mm = [[0.1, -0.05, 3.0], [-0.1, 0.15, -1.0]]\npower = 
 SENSOR = "[sensor]\nexposure_electrons = 1e5\nshot_noise = true\nseed = 3\n"
 PICTURE = '[scene]\n[[scene.pictures]]\nfile = "L.png"\nwidth_mm = 0.6\n'
 DEPTHS = {"key": "scene.points_mm.*.2", "values": [-50, -25, 0, 25, 50], "name": "dz_mm"}
-PITCHES = {"key": "camera.microlenses.pitch_um", "values": [100, 150]}
 
 
 def camera_file(folder: Path, text: str, name: str = "small.toml") -> Path:

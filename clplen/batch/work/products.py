@@ -15,6 +15,7 @@ import numpy as np
 from clplen import io
 from clplen.batch.jobs.items import layout_in
 from clplen.batch.jobs.task import Task
+from clplen.batch.work.product_files import Product, in_formats
 from clplen.batch.work.resources import Resources
 from clplen.batch.work.simulation import focused_products, is_focused, simulate
 from clplen.batch.work.volume_products import volume_products
@@ -33,9 +34,6 @@ from clplen.lightfield.stacks import focal_stack, stack_tiles
 Advance = Callable[[int, int], None]
 Source = LightField | StoredLightField
 Values = np.ndarray[Any, Any]
-Write = Callable[[Path], Any]
-
-SUFFIXES = {"ome-tiff": ".ome.tif", "ome-zarr": ".ome.zarr"}
 _EVERYTHING = (slice(None),) * 4
 
 
@@ -50,14 +48,6 @@ class Light:
     values: Values | None = None
     raw: Any = None
     truth: Any = None
-
-
-@dataclass(frozen=True)
-class Product:
-    """A file or folder to write: its name, and what writes it under that name."""
-
-    name: str
-    write: Write
 
 
 @contextmanager
@@ -141,18 +131,14 @@ def compute(
     found: list[Product] = []
     if "deconvolve" in task.work:
         with resources.stage("compute", seconds):
-            found = [
-                Product(*one)
-                for one in volume_products(task, light.raw, resources, SUFFIXES, advance)
-            ]
+            found = list(volume_products(task, light.raw, resources, advance))
     if light.source is None:
         return found
     if isinstance(light.source, StoredLightField) and light.values is None:
         return found + _of_light_field(light.source, task.work, resources, advance)
     with resources.stage("compute", seconds):
         if is_focused(light.raw):
-            made = focused_products(light.raw, task.work, SUFFIXES)
-            return [*found, *_simulated(light), *(Product(*one) for one in made)]
+            return [*found, *_simulated(light), *focused_products(light.raw, task.work)]
         lf = light.source
         if isinstance(lf, StoredLightField):
             lf = lf.part(light.values, resources.device)
@@ -205,15 +191,16 @@ def _of_light_field(
     depth: DepthMap | None = None
     if "depth" in work:
         depth = depth_map(lf, cue=work["depth"].get("cue"), **_planes(lf, work["depth"]), **how)
-        found += _depths(depth, spacing, formats)
+        found += in_formats("depth", formats, io.write_depth, depth, spacing=spacing)
     if "all_in_focus" in work:
         planes = {} if depth is not None else _disparities(lf, work["all_in_focus"])
         sharp = all_in_focus(lf, depth=depth, **planes, **how).to_numpy()
-        found += _pictures("all_in_focus", sharp, spacing, formats)
+        found += in_formats("all_in_focus", formats, io.write_image, sharp, spacing=spacing)
     if "views" in work:
         for v, u in _places(lf.shape, work["views"]):
             picture = _view(lf, v, u, resources.device)
-            found += _pictures(f"view_{v:g}_{u:g}", picture, spacing, formats)
+            stem = f"view_{v:g}_{u:g}"
+            found += in_formats(stem, formats, io.write_image, picture, spacing=spacing)
     if "light_field" in work:
         assert isinstance(lf, LightField)
         found.append(_light_field(lf, work["light_field"]["format"]))
@@ -230,10 +217,7 @@ def _stacks(
     else:
         make = partial(stack_tiles, lf, **words, **how)
 
-    def put(path: Path) -> None:
-        io.write_stack(path, make(), durable=True, replace=True)
-
-    return [Product(f"stack{SUFFIXES[name]}", put) for name in formats]
+    return in_formats("stack", formats, lambda path, **more: io.write_stack(path, make(), **more))
 
 
 def _view(lf: Source, v: float, u: float, device: Device) -> Values:
@@ -268,20 +252,6 @@ def _disparities(lf: Any, table: dict[str, Any]) -> dict[str, Any]:
 def _places(shape: tuple[int, ...], table: dict[str, Any]) -> list[tuple[float, float]]:
     middle = ((shape[0] - 1) / 2, (shape[1] - 1) / 2)
     return [(float(v), float(u)) for v, u in table.get("at", [middle])]
-
-
-def _depths(depth: DepthMap, spacing: Any, formats: list[str]) -> list[Product]:
-    def put(path: Path) -> None:
-        io.write_depth(path, depth, spacing=spacing, durable=True, replace=True)
-
-    return [Product(f"depth{SUFFIXES[name]}", put) for name in formats]
-
-
-def _pictures(stem: str, picture: Values, spacing: Any, formats: list[str]) -> list[Product]:
-    def put(path: Path) -> None:
-        io.write_image(path, picture, spacing=spacing, durable=True, replace=True)
-
-    return [Product(f"{stem}{SUFFIXES[name]}", put) for name in formats]
 
 
 def _light_field(lf: LightField, form: str) -> Product:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, cast
@@ -16,6 +16,7 @@ from clplen.batch.jobs.simulations import (
     sample_scene,
     validate_content,
 )
+from clplen.batch.work.product_files import Product, in_formats
 from clplen.cameras.scenes.ground_truth import Truth
 from clplen.compute.device import Device
 from clplen.config.camera_file import CameraFile
@@ -25,8 +26,6 @@ from clplen.lightfield.focused.focused_rendering import focused_stack, render_fo
 from clplen.lightfield.model.light_field import LightField
 from clplen.lightfield.raw.raw_image import RawImage
 from clplen.wave.coherence.averaging import Progress
-
-Written = tuple[str, Callable[[Path], Any]]
 
 _NONE = {
     "views": "has no views of directions: leave [views] out",
@@ -39,37 +38,25 @@ def is_focused(raw: Any) -> bool:
     return raw is not None and raw.camera is not None and raw.camera.kind == "focused"
 
 
-def focused_products(
-    raw: RawImage, work: dict[str, Any], suffixes: dict[str, str]
-) -> Iterator[Written]:
-    """Names and writers: raw.h5 always, stack, depth and all_in_focus where they are asked for."""
+def focused_products(raw: RawImage, work: dict[str, Any]) -> Iterator[Product]:
+    """Yield raw.h5, and stack, depth and all_in_focus where they are asked for."""
     for name, why in _NONE.items():
         if name in work:
             raise ValueError(f"A focused camera {why}.")
-    endings = [suffixes[name] for name in work["formats"]]
-    yield "raw.h5", lambda path: io.write_raw(path, raw, durable=True)
+    formats = work["formats"]
+    yield Product("raw.h5", lambda path: io.write_raw(path, raw, durable=True))
     if "stack" in work:
         stack = focused_stack(raw, ms=_ms(raw, work["stack"]))
-        for ending in endings:
-            yield f"stack{ending}", _writer(io.write_focused, stack)
+        yield from in_formats("stack", formats, io.write_focused, stack)
     if "depth" not in work and "all_in_focus" not in work:
         return
     depth = focused_depth(raw)
     if "depth" in work:
         maps = focused_maps(raw, depth)
-        for ending in endings:
-            yield f"depth{ending}", _writer(io.write_focused_depth, depth, maps)
+        yield from in_formats("depth", formats, io.write_focused_depth, depth, maps)
     if "all_in_focus" in work:
         picture = render_focused(raw, method="depth", depth=depth)
-        for ending in endings:
-            yield f"all_in_focus{ending}", _writer(io.write_focused, picture)
-
-
-def _writer(write: Callable[..., None], *made: Any) -> Callable[[Path], Any]:
-    def put(path: Path) -> None:
-        write(path, *made, durable=True, replace=True)
-
-    return put
+        yield from in_formats("all_in_focus", formats, io.write_focused, picture)
 
 
 def _ms(raw: RawImage, table: dict[str, Any]) -> np.ndarray[Any, Any]:

@@ -11,6 +11,7 @@ from typing import Any
 from clplen.batch.jobs.items import layout_in
 from clplen.batch.jobs.task import Task
 from clplen.batch.work.fingerprints import fingerprint
+from clplen.batch.work.product_files import SUFFIXES, Product
 from clplen.batch.work.resources import Resources
 from clplen.cameras.light_field_microscope import Microscope
 from clplen.config.setting_tables import take_settings
@@ -24,18 +25,13 @@ from clplen.microscopy.settings import DeconvolutionSettings, LatticeSettings
 
 logger = logging.getLogger(__name__)
 
-Written = tuple[str, Callable[[Path], Any]]
 Advance = Callable[[int, int], None]
 
 
 def volume_products(
-    task: Task,
-    raw: RawImage | None,
-    resources: Resources,
-    suffixes: dict[str, str],
-    advance: Advance,
-) -> Iterator[Written]:
-    """Names and writers of the volume of a frame."""
+    task: Task, raw: RawImage | None, resources: Resources, advance: Advance
+) -> Iterator[Product]:
+    """Yield the volume of a frame or a series in each format."""
     layout = layout_in(task.source.get("layout", {}), task.base)
     table = dict(task.work["deconvolve"])
     path = Path(task.base, task.source["path"]) if task.source["kind"] == "file" else None
@@ -54,10 +50,8 @@ def volume_products(
     )
     if len(pages) > 1:
         for name in task.work["formats"]:
-            yield (
-                f"volume{suffixes[name]}",
-                partial(_write_series, deconvolver, pages, task.name, advance),
-            )
+            write = partial(_write_series, deconvolver, pages, task.name, advance)
+            yield Product(f"volume{SUFFIXES[name]}", write)
         return
     frame = deconvolver.prepared(picture)
     said = deconvolver.checks() + deconvolver.diagnose(frame)
@@ -74,7 +68,7 @@ def volume_products(
     }
     write = partial(write_result, found=found, images=deconvolver.images, more=more, replace=True)
     for name in task.work["formats"]:
-        yield f"volume{suffixes[name]}", write
+        yield Product(f"volume{SUFFIXES[name]}", write)
 
 
 def _frame(pages: list[Page], raw: RawImage | None) -> Any:
