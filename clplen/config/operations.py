@@ -15,37 +15,29 @@ from clplen.settings.reading import ReadingSettings
 
 LayoutTable: Any = table_of(
     "LayoutTable",
+    __name__,
     "``[inputs.layout]``: the arguments of `clplen.read_lightfield`.",
     ReadingSettings,
 )
 DepthTable: Any = table_of(
-    "DepthTable", "``[depth]``: the depth map; the arguments of `clplen.depth_map`.", DepthSettings
+    "DepthTable",
+    __name__, "``[depth]``: the depth map; the arguments of `clplen.depth_map`.", DepthSettings
 )
 AllInFocusTable: Any = table_of(
     "AllInFocusTable",
+    __name__,
     "``[all_in_focus]``: a picture sharp everywhere; by the depth map where there is one.",
     AllInFocusSettings,
 )
 ViewsTable: Any = table_of(
     "ViewsTable",
+    __name__,
     "``[views]``: single views, (v, u) from 0, fractions too; without ``at`` the centre view.",
     ViewSettings,
 )
-_Stack: Any = table_of("_Stack", "", StackSettings)
-
-
-class StackTable(_Stack):
-    """``[stack]``: the focal stack; the arguments of `clplen.focal_stack`.
-
-    Attributes
-    ----------
-    alphas : list of float or None
-        Planes F/F', as a list or "START:STOP:N", where the spacing is known.
-    disparities : list of float or None
-        Planes in pixels a view step, nearer larger, in the same forms; not together with
-        ``alphas``. None of both: planes that suit the light field.
-    aperture : int, float, str or None
-        Views across, a fraction of the diameter (0.5) or "f/66"; None: all views.
-    interpolation : {"linear", "nearest", "cubic", "fourier"}
-        Between the pixels of the views.
-    """
+StackTable: Any = table_of(
+    "StackTable",
+    __name__,
+    "``[stack]``: the focal stack; the arguments of `clplen.focal_stack`.",
+    StackSettings,
+)

@@ -15,8 +15,8 @@ from clplen.settings.declaration import Setting, settings_of
 Model = TypeVar("Model")
 
 
-def table_of(name: str, doc: str, *models: type, **more: Any) -> Any:
-    """Return the table with the keys of some settings models, checked as these check them.
+def table_of(name: str, module: str, doc: str, *models: type, **more: Any) -> Any:
+    """Return the table of a module with the keys of some settings models, checked as they check.
 
     ``more`` are fields of its own, as of ``pydantic.create_model``, which come first.
     """
@@ -29,7 +29,8 @@ def table_of(name: str, doc: str, *models: type, **more: Any) -> Any:
 
     fields = more | setting_fields(*models)
     validators: Any = {"_go_together": model_validator(mode="after")(go_together)}
-    return create_model(name, __base__=Table, __validators__=validators, __doc__=doc, **fields)
+    about: Any = {"__module__": module, "__doc__": doc, "__validators__": validators}
+    return create_model(name, __base__=Table, **about, **fields)
 
 
 def setting_fields(*models: type) -> dict[str, Any]:
@@ -52,7 +53,7 @@ def _kind(one: Setting, hint: Any) -> Any:
         return str | None
     kind: Any = one.kind
     if one.kind is str and one.choices:
-        kind = Literal[one.choices]
+        kind = Literal.__getitem__(one.choices)
     elif one.kind in (int, float) and not (one.choices or one.pair or one.check):
         kind = Annotated[kind, Field(ge=one.least, gt=one.above)]
     else:

@@ -122,6 +122,7 @@ class RawTable(Table):
 
 DeconvolveTable: Any = table_of(
     "DeconvolveTable",
+    __name__,
     "``[deconvolve]``: the volume behind frames of a light-field microscope.",
     DeconvolutionSettings,
     LatticeSettings,
