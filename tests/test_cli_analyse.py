@@ -108,7 +108,7 @@ def test_bad_names_and_folders_are_told(run: Run, tmp_path: Path) -> None:
         (tmp_path / folder).mkdir(exist_ok=True)
         (tmp_path / folder / "one.toml").write_text(SMALL.format(kind=STANDARD))
     twice[1:3] = [str(tmp_path / folder / "one.toml") for folder in ("a", "b")]
-    assert "Two camera files are named 'one'" in said(CliRunner().invoke(cli.main, twice), 2)
+    assert "Two camera files are named one:" in said(CliRunner().invoke(cli.main, twice), 2)
     assert not (tmp_path / "out").exists()
     (tmp_path / "out").mkdir()
     (tmp_path / "out" / "mine.txt").touch()
