@@ -8,7 +8,6 @@ from common import BLUE, GREEN, ORANGE, RED, number
 from drawing import ROOT, show
 from matplotlib.axes import Axes
 
-from clplen import PointSources
 from clplen.analysis import PSF
 from clplen.cameras import Aberrations, Plenoptic1
 
@@ -24,7 +23,7 @@ def show_light(axes: Axes, image: np.ndarray, pitch: float) -> Any:
 
 def main_image(cam: Plenoptic1) -> PSF:
     """The main lens' image of a point on the array."""
-    field = cam.array_field(cam.pupil(PointSources((0, 0, 0)))).to_numpy()[0]
+    field = cam.optics.array_field(cam.optics.pupil(np.zeros((1, 3)))).to_numpy()[0]
     light = np.abs(field).astype(float) ** 2
     return PSF(light / light.sum(), cam.pixel_pitch, cam.grid.origin)
 

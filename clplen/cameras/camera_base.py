@@ -1,4 +1,4 @@
-"""What both plenoptic cameras do: take raw images of scenes, and show their fields on the way."""
+"""What both plenoptic cameras do: take raw images of scenes."""
 
 from __future__ import annotations
 
@@ -44,9 +44,8 @@ from clplen.lightfield.raw.raw_image import RawImage, Sensor
 from clplen.wave.coherence.averaging import Checkpoint, Progress
 from clplen.wave.coherence.coherence import Coherence
 from clplen.wave.elements.lenslets import MicrolensArray
-from clplen.wave.field.field import Field, row_powers
+from clplen.wave.field.field import row_powers
 from clplen.wave.field.intensity import Region
-from clplen.wave.propagation.propagator import Propagator
 from clplen.wave.spectrum.spectrum_tables import check_wavelength
 
 Scene = SurfaceScene | Source | Sequence[Source | Occluder]
@@ -199,31 +198,6 @@ class Plenoptic(Described, RayOptics):
         """Intensity on the sensor with the positions of the sub-images on it."""
         return replace(raw_image(self, data), camera=self)
 
-    def pupil(
-        self, scene: PointSources, chosen: slice = slice(None), *, full_grid: bool = True
-    ) -> Field:
-        """Fields of sources right behind the main lens.
-
-        Of the sources ``chosen``, shape (n, ny, nx); see `WaveOptics.pupil`.
-        """
-        return self.optics.pupil(scene.positions[chosen], scene.diameter, full_grid=full_grid)
-
-    def array_field(self, pupil: Field, *, pad: int = 1) -> Field:
-        """Fields behind the main lens at the array; see `WaveOptics.array_field`."""
-        return self.optics.array_field(pupil, pad=pad)
-
-    def sensor_field(self, at_array: Field, *, pad: int = 1) -> Field:
-        """Fields at the array sent on to the sensor; see `WaveOptics.sensor_field`."""
-        return self.optics.sensor_field(at_array, pad=pad)
-
-    def padding(self, scene: PointSources) -> tuple[int, int]:
-        """Padding of the ways to the array and to the sensor, 1 or 2; see `WaveOptics.padding`."""
-        return self.optics.padding(scene.positions)
-
-    def propagator(self, z: float, method: str, pad: int) -> Propagator:
-        """The plan of a distance on the camera's grid, ``pad`` times as wide or a little more."""
-        return self.optics.propagator(z, method, pad)
-
     def check_scene(self, scene: PointSources) -> None:
         """Refuse sources that this camera cannot show; see `expose`."""
         if self.pixels is None:
@@ -248,13 +222,12 @@ def scene_energy(camera: Plenoptic, scene: PointSources) -> Sequence[tuple[float
         For each source (1.0, at the array, at the sensor), fractions of its energy at the aperture.
     """
     rows = []
-    to_array, to_sensor = camera.padding(scene)
-    for n in range(len(scene)):
-        pupil, energy = camera.optics.pupil_and_energy(
-            scene.positions[n : n + 1], scene.diameter, full_grid=False
-        )
-        at_array = camera.array_field(pupil, pad=to_array)
-        at_sensor = camera.sensor_field(at_array, pad=to_sensor)
+    optics = camera.optics
+    to_array, to_sensor = optics.padding(scene.positions)
+    for place in scene.positions:
+        pupil, energy = optics.pupil_and_energy(place[None], scene.diameter, full_grid=False)
+        at_array = optics.array_field(pupil, pad=to_array)
+        at_sensor = optics.sensor_field(at_array, pad=to_sensor)
         energies = [float(row_powers(f).sum()) for f in (at_array, at_sensor)]
         rows.append((1.0, energies[0] / float(energy[0]), energies[1] / float(energy[0])))
     return rows

@@ -25,7 +25,7 @@ from clplen import (
 from clplen.analysis.point.psf import PSF
 from clplen.cameras import Plane
 from clplen.cameras.exposure.isoplanatic import layout
-from clplen.cameras.exposure.slides import SlidePath, slide_field
+from clplen.cameras.exposure.slides import slide_field
 from clplen.cameras.optics.camera_aberrations import (
     Aberrations,
     LensletScatter,
@@ -52,7 +52,7 @@ def camera_of(device: Device, *, count: Any = 35, pixels: int = 15, **change: An
 
 def psf(camera: Plenoptic1) -> PSF:
     """The main lens' image of a point on the axis."""
-    at_array = camera.array_field(camera.pupil(PointSources((0, 0, 0)))).to_numpy()[0]
+    at_array = camera.optics.array_field(camera.optics.pupil(np.zeros((1, 3)))).to_numpy()[0]
     intensity = np.abs(at_array).astype(np.float64) ** 2
     return PSF(intensity / intensity.sum(), camera.pixel_pitch, camera.grid.origin)
 
@@ -60,8 +60,8 @@ def psf(camera: Plenoptic1) -> PSF:
 def test_a_tilt_moves_the_image_by_the_slope(device: Device) -> None:
     """Noll's j = 2 is 2 x/R, j = 3 is 2 y/R: the image lies F dW/du beside its place."""
     tilted = camera_of(device, aberrations=Aberrations(main_lens={2: LAM, 3: -0.5 * LAM}))
-    assert tilted.padding(MIDDLE) == (2, 1)
-    assert camera_of(device).padding(MIDDLE) == (1, 1)
+    assert tilted.optics.padding(MIDDLE.positions) == (2, 1)
+    assert camera_of(device).optics.padding(MIDDLE.positions) == (1, 1)
     y, x = psf(tilted).centroid()
     assert (y, x) == pytest.approx((-F * LAM / R, 2 * F * LAM / R), abs=5e-8)
 
@@ -81,7 +81,7 @@ def test_raw_image_against_the_twin(device: Device, precise: Device) -> None:
     bad = Aberrations(main_lens={7: -0.2 * LAM, 8: 0.3 * LAM}, sensor_shift=shift)
     for where, tolerance in ((device, 1e-5), (precise, 1e-6)):  # as without aberrations, twice
         camera = camera_of(where, count=(31, 35), aberrations=bad)
-        assert camera.padding(PointSources(point)) == (2, 1)
+        assert camera.optics.padding(np.array([point])) == (2, 1)
         got = camera.expose(PointSources(point, diameter=10e-6)).to_numpy()
         assert relative_max(np.abs(u) ** 2, got.astype(np.float64)) <= tolerance
 
@@ -237,11 +237,12 @@ def test_a_slide_step_by_step(device: Device) -> None:
     got = camera.expose(plane, coherence=Coherence()).to_numpy()
     lit = thin_lens(slide_field(camera.optics, plane), camera.object_distance)
     pupil = thin_lens(
-        camera.propagator(camera.object_distance, "blas", 1)(lit), 0.12, diameter=2 * R
+        camera.optics.propagator(camera.object_distance, "blas", 1)(lit), 0.12, diameter=2 * R
     )
     bent = phase_plate(pupil, {8: 0.4 * LAM}, diameter=2 * R)
-    pads = SlidePath(camera.optics, 0.0, True, camera.padding(plane.corners())).padding
-    expected = camera.sensor_field(camera.array_field(bent, pad=pads[0]), pad=pads[1])
+    pads = camera.optics.padding(plane.corners().positions)
+    at_array = camera.optics.array_field(bent, pad=pads[0])
+    expected = camera.optics.sensor_field(at_array, pad=pads[1])
     assert relative_max(np.abs(expected.to_numpy().astype(np.complex128)) ** 2, got) <= 1e-5
     assert relative_max(np.abs(expected.to_numpy()) ** 2, camera_of(device, count=27).expose(
         plane, coherence=Coherence()).to_numpy()) > 0.1  # fmt: skip

@@ -191,7 +191,8 @@ def test_distortion_moves_the_image(device: Device) -> None:
 
 def at_array(camera: Plenoptic1, position: Any, power: float) -> Any:
     """Centroid (y, x) of a power of a point's light on the array, in metres."""
-    field = camera.array_field(camera.pupil(PointSources(position)), pad=2).to_numpy()[0]
+    pupil = camera.optics.pupil(np.array([position]))
+    field = camera.optics.array_field(pupil, pad=2).to_numpy()[0]
     light = np.abs(field.astype(np.complex128)) ** 2
     return PSF(light / light.sum(), camera.pixel_pitch, camera.grid.origin).centroid(
         power

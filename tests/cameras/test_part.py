@@ -7,7 +7,6 @@ import pytest
 
 from clplen.cameras.optics.wave_optics import aperture_grid, propagate_part
 from clplen.cameras.plenoptic_camera import PlenopticCamera
-from clplen.cameras.scenes.scene_sources import PointSources
 from clplen.errors import ShapeError
 from clplen.wave.elements.lenslets import MicrolensArray
 from clplen.wave.field.field import Field, Grid
@@ -51,8 +50,8 @@ def test_the_pupil_on_its_part_is_that_of_the_whole(precise):
     cam = PlenopticCamera.type1(
         focal_length=0.012, mla=lenslets, wavelength=532e-9, pixels_per_lenslet=30, device=precise
     )
-    points = PointSources([(2e-5, -3e-5, 1e-4), (0.0, 1e-5, -1e-4)], diameter=1e-6)
-    whole, part = (cam.pupil(points, full_grid=full) for full in (True, False))
+    points = np.array([(2e-5, -3e-5, 1e-4), (0.0, 1e-5, -1e-4)])
+    whole, part = (cam.optics.pupil(points, 1e-6, full_grid=full) for full in (True, False))
     assert part.grid.shape[0] < whole.grid.shape[0]
     y, x = (m // 2 - n // 2 for n, m in zip(part.grid.shape, whole.grid.shape, strict=True))
     inside = np.s_[..., y : y + part.grid.shape[0], x : x + part.grid.shape[1]]

@@ -63,7 +63,7 @@ def test_raw_image_against_the_twin(device: Device, precise: Device) -> None:
     # complex64, type1 has 3e-6; float32 and the rim's strips
     for where, m, tolerance in ((device, 0.25, 5e-6), (precise, -0.3, 1e-6)):
         camera = focused(where, m, mla=mla)
-        assert camera.padding(PointSources(point)) == (1, 1)
+        assert camera.optics.padding(np.array([point])) == (1, 1)
         got = camera.expose(PointSources(point, diameter=10e-6)).to_numpy()
         expected = Twin(m, (57, 61)).raw(*point)
         assert relative_max(expected, got.astype(np.float64)) <= tolerance

@@ -145,7 +145,7 @@ def crosstalk(device, d, *, count=51, alone=False):
     if not alone:
         raw = camera.expose(PointSources((0, 0, 0))).to_numpy().astype(np.float64)
         return 1 - raw[middle, middle].sum() / raw.sum()
-    at_array = camera.array_field(camera.pupil(PointSources((0, 0, 0))))
+    at_array = camera.optics.array_field(camera.optics.pupil(np.zeros((1, 3))))
     through = MicrolensArray(d, 10e-3, count=1, fill="full").apply(at_array)
     step = Propagator(camera.grid, 10e-3, wavelength=532e-9, method="as", pad=1, device=device)
     behind = step(through)
