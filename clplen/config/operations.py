@@ -21,7 +21,9 @@ LayoutTable: Any = table_of(
 )
 DepthTable: Any = table_of(
     "DepthTable",
-    __name__, "``[depth]``: the depth map; the arguments of `clplen.depth_map`.", DepthSettings
+    __name__,
+    "``[depth]``: the depth map; the arguments of `clplen.depth_map`.",
+    DepthSettings,
 )
 AllInFocusTable: Any = table_of(
     "AllInFocusTable",

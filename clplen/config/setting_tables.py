@@ -39,7 +39,8 @@ def setting_fields(*models: type) -> dict[str, Any]:
     for model in models:
         hints = get_type_hints(model)
         for one in settings_of(model):
-            checked = Annotated[_kind(one, hints[one.name]), BeforeValidator(_checker(one))]
+            kind: Any = _kind(one, hints[one.name])
+            checked = Annotated[kind, BeforeValidator(_checker(one))]
             field = setting(
                 one.default, one.help, example=one.example, default_text=one.default_text
             )

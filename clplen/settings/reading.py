@@ -45,9 +45,7 @@ class ReadingSettings(Settings):
         kind=int, least=1, pair=True, group=INPUT, default_text="detected", example=[9, 9],
         metavar="V U",
     )  # fmt: skip
-    swap_uv: bool = setting(
-        False, "The names count columns before rows.", kind=bool, group=INPUT
-    )
+    swap_uv: bool = setting(False, "The names count columns before rows.", kind=bool, group=INPUT)
     flip_v: bool = setting(False, "Reverse the rows of views.", kind=bool, group=INPUT)
     flip_u: bool = setting(False, "Reverse the columns of views.", kind=bool, group=INPUT)
     allow_missing: bool = setting(
