@@ -129,9 +129,9 @@ def test_words_of_layout(folder: Path, values: dict[str, np.ndarray], device: De
     assert read(bayer="GRBG", demosaic="after", lattice="square").shape[4:] == (3,)
     never = {"bayer": "GRBG", "demosaic": "not at all"}
     refused(
-        (ValueError, r"raw\.tif: .*'after' or 'before'", lambda: read(**never)),
+        (ValueError, "demosaic must be 'within', 'after' or 'before'", lambda: read(**never)),
         (ValueError, "order= does not apply", lambda: read(order="vuyx")),
-        (ValueError, r"white\.tif: .*square or hexagonal", lambda: read(lattice="round")),
+        (ValueError, "lattice must be 'square' or 'hexagonal'", lambda: read(lattice="round")),
     )
 
 

@@ -274,7 +274,7 @@ def test_bad_input_is_refused():
         (holed, {}, ValueError, "1 pixels that are NaN"),
         (even, {"kind": "round"}, ValueError, "square or hexagonal, not 'round'"),
         (even, {"pitch": 2}, ValueError, "pitch is 3 to 200 pixels, not 2"),
-        (even, {"bayer": "RGB"}, ValueError, "bayer is one of"),
+        (even, {"bayer": "RGB"}, ValueError, "bayer must be 'RGGB'"),
     ):
         with pytest.raises(error, match=message):
             estimate_lattice(frame, **words)

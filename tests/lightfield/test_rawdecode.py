@@ -234,7 +234,7 @@ REFUSED = [
     (FLAT, {"step": np.nan}, ValueError, "step is a positive number"),
     (FLAT, {"pixel_pitch": -1e-6}, ValueError, "pixel_pitch is positive"),
     (FLAT, {"demosaic": "never"}, ValueError, "'within', 'after' or 'before'"),
-    (FLAT, {"bayer": "RGBG"}, ValueError, "bayer is one of RGGB"),
+    (FLAT, {"bayer": "RGBG"}, ValueError, "bayer must be 'RGGB'"),
     (FLAT, {"devignette": True}, ValueError, "give white="),
     (FLAT, {"white": np.ones((67, 82))}, ShapeError, "white image has shape"),
     (FLAT, {"dark": np.ones((66, 83))}, ShapeError, "dark frame has shape"),

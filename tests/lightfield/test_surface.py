@@ -88,7 +88,7 @@ def test_options_that_do_not_go_together(device):
     for more in ({"rescale": True}, {"interpolation": "cubic"}):
         with pytest.raises(ValueError, match="upsample puts samples at their own places"):
             refocus(lf, disparity=0.5, upsample=2, **more)
-    with pytest.raises(ValueError, match="'cubic', 'fourier', not 'sinc'"):
+    with pytest.raises(ValueError, match="'cubic' or 'fourier', got 'sinc'"):
         focal_stack(lf, disparities=[0.5], interpolation="sinc")
     with pytest.raises(ShapeError, match=r"shape \(9, 14\), not \(14, 9\)"):
         refocus(lf, disparity=surface.T)

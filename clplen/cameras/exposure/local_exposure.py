@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from itertools import groupby
 from typing import Any
 
@@ -27,7 +27,7 @@ from clplen.compute.device import Device
 from clplen.compute.fft.blocks import window
 from clplen.compute.fft.lines import smooth_length
 from clplen.errors import DeviceError
-from clplen.lightfield.raw.raw_image import Exposure, Transforms
+from clplen.lightfield.raw.raw_image import Exposure, Transforms, merged
 from clplen.units import amount
 from clplen.wave.coherence.averaging import Progress
 from clplen.wave.field.field import Field
@@ -261,11 +261,3 @@ def _sums(windows: Windows, number: int, more: int, active: float) -> tuple[Pixe
     # the finer inverse transform divides by more^2 as many samples
     scale = more**2 if active else (more * k) ** 2
     return sums, scale / windows.energy[number]
-
-
-def merged(transforms: Iterable[tuple[int, tuple[int, int]]]) -> Transforms:
-    """One entry for each shape."""
-    counts: dict[tuple[int, int], int] = {}
-    for n, shape in transforms:
-        counts[shape] = counts.get(shape, 0) + n
-    return tuple((n, shape) for shape, n in counts.items())

@@ -8,10 +8,9 @@ from typing import Any
 
 import numpy as np
 
-from clplen.cameras.exposure.local_exposure import merged
 from clplen.cameras.optics.wave_optics import WaveOptics, padded_shape
 from clplen.cameras.scenes.scene_sources import PicturePlane
-from clplen.lightfield.raw.raw_image import Exposure
+from clplen.lightfield.raw.raw_image import Exposure, merged
 from clplen.wave.coherence.averaging import Progress
 from clplen.wave.coherence.coherence import Coherence
 from clplen.wave.coherence.coherence_plan import Opening, check_opening

@@ -23,7 +23,6 @@ from clplen.cameras.exposure.local_exposure import (
     add_local,
     check_windows,
     local_transforms,
-    merged,
 )
 from clplen.cameras.exposure.slides import light_slide
 from clplen.cameras.exposure.spectral_exposure import (
@@ -38,7 +37,7 @@ from clplen.cameras.scenes.scene_sources import PicturePlane, PointSources, Sour
 from clplen.compute.arrays import Image
 from clplen.compute.device import Device
 from clplen.errors import SamplingError, SamplingWarning, warn_caller
-from clplen.lightfield.raw.raw_image import Exposure, RawImage, Transforms
+from clplen.lightfield.raw.raw_image import Exposure, RawImage, Transforms, merged
 from clplen.wave.coherence.averaging import Progress
 from clplen.wave.coherence.coherence import Coherence
 from clplen.wave.coherence.spatial_models import LARGEST_SEED
@@ -421,7 +420,7 @@ def _probes(plane: PicturePlane, plan: Layout) -> list[int]:
 def _joined(reports: list[Exposure]) -> Exposure:
     """What several parts of a scene were exposed by; their errors as if they were independent."""
     routes = sorted({report.route for report in reports})
-    transforms = merged(pair for report in reports for pair in report.transforms)
+    transforms = merged([pair for report in reports for pair in report.transforms])
     numbers = [report.snapshots for report in reports if report.snapshots is not None]
     relative = [report.relative_error for report in reports if report.relative_error is not None]
     errors = [report.standard_error for report in reports if report.standard_error is not None]

@@ -138,9 +138,6 @@ def _views(path: Path, layout: Layout) -> View:
             f"{path} is a mosaic of how many views? Give {argument('views', ('V', 'U'))}, rows and "
             f"columns; or {argument('white')} or {argument('grid')} if it is a raw lenslet image."
         )
-    if min(layout.views) < 1:
-        views = argument("views", ("V", "U"))
-        raise ValueError(f"{views} counts rows and columns from 1, not {layout.views}.")
     return layout.views
 
 

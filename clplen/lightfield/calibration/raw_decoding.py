@@ -31,10 +31,11 @@ from clplen.lightfield.raw.demosaicing import (
 from clplen.lightfield.raw.lenslet_grid import LensletGrid
 from clplen.lightfield.raw.lenslet_lattice import Lattice
 from clplen.lightfield.raw.raw_image import RawImage, Spacing
+from clplen.settings.declaration import setting_of
+from clplen.settings.reading import ReadingSettings
 
 _FLOOR = 0.05  # of the white image's bright pixels: what is darker is divided by that
 _BRIGHT = 0.995  # quantile of the white image that counts as bright
-_DEMOSAIC = ("within", "after", "before")
 
 
 @dataclass(frozen=True)
@@ -192,8 +193,7 @@ def _check(
     if pixel_pitch is not None and not 0 < pixel_pitch < math.inf:
         raise ValueError(f"pixel_pitch is positive, in metres, not {pixel_pitch!r}.")
     units.PITCH.check(pixel_pitch or 0.0, "pixel_pitch")
-    if demosaic not in _DEMOSAIC:
-        raise ValueError(f"demosaic is 'within', 'after' or 'before', not {demosaic!r}.")
+    setting_of(ReadingSettings, "demosaic").checked(demosaic)
     if bayer is not None:
         tile_of(bayer)
     if devignette and white is None:

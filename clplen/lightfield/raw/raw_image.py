@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import KW_ONLY, dataclass, replace
 from typing import Any, ClassVar, Protocol
 
@@ -486,3 +486,11 @@ def _gains(gain: Any) -> float | Gains:
     if pairs is None:
         return float(gain)
     return tuple((str(name), float(value)) for name, value in pairs)
+
+
+def merged(transforms: Iterable[tuple[int, tuple[int, int]]]) -> Transforms:
+    """Return one entry for each shape of transforms."""
+    counts: dict[tuple[int, int], int] = {}
+    for n, shape in transforms:
+        counts[shape] = counts.get(shape, 0) + n
+    return tuple((n, shape) for shape, n in counts.items())
