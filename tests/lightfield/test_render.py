@@ -131,7 +131,7 @@ def test_array_aperture(device):
 
 OUTSIDE = r"v is from 0 to 4, u from 0 to 7"
 PAIR = r"A viewpoint is \(v, u\), not"
-FRACTION = r"a fraction of the full diameter, in \(0, 1\], not"
+VIEWS_ACROSS = "aperture must be views across"
 REFUSED = [
     (lambda lf: lf.view(-0.1, 0), ValueError, OUTSIDE),
     (lambda lf: lf.view(np.nan, 1), ValueError, OUTSIDE),
@@ -144,8 +144,8 @@ REFUSED = [
     (lambda lf: lf.epi(y=7, v=0), ValueError, "y is a whole number from 0 to 6, not 7"),
     (lambda lf: lf.epi(x=0.5, u=1), ValueError, "x is a whole number from 0 to 10, not 0.5"),
     (lambda lf: lf.render(aperture="f/200"), ValueError, r"'f/200' is wider than .* f/266\.7"),
-    (lambda lf: lf.render(aperture="f66"), ValueError, "aperture must be views across"),
-    (lambda lf: lf.render(aperture="f/-3"), ValueError, "aperture must be views across"),
+    (lambda lf: lf.render(aperture="f66"), ValueError, VIEWS_ACROSS),
+    (lambda lf: lf.render(aperture="f/-3"), ValueError, VIEWS_ACROSS),
     (
         lambda lf: replace(lf, camera=None).render(aperture="f/400"),
         ValueError,
@@ -154,12 +154,12 @@ REFUSED = [
     (lambda lf: lf.render(aperture=np.ones((8, 5))), ShapeError, r"shape \(8, 5\), the views"),
     (lambda lf: lf.render(aperture=np.full((5, 8), np.nan)), ValueError, "finite and not negative"),
     (lambda lf: lf.render(aperture=np.full((5, 8), -1)), ValueError, "finite and not negative"),
-    (lambda lf: lf.render(aperture=0), ValueError, "aperture must be views across"),
+    (lambda lf: lf.render(aperture=0), ValueError, VIEWS_ACROSS),
     (lambda lf: lf.render(aperture=9), ValueError, "must be at most the 8 views across"),
-    (lambda lf: lf.render(aperture=0.0), ValueError, FRACTION),
-    (lambda lf: lf.render(aperture=1.01), ValueError, FRACTION),
-    (lambda lf: lf.render(aperture=True), TypeError, "An aperture is a number of views"),
-    (lambda lf: lf.render(aperture={"k": 3}), TypeError, "An aperture is a number of views"),
+    (lambda lf: lf.render(aperture=0.0), ValueError, VIEWS_ACROSS),
+    (lambda lf: lf.render(aperture=1.01), ValueError, VIEWS_ACROSS),
+    (lambda lf: lf.render(aperture=True), ValueError, VIEWS_ACROSS),
+    (lambda lf: lf.render(aperture={"k": 3}), ValueError, VIEWS_ACROSS),
     (lambda lf: lf.render(aperture=1), ValueError, "leaves only views of weight 0"),
 ]
 

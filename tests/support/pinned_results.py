@@ -17,8 +17,10 @@ import clplen
 from clplen import analysis, batch, cameras, lightfield, microscopy, plot, wave
 from clplen import io as files
 from clplen.cameras.camera_base import scene_energy
+from clplen.io.displays.quilt import DISPLAYS
 from clplen.io.raw.raw_files import is_raw_file
 from clplen.io.results.volume_files import is_volume
+from clplen.io.store.digest import digest
 from clplen.microscopy.frames.outliers import hot_pixels
 from clplen.microscopy.frames.sharpness import sharpness
 from clplen.microscopy.model.binning import binning_error, suitable_binning
@@ -1422,7 +1424,7 @@ def picture_files(name, kind):
     values = np.asarray(200 * samples(19, 26), kind)
     if name == "a.npy":
         files.write_npy(name, values)
-        return files.read_npy(name), files.digest(name)
+        return files.read_npy(name), digest(name)
     if name == "a.pfm":
         files.write_pfm(name, values)
         return files.read_pfm(name), files.read_disparity(name, shape=values.shape)
@@ -1552,7 +1554,7 @@ def display_files():
         "pitch": files.lens_pitch(60, 720, distance=0.4, thickness=6e-4),
         "test": files.pitch_test(60, 150, 0.04, bands=3),
         "name": made.name,
-        "displays": sorted(files.DISPLAYS),
+        "displays": sorted(DISPLAYS),
     }
 
 
