@@ -49,6 +49,8 @@ class Plenoptic1(Plenoptic):
         obeys the sine condition.
     pixels : PixelArray or None
         None: each pixel takes the intensity in its middle.
+    m : float
+        Always 0; the magnification of the lenslets of a focused camera.
 
     Examples
     --------

@@ -180,7 +180,7 @@ def test_bad_input(device):
     lf = LightField.from_array(slanted(0.2, shape=(3, 3, 40, 50))[0], device=device)
     for options, words in (
         ({"cue": "correspondance"}, r"'energy'.*'correspondance'"),
-        ({"alphas": [0.9, 1, 1.1], "disparities": [0, 1, 2]}, r"not both"),
+        ({"alphas": [0.9, 1, 1.1], "disparities": [0, 1, 2]}, r"both give the planes"),
         ({"alphas": [0.9, 1, 1.1]}, r"spacing"),
         ({"disparities": []}, r"at least three different"),
         ({"disparities": [0.5, 0.5, 1.0]}, r"at least three different finite planes, not 2"),
