@@ -47,6 +47,8 @@ WRONG: tuple[tuple[str, str, Any, str], ...] = (  # table, argument, value, what
     ("stack", "disparities", "0:1:0", "must be START:STOP:N with 1 to 1,000,000 planes"),
     ("stack", "disparities", "a:b:c", "must be START:STOP:N with 1 to 1,000,000 planes"),
     ("stack", "alphas", "0.8:0.8:3", "must have at least 2 planes between two different ends"),
+    ("depth", "aperture", 0, "must be views across (9), a fraction of the diameter (0.5) or"),
+    ("depth", "aperture", "wide", "must be views across (9)"),
     ("depth", "cue", "sharpness", "must be 'energy', 'correspondence', 'structure-tensor' or"),
     ("depth", "disparities", "0:inf:5", "must be START:STOP:N with 1 to 1,000,000 planes"),
     ("depth", "alphas", "1:1:5", "must have at least 2 planes between two different ends"),
@@ -151,7 +153,9 @@ def test_settings_of_python_files_and_commands_give_the_same_bits(
         "stack": clplen.focal_stack(
             lf, disparities="-1:1:5", aperture=0.8, interpolation="cubic"
         ).to_numpy(),
-        "depth": clplen.depth_map(lf, cue="correspondence", disparities=planes).disparity,
+        "depth": clplen.depth_map(
+            lf, cue="correspondence", disparities=planes, aperture=0.8
+        ).disparity,
         "view_1.5_0": lf.view(1.5, 0).to_numpy(),
         "lightfield": lf.to_numpy(),
     }
@@ -159,7 +163,8 @@ def test_settings_of_python_files_and_commands_give_the_same_bits(
         f'output = "out"\n[[inputs]]\nfiles = "{file}"\nname = "one"\n'
         "layout = {flip_v = true, swap_uv = true}\n"
         '[stack]\ndisparities = "-1:1:5"\naperture = 0.8\ninterpolation = "cubic"\n'
-        '[depth]\ncue = "correspondence"\ndisparities = [-1.0, -0.5, 0.0, 0.5, 1.0]\n'
+        '[depth]\ncue = "correspondence"\naperture = 0.8\n'
+        "disparities = [-1.0, -0.5, 0.0, 0.5, 1.0]\n"
         "[views]\nat = [[1.5, 0]]\n[light_field]\n"
     )
     said = clplen.batch.run_job(clplen.batch.Job.read(tmp_path / "job.toml"), device=device.name)
@@ -171,7 +176,7 @@ def test_settings_of_python_files_and_commands_give_the_same_bits(
     planes_of = ("--disparities", "-1:1:5")
     for command, name in (
         (("stack", "--aperture", "0.8", "--interpolation", "cubic", *planes_of), "stack"),
-        (("depth", "--cue", "correspondence", *planes_of), "depth"),
+        (("depth", "--cue", "correspondence", "--aperture", "0.8", *planes_of), "depth"),
         (("render", "--viewpoint", "1.5", "0"), "view_1.5_0"),
     ):
         first, *more = command

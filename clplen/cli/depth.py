@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from contextlib import contextmanager
-from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -57,9 +56,8 @@ _SURE = 0.5  # confidence above which a pixel counts as sure
     "OUT.pfm|OUT.tif|OUT.npy",
     "Disparities; a picture of the same name in .png is written beside them.",
 )
-@setting_options(DepthSettings, "cue")
+@setting_options(DepthSettings, "aperture", "cue")
 @options.file("--confidence", help="Confidence from 0 to 1, as .pfm, .tif or .npy.")
-@options.aperture
 @depth_words
 @options.plane_range
 @metric.lengths
@@ -95,6 +93,7 @@ def depth(
     from clplen import plot
     from clplen.io import write_depth
     from clplen.lightfield.model.light_field import LightField
+    from clplen.lightfield.model.rendering import through
     from clplen.plot.base import verbatim
 
     check_planes(disparities, alphas)
@@ -123,7 +122,7 @@ def depth(
     with _opened(source, selector, words, memory) as (opened, device):
         if isinstance(opened, LightField):
             note_nearly_black(opened, aperture)
-        lf = opened if aperture is None else _through(opened, aperture)
+        lf = through(opened, aperture)
         if lengths is not None:
             metric.check_camera(lf, lengths)
         planes = planes_of(lf, disparities, alphas)
@@ -164,13 +163,6 @@ def _opened(
     else:
         with stored(source, selector, words) as opened:
             yield opened
-
-
-def _through(lf: LightField | StoredLightField, aperture: Any) -> LightField | StoredLightField:
-    """The light field with the views of an aperture alone."""
-    from clplen.lightfield.model.rendering import view_weights
-
-    return replace(lf, weights=view_weights(lf, aperture, None))
 
 
 def _found(

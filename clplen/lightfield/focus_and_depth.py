@@ -35,6 +35,7 @@ from clplen.lightfield.depth.depth_maps import (
 from clplen.lightfield.depth.energy_cue import energy_disparity
 from clplen.lightfield.model.alpha_law import require_overlap
 from clplen.lightfield.model.light_field import LightField
+from clplen.lightfield.model.rendering import through
 from clplen.lightfield.model.stored_light_field import StoredLightField
 from clplen.lightfield.refocusing.focal_stacks import (
     FocalStack,
@@ -57,6 +58,7 @@ def depth_map(
     *,
     alphas: ArrayLike | None = None,
     disparities: ArrayLike | None = None,
+    aperture: Any = None,
     cue: str | None = None,
     memory: int | None = None,
     device: DeviceLike | None = None,
@@ -73,6 +75,9 @@ def depth_map(
         Planes to try, at least three different ones, not both. For a light field without either
         those of `suitable_planes`: 33 alphas from .65 to 1.35 where the spacing is known, the depth
         range of a microscope, else 33 disparities from -2 to 2.
+    aperture : int, float, str or array_like, optional
+        Part of the main lens whose views are used, as in `focal_stack`; not with a stack. Default
+        all views.
     cue : {"energy", "correspondence", "structure-tensor", "combined"}, optional
         See Notes. Default "energy" for a stack, and for the light field of a microscope: what
         fluoresces is transparent, where the other cues look for surfaces and put single points on
@@ -91,9 +96,9 @@ def depth_map(
     ------
     ValueError
         If the cue is unknown or needs the views that a stack does not have, alphas and disparities
-        are both given or given with a stack, there are fewer than three planes or no two
-        views overlap on one; or the smallest tile of a stored light field does not fit into the
-        memory.
+        are both given or given with a stack, the aperture does not fit or is given with a stack,
+        there are fewer than three planes or no two views overlap on one; or the smallest tile of a
+        stored light field does not fit into the memory.
     DeviceError
         If what is needed is larger than the device's memory.
     OSError, FormatError
@@ -133,6 +138,11 @@ def depth_map(
     ((32, 32), '0.50 pixels a view step')
     """
     if isinstance(source, FocalStack):
+        if aperture is not None:
+            raise ValueError(
+                "A focal stack has its own aperture; depth_map takes aperture only with a light "
+                "field."
+            )
         cue_named(cue or "energy")
         planes = distinct_planes(source, alphas, disparities)
         if cue not in (None, "energy"):
@@ -142,6 +152,7 @@ def depth_map(
             )
         return with_depth(source, *energy_disparity(source, planes))
     lf, device = as_source(source, device)
+    lf = through(lf, aperture)
     chosen = cue_named(default_cue(lf) if cue is None else cue)
     planes = distinct_planes(lf, alphas, disparities)
     plan = plan_tiles(lf, [chosen.memory(lf, planes)], memory=memory, device=device)

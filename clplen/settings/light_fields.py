@@ -115,8 +115,8 @@ class PlaneSettings(Settings):
 
 
 @dataclass(frozen=True)
-class StackSettings(PlaneSettings):
-    """Settings of `clplen.focal_stack`."""
+class ApertureSettings(PlaneSettings):
+    """Planes, and the part of the main lens through which they are seen."""
 
     aperture: Any = setting(
         None,
@@ -124,13 +124,19 @@ class StackSettings(PlaneSettings):
         "f-number (f/66).",
         check=aperture_of, default_text="all views", example=9, metavar="N|FRACTION|f/NUMBER",
     )  # fmt: skip
+
+
+@dataclass(frozen=True)
+class StackSettings(ApertureSettings):
+    """Settings of `clplen.focal_stack`."""
+
     interpolation: Interpolation = setting(
         "linear", "Interpolation between pixels of a view.", kind=str, choices=INTERPOLATIONS
     )
 
 
 @dataclass(frozen=True)
-class DepthSettings(PlaneSettings):
+class DepthSettings(ApertureSettings):
     """Settings of `clplen.depth_map`."""
 
     cue: Cue | None = setting(

@@ -27,6 +27,7 @@ from clplen.lightfield.depth.best_focus import suitable_planes
 from clplen.lightfield.depth.depth_maps import DepthMap, cue_named, default_cue
 from clplen.lightfield.focus_and_depth import all_in_focus, depth_map
 from clplen.lightfield.model.light_field import LightField
+from clplen.lightfield.model.rendering import through
 from clplen.lightfield.model.stored_light_field import StoredLightField
 from clplen.lightfield.refocusing.focal_stacks import stack_memory
 from clplen.lightfield.stacks import focal_stack, stack_tiles
@@ -82,14 +83,16 @@ def bytes_in_core(stored: StoredLightField, work: dict[str, Any]) -> int:
     pixel = 2 * stored.bytes_per_pixel + 4 * 4 * (*stored.shape, 1)[4]
     planes = {
         name: _disparities(stored, work[name])["disparities"]
-        for name in ("stack", "depth", "all_in_focus")
+        for name in ("stack", "all_in_focus")
         if name in work
     }
     if "stack" in work:
         pixel += stack_memory(stored, planes["stack"])[0].per_pixel
     if "depth" in work:
         cue = cue_named(work["depth"].get("cue") or default_cue(stored))
-        estimate = cue.memory(stored, np.unique(planes["depth"]))
+        seen = through(stored, work["depth"].get("aperture"))
+        tried = _disparities(seen, work["depth"])["disparities"]
+        estimate = cue.memory(seen, np.unique(tried))
         pixel += estimate.per_pixel + estimate.kept
     elif "all_in_focus" in work:
         pixel += blend_memory(stored, planes["all_in_focus"]).per_pixel
@@ -190,7 +193,7 @@ def _of_light_field(
         found += _stacks(lf, _stack_words(lf, work["stack"]), how, formats)
     depth: DepthMap | None = None
     if "depth" in work:
-        depth = depth_map(lf, cue=work["depth"].get("cue"), **_planes(lf, work["depth"]), **how)
+        depth = depth_map(lf, **work["depth"], **how)
         found += in_formats("depth", formats, io.write_depth, depth, spacing=spacing)
     if "all_in_focus" in work:
         planes = {} if depth is not None else _disparities(lf, work["all_in_focus"])

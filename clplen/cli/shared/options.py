@@ -13,7 +13,12 @@ import numpy as np
 from clplen.cli.shared.setting_options import Command as Command
 from clplen.cli.shared.setting_options import Decorated, Option, setting_options
 from clplen.settings.declaration import DEVICE, OUTPUT, shown
-from clplen.settings.light_fields import PlaneSettings, StackSettings, planes_of
+from clplen.settings.light_fields import (
+    ApertureSettings,
+    PlaneSettings,
+    StackSettings,
+    planes_of,
+)
 from clplen.settings.reading import ReadingSettings, size_of
 
 
@@ -133,7 +138,7 @@ force = click.option(
 )
 layout = _with_options(setting_options(ReadingSettings, leave_out=("force",)), force)
 plane_range = setting_options(PlaneSettings)
-aperture = setting_options(StackSettings, "aperture")
+aperture = setting_options(ApertureSettings, "aperture")
 interpolation = setting_options(StackSettings, "interpolation")
 
 

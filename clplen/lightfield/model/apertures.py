@@ -18,7 +18,7 @@ from clplen.checks import float64_array, host_array, is_integer, real_array
 from clplen.errors import ShapeError
 from clplen.lightfield.model.sampled_views import SampledViews
 from clplen.settings.declaration import SettingError, setting_of
-from clplen.settings.light_fields import StackSettings, f_number_of
+from clplen.settings.light_fields import ApertureSettings, f_number_of
 
 Weights = np.ndarray[Any, np.dtype[np.float32]]
 Vector = np.ndarray[Any, np.dtype[np.float64]]
@@ -397,7 +397,7 @@ def aperture_weights(lf: SampledViews, aperture: Any, viewpoint: Any) -> Weights
     elif not isinstance(aperture, str) and np.ndim(aperture) == 2:
         weights = _shifted(_checked_array(aperture, views), centre)
     else:
-        given = setting_of(StackSettings, "aperture").checked(aperture)
+        given = setting_of(ApertureSettings, "aperture").checked(aperture)
         if isinstance(given, str):
             weights = _disc(views, _f_number_diameter(lf, given), centre)
         elif isinstance(given, int):

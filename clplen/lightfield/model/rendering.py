@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from numbers import Integral
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
 import pyopencl.array as cla
@@ -26,6 +27,7 @@ from clplen.lightfield.model.alpha_law import (
 from clplen.lightfield.model.apertures import Weights, aperture_weights
 from clplen.lightfield.model.sampled_views import SampledViews
 
+Views = TypeVar("Views", bound=SampledViews)
 DisparityMap = np.ndarray[Any, np.dtype[np.float64]]
 
 _ROUNDS = 8  # of the fixed point in `carry_disparity`
@@ -124,6 +126,15 @@ def view_weights(lf: SampledViews, aperture: Any, viewpoint: Any) -> Weights:
             "give a wider one or another viewpoint."
         )
     return weights
+
+
+def through(lf: Views, aperture: Any) -> Views:
+    """The light field with the weights of an aperture; without one as it is."""
+    if aperture is None:
+        return lf
+    whole: Any = lf
+    seen: Views = replace(whole, weights=view_weights(lf, aperture, None))
+    return seen
 
 
 def _nearest(lf: SampledViews, viewpoint: Any) -> tuple[Weights, Weights]:
