@@ -14,7 +14,7 @@ example = start(__doc__, __file__)
 camera = example.camera
 middle = (camera.mla.count[0] - 1) / 2
 for name, reference in {"A": 25.263, "B": 0.0, "C": -16.552}.items():
-    lenslet = demo.place(camera, name)[0] - middle
+    lenslet = demo.array_position(camera, name)[0] - middle
     number(f"{name}: image, in lenslets from the axis", lenslet, reference, 1e-3, ".3f")
 
 figure = Figure(figsize=(7.5, 4.2))

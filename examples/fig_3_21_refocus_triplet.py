@@ -14,14 +14,14 @@ lf = LightField.from_raw(demo.scene(camera))
 images = [refocus(lf, alpha=alpha) for alpha in demo.REFOCUS_ALPHAS]
 highest = pixels(lf.render()).max()
 for name, references in PEAKS.items():
-    x, y = (round(place) for place in demo.place(camera, name))
+    x, y = (round(place) for place in demo.array_position(camera, name))
     for alpha, image, reference in zip(demo.REFOCUS_ALPHAS, images, references, strict=True):
         peak = pixels(image)[y - 8 : y + 9, x - 8 : x + 9].max() / highest
         number(f"{name}: peak at alpha = {alpha:.4f}", peak, reference, 2e-3)
 
 titles = [rf"$\alpha$ = {alpha:.4f}: {name} in focus"
           for name, alpha in zip(PEAKS, demo.REFOCUS_ALPHAS, strict=True)]
-places = np.array([demo.place(camera, name) for name in PEAKS])
+places = np.array([demo.array_position(camera, name) for name in PEAKS])
 part = slice(round(places.min()) - 11, round(places.max()) + 12)
 figure = plot.refocused(images, titles, scale="log", region=(part, part))
 for axes in figure.axes[: len(images)]:

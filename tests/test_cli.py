@@ -392,10 +392,14 @@ def test_demo_into_a_file_is_refused_at_once(tmp_path: Path):
 
 def test_demo_with_fewer_lenslets(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
     counts = []
-    monkeypatch.setattr("clplen.demo.run", lambda *_, count, **__: counts.append(count))
-    for words in (), ("--lenslets", 53):
+    for scene in "lights", "three_points":
+        monkeypatch.setattr(
+            f"clplen.demo.{scene}.run",
+            lambda *_, count, scene=scene, **__: counts.append((scene, count)),
+        )
+    for words in (), ("--points", "--lenslets", 53):
         assert run("demo", "-o", tmp_path / "demo", *words).exit_code == 0
-    assert counts == [101, 53]
+    assert counts == [("lights", 101), ("three_points", 53)]
     message = said(run("demo", "-o", tmp_path / "few", "--lenslets", 52), 2)
     assert "52 is not in the range x>=53" in message
 
@@ -500,7 +504,7 @@ def test_an_interrupt_while_computing(tmp_path: Path):
         env=ENVIRONMENT,
     )
     for line in child.stdout:
-        if "Plenoptic 1.0 camera" in line:
+        if "plenoptic camera" in line:
             break
     child.send_signal(signal.SIGINT)
     _, errors = child.communicate(timeout=60)

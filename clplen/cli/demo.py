@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import sys
+from types import ModuleType
 
 import click
 from tqdm import tqdm
@@ -18,30 +19,35 @@ from clplen.cli.shared.console import advance, note_link, open_device, progress_
     default="clplen-demo",
     show_default=True,
     metavar="FOLDER",
-    help="Folder for tables, pictures and data; made if it is not there.",
+    help="Folder for the page, pictures, tables and data; created if it does not exist.",
 )
+@click.option("--points", is_flag=True, help="Simulate three points with exact alphas instead.")
 @click.option(
     "--lenslets",
     type=click.IntRange(min=53),
     default=101,
     show_default=True,
     metavar="N",
-    help="Lenslets across the array; fewer are quicker on a slow device and lose light at the rim.",
+    help="Number of lenslets across the array.",
 )
 @options.force_output
 @options.device
-def demo(output: str, lenslets: int, force: bool, selector: str | None) -> None:
-    """Simulate three points before a plenoptic camera, refocus them, find their depths.
+def demo(output: str, points: bool, lenslets: int, force: bool, selector: str | None) -> None:
+    """Simulate a plenoptic camera; refocus its picture and estimate depth.
+
+    The scene holds a heart, a star and a moon of lights at three distances. With --points it holds
+    three points of light, and the tables compare their estimated with their exact alphas.
 
     \b
     Example:
       clplen demo -o clplen-demo
-      clplen demo --lenslets 53
+      clplen demo --points -o three-points
     """
-    from clplen import demo as experiment
+    from clplen.demo import lights, three_points
     from clplen.files import output_folder
     from clplen.outputs import check_outputs
 
+    experiment: ModuleType = three_points if points else lights
     note_link(output)
     check_outputs(output, experiment.FILES, force=force)
     device = open_device(selector)
@@ -54,6 +60,6 @@ def demo(output: str, lenslets: int, force: bool, selector: str | None) -> None:
             count=lenslets,
         )
     click.echo(
-        f"Tables, pictures and data are in {folder}. Next: clplen stack {folder}/lightfield.h5 -o "
-        f"stack.tif\nOpen {folder}/demo.html in a browser: drag to look around, click to focus."
+        f"Open {folder}/demo.html in a browser: drag to look around, click to focus.\n"
+        f"Next: clplen stack {folder}/lightfield.h5 -o stack.tif"
     )

@@ -380,3 +380,14 @@ def _range_of_known(disparity: Array, confidence: Array) -> Normalize:
     known = np.isfinite(disparity) & (confidence > _ROUNDING)
     values = disparity[known] if known.any() else np.zeros(1)
     return Normalize(*np.percentile(values, [2, 98]))
+
+
+@styled
+def distances(values: ArrayLike, *, title: str = "estimated distance") -> Figure:
+    """Draw a map of distances in millimetres, shape (y, x), on black; NaN is unknown."""
+    figure = new_figure(4.6, 4.0)
+    axes = figure.subplots()
+    axes.set(facecolor="black", xlabel="x / pixel", ylabel="y / pixel", title=title)
+    drawn = axes.imshow(float64_array(values), cmap="turbo")
+    bar(figure, drawn, axes, "distance from the main lens / mm")
+    return figure

@@ -426,7 +426,7 @@ COMMANDS = {
         batch simulations.toml
         batch status simulations.toml
     """,
-    "demo": "demo -o demo --lenslets 53",
+    "demo": "demo --points -o demo --lenslets 53",
     "examples": """
         simulate --example > camera.toml
         info camera.toml

@@ -29,17 +29,6 @@ from clplen.outputs import MARK
 from clplen.wave.elements.lenslets import MicrolensArray
 from clplen.wave.field.intensity import add_scaled
 
-__all__ = [
-    "DEPTHS",
-    "POINTS",
-    "SOURCE_DIAMETER",
-    "STACK_ALPHAS",
-    "camera",
-    "expose_point",
-    "run",
-    "scene",
-]
-
 SOURCE_DIAMETER = 10e-6
 POINTS = {"A": (-3e-3, -3e-3, -50e-3), "B": (0.0, 0.0, 0.0), "C": (3e-3, 3e-3, 50e-3)}
 DEPTHS = (-50e-3, -25e-3, 25e-3, 50e-3)
@@ -56,7 +45,7 @@ STEPS = 6 + len(DEPTHS)  # of `run`
 
 
 def camera(device: Device, *, count: int = 101) -> Plenoptic1:
-    """The camera of section 1.5, at 532 nm."""
+    """Return the camera of section 1.5, at 532 nm."""
     lenslets = MicrolensArray(150e-6, 10e-3, count=count, fill="full")
     return PlenopticCamera.type1(
         focal_length=0.120, mla=lenslets, wavelength=532e-9, pixels_per_lenslet=30, device=device
@@ -64,12 +53,12 @@ def camera(device: Device, *, count: int = 101) -> Plenoptic1:
 
 
 def expose_point(cam: Plenoptic1, position: Sequence[float]) -> RawImage:
-    """Raw image of one source of 10 um at (x, y, dz) in metres."""
+    """Return the raw image of one source of 10 um at (x, y, dz) in metres."""
     return cam.expose(PointSources([position], diameter=SOURCE_DIAMETER))
 
 
 def scene(cam: Plenoptic1) -> RawImage:
-    """Raw image of A, B and C, each divided by its own sum and then added, as in the thesis."""
+    """Return the sum of the raw images of A, B and C, each divided by its energy."""
     total = cam.device.zeros(cam.grid.shape, np.float32)
     for position in POINTS.values():
         raw = expose_point(cam, position)
@@ -79,45 +68,45 @@ def scene(cam: Plenoptic1) -> RawImage:
     return replace(raw, data=total)
 
 
-def place(cam: Plenoptic1, name: str) -> tuple[float, float]:
-    """(x, y) of a point's image on the array, in lenslets counted from 0."""
+def array_position(cam: Plenoptic1, name: str) -> tuple[float, float]:
+    """Return the image (x, y) of a point on the array, in lenslets counted from 0."""
     centre = np.array([(n - 1) / 2 for n in cam.mla.count[::-1]])
     x, y = centre + cam.image_of(POINTS[name])[0] / cam.lenslet_pitch
     return float(x), float(y)
 
 
 def estimates(cam: Plenoptic1, dz: float) -> dict[str, AlphaEstimate]:
-    """alpha of a point on the axis at dz, by every method."""
+    """Estimate alpha of a point on the axis at dz by every method."""
     lf = LightField.from_raw(expose_point(cam, (0.0, 0.0, dz)))
     return {method: estimate_alpha(lf, method=method) for method in METHODS}
 
 
 def energy_table(cam: Plenoptic1, lf: LightField) -> str:
-    """Where the light of A, B and C goes, from the aperture to the light field."""
+    """Return the energy of A, B and C at the aperture, the array and the sensor as a table."""
     positions = list(POINTS.values())
     rows = scene_energy(cam, PointSources(positions, diameter=SOURCE_DIAMETER))
     lines = ["Energy", "  point   aperture      array     sensor"]
     for name, (aperture, at_array, at_sensor) in zip(POINTS, rows, strict=True):
         lines.append(f"  {name:5}  {aperture:9.5f}  {at_array:9.5f}  {at_sensor:9.5f}")
-    kept = float(lf.to_numpy().sum(dtype=np.float64)) / len(POINTS)
+    share = float(lf.to_numpy().sum(dtype=np.float64)) / len(POINTS)
     lines.append(
-        f"  The calibrated decode keeps {100 * kept:.1f} % of the raw image: {lf.shape[0]} of "
+        f"  The calibrated decode keeps {100 * share:.1f} % of the raw image: {lf.shape[0]} of "
         f"{lf.shape[0] * (1 + cam.lenslet_focal_length / cam.image_distance):.2f} pixels a view."
     )
     return "\n".join(lines)
 
 
-def alpha_table(cam: Plenoptic1, found: Sequence[dict[str, AlphaEstimate]]) -> str:
-    """Estimated against true alphas at `DEPTHS`."""
+def alpha_table(cam: Plenoptic1, by_depth: Sequence[dict[str, AlphaEstimate]]) -> str:
+    """Return the estimated and the true alphas at `DEPTHS` as a table."""
     lines = [
         "Depth from focus, points on the axis",
         "    dz mm | true alpha | thesis' own | thesis method | compensated |   error",
     ]
-    for dz, own, methods in zip(DEPTHS, THESIS_ALPHAS, found, strict=True):
+    for dz, printed, methods in zip(DEPTHS, THESIS_ALPHAS, by_depth, strict=True):
         true, best = cam.alpha(dz), methods["compensated"].alpha
         lines.append(
-            f"  {dz * 1e3:+7.0f} | {true:10.4f} | {own:11.3f} | {methods['thesis'].alpha:13.3f} | "
-            f"{best:11.4f} | {best - true:+7.4f}"
+            f"  {dz * 1e3:+7.0f} | {true:10.4f} | {printed:11.3f} | "
+            f"{methods['thesis'].alpha:13.3f} | {best:11.4f} | {best - true:+7.4f}"
         )
     return "\n".join(lines)
 
@@ -136,38 +125,38 @@ def run(
     """
     tables: list[str] = []
 
-    def tell(table: str) -> None:
+    def show(table: str) -> None:
         tables.append(table)
         say(table)
 
     cam = camera(device, count=count)
-    tell(str(cam.describe()))
+    show(str(cam.describe()))
     step("three points")
     raw = scene(cam)
     lf = LightField.from_raw(raw)
     write_lightfield(folder / "lightfield.h5", lf)
     step("energy")
-    tell(energy_table(cam, lf))
+    show(energy_table(cam, lf))
     step("pictures")
     _write_pictures(folder, cam, raw, lf)
     step("focal stack")
     stack = _write_stack(folder, cam, lf)
     step("page")
-    shown = {"light field": lf, "focal stack": stack}
-    write_html(folder / "demo.html", shown, title="Three points before a plenoptic camera")
-    found = []
+    subjects = {"light field": lf, "focal stack": stack}
+    write_html(folder / "demo.html", subjects, title="Three points before a plenoptic camera")
+    by_depth = []
     for dz in DEPTHS:
         step(f"point at {_mm(dz)}")
-        found.append(estimates(cam, dz))
-    tell(alpha_table(cam, found))
+        by_depth.append(estimates(cam, dz))
+    show(alpha_table(cam, by_depth))
     step("depth figures")
-    _write_estimates(folder, cam, found)
+    _write_estimates(folder, cam, by_depth)
     with replacing(folder / "tables.txt") as temporary:
         temporary.write_text("\n\n".join([*tables, f"{MARK}."]) + "\n", encoding="utf-8")
 
 
 def _write_pictures(folder: Path, cam: Plenoptic1, raw: RawImage, lf: LightField) -> None:
-    """Raw image, views, rendering, phase space."""
+    """Write the raw image, views, rendering and phase space."""
     write_picture(folder / "raw.tif", raw.to_numpy(), description="energy a pixel, linear")
     magnified = 1 + cam.lenslet_focal_length / cam.image_distance
     images = (cam.image_of(position)[0] * magnified for position in POINTS.values())
@@ -180,14 +169,14 @@ def _write_pictures(folder: Path, cam: Plenoptic1, raw: RawImage, lf: LightField
     labels, rows, truths = [], [], []
     for name, (_, _, dz) in POINTS.items():
         labels.append(rf"{name}: dz = {_mm(dz)}, $\alpha$ = {cam.alpha(dz):.4f}")
-        rows.append(round(place(cam, name)[1]))
+        rows.append(round(array_position(cam, name)[1]))
         truths.append(cam.alpha(dz))
     slices = plot.phase_space(lf, rows=rows, labels=labels, truths=truths)
     plot.save(slices, folder / "phase_space.png")
 
 
 def _write_stack(folder: Path, cam: Plenoptic1, lf: LightField) -> FocalStack:
-    """The refocus triplet and the focal stack, which is returned."""
+    """Write the refocused pictures and the focal stack; return the stack."""
     images = [refocus(lf, alpha=alpha) for alpha in REFOCUS_ALPHAS]
     titles = [
         rf"$\alpha$ = {alpha:.4f}: {name} in focus"
@@ -203,27 +192,27 @@ def _write_stack(folder: Path, cam: Plenoptic1, lf: LightField) -> FocalStack:
 
 
 def _region(cam: Plenoptic1) -> tuple[slice, slice]:
-    """The part of a view that holds all three points and their blur."""
-    places = np.array([place(cam, name) for name in POINTS])
-    low, high = places.min() - 12, places.max() + 12
+    """Return the part of a view that holds all three points and their blur."""
+    positions = np.array([array_position(cam, name) for name in POINTS])
+    low, high = positions.min() - 12, positions.max() + 12
     part = slice(max(0, round(low)), min(cam.mla.count[0], round(high)))
     return (part, part)
 
 
 def _write_estimates(
-    folder: Path, cam: Plenoptic1, found: Sequence[dict[str, AlphaEstimate]]
+    folder: Path, cam: Plenoptic1, by_depth: Sequence[dict[str, AlphaEstimate]]
 ) -> None:
-    """E(alpha), and the estimates on alpha(dz)."""
+    """Write the curves E(alpha), and the estimates on alpha(dz)."""
     groups = {
         f"method {method!r}": [
             (_mm(dz), methods[method], cam.alpha(dz))
-            for dz, methods in zip(DEPTHS, found, strict=True)
+            for dz, methods in zip(DEPTHS, by_depth, strict=True)
         ]
         for method in METHODS
     }
     plot.save(plot.energy_curves(groups), folder / "energy_curves.png")
     estimated = {"the thesis' own": _points(THESIS_ALPHAS)} | {
-        f"method {method!r}": _points(methods[method].alpha for methods in found)
+        f"method {method!r}": _points(methods[method].alpha for methods in by_depth)
         for method in METHODS
     }
     plot.save(plot.alpha_curve(cam, estimated, reach=0.1), folder / "alpha.png")
