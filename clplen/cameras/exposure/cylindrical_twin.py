@@ -1,8 +1,8 @@
-"""A camera of one dimension: how its image of a point changes with the wavelength, in milliseconds.
+"""One-dimensional camera that predicts how a point's image changes with the wavelength, in ms.
 
-Main lens, lenslets and pixels are cut along a row of lenslets and continued along their columns
-(cylindrical lenses), so that the blur, the widths of both diffraction patterns, light that crosses
-into neighbouring lenslets, and the pixels that average it have the sizes they have in the camera.
+Main lens, lenslets and pixels are cut along a row of lenslets and continued along its columns
+(cylindrical lenses). Blur, both diffraction patterns, light that crosses into neighbouring
+lenslets, and the average over a pixel then have the sizes of the camera itself.
 Waves are those of Fresnel's approximation (Goodman 2005, section 4.2).
 """
 
@@ -19,16 +19,16 @@ from clplen.compute.fft.lines import smooth_length
 Values = np.ndarray[Any, np.dtype[np.float64]]
 Complex = np.ndarray[Any, np.dtype[np.complex128]]
 
-WIDEST = 8.0  # blur in lenslets; a wider one is cut down at the same curvature
-BESIDE = 3.0  # pitches beside the blur
-RINGS = 10.0  # of diffraction beside it, lam z2/D each
-OFFSETS = (0.0, 0.25, 0.5)
-FINER = 1.5  # samples over Nyquist's
-LEAST = 4  # samples a pixel
+WIDEST = 8.0  # maximum blur in lenslets; a wider blur is cut at the same curvature
+BESIDE = 3.0  # margin around the blur, in lenslet pitches
+RINGS = 10.0  # further margin for diffraction, in lam z2/D
+OFFSETS = (0.0, 0.25, 0.5)  # positions of the lenslets under the blur, in pitches
+FINER = 1.5  # oversampling over Nyquist's rate
+LEAST = 4  # minimum samples a pixel
 
 
 def point_images(optics: WaveOptics, dz: float, wavenumbers: Values) -> Values:
-    """Energy on a row of pixels from a point, by wavelength."""
+    """Compute the energy of a point on a row of pixels, for each wavelength."""
     from scipy import fft  # a slow import
 
     beta = float(optics.array_alpha(dz))
@@ -59,7 +59,7 @@ def point_images(optics: WaveOptics, dz: float, wavenumbers: Values) -> Values:
 
 
 def _array_field(k: Values, x: Values, D: float, z2: float, bent: float) -> Complex:
-    """int exp(i pi k (bent u^2 - 2 x u)/z2) du over the pupil, by Bluestein's chirp-z transform."""
+    """Compute int exp(i pi k (bent u^2 - 2 x u)/z2) du over the pupil by Bluestein's transform."""
     from scipy import fft
 
     fastest = (np.abs(x).max() + abs(bent) * D / 2) / z2 * k.max()  # turns a metre
@@ -77,7 +77,7 @@ def _array_field(k: Values, x: Values, D: float, z2: float, bent: float) -> Comp
 
 
 def _on_pixels(intensity: Values, dx: float, pitch: float) -> Values:
-    """Integrals over pixels, linear between samples of the running sum."""
+    """Integrate over pixels, linearly between samples of the running sum."""
     n = intensity.shape[1]
     running = np.concatenate([np.zeros((len(intensity), 1)), np.cumsum(intensity, axis=1)], axis=1)
     edges = np.arange(0.0, n, pitch / dx)

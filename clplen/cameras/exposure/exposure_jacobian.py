@@ -1,4 +1,4 @@
-"""The Jacobian of a raw image: derivatives of its pixels by what scene and camera are made of."""
+"""Jacobian of a raw image: derivatives of its pixels by parameters of scene and camera."""
 
 from __future__ import annotations
 
@@ -17,29 +17,30 @@ from clplen.reprs import OneLine
 Values = np.ndarray[Any, np.dtype[np.float64]]
 
 GROUPS = ("values", "positions", "lenslets", "sensor")
-OF_LENSLETS = 6  # images of the parameters that every array has, beside one a kind of lenslet
-OF_SENSOR = 3
+OF_LENSLETS = 6  # derivative images of an array, plus an image for each kind of lenslet
+OF_SENSOR = 3  # derivative images of the sensor: shift, tilt along y and x
 
 
 @dataclass(frozen=True, eq=False, repr=False)
 class ExposureJacobian(OneLine):
-    """Derivatives of a raw image by what a scene and a camera are made of, float64.
+    """Derivatives of a raw image with respect to parameters of scene and camera, float64.
 
     Attributes
     ----------
     image : numpy.ndarray
-        The raw image itself, shape (ny, nx).
+        Raw image, shape (ny, nx).
     values : numpy.ndarray or None
-        By the energies, shape ``(*in_shape, ny, nx)``.
+        Derivatives by the energies, shape ``(*in_shape, ny, nx)``.
     positions : numpy.ndarray or None
-        By (x, y, dz) of every point, a metre, shape (n, 3, ny, nx). Points are in the order of
-        ``operator.positions``.
+        Derivatives by (x, y, dz) of every point, per metre, shape (n, 3, ny, nx). Points have the
+        order of ``operator.positions``.
     lenslets : dict of str to numpy.ndarray
-        By the array, a metre or radian: "pitch", "diameter", "rotation", "focal_length", shape (ny,
-        nx); "offset" (y, x), (2, ny, nx); "focal_lengths" of each kind, (kinds, ny, nx).
+        Derivatives by the array, per metre or radian: "pitch", "diameter", "rotation",
+        "focal_length", shape (ny, nx); "offset" (y, x), (2, ny, nx); "focal_lengths" of each kind,
+        (kinds, ny, nx).
     sensor : dict of str to numpy.ndarray
-        By the sensor: "shift", a metre away from the array, shape (ny, nx); "tilt", by its slopes
-        (y, x), (2, ny, nx).
+        Derivatives by the sensor: "shift" away from the array, per metre, shape (ny, nx); "tilt",
+        slopes (y, x), (2, ny, nx).
 
     Examples
     --------
@@ -62,13 +63,13 @@ class ExposureJacobian(OneLine):
 
 
 def check_groups(by: Any) -> tuple[Any, ...]:
-    """Names of groups of derivatives, checked."""
+    """Return the checked names of groups of derivatives."""
     names = (by,) if isinstance(by, str) else tuple(by)
     wrong = [name for name in names if name not in GROUPS]
     if wrong or not names:
         raise ValueError(
-            f"A Jacobian is by some of {', '.join(map(repr, GROUPS))}; by={by!r} has "
-            f"{repr(wrong[0]) if wrong else 'none of them'}."
+            f"by must name at least one of {', '.join(map(repr, GROUPS))}, got {by!r}"
+            + (f": {wrong[0]!r} is none of them." if wrong else ".")
         )
     return names
 
@@ -76,7 +77,7 @@ def check_groups(by: Any) -> tuple[Any, ...]:
 def exposure_jacobian(
     images: SceneImages, signals: PixelSignals, energies: Sequence[Values], by: Sequence[Any]
 ) -> ExposureJacobian:
-    """The Jacobian of all points of a scene."""
+    """Compute the Jacobian of all points of a scene."""
     _check_memory(images, signals.shape, by)
     shape, parts = signals.shape, images.parts
     image, shared = np.zeros(shape), dict[str, Values]()
@@ -104,7 +105,7 @@ def exposure_jacobian(
 
 
 def _reader(signals: PixelSignals, weights: Values) -> Callable[[Values, bool], Values]:
-    """What pixels read of light (k, n, ny, nx), added over the points, or of (n, 1, ny, nx)."""
+    """Return a function that sums the pixels' signals of light (k, n, ny, nx) over the points."""
 
     def read(light: Values, together: bool) -> Values:
         if together:
@@ -115,7 +116,7 @@ def _reader(signals: PixelSignals, weights: Values) -> Callable[[Values, bool], 
 
 
 def _by_values(found: PointTangents, line: SceneLine, signals: PixelSignals) -> Values:
-    """Images of points as pixels read them, of each channel, shape (n, channels, ny, nx)."""
+    """Compute pixel signals of points for each channel, shape (n, channels, ny, nx)."""
     each = [
         signals.read_values(share[:, None, None, None] * found.images) for share in line.weights
     ]
@@ -123,7 +124,7 @@ def _by_values(found: PointTangents, line: SceneLine, signals: PixelSignals) -> 
 
 
 def _spread(images: SceneImages, values: Sequence[Values]) -> Values:
-    """By all values of all members, 0 for samples that stay dark, shape (size, ny, nx)."""
+    """Return derivatives by all values of a scene, 0 for dark samples, shape (size, ny, nx)."""
     whole = []
     for part, own in zip(images.parts, values, strict=True):
         every = np.zeros((part.size // part.channels, *own.shape[1:]))
@@ -133,7 +134,7 @@ def _spread(images: SceneImages, values: Sequence[Values]) -> Values:
 
 
 def _plain(name: str, change: Values) -> Values:
-    """Without the axis of a parameter that is one number."""
+    """Remove the axis of a scalar parameter."""
     return change if name in ("offset", "focal_lengths", "tilt") else change[0]
 
 
@@ -147,7 +148,7 @@ def _check_memory(images: SceneImages, shape: tuple[int, int], by: Sequence[Any]
     nbytes, free = 8 * columns * shape[0] * shape[1], free_memory()
     if nbytes > free:
         raise MemoryError(
-            f"A Jacobian of {columns} images of {shape} pixels takes {nbytes / 2**30:.3g} GiB, and "
-            f"{free / 2**30:.3g} GiB are free: give fewer points, leave out groups of by=, or use "
-            "gradient(), which keeps none."
+            f"A Jacobian of {columns} images of {shape} pixels takes {nbytes / 2**30:.3g} GiB, but "
+            f"{free / 2**30:.3g} GiB are free: use fewer points or groups of by=, or gradient(), "
+            "which stores no images."
         )

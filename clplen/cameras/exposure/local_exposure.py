@@ -1,4 +1,4 @@
-"""Raw images of points, each in a window of its own about its chief ray."""
+"""Raw images of points, each in a window about its chief ray."""
 
 from __future__ import annotations
 
@@ -32,12 +32,12 @@ from clplen.units import amount
 from clplen.wave.coherence.averaging import Progress
 from clplen.wave.field.field import Field
 
-REGION_BYTES = 2**27  # of the array's transmission that windows share
-FINER_INTENSITY = 2  # samples of the intensity a sample of the field
+REGION_BYTES = 2**27  # maximum bytes of the array's transmission that windows share
+FINER_INTENSITY = 2  # samples of the intensity for each sample of the field
 
 
 def check_windows(optics: WaveOptics, points: PointSources) -> None:
-    """Refuse points whose windows do not fit the device."""
+    """Raise if windows of points do not fit the device."""
     device, positions = optics.device, points.positions
     beta = np.atleast_1d(optics.array_alpha(positions[:, 2]))
     reach = np.abs(optics.on_array(positions)).max(axis=1) / optics.array_distance
@@ -53,9 +53,9 @@ def check_windows(optics: WaveOptics, points: PointSources) -> None:
     raise DeviceError(
         f"The point (x, y, dz) = ({x:g}, {y:g}, {dz:g}) m is blurred over "
         f"{blur / optics.mla.pitch:.4g} lenslets: its window of {shape.samples} x {shape.samples} "
-        f"samples needs {amount(shape.nbytes(device), 'B')}, and {device.name} has "
-        f"{amount(device.memory_bytes, 'B')}: move it nearer to the focused plane, give a smaller "
-        "aperture_diameter, or use model='rays'."
+        f"samples needs {amount(shape.nbytes(device), 'B')}, but {device.name} has "
+        f"{amount(device.memory_bytes, 'B')}. Move it nearer to the focused plane, use a smaller "
+        "aperture_diameter, or model='rays'."
     )
 
 
@@ -66,12 +66,12 @@ def add_local(
     progress: Progress | None,
     energies: Any = None,
 ) -> Exposure:
-    """Add the energy of points to an image of the sensor, each in a window of its own."""
+    """Add the energy of points to an image of the sensor, each in its own window."""
     energies = points.power if energies is None else energies
     done, transforms = 0, []
     for same, windows, region in window_batches(optics, points):
         add_windows(windows, energies[same], total, region)
-        del region  # its memory, before the next one is made
+        del region  # frees its memory before the next region is computed
         transforms.append((3 * len(same), (windows.shape.samples, windows.shape.samples)))
         done += len(same)
         if progress is not None:
@@ -82,7 +82,7 @@ def add_local(
 def window_batches(
     optics: WaveOptics, points: PointSources
 ) -> Iterator[tuple[list[int], LocalWindows, Region | None]]:
-    """Windows of points in batches that travel together: indices, windows, and the array there."""
+    """Yield windows of points in batches: indices, windows, and the array under them."""
     shapes = [_shape(optics, position, points.diameter) for position in points.positions]
     together = list(batches(shapes, optics.device))
     region: Region | None = None
@@ -90,7 +90,7 @@ def window_batches(
         shape = shapes[same[0]]
         windows = LocalWindows.of(optics, shape, points.positions[same], points.diameter)
         if region is None or not region.holds(shape, windows.centres):
-            region = None  # its memory first
+            region = None  # frees its memory first
             region = _region(optics, points, shapes, together[number:])
         yield same, windows, region
 
@@ -99,9 +99,9 @@ def _region(
     optics: WaveOptics, points: PointSources, shapes: Sequence[WindowShape],
     together: Sequence[list[int]],
 ) -> Region | None:  # fmt: skip
-    """The array under the first windows and those of the same shape that follow close by.
+    """Return the array under the first windows and neighbours of their shape.
 
-    None where these have less area together than the region that holds them.
+    None if these windows have less area in total than the region that contains them.
     """
     shape = shapes[together[0][0]]
     room = min(REGION_BYTES, optics.device.memory_bytes // 8)
@@ -122,7 +122,7 @@ def _region(
 
 
 def batches(shapes: Sequence[WindowShape], device: Device) -> Iterator[list[int]]:
-    """Indices of windows of one shape that travel together, all of them once."""
+    """Yield indices of windows in batches of equal shape, each window once."""
     ranked = sorted(range(len(shapes)), key=lambda n: shapes[n].sizes)
     for _, run in groupby(ranked, key=lambda n: shapes[n].sizes):
         same = list(run)
@@ -137,7 +137,7 @@ def batches(shapes: Sequence[WindowShape], device: Device) -> Iterator[list[int]
 
 
 def local_transforms(optics: WaveOptics, points: PointSources, count: int) -> Transforms:
-    """Fourier transforms of ``count`` points among some of which the widest window counts."""
+    """Return the transforms of ``count`` points, all with the widest window."""
     largest = max(
         (_shape(optics, p, points.diameter) for p in points.positions), key=lambda s: s.samples
     )
@@ -145,14 +145,14 @@ def local_transforms(optics: WaveOptics, points: PointSources, count: int) -> Tr
 
 
 def add_integrated(total: cla.Array, fields: Field, weights: Any, active: float) -> None:
-    """Add intensities on the sensor's samples, integrated over the pixels about them."""
+    """Add intensities on the sensor's samples, integrated over the pixels around them."""
     fine, sums, scale = pixel_samples(fields, active)
     for number, weight in enumerate(np.atleast_1d(weights)):
         sums.put(total, fine, number, scale * weight, fields.device)
 
 
 def pixel_samples(fields: Field, active: float) -> tuple[cla.Array, PixelSums, float]:
-    """Fields sampled so finely that pixels integrate their intensity."""
+    """Sample fields so finely that sums over their intensity integrate it over pixels."""
     device = fields.device
     sums, _ = sample_sums(active, fields.grid.shape)
     if active == 0:
@@ -164,7 +164,7 @@ def pixel_samples(fields: Field, active: float) -> tuple[cla.Array, PixelSums, f
 
 
 def sample_sums(active: float, shape: tuple[int, int]) -> tuple[PixelSums, tuple[int, int]]:
-    """The sums over the samples of `pixel_samples`, and the shape of these."""
+    """Return the sums over the samples of `pixel_samples`, and the shape of these samples."""
     if active == 0:
         return PixelSums((0, 0), 1, 0.0, (0, 0), shape), shape
     room, (ny, nx) = _surround(active, shape)
@@ -176,7 +176,7 @@ def sample_sums(active: float, shape: tuple[int, int]) -> tuple[PixelSums, tuple
 def transposed_samples(
     fine: cla.Array, active: float, shape: tuple[int, int], device: Device
 ) -> cla.Array:
-    """The transpose of the fine samples of `pixel_samples` as a map of the fields."""
+    """Apply the transpose of `pixel_samples`, a linear map of the fields, to fine samples."""
     if active == 0:
         return fine
     room, wide = _surround(active, shape)
@@ -189,7 +189,7 @@ def transposed_samples(
 
 
 def _surround(active: float, shape: tuple[int, int]) -> tuple[int, tuple[int, int]]:
-    """Samples beside the sensor that its pixels' sums take in, and the window with them."""
+    """Return the margin of samples that the pixels' sums need, and the window with it."""
     reach = len(pixel_weights(FINER_INTENSITY * active)) // 2
     room = -(-reach // FINER_INTENSITY)
     ny, nx = (smooth_length(n + 2 * room) for n in shape)
@@ -197,7 +197,7 @@ def _surround(active: float, shape: tuple[int, int]) -> tuple[int, tuple[int, in
 
 
 def _shape(optics: WaveOptics, position: Any, diameter: float) -> WindowShape:
-    """The window of a point: finer than pixels that integrate, else as the sensor is sampled."""
+    """Return a point's window: finer than pixels that integrate, else sampled as the sensor."""
     if optics.pixels is None:
         return window_shape(optics, position, diameter, rings=SAMPLED_RINGS, orders=0.0)
     return window_shape(optics, position, diameter)
@@ -215,7 +215,7 @@ def add_windows(
 def window_samples(
     windows: Windows, region: Region | None = None
 ) -> tuple[cla.Array, list[tuple[PixelSums, float]]]:
-    """Fields of windows on the sensor, and the pixels that they fill."""
+    """Compute fields of windows on the sensor, and the pixels that they fill."""
     optics, device = windows.optics, windows.optics.device
     active = 0.0 if optics.pixels is None else optics.pixels.active
     fields = windows.array_fields()
@@ -226,7 +226,7 @@ def window_samples(
 
 
 def refined(spectra: cla.Array, more: int, device: Device) -> cla.Array:
-    """Fields of spectra with ``more`` times as many samples along each axis."""
+    """Compute fields of spectra with ``more`` times as many samples along each axis."""
     *batch, ny, nx = spectra.shape
     if more > 1:
         out = device.empty((*batch, more * ny, more * nx), device.complex)
@@ -239,7 +239,7 @@ def refined(spectra: cla.Array, more: int, device: Device) -> cla.Array:
 
 
 def _sums(windows: Windows, number: int, more: int, active: float) -> tuple[PixelSums, float]:
-    """The pixels that a window's samples fill, and the factor to a point's energy 1."""
+    """Return the pixels that a window's samples fill, and the factor to a point's energy 1."""
     optics, shape = windows.optics, windows.shape
     k, n = shape.finer, shape.samples
     width = more * k * active

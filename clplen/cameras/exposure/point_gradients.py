@@ -1,9 +1,9 @@
-"""Light that runs back through a camera: how a raw image changes with the places of points.
+"""Reverse mode of an exposure: gradients of a loss by the positions of points.
 
-A loss L of the raw image has the derivatives Y = dL/dI by its pixels. Of a point of energy p with
-the field u on the sensor, from e behind the main lens, the light h = 2 p Y conj(u) runs back by the
-transposed steps: free space between equal windows and all plates are symmetric, so that these are
-the steps themselves in the other order. At the main lens dL/dp = sum Re(h de/dp), e in closed form.
+A loss L of the raw image has the derivatives Y = dL/dI by its pixels. A point of energy p has the
+field u on the sensor, from e behind the main lens. The light h = 2 p Y conj(u) propagates back by
+the transposed steps. Free space between equal windows and all plates are symmetric, so that these
+are the forward steps in reverse order. At the main lens dL/dp = sum Re(h de/dp), e in closed form.
 """
 
 from __future__ import annotations
@@ -27,20 +27,21 @@ from clplen.wave.field.field import Field, Grid
 
 Values = np.ndarray[Any, np.dtype[np.float64]]
 
-SHARE = 2  # fields that are kept beside those of an exposure
+SHARE = 2  # number of field sets in memory: those of an exposure, and their cotangents
 
 
 @dataclass(frozen=True, eq=False, repr=False)
 class ExposureGradient(OneLine):
-    """Derivatives of a loss of a raw image by what a scene is made of.
+    """Derivatives of a loss of a raw image with respect to parameters of a scene.
 
     Attributes
     ----------
     values : numpy.ndarray
-        By the energies, shape of the operator's ``in_shape``: its adjoint of the cotangent.
+        Derivatives by the energies, shape of the operator's ``in_shape``: its adjoint of the
+        cotangent.
     positions : numpy.ndarray
-        By (x, y, dz) of every point, a metre, float64, shape (n, 3). Points are in the order of
-        ``operator.positions``.
+        Derivatives by (x, y, dz) of every point, per metre, float64, shape (n, 3). Points have the
+        order of ``operator.positions``.
 
     Examples
     --------
@@ -60,18 +61,18 @@ class ExposureGradient(OneLine):
 
 @dataclass(frozen=True, eq=False)
 class PointGradients:
-    """Derivatives by the energies and the places of points."""
+    """Derivatives by the energies and the positions of points."""
 
-    energies: Values  # by the energy of each point behind each filter, shape (filters, n)
-    positions: Values  # by (x, y, dz), a metre, shape (n, 3)
+    energies: Values  # derivatives by energies of points behind each filter, shape (filters, n)
+    positions: Values  # derivatives by (x, y, dz), per metre, shape (n, 3)
 
 
 def check_differentiable(optics: WaveOptics) -> None:
-    """Refuse cameras whose field of a point has no derivative in closed form."""
+    """Raise if the field of a point has no derivative in closed form."""
     if optics.aberrations.varies and optics.aberrations.main_lens_opd is not None:
         raise ValueError(
-            "Gradients by places know no OPD maps that change over the field: give a camera whose "
-            "main_lens_opd is the same everywhere, or Zernike terms."
+            "Gradients by positions do not support OPD maps that change over the field: use a "
+            "main_lens_opd that is constant over the field, or Zernike terms."
         )
 
 
@@ -82,7 +83,7 @@ def point_gradients(
     pictures: Values,
     fields_of: Iterable[PointFields] | None = None,
 ) -> PointGradients:
-    """Derivatives of a loss by the energies and the places of points."""
+    """Compute derivatives of a loss by the energies and the positions of points."""
     check_differentiable(optics)
     counts = _on_samples(optics, pictures)
     by_energy = np.zeros(energies.shape)
@@ -104,7 +105,7 @@ def point_gradients(
 def array_fields(
     optics: WaveOptics, points: PointSources, energies: Values, pictures: Values
 ) -> Iterator[tuple[Field, Field]]:
-    """Fields right before the lenslets, and the gradients of a loss by those right behind them.
+    """Yield fields before the lenslets, and gradients of a loss by fields behind them.
 
     Parameters are those of `point_gradients`.
     """
@@ -124,7 +125,7 @@ def active_of(optics: WaveOptics) -> float:
 
 
 def _on_samples(optics: WaveOptics, pictures: Values) -> cla.Array:
-    """What the samples of `pixel_samples` count, of pictures (filters, ny, nx) of the pixels."""
+    """Return the weights of the samples of `pixel_samples` in pictures (filters, ny, nx)."""
     device, active = optics.device, active_of(optics)
     sums, shape = sample_sums(active, optics.grid.shape)
     counts = pictures if active == 0 else np.stack([sums.spread(one, shape) for one in pictures])
@@ -132,7 +133,7 @@ def _on_samples(optics: WaveOptics, pictures: Values) -> cla.Array:
 
 
 def _inner(fields: PointFields, samples: cla.Array, scale: float, counts: cla.Array) -> Values:
-    """Sums over pixels of pictures times images, shape (filters, n)."""
+    """Compute sums over pixels of pictures times images, shape (filters, n)."""
     device, sensor = fields.at_sensor.device, fields.at_sensor
     shape = (int(samples.shape[-2]), int(samples.shape[-1]))
     light = Field(samples, Grid(shape, sensor.grid.pitch), sensor.wavelength, device).intensity()
@@ -150,7 +151,7 @@ def _behind_array(
     counts: cla.Array,
     pad: int,
 ) -> Field:
-    """h right behind the lenslets as thin lenses, of weights (filters, n) of the samples."""
+    """Compute h behind the lenslets as thin lenses, from weights (filters, n) of the samples."""
     device, field = optics.device, fields.at_sensor
     h = device.empty(samples.shape, device.complex)
     put_cotangents(h, samples, counts, weights, device)
@@ -161,7 +162,7 @@ def _behind_array(
 def put_cotangents(
     h: cla.Array, fields: cla.Array, pictures: cla.Array, weights: Values, device: Device
 ) -> None:
-    """h[n] = 2 conj(fields[n]) sum_f weights[f, n] pictures[f]."""
+    """Write h[n] = 2 conj(fields[n]) sum_f weights[f, n] pictures[f]."""
     device.launch_rows(
         device.kernel("source_images.cl", "cotangent", **device.wave_defines()),
         h.shape, h, fields, pictures, device.upload(np.ascontiguousarray(weights, device.real)),
@@ -170,14 +171,14 @@ def put_cotangents(
 
 
 def _before(optics: WaveOptics, behind: Field) -> Field:
-    """h right before the field lens and the lenslets."""
+    """Return h before the field lens and the lenslets."""
     return optics.behind_field_lens(optics.mla.apply(behind))
 
 
 def _by_place(
     optics: WaveOptics, points: PointSources, fields: PointFields, h: Field, pad: int, lost: Values
 ) -> Values:
-    """dL/d(x, y, dz) of points from h right before the array, shape (n, 3)."""
+    """Compute dL/d(x, y, dz) of points from h before the array, shape (n, 3)."""
     device, places = optics.device, points.positions[fields.which]
     spherical = fields.spherical
     if points.diameter:
@@ -204,7 +205,7 @@ def _by_place(
 def point_rows(
     optics: WaveOptics, e0: Field, h: cla.Array, places: Values, diameter: float, lost: Values
 ) -> Values:
-    """Derivatives of Re sum h e by places of points, of h behind the main lens."""
+    """Compute derivatives of Re sum h e by positions of points, from h behind the main lens."""
     device, grid = optics.device, e0.grid
     real, (count, ny, nx) = device.real, e0.shape
     z = optics.object_distance + places[:, 2]

@@ -1,7 +1,7 @@
-"""Forward mode of an exposure: how the images of points change with what they come by.
+"""Forward mode of an exposure: derivatives of the images of points.
 
 A point's image of energy 1 is I = S(|u|^2)/E, u its field on the sensor, E its energy at the main
-lens and S the sums over pixels. A change de behind the main lens, or dt of the lenslets, travels on
+lens and S the sums over pixels. A change de behind the main lens, or dt of the lenslets, propagates
 to du as the light itself does, and dI = S(2 Re(conj(u) du))/E - I dE/E.
 """
 
@@ -28,13 +28,13 @@ Group = Literal["values", "positions", "lenslets", "sensor"]
 
 @dataclass(frozen=True, eq=False)
 class PointTangents:
-    """Images of some points, of energy 1, and their derivatives; float64."""
+    """Images of points of energy 1, and their derivatives; float64."""
 
-    which: np.ndarray[Any, Any]  # which points, int64, shape (n,)
+    which: np.ndarray[Any, Any]  # indices of the points, int64, shape (n,)
     images: Values  # shape (n, ny, nx)
-    # by (x, y, dz), a metre, shape (3, n, ny, nx), or (0, n, ny, nx) where not asked for
+    # derivatives by (x, y, dz), per metre, shape (3, n, ny, nx), or (0, n, ny, nx) if not requested
     positions: Values
-    # by what all points have in common, shapes (k, n, ny, nx): of the lenslets as
+    # derivatives by common parameters, shapes (k, n, ny, nx): of the lenslets the names of
     # `MicrolensArray.jacobian` and "focal_length"; of the sensor "shift" (k = 1), "tilt" (y, x)
     shared: dict[str, Values]
 
@@ -42,7 +42,7 @@ class PointTangents:
 def point_tangents(
     optics: WaveOptics, points: PointSources, by: Sequence[Group]
 ) -> Iterator[PointTangents]:
-    """Images of points with their derivatives, some points at a time."""
+    """Yield images of points with their derivatives, in batches."""
     check_differentiable(optics)
     pads = optics.padding(points.positions)
     for fields in point_fields(optics, points, share=SHARE):
@@ -63,11 +63,11 @@ def point_tangents(
 
 @dataclass(frozen=True, eq=False)
 class _Pixels:
-    """What pixels see of fields u, and of their changes."""
+    """Pixel signals of fields u, and of changes of u."""
 
     u: np.ndarray[Any, Any]  # samples that pixels integrate over, complex, shape (n, ny, nx)
-    active: float  # as of `pixel_samples`
-    energy: Values  # of each field at the main lens, shape (n,)
+    active: float  # argument of `pixel_samples`
+    energy: Values  # energy of each field at the main lens, shape (n,)
 
     @classmethod
     def of(cls, optics: WaveOptics, fields: PointFields) -> _Pixels:
@@ -75,7 +75,7 @@ class _Pixels:
         return cls(optics.device.download(samples), active_of(optics), fields.energy)
 
     def change(self, du: Field) -> Values:
-        """S(2 Re(conj(u) du))/E, float64, shape (n, ny, nx)."""
+        """Compute S(2 Re(conj(u) du))/E, float64, shape (n, ny, nx)."""
         samples, sums, scale = pixel_samples(du, self.active)
         found = du.device.download(samples)
         product = self.u.real.astype(np.float64) * found.real + self.u.imag * found.imag
@@ -91,7 +91,7 @@ def _by_place(
     pixels: _Pixels,
     pads: tuple[int, int],
 ) -> Values:
-    """Derivatives by x, y and dz, shape (3, n, ny, nx)."""
+    """Compute derivatives by x, y and dz, shape (3, n, ny, nx)."""
     places, device, found = points.positions[fields.which], optics.device, []
     e0 = fields.spherical
     if points.diameter:
@@ -111,11 +111,11 @@ def _by_place(
 def place_factors(
     optics: WaveOptics, e0: Field, places: Values, diameter: float
 ) -> Iterator[tuple[np.ndarray[Any, Any], Values]]:
-    """de/dp over e0 for p = x, y, dz of points, and the derivative of (e/e0)^2 in amplitude.
+    """Yield de/dp over e0 for p = x, y, dz of points, and the derivative of (e/e0)^2 in amplitude.
 
     e = e0 D exp(i phase of the main lens), D(v) = 2 J1(v)/v, v = pi d rho/(lam z); with r^2 =
-    rho^2 + z^2 see kernels/cameras/source_images.cl. Where the wavefront of the main lens changes
-    over the field, so does its phase with the place of the image.
+    rho^2 + z^2 see kernels/cameras/source_images.cl. If the wavefront of the main lens changes
+    over the field, its phase changes with the position of the image.
     """
     z = (optics.object_distance + places[:, 2])[:, None, None]
     down = (e0.grid.y - places[:, 1:2])[:, :, None]
@@ -137,7 +137,7 @@ def place_factors(
 
 
 def _turns(optics: WaveOptics, e0: Field, places: Values, z: Values) -> list[Any]:
-    """Phase of the main lens that a metre of x, y and dz adds."""
+    """Compute the change of the main lens' phase with x, y and dz, in radians a metre."""
     if not optics.aberrations.varies:
         return [0.0, 0.0, 0.0]
     by_y, by_x = (2 * np.pi * turns for turns in optics.field_turns(e0)[1:])
@@ -147,7 +147,7 @@ def _turns(optics: WaveOptics, e0: Field, places: Values, z: Values) -> list[Any
 
 
 def _by_lenslets(optics: WaveOptics, before: Field, pixels: _Pixels, pad: int) -> dict[str, Values]:
-    """Derivatives by the parameters of the array."""
+    """Compute derivatives by the parameters of the array."""
     found, device = {}, optics.device
     for name, changes in optics.mla.jacobian(before.grid, before.wavelength, device).items():
         each = []
@@ -159,7 +159,7 @@ def _by_lenslets(optics: WaveOptics, before: Field, pixels: _Pixels, pad: int) -
 
 
 def _by_sensor(optics: WaveOptics, before: Field, pixels: _Pixels, pad: int) -> dict[str, Values]:
-    """Derivatives by the distance and the slopes of the sensor."""
+    """Compute derivatives by the distance and the slopes of the sensor."""
     behind = optics.behind_lenslets(optics.mla.apply(before))
     slope, device = optics.sensor_slope(behind, pad=pad), optics.device
     y, x = np.meshgrid(slope.grid.y, slope.grid.x, indexing="ij")

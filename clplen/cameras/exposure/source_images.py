@@ -1,4 +1,4 @@
-"""Images of single points on the sensor: sums of them, and the transpose of these sums."""
+"""Images of single points on the sensor: their weighted sums, and the transpose of these sums."""
 
 from __future__ import annotations
 
@@ -24,42 +24,42 @@ Counts = np.ndarray[Any, np.dtype[np.int64]]
 
 
 class SourceImages(Protocol):
-    """Images of some of the points of a scene, each of energy 1."""
+    """Images of points of a scene, each of energy 1."""
 
     @property
     def which(self) -> Counts:
-        """Which points, indices, shape (n,)."""
+        """Indices of the points, shape (n,)."""
 
     @property
     def nbytes(self) -> int:
-        """Bytes that they take."""
+        """Number of bytes of the images."""
 
     def add(self, totals: cla.Array, energies: Values) -> None:
-        """totals[b] += sum over the points of energies[b, n] times the image of point n."""
+        """Add sum over the points of energies[b, n] times the image of point n to totals[b]."""
 
     def inner(self, pictures: cla.Array) -> Values:
-        """The sum over pixels of every image times every picture, the transpose of `add`."""
+        """Sum every image times every picture over the pixels, the transpose of `add`."""
 
 
 @dataclass(frozen=True, eq=False)
 class DeviceImages:
     """Images on patches of the sensor, on a device; see `SourceImages`."""
 
-    which: Counts  # which points of a scene, int64, shape (n,)
+    which: Counts  # indices of the points in a scene, int64, shape (n,)
     data: cla.Array  # real, shape (n, height, width)
     gains: Values  # factors to the energy 1, shape (n,)
-    # pixel (y, x) of the sensor that is the first of each image, int64, shape (n, 2)
+    # first pixel (y, x) of each image on the sensor, int64, shape (n, 2)
     places: Counts
-    shapes: Counts  # (height, width) of what counts of each image, int64, shape (n, 2)
+    shapes: Counts  # used (height, width) of each image, int64, shape (n, 2)
     device: Device
 
     @property
     def nbytes(self) -> int:
-        """Bytes on the device."""
+        """Number of bytes on the device."""
         return int(self.data.nbytes)
 
     def add(self, totals: cla.Array, energies: Values) -> None:
-        """As of `SourceImages`."""
+        """Implement `SourceImages.add`."""
         device, batch = self.device, len(energies)
         kernel = device.kernel("source_images.cl", "add_images", **device.wave_defines())
         weights = device.upload((energies * self.gains).astype(device.real))
@@ -76,7 +76,7 @@ class DeviceImages:
             )  # fmt: skip
 
     def inner(self, pictures: cla.Array) -> Values:
-        """As of `SourceImages`."""
+        """Implement `SourceImages.inner`."""
         device, (count, height, width) = self.device, self.data.shape
         batch = pictures.shape[0]
         rows = device.empty((batch, count, height), device.real)
@@ -91,12 +91,12 @@ class DeviceImages:
 
 @dataclass(frozen=True, eq=False)
 class PointFields:
-    """Fields of some points on the sensor's samples, and what they came by."""
+    """Fields of points on the sensor's samples, and fields before the lenses."""
 
-    which: Counts  # which points, int64, shape (n,)
-    spherical: Field  # of the points behind the main lens, without its wavefront
-    energy: Values  # of each field at the main lens, shape (n,)
-    # at_array, at_sensor: shape (n, ny, nx): before the field lens and the lenslets (or None), and
+    which: Counts  # indices of the points, int64, shape (n,)
+    spherical: Field  # field behind the main lens, without its wavefront
+    energy: Values  # energy of each field at the main lens, shape (n,)
+    # at_array, at_sensor: shape (n, ny, nx), before the field lens and the lenslets (or None), and
     # on the sensor
     at_array: Field | None
     at_sensor: Field
@@ -105,7 +105,7 @@ class PointFields:
 def point_fields(
     optics: WaveOptics, points: PointSources, *, share: int = 1
 ) -> Iterator[PointFields]:
-    """Fields as large as the sensor, in batches that travel through the camera together."""
+    """Yield fields of the sensor's size, in batches that pass the camera together."""
     to_array, to_sensor = optics.padding(points.positions)
     widest = max(to_array, to_sensor) ** 2
     step = batch_size(optics, share * widest)
@@ -123,7 +123,7 @@ def point_fields(
 
 
 def images_of(optics: WaveOptics, fields: PointFields) -> DeviceImages:
-    """The images of fields on all of the sensor."""
+    """Return the images of fields on the whole sensor."""
     device, count = fields.at_sensor.device, len(fields.which)
     active = 0.0 if optics.pixels is None else optics.pixels.active
     if active:
@@ -136,23 +136,23 @@ def images_of(optics: WaveOptics, fields: PointFields) -> DeviceImages:
 
 
 def point_images(optics: WaveOptics, points: PointSources) -> Iterator[DeviceImages]:
-    """Images by fields as large as the sensor."""
+    """Yield images of points by fields of the sensor's size."""
     for fields in point_fields(optics, points):
         yield images_of(optics, fields)
 
 
 def local_images(optics: WaveOptics, points: PointSources) -> Iterator[DeviceImages]:
-    """Images by windows of single points."""
+    """Yield images of points by windows."""
     for same, windows, region in window_batches(optics, points):
         images = window_images(same, windows, *window_samples(windows, region))
-        del windows, region  # its memory, before the next one is made
+        del windows, region  # frees the region's memory before the next is computed
         yield images
 
 
 def window_images(
     which: Sequence[int], windows: Windows, fields: cla.Array, sums: list[tuple[PixelSums, float]]
 ) -> DeviceImages:
-    """The images of windows, of their `window_samples`."""
+    """Return the images of windows from their `window_samples`."""
     gains = np.array([gain for _, gain in sums])
     pixels = [one for one, _ in sums]
     return images_on_patches(which, fields, pixels, gains, windows.optics.device)
@@ -161,12 +161,12 @@ def window_images(
 def images_on_patches(
     which: Any, fields: cla.Array, sums: Sequence[PixelSums], gains: Values, device: Device
 ) -> DeviceImages:
-    """Images of fields by the sums of each over the pixels of a patch of its own."""
+    """Return images of fields by sums over the pixels of a patch for each field."""
     places, shapes = (
         np.array([getattr(one, name) for one in sums], np.int64) for name in ("place", "shape")
     )
     height, width = (max(1, int(n)) for n in shapes.max(axis=0))
-    tall = device.zeros((len(sums) * height, width), device.real)  # below each other, as one
+    tall = device.zeros((len(sums) * height, width), device.real)  # patches below each other
     for number, one in enumerate(sums):
         replace(one, place=(number * height, 0)).put(tall, fields, number, 1.0, device)
     data = tall.reshape(len(sums), height, width)

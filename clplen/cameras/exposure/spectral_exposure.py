@@ -1,10 +1,10 @@
-"""Wavelengths by which sources are exposed, and the energy of each behind each colour filter.
+"""Wavelengths that expose sources, and their energy behind each colour filter.
 
-How many: images of a point by a camera of one dimension (cylindrical_twin.py) at `PLACES`
-wavelengths tell, without a simulation of the camera itself, how the raw image by n wavelengths
-differs from that by `MOST`, on average over places beside a lenslet's middle. The raw
-image of a point by n wavelengths is then right to 1e-3 (claims "color"), but for points in the
-middle of an f/2 lenslet, with up to 1.6e-3.
+The number of wavelengths follows from a one-dimensional camera (cylindrical_twin.py), without a
+simulation of the camera itself. Its images of a point at `PLACES` wavelengths give the difference
+between raw images by n and by `MOST` wavelengths, averaged over positions beside a lenslet's
+middle. The raw image of a point by n wavelengths is then right to 1e-3 (claims "color"), except for
+points in the middle of an f/2 lenslet, with up to 1.6e-3.
 """
 
 from __future__ import annotations
@@ -27,27 +27,27 @@ from clplen.wave.spectrum.spectrum import Spectrum
 
 Values = np.ndarray[Any, np.dtype[np.float64]]
 
-TOLERANCE = 1e-3  # L2, of the raw image of a point from that by MOST wavelengths
-PICTURE_TOLERANCE = 3e-3  # of a point of a picture of many, where a wavelength takes a minute
-MANY = 256  # samples of a picture that send light
-MOST = 41  # wavelengths
+TOLERANCE = 1e-3  # maximum L2 error of a point's raw image, relative to MOST wavelengths
+PICTURE_TOLERANCE = 3e-3  # the same for points of pictures, where a wavelength takes a minute
+MANY = 256  # luminous samples of a picture above which PICTURE_TOLERANCE applies
+MOST = 41  # maximum number of wavelengths
 PLACES = 48  # wavelengths between which the twin's images are interpolated
 
 
 @dataclass(frozen=True)
 class SpectralLine:
-    """One wavelength by which a source is exposed."""
+    """Wavelength and weights of an exposure of a source."""
 
     wavelength: float  # in metres
-    # signal of a unit of energy of each channel of the source behind each filter, shape (channels,
-    # filters); one filter where there are none. Some may be below 0
+    # signal of a unit of energy of each channel behind each filter, shape (channels, filters); one
+    # filter if the pixels have none. Weights may be negative
     weights: Values
 
 
 def spectral_lines(
     optics: WaveOptics, source: Source, coherence: Coherence | None
 ) -> list[SpectralLine]:
-    """The wavelengths by which a self-luminous source is exposed."""
+    """Return the wavelengths that expose a self-luminous source."""
     spectra, filters = _spectra_of(source, coherence, optics.wavelength), optics.filters
     positions = (source.corners() if isinstance(source, PicturePlane) else source).positions
     check_in_view(replace(optics, wavelength=spectra[0].centre), positions)
@@ -71,7 +71,7 @@ def _tolerance(source: Source) -> float:
 def wavelengths_needed(
     optics: WaveOptics, depths: Sequence[float], signal: Signal, *, tolerance: float = TOLERANCE
 ) -> int:
-    """By how many wavelengths the raw image of a point is right to a tolerance."""
+    """Return the number of wavelengths that keeps a point's raw image within a tolerance."""
     low, high = signal.band
     if high - low <= 1e-9 * high:
         return 1
@@ -91,7 +91,7 @@ def wavelengths_needed(
 
 
 def _shares(optics: WaveOptics) -> Values:
-    """Square roots of the shares of the pixels that filters have, shape (filters, 1)."""
+    """Return square roots of the filters' fractions of the pixels, shape (filters, 1)."""
     filters = optics.filters
     if filters is None:
         return np.ones((1, 1))
@@ -100,7 +100,7 @@ def _shares(optics: WaveOptics) -> Values:
 
 
 def _white(signal: Signal, n: int, nu: Values, images: Values) -> Values:
-    """Images by n wavelengths behind each filter, from images at Chebyshev's frequencies."""
+    """Compute images by n wavelengths behind each filter, from images at Chebyshev nodes."""
     wavelengths, weights = signal.rule(n)
     k = np.arange(len(nu))
     signs = (-1.0) ** k * np.sin(np.pi * (k + 0.5) / len(nu))  # Berrut and Trefethen 2004, eq. 5.4
@@ -113,7 +113,7 @@ def _white(signal: Signal, n: int, nu: Values, images: Values) -> Values:
 def energies_by_pixel(
     filters: ColorFilterArray | None, powers: Values, line: SpectralLine
 ) -> Values:
-    """The signal that points send to the pixels of a tile."""
+    """Compute the signal of points on the pixels of a tile."""
     found = powers @ line.weights
     if filters is None or filters.mosaic is None:
         return np.asarray(found[:, 0])
@@ -121,7 +121,7 @@ def energies_by_pixel(
 
 
 def add_by_tile(image: Values, picture: Values, tile: Values) -> None:
-    """Add a picture times factors that repeat from pixel (0, 0) on to an image."""
+    """Add a picture to an image, times factors that repeat from pixel (0, 0) on."""
     down, across = tile.shape
     for y, x in np.ndindex(down, across):
         image[y::down, x::across] += tile[y, x] * picture[y::down, x::across]
@@ -130,7 +130,7 @@ def add_by_tile(image: Values, picture: Values, tile: Values) -> None:
 def _spectra_of(
     source: Source, coherence: Coherence | None, wavelength: float
 ) -> Sequence[Spectrum]:
-    """One a channel."""
+    """Return a spectrum for each channel."""
     if source.spectra is not None:
         return source.spectra
     if coherence is not None and coherence.spectrum is not None:
@@ -146,6 +146,6 @@ def _require_signal(signal: Signal, spectra: Sequence[Spectrum], filters: ColorF
         low, high = min(lam[0] for lam in lit), max(lam[-1] for lam in lit)
         which = f"channel {number} of the picture" if len(spectra) > 1 else "this source"
         raise ValueError(
-            f"No filter sees the light of {which}, about {spectrum.centre * 1e9:.4g} nm: the "
-            f"sensitivities reach from {low * 1e9:.4g} to {high * 1e9:.4g} nm."
+            f"No colour filter transmits the light of {which}, about {spectrum.centre * 1e9:.4g} "
+            f"nm: use sensitivities beyond {low * 1e9:.4g} to {high * 1e9:.4g} nm."
         )

@@ -1,10 +1,11 @@
 """Raw images by wave optics: energies of points, pictures and slides added on the sensor.
 
-Sources that shine by themselves are incoherent from point to point, and have two routes. "points":
-one field for each point, four Fourier transforms each. "isoplanatic": a picture from patterns
-simulated at a few positions (pattern_lattice.py, isoplanatic.py), as many for any number of
-samples; its error is measured at a few of the picture's samples, exposed one by one. Slides are lit
-by coherent light, one field a snapshot (slides.py).
+Self-luminous sources are incoherent from point to point, and have three methods. "points": one
+field for each point, four Fourier transforms each. "local": a window for each point
+(local_exposure.py). "isoplanatic": a picture from patterns simulated at a few positions
+(pattern_lattice.py, isoplanatic.py), their number independent of that of the samples; its error is
+measured at a few of the picture's samples, exposed singly. Slides are illuminated by coherent
+light, one field for each snapshot (slides.py).
 """
 
 from __future__ import annotations
@@ -45,55 +46,54 @@ from clplen.wave.field.intensity import accumulate, add_scaled, average_of
 
 Method = Literal["auto", "points", "local", "isoplanatic"]
 METHODS = ("auto", "points", "local", "isoplanatic")
-NOTABLE = 0.01  # measured error that is said aloud
-AFFORDABLE = 5e11  # operations that "auto" spends on exactness: half a minute on two cores
-WORTH = 2  # times fewer operations, from which "auto" gives up exactness beyond that
-BATCH_BYTES = 2**28  # of fields that travel through the camera together
-APART = 2**40  # seeds of the light on two slides of a scene
+NOTABLE = 0.01  # relative error of patterns above which a SamplingWarning is issued
+AFFORDABLE = 5e11  # "auto" is exact below this number of operations: half a minute on two cores
+WORTH = 2  # minimum saving of operations for which "auto" gives up exactness above it
+BATCH_BYTES = 2**28  # maximum bytes of fields that pass the camera together
+APART = 2**40  # difference of the seeds of two slides of a scene
 
 
 @dataclass(frozen=True)
 class Light:
-    """The light that a camera exposes by."""
+    """Light that illuminates a camera's scene."""
 
-    # its spectrum holds for every source, its spatial model for slides; None is the camera's
-    # wavelength
+    # source of the spectrum of every source and of the spatial model of slides; None stands for
+    # the camera's wavelength
     coherence: Coherence | None
-    koehler: bool  # whether the light behind a slide converges on the main lens
-    averaging: dict[str, Any]  # options of `Coherence.average` for slides, those that were given
+    koehler: bool  # True if the light behind a slide converges on the main lens
+    averaging: dict[str, Any]  # given options of `Coherence.average` for slides
 
     def lines(self, wavelength: float) -> Sequence[tuple[float, float]]:
-        """Wavelengths and their shares of the energy."""
+        """Return wavelengths and their fractions of the energy."""
         return [(wavelength, 1.0)] if self.coherence is None else self.coherence.lines(wavelength)
 
     def on_slide(self, number: int) -> Coherence:
-        """The light on one of the slides, independent of that on the others."""
-        assert self.coherence is not None  # `check` refuses a slide without
+        """Return the light on a slide, independent of the light on other slides."""
+        assert self.coherence is not None  # `check` raises for a slide without light
         seed = (self.coherence.seed + number * APART) % (LARGEST_SEED + 1)
         return replace(self.coherence, seed=seed)
 
     def check(self, slides: int) -> None:
-        """Refuse slides without light, light without a slide, one checkpoint for two slides."""
+        """Raise for slides without light, light without a slide, a checkpoint for two slides."""
         coherence = self.coherence
         if slides and coherence is None:
             raise ValueError(
-                "A picture with mode='transmission' needs light that falls on it: give "
-                "coherence=, such as Coherence() for a plane wave, or use mode='emission' for a "
-                "self-luminous one."
+                "coherence must be given for a picture with mode='transmission': use coherence="
+                "Coherence() for a plane wave, or mode='emission' for a self-luminous picture."
             )
         if coherence is not None and coherence.spatial is not None and not slides:
             raise ValueError(
-                "Point sources and self-luminous pictures are incoherent already; a spatial model "
-                "of coherence lights pictures with mode='transmission'. Leave it out: "
+                "A spatial model of coherence applies to pictures with mode='transmission' only, "
+                "because points and self-luminous pictures are incoherent: leave it out, "
                 "Coherence(None, spectrum)."
             )
         if not slides and self.averaging:
             raise ValueError(
-                "snapshots, rtol, region and checkpoint are for pictures with mode='transmission'; "
-                "this scene has none."
+                "snapshots, rtol, region and checkpoint apply to pictures with mode='transmission' "
+                "only: leave them out for this scene."
             )
         if slides > 1 and "checkpoint" in self.averaging:
-            raise ValueError("A checkpoint serves one slide: expose several one by one.")
+            raise ValueError("A checkpoint stores one slide: expose several slides one by one.")
 
 
 def expose_waves(
@@ -104,23 +104,25 @@ def expose_waves(
     method: Method,
     progress: Progress | None,
 ) -> RawImage:
-    """The raw image of points, self-luminous pictures and slides."""
+    """Compute the raw image of points, self-luminous pictures and slides."""
     if light.coherence is not None:
         average_of(light.coherence)
     if method not in METHODS:
-        raise ValueError(f"method is 'auto', 'points', 'local' or 'isoplanatic', not {method!r}.")
+        raise ValueError(
+            f"method must be 'auto', 'points', 'local' or 'isoplanatic', got {method!r}."
+        )
     slides = [s for s in sources if isinstance(s, PicturePlane) and s.is_slide]
     emitters = [s for s in sources if s not in slides]
     light.check(len(slides))
-    # sources whose light is shared by wavelength, whatever pixel it falls on, and the others
+    # sources with the same spectrum on every pixel, and the others
     plain = [s for s in emitters if optics.filters is None and s.spectra is None]
     spectral = [(s, spectral_lines(optics, s, light.coherence)) for s in emitters if s not in plain]
     lines = light.lines(optics.wavelength) if plain or slides else []
     colours = [replace(optics, wavelength=wavelength) for wavelength, _ in lines]
     if slides and optics.pixels is not None:
         raise ValueError(
-            "Slides are exposed by fields in the middles of pixels, and these pixels integrate: "
-            "leave pixels= of the camera out, with pixels that sample the light, or use "
+            "Slides require pixels that sample the intensity, but these pixels integrate: leave "
+            "out pixels= of the camera, with pixels that sample the light, or use "
             "mode='emission'."
         )
     check_occluders(optics, method, has_slides=bool(slides))
@@ -163,23 +165,23 @@ def expose_waves(
 
 
 def check_occluders(optics: WaveOptics, method: Method, *, has_slides: bool) -> None:
-    """Refuse screens that no lens sees, and ways of the light that know none."""
+    """Raise for screens behind the main lens, and for methods that do not support screens."""
     if optics.occluders and (has_slides or method not in ("auto", "local")):
         way = "slides" if has_slides else f"method={method!r}"
         raise ValueError(
-            f"Occluders are known to windows of single points, method='local', not to {way}: leave "
-            "them out, or use points and self-luminous pictures with method='auto'."
+            f"Occluders require method='local', got {way}: leave them out, or use points and "
+            "self-luminous pictures with method='auto'."
         )
     for screen in optics.occluders:
         if screen.z <= -optics.object_distance:
             raise ValueError(
-                f"The occluder at z = {screen.z:g} m lies behind the main lens, which is "
-                f"{optics.object_distance:g} m from the focused plane."
+                f"The occluder at z = {screen.z:g} m is behind the main lens, "
+                f"{optics.object_distance:g} m from the focused plane: use a larger z."
             )
 
 
 def check_positions(optics: WaveOptics, source: Source, *, local: bool, slide: bool) -> None:
-    """Refuse points that the camera cannot show at its wavelength."""
+    """Raise if the camera cannot image a source at its wavelength."""
     points = source if isinstance(source, PointSources) else source.corners()
     check_in_view(optics, points.positions)
     if local and not slide:
@@ -190,11 +192,11 @@ def check_positions(optics: WaveOptics, source: Source, *, local: bool, slide: b
     except SamplingError as error:
         if slide:
             raise
-        raise SamplingError(f"{error} method='local' samples as finely as it needs.") from error
+        raise SamplingError(f"{error} method='local' samples as finely as needed.") from error
 
 
 def _added(total: cla.Array | None, picture: cla.Array, share: float, device: Device) -> cla.Array:
-    """A sum of pictures times their shares with one more; the first is taken as it is if whole."""
+    """Add a picture times its share to a sum; the first picture of share 1 is not copied."""
     if total is None and share == 1:
         return picture
     if total is None:
@@ -206,7 +208,7 @@ def _added(total: cla.Array | None, picture: cla.Array, share: float, device: De
 def _emit(
     optics: WaveOptics, sources: Sequence[Source], method: Method, progress: Progress | None
 ) -> tuple[cla.Array, Exposure]:
-    """Energy of points and self-luminous pictures at one wavelength, and how it was found."""
+    """Compute the energy of points and pictures at one wavelength, and a report of it."""
     layouts = [_layout(optics, source, method) for source in sources]
     total = optics.device.zeros(optics.grid.shape, optics.device.real)
     reports = []
@@ -229,7 +231,7 @@ def _add_line(
     method: Method,
     progress: Progress | None,
 ) -> Exposure:
-    """Add the signal of a source at one of its wavelengths to an image of the sensor."""
+    """Add the signal of a source at a wavelength to an image of the sensor."""
     filters = optics.filters
     if isinstance(source, PointSources):
         points, powers = source, source.power[:, None]
@@ -270,19 +272,19 @@ def _add_channels(
 
 
 def is_local(optics: WaveOptics, method: Method) -> bool:
-    """Whether points have windows of their own."""
+    """Return True if points are exposed in windows."""
     own = optics.pixels is not None or bool(optics.occluders)
     local = method == "local" or (method == "auto" and own)
     if local and any(optics.aberrations.sensor_tilt):
         raise ValueError(
-            "Windows of single points know no tilted sensor: use method='points', or leave out "
+            "method='local' does not support a tilted sensor: use method='points', or leave out "
             "sensor_tilt of the camera's aberrations."
         )
     return local
 
 
 def _layout(optics: WaveOptics, source: Source, method: Method) -> Layout | None:
-    """The layout of a picture's patterns, or None for one field a point."""
+    """Return the layout of a picture's patterns, or None for one field for each point."""
     if isinstance(source, PointSources) or method in ("points", "local"):
         return None
     obstacle = _no_isoplanatic(optics, source)
@@ -299,31 +301,30 @@ def _layout(optics: WaveOptics, source: Source, method: Method) -> Layout | None
 
 
 def _no_isoplanatic(optics: WaveOptics, plane: PicturePlane) -> str:
-    """Why patterns do not repeat from lenslet to lenslet along rows; empty where they do."""
+    """Return why patterns do not repeat along rows of lenslets; empty if they do."""
     mla = optics.mla
     if optics.occluders:
-        return "Occluders stop other light of each point"
+        return "method='isoplanatic' does not support occluders"
     if not optics.samples(plane.corners().positions):
-        return "The pixels do not sample the light's waves, as method='isoplanatic' needs"
+        return "method='isoplanatic' requires pixels that sample the light's waves"
     if mla.rotation != 0:
-        return (
-            f"The array is turned by {mla.rotation:g} rad; method='isoplanatic' needs rows along x"
-        )
+        angle = f"{mla.rotation:g} rad"
+        return f"method='isoplanatic' requires rows along x, but they are rotated by {angle}"
     if len(mla.focal_lengths) > 1:
-        return "The lenslets differ in focal length; method='isoplanatic' needs equal ones"
+        return "method='isoplanatic' requires lenslets of one focal length"
     if mla.map is not None and mla.map.is_of_each:
-        return "The lenslets have a map each; method='isoplanatic' needs equal ones"
+        return "method='isoplanatic' requires equal lenslets, but each has its own map"
     if not optics.aberrations.scatter.is_none:
-        return "The lenslets scatter; method='isoplanatic' needs equal ones"
+        return "method='isoplanatic' requires equal lenslets, without scatter"
     if any(optics.aberrations.sensor_tilt):
-        return "The sensor is tilted, as method='isoplanatic' cannot know"
+        return "method='isoplanatic' does not support a tilted sensor"
     if optics.aberrations.varies:
-        return "The main lens' wavefront changes over the field, as method='isoplanatic' cannot"
+        return "method='isoplanatic' requires a main lens' wavefront constant over the field"
     return ""
 
 
 def _operations(transforms: Transforms) -> float:
-    """5 N log2 N for each Fourier transform."""
+    """Return the cost of Fourier transforms, 5 N log2 N each."""
     return sum(
         count * 5 * math.prod(shape) * math.log2(max(2, math.prod(shape)))
         for count, shape in transforms
@@ -342,7 +343,7 @@ def _add_points(
     progress: Progress | None,
     energies: Any = None,
 ) -> Exposure:
-    """One field a point; ``energies`` as for `add_local`."""
+    """Add one field for each point; ``energies`` as in `add_local`."""
     energies = points.power if energies is None else energies
     to_array, to_sensor = optics.padding(points.positions)
     widest = max(to_array, to_sensor) ** 2
@@ -380,7 +381,7 @@ def _add_picture(
     total: cla.Array,
     progress: Progress | None,
 ) -> Exposure:
-    """A picture from its patterns, its error from its probes' two images."""
+    """Add a picture from its patterns; its error follows from two images of probes."""
     step = batch_size(optics, max(*plan.padding, plan.finer) ** 2)
     optics.device.require_memory(plan.memory(optics, step), "This exposure")
     chosen = _probes(plane, plan)
@@ -395,9 +396,9 @@ def _add_picture(
     error = np.abs(optics.device.download(seen) - expected).max() / expected.max()
     if error > NOTABLE:
         warn_caller(
-            f"The picture's patterns depart by {error:.2g} of the maximum from one field a sample: "
-            "its light is hardly sampled, or changes across the field. method='points' is exact, "
-            f"{np.count_nonzero(plane.image)} fields; finer pixels make both better.",
+            f"The picture's patterns differ by {error:.2g} of the maximum from one field for each "
+            "sample: its light is undersampled, or changes across the field. Use method='points', "
+            f"exact by {np.count_nonzero(plane.image)} fields, or finer pixels.",
             SamplingWarning,
         )
     transforms = plan.transforms(optics.grid.shape) + once.transforms
@@ -405,7 +406,7 @@ def _add_picture(
 
 
 def _probes(plane: PicturePlane, plan: Layout) -> list[int]:
-    """Flat indices of samples: the brightest, the one farthest out, one far from all patches."""
+    """Return flat indices of three samples: brightest, outermost, farthest from all patches."""
     lit = np.flatnonzero(plane.image)
     iy, ix = np.unravel_index(lit, plane.image.shape)
     first = plan.patches[0]
@@ -418,7 +419,7 @@ def _probes(plane: PicturePlane, plan: Layout) -> list[int]:
 
 
 def _joined(reports: list[Exposure]) -> Exposure:
-    """What several parts of a scene were exposed by; their errors as if they were independent."""
+    """Join the reports of parts of a scene, with errors as if independent."""
     routes = sorted({report.route for report in reports})
     transforms = merged([pair for report in reports for pair in report.transforms])
     numbers = [report.snapshots for report in reports if report.snapshots is not None]
@@ -435,7 +436,7 @@ def _joined(reports: list[Exposure]) -> Exposure:
 
 
 def _joint_error(errors: list[Image]) -> Image | None:
-    """Standard error of a sum of independent images."""
+    """Return the standard error of a sum of independent images."""
     if len(errors) < 2:
         return errors[0] if errors else None
     device = errors[0].device

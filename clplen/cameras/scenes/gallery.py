@@ -1,4 +1,4 @@
-"""Many varied scenes of exact disparity, to develop and to judge depth on."""
+"""Varied synthetic scenes of exact disparity, to develop and evaluate depth estimation."""
 
 from __future__ import annotations
 
@@ -24,23 +24,23 @@ from clplen.checks import positive_integer
 from clplen.reprs import OneLine
 
 Random = np.random.Generator
-NOISES = (0.0, 0.01, 0.02, 0.05)  # fractions of white, in turn
-WIDE = 4.0  # half sides of what fills the picture in every view, in pictures
-SEAM = 0.01  # pixels that surfaces which meet in a line reach over it
+NOISES = (0.0, 0.01, 0.02, 0.05)  # noise levels as fractions of white, used in turn
+WIDE = 4.0  # half sides of surfaces that fill every view, in pictures
+SEAM = 0.01  # overlap in pixels of surfaces that meet in a line
 
 
 @dataclass(frozen=True, eq=False, repr=False)
 class SampleScene(OneLine):
-    """A scene with a name and its noise.
+    """Scene with a name and its noise.
 
     Attributes
     ----------
     name : str
-        Its kind, such as "layers".
+        Kind of the scene, such as "layers".
     scene : SurfaceScene
-        What its light field shows.
+        Scene of the light field.
     noise : float or numpy.ndarray
-        As `SurfaceScene.light_field` takes it.
+        Noise argument of `SurfaceScene.light_field`.
 
     Examples
     --------
@@ -59,7 +59,7 @@ class SampleScene(OneLine):
 
 @dataclass(frozen=True, eq=False)
 class Studio:
-    """What the makers of scenes draw from."""
+    """Random generator and options for the constructors of scenes."""
 
     random: Random
     shape: tuple[int, int]  # (ny, nx) of a view
@@ -73,25 +73,25 @@ class Studio:
 
     @property
     def side(self) -> int:
-        """Of tables of noise."""
+        """Side of tables of noise in samples."""
         return min(256, max(64, 2 ** int(np.ceil(np.log2(max(self.shape))))))
 
     def uniform(self, low: float, high: float) -> float:
-        """A number between two."""
+        """Draw a number between two."""
         return float(self.random.uniform(low, high))
 
     def sign(self) -> float:
-        """-1 or 1."""
+        """Draw -1 or 1."""
         return float(self.random.choice([-1, 1]))
 
     def place(self, reach: float = 0.8) -> Pair:
-        """(Y, X) within a part of the picture."""
+        """Draw (Y, X) within a part of the picture."""
         ny, nx = self.shape
         y, x = self.random.uniform(-reach / 2, reach / 2, 2)
         return (float(y) * ny, float(x) * nx)
 
     def texture(self, contrast: float | None = None) -> Texture:
-        """One of all kinds."""
+        """Draw a texture of any kind."""
         kind = self.random.integers(8)
         if kind == 0 and self.pictures and contrast is None:
             chosen = np.asarray(self.pictures[int(self.random.integers(len(self.pictures)))])
@@ -115,7 +115,7 @@ class Studio:
         )
 
     def ground(self, low: float = -1.6, high: float = -0.6) -> Plane:
-        """A plane behind everything, a little slanted."""
+        """Draw a slightly slanted plane behind everything."""
         slope = self.random.uniform(-0.15, 0.15, 2) / self.unit
         return Plane(self.uniform(low, high), (slope[0], slope[1]), texture=self.texture())
 
@@ -123,23 +123,24 @@ class Studio:
 def sample_scenes(
     seed: int = 0, shape: tuple[int, int] = (512, 512), *, pictures: Sequence[Any] = ()
 ) -> Iterator[SampleScene]:
-    """Yield one scene of each kind, drawn at random.
+    """Yield a random scene of each kind.
 
     Disparities lie between -2 and 2 for 9 x 9 views.
 
     Parameters
     ----------
     seed : int
-        Of `numpy.random.default_rng`: other seeds draw other scenes of the same kinds.
+        Seed of `numpy.random.default_rng`; other seeds draw other scenes of these kinds.
     shape : tuple of int
-        (ny, nx) that the light fields will have.
+        (ny, nx) of a view of the light fields.
     pictures : sequence of array_like
-        Shape (ny, nx) or (ny, nx, 3), used among the textures.
+        Pictures among the textures, shape (ny, nx) or (ny, nx, 3).
 
     Yields
     ------
     SampleScene
-        Names: `SCENES`. Noise of 0, 1, 2 and 5 % in turn; every other scene has colour.
+        Scene with a name of `SCENES`. Noise of 0, 1, 2 and 5 % in turn; every second scene has
+        colour.
 
     Examples
     --------
@@ -295,7 +296,7 @@ def _room(s: Studio) -> list[Any]:
         shade = (s.uniform(-0.3, 0.3) / s.unit, s.uniform(-0.3, 0.3) / s.unit)
         d = back - depth * 0.6 * (y * y + x * x)
         found.append(Plane(d, slope, texture=texture, shade=shade))
-    for _ in range(4):  # thin things before the wall
+    for _ in range(4):  # thin objects before the wall
         outline = Bars(s.place(0.7), s.uniform(0.4, 1.1) * s.unit, count=1, period=20,
                        width=s.uniform(1, 6), angle=s.uniform(-1.5, 1.5))  # fmt: skip
         found.append(Plane(s.uniform(-0.2, 1.2), texture=s.texture(), outline=outline))
@@ -335,12 +336,12 @@ def _clutter(s: Studio) -> list[Any]:
 
 
 def _band(first: float, last: float, wide: float) -> list[Pair]:
-    """Corners of a rectangle between two rows, ``wide`` to both sides."""
+    """Return the corners of a rectangle between two rows, ``wide`` to both sides."""
     return [(first, -wide), (first, wide), (last, wide), (last, -wide)]
 
 
 def _square(centre: Pair, half: float) -> list[Pair]:
-    """Corners of a square, so that edge k lies at -Y, +X, +Y, -X of its centre."""
+    """Return the corners of a square; edge k lies at -Y, +X, +Y, -X of its centre."""
     y, x = centre
     signs = ((-1, -1), (-1, 1), (1, 1), (1, -1))
     return [(y + a * half, x + b * half) for a, b in signs]
