@@ -51,8 +51,10 @@ from clplen.wave.spectrum.spectrum_tables import check_wavelength
 Scene = SurfaceScene | Source | Sequence[Source | Occluder]
 Self = TypeVar("Self", bound="Plenoptic")
 
-QUARTER = 0.25  # waves; below this aberration a thin lens is as good as a corrected lens (Rayleigh)
-SCALAR_NA = 0.4  # NA above which polarisation matters (Stamnes 1986, section 16.3)
+MAX_THIN_LENS_WAVES = (
+    0.25  # waves; below this aberration a thin lens is as good as a corrected lens (Rayleigh)
+)
+MAX_SCALAR_NA = 0.4  # NA above which polarisation matters (Stamnes 1986, section 16.3)
 LENS_LAW_TOLERANCE = 1e-6  # maximum relative error of 1/f = 1/object + 1/image
 
 
@@ -93,10 +95,10 @@ class Plenoptic(Described, RayOptics):
                 f"{aberrations.sensor_shift:g} m: the sensor would be {camera.sensor_distance:g} m "
                 "behind it."
             )
-        nearer = reach_of(camera.grid, aberrations.sensor_tilt)
-        if not camera.sensor_distance > nearer:
+        approach = reach_of(camera.grid, aberrations.sensor_tilt)
+        if not camera.sensor_distance > approach:
             raise ValueError(
-                f"sensor_tilt = {aberrations.sensor_tilt} moves pixels {nearer:g} m towards the "
+                f"sensor_tilt = {aberrations.sensor_tilt} moves pixels {approach:g} m towards the "
                 f"array, {camera.sensor_distance:g} m away: use smaller slopes."
             )
         on_axis = max(1.0, self.array_distance / self.image_distance)
@@ -187,8 +189,8 @@ class Plenoptic(Described, RayOptics):
                 raw = expose_rays(optics, as_sources(scene))
         else:
             light = Light(coherence, koehler, averaging)
-            sources, before = as_sources(scene), replace(optics, occluders=as_occluders(scene))
-            raw = expose_waves(before, sources, light, method=method, progress=progress)
+            sources, occluded = as_sources(scene), replace(optics, occluders=as_occluders(scene))
+            raw = expose_waves(occluded, sources, light, method=method, progress=progress)
         raw = replace(raw, camera=self)
         return raw if sensor is None else sensor.record(raw)
 
@@ -227,8 +229,8 @@ def scene_energy(camera: Plenoptic, scene: PointSources) -> Sequence[tuple[float
     rows = []
     optics = camera.optics
     to_array, to_sensor = optics.padding(scene.positions)
-    for place in scene.positions:
-        pupil, energy = optics.pupil_and_energy(place[None], scene.diameter, full_grid=False)
+    for position in scene.positions:
+        pupil, energy = optics.pupil_and_energy(position[None], scene.diameter, full_grid=False)
         at_array = optics.array_field(pupil, pad=to_array)
         at_sensor = optics.sensor_field(at_array, pad=to_sensor)
         energies = [float(row_powers(f).sum()) for f in (at_array, at_sensor)]
@@ -280,10 +282,10 @@ def main_lens_distances(
     distances = _lens_law(focal_length, object_distance, image_distance)
     longest = max(mla.focal_lengths)
     if longest >= distances[1]:
-        meant = units.LENSLET_FOCAL_LENGTH.meant(longest)
+        hint = units.LENSLET_FOCAL_LENGTH.meant(longest)
         raise ValueError(
             f"The lenslets' focal length must be shorter than the image distance of the main lens, "
-            f"{distances[1]:g} m, got {longest:g} m{meant}"
+            f"{distances[1]:g} m, got {longest:g} m{hint}"
         )
     return distances
 
@@ -300,7 +302,7 @@ def build(
     pixels: PixelArray | None,
     lens_model: str,
     aberrations: Aberrations,
-    **own: Any,
+    **extra_fields: Any,
 ) -> Self:
     """Build a camera of checked distances: its aperture, lens model, sensor and aberrations."""
     z_obj, F = distances
@@ -322,38 +324,38 @@ def build(
         grid=grid,
         lens_model=_choose_lens_model(lens_model, D, z_obj, F, wavelength),
         pixels=pixels,
-        **own,
+        **extra_fields,
     )
     return camera.with_aberrations(aberrations)
 
 
 def _check_aperture(D: float, F: float) -> None:
-    """Raise for NA = D/(2 F) >= 1, impossible by the sine condition; warn above SCALAR_NA."""
+    """Raise for NA = D/(2 F) >= 1, impossible by the sine condition; warn above MAX_SCALAR_NA."""
     na = D / (2 * F)
     if na >= 1:
-        meant = units.CAMERA_DIAMETER.meant(D).rstrip(".") if D > 1 else ""
+        hint = units.CAMERA_DIAMETER.meant(D).rstrip(".") if D > 1 else ""
         raise ValueError(
             f"The aperture must be below {2 * F:g} m for an image {F:g} m away, because a lens has "
-            f"NA < 1; got {D:g} m, NA {na:.3g}{meant or '.'}"
+            f"NA < 1; got {D:g} m, NA {na:.3g}{hint or '.'}"
         )
-    if na > SCALAR_NA:
+    if na > MAX_SCALAR_NA:
         warn_caller(
-            f"The main lens has NA {na:.3g} at its image, D/(2 F) above {SCALAR_NA:g}. Scalar "
-            f"waves neglect polarisation: use D <= {2 * F * SCALAR_NA:.3g} m.",
+            f"The main lens has NA {na:.3g} at its image, D/(2 F) above {MAX_SCALAR_NA:g}. Scalar "
+            f"waves neglect polarisation: use D <= {2 * F * MAX_SCALAR_NA:.3g} m.",
             SamplingWarning,
         )
 
 
 def _choose_lens_model(
-    given: str, D: float, object_distance: float, image_distance: float, wavelength: float
+    lens_model: str, D: float, object_distance: float, image_distance: float, wavelength: float
 ) -> LensModel:
     """Return the model of the main lens; "auto" depends on its spherical aberration."""
-    if given not in ("auto", "thin", "corrected"):
-        raise ValueError(f"lens_model must be 'auto', 'thin' or 'corrected', got {given!r}.")
-    if given != "auto":
-        return cast(LensModel, given)
+    if lens_model not in ("auto", "thin", "corrected"):
+        raise ValueError(f"lens_model must be 'auto', 'thin' or 'corrected', got {lens_model!r}.")
+    if lens_model != "auto":
+        return cast(LensModel, lens_model)
     spherical = thin_spherical(D, object_distance, image_distance)
-    return "thin" if spherical < QUARTER * wavelength else "corrected"
+    return "thin" if spherical < MAX_THIN_LENS_WAVES * wavelength else "corrected"
 
 
 def _lens_law(
@@ -376,10 +378,10 @@ def _lens_law(
     if image_distance is None:
         return (float(object_distance), 1 / (1 / f - 1 / object_distance))
     if abs(f / object_distance + f / image_distance - 1) > LENS_LAW_TOLERANCE:
-        fits = 1 / (1 / f - 1 / object_distance)
+        fitting = 1 / (1 / f - 1 / object_distance)
         raise ValueError(
             f"object_distance = {object_distance:g} m and image_distance = {image_distance:g} m "
             f"contradict the lens law for f = {f:g} m: the image of this object is at "
-            f"{fits:.6g} m. Give only one of the two."
+            f"{fitting:.6g} m. Give only one of the two."
         )
     return (float(object_distance), float(image_distance))

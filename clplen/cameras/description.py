@@ -102,25 +102,27 @@ def _readable(value: float, unit: str) -> tuple[str, str]:
 
 def optics_rows(optics: WaveOptics) -> tuple[Row, ...]:
     """Return the rows of main lens, pixels, the window of a point in focus, and aberrations."""
-    bent = aberration_rows(optics.aberrations, optics.wavelength)
-    return (_main_lens(optics), *_pixels(optics), *_exposure(optics), *bent)
+    aberrated = aberration_rows(optics.aberrations, optics.wavelength)
+    return (_main_lens(optics), *_pixels(optics), *_exposure(optics), *aberrated)
 
 
 def _main_lens(optics: WaveOptics) -> Row:
-    own = thin_spherical(optics.aperture_diameter, optics.object_distance, optics.image_distance)
-    words = {
+    rim_path = thin_spherical(
+        optics.aperture_diameter, optics.object_distance, optics.image_distance
+    )
+    model_texts = {
         "thin": "lens_model 'thin': included in the wave",
         "corrected": "lens_model 'corrected': removed, and the sine condition holds",
     }
-    text = f"at the rim of a thin lens, {own / optics.wavelength:.3g} waves; "
-    return Row("spherical aberration", own, "m", text + words[optics.lens_model])
+    text = f"at the rim of a thin lens, {rim_path / optics.wavelength:.3g} waves; "
+    return Row("spherical aberration", rim_path, "m", text + model_texts[optics.lens_model])
 
 
 def _pixels(optics: WaveOptics) -> tuple[Row, ...]:
     pixels = optics.pixels
     if pixels is None:
         return (Row("active share", 0.0, "", "a pixel samples the intensity in its middle"),)
-    found = [
+    rows = [
         Row(
             "active share",
             pixels.fill_factor,
@@ -131,17 +133,19 @@ def _pixels(optics: WaveOptics) -> tuple[Row, ...]:
         )
     ]
     down, right = pixels.offset
-    beside = (
+    offset_rows = (
         Row("sensor offset y", down, "m", "of its middle from the axis"),
         Row("sensor offset x", right, "m", "of its middle from the axis"),
         Row("sensor rotation", pixels.rotation, "rad", "of its rows against the lenslets"),
     )
-    found += [row for row in beside if row.value]
+    rows += [row for row in offset_rows if row.value]
     if pixels.crosstalk is not None:
         kernel = np.asarray(pixels.crosstalk)
-        own = float(kernel[kernel.shape[0] // 2, kernel.shape[1] // 2])
-        found.append(Row("pixel crosstalk", 1 - own, "", "of a pixel's light, lost to neighbours"))
-    return tuple(found)
+        retained = float(kernel[kernel.shape[0] // 2, kernel.shape[1] // 2])
+        rows.append(
+            Row("pixel crosstalk", 1 - retained, "", "of a pixel's light, lost to neighbours")
+        )
+    return tuple(rows)
 
 
 def _exposure(optics: WaveOptics) -> tuple[Row, ...]:
@@ -150,20 +154,20 @@ def _exposure(optics: WaveOptics) -> tuple[Row, ...]:
     The share 2/(pi v) of an Airy pattern lies beyond v (Born and Wolf 1999, section 8.5.2).
     """
     if optics.pixels is None:
-        many, shape, pitch = 1, optics.grid.shape, optics.pixel_pitch
+        finer, shape, pitch = 1, optics.grid.shape, optics.pixel_pitch
         reach = min(optics.grid.extent) / 2
-        why = "one field of the sensor's size ('points'): the pixels sample the light's waves"
+        reason = "one field of the sensor's size ('points'): the pixels sample the light's waves"
     else:
         window = window_shape(optics, np.zeros(3))
-        many, shape, pitch = window.finer, (window.samples, window.samples), window.pitch
+        finer, shape, pitch = window.finer, (window.samples, window.samples), window.pitch
         reach = (window.samples / 2 - window.guard) * pitch
-        why = "a window for each point ('local'): the pixels integrate"
+        reason = "a window for each point ('local'): the pixels integrate"
         if not optics.samples(np.zeros((1, 3))):
-            why += " and do not sample the light"
+            reason += " and do not sample the light"
     v = math.pi * optics.aperture_diameter * reach / (optics.wavelength * optics.array_distance)
     size = f"of a point in focus, {shape[0]} x {shape[1]} samples"
     return (
-        Row("samples a pixel", many, "", f"along each axis; {why}"),
+        Row("samples a pixel", finer, "", f"along each axis; {reason}"),
         Row("window", max(shape) * pitch, "m", size),
         Row("light beyond it", 2 / (math.pi * v), "", "its share, 2/(pi v)"),
     )
@@ -172,24 +176,24 @@ def _exposure(optics: WaveOptics) -> tuple[Row, ...]:
 def aberration_rows(aberrations: Aberrations, wavelength: float) -> tuple[Row, ...]:
     """Return the rows of a camera's departures from its design."""
     scatter = aberrations.scatter
-    found = []
+    rows = []
     for name, terms in (("main lens", aberrations.main_lens), ("lenslets", aberrations.lenslets)):
         rms = math.sqrt(sum(metres**2 for j, metres in terms if j > 1))
         text = f"rms over the disc, {rms / wavelength:.4g} waves"
-        found.append(Row(f"wavefront of {name}", rms, "m", text))
+        rows.append(Row(f"wavefront of {name}", rms, "m", text))
     grows = math.hypot(*(g for _, pair in aberrations.main_lens_field for g in pair))
     per_mm = f"rms over the disc, {grows / wavelength / 1e3:.4g} waves per mm of the image"
-    found.insert(1, Row("its growth over the field", grows, "", per_mm))
+    rows.insert(1, Row("its growth over the field", grows, "", per_mm))
     if aberrations.main_lens_opd is not None:
-        found += _map_rows(aberrations.main_lens_opd, wavelength)
-    found += [
+        rows += _map_rows(aberrations.main_lens_opd, wavelength)
+    rows += [
         Row("scatter of focal length", scatter.focal_length, "", "rms over the lenslets, of f"),
         Row("scatter of tilt", scatter.tilt, "rad", "rms over the lenslets, each axis"),
         Row("scatter of position", scatter.position, "m", "rms over the lenslets, each axis"),
         Row("sensor shift", aberrations.sensor_shift, "m", "away from the array"),
         Row("sensor tilt", math.hypot(*aberrations.sensor_tilt), "rad", "slope against the array"),
     ]
-    return tuple(row for row in found if row.value)
+    return tuple(row for row in rows if row.value)
 
 
 def _map_rows(maps: OPDMaps, wavelength: float) -> list[Row]:
@@ -199,10 +203,10 @@ def _map_rows(maps: OPDMaps, wavelength: float) -> list[Row]:
     text += f"; nearest to the axis {nearest:.4g}"
     if maps.pupil_distance is not None and maps.pupil_diameter is not None:
         text += f"; made at f/{maps.pupil_distance / maps.pupil_diameter:.4g}"
-    moved = maps.steepest(wavelength)[1]
-    lost = 1 - float(share.min())
+    distortion = maps.steepest(wavelength)[1]
+    vignetting = 1 - float(share.min())
     return [
         Row("wavefront of OPD maps", float(rms.max()), "m", text),
-        Row("distortion of OPD maps", moved, "m", "of the chief ray, at most"),
-        Row("vignetting of OPD maps", lost, "", "share of the light of the worst field"),
+        Row("distortion of OPD maps", distortion, "m", "of the chief ray, at most"),
+        Row("vignetting of OPD maps", vignetting, "", "share of the light of the worst field"),
     ]

@@ -134,14 +134,14 @@ class ExposureOperator(ArrayMap):
             parts = microscope_parts(self.sources, lines, camera, microscope_images)
         else:
             optics = replace(camera.optics, occluders=occluders)
-            found = ray_parts if model == "rays" else wave_parts
-            parts = found(optics, self.sources, coherence, method)
+            make_parts = ray_parts if model == "rays" else wave_parts
+            parts = make_parts(optics, self.sources, coherence, method)
         self._parts = tuple(parts)
         self._images = SceneImages(self._parts, memory)
         self.method = self._parts[0].route
         self.device: Device = camera.device
-        one = self._parts[0].shape if len(self._parts) == 1 else None
-        self.in_shape: tuple[int, ...] = one or (sum(part.size for part in self._parts),)
+        single_shape = self._parts[0].shape if len(self._parts) == 1 else None
+        self.in_shape: tuple[int, ...] = single_shape or (sum(part.size for part in self._parts),)
         self.out_shape: tuple[int, ...] = camera.grid.shape
         pixels = camera.pixels if model == "waves" else None  # the ray model has no pixel response
         filters = int(self._parts[0].lines[0].weights.shape[1])
@@ -187,16 +187,16 @@ class ExposureOperator(ArrayMap):
         """Apply `adjoint` to arrays of the device."""
         leading = data.shape[:-2]
         count = int(np.prod(leading, dtype=np.int64))
-        found = [np.zeros((count, part.size)) for part in self._parts]
+        gradients = [np.zeros((count, part.size)) for part in self._parts]
         if count == 0:
             return self.device.empty((*leading, *self.in_shape), self.dtype)
         pictures = self._signals.read_adjoint(data.reshape(count, *self.out_shape), self.device)
         for part, line, images in self._images:
             inner = images.inner(pictures).reshape(self._signals.filters, count, -1)
-            own = found[part].reshape(count, -1, self._parts[part].channels)
-            places = self._parts[part].places[images.which]
-            own[:, places] += np.einsum("fbn,cf->bnc", inner, line.weights)
-        values = np.concatenate(found, axis=1).reshape(*leading, *self.in_shape)
+            part_gradients = gradients[part].reshape(count, -1, self._parts[part].channels)
+            indices = self._parts[part].indices[images.which]
+            part_gradients[:, indices] += np.einsum("fbn,cf->bnc", inner, line.weights)
+        values = np.concatenate(gradients, axis=1).reshape(*leading, *self.in_shape)
         return self.device.upload(np.ascontiguousarray(values, self.dtype))
 
     def gradient(self, values: Any, cotangent: Any) -> ExposureGradient:
@@ -254,31 +254,33 @@ class ExposureOperator(ArrayMap):
         nbytes = math.prod(self.out_shape) * np.dtype(device.complex).itemsize * count
         device.require_memory(nbytes, "The fields of all points of this exposure")
         totals = device.zeros((self._signals.filters, *self.out_shape), device.real)
-        kept: dict[int, list[PointFields]] = {}
+        stored_fields: dict[int, list[PointFields]] = {}
         for number, (index, line) in enumerate(self._images.lines()):
-            kept[number] = []
+            stored_fields[number] = []
             for fields in point_fields(line.optics, self._parts[index].points):
                 signal = (energies[index][fields.which] @ line.weights).T
                 images_of(line.optics, fields).add(totals, signal)
-                kept[number].append(replace(fields, at_array=None))
+                stored_fields[number].append(replace(fields, at_array=None))
         image = device.download(self._signals.read(totals, device))[0]
-        return image, lambda cotangent: self._gradient(energies, cotangent, kept)
+        return image, lambda cotangent: self._gradient(energies, cotangent, stored_fields)
 
     def _gradient(
-        self, energies: list[Values], cotangent: Any, kept: dict[int, list[PointFields]]
+        self, energies: list[Values], cotangent: Any, stored_fields: dict[int, list[PointFields]]
     ) -> ExposureGradient:
         """Return the gradient from energies (n, channels) of each part and stored fields."""
         pictures = self._pictures(cotangent)
-        by_value = [np.zeros((part.places.size, part.channels)) for part in self._parts]
-        by_place = [np.zeros((len(part.points), 3)) for part in self._parts]
+        by_value = [np.zeros((part.indices.size, part.channels)) for part in self._parts]
+        by_position = [np.zeros((len(part.points), 3)) for part in self._parts]
         for number, (index, line) in enumerate(self._images.lines()):
             points, signal = self._parts[index].points, (energies[index] @ line.weights).T
-            found = point_gradients(line.optics, points, signal, pictures, kept.get(number))
-            by_value[index] += found.energies.T @ line.weights.T
-            by_place[index] += found.positions
+            point_gradient = point_gradients(
+                line.optics, points, signal, pictures, stored_fields.get(number)
+            )
+            by_value[index] += point_gradient.energies.T @ line.weights.T
+            by_position[index] += point_gradient.positions
         flat = [part.spread(value) for part, value in zip(self._parts, by_value, strict=True)]
         gradient = np.concatenate(flat).reshape(self.in_shape).astype(self.dtype)
-        return ExposureGradient(gradient, np.concatenate(by_place))
+        return ExposureGradient(gradient, np.concatenate(by_position))
 
     def lenslet_fields(self, values: Any, cotangent: Any) -> Iterator[tuple[Field, Field]]:
         """Yield fields before the lenslets, and gradients of a loss with respect to fields behind.
@@ -338,11 +340,11 @@ class ExposureOperator(ArrayMap):
             If the arrays have another shape.
         """
         self._require_thin_lenslets()
-        found: dict[str, Any] = {}
+        totals: dict[str, Any] = {}
         for before, behind in self.lenslet_fields(values, cotangent):
             gradient = self.camera.mla.gradient(before, behind)
-            found = {name: found.get(name, 0.0) + part for name, part in gradient.items()}
-        return found
+            totals = {name: totals.get(name, 0.0) + part for name, part in gradient.items()}
+        return totals
 
     def jacobian(
         self, values: Any, *, by: str | Sequence[str] = ("values", "positions")
@@ -383,10 +385,10 @@ class ExposureOperator(ArrayMap):
         energies, names = self._energies(values), check_groups(by)
         if "lenslets" in names:
             self._require_thin_lenslets()
-        found = exposure_jacobian(self._images, self._signals, energies, names)
-        if found.values is None:
-            return found
-        return replace(found, values=found.values.reshape(*self.in_shape, *self.out_shape))
+        jacobian = exposure_jacobian(self._images, self._signals, energies, names)
+        if jacobian.values is None:
+            return jacobian
+        return replace(jacobian, values=jacobian.values.reshape(*self.in_shape, *self.out_shape))
 
     def sensor_gradient(self, values: Any, cotangent: Any) -> dict[str, Any]:
         """Compute derivatives of a loss with respect to the position of the sensor.
@@ -410,8 +412,8 @@ class ExposureOperator(ArrayMap):
             If `gradient` would raise.
         """
         energies, raw = self._energies(values), self._raw(cotangent)
-        found = exposure_jacobian(self._images, self._signals, energies, ("sensor",)).sensor
-        shift, tilt = ((found[name] * raw).sum(axis=(-2, -1)) for name in ("shift", "tilt"))
+        derivatives = exposure_jacobian(self._images, self._signals, energies, ("sensor",)).sensor
+        shift, tilt = ((derivatives[name] * raw).sum(axis=(-2, -1)) for name in ("shift", "tilt"))
         return {"shift": float(shift), "tilt": tilt}
 
     def _require_thin_lenslets(self) -> None:

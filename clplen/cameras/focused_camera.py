@@ -23,7 +23,7 @@ from clplen.checks import fits_float64
 from clplen.compute.device import DeviceLike
 from clplen.wave.elements.lenslets import MicrolensArray
 
-LEAST_PATCH = 0.1  # minimum shift between pictures of neighbouring lenslets, in pixels
+MIN_PATCH_PIXELS = 0.1  # minimum shift between pictures of neighbouring lenslets, in pixels
 
 
 @dataclass(frozen=True, repr=False)
@@ -63,8 +63,8 @@ class Plenoptic2(Plenoptic):
 
         Chief rays through neighbouring lenslets, p apart on the array, are p F/z2 apart there.
         """
-        seen = self.mla.pitch * self.image_distance / self.array_distance
-        return abs(self.m) * seen / self.pixel_pitch
+        spacing = self.mla.pitch * self.image_distance / self.array_distance
+        return abs(self.m) * spacing / self.pixel_pitch
 
     @property
     def views(self) -> float:
@@ -80,13 +80,13 @@ class Plenoptic2(Plenoptic):
         """Return the derived parameters as a `Description`."""
         p, d, lam = self.mla.pitch, self.mla.diameter, self.wavelength
         kind = "Keplerian" if self.m > 0 else "Galilean"
-        where = "behind" if self.m > 0 else "before"
+        side = "behind" if self.m > 0 else "before"
         ny, nx = self.grid.shape
         rows = (
             Row("focal length", self.focal_length, "m", "main lens"),
             Row("object distance", self.object_distance, "m", "focused plane to main lens"),
             Row("image distance", self.image_distance, "m", "F, main lens to its image"),
-            Row("array distance", self.array_distance, "m", f"z2 = F + a, {where} the image"),
+            Row("array distance", self.array_distance, "m", f"z2 = F + a, {side} the image"),
             Row("a", self.a, "m", "image to array"),
             Row("b", self.b, "m", "array to sensor"),
             Row("m", self.m, "", "b/a, magnification of a lenslet"),
@@ -204,7 +204,7 @@ def type2(
         field_lens=False,
         m=float(m),
     )
-    if camera.patch_size < LEAST_PATCH:
+    if camera.patch_size < MIN_PATCH_PIXELS:
         raise ValueError(
             f"m = {m:.3g} (a = {camera.a:g} m) shifts the picture by only "
             f"{camera.patch_size:.2g} pixels from lenslet to lenslet: use abs(m) >= "
@@ -261,5 +261,5 @@ def _matched_aperture(match: str, *, pitch: float, F: float, z2: float, b: float
 
 def _least_m(f: float, F: float, pixels: float) -> float:
     """Return m of the smallest patch, m pixels F/(F + f + f/m), of a Keplerian camera."""
-    linear, square = LEAST_PATCH * (F + f), pixels * F
-    return (linear + math.sqrt(linear**2 + 4 * square * LEAST_PATCH * f)) / (2 * square)
+    linear, square = MIN_PATCH_PIXELS * (F + f), pixels * F
+    return (linear + math.sqrt(linear**2 + 4 * square * MIN_PATCH_PIXELS * f)) / (2 * square)

@@ -58,15 +58,19 @@ from clplen.wave.spectrum.spectrum_tables import check_wavelength
 
 Vector = np.ndarray[Any, Any]
 
-LEAST = 8  # minimum pixels of a sub-image
-MOST = 2**28  # maximum pixels of a sensor, 1 GiB of float32
-WHOLE = 0.95  # fraction of a lenslet's aperture in the pupil above which it counts as whole
-LIT = 0.02  # fraction of a lenslet's aperture in the pupil below which it makes no sub-image
-SAMPLES = 128  # samples across a lenslet for its fraction in the pupil
-FINENESS = 4.0  # oversampling of the steepest light, because rims are sharp
-GUARD = 1.15  # size of the window over the size of sensor and array
-LONGEST = 16384  # maximum samples of a window along an axis
-MOST_PARTS = 64  # maximum parts of a pixel along an axis
+MIN_SUB_IMAGE_PIXELS = 8  # minimum pixels of a sub-image
+MAX_SENSOR_PIXELS = 2**28  # maximum pixels of a sensor, 1 GiB of float32
+MIN_WHOLE_FRACTION = (
+    0.95  # fraction of a lenslet's aperture in the pupil above which it counts as whole
+)
+MIN_LIT_FRACTION = (
+    0.02  # fraction of a lenslet's aperture in the pupil below which it makes no sub-image
+)
+LENSLET_SAMPLES = 128  # samples across a lenslet for its fraction in the pupil
+OVERSAMPLING = 4.0  # oversampling of the steepest light, because rims are sharp
+WINDOW_MARGIN = 1.15  # size of the window over the size of sensor and array
+MAX_WINDOW_SAMPLES = 16384  # maximum samples of a window along an axis
+MAX_PIXEL_PARTS = 64  # maximum parts of a pixel along an axis
 
 
 @dataclass(frozen=True, repr=False)
@@ -167,24 +171,24 @@ class FourierMicroscope(Described, ObjectiveCamera):
     def lit(self) -> Vector:
         """Fraction of each lenslet's aperture in the pupil, float64, shape (lenslets,)."""
         layout = self.lenslets
-        step = 2 * layout.reach / SAMPLES
-        t = (np.arange(SAMPLES) - (SAMPLES - 1) / 2) * step
+        step = 2 * layout.reach / LENSLET_SAMPLES
+        t = (np.arange(LENSLET_SAMPLES) - (LENSLET_SAMPLES - 1) / 2) * step
         shape = layout.coverage(t, t, step)
         inside = self.pupil_diameter / 2 - np.hypot(*layout.positions.T)
-        found = (inside > 0).astype(np.float64)
+        fractions = (inside > 0).astype(np.float64)
         for lenslet in np.flatnonzero(np.abs(inside) < layout.reach + step):
             y, x = layout.positions[lenslet]
             rim = self.pupil_diameter / 2 - np.hypot(y + t[:, None], x + t)
-            found[lenslet] = (shape * covered(rim, step)).sum() / shape.sum()
-        return found
+            fractions[lenslet] = (shape * covered(rim, step)).sum() / shape.sum()
+        return fractions
 
     @property
     def sine(self) -> float:
         """sin(theta) of the outermost lenslet with its whole aperture in the pupil, or NaN."""
-        whole = self.lenslets.positions[self.lit >= WHOLE]
-        if not len(whole):
+        positions = self.lenslets.positions[self.lit >= MIN_WHOLE_FRACTION]
+        if not len(positions):
             return math.nan
-        farthest = float(np.hypot(*whole.T).max())
+        farthest = float(np.hypot(*positions.T).max())
         return self.magnification * farthest / (self.relay * self.medium_index)
 
     def displacement(self, z: float) -> Vector:
@@ -252,8 +256,9 @@ class FourierMicroscope(Described, ObjectiveCamera):
             Row("numerical aperture", self.na, "", f"in a medium of index {n:g}"),
             Row("relay focal length", self.relay, "m", "f_FL, Fourier lens"),
             Row("pupil", D, "m", "2 NA f_FL/M, conjugate, where the lenslets lie"),
-            Row("lenslets", len(layout), "", f"{int((self.lit >= LIT).sum())} with light, "
-                f"{int((self.lit >= WHOLE).sum())} whole, {layout.fill}"),
+            Row("lenslets", len(layout), "",
+                f"{int((self.lit >= MIN_LIT_FRACTION).sum())} with light, "
+                f"{int((self.lit >= MIN_WHOLE_FRACTION).sum())} whole, {layout.fill}"),
             Row("lenslet diameter", d, "m", "d"),
             Row("lenslets across the pupil", D / d, "", "N = D/d (Guo et al. 2019)"),
             Row("lenslet focal length", float(kinds[0]), "m", "f_ML" + ("" if len(kinds) == 1
@@ -342,29 +347,29 @@ class FourierMicroscope(Described, ObjectiveCamera):
         """
         reach = self.magnification * np.abs(points.positions[:, :2]).max(axis=1)
         reach += self.objective.blur(points.positions[:, 2])
-        wanted = (
-            FINENESS
+        min_parts = (
+            OVERSAMPLING
             * self.pixel_pitch
             * max(
                 2 * self.slope / self.wavelength,
                 (float(reach.max()) + self.field_stop / 2)
                 / (self.wavelength * self.relay)
-                / FINENESS,
+                / OVERSAMPLING,
             )
         )
-        parts = max(1, math.ceil(wanted))
+        parts = max(1, math.ceil(min_parts))
         pitch = self.pixel_pitch / parts
         sides = 2 * (np.abs(self.lenslets.positions).max(axis=0) + self.lenslets.reach)
-        across = GUARD * np.maximum(np.array(self.grid.extent), sides)
+        across = WINDOW_MARGIN * np.maximum(np.array(self.grid.extent), sides)
         shape = [
             parts * quick_length(int(n), side / self.pixel_pitch)
             for n, side in zip(self.grid.shape, across, strict=True)
         ]
-        if max(shape) > LONGEST or parts > MOST_PARTS:
+        if max(shape) > MAX_WINDOW_SAMPLES or parts > MAX_PIXEL_PARTS:
             raise SamplingError(
                 f"Points need a window of {shape[0]} x {shape[1]} samples of {pitch:.3g} m, but "
-                f"{LONGEST} is the maximum along an axis: move them nearer to the focal plane, or "
-                "use a smaller field stop or fewer lenslets."
+                f"{MAX_WINDOW_SAMPLES} is the maximum along an axis: move them nearer to the focal "
+                "plane, or use a smaller field stop or fewer lenslets."
             )
         origin = [pitch / 2 if n % 2 == 0 else 0.0 for n in shape]
         return Grid((shape[0], shape[1]), pitch, origin=(origin[0], origin[1])), parts
@@ -415,9 +420,9 @@ class FourierMicroscope(Described, ObjectiveCamera):
     def _stopped(self, field: Field) -> Field:
         """Return the field behind the stop; transforms of one window need no phase."""
         device, grid = self.device, field.grid
-        places = [f * self.wavelength * self.relay for f in (grid.fy, grid.fx)]
-        step = float(places[1][1] - places[1][0])
-        inside = covered(self.field_stop / 2 - np.hypot(places[0][:, None], places[1]), step)
+        axes = [f * self.wavelength * self.relay for f in (grid.fy, grid.fx)]
+        step = float(axes[1][1] - axes[1][0])
+        inside = covered(self.field_stop / 2 - np.hypot(axes[0][:, None], axes[1]), step)
         device.fft.inverse(field.data, device)
         stopped = multiply(field, device.upload(inside.astype(device.complex)))
         device.fft.forward(stopped.data, device)
@@ -522,10 +527,10 @@ def fourier_microscope(
     s = float(focal[0]) if sensor_distance is None else float(sensor_distance)
     stop = layout.diameter * relay / s if field_stop is None else float(field_stop)
     pixels = stop * s / relay / pixel_pitch
-    if pixels < LEAST:
+    if pixels < MIN_SUB_IMAGE_PIXELS:
         raise SamplingError(
-            f"A sub-image must have at least {LEAST} pixels (field_stop s/(f_FL pixel_pitch)), got "
-            f"{pixels:.3g}: use smaller pixels, or a wider field stop."
+            f"A sub-image must have at least {MIN_SUB_IMAGE_PIXELS} pixels (field_stop s/(f_FL "
+            f"pixel_pitch)), got {pixels:.3g}: use smaller pixels, or a wider field stop."
         )
     camera = FourierMicroscope(
         magnification=float(magnification),
@@ -543,7 +548,7 @@ def fourier_microscope(
         cover=cover,
         apodisation=float(apodisation),
     )
-    if not (camera.lit >= LIT).any():
+    if not (camera.lit >= MIN_LIT_FRACTION).any():
         raise ValueError(
             f"At least one lenslet must lie in the pupil, {camera.pupil_diameter:g} m wide about "
             "the axis (2 NA f_FL/M). Lengths are in metres."
@@ -555,15 +560,16 @@ def _sensor(camera: FourierMicroscope, shape: tuple[int, int] | None) -> Grid:
     """Return the sensor's grid about the axis; by default it holds all sub-images with light."""
     pitch = camera.pixel_pitch
     if shape is None:
-        farthest = np.abs(camera.lenslets.positions[camera.lit >= LIT]).max(axis=0)
+        farthest = np.abs(camera.lenslets.positions[camera.lit >= MIN_LIT_FRACTION]).max(axis=0)
         sides = 2 * farthest + max(camera.sub_image, camera.lenslets.diameter)
         shape = (math.ceil(sides[0] / pitch - 1e-6), math.ceil(sides[1] / pitch - 1e-6))
     elif np.shape(shape) != (2,) or any(not is_integer(n) or n < 1 for n in shape):
         raise ShapeError(f"shape must be (ny, nx) pixels of the sensor, got {shape!r}.")
     ny, nx = int(shape[0]), int(shape[1])
-    if ny * nx > MOST:
+    if ny * nx > MAX_SENSOR_PIXELS:
         raise ValueError(
-            f"The sensor must have at most {MOST:,} pixels, got {ny} x {nx}. Lengths are in metres."
+            f"The sensor must have at most {MAX_SENSOR_PIXELS:,} pixels, got {ny} x {nx}. "
+            "Lengths are in metres."
         )
     return Grid(
         (ny, nx),

@@ -73,9 +73,9 @@ from clplen.wave.spectrum.spectrum_tables import check_wavelength
 
 Vector = np.ndarray[Any, Any]
 
-GUARD = 2  # lenslets of light around the geometrical blur
-MISMATCH = 0.1  # relative difference of the f-numbers above which a SamplingWarning is issued
-SPARROW = 0.47  # Sparrow's resolution limit of the objective, in lam/NA
+GUARD_LENSLETS = 2  # lenslets of light around the geometrical blur
+MAX_MISMATCH = 0.1  # relative difference of the f-numbers above which a SamplingWarning is issued
+SPARROW_FACTOR = 0.47  # Sparrow's resolution limit of the objective, in lam/NA
 Law = Literal["paraxial", "sharpest", "marginal"]
 LAWS = get_args(Law)
 
@@ -218,8 +218,10 @@ class Microscope(Described, ObjectiveCamera, LensletCamera):
         ValueError
             If ``law`` has another value.
         """
-        given = real_array(dz, "dz", np.float64)
-        return _as_given(-given * self._ratio(law, given, focus_ratio) / self._depth_of_disparity)
+        distance = real_array(dz, "dz", np.float64)
+        return _as_given(
+            -distance * self._ratio(law, distance, focus_ratio) / self._depth_of_disparity
+        )
 
     def z(self, disparity: Any, *, law: Law = "paraxial") -> Any:
         """Compute the distance from the native plane in metres, the inverse of `disparity`.
@@ -241,21 +243,26 @@ class Microscope(Described, ObjectiveCamera, LensletCamera):
         ValueError
             If ``law`` has another value.
         """
-        given = real_array(disparity, "disparity", np.float64)
-        ratio = self._ratio(law, given, focus_ratio_of_disparity)
-        return _as_given(-given * self._depth_of_disparity / ratio)
+        values = real_array(disparity, "disparity", np.float64)
+        ratio = self._ratio(law, values, focus_ratio_of_disparity)
+        return _as_given(-values * self._depth_of_disparity / ratio)
 
-    def _ratio(self, law: str, given: Vector, of_each: Callable[[Any, float], float]) -> Vector:
+    def _ratio(
+        self, law: str, values: Vector, focus_ratio_of: Callable[[Any, float], float]
+    ) -> Vector:
         """Return disparity over paraxial disparity, for each number."""
         if law not in LAWS:
             raise ValueError(f"law must be one of {', '.join(map(repr, LAWS))}, got {law!r}.")
         if law == "paraxial":
-            return np.ones(given.shape)
+            return np.ones(values.shape)
         if law == "marginal":
             cosine = math.sqrt(1 - (self.na / self.medium_index) ** 2)
-            return np.full(given.shape, 1 / cosine)
-        found = [of_each(self, float(one)) if np.isfinite(one) else 1.0 for one in given.ravel()]
-        return np.array(found).reshape(given.shape)
+            return np.full(values.shape, 1 / cosine)
+        ratios = [
+            focus_ratio_of(self, float(value)) if np.isfinite(value) else 1.0
+            for value in values.ravel()
+        ]
+        return np.array(ratios).reshape(values.shape)
 
     @property
     def _depth_of_disparity(self) -> float:
@@ -269,7 +276,7 @@ class Microscope(Described, ObjectiveCamera, LensletCamera):
         sparrow, views = self.sparrow, self.resolvable
         depth = lam * n / self.na**2
         ny, nx = self.grid.shape
-        close = abs(self.matched - 1) <= MISMATCH
+        close = abs(self.matched - 1) <= MAX_MISMATCH
         rows = (
             Row("magnification", M, "", f"tube lens {self.tube_lens * 1e3:g} mm"),
             Row("numerical aperture", self.na, "", f"in a medium of index {n:g}"),
@@ -299,7 +306,7 @@ class Microscope(Described, ObjectiveCamera, LensletCamera):
     @property
     def sparrow(self) -> float:
         """Sparrow limit 0.47 lam/NA in metres."""
-        return SPARROW * self.wavelength / self.na
+        return SPARROW_FACTOR * self.wavelength / self.na
 
     @property
     def resolvable(self) -> float:
@@ -331,10 +338,10 @@ class Microscope(Described, ObjectiveCamera, LensletCamera):
         """
         distance = np.abs(np.asarray(z, np.float64))
         with np.errstate(divide="ignore"):
-            found = self.mla.diameter / (
-                2 * SPARROW * self.wavelength * self.magnification * distance
+            limit = self.mla.diameter / (
+                2 * SPARROW_FACTOR * self.wavelength * self.magnification * distance
             )
-        return _as_given(np.where(distance >= self.native_zone, found, np.nan))
+        return _as_given(np.where(distance >= self.native_zone, limit, np.nan))
 
     def expose(
         self,
@@ -432,20 +439,20 @@ class Microscope(Described, ObjectiveCamera, LensletCamera):
         """Compute the energy on pixels that integrate, in a window for each point."""
         total = self.device.zeros(self.grid.shape, self.device.real)
         done = 0
-        for same, windows in self._windows(points):
-            add_windows(windows, points.power[same], total)
+        for indices, windows in self._windows(points):
+            add_windows(windows, points.power[indices], total)
             samples = windows.shape.samples
-            transforms.append((3 * len(same), (samples, samples)))
-            done += len(same)
+            transforms.append((3 * len(indices), (samples, samples)))
+            done += len(indices)
             if progress is not None:
                 progress(done, len(points))
         return self.device.download(total).astype(np.float64)
 
     def _windows(self, points: PointSources) -> Iterator[tuple[list[int], MicroscopeWindows]]:
         """Yield indices and windows of points in batches of equal shape."""
-        shapes = [_window_shape(self, place, points.diameter) for place in points.positions]
-        for same in batches(shapes, self.device):
-            yield same, MicroscopeWindows.of(self, shapes[same[0]], points.chosen(same))
+        shapes = [_window_shape(self, position, points.diameter) for position in points.positions]
+        for indices in batches(shapes, self.device):
+            yield indices, MicroscopeWindows.of(self, shapes[indices[0]], points.chosen(indices))
 
     def sensor_fields(
         self,
@@ -467,10 +474,10 @@ class Microscope(Described, ObjectiveCamera, LensletCamera):
     def window(self, points: PointSources) -> Grid:
         """Return the smallest extension of the sensor's grid that holds the blur of points."""
         check_positions(points.positions)
-        places = np.abs(points.positions[:, 1::-1]) * self.magnification  # (y, x)
+        images = np.abs(points.positions[:, 1::-1]) * self.magnification  # (y, x)
         half = np.asarray(self.grid.extent) / 2
-        if (places > half).any():
-            x, y, z = points.positions[(places > half).any(axis=1)][0]
+        if (images > half).any():
+            x, y, z = points.positions[(images > half).any(axis=1)][0]
             raise SamplingError(
                 f"The point (x, y, dz) = ({x:g}, {y:g}, {z:g}) m is imaged at "
                 f"({x * self.magnification:g}, {y * self.magnification:g}) m, beyond the array of "
@@ -478,7 +485,7 @@ class Microscope(Described, ObjectiveCamera, LensletCamera):
             )
         blur = self.objective.blur(points.positions[:, 2])[:, None]
         blur += self.magnification * points.diameter / 2
-        reach = (places + blur + GUARD * self.mla.pitch).max(axis=0)
+        reach = (images + blur + GUARD_LENSLETS * self.mla.pitch).max(axis=0)
         shape = tuple(
             n if 2 * r <= n * self.pixel_pitch else quick_length(n, 2 * r / self.pixel_pitch)
             for n, r in zip(self.grid.shape, reach, strict=True)
@@ -595,7 +602,7 @@ def microscope(
     )
     if pixels is None:
         _check_sampling(camera)
-    if abs(camera.matched - 1) > MISMATCH:
+    if abs(camera.matched - 1) > MAX_MISMATCH:
         warn_caller(
             f"The f-numbers of objective and lenslets differ: M/(2 NA) = "
             f"{magnification / (2 * na):.4g}, f_mu/d = "
@@ -638,17 +645,17 @@ def _window_shape(optics: Microscope, position: Vector, diameter: float) -> Wind
     """Return the window of a point at (x, y, z) in metres about the native plane."""
     M, lam, mla = optics.magnification, optics.wavelength, optics.mla
     slope = optics.na / M + mla.steepest_slope(lam)
-    many = math.floor(
+    finer = math.floor(
         2 * (slope + ORDERS * lam / mla.diameter) * optics.pixel_pitch / lam / BAND
     ) + 1  # fmt: skip
-    dx = optics.pixel_pitch / many
+    dx = optics.pixel_pitch / finer
     walk = optics.sensor_distance * slope
     blur = float(optics.objective.blur(position[2])) + M * diameter / 2
     half = blur + RINGS * 0.61 * lam * M / optics.na + mla.pitch + walk
     samples = 2 * smooth_length(math.ceil(half / dx))
     middle = 0.5 - slope * dx / lam
     rim = (middle - TRANSITION / 2, middle + TRANSITION / 2)
-    return WindowShape(many, dx, samples, samples, samples, math.ceil(walk / dx), rim)
+    return WindowShape(finer, dx, samples, samples, samples, math.ceil(walk / dx), rim)
 
 
 @dataclass(frozen=True, eq=False)
@@ -675,26 +682,26 @@ class MicroscopeWindows(Windows):
         optics, n = self.optics, self.shape.samples
         out = optics.device.empty((len(self.points), n, n), optics.device.complex)
         for number, centre in enumerate(self.centres):
-            one = PointSources(self.points.positions[number], diameter=self.points.diameter)
+            point = PointSources(self.points.positions[number], diameter=self.points.diameter)
             grid = Grid((n, n), self.shape.pitch, origin=self._origin(centre))
-            out[number] = optics.objective.fields(one, grid, optics.device).data[0]
+            out[number] = optics.objective.fields(point, grid, optics.device).data[0]
         return out
 
 
 def microscope_images(camera: Microscope, points: PointSources) -> Iterator[DeviceImages]:
     """Yield images of single points on the pixels, without crosstalk, in batches."""
     if camera.pixels is not None:
-        for same, windows in camera._windows(points):
-            yield window_images(same, windows, *window_samples(windows))
+        for indices, windows in camera._windows(points):
+            yield window_images(indices, windows, *window_samples(windows))
         return
     window = camera.window(points)
     first = [(big - n) // 2 for big, n in zip(window.shape, camera.grid.shape, strict=True)]
     middle = PixelSums((first[0], first[1]), 1, 0.0, (0, 0), camera.grid.shape)
     done = 0
-    for some in camera.batches(points, window):
-        which = list(range(done, done + len(some)))
-        done += len(some)
-        fields = camera.sensor_fields(some, window).data
+    for batch in camera.batches(points, window):
+        which = list(range(done, done + len(batch)))
+        done += len(batch)
+        fields = camera.sensor_fields(batch, window).data
         sums, gains = [middle] * len(which), np.ones(len(which))
         yield images_on_patches(which, fields, sums, gains, camera.device)
 

@@ -73,11 +73,11 @@ class TextureOperator(ArrayMap):
         require(Plenoptic, camera, "camera", "PlenopticCamera.type1")
         require(SurfaceScene, scene, "scene", "SurfaceScene")
         self.camera, self.scene = camera, scene
-        unique = {id(one.texture): one.texture for one in scene.surfaces}
+        unique = {id(surface.texture): surface.texture for surface in scene.surfaces}
         self.textures: tuple[Texture, ...] = tuple(unique.values())
         self.device: Device = camera.device
-        one = self.textures[0].samples.shape if len(self.textures) == 1 else None
-        self.in_shape: tuple[int, ...] = one or (sum(t.samples.size for t in self.textures),)
+        surface = self.textures[0].samples.shape if len(self.textures) == 1 else None
+        self.in_shape: tuple[int, ...] = surface or (sum(t.samples.size for t in self.textures),)
         self.out_shape: tuple[int, ...] = camera.grid.shape
         self.dtype: np.dtype[Any] = np.dtype(np.float32)
         self._rays: SurfaceRays | None = None
@@ -100,9 +100,9 @@ class TextureOperator(ArrayMap):
         for image, samples in zip(images, values, strict=True):
             texels, first = [], 0
             for texture in self.textures:
-                own = samples[first : first + texture.samples.size]
-                found = spline_coefficients(own.reshape(texture.samples.shape))
-                texels.append(np.broadcast_to(found, (*found.shape[:2], channels)).ravel())
+                texture_samples = samples[first : first + texture.samples.size]
+                splines = spline_coefficients(texture_samples.reshape(texture.samples.shape))
+                texels.append(np.broadcast_to(splines, (*splines.shape[:2], channels)).ravel())
                 first += texture.samples.size
             coefficients = device.upload(np.concatenate(texels).astype(np.float32))
             self._rays_ready().expose(raw, coefficients)
@@ -114,20 +114,20 @@ class TextureOperator(ArrayMap):
         device, channels = self.device, self.scene.channels
         images = device.download(data).reshape(-1, *self.out_shape)
         sizes = [t.samples.shape[0] * t.samples.shape[1] * channels for t in self.textures]
-        found = []
+        gradients = []
         for image in images:
             parts = np.split(self._rays_ready().adjoint(image), np.cumsum(sizes)[:-1])
             for texture, part in zip(self.textures, parts, strict=True):
-                ny, nx, own = texture.samples.shape
+                ny, nx, own_channels = texture.samples.shape
                 spread = spline_coefficients(part.reshape(ny, nx, channels))
-                counts = spread if own == channels else spread.sum(axis=2, keepdims=True)
-                found.append(counts.ravel())
-        values = np.concatenate(found) if found else np.zeros(0)
+                counts = spread if own_channels == channels else spread.sum(axis=2, keepdims=True)
+                gradients.append(counts.ravel())
+        values = np.concatenate(gradients) if gradients else np.zeros(0)
         return device.upload(values.astype(np.float32).reshape(*data.shape[:-2], *self.in_shape))
 
     def _rays_ready(self) -> SurfaceRays:
         """Return the rays with their tables on the device."""
         if self._rays is None:
-            plain = SurfaceScene([replace(one, spots=()) for one in self.scene.surfaces])
-            self._rays = SurfaceRays.of(self.camera.optics, plain)
+            unlit = SurfaceScene([replace(surface, spots=()) for surface in self.scene.surfaces])
+            self._rays = SurfaceRays.of(self.camera.optics, unlit)
         return self._rays

@@ -99,7 +99,7 @@ def energies_of(operator: ExposureOperator) -> np.ndarray:
 
 @pytest.fixture(autouse=True)
 def few_rays(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(ray_exposure, "MOST_RAYS", 2**13)
+    monkeypatch.setattr(ray_exposure, "MAX_RAYS", 2**13)
 
 
 CASES: dict[str, Any] = {

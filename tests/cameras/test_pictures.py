@@ -198,7 +198,7 @@ def test_auto_takes_what_transforms_less(device, monkeypatch):
     camera = camera_of(device, count=(11, 13))
     full = PicturePlane(RANDOM.random((12, 11)), 4e-4)
     assert camera.expose(full).exposure.route == "points"  # affordable, so exact
-    monkeypatch.setattr(wave_exposure, "AFFORDABLE", 0.0)
+    monkeypatch.setattr(wave_exposure, "MAX_EXACT_OPERATIONS", 0.0)
     one = camera.expose(PicturePlane([[0, 1], [0, 0]], 1e-4))
     many = camera.expose(full)
     assert (one.exposure.route, many.exposure.route) == ("points", "isoplanatic")
@@ -256,6 +256,6 @@ def test_memory_is_asked_for_first(device, monkeypatch):
 
 
 def test_patterns_that_depart_are_said_aloud(device, monkeypatch):
-    monkeypatch.setattr(wave_exposure, "NOTABLE", 0.0)
+    monkeypatch.setattr(wave_exposure, "MAX_PATTERN_ERROR", 0.0)
     with pytest.warns(SamplingWarning, match=r"method='points', exact by \d+ fields"):
         camera_of(device, count=(9, 9)).expose(picture(width=0.4e-3), method="isoplanatic")

@@ -35,7 +35,7 @@ POINTS = [(0.3e-3, -0.2e-3, -0.03), (-0.5e-3, 0.4e-3, 0.02), (0.1e-3, 0.6e-3, 0.
 def test_batches_equal_single_sources(device, monkeypatch):
     camera = small(device, aperture_diameter=1.8e-3, object_distance=0.2)
     one_batch = camera.expose(PointSources(POINTS, diameter=10e-6)).to_numpy()
-    monkeypatch.setattr(wave_exposure, "BATCH_BYTES", 1)
+    monkeypatch.setattr(wave_exposure, "MAX_BATCH_BYTES", 1)
     calls = []
     singles = camera.expose(
         PointSources(POINTS, diameter=10e-6), progress=lambda n, total: calls.append((n, total))

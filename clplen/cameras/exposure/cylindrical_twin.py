@@ -19,12 +19,12 @@ from clplen.compute.fft.lines import smooth_length
 Values = np.ndarray[Any, np.dtype[np.float64]]
 Complex = np.ndarray[Any, np.dtype[np.complex128]]
 
-WIDEST = 8.0  # maximum blur in lenslets; a wider blur is cut at the same curvature
-BESIDE = 3.0  # margin around the blur, in lenslet pitches
-RINGS = 10.0  # further margin for diffraction, in lam z2/D
+MAX_BLUR_LENSLETS = 8.0  # maximum blur in lenslets; a wider blur is cut at the same curvature
+MARGIN_PITCHES = 3.0  # margin around the blur, in lenslet pitches
+MARGIN_RINGS = 10.0  # further margin for diffraction, in lam z2/D
 OFFSETS = (0.0, 0.25, 0.5)  # positions of the lenslets under the blur, in pitches
-FINER = 1.5  # oversampling over Nyquist's rate
-LEAST = 4  # minimum samples a pixel
+OVERSAMPLING = 1.5  # oversampling over Nyquist's rate
+MIN_SAMPLES_PER_PIXEL = 4  # minimum samples a pixel
 
 
 def point_images(optics: WaveOptics, dz: float, wavenumbers: Values) -> Values:
@@ -34,28 +34,28 @@ def point_images(optics: WaveOptics, dz: float, wavenumbers: Values) -> Values:
     beta = float(optics.array_alpha(dz))
     z2, z3, mla = optics.array_distance, optics.sensor_distance, optics.mla
     D, bent = optics.aperture_diameter, abs(1 - beta)
-    if bent * D > WIDEST * mla.pitch:
-        D = WIDEST * mla.pitch / bent
+    if bent * D > MAX_BLUR_LENSLETS * mla.pitch:
+        D = MAX_BLUR_LENSLETS * mla.pitch / bent
     shortest, longest = 1 / wavenumbers.max(), 1 / wavenumbers.min()
     slope = max(1.0, abs(beta)) * D / (2 * z2) + mla.diameter / (2 * min(mla.focal_lengths))
-    dx = min(shortest / (2 * slope * FINER), optics.pixel_pitch / LEAST)
-    half = bent * D / 2 + BESIDE * mla.pitch + RINGS * longest * z2 / D + z3 * slope
+    dx = min(shortest / (2 * slope * OVERSAMPLING), optics.pixel_pitch / MIN_SAMPLES_PER_PIXEL)
+    half = bent * D / 2 + MARGIN_PITCHES * mla.pitch + MARGIN_RINGS * longest * z2 / D + z3 * slope
     n = smooth_length(math.ceil(2 * half / dx))
     x = (np.arange(n) - n // 2) * dx
     at_array = _array_field(wavenumbers, x, D, z2, 1 - beta)
     if not optics.field_lens:
         at_array = at_array * np.exp(1j * np.pi / z2 * wavenumbers[:, None] * x**2)
     onward = np.exp(-1j * np.pi * z3 / wavenumbers[:, None] * fft.fftfreq(n, dx) ** 2)
-    found = []
+    pictures = []
     for offset in OFFSETS:
-        apart = x - offset * mla.pitch
-        apart = apart - mla.pitch * np.round(apart / mla.pitch)
-        open_ = np.clip((mla.diameter / 2 - np.abs(apart)) / dx + 0.5, 0, 1)
+        distance = x - offset * mla.pitch
+        distance = distance - mla.pitch * np.round(distance / mla.pitch)
+        open_ = np.clip((mla.diameter / 2 - np.abs(distance)) / dx + 0.5, 0, 1)
         for focal_length in mla.focal_lengths:
-            lens = np.exp(-1j * np.pi / focal_length * wavenumbers[:, None] * apart**2)
+            lens = np.exp(-1j * np.pi / focal_length * wavenumbers[:, None] * distance**2)
             sensor = fft.ifft(fft.fft(at_array * open_ * lens) * onward)
-            found.append(_on_pixels(np.abs(sensor) ** 2, dx, optics.pixel_pitch))
-    return np.concatenate(found, axis=1)
+            pictures.append(_on_pixels(np.abs(sensor) ** 2, dx, optics.pixel_pitch))
+    return np.concatenate(pictures, axis=1)
 
 
 def _array_field(k: Values, x: Values, D: float, z2: float, bent: float) -> Complex:
@@ -63,7 +63,7 @@ def _array_field(k: Values, x: Values, D: float, z2: float, bent: float) -> Comp
     from scipy import fft
 
     fastest = (np.abs(x).max() + abs(bent) * D / 2) / z2 * k.max()  # turns a metre
-    count = math.ceil(2 * FINER * fastest * D) + 16
+    count = math.ceil(2 * OVERSAMPLING * fastest * D) + 16
     du, n = D / count, len(x)
     dx = x[1] - x[0]
     j, m = np.arange(count) - (count - 1) / 2, np.arange(n) - n // 2
@@ -81,7 +81,7 @@ def _on_pixels(intensity: Values, dx: float, pitch: float) -> Values:
     n = intensity.shape[1]
     running = np.concatenate([np.zeros((len(intensity), 1)), np.cumsum(intensity, axis=1)], axis=1)
     edges = np.arange(0.0, n, pitch / dx)
-    whole = np.minimum(edges.astype(int), n - 1)
-    part = edges - whole
-    at = running[:, whole] * (1 - part) + running[:, whole + 1] * part
+    index = np.minimum(edges.astype(int), n - 1)
+    part = edges - index
+    at = running[:, index] * (1 - part) + running[:, index + 1] * part
     return np.asarray(np.diff(at, axis=1) * dx)

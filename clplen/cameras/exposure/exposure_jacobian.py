@@ -17,8 +17,8 @@ from clplen.reprs import OneLine
 Values = np.ndarray[Any, np.dtype[np.float64]]
 
 GROUPS = ("values", "positions", "lenslets", "sensor")
-OF_LENSLETS = 6  # derivative images of an array, plus an image for each kind of lenslet
-OF_SENSOR = 3  # derivative images of the sensor: shift, tilt along y and x
+LENSLET_IMAGES = 6  # derivative images of an array, plus an image for each kind of lenslet
+SENSOR_IMAGES = 3  # derivative images of the sensor: shift, tilt along y and x
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -81,26 +81,36 @@ def exposure_jacobian(
     _check_memory(images, signals.shape, by)
     shape, parts = signals.shape, images.parts
     image, shared = np.zeros(shape), dict[str, Values]()
-    values = [np.zeros((p.places.size, p.channels, *shape)) for p in parts if "values" in by]
-    places = [np.zeros((len(p.points), 3, *shape)) for p in parts if "positions" in by]
+    values = [np.zeros((p.indices.size, p.channels, *shape)) for p in parts if "values" in by]
+    positions = [np.zeros((len(p.points), 3, *shape)) for p in parts if "positions" in by]
     for index, line in images.lines():
-        for found in point_tangents(line.optics, parts[index].points, by):
-            weights = (energies[index][found.which] @ line.weights).T  # (filters, n)
+        for tangents in point_tangents(line.optics, parts[index].points, by):
+            weights = (energies[index][tangents.which] @ line.weights).T  # (filters, n)
             read = _reader(signals, weights)
-            image += read(found.images[None], True)[0]
+            image += read(tangents.images[None], True)[0]
             if values:
-                values[index][found.which] += _by_values(found, line, signals)
-            if places:
-                changes = np.stack([read(one[:, None], False) for one in found.positions])
-                places[index][found.which] += np.moveaxis(changes, 0, 1)
-            for name, change in found.shared.items():
+                values[index][tangents.which] += _by_values(tangents, line, signals)
+            if positions:
+                changes = np.stack(
+                    [read(derivative[:, None], False) for derivative in tangents.positions]
+                )
+                positions[index][tangents.which] += np.moveaxis(changes, 0, 1)
+            for name, change in tangents.shared.items():
                 shared[name] = shared.get(name, 0.0) + read(change, True)
     return ExposureJacobian(
         image,
         _spread(images, values) if values else None,
-        np.concatenate(places) if places else None,
-        {name: _plain(name, one) for name, one in shared.items() if name not in ("shift", "tilt")},
-        {name: _plain(name, one) for name, one in shared.items() if name in ("shift", "tilt")},
+        np.concatenate(positions) if positions else None,
+        {
+            name: _plain(name, derivative)
+            for name, derivative in shared.items()
+            if name not in ("shift", "tilt")
+        },
+        {
+            name: _plain(name, derivative)
+            for name, derivative in shared.items()
+            if name in ("shift", "tilt")
+        },
     )
 
 
@@ -115,22 +125,22 @@ def _reader(signals: PixelSignals, weights: Values) -> Callable[[Values, bool], 
     return read
 
 
-def _by_values(found: PointTangents, line: SceneLine, signals: PixelSignals) -> Values:
+def _by_values(tangents: PointTangents, line: SceneLine, signals: PixelSignals) -> Values:
     """Compute pixel signals of points for each channel, shape (n, channels, ny, nx)."""
-    each = [
-        signals.read_values(share[:, None, None, None] * found.images) for share in line.weights
+    channels = [
+        signals.read_values(share[:, None, None, None] * tangents.images) for share in line.weights
     ]
-    return np.stack(each, axis=1)
+    return np.stack(channels, axis=1)
 
 
 def _spread(images: SceneImages, values: Sequence[Values]) -> Values:
     """Return derivatives by all values of a scene, 0 for dark samples, shape (size, ny, nx)."""
-    whole = []
-    for part, own in zip(images.parts, values, strict=True):
-        every = np.zeros((part.size // part.channels, *own.shape[1:]))
-        every[part.places] = own
-        whole.append(every.reshape(part.size, *own.shape[2:]))
-    return np.concatenate(whole)
+    blocks = []
+    for part, derivatives in zip(images.parts, values, strict=True):
+        block = np.zeros((part.size // part.channels, *derivatives.shape[1:]))
+        block[part.indices] = derivatives
+        blocks.append(block.reshape(part.size, *derivatives.shape[2:]))
+    return np.concatenate(blocks)
 
 
 def _plain(name: str, change: Values) -> Values:
@@ -143,8 +153,8 @@ def _check_memory(images: SceneImages, shape: tuple[int, int], by: Sequence[Any]
     for part in images.parts:
         columns += part.size * ("values" in by) + 3 * len(part.points) * ("positions" in by)
     if "lenslets" in by:
-        columns += OF_LENSLETS + len(images.parts[0].lines[0].optics.mla.focal_lengths)
-    columns += OF_SENSOR * ("sensor" in by)
+        columns += LENSLET_IMAGES + len(images.parts[0].lines[0].optics.mla.focal_lengths)
+    columns += SENSOR_IMAGES * ("sensor" in by)
     nbytes, free = 8 * columns * shape[0] * shape[1], free_memory()
     if nbytes > free:
         raise MemoryError(

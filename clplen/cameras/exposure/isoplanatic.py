@@ -35,8 +35,8 @@ from clplen.wave.field.field import Field
 Vector = np.ndarray[Any, np.dtype[np.float64]]
 Complex = np.ndarray[Any, np.dtype[np.complex128]]
 TEETH = 8  # samples of the spreading kernel
-ROOM = 1.25  # band of the pixels over band of the pattern; the kernel's error is then 3e-5
-KEPT = 0.45  # cycles a sample above which the kernel has no signal
+BAND_RATIO = 1.25  # band of the pixels over band of the pattern; the kernel's error is then 3e-5
+MAX_SIGNAL_FREQUENCY = 0.45  # cycles a sample above which the kernel has no signal
 
 
 @dataclass(frozen=True, eq=False)
@@ -73,17 +73,17 @@ def layout(optics: WaveOptics, plane: PicturePlane) -> Layout:
     """Plan patterns, patches and windows for a picture; the camera's array is not rotated."""
     grid = pattern_grid(optics)
     patch_list = patches(optics, plane, grid, powers(optics, plane))
-    finer = max(1, math.ceil(2 * ROOM * _band(optics) * optics.pixel_pitch))
+    finer = max(1, math.ceil(2 * BAND_RATIO * _band(optics) * optics.pixel_pitch))
     pixel = optics.pixel_pitch / finer
-    beyond = _beyond(optics, plane)
+    overhang = _beyond(optics, plane)
     window = []
     for axis, pitch in enumerate((grid.height, grid.pitch)):
         first = [patch.first[axis] for patch in patch_list]
         last = [patch.first[axis] + patch.count[axis] for patch in patch_list]
         ends = np.abs([*first, *last])
         shift = (int(ends.max()) + 1) * pitch * optics.sub_image_scale / pixel
-        own = finer * optics.grid.shape[axis] + math.ceil(beyond[axis] / pixel)
-        window.append(smooth_length(max(own, math.ceil(2 * shift) + 2 * TEETH)))
+        size = finer * optics.grid.shape[axis] + math.ceil(overhang[axis] / pixel)
+        window.append(smooth_length(max(size, math.ceil(2 * shift) + 2 * TEETH)))
     padding = optics.padding(plane.corners().positions)
     return Layout(grid, patch_list, finer, (window[0], window[1]), padding)
 
@@ -131,10 +131,10 @@ def _band(optics: WaveOptics) -> float:
 
 def _beyond(optics: WaveOptics, plane: PicturePlane) -> tuple[float, float]:
     """Return the reach of light past the sensor's edge along y and x, in metres."""
-    places = np.abs(optics.on_array(plane.corners().positions)).max(axis=0)[::-1]
-    past = places * optics.sub_image_scale + optics.spread(plane.z)
-    past -= np.asarray(optics.grid.extent) / 2
-    y, x = np.maximum(past, 0)
+    images = np.abs(optics.on_array(plane.corners().positions)).max(axis=0)[::-1]
+    overhang = images * optics.sub_image_scale + optics.spread(plane.z)
+    overhang -= np.asarray(optics.grid.extent) / 2
+    y, x = np.maximum(overhang, 0)
     return float(y), float(x)
 
 
@@ -218,7 +218,7 @@ def _meets(
 
 def _beta() -> float:
     """Return the spreading kernel's beta: its main lobe ends at the first alias."""
-    return math.pi * TEETH * (1 - 1 / (2 * ROOM))
+    return math.pi * TEETH * (1 - 1 / (2 * BAND_RATIO))
 
 
 def _put_comb(c: cla.Array, weights: Complex, teeth: Teeth, plan: Layout, device: Device) -> None:
@@ -265,8 +265,8 @@ def _finished(
 
 
 def _unspread(length: int) -> Vector:
-    """Return 1 over the spectrum of I0(beta sqrt(1 - (2 t/w)^2))/I0(beta), 0 above KEPT."""
+    """Return 1 over the spectrum of I0(beta sqrt(1 - (2 t/w)^2))/I0(beta), 0 above the band."""
     f = np.fft.fftfreq(length)
     root = np.sqrt(np.maximum(_beta() ** 2 - (math.pi * TEETH * f) ** 2, 1e-12))
     spectrum = TEETH * np.sinh(root) / root / np.i0(_beta())
-    return np.where(np.abs(f) <= KEPT, 1 / spectrum, 0.0)
+    return np.where(np.abs(f) <= MAX_SIGNAL_FREQUENCY, 1 / spectrum, 0.0)

@@ -32,8 +32,8 @@ from clplen.units import amount
 from clplen.wave.coherence.averaging import Progress
 from clplen.wave.field.field import Field
 
-REGION_BYTES = 2**27  # maximum bytes of the array's transmission that windows share
-FINER_INTENSITY = 2  # samples of the intensity for each sample of the field
+MAX_REGION_BYTES = 2**27  # maximum bytes of the array's transmission that windows share
+INTENSITY_OVERSAMPLING = 2  # samples of the intensity for each sample of the field
 
 
 def check_windows(optics: WaveOptics, points: PointSources) -> None:
@@ -41,12 +41,12 @@ def check_windows(optics: WaveOptics, points: PointSources) -> None:
     device, positions = optics.device, points.positions
     beta = np.atleast_1d(optics.array_alpha(positions[:, 2]))
     reach = np.abs(optics.on_array(positions)).max(axis=1) / optics.array_distance
-    wide = np.abs(1 - beta) * np.maximum(1, np.abs(beta)) * (1 + reach**2)
-    worst = positions[int(wide.argmax())]
+    widths = np.abs(1 - beta) * np.maximum(1, np.abs(beta)) * (1 + reach**2)
+    worst = positions[int(widths.argmax())]
     shape = _shape(optics, worst, points.diameter)
     largest = max(shape.samples, shape.pupil) ** 2 * device.complex.itemsize
-    most = min(device.memory_bytes, int(device.cl_device.max_mem_alloc_size))
-    if shape.nbytes(device) <= device.memory_bytes and largest <= most:
+    available = min(device.memory_bytes, int(device.cl_device.max_mem_alloc_size))
+    if shape.nbytes(device) <= device.memory_bytes and largest <= available:
         return
     blur = optics.aperture_diameter * abs(1 - float(optics.array_alpha(worst[2])))
     x, y, dz = worst
@@ -69,11 +69,11 @@ def add_local(
     """Add the energy of points to an image of the sensor, each in its own window."""
     energies = points.power if energies is None else energies
     done, transforms = 0, []
-    for same, windows, region in window_batches(optics, points):
-        add_windows(windows, energies[same], total, region)
+    for indices, windows, region in window_batches(optics, points):
+        add_windows(windows, energies[indices], total, region)
         del region  # frees its memory before the next region is computed
-        transforms.append((3 * len(same), (windows.shape.samples, windows.shape.samples)))
-        done += len(same)
+        transforms.append((3 * len(indices), (windows.shape.samples, windows.shape.samples)))
+        done += len(indices)
         if progress is not None:
             progress(done, len(points))
     return Exposure("local", merged(transforms), 0.0)
@@ -84,56 +84,56 @@ def window_batches(
 ) -> Iterator[tuple[list[int], LocalWindows, Region | None]]:
     """Yield windows of points in batches: indices, windows, and the array under them."""
     shapes = [_shape(optics, position, points.diameter) for position in points.positions]
-    together = list(batches(shapes, optics.device))
+    groups = list(batches(shapes, optics.device))
     region: Region | None = None
-    for number, same in enumerate(together):
-        shape = shapes[same[0]]
-        windows = LocalWindows.of(optics, shape, points.positions[same], points.diameter)
+    for number, indices in enumerate(groups):
+        shape = shapes[indices[0]]
+        windows = LocalWindows.of(optics, shape, points.positions[indices], points.diameter)
         if region is None or not region.holds(shape, windows.centres):
             region = None  # frees its memory first
-            region = _region(optics, points, shapes, together[number:])
-        yield same, windows, region
+            region = _region(optics, points, shapes, groups[number:])
+        yield indices, windows, region
 
 
 def _region(
     optics: WaveOptics, points: PointSources, shapes: Sequence[WindowShape],
-    together: Sequence[list[int]],
+    groups: Sequence[list[int]],
 ) -> Region | None:  # fmt: skip
     """Return the array under the first windows and neighbours of their shape.
 
     None if these windows have less area in total than the region that contains them.
     """
-    shape = shapes[together[0][0]]
-    room = min(REGION_BYTES, optics.device.memory_bytes // 8)
-    most = max(room // optics.device.complex.itemsize, shape.samples**2)
-    held: list[Any] = []
+    shape = shapes[groups[0][0]]
+    nbytes = min(MAX_REGION_BYTES, optics.device.memory_bytes // 8)
+    max_samples = max(nbytes // optics.device.complex.itemsize, shape.samples**2)
+    extremes: list[Any] = []
     count = 0
-    for same in together:
-        if shapes[same[0]] != shape:
+    for indices in groups:
+        if shapes[indices[0]] != shape:
             break
-        more = window_centres(optics, shape, points.positions[same])
-        count += len(same)
-        ends = np.concatenate([*held, more])
+        centres = window_centres(optics, shape, points.positions[indices])
+        count += len(indices)
+        ends = np.concatenate([*extremes, centres])
         _, (ny, nx) = bounds(ends, shape.samples)
-        if ny * nx > min(most, count * shape.samples**2):
+        if ny * nx > min(max_samples, count * shape.samples**2):
             break
-        held = [ends.min(axis=0)[None], ends.max(axis=0)[None]]
-    return Region.of(optics, shape, np.concatenate(held)) if held else None
+        extremes = [ends.min(axis=0)[None], ends.max(axis=0)[None]]
+    return Region.of(optics, shape, np.concatenate(extremes)) if extremes else None
 
 
 def batches(shapes: Sequence[WindowShape], device: Device) -> Iterator[list[int]]:
     """Yield indices of windows in batches of equal shape, each window once."""
     ranked = sorted(range(len(shapes)), key=lambda n: shapes[n].sizes)
     for _, run in groupby(ranked, key=lambda n: shapes[n].sizes):
-        same = list(run)
-        shape = shapes[same[0]]
+        members = list(run)
+        shape = shapes[members[0]]
         count = shape.batch(device)
         device.require_memory(
-            shape.nbytes(device) * min(count, len(same)),
+            shape.nbytes(device) * min(count, len(members)),
             f"A point's window of {shape.samples} x {shape.samples} samples",
         )
-        for start in range(0, len(same), count):
-            yield same[start : start + count]
+        for start in range(0, len(members), count):
+            yield members[start : start + count]
 
 
 def local_transforms(optics: WaveOptics, points: PointSources, count: int) -> Transforms:
@@ -160,7 +160,7 @@ def pixel_samples(fields: Field, active: float) -> tuple[cla.Array, PixelSums, f
     room, shape = _surround(active, fields.grid.shape)
     wide = window(fields.data, (*fields.shape[:-2], *shape), device, place=(room, room))
     device.fft.forward(wide, device)
-    return refined(wide, FINER_INTENSITY, device), sums, float(FINER_INTENSITY**2)
+    return refined(wide, INTENSITY_OVERSAMPLING, device), sums, float(INTENSITY_OVERSAMPLING**2)
 
 
 def sample_sums(active: float, shape: tuple[int, int]) -> tuple[PixelSums, tuple[int, int]]:
@@ -168,9 +168,9 @@ def sample_sums(active: float, shape: tuple[int, int]) -> tuple[PixelSums, tuple
     if active == 0:
         return PixelSums((0, 0), 1, 0.0, (0, 0), shape), shape
     room, (ny, nx) = _surround(active, shape)
-    first, width = FINER_INTENSITY * room, FINER_INTENSITY * active
-    sums = PixelSums((first, first), FINER_INTENSITY, width, (0, 0), shape)
-    return sums, (FINER_INTENSITY * ny, FINER_INTENSITY * nx)
+    first, width = INTENSITY_OVERSAMPLING * room, INTENSITY_OVERSAMPLING * active
+    sums = PixelSums((first, first), INTENSITY_OVERSAMPLING, width, (0, 0), shape)
+    return sums, (INTENSITY_OVERSAMPLING * ny, INTENSITY_OVERSAMPLING * nx)
 
 
 def transposed_samples(
@@ -190,8 +190,8 @@ def transposed_samples(
 
 def _surround(active: float, shape: tuple[int, int]) -> tuple[int, tuple[int, int]]:
     """Return the margin of samples that the pixels' sums need, and the window with it."""
-    reach = len(pixel_weights(FINER_INTENSITY * active)) // 2
-    room = -(-reach // FINER_INTENSITY)
+    reach = len(pixel_weights(INTENSITY_OVERSAMPLING * active)) // 2
+    room = -(-reach // INTENSITY_OVERSAMPLING)
     ny, nx = (smooth_length(n + 2 * room) for n in shape)
     return room, (ny, nx)
 
@@ -220,7 +220,7 @@ def window_samples(
     active = 0.0 if optics.pixels is None else optics.pixels.active
     fields = windows.array_fields()
     fields = windows.sensor_spectra(windows.behind_array(fields, region))
-    more = FINER_INTENSITY if active and windows.shape.rim is None else 1
+    more = INTENSITY_OVERSAMPLING if active and windows.shape.rim is None else 1
     fields = refined(fields, more, device)
     return fields, [_sums(windows, n, more, active) for n in range(len(windows.energy))]
 
@@ -244,7 +244,7 @@ def _sums(windows: Windows, number: int, more: int, active: float) -> tuple[Pixe
     k, n = shape.finer, shape.samples
     width = more * k * active
     reach = len(pixel_weights(width)) // 2
-    first, count, place = [], [], []
+    first, count, pixel = [], [], []
     for axis in (0, 1):
         middle = int(windows.centres[number, axis] + windows.shifts[number, axis])
         low = middle - n // 2 + shape.guard + math.ceil(reach / more)
@@ -254,9 +254,9 @@ def _sums(windows: Windows, number: int, more: int, active: float) -> tuple[Pixe
         end = min(high // k, pixels - 1 - pixels // 2)
         first.append(more * (begin * k - middle + n // 2))
         count.append(max(0, end - begin + 1))
-        place.append(begin + pixels // 2)
+        pixel.append(begin + pixels // 2)
     sums = PixelSums(
-        (first[0], first[1]), more * k, width, (place[0], place[1]), (count[0], count[1])
+        (first[0], first[1]), more * k, width, (pixel[0], pixel[1]), (count[0], count[1])
     )
     # the finer inverse transform divides by more^2 as many samples
     scale = more**2 if active else (more * k) ** 2

@@ -23,7 +23,9 @@ from clplen.cameras.scenes.scene_sources import PicturePlane
 
 Vector = np.ndarray[Any, np.dtype[np.float64]]
 Complex = np.ndarray[Any, np.dtype[np.complex128]]
-SPARE = 1.05  # positions a cell and axis over the minimum; keeps the interpolating kernel short
+OVERSAMPLING = (
+    1.05  # positions a cell and axis over the minimum; keeps the interpolating kernel short
+)
 STOP_DB = 80.0  # attenuation of the interpolating kernel's images
 TOLERANCE = 5e-4  # maximum change of the pattern across a picture, of a raw image's maximum
 Powers = tuple[tuple[int, int], ...]
@@ -31,8 +33,12 @@ CONSTANT: Powers = ((0, 0),)
 LINEAR: Powers = ((0, 0), (1, 0), (0, 1))
 EVEN: Powers = ((0, 0), (2, 0), (1, 1), (0, 2))
 QUADRATIC: Powers = ((0, 0), (1, 0), (0, 1), (2, 0), (1, 1), (0, 2))
-OUTERMOST = 0.9  # outermost node, of the distance to the edge; balances both interpolation errors
-PER_RADIAN = 0.35  # measured change of a raw image with the aberration, of its maximum a radian
+OUTERMOST_NODE = (
+    0.9  # outermost node, of the distance to the edge; balances both interpolation errors
+)
+CHANGE_PER_RADIAN = (
+    0.35  # measured change of a raw image with the aberration, of its maximum a radian
+)
 
 
 @dataclass(frozen=True)
@@ -74,10 +80,12 @@ class PatternGrid:
 def pattern_grid(optics: RayOptics) -> PatternGrid:
     """Return the positions for a camera; their number follows from 4 f_c p = 2 D p/(lam z2)."""
     mla = optics.mla
-    least = 2 * optics.aperture_diameter * mla.pitch / (optics.wavelength * optics.array_distance)
-    count = math.ceil(SPARE * least)
+    min_count = (
+        2 * optics.aperture_diameter * mla.pitch / (optics.wavelength * optics.array_distance)
+    )
+    count = math.ceil(OVERSAMPLING * min_count)
     kinds = 2 if mla.lattice == "hexagonal" else 1
-    return PatternGrid(mla.row_pitch, mla.pitch, kinds, count, count / least)
+    return PatternGrid(mla.row_pitch, mla.pitch, kinds, count, count / min_count)
 
 
 @dataclass(frozen=True, eq=False)
@@ -131,14 +139,14 @@ def powers(optics: RayOptics, plane: PicturePlane) -> Powers:
     are omitted.
     """
     y, x = lit_axes(optics, plane)
-    far = max(math.hypot(np.abs(y).max(), np.abs(x).max()), optics.mla.pitch)
+    farthest = max(math.hypot(np.abs(y).max(), np.abs(x).max()), optics.mla.pitch)
     middle = math.hypot((y.max() + y.min()) / 2, (x.max() + x.min()) / 2)
     half = math.hypot(np.ptp(y) / 2, np.ptp(x) / 2)
-    coma, all_astigmatism = aberrations(optics, plane, far)
-    limit = TOLERANCE / PER_RADIAN
-    if coma * half / far + all_astigmatism * (1 - (middle / far) ** 2) <= limit:
+    coma, all_astigmatism = aberrations(optics, plane, farthest)
+    limit = TOLERANCE / CHANGE_PER_RADIAN
+    if coma * half / farthest + all_astigmatism * (1 - (middle / farthest) ** 2) <= limit:
         return CONSTANT
-    if all_astigmatism * (half / far) ** 2 <= limit:
+    if all_astigmatism * (half / farthest) ** 2 <= limit:
         return LINEAR
     return QUADRATIC if coma > limit else EVEN
 
@@ -162,7 +170,9 @@ def patches(
     scale = float(optics.array_scale(plane.z))
     y, x = plane.y * scale, plane.x * scale
     ys, xs = lit_axes(optics, plane)
-    steps = np.zeros(1) if monomials == CONSTANT else np.linspace(-OUTERMOST, OUTERMOST, 5)
+    steps = (
+        np.zeros(1) if monomials == CONSTANT else np.linspace(-OUTERMOST_NODE, OUTERMOST_NODE, 5)
+    )
     nodes_y, nodes_x = (
         _lenslets(optics, axis, (c.max() + c.min()) / 2 + np.ptp(c) / 2 * steps)
         for axis, c in enumerate((ys, xs))
@@ -172,14 +182,14 @@ def patches(
     chosen = _independent(values)
     through = np.linalg.pinv(values[chosen])
     shares = _monomials(y / unit, x / unit, monomials) @ through
-    made = []
+    result = []
     for n, node in enumerate(chosen):
         row, column = (
             float(c) for c in (nodes_y[node // nodes_x.size], nodes_x[node % nodes_x.size])
         )
         share = shares[:, n].reshape(y.size, x.size)
-        made.append(_patch(grid, (row, column), (y, x), (ys, xs), share))
-    return made
+        result.append(_patch(grid, (row, column), (y, x), (ys, xs), share))
+    return result
 
 
 def _monomials(y: Vector, x: Vector, exponents: Powers) -> Vector:

@@ -40,11 +40,11 @@ class PixelSignals:
         if self.is_identity:
             return light[0]
         signal = np.einsum("fyx,fbyx->byx", self._masks(), light)
-        return np.stack([self.pixels.read(one) for one in signal])
+        return np.stack([self.pixels.read(picture) for picture in signal])
 
     def adjoint(self, images: Values) -> Values:
         """Apply the transpose of `read` on the host: shape (filters, batch, ny, nx)."""
-        light = np.stack([self.pixels.read_adjoint(one) for one in images])
+        light = np.stack([self.pixels.read_adjoint(image) for image in images])
         return np.asarray(self._masks()[:, None] * light)
 
     def read_adjoint(self, images: cla.Array, device: Device) -> cla.Array:

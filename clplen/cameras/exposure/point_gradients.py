@@ -27,7 +27,7 @@ from clplen.wave.field.field import Field, Grid
 
 Values = np.ndarray[Any, np.dtype[np.float64]]
 
-SHARE = 2  # number of field sets in memory: those of an exposure, and their cotangents
+FIELD_SETS = 2  # number of field sets in memory: those of an exposure, and their cotangents
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -90,7 +90,7 @@ def point_gradients(
     by_place = np.zeros((len(points), 3))
     pads = optics.padding(points.positions)
     if fields_of is None:
-        fields_of = point_fields(optics, points, share=SHARE)
+        fields_of = point_fields(optics, points, share=FIELD_SETS)
     for fields in fields_of:
         which = fields.which
         samples, _, scale = pixel_samples(fields.at_sensor, active_of(optics))
@@ -111,7 +111,7 @@ def array_fields(
     """
     to_sensor = optics.padding(points.positions)[1]
     counts = _on_samples(optics, pictures)
-    for fields in point_fields(optics, points, share=SHARE):
+    for fields in point_fields(optics, points, share=FIELD_SETS):
         samples, _, scale = pixel_samples(fields.at_sensor, active_of(optics))
         weights = energies[:, fields.which] * (scale / fields.energy)
         behind = _behind_array(optics, fields, samples, weights, counts, to_sensor)
@@ -128,7 +128,9 @@ def _on_samples(optics: WaveOptics, pictures: Values) -> cla.Array:
     """Return the weights of the samples of `pixel_samples` in pictures (filters, ny, nx)."""
     device, active = optics.device, active_of(optics)
     sums, shape = sample_sums(active, optics.grid.shape)
-    counts = pictures if active == 0 else np.stack([sums.spread(one, shape) for one in pictures])
+    counts = (
+        pictures if active == 0 else np.stack([sums.spread(picture, shape) for picture in pictures])
+    )
     return device.upload(np.ascontiguousarray(counts, device.real))
 
 
@@ -137,10 +139,10 @@ def _inner(fields: PointFields, samples: cla.Array, scale: float, counts: cla.Ar
     device, sensor = fields.at_sensor.device, fields.at_sensor
     shape = (int(samples.shape[-2]), int(samples.shape[-1]))
     light = Field(samples, Grid(shape, sensor.grid.pitch), sensor.wavelength, device).intensity()
-    places = np.zeros((len(fields.which), 2), np.int64)
+    origins = np.zeros((len(fields.which), 2), np.int64)
     shapes = np.tile(shape, (len(fields.which), 1))
     gains = scale / fields.energy
-    return DeviceImages(fields.which, light.data, gains, places, shapes, device).inner(counts)
+    return DeviceImages(fields.which, light.data, gains, origins, shapes, device).inner(counts)
 
 
 def _behind_array(
@@ -179,21 +181,21 @@ def _by_place(
     optics: WaveOptics, points: PointSources, fields: PointFields, h: Field, pad: int, lost: Values
 ) -> Values:
     """Compute dL/d(x, y, dz) of points from h before the array, shape (n, 3)."""
-    device, places = optics.device, points.positions[fields.which]
+    device, positions = optics.device, points.positions[fields.which]
     spherical = fields.spherical
     if points.diameter:
-        spherical = optics.spherical_waves(places, full_grid=False)
+        spherical = optics.spherical_waves(positions, full_grid=False)
     grid = spherical.grid
     h = optics.propagator(optics.array_distance, "blas", pad)(h)
     at_lens = h.data
     if grid.shape != h.grid.shape:
-        at_lens = window(at_lens, (len(places), *grid.shape), device)
-    images = optics.image_of(places)[:, ::-1]
+        at_lens = window(at_lens, (len(positions), *grid.shape), device)
+    images = optics.image_of(positions)[:, ::-1]
     behind = optics.behind_main_lens(spherical.with_data(at_lens), images)
-    sums = point_rows(optics, spherical, behind.data, places, points.diameter, lost)
+    sums = point_rows(optics, spherical, behind.data, positions, points.diameter, lost)
     if not optics.aberrations.varies:
         return sums[:, :3]
-    z = optics.object_distance + places[:, 2]
+    z = optics.object_distance + positions[:, 2]
     scale = -optics.image_distance / z  # image (y, x) = (y, x) scale
     by_y, by_x = sums[:, 3], sums[:, 4]
     sums[:, 0] += by_x * scale
@@ -203,14 +205,14 @@ def _by_place(
 
 
 def point_rows(
-    optics: WaveOptics, e0: Field, h: cla.Array, places: Values, diameter: float, lost: Values
+    optics: WaveOptics, e0: Field, h: cla.Array, positions: Values, diameter: float, lost: Values
 ) -> Values:
     """Compute derivatives of Re sum h e by positions of points, from h behind the main lens."""
     device, grid = optics.device, e0.grid
     real, (count, ny, nx) = device.real, e0.shape
-    z = optics.object_distance + places[:, 2]
+    z = optics.object_distance + positions[:, 2]
     scale = np.pi * diameter / (optics.wavelength * z)
-    down, right = grid.y - places[:, 1:2], grid.x - places[:, 0:1]
+    down, right = grid.y - positions[:, 1:2], grid.x - positions[:, 0:1]
     farthest = math.hypot(np.abs(down).max(), np.abs(right).max())
     table, per_step = disc_table(float(scale.max() * farthest), device)
     defines = device.wave_defines() | ({"SIZE": True} if diameter else {})

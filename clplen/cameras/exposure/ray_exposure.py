@@ -25,10 +25,10 @@ from clplen.lightfield.raw.raw_image import RawImage
 Vector = np.ndarray[Any, np.dtype[np.float64]]
 Counts = np.ndarray[Any, np.dtype[np.int64]]
 
-MOST_RAYS = 2**16  # maximum rays of one point
-LEAST_RAYS = 2**8  # minimum rays of one point
-ALL_RAYS = 2**23  # rays of a scene, shared among its points: about 2 s on two cores
-BATCH = 2**20  # rays traced at once
+MAX_RAYS = 2**16  # maximum rays of one point
+MIN_RAYS = 2**8  # minimum rays of one point
+SCENE_RAYS = 2**23  # rays of a scene, shared among its points: about 2 s on two cores
+BATCH_RAYS = 2**20  # rays traced at once
 
 
 def expose_rays(optics: RayOptics, scene: SurfaceScene | Sequence[Source]) -> RawImage:
@@ -88,10 +88,10 @@ def _surfaces(optics: RayOptics, scene: SurfaceScene) -> RawImage:
 
 def _truth(optics: RayOptics, tables: SurfaceTables) -> Truth:
     """Compute the ground truth on the lattice of the lenslets, with z by the optics."""
-    found = centre_truth(tables, optics.mla.count)
-    beta = 1 - found.disparity * (optics.mla.pitch / view_step(optics))
+    truth = centre_truth(tables, optics.mla.count)
+    beta = 1 - truth.disparity * (optics.mla.pitch / view_step(optics))
     alpha = beta * (optics.image_distance / optics.array_distance)
-    return replace(found, z=np.asarray(optics.dz(alpha), np.float32))
+    return replace(truth, z=np.asarray(optics.dz(alpha), np.float32))
 
 
 # Points: rays start at each point and run to the sensor
@@ -99,7 +99,7 @@ def _truth(optics: RayOptics, tables: SurfaceTables) -> Truth:
 
 def rays_of_each(points: int) -> int:
     """Return the number of rays for each point of a scene."""
-    return min(MOST_RAYS, max(LEAST_RAYS, ALL_RAYS // max(1, points)))
+    return min(MAX_RAYS, max(MIN_RAYS, SCENE_RAYS // max(1, points)))
 
 
 @dataclass(frozen=True, eq=False)
@@ -115,19 +115,19 @@ def point_rays(optics: RayOptics, source: PointSources, count: int) -> Iterator[
     """Trace the rays of points in batches."""
     spread = well_spread(count, 4)
     turns = well_spread(len(source), 4)
-    places = optics.on_array(source.positions)[:, ::-1]  # (y, x)
+    images_on_array = optics.on_array(source.positions)[:, ::-1]  # (y, x)
     scale = np.abs(optics.array_scale(source.positions[:, 2]))
     beta = np.atleast_1d(optics.array_alpha(source.positions[:, 2]))
     images = optics.image_of(source.positions)[:, ::-1]
-    step = max(1, BATCH // count)
+    step = max(1, BATCH_RAYS // count)
     for first in range(0, len(source), step):
         part = slice(first, first + step)
         sample = (spread[None] + turns[part, None]) % 1
         on_disc = _disc(sample[..., :2])
         wavefront = _main_lens(optics, on_disc, images[part])
         u = (on_disc + wavefront.centre) * optics.aperture_diameter / 2
-        moved = _disc(sample[..., 2:]) * (source.diameter / 2 * scale[part])[:, None, None]
-        x = places[part, None] + moved + u * (1 - beta[part])[:, None, None]
+        source_offset = _disc(sample[..., 2:]) * (source.diameter / 2 * scale[part])[:, None, None]
+        x = images_on_array[part, None] + source_offset + u * (1 - beta[part])[:, None, None]
         x += optics.array_distance * wavefront.slopes
         shares = np.broadcast_to(wavefront.passed, u.shape[:2]) / count
         pixels = _pixels(optics, x.reshape(-1, 2), u.reshape(-1, 2)).reshape(u.shape[:2])
@@ -149,9 +149,9 @@ def _main_lens(optics: RayOptics, on_disc: Vector, images: Vector) -> _MainLens:
     aberrations, maps = optics.aberrations, optics.aberrations.main_lens_opd
     if not aberrations.bends_main_lens:
         return _MainLens()
-    radius, found, centres, shares = optics.aperture_diameter / 2, [], [], []
-    for places, image in zip(on_disc, images, strict=True):
-        v, u = np.moveaxis(places, -1, 0)
+    radius, bends, centres, shares = optics.aperture_diameter / 2, [], [], []
+    for pupil_positions, image in zip(on_disc, images, strict=True):
+        v, u = np.moveaxis(pupil_positions, -1, 0)
         y, x = (float(at) for at in image)
         centre = (0.0, 0.0) if maps is None else maps.pupil_centre(y, x, optics.wavelength)
         beyond = np.maximum(np.hypot(v + centre[0], u + centre[1]), 1)
@@ -162,10 +162,10 @@ def _main_lens(optics: RayOptics, on_disc: Vector, images: Vector) -> _MainLens:
             moved = np.subtract(maps.chief_ray(y, x, optics.wavelength), (y, x))
             bent += np.stack(of_maps, axis=-1) / radius + moved / optics.image_distance
             shares.append(maps.transmission(y, x, optics.wavelength, v, u))
-        found.append(bent)
+        bends.append(bent)
         centres.append([centre])
     passed: Any = np.stack(shares) if shares else 1.0
-    return _MainLens(np.stack(found), np.array(centres), passed)
+    return _MainLens(np.stack(bends), np.array(centres), passed)
 
 
 def _pixels(optics: RayOptics, x: Vector, u: Vector) -> Counts:
@@ -176,10 +176,10 @@ def _pixels(optics: RayOptics, x: Vector, u: Vector) -> Counts:
     farther = (x @ tilt + optics.sensor_distance * (slope @ tilt)) / (1 - slope @ tilt)
     at = x + (optics.sensor_distance + farther[:, None]) * slope  # farther = at @ tilt
     ny, nx = optics.grid.shape
-    place = np.rint((at - optics.grid.origin) / optics.grid.pitch).astype(np.int64)
-    place += (ny // 2, nx // 2)
-    passes &= ((place >= 0) & (place < (ny, nx))).all(axis=-1)
-    return np.where(passes, place @ (nx, 1), -1)
+    pixel = np.rint((at - optics.grid.origin) / optics.grid.pitch).astype(np.int64)
+    pixel += (ny // 2, nx // 2)
+    passes &= ((pixel >= 0) & (pixel < (ny, nx))).all(axis=-1)
+    return np.where(passes, pixel @ (nx, 1), -1)
 
 
 def _lenslet_bend(optics: RayOptics, x: Vector) -> tuple[Vector, Any]:
@@ -207,7 +207,7 @@ def _nearest_lenslet(mla: Any, local: Vector) -> tuple[Any, Vector, Any]:
     Returns row times columns plus column, positions from its centre, and a mask of hits.
     """
     ny, nx = mla.count
-    best, off = np.zeros_like(local), np.full(len(local), np.inf)
+    best, nearest = np.zeros_like(local), np.full(len(local), np.inf)
     inside, index = np.zeros(len(local), bool), np.zeros(len(local), np.int64)
     near = np.floor(local[:, 0] / mla.row_pitch + (ny - 1) / 2)
     for row in (near, near + 1):
@@ -217,11 +217,11 @@ def _nearest_lenslet(mla: Any, local: Vector) -> tuple[Any, Vector, Any]:
             [(row - (ny - 1) / 2) * mla.row_pitch, (column + shift - (nx - 1) / 2) * mla.pitch], -1
         )
         distance = np.hypot(*(local - centre).T)
-        closer = distance < off
-        best[closer], off[closer] = centre[closer], distance[closer]
-        there = (row >= 0) & (row < ny) & (column >= 0) & (column < nx)
-        inside[closer] = there[closer]
-        index[closer] = np.where(there, row * nx + column, 0)[closer]
+        closer = distance < nearest
+        best[closer], nearest[closer] = centre[closer], distance[closer]
+        exists = (row >= 0) & (row < ny) & (column >= 0) & (column < nx)
+        inside[closer] = exists[closer]
+        index[closer] = np.where(exists, row * nx + column, 0)[closer]
     return index, local - best, inside
 
 

@@ -86,7 +86,7 @@ class ScenePart:
 
     points: PointSources  # points of the member; for pictures the samples that send light
     # index of each point among the member's values, before its channels, int64, shape (n,)
-    places: Counts
+    indices: Counts
     shape: tuple[int, ...]  # shape of the member's values; several channels are the last axis
     channels: int
     lines: tuple[SceneLine, ...]
@@ -117,13 +117,13 @@ class ScenePart:
 
     def energies(self, values: Values) -> Values:
         """Return energies (batch, n, channels) of points and channels from values (batch, size)."""
-        return values.reshape(len(values), -1, self.channels)[:, self.places]
+        return values.reshape(len(values), -1, self.channels)[:, self.indices]
 
     def spread(self, values: Values) -> Values:
         """Return all values of the member, raveled, from (n, channels) of its points, else 0."""
-        whole = np.zeros((self.size // self.channels, self.channels))
-        whole[self.places] = values
-        return whole.ravel()
+        member_values = np.zeros((self.size // self.channels, self.channels))
+        member_values[self.indices] = values
+        return member_values.ravel()
 
     def images(self, line: SceneLine, all_points: int) -> Iterator[SourceImages]:
         """Yield images of the points at a wavelength, in batches."""
@@ -151,15 +151,15 @@ class SceneImages:
         if self._kept is not None:
             yield from self._kept
             return
-        kept: list[tuple[int, SceneLine, SourceImages]] | None = []
+        stored: list[tuple[int, SceneLine, SourceImages]] | None = []
         count, nbytes = sum(len(part.points) for part in self.parts), 0
         for index, line in self.lines():
             for images in self.parts[index].images(line, count):
                 nbytes += images.nbytes
-                if kept is not None:
-                    kept = None if nbytes > self.memory else [*kept, (index, line, images)]
+                if stored is not None:
+                    stored = None if nbytes > self.memory else [*stored, (index, line, images)]
                 yield index, line, images
-        self._kept = kept
+        self._kept = stored
 
     def lines(self) -> Iterator[tuple[int, SceneLine]]:
         """Yield the index of a part and a wavelength."""
@@ -195,10 +195,10 @@ def wave_parts(
     local = is_local(optics, method)
     parts = []
     for source in sources:
-        found = _lines(optics, source, light)
-        for line in (found[0], found[-1]):
+        lines = _lines(optics, source, light)
+        for line in (lines[0], lines[-1]):
             check_positions(line.optics, source, local=local, slide=False)
-        parts.append(ScenePart.of(source, found, "local" if local else "points"))
+        parts.append(ScenePart.of(source, lines, "local" if local else "points"))
     return parts
 
 
@@ -232,13 +232,13 @@ def microscope_parts(
             "A microscope exposes PointSources only: replace pictures by points, or project a "
             "volume (clplen.microscopy.Projector)."
         )
-    found = [
+    scene_lines = [
         SceneLine(replace(camera, wavelength=wavelength), np.array([[share]]))
         for wavelength, share in lines
     ]
     for source in sources:
         camera.window(source)
-    return [ScenePart.of(source, found, "microscope", maker) for source in sources]
+    return [ScenePart.of(source, scene_lines, "microscope", maker) for source in sources]
 
 
 def _refuse_slides(sources: Sequence[Source]) -> None:

@@ -49,7 +49,7 @@ class DeviceImages:
     data: cla.Array  # real, shape (n, height, width)
     gains: Values  # factors to the energy 1, shape (n,)
     # first pixel (y, x) of each image on the sensor, int64, shape (n, 2)
-    places: Counts
+    origins: Counts
     shapes: Counts  # used (height, width) of each image, int64, shape (n, 2)
     device: Device
 
@@ -63,12 +63,12 @@ class DeviceImages:
         device, batch = self.device, len(energies)
         kernel = device.kernel("source_images.cl", "add_images", **device.wave_defines())
         weights = device.upload((energies * self.gains).astype(device.real))
-        frames = [tuple(map(int, (*p, *s))) for p, s in zip(self.places, self.shapes, strict=True)]
+        frames = [tuple(map(int, (*p, *s))) for p, s in zip(self.origins, self.shapes, strict=True)]
         for frame, members in groupby(range(len(frames)), key=lambda n: frames[n]):
-            same, (oy, ox, down, across) = list(members), frame
+            indices, (oy, ox, down, across) = list(members), frame
             if min(down, across) < 1:
                 continue
-            numbers = (same[0], len(same), len(frames), oy, ox, *totals.shape[-2:])
+            numbers = (indices[0], len(indices), len(frames), oy, ox, *totals.shape[-2:])
             sizes = (*self.data.shape[-2:], across)
             device.launch_rows(
                 kernel, (batch, down, across), totals, self.data, weights,
@@ -83,7 +83,7 @@ class DeviceImages:
         device.launch(
             device.kernel("source_images.cl", "image_rows", **device.wave_defines()),
             (height, count, batch), rows, self.data, pictures,
-            *(device.upload(pairs.astype(np.int32)) for pairs in (self.places, self.shapes)),
+            *(device.upload(pairs.astype(np.int32)) for pairs in (self.origins, self.shapes)),
             *(np.int32(n) for n in (count, *pictures.shape[-2:], height, width)),
         )  # fmt: skip
         return device.download(rows).sum(axis=-1, dtype=np.float64) * self.gains
@@ -130,9 +130,9 @@ def images_of(optics: WaveOptics, fields: PointFields) -> DeviceImages:
         fine, sums, scale = pixel_samples(fields.at_sensor, active)
         gains = scale / fields.energy
         return images_on_patches(fields.which, fine, [sums] * count, gains, device)
-    places, shapes = np.zeros((count, 2), np.int64), np.tile(optics.grid.shape, (count, 1))
+    origins, shapes = np.zeros((count, 2), np.int64), np.tile(optics.grid.shape, (count, 1))
     data = fields.at_sensor.intensity().data
-    return DeviceImages(fields.which, data, 1 / fields.energy, places, shapes, device)
+    return DeviceImages(fields.which, data, 1 / fields.energy, origins, shapes, device)
 
 
 def point_images(optics: WaveOptics, points: PointSources) -> Iterator[DeviceImages]:
@@ -143,8 +143,8 @@ def point_images(optics: WaveOptics, points: PointSources) -> Iterator[DeviceIma
 
 def local_images(optics: WaveOptics, points: PointSources) -> Iterator[DeviceImages]:
     """Yield images of points by windows."""
-    for same, windows, region in window_batches(optics, points):
-        images = window_images(same, windows, *window_samples(windows, region))
+    for indices, windows, region in window_batches(optics, points):
+        images = window_images(indices, windows, *window_samples(windows, region))
         del windows, region  # frees the region's memory before the next is computed
         yield images
 
@@ -154,7 +154,7 @@ def window_images(
 ) -> DeviceImages:
     """Return the images of windows from their `window_samples`."""
     gains = np.array([gain for _, gain in sums])
-    pixels = [one for one, _ in sums]
+    pixels = [patch_sums for patch_sums, _ in sums]
     return images_on_patches(which, fields, pixels, gains, windows.optics.device)
 
 
@@ -162,12 +162,13 @@ def images_on_patches(
     which: Any, fields: cla.Array, sums: Sequence[PixelSums], gains: Values, device: Device
 ) -> DeviceImages:
     """Return images of fields by sums over the pixels of a patch for each field."""
-    places, shapes = (
-        np.array([getattr(one, name) for one in sums], np.int64) for name in ("place", "shape")
+    origins, shapes = (
+        np.array([getattr(patch_sums, name) for patch_sums in sums], np.int64)
+        for name in ("pixel", "shape")
     )
     height, width = (max(1, int(n)) for n in shapes.max(axis=0))
-    tall = device.zeros((len(sums) * height, width), device.real)  # patches below each other
-    for number, one in enumerate(sums):
-        replace(one, place=(number * height, 0)).put(tall, fields, number, 1.0, device)
-    data = tall.reshape(len(sums), height, width)
-    return DeviceImages(np.asarray(which, np.int64), data, gains, places, shapes, device)
+    stack = device.zeros((len(sums) * height, width), device.real)  # patches below each other
+    for number, patch_sums in enumerate(sums):
+        replace(patch_sums, pixel=(number * height, 0)).put(stack, fields, number, 1.0, device)
+    data = stack.reshape(len(sums), height, width)
+    return DeviceImages(np.asarray(which, np.int64), data, gains, origins, shapes, device)

@@ -1,10 +1,10 @@
 """Wavelengths that expose sources, and their energy behind each colour filter.
 
 The number of wavelengths follows from a one-dimensional camera (cylindrical_twin.py), without a
-simulation of the camera itself. Its images of a point at `PLACES` wavelengths give the difference
-between raw images by n and by `MOST` wavelengths, averaged over positions beside a lenslet's
-middle. The raw image of a point by n wavelengths is then right to 1e-3 (claims "color"), except for
-points in the middle of an f/2 lenslet, with up to 1.6e-3.
+simulation of the camera itself. Its images of a point at TWIN_WAVELENGTHS wavelengths give the
+difference between raw images by n and by MAX_WAVELENGTHS wavelengths, averaged over positions
+beside a lenslet's middle. The raw image of a point by n wavelengths is then right to 1e-3 (claims
+"color"), except for points in the middle of an f/2 lenslet, with up to 1.6e-3.
 """
 
 from __future__ import annotations
@@ -27,11 +27,11 @@ from clplen.wave.spectrum.spectrum import Spectrum
 
 Values = np.ndarray[Any, np.dtype[np.float64]]
 
-TOLERANCE = 1e-3  # maximum L2 error of a point's raw image, relative to MOST wavelengths
+POINT_TOLERANCE = 1e-3  # maximum L2 error of a point's raw image, relative to MAX_WAVELENGTHS
 PICTURE_TOLERANCE = 3e-3  # the same for points of pictures, where a wavelength takes a minute
-MANY = 256  # luminous samples of a picture above which PICTURE_TOLERANCE applies
-MOST = 41  # maximum number of wavelengths
-PLACES = 48  # wavelengths between which the twin's images are interpolated
+MAX_EXACT_SAMPLES = 256  # luminous samples of a picture above which PICTURE_TOLERANCE applies
+MAX_WAVELENGTHS = 41  # maximum number of wavelengths
+TWIN_WAVELENGTHS = 48  # wavelengths between which the twin's images are interpolated
 
 
 @dataclass(frozen=True)
@@ -56,20 +56,26 @@ def spectral_lines(
     else:
         signal = signal_of(filters, spectra, optics.wavelength)
         _require_signal(signal, spectra, filters)
-    given = None if coherence is None else coherence.wavelengths
+    count = None if coherence is None else coherence.wavelengths
     depths = positions[:, 2].tolist()
-    n = given or wavelengths_needed(optics, depths, signal, tolerance=_tolerance(source))
+    n = count or wavelengths_needed(optics, depths, signal, tolerance=_tolerance(source))
     wavelengths, weights = signal.rule(n)
     return [SpectralLine(float(lam), w) for lam, w in zip(wavelengths, weights, strict=True)]
 
 
 def _tolerance(source: Source) -> float:
-    many = isinstance(source, PicturePlane) and np.count_nonzero(source.energy) > MANY
-    return PICTURE_TOLERANCE if many else TOLERANCE
+    is_large = (
+        isinstance(source, PicturePlane) and np.count_nonzero(source.energy) > MAX_EXACT_SAMPLES
+    )
+    return PICTURE_TOLERANCE if is_large else POINT_TOLERANCE
 
 
 def wavelengths_needed(
-    optics: WaveOptics, depths: Sequence[float], signal: Signal, *, tolerance: float = TOLERANCE
+    optics: WaveOptics,
+    depths: Sequence[float],
+    signal: Signal,
+    *,
+    tolerance: float = POINT_TOLERANCE,
 ) -> int:
     """Return the number of wavelengths that keeps a point's raw image within a tolerance."""
     low, high = signal.band
@@ -77,15 +83,15 @@ def wavelengths_needed(
         return 1
     blurred = [abs(1 - float(optics.array_alpha(dz))) for dz in depths]
     chosen = {min(depths), max(depths), depths[int(np.argmin(blurred))]}
-    t = np.cos(np.pi * (np.arange(PLACES) + 0.5) / PLACES)
+    t = np.cos(np.pi * (np.arange(TWIN_WAVELENGTHS) + 0.5) / TWIN_WAVELENGTHS)
     nu = (low + high) / 2 + (high - low) / 2 * t
     images = [point_images(optics, dz, nu / C) for dz in sorted(chosen)]
     shares = _shares(optics)
-    expected = [_white(signal, MOST, nu, image) * shares for image in images]
-    for n in range(MOST - 1, 0, -1):
-        for image, wanted in zip(images, expected, strict=True):
-            apart = np.linalg.norm(_white(signal, n, nu, image) * shares - wanted)
-            if apart > tolerance * np.linalg.norm(wanted):
+    expected = [_white(signal, MAX_WAVELENGTHS, nu, image) * shares for image in images]
+    for n in range(MAX_WAVELENGTHS - 1, 0, -1):
+        for image, reference in zip(images, expected, strict=True):
+            difference = np.linalg.norm(_white(signal, n, nu, image) * shares - reference)
+            if difference > tolerance * np.linalg.norm(reference):
                 return n + 1
     return 1
 
@@ -104,8 +110,8 @@ def _white(signal: Signal, n: int, nu: Values, images: Values) -> Values:
     wavelengths, weights = signal.rule(n)
     k = np.arange(len(nu))
     signs = (-1.0) ** k * np.sin(np.pi * (k + 0.5) / len(nu))  # Berrut and Trefethen 2004, eq. 5.4
-    apart = C / wavelengths[:, None] - nu
-    parts = signs / np.where(apart == 0, 1e-9, apart)
+    difference = C / wavelengths[:, None] - nu
+    parts = signs / np.where(difference == 0, 1e-9, difference)
     at_nodes = (parts / parts.sum(axis=1, keepdims=True)) @ images
     return np.asarray(weights.sum(axis=1).T @ at_nodes)
 
@@ -114,10 +120,10 @@ def energies_by_pixel(
     filters: ColorFilterArray | None, powers: Values, line: SpectralLine
 ) -> Values:
     """Compute the signal of points on the pixels of a tile."""
-    found = powers @ line.weights
+    signals = powers @ line.weights
     if filters is None or filters.mosaic is None:
-        return np.asarray(found[:, 0])
-    return np.asarray(found[:, filters.index])
+        return np.asarray(signals[:, 0])
+    return np.asarray(signals[:, filters.index])
 
 
 def add_by_tile(image: Values, picture: Values, tile: Values) -> None:

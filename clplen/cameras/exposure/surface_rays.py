@@ -13,7 +13,7 @@ from clplen.cameras.optics.lenslet_camera import lenslet_grid
 from clplen.cameras.optics.ray_optics import RayOptics, view_step
 from clplen.cameras.scenes.surface_scene import (
     FAR,
-    MARGIN,
+    MARGIN_PIXELS,
     SurfaceScene,
     SurfaceTables,
     surface_tables,
@@ -22,8 +22,8 @@ from clplen.lightfield.raw.lenslet_grid import LensletGrid
 
 Vector = np.ndarray[Any, np.dtype[np.float64]]
 
-SAMPLES = 64  # rays for each pixel and lenslet
-WHOLE_BITS = 33  # bits of the largest pixel in the integers of the adjoint
+RAYS_PER_PIXEL = 64  # rays for each pixel and lenslet
+INTEGER_BITS = 33  # bits of the largest pixel in the integers of the adjoint
 
 
 @dataclass(frozen=True, eq=False)
@@ -63,7 +63,7 @@ class SurfaceRays:
         tables = surface_tables(scene, device)
         grid = lenslet_grid(optics, optics.sub_image_scale)
         size = (math.hypot(*grid.row_step), math.hypot(*grid.column_step))  # pixels a sub-image
-        samples = sample_rays(mla, count=SAMPLES)
+        samples = sample_rays(mla, count=RAYS_PER_PIXEL)
         reach = math.ceil((radius + 1 + float(blur.max())) / min(size) + 0.5)
         defines = {"TYPES": len(blurs), "TYPE_STEP": mla.type_step}
         defines |= {"HEXAGONAL": True} if mla.lattice == "hexagonal" else {}
@@ -93,7 +93,7 @@ class SurfaceRays:
         """
         device, count = self.optics.device, int(self.tables.texels.size)
         texels = device.zeros((2 * count,), np.uint32)
-        exponent = WHOLE_BITS - math.frexp(float(np.abs(image).max()))[1]
+        exponent = INTEGER_BITS - math.frexp(float(np.abs(image).max()))[1]
         raw = device.upload(np.ldexp(image, exponent).astype(np.float32))
         self._launch(raw, texels, ADJOINT=True)
         return np.ldexp(device.download(texels).view("<i8").astype(np.float64), -exponent)
@@ -152,18 +152,18 @@ def lenslet_bounds(
     scene: SurfaceScene, count: tuple[int, int], widest: float, aspect: float
 ) -> np.ndarray[Any, np.dtype[np.int32]]:
     """Return rows and columns of lenslets that may see each surface, (y0, y1, x0, x1), (n, 4)."""
-    found = np.empty((len(scene.surfaces), 4))
-    for i, one in enumerate(scene.surfaces):
-        points = one.bounds()
+    bounds = np.empty((len(scene.surfaces), 4))
+    for i, surface in enumerate(scene.surfaces):
+        points = surface.bounds()
         if points is None:
-            found[i] = (-FAR, FAR) * 2
+            bounds[i] = (-FAR, FAR) * 2
             continue
         for axis, reach in ((0, widest * aspect), (1, widest)):
             middle = (count[axis] - 1) / 2
-            spread = np.abs(points[:, 2]).max() * reach + MARGIN
+            spread = np.abs(points[:, 2]).max() * reach + MARGIN_PIXELS
             low, high = points[:, axis].min() - spread, points[:, axis].max() + spread
-            found[i, 2 * axis : 2 * axis + 2] = (low + middle, high + middle)
-    return np.clip(found, -FAR, FAR).astype(np.int32)
+            bounds[i, 2 * axis : 2 * axis + 2] = (low + middle, high + middle)
+    return np.clip(bounds, -FAR, FAR).astype(np.int32)
 
 
 def _pixel_tables(optics: RayOptics, grid: LensletGrid) -> tuple[cla.Array, ...]:
@@ -172,11 +172,11 @@ def _pixel_tables(optics: RayOptics, grid: LensletGrid) -> tuple[cla.Array, ...]
     ny, nx = optics.grid.shape
     rows = (np.arange(ny)[:, None] - grid.first[0]) * to_index[:, 0]
     columns = (np.arange(nx)[:, None] - grid.first[1]) * to_index[:, 1]
-    found = []
-    for places in (rows, columns):
-        whole = np.rint(places)
-        found += [whole.astype(np.int32), (places - whole).astype(np.float32)]
-    return tuple(optics.device.upload(table) for table in found)
+    tables = []
+    for coordinates in (rows, columns):
+        integers = np.rint(coordinates)
+        tables += [integers.astype(np.int32), (coordinates - integers).astype(np.float32)]
+    return tuple(optics.device.upload(table) for table in tables)
 
 
 def well_spread(count: int, dimensions: int) -> Vector:

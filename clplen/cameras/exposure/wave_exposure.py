@@ -46,11 +46,13 @@ from clplen.wave.field.intensity import accumulate, add_scaled, average_of
 
 Method = Literal["auto", "points", "local", "isoplanatic"]
 METHODS = ("auto", "points", "local", "isoplanatic")
-NOTABLE = 0.01  # relative error of patterns above which a SamplingWarning is issued
-AFFORDABLE = 5e11  # "auto" is exact below this number of operations: half a minute on two cores
-WORTH = 2  # minimum saving of operations for which "auto" gives up exactness above it
-BATCH_BYTES = 2**28  # maximum bytes of fields that pass the camera together
-APART = 2**40  # difference of the seeds of two slides of a scene
+MAX_PATTERN_ERROR = 0.01  # relative error of patterns above which a SamplingWarning is issued
+MAX_EXACT_OPERATIONS = (
+    5e11  # "auto" is exact below this number of operations: half a minute on two cores
+)
+MIN_SAVING = 2  # minimum saving of operations for which "auto" gives up exactness above it
+MAX_BATCH_BYTES = 2**28  # maximum bytes of fields that pass the camera together
+SEED_STRIDE = 2**40  # difference of the seeds of two slides of a scene
 
 
 @dataclass(frozen=True)
@@ -70,7 +72,7 @@ class Light:
     def on_slide(self, number: int) -> Coherence:
         """Return the light on a slide, independent of the light on other slides."""
         assert self.coherence is not None  # `check` raises for a slide without light
-        seed = (self.coherence.seed + number * APART) % (LARGEST_SEED + 1)
+        seed = (self.coherence.seed + number * SEED_STRIDE) % (LARGEST_SEED + 1)
         return replace(self.coherence, seed=seed)
 
     def check(self, slides: int) -> None:
@@ -167,9 +169,9 @@ def expose_waves(
 def check_occluders(optics: WaveOptics, method: Method, *, has_slides: bool) -> None:
     """Raise for screens behind the main lens, and for methods that do not support screens."""
     if optics.occluders and (has_slides or method not in ("auto", "local")):
-        way = "slides" if has_slides else f"method={method!r}"
+        route = "slides" if has_slides else f"method={method!r}"
         raise ValueError(
-            f"Occluders require method='local', got {way}: leave them out, or use points and "
+            f"Occluders require method='local', got {route}: leave them out, or use points and "
             "self-luminous pictures with method='auto'."
         )
     for screen in optics.occluders:
@@ -236,8 +238,8 @@ def _add_line(
     if isinstance(source, PointSources):
         points, powers = source, source.power[:, None]
     else:
-        even = PicturePlane(source.energy, source.width, source.z)
-        if _layout(optics, even, method) is not None:
+        uniform = PicturePlane(source.energy, source.width, source.z)
+        if _layout(optics, uniform, method) is not None:
             return _add_channels(optics, source, line, total, method, progress)
         points = source.points()
         powers = source.image.reshape(source.energy.size, -1)[source.energy.ravel() > 0]
@@ -273,8 +275,8 @@ def _add_channels(
 
 def is_local(optics: WaveOptics, method: Method) -> bool:
     """Return True if points are exposed in windows."""
-    own = optics.pixels is not None or bool(optics.occluders)
-    local = method == "local" or (method == "auto" and own)
+    needs_windows = optics.pixels is not None or bool(optics.occluders)
+    local = method == "local" or (method == "auto" and needs_windows)
     if local and any(optics.aberrations.sensor_tilt):
         raise ValueError(
             "method='local' does not support a tilted sensor: use method='points', or leave out "
@@ -295,9 +297,11 @@ def _layout(optics: WaveOptics, source: Source, method: Method) -> Layout | None
     plan = layout(optics, source)
     count = int(np.count_nonzero(source.image))
     transforms = local_transforms if is_local(optics, method) else _point_transforms
-    exact = _operations(transforms(optics, source.corners(), count))
-    saved = exact > max(AFFORDABLE, WORTH * _operations(plan.transforms(optics.grid.shape)))
-    return plan if saved or method == "isoplanatic" else None
+    exact_cost = _operations(transforms(optics, source.corners(), count))
+    is_cheaper = exact_cost > max(
+        MAX_EXACT_OPERATIONS, MIN_SAVING * _operations(plan.transforms(optics.grid.shape))
+    )
+    return plan if is_cheaper or method == "isoplanatic" else None
 
 
 def _no_isoplanatic(optics: WaveOptics, plane: PicturePlane) -> str:
@@ -371,7 +375,7 @@ def _add_points(
 
 def batch_size(optics: WaveOptics, widest: int) -> int:
     field_bytes = math.prod(optics.grid.shape) * optics.device.complex.itemsize
-    return max(1, int(BATCH_BYTES / (field_bytes * widest)))
+    return max(1, int(MAX_BATCH_BYTES / (field_bytes * widest)))
 
 
 def _add_picture(
@@ -387,14 +391,16 @@ def _add_picture(
     chosen = _probes(plane, plan)
     probes = np.zeros(plane.image.shape)
     probes.ravel()[chosen] = 1
-    picture, seen = raw_patterns(optics, plane, plan, probes=probes, batch=step, progress=progress)
+    picture, probe_image = raw_patterns(
+        optics, plane, plan, probes=probes, batch=step, progress=progress
+    )
     add_scaled(total, picture, 1.0, optics.device)
     points = PointSources(plane.positions()[chosen])
     exact = optics.device.zeros(optics.grid.shape, optics.device.real)
     once = _add_points(optics, points, exact, None)
     expected = optics.device.download(exact)
-    error = np.abs(optics.device.download(seen) - expected).max() / expected.max()
-    if error > NOTABLE:
+    error = np.abs(optics.device.download(probe_image) - expected).max() / expected.max()
+    if error > MAX_PATTERN_ERROR:
         warn_caller(
             f"The picture's patterns differ by {error:.2g} of the maximum from one field for each "
             "sample: its light is undersampled, or changes across the field. Use method='points', "
@@ -410,12 +416,12 @@ def _probes(plane: PicturePlane, plan: Layout) -> list[int]:
     lit = np.flatnonzero(plane.image)
     iy, ix = np.unravel_index(lit, plane.image.shape)
     first = plan.patches[0]
-    places = np.stack([first.y[iy], first.x[ix]], axis=-1) + first.centre
-    apart = np.min([np.hypot(patch.y[iy], patch.x[ix]) for patch in plan.patches], axis=0)
-    found = [int(plane.image.ravel()[lit].argmax()), int(np.hypot(*places.T).argmax())]
-    for n in found:
-        apart = np.minimum(apart, np.hypot(*(places - places[n]).T))
-    return [int(lit[n]) for n in sorted({*found, int(apart.argmax())})]
+    positions = np.stack([first.y[iy], first.x[ix]], axis=-1) + first.centre
+    distance = np.min([np.hypot(patch.y[iy], patch.x[ix]) for patch in plan.patches], axis=0)
+    indices = [int(plane.image.ravel()[lit].argmax()), int(np.hypot(*positions.T).argmax())]
+    for n in indices:
+        distance = np.minimum(distance, np.hypot(*(positions - positions[n]).T))
+    return [int(lit[n]) for n in sorted({*indices, int(distance.argmax())})]
 
 
 def _joined(reports: list[Exposure]) -> Exposure:

@@ -35,9 +35,9 @@ Orders = tuple[int, int]
 Pair = tuple[float, float]
 Terms = tuple[tuple[int, float], ...]
 FieldTerms = tuple[tuple[int, Pair], ...]
-WIDEST = 4.0  # cut-off of the normal distribution of the scatter, in rms
-LARGEST_TILT = 0.1  # maximum slope of the sensor: a projected pitch is then right to 0.5 %
-LARGEST_FOCAL_SCATTER = 0.2  # maximum rms of f/f_designed - 1: four times it leaves f positive
+MAX_DEVIATION_RMS = 4.0  # cut-off of the normal distribution of the scatter, in rms
+MAX_TILT = 0.1  # maximum slope of the sensor: a projected pitch is then right to 0.5 %
+MAX_FOCAL_SCATTER = 0.2  # maximum rms of f/f_designed - 1: four times it leaves f positive
 
 
 @dataclass(frozen=True)
@@ -85,10 +85,10 @@ class LensletScatter:
             if not (fits_float64(value) and value >= 0):
                 raise ValueError(f"{name} of LensletScatter must be an rms >= 0, got {value!r}.")
             object.__setattr__(self, name, float(value))
-        if self.focal_length > LARGEST_FOCAL_SCATTER:
+        if self.focal_length > MAX_FOCAL_SCATTER:
             raise ValueError(
                 f"focal_length of LensletScatter, a relative rms, must be <= "
-                f"{LARGEST_FOCAL_SCATTER}, got {self.focal_length!r}: some lenslets would have no "
+                f"{MAX_FOCAL_SCATTER}, got {self.focal_length!r}: some lenslets would have no "
                 "focal length."
             )
         if not is_integer(self.seed) or self.seed < 0:
@@ -105,8 +105,13 @@ class LensletScatter:
         sizes = (count, (*count, 2), (*count, 2))
         rms = (self.focal_length, self.tilt, self.position)
         focal, tilt, position = (
-            one * np.clip(np.random.default_rng([self.seed, n]).normal(size=size), -WIDEST, WIDEST)
-            for n, (one, size) in enumerate(zip(rms, sizes, strict=True))
+            scale
+            * np.clip(
+                np.random.default_rng([self.seed, n]).normal(size=size),
+                -MAX_DEVIATION_RMS,
+                MAX_DEVIATION_RMS,
+            )
+            for n, (scale, size) in enumerate(zip(rms, sizes, strict=True))
         )
         return 1 + focal, tilt, position
 
@@ -205,9 +210,9 @@ class Aberrations(OneLine):
             raise ValueError(f"sensor_shift must be finite, in metres, got {sensor_shift!r}.")
         if np.shape(sensor_tilt) != (2,) or not np.isfinite(sensor_tilt).all():
             raise ValueError(f"sensor_tilt must be two finite slopes (y, x), got {sensor_tilt!r}.")
-        if max(map(abs, sensor_tilt)) > LARGEST_TILT:
+        if max(map(abs, sensor_tilt)) > MAX_TILT:
             raise ValueError(
-                f"sensor_tilt must be at most {LARGEST_TILT} along y and x, so that the projected "
+                f"sensor_tilt must be at most {MAX_TILT} along y and x, so that the projected "
                 f"pitch is right to 0.5 %, got {sensor_tilt!r}."
             )
         if not isinstance(scatter, LensletScatter | None):
@@ -272,8 +277,8 @@ class Aberrations(OneLine):
     @property
     def bends_main_lens(self) -> bool:
         """True if the main lens has a wavefront."""
-        given = any(c for _, c in self.main_lens) or self.main_lens_opd is not None
-        return given or self.varies
+        has_wavefront = any(c for _, c in self.main_lens) or self.main_lens_opd is not None
+        return has_wavefront or self.varies
 
     @property
     def varies(self) -> bool:
@@ -299,10 +304,10 @@ class Aberrations(OneLine):
 
     def main_terms(self, y: float = 0.0, x: float = 0.0) -> dict[Orders, float]:
         """Return orders (n, m) and metres of the main lens' wavefront for an image at (y, x)."""
-        found = {noll(j): metres for j, metres in self.main_lens}
+        terms = {noll(j): metres for j, metres in self.main_lens}
         for j, (down, right) in self.main_lens_field:
-            found[noll(j)] = found.get(noll(j), 0.0) + down * y + right * x
-        return found
+            terms[noll(j)] = terms.get(noll(j), 0.0) + down * y + right * x
+        return terms
 
     def main_slope(
         self, reach: float, radius: float, *, image_distance: float, wavelength: float
@@ -337,16 +342,16 @@ class Aberrations(OneLine):
         """Raise for Zernike terms on lenslets that reach beyond their circle."""
         if not self.lenslets:
             return
-        needed, given = circumscribed(mla), self.lenslet_circle
-        if given is None and needed > mla.diameter * (1 + 1e-12):
+        needed, circle = circumscribed(mla), self.lenslet_circle
+        if circle is None and needed > mla.diameter * (1 + 1e-12):
             raise ValueError(
                 "lenslet_circle must be given for Zernike terms on lenslets with fill='full': use "
                 f"{needed:.6g} m or more, or fill='circular'."
             )
-        if given is not None and given < needed * (1 - 1e-12):
+        if circle is not None and circle < needed * (1 - 1e-12):
             raise ValueError(
                 f"lenslet_circle must be at least {needed:.6g} m to contain the lenslets, got "
-                f"{given:.6g} m."
+                f"{circle:.6g} m."
             )
 
 
@@ -355,10 +360,10 @@ def _lenslet_slope(aberrations: Aberrations, mla: MicrolensArray) -> float:
     """Compute `Aberrations.lenslet_slope`; cached, because every point of a scene needs it."""
     errors = aberrations.lenslet_errors(mla)
     designed = np.asarray(mla.focal_lengths)[mla.types()]
-    bent = mla.diameter / 2 * np.abs(1 / errors.focal_lengths - 1 / designed)
-    moved = np.abs(errors.position).max(axis=-1) / errors.focal_lengths
-    own = bent + moved + np.abs(errors.tilt).max(axis=-1)
-    return float(own.max()) + _steepest(aberrations.lenslets) / (errors.circle / 2)
+    defocus = mla.diameter / 2 * np.abs(1 / errors.focal_lengths - 1 / designed)
+    decentre = np.abs(errors.position).max(axis=-1) / errors.focal_lengths
+    slope = defocus + decentre + np.abs(errors.tilt).max(axis=-1)
+    return float(slope.max()) + _steepest(aberrations.lenslets) / (errors.circle / 2)
 
 
 @lru_cache(maxsize=16)
@@ -382,35 +387,35 @@ def slopes(terms: Mapping[Orders, float], y: Any, x: Any) -> tuple[Values, Value
     return down, right
 
 
-def _pairs(given: Mapping[int, Any] | Iterable[Any], name: str) -> list[tuple[int, Any]]:
+def _pairs(terms: Mapping[int, Any] | Iterable[Any], name: str) -> list[tuple[int, Any]]:
     try:
-        found = sorted(dict(given).items())
+        pairs = sorted(dict(terms).items())
     except (TypeError, ValueError) as error:
-        raise TypeError(f"{name} must map Noll's index to metres, got {given!r}.") from error
-    for j, _ in found:
+        raise TypeError(f"{name} must map Noll's index to metres, got {terms!r}.") from error
+    for j, _ in pairs:
         noll(j)
-    return [(int(j), value) for j, value in found]
+    return [(int(j), value) for j, value in pairs]
 
 
-def _terms(given: Mapping[int, float] | Terms, name: str) -> Terms:
-    found = []
-    for j, metres in _pairs(given, name):
+def _terms(terms: Mapping[int, float] | Terms, name: str) -> Terms:
+    pairs = []
+    for j, metres in _pairs(terms, name):
         if not (np.ndim(metres) == 0 and fits_float64(metres)):
             raise ValueError(f"{name}[{j}] must be finite, in metres, got {metres!r}.")
         units.WAVEFRONT.check(metres, f"{name}[{j}]")
-        found.append((j, float(metres)))
-    return tuple(found)
+        pairs.append((j, float(metres)))
+    return tuple(pairs)
 
 
-def _field_terms(given: Mapping[int, Pair] | FieldTerms) -> FieldTerms:
-    found = []
-    for j, pair in _pairs(given, "main_lens_field"):
+def _field_terms(terms: Mapping[int, Pair] | FieldTerms) -> FieldTerms:
+    pairs = []
+    for j, pair in _pairs(terms, "main_lens_field"):
         if np.shape(pair) != (2,) or not np.isfinite(pair).all():
             raise ValueError(
                 f"main_lens_field[{j}] must be two finite numbers, along Y and X, got {pair!r}."
             )
-        found.append((j, (float(pair[0]), float(pair[1]))))
-    return tuple(found)
+        pairs.append((j, (float(pair[0]), float(pair[1]))))
+    return tuple(pairs)
 
 
 NONE = Aberrations()
@@ -461,8 +466,8 @@ def correct_aberrations(
     """
     lf = as_lightfield(lf)
     terms = Aberrations(main_lens=zernike).main_terms()
-    known = lf.camera if camera is None else camera
-    if known is None or lf.spacing is None:
+    model = lf.camera if camera is None else camera
+    if model is None or lf.spacing is None:
         raise ValueError(
             "The light field must have a camera and a spacing in metres for the correction of a "
             "wavefront: give camera=, and a light field with spacing."
@@ -472,7 +477,7 @@ def correct_aberrations(
         raise ValueError(
             "Naive cells are directions, not positions on the main lens: decode with 'calibrated'."
         )
-    return shift_views(lf, _steps(lf, lf.spacing, terms, known))
+    return shift_views(lf, _steps(lf, lf.spacing, terms, model))
 
 
 def _steps(lf: LightField, spacing: Any, terms: Any, camera: CameraModel) -> Any:

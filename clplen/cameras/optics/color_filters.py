@@ -21,7 +21,7 @@ Per = Literal["photon", "energy"]
 Tile = tuple[tuple[str, ...], ...]
 
 ORDERS = ("RGGB", "GRBG", "GBRG", "BGGR")
-MOST = 4096  # maximum number of filters of a tile
+MAX_TILE_FILTERS = 4096  # maximum number of filters of a tile
 # Sums of Gaussians of the wavelength: centre (nm), full width at half maximum (nm), height. Fitted
 # by least squares to the relative sensitivities of a Nikon D5100 from 400 to 700 nm (Darrodi,
 # Finlayson, Goodman and Mackiewicz, J. Opt. Soc. Am. A 32, 381 (2015)), each colour's largest 1;
@@ -31,7 +31,7 @@ D5100 = {
     "G": ((517, 40, 0.234), (542, 82, 0.876), (474, 32, 0.273), (438, 31, 0.155)),
     "B": ((428, 15, 0.377), (447, 34, 0.461), (477, 65, 0.849)),
 }
-BAND = (400.0, 700.0)  # nm; the camera's own filter blocks light beyond
+BAND_NM = (400.0, 700.0)  # nm; the camera's own filter blocks light beyond
 
 
 @dataclass(frozen=True, init=False, repr=False)
@@ -103,10 +103,10 @@ class ColorFilterArray(OneLine):
             )
         missing = [name for name in names if name not in sensitivities]
         if missing:
-            known = ", ".join(map(repr, sensitivities)) or "none"
+            available = ", ".join(map(repr, sensitivities)) or "none"
             raise ValueError(
                 f"sensitivities must contain every filter of the tile, but {missing[0]!r} is "
-                f"missing; got {known}."
+                f"missing; got {available}."
             )
         for name in names:
             if not isinstance(sensitivities[name], SpectralDistribution):
@@ -206,8 +206,8 @@ class ColorFilterArray(OneLine):
             Signals in the order of ``names``, shape (n, filters).
         """
         lam = real_array(wavelengths, "wavelengths", np.float64)
-        found = np.stack([curve(lam) for curve in self.sensitivities], axis=-1)
-        return found * (lam / reference)[..., None] if self.per == "photon" else found
+        curves = np.stack([curve(lam) for curve in self.sensitivities], axis=-1)
+        return curves * (lam / reference)[..., None] if self.per == "photon" else curves
 
     def white_balance(self, light: Spectrum | SpectralDistribution) -> dict[str, float]:
         """Return factors that make the signals of white in some light equal behind all filters.
@@ -252,11 +252,11 @@ class ColorFilterArray(OneLine):
         ValueError, TypeError, KeyError
             If the text is not valid.
         """
-        found = json.loads(text)
+        values = json.loads(text)
         curves = {
-            name: SpectralDistribution(*pair) for name, pair in found["sensitivities"].items()
+            name: SpectralDistribution(*pair) for name, pair in values["sensitivities"].items()
         }
-        return cls(found["tile"], curves, per=found["per"])
+        return cls(values["tile"], curves, per=values["per"])
 
 
 def signal_of(filters: ColorFilterArray, spectra: Sequence[Spectrum], reference: float) -> Signal:
@@ -276,10 +276,10 @@ def _tile(tile: Any) -> Tile:
             "tile must not be empty: use rows of names, such as ['RG', 'GB'], or "
             "ColorFilterArray.bayer('RGGB')."
         )
-    if any(len(row) != len(rows[0]) for row in rows) or len(rows) * len(rows[0]) > MOST:
+    if any(len(row) != len(rows[0]) for row in rows) or len(rows) * len(rows[0]) > MAX_TILE_FILTERS:
         raise ValueError(
-            f"tile must have rows of equal length and at most {MOST} filters, got rows of "
-            f"{[len(row) for row in rows][:9]} filters."
+            f"tile must have rows of equal length and at most {MAX_TILE_FILTERS} filters, got rows "
+            f"of {[len(row) for row in rows][:9]} filters."
         )
     for name in (name for row in rows for name in row):
         if not isinstance(name, str) or not name:
@@ -308,7 +308,7 @@ def _mosaic(
 
 @lru_cache(maxsize=1)
 def _d5100() -> dict[str, SpectralDistribution]:
-    nm = np.arange(BAND[0], BAND[1] + 1, 5.0)
+    nm = np.arange(BAND_NM[0], BAND_NM[1] + 1, 5.0)
     return {
         name: SpectralDistribution(
             nm * 1e-9,

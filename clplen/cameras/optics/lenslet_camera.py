@@ -17,7 +17,7 @@ from clplen.wave.field.field import Grid
 
 Kind = Literal["standard", "focused", "microscope"]
 
-NARROWEST = 2.0  # minimum width of a lenslet in wavelengths
+MIN_LENSLET_WAVELENGTHS = 2.0  # minimum width of a lenslet in wavelengths
 PITCH_TOLERANCE = 1e-6  # maximum relative difference of pixels_per_lenslet and the pixels' pitch
 _LENGTHS = {
     "focal_length": units.CAMERA_FOCAL_LENGTH,
@@ -87,8 +87,8 @@ def sensor_grid(
 ) -> Grid:
     """Return the sensor behind an array: by default the pixels that cover it, about the axis."""
     if not (is_finite(pixels_per_lenslet) and pixels_per_lenslet >= SMALLEST_PITCH):
-        known = is_finite(pixels_per_lenslet)
-        number = f"{pixels_per_lenslet:g}" if known else repr(pixels_per_lenslet)
+        is_number = is_finite(pixels_per_lenslet)
+        number = f"{pixels_per_lenslet:g}" if is_number else repr(pixels_per_lenslet)
         raise SamplingError(
             f"pixels_per_lenslet must be at least {SMALLEST_PITCH}, got {number}: use pixels of "
             f"{mla.pitch / SMALLEST_PITCH:g} m or less."
@@ -101,11 +101,11 @@ def sensor_grid(
     for axis, (n, offset, lenslets) in enumerate(
         zip((ny, nx), (down, right), mla.offset, strict=True)
     ):
-        apart, most = abs(offset - lenslets), (n * pitch + mla.extent[axis]) / 2
-        if apart >= most and mla.rotation == 0:
+        distance, limit = abs(offset - lenslets), (n * pitch + mla.extent[axis]) / 2
+        if distance >= limit and mla.rotation == 0:
             raise ValueError(
-                f"Offsets from the axis separate array and sensor by {apart:g} m along "
-                f"{'yx'[axis]}, so that no lenslet has pixels: use less than {most:g} m."
+                f"Offsets from the axis separate array and sensor by {distance:g} m along "
+                f"{'yx'[axis]}, so that no lenslet has pixels: use less than {limit:g} m."
             )
     origin = (
         down + (pitch / 2 if ny % 2 == 0 else 0.0),
@@ -158,40 +158,40 @@ def check_lenslets(mla: MicrolensArray, wavelength: float) -> None:
     if not isinstance(mla, MicrolensArray):
         raise TypeError(f"mla must be a MicrolensArray, got {mla!r}.")
     width = mla.pitch if mla.gap == "clear" else mla.diameter
-    if width < NARROWEST * wavelength:
+    if width < MIN_LENSLET_WAVELENGTHS * wavelength:
         raise ValueError(
-            f"Lenslets must be at least {NARROWEST:g} wavelengths wide, got {width:g} m for "
-            f"{wavelength:g} m: use wavelengths below {width / NARROWEST:g} m. Lengths are in "
-            "metres."
+            f"Lenslets must be at least {MIN_LENSLET_WAVELENGTHS:g} wavelengths wide, got "
+            f"{width:g} m for {wavelength:g} m: use wavelengths below "
+            f"{width / MIN_LENSLET_WAVELENGTHS:g} m. Lengths are in metres."
         )
 
 
-def lenslet_pixels(mla: MicrolensArray, given: float | None, pixels: PixelArray | None) -> float:
+def lenslet_pixels(mla: MicrolensArray, number: float | None, pixels: PixelArray | None) -> float:
     """Return the pixels a lenslet, from their number or their pitch."""
     if pixels is not None and not isinstance(pixels, PixelArray):
         raise TypeError(f"pixels must be a PixelArray, such as PixelArray(), got {pixels!r}.")
     pitch = None if pixels is None else pixels.pitch
-    if given is None and pitch is None:
+    if number is None and pitch is None:
         raise ValueError(
             "Pixels must have a size: give pixels_per_lenslet, or pixels=PixelArray(pitch=...)."
         )
-    if given is not None and not (is_finite(given) and given > 0):
-        raise SamplingError(f"pixels_per_lenslet must be a number >= 2, got {given!r}.")
+    if number is not None and not (is_finite(number) and number > 0):
+        raise SamplingError(f"pixels_per_lenslet must be a number >= 2, got {number!r}.")
     if pitch is None:
-        assert given is not None
-        return given
+        assert number is not None
+        return number
     across = mla.pitch / pitch
-    if given is not None and abs(given - across) > PITCH_TOLERANCE * across:
+    if number is not None and abs(number - across) > PITCH_TOLERANCE * across:
         raise ValueError(
-            f"pixels_per_lenslet = {given!r} contradicts the pixel pitch of {pitch:g} m, with "
+            f"pixels_per_lenslet = {number!r} contradicts the pixel pitch of {pitch:g} m, with "
             f"{across:.6g} pixels for a lenslet of {mla.pitch:g} m: give only one of the two."
         )
     return across
 
 
-def require_lengths(**given: float | None) -> None:
+def require_lengths(**lengths: float | None) -> None:
     """Raise for lengths that are not positive and finite, or not in metres; None is allowed."""
-    for name, value in given.items():
+    for name, value in lengths.items():
         if value is not None and not (is_finite(value) and value > 0):
             raise ValueError(f"{name} must be > 0, in metres, got {value!r}.")
         if value is not None and name in _LENGTHS:

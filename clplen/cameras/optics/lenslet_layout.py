@@ -20,8 +20,8 @@ Vector = np.ndarray[Any, Any]
 Fill = Literal["circular", "square", "hexagonal"]
 
 FILLS = ("circular", "square", "hexagonal")
-MOST = 10_000  # maximum lenslets of a layout
-TOUCHING = 1e-6  # relative overlap of apertures that rounding may cause
+MAX_LENSLETS = 10_000  # maximum lenslets of a layout
+OVERLAP_TOLERANCE = 1e-6  # relative overlap of apertures that rounding may cause
 
 
 @dataclass(frozen=True, init=False, eq=False, repr=False)
@@ -79,17 +79,17 @@ class LensletLayout(OneLine):
         fill: Fill = "circular",
         rotation: float = 0.0,
     ) -> None:
-        places = _numbers(positions, "Positions of lenslets")
-        if places.ndim != 2 or places.shape[1:] != (2,) or not 1 <= len(places) <= MOST:
+        centres = _numbers(positions, "Positions of lenslets")
+        if centres.ndim != 2 or centres.shape[1:] != (2,) or not 1 <= len(centres) <= MAX_LENSLETS:
             raise ValueError(
-                f"positions must be (y, x) of each lenslet, shape (n, 2) with n from 1 to {MOST}, "
-                f"got {places.shape}."
+                f"positions must be (y, x) of each lenslet, shape (n, 2) with n from 1 to "
+                f"{MAX_LENSLETS}, got {centres.shape}."
             )
-        units.OFFSET.check(places, "A position of a lenslet")
+        units.OFFSET.check(centres, "A position of a lenslet")
         focal = _numbers(focal_length, "Focal lengths")
-        if focal.ndim > 1 or focal.size not in (1, len(places)) or not (focal > 0).all():
+        if focal.ndim > 1 or focal.size not in (1, len(centres)) or not (focal > 0).all():
             raise ValueError(
-                f"focal_length must be > 0, one value or one for each of {len(places)} lenslets, "
+                f"focal_length must be > 0, one value or one for each of {len(centres)} lenslets, "
                 f"got {focal_length!r}."
             )
         units.CAMERA_FOCAL_LENGTH.check(focal, "A focal length")
@@ -101,8 +101,8 @@ class LensletLayout(OneLine):
         if not is_finite(rotation):
             raise ValueError(f"rotation must be a finite angle in radians, got {rotation!r}.")
         values = {
-            "positions": places,
-            "focal_lengths": np.broadcast_to(focal, (len(places),)).copy(),
+            "positions": centres,
+            "focal_lengths": np.broadcast_to(focal, (len(centres),)).copy(),
             "diameter": float(diameter),
             "fill": fill,
             "rotation": float(rotation),
@@ -210,18 +210,18 @@ class LensletLayout(OneLine):
             return
         from scipy.spatial import cKDTree
 
-        least = self.diameter * (1 - TOUCHING)
+        min_distance = self.diameter * (1 - OVERLAP_TOLERANCE)
         norm = math.inf if self.fill == "square" else 2
         cos, sin = math.cos(self.rotation), math.sin(self.rotation)
         y, x = self.positions.T
         turned = np.stack([y * cos - x * sin, x * cos + y * sin], axis=-1)
-        apart = cKDTree(turned).query(turned, k=2, p=norm)[0][:, 1]
-        if (apart < least).any():
-            number = int(apart.argmin())
+        distances = cKDTree(turned).query(turned, k=2, p=norm)[0][:, 1]
+        if (distances < min_distance).any():
+            number = int(distances.argmin())
             raise ValueError(
-                f"Lenslets must not overlap, but lenslet {number} (from 0) is {apart[number]:g} m "
-                f"from its neighbour and {self.diameter:g} m wide: move it, or use a smaller "
-                "diameter."
+                f"Lenslets must not overlap, but lenslet {number} (from 0) is "
+                f"{distances[number]:g} m from its neighbour and {self.diameter:g} m wide: move "
+                "it, or use a smaller diameter."
             )
 
 
@@ -233,9 +233,9 @@ def covered(inside: Vector, step: float) -> Vector:
 def _numbers(values: Any, what: str) -> Vector:
     """Return finite real numbers, float64."""
     try:
-        found = real_array(values, what, np.float64)
+        numbers = real_array(values, what, np.float64)
     except TypeError:
         raise ValueError(f"{what} must be real numbers in metres, got {values!r}.") from None
-    if not np.isfinite(found).all():
+    if not np.isfinite(numbers).all():
         raise ValueError(f"{what} must be finite numbers in metres.")
-    return found
+    return numbers

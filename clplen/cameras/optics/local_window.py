@@ -30,16 +30,16 @@ from clplen.wave.field.field import Grid
 Values = np.ndarray[Any, np.dtype[np.float64]]
 Counts = np.ndarray[Any, np.dtype[np.int64]]
 
-PERIOD = 1.7  # period of the sum over the pupil, in windows
-BATCH_BYTES = 2**26  # maximum bytes of windows that pass the camera together
+PERIOD_WINDOWS = 1.7  # period of the sum over the pupil, in windows
+MAX_BATCH_BYTES = 2**26  # maximum bytes of windows that pass the camera together
 ORDERS = 18.0  # diffraction orders of a lenslet's rim that samples resolve
 TRANSITION = 0.18  # width of the rims' filter, in cycles a sample
 BAND = 0.8  # fraction of the samples' band that these orders fill
 RINGS = 20  # Airy radii of light around the geometrical blur
 SAMPLED_RINGS = 30  # the same for windows with the sensor's samples
 NUMBERS = 18  # numbers of a point in kernels/cameras/local_window.cl
-PATHS = 163  # samples across the tables of a wavefront and of shadows
-PATH_REACH = 1.25  # half side of these tables in radii of the pupil, as in the kernel
+TABLE_SAMPLES = 163  # samples across the tables of a wavefront and of shadows
+TABLE_REACH = 1.25  # half side of these tables in radii of the pupil, as in the kernel
 
 
 @dataclass(frozen=True)
@@ -67,7 +67,7 @@ class WindowShape:
 
     def batch(self, device: Device) -> int:
         """Return the number of windows that are computed together."""
-        return max(1, BATCH_BYTES // self.nbytes(device))
+        return max(1, MAX_BATCH_BYTES // self.nbytes(device))
 
 
 def slope_about_carrier(optics: WaveOptics, beta: float) -> float:
@@ -94,8 +94,8 @@ def window_shape(
 ) -> WindowShape:
     """Return the window of a point at (x, y, dz) in metres."""
     beta = float(optics.array_alpha(position[2]))
-    many = finer(optics, beta, orders=orders)
-    dx = optics.pixel_pitch / many
+    samples_per_pixel = finer(optics, beta, orders=orders)
+    dx = optics.pixel_pitch / samples_per_pixel
     D, z2 = optics.lit_diameter, optics.array_distance
     blur = D / 2 * abs(1 - beta) + z2 * optics.main_slope()
     tilted = 1 + (np.abs(optics.on_array(position[None])).max() / z2) ** 2
@@ -104,7 +104,7 @@ def window_shape(
     blur += abs(float(optics.array_scale(position[2]))) * diameter / 2
     half = blur * tilted + rings * airy + optics.mla.pitch + walk
     samples = 2 * smooth_length(math.ceil(half / dx))
-    period = smooth_length(math.ceil(PERIOD * samples))
+    period = smooth_length(math.ceil(PERIOD_WINDOWS * samples))
     pupil = math.ceil(1.05 * D / z2 * tilted * period * dx / optics.wavelength) + 2 * RIM
     if pupil > period:  # a pupil that fills the band
         period, pupil = (smooth_length(pupil),) * 2
@@ -113,7 +113,7 @@ def window_shape(
         # aliases of the rims' light that fall beside the band of the rays are filtered
         middle = 0.5 - slope_about_carrier(optics, beta) * dx / optics.wavelength
         rim = (middle - TRANSITION / 2, middle + TRANSITION / 2)
-    return WindowShape(many, dx, samples, period, pupil, math.ceil(walk / dx), rim)
+    return WindowShape(samples_per_pixel, dx, samples, period, pupil, math.ceil(walk / dx), rim)
 
 
 def window_centres(optics: WaveOptics, shape: WindowShape, positions: Values) -> Counts:
@@ -249,8 +249,8 @@ class Windows:
         tables = []
         for axis in (0, 1):
             off = self.off_band[:, axis, None]
-            place = np.arange(n) + off
-            bins = place - n * np.rint(place / n) - off  # from the carrier
+            index = np.arange(n) + off
+            bins = index - n * np.rint(index / n) - off  # from the carrier
             s = bins * step
             turns = bins * self.shifts[:, axis, None] / n
             tables.append(np.stack([s * (s + 2 * s0[:, axis, None]), turns], axis=-1))
@@ -289,7 +289,7 @@ class LocalWindows(Windows):
         slopes = (q / a0)[:, None, None] * across + (1 - z2 * q)[:, None, None] * bend
         images, origin = t0 * z2, np.asarray(optics.grid.origin)
         centres = window_centres(optics, shape, positions)
-        beside = origin + centres * shape.pitch - images
+        residual = origin + centres * shape.pitch - images
         lens = 1 / z2 if optics.field_lens else 0.0
         carriers = s0 - lens * images
         leaning = carriers / np.sqrt(1 - (carriers**2).sum(axis=1))[:, None]
@@ -297,19 +297,19 @@ class LocalWindows(Windows):
         numbers = np.zeros((len(positions), NUMBERS))
         columns = (
             *t0.T, q, 1 - z2 * q, bend[:, 0, 0], bend[:, 0, 1], bend[:, 1, 1], 1 / z,
-            np.full(len(z), math.pi * diameter / lam), *(beside / lam).T, np.linalg.det(slopes),
-            *beside.T, np.full(len(z), lens),
+            np.full(len(z), math.pi * diameter / lam), *(residual / lam).T, np.linalg.det(slopes),
+            *residual.T, np.full(len(z), lens),
         )  # fmt: skip
         for number, column in enumerate(columns):
             numbers[:, number] = column
         off_band = _off_band(optics, shape, carriers, 1 - numbers[:, 3])
-        made = cls(
+        windows = cls(
             optics, shape, numbers, centres, carriers, off_band, shifts, np.ones(len(positions)),
             positions, diameter,
         )  # fmt: skip
-        made.numbers[:, 15:17] = made._pupil_centres() * optics.aperture_diameter / 2
-        made.energy[:] = made._energies()
-        return made
+        windows.numbers[:, 15:17] = windows._pupil_centres() * optics.aperture_diameter / 2
+        windows.energy[:] = windows._energies()
+        return windows
 
     @property
     def step(self) -> float:
@@ -329,12 +329,12 @@ class LocalWindows(Windows):
         paths, size = np.zeros((1, 2)), 0
         if optics.aberrations.bends_main_lens:
             defines |= {"PATH": True}
-            size = PATHS
+            size = TABLE_SAMPLES
             paths = self._paths()
         shadow, shadow_size = np.zeros((1, 1, 1), complex), 0
         if self._is_shadowed():
             defines |= {"SHADOW": True}
-            shadow, shadow_size = self._shadows(), PATHS
+            shadow, shadow_size = self._shadows(), TABLE_SAMPLES
         # the sum over directions repeats after the period; the corners of this window have
         # frequencies up to share/sqrt(2), the next period those from 1 - share/2 on
         share = shape.samples / shape.period
@@ -368,7 +368,7 @@ class LocalWindows(Windows):
     def _paths(self) -> Values:
         """Return (turns, transmission) of the main lens over the pupil's square, for each point."""
         optics = self.optics
-        axis = np.linspace(-PATH_REACH, PATH_REACH, PATHS)
+        axis = np.linspace(-TABLE_REACH, TABLE_REACH, TABLE_SAMPLES)
         v, u = np.meshgrid(axis, axis, indexing="ij")
         beyond = np.maximum(np.hypot(v, u), 1)
         maps, tables = optics.aberrations.main_lens_opd, []
@@ -397,7 +397,9 @@ class LocalWindows(Windows):
             self.positions,
             object_distance=optics.object_distance,
             wavelength=optics.wavelength,
-            axis=np.linspace(-PATH_REACH, PATH_REACH, PATHS) * optics.aperture_diameter / 2,
+            axis=np.linspace(-TABLE_REACH, TABLE_REACH, TABLE_SAMPLES)
+            * optics.aperture_diameter
+            / 2,
         )
 
     def _pupil_centres(self) -> Values:
@@ -416,17 +418,17 @@ class LocalWindows(Windows):
         half = optics.aperture_diameter / 2
         u, rim = radius * half, _on_circle(half)
         lit, loss = math.pi * half**2, optics.rim_loss(shape.pitch)
-        found = []
+        energies = []
         for numbers in self.numbers:
             t0, q, per_z, scale = numbers[:2], numbers[2], numbers[7], numbers[8]
             numbers_of = (t0, q, per_z, scale, thin)
             squares = _amplitudes(u + numbers[15:17], *numbers_of)
             mean = (squares * area).sum() / area.sum()
             at_rim = _amplitudes(rim + numbers[15:17], *numbers_of).mean()
-            found.append(lit * (mean - loss * at_rim))
+            energies.append(lit * (mean - loss * at_rim))
         # sum |G|^2 over the samples of direction is int A^2 du J0/ds^2, and the inverse transform
         # divides by the samples of the period
-        return np.asarray(found) * self.numbers[:, 11] / (self.step * shape.period) ** 2
+        return np.asarray(energies) * self.numbers[:, 11] / (self.step * shape.period) ** 2
 
 
 def _off_band(optics: WaveOptics, shape: WindowShape, carriers: Values, beta: Values) -> Values:
@@ -435,7 +437,7 @@ def _off_band(optics: WaveOptics, shape: WindowShape, carriers: Values, beta: Va
     The band is centred on the carrier, or on the axis if the samples hold all light about it.
     """
     nyquist = optics.wavelength / (2 * shape.pitch)
-    steepest = np.array([slope_about_carrier(optics, one) for one in beta])
+    steepest = np.array([slope_about_carrier(optics, ratio) for ratio in beta])
     about_axis = (np.abs(carriers) + steepest[:, None] < nyquist).all(axis=1)
     bins = carriers * (shape.samples * shape.pitch / optics.wavelength)
     return np.where(about_axis[:, None], bins, 0.0)
@@ -446,9 +448,11 @@ def _disc_nodes(count: int = 48) -> tuple[Values, Values]:
     x, w = np.polynomial.legendre.leggauss(count)
     r2, angle = (x + 1) / 2, 2 * np.pi * (np.arange(count) + 0.5) / count
     r = np.sqrt(r2)
-    places = np.stack([np.outer(r, np.sin(angle)), np.outer(r, np.cos(angle))], -1).reshape(-1, 2)
+    positions = np.stack([np.outer(r, np.sin(angle)), np.outer(r, np.cos(angle))], -1).reshape(
+        -1, 2
+    )
     areas = np.repeat(w / 2 * np.pi / count, count)
-    return places, areas
+    return positions, areas
 
 
 def _on_circle(radius: float, count: int = 64) -> Values:
@@ -461,8 +465,8 @@ def _amplitudes(u: Values, t0: Values, q: float, per_z: float, scale: float, thi
     """Compute the squared amplitude in the pupil at positions u, as in kernel `spectra`."""
     from scipy import special  # a slow import
 
-    seen = u * per_z + t0
-    v = scale * np.hypot(*seen.T)
+    slope = u * per_z + t0
+    v = scale * np.hypot(*slope.T)
     disc = np.where(v > 0, 2 * special.j1(v) / np.where(v > 0, v, 1), 1.0)
     if thin:
         return np.asarray(disc**2)

@@ -21,16 +21,18 @@ from clplen.units import amount, metres
 Values = np.ndarray[Any, np.dtype[np.float64]]
 ROUNDING = 1e-9  # tolerance of given samples, relative to the radius or the field
 ORDER = 8  # order of the polynomial that continues a map with samples on the whole disc
-COPIES = 6  # arrays of all samples: given, continued, coefficients, transmission, two temporary
+ARRAY_COPIES = (
+    6  # arrays of all samples: given, continued, coefficients, transmission, two temporary
+)
 SMOOTH, STRAIGHT = 3, 1  # degrees of interpolation between fields and wavelengths
 
 
 def require_room(samples: int) -> None:
     """Raise for maps that do not fit the memory of this computer, before they are computed."""
-    wanted, free = 8 * COPIES * samples, free_memory()
-    if wanted > free:
+    needed, free = 8 * ARRAY_COPIES * samples, free_memory()
+    if needed > free:
         raise MemoryError(
-            f"OPD maps of {samples:,} samples need {amount(wanted, 'B')} of memory, but "
+            f"OPD maps of {samples:,} samples need {amount(needed, 'B')} of memory, but "
             f"{amount(free, 'B')} are free: use fewer fields, wavelengths or samples of the pupil."
         )
 
@@ -47,16 +49,16 @@ def disc(shape: tuple[int, int]) -> np.ndarray[Any, np.dtype[np.bool_]]:
     return np.asarray(np.hypot(v, u) <= 1 + ROUNDING)
 
 
-def continued(maps: Values, known: np.ndarray[Any, np.dtype[np.bool_]]) -> Values:
+def continued(maps: Values, valid: np.ndarray[Any, np.dtype[np.bool_]]) -> Values:
     """Continue maps into unknown samples with the smallest third derivatives.
 
     The sum of squares of all third differences is minimised, which preserves parabolas. If a map is
     known on the whole disc, a polynomial of order 8 is fitted and subtracted first.
     """
-    out = np.where(known, maps, 0.0)
-    flat = known.reshape(len(maps), -1)
+    out = np.where(valid, maps, 0.0)
+    flat = valid.reshape(len(maps), -1)
     kinds, kind = np.unique(flat, axis=0, return_inverse=True)
-    inside = disc(known.shape[1:]).ravel()
+    inside = disc(valid.shape[1:]).ravel()
     for number, mask in enumerate(kinds):
         chosen = np.flatnonzero(kind.ravel() == number)
         if mask.all():
@@ -64,11 +66,11 @@ def continued(maps: Values, known: np.ndarray[Any, np.dtype[np.bool_]]) -> Value
         values = out[chosen].reshape(len(chosen), -1).T
         trend = np.zeros_like(values)
         if mask[inside].all() and mask.sum() >= 4 * (ORDER + 1) ** 2:
-            powers = _powers(known.shape[1:])
+            powers = _powers(valid.shape[1:])
             trend = powers @ np.linalg.lstsq(powers[mask], values[mask], rcond=None)[0]
-        rest = _least_third_differences(values - trend, mask, known.shape[1:])
-        out[chosen] = (rest + trend).T.reshape(len(chosen), *known.shape[1:])
-        out[chosen] = np.where(known[chosen], maps[chosen], out[chosen])
+        rest = _least_third_differences(values - trend, mask, valid.shape[1:])
+        out[chosen] = (rest + trend).T.reshape(len(chosen), *valid.shape[1:])
+        out[chosen] = np.where(valid[chosen], maps[chosen], out[chosen])
     return out
 
 
@@ -96,23 +98,23 @@ def _least_third_differences(values: Values, mask: Any, shape: tuple[int, int]) 
         weight * sparse.kron(difference(n_v, 3 - k), difference(n_u, k), format="csr")
         for k, weight in enumerate((1.0, math.sqrt(3), math.sqrt(3), 1.0))
     ]
-    whole = sparse.vstack(parts, format="csc") / np.prod(shape)
-    own, given = whole[:, ~mask], whole[:, mask]
-    normal = (own.T @ own).tocsc()
+    matrix = sparse.vstack(parts, format="csc") / np.prod(shape)
+    columns, valid_columns = matrix[:, ~mask], matrix[:, mask]
+    normal = (columns.T @ columns).tocsc()
     out = values.copy()
-    out[~mask] = splu(normal).solve(-np.asarray(own.T @ (given @ values[mask])))
+    out[~mask] = splu(normal).solve(-np.asarray(columns.T @ (valid_columns @ values[mask])))
     return out
 
 
-def nearest(maps: Values, known: np.ndarray[Any, np.dtype[np.bool_]]) -> Values:
+def nearest(maps: Values, valid: np.ndarray[Any, np.dtype[np.bool_]]) -> Values:
     """Replace unknown samples by the nearest known sample; both arrays (l, m, n_v, n_u)."""
     from scipy.ndimage import distance_transform_edt
 
     out, pitch = np.array(maps), [2 / (n - 1) for n in maps.shape[2:]]
     for index in np.ndindex(maps.shape[:2]):
-        if not known[index].all():
+        if not valid[index].all():
             row, column = distance_transform_edt(
-                ~known[index], sampling=pitch, return_distances=False, return_indices=True
+                ~valid[index], sampling=pitch, return_distances=False, return_indices=True
             )
             out[index] = maps[index][row, column]
     return out
@@ -126,17 +128,19 @@ def edges_of(lit: np.ndarray[Any, np.dtype[np.bool_]], inside: Any) -> Values:
     """
     from scipy.ndimage import distance_transform_edt
 
-    whole = nearest(lit.astype(np.float64), np.broadcast_to(inside, lit.shape)) > 0
+    mask = nearest(lit.astype(np.float64), np.broadcast_to(inside, lit.shape)) > 0
     pitch = [2 / (n - 1) for n in lit.shape[2:]]
     half = min(pitch) / 2
     out = np.full(lit.shape, np.nan)
     for index in np.ndindex(lit.shape[:2]):
-        one = whole[index]
-        if not one.all():
-            within, beyond = (distance_transform_edt(m, sampling=pitch) for m in (one, ~one))
-            out[index] = np.where(one, within - half, half - beyond)
+        lit_map = mask[index]
+        if not lit_map.all():
+            within, beyond = (
+                distance_transform_edt(m, sampling=pitch) for m in (lit_map, ~lit_map)
+            )
+            out[index] = np.where(lit_map, within - half, half - beyond)
     for maps in out:
-        cut = [-float(one.min()) for one in maps if np.isfinite(one).all()]
+        cut = [-float(lit_map.min()) for lit_map in maps if np.isfinite(lit_map).all()]
         maps[np.isnan(maps)] = min(cut, default=1.0)
     return out
 
@@ -144,8 +148,8 @@ def edges_of(lit: np.ndarray[Any, np.dtype[np.bool_]], inside: Any) -> Values:
 def continued_edges(edges: Values, inside: Any) -> Values:
     """Continue edges, shape (l, m, n_v, n_u), beyond the disc."""
     flat = edges.reshape(-1, *edges.shape[2:])
-    known = np.broadcast_to(inside, flat.shape)
-    return continued(np.where(known, flat, 0.0), known).reshape(edges.shape)
+    valid = np.broadcast_to(inside, flat.shape)
+    return continued(np.where(valid, flat, 0.0), valid).reshape(edges.shape)
 
 
 def part_within(middle: Values, down: Values, right: Values) -> Values:
@@ -183,11 +187,11 @@ def spline(table: Values, v: Values, u: Values, *, order: tuple[int, int] = (0, 
     flat, wide = table.ravel(), table.shape[1]
     first = row * wide + column
     out = np.zeros(np.shape(v))
-    for i, one in enumerate(down):
+    for i, weight in enumerate(down):
         line = np.zeros(np.shape(v))
-        for k, other in enumerate(right):
-            line += other * flat[first + (i * wide + k)]
-        out += one * line
+        for k, column_weight in enumerate(right):
+            line += column_weight * flat[first + (i * wide + k)]
+        out += weight * line
     return out
 
 
@@ -231,30 +235,30 @@ class Line:
 
     Attributes
     ----------
-    places : numpy.ndarray
+    positions : numpy.ndarray
         Distinct positions in any order.
     """
 
-    places: Values
+    positions: Values
 
     @cached_property
     def _order(self) -> Any:
-        return np.argsort(self.places)
+        return np.argsort(self.positions)
 
     @cached_property
     def _splines(self) -> dict[int, Any]:
         from scipy.interpolate import make_interp_spline
 
-        places, n = self.places[self._order], len(self.places)
-        unit, scale = np.eye(n), max(float(np.abs(places).max()), 1e-300)
+        positions, n = self.positions[self._order], len(self.positions)
+        unit, scale = np.eye(n), max(float(np.abs(positions).max()), 1e-300)
         degrees = {d: min(d, n - 1) for d in (SMOOTH, STRAIGHT)}
-        found = {d: make_interp_spline(places / scale, unit, k=k) for d, k in degrees.items()}
-        return {d: (one, scale) for d, one in found.items()}
+        curves = {d: make_interp_spline(positions / scale, unit, k=k) for d, k in degrees.items()}
+        return {d: (curve, scale) for d, curve in curves.items()}
 
     @property
     def ends(self) -> tuple[float, float]:
         """Smallest and largest position."""
-        return float(self.places.min()), float(self.places.max())
+        return float(self.positions.min()), float(self.positions.max())
 
     def holds(self, at: Any) -> Any:
         """Return a mask of positions between the ends."""
@@ -264,8 +268,8 @@ class Line:
 
     def weights(self, at: float, degree: int) -> Values:
         """Return the weight of each given position at another: of a spline, or of a polynomial."""
-        out = np.empty(len(self.places))
-        if len(self.places) == 1:
+        out = np.empty(len(self.positions))
+        if len(self.positions) == 1:
             return np.ones(1)
         low, high = self.ends
         curve, scale = self._splines[degree]
@@ -273,7 +277,7 @@ class Line:
         return out
 
 
-class FieldPlaces:
+class FieldPositions:
     """Positions (y, x) of fields on the image plane, and weights between them."""
 
     def __init__(self, fields: Values, symmetric: bool) -> None:
@@ -307,11 +311,11 @@ class FieldPlaces:
             if min(len(level) for level in levels) < 2:
                 raise self._on_a_line()
             self._lines = tuple(Line(level) for level in levels)
-            found = [
+            index = [
                 np.searchsorted(level, axis)
                 for level, axis in zip(levels, self.fields.T, strict=True)
             ]
-            self._index = tuple(found)
+            self._index = tuple(index)
             return
         from scipy.spatial import Delaunay, QhullError
 
@@ -345,14 +349,14 @@ class FieldPlaces:
         if self.everywhere:
             return
         if self.symmetric:
-            held = self._lines[0].holds(np.hypot(*images.T))
+            inside = self._lines[0].holds(np.hypot(*images.T))
         elif self._triangles is None:
-            held = self._lines[0].holds(images[:, 0]) & self._lines[1].holds(images[:, 1])
+            inside = self._lines[0].holds(images[:, 0]) & self._lines[1].holds(images[:, 1])
         else:
             mesh: Any = self._triangles
-            held = mesh.find_simplex(images / self.reach, tol=ROUNDING) >= 0
-        if not held.all():
-            raise self._beyond(*(float(at) for at in images[~held][0]))
+            inside = mesh.find_simplex(images / self.reach, tol=ROUNDING) >= 0
+        if not inside.all():
+            raise self._beyond(*(float(at) for at in images[~inside][0]))
 
     def weights(self, y: float, x: float, degree: int) -> Values:
         """Return the weight of each field at a position."""
@@ -382,15 +386,15 @@ class FieldPlaces:
         if self.symmetric:
             low, high = self._lines[0].ends
             reach = f"from {metres(low)} to {metres(high)}" if low else metres(high)
-            held = f"The OPD maps reach {reach} from the axis"
+            reached = f"The OPD maps reach {reach} from the axis"
         else:
             (y0, x0), (y1, x1) = self.fields.min(axis=0), self.fields.max(axis=0)
-            held = (
+            reached = (
                 f"The OPD maps reach from (y, x) = ({metres(y0)}, {metres(x0)}) to "
                 f"({metres(y1)}, {metres(x1)})"
             )
         return ValueError(
-            f"{held}, but the point is imaged at ({metres(y)}, {metres(x)}), "
+            f"{reached}, but the point is imaged at ({metres(y)}, {metres(x)}), "
             f"{metres(math.hypot(y, x))} from the axis: add maps of fields there, or move the "
             "point."
         )

@@ -34,9 +34,9 @@ from clplen.wave.field.transmission import phasor
 Vector = np.ndarray[Any, Any]
 
 APODISATION = 0.5  # default exponent of cos(theta): the Debye integral over frequencies
-THICKEST = 0.01  # maximum thickness of a cover glass in metres
-RAYS = 257  # rays of a pupil whose outermost on the array gives the blur
-DEEPEST = 0.1  # maximum distance in metres; no objective has an image from farther away
+MAX_GLASS_THICKNESS = 0.01  # maximum thickness of a cover glass in metres
+BLUR_RAYS = 257  # rays of a pupil whose outermost on the array gives the blur
+MAX_DISTANCE = 0.1  # maximum distance in metres; no objective has an image from farther away
 
 
 @dataclass(frozen=True)
@@ -81,10 +81,10 @@ class CoverGlass:
 
     def __post_init__(self) -> None:
         for length in (self.thickness, self.designed_thickness):
-            if not (is_finite(length) and 0 <= length <= THICKEST):
+            if not (is_finite(length) and 0 <= length <= MAX_GLASS_THICKNESS):
                 raise ValueError(
-                    f"A cover glass must be 0 to {THICKEST} m thick, got {length!r}: 150 um are "
-                    "150e-6."
+                    f"A cover glass must be 0 to {MAX_GLASS_THICKNESS} m thick, got {length!r}: "
+                    "150 um are 150e-6."
                 )
         for index in (self.index, self.designed_index):
             if not (is_finite(index) and 1 <= index < 5):
@@ -200,11 +200,11 @@ class Objective:
         -------
         float or numpy.ndarray
         """
-        rays = np.array([self.na]) if self.cover is None else np.linspace(0, self.na, RAYS)
-        found = np.abs(self.landing(rays, np.asarray(z)[..., None])).max(axis=-1)
+        rays = np.array([self.na]) if self.cover is None else np.linspace(0, self.na, BLUR_RAYS)
+        reach = np.abs(self.landing(rays, np.asarray(z)[..., None])).max(axis=-1)
         if self.aberration is not None:
-            found = found + self.magnification / self.na * self.aberration.steepest
-        return found
+            reach = reach + self.magnification / self.na * self.aberration.steepest
+        return reach
 
     def landing(self, s: Vector, z: Any) -> Vector:
         """Return the position of a ray on the array from X, by the slope of the pupil's phase.
@@ -224,10 +224,10 @@ class Objective:
             Position in metres, on the ray's side of the pupil for positive z.
         """
         check_finite(z=z)
-        found = z * s / np.sqrt(self.medium_index * self.medium_index - s**2)
+        shift = z * s / np.sqrt(self.medium_index * self.medium_index - s**2)
         if self.cover is not None:
-            found = found + self.cover.slope(s, self.medium_index)
-        return np.asarray(self.magnification * found)
+            shift = shift + self.cover.slope(s, self.medium_index)
+        return np.asarray(self.magnification * shift)
 
     def pupil(self, grid: Grid, z: float, *, diameter: float = 0.0) -> Vector:
         """Compute P on the frequencies of a grid, scaled to the energy sum abs(U)^2 = 1.
@@ -364,7 +364,7 @@ def moved_pupils(
     """Multiply the pupil of each point's plane by the phases along y and x of its position."""
     shape = (plane.size, *pupils.shape[1:])
     out = device.empty(shape, device.complex)
-    ty, tx = (device.upload(one.astype(device.complex)) for one in turns)
+    ty, tx = (device.upload(phases.astype(device.complex)) for phases in turns)
     device.launch_rows(
         device.kernel("objective.cl", "point_spectra", **device.wave_defines()),
         shape,
@@ -414,13 +414,13 @@ def check_objective(
         )
 
 
-def check_positions(places: Any) -> None:
+def check_positions(positions: Any) -> None:
     """Raise for positions about the native plane beyond any objective, or not in metres."""
-    values = real_array(places, "places", np.float64)
-    beyond = values[np.abs(values) > DEEPEST]
+    values = real_array(positions, "places", np.float64)
+    beyond = values[np.abs(values) > MAX_DISTANCE]
     if beyond.size:
         raise ValueError(
-            f"Positions must be within {DEEPEST:g} m of the native plane and the axis, got "
+            f"Positions must be within {MAX_DISTANCE:g} m of the native plane and the axis, got "
             f"{beyond[0]:g} m. They are in metres: did you mean {beyond[0]:g}e-6?"
         )
 
@@ -452,9 +452,9 @@ def fluorescent_lines(
     return coherence.lines(wavelength)
 
 
-def quick_length(n: int, least: float) -> int:
+def quick_length(n: int, min_length: float) -> int:
     """Return the next fast transform length from ``least`` on, of the parity of ``n``."""
-    length = max(n, math.ceil(least))
+    length = max(n, math.ceil(min_length))
     if n % 2 == 0:
         return 2 * smooth_length(-(-length // 2))
     length += 1 - length % 2

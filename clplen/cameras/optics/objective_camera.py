@@ -20,7 +20,7 @@ from clplen.wave.propagation.propagator import Propagator
 
 Vector = np.ndarray[Any, Any]
 
-BATCH_BYTES = 2**27  # maximum bytes of fields that pass the microscope together
+MAX_BATCH_BYTES = 2**27  # maximum bytes of fields that pass the microscope together
 
 
 class ObjectiveCamera:
@@ -56,7 +56,7 @@ class ObjectiveCamera:
     def batches(self, points: PointSources, window: Grid) -> Iterator[PointSources]:
         """Yield points in batches whose fields on a window fit the memory."""
         nbytes = math.prod(window.shape) * self.device.complex.itemsize
-        count = max(1, BATCH_BYTES // nbytes)
+        count = max(1, MAX_BATCH_BYTES // nbytes)
         self.device.require_memory(4 * count * nbytes, "This exposure")
         for start in range(0, len(points), count):
             yield points.chosen(slice(start, start + count))

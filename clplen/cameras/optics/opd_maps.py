@@ -19,7 +19,7 @@ from clplen.cameras.optics.map_interpolation import (
     ROUNDING,
     SMOOTH,
     STRAIGHT,
-    FieldPlaces,
+    FieldPositions,
     Line,
     axes,
     bilinear,
@@ -40,10 +40,10 @@ from clplen.results import Savable
 from clplen.units import metres
 
 Values = np.ndarray[Any, np.dtype[np.float64]]
-LEAST_SAMPLES = 5  # minimum samples of a map along each axis
-LEAST_LIT = 10  # minimum samples with light in a map: a parabola needs 6
-MOST_WAVES = 2000.0  # path in wavelengths above which its unit is wrong
-LARGEST_SHIFT = 0.5  # maximum pupil shift in radii of the pupil
+MIN_SAMPLES = 5  # minimum samples of a map along each axis
+MIN_LIT_SAMPLES = 10  # minimum samples with light in a map: a parabola needs 6
+MAX_PATH_WAVES = 2000.0  # path in wavelengths above which its unit is wrong
+MAX_PUPIL_SHIFT = 0.5  # maximum pupil shift in radii of the pupil
 
 
 class OPDMaps(Savable):
@@ -148,7 +148,7 @@ class OPDMaps(Savable):
         self.symmetric = bool(symmetric)
         self.fields = _fields(fields, paths.shape[1], self.symmetric)
         self.wavelengths = _wavelengths(wavelengths, paths.shape[0])
-        self._places = FieldPlaces(self.fields, self.symmetric)
+        self._positions = FieldPositions(self.fields, self.symmetric)
         self._lines = None if self.wavelengths is None else Line(self.wavelengths**-2.0)
         inside = disc((paths.shape[2], paths.shape[3]))
         self.paths = np.where(inside, paths, np.nan)
@@ -234,17 +234,17 @@ class OPDMaps(Savable):
         return hash(self.digest)
 
     def __getstate__(self) -> dict[str, Any]:
-        return {name: value for name, value in vars(self).items() if name not in _KEPT}
+        return {name: value for name, value in vars(self).items() if name not in _CACHED}
 
     @cached_property
     def digest(self) -> str:
         """SHA-256 of all numbers; equal maps have equal digests."""
-        found = hashlib.sha256()
+        sha = hashlib.sha256()
         for name, value in self.values().items():
-            found.update(name.encode())
+            sha.update(name.encode())
             array = None if value is None else np.asarray(value)
-            found.update(b"" if array is None else repr(array.shape).encode() + array.tobytes())
-        return found.hexdigest()
+            sha.update(b"" if array is None else repr(array.shape).encode() + array.tobytes())
+        return sha.hexdigest()
 
     def values(self) -> dict[str, Any]:
         """Return constructor arguments that give equal maps, by name."""
@@ -252,13 +252,15 @@ class OPDMaps(Savable):
             "fields", "wavelengths", "symmetric", "distortion", "pupil_shift", "pupil_distance",
             "pupil_diameter",
         )  # fmt: skip
-        found = {"path": self.paths, "transmission": self.transmissions, "edge": self.edges}
-        return found | {name: getattr(self, name) for name in names}
+        arguments = {"path": self.paths, "transmission": self.transmissions, "edge": self.edges}
+        return arguments | {name: getattr(self, name) for name in names}
 
     @property
     def varies(self) -> bool:
         """True for maps of several fields, distortion or pupil shift."""
-        return not self._places.everywhere or bool(self.distortion.any() or self.pupil_shift.any())
+        return not self._positions.everywhere or bool(
+            self.distortion.any() or self.pupil_shift.any()
+        )
 
     @property
     def vignettes(self) -> bool:
@@ -274,7 +276,7 @@ class OPDMaps(Savable):
     def check(self, images: Values, wavelength: float) -> None:
         """Raise for images, or a wavelength, beyond the maps."""
         self._colour(wavelength, STRAIGHT)
-        self._places.require(images)
+        self._positions.require(images)
 
     def path(self, y: float, x: float, wavelength: float, v: Any, u: Any) -> Values:
         """Compute W of a point imaged at (y, x), in metres.
@@ -299,7 +301,7 @@ class OPDMaps(Savable):
         ValueError
             If the image position or the wavelength is outside the maps.
         """
-        table, turn = self._table(y, x, wavelength), self._places.turn(y, x)
+        table, turn = self._table(y, x, wavelength), self._positions.turn(y, x)
         return spline(table, *_turned_back(*_on_disc(v, u), turn))
 
     def slopes(
@@ -314,7 +316,7 @@ class OPDMaps(Savable):
         tuple of numpy.ndarray
             Both float64, the broadcast shape of ``v`` and ``u``.
         """
-        table, (sine, cosine) = self._table(y, x, wavelength), self._places.turn(y, x)
+        table, (sine, cosine) = self._table(y, x, wavelength), self._positions.turn(y, x)
         at = _turned_back(*_on_disc(v, u), (sine, cosine))
         down, right = spline(table, *at, order=(1, 0)), spline(table, *at, order=(0, 1))
         return down * cosine + right * sine, right * cosine - down * sine
@@ -339,7 +341,7 @@ class OPDMaps(Savable):
 
         ``cell`` is the width of the cells about the positions, as a fraction of the radius.
         """
-        turn, at = self._places.turn(y, x), _on_disc(v, u)
+        turn, at = self._positions.turn(y, x), _on_disc(v, u)
         share, edge = (
             self._mixed(maps, y, x, wavelength, STRAIGHT)
             for maps in (self.transmissions, self._cut)
@@ -389,7 +391,7 @@ class OPDMaps(Savable):
     def rms(self, wavelength: float) -> tuple[Values, Values]:
         """Return W's rms about its mean in metres, and the transmitted fraction, for each field."""
         colour = self._colour(wavelength, SMOOTH)
-        paths = np.tensordot(colour, self._whole, 1)
+        paths = np.tensordot(colour, self._continued, 1)
         straight = self._colour(wavelength, STRAIGHT)
         share, edge = (np.tensordot(straight, m, 1) for m in (self.transmissions, self.edges))
         weight = np.clip(share, 0, 1) * (edge > 0) * disc((paths.shape[1], paths.shape[2]))
@@ -404,10 +406,10 @@ class OPDMaps(Savable):
 
         They are in metres over the pupil's radius, and in metres.
         """
-        known = self._steepest.get(wavelength)
-        if known is None:
-            known = self._steepest[wavelength] = self._largest_slopes(wavelength)
-        return known
+        slopes = self._steepest.get(wavelength)
+        if slopes is None:
+            slopes = self._steepest[wavelength] = self._largest_slopes(wavelength)
+        return slopes
 
     @cached_property
     def _steepest(self) -> dict[float, tuple[float, float]]:
@@ -428,7 +430,7 @@ class OPDMaps(Savable):
         return steepest, float(np.hypot(*moved.T).max())
 
     @cached_property
-    def _whole(self) -> Values:
+    def _continued(self) -> Values:
         """Paths continued over the square."""
         shape = self.paths.shape
         flat = self.paths.reshape(-1, *shape[2:])
@@ -436,7 +438,7 @@ class OPDMaps(Savable):
 
     @cached_property
     def _tables(self) -> Values:
-        return coefficients(self._whole)
+        return coefficients(self._continued)
 
     @cached_property
     def _cut(self) -> Values:
@@ -447,30 +449,30 @@ class OPDMaps(Savable):
         """Return the weight of each wavelength at another."""
         if self._lines is None:
             return np.ones(1)
-        low, high = (one**-0.5 for one in self._lines.ends[::-1])
+        low, high = (inverse_square**-0.5 for inverse_square in self._lines.ends[::-1])
         if not (low * (1 - 1e-6) <= wavelength <= high * (1 + 1e-6)):
-            held = metres(low) if low == high else f"{metres(low)} to {metres(high)}"
+            band = metres(low) if low == high else f"{metres(low)} to {metres(high)}"
             raise ValueError(
-                f"wavelength must be {held} for these OPD maps, got {metres(wavelength)}: add "
+                f"wavelength must be {band} for these OPD maps, got {metres(wavelength)}: add "
                 "maps, or leave wavelengths out if the path does not depend on it."
             )
         return self._lines.weights(wavelength**-2.0, degree)
 
     def _mixed(self, maps: Values, y: float, x: float, wavelength: float, degree: int) -> Values:
         """Interpolate numbers of each wavelength and field at another wavelength and field."""
-        found = np.tensordot(self._colour(wavelength, degree), maps, 1)
-        return np.asarray(np.tensordot(self._places.weights(y, x, degree), found, 1))
+        mixed = np.tensordot(self._colour(wavelength, degree), maps, 1)
+        return np.asarray(np.tensordot(self._positions.weights(y, x, degree), mixed, 1))
 
     def _table(self, y: float, x: float, wavelength: float) -> Values:
         return self._mixed(self._tables, y, x, wavelength, SMOOTH)
 
     def _moved(self, pairs: Values, y: float, x: float, wavelength: float) -> tuple[float, float]:
         down, right = self._mixed(pairs, y, x, wavelength, SMOOTH)
-        sine, cosine = self._places.turn(y, x)
+        sine, cosine = self._positions.turn(y, x)
         return float(down * cosine + right * sine), float(right * cosine - down * sine)
 
 
-_KEPT = ("digest", "_steepest", "_whole", "_tables", "_cut")  # caches, left out of the state
+_CACHED = ("digest", "_steepest", "_continued", "_tables", "_cut")  # caches, left out of the state
 
 
 def _on_disc(v: Any, u: Any) -> tuple[Values, Values]:
@@ -498,87 +500,87 @@ def _require_maps(paths: Values) -> None:
             f"path must have shape (n_wavelengths, n_fields, n_v, n_u), got {paths.shape}; use "
             "path[None, None] for one map."
         )
-    if min(paths.shape[2:]) < LEAST_SAMPLES:
+    if min(paths.shape[2:]) < MIN_SAMPLES:
         raise ValueError(
-            f"path must have at least {LEAST_SAMPLES} samples along v and u, got "
+            f"path must have at least {MIN_SAMPLES} samples along v and u, got "
             f"{paths.shape[2]} x {paths.shape[3]}."
         )
 
 
-def _fields(given: Any, count: int, symmetric: bool) -> Values:
-    found = real_array(given, "fields", np.float64)
-    if found.ndim == 1 and symmetric:
-        found = np.stack([found, np.zeros_like(found)], axis=-1)
-    if found.shape != (count, 2):
+def _fields(fields: Any, count: int, symmetric: bool) -> Values:
+    positions = real_array(fields, "fields", np.float64)
+    if positions.ndim == 1 and symmetric:
+        positions = np.stack([positions, np.zeros_like(positions)], axis=-1)
+    if positions.shape != (count, 2):
         alone = " or (n_fields,)" if symmetric else ""
         raise ValueError(
             f"fields must be (y, x) of the image of each of {count} maps, shape ({count}, 2)"
-            f"{alone}, got {np.shape(given)}."
+            f"{alone}, got {np.shape(fields)}."
         )
-    if not np.isfinite(found).all():
+    if not np.isfinite(positions).all():
         raise ValueError("fields must be finite, in metres.")
-    units.IMAGE_PLACE.check(found, "A field")
-    if len(np.unique(found, axis=0)) < count:
+    units.IMAGE_PLACE.check(positions, "A field")
+    if len(np.unique(positions, axis=0)) < count:
         raise ValueError("fields must be distinct, but two of them are equal.")
-    found = np.array(found)
-    found.setflags(write=False)
-    return found
+    positions = np.array(positions)
+    positions.setflags(write=False)
+    return positions
 
 
-def _wavelengths(given: Any, count: int) -> Values | None:
-    if given is None:
+def _wavelengths(wavelengths: Any, count: int) -> Values | None:
+    if wavelengths is None:
         if count > 1:
             raise ValueError(
                 f"wavelengths must be given, in metres, for a path of {count} wavelengths."
             )
         return None
-    found = real_array(given, "wavelengths", np.float64).reshape(-1)
-    if found.shape != (count,):
+    values = real_array(wavelengths, "wavelengths", np.float64).reshape(-1)
+    if values.shape != (count,):
         raise ValueError(
-            f"wavelengths must have as many elements as path, {count}, got {found.size}."
+            f"wavelengths must have as many elements as path, {count}, got {values.size}."
         )
-    if not (np.isfinite(found).all() and (found > 0).all() and len(np.unique(found)) == count):
+    if not (np.isfinite(values).all() and (values > 0).all() and len(np.unique(values)) == count):
         raise ValueError(
-            f"wavelengths must be positive, finite and distinct, in metres, got {given}."
+            f"wavelengths must be positive, finite and distinct, in metres, got {wavelengths}."
         )
-    units.WAVELENGTH.check(found, "A wavelength")
-    found = np.array(found)
-    found.setflags(write=False)
-    return found
+    units.WAVELENGTH.check(values, "A wavelength")
+    values = np.array(values)
+    values.setflags(write=False)
+    return values
 
 
-def _shares(given: Any, paths: Values, inside: Any) -> Values | None:
+def _shares(transmission: Any, paths: Values, inside: Any) -> Values | None:
     """Return the checked transmission, or None."""
-    found = _like_paths(given, paths, "transmission")
-    if found is None:
+    shares = _like_paths(transmission, paths, "transmission")
+    if shares is None:
         return None
-    ok = (found >= 0) & (found <= 1) | ~inside
+    ok = (shares >= 0) & (shares <= 1) | ~inside
     if not ok.all():
         raise ValueError(
             "transmission must be a fraction of the energy, 0 to 1, in the whole pupil, got "
-            f"{found[~ok][0]:g}."
+            f"{shares[~ok][0]:g}."
         )
-    return np.where(inside, found, 0.0)
+    return np.where(inside, shares, 0.0)
 
 
-def _cuts(given: Any, paths: Values, inside: Any) -> Values | None:
+def _cuts(edge: Any, paths: Values, inside: Any) -> Values | None:
     """Return the checked edge, or None."""
-    found = _like_paths(given, paths, "edge")
-    if found is not None and not np.isfinite(found[..., inside]).all():
+    cuts = _like_paths(edge, paths, "edge")
+    if cuts is not None and not np.isfinite(cuts[..., inside]).all():
         raise ValueError("edge must be finite in the whole pupil.")
-    return found
+    return cuts
 
 
-def _like_paths(given: Any, paths: Values, name: str) -> Values | None:
-    if given is None:
+def _like_paths(values: Any, paths: Values, name: str) -> Values | None:
+    if values is None:
         return None
-    found = real_array(given, name, np.float64)
-    if found.shape not in (paths.shape, paths.shape[1:]):
+    samples = real_array(values, name, np.float64)
+    if samples.shape not in (paths.shape, paths.shape[1:]):
         raise ValueError(
             f"{name} must have the shape of path, {paths.shape}, or {paths.shape[1:]}, got "
-            f"{found.shape}."
+            f"{samples.shape}."
         )
-    return np.array(np.broadcast_to(found, paths.shape))
+    return np.array(np.broadcast_to(samples, paths.shape))
 
 
 def _require_light(paths: Values, lit: Any) -> None:
@@ -592,13 +594,13 @@ def _require_light(paths: Values, lit: Any) -> None:
             f"path must be finite where light passes, got NaN at {wrong[colour, field]} samples of "
             f"field {field}, wavelength {colour}: give the path there, or transmission 0."
         )
-    few = lit.sum(axis=(2, 3))
-    if (few < LEAST_LIT).any():
-        colour, field = np.argwhere(few < LEAST_LIT)[0]
+    counts = lit.sum(axis=(2, 3))
+    if (counts < MIN_LIT_SAMPLES).any():
+        colour, field = np.argwhere(counts < MIN_LIT_SAMPLES)[0]
         raise ValueError(
-            f"A map must have light at {LEAST_LIT} samples or more, got {few[colour, field]} in "
-            f"field {field}, wavelength {colour}: leave the field out, or sample the pupil more "
-            "finely."
+            f"A map must have light at {MIN_LIT_SAMPLES} samples or more, got "
+            f"{counts[colour, field]} in field {field}, wavelength {colour}: leave the field out, "
+            "or sample the pupil more finely."
         )
 
 
@@ -606,7 +608,7 @@ def _require_metres(maps: OPDMaps) -> None:
     largest = float(np.nanmax(np.abs(maps.paths)))
     if maps.wavelengths is not None:
         longest = float(maps.wavelengths.max())
-        if largest > MOST_WAVES * longest:
+        if largest > MAX_PATH_WAVES * longest:
             raise ValueError(
                 f"path must be in metres, got up to {largest:g}, which would be "
                 f"{largest / longest:.3g} wavelengths: multiply waves by the wavelength, such as "
@@ -615,18 +617,18 @@ def _require_metres(maps: OPDMaps) -> None:
     units.WAVEFRONT.check(largest, "path")
 
 
-def _pairs(given: Any, shape: tuple[int, int, int], name: str) -> Values:
-    if given is None:
+def _pairs(pairs: Any, shape: tuple[int, int, int], name: str) -> Values:
+    if pairs is None:
         return np.zeros(shape)
-    found = real_array(given, name, np.float64)
-    if found.shape not in (shape, shape[1:]):
+    values = real_array(pairs, name, np.float64)
+    if values.shape not in (shape, shape[1:]):
         raise ValueError(
             f"{name} must be (y, x) for each wavelength and field, shape {shape}, or for each "
-            f"field, {shape[1:]}, got {found.shape}."
+            f"field, {shape[1:]}, got {values.shape}."
         )
-    if not np.isfinite(found).all():
+    if not np.isfinite(values).all():
         raise ValueError(f"{name} must be finite.")
-    return np.array(np.broadcast_to(found, shape))
+    return np.array(np.broadcast_to(values, shape))
 
 
 def _require_steps(maps: OPDMaps) -> None:
@@ -638,17 +640,17 @@ def _require_steps(maps: OPDMaps) -> None:
             f"{reach:g} m from the axis: multiply fractions by the field."
         )
     units.IMAGE_PLACE.check(maps.distortion, "distortion")
-    if maps.largest_shift > LARGEST_SHIFT:
+    if maps.largest_shift > MAX_PUPIL_SHIFT:
         raise ValueError(
-            f"pupil_shift must be at most {LARGEST_SHIFT:g} radii of the pupil, got "
+            f"pupil_shift must be at most {MAX_PUPIL_SHIFT:g} radii of the pupil, got "
             f"{maps.largest_shift:g}."
         )
 
 
-def _length(given: float | None, name: str) -> float | None:
-    if given is None:
+def _length(length: float | None, name: str) -> float | None:
+    if length is None:
         return None
-    if not (fits_float64(given) and given > 0):
-        raise ValueError(f"{name} must be positive and finite, in metres, got {given!r}.")
-    units.CAMERA_DIAMETER.check(given, name)
-    return float(given)
+    if not (fits_float64(length) and length > 0):
+        raise ValueError(f"{name} must be positive and finite, in metres, got {length!r}.")
+    units.CAMERA_DIAMETER.check(length, name)
+    return float(length)

@@ -22,7 +22,7 @@ Values = np.ndarray[Any, np.dtype[np.float64]]
 Pair = tuple[float, float]
 
 TAPS = 10  # samples of the field's intensity beyond a pixel in its sum
-SHAPE = 8.0  # parameter of the interpolation's Kaiser window
+KAISER_BETA = 8.0  # parameter of the interpolation's Kaiser window
 
 
 @dataclass(frozen=True, kw_only=True, repr=False)
@@ -143,7 +143,7 @@ class PixelArray(OneLine):
 
     def to_json(self) -> str:
         """Return the pixels as JSON with all digits."""
-        values = {one.name: getattr(self, one.name) for one in fields(self)}
+        values = {field.name: getattr(self, field.name) for field in fields(self)}
         if self.filters is not None:
             values["filters"] = self.filters.to_json()
         return json.dumps(values)
@@ -227,11 +227,13 @@ def _weights(width: float) -> Values:
     x, w = np.polynomial.legendre.leggauss(8)
     edges = np.linspace(-width / 2, width / 2, count // 8 + 1)
     middle, half = (edges[1:] + edges[:-1]) / 2, np.diff(edges) / 2
-    places = (middle[:, None] + half[:, None] * x).ravel()
+    positions = (middle[:, None] + half[:, None] * x).ravel()
     areas = (half[:, None] * w).ravel()
-    apart = places[:, None] - np.arange(-n, n + 1)
+    apart = positions[:, None] - np.arange(-n, n + 1)
     root = np.sqrt(np.maximum(1 - (apart / TAPS) ** 2, 0))
-    kernel = np.sinc(apart) * np.i0(SHAPE * root) / np.i0(SHAPE) * (np.abs(apart) < TAPS)
+    kernel = (
+        np.sinc(apart) * np.i0(KAISER_BETA * root) / np.i0(KAISER_BETA) * (np.abs(apart) < TAPS)
+    )
     sums = areas @ kernel
     return np.asarray(sums * (width / sums.sum()))
 
@@ -244,7 +246,7 @@ class PixelSums:
     step: int  # samples from pixel to pixel
     # side of the active square in samples; 0 takes the sample in the middle for the whole pixel
     width: float
-    place: tuple[int, int]  # pixel (y, x) of the sensor at the patch's first pixel
+    pixel: tuple[int, int]  # pixel (y, x) of the sensor at the patch's first pixel
     shape: tuple[int, int]  # pixels (y, x) of the patch
 
     def put(
@@ -271,29 +273,32 @@ class PixelSums:
             (down, across), total, rows, taps,
             np.int32(len(weights)), np.int32(self.first[0] - reach), np.int32(self.step),
             device.upload(tile),
-            *(np.int32(n) for n in (*tile.shape, *self.place, total.shape[-1], down, across)),
+            *(np.int32(n) for n in (*tile.shape, *self.pixel, total.shape[-1], down, across)),
         )  # fmt: skip
 
     def sums(self, values: Values) -> Values:
         """Sum real samples, in place of abs(U)^2, as `put` with gain 1, on the host."""
-        weights, found = pixel_weights(self.width), np.asarray(values, np.float64)
+        weights, totals = pixel_weights(self.width), np.asarray(values, np.float64)
         for axis in (0, 1):
-            first, along = self.first[axis] - len(weights) // 2, np.moveaxis(found, axis + 1, 0)
+            first, along = (
+                self.first[axis] - len(weights) // 2,
+                np.moveaxis(totals, axis + 1, 0),
+            )
             taps = [along[first + j :: self.step][: self.shape[axis]] for j in range(len(weights))]
             summed = sum(weight * tap for weight, tap in zip(weights, taps, strict=True))
-            found = np.moveaxis(np.asarray(summed), 0, axis + 1)
-        return np.ascontiguousarray(found)
+            totals = np.moveaxis(np.asarray(summed), 0, axis + 1)
+        return np.ascontiguousarray(totals)
 
     def spread(self, image: Values, shape: tuple[int, int]) -> Values:
         """Apply the transpose of `put`, as a map of abs(U)^2, with gain 1."""
         weights, (down, across) = pixel_weights(self.width), self.shape
-        y, x = self.place
-        found = np.asarray(image, np.float64)[y : y + down, x : x + across]
+        y, x = self.pixel
+        spread = np.asarray(image, np.float64)[y : y + down, x : x + across]
         for axis in (0, 1):
-            along = np.moveaxis(found, axis, 0)
+            along = np.moveaxis(spread, axis, 0)
             wide = np.zeros((shape[axis], *along.shape[1:]))
             first = self.first[axis] - len(weights) // 2
             for j, weight in enumerate(weights):
                 wide[first + j :: self.step][: self.shape[axis]] += weight * along
-            found = np.moveaxis(wide, 0, axis)
-        return np.ascontiguousarray(found)
+            spread = np.moveaxis(wide, 0, axis)
+        return np.ascontiguousarray(spread)

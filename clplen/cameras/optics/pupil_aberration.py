@@ -20,8 +20,8 @@ from clplen.wave.elements.zernike import noll, plate_terms, zernike, zernike_gra
 
 Vector = np.ndarray[Any, Any]
 
-_RINGS, _SPOKES = 64, 64  # nodes of the quadrature over the pupil
-_MOVES = 3  # last of Noll's indices without aberration: piston, and two that shift images
+_RADIAL_NODES, _ANGULAR_NODES = 64, 64  # nodes of the quadrature over the pupil
+_LAST_SHIFT_TERM = 3  # last of Noll's indices without aberration: piston, and two that shift images
 
 
 @dataclass(frozen=True, init=False)
@@ -64,8 +64,8 @@ class PupilAberration:
             raise ValueError(
                 "Terms of a pupil must begin with 2, got 1: a piston does not change an image."
             )
-        kept = sorted((int(j), float(c)) for j, c in coefficients.items() if c)
-        object.__setattr__(self, "terms", tuple(kept))
+        terms = sorted((int(j), float(c)) for j, c in coefficients.items() if c)
+        object.__setattr__(self, "terms", tuple(terms))
 
     def __repr__(self) -> str:
         parts = [f"{j}: {c * 1e9:.4g} nm" for j, c in self.terms]
@@ -248,8 +248,8 @@ class PupilAberration:
             cosine = cosine + sine * math.sin(angle) * np.cos(theta - azimuth)
             return plate(n**2 * (1 - cosine**2)) - plate((n * sine) ** 2)
 
-        found = fitted_terms(path, terms)
-        return cls({j: c for j, c in found.items() if j > _MOVES})
+        fit = fitted_terms(path, terms)
+        return cls({j: c for j, c in fit.items() if j > _LAST_SHIFT_TERM})
 
 
 def fitted_terms(path: Callable[[Vector, Vector], Vector], last: int) -> dict[int, float]:
@@ -258,19 +258,19 @@ def fitted_terms(path: Callable[[Vector, Vector], Vector], last: int) -> dict[in
         raise ValueError(f"terms must be Noll's index of the last term, 4 to 200, got {last!r}.")
     rho, theta, weights = _nodes()
     values = path(rho, theta) * weights
-    found = {
+    fit = {
         j: float((values * zernike(*noll(j), rho, theta)).sum()) for j in range(2, int(last) + 1)
     }
-    return {j: c for j, c in found.items() if abs(c) > 1e-15}
+    return {j: c for j, c in fit.items() if abs(c) > 1e-15}
 
 
 def _nodes() -> tuple[Vector, Vector, Vector]:
     """Return (rho, theta) over the pupil, rho^2 at Gauss-Legendre nodes, and weights of a mean."""
-    t, w = np.polynomial.legendre.leggauss(_RINGS)
-    theta = 2 * np.pi * np.arange(_SPOKES) / _SPOKES
+    t, w = np.polynomial.legendre.leggauss(_RADIAL_NODES)
+    theta = 2 * np.pi * np.arange(_ANGULAR_NODES) / _ANGULAR_NODES
     rho = np.sqrt((t + 1) / 2)
-    weights = np.outer(w / 2, np.ones(_SPOKES) / _SPOKES)
-    return np.outer(rho, np.ones(_SPOKES)), np.outer(np.ones(_RINGS), theta), weights
+    weights = np.outer(w / 2, np.ones(_ANGULAR_NODES) / _ANGULAR_NODES)
+    return np.outer(rho, np.ones(_ANGULAR_NODES)), np.outer(np.ones(_RADIAL_NODES), theta), weights
 
 
 def _check_pupil(na: float, medium_index: float) -> None:

@@ -146,8 +146,8 @@ class RayOptics(LensletCamera):
 
     def on_array(self, positions: Any) -> np.ndarray[Any, Any]:
         """Compute the positions of points' chief rays on the array: `image_of` with z2 for F."""
-        places = np.atleast_2d(real_array(positions, "positions", np.float64))
-        return np.asarray(places[:, :2] * self.array_scale(places[:, 2])[:, None])
+        points = np.atleast_2d(real_array(positions, "positions", np.float64))
+        return np.asarray(points[:, :2] * self.array_scale(points[:, 2])[:, None])
 
     def array_scale(self, dz: Any) -> Any:
         """Compute -z2/(object distance + dz): a position on the array over that of its object."""
@@ -287,10 +287,10 @@ def check_in_view(optics: RayOptics, positions: Positions) -> None:
     if behind.any():
         x, y, dz = positions[behind][0]
         near = optics.object_distance + dz / 1e3 > 0 and abs(dz) >= 1
-        meant = f"; positions are in metres, did you mean dz = {dz / 1e3:g}?" if near else "."
+        hint = f"; positions are in metres, did you mean dz = {dz / 1e3:g}?" if near else "."
         raise ValueError(
             f"The point (x, y, dz) = ({x:g}, {y:g}, {dz:g}) m is behind the main lens, "
-            f"{optics.object_distance:g} m from the focused plane{meant}"
+            f"{optics.object_distance:g} m from the focused plane{hint}"
         )
     grid = optics.grid
     images, half = optics.on_array(positions), np.asarray(grid.extent)[::-1] / 2
@@ -302,21 +302,21 @@ def check_in_view(optics: RayOptics, positions: Positions) -> None:
     )[::-1]  # (x, y)
     outside = (np.abs(images - middle) > half).any(axis=1)
     if outside.any():
-        place, (X, Y) = positions[outside][0], images[outside][0]
-        x, y, dz = place
+        point, (X, Y) = positions[outside][0], images[outside][0]
+        x, y, dz = point
         # the image is upside down
         scale = float(optics.array_scale(dz))
         (left, top), (right, bottom) = (middle + half) / scale, (middle - half) / scale
-        meant = ""
+        hint = ""
         if (np.abs(images[outside][0] / 1e3 - middle) <= half).all() and np.abs(
-            place[:2]
+            point[:2]
         ).max() >= 1:
-            meant = f"; positions are in metres, did you mean ({x / 1e3:g}, {y / 1e3:g})?"
+            hint = f"; positions are in metres, did you mean ({x / 1e3:g}, {y / 1e3:g})?"
         raise SamplingError(
             f"The point (x, y, dz) = ({x:g}, {y:g}, {dz:g}) m is imaged at ({X:g}, {Y:g}) m, "
             f"beyond the array of {2 * half[0]:g} x {2 * half[1]:g} m. At this dz the field of "
             f"view is x from {left:.4g} to {right:.4g} m, y from {top:.4g} to {bottom:.4g} m: "
-            f"move the point or use more lenslets{meant or '.'}"
+            f"move the point or use more lenslets{hint or '.'}"
         )
     maps = optics.aberrations.main_lens_opd
     if maps is not None:
@@ -415,12 +415,12 @@ def lens_types(optics: RayOptics) -> tuple[LensType, ...]:
     grid = lenslet_grid(optics, optics.sub_image_scale)
     shift = np.array(grid.row_step) + grid.odd_row_shift * np.array(grid.column_step)
     base = np.array([shift, grid.column_step])
-    found = []
+    types = []
     for number, sharp in enumerate(focus):
         side = (0, math.inf) if sharp > 0 else (-math.inf, 0)
         ends = np.clip((low[number], high[number]), *side)
         depths = sorted(float(1 / end) if end else math.copysign(math.inf, sharp) for end in ends)
         vectors = np.array([(0, number), (1, -mla.type_step), (0, len(focus))]) @ base
         offset, *steps_of = ((float(y), float(x)) for y, x in vectors)
-        found.append(LensType(offset, (depths[0], depths[1]), (steps_of[0], steps_of[1])))
-    return tuple(found)
+        types.append(LensType(offset, (depths[0], depths[1]), (steps_of[0], steps_of[1])))
+    return tuple(types)

@@ -28,7 +28,7 @@ Pair = tuple[float, float]
 Values = np.ndarray[Any, np.dtype[np.float64]]
 
 TOLERANCE = {"single": 1e-6, "double": 1e-10}  # error of the derivative by s, over W/2
-LEAST = 0.1  # minimum of W/2 times the reach of the planes, for a slightly tilted sensor
+MIN_PHASE = 0.1  # minimum of W/2 times the reach of the planes, for a slightly tilted sensor
 
 
 @dataclass(frozen=True, eq=False)
@@ -43,12 +43,12 @@ class SensorPlanes:
     @property
     def nbytes(self) -> int:
         """Number of bytes on the device."""
-        return sum(int(one.nbytes) for one in (*self.weights, *self.slopes))
+        return sum(int(table.nbytes) for table in (*self.weights, *self.slopes))
 
 
 def reach_of(grid: Grid, tilt: Pair) -> float:
     """Return the largest distance by which a tilt moves a pixel along the axis, in metres."""
-    down, right = (float(np.abs(places).max()) for places in (grid.y, grid.x))
+    down, right = (float(np.abs(axis).max()) for axis in (grid.y, grid.x))
     return abs(tilt[0]) * down + abs(tilt[1]) * right
 
 
@@ -58,7 +58,7 @@ def sensor_planes(
     """Return the planes of a sensor."""
     square = sum((wavelength / (2 * pitch)) ** 2 for pitch in grid.pitch)
     half_turn = math.pi / wavelength * (1 - math.sqrt(max(0.0, 1 - square)))  # W/2
-    reach = max(reach_of(grid, tilt), LEAST / half_turn)
+    reach = max(reach_of(grid, tilt), MIN_PHASE / half_turn)
     count = plane_count(half_turn * reach, TOLERANCE[device.precision])
     nodes = chebyshev.chebpts1(count)
     coefficients = 2 / count * chebyshev.chebvander(nodes, count - 1).T
@@ -70,7 +70,10 @@ def sensor_planes(
     weights, slopes = lagrange * turned, (steps - 1j * half_turn * lagrange) * turned
     return SensorPlanes(
         tuple(float(z) for z in distance + reach * nodes),
-        *(tuple(device.upload(c.astype(device.complex)) for c in one) for one in (weights, slopes)),
+        *(
+            tuple(device.upload(c.astype(device.complex)) for c in tables)
+            for tables in (weights, slopes)
+        ),
     )
 
 

@@ -18,9 +18,9 @@ from clplen.checks import install_advice, is_integer
 
 Values = np.ndarray[Any, np.dtype[np.float64]]
 MM = 1e-3  # optiland's lengths are in millimetres, its wavelengths in micrometres
-NEAR = 1e-4  # fraction of the largest field that defines the scale of the image
-SYMMETRIC = 0.02  # maximum rms difference of a rotated field in wavelengths
-KINDS = ("AngleField", "ObjectHeightField", "ParaxialImageHeightField")
+SCALE_FIELD = 1e-4  # fraction of the largest field that defines the scale of the image
+MAX_ASYMMETRY = 0.02  # maximum rms difference of a rotated field in wavelengths
+FIELD_KINDS = ("AngleField", "ObjectHeightField", "ParaxialImageHeightField")
 
 
 @dataclass
@@ -42,19 +42,23 @@ def trace_maps(
     main = lens.primary() if wavelengths is None else float(colours[0])
     scale, axial = lens.scale(main), lens.wavefront(0.0, 0.0, main, samples)
     sign = axial.orientation()
-    ideal = np.array([scale * lens.height(one) for one in fractions])
+    ideal = np.array([scale * lens.height(wavefront) for wavefront in fractions])
     if len(fractions) > 1:
         lens.require_symmetry(max(fractions), main, samples)
     shape = (len(colours), len(fractions))
     path, passed, edge = np.empty((3, *shape, samples, samples))
-    moved, shifted = np.zeros((2, *shape, 2))
+    displacement, pupil_shifts = np.zeros((2, *shape, 2))
     for n, colour in enumerate(colours):
         for k, fraction in enumerate(fractions):
-            one = lens.wavefront(0.0, fraction, colour, samples)
-            for maps, found in ((path, one.path), (passed, one.passed), (edge, one.edge)):
-                maps[n, k] = found[::sign, ::sign]
-            moved[n, k, 0] = one.place[0] - ideal[k]
-            shifted[n, k, 0] = one.shift
+            wavefront = lens.wavefront(0.0, fraction, colour, samples)
+            for maps, table in (
+                (path, wavefront.path),
+                (passed, wavefront.passed),
+                (edge, wavefront.edge),
+            ):
+                maps[n, k] = table[::sign, ::sign]
+            displacement[n, k, 0] = wavefront.image[0] - ideal[k]
+            pupil_shifts[n, k, 0] = wavefront.shift
     return {
         "path": path,
         "transmission": np.where(np.isfinite(path), passed, 0.0),
@@ -62,8 +66,8 @@ def trace_maps(
         "fields": np.stack([ideal, np.zeros_like(ideal)], axis=-1),
         "wavelengths": np.asarray(colours),
         "symmetric": len(fractions) > 1,
-        "distortion": moved,
-        "pupil_shift": shifted,
+        "distortion": displacement,
+        "pupil_shift": pupil_shifts,
         "pupil_distance": lens.pupil_distance,
         "pupil_diameter": 2 * lens.pupil_radius,
     }
@@ -79,7 +83,7 @@ class _Wavefront:
     path: Values
     passed: Values
     edge: Values
-    place: tuple[float, float]
+    image: tuple[float, float]
     shift: float
     rays: tuple[Values, Values]
 
@@ -94,7 +98,7 @@ class _Lens:
     def __init__(self, optic: Any) -> None:
         self.optic = optic
         kind = type(optic.fields.field_definition).__name__
-        if kind not in KINDS:
+        if kind not in FIELD_KINDS:
             raise ValueError(
                 "Fields of the lens must be angles, object heights or paraxial image heights, got "
                 f"{kind}: change them in the prescription."
@@ -108,7 +112,7 @@ class _Lens:
 
     def wavelengths(self) -> Values:
         """Return the wavelengths of the prescription."""
-        return np.array([float(one.value) * 1e-6 for one in self.optic.wavelengths])
+        return np.array([float(wavelength.value) * 1e-6 for wavelength in self.optic.wavelengths])
 
     def primary(self) -> float:
         """Return the prescription's primary wavelength."""
@@ -123,8 +127,8 @@ class _Lens:
         """Return the image's height over `height`, next to the axis."""
         if self.largest == 0:
             return 0.0
-        y, _ = self.chief(0.0, NEAR, wavelength)[0]
-        return y / self.height(NEAR)
+        y, _ = self.chief(0.0, SCALE_FIELD, wavelength)[0]
+        return y / self.height(SCALE_FIELD)
 
     def chief(self, across: float, up: float, wavelength: float) -> tuple[tuple[float, float], Any]:
         """Return (y, x) of a field's chief ray on the image, and in the exit pupil."""
@@ -132,9 +136,9 @@ class _Lens:
         x, y, slope_x, slope_y, slope_z = (
             float(np.ravel(getattr(rays, name))[0]) for name in "xyLMN"
         )
-        place = (y * MM, x * MM)
+        position = (y * MM, x * MM)
         steps = self._pupil / slope_z
-        return place, (place[0] + steps * slope_y, place[1] + steps * slope_x)
+        return position, (position[0] + steps * slope_y, position[1] + steps * slope_x)
 
     def wavefront(self, across: float, up: float, wavelength: float, samples: int) -> _Wavefront:
         """Trace the wavefront of a field."""
@@ -146,7 +150,7 @@ class _Lens:
         field, distribution = (across, up), _Rays(u, v)
         with warnings.catch_warnings(), np.errstate(all="ignore"):
             warnings.simplefilter("ignore")  # warnings about rays that miss a surface
-            found = Wavefront(
+            data = Wavefront(
                 self.optic,
                 fields=[field],
                 wavelengths=[wavelength * 1e6],
@@ -154,13 +158,13 @@ class _Lens:
             ).get_data(field, wavelength * 1e6)
             self.optic.trace(*field, wavelength * 1e6, None, distribution)
         waves, share, height = (
-            np.asarray(one, np.float64) for one in (found.opd, found.intensity, found.pupil_y)
+            np.asarray(values, np.float64) for values in (data.opd, data.intensity, data.pupil_y)
         )
-        failed = (waves == 0) & (share == 0) & (height == 0) & (np.asarray(found.pupil_x) == 0)
+        failed = (waves == 0) & (share == 0) & (height == 0) & (np.asarray(data.pupil_x) == 0)
         path, light, edge = np.full((3, *inside.shape), np.nan)
         path[inside] = np.where(failed, np.nan, -waves * wavelength)  # optiland's sign is opposite
         light[inside], edge[inside] = share, self._edges(share > 0)
-        place, pupil = self.chief(across, up, wavelength)
+        position, pupil = self.chief(across, up, wavelength)
         if not (share > 0).any():
             raise ValueError(
                 f"No ray of the field at {up:g} of the largest passes the lens at "
@@ -170,7 +174,7 @@ class _Lens:
             path,
             light,
             edge,
-            place,
+            position,
             pupil[0] / self.pupil_radius,
             (v[~failed], height[~failed]),
         )
@@ -190,8 +194,8 @@ class _Lens:
             if type(rim).__name__ != "RadialAperture" or rim.r_min:
                 return np.full(passes.shape, np.nan)
             out = np.fmin(out, 1 - np.hypot(x[number], y[number]) / float(rim.r_max))
-        held = np.where(np.isnan(out), 1.0, out)  # other lost light is just outside the edge
-        return np.where(passes, np.maximum(held, 1e-9), np.where(held < 0, held, -0.05))
+        edges = np.where(np.isnan(out), 1.0, out)  # other lost light is just outside the edge
+        return np.where(passes, np.maximum(edges, 1e-9), np.where(edges < 0, edges, -0.05))
 
     def require_symmetry(self, fraction: float, wavelength: float, samples: int) -> None:
         """Raise for a lens whose light changes if the field is rotated by a right angle."""
@@ -201,8 +205,8 @@ class _Lens:
         )
         both = np.isfinite(upright.path) & np.isfinite(turned.path.T)
         off = math.sqrt(float(np.mean((upright.path - turned.path.T)[both] ** 2)))
-        moved = math.hypot(*(a - b for a, b in zip(upright.place, turned.place[::-1], strict=True)))
-        if off > SYMMETRIC * wavelength or moved > 1e-6 * math.hypot(*upright.place):
+        moved = math.hypot(*(a - b for a, b in zip(upright.image, turned.image[::-1], strict=True)))
+        if off > MAX_ASYMMETRY * wavelength or moved > 1e-6 * math.hypot(*upright.image):
             raise ValueError(
                 "The lens must be rotationally symmetric, but the wavefront of its largest field "
                 f"changes by {off / wavelength:.3g} waves rms if the field is rotated by 90 "
@@ -241,10 +245,10 @@ def _fractions(fields: int | Sequence[float]) -> Values:
                 f"fields must be a number >= 1, or fractions of the largest, got {fields!r}."
             )
         return np.linspace(0, 1, int(fields))
-    found = np.asarray(fields, np.float64)
-    if found.ndim != 1 or not len(found) or not ((found >= 0) & (found <= 1)).all():
+    fractions = np.asarray(fields, np.float64)
+    if fractions.ndim != 1 or not len(fractions) or not ((fractions >= 0) & (fractions <= 1)).all():
         raise ValueError(f"fields must be fractions of the largest field, 0 to 1, got {fields!r}.")
-    return found
+    return fractions
 
 
 def _count(samples: int) -> int:
@@ -254,8 +258,8 @@ def _count(samples: int) -> int:
 
 
 def _checked(wavelengths: Sequence[float]) -> Values:
-    found = np.atleast_1d(np.asarray(wavelengths, np.float64))
-    if found.ndim != 1 or not (np.isfinite(found).all() and (found > 0).all()):
+    values = np.atleast_1d(np.asarray(wavelengths, np.float64))
+    if values.ndim != 1 or not (np.isfinite(values).all() and (values > 0).all()):
         raise ValueError(f"wavelengths must be positive, in metres, got {wavelengths!r}.")
-    units.WAVELENGTH.check(found, "A wavelength")
-    return found
+    units.WAVELENGTH.check(values, "A wavelength")
+    return values

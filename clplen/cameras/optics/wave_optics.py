@@ -31,8 +31,10 @@ from clplen.wave.propagation.propagator import Propagator
 
 Positions = np.ndarray[Any, np.dtype[np.float64]]
 
-LARGEST_RESIDUAL = 2.0  # maximum turns in single precision; the error is then 5e-6 rad
-STEP = 1e-2  # step of the table of 2 J1(v)/v; cubic Hermite interpolation is then right to 3e-12
+MAX_RESIDUAL_TURNS = 2.0  # maximum turns in single precision; the error is then 5e-6 rad
+TABLE_STEP = (
+    1e-2  # step of the table of 2 J1(v)/v; cubic Hermite interpolation is then right to 3e-12
+)
 
 
 def pupil_fields(
@@ -92,12 +94,12 @@ def _residual_route(reach: float, z: float, wavelength: float, device: Device) -
     """Return the kernel's switches: the phase (r - z)^2/(2 z lam) beside tables may need fp64."""
     beyond = reach**2 / (np.hypot(reach, z) + z)
     turns = beyond**2 / (2 * z * wavelength)
-    if device.precision == "double" or turns <= LARGEST_RESIDUAL:
+    if device.precision == "double" or turns <= MAX_RESIDUAL_TURNS:
         return {}
     if not device.has_fp64:
         raise DeviceError(
             f"A source at {z:g} m from the lens leaves {turns:.3g} turns of phase to single "
-            f"precision, more than {LARGEST_RESIDUAL:g}, and {device.name} has no double "
+            f"precision, more than {MAX_RESIDUAL_TURNS:g}, and {device.name} has no double "
             "precision: use another device, or a smaller aperture."
         )
     return {"RESIDUAL_FP64": True}
@@ -120,17 +122,19 @@ def disc_table(largest: float, device: Device) -> tuple[np.ndarray[Any, Any], fl
     """Return a table of 2 J1(v)/v and its slope times the step, and steps a unit of v."""
     from scipy import special  # a slow import
 
-    count = max(2, int(np.ceil(largest / STEP)) + 2)
-    v = np.arange(count) * STEP
+    count = max(2, int(np.ceil(largest / TABLE_STEP)) + 2)
+    v = np.arange(count) * TABLE_STEP
     safe = np.where(v > 0, v, 1.0)
     value = np.where(v > 0, 2 * special.j1(safe) / safe, 1.0)
     slope = np.where(v > 0, -2 * special.jv(2, safe) / safe, 0.0)
-    return np.stack([value, slope * STEP], axis=-1).astype(device.real), 1 / STEP
+    return np.stack([value, slope * TABLE_STEP], axis=-1).astype(device.real), 1 / TABLE_STEP
 
 
 Values = np.ndarray[Any, np.dtype[np.float64]]
-LARGEST_SAMPLED_RIM = 4096  # samples across; a larger rim uses the mean loss below
-RIM_LOSS = 0.664  # energy loss of the rim's samples, times samples across: 4 int c (1 - c), c cover
+MAX_RIM_SAMPLES = 4096  # samples across; a larger rim uses the mean loss below
+MEAN_RIM_LOSS = (
+    0.664  # energy loss of the rim's samples, times samples across: 4 int c (1 - c), c cover
+)
 FRESNEL_WIDTHS = 2  # Fresnel widths beyond the geometric edge that an unpadded window holds
 
 
@@ -291,15 +295,15 @@ class WaveOptics(RayOptics):
     ) -> Field:
         total = None
         for z, weight in zip(planes.distances, weights, strict=True):
-            one = multiply(self.propagator(z, "as", pad)(behind), weight)
-            total = self._added(total, one)
+            plane = multiply(self.propagator(z, "as", pad)(behind), weight)
+            total = self._added(total, plane)
         assert total is not None
         return total
 
-    def _added(self, total: Field | None, one: Field) -> Field:
+    def _added(self, total: Field | None, term: Field) -> Field:
         if total is None:
-            return one
-        add(total.data, one.data, self.device)
+            return term
+        add(total.data, term.data, self.device)
         return total
 
     def padding(self, positions: Values) -> tuple[int, int]:
@@ -408,24 +412,24 @@ class WaveOptics(RayOptics):
         path = np.zeros(v.shape)
         for (n, m), metres in self.aberrations.main_terms(image_y, image_x).items():
             path += metres * zernike(n, m, rho, theta)
-        maps, place = self.aberrations.main_lens_opd, (image_y, image_x, self.wavelength)
+        maps, arguments = self.aberrations.main_lens_opd, (image_y, image_x, self.wavelength)
         if maps is None:
             return path, (rho <= 1).astype(np.float64)
         path += self._map_path(image_y, image_x, v, u)
-        down, right = maps.pupil_centre(*place)
+        down, right = maps.pupil_centre(*arguments)
         inside = np.hypot(v - down, u - right) <= 1 + 1e-12
-        return path, maps.transmission(*place, v - down, u - right) * inside
+        return path, maps.transmission(*arguments, v - down, u - right) * inside
 
     def _map_path(self, y: float, x: float, v: Values, u: Values) -> Values:
         """Compute W of the OPD maps for an image at (y, x), in metres.
 
         Distortion is the sphere about the undistorted image minus that about the chief ray's.
         """
-        maps, place = self.aberrations.main_lens_opd, (y, x, self.wavelength)
+        maps, arguments = self.aberrations.main_lens_opd, (y, x, self.wavelength)
         assert maps is not None
-        down, right = maps.pupil_centre(*place)
-        path = maps.path(*place, v - down, u - right)
-        Y, X = maps.chief_ray(*place)
+        down, right = maps.pupil_centre(*arguments)
+        path = maps.path(*arguments, v - down, u - right)
+        Y, X = maps.chief_ray(*arguments)
         if (y, x) == (Y, X):
             return path
         v, u = v * (self.aperture_diameter / 2), u * (self.aperture_diameter / 2)
@@ -476,11 +480,11 @@ class WaveOptics(RayOptics):
                 *("main lens", name, self.aberrations, self.aperture_diameter),
                 *(self.image_distance, pupil.grid, pupil.wavelength),
             )
-            one = device.plans.get(key)
-            if one is None:
-                one = device.upload(plate(0.0, 0.0))
-                one = device.plans.keep(key, one, int(one.nbytes))
-            return multiply(pupil, one)
+            shared_plate = device.plans.get(key)
+            if shared_plate is None:
+                shared_plate = device.upload(plate(0.0, 0.0))
+                shared_plate = device.plans.keep(key, shared_plate, int(shared_plate.nbytes))
+            return multiply(pupil, shared_plate)
         plates = [plate(float(y), float(x)) for y, x in images]
         (ny, nx), count = pupil.grid.shape, len(images)
         tall = Grid((count * ny, nx), pupil.grid.pitch)  # all fields below each other
@@ -496,8 +500,8 @@ class WaveOptics(RayOptics):
         a window of other samples agrees with a window of the sensor's samples.
         """
         across = self.aperture_diameter / pitch
-        if pitch != self.pixel_pitch or across > LARGEST_SAMPLED_RIM:
-            return RIM_LOSS / across
+        if pitch != self.pixel_pitch or across > MAX_RIM_SAMPLES:
+            return MEAN_RIM_LOSS / across
         key = ("rim loss", self.grid, self.aperture_diameter)
         loss: float | None = self.device.plans.get(key)
         return self.device.plans.keep(key, self._rim_loss(), 8) if loss is None else loss
@@ -541,13 +545,13 @@ class WaveOptics(RayOptics):
 
     def _passing(self, pupil: Field, y: float, x: float) -> Values:
         """Compute the amplitude transmission of the main lens for an image at (y, x)."""
-        maps, place = self.aberrations.main_lens_opd, (y, x, self.wavelength)
+        maps, arguments = self.aberrations.main_lens_opd, (y, x, self.wavelength)
         assert maps is not None
         rows, columns, v, u = self._cells(pupil)
-        down, right = maps.pupil_centre(*place)
+        down, right = maps.pupil_centre(*arguments)
         amplitude = np.zeros(pupil.grid.shape)
         cell = max(pupil.grid.pitch) / (self.aperture_diameter / 2)
-        share, covered = maps.share_and_cover(*place, v - down, u - right, cell)
+        share, covered = maps.share_and_cover(*arguments, v - down, u - right, cell)
         amplitude[rows, columns] = np.sqrt(share) * covered
         return amplitude.astype(pupil.device.complex)
 
@@ -627,5 +631,5 @@ def propagate_part(plan: Propagator, field: Field) -> Field:
             f"The field must be on a part of the plan's grid, {plan.grid}, got {field.grid}."
         )
     shape = (*field.shape[:-2], *plan.grid.shape)
-    whole = window(field.data, shape, field.device)
-    return plan(Field(whole, plan.grid, field.wavelength, field.device))
+    padded = window(field.data, shape, field.device)
+    return plan(Field(padded, plan.grid, field.wavelength, field.device))

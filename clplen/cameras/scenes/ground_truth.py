@@ -11,9 +11,9 @@ import numpy as np
 from clplen.compute.arrays import HostArray
 from clplen.results import Plottable, Savable
 
-JUMP = 0.15  # minimum disparity step between neighbouring surfaces that is a depth edge
-REACH = 4  # half width of the band around such an edge, in pixels
-LEAST = -1e6  # disparity of pixels without a surface
+MIN_EDGE_STEP = 0.15  # minimum disparity step between neighbouring surfaces that is a depth edge
+EDGE_PIXELS = 4  # half width of the band around such an edge, in pixels
+EMPTY_DISPARITY = -1e6  # disparity of pixels without a surface
 
 Map = np.ndarray[Any, np.dtype[np.float32]]
 Mask = np.ndarray[Any, np.dtype[np.bool_]]
@@ -72,7 +72,7 @@ def truth_of(
 ) -> Truth:
     """Return the ground truth with its masks."""
     disparity = np.asarray(disparity, np.float32)
-    near, far = _beside(disparity, surface)
+    near, far = _edge_bands(disparity, surface)
     curved = np.append(np.asarray(is_smooth, bool), False)[surface]
     edges = near | far
     masks = {
@@ -82,25 +82,25 @@ def truth_of(
         "planes": (surface >= 0) & ~curved & ~edges,
         "smooth": curved & ~edges,
     }
-    where = np.full(disparity.shape, np.nan, np.float32) if z is None else z
-    return Truth(disparity, where, np.asarray(surface, np.int32), masks)
+    distance = np.full(disparity.shape, np.nan, np.float32) if z is None else z
+    return Truth(disparity, distance, np.asarray(surface, np.int32), masks)
 
 
-def _beside(disparity: Map, surface: Any) -> tuple[Mask, Mask]:
-    """Return pixels of the nearer and the farther surface within REACH of their boundary."""
+def _edge_bands(disparity: Map, surface: Any) -> tuple[Mask, Mask]:
+    """Return pixels of the nearer and the farther surface within EDGE_PIXELS of their boundary."""
     from scipy.ndimage import maximum_filter, minimum_filter
 
-    depth = np.where(np.isnan(disparity), LEAST, disparity)
+    depth = np.where(np.isnan(disparity), EMPTY_DISPARITY, disparity)
     edges = np.zeros(depth.shape, bool)
     for axis in (0, 1):
         n = depth.shape[axis]
         first, second = _part(axis, 0, n - 1), _part(axis, 1, n)
         rise = np.abs(depth[second] - depth[first])
-        jump = (surface[first] != surface[second]) & (rise > JUMP)
+        jump = (surface[first] != surface[second]) & (rise > MIN_EDGE_STEP)
         edges[first] |= jump
         edges[second] |= jump
-    edges = maximum_filter(edges, 2 * REACH - 1)  # less than REACH away along both axes
-    size = 2 * REACH + 1  # reaches across the edge from every pixel of its band
+    edges = maximum_filter(edges, 2 * EDGE_PIXELS - 1)  # less than EDGE_PIXELS away along both axes
+    size = 2 * EDGE_PIXELS + 1  # reaches across the edge from every pixel of its band
     high = maximum_filter(depth, size, mode="nearest")
     low = minimum_filter(depth, size, mode="nearest")
     nearer = high - depth < depth - low

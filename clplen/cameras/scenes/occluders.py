@@ -113,9 +113,9 @@ def shadows(
     that the field is a sum of products of Fresnel integrals along y and x, averaged over the cells
     of ``axis``. Factors of several screens multiply; double diffraction is neglected.
     """
-    made = np.ones((len(positions), axis.size, axis.size), complex)
+    factors = np.ones((len(positions), axis.size, axis.size), complex)
     for screen in occluders:
-        stopped = 1 - np.sqrt(1 - screen.opacity)
+        blocked = 1 - np.sqrt(1 - screen.opacity)
         nearer = object_distance + screen.z
         for number in np.flatnonzero(positions[:, 2] > screen.z):
             x, y, dz = positions[number]
@@ -126,17 +126,17 @@ def shadows(
                 _covered(edges, at + (axis - at) * share, scale)
                 for edges, at in zip(screen.edges(), (y, x), strict=True)
             )
-            made[number] *= 1 - down @ stopped @ right.T
-    return made
+            factors[number] *= 1 - down @ blocked @ right.T
+    return factors
 
 
-def _covered(edges: Values, places: Values, scale: float) -> Waves:
+def _covered(edges: Values, positions: Values, scale: float) -> Waves:
     """Compute the light of strips between edges at each position, mean over its cell.
 
     Shape (places, strips): integrals of exp(i pi w^2/2)/(1 + i) over strips, w distance * scale.
     """
-    half = abs(places[1] - places[0]) * scale / 2
-    w = (edges[None, :] - places[:, None]) * scale
+    half = abs(positions[1] - positions[0]) * scale / 2
+    w = (edges[None, :] - positions[:, None]) * scale
     mean = (_integral(w + half) - _integral(w - half)) / (2 * half)
     return np.diff(mean, axis=1) / (1 + 1j)
 

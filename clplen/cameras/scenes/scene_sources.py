@@ -82,23 +82,23 @@ class PointSources(OneLine):
         power: float | Sequence[float] | np.ndarray[Any, Any] = 1.0,
         spectrum: Light | None = None,
     ) -> None:
-        places = np.atleast_2d(_numbers(positions, "Positions of sources")).copy()
-        if places.ndim != 2 or places.shape[1] != 3 or places.shape[0] == 0:
+        points = np.atleast_2d(_numbers(positions, "Positions of sources")).copy()
+        if points.ndim != 2 or points.shape[1] != 3 or points.shape[0] == 0:
             raise ValueError(
-                f"positions must be (x, y, dz) of each source, shape (n, 3), got {places.shape}."
+                f"positions must be (x, y, dz) of each source, shape (n, 3), got {points.shape}."
             )
-        if not np.isfinite(places).all():
+        if not np.isfinite(points).all():
             raise ValueError("positions must be finite numbers of metres.")
         if not (is_finite(diameter) and diameter >= 0):
             raise ValueError(f"diameter must be >= 0, in metres, got {diameter!r}.")
         units.POINT.check(diameter, "The diameter of sources")
         powers = _numbers(power, "Powers of sources")
-        if powers.ndim and powers.shape != (len(places),):
-            raise ValueError(f"power must be one value or {len(places)}, got shape {powers.shape}.")
-        powers = np.broadcast_to(powers, (len(places),)).copy()
+        if powers.ndim and powers.shape != (len(points),):
+            raise ValueError(f"power must be one value or {len(points)}, got shape {powers.shape}.")
+        powers = np.broadcast_to(powers, (len(points),)).copy()
         if not (np.isfinite(powers).all() and (powers >= 0).all()):
             raise ValueError("power must be finite and >= 0.")
-        object.__setattr__(self, "positions", places)
+        object.__setattr__(self, "positions", points)
         object.__setattr__(self, "diameter", float(diameter))
         object.__setattr__(self, "power", powers)
         light = None if spectrum is None else as_spectrum(spectrum, "The spectrum of sources")
@@ -312,12 +312,12 @@ class PicturePlane(OneLine, HostArray):
         return (np.arange(n) - n // 2) * self.pitch
 
 
-def _spectra(given: Any) -> tuple[Spectrum, ...] | None:
+def _spectra(spectra: Any) -> tuple[Spectrum, ...] | None:
     """Return checked spectra of channels."""
-    if given is None:
+    if spectra is None:
         return None
-    several = given if isinstance(given, list | tuple) else [given]
-    return tuple(as_spectrum(one, "Each of spectra") for one in several)
+    several = spectra if isinstance(spectra, list | tuple) else [spectra]
+    return tuple(as_spectrum(spectrum, "Each of spectra") for spectrum in several)
 
 
 def _check_channels(shape: tuple[int, ...], spectra: tuple[Spectrum, ...] | None) -> None:

@@ -18,10 +18,10 @@ from clplen.errors import ShapeError
 from clplen.lightfield.model.light_field import LightField
 from clplen.reprs import OneLine
 
-MOST_SURFACES = 64  # maximum number of surfaces: bits of a mask in the kernels
+MAX_SURFACES = 64  # maximum number of surfaces: bits of a mask in the kernels
 EDGE_ON = 0.05  # minimum 1 - gy a - gx b of a plane: views at a smaller angle are rejected
-SHAPE, WHICH = 17, 9  # numbers of a surface in kernels/cameras/surfaces.cl
-MARGIN = 2  # pixels added to the bounds of a surface
+SHAPE_NUMBERS, LINK_NUMBERS = 17, 9  # numbers of a surface in kernels/cameras/surfaces.cl
+MARGIN_PIXELS = 2  # pixels added to the bounds of a surface
 FAR = 2**30  # bound of surfaces without an outline, in pixels
 _KINDS: dict[Any, int] = {type(None): 0, Ellipse: 1, Polygon: 2, Bars: 3}
 
@@ -64,14 +64,14 @@ class SurfaceScene(OneLine):
         self, surfaces: Plane | Sphere | Sequence[Plane | Sphere], background: float = 0.0
     ) -> None:
         members = (surfaces,) if isinstance(surfaces, Plane | Sphere) else tuple(surfaces)
-        if not 1 <= len(members) <= MOST_SURFACES:
+        if not 1 <= len(members) <= MAX_SURFACES:
             raise ValueError(
-                f"A scene must have 1 to {MOST_SURFACES} surfaces, got {len(members)}: bars and "
+                f"A scene must have 1 to {MAX_SURFACES} surfaces, got {len(members)}: bars and "
                 "polygons of several contours are one surface."
             )
-        for one in members:
-            if not isinstance(one, Plane | Sphere):
-                kind = type(one).__name__
+        for member in members:
+            if not isinstance(member, Plane | Sphere):
+                kind = type(member).__name__
                 raise TypeError(f"A surface must be a Plane or a Sphere, got {kind}.")
         require_numbers("The background", background)
         object.__setattr__(self, "surfaces", members)
@@ -80,7 +80,7 @@ class SurfaceScene(OneLine):
     @property
     def channels(self) -> int:
         """Number of channels: 3 if a texture has colour, else 1."""
-        return max(one.texture.channels for one in self.surfaces)
+        return max(surface.texture.channels for surface in self.surfaces)
 
     def light_field(
         self,
@@ -154,14 +154,14 @@ class SurfaceScene(OneLine):
 
     def check_views(self, down: float, right: float) -> None:
         """Raise for planes that a view up to (down, right) from the centre sees edge-on."""
-        for number, one in enumerate(self.surfaces):
-            if not isinstance(one, Plane):
+        for number, surface in enumerate(self.surfaces):
+            if not isinstance(surface, Plane):
                 continue
-            turn = abs(one.slope[0]) * down + abs(one.slope[1]) * right
+            turn = abs(surface.slope[0]) * down + abs(surface.slope[1]) * right
             if turn > 1 - EDGE_ON:
                 raise ValueError(
-                    f"Surface {number}, a plane of slope {one.slope} disparities a pixel, is seen "
-                    f"edge-on or from behind by views up to {max(down, right):g} from the centre: "
+                    f"Surface {number}, a plane of slope {surface.slope} disparities a pixel, is "
+                    f"edge-on or reversed in views up to {max(down, right):g} from the centre: "
                     f"|gy| {down:g} + |gx| {right:g} must be at most {1 - EDGE_ON:g}, got "
                     f"{turn:.3g}."
                 )
@@ -191,31 +191,31 @@ class SurfaceTables:
 
 def surface_tables(scene: SurfaceScene, device: Device) -> SurfaceTables:
     """Return the tables of a scene on a device."""
-    shape = np.zeros((len(scene.surfaces), SHAPE), np.float32)
-    which = np.zeros((len(scene.surfaces), WHICH), np.int32)
+    shape = np.zeros((len(scene.surfaces), SHAPE_NUMBERS), np.float32)
+    which = np.zeros((len(scene.surfaces), LINK_NUMBERS), np.int32)
     edges: list[Any] = [np.zeros((0, 4))]
     spots: list[Any] = []
     texels: list[Any] = []
-    places: dict[int, int] = {}
-    for one, numbers, links in zip(scene.surfaces, shape, which, strict=True):
-        texture = one.texture
-        if id(texture) not in places:
-            places[id(texture)] = sum(part.size for part in texels)
+    offsets: dict[int, int] = {}
+    for surface, numbers, links in zip(scene.surfaces, shape, which, strict=True):
+        texture = surface.texture
+        if id(texture) not in offsets:
+            offsets[id(texture)] = sum(part.size for part in texels)
             texels.append(texture.coefficients(scene.channels).ravel())
-        outline = getattr(one, "outline", None)
-        numbers[:12] = _geometry(one)
+        outline = getattr(surface, "outline", None)
+        numbers[:12] = _geometry(surface)
         ny, nx = texture.samples.shape[:2]
         middle = (ny // 2 - texture.centre[0] / texture.scale,
                   nx // 2 - texture.centre[1] / texture.scale)  # fmt: skip
-        numbers[12:] = (1 / texture.scale, *np.mod(middle, (ny, nx)), *one.shade)
+        numbers[12:] = (1 / texture.scale, *np.mod(middle, (ny, nx)), *surface.shade)
         lines = outline.edges() if isinstance(outline, Polygon) else np.zeros((0, 4))
         links[:] = (
-            0 if isinstance(one, Plane) else 1, _KINDS[type(outline)], sum(map(len, edges)),
-            len(lines), places[id(texture)], ny, nx, len(spots), len(one.spots),
+            0 if isinstance(surface, Plane) else 1, _KINDS[type(outline)], sum(map(len, edges)),
+            len(lines), offsets[id(texture)], ny, nx, len(spots), len(surface.spots),
         )  # fmt: skip
         edges.append(lines)
         spots += [
-            (*s.centre, 0.5 / (s.width * s.width), s.strength, s.disparity) for s in one.spots
+            (*s.centre, 0.5 / (s.width * s.width), s.strength, s.disparity) for s in surface.spots
         ]
     return SurfaceTables(
         scene,
@@ -250,15 +250,15 @@ def rows_of_views(
 def centre_truth(tables: SurfaceTables, shape: tuple[int, int]) -> Truth:
     """Compute disparity and surface of every pixel of the centre view."""
     device = tables.device
-    disparity, seen = device.empty(shape, np.float32), device.empty(shape, np.int32)
+    disparity, index = device.empty(shape, np.float32), device.empty(shape, np.int32)
     device.launch_rows(
         device.kernel("scene.cl", "truth"),
         shape,
-        *(disparity, seen, tables.shape, tables.which, tables.edges),
+        *(disparity, index, tables.shape, tables.which, tables.edges),
         *(np.int32(n) for n in (tables.count, *shape)),
     )
-    is_smooth = [not isinstance(one, Plane) for one in tables.scene.surfaces]
-    return truth_of(device.download(disparity), device.download(seen), is_smooth)
+    is_smooth = [not isinstance(surface, Plane) for surface in tables.scene.surfaces]
+    return truth_of(device.download(disparity), device.download(index), is_smooth)
 
 
 def view_bounds(
@@ -270,20 +270,20 @@ def view_bounds(
     in the hull of its points.
     """
     V, U = views
-    found = np.empty((V, U, len(scene.surfaces), 4), np.int64)
+    bounds = np.empty((V, U, len(scene.surfaces), 4), np.int64)
     a, b = np.arange(V) - (V - 1) / 2, np.arange(U) - (U - 1) / 2
-    for i, one in enumerate(scene.surfaces):
-        points = one.bounds()
+    for i, surface in enumerate(scene.surfaces):
+        points = surface.bounds()
         if points is None:
-            found[:, :, i] = (-FAR, FAR, -FAR, FAR)
+            bounds[:, :, i] = (-FAR, FAR, -FAR, FAR)
             continue
         y = points[:, 0] - points[:, 2] * a[:, None] + (shape[0] - 1) / 2
         x = points[:, 1] - points[:, 2] * b[:, None] + (shape[1] - 1) / 2
-        found[:, :, i, 0] = np.floor(y.min(axis=1))[:, None] - MARGIN
-        found[:, :, i, 1] = np.ceil(y.max(axis=1))[:, None] + MARGIN
-        found[:, :, i, 2] = np.floor(x.min(axis=1))[None, :] - MARGIN
-        found[:, :, i, 3] = np.ceil(x.max(axis=1))[None, :] + MARGIN
-    return np.clip(found, -FAR, FAR).astype(np.int32)
+        bounds[:, :, i, 0] = np.floor(y.min(axis=1))[:, None] - MARGIN_PIXELS
+        bounds[:, :, i, 1] = np.ceil(y.max(axis=1))[:, None] + MARGIN_PIXELS
+        bounds[:, :, i, 2] = np.floor(x.min(axis=1))[None, :] - MARGIN_PIXELS
+        bounds[:, :, i, 3] = np.ceil(x.max(axis=1))[None, :] + MARGIN_PIXELS
+    return np.clip(bounds, -FAR, FAR).astype(np.int32)
 
 
 def _geometry(surface: Plane | Sphere) -> tuple[float, ...]:

@@ -21,9 +21,11 @@ from clplen.errors import ShapeError
 from clplen.reprs import OneLine
 
 Samples = np.ndarray[Any, np.dtype[np.float32]]
-LARGEST_SIDE = 8192  # maximum samples of a table's side
-_LEAST_BRICK = 4  # minimum side of a brick in pixels
-SMOOTHING = 0.6  # standard deviation in pixels; the gain at half a cycle a pixel is then 17 %
+MAX_SIDE = 8192  # maximum samples of a table's side
+_MIN_BRICK = 4  # minimum side of a brick in pixels
+DEFAULT_SMOOTHING = (
+    0.6  # standard deviation in pixels; the gain at half a cycle a pixel is then 17 %
+)
 
 
 @dataclass(frozen=True, init=False, eq=False, repr=False)
@@ -87,9 +89,9 @@ class Texture(OneLine, HostArray):
             raise ShapeError(
                 f"A texture must have shape (ny, nx) or (ny, nx, 3), got {np.shape(samples)}."
             )
-        if max(values.shape[:2]) > LARGEST_SIDE:
+        if max(values.shape[:2]) > MAX_SIDE:
             raise ShapeError(
-                f"A texture must have at most {LARGEST_SIDE} samples a side, got {values.shape}."
+                f"A texture must have at most {MAX_SIDE} samples a side, got {values.shape}."
             )
         if not np.isfinite(values).all():
             raise ValueError("The samples of a texture must be finite.")
@@ -217,8 +219,8 @@ def noise(
     random = np.random.default_rng(seed)
     planes = [_one_noise(random, weight, side) for _ in range(4 if colour else 1)]
     if colour:
-        own = [(planes[0] + planes[c]) / math.sqrt(2) for c in (1, 2, 3)]
-        return Texture(np.clip(mean + contrast * np.stack(own, axis=-1), 0, 1))
+        colours = [(planes[0] + planes[c]) / math.sqrt(2) for c in (1, 2, 3)]
+        return Texture(np.clip(mean + contrast * np.stack(colours, axis=-1), 0, 1))
     return Texture(np.clip(mean + contrast * planes[0], 0, 1))
 
 
@@ -229,7 +231,7 @@ def _one_noise(random: np.random.Generator, weight: Any, side: int) -> Any:
     return values / values.std()
 
 
-def picture(image: Any, *, scale: float = 1.0, smoothing: float = SMOOTHING) -> Texture:
+def picture(image: Any, *, scale: float = 1.0, smoothing: float = DEFAULT_SMOOTHING) -> Texture:
     """Return a texture of a smoothed picture, mirrored at its edges to repeat without a seam.
 
     Parameters
@@ -275,7 +277,7 @@ def picture(image: Any, *, scale: float = 1.0, smoothing: float = SMOOTHING) -> 
 
 
 def checker(
-    period: float, *, low: float = 0.2, high: float = 0.8, smoothing: float = SMOOTHING
+    period: float, *, low: float = 0.2, high: float = 0.8, smoothing: float = DEFAULT_SMOOTHING
 ) -> Texture:
     """Return a chessboard of squares of half a period, its edges smoothed by a Gaussian.
 
@@ -359,7 +361,7 @@ def bricks(
     mean: float = 0.5,
     contrast: float = 0.12,
     colour: bool = False,
-    smoothing: float = SMOOTHING,
+    smoothing: float = DEFAULT_SMOOTHING,
 ) -> Texture:
     """Return a wall of bricks of random brightness with joints and grain, in running bond.
 
@@ -391,9 +393,9 @@ def bricks(
     '0.70, 0.55'
     """
     height, length = size
-    if min(size) < _LEAST_BRICK:
+    if min(size) < _MIN_BRICK:
         raise ValueError(
-            f"Bricks must be at least {_LEAST_BRICK} pixels high and long, got {size!r}."
+            f"Bricks must be at least {_MIN_BRICK} pixels high and long, got {size!r}."
         )
     random = np.random.default_rng(seed)
     rows, columns = 2 * max(2, 200 // height), max(3, 400 // length)
