@@ -29,7 +29,7 @@ from clplen.cameras.optics.ray_optics import (
     raw_image,
     thin_spherical,
 )
-from clplen.cameras.optics.tilted_sensor import reach_of
+from clplen.cameras.optics.tilted_sensor import tilt_reach
 from clplen.cameras.optics.wave_optics import WaveOptics
 from clplen.cameras.scenes.occluders import Occluder
 from clplen.cameras.scenes.scene_sources import (
@@ -95,7 +95,7 @@ class Plenoptic(Described, RayOptics):
                 f"{aberrations.sensor_shift:g} m: the sensor would be {camera.sensor_distance:g} m "
                 "behind it."
             )
-        approach = reach_of(camera.grid, aberrations.sensor_tilt)
+        approach = tilt_reach(camera.grid, aberrations.sensor_tilt)
         if not camera.sensor_distance > approach:
             raise ValueError(
                 f"sensor_tilt = {aberrations.sensor_tilt} moves pixels {approach:g} m towards the "

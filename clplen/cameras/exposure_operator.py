@@ -39,7 +39,7 @@ from clplen.wave.field.field import Field
 
 Values = np.ndarray[Any, Any]
 
-MEMORY = 2**28  # default bytes of images that are kept; 256 MiB fit every device
+MEMORY = 2**28  # default bytes of images that are kept: 256 MiB
 
 
 class ExposureOperator(ArrayMap):
@@ -177,9 +177,9 @@ class ExposureOperator(ArrayMap):
         values = device.download(data).astype(np.float64).reshape(count, -1)
         totals = device.zeros((self._signals.filters * count, *self.out_shape), device.real)
         for part, line, images in self._images:
-            energies = self._images.energies(values, part)[:, images.which]
+            energies = self._images.energies(values, part)[:, images.indices]
             signal = np.einsum("bnc,cf->fbn", energies, line.weights)
-            images.add(totals, signal.reshape(-1, len(images.which)))
+            images.add(totals, signal.reshape(-1, len(images.indices)))
         device.finish()
         return self._signals.read(totals, device).reshape(*leading, *self.out_shape)
 
@@ -194,7 +194,7 @@ class ExposureOperator(ArrayMap):
         for part, line, images in self._images:
             inner = images.inner(pictures).reshape(self._signals.filters, count, -1)
             part_gradients = gradients[part].reshape(count, -1, self._parts[part].channels)
-            indices = self._parts[part].indices[images.which]
+            indices = self._parts[part].indices[images.indices]
             part_gradients[:, indices] += np.einsum("fbn,cf->bnc", inner, line.weights)
         values = np.concatenate(gradients, axis=1).reshape(*leading, *self.in_shape)
         return self.device.upload(np.ascontiguousarray(values, self.dtype))
@@ -258,7 +258,7 @@ class ExposureOperator(ArrayMap):
         for number, (index, line) in enumerate(self._images.lines()):
             stored_fields[number] = []
             for fields in point_fields(line.optics, self._parts[index].points):
-                signal = (energies[index][fields.which] @ line.weights).T
+                signal = (energies[index][fields.indices] @ line.weights).T
                 images_of(line.optics, fields).add(totals, signal)
                 stored_fields[number].append(replace(fields, at_array=None))
         image = device.download(self._signals.read(totals, device))[0]
@@ -352,9 +352,9 @@ class ExposureOperator(ArrayMap):
         """Compute derivatives of every pixel, for Gauss-Newton and for Cramer-Rao bounds.
 
         This is the forward mode of `gradient`, `lenslet_gradient` and `sensor_gradient`: J' times
-        a cotangent equals their results. It takes one pass of light through the camera for each
-        coordinate of a position, and a pass from the lenslets on for each parameter of the array
-        and for the sensor. All distances behind the array are constant.
+        a cotangent equals their results. Each coordinate of a position takes one pass of light
+        through the camera; each parameter of the array and the sensor take a pass from the lenslets
+        on. All distances behind the array are constant.
 
         Parameters
         ----------

@@ -208,7 +208,7 @@ def type2(
         raise ValueError(
             f"m = {m:.3g} (a = {camera.a:g} m) shifts the picture by only "
             f"{camera.patch_size:.2g} pixels from lenslet to lenslet: use abs(m) >= "
-            f"{_least_m(mla.focal_length, F, camera.pixels_per_lenslet):.2g}. Lengths are in "
+            f"{_min_m(mla.focal_length, F, camera.pixels_per_lenslet):.2g}. Lengths are in "
             "metres."
         )
     return camera
@@ -259,7 +259,7 @@ def _matched_aperture(match: str, *, pitch: float, F: float, z2: float, b: float
     return pitch * (z2 if match == "pupil" else F) / b
 
 
-def _least_m(f: float, F: float, pixels: float) -> float:
+def _min_m(f: float, F: float, pixels: float) -> float:
     """Return m of the smallest patch, m pixels F/(F + f + f/m), of a Keplerian camera."""
     linear, square = MIN_PATCH_PIXELS * (F + f), pixels * F
     return (linear + math.sqrt(linear**2 + 4 * square * MIN_PATCH_PIXELS * f)) / (2 * square)

@@ -8,9 +8,9 @@ P of `Objective`; the specimen is upright in the sub-images, so that u points ag
 of the native image. The field stop multiplies its Fourier transform. Behind the lenslets follows
 the angular spectrum over s, for all of them together: sub-images interfere where they meet.
 
-Objective and tube lens make the native image, with the field stop; the relay lens behind it makes
-the conjugate pupil, 2 NA f_FL/M wide, where the lenslets lie, and each shows the specimen from its
-own angle on the sensor (Llavador, Sola-Pikabea, Saavedra, Javidi and Martinez-Corral 2016,
+Objective and tube lens form the native image, with the field stop. The relay lens behind it forms
+the conjugate pupil, 2 NA f_FL/M wide, on the lenslets. Each lenslet images the specimen from its
+angle onto the sensor (Llavador, Sola-Pikabea, Saavedra, Javidi and Martinez-Corral 2016,
 "Resolution improvements in integral microscopy with Fourier plane recording"; Scrofani et al.
 2018, "FIMic"; Guo, Liu, Hua, Wang and Jia 2019, "Fourier light-field microscopy"). The specimen is
 upright in every sub-image. A lenslet centred at c sees it along the rays n sin(theta) = -M c/f_FL,
@@ -29,16 +29,16 @@ from scipy import fft
 
 from clplen.cameras.description import Described, Description, Row
 from clplen.cameras.optics.lenslet_camera import require_lengths
-from clplen.cameras.optics.lenslet_layout import LensletLayout, covered
+from clplen.cameras.optics.lenslet_layout import LensletLayout, rim_coverage
 from clplen.cameras.optics.objective import (
     APODISATION,
     CoverGlass,
     check_objective,
     check_positions,
+    fast_length,
     fluorescent_lines,
     fluorescent_points,
-    moved_pupils,
-    quick_length,
+    shift_pupils,
 )
 from clplen.cameras.optics.objective_camera import ObjectiveCamera
 from clplen.cameras.scenes.scene_sources import PointSources
@@ -179,7 +179,7 @@ class FourierMicroscope(Described, ObjectiveCamera):
         for lenslet in np.flatnonzero(np.abs(inside) < layout.reach + step):
             y, x = layout.positions[lenslet]
             rim = self.pupil_diameter / 2 - np.hypot(y + t[:, None], x + t)
-            fractions[lenslet] = (shape * covered(rim, step)).sum() / shape.sum()
+            fractions[lenslet] = (shape * rim_coverage(rim, step)).sum() / shape.sum()
         return fractions
 
     @property
@@ -325,7 +325,7 @@ class FourierMicroscope(Described, ObjectiveCamera):
         for wavelength, share in fluorescent_lines(coherence, self.wavelength):
             camera = replace(self, wavelength=wavelength)
             for points in parts:
-                total += share * camera._exposed(points, progress)
+                total += share * camera._sensor_energy(points, progress)
         data = self.device.upload(total.astype(np.float32))
         if sensor is not None:
             lenslets = LensletGrid((1, 1), self.grid.shape, (0.0, 0.0), (0.0, 0.0), (0.0, 0.0))
@@ -333,7 +333,7 @@ class FourierMicroscope(Described, ObjectiveCamera):
             data = sensor.record(raw).data
         return Image(data, self.device)
 
-    def _exposed(self, points: PointSources, progress: Progress | None) -> Vector:
+    def _sensor_energy(self, points: PointSources, progress: Progress | None) -> Vector:
         """Compute the energy on the sensor's pixels."""
         check_positions(points.positions)
         window, parts = self.window(points)
@@ -362,7 +362,7 @@ class FourierMicroscope(Described, ObjectiveCamera):
         sides = 2 * (np.abs(self.lenslets.positions).max(axis=0) + self.lenslets.reach)
         across = WINDOW_MARGIN * np.maximum(np.array(self.grid.extent), sides)
         shape = [
-            parts * quick_length(int(n), side / self.pixel_pitch)
+            parts * fast_length(int(n), side / self.pixel_pitch)
             for n, side in zip(self.grid.shape, across, strict=True)
         ]
         if max(shape) > MAX_WINDOW_SAMPLES or parts > MAX_PIXEL_PARTS:
@@ -396,8 +396,8 @@ class FourierMicroscope(Described, ObjectiveCamera):
             phasor(per_metre * points.positions[:, k : k + 1] * axis)
             for axis, k in ((window.y, 1), (window.x, 0))
         )
-        out = moved_pupils(pupils, plane, (ty, tx), self.device)
-        return self._stopped(Field(out, window, self.wavelength, self.device))
+        out = shift_pupils(pupils, plane, (ty, tx), self.device)
+        return self._apply_stop(Field(out, window, self.wavelength, self.device))
 
     def pupil(self, y: Vector, x: Vector, z: float, *, diameter: float = 0.0) -> Vector:
         """Compute P at positions of the conjugate pupil, 1 in its middle; the rim is antialiased.
@@ -415,14 +415,14 @@ class FourierMicroscope(Described, ObjectiveCamera):
 
     def rim(self, y: Vector, x: Vector) -> Vector:
         """Compute the fraction of each sample within the conjugate pupil, shape (ny, nx)."""
-        return covered(self.pupil_diameter / 2 - np.hypot(y[:, None], x), float(x[1] - x[0]))
+        return rim_coverage(self.pupil_diameter / 2 - np.hypot(y[:, None], x), float(x[1] - x[0]))
 
-    def _stopped(self, field: Field) -> Field:
+    def _apply_stop(self, field: Field) -> Field:
         """Return the field behind the stop; transforms of one window need no phase."""
         device, grid = self.device, field.grid
         axes = [f * self.wavelength * self.relay for f in (grid.fy, grid.fx)]
         step = float(axes[1][1] - axes[1][0])
-        inside = covered(self.field_stop / 2 - np.hypot(axes[0][:, None], axes[1]), step)
+        inside = rim_coverage(self.field_stop / 2 - np.hypot(axes[0][:, None], axes[1]), step)
         device.fft.inverse(field.data, device)
         stopped = multiply(field, device.upload(inside.astype(device.complex)))
         device.fft.forward(stopped.data, device)

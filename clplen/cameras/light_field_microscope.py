@@ -50,9 +50,9 @@ from clplen.cameras.optics.objective import (
     Objective,
     check_objective,
     check_positions,
+    fast_length,
     fluorescent_lines,
     fluorescent_points,
-    quick_length,
 )
 from clplen.cameras.optics.objective_camera import ObjectiveCamera
 from clplen.cameras.optics.pixel_array import PixelArray, PixelSums
@@ -205,8 +205,8 @@ class Microscope(Described, ObjectiveCamera, LensletCamera):
             Distance from the native plane in metres, farther positive.
         law : {"paraxial", "sharpest", "marginal"}
             "paraxial": the formula above (Levoy et al. 2006). "marginal": rays of the rim, n/
-            sqrt(n^2 - NA^2) times as much, since a ray at theta meets the array at M z tan(theta)
-            and leaves it by the sine condition. "sharpest": best focus of all rays, between the
+            sqrt(n^2 - NA^2) times as much: a ray at theta meets the array at M z tan(theta) and
+            leaves it by the sine condition. "sharpest": best focus of all rays, between the
             two; `clplen.lightfield.focus_ratio` times as much as "paraxial".
 
         Returns
@@ -402,9 +402,9 @@ class Microscope(Described, ObjectiveCamera, LensletCamera):
             for points in parts:
                 window = camera.window(points)  # raises for points beyond the array
                 if self.pixels is not None:
-                    total += share * camera._exposed_in_windows(points, transforms, progress)
+                    total += share * camera._window_energy(points, transforms, progress)
                     continue
-                total += share * camera._exposed(points, window, progress)
+                total += share * camera._sensor_energy(points, window, progress)
                 transforms.append((3 * len(points), window.shape))
         if self.pixels is not None:
             total = self.pixels.read(total)
@@ -421,7 +421,9 @@ class Microscope(Described, ObjectiveCamera, LensletCamera):
                 _check_sampling(replace(self, wavelength=wavelength))
         return lines
 
-    def _exposed(self, points: PointSources, window: Grid, progress: Progress | None) -> Vector:
+    def _sensor_energy(
+        self, points: PointSources, window: Grid, progress: Progress | None
+    ) -> Vector:
         """Compute the energy on the sensor's pixels, in the device's precision."""
         total = self.energies(points, window, progress)
         rows, columns = (
@@ -430,7 +432,7 @@ class Microscope(Described, ObjectiveCamera, LensletCamera):
         )
         return np.asarray(total[rows, columns])
 
-    def _exposed_in_windows(
+    def _window_energy(
         self,
         points: PointSources,
         transforms: list[tuple[int, tuple[int, int]]],
@@ -487,7 +489,7 @@ class Microscope(Described, ObjectiveCamera, LensletCamera):
         blur += self.magnification * points.diameter / 2
         reach = (images + blur + GUARD_LENSLETS * self.mla.pitch).max(axis=0)
         shape = tuple(
-            n if 2 * r <= n * self.pixel_pitch else quick_length(n, 2 * r / self.pixel_pitch)
+            n if 2 * r <= n * self.pixel_pitch else fast_length(n, 2 * r / self.pixel_pitch)
             for n, r in zip(self.grid.shape, reach, strict=True)
         )
         return Grid((shape[0], shape[1]), self.grid.pitch, origin=self.grid.origin)
@@ -699,11 +701,11 @@ def microscope_images(camera: Microscope, points: PointSources) -> Iterator[Devi
     middle = PixelSums((first[0], first[1]), 1, 0.0, (0, 0), camera.grid.shape)
     done = 0
     for batch in camera.batches(points, window):
-        which = list(range(done, done + len(batch)))
+        indices = list(range(done, done + len(batch)))
         done += len(batch)
         fields = camera.sensor_fields(batch, window).data
-        sums, gains = [middle] * len(which), np.ones(len(which))
-        yield images_on_patches(which, fields, sums, gains, camera.device)
+        sums, gains = [middle] * len(indices), np.ones(len(indices))
+        yield images_on_patches(indices, fields, sums, gains, camera.device)
 
 
 def _as_given(values: Vector) -> Any:

@@ -17,7 +17,7 @@ from clplen import (
     SurfaceScene,
 )
 from clplen.cameras import Aberrations, PixelArray, Plane, Plenoptic1, noise
-from clplen.cameras.optics.tilted_sensor import plane_count, reach_of, sensor_planes
+from clplen.cameras.optics.tilted_sensor import plane_count, sensor_planes, tilt_reach
 from clplen.compute.device import Device
 from clplen.wave.field.field import Field
 
@@ -76,8 +76,8 @@ def test_planes_are_as_many_as_the_light_turns(precise: Device) -> None:
     grid = Grid((21, 17), 8e-6)
     planes = [sensor_planes(grid, 0.01, t, LAM, precise) for t in ((0.0, 0.0), (0.3, 0.1))]
     assert len(planes[0].distances) < len(planes[1].distances)
-    assert reach_of(grid, (0.3, -0.1)) == pytest.approx(0.3 * 80e-6 + 0.1 * 64e-6)
-    assert max(planes[1].distances) - 0.01 < reach_of(grid, (0.3, 0.1))
+    assert tilt_reach(grid, (0.3, -0.1)) == pytest.approx(0.3 * 80e-6 + 0.1 * 64e-6)
+    assert max(planes[1].distances) - 0.01 < tilt_reach(grid, (0.3, 0.1))
     total = sum(precise.download(one) for one in planes[1].weights)
     assert abs(np.abs(total) - 1).max() < 0.2  # one plane wave, of half the largest turn
 

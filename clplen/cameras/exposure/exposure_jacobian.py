@@ -85,16 +85,16 @@ def exposure_jacobian(
     positions = [np.zeros((len(p.points), 3, *shape)) for p in parts if "positions" in by]
     for index, line in images.lines():
         for tangents in point_tangents(line.optics, parts[index].points, by):
-            weights = (energies[index][tangents.which] @ line.weights).T  # (filters, n)
-            read = _reader(signals, weights)
+            weights = (energies[index][tangents.indices] @ line.weights).T  # (filters, n)
+            read = _signal_reader(signals, weights)
             image += read(tangents.images[None], True)[0]
             if values:
-                values[index][tangents.which] += _by_values(tangents, line, signals)
+                values[index][tangents.indices] += _by_values(tangents, line, signals)
             if positions:
                 changes = np.stack(
                     [read(derivative[:, None], False) for derivative in tangents.positions]
                 )
-                positions[index][tangents.which] += np.moveaxis(changes, 0, 1)
+                positions[index][tangents.indices] += np.moveaxis(changes, 0, 1)
             for name, change in tangents.shared.items():
                 shared[name] = shared.get(name, 0.0) + read(change, True)
     return ExposureJacobian(
@@ -102,19 +102,19 @@ def exposure_jacobian(
         _spread(images, values) if values else None,
         np.concatenate(positions) if positions else None,
         {
-            name: _plain(name, derivative)
+            name: _drop_scalar_axis(name, derivative)
             for name, derivative in shared.items()
             if name not in ("shift", "tilt")
         },
         {
-            name: _plain(name, derivative)
+            name: _drop_scalar_axis(name, derivative)
             for name, derivative in shared.items()
             if name in ("shift", "tilt")
         },
     )
 
 
-def _reader(signals: PixelSignals, weights: Values) -> Callable[[Values, bool], Values]:
+def _signal_reader(signals: PixelSignals, weights: Values) -> Callable[[Values, bool], Values]:
     """Return a function that sums the pixels' signals of light (k, n, ny, nx) over the points."""
 
     def read(light: Values, together: bool) -> Values:
@@ -143,7 +143,7 @@ def _spread(images: SceneImages, values: Sequence[Values]) -> Values:
     return np.concatenate(blocks)
 
 
-def _plain(name: str, change: Values) -> Values:
+def _drop_scalar_axis(name: str, change: Values) -> Values:
     """Remove the axis of a scalar parameter."""
     return change if name in ("offset", "focal_lengths", "tilt") else change[0]
 

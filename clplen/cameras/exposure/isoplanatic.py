@@ -2,7 +2,7 @@
 
 pattern_lattice.py derives why a few positions suffice. The sum over positions of pattern * comb of
 weights is computed in the Fourier domain, by one inverse transform for the whole picture. The combs
-lie on fractions of a pixel: each tooth is spread by a short kernel, and the last step divides by
+lie on fractions of a pixel. Each tooth is spread by a short kernel, and the last step divides by
 its spectrum (Greengard and Lee 2004, "Accelerating the nonuniform fast Fourier transform").
 """
 
@@ -16,7 +16,7 @@ from typing import Any
 import numpy as np
 import pyopencl.array as cla
 
-from clplen.cameras.exposure.local_exposure import refined
+from clplen.cameras.exposure.local_exposure import refine
 from clplen.cameras.exposure.pattern_lattice import (
     Patch,
     PatternGrid,
@@ -75,7 +75,7 @@ def layout(optics: WaveOptics, plane: PicturePlane) -> Layout:
     patch_list = patches(optics, plane, grid, powers(optics, plane))
     finer = max(1, math.ceil(2 * BAND_RATIO * _band(optics) * optics.pixel_pitch))
     pixel = optics.pixel_pitch / finer
-    overhang = _beyond(optics, plane)
+    overhang = _overhang(optics, plane)
     window = []
     for axis, pitch in enumerate((grid.height, grid.pitch)):
         first = [patch.first[axis] for patch in patch_list]
@@ -115,7 +115,7 @@ def raw_patterns(
             done += len(offsets)
             if progress is not None:
                 progress(done, plan.patterns)
-    return _finished(total, optics, plan, unit, 1 / level)
+    return _finish_images(total, optics, plan, unit, 1 / level)
 
 
 def _band(optics: WaveOptics) -> float:
@@ -129,7 +129,7 @@ def _band(optics: WaveOptics) -> float:
     return slopes / (optics.wavelength * optics.sub_image_scale)
 
 
-def _beyond(optics: WaveOptics, plane: PicturePlane) -> tuple[float, float]:
+def _overhang(optics: WaveOptics, plane: PicturePlane) -> tuple[float, float]:
     """Return the reach of light past the sensor's edge along y and x, in metres."""
     images = np.abs(optics.on_array(plane.corners().positions)).max(axis=0)[::-1]
     overhang = images * optics.sub_image_scale + optics.spread(plane.z)
@@ -138,7 +138,7 @@ def _beyond(optics: WaveOptics, plane: PicturePlane) -> tuple[float, float]:
     return float(y), float(x)
 
 
-def _imaged_at(optics: WaveOptics, plane: PicturePlane, images: Vector) -> Vector:
+def _source_points(optics: WaveOptics, plane: PicturePlane, images: Vector) -> Vector:
     """Return (x, y, dz) on the picture's plane of points whose chief rays meet the array there."""
     scale = 1 / optics.array_scale(plane.z)
     flat = np.full(len(images), plane.z)
@@ -154,14 +154,14 @@ def _fields(
     optics: WaveOptics, plane: PicturePlane, patch: Patch, offsets: Vector, plan: Layout
 ) -> tuple[Field, Vector]:
     """Compute sensor fields of points imaged about a lenslet, and their factors to energy 1."""
-    points = _imaged_at(optics, plane, np.asarray(patch.centre) + offsets)
+    points = _source_points(optics, plane, np.asarray(patch.centre) + offsets)
     pupil, energies = optics.pupil_and_energy(points, full_grid=False)
     gains = 1 / energies
     to_array, to_sensor = plan.padding
     fields = optics.sensor_field(optics.array_field(pupil, pad=to_array), pad=to_sensor)
     if plan.finer > 1:
         optics.device.fft.forward(fields.data, optics.device)
-        fields = fields.with_data(refined(fields.data, plan.finer, optics.device))
+        fields = fields.with_data(refine(fields.data, plan.finer, optics.device))
     return fields, gains
 
 
@@ -188,9 +188,9 @@ class Teeth:
 def _teeth(patch: Patch, optics: WaveOptics, plan: Layout) -> Teeth:
     device, grid = optics.device, plan.grid
     per_pixel = optics.sub_image_scale * plan.finer / optics.pixel_pitch
-    row, down = _meets(plan.window[0], patch.first[0], grid.height * per_pixel, 0.0)
+    row, down = _nearest_teeth(plan.window[0], patch.first[0], grid.height * per_pixel, 0.0)
     pairs = [
-        _meets(plan.window[1], patch.first[1], grid.pitch * per_pixel, kind / 2)
+        _nearest_teeth(plan.window[1], patch.first[1], grid.pitch * per_pixel, kind / 2)
         for kind in range(grid.kinds)
     ]
     column, across = (np.stack(tables) for tables in zip(*pairs, strict=True))
@@ -202,7 +202,7 @@ def _teeth(patch: Patch, optics: WaveOptics, plan: Layout) -> Teeth:
     )
 
 
-def _meets(
+def _nearest_teeth(
     length: int, first: int, pitch: float, shift: float
 ) -> tuple[np.ndarray[Any, Any], Vector]:
     """Return each sample's first tooth within reach, counted from ``first``, and its factors."""
@@ -238,7 +238,7 @@ def _add_product(total: cla.Array, a: cla.Array, b: cla.Array, device: Device) -
     device.launch_rows(kernel, total.shape, total, a, b, *(np.int32(n) for n in total.shape))
 
 
-def _finished(
+def _finish_images(
     total: cla.Array, optics: WaveOptics, plan: Layout, unit: float, probe: float
 ) -> tuple[cla.Array, cla.Array]:
     """Divide by the spreading kernel's spectrum, transform, and sample the pixels."""

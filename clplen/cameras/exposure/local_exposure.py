@@ -160,7 +160,7 @@ def pixel_samples(fields: Field, active: float) -> tuple[cla.Array, PixelSums, f
     room, shape = _surround(active, fields.grid.shape)
     wide = window(fields.data, (*fields.shape[:-2], *shape), device, place=(room, room))
     device.fft.forward(wide, device)
-    return refined(wide, INTENSITY_OVERSAMPLING, device), sums, float(INTENSITY_OVERSAMPLING**2)
+    return refine(wide, INTENSITY_OVERSAMPLING, device), sums, float(INTENSITY_OVERSAMPLING**2)
 
 
 def sample_sums(active: float, shape: tuple[int, int]) -> tuple[PixelSums, tuple[int, int]]:
@@ -221,11 +221,11 @@ def window_samples(
     fields = windows.array_fields()
     fields = windows.sensor_spectra(windows.behind_array(fields, region))
     more = INTENSITY_OVERSAMPLING if active and windows.shape.rim is None else 1
-    fields = refined(fields, more, device)
+    fields = refine(fields, more, device)
     return fields, [_sums(windows, n, more, active) for n in range(len(windows.energy))]
 
 
-def refined(spectra: cla.Array, more: int, device: Device) -> cla.Array:
+def refine(spectra: cla.Array, more: int, device: Device) -> cla.Array:
     """Compute fields of spectra with ``more`` times as many samples along each axis."""
     *batch, ny, nx = spectra.shape
     if more > 1:

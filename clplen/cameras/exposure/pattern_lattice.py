@@ -179,7 +179,7 @@ def patches(
     )
     unit = max(np.abs(y).max(), np.abs(x).max(), optics.mla.pitch)
     values = _monomials(nodes_y / unit, nodes_x / unit, monomials)
-    chosen = _independent(values)
+    chosen = _independent_rows(values)
     through = np.linalg.pinv(values[chosen])
     shares = _monomials(y / unit, x / unit, monomials) @ through
     result = []
@@ -197,7 +197,7 @@ def _monomials(y: Vector, x: Vector, exponents: Powers) -> Vector:
     return np.stack([np.outer(y**i, x**k).ravel() for i, k in exponents], axis=-1)
 
 
-def _independent(values: Vector) -> list[int]:
+def _independent_rows(values: Vector) -> list[int]:
     """Return as many rows of a matrix as its rank that span the others (QR with pivoting)."""
     from scipy import linalg  # a slow import
 

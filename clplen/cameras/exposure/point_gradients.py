@@ -27,7 +27,7 @@ from clplen.wave.field.field import Field, Grid
 
 Values = np.ndarray[Any, np.dtype[np.float64]]
 
-FIELD_SETS = 2  # number of field sets in memory: those of an exposure, and their cotangents
+MEMORY_FACTOR = 2  # memory of the fields of a gradient, relative to an exposure
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -90,15 +90,17 @@ def point_gradients(
     by_place = np.zeros((len(points), 3))
     pads = optics.padding(points.positions)
     if fields_of is None:
-        fields_of = point_fields(optics, points, share=FIELD_SETS)
+        fields_of = point_fields(optics, points, share=MEMORY_FACTOR)
     for fields in fields_of:
-        which = fields.which
-        samples, _, scale = pixel_samples(fields.at_sensor, active_of(optics))
-        by_energy[:, which] = _inner(fields, samples, scale, counts)
-        weights = energies[:, which] * (scale / fields.energy)
+        indices = fields.indices
+        samples, _, scale = pixel_samples(fields.at_sensor, active_side(optics))
+        by_energy[:, indices] = _inner(fields, samples, scale, counts)
+        weights = energies[:, indices] * (scale / fields.energy)
         behind = _behind_array(optics, fields, samples, weights, counts, pads[1])
-        lost = (energies[:, which] * by_energy[:, which]).sum(axis=0) / fields.energy
-        by_place[which] = _by_place(optics, points, fields, _before(optics, behind), pads[0], lost)
+        lost = (energies[:, indices] * by_energy[:, indices]).sum(axis=0) / fields.energy
+        by_place[indices] = _by_position(
+            optics, points, fields, _before_lenslets(optics, behind), pads[0], lost
+        )
     return PointGradients(by_energy, by_place)
 
 
@@ -111,22 +113,22 @@ def array_fields(
     """
     to_sensor = optics.padding(points.positions)[1]
     counts = _on_samples(optics, pictures)
-    for fields in point_fields(optics, points, share=FIELD_SETS):
-        samples, _, scale = pixel_samples(fields.at_sensor, active_of(optics))
-        weights = energies[:, fields.which] * (scale / fields.energy)
+    for fields in point_fields(optics, points, share=MEMORY_FACTOR):
+        samples, _, scale = pixel_samples(fields.at_sensor, active_side(optics))
+        weights = energies[:, fields.indices] * (scale / fields.energy)
         behind = _behind_array(optics, fields, samples, weights, counts, to_sensor)
         assert fields.at_array is not None  # `point_fields` gives it
         conjugate = behind.with_data(_conjugate(behind.data, behind.device))
         yield optics.behind_field_lens(fields.at_array), conjugate
 
 
-def active_of(optics: WaveOptics) -> float:
+def active_side(optics: WaveOptics) -> float:
     return 0.0 if optics.pixels is None else optics.pixels.active
 
 
 def _on_samples(optics: WaveOptics, pictures: Values) -> cla.Array:
     """Return the weights of the samples of `pixel_samples` in pictures (filters, ny, nx)."""
-    device, active = optics.device, active_of(optics)
+    device, active = optics.device, active_side(optics)
     sums, shape = sample_sums(active, optics.grid.shape)
     counts = (
         pictures if active == 0 else np.stack([sums.spread(picture, shape) for picture in pictures])
@@ -139,10 +141,10 @@ def _inner(fields: PointFields, samples: cla.Array, scale: float, counts: cla.Ar
     device, sensor = fields.at_sensor.device, fields.at_sensor
     shape = (int(samples.shape[-2]), int(samples.shape[-1]))
     light = Field(samples, Grid(shape, sensor.grid.pitch), sensor.wavelength, device).intensity()
-    origins = np.zeros((len(fields.which), 2), np.int64)
-    shapes = np.tile(shape, (len(fields.which), 1))
+    origins = np.zeros((len(fields.indices), 2), np.int64)
+    shapes = np.tile(shape, (len(fields.indices), 1))
     gains = scale / fields.energy
-    return DeviceImages(fields.which, light.data, gains, origins, shapes, device).inner(counts)
+    return DeviceImages(fields.indices, light.data, gains, origins, shapes, device).inner(counts)
 
 
 def _behind_array(
@@ -157,7 +159,7 @@ def _behind_array(
     device, field = optics.device, fields.at_sensor
     h = device.empty(samples.shape, device.complex)
     put_cotangents(h, samples, counts, weights, device)
-    h = transposed_samples(h, active_of(optics), field.grid.shape, device)
+    h = transposed_samples(h, active_side(optics), field.grid.shape, device)
     return optics.behind_lenslets(optics.from_sensor(field.with_data(h), pad=pad))
 
 
@@ -172,16 +174,16 @@ def put_cotangents(
     )  # fmt: skip
 
 
-def _before(optics: WaveOptics, behind: Field) -> Field:
+def _before_lenslets(optics: WaveOptics, behind: Field) -> Field:
     """Return h before the field lens and the lenslets."""
     return optics.behind_field_lens(optics.mla.apply(behind))
 
 
-def _by_place(
+def _by_position(
     optics: WaveOptics, points: PointSources, fields: PointFields, h: Field, pad: int, lost: Values
 ) -> Values:
     """Compute dL/d(x, y, dz) of points from h before the array, shape (n, 3)."""
-    device, positions = optics.device, points.positions[fields.which]
+    device, positions = optics.device, points.positions[fields.indices]
     spherical = fields.spherical
     if points.diameter:
         spherical = optics.spherical_waves(positions, full_grid=False)

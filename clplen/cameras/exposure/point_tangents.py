@@ -15,7 +15,7 @@ import numpy as np
 from scipy import special
 
 from clplen.cameras.exposure.local_exposure import pixel_samples
-from clplen.cameras.exposure.point_gradients import FIELD_SETS, active_of, check_differentiable
+from clplen.cameras.exposure.point_gradients import MEMORY_FACTOR, active_side, check_differentiable
 from clplen.cameras.exposure.source_images import PointFields, point_fields
 from clplen.cameras.optics.wave_optics import WaveOptics
 from clplen.cameras.scenes.scene_sources import PointSources
@@ -30,7 +30,7 @@ Group = Literal["values", "positions", "lenslets", "sensor"]
 class PointTangents:
     """Images of points of energy 1, and their derivatives; float64."""
 
-    which: np.ndarray[Any, Any]  # indices of the points, int64, shape (n,)
+    indices: np.ndarray[Any, Any]  # indices of the points, int64, shape (n,)
     images: Values  # shape (n, ny, nx)
     # derivatives by (x, y, dz), per metre, shape (3, n, ny, nx), or (0, n, ny, nx) if not requested
     positions: Values
@@ -45,20 +45,20 @@ def point_tangents(
     """Yield images of points with their derivatives, in batches."""
     check_differentiable(optics)
     pads = optics.padding(points.positions)
-    for fields in point_fields(optics, points, share=FIELD_SETS):
+    for fields in point_fields(optics, points, share=MEMORY_FACTOR):
         pixels = _Pixels.of(optics, fields)
         images = pixels.change(fields.at_sensor) / 2
         shared: dict[str, Values] = {}
         positions = np.zeros((0, *images.shape))
         if "positions" in by:
-            positions = _by_place(optics, points, fields, images, pixels, pads)
+            positions = _by_position(optics, points, fields, images, pixels, pads)
         assert fields.at_array is not None  # `point_fields` gives it
         before = optics.behind_field_lens(fields.at_array)
         if "lenslets" in by:
             shared |= _by_lenslets(optics, before, pixels, pads[1])
         if "sensor" in by:
             shared |= _by_sensor(optics, before, pixels, pads[1])
-        yield PointTangents(fields.which, images, positions, shared)
+        yield PointTangents(fields.indices, images, positions, shared)
 
 
 @dataclass(frozen=True, eq=False)
@@ -71,8 +71,8 @@ class _Pixels:
 
     @classmethod
     def of(cls, optics: WaveOptics, fields: PointFields) -> _Pixels:
-        samples, _, _ = pixel_samples(fields.at_sensor, active_of(optics))
-        return cls(optics.device.download(samples), active_of(optics), fields.energy)
+        samples, _, _ = pixel_samples(fields.at_sensor, active_side(optics))
+        return cls(optics.device.download(samples), active_side(optics), fields.energy)
 
     def change(self, du: Field) -> Values:
         """Compute S(2 Re(conj(u) du))/E, float64, shape (n, ny, nx)."""
@@ -83,7 +83,7 @@ class _Pixels:
         return np.asarray(light * (2 * scale / self.energy)[:, None, None])
 
 
-def _by_place(
+def _by_position(
     optics: WaveOptics,
     points: PointSources,
     fields: PointFields,
@@ -92,13 +92,13 @@ def _by_place(
     pads: tuple[int, int],
 ) -> Values:
     """Compute derivatives by x, y and dz, shape (3, n, ny, nx)."""
-    positions, device, derivatives = points.positions[fields.which], optics.device, []
+    positions, device, derivatives = points.positions[fields.indices], optics.device, []
     e0 = fields.spherical
     if points.diameter:
         e0 = optics.spherical_waves(positions, full_grid=False)
     of_image, samples = optics.image_of(positions)[:, ::-1], device.download(e0.data)
     power = np.abs(samples.astype(np.complex128)) ** 2
-    for factor, grows in place_factors(optics, e0, positions, points.diameter):
+    for factor, grows in position_factors(optics, e0, positions, points.diameter):
         light = device.upload((samples * factor).astype(device.complex))
         pupil = optics.behind_main_lens(e0.with_data(light), of_image)
         at_array = optics.array_field(pupil, pad=pads[0])
@@ -108,7 +108,7 @@ def _by_place(
     return np.stack(derivatives)
 
 
-def place_factors(
+def position_factors(
     optics: WaveOptics, e0: Field, positions: Values, diameter: float
 ) -> Iterator[tuple[np.ndarray[Any, Any], Values]]:
     """Yield de/dp over e0 for p = x, y, dz of points, and the derivative of (e/e0)^2 in amplitude.

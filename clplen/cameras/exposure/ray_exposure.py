@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from clplen.cameras.exposure.surface_rays import SurfaceRays, well_spread
+from clplen.cameras.exposure.surface_rays import SurfaceRays, spread_points
 from clplen.cameras.optics.camera_aberrations import slopes
 from clplen.cameras.optics.ray_optics import RayOptics, check_in_view, raw_image, view_step
 from clplen.cameras.scenes.ground_truth import Truth
@@ -27,7 +27,7 @@ Counts = np.ndarray[Any, np.dtype[np.int64]]
 
 MAX_RAYS = 2**16  # maximum rays of one point
 MIN_RAYS = 2**8  # minimum rays of one point
-SCENE_RAYS = 2**23  # rays of a scene, shared among its points: about 2 s on two cores
+SCENE_RAYS = 2**23  # rays of a scene, shared among its points
 BATCH_RAYS = 2**20  # rays traced at once
 
 
@@ -52,10 +52,10 @@ def expose_rays(optics: RayOptics, scene: SurfaceScene | Sequence[Source]) -> Ra
     points = [s if isinstance(s, PointSources) else s.points() for s in scene]
     for source in points:
         check_in_view(optics, source.positions)
-    count = rays_of_each(sum(len(source) for source in points))
+    count = ray_count(sum(len(source) for source in points))
     for source in points:
         for rays in point_rays(optics, source, count):
-            energy = source.power[rays.which, None] * rays.shares
+            energy = source.power[rays.indices, None] * rays.shares
             hit = rays.pixels >= 0
             image += np.bincount(rays.pixels[hit], energy[hit], image.size).reshape(image.shape)
     return raw_image(optics, optics.device.upload(image.astype(np.float32)), paraxial=True)
@@ -97,7 +97,7 @@ def _truth(optics: RayOptics, tables: SurfaceTables) -> Truth:
 # Points: rays start at each point and run to the sensor
 
 
-def rays_of_each(points: int) -> int:
+def ray_count(points: int) -> int:
     """Return the number of rays for each point of a scene."""
     return min(MAX_RAYS, max(MIN_RAYS, SCENE_RAYS // max(1, points)))
 
@@ -106,15 +106,15 @@ def rays_of_each(points: int) -> int:
 class Rays:
     """Rays of points and the pixels that they meet."""
 
-    which: Counts  # indices of the points, int64, shape (n,)
+    indices: Counts  # indices of the points, int64, shape (n,)
     pixels: Counts  # pixel of each ray, row by row, -1 for none, int64, shape (n, count)
     shares: Vector  # fraction of the point's energy that each ray carries, shape (n, count)
 
 
 def point_rays(optics: RayOptics, source: PointSources, count: int) -> Iterator[Rays]:
     """Trace the rays of points in batches."""
-    spread = well_spread(count, 4)
-    turns = well_spread(len(source), 4)
+    spread = spread_points(count, 4)
+    turns = spread_points(len(source), 4)
     images_on_array = optics.on_array(source.positions)[:, ::-1]  # (y, x)
     scale = np.abs(optics.array_scale(source.positions[:, 2]))
     beta = np.atleast_1d(optics.array_alpha(source.positions[:, 2]))

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 import pyopencl.array as cla
 
-from clplen.cameras.exposure.ray_exposure import check_rays, point_rays, rays_of_each
+from clplen.cameras.exposure.ray_exposure import check_rays, point_rays, ray_count
 from clplen.cameras.exposure.source_images import SourceImages, local_images, point_images
 from clplen.cameras.exposure.spectral_exposure import spectral_lines
 from clplen.cameras.exposure.wave_exposure import (
@@ -35,7 +35,7 @@ Maker = Callable[[Any, PointSources], Iterator[SourceImages]]
 class RayImages:
     """Images of points by rays; see `SourceImages`."""
 
-    which: Counts  # indices of the points in a scene, int64, shape (n,)
+    indices: Counts  # indices of the points in a scene, int64, shape (n,)
     matrix: Any  # float64, shape (n, pixels)
     device: Device
 
@@ -64,11 +64,11 @@ def ray_images(optics: RayOptics, points: PointSources, count: int) -> Iterator[
 
     ny, nx = optics.grid.shape
     for rays in point_rays(optics, points, count):
-        rows = np.broadcast_to(np.arange(len(rays.which))[:, None], rays.pixels.shape)
+        rows = np.broadcast_to(np.arange(len(rays.indices))[:, None], rays.pixels.shape)
         hit = rays.pixels >= 0
         entries = (rays.shares[hit], (rows[hit], rays.pixels[hit]))
-        matrix = sparse.coo_matrix(entries, shape=(len(rays.which), ny * nx)).tocsr()
-        yield RayImages(rays.which, matrix, optics.device)
+        matrix = sparse.coo_matrix(entries, shape=(len(rays.indices), ny * nx)).tocsr()
+        yield RayImages(rays.indices, matrix, optics.device)
 
 
 @dataclass(frozen=True, eq=False)
@@ -130,7 +130,7 @@ class ScenePart:
         if self.maker is not None:
             return self.maker(line.optics, self.points)
         if self.route == "rays":
-            return ray_images(line.optics, self.points, rays_of_each(all_points))
+            return ray_images(line.optics, self.points, ray_count(all_points))
         makers = {"points": point_images, "local": local_images}
         return makers[self.route](line.optics, self.points)
 
@@ -188,7 +188,7 @@ def wave_parts(
             f"method must be 'auto', 'points' or 'local' for a linear map, got {method!r}: the "
             "patterns of 'isoplanatic' apply to a single exposure."
         )
-    _refuse_slides(sources)
+    _reject_slides(sources)
     light = Light(coherence, True, {})
     light.check(0)
     check_occluders(optics, method, has_slides=False)
@@ -206,7 +206,7 @@ def ray_parts(
     optics: WaveOptics, sources: Sequence[Source], coherence: Coherence | None, method: Method
 ) -> list[ScenePart]:
     """Return points and self-luminous pictures exposed by rays."""
-    _refuse_slides(sources)
+    _reject_slides(sources)
     check_rays(optics, optics.occluders)
     if coherence is not None or method != "auto":
         raise ValueError(
@@ -241,7 +241,7 @@ def microscope_parts(
     return [ScenePart.of(source, scene_lines, "microscope", maker) for source in sources]
 
 
-def _refuse_slides(sources: Sequence[Source]) -> None:
+def _reject_slides(sources: Sequence[Source]) -> None:
     if any(isinstance(source, PicturePlane) and source.is_slide for source in sources):
         raise ValueError(
             "The raw image of a slide is not linear in its transmittance: use PointSources, or "

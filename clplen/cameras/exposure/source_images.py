@@ -27,7 +27,7 @@ class SourceImages(Protocol):
     """Images of points of a scene, each of energy 1."""
 
     @property
-    def which(self) -> Counts:
+    def indices(self) -> Counts:
         """Indices of the points, shape (n,)."""
 
     @property
@@ -45,7 +45,7 @@ class SourceImages(Protocol):
 class DeviceImages:
     """Images on patches of the sensor, on a device; see `SourceImages`."""
 
-    which: Counts  # indices of the points in a scene, int64, shape (n,)
+    indices: Counts  # indices of the points in a scene, int64, shape (n,)
     data: cla.Array  # real, shape (n, height, width)
     gains: Values  # factors to the energy 1, shape (n,)
     # first pixel (y, x) of each image on the sensor, int64, shape (n, 2)
@@ -93,7 +93,7 @@ class DeviceImages:
 class PointFields:
     """Fields of points on the sensor's samples, and fields before the lenses."""
 
-    which: Counts  # indices of the points, int64, shape (n,)
+    indices: Counts  # indices of the points, int64, shape (n,)
     spherical: Field  # field behind the main lens, without its wavefront
     energy: Values  # energy of each field at the main lens, shape (n,)
     # at_array, at_sensor: shape (n, ny, nx), before the field lens and the lenslets (or None), and
@@ -113,26 +113,26 @@ def point_fields(
     count = min(step, len(points))
     optics.device.require_memory((2 * widest + 3 * share) * nbytes * count, "This exposure")
     for start in range(0, len(points), step):
-        which = np.arange(start, min(start + step, len(points)))
-        positions = points.positions[which]
+        indices = np.arange(start, min(start + step, len(points)))
+        positions = points.positions[indices]
         spherical = optics.spherical_waves(positions, points.diameter, full_grid=False)
-        pupil, energy = optics.bent_and_energy(spherical, optics.image_of(positions)[:, ::-1])
+        pupil, energy = optics.wavefront_and_energy(spherical, optics.image_of(positions)[:, ::-1])
         at_array = optics.array_field(pupil, pad=to_array)
         at_sensor = optics.sensor_field(at_array, pad=to_sensor)
-        yield PointFields(which, spherical, energy, at_array, at_sensor)
+        yield PointFields(indices, spherical, energy, at_array, at_sensor)
 
 
 def images_of(optics: WaveOptics, fields: PointFields) -> DeviceImages:
     """Return the images of fields on the whole sensor."""
-    device, count = fields.at_sensor.device, len(fields.which)
+    device, count = fields.at_sensor.device, len(fields.indices)
     active = 0.0 if optics.pixels is None else optics.pixels.active
     if active:
         fine, sums, scale = pixel_samples(fields.at_sensor, active)
         gains = scale / fields.energy
-        return images_on_patches(fields.which, fine, [sums] * count, gains, device)
+        return images_on_patches(fields.indices, fine, [sums] * count, gains, device)
     origins, shapes = np.zeros((count, 2), np.int64), np.tile(optics.grid.shape, (count, 1))
     data = fields.at_sensor.intensity().data
-    return DeviceImages(fields.which, data, 1 / fields.energy, origins, shapes, device)
+    return DeviceImages(fields.indices, data, 1 / fields.energy, origins, shapes, device)
 
 
 def point_images(optics: WaveOptics, points: PointSources) -> Iterator[DeviceImages]:
@@ -150,16 +150,16 @@ def local_images(optics: WaveOptics, points: PointSources) -> Iterator[DeviceIma
 
 
 def window_images(
-    which: Sequence[int], windows: Windows, fields: cla.Array, sums: list[tuple[PixelSums, float]]
+    indices: Sequence[int], windows: Windows, fields: cla.Array, sums: list[tuple[PixelSums, float]]
 ) -> DeviceImages:
     """Return the images of windows from their `window_samples`."""
     gains = np.array([gain for _, gain in sums])
     pixels = [patch_sums for patch_sums, _ in sums]
-    return images_on_patches(which, fields, pixels, gains, windows.optics.device)
+    return images_on_patches(indices, fields, pixels, gains, windows.optics.device)
 
 
 def images_on_patches(
-    which: Any, fields: cla.Array, sums: Sequence[PixelSums], gains: Values, device: Device
+    indices: Any, fields: cla.Array, sums: Sequence[PixelSums], gains: Values, device: Device
 ) -> DeviceImages:
     """Return images of fields by sums over the pixels of a patch for each field."""
     origins, shapes = (
@@ -171,4 +171,4 @@ def images_on_patches(
     for number, patch_sums in enumerate(sums):
         replace(patch_sums, pixel=(number * height, 0)).put(stack, fields, number, 1.0, device)
     data = stack.reshape(len(sums), height, width)
-    return DeviceImages(np.asarray(which, np.int64), data, gains, origins, shapes, device)
+    return DeviceImages(np.asarray(indices, np.int64), data, gains, origins, shapes, device)

@@ -28,7 +28,7 @@ from clplen.wave.spectrum.spectrum import Spectrum
 Values = np.ndarray[Any, np.dtype[np.float64]]
 
 POINT_TOLERANCE = 1e-3  # maximum L2 error of a point's raw image, relative to MAX_WAVELENGTHS
-PICTURE_TOLERANCE = 3e-3  # the same for points of pictures, where a wavelength takes a minute
+PICTURE_TOLERANCE = 3e-3  # maximum L2 error for points of large pictures, a minute a wavelength
 MAX_EXACT_SAMPLES = 256  # luminous samples of a picture above which PICTURE_TOLERANCE applies
 MAX_WAVELENGTHS = 41  # maximum number of wavelengths
 TWIN_WAVELENGTHS = 48  # wavelengths between which the twin's images are interpolated
@@ -48,7 +48,7 @@ def spectral_lines(
     optics: WaveOptics, source: Source, coherence: Coherence | None
 ) -> list[SpectralLine]:
     """Return the wavelengths that expose a self-luminous source."""
-    spectra, filters = _spectra_of(source, coherence, optics.wavelength), optics.filters
+    spectra, filters = _channel_spectra(source, coherence, optics.wavelength), optics.filters
     positions = (source.corners() if isinstance(source, PicturePlane) else source).positions
     check_in_view(replace(optics, wavelength=spectra[0].centre), positions)
     if filters is None:
@@ -87,10 +87,10 @@ def wavelengths_needed(
     nu = (low + high) / 2 + (high - low) / 2 * t
     images = [point_images(optics, dz, nu / C) for dz in sorted(chosen)]
     shares = _shares(optics)
-    expected = [_white(signal, MAX_WAVELENGTHS, nu, image) * shares for image in images]
+    expected = [_filtered_images(signal, MAX_WAVELENGTHS, nu, image) * shares for image in images]
     for n in range(MAX_WAVELENGTHS - 1, 0, -1):
         for image, reference in zip(images, expected, strict=True):
-            difference = np.linalg.norm(_white(signal, n, nu, image) * shares - reference)
+            difference = np.linalg.norm(_filtered_images(signal, n, nu, image) * shares - reference)
             if difference > tolerance * np.linalg.norm(reference):
                 return n + 1
     return 1
@@ -105,7 +105,7 @@ def _shares(optics: WaveOptics) -> Values:
     return np.asarray(np.sqrt(counts / filters.index.size)[:, None])
 
 
-def _white(signal: Signal, n: int, nu: Values, images: Values) -> Values:
+def _filtered_images(signal: Signal, n: int, nu: Values, images: Values) -> Values:
     """Compute images by n wavelengths behind each filter, from images at Chebyshev nodes."""
     wavelengths, weights = signal.rule(n)
     k = np.arange(len(nu))
@@ -133,7 +133,7 @@ def add_by_tile(image: Values, picture: Values, tile: Values) -> None:
         image[y::down, x::across] += tile[y, x] * picture[y::down, x::across]
 
 
-def _spectra_of(
+def _channel_spectra(
     source: Source, coherence: Coherence | None, wavelength: float
 ) -> Sequence[Spectrum]:
     """Return a spectrum for each channel."""

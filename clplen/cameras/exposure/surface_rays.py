@@ -131,7 +131,7 @@ def sample_rays(mla: Any, *, count: int) -> np.ndarray[Any, np.dtype[np.float32]
     Points of the additive recurrence of the generalised golden ratio in four dimensions (Roberts
     2018) within the lenslet's aperture; the mirror images make linear terms cancel.
     """
-    points = well_spread(64 * count, 4) - 0.5
+    points = spread_points(64 * count, 4) - 0.5
     tall = 2 / math.sqrt(3) if mla.lattice == "hexagonal" and mla.fill == "full" else 1.0
     y, x = points[:, 0] * tall * mla.diameter, points[:, 1] * mla.diameter
     half = mla.diameter / 2
@@ -179,7 +179,7 @@ def _pixel_tables(optics: RayOptics, grid: LensletGrid) -> tuple[cla.Array, ...]
     return tuple(optics.device.upload(table) for table in tables)
 
 
-def well_spread(count: int, dimensions: int) -> Vector:
+def spread_points(count: int, dimensions: int) -> Vector:
     """Return well-spread points of the unit cube (Roberts 2018), shape (count, dimensions)."""
     root = 2.0
     for _ in range(64):

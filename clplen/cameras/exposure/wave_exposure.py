@@ -3,9 +3,9 @@
 Self-luminous sources are incoherent from point to point, and have three methods. "points": one
 field for each point, four Fourier transforms each. "local": a window for each point
 (local_exposure.py). "isoplanatic": a picture from patterns simulated at a few positions
-(pattern_lattice.py, isoplanatic.py), their number independent of that of the samples; its error is
-measured at a few of the picture's samples, exposed singly. Slides are illuminated by coherent
-light, one field for each snapshot (slides.py).
+(pattern_lattice.py, isoplanatic.py). Their number does not depend on the number of samples; a few
+samples, exposed singly, measure the error. Slides are illuminated by coherent light, one field for
+each snapshot (slides.py).
 """
 
 from __future__ import annotations
@@ -142,12 +142,12 @@ def expose_waves(
         mean, report = light_slide(
             optics, slide, light.on_slide(number), light.koehler, light.averaging, progress
         )
-        total = _added(total, mean.intensity.data, 1.0, optics.device)
+        total = _accumulate(total, mean.intensity.data, 1.0, optics.device)
         reports.append(report)
     if plain:
         for colour, (_, share) in zip(colours, lines, strict=True):
-            image, report = _emit(colour, plain, method, progress)
-            total = _added(total, image, share, optics.device)
+            image, report = _expose_emitters(colour, plain, method, progress)
+            total = _accumulate(total, image, share, optics.device)
             reports.append(report)
     if spectral:
         image = optics.device.zeros(optics.grid.shape, optics.device.real)
@@ -155,14 +155,14 @@ def expose_waves(
             for line in parts:
                 colour = replace(optics, wavelength=line.wavelength)
                 reports.append(_add_line(colour, source, line, image, method, progress))
-        total = _added(total, image, 1.0, optics.device)
+        total = _accumulate(total, image, 1.0, optics.device)
     assert total is not None  # a scene has a source
     optics.device.finish()
     if optics.pixels is not None and optics.pixels.crosstalk is not None:
         total = optics.device.upload(optics.pixels.read(optics.device.download(total)))
     data = total if total.dtype == np.float32 else total.astype(np.float32)
     wavelengths = max((len(parts) for _, parts in spectral), default=None)
-    report = replace(_joined(reports), wavelengths=wavelengths)
+    report = replace(_join_reports(reports), wavelengths=wavelengths)
     return replace(raw_image(optics, data), exposure=report)
 
 
@@ -197,7 +197,9 @@ def check_positions(optics: WaveOptics, source: Source, *, local: bool, slide: b
         raise SamplingError(f"{error} method='local' samples as finely as needed.") from error
 
 
-def _added(total: cla.Array | None, picture: cla.Array, share: float, device: Device) -> cla.Array:
+def _accumulate(
+    total: cla.Array | None, picture: cla.Array, share: float, device: Device
+) -> cla.Array:
     """Add a picture times its share to a sum; the first picture of share 1 is not copied."""
     if total is None and share == 1:
         return picture
@@ -207,7 +209,7 @@ def _added(total: cla.Array | None, picture: cla.Array, share: float, device: De
     return total
 
 
-def _emit(
+def _expose_emitters(
     optics: WaveOptics, sources: Sequence[Source], method: Method, progress: Progress | None
 ) -> tuple[cla.Array, Exposure]:
     """Compute the energy of points and pictures at one wavelength, and a report of it."""
@@ -222,7 +224,7 @@ def _emit(
             add = add_local if is_local(optics, method) else _add_points
             reports.append(add(optics, points, total, progress))
     optics.device.finish()
-    return total, _joined(reports)
+    return total, _join_reports(reports)
 
 
 def _add_line(
@@ -262,7 +264,7 @@ def _add_channels(
         if not image.any():
             continue
         channel = PicturePlane(image, plane.width, plane.z)
-        picture, report = _emit(optics, [channel], method, progress)
+        picture, report = _expose_emitters(optics, [channel], method, progress)
         reports.append(report)
         if filters is None or filters.mosaic is None:
             add_scaled(total, picture, float(weights[0]), device)
@@ -270,7 +272,7 @@ def _add_channels(
         behind = np.zeros(picture.shape)
         add_by_tile(behind, device.download(picture), weights[filters.index])
         add_scaled(total, device.upload(behind.astype(device.real)), 1.0, device)
-    return _joined(reports)
+    return _join_reports(reports)
 
 
 def is_local(optics: WaveOptics, method: Method) -> bool:
@@ -424,7 +426,7 @@ def _probes(plane: PicturePlane, plan: Layout) -> list[int]:
     return [int(lit[n]) for n in sorted({*indices, int(distance.argmax())})]
 
 
-def _joined(reports: list[Exposure]) -> Exposure:
+def _join_reports(reports: list[Exposure]) -> Exposure:
     """Join the reports of parts of a scene, with errors as if independent."""
     routes = sorted({report.route for report in reports})
     transforms = merged([pair for report in reports for pair in report.transforms])

@@ -1,8 +1,8 @@
 """Aberrations of a plenoptic camera: wavefronts, misplaced lenslets, a shifted or tilted sensor.
 
-A wavefront W is a path length, positive where it retards, as exp(+ikW). Rays turn by its slope, so
-that the ray from u on the main lens meets the array z2 dW/du beside its ideal position (Born and
-Wolf 1999, section 5.1, whose W has the other sign). `correct_aberrations` removes the main lens'
+A wavefront W is a path length, positive where it retards, as exp(+ikW). Rays turn by its slope: the
+ray from u on the main lens meets the array z2 dW/du beside its ideal position. Born and Wolf (1999,
+section 5.1) use the opposite sign of W. `correct_aberrations` removes the main lens'
 wavefront from a light field, view by view.
 """
 

@@ -180,12 +180,12 @@ class LensletLayout(OneLine):
         """
         half = self.diameter / 2
         if self.fill == "circular":
-            return covered(half - np.hypot(y[:, None], x), step)
+            return rim_coverage(half - np.hypot(y[:, None], x), step)
         normals = 2 if self.fill == "square" else 3
         out = np.ones((len(y), len(x)))
         for angle in self.rotation + np.arange(normals) * np.pi / normals:
             across = np.abs(x * math.cos(angle) + y[:, None] * math.sin(angle))
-            out *= covered(half - across, step)
+            out *= rim_coverage(half - across, step)
         return out
 
     def transmission(self, y: Vector, x: Vector, wavelength: float) -> Vector:
@@ -225,7 +225,7 @@ class LensletLayout(OneLine):
             )
 
 
-def covered(inside: Vector, step: float) -> Vector:
+def rim_coverage(inside: Vector, step: float) -> Vector:
     """Compute the fraction of samples within a rim from distances to it, positive inside."""
     return np.clip(0.5 + inside / step, 0.0, 1.0)
 

@@ -36,7 +36,7 @@ ORDERS = 18.0  # diffraction orders of a lenslet's rim that samples resolve
 TRANSITION = 0.18  # width of the rims' filter, in cycles a sample
 BAND = 0.8  # fraction of the samples' band that these orders fill
 RINGS = 20  # Airy radii of light around the geometrical blur
-SAMPLED_RINGS = 30  # the same for windows with the sensor's samples
+SAMPLED_RINGS = 30  # Airy radii for windows with the sensor's samples
 NUMBERS = 18  # numbers of a point in kernels/cameras/local_window.cl
 TABLE_SAMPLES = 163  # samples across the tables of a wavefront and of shadows
 TABLE_REACH = 1.25  # half side of these tables in radii of the pupil, as in the kernel
@@ -421,10 +421,10 @@ class LocalWindows(Windows):
         energies = []
         for numbers in self.numbers:
             t0, q, per_z, scale = numbers[:2], numbers[2], numbers[7], numbers[8]
-            numbers_of = (t0, q, per_z, scale, thin)
-            squares = _amplitudes(u + numbers[15:17], *numbers_of)
+            arguments = (t0, q, per_z, scale, thin)
+            squares = _amplitudes(u + numbers[15:17], *arguments)
             mean = (squares * area).sum() / area.sum()
-            at_rim = _amplitudes(rim + numbers[15:17], *numbers_of).mean()
+            at_rim = _amplitudes(rim + numbers[15:17], *arguments).mean()
             energies.append(lit * (mean - loss * at_rim))
         # sum |G|^2 over the samples of direction is int A^2 du J0/ds^2, and the inverse transform
         # divides by the samples of the period

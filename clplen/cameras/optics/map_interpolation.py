@@ -49,7 +49,7 @@ def disc(shape: tuple[int, int]) -> np.ndarray[Any, np.dtype[np.bool_]]:
     return np.asarray(np.hypot(v, u) <= 1 + ROUNDING)
 
 
-def continued(maps: Values, valid: np.ndarray[Any, np.dtype[np.bool_]]) -> Values:
+def continue_maps(maps: Values, valid: np.ndarray[Any, np.dtype[np.bool_]]) -> Values:
     """Continue maps into unknown samples with the smallest third derivatives.
 
     The sum of squares of all third differences is minimised, which preserves parabolas. If a map is
@@ -120,11 +120,11 @@ def nearest(maps: Values, valid: np.ndarray[Any, np.dtype[np.bool_]]) -> Values:
     return out
 
 
-def edges_of(lit: np.ndarray[Any, np.dtype[np.bool_]], inside: Any) -> Values:
+def light_edges(lit: np.ndarray[Any, np.dtype[np.bool_]], inside: Any) -> Values:
     """Return distances from the edge of the light, half a sample from lit ones, negative outside.
 
-    A map without an edge gets the distance by which the least vignetted map of its wavelength
-    extends beyond its own, so that interpolation cuts the light from the middle between both on.
+    A map without an edge gets the distance of the least vignetted map of its wavelength beyond its
+    edge. Interpolation then cuts the light from the middle between both on.
     """
     from scipy.ndimage import distance_transform_edt
 
@@ -145,14 +145,14 @@ def edges_of(lit: np.ndarray[Any, np.dtype[np.bool_]], inside: Any) -> Values:
     return out
 
 
-def continued_edges(edges: Values, inside: Any) -> Values:
+def continue_edges(edges: Values, inside: Any) -> Values:
     """Continue edges, shape (l, m, n_v, n_u), beyond the disc."""
     flat = edges.reshape(-1, *edges.shape[2:])
     valid = np.broadcast_to(inside, flat.shape)
-    return continued(np.where(valid, flat, 0.0), valid).reshape(edges.shape)
+    return continue_maps(np.where(valid, flat, 0.0), valid).reshape(edges.shape)
 
 
-def part_within(middle: Values, down: Values, right: Values) -> Values:
+def fraction_within(middle: Values, down: Values, right: Values) -> Values:
     """Return the fraction of cells in which a plane is positive, 0 to 1."""
     steep = np.maximum(np.maximum(down, right), 1e-150)
     flat = np.maximum(np.minimum(down, right), 1e-6 * steep)
@@ -167,11 +167,11 @@ def part_within(middle: Values, down: Values, right: Values) -> Values:
 def coefficients(maps: Values) -> Values:
     """Return coefficients of the bicubic splines through maps, shape (..., n_v + 2, n_u + 2)."""
     n_v, n_u = maps.shape[-2:]
-    return np.asarray(_through(n_v) @ maps @ _through(n_u).T)
+    return np.asarray(_coefficient_matrix(n_v) @ maps @ _coefficient_matrix(n_u).T)
 
 
 @lru_cache(maxsize=8)
-def _through(n: int) -> Values:
+def _coefficient_matrix(n: int) -> Values:
     """Return the matrix from samples to coefficients, shape (n + 2, n)."""
     matrix = np.zeros((n + 2, n + 2))
     for k in range(n):
@@ -309,7 +309,7 @@ class FieldPositions:
         levels = [np.unique(axis) for axis in self.fields.T]
         if math.prod(len(level) for level in levels) == len(self.fields):
             if min(len(level) for level in levels) < 2:
-                raise self._on_a_line()
+                raise self._collinear_error()
             self._lines = tuple(Line(level) for level in levels)
             index = [
                 np.searchsorted(level, axis)
@@ -322,10 +322,10 @@ class FieldPositions:
         try:
             self._triangles = Delaunay(self.fields / max(self.reach, 1e-300))
         except QhullError as error:
-            raise self._on_a_line() from error
+            raise self._collinear_error() from error
 
     @staticmethod
-    def _on_a_line() -> ValueError:
+    def _collinear_error() -> ValueError:
         return ValueError(
             "fields must not lie on one line, because the maps are undefined beside it: use "
             "symmetric=True with fields along a radius of a rotationally symmetric lens, or fields "
@@ -356,7 +356,7 @@ class FieldPositions:
             mesh: Any = self._triangles
             inside = mesh.find_simplex(images / self.reach, tol=ROUNDING) >= 0
         if not inside.all():
-            raise self._beyond(*(float(at) for at in images[~inside][0]))
+            raise self._range_error(*(float(at) for at in images[~inside][0]))
 
     def weights(self, y: float, x: float, degree: int) -> Values:
         """Return the weight of each field at a position."""
@@ -382,7 +382,7 @@ class FieldPositions:
         out[mesh.simplices[number]] = (*first, 1 - first.sum())
         return out
 
-    def _beyond(self, y: float, x: float) -> ValueError:
+    def _range_error(self, y: float, x: float) -> ValueError:
         if self.symmetric:
             low, high = self._lines[0].ends
             reach = f"from {metres(low)} to {metres(high)}" if low else metres(high)

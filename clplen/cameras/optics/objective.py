@@ -355,10 +355,10 @@ class Objective:
             phasor(f * (axis[0] - self.magnification * sources.positions[:, k : k + 1]))
             for f, axis, k in ((grid.fy, grid.y, 1), (grid.fx, grid.x, 0))
         )
-        return moved_pupils(pupils, plane, (ty, tx), device)
+        return shift_pupils(pupils, plane, (ty, tx), device)
 
 
-def moved_pupils(
+def shift_pupils(
     pupils: Vector, plane: Vector, turns: tuple[Vector, Vector], device: Device
 ) -> cla.Array:
     """Multiply the pupil of each point's plane by the phases along y and x of its position."""
@@ -452,7 +452,7 @@ def fluorescent_lines(
     return coherence.lines(wavelength)
 
 
-def quick_length(n: int, min_length: float) -> int:
+def fast_length(n: int, min_length: float) -> int:
     """Return the next fast transform length from ``least`` on, of the parity of ``n``."""
     length = max(n, math.ceil(min_length))
     if n % 2 == 0:

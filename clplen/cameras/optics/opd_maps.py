@@ -1,7 +1,7 @@
 """OPD maps of a lens: wavefront, distortion, pupil shift and vignetting over field and wavelength.
 
-A prescription's effect on the light of one point is a map of path lengths W over its pupil (Born
-and Wolf 1999, section 5.1), the position of the chief ray on the image, and the mask of rays that
+A prescription changes the light of a point by three quantities: path lengths W over the pupil (Born
+and Wolf 1999, section 5.1), the position of the chief ray on the image, and a mask of rays that
 pass. `Aberrations` replaces a thin main lens' perfect pupil by such maps.
 """
 
@@ -24,12 +24,12 @@ from clplen.cameras.optics.map_interpolation import (
     axes,
     bilinear,
     coefficients,
-    continued,
-    continued_edges,
+    continue_edges,
+    continue_maps,
     disc,
-    edges_of,
+    fraction_within,
+    light_edges,
     nearest,
-    part_within,
     require_room,
     spline,
 )
@@ -51,8 +51,8 @@ class OPDMaps(Savable):
 
     Sample i of n along v or u lies at -1 + 2 i/(n - 1), as a fraction of the pupil's radius: the
     first and the last lie on the rim. v counts along y, u along x. Samples beyond the unit disc are
-    ignored. A path is positive where it retards, as exp(+ikz), from the sphere about the chief
-    ray's position on the image; a tilt of the path displaces the image from that position.
+    ignored. A path is positive where it retards, as exp(+ikz). Its reference is the sphere about
+    the chief ray's position on the image; a tilt displaces the image from that position.
 
     In the pupil a path is a bicubic spline; transmission and edge are bilinear. Between fields
     along a radius or on a grid, paths, distortion and pupil shift are cubic splines (parabolas
@@ -159,7 +159,7 @@ class OPDMaps(Savable):
             lit = inside & (cuts > 0) & (lit if share is not None else True)
         _require_light(self.paths, lit)
         _require_metres(self)
-        cuts = edges_of(lit, inside) if cuts is None else cuts
+        cuts = light_edges(lit, inside) if cuts is None else cuts
         self.edges = np.where(inside, cuts, np.nan)
         self.transmissions = np.ones(paths.shape) if share is None else nearest(share, lit)
         pairs = (len(self.paths), len(self.fields), 2)
@@ -302,7 +302,7 @@ class OPDMaps(Savable):
             If the image position or the wavelength is outside the maps.
         """
         table, turn = self._table(y, x, wavelength), self._positions.turn(y, x)
-        return spline(table, *_turned_back(*_on_disc(v, u), turn))
+        return spline(table, *_rotate_back(*_clip_to_disc(v, u), turn))
 
     def slopes(
         self, y: float, x: float, wavelength: float, v: Any, u: Any
@@ -317,7 +317,7 @@ class OPDMaps(Savable):
             Both float64, the broadcast shape of ``v`` and ``u``.
         """
         table, (sine, cosine) = self._table(y, x, wavelength), self._positions.turn(y, x)
-        at = _turned_back(*_on_disc(v, u), (sine, cosine))
+        at = _rotate_back(*_clip_to_disc(v, u), (sine, cosine))
         down, right = spline(table, *at, order=(1, 0)), spline(table, *at, order=(0, 1))
         return down * cosine + right * sine, right * cosine - down * sine
 
@@ -341,30 +341,30 @@ class OPDMaps(Savable):
 
         ``cell`` is the width of the cells about the positions, as a fraction of the radius.
         """
-        turn, at = self._positions.turn(y, x), _on_disc(v, u)
+        turn, at = self._positions.turn(y, x), _clip_to_disc(v, u)
         share, edge = (
-            self._mixed(maps, y, x, wavelength, STRAIGHT)
+            self._interpolate(maps, y, x, wavelength, STRAIGHT)
             for maps in (self.transmissions, self._cut)
         )
-        passed = np.clip(bilinear(share, *_turned_back(*at, turn)), 0, 1)
-        middle = bilinear(edge, *_turned_back(*at, turn))
+        passed = np.clip(bilinear(share, *_rotate_back(*at, turn)), 0, 1)
+        middle = bilinear(edge, *_rotate_back(*at, turn))
         if not cell:
             return passed, (middle > 0).astype(np.float64)
         rises = []
         for down, right in ((cell / 2, 0.0), (0.0, cell / 2)):
             ends = [
-                bilinear(edge, *_turned_back(at[0] + sign * down, at[1] + sign * right, turn))
+                bilinear(edge, *_rotate_back(at[0] + sign * down, at[1] + sign * right, turn))
                 for sign in (-1, 1)
             ]
             rises.append(np.abs(ends[1] - ends[0]))
-        return passed, part_within(middle, *rises)
+        return passed, fraction_within(middle, *rises)
 
     def chief_ray(self, y: float, x: float, wavelength: float) -> tuple[float, float]:
         """Return the position (y, x) of the chief ray of a point imaged at (y, x), in metres.
 
         Parameters and errors are those of `path`.
         """
-        down, right = self._moved(self.distortion, y, x, wavelength)
+        down, right = self._displacement(self.distortion, y, x, wavelength)
         return y + down, x + right
 
     def pupil_centre(self, y: float, x: float, wavelength: float) -> tuple[float, float]:
@@ -372,7 +372,7 @@ class OPDMaps(Savable):
 
         Parameters and errors are those of `path`.
         """
-        return self._moved(self.pupil_shift, y, x, wavelength)
+        return self._displacement(self.pupil_shift, y, x, wavelength)
 
     def passed(self, y: float, x: float, wavelength: float) -> float:
         """Return the fraction of the energy of a point imaged at (y, x) that passes the pupil.
@@ -434,7 +434,7 @@ class OPDMaps(Savable):
         """Paths continued over the square."""
         shape = self.paths.shape
         flat = self.paths.reshape(-1, *shape[2:])
-        return continued(flat, np.isfinite(flat)).reshape(shape)
+        return continue_maps(flat, np.isfinite(flat)).reshape(shape)
 
     @cached_property
     def _tables(self) -> Values:
@@ -443,7 +443,7 @@ class OPDMaps(Savable):
     @cached_property
     def _cut(self) -> Values:
         """Edges continued over the square."""
-        return continued_edges(self.edges, disc((self.paths.shape[2], self.paths.shape[3])))
+        return continue_edges(self.edges, disc((self.paths.shape[2], self.paths.shape[3])))
 
     def _colour(self, wavelength: float, degree: int) -> Values:
         """Return the weight of each wavelength at another."""
@@ -458,16 +458,20 @@ class OPDMaps(Savable):
             )
         return self._lines.weights(wavelength**-2.0, degree)
 
-    def _mixed(self, maps: Values, y: float, x: float, wavelength: float, degree: int) -> Values:
+    def _interpolate(
+        self, maps: Values, y: float, x: float, wavelength: float, degree: int
+    ) -> Values:
         """Interpolate numbers of each wavelength and field at another wavelength and field."""
         mixed = np.tensordot(self._colour(wavelength, degree), maps, 1)
         return np.asarray(np.tensordot(self._positions.weights(y, x, degree), mixed, 1))
 
     def _table(self, y: float, x: float, wavelength: float) -> Values:
-        return self._mixed(self._tables, y, x, wavelength, SMOOTH)
+        return self._interpolate(self._tables, y, x, wavelength, SMOOTH)
 
-    def _moved(self, pairs: Values, y: float, x: float, wavelength: float) -> tuple[float, float]:
-        down, right = self._mixed(pairs, y, x, wavelength, SMOOTH)
+    def _displacement(
+        self, pairs: Values, y: float, x: float, wavelength: float
+    ) -> tuple[float, float]:
+        down, right = self._interpolate(pairs, y, x, wavelength, SMOOTH)
         sine, cosine = self._positions.turn(y, x)
         return float(down * cosine + right * sine), float(right * cosine - down * sine)
 
@@ -475,7 +479,7 @@ class OPDMaps(Savable):
 _CACHED = ("digest", "_steepest", "_continued", "_tables", "_cut")  # caches, left out of the state
 
 
-def _on_disc(v: Any, u: Any) -> tuple[Values, Values]:
+def _clip_to_disc(v: Any, u: Any) -> tuple[Values, Values]:
     """Return positions of the disc; positions beyond are moved to the rim."""
     check_finite(v=v, u=u)
     v, u = np.broadcast_arrays(*(real_array(x, "v and u", np.float64) for x in (v, u)))
@@ -483,7 +487,7 @@ def _on_disc(v: Any, u: Any) -> tuple[Values, Values]:
     return v / out, u / out
 
 
-def _turned_back(v: Values, u: Values, turn: tuple[float, float]) -> tuple[Values, Values]:
+def _rotate_back(v: Values, u: Values, turn: tuple[float, float]) -> tuple[Values, Values]:
     """Return positions in the pupil rotated back to the given field."""
     sine, cosine = turn
     return (v, u) if sine == 0 and cosine == 1 else (
@@ -551,7 +555,7 @@ def _wavelengths(wavelengths: Any, count: int) -> Values | None:
 
 def _shares(transmission: Any, paths: Values, inside: Any) -> Values | None:
     """Return the checked transmission, or None."""
-    shares = _like_paths(transmission, paths, "transmission")
+    shares = _broadcast_to_paths(transmission, paths, "transmission")
     if shares is None:
         return None
     ok = (shares >= 0) & (shares <= 1) | ~inside
@@ -565,13 +569,13 @@ def _shares(transmission: Any, paths: Values, inside: Any) -> Values | None:
 
 def _cuts(edge: Any, paths: Values, inside: Any) -> Values | None:
     """Return the checked edge, or None."""
-    cuts = _like_paths(edge, paths, "edge")
+    cuts = _broadcast_to_paths(edge, paths, "edge")
     if cuts is not None and not np.isfinite(cuts[..., inside]).all():
         raise ValueError("edge must be finite in the whole pupil.")
     return cuts
 
 
-def _like_paths(values: Any, paths: Values, name: str) -> Values | None:
+def _broadcast_to_paths(values: Any, paths: Values, name: str) -> Values | None:
     if values is None:
         return None
     samples = real_array(values, name, np.float64)

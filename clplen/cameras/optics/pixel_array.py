@@ -163,7 +163,7 @@ class PixelArray(OneLine):
         """
         if self.crosstalk is None:
             return image
-        return _correlated(image, np.asarray(self.crosstalk)[::-1, ::-1])
+        return _correlate(image, np.asarray(self.crosstalk)[::-1, ::-1])
 
     def read_adjoint(self, image: Values) -> Values:
         """Apply the transpose of `read` to an image.
@@ -180,10 +180,10 @@ class PixelArray(OneLine):
         """
         if self.crosstalk is None:
             return image
-        return _correlated(image, np.asarray(self.crosstalk))
+        return _correlate(image, np.asarray(self.crosstalk))
 
 
-def _correlated(image: Values, kernel: Values) -> Values:
+def _correlate(image: Values, kernel: Values) -> Values:
     from scipy import ndimage  # a slow import
 
     return np.asarray(ndimage.correlate(image, kernel, mode="constant"))

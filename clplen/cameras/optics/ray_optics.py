@@ -36,7 +36,7 @@ from clplen.wave.field.field import Grid
 
 LensModel = Literal["thin", "corrected"]
 
-NEARLY_PARAXIAL = 1e-3  # relative size of the pupil's image below which spacing stays paraxial
+NEARLY_PARAXIAL = 1e-3  # relative change of the pupil image's size below which spacing is paraxial
 _RADII, _ANGLES = 5, 10  # points on lenslets and pupils, along radius and angle
 Positions = np.ndarray[Any, np.dtype[np.float64]]
 

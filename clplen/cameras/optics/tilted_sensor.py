@@ -46,7 +46,7 @@ class SensorPlanes:
         return sum(int(table.nbytes) for table in (*self.weights, *self.slopes))
 
 
-def reach_of(grid: Grid, tilt: Pair) -> float:
+def tilt_reach(grid: Grid, tilt: Pair) -> float:
     """Return the largest distance by which a tilt moves a pixel along the axis, in metres."""
     down, right = (float(np.abs(axis).max()) for axis in (grid.y, grid.x))
     return abs(tilt[0]) * down + abs(tilt[1]) * right
@@ -58,7 +58,7 @@ def sensor_planes(
     """Return the planes of a sensor."""
     square = sum((wavelength / (2 * pitch)) ** 2 for pitch in grid.pitch)
     half_turn = math.pi / wavelength * (1 - math.sqrt(max(0.0, 1 - square)))  # W/2
-    reach = max(reach_of(grid, tilt), MIN_PHASE / half_turn)
+    reach = max(tilt_reach(grid, tilt), MIN_PHASE / half_turn)
     count = plane_count(half_turn * reach, TOLERANCE[device.precision])
     nodes = chebyshev.chebpts1(count)
     coefficients = 2 / count * chebyshev.chebvander(nodes, count - 1).T

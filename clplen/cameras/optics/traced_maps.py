@@ -36,8 +36,8 @@ def trace_maps(
 ) -> dict[str, Any]:
     """Return the arguments of `OPDMaps` for a lens; see `OPDMaps.traced`."""
     fractions, samples = _fractions(fields), _count(samples)
-    lens = _Lens(_opened(optic))
-    colours = lens.wavelengths() if wavelengths is None else _checked(wavelengths)
+    lens = _Lens(_open_lens(optic))
+    colours = lens.wavelengths() if wavelengths is None else _check_wavelengths(wavelengths)
     require_room(len(colours) * len(fractions) * samples**2)
     main = lens.primary() if wavelengths is None else float(colours[0])
     scale, axial = lens.scale(main), lens.wavefront(0.0, 0.0, main, samples)
@@ -214,7 +214,7 @@ class _Lens:
             )
 
 
-def _opened(optic: Any) -> Any:
+def _open_lens(optic: Any) -> Any:
     """Return an optiland lens, read from its file if given."""
     try:
         import optiland.fileio as files
@@ -257,7 +257,7 @@ def _count(samples: int) -> int:
     return int(samples)
 
 
-def _checked(wavelengths: Sequence[float]) -> Values:
+def _check_wavelengths(wavelengths: Sequence[float]) -> Values:
     values = np.atleast_1d(np.asarray(wavelengths, np.float64))
     if values.ndim != 1 or not (np.isfinite(values).all() and (values > 0).all()):
         raise ValueError(f"wavelengths must be positive, in metres, got {wavelengths!r}.")

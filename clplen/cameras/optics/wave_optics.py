@@ -190,15 +190,15 @@ class WaveOptics(RayOptics):
     ) -> tuple[Field, Values]:
         """Compute fields of points behind the main lens, and their energies without vignetting."""
         spherical = self.spherical_waves(positions, diameter, full_grid)
-        return self.bent_and_energy(spherical, self.image_of(positions)[:, ::-1])
+        return self.wavefront_and_energy(spherical, self.image_of(positions)[:, ::-1])
 
-    def bent_and_energy(self, spherical: Field, images: Values) -> tuple[Field, Values]:
+    def wavefront_and_energy(self, spherical: Field, images: Values) -> tuple[Field, Values]:
         """Apply the main lens to `spherical_waves` with images (y, x), shape (n, 2)."""
         if not self.aberrations.vignettes:
             behind = self.behind_main_lens(spherical, images)
             return behind, row_powers(behind).sum(axis=-1)
-        bent = self._bent(spherical, images)
-        return self._vignetted(bent, images), row_powers(bent).sum(axis=-1)
+        bent = self._apply_wavefront(spherical, images)
+        return self._apply_vignetting(bent, images), row_powers(bent).sum(axis=-1)
 
     def spherical_waves(
         self, positions: Values, diameter: float = 0.0, full_grid: bool = True
@@ -259,7 +259,7 @@ class WaveOptics(RayOptics):
         if not any(self.aberrations.sensor_tilt):
             return self.propagator(self.sensor_distance, "as", pad)(behind)
         planes = self._sensor_planes()
-        return self._interpolated(behind, planes, planes.weights, pad)
+        return self._interpolate_planes(behind, planes, planes.weights, pad)
 
     def sensor_slope(self, behind: Field, *, pad: int = 1) -> Field:
         """Compute the derivative of `to_sensor` by the distance of the sensor, per metre.
@@ -267,7 +267,7 @@ class WaveOptics(RayOptics):
         Parameters are those of `to_sensor`. With a tilt, every pixel has its own distance.
         """
         planes = self._sensor_planes()
-        return self._interpolated(behind, planes, planes.slopes, pad)
+        return self._interpolate_planes(behind, planes, planes.slopes, pad)
 
     def from_sensor(self, field: Field, *, pad: int = 1) -> Field:
         """Apply the transpose of `to_sensor`."""
@@ -276,7 +276,7 @@ class WaveOptics(RayOptics):
         planes, total = self._sensor_planes(), None
         for z, weight in zip(planes.distances, planes.weights, strict=True):
             back = self.propagator(z, "as", pad)(multiply(field, weight))
-            total = self._added(total, back)
+            total = self._accumulate(total, back)
         assert total is not None
         return total
 
@@ -290,17 +290,17 @@ class WaveOptics(RayOptics):
             planes = device.plans.keep(("sensor planes", *key), planes, planes.nbytes)
         return planes
 
-    def _interpolated(
+    def _interpolate_planes(
         self, behind: Field, planes: SensorPlanes, weights: tuple[cla.Array, ...], pad: int
     ) -> Field:
         total = None
         for z, weight in zip(planes.distances, weights, strict=True):
             plane = multiply(self.propagator(z, "as", pad)(behind), weight)
-            total = self._added(total, plane)
+            total = self._accumulate(total, plane)
         assert total is not None
         return total
 
-    def _added(self, total: Field | None, term: Field) -> Field:
+    def _accumulate(self, total: Field | None, term: Field) -> Field:
         if total is None:
             return term
         add(total.data, term.data, self.device)
@@ -375,8 +375,8 @@ class WaveOptics(RayOptics):
         """
         if not self.aberrations.bends_main_lens:
             return pupil
-        bent = self._bent(pupil, images)
-        return self._vignetted(bent, images) if self.aberrations.vignettes else bent
+        bent = self._apply_wavefront(pupil, images)
+        return self._apply_vignetting(bent, images) if self.aberrations.vignettes else bent
 
     def main_lens_path(
         self, image_y: float, image_x: float, v: Any, u: Any
@@ -440,15 +440,19 @@ class WaveOptics(RayOptics):
         nearer = (Y - y) * (2 * v - y - Y) + (X - x) * (2 * u - x - X)
         return np.asarray(path + nearer / (first + moved))  # first - moved, without rounding
 
-    def _bent(self, pupil: Field, images: Values | None) -> Field:
+    def _apply_wavefront(self, pupil: Field, images: Values | None) -> Field:
         """Apply the wavefront of the main lens to fields in its pupil."""
         if not self.aberrations.varies:
-            return self._times(pupil, None, "wavefront", lambda y, x: self._plate(pupil, y, x))
+            return self._multiply_plates(
+                pupil, None, "wavefront", lambda y, x: self._wavefront_plate(pupil, y, x)
+            )
         if self.aberrations.main_lens_opd is not None:
-            return self._times(pupil, images, "wavefront", lambda y, x: self._plate(pupil, y, x))
+            return self._multiply_plates(
+                pupil, images, "wavefront", lambda y, x: self._wavefront_plate(pupil, y, x)
+            )
         middle, down, right = self.field_turns(pupil)
         dtype = pupil.device.complex
-        return self._times(
+        return self._multiply_plates(
             pupil, images, "", lambda y, x: phasor(middle + y * down + x * right, dtype)
         )
 
@@ -461,12 +465,14 @@ class WaveOptics(RayOptics):
         down, right = (self._turns(pupil, *image) - middle for image in ((1.0, 0.0), (0.0, 1.0)))
         return middle, down, right
 
-    def _vignetted(self, pupil: Field, images: Values | None) -> Field:
+    def _apply_vignetting(self, pupil: Field, images: Values | None) -> Field:
         """Multiply fields behind the main lens by the transmission of OPD maps."""
         varies = images if self.aberrations.varies else None
-        return self._times(pupil, varies, "vignetting", lambda y, x: self._passing(pupil, y, x))
+        return self._multiply_plates(
+            pupil, varies, "vignetting", lambda y, x: self._transmission_plate(pupil, y, x)
+        )
 
-    def _times(
+    def _multiply_plates(
         self,
         pupil: Field,
         images: Values | None,
@@ -511,7 +517,7 @@ class WaveOptics(RayOptics):
         across = 2 * math.ceil(self.aperture_diameter / 2 / self.pixel_pitch) + 5
         sampled = pupil_fields(
             np.zeros((1, 3)),
-            grid=Grid((across, across), self.grid.pitch, origin=_within_a_sample(self.grid)),
+            grid=Grid((across, across), self.grid.pitch, origin=_nearest_sample(self.grid)),
             object_distance=self.object_distance,
             focal_length=self.focal_length,
             aperture_diameter=self.aperture_diameter,
@@ -532,7 +538,7 @@ class WaveOptics(RayOptics):
             return ideal
         return self.behind_lenslets(Field(ideal, grid, self.wavelength, self.device)).data
 
-    def _plate(self, pupil: Field, y: float, x: float) -> Values:
+    def _wavefront_plate(self, pupil: Field, y: float, x: float) -> Values:
         """Compute exp(2 pi i W/lam) for an image at (y, x), 0 beyond a shifted pupil."""
         turns, dtype = self._turns(pupil, y, x), pupil.device.complex
         maps = self.aberrations.main_lens_opd
@@ -543,7 +549,7 @@ class WaveOptics(RayOptics):
         covered = disc_coverage(pupil.grid, radius, (down * radius, right * radius))
         return (covered * phasor(turns)).astype(dtype)
 
-    def _passing(self, pupil: Field, y: float, x: float) -> Values:
+    def _transmission_plate(self, pupil: Field, y: float, x: float) -> Values:
         """Compute the amplitude transmission of the main lens for an image at (y, x)."""
         maps, arguments = self.aberrations.main_lens_opd, (y, x, self.wavelength)
         assert maps is not None
@@ -603,7 +609,7 @@ def _pad_factor(shape: tuple[int, int], pad: int) -> float:
     return 1 if pad == 1 else smooth_length(pad * longest) / longest
 
 
-def _within_a_sample(grid: Grid) -> tuple[float, float]:
+def _nearest_sample(grid: Grid) -> tuple[float, float]:
     """Return the point (y, x) of a grid's lattice nearest to the axis, in metres."""
     y, x = (
         centre - round(centre / pitch) * pitch

@@ -107,9 +107,9 @@ def shadows(
     """Compute the field of points on the pupil over their field without screens.
 
     A spherical wave from (x, y) at z1 before the lens passes a screen of transmission t at z2 < z1.
-    Divided by the wave without it, its field at u on the lens is that of t illuminated by a plane
-    wave, propagated over z2 (z1 - z2)/z1 and sampled at x + (u - x) (z1 - z2)/z1, where the ray to
-    u crosses the screen (Goodman 2005, eq. 4-14 and problem 4-9). The samples of t are squares, so
+    Relative to the wave without a screen, its field at u on the lens is t in a plane wave,
+    propagated over z2 (z1 - z2)/z1. It is sampled at x + (u - x) (z1 - z2)/z1, where the ray to u
+    crosses the screen (Goodman 2005, eq. 4-14 and problem 4-9). The samples of t are squares, so
     that the field is a sum of products of Fresnel integrals along y and x, averaged over the cells
     of ``axis``. Factors of several screens multiply; double diffraction is neglected.
     """
@@ -123,14 +123,14 @@ def shadows(
             share = (farther - nearer) / farther
             scale = np.sqrt(2 / (wavelength * nearer * share))
             down, right = (
-                _covered(edges, at + (axis - at) * share, scale)
+                _strip_integrals(edges, at + (axis - at) * share, scale)
                 for edges, at in zip(screen.edges(), (y, x), strict=True)
             )
             factors[number] *= 1 - down @ blocked @ right.T
     return factors
 
 
-def _covered(edges: Values, positions: Values, scale: float) -> Waves:
+def _strip_integrals(edges: Values, positions: Values, scale: float) -> Waves:
     """Compute the light of strips between edges at each position, mean over its cell.
 
     Shape (places, strips): integrals of exp(i pi w^2/2)/(1 + i) over strips, w distance * scale.

@@ -147,7 +147,7 @@ class SurfaceScene(OneLine):
         result = np.empty(full, kind)
         random = np.random.default_rng(seed)
         for v, row in enumerate(rows_of_views(tables, levels, (ny, nx))):
-            result[v] = _stored(row.reshape(full[1:]), sd, random, kind)
+            result[v] = _to_storage(row.reshape(full[1:]), sd, random, kind)
         weights = np.ones((V, U), np.float32)
         lf = LightField.from_array(result, device=device, weights=weights)
         return lf, centre_truth(tables, (ny, nx))
@@ -222,8 +222,8 @@ def surface_tables(scene: SurfaceScene, device: Device) -> SurfaceTables:
         device,
         device.upload(shape),
         device.upload(which),
-        device.upload(_not_empty(np.concatenate(edges), 4)),
-        device.upload(_not_empty(np.asarray(spots), 5)),
+        device.upload(_pad_rows(np.concatenate(edges), 4)),
+        device.upload(_pad_rows(np.asarray(spots), 5)),
         device.upload(np.concatenate(texels)),
     )
 
@@ -302,7 +302,7 @@ def _geometry(surface: Plane | Sphere) -> tuple[float, ...]:
     return (plane.disparity, *plane.slope, *outline.centre, *turn, *outline.half, period, *halves)
 
 
-def _not_empty(values: Any, width: int) -> np.ndarray[Any, np.dtype[np.float32]]:
+def _pad_rows(values: Any, width: int) -> np.ndarray[Any, np.dtype[np.float32]]:
     """Return the rows of a table; an empty table gets a row of zeros."""
     rows = np.asarray(values, np.float32).reshape(-1, width)
     return rows if len(rows) else np.zeros((1, width), np.float32)
@@ -340,7 +340,7 @@ def _gains(gain: Any, views: tuple[int, int]) -> np.ndarray[Any, Any]:
     return values
 
 
-def _stored(row: Any, sd: Any, random: np.random.Generator, kind: np.dtype[Any]) -> Any:
+def _to_storage(row: Any, sd: Any, random: np.random.Generator, kind: np.dtype[Any]) -> Any:
     """Add noise to a row of views, and convert it to its storage type."""
     if sd.any():
         grown = sd if row.ndim == 3 else np.broadcast_to(sd, row.shape[1:3])[..., None]

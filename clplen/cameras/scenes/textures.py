@@ -33,8 +33,8 @@ class Texture(OneLine, HostArray):
     """Brightness of a surface over (Y, X), the pixels of the centre view.
 
     It is a periodic cubic B-spline through a table (Unser, Aldroubi and Eden 1993), twice
-    continuously differentiable. The brightness is already averaged over pixels: every view samples
-    it at the centres of its pixels, so that views of equal disparity are exact shifts of each
+    continuously differentiable. The brightness is already averaged over pixels, and every view
+    samples it at the centres of its pixels. Views of equal disparity are exact shifts of each
     other. A table without structure above about 0.35 cycles a pixel has no aliasing that biases
     subpixel measurements.
 
@@ -217,14 +217,14 @@ def noise(
         )
     weight = np.where(band, np.where(f > 0, f, 1) ** -exponent, 0)
     random = np.random.default_rng(seed)
-    planes = [_one_noise(random, weight, side) for _ in range(4 if colour else 1)]
+    planes = [_noise_plane(random, weight, side) for _ in range(4 if colour else 1)]
     if colour:
         colours = [(planes[0] + planes[c]) / math.sqrt(2) for c in (1, 2, 3)]
         return Texture(np.clip(mean + contrast * np.stack(colours, axis=-1), 0, 1))
     return Texture(np.clip(mean + contrast * planes[0], 0, 1))
 
 
-def _one_noise(random: np.random.Generator, weight: Any, side: int) -> Any:
+def _noise_plane(random: np.random.Generator, weight: Any, side: int) -> Any:
     """Return noise of a spectrum's weights, mean 0, rms 1."""
     white = np.fft.rfft2(random.standard_normal((side, side)))
     values = np.fft.irfft2(white * weight, s=(side, side))
@@ -273,7 +273,7 @@ def picture(image: Any, *, scale: float = 1.0, smoothing: float = DEFAULT_SMOOTH
         raise ShapeError(f"A picture must have shape (ny, nx) or (ny, nx, 3), got {values.shape}.")
     for axis in (0, 1):
         values = np.concatenate([values, np.flip(values, axis)], axis)
-    return Texture(smoothed(values, smoothing / scale), scale)
+    return Texture(smooth(values, smoothing / scale), scale)
 
 
 def checker(
@@ -312,7 +312,7 @@ def checker(
     side = 64
     cells = np.indices((side, side)) // (side // 2)
     values = np.where(cells.sum(axis=0) % 2, high, low)
-    return Texture(smoothed(values, smoothing * side / period), period / side)
+    return Texture(smooth(values, smoothing * side / period), period / side)
 
 
 def stripes(
@@ -409,7 +409,7 @@ def bricks(
     values = np.clip(np.where(joint, mean + 2 * contrast, values), 0, 1)
     if colour:
         values = values[..., None] * np.array([1.0, 0.7, 0.55])
-    return Texture(smoothed(values, smoothing))
+    return Texture(smooth(values, smoothing))
 
 
 def _require_positive(what: str, value: float) -> None:
@@ -417,7 +417,7 @@ def _require_positive(what: str, value: float) -> None:
         raise ValueError(f"{what} must be a positive number of pixels, got {value!r}.")
 
 
-def smoothed(values: Any, sd: float) -> Any:
+def smooth(values: Any, sd: float) -> Any:
     """Smooth a periodic table by a Gaussian of a standard deviation in samples."""
     values = np.asarray(values, np.float64)
     if not (is_finite(sd) and sd >= 0):
