@@ -51,9 +51,7 @@ from clplen.wave.spectrum.spectrum_tables import check_wavelength
 Scene = SurfaceScene | Source | Sequence[Source | Occluder]
 Self = TypeVar("Self", bound="Plenoptic")
 
-MAX_THIN_LENS_WAVES = (
-    0.25  # waves; below this aberration a thin lens is as good as a corrected lens (Rayleigh)
-)
+MAX_THIN_LENS_WAVES = 0.25  # aberration in waves below which a thin lens suffices (Rayleigh)
 MAX_SCALAR_NA = 0.4  # NA above which polarisation matters (Stamnes 1986, section 16.3)
 LENS_LAW_TOLERANCE = 1e-6  # maximum relative error of 1/f = 1/object + 1/image
 

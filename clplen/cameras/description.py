@@ -127,23 +127,23 @@ def _pixels(optics: WaveOptics) -> tuple[Row, ...]:
             "active share",
             pixels.fill_factor,
             "",
-            "of a pixel's area, over which it integrates the light"
+            "fraction of a pixel's area that integrates light"
             if pixels.fill_factor
             else "a pixel samples the intensity in its middle",
         )
     ]
     down, right = pixels.offset
     offset_rows = (
-        Row("sensor offset y", down, "m", "of its middle from the axis"),
-        Row("sensor offset x", right, "m", "of its middle from the axis"),
-        Row("sensor rotation", pixels.rotation, "rad", "of its rows against the lenslets"),
+        Row("sensor offset y", down, "m", "middle of the sensor from the axis"),
+        Row("sensor offset x", right, "m", "middle of the sensor from the axis"),
+        Row("sensor rotation", pixels.rotation, "rad", "rows of pixels against the lenslets"),
     )
     rows += [row for row in offset_rows if row.value]
     if pixels.crosstalk is not None:
         kernel = np.asarray(pixels.crosstalk)
         retained = float(kernel[kernel.shape[0] // 2, kernel.shape[1] // 2])
         rows.append(
-            Row("pixel crosstalk", 1 - retained, "", "of a pixel's light, lost to neighbours")
+            Row("pixel crosstalk", 1 - retained, "", "fraction of a pixel's light in neighbours")
         )
     return tuple(rows)
 
@@ -165,11 +165,11 @@ def _exposure(optics: WaveOptics) -> tuple[Row, ...]:
         if not optics.samples(np.zeros((1, 3))):
             reason += " and do not sample the light"
     v = math.pi * optics.aperture_diameter * reach / (optics.wavelength * optics.array_distance)
-    size = f"of a point in focus, {shape[0]} x {shape[1]} samples"
+    size = f"{shape[0]} x {shape[1]} samples for a point in focus"
     return (
         Row("samples a pixel", finer, "", f"along each axis; {reason}"),
         Row("window", max(shape) * pitch, "m", size),
-        Row("light beyond it", 2 / (math.pi * v), "", "its share, 2/(pi v)"),
+        Row("light beyond it", 2 / (math.pi * v), "", "fraction of the light, 2/(pi v)"),
     )
 
 
@@ -202,11 +202,16 @@ def _map_rows(maps: OPDMaps, wavelength: float) -> list[Row]:
     text = f"rms over the pupil of the worst field, {rms.max() / wavelength:.4g} waves"
     text += f"; nearest to the axis {nearest:.4g}"
     if maps.pupil_distance is not None and maps.pupil_diameter is not None:
-        text += f"; made at f/{maps.pupil_distance / maps.pupil_diameter:.4g}"
+        text += f"; maps of f/{maps.pupil_distance / maps.pupil_diameter:.4g}"
     distortion = maps.steepest(wavelength)[1]
     vignetting = 1 - float(share.min())
     return [
         Row("wavefront of OPD maps", float(rms.max()), "m", text),
-        Row("distortion of OPD maps", distortion, "m", "of the chief ray, at most"),
-        Row("vignetting of OPD maps", vignetting, "", "share of the light of the worst field"),
+        Row("distortion of OPD maps", distortion, "m", "largest displacement of the chief ray"),
+        Row(
+            "vignetting of OPD maps",
+            vignetting,
+            "",
+            "lost light of the worst field",
+        ),
     ]

@@ -60,12 +60,8 @@ Vector = np.ndarray[Any, Any]
 
 MIN_SUB_IMAGE_PIXELS = 8  # minimum pixels of a sub-image
 MAX_SENSOR_PIXELS = 2**28  # maximum pixels of a sensor, 1 GiB of float32
-MIN_WHOLE_FRACTION = (
-    0.95  # fraction of a lenslet's aperture in the pupil above which it counts as whole
-)
-MIN_LIT_FRACTION = (
-    0.02  # fraction of a lenslet's aperture in the pupil below which it makes no sub-image
-)
+MIN_WHOLE_FRACTION = 0.95  # minimum fraction in the pupil of a whole lenslet's aperture
+MIN_LIT_FRACTION = 0.02  # minimum fraction in the pupil of the aperture of a lenslet with light
 LENSLET_SAMPLES = 128  # samples across a lenslet for its fraction in the pupil
 OVERSAMPLING = 4.0  # oversampling of the steepest light, because rims are sharp
 WINDOW_MARGIN = 1.15  # size of the window over the size of sensor and array
@@ -270,13 +266,14 @@ class FourierMicroscope(Described, ObjectiveCamera):
             Row("field stop", self.field_stop, "m", "diameter, on the native image"),
             Row("field of view", self.field_stop / M, "m", "diameter, in the medium; d f_FL/(f_ML "
                 "M) where sub-images touch (Guo et al. 2019)"),
-            Row("overlap", self.overlap, "", "of neighbouring sub-images, over their diameter"),
+            Row("overlap", self.overlap, "", "of neighbours, over the diameter"),
             Row("effective aperture", self.effective_na, "", "NA/N (Scrofani et al. 2018)"),
             Row("lateral resolution", self.lateral_resolution, "m",
                 "max(lam N/(2 NA), 2 pixel/M_T) (Scrofani et al. 2018)"),
             Row("largest view angle", angle, "deg", "n sin(theta) = M c/f_FL, outermost whole "
                 "lenslet"),
-            Row("axial resolution", self.axial_resolution, "m", "lateral over tan(theta) of it"),
+            Row("axial resolution", self.axial_resolution, "m",
+                "lateral resolution over its tan(theta)"),
             Row("depth of field", self.depth_of_field, "m",
                 "n lam N^2/NA^2 + n N pixel/(NA M_T), of one sub-image (Galdon et al. 2022)"),
         )  # fmt: skip

@@ -15,7 +15,7 @@ from clplen.cameras.standard_camera import Plenoptic1, type1
 class PlenopticCamera(Described, LensletCamera, ABC):
     """Plenoptic camera simulated by wave optics: built by `type1`, `type2` or `microscope`.
 
-    Every camera of these is an instance of this class; ``kind`` names its type.
+    Cameras of all constructors are instances of this class; ``kind`` names their type.
 
     Attributes
     ----------

@@ -23,9 +23,7 @@ from clplen.cameras.scenes.scene_sources import PicturePlane
 
 Vector = np.ndarray[Any, np.dtype[np.float64]]
 Complex = np.ndarray[Any, np.dtype[np.complex128]]
-OVERSAMPLING = (
-    1.05  # positions a cell and axis over the minimum; keeps the interpolating kernel short
-)
+OVERSAMPLING = 1.05  # positions a cell and axis over the minimum; shortens the kernel
 STOP_DB = 80.0  # attenuation of the interpolating kernel's images
 TOLERANCE = 5e-4  # maximum change of the pattern across a picture, of a raw image's maximum
 Powers = tuple[tuple[int, int], ...]
@@ -33,12 +31,8 @@ CONSTANT: Powers = ((0, 0),)
 LINEAR: Powers = ((0, 0), (1, 0), (0, 1))
 EVEN: Powers = ((0, 0), (2, 0), (1, 1), (0, 2))
 QUADRATIC: Powers = ((0, 0), (1, 0), (0, 1), (2, 0), (1, 1), (0, 2))
-OUTERMOST_NODE = (
-    0.9  # outermost node, of the distance to the edge; balances both interpolation errors
-)
-CHANGE_PER_RADIAN = (
-    0.35  # measured change of a raw image with the aberration, of its maximum a radian
-)
+OUTERMOST_NODE = 0.9  # fraction of the distance to the edge; balances both interpolation errors
+CHANGE_PER_RADIAN = 0.35  # measured change of a raw image, of its maximum per radian of aberration
 
 
 @dataclass(frozen=True)

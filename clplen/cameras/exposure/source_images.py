@@ -91,7 +91,7 @@ class DeviceImages:
 
 @dataclass(frozen=True, eq=False)
 class PointFields:
-    """Fields of points on the sensor's samples, and fields before the lenses."""
+    """Fields of points on the sensor's samples, and fields before the lenslets."""
 
     indices: Counts  # indices of the points, int64, shape (n,)
     spherical: Field  # field behind the main lens, without its wavefront

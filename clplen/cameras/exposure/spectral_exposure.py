@@ -153,5 +153,5 @@ def _require_signal(signal: Signal, spectra: Sequence[Spectrum], filters: ColorF
         which = f"channel {number} of the picture" if len(spectra) > 1 else "this source"
         raise ValueError(
             f"No colour filter transmits the light of {which}, about {spectrum.centre * 1e9:.4g} "
-            f"nm: use sensitivities beyond {low * 1e9:.4g} to {high * 1e9:.4g} nm."
+            f"nm: extend the sensitivities, {low * 1e9:.4g} to {high * 1e9:.4g} nm."
         )

@@ -47,9 +47,7 @@ from clplen.wave.field.intensity import accumulate, add_scaled, average_of
 Method = Literal["auto", "points", "local", "isoplanatic"]
 METHODS = ("auto", "points", "local", "isoplanatic")
 MAX_PATTERN_ERROR = 0.01  # relative error of patterns above which a SamplingWarning is issued
-MAX_EXACT_OPERATIONS = (
-    5e11  # "auto" is exact below this number of operations: half a minute on two cores
-)
+MAX_EXACT_OPERATIONS = 5e11  # operations below which "auto" is exact: half a minute on two cores
 MIN_SAVING = 2  # minimum saving of operations for which "auto" gives up exactness above it
 MAX_BATCH_BYTES = 2**28  # maximum bytes of fields that pass the camera together
 SEED_STRIDE = 2**40  # difference of the seeds of two slides of a scene

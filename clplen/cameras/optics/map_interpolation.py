@@ -21,9 +21,7 @@ from clplen.units import amount, metres
 Values = np.ndarray[Any, np.dtype[np.float64]]
 ROUNDING = 1e-9  # tolerance of given samples, relative to the radius or the field
 ORDER = 8  # order of the polynomial that continues a map with samples on the whole disc
-ARRAY_COPIES = (
-    6  # arrays of all samples: given, continued, coefficients, transmission, two temporary
-)
+ARRAY_COPIES = 6  # given, continued, coefficients, transmission and two temporary arrays
 SMOOTH, STRAIGHT = 3, 1  # degrees of interpolation between fields and wavelengths
 
 
@@ -123,8 +121,8 @@ def nearest(maps: Values, valid: np.ndarray[Any, np.dtype[np.bool_]]) -> Values:
 def light_edges(lit: np.ndarray[Any, np.dtype[np.bool_]], inside: Any) -> Values:
     """Return distances from the edge of the light, half a sample from lit ones, negative outside.
 
-    A map without an edge gets the distance of the least vignetted map of its wavelength beyond its
-    edge. Interpolation then cuts the light from the middle between both on.
+    A fully lit map gets the largest distance beyond the edge in the least vignetted map of its
+    wavelength. Interpolation then cuts the light from the middle between both maps on.
     """
     from scipy.ndimage import distance_transform_edt
 

@@ -32,9 +32,7 @@ from clplen.wave.propagation.propagator import Propagator
 Positions = np.ndarray[Any, np.dtype[np.float64]]
 
 MAX_RESIDUAL_TURNS = 2.0  # maximum turns in single precision; the error is then 5e-6 rad
-TABLE_STEP = (
-    1e-2  # step of the table of 2 J1(v)/v; cubic Hermite interpolation is then right to 3e-12
-)
+TABLE_STEP = 1e-2  # step of the table of 2 J1(v)/v; cubic Hermite interpolation errs by 3e-12
 
 
 def pupil_fields(
@@ -132,9 +130,7 @@ def disc_table(largest: float, device: Device) -> tuple[np.ndarray[Any, Any], fl
 
 Values = np.ndarray[Any, np.dtype[np.float64]]
 MAX_RIM_SAMPLES = 4096  # samples across; a larger rim uses the mean loss below
-MEAN_RIM_LOSS = (
-    0.664  # energy loss of the rim's samples, times samples across: 4 int c (1 - c), c cover
-)
+MEAN_RIM_LOSS = 0.664  # energy loss of rim samples, times samples across: 4 int c (1 - c), c cover
 FRESNEL_WIDTHS = 2  # Fresnel widths beyond the geometric edge that an unpadded window holds
 
 

@@ -23,9 +23,7 @@ from clplen.reprs import OneLine
 Samples = np.ndarray[Any, np.dtype[np.float32]]
 MAX_SIDE = 8192  # maximum samples of a table's side
 _MIN_BRICK = 4  # minimum side of a brick in pixels
-DEFAULT_SMOOTHING = (
-    0.6  # standard deviation in pixels; the gain at half a cycle a pixel is then 17 %
-)
+DEFAULT_SMOOTHING = 0.6  # standard deviation in pixels; the gain at half a cycle a pixel is 17 %
 
 
 @dataclass(frozen=True, init=False, eq=False, repr=False)
