@@ -121,9 +121,9 @@ def test_bad_names_and_folders_are_told(run: Run, tmp_path: Path) -> None:
 def test_bad_cameras_are_told(run: Run, tmp_path: Path) -> None:
     for kind, words in (
         ('kind = "plenoptic3"', "camera.kind"),
-        ('kind = "plenoptic2"\nm = 0.0', "Error: one: m = b/a is finite and not 0"),
+        ('kind = "plenoptic2"\nm = 0.0', "Error: one: m = b/a must be > 0"),
         ('kind = "plenoptic2"\nm = 0.2\na_mm = 18.0', "needs one of m and a_mm"),
-        ('kind = "plenoptic2"\nm = -1.5', "not behind the array: use m > -1"),
+        ('kind = "plenoptic2"\nm = -1.5', "m must be > -1"),
         ('kind = "plenoptic1"\nm = 0.2', "has m, which belongs to kind = 'plenoptic2'"),
         ("kinds = 1", "kinds"),
     ):

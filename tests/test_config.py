@@ -165,10 +165,10 @@ opacity_file = "opacity.png"
     assert picture.occluder.z == picture.z == -2e-3
     np.testing.assert_allclose(picture.occluder.opacity, values / 255)
     imageio.imwrite(tmp_path / "opacity.png", values[:, :2])
-    with pytest.raises(FormatError, match=r"opacity has shape \(2, 2\), and the picture \(2, 3\)"):
+    with pytest.raises(FormatError, match=r"picture's shape \(2, 3\), got \(2, 2\)"):
         read(tmp_path, text).scene.build()
     slide = text.replace("z_mm = -2.0", 'mode = "transmission"')
-    with pytest.raises(FormatError, match="A slide has no opacity"):
+    with pytest.raises(FormatError, match="opacity must be None for a slide"):
         read(tmp_path, slide + "[coherence]\n").scene.build()
 
 
@@ -516,9 +516,9 @@ def test_pixels_are_kept_with_a_camera(tmp_path: Path, device: Device):
     assert again.lens_model == camera.lens_model
     assert again.grid == camera.grid
     np.testing.assert_allclose(again.mla.centres(), camera.mla.centres(), atol=1e-15)
-    with pytest.raises(FormatError, match="pixels are none"):
+    with pytest.raises(FormatError, match=r"PixelArray\.to_json"):
         read_camera(kept | {"pixels": "[1]"}, tmp_path, device)
-    with pytest.raises(FormatError, match="lens_model is"):
+    with pytest.raises(FormatError, match="lens_model must be"):
         read_camera(kept | {"lens_model": "thick"}, tmp_path, device)
 
 
@@ -607,7 +607,7 @@ def test_what_is_said_about_wrong_pictures_and_light(tmp_path: Path):
 def test_what_is_said_about_an_odd_picture(tmp_path: Path):
     for values, keys, said in (
         (np.ones((3, 4), np.uint16), "srgb = true", r"a\.tif: srgb = true decodes 8-bit values, "),
-        (np.float32([[0.2, 3.0]]), 'mode = "transmission"', r"a\.tif: A slide transmits at most 1"),
+        (np.float32([[0.2, 3.0]]), 'mode = "transmission"', r"a\.tif: .* transmit at most 1"),
         (np.ones((3, 4), np.complex64), "", r"The picture .*a\.tif has samples of type complex64"),
     ):
         if values is None:

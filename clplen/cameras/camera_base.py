@@ -1,4 +1,4 @@
-"""What both plenoptic cameras do: take raw images of scenes."""
+"""Base class of the plenoptic cameras: raw images of scenes by waves or rays."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ from clplen.cameras.optics.ray_optics import (
     raw_image,
     thin_spherical,
 )
-from clplen.cameras.optics.tilted_sensor import reach_of
+from clplen.cameras.optics.tilted_sensor import tilt_reach
 from clplen.cameras.optics.wave_optics import WaveOptics
 from clplen.cameras.scenes.occluders import Occluder
 from clplen.cameras.scenes.scene_sources import (
@@ -51,23 +51,24 @@ from clplen.wave.spectrum.spectrum_tables import check_wavelength
 Scene = SurfaceScene | Source | Sequence[Source | Occluder]
 Self = TypeVar("Self", bound="Plenoptic")
 
-QUARTER = 0.25  # of a wave, below which a thin lens is as good as a corrected one (Rayleigh)
-SCALAR_NA = 0.4  # above which the polarisation of light matters (Stamnes 1986, section 16.3)
-LENS_LAW_TOLERANCE = 1e-6  # relative, of 1/f = 1/object + 1/image
+MAX_THIN_LENS_WAVES = 0.25  # aberration in waves below which a thin lens suffices (Rayleigh)
+MAX_SCALAR_NA = 0.4  # NA above which polarisation matters (Stamnes 1986, section 16.3)
+LENS_LAW_TOLERANCE = 1e-6  # maximum relative error of 1/f = 1/object + 1/image
 
 
 @dataclass(frozen=True, repr=False)
 class Plenoptic(Described, RayOptics):
-    """A plenoptic camera that takes raw images: `Plenoptic1` or `Plenoptic2`."""
+    """Plenoptic camera that takes raw images: `Plenoptic1` or `Plenoptic2`."""
 
     kind: ClassVar[Kind]
 
     def with_aberrations(self: Self, aberrations: Aberrations) -> Self:
-        """The same camera as it is built: with these in place of its aberrations.
+        """Return a copy of the camera with other aberrations.
 
         Parameters
         ----------
         aberrations : Aberrations
+            Aberrations that replace the camera's own.
 
         Returns
         -------
@@ -79,22 +80,24 @@ class Plenoptic(Described, RayOptics):
             If Zernike terms of lenslets reach beyond their circle, or the sensor would not lie
             behind the array.
         TypeError
-            If they are something else.
+            If ``aberrations`` is not an `Aberrations`.
         """
         if not isinstance(aberrations, Aberrations):
-            raise TypeError(f"aberrations are Aberrations(...), not {type(aberrations).__name__}.")
+            kind = type(aberrations).__name__
+            raise TypeError(f"aberrations must be Aberrations(...), got an object of type {kind}.")
         camera = replace(self, aberrations=aberrations)
         aberrations.check_lenslets(self.mla)
         if not camera.sensor_distance > 0:
             raise ValueError(
-                f"sensor_shift = {aberrations.sensor_shift:g} m puts the sensor at "
-                f"{camera.sensor_distance:g} m, not behind the array."
+                f"sensor_shift must keep the sensor behind the array, got "
+                f"{aberrations.sensor_shift:g} m: the sensor would be {camera.sensor_distance:g} m "
+                "behind it."
             )
-        nearer = reach_of(camera.grid, aberrations.sensor_tilt)
-        if not camera.sensor_distance > nearer:
+        approach = tilt_reach(camera.grid, aberrations.sensor_tilt)
+        if not camera.sensor_distance > approach:
             raise ValueError(
-                f"sensor_tilt = {aberrations.sensor_tilt} brings pixels {nearer:g} m nearer to the "
-                f"array, which is {camera.sensor_distance:g} m away: give smaller slopes."
+                f"sensor_tilt = {aberrations.sensor_tilt} moves pixels {approach:g} m towards the "
+                f"array, {camera.sensor_distance:g} m away: use smaller slopes."
             )
         on_axis = max(1.0, self.array_distance / self.image_distance)
         if self.pixels is None and not is_sampled(camera, 0.0, on_axis):
@@ -116,47 +119,47 @@ class Plenoptic(Described, RayOptics):
         region: Region | None = None,
         checkpoint: Checkpoint | None = None,
     ) -> RawImage:
-        """Take a raw image: intensities of all points and pictures added.
+        """Take a raw image of a scene: the sum of the intensities of its points and pictures.
 
         Parameters
         ----------
         scene : PointSources, PicturePlane, list of them and of Occluder, or SurfaceScene
-            The light of a list's members adds up. An `Occluder`, or a picture with ``opacity``,
-            attenuates what lies behind it. A `SurfaceScene` has occlusion and needs
-            ``model="rays"``: Y and X count lenslets from the middle of the array, d is the
-            disparity of the decoded light field, and 1 is the raw image of white.
+            Light of all members of a list adds up. An `Occluder`, or a picture with ``opacity``,
+            attenuates the light from behind it. A `SurfaceScene` needs ``model="rays"``: Y and X
+            count lenslets from the middle of the array, d is the disparity of the decoded light
+            field, and 1 is the raw image of white.
         model : {"waves", "rays"}
-            Wave optics, or geometrical rays: no diffraction, and of what follows only ``sensor``.
+            Wave optics or geometrical rays. Rays have no diffraction and use ``sensor`` only, none
+            of the other options below.
         coherence : Coherence, optional
-            Its spectrum holds for all sources that have none of their own, its spatial model for
-            slides (``mode="transmission"``), which need it. Points and self-luminous pictures are
-            incoherent from point to point. ``wavelengths`` says by how many a source with a
-            spectrum is exposed, too; by default as many as its image needs to be right to 1e-3.
+            Its spectrum applies to all sources without their own; its spatial model to slides
+            (``mode="transmission"``), which require it. Points and self-luminous pictures are
+            incoherent from point to point. ``wavelengths`` is the number of wavelengths for a
+            source with a spectrum; by default enough for a relative error of 1e-3.
         sensor : Sensor, optional
-            Photons, noise, bits; None keeps units of energy.
+            Model of photons, noise and bits; None keeps units of energy.
         progress : callable, optional
-            Called as ``progress(done, total)`` after each batch of fields and each snapshot, from 0
-            again for each part of the scene.
+            Function called as ``progress(done, total)`` after each batch of fields and each
+            snapshot. It starts at 0 for each part of the scene.
         method : {"auto", "points", "local", "isoplanatic"}
-            "points": one field as large as the sensor for each point, whose pixels must sample its
-            waves. "local": each point in a window of its own about its chief ray, with samples as
-            fine as its waves need. "isoplanatic": a picture from patterns at a few places of X
-            under one lenslet, moved and added (the array's rows along x). "auto" takes "local" for
-            pixels that integrate, else "points", for a picture "isoplanatic" where these are not
-            affordable.
+            "points": one field of the sensor's size for each point; the pixels must sample its
+            waves. "local": a window about each point's chief ray, sampled as finely as its waves
+            need. "isoplanatic": a picture composed of shifted patterns of a few positions of X
+            under one lenslet (the array's rows along x). "auto": "local" for pixels that integrate,
+            else "points"; for a picture "isoplanatic" if these would cost too much.
         koehler : bool
-            Whether the light behind a slide converges on the main lens (Goodman 2005, section
-            5.3.2), so that all of the slide is seen; else it goes on parallel to the axis.
+            True to make the light behind a slide converge on the main lens, so that the whole slide
+            is visible (Goodman 2005, section 5.3.2). False: it stays parallel to the axis.
         snapshots, rtol, region, checkpoint
-            Of slides, as in `Coherence.average`; the region is one of the sensor.
+            Options for slides, as in `Coherence.average`; the region is a region of the sensor.
 
         Returns
         -------
         RawImage
-            float32, shape of ``grid``; n sources of power 1 add up to n (1 - 1e-3 .. 1), behind
-            colour filters times their sensitivities, with ``mosaic`` the names of these. A clear
-            sample of a slide sends the energy 1 towards the lens. ``exposure`` says how the image
-            was found and how exact it is; by rays ``truth`` holds that of a `SurfaceScene`.
+            float32, shape of ``grid``. n sources of power 1 add up to n (1 - 1e-3 .. 1), times the
+            sensitivities of colour filters, whose names are in ``mosaic``. A clear sample of a
+            slide sends the energy 1 towards the lens. ``exposure`` reports the method and its
+            accuracy; by rays, ``truth`` is the ground truth of a `SurfaceScene`.
 
         Raises
         ------
@@ -164,11 +167,11 @@ class Plenoptic(Described, RayOptics):
             If light reaches the sensor at angles that the pixels do not sample, a point is imaged
             beyond the array, or the grid does not carry the light on a slide.
         ValueError
-            If a point lies behind the lens, a slide has no light, a spatial model nothing to light,
-            or ``model`` or ``method`` do not fit the scene or the camera, or no colour filter sees
-            a source's light.
+            If a point lies behind the lens, a slide has no light, a spatial model has no slide,
+            ``model`` or ``method`` do not fit the scene or the camera, or no colour filter
+            transmits a source's light.
         FormatError
-            If the checkpoint is damaged or of another set-up.
+            If the checkpoint is damaged or belongs to other settings.
         DeviceError
             If the fields do not fit the device.
         """
@@ -184,22 +187,22 @@ class Plenoptic(Described, RayOptics):
                 raw = expose_rays(optics, as_sources(scene))
         else:
             light = Light(coherence, koehler, averaging)
-            sources, before = as_sources(scene), replace(optics, occluders=as_occluders(scene))
-            raw = expose_waves(before, sources, light, method=method, progress=progress)
+            sources, occluded = as_sources(scene), replace(optics, occluders=as_occluders(scene))
+            raw = expose_waves(occluded, sources, light, method=method, progress=progress)
         raw = replace(raw, camera=self)
         return raw if sensor is None else sensor.record(raw)
 
     @property
     def optics(self) -> WaveOptics:
-        """The waves that go through the camera: fields of positions at each of its planes."""
+        """Wave optics of the camera: fields of points at each of its planes."""
         return WaveOptics(**{field.name: getattr(self, field.name) for field in fields(RayOptics)})
 
     def raw_image(self, data: cla.Array) -> RawImage:
-        """Intensity on the sensor with the positions of the sub-images on it."""
+        """Return a RawImage of intensities on the sensor with the positions of its sub-images."""
         return replace(raw_image(self, data), camera=self)
 
     def check_scene(self, scene: PointSources) -> None:
-        """Refuse sources that this camera cannot show; see `expose`."""
+        """Raise if the camera cannot image these sources; see `expose`."""
         if self.pixels is None:
             self.optics.check_positions(scene.positions)
         else:
@@ -207,25 +210,25 @@ class Plenoptic(Described, RayOptics):
 
 
 def scene_energy(camera: Plenoptic, scene: PointSources) -> Sequence[tuple[float, float, float]]:
-    """Compute the share of each source's energy that reaches the array and the sensor.
+    """Compute the fraction of each source's energy that reaches the array and the sensor.
 
     Parameters
     ----------
     camera : Plenoptic1 or Plenoptic2
-        Fields are computed on its grid, one sample a pixel.
+        Camera whose grid, with one sample a pixel, holds the fields.
     scene : PointSources
-        Their positions and diameter count.
+        Sources; only their positions and diameter are used.
 
     Returns
     -------
     list of tuple of float
-        For each source (1.0, at the array, at the sensor), fractions of its energy at the aperture.
+        (1.0, at the array, at the sensor) for each source: fractions of its energy at the aperture.
     """
     rows = []
     optics = camera.optics
     to_array, to_sensor = optics.padding(scene.positions)
-    for place in scene.positions:
-        pupil, energy = optics.pupil_and_energy(place[None], scene.diameter, full_grid=False)
+    for position in scene.positions:
+        pupil, energy = optics.pupil_and_energy(position[None], scene.diameter, full_grid=False)
         at_array = optics.array_field(pupil, pad=to_array)
         at_sensor = optics.sensor_field(at_array, pad=to_sensor)
         energies = [float(row_powers(f).sum()) for f in (at_array, at_sensor)]
@@ -236,18 +239,18 @@ def scene_energy(camera: Plenoptic, scene: PointSources) -> Sequence[tuple[float
 def _uses_rays(
     model: str, scene: Any, coherence: Coherence | None, averaging: dict[str, Any]
 ) -> bool:
-    """Whether a raw image is to be found by rays."""
+    """Return True if rays expose the scene; raise if the arguments contradict the model."""
     if model not in ("waves", "rays"):
-        raise ValueError(f"model is 'waves' or 'rays', not {model!r}.")
+        raise ValueError(f"model must be 'waves' or 'rays', got {model!r}.")
     if model == "waves" and isinstance(scene, SurfaceScene):
         raise ValueError(
-            "A SurfaceScene is exposed by rays: give model='rays'. Waves take PointSources, "
+            "model must be 'rays' for a SurfaceScene, got 'waves'. Waves expose PointSources, "
             "PicturePlanes and Occluders."
         )
     if model == "rays" and (coherence is not None or averaging):
         raise ValueError(
-            "coherence, snapshots, rtol, region and checkpoint are for model='waves': rays are "
-            "incoherent and exact at once."
+            "coherence, snapshots, rtol, region and checkpoint require model='waves': leave them "
+            "out, because rays are incoherent and need no averages."
         )
     return model == "rays"
 
@@ -260,7 +263,7 @@ def main_lens_distances(
     image_distance: float | None,
     aperture_diameter: float | None,
 ) -> tuple[float, float]:
-    """Object and image distance, after a look at everything that both cameras are given."""
+    """Return object and image distance in metres, after checks of the arguments of all cameras."""
     require_lengths(
         focal_length=focal_length,
         wavelength=wavelength,
@@ -272,15 +275,15 @@ def main_lens_distances(
     check_lenslets(mla, wavelength)
     if min(mla.focal_lengths) <= 0:
         raise ValueError(
-            f"The lenslets of a camera converge: f > 0, not {min(mla.focal_lengths)!r}."
+            f"Focal lengths of a camera's lenslets must be > 0, got {min(mla.focal_lengths)!r}."
         )
     distances = _lens_law(focal_length, object_distance, image_distance)
     longest = max(mla.focal_lengths)
     if longest >= distances[1]:
-        meant = units.LENSLET_FOCAL_LENGTH.meant(longest)
+        hint = units.LENSLET_FOCAL_LENGTH.meant(longest)
         raise ValueError(
-            f"The lenslets' focal length of {longest:g} m is not shorter than the image distance "
-            f"of the main lens, {distances[1]:g} m{meant}"
+            f"The lenslets' focal length must be shorter than the image distance of the main lens, "
+            f"{distances[1]:g} m, got {longest:g} m{hint}"
         )
     return distances
 
@@ -297,7 +300,7 @@ def build(
     pixels: PixelArray | None,
     lens_model: str,
     aberrations: Aberrations,
-    **own: Any,
+    **extra_fields: Any,
 ) -> Self:
     """Build a camera of checked distances: its aperture, lens model, sensor and aberrations."""
     z_obj, F = distances
@@ -319,55 +322,52 @@ def build(
         grid=grid,
         lens_model=_choose_lens_model(lens_model, D, z_obj, F, wavelength),
         pixels=pixels,
-        **own,
+        **extra_fields,
     )
     return camera.with_aberrations(aberrations)
 
 
 def _check_aperture(D: float, F: float) -> None:
-    """Refuse an aperture that no lens has; warn of one that scalar waves do not describe well.
-
-    The numerical aperture at the image of a lens that obeys the sine condition is D/(2 F), below 1.
-    """
+    """Raise for NA = D/(2 F) >= 1, impossible by the sine condition; warn above MAX_SCALAR_NA."""
     na = D / (2 * F)
     if na >= 1:
-        meant = units.CAMERA_DIAMETER.meant(D).rstrip(".") if D > 1 else ""
+        hint = units.CAMERA_DIAMETER.meant(D).rstrip(".") if D > 1 else ""
         raise ValueError(
-            f"An aperture of {D:g} m and its image {F:g} m away would be NA {na:.3g}, and no lens "
-            f"has 1 or more: below {2 * F:g} m would do{meant or '.'}"
+            f"The aperture must be below {2 * F:g} m for an image {F:g} m away, because a lens has "
+            f"NA < 1; got {D:g} m, NA {na:.3g}{hint or '.'}"
         )
-    if na > SCALAR_NA:
+    if na > MAX_SCALAR_NA:
         warn_caller(
-            f"The main lens has NA {na:.3g} at its image, D/(2 F) above {SCALAR_NA:g}: waves here "
-            f"are scalar, without polarisation; D of {2 * F * SCALAR_NA:.3g} m or less would do.",
+            f"The main lens has NA {na:.3g} at its image, D/(2 F) above {MAX_SCALAR_NA:g}. Scalar "
+            f"waves neglect polarisation: use D <= {2 * F * MAX_SCALAR_NA:.3g} m.",
             SamplingWarning,
         )
 
 
 def _choose_lens_model(
-    given: str, D: float, object_distance: float, image_distance: float, wavelength: float
+    lens_model: str, D: float, object_distance: float, image_distance: float, wavelength: float
 ) -> LensModel:
-    """The model of the main lens."""
-    if given not in ("auto", "thin", "corrected"):
-        raise ValueError(f"lens_model is 'auto', 'thin' or 'corrected', not {given!r}.")
-    if given != "auto":
-        return cast(LensModel, given)
+    """Return the model of the main lens; "auto" depends on its spherical aberration."""
+    if lens_model not in ("auto", "thin", "corrected"):
+        raise ValueError(f"lens_model must be 'auto', 'thin' or 'corrected', got {lens_model!r}.")
+    if lens_model != "auto":
+        return cast(LensModel, lens_model)
     spherical = thin_spherical(D, object_distance, image_distance)
-    return "thin" if spherical < QUARTER * wavelength else "corrected"
+    return "thin" if spherical < MAX_THIN_LENS_WAVES * wavelength else "corrected"
 
 
 def _lens_law(
     f: float, object_distance: float | None, image_distance: float | None
 ) -> tuple[float, float]:
-    """Object and image distance that satisfy 1/f = 1/object + 1/image, in metres.
+    """Return object and image distance in metres that satisfy 1/f = 1/object + 1/image.
 
-    Neither given: 2f and 2f. One given: the other follows.
+    Without any distance both are 2f.
     """
     for name, distance in (("object", object_distance), ("image", image_distance)):
         if distance is not None and distance <= f:
             raise ValueError(
-                f"{name}_distance = {distance:g} m is within the focal length of {f:g} m: there is "
-                "no real image."
+                f"{name}_distance must be larger than the focal length of {f:g} m to form a real "
+                f"image, got {distance:g} m."
             )
     if object_distance is None:
         if image_distance is None:
@@ -376,10 +376,10 @@ def _lens_law(
     if image_distance is None:
         return (float(object_distance), 1 / (1 / f - 1 / object_distance))
     if abs(f / object_distance + f / image_distance - 1) > LENS_LAW_TOLERANCE:
-        fits = 1 / (1 / f - 1 / object_distance)
+        fitting = 1 / (1 / f - 1 / object_distance)
         raise ValueError(
             f"object_distance = {object_distance:g} m and image_distance = {image_distance:g} m "
-            f"contradict the lens law for f = {f:g} m: this object is imaged at {fits:.6g} m. Give "
-            "one of the two."
+            f"contradict the lens law for f = {f:g} m: the image of this object is at "
+            f"{fitting:.6g} m. Give only one of the two."
         )
     return (float(object_distance), float(image_distance))

@@ -19,7 +19,7 @@ from clplen.reprs import OneLine
 
 @dataclass(frozen=True)
 class Row:
-    """One derived parameter: its name, value in SI units, unit and what it means."""
+    """Derived parameter with its name, value in SI units, unit and meaning."""
 
     name: str
     value: float
@@ -36,7 +36,7 @@ class Description(OneLine):
     title : str
         Kind of the camera.
     rows : tuple of Row
-        One for each parameter: its name, value in SI units, unit and what it means.
+        Derived parameters, each with its name, value in SI units, unit and meaning.
 
     Examples
     --------
@@ -56,11 +56,11 @@ class Description(OneLine):
     rows: tuple[Row, ...]
 
     def __getitem__(self, name: str) -> float:
-        """Value of a parameter in SI units."""
+        """Return the value of a parameter in SI units."""
         for row in self.rows:
             if row.name == name:
                 return row.value
-        raise KeyError(f"no parameter {name!r}; there are {', '.join(r.name for r in self.rows)}")
+        raise KeyError(f"no parameter {name!r}; use {', '.join(r.name for r in self.rows)}")
 
     def __str__(self) -> str:
         width = max(len(row.name) for row in self.rows)
@@ -71,7 +71,7 @@ class Description(OneLine):
         return "\n".join(lines)
 
     def _repr_html_(self) -> str:
-        """The table as a notebook shows it."""
+        """Return the table in HTML, for notebooks."""
         rows = [(row.name, *_readable(row.value, row.unit), row.text) for row in self.rows]
         cells = "".join(
             f"<tr>{''.join(f'<td>{html.escape(text)}</td>' for text in row)}</tr>" for row in rows
@@ -80,18 +80,18 @@ class Description(OneLine):
 
 
 class Described:
-    """A camera that describes itself, in a notebook as a table."""
+    """Mixin of cameras that describe themselves; shown as a table in notebooks."""
 
     @abstractmethod
     def describe(self) -> Description:
-        """Derived parameters; see `Description`."""
+        """Return the derived parameters as a `Description`."""
 
     def _repr_html_(self) -> str:
         return self.describe()._repr_html_()
 
 
 def _readable(value: float, unit: str) -> tuple[str, str]:
-    """Metres as m, mm, um or nm; anything else as it is."""
+    """Return a length in m, mm, um or nm; other values unchanged."""
     if unit != "m" or value == 0:
         return f"{value:.6g}", unit
     for factor, name in ((1.0, "m"), (1e-3, "mm"), (1e-6, "um")):
@@ -102,95 +102,98 @@ def _readable(value: float, unit: str) -> tuple[str, str]:
 
 def optics_rows(optics: WaveOptics) -> tuple[Row, ...]:
     """Return the rows of main lens, pixels, the window of a point in focus, and aberrations."""
-    bent = aberration_rows(optics.aberrations, optics.wavelength)
-    return (_main_lens(optics), *_pixels(optics), *_exposure(optics), *bent)
+    aberrated = aberration_rows(optics.aberrations, optics.wavelength)
+    return (_main_lens(optics), *_pixels(optics), *_exposure(optics), *aberrated)
 
 
 def _main_lens(optics: WaveOptics) -> Row:
-    own = thin_spherical(optics.aperture_diameter, optics.object_distance, optics.image_distance)
-    words = {
-        "thin": "lens_model 'thin': it is in the wave",
-        "corrected": "lens_model 'corrected': taken out, and the sine condition holds",
+    rim_path = thin_spherical(
+        optics.aperture_diameter, optics.object_distance, optics.image_distance
+    )
+    model_texts = {
+        "thin": "lens_model 'thin': included in the wave",
+        "corrected": "lens_model 'corrected': removed, and the sine condition holds",
     }
-    text = f"at the rim of a thin lens, {own / optics.wavelength:.3g} waves; "
-    return Row("spherical aberration", own, "m", text + words[optics.lens_model])
+    text = f"at the rim of a thin lens, {rim_path / optics.wavelength:.3g} waves; "
+    return Row("spherical aberration", rim_path, "m", text + model_texts[optics.lens_model])
 
 
 def _pixels(optics: WaveOptics) -> tuple[Row, ...]:
     pixels = optics.pixels
     if pixels is None:
-        return (Row("active share", 0.0, "", "a pixel takes the intensity in its middle"),)
-    found = [
+        return (Row("active share", 0.0, "", "a pixel samples the intensity in its middle"),)
+    rows = [
         Row(
             "active share",
             pixels.fill_factor,
             "",
-            "of a pixel's area, on which it adds up the light"
+            "fraction of a pixel's area that integrates light"
             if pixels.fill_factor
-            else "a pixel takes the intensity in its middle",
+            else "a pixel samples the intensity in its middle",
         )
     ]
     down, right = pixels.offset
-    beside = (
-        Row("sensor offset y", down, "m", "of its middle from the axis"),
-        Row("sensor offset x", right, "m", "of its middle from the axis"),
-        Row("sensor rotation", pixels.rotation, "rad", "of its rows against the lenslets"),
+    offset_rows = (
+        Row("sensor offset y", down, "m", "middle of the sensor from the axis"),
+        Row("sensor offset x", right, "m", "middle of the sensor from the axis"),
+        Row("sensor rotation", pixels.rotation, "rad", "rows of pixels against the lenslets"),
     )
-    found += [row for row in beside if row.value]
+    rows += [row for row in offset_rows if row.value]
     if pixels.crosstalk is not None:
         kernel = np.asarray(pixels.crosstalk)
-        own = float(kernel[kernel.shape[0] // 2, kernel.shape[1] // 2])
-        found.append(Row("pixel crosstalk", 1 - own, "", "of a pixel's light it does not read"))
-    return tuple(found)
+        retained = float(kernel[kernel.shape[0] // 2, kernel.shape[1] // 2])
+        rows.append(
+            Row("pixel crosstalk", 1 - retained, "", "fraction of a pixel's light in neighbours")
+        )
+    return tuple(rows)
 
 
 def _exposure(optics: WaveOptics) -> tuple[Row, ...]:
-    """The window of a point in focus on the axis: which, why, and what light it leaves out.
+    """Return the samples, window and lost light of a point in focus on the axis.
 
-    Of an Airy pattern 2/(pi v) of the light lies beyond rho, v = pi D rho/(lam z2):
-    J0^2(v) + J1^2(v) far out (Born and Wolf 1999, section 8.5.2).
+    The share 2/(pi v) of an Airy pattern lies beyond v (Born and Wolf 1999, section 8.5.2).
     """
     if optics.pixels is None:
-        many, shape, pitch = 1, optics.grid.shape, optics.pixel_pitch
+        finer, shape, pitch = 1, optics.grid.shape, optics.pixel_pitch
         reach = min(optics.grid.extent) / 2
-        why = "one field as large as the sensor ('points'): the pixels sample the light's waves"
+        reason = "one field of the sensor's size ('points'): the pixels sample the light's waves"
     else:
         window = window_shape(optics, np.zeros(3))
-        many, shape, pitch = window.finer, (window.samples, window.samples), window.pitch
+        finer, shape, pitch = window.finer, (window.samples, window.samples), window.pitch
         reach = (window.samples / 2 - window.guard) * pitch
-        why = "a window of its own for each point ('local'): the pixels integrate"
+        reason = "a window for each point ('local'): the pixels integrate"
         if not optics.samples(np.zeros((1, 3))):
-            why += " and do not sample the light"
+            reason += " and do not sample the light"
     v = math.pi * optics.aperture_diameter * reach / (optics.wavelength * optics.array_distance)
-    size = f"of a point in focus, {shape[0]} x {shape[1]} samples"
+    size = f"{shape[0]} x {shape[1]} samples for a point in focus"
     return (
-        Row("samples a pixel", many, "", f"along each axis; {why}"),
+        Row("samples a pixel", finer, "", f"along each axis; {reason}"),
         Row("window", max(shape) * pitch, "m", size),
-        Row("light beyond it", 2 / (math.pi * v), "", "its share, 2/(pi v)"),
+        Row("light beyond it", 2 / (math.pi * v), "", "fraction of the light, 2/(pi v)"),
     )
 
 
 def aberration_rows(aberrations: Aberrations, wavelength: float) -> tuple[Row, ...]:
-    """Return the rows of what departs from a camera's design."""
+    """Return the rows of a camera's departures from its design."""
     scatter = aberrations.scatter
-    found = []
+    rows = []
     for name, terms in (("main lens", aberrations.main_lens), ("lenslets", aberrations.lenslets)):
         rms = math.sqrt(sum(metres**2 for j, metres in terms if j > 1))
         text = f"rms over the disc, {rms / wavelength:.4g} waves"
-        found.append(Row(f"wavefront of {name}", rms, "m", text))
+        rows.append(Row(f"wavefront of {name}", rms, "m", text))
     grows = math.hypot(*(g for _, pair in aberrations.main_lens_field for g in pair))
-    per_mm = f"rms over the disc, {grows / wavelength / 1e3:.4g} waves a mm of the image"
-    found.insert(1, Row("its growth over the field", grows, "", per_mm))
+    per_mm = f"rms over the disc, {grows / wavelength / 1e3:.4g} waves per mm of the image"
+    rows.insert(1, Row("its growth over the field", grows, "", per_mm))
     if aberrations.main_lens_opd is not None:
-        found += _map_rows(aberrations.main_lens_opd, wavelength)
-    found += [
+        rows += _map_rows(aberrations.main_lens_opd, wavelength)
+    rows += [
         Row("scatter of focal length", scatter.focal_length, "", "rms over the lenslets, of f"),
         Row("scatter of tilt", scatter.tilt, "rad", "rms over the lenslets, each axis"),
         Row("scatter of position", scatter.position, "m", "rms over the lenslets, each axis"),
         Row("sensor shift", aberrations.sensor_shift, "m", "away from the array"),
         Row("sensor tilt", math.hypot(*aberrations.sensor_tilt), "rad", "slope against the array"),
     ]
-    return tuple(row for row in found if row.value)
+    return tuple(row for row in rows if row.value)
 
 
 def _map_rows(maps: OPDMaps, wavelength: float) -> list[Row]:
@@ -199,11 +202,16 @@ def _map_rows(maps: OPDMaps, wavelength: float) -> list[Row]:
     text = f"rms over the pupil of the worst field, {rms.max() / wavelength:.4g} waves"
     text += f"; nearest to the axis {nearest:.4g}"
     if maps.pupil_distance is not None and maps.pupil_diameter is not None:
-        text += f"; made at f/{maps.pupil_distance / maps.pupil_diameter:.4g}"
-    moved = maps.steepest(wavelength)[1]
-    lost = 1 - float(share.min())
+        text += f"; maps of f/{maps.pupil_distance / maps.pupil_diameter:.4g}"
+    distortion = maps.steepest(wavelength)[1]
+    vignetting = 1 - float(share.min())
     return [
         Row("wavefront of OPD maps", float(rms.max()), "m", text),
-        Row("distortion of OPD maps", moved, "m", "of the chief ray, at most"),
-        Row("vignetting of OPD maps", lost, "", "share of the light of the worst field"),
+        Row("distortion of OPD maps", distortion, "m", "largest displacement of the chief ray"),
+        Row(
+            "vignetting of OPD maps",
+            vignetting,
+            "",
+            "lost light of the worst field",
+        ),
     ]

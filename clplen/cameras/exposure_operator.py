@@ -1,4 +1,4 @@
-"""A camera's map from the energies of a scene to the raw image, and its exact adjoint."""
+"""Linear map from the energies of a scene to a camera's raw image, with its exact adjoint."""
 
 from __future__ import annotations
 
@@ -39,57 +39,57 @@ from clplen.wave.field.field import Field
 
 Values = np.ndarray[Any, Any]
 
-MEMORY = 2**28  # bytes of images that are kept
+MEMORY = 2**28  # default bytes of images that are kept: 256 MiB
 
 
 class ExposureOperator(ArrayMap):
-    """The map from energies of points and pictures to the raw image, linear, with its adjoint.
+    """Linear map from energies of points and pictures to the raw image, with its adjoint.
 
     Points and the samples of self-luminous pictures are incoherent, so that their images add up.
-    The forward map is what ``camera.expose`` computes, without noise. It is a `LinearMap` of its
+    The forward map is ``camera.expose`` without noise. The operator is a `LinearMap` of its
     device: float32, or float64 on a device of double precision.
 
     Parameters
     ----------
     camera : Plenoptic1, Plenoptic2 or Microscope
-        As `PlenopticCamera` makes them. A microscope exposes points only.
+        Camera built by `PlenopticCamera`. A microscope exposes points only.
     scene : PointSources, PicturePlane, or list of them and of Occluder
-        Where the light comes from; its own energies do not count, but samples of a picture that
-        are 0 stay dark.
+        Sources of the light. Their energies are ignored, but samples of a picture that are 0 stay
+        dark.
     model : {"waves", "rays"}
         Wave optics or geometrical rays, as in ``expose``.
     method : {"auto", "points", "local"}
-        As in ``expose``; "auto" is never "isoplanatic", which is not exact.
+        Method of ``expose``; "auto" never selects "isoplanatic", an approximation.
     coherence : Coherence, optional
-        Its spectrum is that of sources without one.
+        Spectrum for sources without their own.
     memory : int
-        Bytes of images that may be kept. Where the images of all points take less, they are
-        computed once, by the first call; else by each call anew.
+        Maximum bytes of images that are kept. Images of all points that fit are computed once, by
+        the first call; otherwise each call computes them again.
 
     Attributes
     ----------
     camera, memory
-        As given.
+        Arguments of the constructor.
     sources : tuple of PointSources and PicturePlane
         The members of the scene that send light.
     method : str
-        "points", "local", "rays" or "microscope": how the image of a point is computed.
+        "points", "local", "rays" or "microscope": method that computes the image of a point.
     device : Device
-        That of the camera.
+        Device of the camera.
     in_shape : tuple of int
-        (n,) of points, that of the image of a picture; of a list all their values one after the
-        other.
+        (n,) for n points, or the shape of a picture. For a list: the number of all values,
+        concatenated.
     out_shape : tuple of int
         (ny, nx) of the sensor.
     dtype : numpy.dtype
-        Of both sides.
+        Data type of input and output.
 
     Raises
     ------
     SamplingError, ValueError, DeviceError
-        As ``expose``; for slides, which are not linear.
+        If ``expose`` raises, or the scene has slides, whose images are not linear.
     TypeError
-        If the camera or the scene is none.
+        If the camera or the scene has another type.
 
     Examples
     --------
@@ -119,31 +119,31 @@ class ExposureOperator(ArrayMap):
         if not isinstance(camera, Microscope):
             require(Plenoptic, camera, "camera", "PlenopticCamera.type1")
         if not (is_finite(memory) and memory >= 0):
-            raise ValueError(f"memory is a number of bytes from 0 on, not {memory!r}.")
+            raise ValueError(f"memory must be a number of bytes >= 0, got {memory!r}.")
         if model not in ("waves", "rays"):
-            raise ValueError(f"model is 'waves' or 'rays', not {model!r}.")
+            raise ValueError(f"model must be 'waves' or 'rays', got {model!r}.")
         self.camera, self.memory = camera, memory
         self.sources, occluders = as_sources(scene), as_occluders(scene)
         if isinstance(camera, Microscope):
             if occluders or (model, method) != ("waves", "auto"):
                 raise ValueError(
-                    "Occluders, model and method are for plenoptic cameras; a microscope has one "
-                    "way: leave them out."
+                    "Occluders, model and method apply to plenoptic cameras only: leave them out "
+                    "for a microscope."
                 )
             lines = camera.lines(coherence)
             parts = microscope_parts(self.sources, lines, camera, microscope_images)
         else:
             optics = replace(camera.optics, occluders=occluders)
-            found = ray_parts if model == "rays" else wave_parts
-            parts = found(optics, self.sources, coherence, method)
+            make_parts = ray_parts if model == "rays" else wave_parts
+            parts = make_parts(optics, self.sources, coherence, method)
         self._parts = tuple(parts)
         self._images = SceneImages(self._parts, memory)
         self.method = self._parts[0].route
         self.device: Device = camera.device
-        one = self._parts[0].shape if len(self._parts) == 1 else None
-        self.in_shape: tuple[int, ...] = one or (sum(part.size for part in self._parts),)
+        single_shape = self._parts[0].shape if len(self._parts) == 1 else None
+        self.in_shape: tuple[int, ...] = single_shape or (sum(part.size for part in self._parts),)
         self.out_shape: tuple[int, ...] = camera.grid.shape
-        pixels = camera.pixels if model == "waves" else None  # rays know none
+        pixels = camera.pixels if model == "waves" else None  # the ray model has no pixel response
         filters = int(self._parts[0].lines[0].weights.shape[1])
         self._signals = PixelSignals(pixels or PixelArray(), filters, camera.grid.shape)
 
@@ -155,21 +155,21 @@ class ExposureOperator(ArrayMap):
 
     @property
     def dtype(self) -> np.dtype[Any]:
-        """Of both sides."""
+        """Data type of input and output."""
         return np.dtype(self.device.real)
 
     @property
     def nbytes(self) -> int:
-        """Bytes of the images that are kept now."""
+        """Bytes of images that are kept at present."""
         return self._images.nbytes
 
     @property
     def positions(self) -> Values:
-        """(x, y, dz) in metres of all points that send light, shape (n, 3)."""
+        """Positions (x, y, dz) of all points that send light, in metres, shape (n, 3)."""
         return np.concatenate([part.points.positions for part in self._parts])
 
     def forward_data(self, data: cla.Array) -> cla.Array:
-        """`forward` of arrays of the device."""
+        """Apply `forward` to arrays of the device."""
         leading = data.shape[: data.ndim - len(self.in_shape)]
         count, device = int(np.prod(leading, dtype=np.int64)), self.device
         if count == 0:
@@ -177,39 +177,39 @@ class ExposureOperator(ArrayMap):
         values = device.download(data).astype(np.float64).reshape(count, -1)
         totals = device.zeros((self._signals.filters * count, *self.out_shape), device.real)
         for part, line, images in self._images:
-            energies = self._images.energies(values, part)[:, images.which]
+            energies = self._images.energies(values, part)[:, images.indices]
             signal = np.einsum("bnc,cf->fbn", energies, line.weights)
-            images.add(totals, signal.reshape(-1, len(images.which)))
+            images.add(totals, signal.reshape(-1, len(images.indices)))
         device.finish()
         return self._signals.read(totals, device).reshape(*leading, *self.out_shape)
 
     def adjoint_data(self, data: cla.Array) -> cla.Array:
-        """`adjoint` of arrays of the device."""
+        """Apply `adjoint` to arrays of the device."""
         leading = data.shape[:-2]
         count = int(np.prod(leading, dtype=np.int64))
-        found = [np.zeros((count, part.size)) for part in self._parts]
+        gradients = [np.zeros((count, part.size)) for part in self._parts]
         if count == 0:
             return self.device.empty((*leading, *self.in_shape), self.dtype)
         pictures = self._signals.read_adjoint(data.reshape(count, *self.out_shape), self.device)
         for part, line, images in self._images:
             inner = images.inner(pictures).reshape(self._signals.filters, count, -1)
-            own = found[part].reshape(count, -1, self._parts[part].channels)
-            places = self._parts[part].places[images.which]
-            own[:, places] += np.einsum("fbn,cf->bnc", inner, line.weights)
-        values = np.concatenate(found, axis=1).reshape(*leading, *self.in_shape)
+            part_gradients = gradients[part].reshape(count, -1, self._parts[part].channels)
+            indices = self._parts[part].indices[images.indices]
+            part_gradients[:, indices] += np.einsum("fbn,cf->bnc", inner, line.weights)
+        values = np.concatenate(gradients, axis=1).reshape(*leading, *self.in_shape)
         return self.device.upload(np.ascontiguousarray(values, self.dtype))
 
     def gradient(self, values: Any, cotangent: Any) -> ExposureGradient:
-        """Derivatives of a loss by the energies and the places of the points.
+        """Compute derivatives of a loss with respect to energies and positions of the points.
 
-        Light runs back through the camera once for each point, for all three coordinates.
+        Light propagates back through the camera once for each point, for all three coordinates.
 
         Parameters
         ----------
         values : array_like
-            Energies, of ``in_shape``.
+            Energies of shape ``in_shape``.
         cotangent : array_like
-            Derivatives of the loss by the pixels of the raw image, shape (ny, nx).
+            Derivatives of the loss with respect to the pixels, shape (ny, nx).
 
         Returns
         -------
@@ -218,34 +218,34 @@ class ExposureOperator(ArrayMap):
         Raises
         ------
         ValueError
-            If the images of points are computed by rays or in windows of their own, whose places
-            move in steps, or aberrations have no derivative in closed form.
+            If images of points are computed by rays or in windows, whose positions move in steps,
+            or aberrations have no derivative in closed form.
         ShapeError
             If the arrays have another shape.
         """
         return self._gradient(self._energies(values), cotangent, {})
 
     def vjp(self, values: Any) -> tuple[Values, Callable[[Any], ExposureGradient]]:
-        """The raw image and, for each cotangent of it, the `gradient` at these energies.
+        """Return the raw image and a function that computes the `gradient` from a cotangent.
 
-        Fields of all points are kept on the device for it, so that an image and a gradient take
-        the time of two images.
+        Fields of all points stay on the device, so that image and gradient together take the time
+        of two images.
 
         Parameters
         ----------
         values : array_like
-            Energies, of ``in_shape``.
+            Energies of shape ``in_shape``.
 
         Returns
         -------
         numpy.ndarray, callable
-            `forward` of the energies, and a function that takes the derivatives of a loss by its
-            pixels, shape (ny, nx), and returns an `ExposureGradient`.
+            Raw image of these energies, and a function that maps derivatives of a loss with respect
+            to its pixels, shape (ny, nx), to an `ExposureGradient`.
 
         Raises
         ------
         ValueError, ShapeError
-            As `gradient`.
+            If `gradient` would raise.
         DeviceError
             If the fields do not fit the device.
         """
@@ -254,55 +254,57 @@ class ExposureOperator(ArrayMap):
         nbytes = math.prod(self.out_shape) * np.dtype(device.complex).itemsize * count
         device.require_memory(nbytes, "The fields of all points of this exposure")
         totals = device.zeros((self._signals.filters, *self.out_shape), device.real)
-        kept: dict[int, list[PointFields]] = {}
+        stored_fields: dict[int, list[PointFields]] = {}
         for number, (index, line) in enumerate(self._images.lines()):
-            kept[number] = []
+            stored_fields[number] = []
             for fields in point_fields(line.optics, self._parts[index].points):
-                signal = (energies[index][fields.which] @ line.weights).T
+                signal = (energies[index][fields.indices] @ line.weights).T
                 images_of(line.optics, fields).add(totals, signal)
-                kept[number].append(replace(fields, at_array=None))
+                stored_fields[number].append(replace(fields, at_array=None))
         image = device.download(self._signals.read(totals, device))[0]
-        return image, lambda cotangent: self._gradient(energies, cotangent, kept)
+        return image, lambda cotangent: self._gradient(energies, cotangent, stored_fields)
 
     def _gradient(
-        self, energies: list[Values], cotangent: Any, kept: dict[int, list[PointFields]]
+        self, energies: list[Values], cotangent: Any, stored_fields: dict[int, list[PointFields]]
     ) -> ExposureGradient:
-        """The gradient from energies (n, channels) of each part, with fields of each line."""
+        """Return the gradient from energies (n, channels) of each part and stored fields."""
         pictures = self._pictures(cotangent)
-        by_value = [np.zeros((part.places.size, part.channels)) for part in self._parts]
-        by_place = [np.zeros((len(part.points), 3)) for part in self._parts]
+        by_value = [np.zeros((part.indices.size, part.channels)) for part in self._parts]
+        by_position = [np.zeros((len(part.points), 3)) for part in self._parts]
         for number, (index, line) in enumerate(self._images.lines()):
             points, signal = self._parts[index].points, (energies[index] @ line.weights).T
-            found = point_gradients(line.optics, points, signal, pictures, kept.get(number))
-            by_value[index] += found.energies.T @ line.weights.T
-            by_place[index] += found.positions
+            point_gradient = point_gradients(
+                line.optics, points, signal, pictures, stored_fields.get(number)
+            )
+            by_value[index] += point_gradient.energies.T @ line.weights.T
+            by_position[index] += point_gradient.positions
         flat = [part.spread(value) for part, value in zip(self._parts, by_value, strict=True)]
         gradient = np.concatenate(flat).reshape(self.in_shape).astype(self.dtype)
-        return ExposureGradient(gradient, np.concatenate(by_place))
+        return ExposureGradient(gradient, np.concatenate(by_position))
 
     def lenslet_fields(self, values: Any, cotangent: Any) -> Iterator[tuple[Field, Field]]:
-        """Fields before the lenslets, and the gradients of a loss by those right behind them.
+        """Yield fields before the lenslets, and gradients of a loss with respect to fields behind.
 
-        What a gradient by a parameter of the array needs: with the transmission t of the array,
-        dL/dp is the sum over all fields of Re(conj(g) u dt/dp).
+        A gradient by any parameter p of the array follows from them: with the transmission t of
+        the array, dL/dp is the sum over all fields of Re(conj(g) u dt/dp).
 
         Parameters
         ----------
         values : array_like
-            Energies, of ``in_shape``.
+            Energies of shape ``in_shape``.
         cotangent : array_like
-            Derivatives of the loss by the pixels of the raw image, shape (ny, nx).
+            Derivatives of the loss with respect to the pixels, shape (ny, nx).
 
         Yields
         ------
         tuple of Field
-            u and g = dL/dRe + i dL/dIm of some of the points, shape (n, ny, nx) on the camera's
-            grid, at one of their wavelengths. Every point of the scene comes once a wavelength.
+            u and g = dL/dRe + i dL/dIm of a batch of points at one wavelength, shape (n, ny, nx) on
+            the camera's grid. Every point of the scene occurs once for each wavelength.
 
         Raises
         ------
         ValueError
-            If the images of points are computed by rays or in windows of their own.
+            If images of points are computed by rays or in windows.
         ShapeError
             If the arrays have another shape.
         """
@@ -312,58 +314,57 @@ class ExposureOperator(ArrayMap):
             yield from array_fields(line.optics, self._parts[index].points, signal, pictures)
 
     def lenslet_gradient(self, values: Any, cotangent: Any) -> dict[str, Any]:
-        """Derivatives of a loss by the array of lenslets.
+        """Compute derivatives of a loss with respect to the array of lenslets.
 
-        All lengths behind the array stay, also where the focal length changes.
+        All distances behind the array are constant, even if the focal length changes.
 
         Parameters
         ----------
         values : array_like
-            Energies, of ``in_shape``.
+            Energies of shape ``in_shape``.
         cotangent : array_like
-            Derivatives of the loss by the pixels of the raw image, shape (ny, nx).
+            Derivatives of the loss with respect to the pixels, shape (ny, nx).
 
         Returns
         -------
         dict of str to float or numpy.ndarray
-            As of `MicrolensArray.gradient`: "pitch", "diameter", "offset", "rotation",
-            "focal_length" and so on.
+            Keys of `MicrolensArray.gradient`: "pitch", "diameter", "offset", "rotation",
+            "focal_length" and others.
 
         Raises
         ------
         ValueError
-            If the images of points are computed by rays or in windows of their own, or the
-            lenslets depart from thin lenses.
+            If images of points are computed by rays or in windows, or the lenslets depart from
+            thin lenses.
         ShapeError
             If the arrays have another shape.
         """
         self._require_thin_lenslets()
-        found: dict[str, Any] = {}
+        totals: dict[str, Any] = {}
         for before, behind in self.lenslet_fields(values, cotangent):
             gradient = self.camera.mla.gradient(before, behind)
-            found = {name: found.get(name, 0.0) + part for name, part in gradient.items()}
-        return found
+            totals = {name: totals.get(name, 0.0) + part for name, part in gradient.items()}
+        return totals
 
     def jacobian(
         self, values: Any, *, by: str | Sequence[str] = ("values", "positions")
     ) -> ExposureJacobian:
-        """Derivatives of every pixel, for Gauss-Newton and for bounds (Cramer and Rao's).
+        """Compute derivatives of every pixel, for Gauss-Newton and for Cramer-Rao bounds.
 
-        The forward mode of `gradient`, `lenslet_gradient` and `sensor_gradient`: J' times a
-        cotangent is what these return. Light runs through the camera once more for each coordinate
-        of a place, and from the lenslets on for each parameter of the array and for the sensor. All
-        lengths behind the array stay, also where the focal length of the lenslets changes.
+        This is the forward mode of `gradient`, `lenslet_gradient` and `sensor_gradient`: J' times
+        a cotangent equals their results. Each coordinate of a position takes one pass of light
+        through the camera; each parameter of the array and the sensor take a pass from the lenslets
+        on. All distances behind the array are constant.
 
         Parameters
         ----------
         values : array_like
-            Energies, of ``in_shape``.
+            Energies of shape ``in_shape``.
         by : str or sequence of str
-            Of "values" (energies), "positions", "lenslets" and "sensor": what the derivatives are
-            by. 8 bytes a pixel are kept on the host for each energy, 24 for each point's place, 56
-            and more for the lenslets and 24 for the sensor, while a batch of points passes as much
-            again for these; on the device what a `gradient` takes, and 6 fields and more for the
-            lenslets.
+            Parameter groups: "values" (energies), "positions", "lenslets" and "sensor". The host
+            stores 8 bytes a pixel for each energy, 24 for each position, at least 56 for the
+            lenslets and 24 for the sensor, and as much again while a batch of points passes. The
+            device needs the memory of a `gradient`, and at least 6 more fields for the lenslets.
 
         Returns
         -------
@@ -372,8 +373,8 @@ class ExposureOperator(ArrayMap):
         Raises
         ------
         ValueError
-            If the images of points are computed by rays or in windows of their own, aberrations
-            have no derivative in closed form, or the lenslets depart from thin lenses.
+            If images of points are computed by rays or in windows, aberrations have no derivative
+            in closed form, or the lenslets depart from thin lenses.
         ShapeError
             If the energies have another shape.
         MemoryError
@@ -384,71 +385,70 @@ class ExposureOperator(ArrayMap):
         energies, names = self._energies(values), check_groups(by)
         if "lenslets" in names:
             self._require_thin_lenslets()
-        found = exposure_jacobian(self._images, self._signals, energies, names)
-        if found.values is None:
-            return found
-        return replace(found, values=found.values.reshape(*self.in_shape, *self.out_shape))
+        jacobian = exposure_jacobian(self._images, self._signals, energies, names)
+        if jacobian.values is None:
+            return jacobian
+        return replace(jacobian, values=jacobian.values.reshape(*self.in_shape, *self.out_shape))
 
     def sensor_gradient(self, values: Any, cotangent: Any) -> dict[str, Any]:
-        """Derivatives of a loss by where the sensor lies behind the array.
+        """Compute derivatives of a loss with respect to the position of the sensor.
 
         Parameters
         ----------
         values : array_like
-            Energies, of ``in_shape``.
+            Energies of shape ``in_shape``.
         cotangent : array_like
-            Derivatives of the loss by the pixels of the raw image, shape (ny, nx).
+            Derivatives of the loss with respect to the pixels, shape (ny, nx).
 
         Returns
         -------
         dict of str to float or numpy.ndarray
-            "shift" and "tilt" (y, x), by the sensor_shift (a metre) and the sensor_tilt of
-            `Aberrations`.
+            "shift" (per metre) and "tilt" (y, x): derivatives with respect to sensor_shift and
+            sensor_tilt of `Aberrations`.
 
         Raises
         ------
         ValueError, ShapeError
-            As `gradient`.
+            If `gradient` would raise.
         """
         energies, raw = self._energies(values), self._raw(cotangent)
-        found = exposure_jacobian(self._images, self._signals, energies, ("sensor",)).sensor
-        shift, tilt = ((found[name] * raw).sum(axis=(-2, -1)) for name in ("shift", "tilt"))
+        derivatives = exposure_jacobian(self._images, self._signals, energies, ("sensor",)).sensor
+        shift, tilt = ((derivatives[name] * raw).sum(axis=(-2, -1)) for name in ("shift", "tilt"))
         return {"shift": float(shift), "tilt": tilt}
 
     def _require_thin_lenslets(self) -> None:
         camera = self.camera
         if isinstance(camera, Plenoptic) and camera.aberrations.bends_lenslets:
             raise ValueError(
-                "Gradients by the array are those of thin lenslets, and the aberrations of this "
-                "camera bend them: use lenslet_fields, or a camera without lenslets= and scatter=."
+                "Gradients by the array require thin lenslets, but this camera's lenslets are "
+                "aberrated: use lenslet_fields, or a camera without lenslets= and scatter=."
             )
 
     def _energies(self, values: Any) -> list[Values]:
-        """Energies (n, channels) of each part, for gradients by fields."""
+        """Return energies (n, channels) of each part, checked for gradients by fields."""
         if self.method != "points":
             raise ValueError(
-                "Gradients by places and lenslets are known of plenoptic cameras with "
-                f"method='points', not of {self.method!r}: give that, with a camera whose pixels "
-                "sample the light."
+                "Gradients by positions and lenslets require a plenoptic camera with "
+                f"method='points', got {self.method!r}: use method='points' and a camera whose "
+                "pixels sample the light."
             )
         energies = real_array(values, "values", np.float64)
         if energies.shape != self.in_shape:
             raise ShapeError(
-                f"Gradients take energies of shape {self.in_shape}, not {energies.shape}."
+                f"Energies of a gradient must have shape {self.in_shape}, got {energies.shape}."
             )
         flat = energies.reshape(1, -1)
         return [self._images.energies(flat, index)[0] for index in range(len(self._parts))]
 
     def _pictures(self, cotangent: Any) -> Values:
-        """Derivatives by the light behind each filter, shape (filters, ny, nx)."""
+        """Return derivatives by the light behind each filter, shape (filters, ny, nx)."""
         return self._signals.adjoint(self._raw(cotangent)[None])[:, 0]
 
     def _raw(self, cotangent: Any) -> Values:
-        """A cotangent of the raw image, checked."""
+        """Return a checked cotangent of the raw image."""
         raw = real_array(cotangent, "A cotangent", np.float64)
         if raw.shape != self.out_shape:
             raise ShapeError(
-                f"Gradients take a cotangent of the raw image's shape {self.out_shape}, not "
-                f"{raw.shape}."
+                f"A cotangent must have the raw image's shape {self.out_shape}, got {raw.shape}."
             )
         return raw

@@ -1,4 +1,4 @@
-"""The focused plenoptic camera (2.0): every lenslet takes a small picture of the main image.
+"""Focused plenoptic camera (2.0): every lenslet takes a small picture of the main image.
 
 A lenslet of focal length f images the main lens' image, a before the array (a > 0, Keplerian) or
 behind it (a < 0, Galilean, a virtual object), onto the sensor b behind the array, 1/a + 1/b = 1/f,
@@ -23,12 +23,12 @@ from clplen.checks import fits_float64
 from clplen.compute.device import DeviceLike
 from clplen.wave.elements.lenslets import MicrolensArray
 
-LEAST_PATCH = 0.1  # pixels that pictures of neighbouring lenslets move by
+MIN_PATCH_PIXELS = 0.1  # minimum shift between pictures of neighbouring lenslets, in pixels
 
 
 @dataclass(frozen=True, repr=False)
 class Plenoptic2(Plenoptic):
-    """A plenoptic 2.0 camera. Made by `PlenopticCamera.type2`.
+    """Plenoptic 2.0 camera, built by `PlenopticCamera.type2`.
 
     Attributes
     ----------
@@ -40,9 +40,9 @@ class Plenoptic2(Plenoptic):
     image_distance : float
         F in metres, from the main lens to the image of the focused plane, not to the array.
     focal_length, object_distance, aperture_diameter, mla, wavelength, field_lens, device
-        As of `Plenoptic1`; there is no field lens.
+        Same attributes as in `Plenoptic1`; ``field_lens`` is False.
     pixels_per_lenslet, pixel_pitch, grid, aberrations, lens_model, pixels
-        As of `Plenoptic1`.
+        Same attributes as in `Plenoptic1`.
 
     Examples
     --------
@@ -59,34 +59,34 @@ class Plenoptic2(Plenoptic):
 
     @property
     def patch_size(self) -> float:
-        """abs(m) p F/(z2 dx): pixels of each sub-image that tile the main image without a seam.
+        """Pixels of each sub-image that tile the main image without a seam, abs(m) p F/(z2 dx).
 
-        Neighbours' chief rays, p apart on the array, are p F/z2 apart on the image.
+        Chief rays through neighbouring lenslets, p apart on the array, are p F/z2 apart there.
         """
-        seen = self.mla.pitch * self.image_distance / self.array_distance
-        return abs(self.m) * seen / self.pixel_pitch
+        spacing = self.mla.pitch * self.image_distance / self.array_distance
+        return abs(self.m) * spacing / self.pixel_pitch
 
     @property
     def views(self) -> float:
-        """D abs(a)/(F p): lenslets in a row that see a point in focus.
+        """Lenslets in a row that see a point in focus, D abs(a)/(F p).
 
-        1/abs(m) where the aperture is matched to the cone, p F/b, and abs(1 + a/F) times that where
-        it is matched to the pupil, p z2/b.
+        1/abs(m) if the aperture matches the cone, p F/b; abs(1 + a/F) times that if it matches
+        the pupil, p z2/b.
         """
         blur = self.aperture_diameter * abs(self.a) / self.image_distance
         return blur / self.mla.pitch
 
     def describe(self) -> Description:
-        """Derived parameters; see `Description`."""
+        """Return the derived parameters as a `Description`."""
         p, d, lam = self.mla.pitch, self.mla.diameter, self.wavelength
         kind = "Keplerian" if self.m > 0 else "Galilean"
-        where = "behind" if self.m > 0 else "before"
+        side = "behind" if self.m > 0 else "before"
         ny, nx = self.grid.shape
         rows = (
             Row("focal length", self.focal_length, "m", "main lens"),
             Row("object distance", self.object_distance, "m", "focused plane to main lens"),
             Row("image distance", self.image_distance, "m", "F, main lens to its image"),
-            Row("array distance", self.array_distance, "m", f"z2 = F + a, {where} the image"),
+            Row("array distance", self.array_distance, "m", f"z2 = F + a, {side} the image"),
             Row("a", self.a, "m", "image to array"),
             Row("b", self.b, "m", "array to sensor"),
             Row("m", self.m, "", "b/a, magnification of a lenslet"),
@@ -105,7 +105,7 @@ class Plenoptic2(Plenoptic):
             Row("pixel on the image", self.pixel_pitch / abs(self.m), "m", "dx/m"),
             Row("patch size", self.patch_size, "", "pixels, abs(m) p F/(z2 dx)"),
             Row("views", self.views, "", "lenslets in a row that see a point, D abs(a)/(F p)"),
-            Row("spot width", 0.886 * lam * self.b / d, "m", "on the sensor, .886 lam b/d"),
+            Row("spot width", 0.886 * lam * self.b / d, "m", "on the sensor, 0.886 lam b/d"),
             Row("cut-off", d / (lam * abs(self.a)), "1/m", "of the main image, d/(lam a)"),
             *optics_rows(self.optics),
         )
@@ -113,7 +113,7 @@ class Plenoptic2(Plenoptic):
 
 
 def _focal_rows(mla: MicrolensArray) -> tuple[Row, ...]:
-    """The focal length, or those of all kinds."""
+    """Return rows of the focal length of each kind of lenslet."""
     if len(mla.focal_lengths) == 1:
         return (Row("lenslet focal length", mla.focal_length, "m", "f_mu"),)
     return tuple(
@@ -139,7 +139,7 @@ def type2(
     pixels: PixelArray | None = None,
     lens_model: Literal["auto", "thin", "corrected"] = "auto",
 ) -> Plenoptic2:
-    """A focused plenoptic camera: its lenslets image the main lens' image onto the sensor.
+    """Build a focused plenoptic camera: lenslets image the main lens' image onto the sensor.
 
     1/a + 1/b = 1/f_mu and m = b/a, so that a = f_mu (1 + 1/m) and b = f_mu (1 + m) (Lumsdaine
     and Georgiev 2009). Keplerian, m > 0: the array lies a behind the image at F, b > f_mu.
@@ -148,20 +148,20 @@ def type2(
     Parameters
     ----------
     focal_length, wavelength, pixels_per_lenslet, device, aberrations, pixels, lens_model
-        As for `PlenopticCamera.type1`.
+        Same parameters as in `PlenopticCamera.type1`.
     mla : MicrolensArray
-        The lenslets. With several focal lengths the first one's m and a are given; the others are
-        in focus at 1/a = 1/f_mu - 1/b.
+        Array of lenslets. m and a refer to the first of several focal lengths; the others are in
+        focus at 1/a = 1/f_mu - 1/b.
     m, a : float, optional
-        Exactly one of them: magnification of the lenslets, or the distance from the main
-        lens' image to the array in metres (above f_mu or negative).
+        Magnification of the lenslets, or distance from the main lens' image to the array in metres
+        (above f_mu or negative). Give exactly one of them.
     object_distance, image_distance : float, optional
-        Main lens to focused object plane, and to its image (not to the array), in metres.
-        Neither: 2f and 2f. One: the other by the lens law.
+        Distances from the main lens to the focused object plane and to its image (not to the
+        array), in metres. The lens law gives a missing distance; by default both are 2f.
     aperture_diameter : float, optional
-        Of the main lens in metres; None: by ``match``.
+        Diameter of the main lens in metres; by default it follows from ``match``.
     match : {"pupil", "cone"}
-        D = p z2/b, z2 = F + a, so that the image of the pupil fills a cell; or p F/b.
+        "pupil": D = p z2/b, z2 = F + a, so that the image of the pupil fills a cell. "cone": p F/b.
 
     Returns
     -------
@@ -170,18 +170,18 @@ def type2(
     Raises
     ------
     ValueError
-        For a length that is not positive, distances that contradict the lens law, m = 0 or
-        m <= -1, a within f_mu, both or none of m and a, an array before the main lens,
-        another match, or for aberrations that do not fit.
+        If a length is not positive, distances contradict the lens law, m = 0 or m <= -1, a is
+        within f_mu, both or none of m and a are given, the array is before the main lens, match
+        is another value, or aberrations do not fit.
     TypeError
-        If m or a is no number.
+        If m or a is not a number.
     SamplingError
         If a lenslet has less than 2 pixels.
 
     Warns
     -----
     SamplingWarning
-        As `type1`.
+        If NA = D/(2 F) of the main lens is above 0.4.
     """
     distances = main_lens_distances(
         mla, wavelength, focal_length, object_distance, image_distance, aperture_diameter
@@ -204,63 +204,62 @@ def type2(
         field_lens=False,
         m=float(m),
     )
-    if camera.patch_size < LEAST_PATCH:
+    if camera.patch_size < MIN_PATCH_PIXELS:
         raise ValueError(
-            f"m = {m:.3g} (a = {camera.a:g} m) moves the lenslets' pictures by "
-            f"{camera.patch_size:.2g} pixels from lenslet to lenslet: lengths are in metres; "
-            f"abs(m) of {_least_m(mla.focal_length, F, camera.pixels_per_lenslet):.2g} or more "
-            "would do."
+            f"m = {m:.3g} (a = {camera.a:g} m) shifts the picture by only "
+            f"{camera.patch_size:.2g} pixels from lenslet to lenslet: use abs(m) >= "
+            f"{_min_m(mla.focal_length, F, camera.pixels_per_lenslet):.2g}. Lengths are in "
+            "metres."
         )
     return camera
 
 
 def _magnification(f: float, m: float | None, a: float | None) -> float:
-    """m of a 2.0 camera of which m or a is given."""
+    """Return m of a 2.0 camera from m or a."""
     for name, value in (("m", m), ("a", a)):
         if value is not None and (isinstance(value, bool) or not isinstance(value, Real)):
-            raise TypeError(f"{name} is one real number, not {value!r}.")
+            raise TypeError(f"{name} must be a real number, got {value!r}.")
     units.LENSLET_FOCAL_LENGTH.check(a or 0.0, "a")
     if (m is None) == (a is None):
         raise ValueError(
-            f"A 2.0 camera has either m or a, and m = {m!r}, a = {a!r}: give exactly one of them."
+            f"Give exactly one of m and a for a 2.0 camera, got m = {m!r} and a = {a!r}."
         )
     if a is not None:
         if not fits_float64(a) or 0 <= a <= f:
             raise ValueError(
-                f"a = {a!r} m lies within the lenslets' focal length of {f:g} m, where they form "
-                "no real image: use a > f (Keplerian) or a < 0 (Galilean)."
+                f"a must be > f (Keplerian) or < 0 (Galilean) for lenslets of focal length "
+                f"{f:g} m, got {a!r} m."
             )
         return f / (a - f)
     assert m is not None
     if not fits_float64(m) or m == 0:
         raise ValueError(
-            f"m = b/a is finite and not 0, not {m!r}: use m > 0 (Keplerian) or -1 < m < 0."
+            f"m = b/a must be > 0 (Keplerian) or -1 < m < 0 (Galilean), and finite, got {m!r}."
         )
     if m <= -1:
         raise ValueError(
-            f"m = {m!r} puts the sensor at b = f (1 + m) = {f * (1 + m):g} m, not behind the "
-            "array: use m > -1."
+            f"m must be > -1, got {m!r}: the sensor would be at b = f (1 + m) = {f * (1 + m):g} m, "
+            "before the array."
         )
     return m
 
 
 def _matched_aperture(match: str, *, pitch: float, F: float, z2: float, b: float) -> float:
-    """D of the main lens in metres.
+    """Return D of the main lens in metres.
 
-    "pupil": p z2/b, the image of the pupil fills a cell of the array. "cone": p F/b, a lenslet's
-    cone as seen from the main image.
+    "pupil": p z2/b, the image of the pupil fills a cell. "cone": p F/b, as from the main image.
     """
     if match not in ("pupil", "cone"):
-        raise ValueError(f"match is 'pupil' or 'cone', not {match!r}.")
+        raise ValueError(f"match must be 'pupil' or 'cone', got {match!r}.")
     if not z2 > 0:
         raise ValueError(
-            f"a = {z2 - F:g} m puts the array {-z2:g} m before the main lens, whose image lies at "
+            f"a = {z2 - F:g} m puts the array {-z2:g} m before the main lens, whose image is at "
             f"{F:g} m: use a larger abs(m), or lenslets of a shorter focal length."
         )
     return pitch * (z2 if match == "pupil" else F) / b
 
 
-def _least_m(f: float, F: float, pixels: float) -> float:
-    """m of the smallest patch, m pixels F/(F + f + f/m), of a Keplerian camera."""
-    linear, square = LEAST_PATCH * (F + f), pixels * F
-    return (linear + math.sqrt(linear**2 + 4 * square * LEAST_PATCH * f)) / (2 * square)
+def _min_m(f: float, F: float, pixels: float) -> float:
+    """Return m of the smallest patch, m pixels F/(F + f + f/m), of a Keplerian camera."""
+    linear, square = MIN_PATCH_PIXELS * (F + f), pixels * F
+    return (linear + math.sqrt(linear**2 + 4 * square * MIN_PATCH_PIXELS * f)) / (2 * square)

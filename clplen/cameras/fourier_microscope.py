@@ -1,4 +1,4 @@
-"""The Fourier light-field microscope by waves: objective, field stop, relay, lenslets, sensor.
+"""Fourier light-field microscope by waves: objective, field stop, relay, lenslets, sensor.
 
 A point at (x0, y0, z) has on the conjugate pupil, at u, the field
 
@@ -8,9 +8,9 @@ P of `Objective`; the specimen is upright in the sub-images, so that u points ag
 of the native image. The field stop multiplies its Fourier transform. Behind the lenslets follows
 the angular spectrum over s, for all of them together: sub-images interfere where they meet.
 
-Objective and tube lens make the native image, with the field stop; the relay lens behind it makes
-the conjugate pupil, 2 NA f_FL/M wide, where the lenslets lie, and each shows the specimen from its
-own angle on the sensor (Llavador, Sola-Pikabea, Saavedra, Javidi and Martinez-Corral 2016,
+Objective and tube lens form the native image, with the field stop. The relay lens behind it forms
+the conjugate pupil, 2 NA f_FL/M wide, on the lenslets. Each lenslet images the specimen from its
+angle onto the sensor (Llavador, Sola-Pikabea, Saavedra, Javidi and Martinez-Corral 2016,
 "Resolution improvements in integral microscopy with Fourier plane recording"; Scrofani et al.
 2018, "FIMic"; Guo, Liu, Hua, Wang and Jia 2019, "Fourier light-field microscopy"). The specimen is
 upright in every sub-image. A lenslet centred at c sees it along the rays n sin(theta) = -M c/f_FL,
@@ -29,16 +29,16 @@ from scipy import fft
 
 from clplen.cameras.description import Described, Description, Row
 from clplen.cameras.optics.lenslet_camera import require_lengths
-from clplen.cameras.optics.lenslet_layout import LensletLayout, covered
+from clplen.cameras.optics.lenslet_layout import LensletLayout, rim_coverage
 from clplen.cameras.optics.objective import (
     APODISATION,
     CoverGlass,
     check_objective,
     check_positions,
+    fast_length,
     fluorescent_lines,
     fluorescent_points,
-    moved_pupils,
-    quick_length,
+    shift_pupils,
 )
 from clplen.cameras.optics.objective_camera import ObjectiveCamera
 from clplen.cameras.scenes.scene_sources import PointSources
@@ -58,23 +58,23 @@ from clplen.wave.spectrum.spectrum_tables import check_wavelength
 
 Vector = np.ndarray[Any, Any]
 
-LEAST = 8  # pixels of a sub-image
-MOST = 2**28  # pixels of a sensor
-WHOLE = 0.95  # of a lenslet's aperture in the pupil: it counts as a whole one
-LIT = 0.02  # of it: a lenslet that has less of the pupil makes no sub-image
-SAMPLES = 128  # across a lenslet, by which its share of the pupil is found
-FINENESS = 4.0  # times the samples that the steepest light needs, because rims are sharp
-GUARD = 1.15  # times what sensor and array take
-LONGEST = 16384  # samples of a window along an axis
-MOST_PARTS = 64  # of a pixel along an axis
+MIN_SUB_IMAGE_PIXELS = 8  # minimum pixels of a sub-image
+MAX_SENSOR_PIXELS = 2**28  # maximum pixels of a sensor, 1 GiB of float32
+MIN_WHOLE_FRACTION = 0.95  # minimum fraction in the pupil of a whole lenslet's aperture
+MIN_LIT_FRACTION = 0.02  # minimum fraction in the pupil of the aperture of a lenslet with light
+LENSLET_SAMPLES = 128  # samples across a lenslet for its fraction in the pupil
+OVERSAMPLING = 4.0  # oversampling of the steepest light, because rims are sharp
+WINDOW_MARGIN = 1.15  # size of the window over the size of sensor and array
+MAX_WINDOW_SAMPLES = 16384  # maximum samples of a window along an axis
+MAX_PIXEL_PARTS = 64  # maximum parts of a pixel along an axis
 
 
 @dataclass(frozen=True, repr=False)
 class FourierMicroscope(Described, ObjectiveCamera):
-    """A Fourier light-field microscope. Made by `PlenopticCamera.fourier_microscope`.
+    """Fourier light-field microscope, built by `PlenopticCamera.fourier_microscope`.
 
-    Its lenslets lie on the conjugate pupil: a pixel of a sub-image is a place, a sub-image a view.
-    Its frames are pictures, and no raw images of a light field.
+    Its lenslets lie on the conjugate pupil: each sub-image is a view, and its pixels are positions
+    in the specimen. Its frames are pictures, not raw images of a light field.
 
     Attributes
     ----------
@@ -85,23 +85,23 @@ class FourierMicroscope(Described, ObjectiveCamera):
     relay : float
         f_FL, focal length of the relay (Fourier) lens in metres.
     lenslets : LensletLayout
-        Their places, focal lengths and apertures.
+        Positions, focal lengths and apertures of the lenslets.
     sensor_distance : float
         s in metres, from the lenslets to the sensor.
     field_stop : float
         Diameter of the stop on the native image, in metres.
     wavelength : float
-        In vacuum, in metres.
+        Wavelength in vacuum, in metres.
     pixel_pitch : float
-        In metres; pixels integrate over their area.
+        Pitch in metres of the pixels, which integrate over their area.
     grid : Grid
-        Of the sensor.
+        Grid of the sensor.
     device : Device
-        Where the simulation runs.
+        Device of the simulation.
     cover : CoverGlass or None
-        Where it is not the one that the objective is made for.
+        Cover glass that differs from the design of the objective.
     apodisation : float
-        e, of the amplitude cos(theta)^e over the pupil.
+        Exponent e of the amplitude cos(theta)^e over the pupil.
 
     Examples
     --------
@@ -145,55 +145,55 @@ class FourierMicroscope(Described, ObjectiveCamera):
 
     @property
     def pupil_diameter(self) -> float:
-        """2 NA f_FL/M, of the conjugate pupil in metres (Guo et al. 2019)."""
+        """Diameter of the conjugate pupil in metres, 2 NA f_FL/M (Guo et al. 2019)."""
         return 2 * self.na * self.relay / self.magnification
 
     @property
     def scale(self) -> float:
-        """M_T = M s/f_FL, from the specimen to a sub-image (Guo et al. 2019)."""
+        """Magnification from specimen to sub-image, M_T = M s/f_FL (Guo et al. 2019)."""
         return self.magnification * self.sensor_distance / self.relay
 
     @property
     def side(self) -> float:
-        """Of a pixel in the specimen, in metres."""
+        """Side of a pixel in the specimen, in metres."""
         return self.pixel_pitch / self.scale
 
     @property
     def effective_na(self) -> float:
-        """M d/(2 f_FL) = NA/N, of one lenslet (Scrofani et al. 2018)."""
+        """Numerical aperture of a lenslet, M d/(2 f_FL) = NA/N (Scrofani et al. 2018)."""
         return self.magnification * self.lenslets.diameter / (2 * self.relay)
 
     @property
     def lit(self) -> Vector:
-        """Share of each lenslet's aperture in the pupil, float64, shape (lenslets,)."""
+        """Fraction of each lenslet's aperture in the pupil, float64, shape (lenslets,)."""
         layout = self.lenslets
-        step = 2 * layout.reach / SAMPLES
-        t = (np.arange(SAMPLES) - (SAMPLES - 1) / 2) * step
+        step = 2 * layout.reach / LENSLET_SAMPLES
+        t = (np.arange(LENSLET_SAMPLES) - (LENSLET_SAMPLES - 1) / 2) * step
         shape = layout.coverage(t, t, step)
         inside = self.pupil_diameter / 2 - np.hypot(*layout.positions.T)
-        found = (inside > 0).astype(np.float64)
+        fractions = (inside > 0).astype(np.float64)
         for lenslet in np.flatnonzero(np.abs(inside) < layout.reach + step):
             y, x = layout.positions[lenslet]
             rim = self.pupil_diameter / 2 - np.hypot(y + t[:, None], x + t)
-            found[lenslet] = (shape * covered(rim, step)).sum() / shape.sum()
-        return found
+            fractions[lenslet] = (shape * rim_coverage(rim, step)).sum() / shape.sum()
+        return fractions
 
     @property
     def sine(self) -> float:
-        """sin(theta) of the outermost lenslet that has its whole aperture in the pupil; or NaN."""
-        whole = self.lenslets.positions[self.lit >= WHOLE]
-        if not len(whole):
+        """sin(theta) of the outermost lenslet with its whole aperture in the pupil, or NaN."""
+        positions = self.lenslets.positions[self.lit >= MIN_WHOLE_FRACTION]
+        if not len(positions):
             return math.nan
-        farthest = float(np.hypot(*whole.T).max())
+        farthest = float(np.hypot(*positions.T).max())
         return self.magnification * farthest / (self.relay * self.medium_index)
 
     def displacement(self, z: float) -> Vector:
-        """M_T z tan(theta) of every sub-image on the sensor, by its lenslet's central ray.
+        """Compute the shift M_T z tan(theta) of every sub-image, by its lenslet's central ray.
 
         Parameters
         ----------
         z : float
-            In metres, farther positive.
+            Distance from the focal plane in metres, farther positive.
 
         Returns
         -------
@@ -209,14 +209,14 @@ class FourierMicroscope(Described, ObjectiveCamera):
 
     @property
     def lateral_resolution(self) -> float:
-        """The larger of lam N/(2 NA) and two pixels, in metres (Scrofani et al. 2018)."""
+        """Larger of lam N/(2 NA) and two pixels, in metres (Scrofani et al. 2018)."""
         return max(self.wavelength / (2 * self.effective_na), 2 * self.side)
 
     @property
     def axial_resolution(self) -> float:
-        """Lateral resolution over tan(theta) of the outermost whole lenslet, in metres.
+        """Smallest resolved distance of two points on the axis, in metres.
 
-        Two points that far apart on the axis are told apart in its sub-image.
+        Lateral resolution over tan(theta) of the outermost whole lenslet.
         """
         sine = self.sine
         if not 0 < sine < 1:
@@ -225,22 +225,22 @@ class FourierMicroscope(Described, ObjectiveCamera):
 
     @property
     def depth_of_field(self) -> float:
-        """n lam N^2/NA^2 + n N pixel/(NA M_T) in metres, whole (Galdon et al. 2022)."""
+        """Total depth n lam N^2/NA^2 + n N pixel/(NA M_T) in metres (Galdon et al. 2022)."""
         na, n = self.effective_na, self.medium_index
         return n * self.wavelength / na**2 + n * self.side / na
 
     @property
     def sub_image(self) -> float:
-        """Diameter of a sub-image on the sensor in metres: of the field stop, times s/f_FL."""
+        """Diameter of a sub-image in metres: diameter of the field stop times s/f_FL."""
         return self.field_stop * self.sensor_distance / self.relay
 
     @property
     def overlap(self) -> float:
-        """Share of a sub-image's diameter that its neighbour covers, too."""
+        """Overlap of neighbouring sub-images as a fraction of their diameter."""
         return max(0.0, 1 - self.lenslets.spacing / self.sub_image)
 
     def describe(self) -> Description:
-        """Derived parameters; see `Description`."""
+        """Return the derived parameters as a `Description`."""
         M, n, layout = self.magnification, self.medium_index, self.lenslets
         D, d = self.pupil_diameter, layout.diameter
         ny, nx = self.grid.shape
@@ -252,8 +252,9 @@ class FourierMicroscope(Described, ObjectiveCamera):
             Row("numerical aperture", self.na, "", f"in a medium of index {n:g}"),
             Row("relay focal length", self.relay, "m", "f_FL, Fourier lens"),
             Row("pupil", D, "m", "2 NA f_FL/M, conjugate, where the lenslets lie"),
-            Row("lenslets", len(layout), "", f"{int((self.lit >= LIT).sum())} with light, "
-                f"{int((self.lit >= WHOLE).sum())} whole, {layout.fill}"),
+            Row("lenslets", len(layout), "",
+                f"{int((self.lit >= MIN_LIT_FRACTION).sum())} with light, "
+                f"{int((self.lit >= MIN_WHOLE_FRACTION).sum())} whole, {layout.fill}"),
             Row("lenslet diameter", d, "m", "d"),
             Row("lenslets across the pupil", D / d, "", "N = D/d (Guo et al. 2019)"),
             Row("lenslet focal length", float(kinds[0]), "m", "f_ML" + ("" if len(kinds) == 1
@@ -265,13 +266,14 @@ class FourierMicroscope(Described, ObjectiveCamera):
             Row("field stop", self.field_stop, "m", "diameter, on the native image"),
             Row("field of view", self.field_stop / M, "m", "diameter, in the medium; d f_FL/(f_ML "
                 "M) where sub-images touch (Guo et al. 2019)"),
-            Row("overlap", self.overlap, "", "of neighbouring sub-images, over their diameter"),
+            Row("overlap", self.overlap, "", "of neighbours, over the diameter"),
             Row("effective aperture", self.effective_na, "", "NA/N (Scrofani et al. 2018)"),
             Row("lateral resolution", self.lateral_resolution, "m",
                 "max(lam N/(2 NA), 2 pixel/M_T) (Scrofani et al. 2018)"),
             Row("largest view angle", angle, "deg", "n sin(theta) = M c/f_FL, outermost whole "
                 "lenslet"),
-            Row("axial resolution", self.axial_resolution, "m", "lateral over tan(theta) of it"),
+            Row("axial resolution", self.axial_resolution, "m",
+                "lateral resolution over its tan(theta)"),
             Row("depth of field", self.depth_of_field, "m",
                 "n lam N^2/NA^2 + n N pixel/(NA M_T), of one sub-image (Galdon et al. 2022)"),
         )  # fmt: skip
@@ -290,28 +292,28 @@ class FourierMicroscope(Described, ObjectiveCamera):
         Parameters
         ----------
         scene : PointSources or list of them
-            (x, y, dz) from the axis point of the focal plane, in the medium. Beyond the field stop
-            they are dark. A whole volume is quicker by `clplen.microscopy.FourierProjector`.
+            (x, y, dz) from the axis point of the focal plane, in the medium. Points beyond the
+            field stop are dark. `clplen.microscopy.FourierProjector` is faster for a volume.
         coherence : Coherence, optional
-            Its spectrum is that of the fluorescence; it has no spatial model.
+            Spectrum of the fluorescence, without a spatial model.
         sensor : Sensor, optional
-            Photons, noise, bits; None keeps units of energy.
+            Model of photons, noise and bits; None keeps units of energy.
         progress : callable, optional
-            Called as ``progress(done, total)`` after each batch of points.
+            Function called as ``progress(done, total)`` after each batch of points.
 
         Returns
         -------
         Image
-            float32, shape of ``grid``; ``power`` of a point is the energy in the pupil.
+            float32, shape of ``grid``; ``power`` is the energy of a point in the pupil.
 
         Raises
         ------
         SamplingError
             If the window that holds the light would be too large.
         ValueError
-            If there is a spatial model of coherence; or if a place is more than 0.1 m away.
+            If ``coherence`` has a spatial model, or a point is more than 0.1 m away.
         TypeError
-            If the scene is no points.
+            If the scene does not consist of points.
         DeviceError
             If the fields do not fit the device.
         """
@@ -320,7 +322,7 @@ class FourierMicroscope(Described, ObjectiveCamera):
         for wavelength, share in fluorescent_lines(coherence, self.wavelength):
             camera = replace(self, wavelength=wavelength)
             for points in parts:
-                total += share * camera._exposed(points, progress)
+                total += share * camera._sensor_energy(points, progress)
         data = self.device.upload(total.astype(np.float32))
         if sensor is not None:
             lenslets = LensletGrid((1, 1), self.grid.shape, (0.0, 0.0), (0.0, 0.0), (0.0, 0.0))
@@ -328,43 +330,43 @@ class FourierMicroscope(Described, ObjectiveCamera):
             data = sensor.record(raw).data
         return Image(data, self.device)
 
-    def _exposed(self, points: PointSources, progress: Progress | None) -> Vector:
-        """Energy on the sensor's pixels."""
+    def _sensor_energy(self, points: PointSources, progress: Progress | None) -> Vector:
+        """Compute the energy on the sensor's pixels."""
         check_positions(points.positions)
         window, parts = self.window(points)
         total = self.energies(points, window, progress).astype(np.float64)
         return _pixels(total, self.grid.shape, parts)
 
     def window(self, points: PointSources) -> tuple[Grid, int]:
-        """A grid that holds and samples the light of points, and the parts of a pixel on it.
+        """Return a grid that holds and samples the light of points, and its samples a pixel.
 
-        Its samples are so many parts of a pixel along an axis.
+        The samples are counted along an axis.
         """
         reach = self.magnification * np.abs(points.positions[:, :2]).max(axis=1)
         reach += self.objective.blur(points.positions[:, 2])
-        wanted = (
-            FINENESS
+        min_parts = (
+            OVERSAMPLING
             * self.pixel_pitch
             * max(
                 2 * self.slope / self.wavelength,
                 (float(reach.max()) + self.field_stop / 2)
                 / (self.wavelength * self.relay)
-                / FINENESS,
+                / OVERSAMPLING,
             )
         )
-        parts = max(1, math.ceil(wanted))
+        parts = max(1, math.ceil(min_parts))
         pitch = self.pixel_pitch / parts
         sides = 2 * (np.abs(self.lenslets.positions).max(axis=0) + self.lenslets.reach)
-        across = GUARD * np.maximum(np.array(self.grid.extent), sides)
+        across = WINDOW_MARGIN * np.maximum(np.array(self.grid.extent), sides)
         shape = [
-            parts * quick_length(int(n), side / self.pixel_pitch)
+            parts * fast_length(int(n), side / self.pixel_pitch)
             for n, side in zip(self.grid.shape, across, strict=True)
         ]
-        if max(shape) > LONGEST or parts > MOST_PARTS:
+        if max(shape) > MAX_WINDOW_SAMPLES or parts > MAX_PIXEL_PARTS:
             raise SamplingError(
-                f"The light of these points needs {shape[0]} x {shape[1]} samples of {pitch:.3g} "
-                f"m, at most {LONGEST} along an axis: take points nearer to the focal plane, a "
-                "smaller field stop, or fewer lenslets."
+                f"Points need a window of {shape[0]} x {shape[1]} samples of {pitch:.3g} m, but "
+                f"{MAX_WINDOW_SAMPLES} is the maximum along an axis: move them nearer to the focal "
+                "plane, or use a smaller field stop or fewer lenslets."
             )
         origin = [pitch / 2 if n % 2 == 0 else 0.0 for n in shape]
         return Grid((shape[0], shape[1]), pitch, origin=(origin[0], origin[1])), parts
@@ -376,9 +378,9 @@ class FourierMicroscope(Described, ObjectiveCamera):
         return self.field_stop / (2 * self.relay) + self.lenslets.reach / focal
 
     def pupil_fields(self, points: PointSources, window: Grid) -> Field:
-        """Fields of points on the conjugate pupil, within the field stop.
+        """Compute fields of points on the conjugate pupil, within the field stop.
 
-        Shape (n, ny, nx); before the stop each has the energy 1.
+        Shape (n, ny, nx); each field has the energy 1 before the stop.
         """
         planes, plane = np.unique(points.positions[:, 2], return_inverse=True)
         pupils = np.stack([
@@ -391,11 +393,11 @@ class FourierMicroscope(Described, ObjectiveCamera):
             phasor(per_metre * points.positions[:, k : k + 1] * axis)
             for axis, k in ((window.y, 1), (window.x, 0))
         )
-        out = moved_pupils(pupils, plane, (ty, tx), self.device)
-        return self._stopped(Field(out, window, self.wavelength, self.device))
+        out = shift_pupils(pupils, plane, (ty, tx), self.device)
+        return self._apply_stop(Field(out, window, self.wavelength, self.device))
 
     def pupil(self, y: Vector, x: Vector, z: float, *, diameter: float = 0.0) -> Vector:
-        """P at places of the conjugate pupil, 1 in its middle; samples on the rim are shared.
+        """Compute P at positions of the conjugate pupil, 1 in its middle; the rim is antialiased.
 
         ``y`` and ``x`` are evenly spaced, in metres; the result is complex128, shape (ny, nx).
         """
@@ -409,22 +411,22 @@ class FourierMicroscope(Described, ObjectiveCamera):
         return np.asarray(objective.amplitude(fy, fx, z, diameter=diameter) * self.rim(y, x))
 
     def rim(self, y: Vector, x: Vector) -> Vector:
-        """Share of samples within the conjugate pupil, shape (ny, nx)."""
-        return covered(self.pupil_diameter / 2 - np.hypot(y[:, None], x), float(x[1] - x[0]))
+        """Compute the fraction of each sample within the conjugate pupil, shape (ny, nx)."""
+        return rim_coverage(self.pupil_diameter / 2 - np.hypot(y[:, None], x), float(x[1] - x[0]))
 
-    def _stopped(self, field: Field) -> Field:
-        """The field behind the stop: transforms of one window, so that no phase is needed."""
+    def _apply_stop(self, field: Field) -> Field:
+        """Return the field behind the stop; transforms of one window need no phase."""
         device, grid = self.device, field.grid
-        places = [f * self.wavelength * self.relay for f in (grid.fy, grid.fx)]
-        step = float(places[1][1] - places[1][0])
-        inside = covered(self.field_stop / 2 - np.hypot(places[0][:, None], places[1]), step)
+        axes = [f * self.wavelength * self.relay for f in (grid.fy, grid.fx)]
+        step = float(axes[1][1] - axes[1][0])
+        inside = rim_coverage(self.field_stop / 2 - np.hypot(axes[0][:, None], axes[1]), step)
         device.fft.inverse(field.data, device)
         stopped = multiply(field, device.upload(inside.astype(device.complex)))
         device.fft.forward(stopped.data, device)
         return stopped
 
     def sensor_fields(self, points: PointSources, window: Grid) -> Field:
-        """Fields of points on the sensor.
+        """Compute fields of points on the sensor.
 
         Shape (n, ny, nx), on a `window`.
         """
@@ -452,49 +454,49 @@ def fourier_microscope(
     cover: CoverGlass | None = None,
     apodisation: float = APODISATION,
 ) -> FourierMicroscope:
-    """A Fourier light-field microscope (FLFM, XLFM): lenslets on the conjugate pupil.
+    """Build a Fourier light-field microscope (FLFM, XLFM): lenslets on the conjugate pupil.
 
-    Objective, tube lens, field stop on the native image, relay lens, lenslets one focal length
-    behind it, sensor. Each lenslet shows the specimen from its own angle (Llavador et al. 2016;
-    Guo et al. 2019; with two focal lengths Cong et al. 2017).
+    The light passes objective, tube lens, field stop on the native image, relay lens, lenslets one
+    focal length behind it, and sensor. Each lenslet shows the specimen from another angle (Llavador
+    et al. 2016; Guo et al. 2019; with two focal lengths Cong et al. 2017).
 
     Parameters
     ----------
     magnification : float
-        M of objective and tube lens, at least 1.
+        Magnification M of objective and tube lens, at least 1.
     na : float
         Numerical aperture, below ``medium_index``.
     mla : MicrolensArray or LensletLayout
-        Lenslets on a lattice, or anywhere; of one or several focal lengths.
+        Lenslets on a lattice or at any positions, of one or several focal lengths.
     wavelength : float
-        Of the fluorescence in vacuum, in metres.
+        Wavelength of the fluorescence in vacuum, in metres.
     relay : float
-        f_FL in metres, of the relay (Fourier) lens.
+        Focal length f_FL of the relay (Fourier) lens in metres.
     pixel_pitch : float
-        Of the sensor in metres; pixels integrate over their area.
+        Pitch in metres of the pixels, which integrate over their area.
     shape : tuple of int, optional
-        (ny, nx) pixels of the sensor, its middle on the axis; default as many as the
-        sub-images with light take.
+        (ny, nx) pixels of the sensor, centred on the axis; by default it holds all sub-images with
+        light.
     field_stop : float, optional
-        Diameter in metres, on the native image; default d f_FL/s, which makes sub-images as
-        wide as lenslets.
+        Diameter on the native image in metres; default d f_FL/s, which makes sub-images as wide
+        as lenslets.
     sensor_distance : float, optional
-        s in metres, from lenslets to sensor; default their focal length.
+        Distance s from lenslets to sensor in metres; default their focal length.
     device, medium_index, tube_lens, cover, apodisation
-        As for `PlenopticCamera.microscope`.
+        Same parameters as in `PlenopticCamera.microscope`.
 
     Returns
     -------
     FourierMicroscope
-        A camera of its own: its frames are pictures, and no raw images of a light field.
+        Camera whose frames are pictures, not raw images of a light field.
 
     Raises
     ------
     ValueError
-        For a length or number outside its range, NA at or above the index, no lenslet in the
-        pupil, or several focal lengths without ``sensor_distance``.
+        If a length or number is outside its range, NA is at or above the index, no lenslet lies in
+        the pupil, or several focal lengths come without ``sensor_distance``.
     TypeError
-        If array or cover glass are none.
+        If array or cover glass has another type.
     SamplingError
         If a sub-image has less than 8 pixels.
     ShapeError
@@ -503,8 +505,8 @@ def fourier_microscope(
     device = as_device(device)
     if not isinstance(mla, MicrolensArray | LensletLayout):
         raise TypeError(
-            "mla is a MicrolensArray or a LensletLayout, as LensletLayout([(0, 0)], 30e-3, "
-            f"diameter=1e-3), not of type {type(mla).__name__}."
+            "mla must be a MicrolensArray or a LensletLayout, such as LensletLayout([(0, 0)], "
+            f"30e-3, diameter=1e-3), got an object of type {type(mla).__name__}."
         )
     layout = LensletLayout.of(mla) if isinstance(mla, MicrolensArray) else mla
     require_lengths(
@@ -516,16 +518,16 @@ def fourier_microscope(
     focal = np.unique(layout.focal_lengths)
     if sensor_distance is None and len(focal) > 1:
         raise ValueError(
-            f"Lenslets of {len(focal)} focal lengths share one sensor: give sensor_distance, from "
-            f"the array to it, such as {focal.mean():g}."
+            f"sensor_distance must be given for lenslets of {len(focal)} focal lengths, such as "
+            f"sensor_distance={focal.mean():g}."
         )
     s = float(focal[0]) if sensor_distance is None else float(sensor_distance)
     stop = layout.diameter * relay / s if field_stop is None else float(field_stop)
     pixels = stop * s / relay / pixel_pitch
-    if pixels < LEAST:
+    if pixels < MIN_SUB_IMAGE_PIXELS:
         raise SamplingError(
-            f"A sub-image has {pixels:.3g} pixels (field_stop s/(f_FL pixel_pitch)), at least "
-            f"{LEAST} are needed: give smaller pixels, or a wider field stop."
+            f"A sub-image must have at least {MIN_SUB_IMAGE_PIXELS} pixels (field_stop s/(f_FL "
+            f"pixel_pitch)), got {pixels:.3g}: use smaller pixels, or a wider field stop."
         )
     camera = FourierMicroscope(
         magnification=float(magnification),
@@ -543,26 +545,29 @@ def fourier_microscope(
         cover=cover,
         apodisation=float(apodisation),
     )
-    if not (camera.lit >= LIT).any():
+    if not (camera.lit >= MIN_LIT_FRACTION).any():
         raise ValueError(
-            f"No lenslet lies in the pupil, which is {camera.pupil_diameter:g} m wide about the "
-            "axis (2 NA f_FL/M): lengths are in metres."
+            f"At least one lenslet must lie in the pupil, {camera.pupil_diameter:g} m wide about "
+            "the axis (2 NA f_FL/M). Lengths are in metres."
         )
     return replace(camera, grid=_sensor(camera, shape))
 
 
 def _sensor(camera: FourierMicroscope, shape: tuple[int, int] | None) -> Grid:
-    """The sensor about the axis: as given, or as large as the sub-images with light."""
+    """Return the sensor's grid about the axis; by default it holds all sub-images with light."""
     pitch = camera.pixel_pitch
     if shape is None:
-        farthest = np.abs(camera.lenslets.positions[camera.lit >= LIT]).max(axis=0)
+        farthest = np.abs(camera.lenslets.positions[camera.lit >= MIN_LIT_FRACTION]).max(axis=0)
         sides = 2 * farthest + max(camera.sub_image, camera.lenslets.diameter)
         shape = (math.ceil(sides[0] / pitch - 1e-6), math.ceil(sides[1] / pitch - 1e-6))
     elif np.shape(shape) != (2,) or any(not is_integer(n) or n < 1 for n in shape):
-        raise ShapeError(f"shape is (ny, nx) pixels of the sensor, not {shape!r}.")
+        raise ShapeError(f"shape must be (ny, nx) pixels of the sensor, got {shape!r}.")
     ny, nx = int(shape[0]), int(shape[1])
-    if ny * nx > MOST:
-        raise ValueError(f"The sensor has {ny} x {nx} pixels, at most {MOST:,}: are lengths right?")
+    if ny * nx > MAX_SENSOR_PIXELS:
+        raise ValueError(
+            f"The sensor must have at most {MAX_SENSOR_PIXELS:,} pixels, got {ny} x {nx}. "
+            "Lengths are in metres."
+        )
     return Grid(
         (ny, nx),
         pitch,
@@ -571,9 +576,9 @@ def _sensor(camera: FourierMicroscope, shape: tuple[int, int] | None) -> Grid:
 
 
 def _pixels(fine: Vector, shape: tuple[int, int], parts: int) -> Vector:
-    """Integrals over the pixels in the middle of a window, by its transform: exact below Nyquist.
+    """Return integrals over the pixels amid a window, by its transform: exact below Nyquist.
 
-    Of an even number of parts a pixel's middle lies half a sample before the one that is taken.
+    A pixel of an even number of parts has its middle half a sample before the sample used.
     """
     spectrum = fft.rfft2(fine)
     tables = []

@@ -1,4 +1,4 @@
-"""Plenoptic cameras by their parameters."""
+"""Constructors of plenoptic cameras."""
 
 from __future__ import annotations
 
@@ -13,18 +13,18 @@ from clplen.cameras.standard_camera import Plenoptic1, type1
 
 
 class PlenopticCamera(Described, LensletCamera, ABC):
-    """A plenoptic camera simulated by wave optics: made by `type1`, `type2` or `microscope`.
+    """Plenoptic camera simulated by wave optics: built by `type1`, `type2` or `microscope`.
 
-    Every camera that these make is an instance of it, and says by its ``kind`` which one it is.
+    Cameras of all constructors are instances of this class; ``kind`` names their type.
 
     Attributes
     ----------
     kind : {"standard", "focused", "microscope"}
-        Which camera it is.
+        Type of the camera.
     focal_length, object_distance, image_distance, aperture_diameter, wavelength : float
-        In metres.
+        Lengths in metres.
     others
-        Those of `LensletCamera`.
+        Attributes of `LensletCamera`.
 
     Examples
     --------
@@ -47,7 +47,7 @@ class PlenopticCamera(Described, LensletCamera, ABC):
 
     def __init__(self) -> None:
         raise TypeError(
-            "A camera is made by PlenopticCamera.type1(...), .type2(...) or .microscope(...)."
+            "Build a camera by PlenopticCamera.type1(...), .type2(...) or .microscope(...)."
         )
 
     type1 = staticmethod(type1)
@@ -59,4 +59,4 @@ class PlenopticCamera(Described, LensletCamera, ABC):
 for _camera in (Plenoptic1, Plenoptic2, Microscope):
     PlenopticCamera.register(_camera)
 for _make in (type1, type2, microscope, fourier_microscope):
-    _make.__qualname__ = f"PlenopticCamera.{_make.__name__}"  # as users call it, for messages
+    _make.__qualname__ = f"PlenopticCamera.{_make.__name__}"  # the public name, for messages

@@ -1,4 +1,4 @@
-"""The standard plenoptic camera (1.0): the array lies on the main lens' image."""
+"""Standard plenoptic camera (1.0): the array lies on the main lens' image."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from clplen.wave.elements.lenslets import MicrolensArray
 
 @dataclass(frozen=True, repr=False)
 class Plenoptic1(Plenoptic):
-    """A plenoptic 1.0 camera. Made by `PlenopticCamera.type1`.
+    """Plenoptic 1.0 camera, built by `PlenopticCamera.type1`.
 
     The array lies at F, the sensor f_mu behind it.
 
@@ -27,30 +27,30 @@ class Plenoptic1(Plenoptic):
     kind : str
         "standard".
     focal_length, object_distance, image_distance, aperture_diameter : float
-        Main lens: f, lens to focused object plane, F (lens to array), D; in metres.
+        Main lens: f, distance to the focused object plane, F (distance to the array), D; in metres.
     mla : MicrolensArray
-        The lenslets: pitch, focal lengths, count, lattice, fill, offset and rotation.
+        Lenslets with pitch, focal lengths, count, lattice, fill, offset and rotation.
     wavelength : float
-        In metres.
+        Wavelength in metres.
     pixels_per_lenslet : float
         Lenslet pitch over pixel pitch; may be fractional.
     pixel_pitch : float
-        In metres.
+        Pitch of the pixels in metres.
     grid : Grid
-        Of the sensor, and of every plane of the simulation.
+        Grid of the sensor and of every plane of the simulation.
     field_lens : bool
-        Whether a lens of focal length F lies at the array (exit pupil at infinity).
+        True if a lens of focal length F lies at the array (exit pupil at infinity).
     device : Device
-        Where the simulation runs.
+        Device of the simulation.
     aberrations : Aberrations
-        What departs from this design; `with_aberrations` sets it.
+        Departures from the design; `with_aberrations` sets them.
     lens_model : {"thin", "corrected"}
-        The main lens: a quadratic phase, or a lens that images every point without aberrations and
-        obeys the sine condition.
+        Model of the main lens: a quadratic phase, or a lens that images every point without
+        aberrations and obeys the sine condition.
     pixels : PixelArray or None
-        None: each pixel takes the intensity in its middle.
+        Pixels that integrate; None if each pixel samples the intensity in its middle.
     m : float
-        Always 0; the magnification of the lenslets of a focused camera.
+        Magnification of the lenslets of a focused camera, here always 0.
 
     Examples
     --------
@@ -67,7 +67,7 @@ class Plenoptic1(Plenoptic):
     kind: ClassVar[Kind] = "standard"
 
     def describe(self) -> Description:
-        """Derived parameters; see `Description`."""
+        """Return the derived parameters as a `Description`."""
         p, f_mu, lam = self.mla.pitch, self.mla.focal_length, self.wavelength
         D, F = self.aperture_diameter, self.image_distance
         ny, nx = self.grid.shape
@@ -123,37 +123,38 @@ def type1(
     pixels: PixelArray | None = None,
     lens_model: Literal["auto", "thin", "corrected"] = "auto",
 ) -> Plenoptic1:
-    """A standard plenoptic camera: array on the main lens' image, sensor f_mu behind it.
+    """Build a standard plenoptic camera: array on the main lens' image, sensor f_mu behind it.
 
     Parameters
     ----------
     focal_length : float
-        Of the main lens in metres.
+        Focal length of the main lens in metres.
     mla : MicrolensArray
-        Brings pitch, f_mu, count, lattice, fill, offset and rotation.
+        Lenslets with pitch, f_mu, count, lattice, fill, offset and rotation.
     wavelength : float
-        In metres.
+        Wavelength in metres.
     pixels_per_lenslet : float, optional
-        At least 2; may be fractional. Not needed where ``pixels`` has a pitch.
+        Lenslet pitch over pixel pitch, at least 2; may be fractional. Not needed if ``pixels`` has
+        a pitch.
     device : Device or str, optional
-        Where the simulation runs; None is ``Device.open()``.
+        Device of the simulation; None is ``Device.open()``.
     object_distance, image_distance : float, optional
-        Main lens to focused object plane, and to the array, in metres. Neither: 2f and 2f.
-        One: the other by the lens law.
+        Distances from the main lens to the focused object plane and to the array, in metres. The
+        lens law gives a missing distance; by default both are 2f.
     aperture_diameter : float, optional
-        Of the main lens in metres; None matches the f-numbers: pitch F/f_mu.
+        Diameter of the main lens in metres; None matches the f-numbers: pitch F/f_mu.
     field_lens : bool
-        A lens of focal length F at the array puts the exit pupil at infinity.
+        True to put a lens of focal length F at the array (exit pupil at infinity).
     aberrations : Aberrations
-        What departs from this design: wavefronts, lenslets out of place, a sensor moved.
+        Departures from the design: wavefronts, displaced lenslets, a moved sensor.
     pixels : PixelArray, optional
-        Pixels that integrate the light on their area, and where they lie. None: pixels that
-        cover the array and take the intensity in their middle, where they sample the light's
-        waves; else ``PixelArray()``.
+        Position of pixels that integrate the light over their area. None: pixels that cover the
+        array. They sample the intensity in their middle if they resolve the light's waves, else
+        they are a ``PixelArray()``.
     lens_model : {"auto", "thin", "corrected"}
-        The main lens as a quadratic phase, or as a lens that images every point without
-        aberrations and obeys the sine condition. "auto": "thin" where its own spherical
-        aberration is below a quarter of a wave.
+        "thin": a quadratic phase. "corrected": a lens that images every point without aberrations
+        and obeys the sine condition. "auto": "thin" if its spherical aberration is below a quarter
+        of a wave.
 
     Returns
     -------
@@ -162,23 +163,23 @@ def type1(
     Raises
     ------
     ValueError
-        For a length that is not positive, distances that contradict the lens law, lenslets
-        of several focal lengths, or aberrations that do not fit.
+        If a length is not positive, distances contradict the lens law, lenslets have several focal
+        lengths, or aberrations do not fit.
     SamplingError
         If a lenslet has less than 2 pixels.
 
     Warns
     -----
     SamplingWarning
-        If the numerical aperture D/(2 F) of the main lens is above .4: waves are scalar.
+        If NA = D/(2 F) of the main lens is above 0.4, because waves are scalar.
     """
     distances = main_lens_distances(
         mla, wavelength, focal_length, object_distance, image_distance, aperture_diameter
     )
     if len(mla.focal_lengths) > 1:
         raise ValueError(
-            f"The sensor of a 1.0 camera lies f_mu behind its lenslets, which here have "
-            f"{len(mla.focal_lengths)} focal lengths: give one, or use PlenopticCamera.type2."
+            "The lenslets of a 1.0 camera must have one focal length, its distance to the sensor, "
+            f"got {len(mla.focal_lengths)}: use one, or PlenopticCamera.type2."
         )
     matched = mla.pitch * distances[1] / mla.focal_length
     return build(

@@ -1,4 +1,4 @@
-"""The map from the textures of a scene of surfaces to a raw image by rays, and its adjoint."""
+"""Linear map from the textures of a scene to a raw image by rays, with its adjoint."""
 
 from __future__ import annotations
 
@@ -20,40 +20,40 @@ Values = np.ndarray[Any, Any]
 
 
 class TextureOperator(ArrayMap):
-    """The map from samples of textures to the raw image that rays take, linear, with its adjoint.
+    """Linear map from samples of textures to the raw image by rays, with its adjoint.
 
-    Which surface a ray sees does not depend on textures, so that the raw image is linear in their
-    samples: it is what ``camera.expose(scene, model="rays")`` gives without background and spots.
-    It is a `LinearMap`.
+    Visibility does not depend on textures, so that the raw image is linear in their samples. The
+    forward map is ``camera.expose(scene, model="rays")`` without background and spots. The operator
+    is a `LinearMap`.
 
     Parameters
     ----------
     camera : Plenoptic1 or Plenoptic2
-        As `PlenopticCamera.type1` and `PlenopticCamera.type2` make them.
+        Camera built by `PlenopticCamera.type1` or `PlenopticCamera.type2`.
     scene : SurfaceScene
-        Its textures say where samples lie; those of several surfaces may be one.
+        Scene whose textures define the positions of the samples; surfaces may share a texture.
 
     Attributes
     ----------
     camera, scene
-        As given.
+        Arguments of the constructor.
     textures : tuple of Texture
-        Each once, in the order of the surfaces.
+        Distinct textures in the order of the surfaces.
     device : Device
-        That of the camera.
+        Device of the camera.
     in_shape : tuple of int
-        Of one texture (ny, nx, channels), of several all their samples one after the other.
+        (ny, nx, channels) of a single texture; of several the number of all samples, concatenated.
     out_shape : tuple of int
         (ny, nx) of the sensor.
     dtype : numpy.dtype
-        float32.
+        Data type of input and output, float32.
 
     Raises
     ------
     ValueError
-        As ``expose`` by rays.
+        If ``expose`` by rays would raise.
     TypeError
-        If the camera or the scene is none.
+        If the camera or the scene has another type.
 
     Examples
     --------
@@ -73,25 +73,25 @@ class TextureOperator(ArrayMap):
         require(Plenoptic, camera, "camera", "PlenopticCamera.type1")
         require(SurfaceScene, scene, "scene", "SurfaceScene")
         self.camera, self.scene = camera, scene
-        unique = {id(one.texture): one.texture for one in scene.surfaces}
+        unique = {id(surface.texture): surface.texture for surface in scene.surfaces}
         self.textures: tuple[Texture, ...] = tuple(unique.values())
         self.device: Device = camera.device
-        one = self.textures[0].samples.shape if len(self.textures) == 1 else None
-        self.in_shape: tuple[int, ...] = one or (sum(t.samples.size for t in self.textures),)
+        surface = self.textures[0].samples.shape if len(self.textures) == 1 else None
+        self.in_shape: tuple[int, ...] = surface or (sum(t.samples.size for t in self.textures),)
         self.out_shape: tuple[int, ...] = camera.grid.shape
         self.dtype: np.dtype[Any] = np.dtype(np.float32)
         self._rays: SurfaceRays | None = None
         self._rays_ready()
 
     def __getstate__(self) -> dict[str, Any]:
-        """Without tables on the device, which are made again when needed."""
+        """Return the state without tables on the device, which are computed again on demand."""
         return self.__dict__ | {"_rays": None}
 
     def __repr__(self) -> str:
         return f"<TextureOperator of {self.in_shape} to {self.out_shape}, {self.device.name}>"
 
     def forward_data(self, data: cla.Array) -> cla.Array:
-        """`forward` of arrays of the device."""
+        """Apply `forward` to arrays of the device."""
         leading = data.shape[: data.ndim - len(self.in_shape)]
         device, channels = self.device, self.scene.channels
         values = device.download(data).reshape(-1, sum(t.samples.size for t in self.textures))
@@ -100,9 +100,9 @@ class TextureOperator(ArrayMap):
         for image, samples in zip(images, values, strict=True):
             texels, first = [], 0
             for texture in self.textures:
-                own = samples[first : first + texture.samples.size]
-                found = spline_coefficients(own.reshape(texture.samples.shape))
-                texels.append(np.broadcast_to(found, (*found.shape[:2], channels)).ravel())
+                texture_samples = samples[first : first + texture.samples.size]
+                splines = spline_coefficients(texture_samples.reshape(texture.samples.shape))
+                texels.append(np.broadcast_to(splines, (*splines.shape[:2], channels)).ravel())
                 first += texture.samples.size
             coefficients = device.upload(np.concatenate(texels).astype(np.float32))
             self._rays_ready().expose(raw, coefficients)
@@ -110,24 +110,24 @@ class TextureOperator(ArrayMap):
         return device.upload(images.reshape(*leading, *self.out_shape))
 
     def adjoint_data(self, data: cla.Array) -> cla.Array:
-        """`adjoint` of arrays of the device."""
+        """Apply `adjoint` to arrays of the device."""
         device, channels = self.device, self.scene.channels
         images = device.download(data).reshape(-1, *self.out_shape)
         sizes = [t.samples.shape[0] * t.samples.shape[1] * channels for t in self.textures]
-        found = []
+        gradients = []
         for image in images:
             parts = np.split(self._rays_ready().adjoint(image), np.cumsum(sizes)[:-1])
             for texture, part in zip(self.textures, parts, strict=True):
-                ny, nx, own = texture.samples.shape
+                ny, nx, own_channels = texture.samples.shape
                 spread = spline_coefficients(part.reshape(ny, nx, channels))
-                counts = spread if own == channels else spread.sum(axis=2, keepdims=True)
-                found.append(counts.ravel())
-        values = np.concatenate(found) if found else np.zeros(0)
+                counts = spread if own_channels == channels else spread.sum(axis=2, keepdims=True)
+                gradients.append(counts.ravel())
+        values = np.concatenate(gradients) if gradients else np.zeros(0)
         return device.upload(values.astype(np.float32).reshape(*data.shape[:-2], *self.in_shape))
 
     def _rays_ready(self) -> SurfaceRays:
-        """The rays with their tables on the device."""
+        """Return the rays with their tables on the device."""
         if self._rays is None:
-            plain = SurfaceScene([replace(one, spots=()) for one in self.scene.surfaces])
-            self._rays = SurfaceRays.of(self.camera.optics, plain)
+            unlit = SurfaceScene([replace(surface, spots=()) for surface in self.scene.surfaces])
+            self._rays = SurfaceRays.of(self.camera.optics, unlit)
         return self._rays

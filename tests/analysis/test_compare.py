@@ -299,7 +299,7 @@ def test_bad_comparisons_are_told(device: Device) -> None:
         (lambda: check_analyses([]), ValueError, "Name at least one analysis"),
         (lambda: compare({"one": camera}, only=["pictures"]), ValueError, "every camera; 'one'"),
         (lambda: depth_scan(camera, [0.0, math.nan]), ValueError, "finite numbers of metres"),
-        (lambda: depth_scan(camera, [0.0, -0.07]), ValueError, r"dz = -0\.07 m lies behind"),
+        (lambda: depth_scan(camera, [0.0, -0.07]), ValueError, r"of the lens, got -0\.07 m"),
         (lambda: compare(two, only=["pictures"], scenes=scenes), SamplingError, "two: The point"),
         (lambda: camera_psf(camera, places=4), ValueError, "odd number"),
     ):

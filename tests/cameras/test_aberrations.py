@@ -225,7 +225,7 @@ def test_pictures_by_both_routes(device: Device) -> None:
         assert layout(one.optics, picture).finer == finer
     scattered = camera.with_aberrations(Aberrations(scatter=LensletScatter(tilt=1e-4)))
     assert scattered.expose(picture).exposure.route == "points"  # type: ignore[union-attr]
-    with pytest.raises(ValueError, match="lenslets scatter"):
+    with pytest.raises(ValueError, match="without scatter"):
         scattered.expose(picture, method="isoplanatic")
 
 
@@ -247,7 +247,7 @@ def test_a_slide_step_by_step(device: Device) -> None:
     assert relative_max(np.abs(expected.to_numpy()) ** 2, camera_of(device, count=27).expose(
         plane, coherence=Coherence()).to_numpy()) > 0.1  # fmt: skip
     varying = camera.with_aberrations(Aberrations(main_lens_field={4: (1e-4, 0)}))
-    with pytest.raises(ValueError, match="slide is one field"):
+    with pytest.raises(ValueError, match="slide's light is one field"):
         varying.expose(plane, coherence=Coherence())
 
 
@@ -274,7 +274,7 @@ def test_what_is_kept(device: Device) -> None:
     for line in ("wavefront of main lens", "scatter of tilt", "sensor shift"):
         assert line in text
     coma = Aberrations(main_lens_field={7: (LAM * 300, 0), 8: (0, LAM * 400)})
-    assert "0.5 waves a mm of the image" in str(camera_of(device, aberrations=coma).describe())
+    assert "0.5 waves per mm of the image" in str(camera_of(device, aberrations=coma).describe())
     assert "sensor shift" not in str(camera_of(device).describe())
 
 
@@ -283,12 +283,12 @@ def test_numbers_out_of_range() -> None:
         ({"main_lens": {0: 1e-8}}, ValueError, "at least 1"),
         ({"main_lens": {math.nan: 1e-8}}, ValueError, "at least 1, not nan"),
         ({"main_lens": {"4": 1e-8}}, ValueError, "at least 1, not '4'"),
-        ({"main_lens": {4: math.nan}}, ValueError, r"main_lens\[4\] is finite"),
+        ({"main_lens": {4: math.nan}}, ValueError, r"main_lens\[4\] must be finite"),
         ({"main_lens": 3.0}, TypeError, "Noll's index"),
         ({"main_lens_field": {4: 1e-8}}, ValueError, "two finite numbers"),
-        ({"lenslets": {46: 1e-8}}, ValueError, "orders up to 8, not 9"),
-        ({"lenslet_circle": 0.0}, ValueError, "lenslet_circle is positive"),
-        ({"sensor_shift": math.inf}, ValueError, "sensor_shift is finite"),
+        ({"lenslets": {46: 1e-8}}, ValueError, "at most 8, got 9"),
+        ({"lenslet_circle": 0.0}, ValueError, "lenslet_circle must be > 0"),
+        ({"sensor_shift": math.inf}, ValueError, "sensor_shift must be finite"),
         ({"scatter": 0.1}, TypeError, "LensletScatter"),
     ]:
         with pytest.raises(error, match=said):
@@ -307,21 +307,21 @@ def test_aberrations_that_do_not_fit(device: Device) -> None:
     spherical = Aberrations(lenslets={11: 1e-8})
     round_.with_aberrations(spherical)
     for bad in (spherical, replace(spherical, lenslet_circle=200e-6)):
-        with pytest.raises(ValueError, match=r"0\.000212132 m or more"):
+        with pytest.raises(ValueError, match=r"at least 0\.000212132 m|use 0\.000212132 m or more"):
             square.with_aberrations(bad)
     square.with_aberrations(replace(spherical, lenslet_circle=212.14e-6))
-    with pytest.raises(ValueError, match="not behind the array"):
+    with pytest.raises(ValueError, match="keep the sensor behind the array"):
         square.with_aberrations(Aberrations(sensor_shift=-10e-3))
     strong = camera_of(device, count=25, aberrations=Aberrations(main_lens={11: 3 * LAM}))
     with pytest.raises(SamplingError, match=r"aberrations 0\.0\d+ rad"):
         strong.expose(MIDDLE, method="points")
-    with pytest.raises(TypeError, match="not dict"):
+    with pytest.raises(TypeError, match="of type dict"):
         square.with_aberrations({4: 1e-8})  # type: ignore[arg-type]
     steep = square.with_aberrations(Aberrations(main_lens_field={2: (0, 5e-3)}))
     with pytest.raises(SamplingError, match="smaller aberrations"):
         steep.expose(PointSources((-1.5e-3, 0, 0)))
     bent = square.with_aberrations(Aberrations(main_lens={4: 1e-8}))
-    with pytest.raises(ValueError, match="keep sensor_shift only"):
+    with pytest.raises(ValueError, match="keep only sensor_shift"):
         bent.expose(SurfaceScene(Plane(0.0)), model="rays")
 
 

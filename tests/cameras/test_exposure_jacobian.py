@@ -208,17 +208,17 @@ def test_arguments(device: Device, monkeypatch: pytest.MonkeyPatch) -> None:
     local = ExposureOperator(flat, points, method="local")
     rays = ExposureOperator(flat, points, model="rays")
     for one, energies, by, error, words in (
-        (operator, ENERGIES, ("values", "tilt"), ValueError, r"by some of 'values'.*has 'tilt'"),
-        (operator, ENERGIES, (), ValueError, "has none of them"),
-        (operator, np.ones(3), "values", ShapeError, "Gradients take energies of shape"),
-        (bent, ENERGIES, "lenslets", ValueError, "Gradients by the array are those of thin"),
-        (local, ENERGIES, "values", ValueError, "with method='points', not of 'local'"),
-        (rays, ENERGIES, "values", ValueError, "with method='points', not of 'rays'"),
+        (operator, ENERGIES, ("values", "tilt"), ValueError, r"one of 'values'.*'tilt' is none"),
+        (operator, ENERGIES, (), ValueError, "got \\(\\)"),
+        (operator, np.ones(3), "values", ShapeError, "Energies of a gradient must have shape"),
+        (bent, ENERGIES, "lenslets", ValueError, "Gradients by the array require thin"),
+        (local, ENERGIES, "values", ValueError, "with method='points', got 'local'"),
+        (rays, ENERGIES, "values", ValueError, "with method='points', got 'rays'"),
     ):
         with pytest.raises(error, match=words):
             one.jacobian(energies, by=by)
-    with pytest.raises(ShapeError, match="cotangent of the raw image's shape"):
+    with pytest.raises(ShapeError, match="cotangent must have the raw image's shape"):
         operator.sensor_gradient(ENERGIES, np.ones((2, 2)))
     monkeypatch.setattr(exposure_jacobian, "free_memory", lambda: 10_000)
-    with pytest.raises(MemoryError, match=r"A Jacobian of 9 images .* are free: give fewer points"):
+    with pytest.raises(MemoryError, match=r"A Jacobian of 9 images .* are free: use fewer points"):
         operator.jacobian(ENERGIES)

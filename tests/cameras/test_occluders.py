@@ -157,16 +157,16 @@ def test_what_is_said_of_occluders(device: Device) -> None:
     screen = Occluder(np.eye(3), 1e-3, -0.1)
     for scene, how, words in (
         ([point, Occluder(np.eye(3), 1e-3, -0.5)], {}, "behind the main lens"),
-        ([screen], {}, "which send no light"),
+        ([screen], {}, "must contain a source"),
         ([point, screen], {"model": "rays"}, "SurfaceScene"),
         ([point, screen], {"method": "points"}, "method='points'"),
     ):
         with pytest.raises(ValueError, match=words):
             camera.expose(scene, **how)
     for change, error, words in (
-        ({"opacity": np.eye(2)}, ShapeError, r"shape \(2, 2\), and the picture \(3, 3\)"),
+        ({"opacity": np.eye(2)}, ShapeError, r"shape \(3, 3\), got \(2, 2\)"),
         ({"opacity": 1.5}, ValueError, "from 0 to 1"),
-        ({"mode": "transmission", "opacity": 0.5}, ValueError, "no opacity"),
+        ({"mode": "transmission", "opacity": 0.5}, ValueError, "opacity must be None"),
     ):
         with pytest.raises(error, match=words):
             PicturePlane(np.eye(3), 1e-3, **change)

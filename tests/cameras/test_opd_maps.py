@@ -310,13 +310,13 @@ def test_what_is_said_and_kept(device: Device) -> None:
     bad = Aberrations(main_lens={4: 1e-8}, main_lens_opd=maps)
     assert Aberrations.from_json(bad.to_json(), main_lens_opd=again) == bad
     for kept in ({}, {"main_lens_opd": other}):
-        with pytest.raises(ValueError, match="the very maps"):
+        with pytest.raises(ValueError, match="must be the OPD maps"):
             Aberrations.from_json(bad.to_json(), **kept)
     assert "main_lens_opd" not in Aberrations().to_json()
     assert "OPDMaps(paths=<float64 (2, 12, 49, 41)>" in repr(maps)
     with pytest.raises(ValueError, match="read-only"):
         maps.paths[0] = 1
-    with pytest.raises(TypeError, match="OPDMaps, not ndarray"):
+    with pytest.raises(TypeError, match="OPDMaps, got an object of type ndarray"):
         Aberrations(main_lens_opd=maps.paths)  # type: ignore[arg-type]
     share = np.clip(1.2 - np.abs(pupil(41, 37)[0]), 0, 1)
     values = {"transmission": [[share, 1 + 0 * share]], "distortion": [(0, 0), (3e-5, 4e-5)]}
@@ -343,17 +343,17 @@ def test_numbers_out_of_range() -> None:
     round_ = {"symmetric": True}
     huge = np.broadcast_to(FLAT[:, :1, :1, :1], (1, 2, 10**6, 10**7))
     for path, change, error, said in [
-        (FLAT[0, 0], {}, ValueError, r"shape \(n_wavelengths, n_fields, n_v, n_u\), not \(9, 7\)"),
+        (FLAT[0, 0], {}, ValueError, r"shape \(n_wavelengths, n_fields, n_v, n_u\), got \(9, 7\)"),
         (FLAT * 1j, {}, TypeError, "real numbers"),
         (FLAT, {}, ValueError, "lie on one line"),
         (FLAT, {"fields": [(0, 0), (0, 12)]}, ValueError, "did you mean 0.012"),
-        (FLAT, {"wavelengths": [LAM, 2 * LAM]}, ValueError, "1 wavelengths, and 2"),
-        (FLAT + 0.25, round_, ValueError, "Multiply waves by the wavelength"),
-        (DARK, round_, ValueError, "field 1, wavelength 0, at 0 samples"),
+        (FLAT, {"wavelengths": [LAM, 2 * LAM]}, ValueError, "as path, 1, got 2"),
+        (FLAT + 0.25, round_, ValueError, "multiply waves by the wavelength"),
+        (DARK, round_, ValueError, "got 0 in field 1, wavelength 0"),
         (HOLE, round_ | {"transmission": np.ones((2, 9, 7))}, ValueError, "NaN at 7 samples of"),
-        (FLAT, round_ | {"transmission": FLAT + 1.2}, ValueError, "0 to 1.*not 1.2"),
-        (FLAT, round_ | {"distortion": [(0, 0), (0, 2.0)]}, ValueError, "not a share of the field"),
-        (FLAT, round_ | {"pupil_shift": [(0, 0), (0, 0.6)]}, ValueError, "at most 0.5, not 0.6"),
+        (FLAT, round_ | {"transmission": FLAT + 1.2}, ValueError, "0 to 1.*got 1.2"),
+        (FLAT, round_ | {"distortion": [(0, 0), (0, 2.0)]}, ValueError, "multiply fractions by"),
+        (FLAT, round_ | {"pupil_shift": [(0, 0), (0, 0.6)]}, ValueError, "at most 0.5 .* got 0.6"),
         (FLAT, round_ | {"pupil_diameter": 200}, ValueError, "did you mean 0.2"),
         (huge, round_, MemoryError, "use fewer fields"),
     ]:
@@ -371,9 +371,9 @@ def test_places_and_wavelengths_beyond_the_maps(device: Device) -> None:
     with pytest.raises(ValueError, match=r"reach 1\.2 mm"):
         camera.with_aberrations(Aberrations(main_lens_opd=near)).check_scene(far)
     for maps, said in (
-        (near, r"reach 1.2 mm from the axis; the point is imaged at \(-400 um, -1.3 mm\), 1.36015"),
+        (near, r"reach 1.2 mm from the axis, .* is imaged at \(-400 um, -1.3 mm\), 1.36015"),
         (on_grid(), r"from \(y, x\) = \(-1.3 mm, -1.2 mm\) to \(1.2 mm, 1.1 mm\)"),
-        (three, "add maps of fields as far out"),
+        (three, "add maps of fields there"),
     ):
         for model in ("waves", "rays"):
             with pytest.raises(ValueError, match=said):
@@ -381,14 +381,14 @@ def test_places_and_wavelengths_beyond_the_maps(device: Device) -> None:
     with pytest.raises(ValueError, match=r"from 200 um to 1\.2 mm from"):
         ring.path(0.1e-3, 0, LAM, 0, 0)
     assert ring.path(0, -1.2e-3 * (1 + 1e-12), LAM, 0, 0) == 0
-    with pytest.raises(ValueError, match="wavelengths of 532 nm, not 550 nm"):
+    with pytest.raises(ValueError, match="must be 532 nm for these OPD maps, got 550 nm"):
         camera_of(device, wavelength=550e-9, aberrations=Aberrations(main_lens_opd=near))
     everywhere = OPDMaps(flat[:, :1], fields=[(0, 0)])
     assert everywhere.path(1, 2, 1e-6, 0, 0) == 0  # any wavelength, all of the image
     several = camera.with_aberrations(Aberrations(main_lens_opd=on_grid()))
     plane = PicturePlane(np.ones((3, 3)), width=0.3e-3)
     slide = PicturePlane(plane.image, plane.width, mode="transmission")
-    with pytest.raises(ValueError, match="OPD maps of several fields out"):
+    with pytest.raises(ValueError, match="OPD maps of several fields, or"):
         several.expose(slide, coherence=Coherence())
-    with pytest.raises(ValueError, match="changes over the field"):
+    with pytest.raises(ValueError, match="constant over the field"):
         several.expose(plane, method="isoplanatic")

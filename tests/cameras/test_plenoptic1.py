@@ -35,7 +35,7 @@ POINTS = [(0.3e-3, -0.2e-3, -0.03), (-0.5e-3, 0.4e-3, 0.02), (0.1e-3, 0.6e-3, 0.
 def test_batches_equal_single_sources(device, monkeypatch):
     camera = small(device, aperture_diameter=1.8e-3, object_distance=0.2)
     one_batch = camera.expose(PointSources(POINTS, diameter=10e-6)).to_numpy()
-    monkeypatch.setattr(wave_exposure, "BATCH_BYTES", 1)
+    monkeypatch.setattr(wave_exposure, "MAX_BATCH_BYTES", 1)
     calls = []
     singles = camera.expose(
         PointSources(POINTS, diameter=10e-6), progress=lambda n, total: calls.append((n, total))
@@ -91,14 +91,14 @@ def test_what_is_refused(device, monkeypatch):
     far = {"object_distance": 0.36, "image_distance": 0.2}
     assert small(device, **short).pixels is not None  # they integrate: the rule is not for them
     for change, point, method, error, words in (
-        (far, None, "", ValueError, r"contradict the lens law .* imaged at 0.18 m"),
-        ({"object_distance": 0.1}, None, "", ValueError, "within the focal length"),
+        (far, None, "", ValueError, r"contradict the lens law .* is at 0.18 m"),
+        ({"object_distance": 0.1}, None, "", ValueError, "larger than the focal length"),
         ({"pixels_per_lenslet": 1.5}, None, "", SamplingError, "at least 2"),
-        ({"wavelength": -1.0}, None, "", ValueError, "wavelength is positive"),
-        ({"aperture_diameter": -1.0}, None, "", ValueError, "aperture_diameter is positive"),
+        ({"wavelength": -1.0}, None, "", ValueError, "wavelength must be > 0"),
+        ({"aperture_diameter": -1.0}, None, "", ValueError, "aperture_diameter must be > 0"),
         (short, middle, "points", SamplingError, r"cycles/m .*lenslet = .*method='local'"),
         (wide, (7e-3, 0, 0), "auto", SamplingError, r"\|X\| = 0.007"),
-        (few, middle, "points", SamplingError, "does not hold the main lens' aperture"),
+        (few, middle, "points", SamplingError, "must hold the main lens' aperture"),
         # a point near the lens sends light at (X - alpha u)/F: abs(alpha) grows without limit
         ({"aperture_diameter": 1.8e-3}, (0, 0, -0.235), "auto", SamplingError, "cycles/m"),
         (narrow, (3e-3, 0, 0), "auto", SamplingError, r"imaged at .* beyond the array"),
@@ -110,9 +110,9 @@ def test_what_is_refused(device, monkeypatch):
         (([(0, 0)],), {}, r"\(x, y, dz\)"),
         (([],), {}, r"\(x, y, dz\)"),
         (([(0, 0, np.nan)],), {}, "finite"),
-        (([(0, 0, 0)],), {"diameter": -1}, "not negative"),
-        (([(0, 0, 0)],), {"power": [1, 2]}, "give one or each"),
-        (([(0, 0, 0)],), {"power": -1}, "not negative"),
+        (([(0, 0, 0)],), {"diameter": -1}, "diameter must be >= 0"),
+        (([(0, 0, 0)],), {"power": [1, 2]}, "must be one value or 1"),
+        (([(0, 0, 0)],), {"power": -1}, "finite and >= 0"),
     ):
         with pytest.raises(ValueError, match=words):
             PointSources(*args, **kwargs)

@@ -164,15 +164,15 @@ def test_lenslets_pass_their_share_of_the_light(device: Device) -> None:
 
 def test_bad_input_gets_one_sentence(device: Device) -> None:
     for scene, words, error, says in [
-        (SurfaceScene(Plane(0)), {}, ValueError, "give model='rays'"),
+        (SurfaceScene(Plane(0)), {}, ValueError, "must be 'rays' for a SurfaceScene"),
         (PointSources([0, 0, 0]), {"model": "beams"}, ValueError, "'waves' or 'rays'"),
-        (SurfaceScene(Plane(0)), {"coherence": Coherence()}, ValueError, "for model='waves'"),
-        (SurfaceScene(Plane(0)), {"snapshots": 3}, ValueError, "for model='waves'"),
+        (SurfaceScene(Plane(0)), {"coherence": Coherence()}, ValueError, "require model='waves'"),
+        (SurfaceScene(Plane(0)), {"snapshots": 3}, ValueError, "require model='waves'"),
         (SurfaceScene(Plane(0, (0.2, 0.1))), {}, ValueError, "edge-on"),
-        (PicturePlane([[1.0]], 1e-4, mode="transmission"), {}, ValueError, "lit by waves"),
+        (PicturePlane([[1.0]], 1e-4, mode="transmission"), {}, ValueError, "require model='waves'"),
         (PointSources([0, 0, -1]), {}, ValueError, "behind the main lens"),
-        ("a vase", {}, TypeError, "not str"),
+        ("a vase", {}, TypeError, "got str"),
     ]:
-        model = {} if "give model" in says else {"model": "rays"}
+        model = {} if "for a SurfaceScene" in says else {"model": "rays"}
         with pytest.raises(error, match=says):
             camera_of(device, 25, 9).expose(scene, **(model | words))

@@ -137,7 +137,7 @@ LENGTHS = {
 def test_lengths_of_cameras_in_other_units(device: Device) -> None:
     for key, (value, factor) in LENGTHS.items():
         other = {"object_distance": None} if key == "image_distance" else {}
-        with pytest.raises(ValueError, match=r"in metres|no lens has") as caught:
+        with pytest.raises(ValueError, match=r"in metres|a lens has") as caught:
             camera_of(device, **{key: value * factor}, **other)
         hint = float(re.search(r"did you mean (\S+)\?", str(caught.value))[1])
         assert hint == pytest.approx(value, rel=1e-4)
@@ -157,40 +157,40 @@ def test_numbers_of_parts_that_are_refused() -> None:
         (lambda: PixelArray(offset=(11.0, -2.0)), did_you_mean("1.1e-05")),
         (lambda: PointSources((0, 0, 0), diameter=10.0), did_you_mean("1e-05")),
         (lambda: MicrolensArray("150", 1e-3, count=9), "pitch of lenslets is positive"),
-        (lambda: PixelArray(shape=("a", "b")), r"shape is pixels \(ny, nx\)"),
-        (lambda: PixelArray(offset=("a", 0)), r"offset is \(y, x\) in metres"),
-        (lambda: PixelArray(crosstalk=[[1, 2], [1]]), "crosstalk is numbers in rows"),
-        (lambda: PointSources("abc"), "Positions of sources are real numbers"),
-        (lambda: PointSources((0, 0, 0), power="a"), "Powers of sources are real numbers"),
+        (lambda: PixelArray(shape=("a", "b")), r"shape must be pixels \(ny, nx\)"),
+        (lambda: PixelArray(offset=("a", 0)), r"offset must be \(y, x\) in metres"),
+        (lambda: PixelArray(crosstalk=[[1, 2], [1]]), "crosstalk must be numbers in rows"),
+        (lambda: PointSources("abc"), "Positions of sources must be real numbers"),
+        (lambda: PointSources((0, 0, 0), power="a"), "Powers of sources must be real numbers"),
     ):
         with pytest.raises(ValueError, match=words):
             make()
 
 
 def test_numbers_that_contradict_each_other(device: Device) -> None:
-    with pytest.raises(ValueError, match=r"NA 1\.9, .* below 0\.105263 m would do\.$"):
+    with pytest.raises(ValueError, match=r"below 0\.105263 m .* NA 1\.9\.$"):
         camera_of(device, aperture_diameter=0.2)
     with pytest.raises(ValueError, match=r"did you mean 0\.001\?"):
         camera_of(device, mla=MicrolensArray(150e-6, 1.0, count=9))
-    with pytest.raises(ValueError, match=r"no lenses for a wavelength .* below 7\.5e-05 m"):
+    with pytest.raises(ValueError, match=r"2 wavelengths wide, .* below 7\.5e-05 m"):
         camera_of(device, wavelength=550e-6)
-    with pytest.raises(ValueError, match=r"0\.011 m beside each other along x.*than 0\.00135 m"):
+    with pytest.raises(ValueError, match=r"by 0\.011 m along x.*than 0\.00135 m"):
         camera_of(device, pixels=PixelArray(pitch=5e-6, offset=(0, 11e-3)))
-    with pytest.raises(SamplingError, match=r"1\.5 pixels.* pixels of 7\.5e-05 m or less"):
+    with pytest.raises(SamplingError, match=r"got 1\.5: use pixels of 7\.5e-05 m or less"):
         camera_of(device, pixels=PixelArray(pitch=100e-6))
-    with pytest.raises(ValueError, match=r"\(a = 5 m\).*abs\(m\) of (\S+) or more") as caught:
+    with pytest.raises(ValueError, match=r"\(a = 5 m\).*abs\(m\) >= ([\d.e-]+\d)") as caught:
         focused_of(device, a=5.0)
-    least = float(re.search(r"abs\(m\) of (\S+) or more", str(caught.value))[1])
+    least = float(re.search(r"abs\(m\) >= ([\d.e-]+\d)", str(caught.value))[1])
     assert focused_of(device, a=None, m=1.05 * least).patch_size == pytest.approx(0.105, rel=0.05)
     for wrong in ("x", math.nan, -3):
-        with pytest.raises(SamplingError, match="pixels_per_lenslet is a number, at least 2"):
+        with pytest.raises(SamplingError, match="pixels_per_lenslet must be a number >= 2"):
             camera_of(device, pixels=None, pixels_per_lenslet=wrong)
-    with pytest.raises(TypeError, match="mla is a MicrolensArray, not None"):
+    with pytest.raises(TypeError, match="mla must be a MicrolensArray, got None"):
         camera_of(device, mla=None)
 
 
 def test_a_fast_main_lens_is_said_once(device: Device) -> None:
-    with pytest.warns(SamplingWarning, match=r"NA 0\.475 .* D of 0\.0421 m or less") as caught:
+    with pytest.warns(SamplingWarning, match=r"NA 0\.475 .* D <= 0\.0421 m") as caught:
         camera = camera_of(device, aperture_diameter=0.05)
     assert len(caught) == 1
     with warnings.catch_warnings():

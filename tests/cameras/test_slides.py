@@ -137,10 +137,10 @@ def test_a_checkpoint_of_a_slide(camera, tmp_path):
 
 def test_what_does_not_fit_together(camera):
     for scene, options, words in [
-        ("slide", {}, "needs light that falls on it"),
-        ("points", {"coherence": Coherence(IncoherentLight())}, "incoherent already"),
-        ("points", {"coherence": Coherence(), "snapshots": 5}, "this scene has none"),
-        ("slide", {"coherence": Coherence(), "method": "banana"}, "method is"),
+        ("slide", {}, "coherence must be given"),
+        ("points", {"coherence": Coherence(IncoherentLight())}, "are incoherent"),
+        ("points", {"coherence": Coherence(), "snapshots": 5}, "leave them out for this scene"),
+        ("slide", {"coherence": Coherence(), "method": "banana"}, "method must be"),
         ("slides", {"coherence": Coherence(), "checkpoint": "x.npz"}, "one slide"),
     ]:
         scenes = {

@@ -68,7 +68,7 @@ def test_cameras_keep_their_maps(tmp_path: Path, device: Device) -> None:
         assert read_lightfield(tmp_path / name, device=device).camera.aberrations == bad
     with h5py.File(tmp_path / "raw.h5", "a") as file:
         del file["camera/opd"]
-    with pytest.raises(FormatError, match="main_lens_opd= the very maps"):
+    with pytest.raises(FormatError, match="main_lens_opd must be the OPD maps"):
         read_raw(tmp_path / "raw.h5", device=device)
 
 
@@ -76,7 +76,7 @@ def test_damaged_files(tmp_path: Path) -> None:
     for change, said in [
         (lambda group: group.pop("fields"), "lack the array 'fields'"),
         (lambda group: group["path"].write_direct(np.full((2, 3, 23, 19), 0.3)), "are none: path"),
-        (lambda group: group.attrs.update(pupil_distance=-1.0), "pupil_distance is positive"),
+        (lambda group: group.attrs.update(pupil_distance=-1.0), "pupil_distance must be positive"),
     ]:
         path = tmp_path / "lens.h5"
         maps().save(path)

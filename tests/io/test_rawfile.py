@@ -102,7 +102,7 @@ def test_what_makes_no_raw_file(tmp_path: Path, device: Device) -> None:
         (lambda file: file.pop("camera"), "does not tell which camera"),
         (lambda file: file.pop("raw"), "has no dataset 'raw'"),
         (lambda file: file["camera"].attrs.pop("m"), "lacks 'm'"),
-        (lambda file: file["camera"].attrs.update(m=-2.0), "not behind the array"),
+        (lambda file: file["camera"].attrs.update(m=-2.0), "before the array"),
         (lambda file: file["camera"].attrs.update(aberrations="{"), "is none"),
         (lambda file: file["camera"].attrs.update(many), "lenslets are more than 10,000,000"),
         (lambda file: file["camera"].attrs.update(mla_f=np.zeros(3)), "not 0"),

@@ -10,7 +10,7 @@ import reference_scene as reference
 
 from clplen import MicrolensArray, PlenopticCamera, SurfaceScene
 from clplen.cameras import Plane, Sphere, Texture, TextureOperator
-from clplen.cameras.exposure.surface_rays import SAMPLES, sample_rays
+from clplen.cameras.exposure.surface_rays import RAYS_PER_PIXEL, sample_rays
 from clplen.cameras.scenes.surfaces import Ellipse
 from clplen.compute.device import Device
 from clplen.compute.drivers import selection
@@ -76,7 +76,7 @@ def check(camera: Any) -> None:
     mla = camera.mla
     raw = camera.expose(SCENE, model="rays").to_numpy()
     assert raw.max() > 0.04
-    samples = sample_rays(mla, count=SAMPLES).astype(np.float64)
+    samples = sample_rays(mla, count=RAYS_PER_PIXEL).astype(np.float64)
     expected = reference.camera_image(camera, SCENE, samples)
     error = np.abs(raw - expected)
     # float32 turns 1e-6 of a lenslet into 1e-6 of brightness; of 40 000 rays on rims a few fall on

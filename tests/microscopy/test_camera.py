@@ -124,9 +124,9 @@ def test_fluorescence_with_a_spectrum(device):
     blue, red = (replace(camera, wavelength=w).expose(point).to_numpy() for w in (520e-9, 530e-9))
     found = camera.expose(point, coherence=lines).to_numpy()
     assert relative_max(0.25 * blue + 0.75 * red, found) < 1e-6
-    with pytest.raises(ValueError, match="incoherent already"):
+    with pytest.raises(ValueError, match="are incoherent"):
         camera.expose(point, coherence=Coherence(RandomPhaseMask(40e-6)))
-    with pytest.raises(ValueError, match="are for slides"):
+    with pytest.raises(ValueError, match="apply to slides"):
         camera.expose(point, snapshots=3)
 
 
@@ -191,26 +191,26 @@ def test_discs_spread_what_points_do_not(device):
 
 def test_bad_microscopes(device):
     for change, error, words in [
-        ({"na": 1.1}, ValueError, "NA = n sin"),
+        ({"na": 1.1}, ValueError, "na = n sin"),
         ({"n": 12}, SamplingError, r"pixels_per_lenslet = 24\)"),
-        ({"medium_index": 0.9}, ValueError, "from 1 .air. on"),
-        ({"magnification": 0}, ValueError, "magnification is"),
-        ({"apodisation": 2}, ValueError, "from -1 to 1"),
-        ({"wavelength": -1}, ValueError, "wavelength is positive"),
-        ({"na": "0.5"}, ValueError, "NA = n sin"),
-        ({"tube_lens": "0.2"}, ValueError, "tube_lens is positive"),
-        ({"n": "25"}, SamplingError, "pixels_per_lenslet is a number, at least 2, not '25'"),
-        ({"mla": None}, TypeError, "mla is a MicrolensArray, not None"),
-        ({"cover": "150um"}, TypeError, "cover is a CoverGlass, as .* not '150um'"),
+        ({"medium_index": 0.9}, ValueError, ">= 1 .air."),
+        ({"magnification": 0}, ValueError, "magnification must be"),
+        ({"apodisation": 2}, ValueError, "be -1 to 1"),
+        ({"wavelength": -1}, ValueError, "wavelength must be > 0"),
+        ({"na": "0.5"}, ValueError, "na = n sin"),
+        ({"tube_lens": "0.2"}, ValueError, "tube_lens must be > 0"),
+        ({"n": "25"}, SamplingError, "pixels_per_lenslet must be a number >= 2, got '25'"),
+        ({"mla": None}, TypeError, "mla must be a MicrolensArray, got None"),
+        ({"cover": "150um"}, TypeError, "cover must be a CoverGlass, such as .* got '150um'"),
         ({"na": 1.1, "medium_index": 1.33, "cover": CoverGlass(1e-4, 1.05)}, ValueError,
-         r"NA 1\.1 does not pass a cover glass of index 1\.05"),
+         r"the index of the cover glass, 1\.05, got 1\.1"),
     ]:  # fmt: skip
         with pytest.raises(error, match=words):
             microscope(device, **change)
     for thickness, index, words in [
-        (150, 1.5, "0 to 0.01 m thick, not 150: 150 um are 150e-6"),
-        ("150um", 1.5, "not '150um'"),
-        (1e-4, 0.9, "index from 1 to 5, not 0.9"),
+        (150, 1.5, "0 to 0.01 m thick, got 150: 150 um are 150e-6"),
+        ("150um", 1.5, "got '150um'"),
+        (1e-4, 0.9, "must be 1 to 5, got 0.9"),
     ]:
         with pytest.raises(ValueError, match=words):
             CoverGlass(thickness, index)

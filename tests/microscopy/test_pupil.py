@@ -97,7 +97,7 @@ def test_tilted_cover_by_refraction():
 
 def test_what_is_no_pupil(device):
     for terms, error, words in [
-        ({1: 1e-9}, ValueError, "no piston"),
+        ({1: 1e-9}, ValueError, "a piston does not"),
         ({5: np.nan}, ValueError, "finite"),
         ({5: 30.0}, ValueError, "metres"),
         ([1, 2], TypeError, "index: metres"),
@@ -111,10 +111,10 @@ def test_what_is_no_sample():
     for call, words in [
         (lambda: mismatch(20.0, 1.33, na=1.1, medium_index=1.5), "20 um are 20e-6"),
         (lambda: mismatch(2e-5, 1.0, na=1.1, medium_index=1.5), "above NA"),
-        (lambda: mismatch(2e-5, 1.33, na=1.6, medium_index=1.5), "NA lies between"),
+        (lambda: mismatch(2e-5, 1.33, na=1.6, medium_index=1.5), "na must be between"),
         (lambda: tilted(2.0, na=0.8, medium_index=1.0), "1 degree is 0.0175"),
         (lambda: tilted(0.01, na=0.8, medium_index=1.0, thickness=170), "150e-6"),
-        (lambda: mismatch(2e-5, 1.3, na=1.1, medium_index=1.5, terms=2), "from 4 to 200"),
+        (lambda: mismatch(2e-5, 1.3, na=1.1, medium_index=1.5, terms=2), "4 to 200"),
     ]:
         with pytest.raises(ValueError, match=words):
             call()

@@ -334,10 +334,10 @@ def test_where_lenslets_must_be_thin_or_alike(device):
     surface = LensletSurface(2.6e-3, "N-BK7")
     made = camera(device, MicrolensArray(P, count=5, surface=surface))
     scene = clplen.SurfaceScene([clplen.cameras.Plane(0.0)])
-    with pytest.raises(ValueError, match="SurfaceScene know thin lenslets only"):
+    with pytest.raises(ValueError, match="SurfaceScene supports thin lenslets only"):
         made.expose(scene, model="rays")
     each = LensletMap(np.zeros((5, 5, 9, 9)), pitch=20e-6, glass=1.5)
-    with pytest.raises(ValueError, match="lenslets of a microscope are alike"):
+    with pytest.raises(ValueError, match="Lenslets of a microscope must be equal"):
         PlenopticCamera.microscope(
             magnification=20, na=0.5, mla=MicrolensArray(P, 3e-3, count=5, map=each),
             wavelength=LAM, pixels_per_lenslet=25, device=device,
@@ -345,7 +345,7 @@ def test_where_lenslets_must_be_thin_or_alike(device):
     several = camera(device, MicrolensArray(P, 5e-3, count=5, map=each))
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", clplen.SamplingWarning)
-        with pytest.raises(ValueError, match="lenslets have a map each"):
+        with pytest.raises(ValueError, match="each has its own map"):
             several.expose(clplen.PicturePlane(np.eye(3), 1e-4), method="isoplanatic")
 
 

@@ -1,1 +1,1 @@
-"""Energy on a sensor: optics, sources and light come in, an image and its report go out."""
+"""Exposures: energy on a sensor from optics, sources and light."""

@@ -1,8 +1,8 @@
-"""A camera of one dimension: how its image of a point changes with the wavelength, in milliseconds.
+"""One-dimensional camera that predicts how a point's image changes with the wavelength, in ms.
 
-Main lens, lenslets and pixels are cut along a row of lenslets and continued along their columns
-(cylindrical lenses), so that the blur, the widths of both diffraction patterns, light that crosses
-into neighbouring lenslets, and the pixels that average it have the sizes they have in the camera.
+Main lens, lenslets and pixels are cut along a row of lenslets and continued along its columns
+(cylindrical lenses). Blur, both diffraction patterns, light that crosses into neighbouring
+lenslets, and the average over a pixel then have the sizes of the camera itself.
 Waves are those of Fresnel's approximation (Goodman 2005, section 4.2).
 """
 
@@ -19,51 +19,51 @@ from clplen.compute.fft.lines import smooth_length
 Values = np.ndarray[Any, np.dtype[np.float64]]
 Complex = np.ndarray[Any, np.dtype[np.complex128]]
 
-WIDEST = 8.0  # blur in lenslets; a wider one is cut down at the same curvature
-BESIDE = 3.0  # pitches beside the blur
-RINGS = 10.0  # of diffraction beside it, lam z2/D each
-OFFSETS = (0.0, 0.25, 0.5)
-FINER = 1.5  # samples over Nyquist's
-LEAST = 4  # samples a pixel
+MAX_BLUR_LENSLETS = 8.0  # maximum blur in lenslets; a wider blur is cut at the same curvature
+MARGIN_PITCHES = 3.0  # margin around the blur, in lenslet pitches
+MARGIN_RINGS = 10.0  # further margin for diffraction, in lam z2/D
+OFFSETS = (0.0, 0.25, 0.5)  # positions of the lenslets under the blur, in pitches
+OVERSAMPLING = 1.5  # oversampling over Nyquist's rate
+MIN_SAMPLES_PER_PIXEL = 4  # minimum samples a pixel
 
 
 def point_images(optics: WaveOptics, dz: float, wavenumbers: Values) -> Values:
-    """Energy on a row of pixels from a point, by wavelength."""
+    """Compute the energy of a point on a row of pixels, for each wavelength."""
     from scipy import fft  # a slow import
 
     beta = float(optics.array_alpha(dz))
     z2, z3, mla = optics.array_distance, optics.sensor_distance, optics.mla
     D, bent = optics.aperture_diameter, abs(1 - beta)
-    if bent * D > WIDEST * mla.pitch:
-        D = WIDEST * mla.pitch / bent
+    if bent * D > MAX_BLUR_LENSLETS * mla.pitch:
+        D = MAX_BLUR_LENSLETS * mla.pitch / bent
     shortest, longest = 1 / wavenumbers.max(), 1 / wavenumbers.min()
     slope = max(1.0, abs(beta)) * D / (2 * z2) + mla.diameter / (2 * min(mla.focal_lengths))
-    dx = min(shortest / (2 * slope * FINER), optics.pixel_pitch / LEAST)
-    half = bent * D / 2 + BESIDE * mla.pitch + RINGS * longest * z2 / D + z3 * slope
+    dx = min(shortest / (2 * slope * OVERSAMPLING), optics.pixel_pitch / MIN_SAMPLES_PER_PIXEL)
+    half = bent * D / 2 + MARGIN_PITCHES * mla.pitch + MARGIN_RINGS * longest * z2 / D + z3 * slope
     n = smooth_length(math.ceil(2 * half / dx))
     x = (np.arange(n) - n // 2) * dx
     at_array = _array_field(wavenumbers, x, D, z2, 1 - beta)
     if not optics.field_lens:
         at_array = at_array * np.exp(1j * np.pi / z2 * wavenumbers[:, None] * x**2)
     onward = np.exp(-1j * np.pi * z3 / wavenumbers[:, None] * fft.fftfreq(n, dx) ** 2)
-    found = []
+    pictures = []
     for offset in OFFSETS:
-        apart = x - offset * mla.pitch
-        apart = apart - mla.pitch * np.round(apart / mla.pitch)
-        open_ = np.clip((mla.diameter / 2 - np.abs(apart)) / dx + 0.5, 0, 1)
+        distance = x - offset * mla.pitch
+        distance = distance - mla.pitch * np.round(distance / mla.pitch)
+        open_ = np.clip((mla.diameter / 2 - np.abs(distance)) / dx + 0.5, 0, 1)
         for focal_length in mla.focal_lengths:
-            lens = np.exp(-1j * np.pi / focal_length * wavenumbers[:, None] * apart**2)
+            lens = np.exp(-1j * np.pi / focal_length * wavenumbers[:, None] * distance**2)
             sensor = fft.ifft(fft.fft(at_array * open_ * lens) * onward)
-            found.append(_on_pixels(np.abs(sensor) ** 2, dx, optics.pixel_pitch))
-    return np.concatenate(found, axis=1)
+            pictures.append(_on_pixels(np.abs(sensor) ** 2, dx, optics.pixel_pitch))
+    return np.concatenate(pictures, axis=1)
 
 
 def _array_field(k: Values, x: Values, D: float, z2: float, bent: float) -> Complex:
-    """int exp(i pi k (bent u^2 - 2 x u)/z2) du over the pupil, by Bluestein's chirp-z transform."""
+    """Compute int exp(i pi k (bent u^2 - 2 x u)/z2) du over the pupil by Bluestein's transform."""
     from scipy import fft
 
     fastest = (np.abs(x).max() + abs(bent) * D / 2) / z2 * k.max()  # turns a metre
-    count = math.ceil(2 * FINER * fastest * D) + 16
+    count = math.ceil(2 * OVERSAMPLING * fastest * D) + 16
     du, n = D / count, len(x)
     dx = x[1] - x[0]
     j, m = np.arange(count) - (count - 1) / 2, np.arange(n) - n // 2
@@ -77,11 +77,11 @@ def _array_field(k: Values, x: Values, D: float, z2: float, bent: float) -> Comp
 
 
 def _on_pixels(intensity: Values, dx: float, pitch: float) -> Values:
-    """Integrals over pixels, linear between samples of the running sum."""
+    """Integrate over pixels, linearly between samples of the running sum."""
     n = intensity.shape[1]
     running = np.concatenate([np.zeros((len(intensity), 1)), np.cumsum(intensity, axis=1)], axis=1)
     edges = np.arange(0.0, n, pitch / dx)
-    whole = np.minimum(edges.astype(int), n - 1)
-    part = edges - whole
-    at = running[:, whole] * (1 - part) + running[:, whole + 1] * part
+    index = np.minimum(edges.astype(int), n - 1)
+    part = edges - index
+    at = running[:, index] * (1 - part) + running[:, index + 1] * part
     return np.asarray(np.diff(at, axis=1) * dx)

@@ -1,4 +1,4 @@
-"""The Jacobian of a raw image: derivatives of its pixels by what scene and camera are made of."""
+"""Jacobian of a raw image: derivatives of its pixels by parameters of scene and camera."""
 
 from __future__ import annotations
 
@@ -17,29 +17,30 @@ from clplen.reprs import OneLine
 Values = np.ndarray[Any, np.dtype[np.float64]]
 
 GROUPS = ("values", "positions", "lenslets", "sensor")
-OF_LENSLETS = 6  # images of the parameters that every array has, beside one a kind of lenslet
-OF_SENSOR = 3
+LENSLET_IMAGES = 6  # derivative images of an array, plus an image for each kind of lenslet
+SENSOR_IMAGES = 3  # derivative images of the sensor: shift, tilt along y and x
 
 
 @dataclass(frozen=True, eq=False, repr=False)
 class ExposureJacobian(OneLine):
-    """Derivatives of a raw image by what a scene and a camera are made of, float64.
+    """Derivatives of a raw image with respect to parameters of scene and camera, float64.
 
     Attributes
     ----------
     image : numpy.ndarray
-        The raw image itself, shape (ny, nx).
+        Raw image, shape (ny, nx).
     values : numpy.ndarray or None
-        By the energies, shape ``(*in_shape, ny, nx)``.
+        Derivatives by the energies, shape ``(*in_shape, ny, nx)``.
     positions : numpy.ndarray or None
-        By (x, y, dz) of every point, a metre, shape (n, 3, ny, nx). Points are in the order of
-        ``operator.positions``.
+        Derivatives by (x, y, dz) of every point, per metre, shape (n, 3, ny, nx). Points have the
+        order of ``operator.positions``.
     lenslets : dict of str to numpy.ndarray
-        By the array, a metre or radian: "pitch", "diameter", "rotation", "focal_length", shape (ny,
-        nx); "offset" (y, x), (2, ny, nx); "focal_lengths" of each kind, (kinds, ny, nx).
+        Derivatives by the array, per metre or radian: "pitch", "diameter", "rotation",
+        "focal_length", shape (ny, nx); "offset" (y, x), (2, ny, nx); "focal_lengths" of each kind,
+        (kinds, ny, nx).
     sensor : dict of str to numpy.ndarray
-        By the sensor: "shift", a metre away from the array, shape (ny, nx); "tilt", by its slopes
-        (y, x), (2, ny, nx).
+        Derivatives by the sensor: "shift" away from the array, per metre, shape (ny, nx); "tilt",
+        slopes (y, x), (2, ny, nx).
 
     Examples
     --------
@@ -62,13 +63,13 @@ class ExposureJacobian(OneLine):
 
 
 def check_groups(by: Any) -> tuple[Any, ...]:
-    """Names of groups of derivatives, checked."""
+    """Return the checked names of groups of derivatives."""
     names = (by,) if isinstance(by, str) else tuple(by)
     wrong = [name for name in names if name not in GROUPS]
     if wrong or not names:
         raise ValueError(
-            f"A Jacobian is by some of {', '.join(map(repr, GROUPS))}; by={by!r} has "
-            f"{repr(wrong[0]) if wrong else 'none of them'}."
+            f"by must name at least one of {', '.join(map(repr, GROUPS))}, got {by!r}"
+            + (f": {wrong[0]!r} is none of them." if wrong else ".")
         )
     return names
 
@@ -76,35 +77,45 @@ def check_groups(by: Any) -> tuple[Any, ...]:
 def exposure_jacobian(
     images: SceneImages, signals: PixelSignals, energies: Sequence[Values], by: Sequence[Any]
 ) -> ExposureJacobian:
-    """The Jacobian of all points of a scene."""
+    """Compute the Jacobian of all points of a scene."""
     _check_memory(images, signals.shape, by)
     shape, parts = signals.shape, images.parts
     image, shared = np.zeros(shape), dict[str, Values]()
-    values = [np.zeros((p.places.size, p.channels, *shape)) for p in parts if "values" in by]
-    places = [np.zeros((len(p.points), 3, *shape)) for p in parts if "positions" in by]
+    values = [np.zeros((p.indices.size, p.channels, *shape)) for p in parts if "values" in by]
+    positions = [np.zeros((len(p.points), 3, *shape)) for p in parts if "positions" in by]
     for index, line in images.lines():
-        for found in point_tangents(line.optics, parts[index].points, by):
-            weights = (energies[index][found.which] @ line.weights).T  # (filters, n)
-            read = _reader(signals, weights)
-            image += read(found.images[None], True)[0]
+        for tangents in point_tangents(line.optics, parts[index].points, by):
+            weights = (energies[index][tangents.indices] @ line.weights).T  # (filters, n)
+            read = _signal_reader(signals, weights)
+            image += read(tangents.images[None], True)[0]
             if values:
-                values[index][found.which] += _by_values(found, line, signals)
-            if places:
-                changes = np.stack([read(one[:, None], False) for one in found.positions])
-                places[index][found.which] += np.moveaxis(changes, 0, 1)
-            for name, change in found.shared.items():
+                values[index][tangents.indices] += _by_values(tangents, line, signals)
+            if positions:
+                changes = np.stack(
+                    [read(derivative[:, None], False) for derivative in tangents.positions]
+                )
+                positions[index][tangents.indices] += np.moveaxis(changes, 0, 1)
+            for name, change in tangents.shared.items():
                 shared[name] = shared.get(name, 0.0) + read(change, True)
     return ExposureJacobian(
         image,
         _spread(images, values) if values else None,
-        np.concatenate(places) if places else None,
-        {name: _plain(name, one) for name, one in shared.items() if name not in ("shift", "tilt")},
-        {name: _plain(name, one) for name, one in shared.items() if name in ("shift", "tilt")},
+        np.concatenate(positions) if positions else None,
+        {
+            name: _drop_scalar_axis(name, derivative)
+            for name, derivative in shared.items()
+            if name not in ("shift", "tilt")
+        },
+        {
+            name: _drop_scalar_axis(name, derivative)
+            for name, derivative in shared.items()
+            if name in ("shift", "tilt")
+        },
     )
 
 
-def _reader(signals: PixelSignals, weights: Values) -> Callable[[Values, bool], Values]:
-    """What pixels read of light (k, n, ny, nx), added over the points, or of (n, 1, ny, nx)."""
+def _signal_reader(signals: PixelSignals, weights: Values) -> Callable[[Values, bool], Values]:
+    """Return a function that sums the pixels' signals of light (k, n, ny, nx) over the points."""
 
     def read(light: Values, together: bool) -> Values:
         if together:
@@ -114,26 +125,26 @@ def _reader(signals: PixelSignals, weights: Values) -> Callable[[Values, bool], 
     return read
 
 
-def _by_values(found: PointTangents, line: SceneLine, signals: PixelSignals) -> Values:
-    """Images of points as pixels read them, of each channel, shape (n, channels, ny, nx)."""
-    each = [
-        signals.read_values(share[:, None, None, None] * found.images) for share in line.weights
+def _by_values(tangents: PointTangents, line: SceneLine, signals: PixelSignals) -> Values:
+    """Compute pixel signals of points for each channel, shape (n, channels, ny, nx)."""
+    channels = [
+        signals.read_values(share[:, None, None, None] * tangents.images) for share in line.weights
     ]
-    return np.stack(each, axis=1)
+    return np.stack(channels, axis=1)
 
 
 def _spread(images: SceneImages, values: Sequence[Values]) -> Values:
-    """By all values of all members, 0 for samples that stay dark, shape (size, ny, nx)."""
-    whole = []
-    for part, own in zip(images.parts, values, strict=True):
-        every = np.zeros((part.size // part.channels, *own.shape[1:]))
-        every[part.places] = own
-        whole.append(every.reshape(part.size, *own.shape[2:]))
-    return np.concatenate(whole)
+    """Return derivatives by all values of a scene, 0 for dark samples, shape (size, ny, nx)."""
+    blocks = []
+    for part, derivatives in zip(images.parts, values, strict=True):
+        block = np.zeros((part.size // part.channels, *derivatives.shape[1:]))
+        block[part.indices] = derivatives
+        blocks.append(block.reshape(part.size, *derivatives.shape[2:]))
+    return np.concatenate(blocks)
 
 
-def _plain(name: str, change: Values) -> Values:
-    """Without the axis of a parameter that is one number."""
+def _drop_scalar_axis(name: str, change: Values) -> Values:
+    """Remove the axis of a scalar parameter."""
     return change if name in ("offset", "focal_lengths", "tilt") else change[0]
 
 
@@ -142,12 +153,12 @@ def _check_memory(images: SceneImages, shape: tuple[int, int], by: Sequence[Any]
     for part in images.parts:
         columns += part.size * ("values" in by) + 3 * len(part.points) * ("positions" in by)
     if "lenslets" in by:
-        columns += OF_LENSLETS + len(images.parts[0].lines[0].optics.mla.focal_lengths)
-    columns += OF_SENSOR * ("sensor" in by)
+        columns += LENSLET_IMAGES + len(images.parts[0].lines[0].optics.mla.focal_lengths)
+    columns += SENSOR_IMAGES * ("sensor" in by)
     nbytes, free = 8 * columns * shape[0] * shape[1], free_memory()
     if nbytes > free:
         raise MemoryError(
-            f"A Jacobian of {columns} images of {shape} pixels takes {nbytes / 2**30:.3g} GiB, and "
-            f"{free / 2**30:.3g} GiB are free: give fewer points, leave out groups of by=, or use "
-            "gradient(), which keeps none."
+            f"A Jacobian of {columns} images of {shape} pixels takes {nbytes / 2**30:.3g} GiB, but "
+            f"{free / 2**30:.3g} GiB are free: use fewer points or groups of by=, or gradient(), "
+            "which stores no images."
         )

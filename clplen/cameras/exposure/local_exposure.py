@@ -1,4 +1,4 @@
-"""Raw images of points, each in a window of its own about its chief ray."""
+"""Raw images of points, each in a window about its chief ray."""
 
 from __future__ import annotations
 
@@ -32,30 +32,30 @@ from clplen.units import amount
 from clplen.wave.coherence.averaging import Progress
 from clplen.wave.field.field import Field
 
-REGION_BYTES = 2**27  # of the array's transmission that windows share
-FINER_INTENSITY = 2  # samples of the intensity a sample of the field
+MAX_REGION_BYTES = 2**27  # maximum bytes of the array's transmission that windows share
+INTENSITY_OVERSAMPLING = 2  # samples of the intensity for each sample of the field
 
 
 def check_windows(optics: WaveOptics, points: PointSources) -> None:
-    """Refuse points whose windows do not fit the device."""
+    """Raise if windows of points do not fit the device."""
     device, positions = optics.device, points.positions
     beta = np.atleast_1d(optics.array_alpha(positions[:, 2]))
     reach = np.abs(optics.on_array(positions)).max(axis=1) / optics.array_distance
-    wide = np.abs(1 - beta) * np.maximum(1, np.abs(beta)) * (1 + reach**2)
-    worst = positions[int(wide.argmax())]
+    widths = np.abs(1 - beta) * np.maximum(1, np.abs(beta)) * (1 + reach**2)
+    worst = positions[int(widths.argmax())]
     shape = _shape(optics, worst, points.diameter)
     largest = max(shape.samples, shape.pupil) ** 2 * device.complex.itemsize
-    most = min(device.memory_bytes, int(device.cl_device.max_mem_alloc_size))
-    if shape.nbytes(device) <= device.memory_bytes and largest <= most:
+    available = min(device.memory_bytes, int(device.cl_device.max_mem_alloc_size))
+    if shape.nbytes(device) <= device.memory_bytes and largest <= available:
         return
     blur = optics.aperture_diameter * abs(1 - float(optics.array_alpha(worst[2])))
     x, y, dz = worst
     raise DeviceError(
         f"The point (x, y, dz) = ({x:g}, {y:g}, {dz:g}) m is blurred over "
         f"{blur / optics.mla.pitch:.4g} lenslets: its window of {shape.samples} x {shape.samples} "
-        f"samples needs {amount(shape.nbytes(device), 'B')}, and {device.name} has "
-        f"{amount(device.memory_bytes, 'B')}: move it nearer to the focused plane, give a smaller "
-        "aperture_diameter, or use model='rays'."
+        f"samples needs {amount(shape.nbytes(device), 'B')}, but {device.name} has "
+        f"{amount(device.memory_bytes, 'B')}. Move it nearer to the focused plane, use a smaller "
+        "aperture_diameter, or model='rays'."
     )
 
 
@@ -66,14 +66,14 @@ def add_local(
     progress: Progress | None,
     energies: Any = None,
 ) -> Exposure:
-    """Add the energy of points to an image of the sensor, each in a window of its own."""
+    """Add the energy of points to an image of the sensor, each in its own window."""
     energies = points.power if energies is None else energies
     done, transforms = 0, []
-    for same, windows, region in window_batches(optics, points):
-        add_windows(windows, energies[same], total, region)
-        del region  # its memory, before the next one is made
-        transforms.append((3 * len(same), (windows.shape.samples, windows.shape.samples)))
-        done += len(same)
+    for indices, windows, region in window_batches(optics, points):
+        add_windows(windows, energies[indices], total, region)
+        del region  # frees its memory before the next region is computed
+        transforms.append((3 * len(indices), (windows.shape.samples, windows.shape.samples)))
+        done += len(indices)
         if progress is not None:
             progress(done, len(points))
     return Exposure("local", merged(transforms), 0.0)
@@ -82,62 +82,62 @@ def add_local(
 def window_batches(
     optics: WaveOptics, points: PointSources
 ) -> Iterator[tuple[list[int], LocalWindows, Region | None]]:
-    """Windows of points in batches that travel together: indices, windows, and the array there."""
+    """Yield windows of points in batches: indices, windows, and the array under them."""
     shapes = [_shape(optics, position, points.diameter) for position in points.positions]
-    together = list(batches(shapes, optics.device))
+    groups = list(batches(shapes, optics.device))
     region: Region | None = None
-    for number, same in enumerate(together):
-        shape = shapes[same[0]]
-        windows = LocalWindows.of(optics, shape, points.positions[same], points.diameter)
+    for number, indices in enumerate(groups):
+        shape = shapes[indices[0]]
+        windows = LocalWindows.of(optics, shape, points.positions[indices], points.diameter)
         if region is None or not region.holds(shape, windows.centres):
-            region = None  # its memory first
-            region = _region(optics, points, shapes, together[number:])
-        yield same, windows, region
+            region = None  # frees its memory first
+            region = _region(optics, points, shapes, groups[number:])
+        yield indices, windows, region
 
 
 def _region(
     optics: WaveOptics, points: PointSources, shapes: Sequence[WindowShape],
-    together: Sequence[list[int]],
+    groups: Sequence[list[int]],
 ) -> Region | None:  # fmt: skip
-    """The array under the first windows and those of the same shape that follow close by.
+    """Return the array under the first windows and neighbours of their shape.
 
-    None where these have less area together than the region that holds them.
+    None if these windows have less area in total than the region that contains them.
     """
-    shape = shapes[together[0][0]]
-    room = min(REGION_BYTES, optics.device.memory_bytes // 8)
-    most = max(room // optics.device.complex.itemsize, shape.samples**2)
-    held: list[Any] = []
+    shape = shapes[groups[0][0]]
+    nbytes = min(MAX_REGION_BYTES, optics.device.memory_bytes // 8)
+    max_samples = max(nbytes // optics.device.complex.itemsize, shape.samples**2)
+    extremes: list[Any] = []
     count = 0
-    for same in together:
-        if shapes[same[0]] != shape:
+    for indices in groups:
+        if shapes[indices[0]] != shape:
             break
-        more = window_centres(optics, shape, points.positions[same])
-        count += len(same)
-        ends = np.concatenate([*held, more])
+        centres = window_centres(optics, shape, points.positions[indices])
+        count += len(indices)
+        ends = np.concatenate([*extremes, centres])
         _, (ny, nx) = bounds(ends, shape.samples)
-        if ny * nx > min(most, count * shape.samples**2):
+        if ny * nx > min(max_samples, count * shape.samples**2):
             break
-        held = [ends.min(axis=0)[None], ends.max(axis=0)[None]]
-    return Region.of(optics, shape, np.concatenate(held)) if held else None
+        extremes = [ends.min(axis=0)[None], ends.max(axis=0)[None]]
+    return Region.of(optics, shape, np.concatenate(extremes)) if extremes else None
 
 
 def batches(shapes: Sequence[WindowShape], device: Device) -> Iterator[list[int]]:
-    """Indices of windows of one shape that travel together, all of them once."""
+    """Yield indices of windows in batches of equal shape, each window once."""
     ranked = sorted(range(len(shapes)), key=lambda n: shapes[n].sizes)
     for _, run in groupby(ranked, key=lambda n: shapes[n].sizes):
-        same = list(run)
-        shape = shapes[same[0]]
+        members = list(run)
+        shape = shapes[members[0]]
         count = shape.batch(device)
         device.require_memory(
-            shape.nbytes(device) * min(count, len(same)),
+            shape.nbytes(device) * min(count, len(members)),
             f"A point's window of {shape.samples} x {shape.samples} samples",
         )
-        for start in range(0, len(same), count):
-            yield same[start : start + count]
+        for start in range(0, len(members), count):
+            yield members[start : start + count]
 
 
 def local_transforms(optics: WaveOptics, points: PointSources, count: int) -> Transforms:
-    """Fourier transforms of ``count`` points among some of which the widest window counts."""
+    """Return the transforms of ``count`` points, all with the widest window."""
     largest = max(
         (_shape(optics, p, points.diameter) for p in points.positions), key=lambda s: s.samples
     )
@@ -145,14 +145,14 @@ def local_transforms(optics: WaveOptics, points: PointSources, count: int) -> Tr
 
 
 def add_integrated(total: cla.Array, fields: Field, weights: Any, active: float) -> None:
-    """Add intensities on the sensor's samples, integrated over the pixels about them."""
+    """Add intensities on the sensor's samples, integrated over the pixels around them."""
     fine, sums, scale = pixel_samples(fields, active)
     for number, weight in enumerate(np.atleast_1d(weights)):
         sums.put(total, fine, number, scale * weight, fields.device)
 
 
 def pixel_samples(fields: Field, active: float) -> tuple[cla.Array, PixelSums, float]:
-    """Fields sampled so finely that pixels integrate their intensity."""
+    """Sample fields so finely that sums over their intensity integrate it over pixels."""
     device = fields.device
     sums, _ = sample_sums(active, fields.grid.shape)
     if active == 0:
@@ -160,23 +160,23 @@ def pixel_samples(fields: Field, active: float) -> tuple[cla.Array, PixelSums, f
     room, shape = _surround(active, fields.grid.shape)
     wide = window(fields.data, (*fields.shape[:-2], *shape), device, place=(room, room))
     device.fft.forward(wide, device)
-    return refined(wide, FINER_INTENSITY, device), sums, float(FINER_INTENSITY**2)
+    return refine(wide, INTENSITY_OVERSAMPLING, device), sums, float(INTENSITY_OVERSAMPLING**2)
 
 
 def sample_sums(active: float, shape: tuple[int, int]) -> tuple[PixelSums, tuple[int, int]]:
-    """The sums over the samples of `pixel_samples`, and the shape of these."""
+    """Return the sums over the samples of `pixel_samples`, and the shape of these samples."""
     if active == 0:
         return PixelSums((0, 0), 1, 0.0, (0, 0), shape), shape
     room, (ny, nx) = _surround(active, shape)
-    first, width = FINER_INTENSITY * room, FINER_INTENSITY * active
-    sums = PixelSums((first, first), FINER_INTENSITY, width, (0, 0), shape)
-    return sums, (FINER_INTENSITY * ny, FINER_INTENSITY * nx)
+    first, width = INTENSITY_OVERSAMPLING * room, INTENSITY_OVERSAMPLING * active
+    sums = PixelSums((first, first), INTENSITY_OVERSAMPLING, width, (0, 0), shape)
+    return sums, (INTENSITY_OVERSAMPLING * ny, INTENSITY_OVERSAMPLING * nx)
 
 
 def transposed_samples(
     fine: cla.Array, active: float, shape: tuple[int, int], device: Device
 ) -> cla.Array:
-    """The transpose of the fine samples of `pixel_samples` as a map of the fields."""
+    """Apply the transpose of `pixel_samples`, a linear map of the fields, to fine samples."""
     if active == 0:
         return fine
     room, wide = _surround(active, shape)
@@ -189,15 +189,15 @@ def transposed_samples(
 
 
 def _surround(active: float, shape: tuple[int, int]) -> tuple[int, tuple[int, int]]:
-    """Samples beside the sensor that its pixels' sums take in, and the window with them."""
-    reach = len(pixel_weights(FINER_INTENSITY * active)) // 2
-    room = -(-reach // FINER_INTENSITY)
+    """Return the margin of samples that the pixels' sums need, and the window with it."""
+    reach = len(pixel_weights(INTENSITY_OVERSAMPLING * active)) // 2
+    room = -(-reach // INTENSITY_OVERSAMPLING)
     ny, nx = (smooth_length(n + 2 * room) for n in shape)
     return room, (ny, nx)
 
 
 def _shape(optics: WaveOptics, position: Any, diameter: float) -> WindowShape:
-    """The window of a point: finer than pixels that integrate, else as the sensor is sampled."""
+    """Return a point's window: finer than pixels that integrate, else sampled as the sensor."""
     if optics.pixels is None:
         return window_shape(optics, position, diameter, rings=SAMPLED_RINGS, orders=0.0)
     return window_shape(optics, position, diameter)
@@ -215,18 +215,18 @@ def add_windows(
 def window_samples(
     windows: Windows, region: Region | None = None
 ) -> tuple[cla.Array, list[tuple[PixelSums, float]]]:
-    """Fields of windows on the sensor, and the pixels that they fill."""
+    """Compute fields of windows on the sensor, and the pixels that they fill."""
     optics, device = windows.optics, windows.optics.device
     active = 0.0 if optics.pixels is None else optics.pixels.active
     fields = windows.array_fields()
     fields = windows.sensor_spectra(windows.behind_array(fields, region))
-    more = FINER_INTENSITY if active and windows.shape.rim is None else 1
-    fields = refined(fields, more, device)
+    more = INTENSITY_OVERSAMPLING if active and windows.shape.rim is None else 1
+    fields = refine(fields, more, device)
     return fields, [_sums(windows, n, more, active) for n in range(len(windows.energy))]
 
 
-def refined(spectra: cla.Array, more: int, device: Device) -> cla.Array:
-    """Fields of spectra with ``more`` times as many samples along each axis."""
+def refine(spectra: cla.Array, more: int, device: Device) -> cla.Array:
+    """Compute fields of spectra with ``more`` times as many samples along each axis."""
     *batch, ny, nx = spectra.shape
     if more > 1:
         out = device.empty((*batch, more * ny, more * nx), device.complex)
@@ -239,12 +239,12 @@ def refined(spectra: cla.Array, more: int, device: Device) -> cla.Array:
 
 
 def _sums(windows: Windows, number: int, more: int, active: float) -> tuple[PixelSums, float]:
-    """The pixels that a window's samples fill, and the factor to a point's energy 1."""
+    """Return the pixels that a window's samples fill, and the factor to a point's energy 1."""
     optics, shape = windows.optics, windows.shape
     k, n = shape.finer, shape.samples
     width = more * k * active
     reach = len(pixel_weights(width)) // 2
-    first, count, place = [], [], []
+    first, count, pixel = [], [], []
     for axis in (0, 1):
         middle = int(windows.centres[number, axis] + windows.shifts[number, axis])
         low = middle - n // 2 + shape.guard + math.ceil(reach / more)
@@ -254,9 +254,9 @@ def _sums(windows: Windows, number: int, more: int, active: float) -> tuple[Pixe
         end = min(high // k, pixels - 1 - pixels // 2)
         first.append(more * (begin * k - middle + n // 2))
         count.append(max(0, end - begin + 1))
-        place.append(begin + pixels // 2)
+        pixel.append(begin + pixels // 2)
     sums = PixelSums(
-        (first[0], first[1]), more * k, width, (place[0], place[1]), (count[0], count[1])
+        (first[0], first[1]), more * k, width, (pixel[0], pixel[1]), (count[0], count[1])
     )
     # the finer inverse transform divides by more^2 as many samples
     scale = more**2 if active else (more * k) ** 2

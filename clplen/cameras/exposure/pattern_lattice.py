@@ -1,13 +1,13 @@
-"""Where on a camera's array the pattern behind the lenslets repeats, and how often to sample it.
+"""Period of the pattern behind a camera's lenslets, and the samples that it needs.
 
 A point whose chief ray meets the array at X puts U(x) = G(x - X) exp(i pi x^2/(lam z2)) there
 (paraxially; z2 from the main lens to the array), G with frequencies up to f_c = D/(2 lam z2). The
-quadratic phase magnifies what follows by m = 1 + z3/z2, z3 to the sensor, so that X moved by a
-vector a of the lattice moves the raw pattern by m a. And the raw intensity at a pixel is, as a
-function of X, band-limited to 2 f_c: patterns for q x q places of X in one cell, q > 4 f_c p, hold
-those of every place (Whittaker 1915, Shannon 1949). A picture is resampled onto these places on
-every lenslet, and its raw image is the sum over the q^2 places of pattern times weight, moved by
-m a.
+quadratic phase magnifies all that follows by m = 1 + z3/z2, z3 to the sensor, so that a shift of X
+by a vector a of the lattice shifts the raw pattern by m a. As a function of X, the raw intensity at
+a pixel is band-limited to 2 f_c: patterns of q x q positions of X in one cell, q > 4 f_c p,
+determine those of every position (Whittaker 1915, Shannon 1949). A picture is resampled onto these
+positions on every lenslet. Its raw image is the sum over the q^2 positions of pattern times weight,
+shifted by m a.
 """
 
 from __future__ import annotations
@@ -23,46 +23,46 @@ from clplen.cameras.scenes.scene_sources import PicturePlane
 
 Vector = np.ndarray[Any, np.dtype[np.float64]]
 Complex = np.ndarray[Any, np.dtype[np.complex128]]
-SPARE = 1.05  # places a cell and axis, over the least, so that the interpolating kernel is short
-STOP_DB = 80.0  # what the interpolating kernel leaves of its images
-TOLERANCE = 5e-4  # of a raw image's maximum, for what the pattern changes across a picture
+OVERSAMPLING = 1.05  # positions a cell and axis over the minimum; shortens the kernel
+STOP_DB = 80.0  # attenuation of the interpolating kernel's images
+TOLERANCE = 5e-4  # maximum change of the pattern across a picture, of a raw image's maximum
 Powers = tuple[tuple[int, int], ...]
 CONSTANT: Powers = ((0, 0),)
 LINEAR: Powers = ((0, 0), (1, 0), (0, 1))
 EVEN: Powers = ((0, 0), (2, 0), (1, 1), (0, 2))
 QUADRATIC: Powers = ((0, 0), (1, 0), (0, 1), (2, 0), (1, 1), (0, 2))
-OUTERMOST = 0.9  # of the way to the picture's edge, a node; balances what is left there and between
-PER_RADIAN = 0.35  # of the maximum, that a raw image changes with the aberration; measured
+OUTERMOST_NODE = 0.9  # fraction of the distance to the edge; balances both interpolation errors
+CHANGE_PER_RADIAN = 0.35  # measured change of a raw image, of its maximum per radian of aberration
 
 
 @dataclass(frozen=True)
 class PatternGrid:
-    """The places of X at which patterns are simulated, about one lenslet."""
+    """Positions of X at which patterns are simulated, about one lenslet."""
 
-    # height, pitch: between rows of lenslets and between neighbours of a row, in metres
+    # height, pitch: spacing of rows of lenslets and of neighbours in a row, in metres
     height: float
     pitch: float
-    kinds: int  # 1, or 2 where every second row is moved by half a pitch
+    kinds: int  # 1, or 2 if every second row is shifted by half a pitch
     count: int  # q, along either axis of a cell
     spare: float  # q/(4 f_c p), above 1
 
     @property
     def half_width(self) -> float:
-        """Of the interpolating kernel, in places (Kaiser's estimate of a window's length)."""
+        """Half width of the interpolating kernel, in positions (Kaiser's estimate)."""
         transition = 2 * math.pi * (1 - 1 / self.spare)
         return math.ceil((STOP_DB - 8) / (2.285 * transition) / 2)
 
     def offsets(self) -> Vector:
-        """(y, x) of the places from the lenslet's centre in metres, shape (q^2, 2)."""
+        """Return (y, x) of the positions from the lenslet's centre in metres, shape (q^2, 2)."""
         q = self.count
         j, k = (axis.ravel() - q // 2 for axis in np.indices((q, q)))
         return np.stack([j / q * self.height, k / q * self.pitch], axis=-1)
 
     def kernel(self, distance: Vector, pitch: float) -> Vector:
-        """Weight of a place at a distance from a point, a sinc under a Kaiser window.
+        """Compute a position's weight at a distance from a point: a sinc under a Kaiser window.
 
-        Kaiser (1974): sinc(t) I0(beta sqrt(1 - (t/h)^2))/I0(beta), beta = .1102 (STOP_DB - 8.7), t
-        in places.
+        Kaiser (1974): sinc(t) I0(beta sqrt(1 - (t/h)^2))/I0(beta), beta = 0.1102 (STOP_DB - 8.7),
+        t in positions.
         """
         t = distance * (self.count / pitch)
         root = np.sqrt(np.maximum(1 - (t / self.half_width) ** 2, 0))
@@ -72,30 +72,32 @@ class PatternGrid:
 
 
 def pattern_grid(optics: RayOptics) -> PatternGrid:
-    """The places of a camera; their number follows from 4 f_c p = 2 D p/(lam z2)."""
+    """Return the positions for a camera; their number follows from 4 f_c p = 2 D p/(lam z2)."""
     mla = optics.mla
-    least = 2 * optics.aperture_diameter * mla.pitch / (optics.wavelength * optics.array_distance)
-    count = math.ceil(SPARE * least)
+    min_count = (
+        2 * optics.aperture_diameter * mla.pitch / (optics.wavelength * optics.array_distance)
+    )
+    count = math.ceil(OVERSAMPLING * min_count)
     kinds = 2 if mla.lattice == "hexagonal" else 1
-    return PatternGrid(mla.row_pitch, mla.pitch, kinds, count, count / least)
+    return PatternGrid(mla.row_pitch, mla.pitch, kinds, count, count / min_count)
 
 
 @dataclass(frozen=True, eq=False)
 class Patch:
-    """The part of a picture that is made of the patterns about one lenslet."""
+    """Part of a picture that is composed of the patterns about one lenslet."""
 
     centre: tuple[float, float]  # (y, x) of the lenslet in metres
-    # first, count: first row and column of the lenslets that carry weight, from this one, and how
-    # many; the first row is even
+    # first, count: first row and column of the lenslets with weight, from this one, and their
+    # number; the first row is even
     first: tuple[int, int]
     count: tuple[int, int]
-    y: Vector  # y, x: of the picture's images on the array, from the lenslet, in metres
+    y: Vector  # y, x: positions of the picture's images on the array, from the lenslet, in metres
     x: Vector
-    # how much of each sample of the picture this patch makes; those of all patches add up to 1
+    # fraction of each sample of the picture that this patch makes; the patches add up to 1
     share: Vector
 
     def weights(self, image: Complex, grid: PatternGrid, offset: Vector) -> Complex:
-        """Weights of the lenslets, shape ``count``, for the places at ``offset`` from each.
+        """Compute weights of the lenslets, shape ``count``, for positions at ``offset`` from each.
 
         ``image`` is the picture times ``share``.
         """
@@ -112,12 +114,11 @@ class Patch:
 
 
 def aberrations(optics: RayOptics, plane: PicturePlane, distance: float) -> tuple[float, float]:
-    """Coma and astigmatism in radians at the rim of the main lens, of a point at ``distance``.
+    """Compute coma and astigmatism in radians at the rim of the main lens, for a point.
 
-    The distance X is that of the chief ray from the axis on the array, F here stands for z2.
-
-    The terms X u^3 and X^2 u^2 of both spherical waves' fourth order, k r^4/(8 z^3) (Goodman 2005,
-    sec. 4.2), u = D/2: k X u^3/(2 F) (1/z^2 - 1/F^2) and (3/4) k X^2 u^2/F^2 (1/z + 1/F).
+    Its chief ray meets the array at ``distance`` X from the axis. The terms X u^3 and X^2 u^2 of
+    both spherical waves' fourth order, k r^4/(8 z^3) (Goodman 2005, sec. 4.2), with u = D/2 and
+    F = z2: k X u^3/(2 F) (1/z^2 - 1/F^2) and (3/4) k X^2 u^2/F^2 (1/z + 1/F).
     """
     F, u = optics.array_distance, optics.aperture_diameter / 2
     z, k = optics.object_distance + plane.z, 2 * math.pi / optics.wavelength
@@ -126,26 +127,26 @@ def aberrations(optics: RayOptics, plane: PicturePlane, distance: float) -> tupl
 
 
 def powers(optics: RayOptics, plane: PicturePlane) -> Powers:
-    """Exponents of y and x by which to interpolate the pattern across a picture.
+    """Return exponents of y and x for the interpolation of the pattern across a picture.
 
-    Coma grows with X, astigmatism with X^2; what changes little from the middle of the picture on
-    is left out.
+    Coma grows with X, astigmatism with X^2. Terms that change little from the middle of the picture
+    are omitted.
     """
     y, x = lit_axes(optics, plane)
-    far = max(math.hypot(np.abs(y).max(), np.abs(x).max()), optics.mla.pitch)
+    farthest = max(math.hypot(np.abs(y).max(), np.abs(x).max()), optics.mla.pitch)
     middle = math.hypot((y.max() + y.min()) / 2, (x.max() + x.min()) / 2)
     half = math.hypot(np.ptp(y) / 2, np.ptp(x) / 2)
-    coma, all_astigmatism = aberrations(optics, plane, far)
-    limit = TOLERANCE / PER_RADIAN
-    if coma * half / far + all_astigmatism * (1 - (middle / far) ** 2) <= limit:
+    coma, all_astigmatism = aberrations(optics, plane, farthest)
+    limit = TOLERANCE / CHANGE_PER_RADIAN
+    if coma * half / farthest + all_astigmatism * (1 - (middle / farthest) ** 2) <= limit:
         return CONSTANT
-    if all_astigmatism * (half / far) ** 2 <= limit:
+    if all_astigmatism * (half / farthest) ** 2 <= limit:
         return LINEAR
     return QUADRATIC if coma > limit else EVEN
 
 
 def lit_axes(optics: RayOptics, plane: PicturePlane) -> tuple[Vector, Vector]:
-    """Where the rows and columns that hold light are imaged on the array, y and x in metres."""
+    """Return image positions of the rows and columns with light on the array, y and x in metres."""
     scale = float(optics.array_scale(plane.z))
     lit = plane.image > 0
     return plane.y[lit.any(axis=1)] * scale, plane.x[lit.any(axis=0)] * scale
@@ -154,43 +155,45 @@ def lit_axes(optics: RayOptics, plane: PicturePlane) -> tuple[Vector, Vector]:
 def patches(
     optics: RayOptics, plane: PicturePlane, grid: PatternGrid, monomials: Powers
 ) -> list[Patch]:
-    """The picture as patches, one for each of the lenslets whose patterns are simulated.
+    """Divide the picture into patches, one for each lenslet whose patterns are simulated.
 
-    The pattern changes slowly with X (aberrations): it is interpolated by ``monomials`` through the
-    patterns at as many lenslets, the best of 5 x 5 across the picture (approximate Fekete points:
+    The pattern changes slowly with X (aberrations). It is interpolated by ``monomials`` through the
+    patterns of as many lenslets, the best of 5 x 5 across the picture (approximate Fekete points:
     Sommariva and Vianello 2009).
     """
     scale = float(optics.array_scale(plane.z))
     y, x = plane.y * scale, plane.x * scale
     ys, xs = lit_axes(optics, plane)
-    steps = np.zeros(1) if monomials == CONSTANT else np.linspace(-OUTERMOST, OUTERMOST, 5)
+    steps = (
+        np.zeros(1) if monomials == CONSTANT else np.linspace(-OUTERMOST_NODE, OUTERMOST_NODE, 5)
+    )
     nodes_y, nodes_x = (
         _lenslets(optics, axis, (c.max() + c.min()) / 2 + np.ptp(c) / 2 * steps)
         for axis, c in enumerate((ys, xs))
     )
     unit = max(np.abs(y).max(), np.abs(x).max(), optics.mla.pitch)
     values = _monomials(nodes_y / unit, nodes_x / unit, monomials)
-    chosen = _independent(values)
+    chosen = _independent_rows(values)
     through = np.linalg.pinv(values[chosen])
     shares = _monomials(y / unit, x / unit, monomials) @ through
-    made = []
+    result = []
     for n, node in enumerate(chosen):
         row, column = (
             float(c) for c in (nodes_y[node // nodes_x.size], nodes_x[node % nodes_x.size])
         )
         share = shares[:, n].reshape(y.size, x.size)
-        made.append(_patch(grid, (row, column), (y, x), (ys, xs), share))
-    return made
+        result.append(_patch(grid, (row, column), (y, x), (ys, xs), share))
+    return result
 
 
 def _monomials(y: Vector, x: Vector, exponents: Powers) -> Vector:
-    """y^i x^k at every pair of coordinates, shape (ny nx, monomials)."""
+    """Compute y^i x^k at every pair of coordinates, shape (ny nx, monomials)."""
     return np.stack([np.outer(y**i, x**k).ravel() for i, k in exponents], axis=-1)
 
 
-def _independent(values: Vector) -> list[int]:
-    """Rows of a matrix, as many as its rank, that span the others (QR with pivoting)."""
-    from scipy import linalg  # here, because it takes a while to import
+def _independent_rows(values: Vector) -> list[int]:
+    """Return as many rows of a matrix as its rank that span the others (QR with pivoting)."""
+    from scipy import linalg  # a slow import
 
     _, r, order = linalg.qr(values.T, mode="economic", pivoting=True)
     size = np.abs(np.diag(r))
@@ -215,9 +218,9 @@ def _patch(
 
 
 def _lenslets(optics: RayOptics, axis: int, coordinates: Vector) -> Vector:
-    """Coordinates of the lenslets nearest to some along an axis, each once.
+    """Return coordinates of the lenslets nearest to given ones along an axis, without duplicates.
 
-    On a hexagonal lattice those of an even row.
+    On a hexagonal lattice only even rows count.
     """
     mla = optics.mla
     pitch = (mla.row_pitch, mla.pitch)[axis]

@@ -1,4 +1,4 @@
-"""From the light behind each colour filter to what pixels read, as a linear map."""
+"""Linear map from the light behind each colour filter to the signals of pixels."""
 
 from __future__ import annotations
 
@@ -16,19 +16,19 @@ Values = np.ndarray[Any, np.dtype[np.float64]]
 
 @dataclass(frozen=True)
 class PixelSignals:
-    """What pixels read of the light on them."""
+    """Signals that pixels record of the light on them."""
 
-    pixels: PixelArray  # with its filters and its crosstalk
-    filters: int  # kinds of pixels that the light is added up for
+    pixels: PixelArray  # pixels with their filters and their crosstalk
+    filters: int  # number of kinds of pixels whose light is summed separately
     shape: tuple[int, int]  # (ny, nx) of the sensor
 
     @property
     def is_identity(self) -> bool:
-        """Whether pixels read the light as it is."""
+        """True if signals equal the light."""
         return self.filters == 1 and self.pixels.crosstalk is None
 
     def read(self, light: cla.Array, device: Device) -> cla.Array:
-        """Images that pixels read, shape (batch, ny, nx), of light (filters batch, ny, nx)."""
+        """Compute the pixels' signals, (batch, ny, nx), of light (filters batch, ny, nx)."""
         if self.is_identity:
             return light
         values = device.download(light).reshape(self.filters, -1, *self.shape)
@@ -36,26 +36,26 @@ class PixelSignals:
         return device.upload(np.ascontiguousarray(read, device.real))
 
     def read_values(self, light: Values) -> Values:
-        """`read` of the host: shape (batch, ny, nx), of light (filters, batch, ny, nx)."""
+        """Apply `read` on the host: (batch, ny, nx), of light (filters, batch, ny, nx)."""
         if self.is_identity:
             return light[0]
         signal = np.einsum("fyx,fbyx->byx", self._masks(), light)
-        return np.stack([self.pixels.read(one) for one in signal])
+        return np.stack([self.pixels.read(picture) for picture in signal])
 
     def adjoint(self, images: Values) -> Values:
-        """The transpose of `read`, of the host: shape (filters, batch, ny, nx)."""
-        light = np.stack([self.pixels.read_adjoint(one) for one in images])
+        """Apply the transpose of `read` on the host: shape (filters, batch, ny, nx)."""
+        light = np.stack([self.pixels.read_adjoint(image) for image in images])
         return np.asarray(self._masks()[:, None] * light)
 
     def read_adjoint(self, images: cla.Array, device: Device) -> cla.Array:
-        """The transpose of `read`, shape (filters batch, ny, nx)."""
+        """Apply the transpose of `read`, shape (filters batch, ny, nx)."""
         if self.is_identity:
             return images
         light = self.adjoint(device.download(images).astype(np.float64))
         return device.upload(np.ascontiguousarray(light.reshape(-1, *self.shape), device.real))
 
     def _masks(self) -> Values:
-        """1 on the pixels behind each filter, shape (filters, ny, nx)."""
+        """Return 1 on the pixels behind each filter, shape (filters, ny, nx)."""
         filters, (ny, nx) = self.pixels.filters, self.shape
         if filters is None or self.filters == 1:
             return np.ones((1, ny, nx))

@@ -1,4 +1,4 @@
-"""Raw images of a plenoptic camera by geometrical rays: occlusion, and exact truth."""
+"""Raw images of a plenoptic camera by geometrical rays, with occlusion and ground truth."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from clplen.cameras.exposure.surface_rays import SurfaceRays, well_spread
+from clplen.cameras.exposure.surface_rays import SurfaceRays, spread_points
 from clplen.cameras.optics.camera_aberrations import slopes
 from clplen.cameras.optics.ray_optics import RayOptics, check_in_view, raw_image, view_step
 from clplen.cameras.scenes.ground_truth import Truth
@@ -25,20 +25,20 @@ from clplen.lightfield.raw.raw_image import RawImage
 Vector = np.ndarray[Any, np.dtype[np.float64]]
 Counts = np.ndarray[Any, np.dtype[np.int64]]
 
-MOST_RAYS = 2**16  # of one point
-LEAST_RAYS = 2**8
-ALL_RAYS = 2**23  # of a scene of points, shared among them
-BATCH = 2**20
+MAX_RAYS = 2**16  # maximum rays of one point
+MIN_RAYS = 2**8  # minimum rays of one point
+SCENE_RAYS = 2**23  # rays of a scene, shared among its points
+BATCH_RAYS = 2**20  # rays traced at once
 
 
 def expose_rays(optics: RayOptics, scene: SurfaceScene | Sequence[Source]) -> RawImage:
-    """The raw image of a scene by geometrical optics.
+    """Compute the raw image of a scene by geometrical optics.
 
     A ray from u on the main lens through x on the array meets the sensor at z3 (x - u)/z2 -
     (x - c) z3/f from x, c the centre of its lenslet; with a field lens at -z3 u/z2 - (x - c) z3/f.
-    No diffraction, no wavelength. Of aberrations the slopes of the wavefronts: the main lens' moves
-    x by z2 dW/du, a lenslet's moves the place on the sensor by z3 dW/dx; a `SurfaceScene` takes a
-    moved sensor only.
+    Rays have no diffraction and no wavelength. Slopes of the wavefronts are the only aberrations:
+    the main lens' shifts x by z2 dW/du, a lenslet's shifts the position on the sensor by z3 dW/dx.
+    A `SurfaceScene` supports only a shifted sensor.
     """
     if isinstance(scene, SurfaceScene):
         return _surfaces(optics, scene)
@@ -46,39 +46,40 @@ def expose_rays(optics: RayOptics, scene: SurfaceScene | Sequence[Source]) -> Ra
     for source in scene:
         if isinstance(source, PicturePlane) and source.is_slide:
             raise ValueError(
-                "A picture with mode='transmission' is lit by waves: use model='waves', or "
-                "mode='emission' for a self-luminous one."
+                "Pictures with mode='transmission' require model='waves', got model='rays': use "
+                "model='waves', or mode='emission' for a self-luminous picture."
             )
     points = [s if isinstance(s, PointSources) else s.points() for s in scene]
     for source in points:
         check_in_view(optics, source.positions)
-    count = rays_of_each(sum(len(source) for source in points))
+    count = ray_count(sum(len(source) for source in points))
     for source in points:
         for rays in point_rays(optics, source, count):
-            energy = source.power[rays.which, None] * rays.shares
+            energy = source.power[rays.indices, None] * rays.shares
             hit = rays.pixels >= 0
             image += np.bincount(rays.pixels[hit], energy[hit], image.size).reshape(image.shape)
     return raw_image(optics, optics.device.upload(image.astype(np.float32)), paraxial=True)
 
 
 def check_rays(optics: RayOptics, occluders: Sequence[Occluder]) -> None:
-    """Refuse colour filters and screens, which rays of points and pictures do not know."""
+    """Raise for colour filters and screens, which rays of points and pictures do not support."""
     if optics.filters is not None:
         raise ValueError(
-            "Rays know no wavelengths, and the pixels of this camera have colour filters: use "
+            "model='rays' does not support colour filters, because rays have no wavelength: use "
             "model='waves', or pixels without filters=."
         )
     if occluders:
         raise ValueError(
-            "Rays of points and pictures know no occlusion: use model='waves', or a SurfaceScene."
+            "Rays of points and pictures do not support occluders: use model='waves', or a "
+            "SurfaceScene."
         )
 
 
-# Surfaces: every pixel looks back through its lenslets
+# Surfaces: rays start at every pixel and run back through its lenslets
 
 
 def _surfaces(optics: RayOptics, scene: SurfaceScene) -> RawImage:
-    """The raw image and the truth of a scene of surfaces."""
+    """Compute the raw image and the ground truth of a scene of surfaces."""
     rays = SurfaceRays.of(optics, scene)
     raw = raw_image(optics, optics.device.empty(optics.grid.shape, np.float32), paraxial=True)
     rays.expose(raw.data, rays.tables.texels)
@@ -86,47 +87,47 @@ def _surfaces(optics: RayOptics, scene: SurfaceScene) -> RawImage:
 
 
 def _truth(optics: RayOptics, tables: SurfaceTables) -> Truth:
-    """On the lattice of the lenslets, with z by the optics."""
-    found = centre_truth(tables, optics.mla.count)
-    beta = 1 - found.disparity * (optics.mla.pitch / view_step(optics))
+    """Compute the ground truth on the lattice of the lenslets, with z by the optics."""
+    truth = centre_truth(tables, optics.mla.count)
+    beta = 1 - truth.disparity * (optics.mla.pitch / view_step(optics))
     alpha = beta * (optics.image_distance / optics.array_distance)
-    return replace(found, z=np.asarray(optics.dz(alpha), np.float32))
+    return replace(truth, z=np.asarray(optics.dz(alpha), np.float32))
 
 
-# Points: rays from each of them to the sensor
+# Points: rays start at each point and run to the sensor
 
 
-def rays_of_each(points: int) -> int:
-    """How many rays each of the points of a scene sends."""
-    return min(MOST_RAYS, max(LEAST_RAYS, ALL_RAYS // max(1, points)))
+def ray_count(points: int) -> int:
+    """Return the number of rays for each point of a scene."""
+    return min(MAX_RAYS, max(MIN_RAYS, SCENE_RAYS // max(1, points)))
 
 
 @dataclass(frozen=True, eq=False)
 class Rays:
-    """Rays of some points and where they meet the sensor."""
+    """Rays of points and the pixels that they meet."""
 
-    which: Counts  # which points, int64, shape (n,)
-    pixels: Counts  # of the sensor, row by row, -1 for rays that meet none, int64, shape (n, count)
-    shares: Vector  # of the point's energy that each carries, shape (n, count)
+    indices: Counts  # indices of the points, int64, shape (n,)
+    pixels: Counts  # pixel of each ray, row by row, -1 for none, int64, shape (n, count)
+    shares: Vector  # fraction of the point's energy that each ray carries, shape (n, count)
 
 
 def point_rays(optics: RayOptics, source: PointSources, count: int) -> Iterator[Rays]:
-    """The rays of points in batches."""
-    spread = well_spread(count, 4)
-    turns = well_spread(len(source), 4)
-    places = optics.on_array(source.positions)[:, ::-1]  # (y, x)
+    """Trace the rays of points in batches."""
+    spread = spread_points(count, 4)
+    turns = spread_points(len(source), 4)
+    images_on_array = optics.on_array(source.positions)[:, ::-1]  # (y, x)
     scale = np.abs(optics.array_scale(source.positions[:, 2]))
     beta = np.atleast_1d(optics.array_alpha(source.positions[:, 2]))
     images = optics.image_of(source.positions)[:, ::-1]
-    step = max(1, BATCH // count)
+    step = max(1, BATCH_RAYS // count)
     for first in range(0, len(source), step):
         part = slice(first, first + step)
         sample = (spread[None] + turns[part, None]) % 1
         on_disc = _disc(sample[..., :2])
         wavefront = _main_lens(optics, on_disc, images[part])
         u = (on_disc + wavefront.centre) * optics.aperture_diameter / 2
-        moved = _disc(sample[..., 2:]) * (source.diameter / 2 * scale[part])[:, None, None]
-        x = places[part, None] + moved + u * (1 - beta[part])[:, None, None]
+        source_offset = _disc(sample[..., 2:]) * (source.diameter / 2 * scale[part])[:, None, None]
+        x = images_on_array[part, None] + source_offset + u * (1 - beta[part])[:, None, None]
         x += optics.array_distance * wavefront.slopes
         shares = np.broadcast_to(wavefront.passed, u.shape[:2]) / count
         pixels = _pixels(optics, x.reshape(-1, 2), u.reshape(-1, 2)).reshape(u.shape[:2])
@@ -135,22 +136,22 @@ def point_rays(optics: RayOptics, source: PointSources, count: int) -> Iterator[
 
 @dataclass(frozen=True)
 class _MainLens:
-    """What the main lens does to rays of points, beside that of a thin lens."""
+    """Departure of the main lens from a thin lens, for rays of points."""
 
-    slopes: Any = 0.0  # (y, x) that are added to the rays', shape (n, count, 2) or 0
-    # of the pupil on the aperture, (y, x) as fractions of its radius, shape (n, 1, 2) or 0
+    slopes: Any = 0.0  # slopes (y, x) added to the rays', shape (n, count, 2) or 0
+    # pupil's centre on the aperture, (y, x) as fractions of its radius, shape (n, 1, 2) or 0
     centre: Any = 0.0
-    passed: Any = 1.0  # share of the energy of each ray, shape (n, count) or 1
+    passed: Any = 1.0  # transmitted fraction of the energy of each ray, shape (n, count) or 1
 
 
 def _main_lens(optics: RayOptics, on_disc: Vector, images: Vector) -> _MainLens:
-    """For rays from places (y, x) of the pupil, shape (n, count, 2), to images, shape (n, 2)."""
+    """Return departures for rays from the pupil, (n, count, 2), to images, (n, 2), all (y, x)."""
     aberrations, maps = optics.aberrations, optics.aberrations.main_lens_opd
     if not aberrations.bends_main_lens:
         return _MainLens()
-    radius, found, centres, shares = optics.aperture_diameter / 2, [], [], []
-    for places, image in zip(on_disc, images, strict=True):
-        v, u = np.moveaxis(places, -1, 0)
+    radius, bends, centres, shares = optics.aperture_diameter / 2, [], [], []
+    for pupil_positions, image in zip(on_disc, images, strict=True):
+        v, u = np.moveaxis(pupil_positions, -1, 0)
         y, x = (float(at) for at in image)
         centre = (0.0, 0.0) if maps is None else maps.pupil_centre(y, x, optics.wavelength)
         beyond = np.maximum(np.hypot(v + centre[0], u + centre[1]), 1)
@@ -161,31 +162,31 @@ def _main_lens(optics: RayOptics, on_disc: Vector, images: Vector) -> _MainLens:
             moved = np.subtract(maps.chief_ray(y, x, optics.wavelength), (y, x))
             bent += np.stack(of_maps, axis=-1) / radius + moved / optics.image_distance
             shares.append(maps.transmission(y, x, optics.wavelength, v, u))
-        found.append(bent)
+        bends.append(bent)
         centres.append([centre])
     passed: Any = np.stack(shares) if shares else 1.0
-    return _MainLens(np.stack(found), np.array(centres), passed)
+    return _MainLens(np.stack(bends), np.array(centres), passed)
 
 
 def _pixels(optics: RayOptics, x: Vector, u: Vector) -> Counts:
-    """Pixels that rays from u on the lens to x on the array meet, -1 for none, shape (n,)."""
+    """Return the pixels that rays from u on the lens to x on the array meet, -1 for none, (n,)."""
     bend, passes = _lenslet_bend(optics, x)
     slope = ((0.0 if optics.field_lens else x) - u) / optics.array_distance
     slope, tilt = slope + bend, optics.aberrations.sensor_tilt
     farther = (x @ tilt + optics.sensor_distance * (slope @ tilt)) / (1 - slope @ tilt)
     at = x + (optics.sensor_distance + farther[:, None]) * slope  # farther = at @ tilt
     ny, nx = optics.grid.shape
-    place = np.rint((at - optics.grid.origin) / optics.grid.pitch).astype(np.int64)
-    place += (ny // 2, nx // 2)
-    passes &= ((place >= 0) & (place < (ny, nx))).all(axis=-1)
-    return np.where(passes, place @ (nx, 1), -1)
+    pixel = np.rint((at - optics.grid.origin) / optics.grid.pitch).astype(np.int64)
+    pixel += (ny // 2, nx // 2)
+    passes &= ((pixel >= 0) & (pixel < (ny, nx))).all(axis=-1)
+    return np.where(passes, pixel @ (nx, 1), -1)
 
 
 def _lenslet_bend(optics: RayOptics, x: Vector) -> tuple[Vector, Any]:
-    """Slopes (y, x) that lenslets add at places (y, x) on the array; whether light passes there."""
+    """Return slopes (y, x) that lenslets add at (y, x) on the array, and a mask of passing rays."""
     mla = optics.mla
     cos, sin = math.cos(mla.rotation), math.sin(mla.rotation)
-    turned = np.array([[cos, -sin], [sin, cos]])  # (y, x) of the array from those of the lattice
+    turned = np.array([[cos, -sin], [sin, cos]])  # lattice to array coordinates, (y, x)
     lenslet, from_centre, inside = _nearest_lenslet(mla, (x - mla.offset) @ turned.T)
     down, right = from_centre.T
     bend = np.stack(mla.bend(lenslet, down, right, optics.wavelength), axis=-1)
@@ -201,12 +202,12 @@ def _lenslet_bend(optics: RayOptics, x: Vector) -> tuple[Vector, Any]:
 
 
 def _nearest_lenslet(mla: Any, local: Vector) -> tuple[Any, Vector, Any]:
-    """The lenslet nearest to places (y, x) along the lattice.
+    """Return the lenslet nearest to positions (y, x) along the lattice.
 
-    Its index, row times columns plus column; the places from its centre; and whether there is one.
+    Returns row times columns plus column, positions from its centre, and a mask of hits.
     """
     ny, nx = mla.count
-    best, off = np.zeros_like(local), np.full(len(local), np.inf)
+    best, nearest = np.zeros_like(local), np.full(len(local), np.inf)
     inside, index = np.zeros(len(local), bool), np.zeros(len(local), np.int64)
     near = np.floor(local[:, 0] / mla.row_pitch + (ny - 1) / 2)
     for row in (near, near + 1):
@@ -216,16 +217,16 @@ def _nearest_lenslet(mla: Any, local: Vector) -> tuple[Any, Vector, Any]:
             [(row - (ny - 1) / 2) * mla.row_pitch, (column + shift - (nx - 1) / 2) * mla.pitch], -1
         )
         distance = np.hypot(*(local - centre).T)
-        closer = distance < off
-        best[closer], off[closer] = centre[closer], distance[closer]
-        there = (row >= 0) & (row < ny) & (column >= 0) & (column < nx)
-        inside[closer] = there[closer]
-        index[closer] = np.where(there, row * nx + column, 0)[closer]
+        closer = distance < nearest
+        best[closer], nearest[closer] = centre[closer], distance[closer]
+        exists = (row >= 0) & (row < ny) & (column >= 0) & (column < nx)
+        inside[closer] = exists[closer]
+        index[closer] = np.where(exists, row * nx + column, 0)[closer]
     return index, local - best, inside
 
 
 def _in_aperture(mla: Any, from_centre: Vector) -> Any:
-    """Whether places (y, x) from a lenslet's centre, along the lattice, lie in its aperture."""
+    """Return True for (y, x) from a lenslet's centre, along the lattice, in its aperture."""
     y, x = np.abs(from_centre).T
     half = mla.diameter / 2
     if mla.fill == "circular":
@@ -236,6 +237,6 @@ def _in_aperture(mla: Any, from_centre: Vector) -> Any:
 
 
 def _disc(square: Vector) -> Vector:
-    """From the unit square to the unit disc, areas kept, shape (..., 2)."""
+    """Map the unit square to the unit disc, with equal areas, shape (..., 2)."""
     radius, angle = np.sqrt(square[..., 0]), 2 * np.pi * square[..., 1]
     return np.stack([radius * np.cos(angle), radius * np.sin(angle)], axis=-1)

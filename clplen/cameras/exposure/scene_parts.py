@@ -1,4 +1,4 @@
-"""Scenes as linear maps see them: points with the wavelengths that they are exposed by."""
+"""Scenes as input of linear maps: points and the wavelengths that expose them."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 import pyopencl.array as cla
 
-from clplen.cameras.exposure.ray_exposure import check_rays, point_rays, rays_of_each
+from clplen.cameras.exposure.ray_exposure import check_rays, point_rays, ray_count
 from clplen.cameras.exposure.source_images import SourceImages, local_images, point_images
 from clplen.cameras.exposure.spectral_exposure import spectral_lines
 from clplen.cameras.exposure.wave_exposure import (
@@ -35,63 +35,63 @@ Maker = Callable[[Any, PointSources], Iterator[SourceImages]]
 class RayImages:
     """Images of points by rays; see `SourceImages`."""
 
-    which: Counts  # which points of a scene, int64, shape (n,)
+    indices: Counts  # indices of the points in a scene, int64, shape (n,)
     matrix: Any  # float64, shape (n, pixels)
     device: Device
 
     @property
     def nbytes(self) -> int:
-        """Bytes on the host."""
+        """Number of bytes on the host."""
         parts = (self.matrix.data, self.matrix.indices, self.matrix.indptr)
         return sum(int(part.nbytes) for part in parts)
 
     def add(self, totals: cla.Array, energies: Values) -> None:
-        """As of `SourceImages`."""
+        """Implement `SourceImages.add`."""
         images = (self.matrix.T @ energies.T).T  # (batch, pixels)
         _, _, nx = totals.shape
         picture = self.device.upload(np.ascontiguousarray(images, totals.dtype).reshape(-1, nx))
         add_scaled(totals.reshape(-1, nx), picture, 1.0, self.device)
 
     def inner(self, pictures: cla.Array) -> Values:
-        """As of `SourceImages`."""
+        """Implement `SourceImages.inner`."""
         flat = self.device.download(pictures).reshape(pictures.shape[0], -1)
         return np.asarray((self.matrix @ flat.T.astype(np.float64)).T)
 
 
 def ray_images(optics: RayOptics, points: PointSources, count: int) -> Iterator[RayImages]:
-    """Images of points by ``count`` rays each, some at a time."""
+    """Yield images of points by ``count`` rays each, in batches."""
     from scipy import sparse  # a slow import
 
     ny, nx = optics.grid.shape
     for rays in point_rays(optics, points, count):
-        rows = np.broadcast_to(np.arange(len(rays.which))[:, None], rays.pixels.shape)
+        rows = np.broadcast_to(np.arange(len(rays.indices))[:, None], rays.pixels.shape)
         hit = rays.pixels >= 0
         entries = (rays.shares[hit], (rows[hit], rays.pixels[hit]))
-        matrix = sparse.coo_matrix(entries, shape=(len(rays.which), ny * nx)).tocsr()
-        yield RayImages(rays.which, matrix, optics.device)
+        matrix = sparse.coo_matrix(entries, shape=(len(rays.indices), ny * nx)).tocsr()
+        yield RayImages(rays.indices, matrix, optics.device)
 
 
 @dataclass(frozen=True, eq=False)
 class SceneLine:
-    """One wavelength by which some points are exposed."""
+    """Wavelength and weights of an exposure of points."""
 
-    optics: Any  # at that wavelength
+    optics: Any  # camera at that wavelength
     # signal of a unit of energy of each channel behind each filter, shape (channels, filters)
     weights: Values
 
 
 @dataclass(frozen=True, eq=False)
 class ScenePart:
-    """A member of a scene."""
+    """Points of a member of a scene, with their wavelengths."""
 
-    points: PointSources  # of it; for pictures those of the samples that send light
-    # which of the member's values each point has, before its channels, int64, shape (n,)
-    places: Counts
-    shape: tuple[int, ...]  # of the member's values, channels last where there are several
+    points: PointSources  # points of the member; for pictures the samples that send light
+    # index of each point among the member's values, before its channels, int64, shape (n,)
+    indices: Counts
+    shape: tuple[int, ...]  # shape of the member's values; several channels are the last axis
     channels: int
     lines: tuple[SceneLine, ...]
     route: str
-    # of images of the points, of the optics of a line and the points; of a microscope
+    # function that computes images from the optics of a line and points; for a microscope
     maker: Maker | None = None
 
     @classmethod
@@ -102,7 +102,7 @@ class ScenePart:
         route: str,
         maker: Maker | None = None,
     ) -> ScenePart:
-        """The part that a source makes."""
+        """Return the part of a source."""
         if isinstance(source, PointSources):
             count = len(source)
             return cls(source, np.arange(count), (count,), 1, tuple(lines), route, maker)
@@ -112,105 +112,106 @@ class ScenePart:
 
     @property
     def size(self) -> int:
-        """Values of it."""
+        """Number of values."""
         return int(np.prod(self.shape))
 
     def energies(self, values: Values) -> Values:
-        """Of the points and channels, shape (batch, n, channels), of values (batch, size)."""
-        return values.reshape(len(values), -1, self.channels)[:, self.places]
+        """Return energies (batch, n, channels) of points and channels from values (batch, size)."""
+        return values.reshape(len(values), -1, self.channels)[:, self.indices]
 
     def spread(self, values: Values) -> Values:
-        """Values (n, channels) of the points among all of the member's, raveled, 0 elsewhere."""
-        whole = np.zeros((self.size // self.channels, self.channels))
-        whole[self.places] = values
-        return whole.ravel()
+        """Return all values of the member, raveled, from (n, channels) of its points, else 0."""
+        member_values = np.zeros((self.size // self.channels, self.channels))
+        member_values[self.indices] = values
+        return member_values.ravel()
 
     def images(self, line: SceneLine, all_points: int) -> Iterator[SourceImages]:
-        """Images of the points at one of the wavelengths, some at a time."""
+        """Yield images of the points at a wavelength, in batches."""
         if self.maker is not None:
             return self.maker(line.optics, self.points)
         if self.route == "rays":
-            return ray_images(line.optics, self.points, rays_of_each(all_points))
+            return ray_images(line.optics, self.points, ray_count(all_points))
         makers = {"points": point_images, "local": local_images}
         return makers[self.route](line.optics, self.points)
 
 
 class SceneImages:
-    """Images of all points of a scene at all wavelengths, which are kept where they fit."""
+    """Images of all points of a scene at all wavelengths, stored if they fit the memory."""
 
     def __init__(self, parts: tuple[ScenePart, ...], memory: int) -> None:
         self.parts, self.memory = parts, memory
         self._kept: list[tuple[int, SceneLine, SourceImages]] | None = None
 
     def __getstate__(self) -> dict[str, Any]:
-        """Without images on a device, which are made again when needed."""
+        """Return the state without images on a device, which are computed again on demand."""
         return self.__dict__ | {"_kept": None}
 
     def __iter__(self) -> Iterator[tuple[int, SceneLine, SourceImages]]:
-        """Parts by their numbers, wavelengths, and images of some of the points."""
+        """Yield the index of a part, a wavelength, and images of a batch of points."""
         if self._kept is not None:
             yield from self._kept
             return
-        kept: list[tuple[int, SceneLine, SourceImages]] | None = []
+        stored: list[tuple[int, SceneLine, SourceImages]] | None = []
         count, nbytes = sum(len(part.points) for part in self.parts), 0
         for index, line in self.lines():
             for images in self.parts[index].images(line, count):
                 nbytes += images.nbytes
-                if kept is not None:
-                    kept = None if nbytes > self.memory else [*kept, (index, line, images)]
+                if stored is not None:
+                    stored = None if nbytes > self.memory else [*stored, (index, line, images)]
                 yield index, line, images
-        self._kept = kept
+        self._kept = stored
 
     def lines(self) -> Iterator[tuple[int, SceneLine]]:
-        """Parts by their numbers, and their wavelengths."""
+        """Yield the index of a part and a wavelength."""
         for index, part in enumerate(self.parts):
             for line in part.lines:
                 yield index, line
 
     def energies(self, values: Values, index: int) -> Values:
-        """Energies (batch, n, channels) of a part's points, of all values (batch, size)."""
+        """Return energies (batch, n, channels) of a part's points, of all values (batch, size)."""
         first = sum(part.size for part in self.parts[:index])
         part = self.parts[index]
         return part.energies(values[:, first : first + part.size])
 
     @property
     def nbytes(self) -> int:
-        """Bytes of the images that are kept now."""
+        """Bytes of the images that are stored at present."""
         return sum(images.nbytes for _, _, images in self._kept or [])
 
 
 def wave_parts(
     optics: WaveOptics, sources: Sequence[Source], coherence: Coherence | None, method: Method
 ) -> list[ScenePart]:
-    """Points and self-luminous pictures exposed by waves."""
+    """Return points and self-luminous pictures exposed by waves."""
     if method not in ("auto", "points", "local"):
         raise ValueError(
-            f"The method of a linear map is 'auto', 'points' or 'local', not {method!r}: patterns "
-            "that repeat are for one exposure."
+            f"method must be 'auto', 'points' or 'local' for a linear map, got {method!r}: the "
+            "patterns of 'isoplanatic' apply to a single exposure."
         )
-    _refuse_slides(sources)
+    _reject_slides(sources)
     light = Light(coherence, True, {})
     light.check(0)
     check_occluders(optics, method, has_slides=False)
     local = is_local(optics, method)
     parts = []
     for source in sources:
-        found = _lines(optics, source, light)
-        for line in (found[0], found[-1]):
+        lines = _lines(optics, source, light)
+        for line in (lines[0], lines[-1]):
             check_positions(line.optics, source, local=local, slide=False)
-        parts.append(ScenePart.of(source, found, "local" if local else "points"))
+        parts.append(ScenePart.of(source, lines, "local" if local else "points"))
     return parts
 
 
 def ray_parts(
     optics: WaveOptics, sources: Sequence[Source], coherence: Coherence | None, method: Method
 ) -> list[ScenePart]:
-    """Points and self-luminous pictures exposed by rays."""
-    _refuse_slides(sources)
+    """Return points and self-luminous pictures exposed by rays."""
+    _reject_slides(sources)
     check_rays(optics, optics.occluders)
     if coherence is not None or method != "auto":
         raise ValueError(
-            "coherence and method are for model='waves': rays are incoherent and of one kind."
+            "coherence and method require model='waves': leave them out, because rays are "
+            "incoherent and have one method."
         )
     parts = []
     for source in sources:
@@ -225,22 +226,22 @@ def ray_parts(
 def microscope_parts(
     sources: Sequence[Any], lines: Sequence[tuple[float, float]], camera: Any, maker: Maker
 ) -> list[ScenePart]:
-    """Points exposed by a `Microscope`, at wavelengths with their shares of the energy."""
+    """Return points exposed by a `Microscope` at wavelengths with fractions of the energy."""
     if not all(isinstance(source, PointSources) for source in sources):
         raise ValueError(
-            "A microscope exposes PointSources, no pictures: give points, or project a volume "
-            "(clplen.microscopy.Projector)."
+            "A microscope exposes PointSources only: replace pictures by points, or project a "
+            "volume (clplen.microscopy.Projector)."
         )
-    found = [
+    scene_lines = [
         SceneLine(replace(camera, wavelength=wavelength), np.array([[share]]))
         for wavelength, share in lines
     ]
     for source in sources:
         camera.window(source)
-    return [ScenePart.of(source, found, "microscope", maker) for source in sources]
+    return [ScenePart.of(source, scene_lines, "microscope", maker) for source in sources]
 
 
-def _refuse_slides(sources: Sequence[Source]) -> None:
+def _reject_slides(sources: Sequence[Source]) -> None:
     if any(isinstance(source, PicturePlane) and source.is_slide for source in sources):
         raise ValueError(
             "The raw image of a slide is not linear in its transmittance: use PointSources, or "
@@ -249,7 +250,7 @@ def _refuse_slides(sources: Sequence[Source]) -> None:
 
 
 def _lines(optics: WaveOptics, source: Source, light: Light) -> list[SceneLine]:
-    """The wavelengths of a source, from the longest to the shortest or the other way."""
+    """Return the wavelengths of a source in ascending or descending order."""
     if optics.filters is None and source.spectra is None:
         return [
             SceneLine(replace(optics, wavelength=wavelength), np.array([[share]]))

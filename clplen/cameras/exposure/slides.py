@@ -1,4 +1,4 @@
-"""Transparent pictures before a camera: lit by partially coherent light, one field a snapshot."""
+"""Exposure of transparent pictures by partially coherent light, one field for each snapshot."""
 
 from __future__ import annotations
 
@@ -19,27 +19,27 @@ from clplen.wave.elements.transparency import transparency
 from clplen.wave.field.field import Field
 from clplen.wave.field.intensity import MeanIntensity
 
-MASK_TRANSFORMS = 2  # of the field of a random source
+MASK_TRANSFORMS = 2  # Fourier transforms of the field of a random source
 
 
 @dataclass(frozen=True)
 class SlidePath:
-    """From a slide to the sensor of a camera, as a system for `Coherence.average`."""
+    """Path from a slide to the sensor of a camera, a system for `Coherence.average`."""
 
     optics: WaveOptics
-    dz: float  # of the slide, in metres from the focused plane
-    koehler: bool  # whether the light converges on the main lens
-    # of the ways to the array and to the sensor; to the lens 1 with ``koehler``, whose light stays
-    # in the window, else 2
+    dz: float  # distance of the slide from the focused plane in metres
+    koehler: bool  # True if the light converges on the main lens
+    # padding factors to the array and to the sensor; the factor to the lens is 1 with ``koehler``,
+    # whose light stays in the window, else 2
     padding: tuple[int, int]
 
     @property
     def z(self) -> float:
-        """From the slide to the main lens in metres."""
+        """Distance from the slide to the main lens in metres."""
         return self.optics.object_distance + self.dz
 
     def __call__(self, lit: Field) -> Field:
-        """The field on the sensor of a slide that is lit, at the field's wavelength."""
+        """Propagate the field of an illuminated slide to the sensor, at the field's wavelength."""
         optics = replace(self.optics, wavelength=lit.wavelength)
         if self.koehler:
             lit = thin_lens(lit, self.z)
@@ -51,20 +51,19 @@ class SlidePath:
 
 
 def _slide_path(optics: WaveOptics, plane: PicturePlane, koehler: bool) -> SlidePath:
-    """The path of a slide's light, padded where it would leave the window."""
+    """Return the path of a slide's light, padded if it would leave the window."""
     if optics.aberrations.varies:
         raise ValueError(
-            "The light of a slide is one field, whose points have no wavefronts of their own: "
-            "leave main_lens_field and OPD maps of several fields out, or use mode='emission'."
+            "A slide's light is one field, without a wavefront for each point: leave out "
+            "main_lens_field and OPD maps of several fields, or use mode='emission'."
         )
     return SlidePath(optics, plane.z, koehler, optics.padding(plane.corners().positions))
 
 
 def slide_field(optics: WaveOptics, plane: PicturePlane) -> Field:
-    """The amplitude transmission of a slide on the grid of a camera.
+    """Return the amplitude transmission of a slide on the grid of a camera.
 
-    Its square root is scaled so that a clear sample of the slide, lit by unit intensity, has the
-    energy 1.
+    It is scaled so that a clear sample, illuminated by unit intensity, has the energy 1.
     """
     grid, device = optics.grid, optics.device
     unit = np.full(grid.shape, grid.pitch[1] / plane.pitch)
@@ -80,7 +79,7 @@ def light_slide(
     averaging: dict[str, Any],
     progress: Progress | None,
 ) -> tuple[MeanIntensity, Exposure]:
-    """The raw image of one slide, and how it was found."""
+    """Compute the raw image of one slide, and a report of its exposure."""
     path, field = _slide_path(optics, slide, koehler), slide_field(optics, slide)
     if light.spatial is not None:
         focus = path.z if koehler else math.inf
@@ -90,7 +89,7 @@ def light_slide(
 
 
 def _report(path: SlidePath, mean: MeanIntensity, coherence: Coherence, lines: int) -> Exposure:
-    """How a slide was exposed."""
+    """Return the report of a slide's exposure."""
     fields = mean.snapshots * lines if coherence.is_random else lines
     shape = path.optics.grid.shape
     pads = (1 if path.koehler else 2, *path.padding)

@@ -1,10 +1,10 @@
-"""Wavelengths by which sources are exposed, and the energy of each behind each colour filter.
+"""Wavelengths that expose sources, and their energy behind each colour filter.
 
-How many: images of a point by a camera of one dimension (cylindrical_twin.py) at `PLACES`
-wavelengths tell, without a simulation of the camera itself, how the raw image by n wavelengths
-differs from that by `MOST`, on average over places beside a lenslet's middle. The raw
-image of a point by n wavelengths is then right to 1e-3 (claims "color"), but for points in the
-middle of an f/2 lenslet, with up to 1.6e-3.
+The number of wavelengths follows from a one-dimensional camera (cylindrical_twin.py), without a
+simulation of the camera itself. Its images of a point at TWIN_WAVELENGTHS wavelengths give the
+difference between raw images by n and by MAX_WAVELENGTHS wavelengths, averaged over positions
+beside a lenslet's middle. The raw image of a point by n wavelengths is then right to 1e-3 (claims
+"color"), except for points in the middle of an f/2 lenslet, with up to 1.6e-3.
 """
 
 from __future__ import annotations
@@ -27,28 +27,28 @@ from clplen.wave.spectrum.spectrum import Spectrum
 
 Values = np.ndarray[Any, np.dtype[np.float64]]
 
-TOLERANCE = 1e-3  # L2, of the raw image of a point from that by MOST wavelengths
-PICTURE_TOLERANCE = 3e-3  # of a point of a picture of many, where a wavelength takes a minute
-MANY = 256  # samples of a picture that send light
-MOST = 41  # wavelengths
-PLACES = 48  # wavelengths between which the twin's images are interpolated
+POINT_TOLERANCE = 1e-3  # maximum L2 error of a point's raw image, relative to MAX_WAVELENGTHS
+PICTURE_TOLERANCE = 3e-3  # maximum L2 error for points of large pictures, a minute a wavelength
+MAX_EXACT_SAMPLES = 256  # luminous samples of a picture above which PICTURE_TOLERANCE applies
+MAX_WAVELENGTHS = 41  # maximum number of wavelengths
+TWIN_WAVELENGTHS = 48  # wavelengths between which the twin's images are interpolated
 
 
 @dataclass(frozen=True)
 class SpectralLine:
-    """One wavelength by which a source is exposed."""
+    """Wavelength and weights of an exposure of a source."""
 
     wavelength: float  # in metres
-    # signal of a unit of energy of each channel of the source behind each filter, shape (channels,
-    # filters); one filter where there are none. Some may be below 0
+    # signal of a unit of energy of each channel behind each filter, shape (channels, filters); one
+    # filter if the pixels have none. Weights may be negative
     weights: Values
 
 
 def spectral_lines(
     optics: WaveOptics, source: Source, coherence: Coherence | None
 ) -> list[SpectralLine]:
-    """The wavelengths by which a self-luminous source is exposed."""
-    spectra, filters = _spectra_of(source, coherence, optics.wavelength), optics.filters
+    """Return the wavelengths that expose a self-luminous source."""
+    spectra, filters = _channel_spectra(source, coherence, optics.wavelength), optics.filters
     positions = (source.corners() if isinstance(source, PicturePlane) else source).positions
     check_in_view(replace(optics, wavelength=spectra[0].centre), positions)
     if filters is None:
@@ -56,42 +56,48 @@ def spectral_lines(
     else:
         signal = signal_of(filters, spectra, optics.wavelength)
         _require_signal(signal, spectra, filters)
-    given = None if coherence is None else coherence.wavelengths
+    count = None if coherence is None else coherence.wavelengths
     depths = positions[:, 2].tolist()
-    n = given or wavelengths_needed(optics, depths, signal, tolerance=_tolerance(source))
+    n = count or wavelengths_needed(optics, depths, signal, tolerance=_tolerance(source))
     wavelengths, weights = signal.rule(n)
     return [SpectralLine(float(lam), w) for lam, w in zip(wavelengths, weights, strict=True)]
 
 
 def _tolerance(source: Source) -> float:
-    many = isinstance(source, PicturePlane) and np.count_nonzero(source.energy) > MANY
-    return PICTURE_TOLERANCE if many else TOLERANCE
+    is_large = (
+        isinstance(source, PicturePlane) and np.count_nonzero(source.energy) > MAX_EXACT_SAMPLES
+    )
+    return PICTURE_TOLERANCE if is_large else POINT_TOLERANCE
 
 
 def wavelengths_needed(
-    optics: WaveOptics, depths: Sequence[float], signal: Signal, *, tolerance: float = TOLERANCE
+    optics: WaveOptics,
+    depths: Sequence[float],
+    signal: Signal,
+    *,
+    tolerance: float = POINT_TOLERANCE,
 ) -> int:
-    """By how many wavelengths the raw image of a point is right to a tolerance."""
+    """Return the number of wavelengths that keeps a point's raw image within a tolerance."""
     low, high = signal.band
     if high - low <= 1e-9 * high:
         return 1
     blurred = [abs(1 - float(optics.array_alpha(dz))) for dz in depths]
     chosen = {min(depths), max(depths), depths[int(np.argmin(blurred))]}
-    t = np.cos(np.pi * (np.arange(PLACES) + 0.5) / PLACES)
+    t = np.cos(np.pi * (np.arange(TWIN_WAVELENGTHS) + 0.5) / TWIN_WAVELENGTHS)
     nu = (low + high) / 2 + (high - low) / 2 * t
     images = [point_images(optics, dz, nu / C) for dz in sorted(chosen)]
     shares = _shares(optics)
-    expected = [_white(signal, MOST, nu, image) * shares for image in images]
-    for n in range(MOST - 1, 0, -1):
-        for image, wanted in zip(images, expected, strict=True):
-            apart = np.linalg.norm(_white(signal, n, nu, image) * shares - wanted)
-            if apart > tolerance * np.linalg.norm(wanted):
+    expected = [_filtered_images(signal, MAX_WAVELENGTHS, nu, image) * shares for image in images]
+    for n in range(MAX_WAVELENGTHS - 1, 0, -1):
+        for image, reference in zip(images, expected, strict=True):
+            difference = np.linalg.norm(_filtered_images(signal, n, nu, image) * shares - reference)
+            if difference > tolerance * np.linalg.norm(reference):
                 return n + 1
     return 1
 
 
 def _shares(optics: WaveOptics) -> Values:
-    """Square roots of the shares of the pixels that filters have, shape (filters, 1)."""
+    """Return square roots of the filters' fractions of the pixels, shape (filters, 1)."""
     filters = optics.filters
     if filters is None:
         return np.ones((1, 1))
@@ -99,13 +105,13 @@ def _shares(optics: WaveOptics) -> Values:
     return np.asarray(np.sqrt(counts / filters.index.size)[:, None])
 
 
-def _white(signal: Signal, n: int, nu: Values, images: Values) -> Values:
-    """Images by n wavelengths behind each filter, from images at Chebyshev's frequencies."""
+def _filtered_images(signal: Signal, n: int, nu: Values, images: Values) -> Values:
+    """Compute images by n wavelengths behind each filter, from images at Chebyshev nodes."""
     wavelengths, weights = signal.rule(n)
     k = np.arange(len(nu))
     signs = (-1.0) ** k * np.sin(np.pi * (k + 0.5) / len(nu))  # Berrut and Trefethen 2004, eq. 5.4
-    apart = C / wavelengths[:, None] - nu
-    parts = signs / np.where(apart == 0, 1e-9, apart)
+    difference = C / wavelengths[:, None] - nu
+    parts = signs / np.where(difference == 0, 1e-9, difference)
     at_nodes = (parts / parts.sum(axis=1, keepdims=True)) @ images
     return np.asarray(weights.sum(axis=1).T @ at_nodes)
 
@@ -113,24 +119,24 @@ def _white(signal: Signal, n: int, nu: Values, images: Values) -> Values:
 def energies_by_pixel(
     filters: ColorFilterArray | None, powers: Values, line: SpectralLine
 ) -> Values:
-    """The signal that points send to the pixels of a tile."""
-    found = powers @ line.weights
+    """Compute the signal of points on the pixels of a tile."""
+    signals = powers @ line.weights
     if filters is None or filters.mosaic is None:
-        return np.asarray(found[:, 0])
-    return np.asarray(found[:, filters.index])
+        return np.asarray(signals[:, 0])
+    return np.asarray(signals[:, filters.index])
 
 
 def add_by_tile(image: Values, picture: Values, tile: Values) -> None:
-    """Add a picture times factors that repeat from pixel (0, 0) on to an image."""
+    """Add a picture to an image, times factors that repeat from pixel (0, 0) on."""
     down, across = tile.shape
     for y, x in np.ndindex(down, across):
         image[y::down, x::across] += tile[y, x] * picture[y::down, x::across]
 
 
-def _spectra_of(
+def _channel_spectra(
     source: Source, coherence: Coherence | None, wavelength: float
 ) -> Sequence[Spectrum]:
-    """One a channel."""
+    """Return a spectrum for each channel."""
     if source.spectra is not None:
         return source.spectra
     if coherence is not None and coherence.spectrum is not None:
@@ -146,6 +152,6 @@ def _require_signal(signal: Signal, spectra: Sequence[Spectrum], filters: ColorF
         low, high = min(lam[0] for lam in lit), max(lam[-1] for lam in lit)
         which = f"channel {number} of the picture" if len(spectra) > 1 else "this source"
         raise ValueError(
-            f"No filter sees the light of {which}, about {spectrum.centre * 1e9:.4g} nm: the "
-            f"sensitivities reach from {low * 1e9:.4g} to {high * 1e9:.4g} nm."
+            f"No colour filter transmits the light of {which}, about {spectrum.centre * 1e9:.4g} "
+            f"nm: extend the sensitivities, {low * 1e9:.4g} to {high * 1e9:.4g} nm."
         )

@@ -1,4 +1,4 @@
-"""Rays of a camera's pixels, backwards through its lenslets, to the surfaces of a scene."""
+"""Rays of a camera's pixels, traced back through its lenslets to the surfaces of a scene."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from clplen.cameras.optics.lenslet_camera import lenslet_grid
 from clplen.cameras.optics.ray_optics import RayOptics, view_step
 from clplen.cameras.scenes.surface_scene import (
     FAR,
-    MARGIN,
+    MARGIN_PIXELS,
     SurfaceScene,
     SurfaceTables,
     surface_tables,
@@ -22,38 +22,38 @@ from clplen.lightfield.raw.lenslet_grid import LensletGrid
 
 Vector = np.ndarray[Any, np.dtype[np.float64]]
 
-SAMPLES = 64  # rays of a pixel and a lenslet
-WHOLE_BITS = 33  # of the largest pixel in the whole numbers of the adjoint
+RAYS_PER_PIXEL = 64  # rays for each pixel and lenslet
+INTEGER_BITS = 33  # bits of the largest pixel in the integers of the adjoint
 
 
 @dataclass(frozen=True, eq=False)
 class SurfaceRays:
-    """Rays of a camera's pixels through a scene of surfaces, ready for the kernel."""
+    """Rays of a camera's pixels through a scene of surfaces, as arguments of the kernel."""
 
     optics: RayOptics
     tables: SurfaceTables
-    arguments: tuple[Any, ...]  # of the kernel `expose` behind the tables
-    defines: dict[str, Any]  # of the kernel
+    arguments: tuple[Any, ...]  # arguments of the kernel `expose` after the tables
+    defines: dict[str, Any]  # switches of the kernel
 
     @classmethod
     def of(cls, optics: RayOptics, scene: SurfaceScene) -> SurfaceRays:
-        """The rays of a camera."""
+        """Prepare the rays of a camera."""
         device, mla = optics.device, optics.mla
         if optics.aberrations.bends_main_lens or optics.aberrations.bends_lenslets:
             raise ValueError(
-                "Rays of a SurfaceScene know no wavefronts of the lenses: of the camera's "
-                "aberrations keep sensor_shift only, or expose points and pictures."
+                "A SurfaceScene does not support wavefronts of the lenses: keep only sensor_shift "
+                "of the camera's aberrations, or expose points and pictures."
             )
         if any(optics.aberrations.sensor_tilt):
             raise ValueError(
-                "Rays of a SurfaceScene know no tilted sensor: leave out sensor_tilt of the "
+                "A SurfaceScene does not support a tilted sensor: leave out sensor_tilt of the "
                 "camera's aberrations, or expose points and pictures."
             )
         if not mla.is_thin:
             raise ValueError(
-                "Rays of a SurfaceScene know thin lenslets only: expose points and pictures, or "
-                f"use a MicrolensArray of focal_length={mla.focal_length:.6g} without surface, map "
-                "and gap."
+                "A SurfaceScene supports thin lenslets only: expose points and pictures, or use a "
+                f"MicrolensArray of focal_length={mla.focal_length:.6g} without surface, map and "
+                "gap."
             )
         step = view_step(optics)
         radius, aspect = optics.aperture_diameter / 2 / step, mla.pitch / mla.row_pitch
@@ -63,7 +63,7 @@ class SurfaceRays:
         tables = surface_tables(scene, device)
         grid = lenslet_grid(optics, optics.sub_image_scale)
         size = (math.hypot(*grid.row_step), math.hypot(*grid.column_step))  # pixels a sub-image
-        samples = sample_rays(mla, count=SAMPLES)
+        samples = sample_rays(mla, count=RAYS_PER_PIXEL)
         reach = math.ceil((radius + 1 + float(blur.max())) / min(size) + 0.5)
         defines = {"TYPES": len(blurs), "TYPE_STEP": mla.type_step}
         defines |= {"HEXAGONAL": True} if mla.lattice == "hexagonal" else {}
@@ -82,18 +82,18 @@ class SurfaceRays:
         return cls(optics, tables, arguments, defines)
 
     def expose(self, raw: cla.Array, texels: cla.Array) -> None:
-        """The raw image, shape of the sensor, of textures with these coefficients."""
+        """Write the raw image, shape of the sensor, for coefficients of textures."""
         self._launch(raw, texels)
 
     def adjoint(self, image: Vector) -> Vector:
-        """What each coefficient of the textures counts for the pixels of an image.
+        """Compute the weight of each coefficient of the textures in the pixels of an image.
 
-        Sums of whole numbers, the same in every order: a term is rounded to 2^-33 of the largest
+        Sums of integers do not depend on their order: a term is rounded to 2^-33 of the largest
         pixel, and a sum may be 2^30 times as large as that.
         """
         device, count = self.optics.device, int(self.tables.texels.size)
         texels = device.zeros((2 * count,), np.uint32)
-        exponent = WHOLE_BITS - math.frexp(float(np.abs(image).max()))[1]
+        exponent = INTEGER_BITS - math.frexp(float(np.abs(image).max()))[1]
         raw = device.upload(np.ldexp(image, exponent).astype(np.float32))
         self._launch(raw, texels, ADJOINT=True)
         return np.ldexp(device.download(texels).view("<i8").astype(np.float64), -exponent)
@@ -105,9 +105,9 @@ class SurfaceRays:
 
 
 def view_reach(optics: RayOptics) -> tuple[float, float]:
-    """How far from the centre view rays through a camera go, (down, right), in view steps.
+    """Return the largest distance of rays from the centre view, (down, right), in view steps.
 
-    Those of a pixel and a lenslet that pass the main lens, and those beside it, which are traced.
+    It includes the rays of a pixel and a lenslet just outside the main lens, also traced.
     """
     mla, step = optics.mla, view_step(optics)
     lenslet = mla.pitch / step * max(1.0, float(np.abs(_gains(optics)).max()))
@@ -116,10 +116,9 @@ def view_reach(optics: RayOptics) -> tuple[float, float]:
 
 
 def _gains(optics: RayOptics) -> Vector:
-    """g of each kind of lenslets: how u on the main lens moves with the place in a lenslet.
+    """Return g of each kind of lenslets: the change of u on the main lens with the lenslet's xi.
 
-    From the pixel e of a sub-image u = g xi - z2 e/z3, g = 1 + z2/z3 - z2/f, 1 less with a field
-    lens; 1 for a 1.0 camera and -F/a for a 2.0 optics.
+    From pixel e of a sub-image u = g xi - z2 e/z3, g = 1 + z2/z3 - z2/f; 1 less with field lens.
     """
     z2, z3 = optics.array_distance, optics.sensor_distance
     bent = z2 * (1 / z3 - 1 / np.array(optics.mla.focal_lengths))
@@ -127,12 +126,12 @@ def _gains(optics: RayOptics) -> Vector:
 
 
 def sample_rays(mla: Any, *, count: int) -> np.ndarray[Any, np.dtype[np.float32]]:
-    """PatternGrid in a lenslet and in a pixel, well spread over both, each with its mirror image.
+    """Return well-spread positions in a lenslet and in a pixel, each with its mirror image.
 
-    The additive recurrence of the generalised golden ratio in four dimensions (Roberts 2018),
-    those within the lenslet's aperture; the mirror images make linear terms cancel.
+    Points of the additive recurrence of the generalised golden ratio in four dimensions (Roberts
+    2018) within the lenslet's aperture; the mirror images make linear terms cancel.
     """
-    points = well_spread(64 * count, 4) - 0.5
+    points = spread_points(64 * count, 4) - 0.5
     tall = 2 / math.sqrt(3) if mla.lattice == "hexagonal" and mla.fill == "full" else 1.0
     y, x = points[:, 0] * tall * mla.diameter, points[:, 1] * mla.diameter
     half = mla.diameter / 2
@@ -152,36 +151,36 @@ def sample_rays(mla: Any, *, count: int) -> np.ndarray[Any, np.dtype[np.float32]
 def lenslet_bounds(
     scene: SurfaceScene, count: tuple[int, int], widest: float, aspect: float
 ) -> np.ndarray[Any, np.dtype[np.int32]]:
-    """Rows and columns of lenslets that may see each surface, (y0, y1, x0, x1), shape (n, 4)."""
-    found = np.empty((len(scene.surfaces), 4))
-    for i, one in enumerate(scene.surfaces):
-        points = one.bounds()
+    """Return rows and columns of lenslets that may see each surface, (y0, y1, x0, x1), (n, 4)."""
+    bounds = np.empty((len(scene.surfaces), 4))
+    for i, surface in enumerate(scene.surfaces):
+        points = surface.bounds()
         if points is None:
-            found[i] = (-FAR, FAR) * 2
+            bounds[i] = (-FAR, FAR) * 2
             continue
         for axis, reach in ((0, widest * aspect), (1, widest)):
             middle = (count[axis] - 1) / 2
-            spread = np.abs(points[:, 2]).max() * reach + MARGIN
+            spread = np.abs(points[:, 2]).max() * reach + MARGIN_PIXELS
             low, high = points[:, axis].min() - spread, points[:, axis].max() + spread
-            found[i, 2 * axis : 2 * axis + 2] = (low + middle, high + middle)
-    return np.clip(found, -FAR, FAR).astype(np.int32)
+            bounds[i, 2 * axis : 2 * axis + 2] = (low + middle, high + middle)
+    return np.clip(bounds, -FAR, FAR).astype(np.int32)
 
 
 def _pixel_tables(optics: RayOptics, grid: LensletGrid) -> tuple[cla.Array, ...]:
-    """(row, column) among the sub-images that y and x of a pixel add, as whole and part."""
+    """Return (row, column) of sub-images by y and x of a pixel, in integer and fraction."""
     to_index = np.linalg.inv(np.column_stack([grid.row_step, grid.column_step]))
     ny, nx = optics.grid.shape
     rows = (np.arange(ny)[:, None] - grid.first[0]) * to_index[:, 0]
     columns = (np.arange(nx)[:, None] - grid.first[1]) * to_index[:, 1]
-    found = []
-    for places in (rows, columns):
-        whole = np.rint(places)
-        found += [whole.astype(np.int32), (places - whole).astype(np.float32)]
-    return tuple(optics.device.upload(table) for table in found)
+    tables = []
+    for coordinates in (rows, columns):
+        integers = np.rint(coordinates)
+        tables += [integers.astype(np.int32), (coordinates - integers).astype(np.float32)]
+    return tuple(optics.device.upload(table) for table in tables)
 
 
-def well_spread(count: int, dimensions: int) -> Vector:
-    """Points of the unit cube, well spread (Roberts 2018), shape (count, dimensions)."""
+def spread_points(count: int, dimensions: int) -> Vector:
+    """Return well-spread points of the unit cube (Roberts 2018), shape (count, dimensions)."""
     root = 2.0
     for _ in range(64):
         root = (1 + root) ** (1 / (dimensions + 1))

@@ -1,10 +1,11 @@
 """Raw images by wave optics: energies of points, pictures and slides added on the sensor.
 
-Sources that shine by themselves are incoherent from point to point, and have two routes. "points":
-one field for each point, four Fourier transforms each. "isoplanatic": a picture from patterns
-simulated at a few positions (pattern_lattice.py, isoplanatic.py), as many for any number of
-samples; its error is measured at a few of the picture's samples, exposed one by one. Slides are lit
-by coherent light, one field a snapshot (slides.py).
+Self-luminous sources are incoherent from point to point, and have three methods. "points": one
+field for each point, four Fourier transforms each. "local": a window for each point
+(local_exposure.py). "isoplanatic": a picture from patterns simulated at a few positions
+(pattern_lattice.py, isoplanatic.py). Their number does not depend on the number of samples; a few
+samples, exposed singly, measure the error. Slides are illuminated by coherent light, one field for
+each snapshot (slides.py).
 """
 
 from __future__ import annotations
@@ -45,55 +46,54 @@ from clplen.wave.field.intensity import accumulate, add_scaled, average_of
 
 Method = Literal["auto", "points", "local", "isoplanatic"]
 METHODS = ("auto", "points", "local", "isoplanatic")
-NOTABLE = 0.01  # measured error that is said aloud
-AFFORDABLE = 5e11  # operations that "auto" spends on exactness: half a minute on two cores
-WORTH = 2  # times fewer operations, from which "auto" gives up exactness beyond that
-BATCH_BYTES = 2**28  # of fields that travel through the camera together
-APART = 2**40  # seeds of the light on two slides of a scene
+MAX_PATTERN_ERROR = 0.01  # relative error of patterns above which a SamplingWarning is issued
+MAX_EXACT_OPERATIONS = 5e11  # operations below which "auto" is exact: half a minute on two cores
+MIN_SAVING = 2  # minimum saving of operations for which "auto" gives up exactness above it
+MAX_BATCH_BYTES = 2**28  # maximum bytes of fields that pass the camera together
+SEED_STRIDE = 2**40  # difference of the seeds of two slides of a scene
 
 
 @dataclass(frozen=True)
 class Light:
-    """The light that a camera exposes by."""
+    """Light that illuminates a camera's scene."""
 
-    # its spectrum holds for every source, its spatial model for slides; None is the camera's
-    # wavelength
+    # source of the spectrum of every source and of the spatial model of slides; None stands for
+    # the camera's wavelength
     coherence: Coherence | None
-    koehler: bool  # whether the light behind a slide converges on the main lens
-    averaging: dict[str, Any]  # options of `Coherence.average` for slides, those that were given
+    koehler: bool  # True if the light behind a slide converges on the main lens
+    averaging: dict[str, Any]  # given options of `Coherence.average` for slides
 
     def lines(self, wavelength: float) -> Sequence[tuple[float, float]]:
-        """Wavelengths and their shares of the energy."""
+        """Return wavelengths and their fractions of the energy."""
         return [(wavelength, 1.0)] if self.coherence is None else self.coherence.lines(wavelength)
 
     def on_slide(self, number: int) -> Coherence:
-        """The light on one of the slides, independent of that on the others."""
-        assert self.coherence is not None  # `check` refuses a slide without
-        seed = (self.coherence.seed + number * APART) % (LARGEST_SEED + 1)
+        """Return the light on a slide, independent of the light on other slides."""
+        assert self.coherence is not None  # `check` raises for a slide without light
+        seed = (self.coherence.seed + number * SEED_STRIDE) % (LARGEST_SEED + 1)
         return replace(self.coherence, seed=seed)
 
     def check(self, slides: int) -> None:
-        """Refuse slides without light, light without a slide, one checkpoint for two slides."""
+        """Raise for slides without light, light without a slide, a checkpoint for two slides."""
         coherence = self.coherence
         if slides and coherence is None:
             raise ValueError(
-                "A picture with mode='transmission' needs light that falls on it: give "
-                "coherence=, such as Coherence() for a plane wave, or use mode='emission' for a "
-                "self-luminous one."
+                "coherence must be given for a picture with mode='transmission': use coherence="
+                "Coherence() for a plane wave, or mode='emission' for a self-luminous picture."
             )
         if coherence is not None and coherence.spatial is not None and not slides:
             raise ValueError(
-                "Point sources and self-luminous pictures are incoherent already; a spatial model "
-                "of coherence lights pictures with mode='transmission'. Leave it out: "
+                "A spatial model of coherence applies to pictures with mode='transmission' only, "
+                "because points and self-luminous pictures are incoherent: leave it out, "
                 "Coherence(None, spectrum)."
             )
         if not slides and self.averaging:
             raise ValueError(
-                "snapshots, rtol, region and checkpoint are for pictures with mode='transmission'; "
-                "this scene has none."
+                "snapshots, rtol, region and checkpoint apply to pictures with mode='transmission' "
+                "only: leave them out for this scene."
             )
         if slides > 1 and "checkpoint" in self.averaging:
-            raise ValueError("A checkpoint serves one slide: expose several one by one.")
+            raise ValueError("A checkpoint stores one slide: expose several slides one by one.")
 
 
 def expose_waves(
@@ -104,23 +104,25 @@ def expose_waves(
     method: Method,
     progress: Progress | None,
 ) -> RawImage:
-    """The raw image of points, self-luminous pictures and slides."""
+    """Compute the raw image of points, self-luminous pictures and slides."""
     if light.coherence is not None:
         average_of(light.coherence)
     if method not in METHODS:
-        raise ValueError(f"method is 'auto', 'points', 'local' or 'isoplanatic', not {method!r}.")
+        raise ValueError(
+            f"method must be 'auto', 'points', 'local' or 'isoplanatic', got {method!r}."
+        )
     slides = [s for s in sources if isinstance(s, PicturePlane) and s.is_slide]
     emitters = [s for s in sources if s not in slides]
     light.check(len(slides))
-    # sources whose light is shared by wavelength, whatever pixel it falls on, and the others
+    # sources with the same spectrum on every pixel, and the others
     plain = [s for s in emitters if optics.filters is None and s.spectra is None]
     spectral = [(s, spectral_lines(optics, s, light.coherence)) for s in emitters if s not in plain]
     lines = light.lines(optics.wavelength) if plain or slides else []
     colours = [replace(optics, wavelength=wavelength) for wavelength, _ in lines]
     if slides and optics.pixels is not None:
         raise ValueError(
-            "Slides are exposed by fields in the middles of pixels, and these pixels integrate: "
-            "leave pixels= of the camera out, with pixels that sample the light, or use "
+            "Slides require pixels that sample the intensity, but these pixels integrate: leave "
+            "out pixels= of the camera, with pixels that sample the light, or use "
             "mode='emission'."
         )
     check_occluders(optics, method, has_slides=bool(slides))
@@ -138,12 +140,12 @@ def expose_waves(
         mean, report = light_slide(
             optics, slide, light.on_slide(number), light.koehler, light.averaging, progress
         )
-        total = _added(total, mean.intensity.data, 1.0, optics.device)
+        total = _accumulate(total, mean.intensity.data, 1.0, optics.device)
         reports.append(report)
     if plain:
         for colour, (_, share) in zip(colours, lines, strict=True):
-            image, report = _emit(colour, plain, method, progress)
-            total = _added(total, image, share, optics.device)
+            image, report = _expose_emitters(colour, plain, method, progress)
+            total = _accumulate(total, image, share, optics.device)
             reports.append(report)
     if spectral:
         image = optics.device.zeros(optics.grid.shape, optics.device.real)
@@ -151,35 +153,35 @@ def expose_waves(
             for line in parts:
                 colour = replace(optics, wavelength=line.wavelength)
                 reports.append(_add_line(colour, source, line, image, method, progress))
-        total = _added(total, image, 1.0, optics.device)
+        total = _accumulate(total, image, 1.0, optics.device)
     assert total is not None  # a scene has a source
     optics.device.finish()
     if optics.pixels is not None and optics.pixels.crosstalk is not None:
         total = optics.device.upload(optics.pixels.read(optics.device.download(total)))
     data = total if total.dtype == np.float32 else total.astype(np.float32)
     wavelengths = max((len(parts) for _, parts in spectral), default=None)
-    report = replace(_joined(reports), wavelengths=wavelengths)
+    report = replace(_join_reports(reports), wavelengths=wavelengths)
     return replace(raw_image(optics, data), exposure=report)
 
 
 def check_occluders(optics: WaveOptics, method: Method, *, has_slides: bool) -> None:
-    """Refuse screens that no lens sees, and ways of the light that know none."""
+    """Raise for screens behind the main lens, and for methods that do not support screens."""
     if optics.occluders and (has_slides or method not in ("auto", "local")):
-        way = "slides" if has_slides else f"method={method!r}"
+        route = "slides" if has_slides else f"method={method!r}"
         raise ValueError(
-            f"Occluders are known to windows of single points, method='local', not to {way}: leave "
-            "them out, or use points and self-luminous pictures with method='auto'."
+            f"Occluders require method='local', got {route}: leave them out, or use points and "
+            "self-luminous pictures with method='auto'."
         )
     for screen in optics.occluders:
         if screen.z <= -optics.object_distance:
             raise ValueError(
-                f"The occluder at z = {screen.z:g} m lies behind the main lens, which is "
-                f"{optics.object_distance:g} m from the focused plane."
+                f"The occluder at z = {screen.z:g} m is behind the main lens, "
+                f"{optics.object_distance:g} m from the focused plane: use a larger z."
             )
 
 
 def check_positions(optics: WaveOptics, source: Source, *, local: bool, slide: bool) -> None:
-    """Refuse points that the camera cannot show at its wavelength."""
+    """Raise if the camera cannot image a source at its wavelength."""
     points = source if isinstance(source, PointSources) else source.corners()
     check_in_view(optics, points.positions)
     if local and not slide:
@@ -190,11 +192,13 @@ def check_positions(optics: WaveOptics, source: Source, *, local: bool, slide: b
     except SamplingError as error:
         if slide:
             raise
-        raise SamplingError(f"{error} method='local' samples as finely as it needs.") from error
+        raise SamplingError(f"{error} method='local' samples as finely as needed.") from error
 
 
-def _added(total: cla.Array | None, picture: cla.Array, share: float, device: Device) -> cla.Array:
-    """A sum of pictures times their shares with one more; the first is taken as it is if whole."""
+def _accumulate(
+    total: cla.Array | None, picture: cla.Array, share: float, device: Device
+) -> cla.Array:
+    """Add a picture times its share to a sum; the first picture of share 1 is not copied."""
     if total is None and share == 1:
         return picture
     if total is None:
@@ -203,10 +207,10 @@ def _added(total: cla.Array | None, picture: cla.Array, share: float, device: De
     return total
 
 
-def _emit(
+def _expose_emitters(
     optics: WaveOptics, sources: Sequence[Source], method: Method, progress: Progress | None
 ) -> tuple[cla.Array, Exposure]:
-    """Energy of points and self-luminous pictures at one wavelength, and how it was found."""
+    """Compute the energy of points and pictures at one wavelength, and a report of it."""
     layouts = [_layout(optics, source, method) for source in sources]
     total = optics.device.zeros(optics.grid.shape, optics.device.real)
     reports = []
@@ -218,7 +222,7 @@ def _emit(
             add = add_local if is_local(optics, method) else _add_points
             reports.append(add(optics, points, total, progress))
     optics.device.finish()
-    return total, _joined(reports)
+    return total, _join_reports(reports)
 
 
 def _add_line(
@@ -229,13 +233,13 @@ def _add_line(
     method: Method,
     progress: Progress | None,
 ) -> Exposure:
-    """Add the signal of a source at one of its wavelengths to an image of the sensor."""
+    """Add the signal of a source at a wavelength to an image of the sensor."""
     filters = optics.filters
     if isinstance(source, PointSources):
         points, powers = source, source.power[:, None]
     else:
-        even = PicturePlane(source.energy, source.width, source.z)
-        if _layout(optics, even, method) is not None:
+        uniform = PicturePlane(source.energy, source.width, source.z)
+        if _layout(optics, uniform, method) is not None:
             return _add_channels(optics, source, line, total, method, progress)
         points = source.points()
         powers = source.image.reshape(source.energy.size, -1)[source.energy.ravel() > 0]
@@ -258,7 +262,7 @@ def _add_channels(
         if not image.any():
             continue
         channel = PicturePlane(image, plane.width, plane.z)
-        picture, report = _emit(optics, [channel], method, progress)
+        picture, report = _expose_emitters(optics, [channel], method, progress)
         reports.append(report)
         if filters is None or filters.mosaic is None:
             add_scaled(total, picture, float(weights[0]), device)
@@ -266,23 +270,23 @@ def _add_channels(
         behind = np.zeros(picture.shape)
         add_by_tile(behind, device.download(picture), weights[filters.index])
         add_scaled(total, device.upload(behind.astype(device.real)), 1.0, device)
-    return _joined(reports)
+    return _join_reports(reports)
 
 
 def is_local(optics: WaveOptics, method: Method) -> bool:
-    """Whether points have windows of their own."""
-    own = optics.pixels is not None or bool(optics.occluders)
-    local = method == "local" or (method == "auto" and own)
+    """Return True if points are exposed in windows."""
+    needs_windows = optics.pixels is not None or bool(optics.occluders)
+    local = method == "local" or (method == "auto" and needs_windows)
     if local and any(optics.aberrations.sensor_tilt):
         raise ValueError(
-            "Windows of single points know no tilted sensor: use method='points', or leave out "
+            "method='local' does not support a tilted sensor: use method='points', or leave out "
             "sensor_tilt of the camera's aberrations."
         )
     return local
 
 
 def _layout(optics: WaveOptics, source: Source, method: Method) -> Layout | None:
-    """The layout of a picture's patterns, or None for one field a point."""
+    """Return the layout of a picture's patterns, or None for one field for each point."""
     if isinstance(source, PointSources) or method in ("points", "local"):
         return None
     obstacle = _no_isoplanatic(optics, source)
@@ -293,37 +297,38 @@ def _layout(optics: WaveOptics, source: Source, method: Method) -> Layout | None
     plan = layout(optics, source)
     count = int(np.count_nonzero(source.image))
     transforms = local_transforms if is_local(optics, method) else _point_transforms
-    exact = _operations(transforms(optics, source.corners(), count))
-    saved = exact > max(AFFORDABLE, WORTH * _operations(plan.transforms(optics.grid.shape)))
-    return plan if saved or method == "isoplanatic" else None
+    exact_cost = _operations(transforms(optics, source.corners(), count))
+    is_cheaper = exact_cost > max(
+        MAX_EXACT_OPERATIONS, MIN_SAVING * _operations(plan.transforms(optics.grid.shape))
+    )
+    return plan if is_cheaper or method == "isoplanatic" else None
 
 
 def _no_isoplanatic(optics: WaveOptics, plane: PicturePlane) -> str:
-    """Why patterns do not repeat from lenslet to lenslet along rows; empty where they do."""
+    """Return why patterns do not repeat along rows of lenslets; empty if they do."""
     mla = optics.mla
     if optics.occluders:
-        return "Occluders stop other light of each point"
+        return "method='isoplanatic' does not support occluders"
     if not optics.samples(plane.corners().positions):
-        return "The pixels do not sample the light's waves, as method='isoplanatic' needs"
+        return "method='isoplanatic' requires pixels that sample the light's waves"
     if mla.rotation != 0:
-        return (
-            f"The array is turned by {mla.rotation:g} rad; method='isoplanatic' needs rows along x"
-        )
+        angle = f"{mla.rotation:g} rad"
+        return f"method='isoplanatic' requires rows along x, but they are rotated by {angle}"
     if len(mla.focal_lengths) > 1:
-        return "The lenslets differ in focal length; method='isoplanatic' needs equal ones"
+        return "method='isoplanatic' requires lenslets of one focal length"
     if mla.map is not None and mla.map.is_of_each:
-        return "The lenslets have a map each; method='isoplanatic' needs equal ones"
+        return "method='isoplanatic' requires equal lenslets, but each has its own map"
     if not optics.aberrations.scatter.is_none:
-        return "The lenslets scatter; method='isoplanatic' needs equal ones"
+        return "method='isoplanatic' requires equal lenslets, without scatter"
     if any(optics.aberrations.sensor_tilt):
-        return "The sensor is tilted, as method='isoplanatic' cannot know"
+        return "method='isoplanatic' does not support a tilted sensor"
     if optics.aberrations.varies:
-        return "The main lens' wavefront changes over the field, as method='isoplanatic' cannot"
+        return "method='isoplanatic' requires a main lens' wavefront constant over the field"
     return ""
 
 
 def _operations(transforms: Transforms) -> float:
-    """5 N log2 N for each Fourier transform."""
+    """Return the cost of Fourier transforms, 5 N log2 N each."""
     return sum(
         count * 5 * math.prod(shape) * math.log2(max(2, math.prod(shape)))
         for count, shape in transforms
@@ -342,7 +347,7 @@ def _add_points(
     progress: Progress | None,
     energies: Any = None,
 ) -> Exposure:
-    """One field a point; ``energies`` as for `add_local`."""
+    """Add one field for each point; ``energies`` as in `add_local`."""
     energies = points.power if energies is None else energies
     to_array, to_sensor = optics.padding(points.positions)
     widest = max(to_array, to_sensor) ** 2
@@ -370,7 +375,7 @@ def _add_points(
 
 def batch_size(optics: WaveOptics, widest: int) -> int:
     field_bytes = math.prod(optics.grid.shape) * optics.device.complex.itemsize
-    return max(1, int(BATCH_BYTES / (field_bytes * widest)))
+    return max(1, int(MAX_BATCH_BYTES / (field_bytes * widest)))
 
 
 def _add_picture(
@@ -380,24 +385,26 @@ def _add_picture(
     total: cla.Array,
     progress: Progress | None,
 ) -> Exposure:
-    """A picture from its patterns, its error from its probes' two images."""
+    """Add a picture from its patterns; its error follows from two images of probes."""
     step = batch_size(optics, max(*plan.padding, plan.finer) ** 2)
     optics.device.require_memory(plan.memory(optics, step), "This exposure")
     chosen = _probes(plane, plan)
     probes = np.zeros(plane.image.shape)
     probes.ravel()[chosen] = 1
-    picture, seen = raw_patterns(optics, plane, plan, probes=probes, batch=step, progress=progress)
+    picture, probe_image = raw_patterns(
+        optics, plane, plan, probes=probes, batch=step, progress=progress
+    )
     add_scaled(total, picture, 1.0, optics.device)
     points = PointSources(plane.positions()[chosen])
     exact = optics.device.zeros(optics.grid.shape, optics.device.real)
     once = _add_points(optics, points, exact, None)
     expected = optics.device.download(exact)
-    error = np.abs(optics.device.download(seen) - expected).max() / expected.max()
-    if error > NOTABLE:
+    error = np.abs(optics.device.download(probe_image) - expected).max() / expected.max()
+    if error > MAX_PATTERN_ERROR:
         warn_caller(
-            f"The picture's patterns depart by {error:.2g} of the maximum from one field a sample: "
-            "its light is hardly sampled, or changes across the field. method='points' is exact, "
-            f"{np.count_nonzero(plane.image)} fields; finer pixels make both better.",
+            f"The picture's patterns differ by {error:.2g} of the maximum from one field for each "
+            "sample: its light is undersampled, or changes across the field. Use method='points', "
+            f"exact by {np.count_nonzero(plane.image)} fields, or finer pixels.",
             SamplingWarning,
         )
     transforms = plan.transforms(optics.grid.shape) + once.transforms
@@ -405,20 +412,20 @@ def _add_picture(
 
 
 def _probes(plane: PicturePlane, plan: Layout) -> list[int]:
-    """Flat indices of samples: the brightest, the one farthest out, one far from all patches."""
+    """Return flat indices of three samples: brightest, outermost, farthest from all patches."""
     lit = np.flatnonzero(plane.image)
     iy, ix = np.unravel_index(lit, plane.image.shape)
     first = plan.patches[0]
-    places = np.stack([first.y[iy], first.x[ix]], axis=-1) + first.centre
-    apart = np.min([np.hypot(patch.y[iy], patch.x[ix]) for patch in plan.patches], axis=0)
-    found = [int(plane.image.ravel()[lit].argmax()), int(np.hypot(*places.T).argmax())]
-    for n in found:
-        apart = np.minimum(apart, np.hypot(*(places - places[n]).T))
-    return [int(lit[n]) for n in sorted({*found, int(apart.argmax())})]
+    positions = np.stack([first.y[iy], first.x[ix]], axis=-1) + first.centre
+    distance = np.min([np.hypot(patch.y[iy], patch.x[ix]) for patch in plan.patches], axis=0)
+    indices = [int(plane.image.ravel()[lit].argmax()), int(np.hypot(*positions.T).argmax())]
+    for n in indices:
+        distance = np.minimum(distance, np.hypot(*(positions - positions[n]).T))
+    return [int(lit[n]) for n in sorted({*indices, int(distance.argmax())})]
 
 
-def _joined(reports: list[Exposure]) -> Exposure:
-    """What several parts of a scene were exposed by; their errors as if they were independent."""
+def _join_reports(reports: list[Exposure]) -> Exposure:
+    """Join the reports of parts of a scene, with errors as if independent."""
     routes = sorted({report.route for report in reports})
     transforms = merged([pair for report in reports for pair in report.transforms])
     numbers = [report.snapshots for report in reports if report.snapshots is not None]
@@ -435,7 +442,7 @@ def _joined(reports: list[Exposure]) -> Exposure:
 
 
 def _joint_error(errors: list[Image]) -> Image | None:
-    """Standard error of a sum of independent images."""
+    """Return the standard error of a sum of independent images."""
     if len(errors) < 2:
         return errors[0] if errors else None
     device = errors[0].device

@@ -1,1 +1,1 @@
-"""Lenses, arrays and sensors: lengths and positions come in, fields and rays go out."""
+"""Optics of the cameras: fields and rays through lenses, arrays and sensors."""

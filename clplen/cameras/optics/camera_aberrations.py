@@ -1,9 +1,9 @@
-"""What departs from ideal in a plenoptic camera: wavefronts, lenslets out of place, a sensor moved.
+"""Aberrations of a plenoptic camera: wavefronts, misplaced lenslets, a shifted or tilted sensor.
 
-A wavefront W is a path length, positive where it retards, as exp(+ikW): rays turn by its slope, so
-that the ray from u on the main lens meets the array z2 dW/du beside its place (Born and Wolf 1999,
-section 5.1, whose W has the other sign). `correct_aberrations` takes the main lens' out of a light
-field, view by view.
+A wavefront W is a path length, positive where it retards, as exp(+ikW). Rays turn by its slope: the
+ray from u on the main lens meets the array z2 dW/du beside its ideal position. Born and Wolf (1999,
+section 5.1) use the opposite sign of W. `correct_aberrations` removes the main lens'
+wavefront from a light field, view by view.
 """
 
 from __future__ import annotations
@@ -35,29 +35,29 @@ Orders = tuple[int, int]
 Pair = tuple[float, float]
 Terms = tuple[tuple[int, float], ...]
 FieldTerms = tuple[tuple[int, Pair], ...]
-WIDEST = 4.0  # rms: where the normal distribution of what scatters is cut off
-LARGEST_TILT = 0.1  # of the sensor, as a slope
-LARGEST_FOCAL_SCATTER = 0.2  # of f: four times it leaves f positive
+MAX_DEVIATION_RMS = 4.0  # cut-off of the normal distribution of the scatter, in rms
+MAX_TILT = 0.1  # maximum slope of the sensor: a projected pitch is then right to 0.5 %
+MAX_FOCAL_SCATTER = 0.2  # maximum rms of f/f_designed - 1: four times it leaves f positive
 
 
 @dataclass(frozen=True)
 class LensletScatter:
-    """How the lenslets of an array scatter about their design, as manufacture leaves them.
+    """Random deviations of the lenslets of an array from their design, by manufacture.
 
-    Each quantity is normally distributed, cut off at four times its rms, independent from lenslet
-    to lenslet and along both axes.
+    Each quantity is normally distributed, cut off at four times its rms, and independent between
+    lenslets and between axes.
 
     Parameters
     ----------
     focal_length : float
-        Rms of f/f_designed - 1, at most .2.
+        Rms of f/f_designed - 1, at most 0.2.
     tilt : float
         Rms of the slope that a lenslet adds to all its rays (a wedge), along each axis, in radians.
     position : float
-        Rms of the vertex from the centre of its aperture, along each axis, in metres; the
-        apertures stay.
+        Rms distance of the vertex from the centre of its aperture, along each axis, in metres;
+        apertures keep their positions.
     seed : int
-        Not negative; the same seed gives the same array.
+        Seed of the random numbers, 0 or more; equal seeds give equal arrays.
 
     Raises
     ------
@@ -83,36 +83,42 @@ class LensletScatter:
         for name in ("focal_length", "tilt", "position"):
             value = getattr(self, name)
             if not (fits_float64(value) and value >= 0):
-                raise ValueError(f"The scatter of {name} is an rms, 0 or more, not {value!r}.")
+                raise ValueError(f"{name} of LensletScatter must be an rms >= 0, got {value!r}.")
             object.__setattr__(self, name, float(value))
-        if self.focal_length > LARGEST_FOCAL_SCATTER:
+        if self.focal_length > MAX_FOCAL_SCATTER:
             raise ValueError(
-                f"The scatter of focal_length is relative, at most {LARGEST_FOCAL_SCATTER}, not "
-                f"{self.focal_length!r}: some lenslets would have no focal length."
+                f"focal_length of LensletScatter, a relative rms, must be <= "
+                f"{MAX_FOCAL_SCATTER}, got {self.focal_length!r}: some lenslets would have no "
+                "focal length."
             )
         if not is_integer(self.seed) or self.seed < 0:
-            raise ValueError(f"A seed is a whole number, 0 or more, not {self.seed!r}.")
+            raise ValueError(f"seed must be an integer >= 0, got {self.seed!r}.")
         object.__setattr__(self, "seed", int(self.seed))
 
     @property
     def is_none(self) -> bool:
-        """Whether nothing scatters."""
+        """True if all deviations are 0."""
         return self.focal_length == self.tilt == self.position == 0
 
     def draw(self, count: tuple[int, int]) -> tuple[Values, Values, Values]:
-        """f/f_designed, tilt and position (y, x): shapes ``count`` and twice ``(*count, 2)``."""
+        """Draw f/f_designed, tilt and position (y, x): shapes ``count`` and twice (*count, 2)."""
         sizes = (count, (*count, 2), (*count, 2))
         rms = (self.focal_length, self.tilt, self.position)
         focal, tilt, position = (
-            one * np.clip(np.random.default_rng([self.seed, n]).normal(size=size), -WIDEST, WIDEST)
-            for n, (one, size) in enumerate(zip(rms, sizes, strict=True))
+            scale
+            * np.clip(
+                np.random.default_rng([self.seed, n]).normal(size=size),
+                -MAX_DEVIATION_RMS,
+                MAX_DEVIATION_RMS,
+            )
+            for n, (scale, size) in enumerate(zip(rms, sizes, strict=True))
         )
         return 1 + focal, tilt, position
 
 
 @dataclass(frozen=True, init=False, repr=False)
 class Aberrations(OneLine):
-    """How a plenoptic camera departs from its design. All of it is optional.
+    """Departures of a plenoptic camera from its design, all optional.
 
     Parameters
     ----------
@@ -120,49 +126,49 @@ class Aberrations(OneLine):
         Wavefront of the main lens: Noll's index to metres of path, rms over the aperture (one
         wave is ``wavelength`` metres). See `clplen.wave.elements.zernike.phase_plate`.
     main_lens_field : mapping of int to tuple of float
-        What is added to that in proportion to the place of a point's image, (Y, X) on the main
-        lens' image plane: Noll's index to metres of path per metre of (Y, X). {7: (c, 0), 8: (0,
-        c)} is Seidel's coma, {4: (c, 0)} a tilted image plane.
+        Additional wavefront in proportion to a point's image (Y, X) on the main lens' image plane:
+        Noll's index to metres of path per metre of (Y, X). {7: (c, 0), 8: (0, c)} is Seidel's coma,
+        {4: (c, 0)} a tilted image plane.
     main_lens_opd : OPDMaps, optional
         Measured or traced wavefronts of the main lens over its field, with distortion, pupil shift
-        and vignetting. They are added to the terms above.
+        and vignetting, added to the terms above.
     lenslets : mapping of int to float
-        Wavefront of every lenslet, as ``main_lens``, over a circle about its centre; radial
-        orders up to 8.
+        Wavefront of every lenslet over a circle about its centre, in the units of ``main_lens``;
+        radial orders up to 8.
     lenslet_circle : float, optional
-        Diameter of that circle in metres, not smaller than the one about a lenslet's aperture.
-        None: that of a circular lenslet; square and hexagonal cells need it.
+        Diameter of that circle in metres, at least that of the circle around a lenslet's aperture.
+        None: that of a circular lenslet; square and hexagonal cells need a value.
     scatter : LensletScatter, optional
-        How the lenslets scatter about their design. None: they do not.
+        Random deviations of the lenslets; none by default.
     sensor_shift : float
-        By how much farther from the array the sensor lies than designed, in metres.
+        Distance of the sensor beyond its design position, away from the array, in metres.
     sensor_tilt : tuple of float
         Slopes (y, x) of the sensor against the array, about the optical axis: the pixel at (y, x)
-        lies y and x times these farther from the array. The pixels' pitch is that of their
-        projection along the axis, cos(angle) of the tilted one. By waves it needs
-        ``method="points"``; rays of a `SurfaceScene` know none.
+        is farther from the array by y and x times these. The pixel pitch is the projection of the
+        tilted pitch along the axis, times cos(angle). Waves require ``method="points"``; rays of a
+        `SurfaceScene` do not support a tilt.
 
     Attributes
     ----------
     main_lens, main_lens_field, lenslets : tuple
         Pairs of index and value, in the order of the index.
     main_lens_opd : OPDMaps or None
-        As given.
+        Argument of the constructor.
     lenslet_circle : float or None
-        As given, in metres.
+        Diameter in metres.
     scatter : LensletScatter
-        As given, or one of zeros.
+        Argument of the constructor, or a scatter of zeros.
     sensor_shift : float
-        As given, in metres.
+        Distance in metres.
     sensor_tilt : tuple of float
-        As given.
+        Slopes (y, x).
 
     Raises
     ------
     ValueError
-        For an index that does not exist, or a number that is not finite or out of range.
+        If an index does not exist, or a number is not finite or out of range.
     TypeError
-        If coefficients are no mapping, the scatter is none, or the maps are none.
+        If coefficients are not a mapping, or the scatter or the maps have another type.
 
     Examples
     --------
@@ -198,24 +204,23 @@ class Aberrations(OneLine):
         sensor_tilt: Pair = (0.0, 0.0),
     ) -> None:
         if lenslet_circle is not None and not (fits_float64(lenslet_circle) and lenslet_circle > 0):
-            raise ValueError(f"lenslet_circle is positive, in metres, not {lenslet_circle!r}.")
+            raise ValueError(f"lenslet_circle must be > 0 metres, got {lenslet_circle!r}.")
         units.LENSLET_PITCH.check(lenslet_circle or 0.0, "lenslet_circle")
         if not fits_float64(sensor_shift):
-            raise ValueError(f"sensor_shift is finite, in metres, not {sensor_shift!r}.")
+            raise ValueError(f"sensor_shift must be finite, in metres, got {sensor_shift!r}.")
         if np.shape(sensor_tilt) != (2,) or not np.isfinite(sensor_tilt).all():
+            raise ValueError(f"sensor_tilt must be two finite slopes (y, x), got {sensor_tilt!r}.")
+        if max(map(abs, sensor_tilt)) > MAX_TILT:
             raise ValueError(
-                f"sensor_tilt is slopes (y, x) of the sensor, two finite numbers, not "
-                f"{sensor_tilt!r}."
-            )
-        if max(map(abs, sensor_tilt)) > LARGEST_TILT:
-            raise ValueError(
-                f"sensor_tilt is at most {LARGEST_TILT} along y and x, where a projected pitch is "
-                f"that of the pixels to .5 %, not {sensor_tilt!r}."
+                f"sensor_tilt must be at most {MAX_TILT} along y and x, so that the projected "
+                f"pitch is right to 0.5 %, got {sensor_tilt!r}."
             )
         if not isinstance(scatter, LensletScatter | None):
-            raise TypeError(f"scatter is a LensletScatter, not {type(scatter).__name__}.")
+            kind = type(scatter).__name__
+            raise TypeError(f"scatter must be a LensletScatter, got an object of type {kind}.")
         if not isinstance(main_lens_opd, OPDMaps | None):
-            raise TypeError(f"main_lens_opd is an OPDMaps, not {type(main_lens_opd).__name__}.")
+            kind = type(main_lens_opd).__name__
+            raise TypeError(f"main_lens_opd must be an OPDMaps, got an object of type {kind}.")
         values = {
             "main_lens": _terms(main_lens, "main_lens"),
             "main_lens_field": _field_terms(main_lens_field),
@@ -231,36 +236,37 @@ class Aberrations(OneLine):
         highest = max((noll(j)[0] for j, _ in self.lenslets), default=0)
         if highest > HIGHEST_ORDER:
             raise ValueError(
-                f"The lenslets' terms have radial orders up to {HIGHEST_ORDER}, not {highest}."
+                f"Radial orders of lenslets must be at most {HIGHEST_ORDER}, got {highest}."
             )
 
     @classmethod
     def from_json(cls, text: str, *, main_lens_opd: OPDMaps | None = None) -> Aberrations:
-        """What `to_json` wrote.
+        """Read aberrations that `to_json` wrote.
 
         Parameters
         ----------
         text : str
+            Text of `to_json`.
         main_lens_opd : OPDMaps, optional
-            The same maps, where there were some.
+            OPD maps of the aberrations, if they have any.
 
         Raises
         ------
         ValueError
-            If these are not the maps that were there.
+            If ``main_lens_opd`` are not the maps of the aberrations.
         """
         values = json.loads(text)
         digest = values.pop("main_lens_opd", None)
         if digest != (None if main_lens_opd is None else main_lens_opd.digest):
             raise ValueError(
-                "The OPD maps of the main lens are kept beside the other aberrations: give "
-                "main_lens_opd= the very maps that were there, and none where there were none."
+                "main_lens_opd must be the OPD maps of the saved aberrations, which are stored "
+                "in a separate file: give these maps, or None if there were none."
             )
         scatter = LensletScatter(**values.pop("scatter"))
         return cls(**values, scatter=scatter, main_lens_opd=main_lens_opd)
 
     def to_json(self) -> str:
-        """As text, all digits kept; of OPD maps their digest, so that they are kept beside it."""
+        """Return the aberrations as JSON with all digits; OPD maps are replaced by their digest."""
         values = asdict(replace(self, main_lens_opd=None))
         if self.main_lens_opd is None:
             del values["main_lens_opd"]
@@ -270,47 +276,46 @@ class Aberrations(OneLine):
 
     @property
     def bends_main_lens(self) -> bool:
-        """Whether the main lens has a wavefront of its own."""
-        given = any(c for _, c in self.main_lens) or self.main_lens_opd is not None
-        return given or self.varies
+        """True if the main lens has a wavefront."""
+        has_wavefront = any(c for _, c in self.main_lens) or self.main_lens_opd is not None
+        return has_wavefront or self.varies
 
     @property
     def varies(self) -> bool:
-        """Whether that wavefront changes over the field, or the image is moved beside its place."""
+        """True if the wavefront changes over the field, or maps displace the image."""
         maps = self.main_lens_opd
         by_terms = any(any(pair) for _, pair in self.main_lens_field)
         return by_terms or (maps is not None and maps.varies)
 
     @property
     def vignettes(self) -> bool:
-        """Whether the main lens keeps light back within its aperture."""
+        """True if the main lens blocks light within its aperture."""
         return self.main_lens_opd is not None and self.main_lens_opd.vignettes
 
     @property
     def pupil_reach(self) -> float:
-        """How far light passes the main lens from its middle, of the aperture's radius."""
+        """Largest distance of light from the main lens' centre, in radii of the aperture."""
         return 1.0 if self.main_lens_opd is None else 1 + self.main_lens_opd.largest_shift
 
     @property
     def bends_lenslets(self) -> bool:
-        """Whether the lenslets are other than thin lenses at their places."""
+        """True if the lenslets depart from thin lenses on their lattice."""
         return any(c for _, c in self.lenslets) or not self.scatter.is_none
 
     def main_terms(self, y: float = 0.0, x: float = 0.0) -> dict[Orders, float]:
-        """Orders (n, m) to metres of the main lens' wavefront for an image at (y, x)."""
-        found = {noll(j): metres for j, metres in self.main_lens}
+        """Return orders (n, m) and metres of the main lens' wavefront for an image at (y, x)."""
+        terms = {noll(j): metres for j, metres in self.main_lens}
         for j, (down, right) in self.main_lens_field:
-            found[noll(j)] = found.get(noll(j), 0.0) + down * y + right * x
-        return found
+            terms[noll(j)] = terms.get(noll(j), 0.0) + down * y + right * x
+        return terms
 
     def main_slope(
         self, reach: float, radius: float, *, image_distance: float, wavelength: float
     ) -> float:
-        """The steepest slope of the main lens' wavefront or more, in radians, to .5 %.
+        """Return an upper bound of the slope of the main lens' wavefront in radians, to 0.5 %.
 
-        Of OPD maps that of all their fields, with the distortion's.
-
-        For images up to ``reach`` metres from the axis and an aperture of this radius.
+        It holds for images up to ``reach`` metres from the axis and an aperture of this radius. OPD
+        maps add the steepest slope of all their fields and that of the distortion.
         """
         total = _steepest(self.main_lens)
         for axis in (0, 1):
@@ -322,7 +327,7 @@ class Aberrations(OneLine):
         return (total + slope) / radius + moved / image_distance
 
     def lenslet_errors(self, mla: MicrolensArray) -> LensletErrors:
-        """How the lenslets of an array depart from thin lenses at their places."""
+        """Return the departures of an array's lenslets from thin lenses on their lattice."""
         focal, tilt, position = self.scatter.draw(mla.count)
         units = np.asarray(mla.focal_lengths)[mla.types()] * focal
         terms = {noll(j): metres for j, metres in self.lenslets}
@@ -330,40 +335,40 @@ class Aberrations(OneLine):
         return LensletErrors(terms, circle, units, tilt, position)
 
     def lenslet_slope(self, mla: MicrolensArray) -> float:
-        """At least the steepest slope that they add to d/(2 f), in radians."""
+        """Return an upper bound of the slope that aberrations add to d/(2 f), in radians."""
         return _lenslet_slope(self, mla) if self.bends_lenslets else 0.0
 
     def check_lenslets(self, mla: MicrolensArray) -> None:
-        """Refuse Zernike terms on lenslets that reach beyond their circle."""
+        """Raise for Zernike terms on lenslets that reach beyond their circle."""
         if not self.lenslets:
             return
-        needed, given = circumscribed(mla), self.lenslet_circle
-        if given is None and needed > mla.diameter * (1 + 1e-12):
+        needed, circle = circumscribed(mla), self.lenslet_circle
+        if circle is None and needed > mla.diameter * (1 + 1e-12):
             raise ValueError(
-                f"Zernike terms are defined on a circle, and lenslets with fill='full' have "
-                f"corners: give lenslet_circle, {needed:.6g} m or more, or use fill='circular'."
+                "lenslet_circle must be given for Zernike terms on lenslets with fill='full': use "
+                f"{needed:.6g} m or more, or fill='circular'."
             )
-        if given is not None and given < needed * (1 - 1e-12):
+        if circle is not None and circle < needed * (1 - 1e-12):
             raise ValueError(
-                f"The lenslets reach beyond the circle of their Zernike terms, lenslet_circle = "
-                f"{given:.6g} m: use {needed:.6g} m or more."
+                f"lenslet_circle must be at least {needed:.6g} m to contain the lenslets, got "
+                f"{circle:.6g} m."
             )
 
 
 @lru_cache(maxsize=16)
 def _lenslet_slope(aberrations: Aberrations, mla: MicrolensArray) -> float:
-    """`Aberrations.lenslet_slope`, which every point of a scene asks for."""
+    """Compute `Aberrations.lenslet_slope`; cached, because every point of a scene needs it."""
     errors = aberrations.lenslet_errors(mla)
     designed = np.asarray(mla.focal_lengths)[mla.types()]
-    bent = mla.diameter / 2 * np.abs(1 / errors.focal_lengths - 1 / designed)
-    moved = np.abs(errors.position).max(axis=-1) / errors.focal_lengths
-    own = bent + moved + np.abs(errors.tilt).max(axis=-1)
-    return float(own.max()) + _steepest(aberrations.lenslets) / (errors.circle / 2)
+    defocus = mla.diameter / 2 * np.abs(1 / errors.focal_lengths - 1 / designed)
+    decentre = np.abs(errors.position).max(axis=-1) / errors.focal_lengths
+    slope = defocus + decentre + np.abs(errors.tilt).max(axis=-1)
+    return float(slope.max()) + _steepest(aberrations.lenslets) / (errors.circle / 2)
 
 
 @lru_cache(maxsize=16)
 def _steepest(terms: Terms) -> float:
-    """The largest slope along y or x of a wavefront over the unit disc, to .5 %."""
+    """Return the largest slope along y or x of a wavefront over the unit disc, to 0.5 %."""
     if not any(metres for _, metres in terms):
         return 0.0
     orders = {noll(j): metres for j, metres in terms}
@@ -374,7 +379,7 @@ def _steepest(terms: Terms) -> float:
 
 
 def slopes(terms: Mapping[Orders, float], y: Any, x: Any) -> tuple[Values, Values]:
-    """(dW/dy, dW/dx) at places on the unit disc, in metres over its radius."""
+    """Compute (dW/dy, dW/dx) at positions on the unit disc, in metres over its radius."""
     down, right = np.zeros(np.shape(y)), np.zeros(np.shape(x))
     for (n, m), metres in terms.items():
         steps = zernike_gradient(n, m, y, x)
@@ -382,35 +387,35 @@ def slopes(terms: Mapping[Orders, float], y: Any, x: Any) -> tuple[Values, Value
     return down, right
 
 
-def _pairs(given: Mapping[int, Any] | Iterable[Any], name: str) -> list[tuple[int, Any]]:
+def _pairs(terms: Mapping[int, Any] | Iterable[Any], name: str) -> list[tuple[int, Any]]:
     try:
-        found = sorted(dict(given).items())
+        pairs = sorted(dict(terms).items())
     except (TypeError, ValueError) as error:
-        raise TypeError(f"{name} is {{Noll's index: metres}}, not {given!r}.") from error
-    for j, _ in found:
+        raise TypeError(f"{name} must map Noll's index to metres, got {terms!r}.") from error
+    for j, _ in pairs:
         noll(j)
-    return [(int(j), value) for j, value in found]
+    return [(int(j), value) for j, value in pairs]
 
 
-def _terms(given: Mapping[int, float] | Terms, name: str) -> Terms:
-    found = []
-    for j, metres in _pairs(given, name):
+def _terms(terms: Mapping[int, float] | Terms, name: str) -> Terms:
+    pairs = []
+    for j, metres in _pairs(terms, name):
         if not (np.ndim(metres) == 0 and fits_float64(metres)):
-            raise ValueError(f"{name}[{j}] is finite, in metres, not {metres!r}.")
+            raise ValueError(f"{name}[{j}] must be finite, in metres, got {metres!r}.")
         units.WAVEFRONT.check(metres, f"{name}[{j}]")
-        found.append((j, float(metres)))
-    return tuple(found)
+        pairs.append((j, float(metres)))
+    return tuple(pairs)
 
 
-def _field_terms(given: Mapping[int, Pair] | FieldTerms) -> FieldTerms:
-    found = []
-    for j, pair in _pairs(given, "main_lens_field"):
+def _field_terms(terms: Mapping[int, Pair] | FieldTerms) -> FieldTerms:
+    pairs = []
+    for j, pair in _pairs(terms, "main_lens_field"):
         if np.shape(pair) != (2,) or not np.isfinite(pair).all():
             raise ValueError(
-                f"main_lens_field[{j}] is (along Y, along X), two finite numbers, not {pair!r}."
+                f"main_lens_field[{j}] must be two finite numbers, along Y and X, got {pair!r}."
             )
-        found.append((j, (float(pair[0]), float(pair[1]))))
-    return tuple(found)
+        pairs.append((j, (float(pair[0]), float(pair[1]))))
+    return tuple(pairs)
 
 
 NONE = Aberrations()
@@ -419,31 +424,32 @@ NONE = Aberrations()
 def correct_aberrations(
     lf: LightField | ArrayLike, zernike: Mapping[int, float], *, camera: CameraModel | None = None
 ) -> LightField:
-    """Return the light field as if the main lens had no such wavefront.
+    """Remove a wavefront of the main lens from a light field.
 
-    A ray from u on the main lens meets the image plane F dW/du beside its place (ray aberration:
-    Born and Wolf 1999, section 5.1; Ng 2006, chapter 7): view u is moved back by that, through the
-    phase of its spectrum. The slope in the middle of what one view sees is corrected, not how it
-    changes within: lenslets blur directions by lam f_mu/d on the sensor.
+    A ray from u on the main lens meets the image plane F dW/du beside its ideal position (ray
+    aberration: Born and Wolf 1999, section 5.1; Ng 2006, chapter 7). View u is shifted back by that
+    amount, through the phase of its spectrum. Only the slope in the middle of each view's pupil is
+    corrected, not its change within: lenslets blur directions by lam f_mu/d on the sensor.
 
     Parameters
     ----------
     lf : LightField or array_like
-        Decoded with "calibrated" sub-images; with a spacing in metres.
+        Light field decoded with "calibrated" sub-images and with a spacing in metres.
     zernike : mapping of int to float
         Noll's index to metres of path, rms over the aperture, as `Aberrations.main_lens`.
     camera : CameraModel, optional
-        Its image_distance F and aperture_diameter count. None: ``lf.camera``.
+        Camera whose image_distance F and aperture_diameter are used; default ``lf.camera``.
 
     Returns
     -------
     LightField
-        Of the same shape, float32. Views beyond the rim of the aperture are moved as those on it.
+        Corrected light field, float32. Views beyond the rim of the aperture are shifted by the
+        slope at the rim.
 
     Raises
     ------
     ValueError
-        If the camera or the spacing is not known, or the views are directions.
+        If the camera or the spacing is unknown, or the views are directions.
 
     Examples
     --------
@@ -460,22 +466,22 @@ def correct_aberrations(
     """
     lf = as_lightfield(lf)
     terms = Aberrations(main_lens=zernike).main_terms()
-    known = lf.camera if camera is None else camera
-    if known is None or lf.spacing is None:
+    model = lf.camera if camera is None else camera
+    if model is None or lf.spacing is None:
         raise ValueError(
-            "A wavefront is corrected where views and pixels lie in metres: give camera=, and a "
-            "light field with spacing."
+            "The light field must have a camera and a spacing in metres for the correction of a "
+            "wavefront: give camera=, and a light field with spacing."
         )
     require_two_plane(lf.parametrisation, "The correction of a wavefront")
     if lf.decode == "naive":
         raise ValueError(
-            "Naive cells are directions, not places on the main lens: decode with 'calibrated'."
+            "Naive cells are directions, not positions on the main lens: decode with 'calibrated'."
         )
-    return shift_views(lf, _steps(lf, lf.spacing, terms, known))
+    return shift_views(lf, _steps(lf, lf.spacing, terms, model))
 
 
 def _steps(lf: LightField, spacing: Any, terms: Any, camera: CameraModel) -> Any:
-    """How far rays of each view land beside their place, (y, x) in pixels, shape (V, U, 2)."""
+    """Return displacements of each view's rays, (y, x) in pixels, shape (V, U, 2)."""
     dv, du, dy, dx = spacing
     if lf.positions is None:
         v, u = (np.arange(n) - (n - 1) / 2 for n in lf.shape[:2])

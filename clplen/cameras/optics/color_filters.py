@@ -1,4 +1,4 @@
-"""Colour filters over the pixels of a sensor, and what each pixel makes of light."""
+"""Colour filters over the pixels of a sensor, and the response of each pixel to light."""
 
 from __future__ import annotations
 
@@ -21,17 +21,17 @@ Per = Literal["photon", "energy"]
 Tile = tuple[tuple[str, ...], ...]
 
 ORDERS = ("RGGB", "GRBG", "GBRG", "BGGR")
-MOST = 4096  # filters of a tile
+MAX_TILE_FILTERS = 4096  # maximum number of filters of a tile
 # Sums of Gaussians of the wavelength: centre (nm), full width at half maximum (nm), height. Fitted
 # by least squares to the relative sensitivities of a Nikon D5100 from 400 to 700 nm (Darrodi,
 # Finlayson, Goodman and Mackiewicz, J. Opt. Soc. Am. A 32, 381 (2015)), each colour's largest 1;
-# rms deviations .014, .009 and .025.
+# rms deviations 0.014, 0.009 and 0.025.
 D5100 = {
     "R": ((588, 21, 0.556), (607, 39, 0.78), (643, 40, 0.348), (453, 78, 0.06), (528, 38, 0.108)),
     "G": ((517, 40, 0.234), (542, 82, 0.876), (474, 32, 0.273), (438, 31, 0.155)),
     "B": ((428, 15, 0.377), (447, 34, 0.461), (477, 65, 0.849)),
 }
-BAND = (400.0, 700.0)  # nm: beyond it the camera's own filter blocks
+BAND_NM = (400.0, 700.0)  # nm; the camera's own filter blocks light beyond
 
 
 @dataclass(frozen=True, init=False, repr=False)
@@ -44,23 +44,23 @@ class ColorFilterArray(OneLine):
         Names of the filters, row by row from the pixel (0, 0): ``["RG", "GB"]``, or
         ``[["red", "clear"], ["clear", "blue"]]``.
     sensitivities : mapping of str to SpectralDistribution
-        Of each name: with ``per="photon"`` the quantum efficiency of the pixel times the
-        transmittance of its filter, electrons a photon.
+        Sensitivity behind each filter. With ``per="photon"`` it is the quantum efficiency of the
+        pixel times the transmittance of its filter, electrons a photon.
     per : {"photon", "energy"}
-        Whether sensitivities are signals of a photon, or of a unit of energy as most published
-        curves are. A unit of energy at lam has lam/lam_0 times the photons of one at lam_0, the
-        camera's ``wavelength``: there both mean the same.
+        Unit of the sensitivities: signal of a photon, or of a unit of energy as in most published
+        curves. A unit of energy at lam has lam/lam_0 times the photons of a unit at lam_0, the
+        camera's ``wavelength``, where both agree.
 
     Attributes
     ----------
     tile : tuple of tuple of str
         Names of the filters, row by row.
     names : tuple of str
-        Each once, in the order of the tile.
+        Distinct names in the order of the tile.
     sensitivities : tuple of SpectralDistribution
-        In the order of ``names``.
+        Sensitivities in the order of ``names``.
     per : str
-        As given.
+        Unit of the sensitivities.
 
     Raises
     ------
@@ -68,7 +68,7 @@ class ColorFilterArray(OneLine):
         If the tile is empty, its rows are of unequal lengths, or it names a filter without
         sensitivity.
     TypeError
-        If a name is no text, or a sensitivity is none.
+        If a name is not a string, or a sensitivity has another type.
 
     Examples
     --------
@@ -93,26 +93,26 @@ class ColorFilterArray(OneLine):
         per: Per = "photon",
     ) -> None:
         if per not in ("photon", "energy"):
-            raise ValueError(f"per is 'photon' or 'energy', not {per!r}.")
+            raise ValueError(f"per must be 'photon' or 'energy', got {per!r}.")
         rows = _tile(tile)
         names = tuple(dict.fromkeys(name for row in rows for name in row))
         if not isinstance(sensitivities, Mapping):
             raise TypeError(
-                "sensitivities maps names of filters to curves, such as {'R': "
-                f"SpectralDistribution(...)}}, not {type(sensitivities).__name__}."
+                "sensitivities must map names of filters to curves, such as {'R': "
+                f"SpectralDistribution(...)}}, got {type(sensitivities).__name__}."
             )
         missing = [name for name in names if name not in sensitivities]
         if missing:
-            known = ", ".join(map(repr, sensitivities)) or "none"
+            available = ", ".join(map(repr, sensitivities)) or "none"
             raise ValueError(
-                f"The tile names the filter {missing[0]!r}, which has no sensitivity: there are "
-                f"{known}. Add it to sensitivities=."
+                f"sensitivities must contain every filter of the tile, but {missing[0]!r} is "
+                f"missing; got {available}."
             )
         for name in names:
             if not isinstance(sensitivities[name], SpectralDistribution):
                 raise TypeError(
-                    f"The sensitivity of {name!r} is a SpectralDistribution(wavelengths, values), "
-                    f"not {type(sensitivities[name]).__name__}."
+                    f"The sensitivity of {name!r} must be a SpectralDistribution(wavelengths, "
+                    f"values), got {type(sensitivities[name]).__name__}."
                 )
         object.__setattr__(self, "tile", rows)
         object.__setattr__(self, "names", names)
@@ -127,23 +127,23 @@ class ColorFilterArray(OneLine):
         *,
         per: Per = "photon",
     ) -> ColorFilterArray:
-        """A Bayer mosaic.
+        """Return a Bayer mosaic.
 
         Parameters
         ----------
         order : {"RGGB", "GRBG", "GBRG", "BGGR"}
             Filters of the pixels (0, 0), (0, 1), (1, 0), (1, 1).
         sensitivities : mapping of str to SpectralDistribution, optional
-            Of "R", "G" and "B". None: those of a Nikon D5100 as sums of Gaussians from 400 to
-            700 nm (fitted to Darrodi et al. 2015, doi:10.1364/JOSAA.32.000381; rms deviations
-            .014, .009, .025), each colour's largest about 1 and ``per="energy"``.
+            Sensitivities of "R", "G" and "B". None: those of a Nikon D5100 as sums of Gaussians
+            from 400 to 700 nm (fitted to Darrodi et al. 2015, doi:10.1364/JOSAA.32.000381; rms
+            deviations 0.014, 0.009, 0.025), each colour's largest about 1 and ``per="energy"``.
         per : {"photon", "energy"}
-            Of sensitivities that are given.
+            Unit of the given sensitivities.
 
         Raises
         ------
         ValueError
-            If the order is another one.
+            If ``order`` has another value.
         """
         return _mosaic(cls, _bayer(order, 1), sensitivities, per)
 
@@ -155,20 +155,22 @@ class ColorFilterArray(OneLine):
         *,
         per: Per = "photon",
     ) -> ColorFilterArray:
-        """A Bayer mosaic of two by two pixels of each colour; parameters as for `bayer`."""
+        """Return a Bayer mosaic of two by two pixels of each colour; parameters as for `bayer`."""
         return _mosaic(cls, _bayer(order, 2), sensitivities, per)
 
     @classmethod
     def monochrome(
         cls, sensitivity: SpectralDistribution | None = None, *, per: Per = "photon"
     ) -> ColorFilterArray:
-        """No colours: every pixel has one sensitivity.
+        """Return an array without colours: every pixel has the same sensitivity.
 
         Parameters
         ----------
         sensitivity : SpectralDistribution, optional
-            None: an ideal sensor, an electron a photon from 300 to 1100 nm.
+            Sensitivity of the pixels. None: an ideal sensor, an electron a photon from 300 to
+            1100 nm.
         per : {"photon", "energy"}
+            Unit of the given sensitivity.
         """
         ideal = SpectralDistribution([300e-9, 1100e-9], [1.0, 1.0])
         return cls(["L"], {"L": ideal if sensitivity is None else sensitivity}, per=per)
@@ -180,58 +182,61 @@ class ColorFilterArray(OneLine):
 
     @property
     def mosaic(self) -> Tile | None:
-        """The tile, or None where all filters are the same."""
+        """Tile, or None if all filters are equal."""
         return None if len(self.names) == 1 else self.tile
 
     @cached_property
     def index(self) -> np.ndarray[Any, np.dtype[np.int64]]:
-        """Which of ``names`` each pixel of the tile has, shape (ny, nx)."""
+        """Index in ``names`` of each pixel of the tile, shape (ny, nx)."""
         return np.array([[self.names.index(name) for name in row] for row in self.tile])
 
     def response(self, wavelengths: Any, reference: float) -> Values:
-        """Signal for a unit of energy.
+        """Compute the signal of a unit of energy.
 
         Parameters
         ----------
         wavelengths : array_like
-            In metres, shape (n,).
+            Wavelengths in metres, shape (n,).
         reference : float
-            Wavelength in metres of which a unit of energy has as many photons as it has units.
+            Wavelength in metres at which a unit of energy has as many photons as units.
 
         Returns
         -------
         numpy.ndarray
-            Shape (n, filters), in the order of ``names``.
+            Signals in the order of ``names``, shape (n, filters).
         """
         lam = real_array(wavelengths, "wavelengths", np.float64)
-        found = np.stack([curve(lam) for curve in self.sensitivities], axis=-1)
-        return found * (lam / reference)[..., None] if self.per == "photon" else found
+        curves = np.stack([curve(lam) for curve in self.sensitivities], axis=-1)
+        return curves * (lam / reference)[..., None] if self.per == "photon" else curves
 
     def white_balance(self, light: Spectrum | SpectralDistribution) -> dict[str, float]:
-        """Factors that give white in some light the same signal behind all filters.
+        """Return factors that make the signals of white in some light equal behind all filters.
 
         Parameters
         ----------
         light : Spectrum or SpectralDistribution
+            Spectrum of the light.
 
         Returns
         -------
         dict of str to float
-            Of each name; the strongest filter has 1.
+            Factor for each name; the filter with the largest signal has 1.
 
         Raises
         ------
         ValueError
-            If a filter does not see the light.
+            If a filter does not transmit the light.
         """
         signals = signal_of(self, [as_spectrum(light, "The light")], 550e-9).totals[0]
         if not signals.min() > 0:
             blind = self.names[int(signals.argmin())]
-            raise ValueError(f"The filter {blind!r} sees nothing of this light.")
+            raise ValueError(
+                f"The filter {blind!r} transmits nothing of this light: use a broader spectrum."
+            )
         return {n: float(signals.max() / s) for n, s in zip(self.names, signals, strict=True)}
 
     def to_json(self) -> str:
-        """As text, from which `from_json` makes the same array."""
+        """Return the array as JSON, for `from_json`."""
         curves = {
             name: [list(curve.wavelengths), list(curve.values)]
             for name, curve in zip(self.names, self.sensitivities, strict=True)
@@ -240,50 +245,52 @@ class ColorFilterArray(OneLine):
 
     @classmethod
     def from_json(cls, text: str) -> ColorFilterArray:
-        """What `to_json` wrote.
+        """Read an array that `to_json` wrote.
 
         Raises
         ------
         ValueError, TypeError, KeyError
-            If it is none.
+            If the text is not valid.
         """
-        found = json.loads(text)
+        values = json.loads(text)
         curves = {
-            name: SpectralDistribution(*pair) for name, pair in found["sensitivities"].items()
+            name: SpectralDistribution(*pair) for name, pair in values["sensitivities"].items()
         }
-        return cls(found["tile"], curves, per=found["per"])
+        return cls(values["tile"], curves, per=values["per"])
 
 
 def signal_of(filters: ColorFilterArray, spectra: Sequence[Spectrum], reference: float) -> Signal:
-    """The signal of spectra of unit energy behind each filter."""
+    """Return the signal of spectra of unit energy behind each filter."""
     knots = np.unique([lam for curve in filters.sensitivities for lam in curve.wavelengths])
     return Signal.of(spectra, lambda lam: filters.response(lam, reference), knots.tolist())
 
 
 def _tile(tile: Any) -> Tile:
     if isinstance(tile, str) or not isinstance(tile, Sequence):
-        raise TypeError(f"A tile is rows of names of filters, such as ['RG', 'GB'], not {tile!r}.")
+        raise TypeError(
+            f"tile must be rows of names of filters, such as ['RG', 'GB'], got {tile!r}."
+        )
     rows = tuple(tuple(row) for row in tile)
     if not rows or not all(rows):
         raise ValueError(
-            "The tile of filters is empty: give rows of names, such as ['RG', 'GB'], or take "
+            "tile must not be empty: use rows of names, such as ['RG', 'GB'], or "
             "ColorFilterArray.bayer('RGGB')."
         )
-    if any(len(row) != len(rows[0]) for row in rows) or len(rows) * len(rows[0]) > MOST:
+    if any(len(row) != len(rows[0]) for row in rows) or len(rows) * len(rows[0]) > MAX_TILE_FILTERS:
         raise ValueError(
-            f"The rows of a tile have as many filters each, {MOST} in all at most, not "
-            f"{[len(row) for row in rows][:9]}."
+            f"tile must have rows of equal length and at most {MAX_TILE_FILTERS} filters, got rows "
+            f"of {[len(row) for row in rows][:9]} filters."
         )
     for name in (name for row in rows for name in row):
         if not isinstance(name, str) or not name:
-            raise TypeError(f"The name of a filter is a text, such as 'R', not {name!r}.")
+            raise TypeError(f"The name of a filter must be a string, such as 'R', got {name!r}.")
     return rows
 
 
 def _bayer(order: str, size: int) -> list[list[str]]:
-    """The tile of a Bayer mosaic of ``size`` by ``size`` pixels of each colour."""
+    """Return the tile of a Bayer mosaic of ``size`` by ``size`` pixels of each colour."""
     if not isinstance(order, str) or order.upper() not in ORDERS:
-        raise ValueError(f"A Bayer mosaic is one of {', '.join(ORDERS)}, not {order!r}.")
+        raise ValueError(f"order must be one of {', '.join(ORDERS)}, got {order!r}.")
     name = order.upper()
     return [[name[2 * (y // size) + x // size] for x in range(2 * size)] for y in range(2 * size)]
 
@@ -301,7 +308,7 @@ def _mosaic(
 
 @lru_cache(maxsize=1)
 def _d5100() -> dict[str, SpectralDistribution]:
-    nm = np.arange(BAND[0], BAND[1] + 1, 5.0)
+    nm = np.arange(BAND_NM[0], BAND_NM[1] + 1, 5.0)
     return {
         name: SpectralDistribution(
             nm * 1e-9,

@@ -1,4 +1,4 @@
-"""Cameras with an array of lenslets: lengths of the array, the sensor, checks of both."""
+"""Base class of cameras with lenslets: lengths of array and sensor, and their checks."""
 
 from __future__ import annotations
 
@@ -17,8 +17,8 @@ from clplen.wave.field.field import Grid
 
 Kind = Literal["standard", "focused", "microscope"]
 
-NARROWEST = 2.0  # wavelengths across a lenslet
-PITCH_TOLERANCE = 1e-6  # relative, between pixels a lenslet and their pitch
+MIN_LENSLET_WAVELENGTHS = 2.0  # minimum width of a lenslet in wavelengths
+PITCH_TOLERANCE = 1e-6  # maximum relative difference of pixels_per_lenslet and the pixels' pitch
 _LENGTHS = {
     "focal_length": units.CAMERA_FOCAL_LENGTH,
     "image_distance": units.CAMERA_FOCAL_LENGTH,
@@ -28,11 +28,11 @@ _LENGTHS = {
     "sensor_distance": units.CAMERA_FOCAL_LENGTH,
     "field_stop": units.IMAGE_PLACE,
     "pixel_pitch": units.PIXEL_PITCH,
-}  # an object may be anywhere, and wavelengths have a check of their own
+}  # the object distance is unlimited, and wavelengths are checked separately
 
 
 class LensletCamera:
-    """A camera with an array of lenslets before its sensor; `Plenoptic1` documents its fields."""
+    """Camera with an array of lenslets before its sensor; `Plenoptic1` documents its fields."""
 
     mla: MicrolensArray
     pixels_per_lenslet: float
@@ -46,24 +46,24 @@ class LensletCamera:
 
     @property
     def _sensor(self) -> str:
-        """Lenslets and pixels in a few words, for a representation."""
+        """Numbers of lenslets and pixels as a short text."""
         (rows, columns), (ny, nx) = self.mla.count, self.grid.shape
         lenslets = f"{rows} x {columns} lenslets of {metres(self.mla.pitch)}"
         return f"{lenslets}, {ny} x {nx} pixels"
 
     @property
     def lenslet_pitch(self) -> float:
-        """p in metres."""
+        """Pitch p of the lenslets in metres."""
         return self.mla.pitch
 
     @property
     def lenslet_diameter(self) -> float:
-        """d in metres."""
+        """Diameter d of a lenslet in metres."""
         return self.mla.diameter
 
     @property
     def lenslet_focal_length(self) -> float:
-        """f_mu in metres; of several kinds of lenslets the first."""
+        """Focal length f_mu in metres; the first of several kinds of lenslets."""
         return self.mla.focal_length
 
     @property
@@ -78,20 +78,20 @@ class LensletCamera:
 
     @property
     def spot_variance(self) -> float:
-        """Along one axis, in square pixels, of a point's image without diffraction: of a pixel."""
+        """Variance of a point's image along an axis by the pixel, in square pixels."""
         return 0.0 if self.pixels is None else self.pixels.fill_factor / 12
 
 
 def sensor_grid(
     mla: MicrolensArray, pixels_per_lenslet: float, pixels: PixelArray | None = None
 ) -> Grid:
-    """The sensor behind an array: as many pixels as cover it, the axis in its middle."""
+    """Return the sensor behind an array: by default the pixels that cover it, about the axis."""
     if not (is_finite(pixels_per_lenslet) and pixels_per_lenslet >= SMALLEST_PITCH):
-        known = is_finite(pixels_per_lenslet)
-        number = f"{pixels_per_lenslet:g}" if known else repr(pixels_per_lenslet)
+        is_number = is_finite(pixels_per_lenslet)
+        number = f"{pixels_per_lenslet:g}" if is_number else repr(pixels_per_lenslet)
         raise SamplingError(
-            f"A lenslet has {number} pixels; at least {SMALLEST_PITCH} are needed: "
-            f"pixels of {mla.pitch / SMALLEST_PITCH:g} m or less would do."
+            f"pixels_per_lenslet must be at least {SMALLEST_PITCH}, got {number}: use pixels of "
+            f"{mla.pitch / SMALLEST_PITCH:g} m or less."
         )
     pitch = mla.pitch / pixels_per_lenslet
     ny, nx = (math.ceil(length / pitch - 1e-6) for length in mla.extent)
@@ -101,12 +101,11 @@ def sensor_grid(
     for axis, (n, offset, lenslets) in enumerate(
         zip((ny, nx), (down, right), mla.offset, strict=True)
     ):
-        apart, most = abs(offset - lenslets), (n * pitch + mla.extent[axis]) / 2
-        if apart >= most and mla.rotation == 0:
+        distance, limit = abs(offset - lenslets), (n * pitch + mla.extent[axis]) / 2
+        if distance >= limit and mla.rotation == 0:
             raise ValueError(
-                f"Array and sensor lie {apart:g} m beside each other along {'yx'[axis]}, by their "
-                f"offsets from the axis, so that no lenslet has pixels: less than {most:g} m "
-                "would do."
+                f"Offsets from the axis separate array and sensor by {distance:g} m along "
+                f"{'yx'[axis]}, so that no lenslet has pixels: use less than {limit:g} m."
             )
     origin = (
         down + (pitch / 2 if ny % 2 == 0 else 0.0),
@@ -116,22 +115,23 @@ def sensor_grid(
 
 
 def views(camera: LensletCamera) -> int:
-    """Views across: the pixels of a lenslet, rounded."""
+    """Return the number of views across: the pixels of a lenslet, rounded."""
     return max(1, round(camera.pixels_per_lenslet))
 
 
 def independent_views(
     diameter: float, focal_length: float, wavelength: float, pixels: float
 ) -> float:
-    """Views across that diffraction by a lenslet leaves independent, at most its pixels.
+    """Return the number of views across that stay independent after diffraction.
 
-    d^2/(lam f_mu), the width of a sub-image d over that of a spot of diffraction, lam f_mu/d.
+    It is d^2/(lam f_mu), the width of a sub-image d over that of a diffraction spot, lam f_mu/d,
+    at most the number of pixels of a lenslet.
     """
     return min(pixels, diameter**2 / (wavelength * focal_length))
 
 
 def lenslet_grid(camera: LensletCamera, magnification: float) -> LensletGrid:
-    """Centres of the lenslets, projected by ``magnification`` from the axis, in pixels."""
+    """Return lenslet centres in pixels, projected by ``magnification`` about the axis."""
     mla, n = camera.mla, views(camera)
     first = mla.centres()[0, 0]
     cos, sin = math.cos(mla.rotation), math.sin(mla.rotation)
@@ -154,44 +154,45 @@ def lenslet_grid(camera: LensletCamera, magnification: float) -> LensletGrid:
 
 
 def check_lenslets(mla: MicrolensArray, wavelength: float) -> None:
-    """Refuse what is no array, or one whose lenslets are too narrow for the wavelength."""
+    """Raise if ``mla`` is no array, or its lenslets are too narrow for the wavelength."""
     if not isinstance(mla, MicrolensArray):
-        raise TypeError(f"mla is a MicrolensArray, not {mla!r}.")
+        raise TypeError(f"mla must be a MicrolensArray, got {mla!r}.")
     width = mla.pitch if mla.gap == "clear" else mla.diameter
-    if width < NARROWEST * wavelength:
+    if width < MIN_LENSLET_WAVELENGTHS * wavelength:
         raise ValueError(
-            f"Lenslets of {width:g} m are no lenses for a wavelength of {wavelength:g} m: "
-            f"lengths are in metres; wavelengths below {width / NARROWEST:g} m would do."
+            f"Lenslets must be at least {MIN_LENSLET_WAVELENGTHS:g} wavelengths wide, got "
+            f"{width:g} m for {wavelength:g} m: use wavelengths below "
+            f"{width / MIN_LENSLET_WAVELENGTHS:g} m. Lengths are in metres."
         )
 
 
-def lenslet_pixels(mla: MicrolensArray, given: float | None, pixels: PixelArray | None) -> float:
-    """Pixels a lenslet, from their number or their pitch."""
+def lenslet_pixels(mla: MicrolensArray, number: float | None, pixels: PixelArray | None) -> float:
+    """Return the pixels a lenslet, from their number or their pitch."""
     if pixels is not None and not isinstance(pixels, PixelArray):
-        raise TypeError(f"pixels is a PixelArray, as PixelArray(), not {pixels!r}.")
+        raise TypeError(f"pixels must be a PixelArray, such as PixelArray(), got {pixels!r}.")
     pitch = None if pixels is None else pixels.pitch
-    if given is None and pitch is None:
+    if number is None and pitch is None:
         raise ValueError(
-            "The pixels have no size: give pixels_per_lenslet, or pixels=PixelArray(pitch=...)."
+            "Pixels must have a size: give pixels_per_lenslet, or pixels=PixelArray(pitch=...)."
         )
-    if given is not None and not (is_finite(given) and given > 0):
-        raise SamplingError(f"pixels_per_lenslet is a number, at least 2, not {given!r}.")
+    if number is not None and not (is_finite(number) and number > 0):
+        raise SamplingError(f"pixels_per_lenslet must be a number >= 2, got {number!r}.")
     if pitch is None:
-        assert given is not None
-        return given
+        assert number is not None
+        return number
     across = mla.pitch / pitch
-    if given is not None and abs(given - across) > PITCH_TOLERANCE * across:
+    if number is not None and abs(number - across) > PITCH_TOLERANCE * across:
         raise ValueError(
-            f"pixels_per_lenslet = {given!r} contradicts the pixels' pitch of {pitch:g} m, of "
-            f"which a lenslet of {mla.pitch:g} m has {across:.6g}: give one of the two."
+            f"pixels_per_lenslet = {number!r} contradicts the pixel pitch of {pitch:g} m, with "
+            f"{across:.6g} pixels for a lenslet of {mla.pitch:g} m: give only one of the two."
         )
     return across
 
 
-def require_lengths(**given: float | None) -> None:
-    """Refuse lengths that are not positive and finite, or no metres; None is left out."""
-    for name, value in given.items():
+def require_lengths(**lengths: float | None) -> None:
+    """Raise for lengths that are not positive and finite, or not in metres; None is allowed."""
+    for name, value in lengths.items():
         if value is not None and not (is_finite(value) and value > 0):
-            raise ValueError(f"{name} is positive, in metres, not {value!r}.")
+            raise ValueError(f"{name} must be > 0, in metres, got {value!r}.")
         if value is not None and name in _LENGTHS:
             _LENGTHS[name].check(value, name)

@@ -1,4 +1,4 @@
-"""Lenslets at any places of a plane, each with a focal length of its own."""
+"""Lenslets at any positions of a plane, each with its focal length."""
 
 from __future__ import annotations
 
@@ -20,40 +20,40 @@ Vector = np.ndarray[Any, Any]
 Fill = Literal["circular", "square", "hexagonal"]
 
 FILLS = ("circular", "square", "hexagonal")
-MOST = 10_000  # lenslets of a layout
-TOUCHING = 1e-6  # of a diameter, by which rounding may let apertures overlap
+MAX_LENSLETS = 10_000  # maximum lenslets of a layout
+OVERLAP_TOLERANCE = 1e-6  # relative overlap of apertures that rounding may cause
 
 
 @dataclass(frozen=True, init=False, eq=False, repr=False)
 class LensletLayout(OneLine):
-    """Thin lenslets of one size at any places, opaque between them.
+    """Thin lenslets of one size at any positions, opaque between them.
 
     Parameters
     ----------
     positions : array_like
         Centres (y, x) in metres from the axis, shape (n, 2).
     focal_length : float or sequence of float
-        In metres, positive; one, or one of each lenslet.
+        Focal length in metres, positive; one value, or a value for each lenslet.
     diameter : float
-        Of the discs, or the width of squares or hexagons across their flats, in metres.
+        Diameter of the discs, or width of squares or hexagons across their flats, in metres.
     fill : {"circular", "square", "hexagonal"}
-        Form of the apertures; hexagons have two flats across x.
+        Shape of the apertures; hexagons have two flats across x.
     rotation : float
-        Of squares and hexagons about their centres, in radians; positive turns +x towards +y.
+        Angle of squares and hexagons about their centres in radians; positive turns +x towards +y.
 
     Attributes
     ----------
     positions : numpy.ndarray
-        float64, shape (n, 2).
+        Centres, float64, shape (n, 2).
     focal_lengths : numpy.ndarray
-        float64, shape (n,).
+        Focal lengths, float64, shape (n,).
     diameter, fill, rotation
-        As given.
+        Arguments of the constructor.
 
     Raises
     ------
     ValueError
-        For a length outside its range, other shapes of arrays, or apertures that overlap.
+        If a length is outside its range, arrays have other shapes, or apertures overlap.
 
     Examples
     --------
@@ -79,30 +79,30 @@ class LensletLayout(OneLine):
         fill: Fill = "circular",
         rotation: float = 0.0,
     ) -> None:
-        places = _numbers(positions, "Positions of lenslets")
-        if places.ndim != 2 or places.shape[1:] != (2,) or not 1 <= len(places) <= MOST:
+        centres = _numbers(positions, "Positions of lenslets")
+        if centres.ndim != 2 or centres.shape[1:] != (2,) or not 1 <= len(centres) <= MAX_LENSLETS:
             raise ValueError(
-                f"Positions of lenslets are (y, x) of each, shape (n, 2) with n from 1 to {MOST}, "
-                f"not {places.shape}."
+                f"positions must be (y, x) of each lenslet, shape (n, 2) with n from 1 to "
+                f"{MAX_LENSLETS}, got {centres.shape}."
             )
-        units.OFFSET.check(places, "A position of a lenslet")
+        units.OFFSET.check(centres, "A position of a lenslet")
         focal = _numbers(focal_length, "Focal lengths")
-        if focal.ndim > 1 or focal.size not in (1, len(places)) or not (focal > 0).all():
+        if focal.ndim > 1 or focal.size not in (1, len(centres)) or not (focal > 0).all():
             raise ValueError(
-                f"{len(places)} lenslets have one positive focal length or as many, not "
-                f"{focal_length!r}."
+                f"focal_length must be > 0, one value or one for each of {len(centres)} lenslets, "
+                f"got {focal_length!r}."
             )
         units.CAMERA_FOCAL_LENGTH.check(focal, "A focal length")
         if not (is_finite(diameter) and diameter > 0):
-            raise ValueError(f"The diameter of lenslets is positive, in metres, not {diameter!r}.")
+            raise ValueError(f"diameter must be > 0, in metres, got {diameter!r}.")
         units.LENSLET_PITCH.check(diameter, "The diameter of lenslets")
         if fill not in FILLS:
-            raise ValueError(f"fill is {', '.join(map(repr, FILLS))}, not {fill!r}.")
+            raise ValueError(f"fill must be {', '.join(map(repr, FILLS))}, got {fill!r}.")
         if not is_finite(rotation):
-            raise ValueError(f"rotation is a finite angle in radians, not {rotation!r}.")
+            raise ValueError(f"rotation must be a finite angle in radians, got {rotation!r}.")
         values = {
-            "positions": places,
-            "focal_lengths": np.broadcast_to(focal, (len(places),)).copy(),
+            "positions": centres,
+            "focal_lengths": np.broadcast_to(focal, (len(centres),)).copy(),
             "diameter": float(diameter),
             "fill": fill,
             "rotation": float(rotation),
@@ -113,12 +113,12 @@ class LensletLayout(OneLine):
 
     @classmethod
     def of(cls, mla: MicrolensArray) -> LensletLayout:
-        """The lenslets of an array.
+        """Return the layout of an array's lenslets.
 
         Parameters
         ----------
         mla : MicrolensArray
-            Of thin lenslets without clear gaps; all its lattices, fills, kinds and turns.
+            Array of thin lenslets without clear gaps, of any lattice, fill, kinds and rotation.
 
         Returns
         -------
@@ -131,7 +131,8 @@ class LensletLayout(OneLine):
         """
         if not mla.is_thin:
             raise ValueError(
-                "A layout has thin lenslets: leave surface=, map= and gap= of the array out."
+                "A layout supports thin lenslets only: leave out surface=, map= and gap= of the "
+                "array."
             )
         cell: Fill = "hexagonal" if mla.lattice == "hexagonal" else "square"
         return cls(
@@ -153,7 +154,7 @@ class LensletLayout(OneLine):
 
     @property
     def spacing(self) -> float:
-        """Least distance of two centres in metres; infinite for one lenslet."""
+        """Smallest distance of two centres in metres; infinite for one lenslet."""
         if len(self) == 1:
             return math.inf
         from scipy.spatial import cKDTree
@@ -162,35 +163,35 @@ class LensletLayout(OneLine):
 
     @property
     def reach(self) -> float:
-        """Farthest point of an aperture from its centre, in metres."""
+        """Largest distance of an aperture's points from its centre, in metres."""
         corner = {"circular": 1.0, "square": math.sqrt(2), "hexagonal": 2 / math.sqrt(3)}
         return self.diameter / 2 * corner[self.fill]
 
     @property
     def area(self) -> float:
-        """Of one aperture, in square metres."""
+        """Area of one aperture in square metres."""
         of_square = {"circular": math.pi / 4, "square": 1.0, "hexagonal": math.sqrt(3) / 2}
         return self.diameter**2 * of_square[self.fill]
 
     def coverage(self, y: Vector, x: Vector, step: float) -> Vector:
-        """How much of each sample an aperture about the origin covers.
+        """Compute the fraction of each sample that an aperture about the origin covers.
 
         Exact along straight rims, else to second order in ``step``.
         """
         half = self.diameter / 2
         if self.fill == "circular":
-            return covered(half - np.hypot(y[:, None], x), step)
+            return rim_coverage(half - np.hypot(y[:, None], x), step)
         normals = 2 if self.fill == "square" else 3
         out = np.ones((len(y), len(x)))
         for angle in self.rotation + np.arange(normals) * np.pi / normals:
             across = np.abs(x * math.cos(angle) + y[:, None] * math.sin(angle))
-            out *= covered(half - across, step)
+            out *= rim_coverage(half - across, step)
         return out
 
     def transmission(self, y: Vector, x: Vector, wavelength: float) -> Vector:
-        """exp(-i pi r^2/(lam f)) within each aperture, 0 between them.
+        """Compute exp(-i pi r^2/(lam f)) within each aperture, 0 between apertures.
 
-        At evenly spaced ``y`` and ``x`` in metres; complex128, shape (ny, nx).
+        ``y`` and ``x`` are evenly spaced, in metres; the result is complex128, shape (ny, nx).
         """
         out = np.zeros((len(y), len(x)), complex)
         step = float(x[1] - x[0])
@@ -204,36 +205,37 @@ class LensletLayout(OneLine):
         return out
 
     def _check_apart(self) -> None:
-        """Refuse apertures that overlap."""
+        """Raise for apertures that overlap."""
         if len(self) == 1:
             return
         from scipy.spatial import cKDTree
 
-        least = self.diameter * (1 - TOUCHING)
+        min_distance = self.diameter * (1 - OVERLAP_TOLERANCE)
         norm = math.inf if self.fill == "square" else 2
         cos, sin = math.cos(self.rotation), math.sin(self.rotation)
         y, x = self.positions.T
         turned = np.stack([y * cos - x * sin, x * cos + y * sin], axis=-1)
-        apart = cKDTree(turned).query(turned, k=2, p=norm)[0][:, 1]
-        if (apart < least).any():
-            number = int(apart.argmin())
+        distances = cKDTree(turned).query(turned, k=2, p=norm)[0][:, 1]
+        if (distances < min_distance).any():
+            number = int(distances.argmin())
             raise ValueError(
-                f"Lenslet {number} (from 0) lies {apart[number]:g} m from its neighbour, and its "
-                f"aperture is {self.diameter:g} m wide: move it, or give a smaller diameter."
+                f"Lenslets must not overlap, but lenslet {number} (from 0) is "
+                f"{distances[number]:g} m from its neighbour and {self.diameter:g} m wide: move "
+                "it, or use a smaller diameter."
             )
 
 
-def covered(inside: Vector, step: float) -> Vector:
-    """Share of samples within a rim, by their distances to it, positive inside."""
+def rim_coverage(inside: Vector, step: float) -> Vector:
+    """Compute the fraction of samples within a rim from distances to it, positive inside."""
     return np.clip(0.5 + inside / step, 0.0, 1.0)
 
 
 def _numbers(values: Any, what: str) -> Vector:
-    """Finite real numbers, float64."""
+    """Return finite real numbers, float64."""
     try:
-        found = real_array(values, what, np.float64)
+        numbers = real_array(values, what, np.float64)
     except TypeError:
-        raise ValueError(f"{what} are real numbers of metres, not {values!r}.") from None
-    if not np.isfinite(found).all():
-        raise ValueError(f"{what} are finite numbers of metres: some are not.")
-    return found
+        raise ValueError(f"{what} must be real numbers in metres, got {values!r}.") from None
+    if not np.isfinite(numbers).all():
+        raise ValueError(f"{what} must be finite numbers in metres.")
+    return numbers

@@ -1,11 +1,11 @@
 """Windows of single points: the light about a chief ray, from the pupil through the array.
 
-A point is imaged at X on the array with a blur D abs(1 - beta) and the rings of diffraction about
-it. Its window holds these and a few lenslets around; the direction of the chief ray is carried
-analytically, so that a window off the axis needs no finer samples than one on it. The field there
-is the integral over the pupil of kernels/cameras/local_window.cl: exact for small angles (Fresnel;
-Goodman 2005, section 4.2) and at the image (Debye and Wolf; Stamnes 1986, chapter 12), by
-stationary phase between; from the array to the sensor the angular spectrum is exact.
+A point is imaged at X on the array with a blur D abs(1 - beta) and rings of diffraction around it.
+Its window holds these and a few more lenslets. The direction of the chief ray is included
+analytically, so that a window off the axis needs no finer samples than a window on it. The field is
+the integral over the pupil of kernels/cameras/local_window.cl. It is exact for small angles
+(Fresnel; Goodman 2005, section 4.2) and at the image (Debye and Wolf; Stamnes 1986, chapter 12), by
+stationary phase between. From the array to the sensor the angular spectrum is exact.
 """
 
 from __future__ import annotations
@@ -30,55 +30,55 @@ from clplen.wave.field.field import Grid
 Values = np.ndarray[Any, np.dtype[np.float64]]
 Counts = np.ndarray[Any, np.dtype[np.int64]]
 
-PERIOD = 1.7  # of the sum over the pupil, in windows
-BATCH_BYTES = 2**26  # of windows that travel through the camera together
-ORDERS = 18.0  # of diffraction at a lenslet's rim that samples hold
-TRANSITION = 0.18  # of the rims' filter, cycles a sample
-BAND = 0.8  # of the samples' band that they fill
-RINGS = 20  # Airy radii of light about the geometrical blur
-SAMPLED_RINGS = 30  # the same where windows have the sensor's samples
-NUMBERS = 18  # of a point, for kernels/cameras/local_window.cl
-PATHS = 163  # samples across the tables of a wavefront and of shadows
-PATH_REACH = 1.25  # of that table, in radii of the pupil, as in the kernel
+PERIOD_WINDOWS = 1.7  # period of the sum over the pupil, in windows
+MAX_BATCH_BYTES = 2**26  # maximum bytes of windows that pass the camera together
+ORDERS = 18.0  # diffraction orders of a lenslet's rim that samples resolve
+TRANSITION = 0.18  # width of the rims' filter, in cycles a sample
+BAND = 0.8  # fraction of the samples' band that these orders fill
+RINGS = 20  # Airy radii of light around the geometrical blur
+SAMPLED_RINGS = 30  # Airy radii for windows with the sensor's samples
+NUMBERS = 18  # numbers of a point in kernels/cameras/local_window.cl
+TABLE_SAMPLES = 163  # samples across the tables of a wavefront and of shadows
+TABLE_REACH = 1.25  # half side of these tables in radii of the pupil, as in the kernel
 
 
 @dataclass(frozen=True)
 class WindowShape:
-    """Sizes that windows computed together share."""
+    """Sizes of windows that are computed together."""
 
     finer: int  # samples a pixel along each axis
-    pitch: float  # of the samples in metres: that of the pixels over ``finer``
-    samples: int  # of the window along each axis, even
-    period: int  # samples after which the integral over the pupil repeats itself
+    pitch: float  # pitch of the samples in metres: pixel pitch over ``finer``
+    samples: int  # samples of the window along each axis, even
+    period: int  # period of the integral over the pupil, in samples
     pupil: int  # samples of direction across the pupil
-    guard: int  # samples at the rim of the window that light from beyond it may reach
-    rim: tuple[float, float] | None  # of the lenslets, as in `MicrolensArray.transmission`
+    guard: int  # samples at the rim of the window that light from outside may reach
+    rim: tuple[float, float] | None  # filter of the lenslets, see `MicrolensArray.transmission`
 
     @property
     def sizes(self) -> tuple[float, ...]:
-        """By which windows are sorted, so that those of one shape are neighbours."""
+        """Sort key that groups windows of equal shape."""
         filters = self.rim or (0.0, 0.0)
         return (self.samples, self.period, self.pupil, self.finer, self.guard, *filters)
 
     def nbytes(self, device: Device) -> int:
-        """Of one window on its way: fields, the array, and the integral over the pupil."""
+        """Return bytes of one window: fields, the array, and the integral over the pupil."""
         samples = 4 * self.samples**2 + self.pupil**2 + self.pupil * self.samples
         return samples * device.complex.itemsize
 
     def batch(self, device: Device) -> int:
-        """How many windows travel together."""
-        return max(1, BATCH_BYTES // self.nbytes(device))
+        """Return the number of windows that are computed together."""
+        return max(1, MAX_BATCH_BYTES // self.nbytes(device))
 
 
 def slope_about_carrier(optics: WaveOptics, beta: float) -> float:
-    """The steepest ray behind the array from the direction of the chief ray, in radians."""
+    """Return the steepest slope behind the array relative to the chief ray, in radians."""
     slope = max(1.0, abs(beta)) * optics.lit_diameter / 2 / optics.array_distance
     slope += optics.mla.steepest_slope(optics.wavelength)
     return slope + optics.main_slope() + optics.aberrations.lenslet_slope(optics.mla)
 
 
 def finer(optics: WaveOptics, beta: float, *, orders: float = 0.0) -> int:
-    """Samples a pixel and axis that the light of a point needs about its chief ray."""
+    """Return samples a pixel and axis that the light of a point needs about its chief ray."""
     slope = slope_about_carrier(optics, beta) + orders * optics.wavelength / optics.mla.diameter
     spare = 1 if orders == 0 else BAND
     return math.floor(2 * slope * optics.pixel_pitch / optics.wavelength / spare * (1 + 1e-9)) + 1
@@ -92,10 +92,10 @@ def window_shape(
     rings: float = RINGS,
     orders: float = ORDERS,
 ) -> WindowShape:
-    """The window of a point at (x, y, dz) in metres."""
+    """Return the window of a point at (x, y, dz) in metres."""
     beta = float(optics.array_alpha(position[2]))
-    many = finer(optics, beta, orders=orders)
-    dx = optics.pixel_pitch / many
+    samples_per_pixel = finer(optics, beta, orders=orders)
+    dx = optics.pixel_pitch / samples_per_pixel
     D, z2 = optics.lit_diameter, optics.array_distance
     blur = D / 2 * abs(1 - beta) + z2 * optics.main_slope()
     tilted = 1 + (np.abs(optics.on_array(position[None])).max() / z2) ** 2
@@ -104,27 +104,27 @@ def window_shape(
     blur += abs(float(optics.array_scale(position[2]))) * diameter / 2
     half = blur * tilted + rings * airy + optics.mla.pitch + walk
     samples = 2 * smooth_length(math.ceil(half / dx))
-    period = smooth_length(math.ceil(PERIOD * samples))
+    period = smooth_length(math.ceil(PERIOD_WINDOWS * samples))
     pupil = math.ceil(1.05 * D / z2 * tilted * period * dx / optics.wavelength) + 2 * RIM
-    if pupil > period:  # the pupil fills the band
+    if pupil > period:  # a pupil that fills the band
         period, pupil = (smooth_length(pupil),) * 2
     rim = None
     if orders:
-        # what aliases of the rims' light falls beside that of the rays and of what is kept
+        # aliases of the rims' light that fall beside the band of the rays are filtered
         middle = 0.5 - slope_about_carrier(optics, beta) * dx / optics.wavelength
         rim = (middle - TRANSITION / 2, middle + TRANSITION / 2)
-    return WindowShape(many, dx, samples, period, pupil, math.ceil(walk / dx), rim)
+    return WindowShape(samples_per_pixel, dx, samples, period, pupil, math.ceil(walk / dx), rim)
 
 
 def window_centres(optics: WaveOptics, shape: WindowShape, positions: Values) -> Counts:
-    """`Windows.centres` of points (x, y, dz) in metres, shape (n, 3)."""
+    """Return `Windows.centres` of points (x, y, dz) in metres, shape (n, 3)."""
     z = optics.object_distance + positions[:, 2]
     images = -positions[:, 1::-1] / z[:, None] * optics.array_distance
     return np.rint((images - np.asarray(optics.grid.origin)) / shape.pitch).astype(np.int64)
 
 
 class SensorOptics(Protocol):
-    """What windows ask of a camera behind its main lens."""
+    """Interface of a camera behind its main lens, for windows."""
 
     @property
     def device(self) -> Device: ...
@@ -148,57 +148,57 @@ class SensorOptics(Protocol):
 
 @dataclass(frozen=True, eq=False)
 class Region:
-    """The transmission of a part of the array, in which windows of one shape lie."""
+    """Transmission of a part of the array that contains windows of one shape."""
 
     shape: WindowShape
-    first: Counts  # its first sample (y, x), counted as `Windows.centres`, int64
+    first: Counts  # first sample (y, x) in the coordinates of `Windows.centres`, int64
     transmission: cla.Array  # complex, shape (ny, nx)
 
     @classmethod
     def of(cls, optics: SensorOptics, shape: WindowShape, centres: Counts) -> Region:
-        """The smallest that holds the windows with these centres, shape (n, 2)."""
+        """Compute the smallest region that contains windows with these centres, shape (n, 2)."""
         first, sizes = bounds(centres, shape.samples)
         y, x = np.asarray(optics.grid.origin) + (first + sizes // 2) * shape.pitch
         grid = Grid((int(sizes[0]), int(sizes[1])), shape.pitch, origin=(float(y), float(x)))
         return cls(shape, first, optics.array_transmission(grid, rim=shape.rim))
 
     def holds(self, shape: WindowShape, centres: Counts) -> bool:
-        """Whether windows of a shape lie in it as a whole."""
+        """Return True if the region contains windows of a shape completely."""
         first, sizes = bounds(centres, shape.samples)
         inside = (first >= self.first) & (first + sizes <= self.first + self.transmission.shape)
         return shape == self.shape and bool(inside.all())
 
 
 def bounds(centres: Counts, samples: int) -> tuple[Counts, Counts]:
-    """First sample (y, x) and size of what windows about centres, shape (n, 2), cover together."""
+    """Return first sample (y, x) and size of the union of windows about centres, shape (n, 2)."""
     first = centres.min(axis=0) - samples // 2
     return first, centres.max(axis=0) - samples // 2 + samples - first
 
 
 @dataclass(frozen=True, eq=False)
 class Windows:
-    """Windows of several points, of one shape, from the array to the sensor."""
+    """Windows of several points of equal shape, from the array to the sensor."""
 
     optics: SensorOptics
     shape: WindowShape
-    numbers: Values  # of each point for the kernels, shape (n, NUMBERS)
+    numbers: Values  # numbers of each point for the kernels, shape (n, NUMBERS)
     # (y, x) of the windows' middle samples on the array, counted in samples from the middle pixel
     # of the sensor, int64, shape (n, 2)
     centres: np.ndarray[Any, np.dtype[np.int64]]
     carriers: Values  # direction cosines (y, x) behind the array of a chief ray, shape (n, 2)
     # bins (y, x) from the middle of each window's band to its carrier, shape (n, 2)
     off_band: Values
-    # by how many samples (y, x) the windows on the sensor lie farther out, int64, shape (n, 2)
+    # displacement (y, x) of the windows on the sensor, in samples, int64, shape (n, 2)
     shifts: np.ndarray[Any, np.dtype[np.int64]]
-    # of each point's field in an infinite window, sum of abs(U)^2 over samples, shape (n,)
+    # energy of each point's field in an infinite window, sum of abs(U)^2 over samples, shape (n,)
     energy: Values
 
     @abstractmethod
     def array_fields(self) -> cla.Array:
-        """Fields on the array before its lenslets, without carrier and quadratic phase."""
+        """Compute fields on the array before its lenslets, without carrier and quadratic phase."""
 
     def behind_array(self, fields: cla.Array, region: Region | None = None) -> cla.Array:
-        """The same fields behind the lenslets, in place; still without their carrier."""
+        """Multiply fields by the lenslets in place; the carrier stays omitted."""
         optics, shape, device = self.optics, self.shape, self.optics.device
         n = shape.samples
         real = device.real.type
@@ -226,7 +226,7 @@ class Windows:
         return fields
 
     def sensor_spectra(self, behind: cla.Array) -> cla.Array:
-        """Spectra of the fields on the sensor about the windows' centres there, in place."""
+        """Compute spectra of the sensor fields about the windows' centres there, in place."""
         optics, shape, device = self.optics, self.shape, self.optics.device
         device.fft.forward(behind, device)
         rows, columns, middles = self._bins()
@@ -243,14 +243,14 @@ class Windows:
         return behind
 
     def _bins(self) -> tuple[Values, Values, Values]:
-        """Tables of the kernel `onward`: of rows and columns (points, samples, 2), of points."""
+        """Return tables of kernel `onward`: rows and columns (points, samples, 2), and points."""
         n, s0 = self.shape.samples, self.carriers
         step = self.optics.wavelength / (n * self.shape.pitch)
         tables = []
         for axis in (0, 1):
             off = self.off_band[:, axis, None]
-            place = np.arange(n) + off
-            bins = place - n * np.rint(place / n) - off  # from the carrier
+            index = np.arange(n) + off
+            bins = index - n * np.rint(index / n) - off  # from the carrier
             s = bins * step
             turns = bins * self.shifts[:, axis, None] / n
             tables.append(np.stack([s * (s + 2 * s0[:, axis, None]), turns], axis=-1))
@@ -269,13 +269,13 @@ class LocalWindows(Windows):
 
     optics: WaveOptics
     positions: Values  # (x, y, dz) of the points in metres, shape (n, 3)
-    diameter: float  # of each of them, in metres
+    diameter: float  # diameter of each point in metres
 
     @classmethod
     def of(
         cls, optics: WaveOptics, shape: WindowShape, positions: Values, diameter: float = 0.0
     ) -> LocalWindows:
-        """The windows of points (x, y, dz), shape (n, 3), in metres."""
+        """Return the windows of points (x, y, dz), shape (n, 3), in metres."""
         z = optics.object_distance + positions[:, 2]
         z2, lam = optics.array_distance, optics.wavelength
         q = 1 / optics.focal_length - 1 / z
@@ -289,7 +289,7 @@ class LocalWindows(Windows):
         slopes = (q / a0)[:, None, None] * across + (1 - z2 * q)[:, None, None] * bend
         images, origin = t0 * z2, np.asarray(optics.grid.origin)
         centres = window_centres(optics, shape, positions)
-        beside = origin + centres * shape.pitch - images
+        residual = origin + centres * shape.pitch - images
         lens = 1 / z2 if optics.field_lens else 0.0
         carriers = s0 - lens * images
         leaning = carriers / np.sqrt(1 - (carriers**2).sum(axis=1))[:, None]
@@ -297,27 +297,27 @@ class LocalWindows(Windows):
         numbers = np.zeros((len(positions), NUMBERS))
         columns = (
             *t0.T, q, 1 - z2 * q, bend[:, 0, 0], bend[:, 0, 1], bend[:, 1, 1], 1 / z,
-            np.full(len(z), math.pi * diameter / lam), *(beside / lam).T, np.linalg.det(slopes),
-            *beside.T, np.full(len(z), lens),
+            np.full(len(z), math.pi * diameter / lam), *(residual / lam).T, np.linalg.det(slopes),
+            *residual.T, np.full(len(z), lens),
         )  # fmt: skip
         for number, column in enumerate(columns):
             numbers[:, number] = column
         off_band = _off_band(optics, shape, carriers, 1 - numbers[:, 3])
-        made = cls(
+        windows = cls(
             optics, shape, numbers, centres, carriers, off_band, shifts, np.ones(len(positions)),
             positions, diameter,
         )  # fmt: skip
-        made.numbers[:, 15:17] = made._pupil_centres() * optics.aperture_diameter / 2
-        made.energy[:] = made._energies()
-        return made
+        windows.numbers[:, 15:17] = windows._pupil_centres() * optics.aperture_diameter / 2
+        windows.energy[:] = windows._energies()
+        return windows
 
     @property
     def step(self) -> float:
-        """Of the direction cosines, lam over the period."""
+        """Step of the direction cosines, lam over the period."""
         return self.optics.wavelength / (self.shape.period * self.shape.pitch)
 
     def array_fields(self) -> cla.Array:
-        """Fields on the array before its lenslets, without carrier and quadratic phase."""
+        """Compute fields on the array before its lenslets, without carrier and quadratic phase."""
         optics, shape, device = self.optics, self.shape, self.optics.device
         count = len(self.positions)
         reach = optics.aperture_diameter / 2 + np.abs(self.positions[:, :2]).max()
@@ -329,14 +329,14 @@ class LocalWindows(Windows):
         paths, size = np.zeros((1, 2)), 0
         if optics.aberrations.bends_main_lens:
             defines |= {"PATH": True}
-            size = PATHS
+            size = TABLE_SAMPLES
             paths = self._paths()
         shadow, shadow_size = np.zeros((1, 1, 1), complex), 0
         if self._is_shadowed():
             defines |= {"SHADOW": True}
-            shadow, shadow_size = self._shadows(), PATHS
-        # of the light that the sum over directions repeats after the period, this window's corners
-        # see frequencies up to share/sqrt(2), and from 1 - share/2 on those of the next
+            shadow, shadow_size = self._shadows(), TABLE_SAMPLES
+        # the sum over directions repeats after the period; the corners of this window have
+        # frequencies up to share/sqrt(2), the next period those from 1 - share/2 on
         share = shape.samples / shape.period
         rim = rim_weights(math.sqrt(0.5) * share, 1 - share / 2)
         pupil = device.empty((count, shape.pupil, shape.pupil), device.complex)
@@ -366,9 +366,9 @@ class LocalWindows(Windows):
         return run(pupil, Separable.of((line, line)), [], [], device)[0]
 
     def _paths(self) -> Values:
-        """(turns, transmission) of the main lens over the pupil's square, for each point."""
+        """Return (turns, transmission) of the main lens over the pupil's square, for each point."""
         optics = self.optics
-        axis = np.linspace(-PATH_REACH, PATH_REACH, PATHS)
+        axis = np.linspace(-TABLE_REACH, TABLE_REACH, TABLE_SAMPLES)
         v, u = np.meshgrid(axis, axis, indexing="ij")
         beyond = np.maximum(np.hypot(v, u), 1)
         maps, tables = optics.aberrations.main_lens_opd, []
@@ -390,18 +390,20 @@ class LocalWindows(Windows):
         return any(screen.z < farthest for screen in self.optics.occluders)
 
     def _shadows(self) -> Any:
-        """Factors of the screens over the pupil's square, for each point."""
+        """Return factors of the screens over the pupil's square, for each point."""
         optics = self.optics
         return shadows(
             optics.occluders,
             self.positions,
             object_distance=optics.object_distance,
             wavelength=optics.wavelength,
-            axis=np.linspace(-PATH_REACH, PATH_REACH, PATHS) * optics.aperture_diameter / 2,
+            axis=np.linspace(-TABLE_REACH, TABLE_REACH, TABLE_SAMPLES)
+            * optics.aperture_diameter
+            / 2,
         )
 
     def _pupil_centres(self) -> Values:
-        """(v, u) of the middle of the pupil of each point, in radii of the aperture."""
+        """Return (v, u) of the centre of each point's pupil, in radii of the aperture."""
         maps, lam = self.optics.aberrations.main_lens_opd, self.optics.wavelength
         if maps is None:
             return np.zeros((len(self.positions), 2))
@@ -409,61 +411,62 @@ class LocalWindows(Windows):
         return np.array([maps.pupil_centre(float(y), float(x), lam) for x, y in images])
 
     def _energies(self) -> Values:
-        """Energy of the samples of the whole plane, sum |U|^2, as the kernels scale them."""
+        """Return the energy of the samples of the whole plane, sum |U|^2, scaled as by kernels."""
         optics, shape = self.optics, self.shape
         thin = optics.lens_model == "thin"
         radius, area = _disc_nodes()
         half = optics.aperture_diameter / 2
         u, rim = radius * half, _on_circle(half)
         lit, loss = math.pi * half**2, optics.rim_loss(shape.pitch)
-        found = []
+        energies = []
         for numbers in self.numbers:
             t0, q, per_z, scale = numbers[:2], numbers[2], numbers[7], numbers[8]
-            numbers_of = (t0, q, per_z, scale, thin)
-            squares = _amplitudes(u + numbers[15:17], *numbers_of)
+            arguments = (t0, q, per_z, scale, thin)
+            squares = _amplitudes(u + numbers[15:17], *arguments)
             mean = (squares * area).sum() / area.sum()
-            at_rim = _amplitudes(rim + numbers[15:17], *numbers_of).mean()
-            found.append(lit * (mean - loss * at_rim))
+            at_rim = _amplitudes(rim + numbers[15:17], *arguments).mean()
+            energies.append(lit * (mean - loss * at_rim))
         # sum |G|^2 over the samples of direction is int A^2 du J0/ds^2, and the inverse transform
         # divides by the samples of the period
-        return np.asarray(found) * self.numbers[:, 11] / (self.step * shape.period) ** 2
+        return np.asarray(energies) * self.numbers[:, 11] / (self.step * shape.period) ** 2
 
 
 def _off_band(optics: WaveOptics, shape: WindowShape, carriers: Values, beta: Values) -> Values:
-    """Bins (y, x) from the middle of each window's band to its carrier.
+    """Return bins (y, x) from the middle of each window's band to its carrier.
 
-    The band lies about the carrier, unless samples as fine as these hold all light about the axis:
-    then about the axis, as in a window as large as the sensor.
+    The band is centred on the carrier, or on the axis if the samples hold all light about it.
     """
     nyquist = optics.wavelength / (2 * shape.pitch)
-    steepest = np.array([slope_about_carrier(optics, one) for one in beta])
+    steepest = np.array([slope_about_carrier(optics, ratio) for ratio in beta])
     about_axis = (np.abs(carriers) + steepest[:, None] < nyquist).all(axis=1)
     bins = carriers * (shape.samples * shape.pitch / optics.wavelength)
     return np.where(about_axis[:, None], bins, 0.0)
 
 
 def _disc_nodes(count: int = 48) -> tuple[Values, Values]:
-    """Places (n, 2) on the unit disc and their areas: Gauss in the radius, equal angles."""
+    """Return positions (n, 2) on the unit disc and areas: Gauss in radius, equal angles."""
     x, w = np.polynomial.legendre.leggauss(count)
     r2, angle = (x + 1) / 2, 2 * np.pi * (np.arange(count) + 0.5) / count
     r = np.sqrt(r2)
-    places = np.stack([np.outer(r, np.sin(angle)), np.outer(r, np.cos(angle))], -1).reshape(-1, 2)
+    positions = np.stack([np.outer(r, np.sin(angle)), np.outer(r, np.cos(angle))], -1).reshape(
+        -1, 2
+    )
     areas = np.repeat(w / 2 * np.pi / count, count)
-    return places, areas
+    return positions, areas
 
 
 def _on_circle(radius: float, count: int = 64) -> Values:
-    """Places (n, 2) on a circle."""
+    """Return positions (n, 2) on a circle."""
     angle = 2 * np.pi * np.arange(count) / count
     return radius * np.stack([np.sin(angle), np.cos(angle)], -1)
 
 
 def _amplitudes(u: Values, t0: Values, q: float, per_z: float, scale: float, thin: bool) -> Values:
-    """Squared amplitude in the pupil at places u, as kernel `spectra` has it."""
+    """Compute the squared amplitude in the pupil at positions u, as in kernel `spectra`."""
     from scipy import special  # a slow import
 
-    seen = u * per_z + t0
-    v = scale * np.hypot(*seen.T)
+    slope = u * per_z + t0
+    v = scale * np.hypot(*slope.T)
     disc = np.where(v > 0, 2 * special.j1(v) / np.where(v > 0, v, 1), 1.0)
     if thin:
         return np.asarray(disc**2)
@@ -472,7 +475,7 @@ def _amplitudes(u: Values, t0: Values, q: float, per_z: float, scale: float, thi
 
 
 def _to_window(shape: WindowShape) -> Line:
-    """From samples of direction about 0 to the window's samples about its middle."""
+    """Return the map from samples of direction about 0 to the window's samples about its middle."""
     n, m, length = shape.pupil, shape.samples, shape.period
     first = -(m // 2)
     i, k = np.arange(n), np.arange(m)

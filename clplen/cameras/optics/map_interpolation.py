@@ -1,8 +1,8 @@
-"""Maps over the unit disc and between fields: samples continued, splines, weights of fields.
+"""Interpolation of maps over the unit disc and between fields.
 
-In the pupil a map is a bicubic spline through its samples; beyond the disc, and where no light
-passed, the samples are continued smoothly first, so that the spline knows no edge. Between fields
-and wavelengths every number is a weighted sum of what is given there: the weights of splines,
+In the pupil a map is a bicubic spline through its samples. Beyond the disc, and in samples without
+light, the samples are first continued smoothly, so that the spline has no edge. Between fields and
+wavelengths every number is a weighted sum of the given numbers, with weights of splines,
 polynomials or triangles.
 """
 
@@ -19,44 +19,44 @@ from clplen.compute.memory import free_memory
 from clplen.units import amount, metres
 
 Values = np.ndarray[Any, np.dtype[np.float64]]
-ROUNDING = 1e-9  # of the radius or the field: rounding of whoever made the samples
-ORDER = 8  # of the polynomial that continues a map known on all of the disc
-COPIES = 6  # of all samples: given, continued, coefficients, transmission, and twice in between
+ROUNDING = 1e-9  # tolerance of given samples, relative to the radius or the field
+ORDER = 8  # order of the polynomial that continues a map with samples on the whole disc
+ARRAY_COPIES = 6  # given, continued, coefficients, transmission and two temporary arrays
 SMOOTH, STRAIGHT = 3, 1  # degrees of interpolation between fields and wavelengths
 
 
 def require_room(samples: int) -> None:
-    """Refuse maps that do not fit the memory of this computer, before they are made."""
-    wanted, free = 8 * COPIES * samples, free_memory()
-    if wanted > free:
+    """Raise for maps that do not fit the memory of this computer, before they are computed."""
+    needed, free = 8 * ARRAY_COPIES * samples, free_memory()
+    if needed > free:
         raise MemoryError(
-            f"OPD maps of {samples:,} samples need {amount(wanted, 'B')} of memory, and "
+            f"OPD maps of {samples:,} samples need {amount(needed, 'B')} of memory, but "
             f"{amount(free, 'B')} are free: use fewer fields, wavelengths or samples of the pupil."
         )
 
 
 def axes(shape: tuple[int, int]) -> tuple[Values, Values]:
-    """Places v and u of a map's samples in the disc, shapes (n_v, 1) and (1, n_u)."""
+    """Return positions v and u of a map's samples in the disc, shapes (n_v, 1) and (1, n_u)."""
     v, u = (np.linspace(-1, 1, n) for n in shape)
     return v[:, None], u[None, :]
 
 
 def disc(shape: tuple[int, int]) -> np.ndarray[Any, np.dtype[np.bool_]]:
-    """Which samples of a map lie on the unit disc, shape (n_v, n_u)."""
+    """Return a mask of a map's samples on the unit disc, shape (n_v, n_u)."""
     v, u = axes(shape)
     return np.asarray(np.hypot(v, u) <= 1 + ROUNDING)
 
 
-def continued(maps: Values, known: np.ndarray[Any, np.dtype[np.bool_]]) -> Values:
-    """Maps continued to where they are not known, so that their third derivatives are least.
+def continue_maps(maps: Values, valid: np.ndarray[Any, np.dtype[np.bool_]]) -> Values:
+    """Continue maps into unknown samples with the smallest third derivatives.
 
-    Least is the sum of squares of all third differences, which keeps parabolas. Of a map that is
-    known on all of the disc a polynomial of order 8 is continued as it is, and the rest so.
+    The sum of squares of all third differences is minimised, which preserves parabolas. If a map is
+    known on the whole disc, a polynomial of order 8 is fitted and subtracted first.
     """
-    out = np.where(known, maps, 0.0)
-    flat = known.reshape(len(maps), -1)
+    out = np.where(valid, maps, 0.0)
+    flat = valid.reshape(len(maps), -1)
     kinds, kind = np.unique(flat, axis=0, return_inverse=True)
-    inside = disc(known.shape[1:]).ravel()
+    inside = disc(valid.shape[1:]).ravel()
     for number, mask in enumerate(kinds):
         chosen = np.flatnonzero(kind.ravel() == number)
         if mask.all():
@@ -64,16 +64,16 @@ def continued(maps: Values, known: np.ndarray[Any, np.dtype[np.bool_]]) -> Value
         values = out[chosen].reshape(len(chosen), -1).T
         trend = np.zeros_like(values)
         if mask[inside].all() and mask.sum() >= 4 * (ORDER + 1) ** 2:
-            powers = _powers(known.shape[1:])
+            powers = _powers(valid.shape[1:])
             trend = powers @ np.linalg.lstsq(powers[mask], values[mask], rcond=None)[0]
-        rest = _least_third_differences(values - trend, mask, known.shape[1:])
-        out[chosen] = (rest + trend).T.reshape(len(chosen), *known.shape[1:])
-        out[chosen] = np.where(known[chosen], maps[chosen], out[chosen])
+        rest = _least_third_differences(values - trend, mask, valid.shape[1:])
+        out[chosen] = (rest + trend).T.reshape(len(chosen), *valid.shape[1:])
+        out[chosen] = np.where(valid[chosen], maps[chosen], out[chosen])
     return out
 
 
 def _powers(shape: tuple[int, int]) -> Values:
-    """Products of Legendre polynomials of v and u up to the order, shape (n_v n_u, terms)."""
+    """Return products of Legendre polynomials of v and u up to ORDER, shape (n_v n_u, terms)."""
     v, u = axes(shape)
     down = np.polynomial.legendre.legvander(v[:, 0], ORDER)
     right = np.polynomial.legendre.legvander(u[0], ORDER)
@@ -82,7 +82,7 @@ def _powers(shape: tuple[int, int]) -> Values:
 
 
 def _least_third_differences(values: Values, mask: Any, shape: tuple[int, int]) -> Values:
-    """Values, shape (n_v n_u, n), with those beside the mask put in."""
+    """Return values, shape (n_v n_u, n), with the samples outside the mask filled in."""
     from scipy import sparse
     from scipy.sparse.linalg import splu
 
@@ -96,60 +96,62 @@ def _least_third_differences(values: Values, mask: Any, shape: tuple[int, int]) 
         weight * sparse.kron(difference(n_v, 3 - k), difference(n_u, k), format="csr")
         for k, weight in enumerate((1.0, math.sqrt(3), math.sqrt(3), 1.0))
     ]
-    whole = sparse.vstack(parts, format="csc") / np.prod(shape)
-    own, given = whole[:, ~mask], whole[:, mask]
-    normal = (own.T @ own).tocsc()
+    matrix = sparse.vstack(parts, format="csc") / np.prod(shape)
+    columns, valid_columns = matrix[:, ~mask], matrix[:, mask]
+    normal = (columns.T @ columns).tocsc()
     out = values.copy()
-    out[~mask] = splu(normal).solve(-np.asarray(own.T @ (given @ values[mask])))
+    out[~mask] = splu(normal).solve(-np.asarray(columns.T @ (valid_columns @ values[mask])))
     return out
 
 
-def nearest(maps: Values, known: np.ndarray[Any, np.dtype[np.bool_]]) -> Values:
-    """Maps whose unknown samples are those of the nearest known one; both (l, m, n_v, n_u)."""
+def nearest(maps: Values, valid: np.ndarray[Any, np.dtype[np.bool_]]) -> Values:
+    """Replace unknown samples by the nearest known sample; both arrays (l, m, n_v, n_u)."""
     from scipy.ndimage import distance_transform_edt
 
     out, pitch = np.array(maps), [2 / (n - 1) for n in maps.shape[2:]]
     for index in np.ndindex(maps.shape[:2]):
-        if not known[index].all():
+        if not valid[index].all():
             row, column = distance_transform_edt(
-                ~known[index], sampling=pitch, return_distances=False, return_indices=True
+                ~valid[index], sampling=pitch, return_distances=False, return_indices=True
             )
             out[index] = maps[index][row, column]
     return out
 
 
-def edges_of(lit: np.ndarray[Any, np.dtype[np.bool_]], inside: Any) -> Values:
-    """Distances from the edge of the light, half a sample from the lit ones, negative without.
+def light_edges(lit: np.ndarray[Any, np.dtype[np.bool_]], inside: Any) -> Values:
+    """Return distances from the edge of the light, half a sample from lit ones, negative outside.
 
-    A map that is lit all over is as far within as the least vignetted one of its wavelength reaches
-    beyond, so that the light is cut from the middle between both on.
+    A fully lit map gets the largest distance beyond the edge in the least vignetted map of its
+    wavelength. Interpolation then cuts the light from the middle between both maps on.
     """
     from scipy.ndimage import distance_transform_edt
 
-    whole = nearest(lit.astype(np.float64), np.broadcast_to(inside, lit.shape)) > 0
+    mask = nearest(lit.astype(np.float64), np.broadcast_to(inside, lit.shape)) > 0
     pitch = [2 / (n - 1) for n in lit.shape[2:]]
     half = min(pitch) / 2
     out = np.full(lit.shape, np.nan)
     for index in np.ndindex(lit.shape[:2]):
-        one = whole[index]
-        if not one.all():
-            within, beyond = (distance_transform_edt(m, sampling=pitch) for m in (one, ~one))
-            out[index] = np.where(one, within - half, half - beyond)
+        lit_map = mask[index]
+        if not lit_map.all():
+            within, beyond = (
+                distance_transform_edt(m, sampling=pitch) for m in (lit_map, ~lit_map)
+            )
+            out[index] = np.where(lit_map, within - half, half - beyond)
     for maps in out:
-        cut = [-float(one.min()) for one in maps if np.isfinite(one).all()]
+        cut = [-float(lit_map.min()) for lit_map in maps if np.isfinite(lit_map).all()]
         maps[np.isnan(maps)] = min(cut, default=1.0)
     return out
 
 
-def continued_edges(edges: Values, inside: Any) -> Values:
-    """Edges, shape (l, m, n_v, n_u), continued beyond the disc."""
+def continue_edges(edges: Values, inside: Any) -> Values:
+    """Continue edges, shape (l, m, n_v, n_u), beyond the disc."""
     flat = edges.reshape(-1, *edges.shape[2:])
-    known = np.broadcast_to(inside, flat.shape)
-    return continued(np.where(known, flat, 0.0), known).reshape(edges.shape)
+    valid = np.broadcast_to(inside, flat.shape)
+    return continue_maps(np.where(valid, flat, 0.0), valid).reshape(edges.shape)
 
 
-def part_within(middle: Values, down: Values, right: Values) -> Values:
-    """How much of cells lies where a plane is positive, 0 to 1."""
+def fraction_within(middle: Values, down: Values, right: Values) -> Values:
+    """Return the fraction of cells in which a plane is positive, 0 to 1."""
     steep = np.maximum(np.maximum(down, right), 1e-150)
     flat = np.maximum(np.minimum(down, right), 1e-6 * steep)
     above = np.clip(middle, -(steep + flat) / 2, (steep + flat) / 2) + (steep + flat) / 2
@@ -161,14 +163,14 @@ def part_within(middle: Values, down: Values, right: Values) -> Values:
 
 
 def coefficients(maps: Values) -> Values:
-    """Coefficients of the bicubic splines through maps, shape (..., n_v + 2, n_u + 2)."""
+    """Return coefficients of the bicubic splines through maps, shape (..., n_v + 2, n_u + 2)."""
     n_v, n_u = maps.shape[-2:]
-    return np.asarray(_through(n_v) @ maps @ _through(n_u).T)
+    return np.asarray(_coefficient_matrix(n_v) @ maps @ _coefficient_matrix(n_u).T)
 
 
 @lru_cache(maxsize=8)
-def _through(n: int) -> Values:
-    """From samples to coefficients, shape (n + 2, n)."""
+def _coefficient_matrix(n: int) -> Values:
+    """Return the matrix from samples to coefficients, shape (n + 2, n)."""
     matrix = np.zeros((n + 2, n + 2))
     for k in range(n):
         matrix[k, k : k + 3] = (1 / 6, 4 / 6, 1 / 6)
@@ -177,22 +179,22 @@ def _through(n: int) -> Values:
 
 
 def spline(table: Values, v: Values, u: Values, *, order: tuple[int, int] = (0, 0)) -> Values:
-    """A bicubic spline, or a derivative of it, at places of the square from -1 to 1."""
+    """Evaluate a bicubic spline, or a derivative, at positions of the square from -1 to 1."""
     down, row = _taps(v, table.shape[0] - 2, order[0])
     right, column = _taps(u, table.shape[1] - 2, order[1])
     flat, wide = table.ravel(), table.shape[1]
     first = row * wide + column
     out = np.zeros(np.shape(v))
-    for i, one in enumerate(down):
+    for i, weight in enumerate(down):
         line = np.zeros(np.shape(v))
-        for k, other in enumerate(right):
-            line += other * flat[first + (i * wide + k)]
-        out += one * line
+        for k, column_weight in enumerate(right):
+            line += column_weight * flat[first + (i * wide + k)]
+        out += weight * line
     return out
 
 
 def _taps(at: Values, n: int, order: int) -> tuple[list[Values], Any]:
-    """The four weights at places along an axis, and where they begin."""
+    """Return four weights at positions along an axis, and the index of the first."""
     t = (at + 1) * ((n - 1) / 2)
     first = np.clip(np.floor(t), 0, n - 2).astype(np.int64)
     f = t - first
@@ -208,7 +210,7 @@ def _taps(at: Values, n: int, order: int) -> tuple[list[Values], Any]:
 
 
 def bilinear(table: Values, v: Values, u: Values) -> Values:
-    """Samples of the square from -1 to 1, shape (n_v, n_u), interpolated linearly along both."""
+    """Interpolate samples of the square from -1 to 1, shape (n_v, n_u), linearly along axes."""
     parts = []
     for at, n in ((v, table.shape[0]), (u, table.shape[1])):
         t = np.clip((at + 1) * ((n - 1) / 2), 0, n - 1)
@@ -227,45 +229,45 @@ def bilinear(table: Values, v: Values, u: Values) -> Values:
 
 @dataclass(frozen=True, eq=False)
 class Line:
-    """Places on a line between which is interpolated.
+    """Positions on a line, with interpolation between them.
 
     Attributes
     ----------
-    places : numpy.ndarray
-        Distinct, in any order.
+    positions : numpy.ndarray
+        Distinct positions in any order.
     """
 
-    places: Values
+    positions: Values
 
     @cached_property
     def _order(self) -> Any:
-        return np.argsort(self.places)
+        return np.argsort(self.positions)
 
     @cached_property
     def _splines(self) -> dict[int, Any]:
         from scipy.interpolate import make_interp_spline
 
-        places, n = self.places[self._order], len(self.places)
-        unit, scale = np.eye(n), max(float(np.abs(places).max()), 1e-300)
+        positions, n = self.positions[self._order], len(self.positions)
+        unit, scale = np.eye(n), max(float(np.abs(positions).max()), 1e-300)
         degrees = {d: min(d, n - 1) for d in (SMOOTH, STRAIGHT)}
-        found = {d: make_interp_spline(places / scale, unit, k=k) for d, k in degrees.items()}
-        return {d: (one, scale) for d, one in found.items()}
+        curves = {d: make_interp_spline(positions / scale, unit, k=k) for d, k in degrees.items()}
+        return {d: (curve, scale) for d, curve in curves.items()}
 
     @property
     def ends(self) -> tuple[float, float]:
-        """The smallest and the largest place."""
-        return float(self.places.min()), float(self.places.max())
+        """Smallest and largest position."""
+        return float(self.positions.min()), float(self.positions.max())
 
     def holds(self, at: Any) -> Any:
-        """Whether places lie between the ends."""
+        """Return a mask of positions between the ends."""
         low, high = self.ends
         room = ROUNDING * max(abs(low), abs(high))
         return (low - room <= at) & (at <= high + room)
 
     def weights(self, at: float, degree: int) -> Values:
-        """How much of each place counts at one: of a spline, of polynomials up to three places."""
-        out = np.empty(len(self.places))
-        if len(self.places) == 1:
+        """Return the weight of each given position at another: of a spline, or of a polynomial."""
+        out = np.empty(len(self.positions))
+        if len(self.positions) == 1:
             return np.ones(1)
         low, high = self.ends
         curve, scale = self._splines[degree]
@@ -273,8 +275,8 @@ class Line:
         return out
 
 
-class FieldPlaces:
-    """Places (y, x) of fields on the image plane, and what counts between them."""
+class FieldPositions:
+    """Positions (y, x) of fields on the image plane, and weights between them."""
 
     def __init__(self, fields: Values, symmetric: bool) -> None:
         self.fields, self.symmetric = fields, symmetric
@@ -296,8 +298,8 @@ class FieldPlaces:
         off = np.abs(radius - along).max()
         if len(radius) < 2 or off > 1e-6 * self.reach:
             raise ValueError(
-                "Fields of a rotationally symmetric lens lie along one radius, two or more; "
-                f"these {len(radius)} do not: leave symmetric out, or give distances from the axis."
+                "fields of a rotationally symmetric lens must be two or more along one radius; "
+                f"these {len(radius)} are not: use distances from the axis, or symmetric=False."
             )
         self._lines = (Line(along),)
 
@@ -305,57 +307,57 @@ class FieldPlaces:
         levels = [np.unique(axis) for axis in self.fields.T]
         if math.prod(len(level) for level in levels) == len(self.fields):
             if min(len(level) for level in levels) < 2:
-                raise self._on_a_line()
+                raise self._collinear_error()
             self._lines = tuple(Line(level) for level in levels)
-            found = [
+            index = [
                 np.searchsorted(level, axis)
                 for level, axis in zip(levels, self.fields.T, strict=True)
             ]
-            self._index = tuple(found)
+            self._index = tuple(index)
             return
         from scipy.spatial import Delaunay, QhullError
 
         try:
             self._triangles = Delaunay(self.fields / max(self.reach, 1e-300))
         except QhullError as error:
-            raise self._on_a_line() from error
+            raise self._collinear_error() from error
 
     @staticmethod
-    def _on_a_line() -> ValueError:
+    def _collinear_error() -> ValueError:
         return ValueError(
-            "These fields lie on one line, so that the maps say nothing beside it: give "
+            "fields must not lie on one line, because the maps are undefined beside it: use "
             "symmetric=True with fields along a radius of a rotationally symmetric lens, or fields "
-            "that are spread over the image."
+            "spread over the image."
         )
 
     @property
     def everywhere(self) -> bool:
-        """Whether one map holds for all of the image."""
+        """True if one map holds for the whole image."""
         return len(self.fields) == 1
 
     def turn(self, y: float, x: float) -> tuple[float, float]:
-        """(sine, cosine) of the angle by which maps are turned for an image at (y, x)."""
+        """Return (sine, cosine) of the angle by which maps are rotated for an image at (y, x)."""
         if not self.symmetric or (y == 0 and x == 0):
             return 0.0, 1.0
         angle = math.atan2(y, x) - self._angle
         return math.sin(angle), math.cos(angle)
 
     def require(self, images: Values) -> None:
-        """Refuse places (y, x), shape (n, 2), in metres, that the fields do not reach."""
+        """Raise for positions (y, x), shape (n, 2), in metres, beyond the fields."""
         if self.everywhere:
             return
         if self.symmetric:
-            held = self._lines[0].holds(np.hypot(*images.T))
+            inside = self._lines[0].holds(np.hypot(*images.T))
         elif self._triangles is None:
-            held = self._lines[0].holds(images[:, 0]) & self._lines[1].holds(images[:, 1])
+            inside = self._lines[0].holds(images[:, 0]) & self._lines[1].holds(images[:, 1])
         else:
             mesh: Any = self._triangles
-            held = mesh.find_simplex(images / self.reach, tol=ROUNDING) >= 0
-        if not held.all():
-            raise self._beyond(*(float(at) for at in images[~held][0]))
+            inside = mesh.find_simplex(images / self.reach, tol=ROUNDING) >= 0
+        if not inside.all():
+            raise self._range_error(*(float(at) for at in images[~inside][0]))
 
     def weights(self, y: float, x: float, degree: int) -> Values:
-        """How much of each field counts at a place."""
+        """Return the weight of each field at a position."""
         if self.everywhere:
             return np.ones(1)
         self.require(np.array([[y, x]]))
@@ -378,18 +380,19 @@ class FieldPlaces:
         out[mesh.simplices[number]] = (*first, 1 - first.sum())
         return out
 
-    def _beyond(self, y: float, x: float) -> ValueError:
+    def _range_error(self, y: float, x: float) -> ValueError:
         if self.symmetric:
             low, high = self._lines[0].ends
             reach = f"from {metres(low)} to {metres(high)}" if low else metres(high)
-            held = f"The OPD maps reach {reach} from the axis"
+            reached = f"The OPD maps reach {reach} from the axis"
         else:
             (y0, x0), (y1, x1) = self.fields.min(axis=0), self.fields.max(axis=0)
-            held = (
+            reached = (
                 f"The OPD maps reach from (y, x) = ({metres(y0)}, {metres(x0)}) to "
                 f"({metres(y1)}, {metres(x1)})"
             )
         return ValueError(
-            f"{held}; the point is imaged at ({metres(y)}, {metres(x)}), "
-            f"{metres(math.hypot(y, x))} out: add maps of fields as far out, or move the point."
+            f"{reached}, but the point is imaged at ({metres(y)}, {metres(x)}), "
+            f"{metres(math.hypot(y, x))} from the axis: add maps of fields there, or move the "
+            "point."
         )

@@ -33,42 +33,42 @@ from clplen.wave.field.transmission import phasor
 
 Vector = np.ndarray[Any, Any]
 
-APODISATION = 0.5
-THICKEST = 0.01  # metres of a cover glass
-RAYS = 257  # among which the outermost on the array is sought
-DEEPEST = 0.1  # metres; no objective has an image from farther away
+APODISATION = 0.5  # default exponent of cos(theta): the Debye integral over frequencies
+MAX_GLASS_THICKNESS = 0.01  # maximum thickness of a cover glass in metres
+BLUR_RAYS = 257  # rays of a pupil whose outermost on the array gives the blur
+MAX_DISTANCE = 0.1  # maximum distance in metres; no objective has an image from farther away
 
 
 @dataclass(frozen=True)
 class CoverGlass:
-    """A cover glass that is not the one that the objective is made for.
+    """Cover glass that differs from the design of the objective.
 
     With s = n sin(theta) its path differs by
 
         W = t sqrt(g^2 - s^2) - t0 sqrt(g0^2 - s^2) - n (t/g - t0/g0) sqrt(n^2 - s^2)
 
-    (Gibson and Lanni 1991, eq. 3), where the last term is the refocusing that keeps the paraxial
-    focus where it is. To lowest order it is t (g^2 - n^2) s^4/(8 g^3 n^2) for a surplus t.
+    (Gibson and Lanni 1991, eq. 3). The last term is a refocusing that keeps the paraxial focus in
+    place. To lowest order it is t (g^2 - n^2) s^4/(8 g^3 n^2) for a surplus t.
 
     Parameters
     ----------
     thickness : float
-        Of the glass that is there, t in metres, up to 0.01; 0: there is none.
+        Thickness t of the glass in metres, up to 0.01; 0 for none.
     index : float
-        Of the glass that is there, g, from 1 to 5.
+        Refractive index g of the glass, from 1 to 5.
     designed_thickness : float
-        Of the glass that the objective corrects, t0 in metres, up to 0.01.
+        Thickness t0 of the glass that the objective corrects, in metres, up to 0.01.
     designed_index : float
-        Of the glass that the objective corrects, g0, from 1 to 5.
+        Refractive index g0 of the glass that the objective corrects, from 1 to 5.
 
     Raises
     ------
     ValueError
-        For a thickness outside 0 to 0.01 m, or an index outside 1 to 5.
+        If a thickness is outside 0 to 0.01 m, or an index outside 1 to 5.
 
     Examples
     --------
-    >>> thin = clplen.cameras.CoverGlass(150e-6)  # 20 um less than the objective is made for
+    >>> thin = clplen.cameras.CoverGlass(150e-6)  # 20 um less than the objective's design
     >>> sines = np.array([0.0, 0.5, 0.9])  # n sin(theta), in air
     >>> np.round(thin.path(sines, 1.0) * 1e9).tolist()  # in nanometres
     [0.0, -71.0, -1520.0]
@@ -81,23 +81,24 @@ class CoverGlass:
 
     def __post_init__(self) -> None:
         for length in (self.thickness, self.designed_thickness):
-            if not (is_finite(length) and 0 <= length <= THICKEST):
+            if not (is_finite(length) and 0 <= length <= MAX_GLASS_THICKNESS):
                 raise ValueError(
-                    f"A cover glass is 0 to {THICKEST} m thick, not {length!r}: 150 um are 150e-6."
+                    f"A cover glass must be 0 to {MAX_GLASS_THICKNESS} m thick, got {length!r}: "
+                    "150 um are 150e-6."
                 )
         for index in (self.index, self.designed_index):
             if not (is_finite(index) and 1 <= index < 5):
-                raise ValueError(f"A cover glass has an index from 1 to 5, not {index!r}.")
+                raise ValueError(f"The index of a cover glass must be 1 to 5, got {index!r}.")
 
     def path(self, s: Vector, n: float) -> Vector:
-        """W in metres, 0 on the axis.
+        """Compute W in metres, 0 on the axis.
 
         Parameters
         ----------
         s : numpy.ndarray
             n sin(theta), below all indices.
         n : float
-            Of the medium that refocuses.
+            Refractive index of the medium that refocuses.
 
         Returns
         -------
@@ -110,14 +111,14 @@ class CoverGlass:
         return sum((-t * s**2 / (np.sqrt(g * g - s**2) + g) for t, g in layers), np.zeros_like(s))
 
     def slope(self, s: Vector, n: float) -> Vector:
-        """-dW/ds in metres: sum t s/sqrt(g^2 - s^2) over the layers.
+        """Compute -dW/ds in metres: sum t s/sqrt(g^2 - s^2) over the layers.
 
         Parameters
         ----------
         s : numpy.ndarray
             n sin(theta), below all indices.
         n : float
-            Of the medium that refocuses.
+            Refractive index of the medium that refocuses.
 
         Returns
         -------
@@ -126,7 +127,7 @@ class CoverGlass:
         return sum((t * s / np.sqrt(g * g - s**2) for t, g in self._layers(n)), np.zeros_like(s))
 
     def _layers(self, n: float) -> tuple[tuple[float, float], ...]:
-        """Thickness and index of the glass, of the designed one taken away, of the refocusing."""
+        """Return thickness and index: glass, design (negative), refocusing medium."""
         check_positive(n=n)
         moved = self.thickness / self.index - self.designed_thickness / self.designed_index
         return (
@@ -138,24 +139,24 @@ class CoverGlass:
 
 @dataclass(frozen=True)
 class Objective:
-    """An objective with its tube lens.
+    """Objective with its tube lens.
 
     Attributes
     ----------
     magnification : float
-        M > 0; the image is not inverted.
+        Magnification M > 0; the image is not inverted.
     na : float
         Numerical aperture, below the index.
     medium_index : float
-        n.
+        Refractive index n of the medium.
     wavelength : float
-        In vacuum, in metres.
+        Wavelength in vacuum, in metres.
     cover : CoverGlass or None
-        None: the one that it is made for.
+        Cover glass that differs from the design; None for the designed glass.
     apodisation : float
-        e, of the amplitude cos^e over the pupil.
+        Exponent e of the amplitude cos^e over the pupil.
     aberration : PupilAberration or None
-        None: a perfect pupil.
+        Aberrations of the pupil; None for a perfect pupil.
 
     Examples
     --------
@@ -181,68 +182,68 @@ class Objective:
 
     @property
     def cutoff(self) -> float:
-        """NA/(M lam), the highest frequency on the image side in cycles a metre."""
+        """Highest frequency on the image side in cycles a metre, NA/(M lam)."""
         return self.na / (self.magnification * self.wavelength)
 
     def blur(self, z: Any) -> Any:
-        """How far the rays of points lie from X on the array at most, in metres.
+        """Return the largest distance of the rays of points from X on the array, in metres.
 
-        Without a cover glass those of the rim, M abs(z) tan(theta), and as far as the steepest
-        slope of an aberration carries a ray, M/NA dW/drho, at most.
+        Without a cover glass it is that of the rim, M abs(z) tan(theta). An aberration adds at most
+        M/NA dW/drho of its steepest slope.
 
         Parameters
         ----------
         z : float or array_like
-            In metres, farther positive.
+            Distance from the native plane in metres, farther positive.
 
         Returns
         -------
         float or numpy.ndarray
         """
-        rays = np.array([self.na]) if self.cover is None else np.linspace(0, self.na, RAYS)
-        found = np.abs(self.landing(rays, np.asarray(z)[..., None])).max(axis=-1)
+        rays = np.array([self.na]) if self.cover is None else np.linspace(0, self.na, BLUR_RAYS)
+        reach = np.abs(self.landing(rays, np.asarray(z)[..., None])).max(axis=-1)
         if self.aberration is not None:
-            found = found + self.magnification / self.na * self.aberration.steepest
-        return found
+            reach = reach + self.magnification / self.na * self.aberration.steepest
+        return reach
 
     def landing(self, s: Vector, z: Any) -> Vector:
-        """Place of a ray on the array from X, by the slope of the phase of the pupil.
+        """Return the position of a ray on the array from X, by the slope of the pupil's phase.
 
-        M (z tan(theta) - dW/ds), W that of the cover glass: without one M z tan(theta).
+        M (z tan(theta) - dW/ds), W of the cover glass: M z tan(theta) without a cover glass.
 
         Parameters
         ----------
         s : numpy.ndarray
             n sin(theta).
         z : float or numpy.ndarray
-            In metres, farther positive.
+            Distance from the native plane in metres, farther positive.
 
         Returns
         -------
         numpy.ndarray
-            In metres, to the side of the ray in the pupil where positive z carries it.
+            Position in metres, on the ray's side of the pupil for positive z.
         """
         check_finite(z=z)
-        found = z * s / np.sqrt(self.medium_index * self.medium_index - s**2)
+        shift = z * s / np.sqrt(self.medium_index * self.medium_index - s**2)
         if self.cover is not None:
-            found = found + self.cover.slope(s, self.medium_index)
-        return np.asarray(self.magnification * found)
+            shift = shift + self.cover.slope(s, self.medium_index)
+        return np.asarray(self.magnification * shift)
 
     def pupil(self, grid: Grid, z: float, *, diameter: float = 0.0) -> Vector:
-        """P on the frequencies of a grid, such that the field's energy sum abs(U)^2 is 1.
+        """Compute P on the frequencies of a grid, scaled to the energy sum abs(U)^2 = 1.
 
-        The rim is hard: softened over a frequency sample the field departs more from the Debye
+        The rim is hard: a rim softened over a frequency sample departs more from the Debye
         integral. A uniform coherent disc multiplies P by 2 J1(v)/v, v = pi M f diameter (Goodman
         2005, eq. 2-35).
 
         Parameters
         ----------
         grid : Grid
-            Of the image side.
+            Grid of the image side.
         z : float
-            In metres, farther positive.
+            Distance from the native plane in metres, farther positive.
         diameter : float
-            Of the source in metres.
+            Diameter of the source in metres.
 
         Returns
         -------
@@ -258,16 +259,16 @@ class Objective:
         return out
 
     def amplitude(self, fy: Vector, fx: Vector, z: float, *, diameter: float = 0.0) -> Vector:
-        """P at any frequencies, 1 in the middle; 0 beyond the cut-off, with a hard rim.
+        """Compute P at any frequencies, 1 in the middle; 0 beyond the cut-off, with a hard rim.
 
         Parameters
         ----------
         fy, fx : numpy.ndarray
-            In cycles a metre of the image side, shapes (ny,) and (nx,).
+            Frequencies of the image side in cycles a metre, shapes (ny,) and (nx,).
         z : float
-            In metres, farther positive.
+            Distance from the native plane in metres, farther positive.
         diameter : float
-            Of the source in metres, as of `pupil`.
+            Diameter of the source in metres.
 
         Returns
         -------
@@ -297,22 +298,23 @@ class Objective:
         *,
         factor: Vector | None = None,
     ) -> Field:
-        """Fields of points on the native plane, each of energy sum abs(U)^2 = 1 in the window.
+        """Compute fields of points on the native plane, each of energy sum abs(U)^2 = 1.
 
         Parameters
         ----------
         sources : PointSources
+            Points before the objective.
         grid : Grid
-            On the magnified native plane; the window is periodic and holds the blur.
+            Grid on the magnified native plane; the periodic window must hold the blur.
         device : Device or str, optional
-            Default ``Device.open()``.
+            Device of the computation; default ``Device.open()``.
         factor : numpy.ndarray, optional
-            Complex, shape of the grid: multiplies all pupils, such as by the derivative of a phase.
+            Complex factor of all pupils, shape of the grid, such as the derivative of a phase.
 
         Returns
         -------
         Field
-            Shape (n, ny, nx).
+            Fields, shape (n, ny, nx).
         """
         device = as_device(device)
         out = self.spectra(sources, grid, device, factor=factor)
@@ -327,21 +329,22 @@ class Objective:
         *,
         factor: Vector | None = None,
     ) -> cla.Array:
-        """Transforms of `fields`: pupils moved to the places of points.
+        """Compute the transforms of `fields`: pupils shifted to the positions of points.
 
         Parameters
         ----------
         sources : PointSources
         grid : Grid
+            Grid on the magnified native plane.
         device : Device or str, optional
-            Default ``Device.open()``.
+            Device of the computation; default ``Device.open()``.
         factor : numpy.ndarray, optional
-            As of `fields`.
+            Complex factor of all pupils, see `fields`.
 
         Returns
         -------
         pyopencl.array.Array
-            Complex, shape (n, ny, nx), frequencies in FFT order.
+            Spectra, complex, shape (n, ny, nx), frequencies in FFT order.
         """
         device = as_device(device)
         planes, plane = np.unique(sources.positions[:, 2], return_inverse=True)
@@ -352,16 +355,16 @@ class Objective:
             phasor(f * (axis[0] - self.magnification * sources.positions[:, k : k + 1]))
             for f, axis, k in ((grid.fy, grid.y, 1), (grid.fx, grid.x, 0))
         )
-        return moved_pupils(pupils, plane, (ty, tx), device)
+        return shift_pupils(pupils, plane, (ty, tx), device)
 
 
-def moved_pupils(
+def shift_pupils(
     pupils: Vector, plane: Vector, turns: tuple[Vector, Vector], device: Device
 ) -> cla.Array:
-    """Multiply the pupil of each point's plane by the phases along y and x of its place."""
+    """Multiply the pupil of each point's plane by the phases along y and x of its position."""
     shape = (plane.size, *pupils.shape[1:])
     out = device.empty(shape, device.complex)
-    ty, tx = (device.upload(one.astype(device.complex)) for one in turns)
+    ty, tx = (device.upload(phases.astype(device.complex)) for phases in turns)
     device.launch_rows(
         device.kernel("objective.cl", "point_spectra", **device.wave_defines()),
         shape,
@@ -376,7 +379,7 @@ def moved_pupils(
 
 
 def _disc(v: Vector) -> Vector:
-    """2 J1(v)/v."""
+    """Compute 2 J1(v)/v."""
     if not v.any():
         return np.ones_like(v)
     from scipy import special
@@ -388,48 +391,47 @@ def _disc(v: Vector) -> Vector:
 def check_objective(
     magnification: Any, na: Any, index: Any, apodisation: Any, cover: CoverGlass | None
 ) -> None:
-    """Refuse an objective that cannot be."""
+    """Raise for impossible parameters of an objective."""
     if not (is_finite(magnification) and magnification >= 1):
-        raise ValueError(f"The magnification is a finite number from 1 on, not {magnification!r}.")
+        raise ValueError(f"magnification must be a finite number >= 1, got {magnification!r}.")
     if not (is_finite(index) and index >= 1):
-        raise ValueError(f"medium_index is a finite number from 1 (air) on, not {index!r}.")
+        raise ValueError(f"medium_index must be a finite number >= 1 (air), got {index!r}.")
     if not (is_finite(na) and 0 < na < index):
         raise ValueError(
-            f"NA = n sin(theta) lies between 0 and the index of the medium, {index!r}, not at "
-            f"{na!r}: give medium_index (water 1.33, oil 1.52) or another NA."
+            f"na = n sin(theta) must be between 0 and the medium's index of {index!r}, got "
+            f"{na!r}: use another medium_index (water 1.33, oil 1.52) or another NA."
         )
     if not (is_finite(apodisation) and -1 <= apodisation <= 1):
         raise ValueError(
-            f"apodisation is the power of cos(theta) over the pupil, from -1 to 1, not "
-            f"{apodisation!r}."
+            f"apodisation, the exponent of cos(theta), must be -1 to 1, got {apodisation!r}."
         )
     if cover is not None and not isinstance(cover, CoverGlass):
-        raise TypeError(f"cover is a CoverGlass, as CoverGlass(150e-6), not {cover!r}.")
+        raise TypeError(f"cover must be a CoverGlass, such as CoverGlass(150e-6), got {cover!r}.")
     if cover is not None and na >= min(cover.index, cover.designed_index):
         raise ValueError(
-            f"NA {na!r} does not pass a cover glass of index "
-            f"{min(cover.index, cover.designed_index)!r}."
+            f"na must be below the index of the cover glass, "
+            f"{min(cover.index, cover.designed_index)!r}, got {na!r}."
         )
 
 
-def check_positions(places: Any) -> None:
-    """Refuse places about the native plane that are no metres, or of no microscope."""
-    values = real_array(places, "places", np.float64)
-    beyond = values[np.abs(values) > DEEPEST]
+def check_positions(positions: Any) -> None:
+    """Raise for positions about the native plane beyond any objective, or not in metres."""
+    values = real_array(positions, "places", np.float64)
+    beyond = values[np.abs(values) > MAX_DISTANCE]
     if beyond.size:
         raise ValueError(
-            f"A place {beyond[0]:g} m from the native plane or the axis is beyond every objective: "
-            f"places are in metres, did you mean {beyond[0]:g}e-6?"
+            f"Positions must be within {MAX_DISTANCE:g} m of the native plane and the axis, got "
+            f"{beyond[0]:g} m. They are in metres: did you mean {beyond[0]:g}e-6?"
         )
 
 
 def fluorescent_points(scene: Any, projector: str) -> list[PointSources]:
-    """The points of a scene before an objective; ``projector`` is named for volumes."""
+    """Return the points of a scene before an objective; the error names ``projector``."""
     parts = [scene] if isinstance(scene, PointSources) else list(scene)
     if not parts or not all(isinstance(part, PointSources) for part in parts):
         kinds = ", ".join(sorted({type(part).__name__ for part in parts})) or "nothing"
         raise TypeError(
-            f"A microscope exposes PointSources or a list of them, not {kinds}: give points, or "
+            f"A microscope exposes PointSources or a list of them, got {kinds}: use points, or "
             f"project a volume ({projector})."
         )
     return parts
@@ -438,21 +440,21 @@ def fluorescent_points(scene: Any, projector: str) -> list[PointSources]:
 def fluorescent_lines(
     coherence: Coherence | None, wavelength: float
 ) -> Sequence[tuple[float, float]]:
-    """Wavelengths of fluorescence and their shares of the energy."""
+    """Return wavelengths of fluorescence and their fractions of the energy."""
     if coherence is None:
         return [(wavelength, 1.0)]
     average_of(coherence)
     if coherence.spatial is not None:
         raise ValueError(
-            "Fluorescent points are incoherent already: leave the spatial model out, "
-            "Coherence(None, spectrum)."
+            "A spatial model of coherence does not apply to fluorescent points, which are "
+            "incoherent: leave it out, Coherence(None, spectrum)."
         )
     return coherence.lines(wavelength)
 
 
-def quick_length(n: int, least: float) -> int:
-    """The next quick length of a transform from ``least`` samples on, even or odd as ``n`` is."""
-    length = max(n, math.ceil(least))
+def fast_length(n: int, min_length: float) -> int:
+    """Return the next fast transform length from ``least`` on, of the parity of ``n``."""
+    length = max(n, math.ceil(min_length))
     if n % 2 == 0:
         return 2 * smooth_length(-(-length // 2))
     length += 1 - length % 2

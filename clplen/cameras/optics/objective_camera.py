@@ -1,4 +1,4 @@
-"""Cameras behind an objective with its tube lens: light of fluorescent points, batch by batch."""
+"""Cameras behind an objective with its tube lens: light of fluorescent points in batches."""
 
 from __future__ import annotations
 
@@ -20,11 +20,11 @@ from clplen.wave.propagation.propagator import Propagator
 
 Vector = np.ndarray[Any, Any]
 
-BATCH_BYTES = 2**27  # of fields that travel through the microscope together
+MAX_BATCH_BYTES = 2**27  # maximum bytes of fields that pass the microscope together
 
 
 class ObjectiveCamera:
-    """A camera behind an objective; `Microscope` documents its fields."""
+    """Camera behind an objective; `Microscope` documents its fields."""
 
     magnification: float
     na: float
@@ -36,7 +36,7 @@ class ObjectiveCamera:
 
     @property
     def objective(self) -> Objective:
-        """The objective with its tube lens."""
+        """Objective with its tube lens."""
         return Objective(
             self.magnification, self.na, self.medium_index, self.wavelength, self.cover,
             self.apodisation,
@@ -44,19 +44,19 @@ class ObjectiveCamera:
 
     @abstractmethod
     def sensor_fields(self, points: PointSources, window: Grid) -> Field:
-        """Fields of points on the sensor, shape (n, ny, nx) of a periodic window."""
+        """Compute fields of points on the sensor, shape (n, ny, nx) of a periodic window."""
 
     def to_sensor(self, window: Grid, distance: float) -> Propagator:
-        """Plan the way from the lenslets to the sensor, by the angular spectrum."""
+        """Plan the propagation from the lenslets to the sensor, by the angular spectrum."""
         return plan(
             window, distance, wavelength=self.wavelength, method="as", pad=1,
             device=self.device,
         )  # fmt: skip
 
     def batches(self, points: PointSources, window: Grid) -> Iterator[PointSources]:
-        """Yield the points whose fields on a window travel together."""
+        """Yield points in batches whose fields on a window fit the memory."""
         nbytes = math.prod(window.shape) * self.device.complex.itemsize
-        count = max(1, BATCH_BYTES // nbytes)
+        count = max(1, MAX_BATCH_BYTES // nbytes)
         self.device.require_memory(4 * count * nbytes, "This exposure")
         for start in range(0, len(points), count):
             yield points.chosen(slice(start, start + count))

@@ -1,4 +1,4 @@
-"""Pixels of a sensor: where they lie, and the sums of light over their active areas."""
+"""Pixels of a sensor: their positions, and sums of light over their active areas."""
 
 from __future__ import annotations
 
@@ -21,41 +21,41 @@ from clplen.wave.elements.lenslets import MicrolensArray
 Values = np.ndarray[Any, np.dtype[np.float64]]
 Pair = tuple[float, float]
 
-TAPS = 10  # samples of the field's intensity beyond a pixel that its sum takes in
-SHAPE = 8.0  # of Kaiser's window over the interpolation
+TAPS = 10  # samples of the field's intensity beyond a pixel in its sum
+KAISER_BETA = 8.0  # parameter of the interpolation's Kaiser window
 
 
 @dataclass(frozen=True, kw_only=True, repr=False)
 class PixelArray(OneLine):
-    """The pixels of a sensor, which integrate the light that falls on their active area.
+    """Pixels of a sensor that integrate the light on their active area.
 
     Parameters
     ----------
     fill_factor : float
-        Active share of a pixel's area, a square about its middle, from 0 to 1. 0 takes the
+        Active fraction of a pixel's area, a square about its middle, from 0 to 1. 0 samples the
         intensity in the middle for the whole pixel.
     pitch : float, optional
-        Of the pixels in metres; None: that of the lenslets over ``pixels_per_lenslet``.
+        Pixel pitch in metres; None: lenslet pitch over ``pixels_per_lenslet``.
     shape : tuple of int, optional
         Pixels (ny, nx); None: as many as cover the array of lenslets.
     offset : tuple of float
         (y, x) of the middle of the sensor from the optical axis, in metres.
     rotation : float
-        Of the pixels' rows against the axes of the array of lenslets, in radians; positive turns
-        +x towards +y (y down). The axes of a scene are those of the pixels.
+        Angle of the pixels' rows against the axes of the array of lenslets, in radians; positive
+        turns +x towards +y (y down). The axes of a scene are those of the pixels.
     crosstalk : array_like, optional
-        Shares of a pixel's signal that itself and its neighbours read, odd counts (ny, nx), not
-        negative, with the sum 1 or less. With filters, what leaks from a pixel has its colour.
+        Fractions of a pixel's signal that the pixel and its neighbours record: odd counts (ny, nx),
+        not negative, sum 1 or less. With filters, the signal keeps the colour of its pixel.
     filters : ColorFilterArray, optional
-        Colour filters over the pixels and the sensitivity behind them: the raw image is then their
-        signal for the light's wavelengths. None: the energy of the light.
+        Colour filters over the pixels with their sensitivities; the raw image is then the signal
+        behind them. None: the raw image is the energy of the light.
 
     Raises
     ------
     ValueError
-        For a value outside its range.
+        If a value is outside its range.
     TypeError
-        If filters are no `ColorFilterArray`.
+        If ``filters`` is not a `ColorFilterArray`.
 
     Examples
     --------
@@ -78,31 +78,31 @@ class PixelArray(OneLine):
     def __post_init__(self) -> None:
         if not (is_finite(self.fill_factor) and 0 <= self.fill_factor <= 1):
             raise ValueError(
-                f"fill_factor is the active share of a pixel's area, 0 to 1, not "
+                f"fill_factor, the active fraction of a pixel, must be 0 to 1, got "
                 f"{self.fill_factor!r}."
             )
         if self.pitch is not None:
             if not (is_finite(self.pitch) and self.pitch > 0):
-                raise ValueError(f"The pitch of pixels is positive, in metres, not {self.pitch!r}.")
+                raise ValueError(f"pitch must be > 0, in metres, got {self.pitch!r}.")
             units.PIXEL_PITCH.check(self.pitch, "The pitch of pixels")
         if self.shape is not None:
             counts = np.ravel(np.asarray(self.shape, object))
             if counts.size != 2 or not all(is_integer(n) and n >= 1 for n in counts):
-                raise ValueError(f"shape is pixels (ny, nx), both 1 or more, not {self.shape!r}.")
+                raise ValueError(f"shape must be pixels (ny, nx), both >= 1, got {self.shape!r}.")
             object.__setattr__(self, "shape", (int(counts[0]), int(counts[1])))
         if np.shape(self.offset) != (2,) or not all(map(is_finite, self.offset)):
             raise ValueError(
-                f"offset is (y, x) in metres, two finite numbers, not {self.offset!r}."
+                f"offset must be (y, x) in metres, two finite numbers, got {self.offset!r}."
             )
         units.OFFSET.check(self.offset, "The offset of the sensor")
         object.__setattr__(self, "offset", (float(self.offset[0]), float(self.offset[1])))
         if not is_finite(self.rotation):
-            raise ValueError(f"rotation is a finite angle in radians, not {self.rotation!r}.")
+            raise ValueError(f"rotation must be a finite angle in radians, got {self.rotation!r}.")
         if self.crosstalk is not None:
             object.__setattr__(self, "crosstalk", _shares(self.crosstalk))
         if self.filters is not None and not isinstance(self.filters, ColorFilterArray):
             raise TypeError(
-                f"filters is a ColorFilterArray, such as ColorFilterArray.bayer('RGGB'), not "
+                f"filters must be a ColorFilterArray, such as ColorFilterArray.bayer('RGGB'), got "
                 f"{self.filters!r}."
             )
 
@@ -112,7 +112,7 @@ class PixelArray(OneLine):
         return math.sqrt(self.fill_factor)
 
     def turned(self, mla: MicrolensArray) -> MicrolensArray:
-        """An array of lenslets as it lies along the axes of the pixels."""
+        """Rotate an array of lenslets into the axes of the pixels."""
         if self.rotation == 0:
             return mla
         cos, sin = math.cos(self.rotation), math.sin(self.rotation)
@@ -121,17 +121,17 @@ class PixelArray(OneLine):
         return mla.replaced(rotation=mla.rotation - self.rotation, offset=offset)
 
     def unturned(self, mla: MicrolensArray) -> MicrolensArray:
-        """The inverse of `turned`: the array along its own axes."""
+        """Rotate an array of lenslets back into its own axes, the inverse of `turned`."""
         return PixelArray(rotation=-self.rotation).turned(mla)
 
     @classmethod
     def from_json(cls, text: str) -> PixelArray:
-        """Pixels as `to_json` wrote them.
+        """Read pixels that `to_json` wrote.
 
         Raises
         ------
         ValueError
-            If the text is none.
+            If the text is not valid.
         """
         try:
             values = json.loads(text)
@@ -139,82 +139,81 @@ class PixelArray(OneLine):
                 values["filters"] = ColorFilterArray.from_json(values["filters"])
             return cls(**values)
         except (AttributeError, KeyError, TypeError, ValueError) as error:
-            raise ValueError(f"pixels are none: {error}") from error
+            raise ValueError(f"pixels must be a text of PixelArray.to_json: {error}") from error
 
     def to_json(self) -> str:
-        """As text, all digits kept."""
-        values = {one.name: getattr(self, one.name) for one in fields(self)}
+        """Return the pixels as JSON with all digits."""
+        values = {field.name: getattr(self, field.name) for field in fields(self)}
         if self.filters is not None:
             values["filters"] = self.filters.to_json()
         return json.dumps(values)
 
     def read(self, image: Values) -> Values:
-        """An image of pixels with their crosstalk.
+        """Apply the crosstalk to an image.
 
         Parameters
         ----------
         image : numpy.ndarray
-            Shape (ny, nx).
+            Signals without crosstalk, shape (ny, nx).
 
         Returns
         -------
         numpy.ndarray
-            Of the same shape; what beyond the rim would give is missing.
+            Signals of equal shape; pixels beyond the rim contribute nothing.
         """
         if self.crosstalk is None:
             return image
-        return _correlated(image, np.asarray(self.crosstalk)[::-1, ::-1])
+        return _correlate(image, np.asarray(self.crosstalk)[::-1, ::-1])
 
     def read_adjoint(self, image: Values) -> Values:
-        """The transpose of `read`: what of an image each pixel without crosstalk has a share in.
+        """Apply the transpose of `read` to an image.
 
         Parameters
         ----------
         image : numpy.ndarray
-            Shape (ny, nx).
+            Weights of the signals, shape (ny, nx).
 
         Returns
         -------
         numpy.ndarray
-            Of the same shape.
+            Weights of the signals without crosstalk, of equal shape.
         """
         if self.crosstalk is None:
             return image
-        return _correlated(image, np.asarray(self.crosstalk))
+        return _correlate(image, np.asarray(self.crosstalk))
 
 
-def _correlated(image: Values, kernel: Values) -> Values:
+def _correlate(image: Values, kernel: Values) -> Values:
     from scipy import ndimage  # a slow import
 
     return np.asarray(ndimage.correlate(image, kernel, mode="constant"))
 
 
 def _shares(crosstalk: Any) -> tuple[tuple[float, ...], ...]:
-    """A kernel of crosstalk, checked."""
+    """Return a checked kernel of crosstalk."""
     try:
         values = real_array(crosstalk, "crosstalk", np.float64)
     except (TypeError, ValueError):
         raise ValueError(
-            f"crosstalk is numbers in rows of one length, not {crosstalk!r}."
+            f"crosstalk must be numbers in rows of equal length, got {crosstalk!r}."
         ) from None
     if values.ndim != 2 or any(n % 2 == 0 for n in values.shape):
         raise ValueError(
-            f"crosstalk has an odd number of rows and of columns, such as (3, 3), not "
+            f"crosstalk must have odd numbers of rows and columns, such as (3, 3), got "
             f"{values.shape}."
         )
     if not (np.isfinite(values).all() and (values >= 0).all() and values.sum() <= 1 + 1e-9):
         raise ValueError(
-            f"The shares of crosstalk are not negative and their sum is 1 or less, not "
-            f"{values.sum():g}."
+            f"crosstalk must be >= 0 with a sum of 1 or less, got a sum of {values.sum():g}."
         )
     return tuple(tuple(float(share) for share in row) for row in values)
 
 
 def pixel_weights(width: float) -> Values:
-    """Factors of an intensity's samples whose sum is its integral over a width.
+    """Compute weights of an intensity's samples whose sum is its integral over a width.
 
-    Of the samples -n..n about the middle of the active width: the integral of sinc times Kaiser's
-    window, scaled so that a constant is integrated exactly.
+    They belong to samples -n..n about the middle of the active width: the integral of a sinc times
+    Kaiser's window, scaled so that a constant is integrated exactly.
     """
     return _weights(float(width)).copy()
 
@@ -228,30 +227,32 @@ def _weights(width: float) -> Values:
     x, w = np.polynomial.legendre.leggauss(8)
     edges = np.linspace(-width / 2, width / 2, count // 8 + 1)
     middle, half = (edges[1:] + edges[:-1]) / 2, np.diff(edges) / 2
-    places = (middle[:, None] + half[:, None] * x).ravel()
+    positions = (middle[:, None] + half[:, None] * x).ravel()
     areas = (half[:, None] * w).ravel()
-    apart = places[:, None] - np.arange(-n, n + 1)
+    apart = positions[:, None] - np.arange(-n, n + 1)
     root = np.sqrt(np.maximum(1 - (apart / TAPS) ** 2, 0))
-    kernel = np.sinc(apart) * np.i0(SHAPE * root) / np.i0(SHAPE) * (np.abs(apart) < TAPS)
+    kernel = (
+        np.sinc(apart) * np.i0(KAISER_BETA * root) / np.i0(KAISER_BETA) * (np.abs(apart) < TAPS)
+    )
     sums = areas @ kernel
     return np.asarray(sums * (width / sums.sum()))
 
 
 @dataclass(frozen=True)
 class PixelSums:
-    """Where the pixels of a patch lie among samples of the field, and where on the sensor."""
+    """Positions of a patch's pixels among samples of the field and on the sensor."""
 
     first: tuple[int, int]  # sample (y, x) in the middle of the patch's first pixel
     step: int  # samples from pixel to pixel
-    # of the active square in samples; 0 takes the sample in the middle for the whole pixel
+    # side of the active square in samples; 0 takes the sample in the middle for the whole pixel
     width: float
-    place: tuple[int, int]  # pixel (y, x) of the sensor that is the patch's first
+    pixel: tuple[int, int]  # pixel (y, x) of the sensor at the patch's first pixel
     shape: tuple[int, int]  # pixels (y, x) of the patch
 
     def put(
         self, total: cla.Array, fields: cla.Array, number: int, gain: Any, device: Device
     ) -> None:
-        """Add abs(U)^2 times ``gain`` of one of several fields to the pixels of an image."""
+        """Add abs(U)^2 times ``gain`` of a field of a batch to the pixels of an image."""
         if min(self.shape) < 1:
             return
         weights = pixel_weights(self.width)
@@ -272,29 +273,32 @@ class PixelSums:
             (down, across), total, rows, taps,
             np.int32(len(weights)), np.int32(self.first[0] - reach), np.int32(self.step),
             device.upload(tile),
-            *(np.int32(n) for n in (*tile.shape, *self.place, total.shape[-1], down, across)),
+            *(np.int32(n) for n in (*tile.shape, *self.pixel, total.shape[-1], down, across)),
         )  # fmt: skip
 
     def sums(self, values: Values) -> Values:
-        """What `put` adds of real samples in place of abs(U)^2, with gain 1, on the host."""
-        weights, found = pixel_weights(self.width), np.asarray(values, np.float64)
+        """Sum real samples, in place of abs(U)^2, as `put` with gain 1, on the host."""
+        weights, totals = pixel_weights(self.width), np.asarray(values, np.float64)
         for axis in (0, 1):
-            first, along = self.first[axis] - len(weights) // 2, np.moveaxis(found, axis + 1, 0)
+            first, along = (
+                self.first[axis] - len(weights) // 2,
+                np.moveaxis(totals, axis + 1, 0),
+            )
             taps = [along[first + j :: self.step][: self.shape[axis]] for j in range(len(weights))]
             summed = sum(weight * tap for weight, tap in zip(weights, taps, strict=True))
-            found = np.moveaxis(np.asarray(summed), 0, axis + 1)
-        return np.ascontiguousarray(found)
+            totals = np.moveaxis(np.asarray(summed), 0, axis + 1)
+        return np.ascontiguousarray(totals)
 
     def spread(self, image: Values, shape: tuple[int, int]) -> Values:
-        """The transpose of `put` as a map of abs(U)^2, with gain 1."""
+        """Apply the transpose of `put`, as a map of abs(U)^2, with gain 1."""
         weights, (down, across) = pixel_weights(self.width), self.shape
-        y, x = self.place
-        found = np.asarray(image, np.float64)[y : y + down, x : x + across]
+        y, x = self.pixel
+        spread = np.asarray(image, np.float64)[y : y + down, x : x + across]
         for axis in (0, 1):
-            along = np.moveaxis(found, axis, 0)
+            along = np.moveaxis(spread, axis, 0)
             wide = np.zeros((shape[axis], *along.shape[1:]))
             first = self.first[axis] - len(weights) // 2
             for j, weight in enumerate(weights):
                 wide[first + j :: self.step][: self.shape[axis]] += weight * along
-            found = np.moveaxis(wide, 0, axis)
-        return np.ascontiguousarray(found)
+            spread = np.moveaxis(wide, 0, axis)
+        return np.ascontiguousarray(spread)

@@ -1,4 +1,4 @@
-"""Aberrations of an objective and of what lies before it, over the pupil, by Zernike terms.
+"""Aberrations of an objective and its sample over the pupil, by Zernike terms.
 
 A path W over the pupil multiplies the pupil function by exp(2 pi i W/lam). W = sum_j c_j Z_j with
 Noll's Z_j (`clplen.wave.zernike`), c_j metres of optical path, rms over the pupil. rho is the sine
@@ -20,8 +20,8 @@ from clplen.wave.elements.zernike import noll, plate_terms, zernike, zernike_gra
 
 Vector = np.ndarray[Any, Any]
 
-_RINGS, _SPOKES = 64, 64  # nodes over the pupil
-_MOVES = 3  # Noll's indices up to which a term is no aberration: piston, and two that move images
+_RADIAL_NODES, _ANGULAR_NODES = 64, 64  # nodes of the quadrature over the pupil
+_LAST_SHIFT_TERM = 3  # last of Noll's indices without aberration: piston, and two that shift images
 
 
 @dataclass(frozen=True, init=False)
@@ -31,21 +31,21 @@ class PupilAberration:
     Parameters
     ----------
     coefficients : mapping of int to float
-        Noll's index j, 2 or more, to metres of optical path, rms over the pupil. 2 and 3 move
+        Noll's index j, 2 or more, to metres of optical path, rms over the pupil. 2 and 3 shift
         images by x and y, 4 is defocus, 5 and 6 astigmatism, 7 and 8 coma, 9 and 10 trefoil,
         11 spherical aberration.
 
     Attributes
     ----------
     terms : tuple of (int, float)
-        Noll's index and metres, by rising index, without those of 0.
+        Noll's index and metres in ascending order, without zeros.
 
     Raises
     ------
     TypeError
-        If the coefficients are no mapping.
+        If the coefficients are not a mapping.
     ValueError
-        For an index that does not exist, or a coefficient that is not finite or above a millimetre.
+        If an index does not exist, or a coefficient is not finite or above a millimetre.
 
     Examples
     --------
@@ -61,9 +61,11 @@ class PupilAberration:
     def __init__(self, coefficients: Mapping[int, float]) -> None:
         plate_terms(coefficients, "noll")
         if any(int(j) < 2 for j in coefficients):
-            raise ValueError("A pupil has no piston, term 1: no image shows it; begin with 2.")
-        kept = sorted((int(j), float(c)) for j, c in coefficients.items() if c)
-        object.__setattr__(self, "terms", tuple(kept))
+            raise ValueError(
+                "Terms of a pupil must begin with 2, got 1: a piston does not change an image."
+            )
+        terms = sorted((int(j), float(c)) for j, c in coefficients.items() if c)
+        object.__setattr__(self, "terms", tuple(terms))
 
     def __repr__(self) -> str:
         parts = [f"{j}: {c * 1e9:.4g} nm" for j, c in self.terms]
@@ -76,26 +78,26 @@ class PupilAberration:
 
     @property
     def rms(self) -> float:
-        """Of the path over the pupil, in metres."""
+        """Rms of the path over the pupil in metres."""
         return math.hypot(*(c for _, c in self.terms))
 
     @property
     def orders(self) -> tuple[int, ...]:
-        """m of each of the terms, negative of sines."""
+        """Azimuthal order m of each term, negative for sines."""
         return tuple(noll(j)[1] for j, _ in self.terms)
 
     @property
     def is_symmetric(self) -> bool:
-        """Whether the path is the same all around the pupil."""
+        """True if the path does not depend on the angle."""
         return not any(self.orders)
 
     def path(self, rho: Any, theta: Any) -> Vector:
-        """W in metres.
+        """Compute W in metres.
 
         Parameters
         ----------
         rho, theta : array_like
-            Place on the pupil, the rim at 1; beyond it W is 0.
+            Polar coordinates in the pupil, the rim at 1; W is 0 beyond.
 
         Returns
         -------
@@ -107,7 +109,7 @@ class PupilAberration:
 
     @cached_property
     def steepest(self) -> float:
-        """The steepest slope of W within the rim, in metres over the pupil's radius."""
+        """Steepest slope of W within the rim, in metres over the pupil's radius."""
         rho, theta = _nodes()[:2]
         y, x = rho * np.sin(theta), rho * np.cos(theta)
         down, right = np.zeros(rho.shape), np.zeros(rho.shape)
@@ -120,34 +122,34 @@ class PupilAberration:
     def from_index_mismatch(
         cls, depth: float, sample_index: float, *, na: float, medium_index: float, terms: int = 22
     ) -> PupilAberration:
-        """That of a point at a depth in a sample of another index than the objective's medium.
+        """Compute the aberration of a point in a sample with another index than the medium.
 
-        W = d (sqrt(n_s^2 - s^2) - (n/n_s) sqrt(n^2 - s^2)) with s = n sin(theta): the sample in
-        place of the medium, refocused so that the paraxial focus stays (Gibson and Lanni 1991,
-        eq. 3; the phase of Torok, Varga, Laczik and Booker 1995, eq. 32). Beams do not lose light
-        at the boundary.
+        W = d (sqrt(n_s^2 - s^2) - (n/n_s) sqrt(n^2 - s^2)) with s = n sin(theta): the sample
+        replaces the medium, refocused so that the paraxial focus stays (Gibson and Lanni 1991,
+        eq. 3; the phase of Torok, Varga, Laczik and Booker 1995, eq. 32). Light loss at the
+        boundary is neglected.
 
         Parameters
         ----------
         depth : float
-            Of the point below the cover glass, d in metres.
+            Depth d of the point below the cover glass in metres.
         sample_index : float
-            n_s, above NA.
+            Refractive index n_s of the sample, above NA.
         na, medium_index : float
-            Of the objective.
+            Numerical aperture and medium of the objective.
         terms : int
-            Noll's index up to which the path is written as terms.
+            Noll's index of the last term of the expansion.
 
         Returns
         -------
         PupilAberration
-            Its terms without piston; with defocus.
+            Terms without piston, with defocus.
 
         Raises
         ------
         ValueError
-            For a sample whose index is not above NA, a depth of more than 0.01 m, or fewer than
-            four terms.
+            If the sample's index is not above NA, the depth is more than 0.01 m, or there are fewer
+            than four terms.
 
         Examples
         --------
@@ -158,12 +160,12 @@ class PupilAberration:
         _check_pupil(na, medium_index)
         if not (is_finite(sample_index) and sample_index > na):
             raise ValueError(
-                f"Light of NA {na:g} does not leave a sample of index {sample_index!r}: give an "
-                "index above NA, or an NA below the index."
+                f"sample_index must be above NA {na:g}, got {sample_index!r}: use a larger index "
+                "or a smaller NA."
             )
         if not (is_finite(depth) and 0 <= depth <= 0.01):
             raise ValueError(
-                f"A depth is 0 to 0.01 m below the cover glass, not {depth!r}: 20 um are 20e-6."
+                f"depth must be 0 to 0.01 m below the cover glass, got {depth!r}: 20 um are 20e-6."
             )
         n, g = float(medium_index), float(sample_index)
 
@@ -186,34 +188,34 @@ class PupilAberration:
         index: float = 1.5255,
         terms: int = 22,
     ) -> PupilAberration:
-        """That of a cover glass, the one that the objective is made for, which is tilted.
+        """Compute the aberration of the designed cover glass when it is tilted.
 
         A plane plate in the medium adds t (sqrt(g^2 - s^2) - sqrt(n^2 - s^2)), s = n sin of the
-        angle between ray and normal (Born and Wolf 1999, section 5.4 for its lowest orders); W is
-        that of the tilted plate less that of the plate at right angles.
+        angle between ray and normal (Born and Wolf 1999, section 5.4 for its lowest orders). W is
+        the path of the tilted plate minus that of the plate at a right angle.
 
         Parameters
         ----------
         angle : float
-            Between the normal and the axis, in radians, below 0.2.
+            Angle between the normal and the axis in radians, below 0.2.
         na, medium_index : float
-            Of the objective.
+            Numerical aperture and medium of the objective.
         azimuth : float
             Direction of the tilt, from +x towards +y of the image side, in radians.
         thickness, index : float
-            Of the glass, in metres; the index above NA.
+            Thickness in metres and index of the glass; the index must be above NA.
         terms : int
-            Noll's index up to which the path is written as terms.
+            Noll's index of the last term of the expansion.
 
         Returns
         -------
         PupilAberration
-            Its terms without piston and the two that move images: defocus, coma, astigmatism.
+            Terms without piston and image shifts: defocus, coma, astigmatism.
 
         Raises
         ------
         ValueError
-            For a number outside its range, or a ray that would graze the glass.
+            If a number is outside its range, or a ray would graze the glass.
 
         Examples
         --------
@@ -224,16 +226,16 @@ class PupilAberration:
         """
         _check_pupil(na, medium_index)
         if not (is_finite(index) and na < index < 5):
-            raise ValueError(f"A cover glass has an index above NA and below 5, not {index!r}.")
+            raise ValueError(f"index must be above NA and below 5, got {index!r}.")
         if not (is_finite(thickness) and 0 <= thickness <= 0.01):
             raise ValueError(
-                f"A cover glass is 0 to 0.01 m thick, not {thickness!r}: 150 um are 150e-6."
+                f"A cover glass must be 0 to 0.01 m thick, got {thickness!r}: 150 um are 150e-6."
             )
         steepest = math.asin(na / medium_index)
         if not (is_finite(angle) and abs(angle) < min(0.2, math.pi / 2 - steepest)):
             raise ValueError(
-                "A cover glass is tilted by less than 0.2 rad, and so that no ray of the pupil "
-                f"grazes it, not by {angle!r}: 1 degree is 0.0175."
+                "angle must be below 0.2 rad, and no ray of the pupil may graze the glass, got "
+                f"{angle!r}: 1 degree is 0.0175."
             )
         n, g = float(medium_index), float(index)
 
@@ -246,33 +248,33 @@ class PupilAberration:
             cosine = cosine + sine * math.sin(angle) * np.cos(theta - azimuth)
             return plate(n**2 * (1 - cosine**2)) - plate((n * sine) ** 2)
 
-        found = fitted_terms(path, terms)
-        return cls({j: c for j, c in found.items() if j > _MOVES})
+        fit = fitted_terms(path, terms)
+        return cls({j: c for j, c in fit.items() if j > _LAST_SHIFT_TERM})
 
 
 def fitted_terms(path: Callable[[Vector, Vector], Vector], last: int) -> dict[int, float]:
-    """Zernike terms 2 to ``last`` of a path, by their inner products over the pupil."""
+    """Fit Zernike terms 2 to ``last`` of a path by inner products over the pupil."""
     if not (is_finite(last) and int(last) == last and 4 <= last <= 200):
-        raise ValueError(f"terms is Noll's index of the last one, from 4 to 200, not {last!r}.")
+        raise ValueError(f"terms must be Noll's index of the last term, 4 to 200, got {last!r}.")
     rho, theta, weights = _nodes()
     values = path(rho, theta) * weights
-    found = {
+    fit = {
         j: float((values * zernike(*noll(j), rho, theta)).sum()) for j in range(2, int(last) + 1)
     }
-    return {j: c for j, c in found.items() if abs(c) > 1e-15}
+    return {j: c for j, c in fit.items() if abs(c) > 1e-15}
 
 
 def _nodes() -> tuple[Vector, Vector, Vector]:
-    """(rho, theta) over the pupil, rho^2 by Gauss and Legendre, and the weights of a mean."""
-    t, w = np.polynomial.legendre.leggauss(_RINGS)
-    theta = 2 * np.pi * np.arange(_SPOKES) / _SPOKES
+    """Return (rho, theta) over the pupil, rho^2 at Gauss-Legendre nodes, and weights of a mean."""
+    t, w = np.polynomial.legendre.leggauss(_RADIAL_NODES)
+    theta = 2 * np.pi * np.arange(_ANGULAR_NODES) / _ANGULAR_NODES
     rho = np.sqrt((t + 1) / 2)
-    weights = np.outer(w / 2, np.ones(_SPOKES) / _SPOKES)
-    return np.outer(rho, np.ones(_SPOKES)), np.outer(np.ones(_RINGS), theta), weights
+    weights = np.outer(w / 2, np.ones(_ANGULAR_NODES) / _ANGULAR_NODES)
+    return np.outer(rho, np.ones(_ANGULAR_NODES)), np.outer(np.ones(_RADIAL_NODES), theta), weights
 
 
 def _check_pupil(na: float, medium_index: float) -> None:
     if not (is_finite(na) and is_finite(medium_index) and 0 < na < medium_index):
         raise ValueError(
-            f"NA lies between 0 and the index of the medium, not NA {na!r} with {medium_index!r}."
+            f"na must be between 0 and the medium's index, {medium_index!r}, got {na!r}."
         )

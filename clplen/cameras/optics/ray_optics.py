@@ -1,9 +1,9 @@
 """Lengths and rays of the plenoptic cameras: a main lens, an array of lenslets, a sensor.
 
-They differ in two distances: z2, main lens to array, and z3, array to sensor. With the
-magnification m of the lenslets, 0 where the array lies on the main lens' image at F, they are
-z2 = F + f (1 + 1/m) and z3 = f (1 + m). A point at dz whose image through the main lens lies at F'
-puts a ray from u on the lens to
+Cameras differ in two distances: z2, main lens to array, and z3, array to sensor. With the
+magnification m of the lenslets, 0 if the array lies on the main lens' image at F, they are
+z2 = F + f (1 + 1/m) and z3 = f (1 + m). A point at dz, imaged through the main lens at F', sends a
+ray from u on the lens to
 
     x = X + u (1 - beta),   beta = z2/F' = alpha z2/F,   X = -(x, y) z2/(object distance + dz)
 
@@ -36,14 +36,14 @@ from clplen.wave.field.field import Grid
 
 LensModel = Literal["thin", "corrected"]
 
-NEARLY_PARAXIAL = 1e-3  # of the size of the pupil's image, which no depth is as exact as
-_RADII, _ANGLES = 5, 10  # of points on lenslets and pupils
+NEARLY_PARAXIAL = 1e-3  # relative change of the pupil image's size below which spacing is paraxial
+_RADII, _ANGLES = 5, 10  # points on lenslets and pupils, along radius and angle
 Positions = np.ndarray[Any, np.dtype[np.float64]]
 
 
 @dataclass(frozen=True, repr=False)
 class RayOptics(LensletCamera):
-    """A plenoptic camera as lengths and rays; `Plenoptic1` and `Plenoptic2` document its fields."""
+    """Lengths and rays of a plenoptic camera; `Plenoptic1` and `Plenoptic2` document its fields."""
 
     focal_length: float
     object_distance: float
@@ -74,31 +74,31 @@ class RayOptics(LensletCamera):
 
     @property
     def a(self) -> float:
-        """From the main lens' image to the array in metres, f (1 + 1/m); < 0: Galilean."""
+        """Distance f (1 + 1/m) from the main lens' image to the array in metres; < 0: Galilean."""
         return self.mla.focal_length * (1 + 1 / self.m) if self.m else 0.0
 
     @property
     def b(self) -> float:
-        """From the array to the sensor in metres, f (1 + m), unless the sensor is moved."""
+        """Distance f (1 + m) from the array to the sensor in metres, without its shift."""
         return self.mla.focal_length * (1 + self.m)
 
     @property
     def array_distance(self) -> float:
-        """z2 = F + a in metres, from the main lens to the array."""
+        """Distance z2 = F + a from the main lens to the array in metres."""
         return self.image_distance + self.a
 
     @property
     def sensor_distance(self) -> float:
-        """z3 = b in metres, from the array to the sensor, and what the sensor is moved by."""
+        """Distance z3 = b from the array to the sensor plus the sensor's shift, in metres."""
         return self.b + self.aberrations.sensor_shift
 
     def alpha(self, dz: Any) -> Any:
-        """alpha = F/F' = F (1/f - 1/(object distance + dz)) of an object at dz.
+        """Compute alpha = F/F' = F (1/f - 1/(object distance + dz)) of an object at dz.
 
         Parameters
         ----------
         dz : float or array_like
-            In metres, > 0 farther from the lens than the focused plane.
+            Distance from the focused plane in metres, > 0 farther from the lens.
 
         Returns
         -------
@@ -107,30 +107,30 @@ class RayOptics(LensletCamera):
         Raises
         ------
         ValueError
-            If the object does not lie in front of the lens.
+            If the object is not in front of the lens.
         """
         z = self.object_distance + real_array(dz, "dz", np.float64)
         if not (z > 0).all():
             raise ValueError(
-                f"dz = {np.min(dz):g} m lies behind the lens, {self.object_distance:g} m from the "
-                "plane."
+                f"dz must be above {-self.object_distance:g} m, in front of the lens, got "
+                f"{np.min(dz):g} m."
             )
         alpha = self.image_distance * (1 / self.focal_length - 1 / z)
         return float(alpha) if alpha.ndim == 0 else alpha
 
     def dz(self, alpha: Any) -> Any:
-        """The inverse of `alpha`, in metres; infinite at F/f, NaN beyond."""
+        """Compute the inverse of `alpha` in metres; infinite at F/f, NaN beyond."""
         rest = 1 / self.focal_length - real_array(alpha, "alpha", np.float64) / self.image_distance
         with np.errstate(divide="ignore", invalid="ignore"):
             z = np.where(rest >= 0, 1 / np.maximum(rest, 0), np.nan) - self.object_distance
         return float(z) if z.ndim == 0 else z
 
     def array_alpha(self, dz: Any) -> Any:
-        """beta = z2/F', the ratio `alpha` of an object at dz on the array's plane in place of F."""
+        """Compute beta = z2/F': `alpha` of an object at dz for the array's plane instead of F."""
         return self.alpha(dz) * (self.array_distance / self.image_distance)
 
     def image_of(self, positions: Any) -> np.ndarray[Any, Any]:
-        """Where points are imaged on the plane F, along their chief rays.
+        """Compute the image positions of points on the plane F, along their chief rays.
 
         Parameters
         ----------
@@ -145,30 +145,30 @@ class RayOptics(LensletCamera):
         return self.on_array(positions) * (self.image_distance / self.array_distance)
 
     def on_array(self, positions: Any) -> np.ndarray[Any, Any]:
-        """Where chief rays of points meet the array, as `image_of` with z2 in place of F."""
-        places = np.atleast_2d(real_array(positions, "positions", np.float64))
-        return np.asarray(places[:, :2] * self.array_scale(places[:, 2])[:, None])
+        """Compute the positions of points' chief rays on the array: `image_of` with z2 for F."""
+        points = np.atleast_2d(real_array(positions, "positions", np.float64))
+        return np.asarray(points[:, :2] * self.array_scale(points[:, 2])[:, None])
 
     def array_scale(self, dz: Any) -> Any:
-        """-z2/(object distance + dz): a place on the array over that of its object."""
+        """Compute -z2/(object distance + dz): a position on the array over that of its object."""
         return -self.array_distance / (self.object_distance + real_array(dz, "dz", np.float64))
 
     @property
     def spot_variance(self) -> float:
-        """As of every camera with lenslets, and by the aberrations of the lenslets."""
+        """Variance of a point's image by pixels and lenslet aberrations, in square pixels."""
         return super().spot_variance + pupil_image(self)[1] / self.pixel_pitch**2
 
     @property
     def sub_image_scale(self) -> float:
-        """1 + z3/z2, how much farther apart than the lenslets their sub-images lie."""
+        """Distance of sub-images over distance of lenslets, 1 + z3/z2."""
         return 1.0 if self.field_lens else 1 + self.sensor_distance / self.array_distance
 
     def spread(self, dz: Any) -> Any:
-        """How far a point's light reaches on the sensor from X `sub_image_scale`, in metres.
+        """Compute the reach of a point's light on the sensor from X `sub_image_scale`, in metres.
 
         s - X (1 + z3/z2) = u (1 - beta (1 + z3/z2)) - z3 (x - c)/f, u up to D/2 and x - c to d/2;
-        with a field lens u (1 - beta - z3/z2) in the first place. A wavefront of slope w on the
-        main lens adds up to w (z2 + z3), one on the lenslets w z3.
+        with a field lens the first term is u (1 - beta - z3/z2). A wavefront of slope w on the main
+        lens adds up to w (z2 + z3), a wavefront on the lenslets w z3.
         """
         behind = self.sensor_distance / self.array_distance
         beta = self.array_alpha(dz)
@@ -179,7 +179,7 @@ class RayOptics(LensletCamera):
         return moved * self.lit_diameter / 2 + bent + self.sensor_distance * steepest
 
     def main_slope(self, reach: float | None = None) -> float:
-        """At least the steepest slope of the main lens' wavefront, in radians.
+        """Return an upper bound of the slope of the main lens' wavefront in radians.
 
         For points imaged up to ``reach`` from the axis along y and x; None: up to the sensor's rim.
         """
@@ -194,17 +194,17 @@ class RayOptics(LensletCamera):
 
     @property
     def lit_diameter(self) -> float:
-        """Of the circle about the axis that all light passes at the main lens, in metres.
+        """Diameter in metres of the circle about the axis that contains all light at the main lens.
 
-        The aperture's, or more where OPD maps shift the pupil.
+        It is larger than the aperture if OPD maps shift the pupil.
         """
         return self.aperture_diameter * self.aberrations.pupil_reach
 
     def ray_matrix(self, dz: float = 0.0, *, lens_type: int = 0) -> np.ndarray[Any, Any]:
-        """ABCD matrix of a lenslet, from the image of the plane dz to the sensor.
+        """Compute the ABCD matrix of a lenslet, from the image of the plane dz to the sensor.
 
-        Of (place from the lenslet's axis in metres, slope): free space b after a thin lens after
-        free space a' (Georgiev and Lumsdaine 2010, "Focused plenoptic camera and rendering"),
+        It maps (distance from the lenslet's axis in metres, slope): free space b after a thin lens
+        after free space a' (Georgiev and Lumsdaine 2010, "Focused plenoptic camera and rendering"),
 
             [[1 - b/f, a' + b - a' b/f], [-1/f, 1 - a'/f]],    a' = z2 - F', b = z3.
 
@@ -214,9 +214,9 @@ class RayOptics(LensletCamera):
         Parameters
         ----------
         dz : float
-            Of the object in metres from the focused plane.
+            Distance of the object from the focused plane in metres.
         lens_type : int
-            Which of the array's focal lengths.
+            Index among the array's focal lengths.
 
         Returns
         -------
@@ -230,17 +230,17 @@ class RayOptics(LensletCamera):
         """
         kinds = self.mla.focal_lengths
         if not 0 <= lens_type < len(kinds):
-            raise ValueError(f"The array has lens types 0 to {len(kinds) - 1}, not {lens_type!r}.")
+            raise ValueError(f"lens_type must be 0 to {len(kinds) - 1}, got {lens_type!r}.")
         alpha = self.alpha(dz)
         if abs(alpha) < 1e-12:
-            raise ValueError(f"An object at dz = {dz:g} m is imaged at infinity: move it.")
+            raise ValueError(f"An object at dz = {dz:g} m is imaged at infinity: use another dz.")
         f, b = kinds[lens_type], self.sensor_distance
         a = self.array_distance - self.image_distance / alpha
         return np.array([[1 - b / f, a + b - a * b / f], [-1 / f, 1 - a / f]])
 
 
 def is_sampled(optics: RayOptics, reach: float, alpha: float) -> bool:
-    """Whether the pixels sample the light and hold the main lens' aperture: `check_sampling`."""
+    """Return True if pixels sample the light and hold the main lens' aperture: `check_sampling`."""
     try:
         check_sampling(optics, reach, alpha)
     except SamplingError:
@@ -249,15 +249,14 @@ def is_sampled(optics: RayOptics, reach: float, alpha: float) -> bool:
 
 
 def check_sampling(optics: RayOptics, reach: float, alpha: float) -> None:
-    """Refuse light that the pixels cannot sample.
+    """Raise for light that the pixels cannot sample, or an aperture wider than the window.
 
     [(beta D/2 + abs(X))/z2 + d/(2 f)]/lam < 1/(2 dx). A ray from u on the lens to X + u (1 - beta)
     on the array has the slope (X - beta u)/z2, and a lenslet adds -(x - c)/f, x - c up to d/2.
-    For a 2.0 camera with its image in focus, beta = z2/F, this is (X/z2 + D/(2 F)) + d/(2 f):
-    about the chief ray of a lenslet, slope (c - X)/a, light converges within d/(2 b) only, but
-    lenslets at the rim of the blur, abs(c - X) up to a D/(2 F) + d/2, bring that to d/(2 f),
-    1/f = 1/a + 1/b. The steepest of several f counts, and aberrations add the slopes of their
-    wavefronts. And the window holds the main lens' aperture.
+    For a 2.0 camera with its image in focus, beta = z2/F, this is (X/z2 + D/(2 F)) + d/(2 f).
+    Light converges within d/(2 b) about the chief ray of a lenslet, slope (c - X)/a. Lenslets at
+    the rim of the blur, abs(c - X) up to a D/(2 F) + d/2, raise that to d/(2 f), 1/f = 1/a + 1/b.
+    The smallest of several f counts, and aberrations add the slopes of their wavefronts.
     """
     D, z2 = optics.lit_diameter, optics.array_distance
     bent = optics.main_slope(reach * optics.image_distance / z2)
@@ -269,29 +268,29 @@ def check_sampling(optics: RayOptics, reach: float, alpha: float) -> None:
             f"Light reaches the sensor at up to {slope / optics.wavelength:.4g} cycles/m "
             f"((alpha D/2 + |X|)/z2 + d/(2 f_mu), |X| = {reach:.4g} m"
             f"{f', aberrations {bent:.4g} rad' if bent else ''}), but pixels of "
-            f"{optics.pixel_pitch:.4g} m sample {1 / (2 * optics.pixel_pitch):.4g}: pixels below "
-            f"{fitting:.4g} m would do (pixels_per_lenslet = {optics.mla.pitch / fitting:.4g}), or "
-            f"a longer f_mu, {'smaller aberrations, ' if bent else ''}or a smaller aperture; "
-            "points and self-luminous pictures need none of these with method='local'."
+            f"{optics.pixel_pitch:.4g} m sample {1 / (2 * optics.pixel_pitch):.4g}: use pixels "
+            f"below {fitting:.4g} m (pixels_per_lenslet = {optics.mla.pitch / fitting:.4g}), "
+            f"a longer f_mu, {'smaller aberrations, ' if bent else ''}a smaller aperture, or "
+            "method='local' for points and self-luminous pictures."
         )
     if min(optics.grid.extent) < D:
         raise SamplingError(
-            f"The window of {min(optics.grid.extent):.4g} m does not hold the main lens' aperture "
-            f"of {D:.4g} m: use more lenslets or give a smaller aperture_diameter; points and "
-            "self-luminous pictures need neither with method='local'."
+            f"The window must hold the main lens' aperture of {D:.4g} m, but is "
+            f"{min(optics.grid.extent):.4g} m wide: use more lenslets, a smaller "
+            "aperture_diameter, or method='local' for points and self-luminous pictures."
         )
 
 
 def check_in_view(optics: RayOptics, positions: Positions) -> None:
-    """Refuse points behind the lens, whose chief ray misses the array, or beyond OPD maps."""
+    """Raise for points behind the lens, with a chief ray beyond the array, or beyond OPD maps."""
     behind = optics.object_distance + positions[:, 2] <= 0
     if behind.any():
         x, y, dz = positions[behind][0]
         near = optics.object_distance + dz / 1e3 > 0 and abs(dz) >= 1
-        meant = f"; positions are in metres, did you mean dz = {dz / 1e3:g}?" if near else "."
+        hint = f"; positions are in metres, did you mean dz = {dz / 1e3:g}?" if near else "."
         raise ValueError(
-            f"The point (x, y, dz) = ({x:g}, {y:g}, {dz:g}) m lies behind the main lens, which "
-            f"is {optics.object_distance:g} m from the focused plane{meant}"
+            f"The point (x, y, dz) = ({x:g}, {y:g}, {dz:g}) m is behind the main lens, "
+            f"{optics.object_distance:g} m from the focused plane{hint}"
         )
     grid = optics.grid
     images, half = optics.on_array(positions), np.asarray(grid.extent)[::-1] / 2
@@ -303,21 +302,21 @@ def check_in_view(optics: RayOptics, positions: Positions) -> None:
     )[::-1]  # (x, y)
     outside = (np.abs(images - middle) > half).any(axis=1)
     if outside.any():
-        place, (X, Y) = positions[outside][0], images[outside][0]
-        x, y, dz = place
+        point, (X, Y) = positions[outside][0], images[outside][0]
+        x, y, dz = point
         # the image is upside down
         scale = float(optics.array_scale(dz))
         (left, top), (right, bottom) = (middle + half) / scale, (middle - half) / scale
-        meant = ""
+        hint = ""
         if (np.abs(images[outside][0] / 1e3 - middle) <= half).all() and np.abs(
-            place[:2]
+            point[:2]
         ).max() >= 1:
-            meant = f"; positions are in metres, did you mean ({x / 1e3:g}, {y / 1e3:g})?"
+            hint = f"; positions are in metres, did you mean ({x / 1e3:g}, {y / 1e3:g})?"
         raise SamplingError(
             f"The point (x, y, dz) = ({x:g}, {y:g}, {dz:g}) m is imaged at ({X:g}, {Y:g}) m, "
             f"beyond the array of {2 * half[0]:g} x {2 * half[1]:g} m. At this dz the field of "
             f"view is x from {left:.4g} to {right:.4g} m, y from {top:.4g} to {bottom:.4g} m: "
-            f"move the point or use more lenslets{meant or '.'}"
+            f"move the point or use more lenslets{hint or '.'}"
         )
     maps = optics.aberrations.main_lens_opd
     if maps is not None:
@@ -325,28 +324,28 @@ def check_in_view(optics: RayOptics, positions: Positions) -> None:
 
 
 def thin_spherical(D: float, object_distance: float, image_distance: float) -> float:
-    """Path at the rim of a thin lens beyond that of a corrected one, in metres.
+    """Return the path at the rim of a thin lens relative to a corrected lens, in metres.
 
-    rho^4/8 (1/object^3 + 1/image^3), rho = D/2: what exact spherical waves differ by from a
-    quadratic phase (Goodman 2005, eq. 5-10, carried one order further).
+    rho^4/8 (1/object^3 + 1/image^3), rho = D/2: the difference of exact spherical waves from a
+    quadratic phase (Goodman 2005, eq. 5-10, with one more order).
     """
     return (D / 2) ** 4 / 8 * (object_distance**-3 + image_distance**-3)
 
 
 def view_step(optics: RayOptics) -> float:
-    """du = dx z2/z3: how far apart on the main lens two pixels of a lenslet look, in metres."""
+    """Return du = dx z2/z3: distance on the main lens of adjacent pixels' views, in metres."""
     return optics.pixel_pitch * optics.array_distance / optics.sensor_distance
 
 
 def pupil_image(optics: RayOptics) -> tuple[float, float]:
-    """How the lenslets image the main lens, by rays at their true angles.
+    """Compute size and variance of the lenslets' image of the main lens, by exact rays.
 
     A ray from u on the main lens through x on a lenslet reaches the sensor at
-    s = x + z3 l/sqrt(1 - l^2 - m^2), with the direction cosines (l, m) that the lenslet's phase
-    leaves. What this differs by from paraxial rays is a line in u, by which the image of the pupil
-    is larger, 1 + d^2/(8 f^2) to first order for a round parabolic lenslet and a small pupil, and
-    scatter about it: aberrations of the lenslet. Rays that fall into another lenslet's sub-image do
-    not count.
+    s = x + z3 l/sqrt(1 - l^2 - m^2), with the direction cosines (l, m) behind the lenslet. Its
+    difference from paraxial rays is a line in u plus scatter. The line enlarges the image of the
+    pupil, by 1 + d^2/(8 f^2) to first order for a round parabolic lenslet and a small pupil; the
+    scatter is the aberration of the lenslet. Rays that fall into another lenslet's sub-image are
+    ignored.
     """
     mla, z2, z3 = optics.mla, optics.array_distance, optics.sensor_distance
     cell = math.sqrt(mla.pitch * mla.row_pitch / math.pi)
@@ -367,17 +366,17 @@ def pupil_image(optics: RayOptics) -> tuple[float, float]:
 
 
 def _disc(radius: float) -> tuple[Positions, Positions]:
-    """(y, x) of points that share a disc evenly."""
+    """Return (y, x) of points that divide a disc evenly."""
     r = radius * np.sqrt((np.arange(_RADII) + 0.5) / _RADII)[:, None]
     angles = 2 * np.pi * (np.arange(_ANGLES) + 0.5) / _ANGLES
     return (r * np.sin(angles)).ravel(), (r * np.cos(angles)).ravel()
 
 
 def raw_image(optics: RayOptics, data: cla.Array, *, paraxial: bool = False) -> RawImage:
-    """Intensity on the sensor with the positions of sub-images and cells, without its camera.
+    """Return a RawImage with the positions of sub-images and cells, without its camera.
 
-    Where the array does not lie on the main lens' image there is no spacing: what a lenslet sees
-    is a picture, and alpha is not that of the light field on the array.
+    It has no spacing if the array is not on the main lens' image: each sub-image is then a picture,
+    and alpha is not that of the light field on the array.
     """
     step = view_step(optics)
     on_image = optics.array_distance == optics.image_distance
@@ -398,11 +397,11 @@ def raw_image(optics: RayOptics, data: cla.Array, *, paraxial: bool = False) -> 
 
 
 def lens_types(optics: RayOptics) -> tuple[LensType, ...]:
-    """Where the lenslets of each focal length have their sub-images, and what they see sharply.
+    """Return the sub-image positions and the range of sharp depths for each focal length.
 
-    A type is in focus at the virtual depth a/b, 1/a = 1/f - 1/b. Its range ends where the next
-    one is as sharp: blur on the sensor is d abs(b/a' - b/a), so in the middle between their b/a;
-    the outermost go as far beyond.
+    A type is in focus at the virtual depth a/b, 1/a = 1/f - 1/b. The blur on the sensor is
+    d abs(b/a' - b/a), so that ranges of neighbouring types meet in the middle between their b/a.
+    The outermost ranges are symmetric.
     """
     mla, b = optics.mla, optics.sensor_distance
     if len(mla.focal_lengths) == 1:
@@ -416,12 +415,12 @@ def lens_types(optics: RayOptics) -> tuple[LensType, ...]:
     grid = lenslet_grid(optics, optics.sub_image_scale)
     shift = np.array(grid.row_step) + grid.odd_row_shift * np.array(grid.column_step)
     base = np.array([shift, grid.column_step])
-    found = []
+    types = []
     for number, sharp in enumerate(focus):
         side = (0, math.inf) if sharp > 0 else (-math.inf, 0)
         ends = np.clip((low[number], high[number]), *side)
         depths = sorted(float(1 / end) if end else math.copysign(math.inf, sharp) for end in ends)
         vectors = np.array([(0, number), (1, -mla.type_step), (0, len(focus))]) @ base
         offset, *steps_of = ((float(y), float(x)) for y, x in vectors)
-        found.append(LensType(offset, (depths[0], depths[1]), (steps_of[0], steps_of[1])))
-    return tuple(found)
+        types.append(LensType(offset, (depths[0], depths[1]), (steps_of[0], steps_of[1])))
+    return tuple(types)

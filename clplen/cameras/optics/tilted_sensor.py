@@ -1,9 +1,9 @@
-"""A sensor that is tilted against the array, by fields in a few planes parallel to it.
+"""Sensor tilted against the array, by fields in a few planes parallel to the array.
 
 The pixel at (y, x) lies at z3 + s, s = t_y y + t_x x. Without the carrier a plane wave of the
-samples' band turns by -w s on the way s, w from 0 to W = k (1 - sqrt(1 - lam^2 f^2)) of the largest
-f. The field of every pixel is a polynomial in s through planes at Chebyshev's points s_j (Trefethen
-2013, chapters 3 and 8), with exp(i W s/2) taken out, so that |w - W/2| <= W/2 counts:
+samples' band turns by -w s over the distance s, w from 0 to W = k (1 - sqrt(1 - lam^2 f^2)) of the
+largest f. The field of every pixel is a polynomial in s through planes at Chebyshev points s_j
+(Trefethen 2013, chapters 3 and 8), with exp(i W s/2) taken out, so that |w - W/2| <= W/2 counts:
 
     u(y, x) = sum_j c_j(s) u_j(y, x),   c_j = L_j(s) exp(i W (s_j - s)/2).
 
@@ -27,38 +27,38 @@ from clplen.wave.field.transmission import phasor
 Pair = tuple[float, float]
 Values = np.ndarray[Any, np.dtype[np.float64]]
 
-TOLERANCE = {"single": 1e-6, "double": 1e-10}  # of the derivative by s, over W/2
-LEAST = 0.1  # W/2 times the reach of the planes, where the sensor is hardly tilted
+TOLERANCE = {"single": 1e-6, "double": 1e-10}  # error of the derivative by s, over W/2
+MIN_PHASE = 0.1  # minimum of W/2 times the reach of the planes, for a slightly tilted sensor
 
 
 @dataclass(frozen=True, eq=False)
 class SensorPlanes:
     """Planes between which the field of a tilted sensor is interpolated."""
 
-    distances: tuple[float, ...]  # from the array, in metres
+    distances: tuple[float, ...]  # distances from the array in metres
     # weights, slopes: c_j and dc_j/ds (a metre) of the pixels, complex, shape (ny, nx) each
     weights: tuple[cla.Array, ...]
     slopes: tuple[cla.Array, ...]
 
     @property
     def nbytes(self) -> int:
-        """Bytes on the device."""
-        return sum(int(one.nbytes) for one in (*self.weights, *self.slopes))
+        """Number of bytes on the device."""
+        return sum(int(table.nbytes) for table in (*self.weights, *self.slopes))
 
 
-def reach_of(grid: Grid, tilt: Pair) -> float:
-    """By how much the pixels of a tilted sensor lie farther or nearer, at most, in metres."""
-    down, right = (float(np.abs(places).max()) for places in (grid.y, grid.x))
+def tilt_reach(grid: Grid, tilt: Pair) -> float:
+    """Return the largest distance by which a tilt moves a pixel along the axis, in metres."""
+    down, right = (float(np.abs(axis).max()) for axis in (grid.y, grid.x))
     return abs(tilt[0]) * down + abs(tilt[1]) * right
 
 
 def sensor_planes(
     grid: Grid, distance: float, tilt: Pair, wavelength: float, device: Device
 ) -> SensorPlanes:
-    """The planes of a sensor."""
+    """Return the planes of a sensor."""
     square = sum((wavelength / (2 * pitch)) ** 2 for pitch in grid.pitch)
     half_turn = math.pi / wavelength * (1 - math.sqrt(max(0.0, 1 - square)))  # W/2
-    reach = max(reach_of(grid, tilt), LEAST / half_turn)
+    reach = max(tilt_reach(grid, tilt), MIN_PHASE / half_turn)
     count = plane_count(half_turn * reach, TOLERANCE[device.precision])
     nodes = chebyshev.chebpts1(count)
     coefficients = 2 / count * chebyshev.chebvander(nodes, count - 1).T
@@ -70,12 +70,15 @@ def sensor_planes(
     weights, slopes = lagrange * turned, (steps - 1j * half_turn * lagrange) * turned
     return SensorPlanes(
         tuple(float(z) for z in distance + reach * nodes),
-        *(tuple(device.upload(c.astype(device.complex)) for c in one) for one in (weights, slopes)),
+        *(
+            tuple(device.upload(c.astype(device.complex)) for c in tables)
+            for tables in (weights, slopes)
+        ),
     )
 
 
 def plane_count(phase: float, tolerance: float) -> int:
-    """Planes for light that turns by up to ``phase`` from the middle to the last one.
+    """Return the number of planes for light with up to ``phase`` from the middle to the last.
 
     A polynomial through K Chebyshev points departs from exp(i phase x), abs(x) <= 1, by up to
     2 (phase/2)^K/K! (Trefethen 2013, chapter 8; Sueli and Mayers 2003, theorem 8.7), and its

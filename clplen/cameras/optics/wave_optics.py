@@ -1,6 +1,6 @@
 """Waves through a plenoptic camera: from points to the main lens, the array and the sensor.
 
-Positions are plain arrays; what shines there, and how its energies add up, is for others to know.
+Positions are plain arrays; sources and the sums of their energies are defined elsewhere.
 """
 
 from __future__ import annotations
@@ -31,8 +31,8 @@ from clplen.wave.propagation.propagator import Propagator
 
 Positions = np.ndarray[Any, np.dtype[np.float64]]
 
-LARGEST_RESIDUAL = 2.0  # turns; float32 is then right to 5e-6 rad
-STEP = 1e-2  # of the table of 2 J1(v)/v; cubic Hermite interpolation is then right to 3e-12
+MAX_RESIDUAL_TURNS = 2.0  # maximum turns in single precision; the error is then 5e-6 rad
+TABLE_STEP = 1e-2  # step of the table of 2 J1(v)/v; cubic Hermite interpolation errs by 3e-12
 
 
 def pupil_fields(
@@ -46,10 +46,10 @@ def pupil_fields(
     wavelength: float,
     device: Device,
 ) -> Field:
-    """Fields right behind a thin lens with a circular aperture, one for each source.
+    """Compute fields behind a thin lens with a circular aperture, one for each source.
 
-    An exact spherical wave from the source, times 2 J1(v)/v, v = pi d rho/(lam z), for a uniform
-    coherent disc of diameter d (Goodman 2005, eq. 4-31), times aperture and lens.
+    Each is an exact spherical wave from the source, times 2 J1(v)/v, v = pi d rho/(lam z), for a
+    uniform coherent disc of diameter d (Goodman 2005, eq. 4-31), times aperture and lens.
     """
     y, x = grid.y, grid.x
     z = object_distance + positions[:, 2]
@@ -89,16 +89,16 @@ def pupil_fields(
 
 
 def _residual_route(reach: float, z: float, wavelength: float, device: Device) -> dict[str, bool]:
-    """Whether the phase beside the tables, (r - z)^2/(2 z lam) turns, needs double precision."""
+    """Return the kernel's switches: the phase (r - z)^2/(2 z lam) beside tables may need fp64."""
     beyond = reach**2 / (np.hypot(reach, z) + z)
     turns = beyond**2 / (2 * z * wavelength)
-    if device.precision == "double" or turns <= LARGEST_RESIDUAL:
+    if device.precision == "double" or turns <= MAX_RESIDUAL_TURNS:
         return {}
     if not device.has_fp64:
         raise DeviceError(
             f"A source at {z:g} m from the lens leaves {turns:.3g} turns of phase to single "
-            f"precision, more than {LARGEST_RESIDUAL:g}, and {device.name} has no double: use "
-            "another device, or a smaller aperture."
+            f"precision, more than {MAX_RESIDUAL_TURNS:g}, and {device.name} has no double "
+            "precision: use another device, or a smaller aperture."
         )
     return {"RESIDUAL_FP64": True}
 
@@ -111,27 +111,27 @@ def _quadratic_phasors(
     wavelength: float,
     device: Device,
 ) -> np.ndarray[Any, Any]:
-    """Source and lens together along one axis, shape (sources, samples)."""
+    """Compute the phase factors of source and lens along one axis, shape (sources, samples)."""
     spherical = (axis[None, :] - foot[:, None]) ** 2 / (2 * wavelength * z[:, None])
     return phasor(spherical - axis[None, :] ** 2 / (2 * wavelength * f), device.complex)
 
 
 def disc_table(largest: float, device: Device) -> tuple[np.ndarray[Any, Any], float]:
-    """2 J1(v)/v and its slope times the step, from 0 to ``largest``; and steps a unit of v."""
-    from scipy import special  # here, because it takes a third of the package's import time
+    """Return a table of 2 J1(v)/v and its slope times the step, and steps a unit of v."""
+    from scipy import special  # a slow import
 
-    count = max(2, int(np.ceil(largest / STEP)) + 2)
-    v = np.arange(count) * STEP
+    count = max(2, int(np.ceil(largest / TABLE_STEP)) + 2)
+    v = np.arange(count) * TABLE_STEP
     safe = np.where(v > 0, v, 1.0)
     value = np.where(v > 0, 2 * special.j1(safe) / safe, 1.0)
     slope = np.where(v > 0, -2 * special.jv(2, safe) / safe, 0.0)
-    return np.stack([value, slope * STEP], axis=-1).astype(device.real), 1 / STEP
+    return np.stack([value, slope * TABLE_STEP], axis=-1).astype(device.real), 1 / TABLE_STEP
 
 
 Values = np.ndarray[Any, np.dtype[np.float64]]
-LARGEST_SAMPLED_RIM = 4096  # samples across; more are counted by their mean
-RIM_LOSS = 0.664  # of the rim's samples, times samples across: 4 int c (1 - c), c the covered share
-FRESNEL_WIDTHS = 2  # diffraction beyond the geometric edge that a window without padding holds
+MAX_RIM_SAMPLES = 4096  # samples across; a larger rim uses the mean loss below
+MEAN_RIM_LOSS = 0.664  # energy loss of rim samples, times samples across: 4 int c (1 - c), c cover
+FRESNEL_WIDTHS = 2  # Fresnel widths beyond the geometric edge that an unpadded window holds
 
 
 @dataclass(frozen=True, repr=False)
@@ -141,11 +141,11 @@ class WaveOptics(RayOptics):
     Attributes
     ----------
     occluders : tuple of Occluder
-        Screens before the camera, which windows of single points know.
+        Screens before the camera, which only windows of points support.
     focal_length, object_distance, image_distance, aperture_diameter, mla, wavelength, device
-        As of `Plenoptic1`.
+        Same attributes as in `Plenoptic1`.
     pixels_per_lenslet, pixel_pitch, grid, field_lens, aberrations, lens_model, pixels, m
-        As of `Plenoptic1` and `Plenoptic2`.
+        Same attributes as in `Plenoptic1` and `Plenoptic2`.
 
     Examples
     --------
@@ -162,16 +162,16 @@ class WaveOptics(RayOptics):
     occluders: tuple[Occluder, ...] = field(default=(), kw_only=True)
 
     def pupil(self, positions: Values, diameter: float = 0.0, *, full_grid: bool = True) -> Field:
-        """Fields of points right behind the main lens.
+        """Compute fields of points behind the main lens.
 
         Parameters
         ----------
         positions : numpy.ndarray
             (x, y, dz) in metres from the axis point of the focused plane, shape (n, 3).
         diameter : float
-            Each is a uniform coherent disc of this diameter in metres; 0 is a point.
+            Diameter of each point as a uniform coherent disc, in metres; 0 is a point.
         full_grid : bool
-            On the whole grid, or only on those of its samples that the aperture touches.
+            True for fields on the whole grid, False for the samples that the aperture touches.
 
         Returns
         -------
@@ -184,22 +184,22 @@ class WaveOptics(RayOptics):
     def pupil_and_energy(
         self, positions: Values, diameter: float = 0.0, *, full_grid: bool = True
     ) -> tuple[Field, Values]:
-        """Fields of points right behind the main lens, and their energies without vignetting."""
+        """Compute fields of points behind the main lens, and their energies without vignetting."""
         spherical = self.spherical_waves(positions, diameter, full_grid)
-        return self.bent_and_energy(spherical, self.image_of(positions)[:, ::-1])
+        return self.wavefront_and_energy(spherical, self.image_of(positions)[:, ::-1])
 
-    def bent_and_energy(self, spherical: Field, images: Values) -> tuple[Field, Values]:
-        """As `pupil_and_energy`, of `spherical_waves` and their images (y, x), shape (n, 2)."""
+    def wavefront_and_energy(self, spherical: Field, images: Values) -> tuple[Field, Values]:
+        """Apply the main lens to `spherical_waves` with images (y, x), shape (n, 2)."""
         if not self.aberrations.vignettes:
             behind = self.behind_main_lens(spherical, images)
             return behind, row_powers(behind).sum(axis=-1)
-        bent = self._bent(spherical, images)
-        return self._vignetted(bent, images), row_powers(bent).sum(axis=-1)
+        bent = self._apply_wavefront(spherical, images)
+        return self._apply_vignetting(bent, images), row_powers(bent).sum(axis=-1)
 
     def spherical_waves(
         self, positions: Values, diameter: float = 0.0, full_grid: bool = True
     ) -> Field:
-        """Fields of points behind the main lens without its wavefront; as `pupil`."""
+        """Compute fields of points behind the main lens without its wavefront; as `pupil`."""
         return pupil_fields(
             positions,
             diameter,
@@ -212,7 +212,7 @@ class WaveOptics(RayOptics):
         )
 
     def array_field(self, pupil: Field, *, pad: int = 1) -> Field:
-        """Fields behind the main lens propagated to the array, before its lenslets.
+        """Propagate fields behind the main lens to the array, before its lenslets.
 
         Parameters
         ----------
@@ -229,7 +229,7 @@ class WaveOptics(RayOptics):
         return propagate_part(self.propagator(self.array_distance, "blas", pad), pupil)
 
     def sensor_field(self, at_array: Field, *, pad: int = 1) -> Field:
-        """Fields at the array sent through it and on to the sensor.
+        """Propagate fields at the array through it and to the sensor.
 
         Parameters
         ----------
@@ -247,37 +247,37 @@ class WaveOptics(RayOptics):
         return self.to_sensor(self.behind_lenslets(through), pad=pad)
 
     def behind_field_lens(self, at_array: Field) -> Field:
-        """Fields at the array behind its field lens, where the camera has one."""
+        """Apply the field lens at the array, if the camera has one."""
         return thin_lens(at_array, self.array_distance) if self.field_lens else at_array
 
     def to_sensor(self, behind: Field, *, pad: int = 1) -> Field:
-        """Fields right behind the lenslets propagated to the pixels of the sensor."""
+        """Propagate fields behind the lenslets to the pixels of the sensor."""
         if not any(self.aberrations.sensor_tilt):
             return self.propagator(self.sensor_distance, "as", pad)(behind)
         planes = self._sensor_planes()
-        return self._interpolated(behind, planes, planes.weights, pad)
+        return self._interpolate_planes(behind, planes, planes.weights, pad)
 
     def sensor_slope(self, behind: Field, *, pad: int = 1) -> Field:
-        """The derivative of `to_sensor` by the distance of the sensor, a metre.
+        """Compute the derivative of `to_sensor` by the distance of the sensor, per metre.
 
-        Parameters are those of `to_sensor`. With a tilt, every pixel is at its own distance.
+        Parameters are those of `to_sensor`. With a tilt, every pixel has its own distance.
         """
         planes = self._sensor_planes()
-        return self._interpolated(behind, planes, planes.slopes, pad)
+        return self._interpolate_planes(behind, planes, planes.slopes, pad)
 
     def from_sensor(self, field: Field, *, pad: int = 1) -> Field:
-        """The transpose of `to_sensor`."""
+        """Apply the transpose of `to_sensor`."""
         if not any(self.aberrations.sensor_tilt):
             return self.propagator(self.sensor_distance, "as", pad)(field)
         planes, total = self._sensor_planes(), None
         for z, weight in zip(planes.distances, planes.weights, strict=True):
             back = self.propagator(z, "as", pad)(multiply(field, weight))
-            total = self._added(total, back)
+            total = self._accumulate(total, back)
         assert total is not None
         return total
 
     def _sensor_planes(self) -> SensorPlanes:
-        """The planes between which fields on a tilted sensor are interpolated."""
+        """Return the planes between which fields on a tilted sensor are interpolated."""
         tilt, device = self.aberrations.sensor_tilt, self.device
         key = (self.grid, self.sensor_distance, tilt, self.wavelength)
         planes: SensorPlanes | None = device.plans.get(("sensor planes", *key))
@@ -286,28 +286,28 @@ class WaveOptics(RayOptics):
             planes = device.plans.keep(("sensor planes", *key), planes, planes.nbytes)
         return planes
 
-    def _interpolated(
+    def _interpolate_planes(
         self, behind: Field, planes: SensorPlanes, weights: tuple[cla.Array, ...], pad: int
     ) -> Field:
         total = None
         for z, weight in zip(planes.distances, weights, strict=True):
-            one = multiply(self.propagator(z, "as", pad)(behind), weight)
-            total = self._added(total, one)
+            plane = multiply(self.propagator(z, "as", pad)(behind), weight)
+            total = self._accumulate(total, plane)
         assert total is not None
         return total
 
-    def _added(self, total: Field | None, one: Field) -> Field:
+    def _accumulate(self, total: Field | None, term: Field) -> Field:
         if total is None:
-            return one
-        add(total.data, one.data, self.device)
+            return term
+        add(total.data, term.data, self.device)
         return total
 
     def padding(self, positions: Values) -> tuple[int, int]:
-        """Padding of the ways to the array and to the sensor: 1 where no light leaves the window.
+        """Return the padding factors to the array and to the sensor: 1 if the window holds all.
 
         A ray to the array moves sideways by up to abs(X) + abs(beta) D/2 and z2 times the slope of
-        the main lens' wavefront; diffraction adds a few Fresnel widths sqrt(lam z2). Behind the
-        array it stays within `spread` of X (1 + z3/z2).
+        the main lens' wavefront. Diffraction adds a few Fresnel widths sqrt(lam z2). Behind the
+        array light stays within `spread` of X (1 + z3/z2).
 
         Parameters
         ----------
@@ -317,7 +317,7 @@ class WaveOptics(RayOptics):
         Returns
         -------
         tuple of int
-            1 or 2 each.
+            Padding factors, 1 or 2 each.
         """
         D, z2 = self.lit_diameter, self.array_distance
         X = np.abs(self.on_array(positions))[:, ::-1]  # (y, x)
@@ -337,7 +337,7 @@ class WaveOptics(RayOptics):
         return to_array, to_sensor
 
     def propagator(self, z: float, method: str, pad: int) -> Propagator:
-        """The plan of a distance on the camera's grid, ``pad`` times as wide or a little more."""
+        """Return the propagator of a distance on the camera's grid, padded by at least ``pad``."""
         return plan(
             self.grid,
             z,
@@ -348,10 +348,7 @@ class WaveOptics(RayOptics):
         )
 
     def check_positions(self, positions: Values) -> None:
-        """Refuse points that the camera cannot show.
-
-        Raise as `Plenoptic.expose` does.
-        """
+        """Raise for points that the camera cannot image, as `Plenoptic.expose`."""
         check_in_view(self, positions)
         images = self.on_array(positions)
         beta = np.abs(np.atleast_1d(self.array_alpha(positions[:, 2])))
@@ -359,7 +356,7 @@ class WaveOptics(RayOptics):
             check_sampling(self, float(reach), max(1.0, float(b)))
 
     def samples(self, positions: Values) -> bool:
-        """Whether the pixels sample the light of points, and the window holds the aperture."""
+        """Return True if pixels sample the light of points, and the window holds the aperture."""
         images = np.abs(self.on_array(positions)).max(axis=1)
         beta = np.abs(np.atleast_1d(self.array_alpha(positions[:, 2])))
         return all(
@@ -368,67 +365,67 @@ class WaveOptics(RayOptics):
         )
 
     def behind_main_lens(self, pupil: Field, images: Values | None = None) -> Field:
-        """Fields right behind the main lens with its wavefront and vignetting.
+        """Apply the wavefront and the vignetting of the main lens to fields.
 
-        ``images`` (y, x), shape (n, 2), are needed where the wavefront changes over the field.
+        ``images`` (y, x), shape (n, 2), are required if the wavefront changes over the field.
         """
         if not self.aberrations.bends_main_lens:
             return pupil
-        bent = self._bent(pupil, images)
-        return self._vignetted(bent, images) if self.aberrations.vignettes else bent
+        bent = self._apply_wavefront(pupil, images)
+        return self._apply_vignetting(bent, images) if self.aberrations.vignettes else bent
 
     def main_lens_path(
         self, image_y: float, image_x: float, v: Any, u: Any
     ) -> tuple[Values, Values]:
-        """What the main lens adds to the light of one point: path and transmission.
+        """Compute path and transmission of the main lens for the light of one point.
 
-        Zernike terms and OPD maps together. The path is from the sphere about the image without
-        distortion; distortion is the difference from that about the chief ray's place, next to a
-        tilt.
+        Zernike terms and OPD maps are added. The path is relative to the sphere about the image
+        without distortion. Distortion is the difference from the sphere about the chief ray's
+        position, almost a tilt.
 
         Parameters
         ----------
         image_y, image_x : float
-            Where the point is imaged on the main lens' image plane without distortion, in metres.
+            Image position without distortion on the main lens' image plane, in metres.
         v, u : array_like
-            Places along y and x on the aperture, as fractions of its radius. Light passes beyond 1
-            where OPD maps shift the pupil, up to ``aberrations.pupil_reach``.
+            Positions along y and x on the aperture, as fractions of its radius. Light passes beyond
+            1 if OPD maps shift the pupil, up to ``aberrations.pupil_reach``.
 
         Returns
         -------
         tuple of numpy.ndarray
-            W in metres, beyond the rim that of the rim with Zernike terms continued, and the share
-            of the energy that passes, 0 beyond the pupil; both float64, of the broadcast shape of
-            ``v`` and ``u``.
+            W in metres, constant beyond the rim except for Zernike terms, which continue; and the
+            transmitted fraction of the energy, 0 beyond the pupil. Both are float64, of the
+            broadcast shape of ``v`` and ``u``.
 
         Raises
         ------
         ValueError
-            If OPD maps do not reach there or to the camera's wavelength.
+            If OPD maps do not include the image position or the camera's wavelength.
         """
         v, u = np.broadcast_arrays(np.asarray(v, np.float64), np.asarray(u, np.float64))
         rho, theta = np.hypot(v, u), np.arctan2(v, u)
         path = np.zeros(v.shape)
         for (n, m), metres in self.aberrations.main_terms(image_y, image_x).items():
             path += metres * zernike(n, m, rho, theta)
-        maps, place = self.aberrations.main_lens_opd, (image_y, image_x, self.wavelength)
+        maps, arguments = self.aberrations.main_lens_opd, (image_y, image_x, self.wavelength)
         if maps is None:
             return path, (rho <= 1).astype(np.float64)
         path += self._map_path(image_y, image_x, v, u)
-        down, right = maps.pupil_centre(*place)
+        down, right = maps.pupil_centre(*arguments)
         inside = np.hypot(v - down, u - right) <= 1 + 1e-12
-        return path, maps.transmission(*place, v - down, u - right) * inside
+        return path, maps.transmission(*arguments, v - down, u - right) * inside
 
     def _map_path(self, y: float, x: float, v: Values, u: Values) -> Values:
-        """W of the OPD maps for an image at (y, x), in metres: about where the chief ray arrives.
+        """Compute W of the OPD maps for an image at (y, x), in metres.
 
-        The sphere about the image without distortion less that about the chief ray's place.
+        Distortion is the sphere about the undistorted image minus that about the chief ray's.
         """
-        maps, place = self.aberrations.main_lens_opd, (y, x, self.wavelength)
+        maps, arguments = self.aberrations.main_lens_opd, (y, x, self.wavelength)
         assert maps is not None
-        down, right = maps.pupil_centre(*place)
-        path = maps.path(*place, v - down, u - right)
-        Y, X = maps.chief_ray(*place)
+        down, right = maps.pupil_centre(*arguments)
+        path = maps.path(*arguments, v - down, u - right)
+        Y, X = maps.chief_ray(*arguments)
         if (y, x) == (Y, X):
             return path
         v, u = v * (self.aperture_diameter / 2), u * (self.aperture_diameter / 2)
@@ -439,70 +436,74 @@ class WaveOptics(RayOptics):
         nearer = (Y - y) * (2 * v - y - Y) + (X - x) * (2 * u - x - X)
         return np.asarray(path + nearer / (first + moved))  # first - moved, without rounding
 
-    def _bent(self, pupil: Field, images: Values | None) -> Field:
-        """Fields behind the main lens with its wavefront, in its pupil."""
+    def _apply_wavefront(self, pupil: Field, images: Values | None) -> Field:
+        """Apply the wavefront of the main lens to fields in its pupil."""
         if not self.aberrations.varies:
-            return self._times(pupil, None, "wavefront", lambda y, x: self._plate(pupil, y, x))
+            return self._multiply_plates(
+                pupil, None, "wavefront", lambda y, x: self._wavefront_plate(pupil, y, x)
+            )
         if self.aberrations.main_lens_opd is not None:
-            return self._times(pupil, images, "wavefront", lambda y, x: self._plate(pupil, y, x))
+            return self._multiply_plates(
+                pupil, images, "wavefront", lambda y, x: self._wavefront_plate(pupil, y, x)
+            )
         middle, down, right = self.field_turns(pupil)
         dtype = pupil.device.complex
-        return self._times(
+        return self._multiply_plates(
             pupil, images, "", lambda y, x: phasor(middle + y * down + x * right, dtype)
         )
 
     def field_turns(self, pupil: Field) -> tuple[Values, Values, Values]:
-        """The wavefront by Zernike terms of a point on the axis, in turns, and what it gains.
+        """Return the axial wavefront by Zernike terms in turns, and its change with the image.
 
-        By a metre of the image along y, and along x.
+        The changes are per metre of the image along y, and along x.
         """
         middle = self._turns(pupil, 0.0, 0.0)
         down, right = (self._turns(pupil, *image) - middle for image in ((1.0, 0.0), (0.0, 1.0)))
         return middle, down, right
 
-    def _vignetted(self, pupil: Field, images: Values | None) -> Field:
-        """Fields behind the main lens less the light that OPD maps keep back."""
+    def _apply_vignetting(self, pupil: Field, images: Values | None) -> Field:
+        """Multiply fields behind the main lens by the transmission of OPD maps."""
         varies = images if self.aberrations.varies else None
-        return self._times(pupil, varies, "vignetting", lambda y, x: self._passing(pupil, y, x))
+        return self._multiply_plates(
+            pupil, varies, "vignetting", lambda y, x: self._transmission_plate(pupil, y, x)
+        )
 
-    def _times(
+    def _multiply_plates(
         self,
         pupil: Field,
         images: Values | None,
         name: str,
         plate: Callable[[float, float], Values],
     ) -> Field:
-        """Fields times a plate each, made for their image; without images one plate, kept."""
+        """Multiply fields by plates for their images; without images by one cached plate."""
         device = pupil.device
         if images is None:
             key = (
                 *("main lens", name, self.aberrations, self.aperture_diameter),
                 *(self.image_distance, pupil.grid, pupil.wavelength),
             )
-            one = device.plans.get(key)
-            if one is None:
-                one = device.upload(plate(0.0, 0.0))
-                one = device.plans.keep(key, one, int(one.nbytes))
-            return multiply(pupil, one)
+            shared_plate = device.plans.get(key)
+            if shared_plate is None:
+                shared_plate = device.upload(plate(0.0, 0.0))
+                shared_plate = device.plans.keep(key, shared_plate, int(shared_plate.nbytes))
+            return multiply(pupil, shared_plate)
         plates = [plate(float(y), float(x)) for y, x in images]
         (ny, nx), count = pupil.grid.shape, len(images)
-        tall = Grid((count * ny, nx), pupil.grid.pitch)  # all fields below each other, as one
+        tall = Grid((count * ny, nx), pupil.grid.pitch)  # all fields below each other
         stack = Field(pupil.data.reshape(tall.shape), tall, pupil.wavelength, device)
         bent = multiply(stack, device.upload(np.concatenate(plates)))
         return pupil.with_data(bent.data.reshape(pupil.shape))
 
     def rim_loss(self, pitch: float) -> float:
-        """Share of an evenly lit aperture's energy that its samples lack at the rim.
+        """Return the energy fraction that samples of an evenly lit aperture lack at its rim.
 
-        These have the share of their cells that the aperture covers.
-
-        Light that the rim scatters beyond the band of the samples does not count to the power of a
-        point: with this share a window of other samples agrees with one that is sampled as the
-        sensor.
+        Rim samples have the fraction of their cells that the aperture covers. Light that the rim
+        scatters beyond the samples' band does not count to the power of a point. With this fraction
+        a window of other samples agrees with a window of the sensor's samples.
         """
         across = self.aperture_diameter / pitch
-        if pitch != self.pixel_pitch or across > LARGEST_SAMPLED_RIM:
-            return RIM_LOSS / across
+        if pitch != self.pixel_pitch or across > MAX_RIM_SAMPLES:
+            return MEAN_RIM_LOSS / across
         key = ("rim loss", self.grid, self.aperture_diameter)
         loss: float | None = self.device.plans.get(key)
         return self.device.plans.keep(key, self._rim_loss(), 8) if loss is None else loss
@@ -512,7 +513,7 @@ class WaveOptics(RayOptics):
         across = 2 * math.ceil(self.aperture_diameter / 2 / self.pixel_pitch) + 5
         sampled = pupil_fields(
             np.zeros((1, 3)),
-            grid=Grid((across, across), self.grid.pitch, origin=_within_a_sample(self.grid)),
+            grid=Grid((across, across), self.grid.pitch, origin=_nearest_sample(self.grid)),
             object_distance=self.object_distance,
             focal_length=self.focal_length,
             aperture_diameter=self.aperture_diameter,
@@ -524,17 +525,17 @@ class WaveOptics(RayOptics):
     def array_transmission(
         self, grid: Grid, *, rim: tuple[float, float] | None = None
     ) -> cla.Array:
-        """Transmission of the array, its lenslets' errors with it, on a grid of any origin.
+        """Compute the transmission of the array with its lenslets' errors, on any grid.
 
-        ``rim`` as in `MicrolensArray.transmission`.
+        ``rim`` has the meaning of `MicrolensArray.transmission`.
         """
         ideal = self.mla.transmission(grid, self.wavelength, self.device, rim=rim)
         if not self.aberrations.bends_lenslets:
             return ideal
         return self.behind_lenslets(Field(ideal, grid, self.wavelength, self.device)).data
 
-    def _plate(self, pupil: Field, y: float, x: float) -> Values:
-        """exp(2 pi i W/lam) for an image at (y, x), 0 beyond a pupil that is shifted."""
+    def _wavefront_plate(self, pupil: Field, y: float, x: float) -> Values:
+        """Compute exp(2 pi i W/lam) for an image at (y, x), 0 beyond a shifted pupil."""
         turns, dtype = self._turns(pupil, y, x), pupil.device.complex
         maps = self.aberrations.main_lens_opd
         if maps is None or not maps.largest_shift:
@@ -544,20 +545,20 @@ class WaveOptics(RayOptics):
         covered = disc_coverage(pupil.grid, radius, (down * radius, right * radius))
         return (covered * phasor(turns)).astype(dtype)
 
-    def _passing(self, pupil: Field, y: float, x: float) -> Values:
-        """The amplitude that passes the main lens for an image at (y, x)."""
-        maps, place = self.aberrations.main_lens_opd, (y, x, self.wavelength)
+    def _transmission_plate(self, pupil: Field, y: float, x: float) -> Values:
+        """Compute the amplitude transmission of the main lens for an image at (y, x)."""
+        maps, arguments = self.aberrations.main_lens_opd, (y, x, self.wavelength)
         assert maps is not None
         rows, columns, v, u = self._cells(pupil)
-        down, right = maps.pupil_centre(*place)
+        down, right = maps.pupil_centre(*arguments)
         amplitude = np.zeros(pupil.grid.shape)
         cell = max(pupil.grid.pitch) / (self.aperture_diameter / 2)
-        share, covered = maps.share_and_cover(*place, v - down, u - right, cell)
+        share, covered = maps.share_and_cover(*arguments, v - down, u - right, cell)
         amplitude[rows, columns] = np.sqrt(share) * covered
         return amplitude.astype(pupil.device.complex)
 
     def _cells(self, pupil: Field) -> tuple[Any, Any, Any, Any]:
-        """Samples whose cells light may touch: rows, columns, and places v, u on the aperture."""
+        """Return samples that light may touch: rows, columns, positions v, u on the aperture."""
         y, x = offsets(pupil.grid)
         reach, radius = self.lit_diameter / 2, self.aperture_diameter / 2
         near = [
@@ -568,7 +569,7 @@ class WaveOptics(RayOptics):
         return rows, columns, y[rows] / radius, x[columns] / radius
 
     def behind_lenslets(self, field: Field) -> Field:
-        """Fields right behind the array with what its lenslets depart by from thin lenses."""
+        """Apply the lenslets' departures from thin lenses to fields behind the array."""
         aberrations, mla, device = self.aberrations, self.mla, field.device
         if not aberrations.bends_lenslets:
             return field
@@ -581,7 +582,7 @@ class WaveOptics(RayOptics):
         return multiply(field, phase)
 
     def _turns(self, pupil: Field, y: float, x: float) -> Values:
-        """W/lam of the main lens for an image at (y, x) in metres, shape of the pupil's grid."""
+        """Compute W/lam of the main lens for an image at (y, x) in metres, shape of the grid."""
         terms = self.aberrations.main_terms(y, x)
         path, _ = wavefront(pupil.grid, terms, diameter=self.aperture_diameter)
         if self.aberrations.main_lens_opd is not None:
@@ -591,7 +592,7 @@ class WaveOptics(RayOptics):
 
 
 def padded_shape(shape: tuple[int, int], pad: int) -> tuple[int, int]:
-    """The window that `WaveOptics.propagator` pads to."""
+    """Return the shape that `WaveOptics.propagator` pads to."""
     if pad == 1:
         return shape
     factor = _pad_factor(shape, pad)
@@ -599,13 +600,13 @@ def padded_shape(shape: tuple[int, int], pad: int) -> tuple[int, int]:
 
 
 def _pad_factor(shape: tuple[int, int], pad: int) -> float:
-    """``pad``, or a little more for a quick transform."""
+    """Return ``pad``, or a little more for a fast transform."""
     longest = max(shape)
     return 1 if pad == 1 else smooth_length(pad * longest) / longest
 
 
-def _within_a_sample(grid: Grid) -> tuple[float, float]:
-    """The sample (y, x) of a grid's lattice that is nearest to the axis, in metres."""
+def _nearest_sample(grid: Grid) -> tuple[float, float]:
+    """Return the point (y, x) of a grid's lattice nearest to the axis, in metres."""
     y, x = (
         centre - round(centre / pitch) * pitch
         for centre, pitch in zip(grid.origin, grid.pitch, strict=True)
@@ -614,7 +615,7 @@ def _within_a_sample(grid: Grid) -> tuple[float, float]:
 
 
 def aperture_grid(grid: Grid, diameter: float) -> Grid:
-    """The samples of a grid whose cells a circular aperture about the axis touches."""
+    """Return the samples of a grid whose cells a circular aperture about the axis touches."""
     shape = []
     for n, pitch, centre in zip(grid.shape, grid.pitch, grid.origin, strict=True):
         half = math.ceil((diameter / 2 + abs(centre)) / pitch + 0.5)
@@ -623,14 +624,14 @@ def aperture_grid(grid: Grid, diameter: float) -> Grid:
 
 
 def propagate_part(plan: Propagator, field: Field) -> Field:
-    """A field on a part of a plan's grid, propagated with zeros beside it."""
+    """Propagate a field on a part of a plan's grid, padded with zeros."""
     if field.grid == plan.grid:
         return plan(field)
     fits = all(n <= m for n, m in zip(field.grid.shape, plan.grid.shape, strict=True))
     if not fits or replace(field.grid, shape=plan.grid.shape) != plan.grid:
         raise ShapeError(
-            f"The plan is for {plan.grid}; the field is on {field.grid}, which is no part of it."
+            f"The field must be on a part of the plan's grid, {plan.grid}, got {field.grid}."
         )
     shape = (*field.shape[:-2], *plan.grid.shape)
-    whole = window(field.data, shape, field.device)
-    return plan(Field(whole, plan.grid, field.wavelength, field.device))
+    padded = window(field.data, shape, field.device)
+    return plan(Field(padded, plan.grid, field.wavelength, field.device))

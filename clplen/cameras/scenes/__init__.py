@@ -1,1 +1,1 @@
-"""What a camera looks at: pictures and surfaces come in, sources and views of them go out."""
+"""Scenes: points, pictures and surfaces before a camera."""

@@ -1,4 +1,4 @@
-"""What is exactly so in a synthetic scene."""
+"""Ground truth of a synthetic scene: disparity, surfaces and masks."""
 
 from __future__ import annotations
 
@@ -11,9 +11,9 @@ import numpy as np
 from clplen.compute.arrays import HostArray
 from clplen.results import Plottable, Savable
 
-JUMP = 0.15  # pixels a view step between neighbours of two surfaces: an edge of depth
-REACH = 4  # pixels beside such an edge
-LEAST = -1e6  # stands for the disparity of nothing
+MIN_EDGE_STEP = 0.15  # minimum disparity step between neighbouring surfaces that is a depth edge
+EDGE_PIXELS = 4  # half width of the band around such an edge, in pixels
+EMPTY_DISPARITY = -1e6  # disparity of pixels without a surface
 
 Map = np.ndarray[Any, np.dtype[np.float32]]
 Mask = np.ndarray[Any, np.dtype[np.bool_]]
@@ -26,17 +26,18 @@ class Truth(Savable, Plottable, HostArray):
     Attributes
     ----------
     disparity : numpy.ndarray
-        float32, shape (y, x), of the surface that the ray through each pixel's centre meets, nan
-        where there is none. The centre view is (V - 1)/2, (U - 1)/2, between views for even counts.
+        Disparity of the surface that the ray through each pixel's centre meets, float32, shape
+        (y, x); nan without a surface. The centre view is (V - 1)/2, (U - 1)/2, between views for
+        even counts.
     z : numpy.ndarray
-        float32, shape (y, x), metres from the focused plane, > 0 farther from the lens; nan where
-        no camera says.
+        Distance from the focused plane in metres, float32, shape (y, x), > 0 farther from the lens;
+        nan without a camera.
     surface : numpy.ndarray
-        int32, shape (y, x): place of that surface in the scene, -1 for none.
+        Index of that surface in the scene, int32, shape (y, x), -1 for none.
     masks : dict of numpy.ndarray
-        bool, shape (y, x): "edges", the 4 pixels on both sides of where two surfaces differ by more
-        than 0.15 in disparity; "near" and "far", those of them of the nearer and of the farther
-        surface; "planes" and "smooth", pixels of planes and of spheres without "edges".
+        Masks, bool, shape (y, x): "edges", 4 pixels on both sides of a boundary between surfaces
+        that differ by more than 0.15 in disparity; "near" and "far", its pixels on the nearer and
+        the farther surface; "planes" and "smooth", pixels of planes and spheres without "edges".
 
     Examples
     --------
@@ -69,9 +70,9 @@ class Truth(Savable, Plottable, HostArray):
 def truth_of(
     disparity: Any, surface: Any, is_smooth: Sequence[bool], *, z: Map | None = None
 ) -> Truth:
-    """The truth with its masks."""
+    """Return the ground truth with its masks."""
     disparity = np.asarray(disparity, np.float32)
-    near, far = _beside(disparity, surface)
+    near, far = _edge_bands(disparity, surface)
     curved = np.append(np.asarray(is_smooth, bool), False)[surface]
     edges = near | far
     masks = {
@@ -81,25 +82,25 @@ def truth_of(
         "planes": (surface >= 0) & ~curved & ~edges,
         "smooth": curved & ~edges,
     }
-    where = np.full(disparity.shape, np.nan, np.float32) if z is None else z
-    return Truth(disparity, where, np.asarray(surface, np.int32), masks)
+    distance = np.full(disparity.shape, np.nan, np.float32) if z is None else z
+    return Truth(disparity, distance, np.asarray(surface, np.int32), masks)
 
 
-def _beside(disparity: Map, surface: Any) -> tuple[Mask, Mask]:
-    """Pixels of the nearer and of the farther surface within REACH of where they meet."""
+def _edge_bands(disparity: Map, surface: Any) -> tuple[Mask, Mask]:
+    """Return pixels of the nearer and the farther surface within EDGE_PIXELS of their boundary."""
     from scipy.ndimage import maximum_filter, minimum_filter
 
-    depth = np.where(np.isnan(disparity), LEAST, disparity)
+    depth = np.where(np.isnan(disparity), EMPTY_DISPARITY, disparity)
     edges = np.zeros(depth.shape, bool)
     for axis in (0, 1):
         n = depth.shape[axis]
         first, second = _part(axis, 0, n - 1), _part(axis, 1, n)
         rise = np.abs(depth[second] - depth[first])
-        jump = (surface[first] != surface[second]) & (rise > JUMP)
+        jump = (surface[first] != surface[second]) & (rise > MIN_EDGE_STEP)
         edges[first] |= jump
         edges[second] |= jump
-    edges = maximum_filter(edges, 2 * REACH - 1)  # less than REACH away along both axes
-    size = 2 * REACH + 1  # reaches across the edge from every pixel of its band
+    edges = maximum_filter(edges, 2 * EDGE_PIXELS - 1)  # less than EDGE_PIXELS away along both axes
+    size = 2 * EDGE_PIXELS + 1  # reaches across the edge from every pixel of its band
     high = maximum_filter(depth, size, mode="nearest")
     low = minimum_filter(depth, size, mode="nearest")
     nearer = high - depth < depth - low

@@ -1,4 +1,4 @@
-"""Flat screens, and their shadows on the pupil of the main lens, by waves."""
+"""Flat screens, and their shadows on the pupil of the main lens by waves."""
 
 from __future__ import annotations
 
@@ -19,35 +19,35 @@ Waves = np.ndarray[Any, np.dtype[np.complex128]]
 
 @dataclass(frozen=True, init=False, eq=False, repr=False)
 class Occluder(OneLine, HostArray):
-    """A flat screen across the optical axis that attenuates the light of what lies behind it.
+    """Flat screen across the optical axis that attenuates the light from behind it.
 
-    It sends no light itself. Sample i of an axis of n samples covers a square about
-    (i - n//2) width/nx from the axis, as in `PicturePlane`; beside the screen light passes.
+    It emits no light. Sample i of an axis of n samples covers a square about (i - n//2) width/nx
+    from the axis, as in `PicturePlane`; light passes beside the screen.
 
     Parameters
     ----------
     opacity : array_like
-        Shape (ny, nx), from 0 to 1: the share of the light's intensity that is stopped.
+        Fraction of the light's intensity that is blocked, 0 to 1, shape (ny, nx).
     width : float
-        Of the whole screen along x in metres, nx samples.
+        Width of the whole screen along x in metres, nx samples.
     z : float
-        In metres from the focused object plane; > 0 lies farther from the lens.
+        Distance from the focused object plane in metres; > 0 is farther from the lens.
 
     Attributes
     ----------
     opacity : numpy.ndarray
-        float64, shape (ny, nx).
+        Opacity, float64, shape (ny, nx).
     width, z : float
-        As given, in metres.
+        Width and distance in metres.
 
     Raises
     ------
     ShapeError
-        If the opacity is not two-dimensional or empty.
+        If the opacity is not two-dimensional, or empty.
     TypeError
-        If it is no array of real numbers.
+        If the opacity is not an array of real numbers.
     ValueError
-        For an opacity, a width or a z outside their range.
+        If an opacity, the width or z is outside its range.
 
     Examples
     --------
@@ -70,30 +70,30 @@ class Occluder(OneLine, HostArray):
             values = np.array(real_array(opacity, "An opacity", np.float64))
         except TypeError as error:
             raise TypeError(
-                f"An opacity is an array of real numbers, (ny, nx), not {type(opacity).__name__}."
+                f"opacity must be an array of real numbers, (ny, nx), got {type(opacity).__name__}."
             ) from error
         if values.ndim != 2 or values.size == 0:
-            raise ShapeError(f"An opacity has shape (ny, nx), not {values.shape}.")
+            raise ShapeError(f"opacity must have shape (ny, nx), got {values.shape}.")
         if not ((values >= 0) & (values <= 1)).all():
-            raise ValueError("An opacity is a share, from 0 to 1, and no NaN.")
+            raise ValueError("opacity must be from 0 to 1, without NaN.")
         check_plane("a screen", width, z)
         object.__setattr__(self, "opacity", values)
         object.__setattr__(self, "width", float(width))
         object.__setattr__(self, "z", float(z))
 
     def edges(self) -> tuple[Values, Values]:
-        """Sides of the samples in metres, shapes (ny + 1,) and (nx + 1,)."""
+        """Return sides of the samples in metres, shapes (ny + 1,) and (nx + 1,)."""
         ny, nx = self.opacity.shape
         pitch = self.width / nx
         return tuple((np.arange(n + 1) - n // 2 - 0.5) * pitch for n in (ny, nx))
 
 
 def check_plane(what: str, width: float, z: float) -> None:
-    """Refuse a width or a place of a flat thing across the axis that is none."""
+    """Raise for an invalid width or z of a plane across the axis."""
     if not (is_finite(width) and width > 0):
-        raise ValueError(f"The width of {what} is positive, in metres, not {width!r}.")
+        raise ValueError(f"The width of {what} must be > 0, in metres, got {width!r}.")
     if not is_finite(z):
-        raise ValueError(f"z of {what} is a finite number of metres, not {z!r}.")
+        raise ValueError(f"z of {what} must be a finite number of metres, got {z!r}.")
 
 
 def shadows(
@@ -104,19 +104,18 @@ def shadows(
     wavelength: float,
     axis: Values,
 ) -> Waves:
-    """Field of points on the pupil over the field that they would have without screens.
+    """Compute the field of points on the pupil over their field without screens.
 
     A spherical wave from (x, y) at z1 before the lens passes a screen of transmission t at z2 < z1.
-    Over the wave without it, its field at u on the lens is that of t lit by a plane wave,
-    propagated over z2 (z1 - z2)/z1 and seen at x + (u - x) (z1 - z2)/z1, where the ray to u
+    Relative to the wave without a screen, its field at u on the lens is t in a plane wave,
+    propagated over z2 (z1 - z2)/z1. It is sampled at x + (u - x) (z1 - z2)/z1, where the ray to u
     crosses the screen (Goodman 2005, eq. 4-14 and problem 4-9). The samples of t are squares, so
-    that this is a sum of products of Fresnel integrals along y and x, here in their means over the
-    cells of ``axis``. Several screens multiply: light that one diffracts is not diffracted by
-    another.
+    that the field is a sum of products of Fresnel integrals along y and x, averaged over the cells
+    of ``axis``. Factors of several screens multiply; double diffraction is neglected.
     """
-    made = np.ones((len(positions), axis.size, axis.size), complex)
+    factors = np.ones((len(positions), axis.size, axis.size), complex)
     for screen in occluders:
-        stopped = 1 - np.sqrt(1 - screen.opacity)
+        blocked = 1 - np.sqrt(1 - screen.opacity)
         nearer = object_distance + screen.z
         for number in np.flatnonzero(positions[:, 2] > screen.z):
             x, y, dz = positions[number]
@@ -124,27 +123,26 @@ def shadows(
             share = (farther - nearer) / farther
             scale = np.sqrt(2 / (wavelength * nearer * share))
             down, right = (
-                _covered(edges, at + (axis - at) * share, scale)
+                _strip_integrals(edges, at + (axis - at) * share, scale)
                 for edges, at in zip(screen.edges(), (y, x), strict=True)
             )
-            made[number] *= 1 - down @ stopped @ right.T
-    return made
+            factors[number] *= 1 - down @ blocked @ right.T
+    return factors
 
 
-def _covered(edges: Values, places: Values, scale: float) -> Waves:
-    """The light of each strip between two edges at each place, mean over its cell.
+def _strip_integrals(edges: Values, positions: Values, scale: float) -> Waves:
+    """Compute the light of strips between edges at each position, mean over its cell.
 
-    Shape (places, strips): the integral of exp(i pi w^2/2)/(1 + i) over the strip, w the distance
-    times ``scale``.
+    Shape (places, strips): integrals of exp(i pi w^2/2)/(1 + i) over strips, w distance * scale.
     """
-    half = abs(places[1] - places[0]) * scale / 2
-    w = (edges[None, :] - places[:, None]) * scale
+    half = abs(positions[1] - positions[0]) * scale / 2
+    w = (edges[None, :] - positions[:, None]) * scale
     mean = (_integral(w + half) - _integral(w - half)) / (2 * half)
     return np.diff(mean, axis=1) / (1 + 1j)
 
 
 def _integral(w: Values) -> Waves:
-    """The integral of C(w) + i S(w): w (C + i S) + i exp(i pi w^2/2)/pi (DLMF 7.7)."""
+    """Integrate C(w) + i S(w): w (C + i S) + i exp(i pi w^2/2)/pi (DLMF 7.7)."""
     from scipy import special  # a slow import
 
     s, c = special.fresnel(w)

@@ -1,4 +1,4 @@
-"""What a camera looks at."""
+"""Sources of light before a camera: points and pictures."""
 
 from __future__ import annotations
 
@@ -27,35 +27,35 @@ class PointSources(OneLine):
     Parameters
     ----------
     positions : array_like
-        Shape (n, 3) or (3,): (x, y, dz) in metres relative to the axis point of the focused object
-        plane; dz > 0 lies farther from the lens.
+        Positions (x, y, dz) in metres relative to the axis point of the focused object plane, shape
+        (n, 3) or (3,); dz > 0 is farther from the lens.
     diameter : float
-        Each source is a uniform coherent disc of this diameter in metres; 0 is a point.
+        Diameter of each source as a uniform coherent disc, in metres; 0 is a point.
     power : float or array_like
-        Energy that leaves the main lens' aperture, one or one per source, not negative. With a
-        spectrum, that of all its wavelengths together.
+        Energy that leaves the main lens' aperture, >= 0: one value, or a value for each source.
+        With a spectrum, it is the sum over all wavelengths.
     spectrum : Spectrum or SpectralDistribution, optional
-        Of the light of all these sources: how their power is spread over the wavelengths. None:
-        that of ``coherence=`` in `expose`, else the camera's wavelength.
+        Distribution of the power over the wavelengths, for all sources. None: the spectrum of
+        ``coherence=`` in `expose`, else the camera's wavelength.
 
     Attributes
     ----------
     positions : numpy.ndarray
-        float64, shape (n, 3).
+        Positions in metres, float64, shape (n, 3).
     diameter : float
-        In metres.
+        Diameter in metres.
     power : numpy.ndarray
-        float64, shape (n,).
+        Energies, float64, shape (n,).
     spectrum : Spectrum or None
-        Of their light.
+        Spectrum of the light.
 
     Raises
     ------
     TypeError
-        If the spectrum is none.
+        If the spectrum has another type.
     ValueError
-        If a position is not three finite numbers, there is none, the diameter or a power is
-        negative, or there are not as many powers as positions.
+        If a position is not three finite numbers, there are no positions, the diameter or a power
+        is negative, or the numbers of powers and positions differ.
 
     Examples
     --------
@@ -82,25 +82,23 @@ class PointSources(OneLine):
         power: float | Sequence[float] | np.ndarray[Any, Any] = 1.0,
         spectrum: Light | None = None,
     ) -> None:
-        places = np.atleast_2d(_numbers(positions, "Positions of sources")).copy()
-        if places.ndim != 2 or places.shape[1] != 3 or places.shape[0] == 0:
+        points = np.atleast_2d(_numbers(positions, "Positions of sources")).copy()
+        if points.ndim != 2 or points.shape[1] != 3 or points.shape[0] == 0:
             raise ValueError(
-                f"Positions are (x, y, dz) for each source, shape (n, 3), not {places.shape}."
+                f"positions must be (x, y, dz) of each source, shape (n, 3), got {points.shape}."
             )
-        if not np.isfinite(places).all():
-            raise ValueError("Positions of sources are finite numbers of metres.")
+        if not np.isfinite(points).all():
+            raise ValueError("positions must be finite numbers of metres.")
         if not (is_finite(diameter) and diameter >= 0):
-            raise ValueError(
-                f"The diameter of sources is not negative, in metres, not {diameter!r}."
-            )
+            raise ValueError(f"diameter must be >= 0, in metres, got {diameter!r}.")
         units.POINT.check(diameter, "The diameter of sources")
         powers = _numbers(power, "Powers of sources")
-        if powers.ndim and powers.shape != (len(places),):
-            raise ValueError(f"{len(places)} sources have {powers.shape} powers: give one or each.")
-        powers = np.broadcast_to(powers, (len(places),)).copy()
+        if powers.ndim and powers.shape != (len(points),):
+            raise ValueError(f"power must be one value or {len(points)}, got shape {powers.shape}.")
+        powers = np.broadcast_to(powers, (len(points),)).copy()
         if not (np.isfinite(powers).all() and (powers >= 0).all()):
-            raise ValueError("Powers of sources are finite and not negative.")
-        object.__setattr__(self, "positions", places)
+            raise ValueError("power must be finite and >= 0.")
+        object.__setattr__(self, "positions", points)
         object.__setattr__(self, "diameter", float(diameter))
         object.__setattr__(self, "power", powers)
         light = None if spectrum is None else as_spectrum(spectrum, "The spectrum of sources")
@@ -111,11 +109,11 @@ class PointSources(OneLine):
 
     @property
     def spectra(self) -> tuple[Spectrum] | None:
-        """The spectrum as that of a picture's channels."""
+        """Spectra of the channels, as of a picture with one channel."""
         return None if self.spectrum is None else (self.spectrum,)
 
     def chosen(self, which: slice | Sequence[int]) -> PointSources:
-        """Some of the sources, by a slice or their indices."""
+        """Return a selection of the sources, by a slice or indices."""
         return PointSources(
             self.positions[which],
             diameter=self.diameter,
@@ -125,11 +123,11 @@ class PointSources(OneLine):
 
 
 def _numbers(values: Any, what: str) -> np.ndarray[Any, np.dtype[np.float64]]:
-    """An array of real numbers."""
+    """Return an array of real numbers."""
     try:
         return real_array(values, what, np.float64)
     except TypeError:
-        raise ValueError(f"{what} are real numbers, not {values!r}.") from None
+        raise ValueError(f"{what} must be real numbers, got {values!r}.") from None
 
 
 Vector = np.ndarray[Any, np.dtype[np.float64]]
@@ -137,57 +135,58 @@ Vector = np.ndarray[Any, np.dtype[np.float64]]
 
 @dataclass(frozen=True, init=False, eq=False, repr=False)
 class PicturePlane(OneLine, HostArray):
-    """A flat picture across the optical axis.
+    """Flat picture across the optical axis.
 
     Sample i of an axis of n samples lies at (i - n//2) width/nx from the axis: pixels are square,
-    rows go along +y. Several planes make a scene as a list: their light adds up, and a plane hides
-    what is behind it as far as its ``opacity`` says.
+    rows go along +y. A list of planes is a scene: their light adds up, and a plane attenuates the
+    light from behind it by its ``opacity``.
 
     Parameters
     ----------
     image : array_like
-        Shape (ny, nx), or (ny, nx, c) with a spectrum for each of c channels; finite, not negative,
-        not all 0. In emission the energy that each sample sends through the main lens' aperture (a
-        picture made of points is `PointSources` at those places), of each channel by itself; in
-        transmission the intensity transmittance of a slide, at most 1, without channels.
+        Picture of shape (ny, nx), or (ny, nx, c) with a spectrum for each of c channels; finite, >=
+        0, not all 0. In emission, samples are energies through the main lens' aperture for each
+        channel, as of `PointSources` at their positions. In transmission, samples are the intensity
+        transmittance of a slide, at most 1, without channels.
     width : float
-        Of the whole picture along x in metres, nx pixels.
+        Width of the whole picture along x in metres, nx pixels.
     z : float
-        In metres from the focused object plane; > 0 lies farther from the lens.
+        Distance from the focused object plane in metres; > 0 is farther from the lens.
     mode : {"emission", "transmission"}
-        Self-luminous, every sample incoherent with the others, or a slide.
+        "emission": self-luminous, all samples mutually incoherent. "transmission": a slide.
     spectra : Spectrum, SpectralDistribution, or sequence of them, optional
-        Of the light of each channel, of unit power: how the energy of its samples is spread over
-        the wavelengths. None: that of ``coherence=`` in `expose`, else the camera's wavelength.
+        Spectrum of each channel of unit power, the distribution of its energy over the wavelengths.
+        None: the spectrum of ``coherence=`` in `expose`, else the camera's wavelength.
     opacity : float or array_like, optional
-        Of each sample, shape (ny, nx), or of all: the share from 0 to 1 of the light from behind
+        Fraction from 0 to 1 of the light from behind that is blocked, as of an `Occluder`: one
+        value, or shape (ny, nx). None: 0.
         that it stops, as of an `Occluder`. None: the picture hides nothing.
 
     Attributes
     ----------
     image : numpy.ndarray
-        float64, shape (ny, nx) or (ny, nx, c).
+        Samples, float64, shape (ny, nx) or (ny, nx, c).
     width, z : float
-        In metres.
+        Width and distance in metres.
     mode : str
         "emission" or "transmission".
     spectra : tuple of Spectrum or None
-        One a channel.
+        Spectrum of each channel.
     occluder : Occluder or None
-        What hides the light from behind.
+        Screen of the picture's opacity.
 
     Raises
     ------
     ShapeError
-        If the image is neither two-dimensional nor of channels with a spectrum each, or empty.
+        If the image is empty, or neither two-dimensional nor of channels with a spectrum each.
     TypeError
-        If the image or a spectrum is none.
+        If the image or a spectrum has another type.
     ValueError
-        For samples, a width, a z or a mode outside their range, or a slide with spectra.
+        If samples, the width, z or the mode are outside their range, or a slide has spectra.
 
     Examples
     --------
-    A surface in daylight, whose reflectance each channel of an image is a share of:
+    Surface in daylight; the channels of the image are fractions of its reflectance:
 
     >>> curve, bands = clplen.wave.SpectralDistribution, np.array([450e-9, 550e-9, 650e-9])
     >>> daylight = curve.illuminant("D65")
@@ -221,28 +220,29 @@ class PicturePlane(OneLine, HostArray):
             values = np.array(real_array(image, "A picture", np.float64))
         except TypeError as error:
             raise TypeError(
-                f"A picture is an array of real numbers, (ny, nx), not {type(image).__name__}."
+                f"image must be an array of real numbers, (ny, nx), got {type(image).__name__}."
             ) from error
         light = _spectra(spectra)
         if values.ndim not in (2, 3) or values.size == 0:
             raise ShapeError(
-                f"A picture has shape (ny, nx), or (ny, nx, c) with spectra=, not {values.shape}."
+                f"image must have shape (ny, nx), or (ny, nx, c) with spectra=, got {values.shape}."
             )
         _check_channels(values.shape, light)
         if light is not None and mode == "transmission":
             raise ValueError(
-                "A slide has no spectrum of its own: give that of the light on it, "
-                "coherence=Coherence(spatial, spectrum), when it is exposed."
+                "spectra must be None for a slide: give the spectrum of the light on it, "
+                "coherence=Coherence(spatial, spectrum), to expose()."
             )
         if mode not in ("emission", "transmission"):
-            raise ValueError(f"mode is 'emission' or 'transmission', not {mode!r}.")
+            raise ValueError(f"mode must be 'emission' or 'transmission', got {mode!r}.")
         if not (np.isfinite(values).all() and (values >= 0).all()):
-            raise ValueError("The samples of a picture are finite and not negative.")
+            raise ValueError("image must be finite and >= 0.")
         if not values.any():
-            raise ValueError("All samples of the picture are 0: it sends no light.")
+            raise ValueError("image must have a sample above 0: this picture sends no light.")
         if mode == "transmission" and values.max() > 1:
             raise ValueError(
-                f"A slide transmits at most 1, not {values.max():g}: divide by its largest sample."
+                f"A slide must transmit at most 1, got {values.max():g}: divide by its largest "
+                "sample."
             )
         check_plane("a picture", width, z)
         object.__setattr__(self, "image", values)
@@ -254,12 +254,12 @@ class PicturePlane(OneLine, HostArray):
 
     @property
     def is_slide(self) -> bool:
-        """Whether something else lights it."""
+        """True for a slide, which needs illumination."""
         return self.mode == "transmission"
 
     @property
     def pitch(self) -> float:
-        """Between samples, in metres."""
+        """Distance of neighbouring samples in metres."""
         return self.width / self.image.shape[1]
 
     @property
@@ -273,23 +273,23 @@ class PicturePlane(OneLine, HostArray):
         return self._axis(1)
 
     def positions(self) -> Vector:
-        """(x, y, dz) of every sample in metres, row by row, shape (ny nx, 3)."""
+        """Return (x, y, dz) of every sample in metres, row by row, shape (ny nx, 3)."""
         y, x = np.meshgrid(self.y, self.x, indexing="ij")
         return np.stack([x.ravel(), y.ravel(), np.full(x.size, self.z)], axis=-1)
 
     def points(self) -> PointSources:
-        """The samples that are not 0 as point sources, of the energy of all channels together."""
+        """Return samples above 0 as point sources, with the energy of all channels."""
         power = self.energy.ravel()
         lit = power > 0
         return PointSources(self.positions()[lit], power=power[lit])
 
     @property
     def energy(self) -> Vector:
-        """Of each sample, all channels together, shape (ny, nx)."""
+        """Energy of each sample, summed over channels, shape (ny, nx)."""
         return self.image if self.image.ndim == 2 else self.image.sum(axis=2)
 
     def corners(self) -> PointSources:
-        """The corners of the rectangle that holds every sample that is not 0."""
+        """Return the corners of the rectangle that contains every sample above 0."""
         lit = self.energy > 0
         y, x = self.y[lit.any(axis=1)], self.x[lit.any(axis=0)]
         return PointSources([(a, b, self.z) for b in (y[0], y[-1]) for a in (x[0], x[-1])])
@@ -298,12 +298,12 @@ class PicturePlane(OneLine, HostArray):
         if opacity is None:
             return None
         if self.is_slide:
-            raise ValueError("A slide has no opacity: its samples are what it transmits.")
+            raise ValueError("opacity must be None for a slide: its samples are the transmittance.")
         values = np.full(self.image.shape[:2], opacity) if np.ndim(opacity) == 0 else opacity
         if np.shape(values) != self.image.shape[:2]:
             raise ShapeError(
-                f"The opacity has shape {np.shape(values)}, and the picture "
-                f"{self.image.shape[:2]}: give one number, or one for each sample."
+                f"opacity must be one number or have the picture's shape {self.image.shape[:2]}, "
+                f"got {np.shape(values)}."
             )
         return Occluder(values, self.width, self.z)
 
@@ -312,26 +312,26 @@ class PicturePlane(OneLine, HostArray):
         return (np.arange(n) - n // 2) * self.pitch
 
 
-def _spectra(given: Any) -> tuple[Spectrum, ...] | None:
-    """Spectra of channels, checked."""
-    if given is None:
+def _spectra(spectra: Any) -> tuple[Spectrum, ...] | None:
+    """Return checked spectra of channels."""
+    if spectra is None:
         return None
-    several = given if isinstance(given, list | tuple) else [given]
-    return tuple(as_spectrum(one, "Each of spectra") for one in several)
+    several = spectra if isinstance(spectra, list | tuple) else [spectra]
+    return tuple(as_spectrum(spectrum, "Each of spectra") for spectrum in several)
 
 
 def _check_channels(shape: tuple[int, ...], spectra: tuple[Spectrum, ...] | None) -> None:
-    """Refuse channels that have not one spectrum each."""
+    """Raise unless every channel has one spectrum."""
     channels = shape[2] if len(shape) == 3 else 1
     if spectra is None and len(shape) == 3:
         raise ShapeError(
-            f"A picture of shape {shape} has {channels} channels: give the spectrum of each, "
+            f"A picture of shape {shape} has {channels} channels: give a spectrum for each, "
             "spectra=[...], or one channel of shape (ny, nx)."
         )
     if spectra is not None and len(spectra) != channels:
         raise ShapeError(
-            f"A picture of shape {shape} has {channels} channel{'s' * (channels > 1)}, and "
-            f"spectra= has {len(spectra)}: give one for each."
+            f"spectra must have {channels} element{'s' * (channels > 1)} for a picture of shape "
+            f"{shape}, got {len(spectra)}."
         )
 
 
@@ -339,24 +339,24 @@ Source = PointSources | PicturePlane
 
 
 def as_sources(scene: Any) -> tuple[Source, ...]:
-    """The sources of a scene: itself, or the members of a list or tuple that send light."""
+    """Return the sources of a scene: itself, or the members of a list that send light."""
     members = _members(scene)
     if not members:
-        raise ValueError("The scene is an empty list: give PointSources or PicturePlanes.")
+        raise ValueError("scene must not be an empty list: use PointSources or PicturePlanes.")
     for member in members:
         if not isinstance(member, PointSources | PicturePlane | Occluder):
             raise TypeError(
-                "expose takes PointSources, a PicturePlane or a list of them and of Occluders, not "
-                f"{type(member).__name__}."
+                "scene must be PointSources, a PicturePlane or a list of them and of Occluders, "
+                f"got {type(member).__name__}."
             )
     sources = tuple(member for member in members if not isinstance(member, Occluder))
     if not sources:
-        raise ValueError("The scene has Occluders only, which send no light: add PointSources.")
+        raise ValueError("scene must contain a source, got Occluders only: add PointSources.")
     return sources
 
 
 def as_occluders(scene: Any) -> tuple[Occluder, ...]:
-    """What hides light in a scene: its occluders, and those of its pictures."""
+    """Return the occluders of a scene, and those of its pictures."""
     members = [m.occluder if isinstance(m, PicturePlane) else m for m in _members(scene)]
     return tuple(member for member in members if isinstance(member, Occluder))
 

@@ -18,11 +18,11 @@ from clplen.errors import ShapeError
 from clplen.lightfield.model.light_field import LightField
 from clplen.reprs import OneLine
 
-MOST_SURFACES = 64  # bits of a mask in the kernels
-EDGE_ON = 0.05  # smallest 1 - gy a - gx b: a plane seen at a smaller angle is refused
-SHAPE, WHICH = 17, 9  # numbers a surface in kernels/cameras/surfaces.cl
-MARGIN = 2  # pixels added to the bounds of a surface
-FAR = 2**30
+MAX_SURFACES = 64  # maximum number of surfaces: bits of a mask in the kernels
+EDGE_ON = 0.05  # minimum 1 - gy a - gx b of a plane: views at a smaller angle are rejected
+SHAPE_NUMBERS, LINK_NUMBERS = 17, 9  # numbers of a surface in kernels/cameras/surfaces.cl
+MARGIN_PIXELS = 2  # pixels added to the bounds of a surface
+FAR = 2**30  # bound of surfaces without an outline, in pixels
 _KINDS: dict[Any, int] = {type(None): 0, Ellipse: 1, Polygon: 2, Bars: 3}
 
 
@@ -31,22 +31,22 @@ class SurfaceScene(OneLine):
     """Opaque surfaces in the space (Y, X, d) of a light field's centre view.
 
     The ray of L[v, u, y, x] is the straight line (Y, X) = (y + d (v - vc), x + d (u - uc)) for all
-    d, y and x from the middle of the picture, and shows the surface of the largest d on it. So
-    views and their disparity are exact, with occlusions, for any number of views.
+    d, y and x from the middle of the picture. It sees the surface of the largest d on it. Views and
+    their disparity are exact, with occlusions, for any number of views.
 
     Parameters
     ----------
     surfaces : Plane, Sphere or sequence of them
-        At most 64.
+        Surfaces, at most 64.
     background : float
-        Brightness where a ray meets none; such pixels have no disparity (nan).
+        Brightness of rays that meet no surface; such pixels have no disparity (nan).
 
     Raises
     ------
     TypeError
         If a member is neither `Plane` nor `Sphere`.
     ValueError
-        If there is none, or more than 64, or the background is not finite.
+        If there are no surfaces, or more than 64, or the background is not finite.
 
     Examples
     --------
@@ -64,22 +64,23 @@ class SurfaceScene(OneLine):
         self, surfaces: Plane | Sphere | Sequence[Plane | Sphere], background: float = 0.0
     ) -> None:
         members = (surfaces,) if isinstance(surfaces, Plane | Sphere) else tuple(surfaces)
-        if not 1 <= len(members) <= MOST_SURFACES:
+        if not 1 <= len(members) <= MAX_SURFACES:
             raise ValueError(
-                f"A scene has 1 to {MOST_SURFACES} surfaces, not {len(members)}: bars and polygons "
-                "of several contours are one surface."
+                f"A scene must have 1 to {MAX_SURFACES} surfaces, got {len(members)}: bars and "
+                "polygons of several contours are one surface."
             )
-        for one in members:
-            if not isinstance(one, Plane | Sphere):
-                raise TypeError(f"A surface is a Plane or a Sphere, not {type(one).__name__}.")
+        for member in members:
+            if not isinstance(member, Plane | Sphere):
+                kind = type(member).__name__
+                raise TypeError(f"A surface must be a Plane or a Sphere, got {kind}.")
         require_numbers("The background", background)
         object.__setattr__(self, "surfaces", members)
         object.__setattr__(self, "background", float(background))
 
     @property
     def channels(self) -> int:
-        """3 if a texture has colour, else 1."""
-        return max(one.texture.channels for one in self.surfaces)
+        """Number of channels: 3 if a texture has colour, else 1."""
+        return max(surface.texture.channels for surface in self.surfaces)
 
     def light_field(
         self,
@@ -92,42 +93,42 @@ class SurfaceScene(OneLine):
         dtype: Any = np.float32,
         gain: Any = None,
     ) -> tuple[LightField, Truth]:
-        """Views of the scene, and what is exactly so in its centre view.
+        """Render views of the scene, and the ground truth of its centre view.
 
-        Edges are anti-aliased by 8 x 8 rays a pixel. Textures are as pixels see them: the same
-        average over a pixel in every view.
+        Edges are anti-aliased by 8 x 8 rays a pixel. Textures are already averaged over a pixel,
+        equally in every view.
 
         Parameters
         ----------
         views : tuple of int
-            (V, U), at least 1 each.
+            Number of views (V, U), at least 1 each.
         shape : tuple of int
             (ny, nx) of a view, at least 1 each.
         device : Device or str, optional
-            None is ``Device.open()``.
+            Device of the computation; None is ``Device.open()``.
         noise : float or array_like
             Standard deviation of additive Gaussian noise, as a fraction of white; broadcast over
-            (ny, nx), so shape (ny, 1) gives each row its own.
+            (ny, nx): shape (ny, 1) sets it for each row.
         seed : int
-            Of the noise (`numpy.random.default_rng`); the same on every device.
+            Seed of the noise (`numpy.random.default_rng`); results are equal on every device.
         dtype : dtype-like
             float32, or uint8 or uint16 with white at the largest number, rounded and clipped.
         gain : array_like, optional
-            Shape (V, U), finite: brightness of each view, before the noise. 1 by default.
+            Brightness of each view before the noise, finite, shape (V, U); default 1.
 
         Returns
         -------
         LightField
-            Shape (V, U, ny, nx), or (V, U, ny, nx, 3) where a texture has colour.
+            Views, shape (V, U, ny, nx), or (V, U, ny, nx, 3) if a texture has colour.
         Truth
 
         Raises
         ------
         ValueError
-            If a plane is so steep that a view sees it from its edge or from behind, or a number is
+            If a plane is so steep that a view sees it edge-on or from behind, or a number is
             outside its range.
         ShapeError
-            If noise or gain do not fit, or views or shape are no two positive whole numbers.
+            If noise or gain do not fit, or views or shape are not two positive integers.
         DeviceError
             If the light field does not fit the device.
         """
@@ -136,7 +137,7 @@ class SurfaceScene(OneLine):
         ny, nx = _counts(shape, "shape")
         kind = np.dtype(dtype)
         if kind not in (np.float32, np.uint8, np.uint16):
-            raise ValueError(f"dtype is float32, uint8 or uint16, not {kind}.")
+            raise ValueError(f"dtype must be float32, uint8 or uint16, got {kind}.")
         sd = _spread(noise, (ny, nx))
         levels = _gains(gain, (V, U))
         self.check_views((V - 1) / 2, (U - 1) / 2)
@@ -146,28 +147,29 @@ class SurfaceScene(OneLine):
         result = np.empty(full, kind)
         random = np.random.default_rng(seed)
         for v, row in enumerate(rows_of_views(tables, levels, (ny, nx))):
-            result[v] = _stored(row.reshape(full[1:]), sd, random, kind)
+            result[v] = _to_storage(row.reshape(full[1:]), sd, random, kind)
         weights = np.ones((V, U), np.float32)
         lf = LightField.from_array(result, device=device, weights=weights)
         return lf, centre_truth(tables, (ny, nx))
 
     def check_views(self, down: float, right: float) -> None:
-        """Refuse planes that a view up to (down, right) from the centre sees edge-on."""
-        for number, one in enumerate(self.surfaces):
-            if not isinstance(one, Plane):
+        """Raise for planes that a view up to (down, right) from the centre sees edge-on."""
+        for number, surface in enumerate(self.surfaces):
+            if not isinstance(surface, Plane):
                 continue
-            turn = abs(one.slope[0]) * down + abs(one.slope[1]) * right
+            turn = abs(surface.slope[0]) * down + abs(surface.slope[1]) * right
             if turn > 1 - EDGE_ON:
                 raise ValueError(
-                    f"Surface {number}, a plane of slope {one.slope} disparities a pixel, is seen "
-                    f"edge-on or from behind by views up to {max(down, right):g} from the centre: "
-                    f"|gy| {down:g} + |gx| {right:g} = {turn:.3g} is at most {1 - EDGE_ON:g}."
+                    f"Surface {number}, a plane of slope {surface.slope} disparities a pixel, is "
+                    f"edge-on or reversed in views up to {max(down, right):g} from the centre: "
+                    f"|gy| {down:g} + |gx| {right:g} must be at most {1 - EDGE_ON:g}, got "
+                    f"{turn:.3g}."
                 )
 
 
 @dataclass(frozen=True, eq=False)
 class SurfaceTables:
-    """A scene as its kernels read it."""
+    """Tables of a scene for its kernels."""
 
     scene: SurfaceScene
     device: Device
@@ -179,49 +181,49 @@ class SurfaceTables:
 
     @property
     def count(self) -> int:
-        """Surfaces."""
+        """Number of surfaces."""
         return len(self.scene.surfaces)
 
     def all(self) -> tuple[cla.Array, ...]:
-        """The tables in the order of the kernels' arguments."""
+        """Return the tables in the order of the kernels' arguments."""
         return (self.shape, self.which, self.edges, self.spots, self.texels)
 
 
 def surface_tables(scene: SurfaceScene, device: Device) -> SurfaceTables:
-    """SurfaceTables of a scene on a device."""
-    shape = np.zeros((len(scene.surfaces), SHAPE), np.float32)
-    which = np.zeros((len(scene.surfaces), WHICH), np.int32)
+    """Return the tables of a scene on a device."""
+    shape = np.zeros((len(scene.surfaces), SHAPE_NUMBERS), np.float32)
+    which = np.zeros((len(scene.surfaces), LINK_NUMBERS), np.int32)
     edges: list[Any] = [np.zeros((0, 4))]
     spots: list[Any] = []
     texels: list[Any] = []
-    places: dict[int, int] = {}
-    for one, numbers, links in zip(scene.surfaces, shape, which, strict=True):
-        texture = one.texture
-        if id(texture) not in places:
-            places[id(texture)] = sum(part.size for part in texels)
+    offsets: dict[int, int] = {}
+    for surface, numbers, links in zip(scene.surfaces, shape, which, strict=True):
+        texture = surface.texture
+        if id(texture) not in offsets:
+            offsets[id(texture)] = sum(part.size for part in texels)
             texels.append(texture.coefficients(scene.channels).ravel())
-        outline = getattr(one, "outline", None)
-        numbers[:12] = _geometry(one)
+        outline = getattr(surface, "outline", None)
+        numbers[:12] = _geometry(surface)
         ny, nx = texture.samples.shape[:2]
         middle = (ny // 2 - texture.centre[0] / texture.scale,
                   nx // 2 - texture.centre[1] / texture.scale)  # fmt: skip
-        numbers[12:] = (1 / texture.scale, *np.mod(middle, (ny, nx)), *one.shade)
+        numbers[12:] = (1 / texture.scale, *np.mod(middle, (ny, nx)), *surface.shade)
         lines = outline.edges() if isinstance(outline, Polygon) else np.zeros((0, 4))
         links[:] = (
-            0 if isinstance(one, Plane) else 1, _KINDS[type(outline)], sum(map(len, edges)),
-            len(lines), places[id(texture)], ny, nx, len(spots), len(one.spots),
+            0 if isinstance(surface, Plane) else 1, _KINDS[type(outline)], sum(map(len, edges)),
+            len(lines), offsets[id(texture)], ny, nx, len(spots), len(surface.spots),
         )  # fmt: skip
         edges.append(lines)
         spots += [
-            (*s.centre, 0.5 / (s.width * s.width), s.strength, s.disparity) for s in one.spots
+            (*s.centre, 0.5 / (s.width * s.width), s.strength, s.disparity) for s in surface.spots
         ]
     return SurfaceTables(
         scene,
         device,
         device.upload(shape),
         device.upload(which),
-        device.upload(_not_empty(np.concatenate(edges), 4)),
-        device.upload(_not_empty(np.asarray(spots), 5)),
+        device.upload(_pad_rows(np.concatenate(edges), 4)),
+        device.upload(_pad_rows(np.asarray(spots), 5)),
         device.upload(np.concatenate(texels)),
     )
 
@@ -229,7 +231,7 @@ def surface_tables(scene: SurfaceScene, device: Device) -> SurfaceTables:
 def rows_of_views(
     tables: SurfaceTables, gain: np.ndarray[Any, Any], shape: tuple[int, int]
 ) -> Iterator[np.ndarray[Any, np.dtype[np.float32]]]:
-    """Views of a scene without noise, a row of views at a time."""
+    """Yield views of a scene without noise, a row of views at a time."""
     device, scene = tables.device, tables.scene
     (V, U), (ny, nx) = gain.shape, shape
     out = device.empty((U, ny, nx, scene.channels), np.float32)
@@ -246,46 +248,46 @@ def rows_of_views(
 
 
 def centre_truth(tables: SurfaceTables, shape: tuple[int, int]) -> Truth:
-    """Disparity and surface of every pixel of the centre view."""
+    """Compute disparity and surface of every pixel of the centre view."""
     device = tables.device
-    disparity, seen = device.empty(shape, np.float32), device.empty(shape, np.int32)
+    disparity, index = device.empty(shape, np.float32), device.empty(shape, np.int32)
     device.launch_rows(
         device.kernel("scene.cl", "truth"),
         shape,
-        *(disparity, seen, tables.shape, tables.which, tables.edges),
+        *(disparity, index, tables.shape, tables.which, tables.edges),
         *(np.int32(n) for n in (tables.count, *shape)),
     )
-    is_smooth = [not isinstance(one, Plane) for one in tables.scene.surfaces]
-    return truth_of(device.download(disparity), device.download(seen), is_smooth)
+    is_smooth = [not isinstance(surface, Plane) for surface in tables.scene.surfaces]
+    return truth_of(device.download(disparity), device.download(index), is_smooth)
 
 
 def view_bounds(
     scene: SurfaceScene, views: tuple[int, int], shape: tuple[int, int]
 ) -> np.ndarray[Any, np.dtype[np.int32]]:
-    """Rows and columns that each surface may be in, (y0, y1, x0, x1), shape (V, U, n, 4).
+    """Return rows and columns of each surface, (y0, y1, x0, x1), shape (V, U, n, 4).
 
-    A point (Y, X, d) lies at (Y - d a, X - d b) in the view (a, b) from the centre; surfaces lie in
-    the hull of theirs.
+    A point (Y, X, d) lies at (Y - d a, X - d b) in the view (a, b) from the centre. A surface lies
+    in the hull of its points.
     """
     V, U = views
-    found = np.empty((V, U, len(scene.surfaces), 4), np.int64)
+    bounds = np.empty((V, U, len(scene.surfaces), 4), np.int64)
     a, b = np.arange(V) - (V - 1) / 2, np.arange(U) - (U - 1) / 2
-    for i, one in enumerate(scene.surfaces):
-        points = one.bounds()
+    for i, surface in enumerate(scene.surfaces):
+        points = surface.bounds()
         if points is None:
-            found[:, :, i] = (-FAR, FAR, -FAR, FAR)
+            bounds[:, :, i] = (-FAR, FAR, -FAR, FAR)
             continue
         y = points[:, 0] - points[:, 2] * a[:, None] + (shape[0] - 1) / 2
         x = points[:, 1] - points[:, 2] * b[:, None] + (shape[1] - 1) / 2
-        found[:, :, i, 0] = np.floor(y.min(axis=1))[:, None] - MARGIN
-        found[:, :, i, 1] = np.ceil(y.max(axis=1))[:, None] + MARGIN
-        found[:, :, i, 2] = np.floor(x.min(axis=1))[None, :] - MARGIN
-        found[:, :, i, 3] = np.ceil(x.max(axis=1))[None, :] + MARGIN
-    return np.clip(found, -FAR, FAR).astype(np.int32)
+        bounds[:, :, i, 0] = np.floor(y.min(axis=1))[:, None] - MARGIN_PIXELS
+        bounds[:, :, i, 1] = np.ceil(y.max(axis=1))[:, None] + MARGIN_PIXELS
+        bounds[:, :, i, 2] = np.floor(x.min(axis=1))[None, :] - MARGIN_PIXELS
+        bounds[:, :, i, 3] = np.ceil(x.max(axis=1))[None, :] + MARGIN_PIXELS
+    return np.clip(bounds, -FAR, FAR).astype(np.int32)
 
 
 def _geometry(surface: Plane | Sphere) -> tuple[float, ...]:
-    """The first twelve numbers of a surface."""
+    """Return the first twelve numbers of a surface."""
     if isinstance(surface, Sphere):
         start = (surface.disparity, surface.height, surface.radius, *surface.centre)
         return (*start, 1.0, 0.0, 1.0, 1.0, 1.0, 0.0, 0.0)
@@ -300,44 +302,46 @@ def _geometry(surface: Plane | Sphere) -> tuple[float, ...]:
     return (plane.disparity, *plane.slope, *outline.centre, *turn, *outline.half, period, *halves)
 
 
-def _not_empty(values: Any, width: int) -> np.ndarray[Any, np.dtype[np.float32]]:
-    """Rows of a table, one of zeros where there is none."""
+def _pad_rows(values: Any, width: int) -> np.ndarray[Any, np.dtype[np.float32]]:
+    """Return the rows of a table; an empty table gets a row of zeros."""
     rows = np.asarray(values, np.float32).reshape(-1, width)
     return rows if len(rows) else np.zeros((1, width), np.float32)
 
 
 def _counts(pair: Any, what: str) -> tuple[int, int]:
-    """Two positive whole numbers."""
+    """Return two positive integers."""
     values = np.asarray(pair)
     if values.shape != (2,) or values.dtype.kind not in "iu" or (values < 1).any():
-        raise ShapeError(f"{what} is two positive whole numbers, not {pair!r}.")
+        raise ShapeError(f"{what} must be two positive integers, got {pair!r}.")
     return int(values[0]), int(values[1])
 
 
 def _spread(noise: Any, shape: tuple[int, int]) -> np.ndarray[Any, Any]:
-    """Standard deviation of the noise, broadcastable to (ny, nx, 1)."""
+    """Return the standard deviation of the noise, broadcastable to (ny, nx, 1)."""
     values = real_array(noise, "noise")
     try:
         np.broadcast_to(values, shape)
     except ValueError as error:
-        raise ShapeError(f"noise of shape {values.shape} does not fit pixels {shape}.") from error
+        raise ShapeError(
+            f"noise must broadcast to pixels {shape}, got shape {values.shape}."
+        ) from error
     if not (np.isfinite(values).all() and (values >= 0).all()):
-        raise ValueError("The standard deviation of noise is finite and not negative.")
+        raise ValueError("noise must be finite and >= 0.")
     return values
 
 
 def _gains(gain: Any, views: tuple[int, int]) -> np.ndarray[Any, Any]:
-    """Brightness of each view, float32, shape (V, U)."""
+    """Return the brightness of each view, float32, shape (V, U)."""
     values = np.ones(views, np.float32) if gain is None else real_array(gain, "gain")
     if values.shape != views:
-        raise ShapeError(f"gain has one number for each of {views} views, not {values.shape}.")
+        raise ShapeError(f"gain must have the shape of the views, {views}, got {values.shape}.")
     if not np.isfinite(values).all():
-        raise ValueError("The gains of views are finite.")
+        raise ValueError("gain must be finite.")
     return values
 
 
-def _stored(row: Any, sd: Any, random: np.random.Generator, kind: np.dtype[Any]) -> Any:
-    """A row of views with noise, in its storage type."""
+def _to_storage(row: Any, sd: Any, random: np.random.Generator, kind: np.dtype[Any]) -> Any:
+    """Add noise to a row of views, and convert it to its storage type."""
     if sd.any():
         grown = sd if row.ndim == 3 else np.broadcast_to(sd, row.shape[1:3])[..., None]
         row = row + grown * random.standard_normal(row.shape, np.float32)

@@ -19,16 +19,16 @@ Vector = np.ndarray[Any, np.dtype[np.float64]]
 
 @dataclass(frozen=True)
 class Ellipse:
-    """A disc, or an ellipse.
+    """Disc or ellipse.
 
     Parameters
     ----------
     centre : tuple of float
         (Y, X) in pixels from the middle of the picture.
     radii : float or tuple of float
-        One radius, or two (along Y, along X before the turn), in pixels, positive.
+        Radius, or radii along Y and X before the rotation, in pixels, positive.
     angle : float
-        Radians by which +Y is turned towards +X.
+        Rotation of +Y towards +X in radians.
 
     Raises
     ------
@@ -56,32 +56,32 @@ class Ellipse:
 
     @property
     def half(self) -> Pair:
-        """Both radii."""
+        """Radii along both axes in pixels."""
         return _pair(self.radii)
 
     def corners(self) -> Vector:
-        """Corners of a rectangle about it, (Y, X), shape (4, 2)."""
+        """Return the corners of a rectangle about it, (Y, X), shape (4, 2)."""
         return _rectangle(self.centre, self.half, self.angle)
 
 
 @dataclass(frozen=True)
 class Bars:
-    """Parallel bars with gaps between them, of one width or tapered.
+    """Parallel bars with gaps between them, of constant or tapered width.
 
     Parameters
     ----------
     centre : tuple of float
         (Y, X) of the middle of all bars in pixels from the middle of the picture.
     length : float
-        Of each bar in pixels.
+        Length of each bar in pixels.
     count : int
-        Bars, at least 1.
+        Number of bars, at least 1.
     period : float
-        From bar to bar in pixels; what the bars leave of it is the gap.
+        Distance of neighbouring bars in pixels: width of a bar plus gap.
     width : float or tuple of float
-        Of a bar in pixels, or (at its first end, at its last), 0 to ``period``.
+        Width of a bar in pixels, or its widths at the first and the last end, 0 to ``period``.
     angle : float
-        0: bars run along Y, side by side along X; radians by which +Y is turned towards +X.
+        Rotation of +Y towards +X in radians; at 0 the bars run along Y, side by side along X.
 
     Raises
     ------
@@ -109,15 +109,15 @@ class Bars:
         _finite(self.centre, 2, "The centre of bars")
         _finite((self.length, self.period), 2, "Length and period of bars", positive=True)
         if not is_integer(self.count) or self.count < 1:
-            raise ValueError(f"There is at least one bar, not {self.count!r}.")
+            raise ValueError(f"count must be an integer >= 1, got {self.count!r}.")
         if not all(0 <= width <= self.period for width in self.widths):
             raise ValueError(
-                f"A bar is 0 to {self.period:g} pixels wide (its period), not {self.width!r}."
+                f"width must be 0 to {self.period:g} pixels (the period), got {self.width!r}."
             )
 
     @property
     def widths(self) -> Pair:
-        """Of a bar at its first end and at its last."""
+        """Widths of a bar at its first and its last end."""
         return _pair(self.width)
 
     @property
@@ -126,28 +126,28 @@ class Bars:
         return (self.length / 2, self.count * self.period / 2)
 
     def corners(self) -> Vector:
-        """Corners of the rectangle about all bars, (Y, X), shape (4, 2)."""
+        """Return the corners of the rectangle about all bars, (Y, X), shape (4, 2)."""
         return _rectangle(self.centre, self.half, self.angle)
 
 
 @dataclass(frozen=True, init=False, eq=False, repr=False)
 class Polygon(OneLine):
-    """One closed line of straight edges, or several; inside by the even-odd rule.
+    """Closed lines of straight edges, one or several; the even-odd rule defines the inside.
 
     Parameters
     ----------
     *contours : array_like
-        Each shape (n, 2), n >= 3: (Y, X) of its vertices in pixels from the middle of the picture.
+        Vertices (Y, X) of each line in pixels from the middle of the picture, shape (n, 2), n >= 3.
 
     Attributes
     ----------
     contours : tuple of numpy.ndarray
-        float64, each shape (n, 2).
+        Vertices, float64, shape (n, 2) each.
 
     Raises
     ------
     ValueError
-        If there is none, or one is no list of at least three points.
+        If there are no contours, or a contour is not a list of at least three points.
 
     Examples
     --------
@@ -169,19 +169,19 @@ class Polygon(OneLine):
         for line in lines:
             if line.ndim != 2 or line.shape[1] != 2 or len(line) < 3:
                 raise ValueError(
-                    f"A contour of a polygon is (Y, X) for three points or more, not {line.shape}."
+                    f"A contour must be (Y, X) of at least three points, got shape {line.shape}."
                 )
             _finite(line.ravel(), line.size, "The vertices of a polygon")
         if not lines:
-            raise ValueError("A polygon has at least one contour.")
+            raise ValueError("A polygon must have at least one contour.")
         object.__setattr__(self, "contours", lines)
 
     def corners(self) -> Vector:
-        """All vertices, (Y, X), shape (n, 2)."""
+        """Return all vertices, (Y, X), shape (n, 2)."""
         return np.concatenate(self.contours)
 
     def edges(self) -> Vector:
-        """(y0, x0, y1, x1) of every edge, shape (n, 4)."""
+        """Return (y0, x0, y1, x1) of every edge, shape (n, 4)."""
         parts = [np.hstack([line, np.roll(line, -1, axis=0)]) for line in self.contours]
         return np.concatenate(parts)
 
@@ -199,12 +199,12 @@ def rectangle(centre: Pair, size: Pair, *, angle: float = 0.0) -> Polygon:
     size : tuple of float
         (height, width) in pixels, positive.
     angle : float
-        Radians by which +Y is turned towards +X.
+        Rotation of +Y towards +X in radians.
 
     Returns
     -------
     Polygon
-        Of one contour with four vertices.
+        Polygon of one contour with four vertices.
 
     Raises
     ------
@@ -222,7 +222,7 @@ def rectangle(centre: Pair, size: Pair, *, angle: float = 0.0) -> Polygon:
 
 
 def _pair(value: float | Pair) -> Pair:
-    """Two numbers, or one taken twice."""
+    """Return two numbers, equal for a single value."""
     if isinstance(value, tuple | list):
         return (float(value[0]), float(value[1]))
     return (float(float64_array(value)),) * 2
@@ -239,12 +239,12 @@ def _finite(numbers: Any, count: int, what: str, positive: bool = False) -> None
     values = float64_array(numbers)
     if values.size != count or not np.isfinite(values).all() or (positive and (values <= 0).any()):
         kind = "positive and finite" if positive else "finite"
-        raise ValueError(f"{what}: {count} numbers, {kind}, in pixels, not {numbers!r}.")
+        raise ValueError(f"{what} must be {count} numbers, {kind}, in pixels, got {numbers!r}.")
 
 
 @dataclass(frozen=True)
 class Spot:
-    """A highlight: a Gaussian spot of light on a surface that moves with the view.
+    """Highlight: a Gaussian spot of light on a surface that moves with the view.
 
     Parameters
     ----------
@@ -253,9 +253,9 @@ class Spot:
     width : float
         Standard deviation in pixels, positive.
     strength : float
-        Brightness that it adds in its middle.
+        Brightness added in the middle.
     disparity : float
-        What it moves with; that of a mirror image of a lamp differs from its surface's.
+        Disparity of its motion; the mirror image of a lamp has another disparity than its surface.
 
     Raises
     ------
@@ -280,29 +280,29 @@ class Spot:
     def __post_init__(self) -> None:
         require_numbers("A spot", *self.centre, self.width, self.strength, self.disparity)
         if not self.width > 0:
-            raise ValueError(f"The width of a spot is positive, in pixels, not {self.width!r}.")
+            raise ValueError(f"The width of a spot must be > 0 pixels, got {self.width!r}.")
 
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Plane(OneLine):
-    """A plane, d = d0 + gy Y + gx X with (Y, X) in pixels from the middle of the picture.
+    """Plane, d = d0 + gy Y + gx X with (Y, X) in pixels from the middle of the picture.
 
-    Disparity is affine in the picture, as 1/z is on any plane in space.
+    Disparity is affine in the picture, like 1/z on any plane in space.
 
     Parameters
     ----------
     disparity : float
-        In the middle of the picture, pixels a view step, nearer is larger.
+        Disparity in the middle of the picture, pixels a view step; nearer is larger.
     slope : tuple of float
         (gy, gx), disparity a pixel.
     texture : Texture
-        Brightness over (Y, X); uniform grey of .5 by default.
+        Brightness over (Y, X); uniform grey of 0.5 by default.
     outline : Ellipse, Bars, Polygon or None
-        What there is of it, in (Y, X); None: all of the plane.
+        Boundary of the surface in (Y, X); None for an infinite plane.
     shade : tuple of float
         (sy, sx): the texture is multiplied by 1 + sy Y + sx X, not below 0.
     spots : sequence of Spot
-        Highlights on it; their light is added.
+        Highlights, whose light is added.
 
     Raises
     ------
@@ -331,7 +331,7 @@ class Plane(OneLine):
         require_numbers("A plane", self.disparity, *self.slope, *self.shade)
 
     def bounds(self) -> Vector | None:
-        """(Y, X, d) of points whose hull holds the plane's outline; None if it has none."""
+        """Return (Y, X, d) of points whose hull contains the outline, or None without one."""
         if self.outline is None:
             return None
         corners = self.outline.corners()
@@ -340,24 +340,24 @@ class Plane(OneLine):
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Sphere(OneLine):
-    """An ellipsoid, (d - d0)^2/height^2 + r^2/radius^2 = 1, r from its centre in (Y, X).
+    """Ellipsoid, (d - d0)^2/height^2 + r^2/radius^2 = 1, r from its centre in (Y, X).
 
     Parameters
     ----------
     centre : tuple of float
         (Y, X) in pixels from the middle of the picture.
     radius : float
-        In the centre view, pixels, positive.
+        Radius in the centre view in pixels, positive.
     disparity : float
-        Of its rim as the centre view sees it.
+        Disparity of its rim in the centre view.
     height : float
-        Its nearest point has the ``disparity + height``; positive.
+        Disparity of the nearest point minus that of the rim, positive.
     texture : Texture
-        Brightness over (Y, X); uniform grey of .5 by default.
+        Brightness over (Y, X); uniform grey of 0.5 by default.
     shade : tuple of float
         (sy, sx): the texture is multiplied by 1 + sy Y + sx X, not below 0.
     spots : sequence of Spot
-        Highlights on it; their light is added.
+        Highlights, whose light is added.
 
     Raises
     ------
@@ -386,12 +386,12 @@ class Sphere(OneLine):
         require_numbers("A sphere", *self.centre, *lengths, *self.shade)
         if not (self.radius > 0 and self.height > 0):
             raise ValueError(
-                "Radius and height of a sphere are positive, not "
+                "radius and height of a sphere must be > 0, got "
                 f"{self.radius!r} and {self.height!r}."
             )
 
     def bounds(self) -> Vector:
-        """(Y, X, d) of the corners of a box about it."""
+        """Return (Y, X, d) of the corners of a box about it."""
         Y, X = self.centre
         signs = [(s, t, q) for s in (-1, 1) for t in (-1, 1) for q in (-1, 1)]
         return np.array(
@@ -401,6 +401,6 @@ class Sphere(OneLine):
 
 
 def require_numbers(what: str, *values: float) -> None:
-    """Refuse numbers that are not finite."""
+    """Raise for numbers that are not finite."""
     if not np.isfinite(values).all():
-        raise ValueError(f"{what} has finite numbers, not {values}.")
+        raise ValueError(f"{what} must have finite numbers, got {values}.")

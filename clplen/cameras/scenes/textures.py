@@ -21,39 +21,39 @@ from clplen.errors import ShapeError
 from clplen.reprs import OneLine
 
 Samples = np.ndarray[Any, np.dtype[np.float32]]
-LARGEST_SIDE = 8192
-_LEAST_BRICK = 4  # pixels
-SMOOTHING = 0.6  # pixels; what is left at half a cycle a pixel is 17 %
+MAX_SIDE = 8192  # maximum samples of a table's side
+_MIN_BRICK = 4  # minimum side of a brick in pixels
+DEFAULT_SMOOTHING = 0.6  # standard deviation in pixels; the gain at half a cycle a pixel is 17 %
 
 
 @dataclass(frozen=True, init=False, eq=False, repr=False)
 class Texture(OneLine, HostArray):
-    """The brightness of a surface over (Y, X), the pixels of the centre view.
+    """Brightness of a surface over (Y, X), the pixels of the centre view.
 
-    A periodic cubic B-spline through a table (Unser, Aldroubi and Eden 1993), twice continuously
-    differentiable. It is the brightness as pixels see it, averaged over them already: every view
-    takes it at the centres of its pixels, so that views of one disparity are exact shifts of each
-    other. A table without structure beyond about 0.35 cycles a pixel leaves no aliasing that moves
-    what is measured between pixels.
+    It is a periodic cubic B-spline through a table (Unser, Aldroubi and Eden 1993), twice
+    continuously differentiable. The brightness is already averaged over pixels, and every view
+    samples it at the centres of its pixels. Views of equal disparity are exact shifts of each
+    other. A table without structure above about 0.35 cycles a pixel has no aliasing that biases
+    subpixel measurements.
 
     Parameters
     ----------
     samples : array_like
-        Shape (ny, nx) or (ny, nx, 3), finite; 0 is black, 1 white. The table's middle lies at
-        ``centre``, and it repeats itself.
+        Table of shape (ny, nx) or (ny, nx, 3), finite; 0 is black, 1 white. Its middle lies at
+        ``centre``, and it repeats periodically.
     scale : float
-        Pixels from sample to sample, positive.
+        Distance of samples in pixels, positive.
     centre : tuple of float
         (Y, X) in pixels from the middle of the picture.
 
     Attributes
     ----------
     samples : numpy.ndarray
-        float32, shape (ny, nx, 1) or (ny, nx, 3).
+        Table, float32, shape (ny, nx, 1) or (ny, nx, 3).
     scale : float
-        As given.
+        Distance of samples in pixels.
     centre : tuple of float
-        As given.
+        (Y, X) in pixels.
 
     Raises
     ------
@@ -85,36 +85,38 @@ class Texture(OneLine, HostArray):
             values = values[..., None]
         if values.ndim != 3 or values.shape[2] not in (1, 3) or 0 in values.shape:
             raise ShapeError(
-                f"A texture has shape (ny, nx) or (ny, nx, 3), not {np.shape(samples)}."
+                f"A texture must have shape (ny, nx) or (ny, nx, 3), got {np.shape(samples)}."
             )
-        if max(values.shape[:2]) > LARGEST_SIDE:
-            raise ShapeError(f"A texture has at most {LARGEST_SIDE} samples a side.")
+        if max(values.shape[:2]) > MAX_SIDE:
+            raise ShapeError(
+                f"A texture must have at most {MAX_SIDE} samples a side, got {values.shape}."
+            )
         if not np.isfinite(values).all():
-            raise ValueError("The samples of a texture are finite.")
+            raise ValueError("The samples of a texture must be finite.")
         if not (fits_float64(scale) and scale > 0):
-            raise ValueError(f"The scale of a texture is positive, in pixels, not {scale!r}.")
+            raise ValueError(f"The scale of a texture must be > 0 pixels, got {scale!r}.")
         if not np.isfinite(centre).all():
-            raise ValueError(f"The centre of a texture is finite, in pixels, not {centre!r}.")
+            raise ValueError(f"The centre of a texture must be finite, in pixels, got {centre!r}.")
         object.__setattr__(self, "samples", values)
         object.__setattr__(self, "scale", float(scale))
         object.__setattr__(self, "centre", (float(centre[0]), float(centre[1])))
 
     @property
     def channels(self) -> int:
-        """1 or 3."""
+        """Number of channels, 1 or 3."""
         return int(self.samples.shape[2])
 
     def coefficients(self, channels: int) -> Samples:
-        """Of the B-spline that passes through the samples, float32, shape (ny, nx, channels).
+        """Return the B-spline's coefficients, float32, shape (ny, nx, channels).
 
-        By division of the spectrum by (2 + cos w)/3 along each axis (Unser 1999, box 2).
+        The spectrum is divided by (2 + cos w)/3 along each axis (Unser 1999, box 2).
         """
         values = spline_coefficients(self.samples).astype(np.float32)
         return np.ascontiguousarray(np.broadcast_to(values, (*values.shape[:2], channels)))
 
 
 def spline_coefficients(samples: Any) -> Any:
-    """Of the periodic cubic B-spline through samples, a symmetric linear map."""
+    """Compute coefficients of the periodic cubic B-spline of samples, a symmetric linear map."""
     ny, nx = np.shape(samples)[:2]
     spectrum = np.fft.rfft2(np.asarray(samples, np.float64), axes=(0, 1))
     for axis, f in ((0, np.fft.fftfreq(ny)), (1, np.fft.rfftfreq(nx))):
@@ -123,7 +125,7 @@ def spline_coefficients(samples: Any) -> Any:
 
 
 def uniform(level: float | tuple[float, float, float] = 0.5) -> Texture:
-    """Return a texture of the same brightness everywhere.
+    """Return a texture of uniform brightness.
 
     Parameters
     ----------
@@ -133,12 +135,12 @@ def uniform(level: float | tuple[float, float, float] = 0.5) -> Texture:
     Returns
     -------
     Texture
-        Of one sample, shape (1, 1, 1), or (1, 1, 3) for a colour.
+        Texture of one sample, shape (1, 1, 1), or (1, 1, 3) for a colour.
 
     Raises
     ------
     ShapeError
-        If there are neither one number nor three.
+        If ``level`` has neither one number nor three.
     ValueError
         If a number is not finite.
 
@@ -162,27 +164,27 @@ def noise(
     coarsest: float = 1 / 128,
     colour: bool = False,
 ) -> Texture:
-    """Make band-limited Gaussian noise with an amplitude spectrum f^-exponent.
+    """Return band-limited Gaussian noise with an amplitude spectrum f^-exponent.
 
     Parameters
     ----------
     seed : int
-        Of `numpy.random.default_rng`.
+        Seed of `numpy.random.default_rng`.
     side : int
-        Samples a side, one a pixel, at least 4; the period of the texture.
+        Number of samples a side, one a pixel, at least 4; the period of the texture.
     mean, contrast : float
-        Mean and rms of the brightness; what leaves 0..1 is clipped.
+        Mean and rms of the brightness, clipped to 0..1.
     exponent : float
-        0 white, 1 as natural pictures have (Field 1987).
+        Exponent of the spectrum: 0 for white noise, 1 as in natural pictures (Field 1987).
     finest, coarsest : float
-        The band, in cycles a pixel, 0 <= coarsest < finest <= 1/2.
+        Limits of the band in cycles a pixel, 0 <= coarsest < finest <= 1/2.
     colour : bool
-        Three channels, half of each of its own.
+        True for three channels that share half of their variance.
 
     Returns
     -------
     Texture
-        Shape (side, side, 1), or (side, side, 3) with ``colour``.
+        Noise, shape (side, side, 1), or (side, side, 3) with ``colour``.
 
     Raises
     ------
@@ -199,7 +201,7 @@ def noise(
     """
     if not is_integer(side) or side < 4 or not 0 <= coarsest < finest <= 0.5:
         raise ValueError(
-            f"Noise has a side of 4 or more and 0 <= coarsest < finest <= 0.5 cycles a pixel, not "
+            f"Noise must have a side >= 4 and 0 <= coarsest < finest <= 0.5 cycles a pixel, got "
             f"side {side}, {coarsest!r} and {finest!r}."
         )
     check_finite(mean=mean, contrast=contrast, exponent=exponent)
@@ -208,41 +210,42 @@ def noise(
     band = (f >= coarsest) & (f <= finest) & (f > 0)
     if not band.any():
         raise ValueError(
-            f"A side of {side} samples has no frequency from {coarsest} to {finest}: take more."
+            f"A side of {side} samples has no frequency from {coarsest} to {finest}: use a larger "
+            "side."
         )
     weight = np.where(band, np.where(f > 0, f, 1) ** -exponent, 0)
     random = np.random.default_rng(seed)
-    planes = [_one_noise(random, weight, side) for _ in range(4 if colour else 1)]
+    planes = [_noise_plane(random, weight, side) for _ in range(4 if colour else 1)]
     if colour:
-        own = [(planes[0] + planes[c]) / math.sqrt(2) for c in (1, 2, 3)]
-        return Texture(np.clip(mean + contrast * np.stack(own, axis=-1), 0, 1))
+        colours = [(planes[0] + planes[c]) / math.sqrt(2) for c in (1, 2, 3)]
+        return Texture(np.clip(mean + contrast * np.stack(colours, axis=-1), 0, 1))
     return Texture(np.clip(mean + contrast * planes[0], 0, 1))
 
 
-def _one_noise(random: np.random.Generator, weight: Any, side: int) -> Any:
-    """Noise of a spectrum's weights, mean 0, rms 1."""
+def _noise_plane(random: np.random.Generator, weight: Any, side: int) -> Any:
+    """Return noise of a spectrum's weights, mean 0, rms 1."""
     white = np.fft.rfft2(random.standard_normal((side, side)))
     values = np.fft.irfft2(white * weight, s=(side, side))
     return values / values.std()
 
 
-def picture(image: Any, *, scale: float = 1.0, smoothing: float = SMOOTHING) -> Texture:
-    """Make a texture of a picture, smoothed, and mirrored at its edges to repeat without a seam.
+def picture(image: Any, *, scale: float = 1.0, smoothing: float = DEFAULT_SMOOTHING) -> Texture:
+    """Return a texture of a smoothed picture, mirrored at its edges to repeat without a seam.
 
     Parameters
     ----------
     image : array_like
-        Shape (ny, nx) or (ny, nx, 3); integers are divided by the largest of their type, other
-        numbers are taken as they are (0 black, 1 white).
+        Picture of shape (ny, nx) or (ny, nx, 3). Integers are divided by the largest of their type;
+        other numbers are unchanged (0 black, 1 white).
     scale : float
-        Pixels from sample to sample, positive.
+        Distance of samples in pixels, positive.
     smoothing : float
-        Standard deviation in pixels of the Gaussian that it is smoothed with; 0 leaves it.
+        Standard deviation of the smoothing Gaussian in pixels; 0 for none.
 
     Returns
     -------
     Texture
-        Shape (2 ny, 2 nx, 1) or (2 ny, 2 nx, 3).
+        Texture of shape (2 ny, 2 nx, 1) or (2 ny, 2 nx, 3).
 
     Raises
     ------
@@ -265,25 +268,25 @@ def picture(image: Any, *, scale: float = 1.0, smoothing: float = SMOOTHING) -> 
     if values.dtype.kind in "ui":
         values = values / np.iinfo(values.dtype).max
     if values.ndim not in (2, 3) or not values.size:
-        raise ShapeError(f"A picture has shape (ny, nx) or (ny, nx, 3), not {values.shape}.")
+        raise ShapeError(f"A picture must have shape (ny, nx) or (ny, nx, 3), got {values.shape}.")
     for axis in (0, 1):
         values = np.concatenate([values, np.flip(values, axis)], axis)
-    return Texture(smoothed(values, smoothing / scale), scale)
+    return Texture(smooth(values, smoothing / scale), scale)
 
 
 def checker(
-    period: float, *, low: float = 0.2, high: float = 0.8, smoothing: float = SMOOTHING
+    period: float, *, low: float = 0.2, high: float = 0.8, smoothing: float = DEFAULT_SMOOTHING
 ) -> Texture:
-    """Make a chessboard of squares of half a period, its edges smoothed by a Gaussian.
+    """Return a chessboard of squares of half a period, its edges smoothed by a Gaussian.
 
     Parameters
     ----------
     period : float
-        Two squares side by side, in pixels, positive.
+        Side of two squares in pixels, positive.
     low, high : float
         Brightness of the dark and of the bright squares, 0 black, 1 white.
     smoothing : float
-        Standard deviation of the Gaussian in pixels; 0 leaves the edges as they are.
+        Standard deviation of the Gaussian in pixels; 0 for none.
 
     Returns
     -------
@@ -307,22 +310,22 @@ def checker(
     side = 64
     cells = np.indices((side, side)) // (side // 2)
     values = np.where(cells.sum(axis=0) % 2, high, low)
-    return Texture(smoothed(values, smoothing * side / period), period / side)
+    return Texture(smooth(values, smoothing * side / period), period / side)
 
 
 def stripes(
     period: float, *, mean: float = 0.5, contrast: float = 0.15, angle: bool = False
 ) -> Texture:
-    """Make stripes whose brightness is a sine along X, or along Y.
+    """Return stripes whose brightness is a sine along X, or along Y.
 
     Parameters
     ----------
     period : float
-        Of the sine in pixels, positive.
+        Period of the sine in pixels, positive.
     mean, contrast : float
-        Mean and rms of the brightness, which is not clipped to 0..1.
+        Mean and rms of the brightness, not clipped to 0..1.
     angle : bool
-        Whether the brightness varies along Y, not along X.
+        True for a sine along Y, False along X.
 
     Returns
     -------
@@ -356,27 +359,27 @@ def bricks(
     mean: float = 0.5,
     contrast: float = 0.12,
     colour: bool = False,
-    smoothing: float = SMOOTHING,
+    smoothing: float = DEFAULT_SMOOTHING,
 ) -> Texture:
-    """Make a wall of bricks of random brightness with joints and fine grain, in running bond.
+    """Return a wall of bricks of random brightness with joints and grain, in running bond.
 
     Parameters
     ----------
     seed : int
-        Of `numpy.random.default_rng`.
+        Seed of `numpy.random.default_rng`.
     size : tuple of int
         (height, length) of a brick in pixels, at least 4.
     mean, contrast : float
-        Mean, and rms from brick to brick, of the brightness.
+        Mean of the brightness, and its rms between bricks.
     colour : bool
-        Reddish instead of grey.
+        True for reddish bricks, False for grey bricks.
     smoothing : float
-        Standard deviation in pixels of the Gaussian that it is smoothed with, as for `picture`.
+        Standard deviation of the smoothing Gaussian in pixels, as for `picture`.
 
     Returns
     -------
     Texture
-        Of an even number of rows of bricks, one sample a pixel; three channels with ``colour``.
+        Wall with an even number of rows, one sample a pixel; three channels with ``colour``.
 
     Examples
     --------
@@ -388,8 +391,10 @@ def bricks(
     '0.70, 0.55'
     """
     height, length = size
-    if min(size) < _LEAST_BRICK:
-        raise ValueError(f"Bricks are at least {_LEAST_BRICK} pixels high and long, not {size!r}.")
+    if min(size) < _MIN_BRICK:
+        raise ValueError(
+            f"Bricks must be at least {_MIN_BRICK} pixels high and long, got {size!r}."
+        )
     random = np.random.default_rng(seed)
     rows, columns = 2 * max(2, 200 // height), max(3, 400 // length)
     y, x = np.indices((rows * height, columns * length))
@@ -402,19 +407,19 @@ def bricks(
     values = np.clip(np.where(joint, mean + 2 * contrast, values), 0, 1)
     if colour:
         values = values[..., None] * np.array([1.0, 0.7, 0.55])
-    return Texture(smoothed(values, smoothing))
+    return Texture(smooth(values, smoothing))
 
 
 def _require_positive(what: str, value: float) -> None:
     if not (is_finite(value) and value > 0):
-        raise ValueError(f"{what} is a positive number of pixels, not {value!r}.")
+        raise ValueError(f"{what} must be a positive number of pixels, got {value!r}.")
 
 
-def smoothed(values: Any, sd: float) -> Any:
-    """A periodic table smoothed by a Gaussian of a standard deviation in samples."""
+def smooth(values: Any, sd: float) -> Any:
+    """Smooth a periodic table by a Gaussian of a standard deviation in samples."""
     values = np.asarray(values, np.float64)
     if not (is_finite(sd) and sd >= 0):
-        raise ValueError(f"smoothing is 0 or a positive number, not {sd!r}.")
+        raise ValueError(f"smoothing must be a number >= 0, got {sd!r}.")
     if sd == 0:
         return values
     ny, nx = values.shape[:2]

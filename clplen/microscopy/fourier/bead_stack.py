@@ -14,7 +14,9 @@ from typing import Any
 import numpy as np
 from scipy import ndimage
 
-from clplen.cameras.fourier_microscope import LIT, WHOLE, FourierMicroscope
+from clplen.cameras.fourier_microscope import MIN_LIT_FRACTION as LIT
+from clplen.cameras.fourier_microscope import MIN_WHOLE_FRACTION as WHOLE
+from clplen.cameras.fourier_microscope import FourierMicroscope
 from clplen.checks import is_finite, real_array
 from clplen.errors import SamplingWarning, ShapeError, warn_caller
 from clplen.microscopy.fourier.fourier_psf import centres_of, checked_planes, described

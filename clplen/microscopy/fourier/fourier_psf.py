@@ -19,7 +19,8 @@ from typing import Any
 import numpy as np
 from numpy.polynomial.legendre import leggauss
 
-from clplen.cameras.fourier_microscope import LIT, FourierMicroscope
+from clplen.cameras.fourier_microscope import MIN_LIT_FRACTION as LIT
+from clplen.cameras.fourier_microscope import FourierMicroscope
 from clplen.checks import positive_integer, require
 from clplen.compute.memory import free_memory
 from clplen.errors import SamplingError

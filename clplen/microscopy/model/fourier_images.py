@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from clplen.cameras.optics.lenslet_layout import covered
+from clplen.cameras.optics.lenslet_layout import rim_coverage as covered
 
 Vector = np.ndarray[Any, Any]
 
