@@ -10,7 +10,7 @@ import pytest
 from matplotlib.collections import LineCollection, PolyCollection
 from matplotlib.colors import to_rgb
 
-from clplen import MicrolensArray, plot
+from clplen import MicrolensArray, PlenopticCamera, plot
 from clplen.plot.rays import rays_through, trace
 from clplen.wave.systems.components import Element, Lens, Stop
 from clplen.wave.systems.optical_system import OpticalSystem, imaging_system
@@ -196,3 +196,24 @@ def arrows(figure) -> list[tuple[float, float]]:
         for text in figure.axes[0].texts
         if text.get_text() == "" and text.xyann[1] == 0 and text.xy[0] == text.xyann[0]
     ]
+
+
+@pytest.mark.parametrize("lattice, fill", [("square", "full"), ("hexagonal", "circular")])
+def test_cameras_are_drawn_to_scale(lattice, fill, device):
+    array = MicrolensArray(150e-6, 3e-3, count=(7, 9), lattice=lattice, fill=fill)
+    camera = PlenopticCamera.type2(
+        focal_length=0.12, m=0.25, mla=array, wavelength=532e-9, pixels_per_lenslet=12,
+        aperture_diameter=10e-3, device=device,
+    )  # fmt: skip
+    pupil, lenslets, pixels = camera.plot().axes
+    assert pupil.patches[0].radius == 5e-3
+    images = [patch for patch in lenslets.patches if patch.get_linewidth() == 0]
+    scale = camera.sensor_distance / camera.array_distance
+    assert images[0].radius == pytest.approx(5e-3 * scale)
+    pitch = 150e-6 * (1 + scale)
+    middle = {tuple(np.round(np.array(image.center) / pitch, 6)) for image in images}
+    assert {(0.0, 0.0), (1.0, 0.0), (-1.0, 0.0)} <= middle
+    airy = pixels.patches[-1].radius
+    assert airy == pytest.approx(1.22 * 532e-9 * camera.sensor_distance / 150e-6)
+    with pytest.raises(TypeError, match="cam must be a plenoptic camera"):
+        plot.camera(3)

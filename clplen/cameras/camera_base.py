@@ -41,6 +41,7 @@ from clplen.cameras.scenes.scene_sources import (
 from clplen.cameras.scenes.surface_scene import SurfaceScene
 from clplen.errors import SamplingWarning, warn_caller
 from clplen.lightfield.raw.raw_image import RawImage, Sensor
+from clplen.results import Plottable
 from clplen.wave.coherence.averaging import Checkpoint, Progress
 from clplen.wave.coherence.coherence import Coherence
 from clplen.wave.elements.lenslets import MicrolensArray
@@ -57,10 +58,11 @@ LENS_LAW_TOLERANCE = 1e-6  # maximum relative error of 1/f = 1/object + 1/image
 
 
 @dataclass(frozen=True, repr=False)
-class Plenoptic(Described, RayOptics):
+class Plenoptic(Described, Plottable, RayOptics):
     """Plenoptic camera that takes raw images: `Plenoptic1` or `Plenoptic2`."""
 
     kind: ClassVar[Kind]
+    _figure: ClassVar[str] = "camera"
 
     def with_aberrations(self: Self, aberrations: Aberrations) -> Self:
         """Return a copy of the camera with other aberrations.

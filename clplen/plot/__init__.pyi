@@ -1,5 +1,6 @@
 from .base import rendered as rendered
 from .base import save as save
+from .cameras import camera as camera
 from .comparisons import comparison as comparison
 from .depths import alpha_curve as alpha_curve
 from .depths import depth as depth
