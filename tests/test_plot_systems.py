@@ -198,7 +198,7 @@ def arrows(figure) -> list[tuple[float, float]]:
     ]
 
 
-@pytest.mark.parametrize("lattice, fill", [("square", "full"), ("hexagonal", "circular")])
+@pytest.mark.parametrize(("lattice", "fill"), [("square", "full"), ("hexagonal", "circular")])
 def test_cameras_are_drawn_to_scale(lattice, fill, device):
     array = MicrolensArray(150e-6, 3e-3, count=(7, 9), lattice=lattice, fill=fill)
     camera = PlenopticCamera.type2(
