@@ -107,8 +107,8 @@ def test_the_example_shows_every_key_and_its_default(tmp_path: Path, device: Dev
     camera = read(tmp_path, EXAMPLE).camera.build(device)
     effective = {
         "image_distance_mm": 1e3 * camera.image_distance,
-        "wavelengths": coherence.FOR_IMAGES,
-        "snapshots": averaging.DEFAULT,
+        "wavelengths": coherence.DEFAULT_WAVELENGTHS,
+        "snapshots": averaging.DEFAULT_SNAPSHOTS,
         "power": [1.0],
     }
     table, found = "", []

@@ -229,7 +229,7 @@ def _fastest(work: _Sum, blocks: list[_Blocks]) -> _Blocks:
         f"{views.planes} planes"
     )
     by_label = {b.label: b for b in reversed(blocks)}
-    found = tuning.found("shear.cl", problem, list(by_label))
+    found = tuning.lookup("shear.cl", problem, list(by_label))
     if found is not None:
         return by_label[found]
     cores = int(work.device.cl_device.max_compute_units)

@@ -12,8 +12,8 @@ from clplen.compute.fft.lines import (
     Separable,
     chirp_z,
     convolution,
+    identity,
     smooth_length,
-    still,
 )
 from clplen.errors import SamplingError, argument
 from clplen.wave.field.field import Grid, derived_grid
@@ -35,7 +35,7 @@ def transfer_function(r: Request) -> Description:
     lines, critical = [], math.inf
     for axis, n in enumerate(r.grid.shape):
         length, d = padded_length(n, r.pad), r.grid.pitch[axis]
-        lines.append(still(1) if n == 1 else convolution(n, n, paraxial(length, d, r.z, r)))
+        lines.append(identity(1) if n == 1 else convolution(n, n, paraxial(length, d, r.z, r)))
         if n > 1:
             critical = min(critical, length * d * d / r.wavelength)
     step = abs(r.z) / critical
@@ -75,7 +75,7 @@ def impulse_response(r: Request) -> Description:
     for axis, n in enumerate(r.grid.shape):
         length, d = padded_length(n, r.pad), r.grid.pitch[axis]
         if n == 1:
-            lines.append(still(1))
+            lines.append(identity(1))
             continue
         x = np.fft.fftfreq(length) * length * d
         h = _constant(r) * d * phasor(x**2 / (2 * r.wavelength * r.z))
@@ -109,7 +109,7 @@ def one_step(r: Request) -> Description:
         length = n if n == 1 else round(r.pad * n)
         pitches.append(d if n == 1 else r.wavelength * abs(r.z) / (length * d))
         if n == 1:
-            lines.append(still(1))
+            lines.append(identity(1))
             continue
         lines.append(_fused(r, axis, length) if r.out_grid is None else _onto(r, axis))
         curvature = 1 / r.z - (0 if r.lens is None else 1 / r.lens)
@@ -146,7 +146,7 @@ def many_steps(r: Request) -> Description:
         )
     maps, counts = [], []
     for axis, n in enumerate(r.grid.shape):
-        lines = [still(1)] if n == 1 else _steps(r, axis)
+        lines = [identity(1)] if n == 1 else _steps(r, axis)
         counts.append(len(lines) - 1)
         maps.append(tuple(lines))
     length = max(lines[0].length for lines in maps)
@@ -208,13 +208,13 @@ def _steps(r: Request, axis: int) -> list[Line]:
     taper = border_taper(length, r.border)
 
     def step(samples: int) -> Line:
-        place = length // 2 - samples // 2
+        offset = length // 2 - samples // 2
         pre, post = (
             phasor(math.copysign(1, r.z) * x**2 / (2 * r.wavelength * dz))
             for x in ((np.arange(m) - m // 2) * d for m in (samples, length))
         )
         post = post * taper * (_constant(r, dz) * d)
-        return _dft(samples, length, length, place, r.z, pre, post)
+        return _dft(samples, length, length, offset, r.z, pre, post)
 
     lines = [step(n)] if count else []
     if count > 1:
@@ -272,17 +272,17 @@ def _curved(r: Request, axis: int) -> np.ndarray:
 
 
 def _dft(
-    n: int, m: int, length: int, place: int, z: float, pre: np.ndarray, post: np.ndarray
+    n: int, m: int, length: int, offset: int, z: float, pre: np.ndarray, post: np.ndarray
 ) -> Line:
     """post[k] sum_j pre[j] u[j] exp(-+2 pi i (j - n//2)(k - m//2)/length), + for z < 0."""
     sign = math.copysign(1, z)
     j, k = np.arange(n), np.arange(m)
-    middle = place + n // 2
-    pre = pre * phasor(sign * ((place + j) * (m // 2) % length) / length)
+    middle = offset + n // 2
+    pre = pre * phasor(sign * ((offset + j) * (m // 2) % length) / length)
     post = post * phasor(sign * (middle * (k - m // 2) % length) / length)
     if z < 0:
-        return Line(n, m, length, "inverse", place=place, pre=pre, post=post * length)
-    return Line(n, m, length, "forward", place=place, pre=pre, post=post)
+        return Line(n, m, length, "inverse", offset=offset, pre=pre, post=post * length)
+    return Line(n, m, length, "forward", offset=offset, pre=pre, post=post)
 
 
 def _constant(r: Request, dz: float | None = None) -> complex:

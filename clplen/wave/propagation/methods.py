@@ -17,9 +17,9 @@ from clplen.compute.fft.lines import (
     Separable,
     chirp_z,
     cropped_inverse,
+    identity,
     padded_spectrum,
     smooth_length,
-    still,
 )
 from clplen.compute.fft.routes import has_large_prime
 from clplen.errors import SamplingError, argument
@@ -354,8 +354,8 @@ def by_chirps(r: Request, bands: list[Band], *, why: str, warning: str = "") -> 
     _require_few(r, bands)
     for axis, band in enumerate(bands):
         if r.grid.shape[axis] == 1:
-            into.append(still(1))
-            back.append(still(1))
+            into.append(identity(1))
+            back.append(identity(1))
             frequencies.append(np.zeros(1))
             weights.append(np.ones(1))
             continue
@@ -465,8 +465,8 @@ def _windowed_kernel(r: Request, why: str) -> Description:
         made = kernel_axis(span, math.inf if _has_sampled_kernel(span, FAINT) else span.nyquist)
         axes.append(made)
         if n == 1:
-            into.append(still(1))
-            back.append(still(1))
+            into.append(identity(1))
+            back.append(identity(1))
             continue
         into.append(_to_frequencies(r, axis, made.frequencies, made.width))
         back.append(_from_frequencies(r, axis, made.frequencies, made.width, 0.0))

@@ -21,7 +21,7 @@ import numpy as np
 
 from clplen.compute.device import Device
 from clplen.compute.fft.blocks import Spectrum
-from clplen.compute.fft.lines import Line, Separable, chirp_z, still
+from clplen.compute.fft.lines import Line, Separable, chirp_z, identity
 from clplen.wave.field.transmission import phasor
 from clplen.wave.propagation.description import FARTHEST, Request
 from clplen.wave.propagation.transfer_function import line_samples
@@ -192,7 +192,7 @@ class Series:
         r = self.request
         n, m = r.grid.shape[axis], r.target.shape[axis]
         if n == 1:
-            return still(1)
+            return identity(1)
         own, other = r.grid.pitch[axis], r.target.pitch[axis]
         bend, slope, wave = self.bends[axis], self.slopes[axis], self.side / r.wavelength
         small, d = (n, own) if self.inward else (m, other)

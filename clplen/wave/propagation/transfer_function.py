@@ -341,7 +341,7 @@ class Sommerfeld:
             self.shape, self.pitch, self.z, self.wavelength, device, phase, slope=self.is_slope
         )
         device.fft.forward(h, device)
-        return Spectrum(window(h, self.stored, device, place=(0, 0)), self.shape)
+        return Spectrum(window(h, self.stored, device, offset=(0, 0)), self.shape)
 
     def turned(self) -> Sommerfeld:
         """The same with x and y exchanged."""
