@@ -611,7 +611,7 @@ def _check_converging(mla: MicrolensArray) -> None:
         raise ValueError(
             f"The lenslets of a microscope have focal lengths > 0, not {mla.focal_lengths}."
         )
-    if mla.map is not None and mla.map.is_of_each:
+    if mla.map is not None and mla.map.is_per_lenslet:
         raise ValueError(
             "The lenslets of a microscope are alike, so that its point images repeat: give one map "
             "for all, not one for each."

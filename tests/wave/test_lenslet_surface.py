@@ -166,7 +166,7 @@ def test_maps_are_told_apart(device):
         LensletMap(values, pitch=20e-6, glass="F2"),
         LensletMap(values, pitch=20e-6, glass=1.5),
         LensletMap(values, pitch=20e-6, glass="N-BK7", origin=(0, 1e-6)),
-        LensletMap(values, pitch=20e-6, glass="N-BK7", whole=True),
+        LensletMap(values, pitch=20e-6, glass="N-BK7", complete=True),
     ]
     assert len({one, *others}) == 7
     values[:] = 0
@@ -235,9 +235,9 @@ def test_maps_that_do_not_fit(device):
     each = LensletMap(np.zeros((2, 3, 9, 9)), pitch=20e-6, glass=1.5)
     with pytest.raises(ShapeError, match=r"maps of \(2, 3\) lenslets, but \(3, 2\)"):
         MicrolensArray(P, 1e-2, count=(3, 2), map=each)
-    whole = LensletMap(GOOD, pitch=20e-6, glass=1.5, whole=True)
+    whole = LensletMap(GOOD, pitch=20e-6, glass=1.5, complete=True)
     for more in ({"surface": LensletSurface(5e-3, 1.5)}, {"focal_length": 1e-2, "gap": "clear"}):
-        with pytest.raises(ValueError, match="whole=True is the lenslet itself: leave out"):
+        with pytest.raises(ValueError, match="complete=True replaces"):
             MicrolensArray(P, count=2, map=whole, **more)
     with pytest.raises(TypeError, match="map is a LensletMap, not of type ndarray"):
         MicrolensArray(P, 1e-2, count=2, map=GOOD)

@@ -190,5 +190,5 @@ def test_what_is_no_source(device):
     for source, args in ((plane_wave, ()), (spherical_wave, (1e-3,)), (gaussian_beam, (1e-3,))):
         with pytest.raises(ValueError, match="wavelength is positive"):
             source(GRID, *args, wavelength=0, device=device)
-        with pytest.raises(TypeError, match="device is a Device"):
+        with pytest.raises(TypeError, match="device must be a Device"):
             source(GRID, *args, wavelength=LAM, device=0)

@@ -311,7 +311,7 @@ def _no_isoplanatic(optics: WaveOptics, plane: PicturePlane) -> str:
         )
     if len(mla.focal_lengths) > 1:
         return "The lenslets differ in focal length; method='isoplanatic' needs equal ones"
-    if mla.map is not None and mla.map.is_of_each:
+    if mla.map is not None and mla.map.is_per_lenslet:
         return "The lenslets have a map each; method='isoplanatic' needs equal ones"
     if not optics.aberrations.scatter.is_none:
         return "The lenslets scatter; method='isoplanatic' needs equal ones"
