@@ -174,16 +174,16 @@ def test_bad_input(device):
         return propagate(field, [1e-3, 2e-3])
 
     for call, error, words in [
-        (lambda: PUPIL(thing, snapshots=3), TypeError, "snapshots belong to an average"),
+        (lambda: PUPIL(thing, snapshots=3), TypeError, "snapshots require coherence="),
         (lambda: propagate(thing, 1e-3, snapshots=3), TypeError, "snapshots"),
-        (lambda: PUPIL(thing, coherence=mask), TypeError, "coherence is a Coherence"),
-        (lambda: propagate(thing, 1e-3, coherence="led"), TypeError, "coherence is a Coherence"),
+        (lambda: PUPIL(thing, coherence=mask), TypeError, "coherence must be a Coherence"),
+        (lambda: propagate(thing, 1e-3, coherence="led"), TypeError, "coherence must be a Coherence"),
         (lambda: PUPIL(batch, coherence=light), ShapeError, "a single object"),
         (lambda: Coherence().average(two, thing), ShapeError, r"batch of shape \(2, 64, 64\)"),
         (lambda: light.average(two, thing, snapshots=2), ShapeError, "batch of shape"),
         (lambda: PUPIL(thing, coherence=still, method="abbe"), ValueError, "jitter=True"),
-        (lambda: PUPIL(thing, coherence=Coherence(), region=outside), ValueError, "holds no pixel"),
-        (lambda: PUPIL(thing, coherence=light, region=outside), ValueError, "holds no pixel"),
+        (lambda: PUPIL(thing, coherence=Coherence(), region=outside), ValueError, "must contain pixels"),
+        (lambda: PUPIL(thing, coherence=light, region=outside), ValueError, "must contain pixels"),
         (
             lambda: Coherence(None, spectrum).average(Space(0.1, method="fresnel-1fft"), thing),
             ShapeError,

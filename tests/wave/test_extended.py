@@ -126,7 +126,7 @@ def test_a_dark_pixel_sends_no_point():
     source = ExtendedSource(4e-3, 0.1, picture=LETTER)
     draws = np.array([[0.25, 0.5, 0, 0.0], [0.25, 0.5, 0, 1 - 2**-32]])
     # (row - 1.5, column - 2) pixels of 1 mm
-    np.testing.assert_allclose(source._places(draws), [(-1.25e-3, -0.5e-3), (0.75e-3, 1.5e-3)])
+    np.testing.assert_allclose(source._positions(draws), [(-1.25e-3, -0.5e-3), (0.75e-3, 1.5e-3)])
 
 
 # Spectra

@@ -41,7 +41,8 @@ class Lags:
 
 
 def strongest(weights: Values, tolerance: float) -> tuple[Values, float]:
-    """Return indices of all but the weakest weights, whose sum is at most ``tolerance``; that sum."""
+    """Return indices of all but the weakest weights, whose sum is at most ``tolerance``; that "
+    "sum."""
     order = np.argsort(weights, kind="stable")
     sums = np.cumsum(weights[order])
     left_out = int(np.searchsorted(sums, tolerance * (1 + 1e-12), side="right"))

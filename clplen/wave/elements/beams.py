@@ -160,9 +160,9 @@ def spherical_wave(
     """
     device = _check_wave(grid, wavelength, device)
     if not fits_float64(z) or z == 0:
-        raise ValueError(f"The distance z of a point source is finite and not 0, not {z!r} m.")
+        raise ValueError(f"The distance z of a point source must be finite and not 0, got {z!r} m.")
     if not np.isfinite(source).all():
-        raise ValueError(f"The place of a source is finite, (y, x) in metres, not {source!r}.")
+        raise ValueError(f"The place of a source must be finite, (y, x) in metres, got {source!r}.")
     _warn_steep_sphere(grid, z, source, wavelength)
     ones = Field.from_array(np.ones(grid.shape), grid, wavelength=wavelength, device=device)
     return multiply_sphere(ones, z, source, fades=True, out=ones.data)
@@ -227,10 +227,12 @@ def gaussian_beam(
     """
     device = _check_wave(grid, wavelength, device)
     if not (fits_float64(waist) and waist > 0):
-        raise ValueError(f"The waist of a beam is positive, in metres, not {waist!r}.")
+        raise ValueError(f"The waist of a beam must be positive, in metres, got {waist!r}.")
     units.DIAMETER.check(waist, "The waist of a beam")
     if not (fits_float64(z) and np.isfinite(centre).all()):
-        raise ValueError(f"z and centre of a beam are finite, in metres, not {z!r} and {centre!r}.")
+        raise ValueError(
+            f"z and centre of a beam must be finite, in metres, got {z!r} and {centre!r}."
+        )
     _check_direction(direction)
     spread = tuple(f + 1 / (math.pi * waist) for f in _frequencies(direction, wavelength))
     _warn_beyond_nyquist(grid, (spread[0], spread[1]), "A Gaussian beam")
@@ -276,7 +278,7 @@ def _check_wave(grid: Grid, wavelength: float, device: DeviceLike | None) -> Dev
     require_grid(grid)
     device = as_device(device)
     if not (fits_float64(wavelength) and wavelength > 0):
-        raise ValueError(f"The wavelength is positive, in metres, not {wavelength!r}.")
+        raise ValueError(f"The wavelength must be positive, in metres, got {wavelength!r}.")
     units.WAVELENGTH.check(wavelength, "The wavelength")
     nbytes = 2 * grid.shape[0] * grid.shape[1] * device.complex.itemsize
     device.require_memory(nbytes, "This wave")
@@ -287,7 +289,7 @@ def _check_direction(direction: Pair) -> None:
     cosines = float64_array(direction)
     if cosines.shape != (2,) or not np.hypot(*cosines) < 1:
         raise ValueError(
-            f"A direction is (y, x) direction cosines with a sum of squares below 1, not "
+            f"A direction must be (y, x) direction cosines with a sum of squares below 1, got "
             f"{direction!r}."
         )
 

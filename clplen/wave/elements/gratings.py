@@ -152,7 +152,7 @@ def axicon(
     """
     require_field(field)
     if not fits_float64(angle):
-        raise ValueError(f"The angle of an axicon is finite, in radians, not {angle!r}.")
+        raise ValueError(f"The angle of an axicon must be finite, in radians, got {angle!r}.")
     check_centre(centre, "an axicon")
     pitch = max(
         (d for d, n in zip(field.grid.pitch, field.grid.shape, strict=True) if n > 1), default=0.0
@@ -186,18 +186,20 @@ def half_plane(distance: Values, width: tuple[float, float]) -> Values:
 
 def _check(period: float, kind: str, orientation: float, duty: float, offset: float) -> None:
     if kind not in ("binary", "sinusoidal", "phase", "blazed"):
-        raise ValueError(f"A grating is 'binary', 'sinusoidal', 'phase' or 'blazed', not {kind!r}.")
+        raise ValueError(
+            f"A grating must be 'binary', 'sinusoidal', 'phase' or 'blazed', got {kind!r}."
+        )
     if not (fits_float64(period) and period > 0):
-        raise ValueError(f"The period of a grating is positive, in metres, not {period!r}.")
+        raise ValueError(f"The period of a grating must be positive, in metres, got {period!r}.")
     units.PITCH.check(period, "The period of a grating")
     if not fits_float64(orientation):
         raise ValueError(
-            f"The orientation of a grating is finite, in radians, not {orientation!r}."
+            f"The orientation of a grating must be finite, in radians, got {orientation!r}."
         )
     if not fits_float64(offset):
-        raise ValueError(f"The offset of a grating is finite, in metres, not {offset!r}.")
+        raise ValueError(f"The offset of a grating must be finite, in metres, got {offset!r}.")
     if not 0 < duty < 1:
-        raise ValueError(f"The duty of a grating lies between 0 and 1, not {duty!r}.")
+        raise ValueError(f"The duty of a grating must lie between 0 and 1, got {duty!r}.")
 
 
 def _depth(kind: str, depth: float | None) -> float:
@@ -208,7 +210,7 @@ def _depth(kind: str, depth: float | None) -> float:
         raise ValueError("A phase grating needs its depth in radians.")
     value = {"sinusoidal": 1.0, "blazed": 2 * np.pi}.get(kind, 0.0) if depth is None else depth
     if not fits_float64(value):
-        raise ValueError(f"The depth of a grating is finite, not {depth!r}.")
+        raise ValueError(f"The depth of a grating must be finite, got {depth!r}.")
     if kind == "sinusoidal" and not 0 <= value <= 1:
         raise ValueError(f"The depth of a sinusoidal grating lies in 0..1, not {depth!r}.")
     return value

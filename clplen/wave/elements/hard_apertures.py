@@ -171,7 +171,7 @@ def aperture(
     check_centre(centre, "an aperture")
     check_edges(edges)
     if shape not in ("circular", "square"):
-        raise ValueError(f"An aperture is 'circular' or 'square', not {shape!r}.")
+        raise ValueError(f"An aperture must be 'circular' or 'square', got {shape!r}.")
     if shape == "square" or 1 in field.grid.shape:
         return _upright(field, (diameter, diameter), centre, edges)
     if edges == "area":
@@ -225,12 +225,12 @@ def rectangular_aperture(
     require_field(field)
     sides = float64_array(size)
     if sides.shape not in ((), (2,)) or not (np.isfinite(sides).all() and (sides > 0).all()):
-        raise ValueError(f"A rectangle's size is positive, (y, x) in metres, not {size!r}.")
+        raise ValueError(f"A rectangle's size must be positive, (y, x) in metres, got {size!r}.")
     units.DIAMETER.check(sides, "A rectangle's size")
     check_centre(centre, "an aperture")
     check_edges(edges)
     if not fits_float64(rotation):
-        raise ValueError(f"A rotation is finite, in radians, not {rotation!r}.")
+        raise ValueError(f"A rotation must be finite, in radians, got {rotation!r}.")
     height, width = (float(side) for side in np.broadcast_to(sides, 2))
     if rotation == 0:
         return _upright(field, (height, width), centre, edges)
@@ -288,8 +288,8 @@ def annular_aperture(
     check_edges(edges)
     if not 0 <= inner < outer:
         raise ValueError(
-            f"The inner diameter of a ring is at least 0 and less than the outer, {outer!r} m, "
-            f"not {inner!r}."
+            f"The inner diameter of a ring must be at least 0 and less than the outer, {outer!r} "
+            f"m, got {inner!r}."
         )
     grid = field.grid
     if edges != "area" and grid.shape != (1, 1):

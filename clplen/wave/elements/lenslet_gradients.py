@@ -103,8 +103,7 @@ def array_sums(
 def _real(device: Device) -> np.dtype[Any]:
     """Return the dtype of sums and positions: float64 if the device supports it.
 
-    In float32 a rim may miss a cell that it just touches: an error of up to 1e-2 in a lenslet's
-    centre.
+    In float32 a rim may miss a cell that it just touches, with an error of up to 1e-2 in a centre.
     """
     wide = device.precision == "double" or device.has_fp64
     return np.dtype(np.float64 if wide else np.float32)

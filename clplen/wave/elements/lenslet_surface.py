@@ -84,7 +84,7 @@ class LensletSurface:
         wavelength = _number(design_wavelength, "The design wavelength of a surface is")
         if not wavelength > 0:
             raise ValueError(
-                f"The design wavelength of a surface is positive, not {design_wavelength!r}."
+                f"The design wavelength of a surface must be positive, got {design_wavelength!r}."
             )
         index_of(material, wavelength)  # raises if the index is unknown
         values = {
@@ -236,17 +236,19 @@ class LensletMap:
             units.WAVELENGTH.check(wavelength, "The wavelength of a map")
             lam = _number(wavelength, "The wavelength of a map is")
             if not lam > 0:
-                raise ValueError(f"The wavelength of a map is positive, not {wavelength!r}.")
+                raise ValueError(f"The wavelength of a map must be positive, got {wavelength!r}.")
             values = values * (lam / (2 * np.pi))
         else:
             values = values.copy()
             _LARGEST_SAG.check(np.ptp(values), "The range of a map of sag")
         spacing = float64_array(pitch)
         if spacing.shape not in ((), (2,)) or not (np.isfinite(spacing) & (spacing > 0)).all():
-            raise ValueError(f"The pitch of a map is positive, in metres, not {pitch!r}.")
+            raise ValueError(f"The pitch of a map must be positive, in metres, got {pitch!r}.")
         units.LENSLET_PITCH.check(spacing, "The pitch of a map")
         if np.shape(origin) != (2,) or not np.isfinite(origin).all():
-            raise ValueError(f"The origin of a map is (y, x) in metres, finite, not {origin!r}.")
+            raise ValueError(
+                f"The origin of a map must be (y, x) in metres, finite, got {origin!r}."
+            )
         material = None if glass is None else _material(glass, "a map")
         values.flags.writeable = False
         dy, dx = np.broadcast_to(spacing, 2)

@@ -136,34 +136,38 @@ class MicrolensArray(OneLine):
         map: LensletMap | None = None,
     ) -> None:
         if np.ndim(count) > 1 or np.size(count) not in (1, 2):
-            raise ValueError(f"The count of lenslets is one number or (ny, nx), not {count!r}.")
+            raise ValueError(
+                f"The count of lenslets must be one number or (ny, nx), got {count!r}."
+            )
         counts = np.broadcast_to(np.asarray(count), (2,))
         if not (is_finite(pitch) and pitch > 0):
-            raise ValueError(f"The pitch of lenslets is positive, in metres, not {pitch!r}.")
+            raise ValueError(f"The pitch of lenslets must be positive, in metres, got {pitch!r}.")
         units.LENSLET_PITCH.check(pitch, "The pitch of lenslets")
         if not all(is_integer(n) and n >= 1 for n in counts):
-            raise ValueError(f"The count of lenslets is positive integers (ny, nx), not {count!r}.")
+            raise ValueError(
+                f"The count of lenslets must be positive integers (ny, nx), got {count!r}."
+            )
         if lattice not in ("square", "hexagonal"):
-            raise ValueError(f"lattice is 'square' or 'hexagonal', not {lattice!r}.")
+            raise ValueError(f"lattice must be 'square' or 'hexagonal', got {lattice!r}.")
         surfaces = _surfaces(surface)
         requested = _focal_length_of(surfaces, focal_length)
         focal_lengths = _focal_lengths(requested, lattice)
         if fill == "square" and lattice == "square":
             fill = "full"
         if fill not in ("circular", "full"):
-            raise ValueError(f"fill is 'circular' or 'full', not {fill!r}.")
+            raise ValueError(f"fill must be 'circular' or 'full', got {fill!r}.")
         numbers = (*np.ravel(offset), rotation)
         if np.shape(offset) != (2,) or not all(is_finite(value) for value in numbers):
             raise ValueError(
-                "offset is (y, x) in metres and rotation an angle in radians, all finite, not "
+                "offset must be (y, x) in metres and rotation an angle in radians, all finite, got "
                 f"{offset!r} and {rotation!r}."
             )
         units.OFFSET.check(offset, "The offset of the array")
         width = pitch if diameter is None else diameter
         if not (is_finite(width) and 0 < width <= pitch * (1 + 1e-12)):
             raise ValueError(
-                f"The diameter of a lenslet lies between 0 and its pitch of {pitch:g} m, "
-                f"not {diameter!r}."
+                f"The diameter of a lenslet must lie between 0 and its pitch of {pitch:g} m, "
+                f"got {diameter!r}."
             )
         values = {
             "pitch": float(pitch),
@@ -650,7 +654,7 @@ def _focal_lengths(f: float | Sequence[float], lattice: str) -> tuple[float, ...
     """Return the focal lengths of an array after validation."""
     lengths = np.ravel(np.asarray(f, object)).tolist()
     if not lengths or not all(is_finite(value) and value != 0 for value in lengths):
-        raise ValueError(f"The focal length of lenslets is finite and not 0, not {f!r}.")
+        raise ValueError(f"The focal length of lenslets must be finite and not 0, got {f!r}.")
     values = tuple(float(value) for value in lengths)
     units.LENSLET_FOCAL_LENGTH.check(values, "The focal length of lenslets")
     if len(set(values)) < len(values):

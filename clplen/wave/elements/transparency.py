@@ -204,7 +204,9 @@ def _pixel_grid(
     """Return the pixels of a picture as a grid, with messages about a picture."""
     spacing = np.broadcast_to(float64_array(pitch), (2,))
     if not (np.isfinite(spacing).all() and (spacing > 0).all()):
-        raise ValueError(f"A picture's pitch is positive and finite, in metres, not {pitch!r}.")
+        raise ValueError(
+            f"A picture's pitch must be positive and finite, in metres, got {pitch!r}."
+        )
     units.PITCH.check(pitch, "A picture's pitch")
     check_centre(centre, "a picture")
     return Grid((shape[0], shape[1]), (float(spacing[0]), float(spacing[1])), origin=centre)
@@ -502,7 +504,7 @@ def siemens_star(
     if not is_integer(spokes) or spokes < 2:
         raise ValueError(f"A Siemens star has an integer of at least 2 spokes, not {spokes!r}.")
     if not (fits_float64(diameter) and diameter > 0):
-        raise ValueError(f"The diameter of a star is positive, in metres, not {diameter!r}.")
+        raise ValueError(f"The diameter of a star must be positive, in metres, got {diameter!r}.")
     units.DIAMETER.check(diameter, "The diameter of a star")
     check_centre(centre, "a star")
     _check_two_axes(grid)
@@ -532,7 +534,7 @@ def _groups(groups: Sequence[int]) -> list[int]:
         or len(set(numbers)) < len(numbers)
     ):
         raise ValueError(
-            f"The groups of a target are different integers, such as (0, 1), not {groups!r}."
+            f"The groups of a target must be different integers, such as (0, 1), got {groups!r}."
         )
     return sorted(int(g) for g in numbers)
 

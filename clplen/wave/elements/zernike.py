@@ -161,7 +161,7 @@ def noll(j: int) -> tuple[int, int]:
     [(2, -2), (2, 2), (4, 0)]
     """
     if not is_integer(j) or j < 1:
-        raise ValueError(f"Noll's index is an integer of at least 1, not {j!r}.")
+        raise ValueError(f"Noll's index must be an integer of at least 1, got {j!r}.")
     j = int(j)
     n = (math.isqrt(8 * j - 7) - 1) // 2
     rank = j - n * (n + 1) // 2 - 1
@@ -199,7 +199,7 @@ def osa(j: int) -> tuple[int, int]:
     [(2, -2), (2, 2), (4, 0)]
     """
     if not is_integer(j) or j < 0:
-        raise ValueError(f"The OSA index is an integer of at least 0, not {j!r}.")
+        raise ValueError(f"The OSA index must be an integer of at least 0, got {j!r}.")
     j = int(j)
     n = (math.isqrt(8 * j + 1) - 1) // 2
     return n, 2 * j - n * (n + 2)
@@ -268,7 +268,7 @@ def phase_plate(
     require_field(field)
     terms = plate_terms(coefficients, indexing)
     if not (fits_float64(diameter) and diameter > 0):
-        raise ValueError(f"The diameter of a plate is positive, in metres, not {diameter!r}.")
+        raise ValueError(f"The diameter of a plate must be positive, in metres, got {diameter!r}.")
     units.DIAMETER.check(diameter, "The diameter of a plate")
     check_centre(centre, "a plate")
     path, on_plate = wavefront(field.grid, terms, diameter=diameter, centre=centre)
@@ -319,7 +319,7 @@ def wavefront(
     ((64, 64), '-87 to 87 nm')
     """
     if not (is_finite(diameter) and diameter > 0):
-        raise ValueError(f"A diameter is a positive number of metres, not {diameter!r}.")
+        raise ValueError(f"A diameter must be a positive number of metres, got {diameter!r}.")
     on_plate, rho, theta = plate_coordinates(grid, diameter, centre)
     path = np.zeros(grid.shape)
     for (n, m), metres in terms.items():
@@ -346,11 +346,11 @@ def plate_terms(
     if indexing not in ("noll", "osa"):
         raise ValueError(f"indexing must be 'noll' or 'osa', got {indexing!r}.")
     if not isinstance(coefficients, Mapping):
-        raise TypeError(f"The coefficients are {{index: metres}}, not {coefficients!r}.")
+        raise TypeError(f"The coefficients must be {{index: metres}}, got {coefficients!r}.")
     for j, metres in coefficients.items():
         if not fits_float64(metres):
             raise ValueError(
-                f"Coefficient {j!r} of the plate is finite, in metres, not {metres!r}."
+                f"Coefficient {j!r} of the plate must be finite, in metres, got {metres!r}."
             )
         units.WAVEFRONT.check(metres, f"Coefficient {j!r} of the plate")
     orders = noll if indexing == "noll" else osa
