@@ -133,7 +133,7 @@ def test_wavelengths_out_of_range():
         ("fused silica", 4e-6, r"within 210 nm to 3.71 um for fused silica, got 4e-06 m\.$"),
         ("PMMA", [5e-7, 1.06e-6, 2e-6], "got 1.06e-06 m"),
         ("F2", np.nan, "got nan m"),
-        ("F2", -5e-7, "not at -5e-07 m"),
+        ("F2", -5e-7, "got -5e-07 m"),
         ("F2", 0, "not at 0 m"),
         ("F2", np.inf, "not at inf m"),
     ]:

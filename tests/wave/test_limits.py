@@ -118,7 +118,7 @@ def test_a_kernel_is_sampled_from_two_samples_on():
     for z in (0.3e-6, 0.9e-6):
         made = report_of(fine, z, "rs")
         assert (made.fully_sampled_from, made.fully_sampled_to) == (2 * 0.25e-6, math.inf)
-    assert "aliased: it is sampled from 5e-07 m on" in report_of(fine, 0.3e-6, "rs").warning
+    assert "aliased below 5e-07 m" in report_of(fine, 0.3e-6, "rs").warning
     # On coarser samples the steepest ray decides: f_geo = f_nyq.
     grid = Grid((1, 100), 2e-6)
     nearest = 200e-6 * math.sqrt((4e-6 / LAM) ** 2 - 1)

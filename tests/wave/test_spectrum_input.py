@@ -60,7 +60,7 @@ def test_files_of_the_wrong_kind(tmp_path):
 
 LIGHT = Spectrum.gaussian(550e-9, 30e-9)
 BAD = [
-    (lambda: Spectrum.monochromatic(633), r"^633 m is not a .*  in metres, did you mean 633e-9\?$"),
+    (lambda: Spectrum.monochromatic(633), r"^633 m is not a .* in metres, did you mean 633e-9\?$"),
     (lambda: Spectrum.gaussian(0.633, 1e-9), r"did you mean 0\.633e-6\?$"),
     (lambda: Spectrum.gaussian(-5e-7, 1e-9), "-5e-07 m is not a wavelength"),
     (lambda: Spectrum.gaussian(math.nan, 1e-9), "finite number of metres, not nan"),

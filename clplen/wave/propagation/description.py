@@ -149,7 +149,7 @@ class Request:
             return self.guard
         spans = [self.span(axis) for axis in self.axes]
         far = any(
-            (span.lit + span.wanted) ** 2 < 16 * span.wavelength * abs(span.z) for span in spans
+            (span.lit + span.output) ** 2 < 16 * span.wavelength * abs(span.z) for span in spans
         )
         return FAR_GUARD if far else GUARD
 
