@@ -623,7 +623,7 @@ def test_what_is_said_about_an_odd_picture(tmp_path: Path):
 
 def test_what_is_said_about_an_odd_spectrum(tmp_path: Path):
     for keys, said in (
-        ("fwhm_nm = 300", r"^coherence\.fwhm_nm: The FWHM is positive and below half"),
+        ("fwhm_nm = 300", r"^coherence\.fwhm_nm: The FWHM must be positive and below half"),
         ('spectrum_file = "a.png"', r"^coherence\.spectrum_file: .*a\.png is not a text file"),
         ("lines_nm = [5e8, 3]", r"^coherence\.lines_nm: 0\.5 m is not a wavelength of light"),
         ("lines_nm = [500, 501]\nline_powers = [0, 0]", r"^coherence\.lines_nm: The powers of"),

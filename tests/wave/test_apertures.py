@@ -181,7 +181,7 @@ def test_what_is_no_aperture(device):
     pentagram = 40e-6 * np.stack([np.sin(STAR), np.cos(STAR)], axis=-1)
     rows = [
         (polygonal_aperture, [(0, 0), (1, 1)], {}, r"shape \(n, 2\), n at least 3, .* \(2, 2\)"),
-        (polygonal_aperture, [(0, 0, 0)] * 4, {}, r"not \(4, 3\)"),
+        (polygonal_aperture, [(0, 0, 0)] * 4, {}, r"got \(4, 3\)"),
         (polygonal_aperture, [(0, 0), (1e-5, np.nan), (0, 1)], {}, "all finite"),
         (polygonal_aperture, [(0, 0), (1e-5, 1e-5), (2e-5, 2e-5)], {}, "must enclose an area"),
         (polygonal_aperture, [(0, 0), (0, 1e-5), (0, 2e-5)], {}, "must enclose an area"),

@@ -50,7 +50,7 @@ REFUSED = [  # distance, options of propagate, words
     (-1e300, {}, r"z must be at most 1e\+12 m, got "),
     ([[1e-3, 2e-3]], {}, "z must be a distance or a list of distances"),
     ([], {}, "z must be a distance or a list of distances"),
-    (1e-3, {"method": "asm"}, f"no method 'asm'; use one of {NAMES}"),
+    (1e-3, {"method": "asm"}, f"method must be one of {NAMES}, got 'asm'"),
     (1e-3, {"pad": 0.5}, "pad must be at least 1 and finite, got 0.5"),
     (1e-3, {"pad": math.nan}, "pad must be at least 1 and finite, got nan"),
     (1e-3, {"guard": -1}, "number of Fresnel widths, at least 0, got -1"),
@@ -80,7 +80,7 @@ def test_wrong_plans_get_a_sentence(device, precise, monkeypatch):
     other = re.escape(f"{FINITE}[0.001, 0.002]")
     for z, options, words in (
         ([1e-3, 2e-3], {}, other),
-        (1e-3, {"phase": "fast"}, "no phase route 'fast'; use one of tables, fp64, twofl"),
+        (1e-3, {"phase": "fast"}, "phase must be one of tables, fp64, twofloat, got 'fast'"),
         (1e-3, {"wavelength": -550e-9}, "wavelength must be positive, in metres, got -5.5e-07"),
     ):
         with pytest.raises(ValueError, match=words):

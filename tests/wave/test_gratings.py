@@ -163,10 +163,10 @@ def test_what_is_no_grating_and_no_axicon(device):
         ({"offset": np.nan}, "offset of a grating must be finite"),
         ({"duty": 0}, "duty of a grating must lie between 0 and 1"),
         ({"duty": 1.5}, "duty of a grating must lie between 0 and 1"),
-        ({"depth": 1}, "binary grating has no depth"),
-        ({"kind": "phase"}, "needs its depth"),
+        ({"depth": 1}, "must be None for a binary grating"),
+        ({"kind": "phase"}, "requires depth="),
         ({"kind": "phase", "depth": np.nan}, "depth of a grating must be finite"),
-        ({"kind": "sinusoidal", "depth": 1.1}, r"lies in 0\.\.1"),
+        ({"kind": "sinusoidal", "depth": 1.1}, "must be from 0 to 1"),
     ]:
         options = {"period": 4e-6} | change
         with pytest.raises(ValueError, match=message):

@@ -94,16 +94,16 @@ def test_a_surface_must_not_end_within_a_lenslet():
 
 def test_bad_surfaces():
     for arguments, more, message in [
-        ((0, 1.5), {}, "radius of a surface is not 0"),
-        ((np.nan, 1.5), {}, "radius of a surface is finite"),
-        (("1", 1.5), {}, "radius of a surface is a number"),
+        ((0, 1.5), {}, "radius of a surface must not be 0"),
+        ((np.nan, 1.5), {}, "radius of a surface must be finite"),
+        (("1", 1.5), {}, "radius of a surface must be a number"),
         ((290, 1.5), {}, "radius of a surface is in metres.*did you mean 0.29"),
         ((1e-3, 1), {}, "index of a surface must be above 0 and not 1"),
         ((1e-3, -1.5), {}, "index of a surface must be above 0 and not 1"),
-        ((1e-3, None), {}, "glass of a surface is a Glass, the name of one, or an index"),
+        ((1e-3, None), {}, "glass of a surface, if not a Glass or its name, must be"),
         ((1e-3, "BK7"), {}, "no glass 'BK7'.*Did you mean N-BK7"),
-        ((1e-3, 1.5), {"conic": np.inf}, "conic constant of a surface is finite"),
-        ((1e-3, 1.5), {"aspheric": (1, None)}, "aspheric coefficient of a surface is a number"),
+        ((1e-3, 1.5), {"conic": np.inf}, "conic constant of a surface must be finite"),
+        ((1e-3, 1.5), {"aspheric": (1, None)}, "aspheric coefficient of a surface must be a number"),
         ((1e-3, 1.5), {"design_wavelength": 550}, "did you mean 5.5e-07"),
         ((1e-3, "N-BK7"), {"design_wavelength": 550}, "did you mean 5.5e-07"),
         ((1e-3, "N-BK7"), {"design_wavelength": 3e-6}, "within 300 nm to 2.5 um"),

@@ -62,7 +62,7 @@ def test_what_makes_no_curve() -> None:
         (lambda: SpectralDistribution([550.0, 600.0], [1, 1]), r"metres, did you mean 550e-9\?"),
         (lambda: SpectralDistribution([4e-7, 5e-7], [1, np.nan]), "Point 1 .* is not a number"),
         (lambda: SpectralDistribution([4e-7, 5e-7], [1, -1]), "Point 1 .* is negative"),
-        (lambda: SpectralDistribution([5e-7, 4e-7], [1, 1]), "wavelengths rise"),
+        (lambda: SpectralDistribution([5e-7, 4e-7], [1, 1]), "wavelengths must rise"),
         (lambda: SpectralDistribution([4e-7, 5e-7], [0, 0]), "every value is 0"),
         (lambda: SpectralDistribution([4e-7, 5e-7], [1, 1, 1]), "rows of equal length"),
         (lambda: SpectralDistribution([4e-7], [1]), "at least two points"),

@@ -136,8 +136,8 @@ def test_area_and_middle_of_a_star():
 
 def test_bad_stars():
     for change, error, message in [
-        ({"spokes": 1}, ValueError, "at least 2 spokes"),
-        ({"spokes": 3.5}, ValueError, "at least 2 spokes"),
+        ({"spokes": 1}, ValueError, "spokes must be an integer of at least 2"),
+        ({"spokes": 3.5}, ValueError, "spokes must be an integer of at least 2"),
         ({"diameter": -1}, ValueError, "diameter of a star must be positive"),
         ({"diameter": np.inf}, ValueError, "diameter of a star must be positive"),
         ({"centre": (0, np.nan)}, ValueError, "centre of a star is finite"),

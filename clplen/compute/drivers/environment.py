@@ -153,7 +153,7 @@ def _is_complete(path: str) -> bool:
     with open(path, "rb", buffering=0) as file:
         size = os.fstat(file.fileno()).st_size
         head = file.read(64)
-        if path.endswith(".so"):  # ELF; its table of sections stands at the end
+        if path.endswith(".so"):  # ELF; its table of sections is at the end
             if head[:5] != b"\x7fELF\x02":
                 return head[:5] == b"\x7fELF\x01" and size > 64
             table, length, count = (

@@ -287,7 +287,7 @@ class _Worker:
         """Apply ``lines`` along the last axis of a block, into ``target`` or a slot.
 
         Windows of samples use the slot ``slots[0]`` and transforms ``slots[1]``. ``values`` are
-        overwritten only if ``in_place``; they then lie in ``slots[1]``.
+        overwritten only if ``in_place``; they are then in ``slots[1]``.
         """
         active = [line for line in lines if line.kind != "none"]
         for line in active:

@@ -186,9 +186,7 @@ def half_plane(distance: Values, width: tuple[float, float]) -> Values:
 
 def _check(period: float, kind: str, orientation: float, duty: float, offset: float) -> None:
     if kind not in ("binary", "sinusoidal", "phase", "blazed"):
-        raise ValueError(
-            f"A grating must be 'binary', 'sinusoidal', 'phase' or 'blazed', got {kind!r}."
-        )
+        raise ValueError(f"kind must be 'binary', 'sinusoidal', 'phase' or 'blazed', got {kind!r}.")
     if not (fits_float64(period) and period > 0):
         raise ValueError(f"The period of a grating must be positive, in metres, got {period!r}.")
     units.PITCH.check(period, "The period of a grating")
@@ -205,14 +203,14 @@ def _check(period: float, kind: str, orientation: float, duty: float, offset: fl
 def _depth(kind: str, depth: float | None) -> float:
     """Return the depth of a kind, or its default."""
     if kind == "binary" and depth is not None:
-        raise ValueError(f"A binary grating has no depth; got {depth!r}.")
+        raise ValueError(f"depth must be None for a binary grating, got {depth!r}.")
     if kind == "phase" and depth is None:
-        raise ValueError("A phase grating needs its depth in radians.")
+        raise ValueError("A phase grating requires depth= in radians.")
     value = {"sinusoidal": 1.0, "blazed": 2 * np.pi}.get(kind, 0.0) if depth is None else depth
     if not fits_float64(value):
         raise ValueError(f"The depth of a grating must be finite, got {depth!r}.")
     if kind == "sinusoidal" and not 0 <= value <= 1:
-        raise ValueError(f"The depth of a sinusoidal grating lies in 0..1, not {depth!r}.")
+        raise ValueError(f"depth of a sinusoidal grating must be from 0 to 1, got {depth!r}.")
     return value
 
 

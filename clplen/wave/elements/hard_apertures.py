@@ -171,7 +171,7 @@ def aperture(
     check_centre(centre, "an aperture")
     check_edges(edges)
     if shape not in ("circular", "square"):
-        raise ValueError(f"An aperture must be 'circular' or 'square', got {shape!r}.")
+        raise ValueError(f"shape must be 'circular' or 'square', got {shape!r}.")
     if shape == "square" or 1 in field.grid.shape:
         return _upright(field, (diameter, diameter), centre, edges)
     if edges == "area":
@@ -344,11 +344,10 @@ def polygonal_aperture(field: Field, vertices: Any, *, edges: Edges = "area") ->
     corners = real_array(vertices, "vertices", np.float64)
     if corners.ndim != 2 or corners.shape[0] < 3 or corners.shape[1] != 2:
         raise ValueError(
-            f"A polygon has vertices of shape (n, 2), n at least 3, (y, x) in metres, not "
-            f"{corners.shape}."
+            f"vertices must have shape (n, 2), n at least 3, (y, x) in metres, got {corners.shape}."
         )
     if not np.isfinite(corners).all():
-        raise ValueError("The vertices of a polygon are all finite, (y, x) in metres.")
+        raise ValueError("vertices must be all finite, (y, x) in metres.")
     if 1 in field.grid.shape:
         raise ShapeError(
             "A polygon or rotated rectangle requires a grid without axes of length 1, got shape "

@@ -75,13 +75,13 @@ class LensletSurface:
         design_wavelength: float = LINE_D,
     ) -> None:
         material = _material(glass, "a surface")
-        size = _number(radius, "The radius of a surface is")
+        size = _number(radius, "The radius of a surface")
         if size == 0:
-            raise ValueError("The radius of a surface is not 0: a plane has no focal length.")
+            raise ValueError("The radius of a surface must not be 0.")
         _LARGEST_RADIUS.check(size, "The radius of a surface")
         if not isinstance(material, Glass):
             units.WAVELENGTH.check(design_wavelength, "The design wavelength of a surface")
-        wavelength = _number(design_wavelength, "The design wavelength of a surface is")
+        wavelength = _number(design_wavelength, "The design wavelength of a surface")
         if not wavelength > 0:
             raise ValueError(
                 f"The design wavelength of a surface must be positive, got {design_wavelength!r}."
@@ -90,10 +90,8 @@ class LensletSurface:
         values = {
             "radius": size,
             "glass": material,
-            "conic": _number(conic, "The conic constant of a surface is"),
-            "aspheric": tuple(
-                _number(a, "An aspheric coefficient of a surface is") for a in aspheric
-            ),
+            "conic": _number(conic, "The conic constant of a surface"),
+            "aspheric": tuple(_number(a, "An aspheric coefficient of a surface") for a in aspheric),
             "design_wavelength": wavelength,
         }
         for name, value in values.items():
@@ -203,7 +201,7 @@ class LensletMap:
     >>> measured
     LensletMap(values=<float64 (17, 17)>, pitch=(8e-06, 8e-06), complete=True)
     >>> mla = clplen.MicrolensArray(120e-6, 1.935e-3, count=4, map=measured)
-    >>> mla.count, mla.map.is_per_lenslet  # the same for all lenslets
+    >>> mla.count, mla.map.is_per_lenslet  # common to all lenslets
     ((4, 4), False)
     """
 
@@ -234,7 +232,7 @@ class LensletMap:
         values = _finite(real_array(sag if phase is None else phase, what, np.float64), what)
         if wavelength is not None:
             units.WAVELENGTH.check(wavelength, "The wavelength of a map")
-            lam = _number(wavelength, "The wavelength of a map is")
+            lam = _number(wavelength, "The wavelength of a map")
             if not lam > 0:
                 raise ValueError(f"The wavelength of a map must be positive, got {wavelength!r}.")
             values = values * (lam / (2 * np.pi))
@@ -396,7 +394,7 @@ def _material(glass: Any, what: str) -> Glass | float:
         return Glass.named(glass)
     if isinstance(glass, Glass):
         return glass
-    index = _number(glass, f"The glass of {what} is a Glass, the name of one, or an index:")
+    index = _number(glass, f"The glass of {what}, if not a Glass or its name,")
     if index <= 0 or index == 1:
         raise ValueError(f"The index of {what} must be above 0 and not 1, got {glass!r}.")
     return index
@@ -405,7 +403,7 @@ def _material(glass: Any, what: str) -> Glass | float:
 def _number(value: Any, what: str) -> float:
     """Return a finite number, or raise a ValueError."""
     if isinstance(value, bool) or not isinstance(value, int | float | np.number):
-        raise ValueError(f"{what} a number, not {value!r}.")
+        raise ValueError(f"{what} must be a number, got {value!r}.")
     if not fits_float64(value):
-        raise ValueError(f"{what} finite, not {value!r}.")
+        raise ValueError(f"{what} must be finite, got {value!r}.")
     return float(value)

@@ -178,20 +178,20 @@ def picture_of(amplitude: Any, phase: Any) -> Picture:
     }
     for name, part in arrays.items():
         if part.ndim != 2 or 0 in part.shape:
-            raise ShapeError(f"The {name} of a picture has shape (ny, nx), not {part.shape}.")
+            raise ShapeError(f"{name} must have shape (ny, nx), got {part.shape}.")
         bad = int(np.count_nonzero(~np.isfinite(part)))
         if bad:
             raise ValueError(
-                f"The {name} of the picture has {bad} values that are NaN or infinite: replace "
-                "them, by 0 for no light."
+                f"{name} must be finite, got {bad} values that are NaN or infinite; replace them, "
+                "for example by 0."
             )
     if len({part.shape for part in arrays.values()}) == 2:
         raise ShapeError(
-            f"The amplitude has shape {arrays['amplitude'].shape}, the phase "
-            f"{arrays['phase'].shape}: they must agree."
+            f"phase must have the shape of amplitude, {arrays['amplitude'].shape}, got "
+            f"{arrays['phase'].shape}."
         )
     if phase is not None and np.iscomplexobj(arrays["phase"]):
-        raise ValueError("The phase of a picture is real, in radians; an amplitude may be complex.")
+        raise ValueError("phase must be real, in radians; pass complex values as amplitude.")
     if phase is None:
         values = arrays["amplitude"]
         return values.astype(np.complex128 if np.iscomplexobj(values) else np.float64)
@@ -502,7 +502,7 @@ def siemens_star(
     """
     require_grid(grid)
     if not is_integer(spokes) or spokes < 2:
-        raise ValueError(f"A Siemens star has an integer of at least 2 spokes, not {spokes!r}.")
+        raise ValueError(f"spokes must be an integer of at least 2, got {spokes!r}.")
     if not (fits_float64(diameter) and diameter > 0):
         raise ValueError(f"The diameter of a star must be positive, in metres, got {diameter!r}.")
     units.DIAMETER.check(diameter, "The diameter of a star")

@@ -160,7 +160,7 @@ def guarded_band(span: AxisSpan, guard: float = GUARD) -> Band:
     outer_high = high + guard * span.fresnel_width(*ends[1])
     clipped = (outer_low <= -span.nyquist, outer_high >= span.nyquist)
     f_low, f_high = max(outer_low, -span.nyquist), min(outer_high, span.nyquist)
-    # Off the axis a ray with a larger displacement along the other axis has a larger one here, too.
+    # Off the axis, displacements of a ray along both axes grow together.
     across = span.across if span.across[0] > 0 else (0.0, 0.0)
     back = min(span.displacement(f_low, other) for other in across)
     ahead = max(span.displacement(f_high, other) for other in across)

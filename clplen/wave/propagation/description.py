@@ -167,7 +167,7 @@ def _check_numbers(r: Request) -> None:
             f"out_grid must be a Grid, such as Grid((ny, nx), pitch), got {r.out_grid!r}."
         )
     if r.method not in METHODS:
-        raise ValueError(f"There is no method {r.method!r}; use one of {', '.join(METHODS)}.")
+        raise ValueError(f"method must be one of {', '.join(METHODS)}, got {r.method!r}.")
     if not is_finite(r.z):
         raise ValueError(f"z must be a finite number of metres, got {r.z!r}.")
     if abs(r.z) > FARTHEST:

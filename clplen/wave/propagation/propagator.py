@@ -159,7 +159,7 @@ class Propagator(Solvable):
     def _prepare(self, request: Request, device: DeviceLike | None, phase: str | None) -> None:
         device = as_device(device)
         if phase is not None and phase not in PHASES:
-            raise ValueError(f"There is no phase route {phase!r}; use one of {', '.join(PHASES)}.")
+            raise ValueError(f"phase must be one of {', '.join(PHASES)}, got {phase!r}.")
         if phase not in (None, "tables") and device.precision == "double":
             raise ValueError(f"phase must be 'tables' in double precision, got {phase!r}.")
         if phase == "fp64" and not device.has_fp64:

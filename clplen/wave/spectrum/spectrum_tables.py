@@ -133,12 +133,12 @@ def fault_of(wavelengths: Vector, values: Vector) -> tuple[int | None, str] | No
             return i, fault
         if not fits_float64(value) or value < 0:
             why = "is not a number" if not fits_float64(value) else "is negative"
-            return i, f"the value {value:g} {why}: a density is at least 0, set noise below 0 to 0."
+            return i, f"the value {value:g} {why}; set negative noise to 0."
         if i and lam <= wavelengths[i - 1]:
             before = metres(float(wavelengths[i - 1]))
-            return i, f"{metres(lam)} comes after {before}: wavelengths rise, sort them."
+            return i, f"wavelengths must rise, got {metres(lam)} after {before}; sort them."
     if len(values) < 2:
-        return None, f"A tabulated spectrum has at least two points, not {len(values)}."
+        return None, f"A tabulated spectrum must have at least two points, got {len(values)}."
     if not values.any():
         return None, "A spectrum is empty: every value is 0."
     return None
@@ -147,7 +147,7 @@ def fault_of(wavelengths: Vector, values: Vector) -> tuple[int | None, str] | No
 def _no_wavelength(value: object) -> str:
     """Return a message unless a value is a wavelength of light in metres."""
     if not is_finite(value):
-        return f"A wavelength is a finite number of metres, not {value!r}."
+        return f"A wavelength must be a finite number of metres, got {value!r}."
     if SHORTEST <= value <= LONGEST:  # type: ignore[operator]
         return ""
     return f"{value:g} m is not a wavelength of light: wavelengths are in metres{_hint(value)}"
