@@ -227,9 +227,7 @@ def test_a_lens_is_called_aliased_where_it_raises():
         if found.is_sampled(found.alone):
             check_lens_sampling(grid, f, radius, LAM, "raise")
         else:
-            with pytest.raises(
-                SamplingError, match=f"{found.shortest_focal_length:.4g} m"
-            ):
+            with pytest.raises(SamplingError, match=f"{found.shortest_focal_length:.4g} m"):
                 check_lens_sampling(grid, f, radius, LAM, "raise")
         assert found.alone == pytest.approx(0.5 / found.f_number)
 

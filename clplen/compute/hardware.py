@@ -10,7 +10,7 @@ from typing import Any
 import pyopencl as cl
 
 from clplen.compute.drivers import pocl, selection
-from clplen.compute.drivers.failures import device_errors, is_want_of_memory
+from clplen.compute.drivers.failures import device_errors, is_out_of_memory
 from clplen.compute.drivers.forked import Guard, HoldsOpenCL
 from clplen.compute.profile import Profile
 from clplen.errors import warn_caller
@@ -64,7 +64,7 @@ class Hardware(HoldsOpenCL):
         try:
             return cl.Context([self.cl_device])
         except cl.Error as error:
-            if not is_want_of_memory(error):
+            if not is_out_of_memory(error):
                 raise
         gc.collect()
         return cl.Context([self.cl_device])

@@ -23,7 +23,7 @@ import pyopencl.array as cla
 from pyopencl.tools import ImmediateAllocator, MemoryPool
 
 from clplen.compute.drivers import limits
-from clplen.compute.drivers.failures import device_errors, is_want_of_memory
+from clplen.compute.drivers.failures import device_errors, is_out_of_memory
 from clplen.compute.drivers.forked import Guard, require_own_process
 from clplen.compute.fft.plans import PlanCache, Workspace
 from clplen.compute.hardware import Hardware
@@ -166,7 +166,9 @@ class Memory(Hardware):
         pooled_bytes = self._spare.managed_bytes
         allocator = self._spare if spare else self._allocator
         with device_errors(self.cl_device, what):
-            array = self.roomy(lambda: cla.empty(self.queue, shape, dtype, allocator=allocator))
+            array = self.retry_with_room(
+                lambda: cla.empty(self.queue, shape, dtype, allocator=allocator)
+            )
         if self.is_cpu and self._spare.managed_bytes > pooled_bytes:
             ask_for_large_pages(self.queue, _buffer(array))
         self._trim()
@@ -197,7 +199,7 @@ class Memory(Hardware):
             for pool in pools:
                 pool.free_held()
 
-    def roomy(self, act: Callable[[], T]) -> T:
+    def retry_with_room(self, act: Callable[[], T]) -> T:
         """Return ``act()``; after an out-of-memory error free spare memory and retry once."""
         try:
             return act()
@@ -207,7 +209,7 @@ class Memory(Hardware):
 
     def make_room(self, error: Exception) -> None:
         """Free spare memory after an out-of-memory error; raise any other error again."""
-        if not is_want_of_memory(error):
+        if not is_out_of_memory(error):
             raise error
         self.free_spare()
 
@@ -250,7 +252,9 @@ class Memory(Hardware):
             flags = cl.mem_flags.READ_WRITE | cl.mem_flags.COPY_HOST_PTR
             self._require_room(values.nbytes, what)
             with device_errors(self.cl_device, what):
-                buffer = self.roomy(lambda: cl.Buffer(self.context, flags, hostbuf=values))
+                buffer = self.retry_with_room(
+                    lambda: cl.Buffer(self.context, flags, hostbuf=values)
+                )
             return cla.Array(self.queue, values.shape, values.dtype, data=buffer)
         array = self.empty(values.shape, values.dtype)
         if values.nbytes:
@@ -265,7 +269,7 @@ class Memory(Hardware):
         what = f"A copy to the host, of shape {array.shape} ({array.dtype}),"
         self._require_room(array.nbytes, what)
         with device_errors(self.cl_device, what):
-            values = self.roomy(lambda: np.empty(array.shape, array.dtype))
+            values = self.retry_with_room(lambda: np.empty(array.shape, array.dtype))
         if values.nbytes:
             with device_errors(self.cl_device, "A copy to the host"):
                 event = cl.enqueue_copy(

@@ -128,7 +128,7 @@ def test_a_failing_thread_stops_the_others_before_their_memory_is_lent_again(
         patch.setattr(columns, "Slots", numbered)
         patch.setattr(columns._Worker, "apply", one_fails)
         patch.setattr(on, "workspace", workspace)
-        patch.setattr(on, "roomy", lambda act: act())  # once only
+        patch.setattr(on, "retry_with_room", lambda act: act())  # once only
         with pytest.raises(DeviceError, match="no room"):
             run(on.upload(u), maps, [], [], on)
     assert workspace.found == [0]

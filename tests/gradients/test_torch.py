@@ -186,9 +186,7 @@ def test_numbers_that_are_not_finite_are_named_where_they_arise(device) -> None:
             ValueError, match=r"gradient through <Broken> has 1 value .*input is finite"
         ):
             gradients.apply(broken, x).sum().backward()
-        with pytest.raises(
-            ValueError, match=r"gradient passed to <Broken> has .* values that are"
-        ):
+        with pytest.raises(ValueError, match=r"gradient passed to <Broken> has .* values that are"):
             (gradients.apply(broken, x).sum() * torch.inf).backward()
         with pytest.raises(ValueError, match=r"The input of .*Copied.* has [\d,]+ values"):
             gradients.apply(copied, x * torch.nan)

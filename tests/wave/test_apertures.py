@@ -194,11 +194,21 @@ def test_what_is_no_aperture(device):
         (rectangular_aperture, 1e-5, {"rotation": np.nan}, "rotation must be finite"),
         (rectangular_aperture, 1e-5, {"centre": (0, np.inf)}, "centre of an aperture is finite"),
         *(
-            (annular_aperture, 5e-5, {"inner": inner}, "inner diameter of a ring must be at least 0")
+            (annular_aperture, 5e-5, {"inner": inner}, "ring must be at least 0")
             for inner in (-1e-6, 5e-5, np.nan)
         ),
-        (polygonal_aperture, ARROW, {"grid": Grid((1, 45), 2e-6)}, "without axes of length 1.* use rect"),
-        (rectangular_aperture, 1e-5, {"rotation": 0.1, "grid": Grid((45, 1), 2e-6)}, "without axes of length 1"),
+        (
+            polygonal_aperture,
+            ARROW,
+            {"grid": Grid((1, 45), 2e-6)},
+            "without axes of length 1.* use rect",
+        ),
+        (
+            rectangular_aperture,
+            1e-5,
+            {"rotation": 0.1, "grid": Grid((45, 1), 2e-6)},
+            "without axes of length 1",
+        ),
     ]
     for cut, shape, more, message in rows:
         with pytest.raises((ValueError, ShapeError), match=message):

@@ -140,7 +140,10 @@ def test_a_checkpoint_of_another_set_up_is_refused(device, tmp_path):
         ({"spectrum": Spectrum.lines([5e-7, 6e-7], [1, 1])}, r"its spectrum is None"),
         ({"grid": Grid((48, 60), (4e-6, 6e-6))}, r"its grid is .*3e-06"),
         ({"scale": 0.5}, r"its object is"),
-        ({"label": "two lenses"}, r"its label is a lens, this run's is two lenses\. Choose another"),
+        (
+            {"label": "two lenses"},
+            r"its label is a lens, this run's is two lenses\. Choose another",
+        ),
     ]:
         file = tmp_path / "run.npz"
         run(device, snapshots=3, checkpoint=(file, "a lens"))

@@ -86,7 +86,9 @@ def test_wrong_plans_get_a_sentence(device, precise, monkeypatch):
         with pytest.raises(ValueError, match=words):
             Propagator(GRID, z, **{"wavelength": LAM, "device": device, **options})
     for phase in ("fp64", "twofloat"):
-        with pytest.raises(ValueError, match=f"phase must be 'tables' in double precision, got '{phase}'"):
+        with pytest.raises(
+            ValueError, match=f"phase must be 'tables' in double precision, got '{phase}'"
+        ):
             Propagator(GRID, 1e-3, wavelength=LAM, device=precise, phase=phase)
     monkeypatch.setattr(device, "has_fp64", False)
     with pytest.raises(ValueError, match="has no double precision: use phase='twofloat'"):
@@ -107,7 +109,9 @@ def test_most_methods_keep_the_grid(device):
     outs = (COARSE, Grid((9, 8), 3e-6), Grid((8, 9), 3e-6, origin=(0, 1e-6)))
     for method in KEEPS_THE_GRID:
         assert Request(GRID, 1e-3, LAM, method, out_grid=Grid((8, 9), 3e-6)).target == GRID
-        text = f"method='{method}' requires the grid of the field, .* method='cblas' supports any grid"
+        text = (
+            f"method='{method}' requires the grid of the field, .* method='cblas' supports any grid"
+        )
         for out in (*outs, Grid((8, 9), (3e-6, 3.0001e-6))):
             with pytest.raises(SamplingError, match=text):
                 propagate(ones(device), 1e-3, method=method, out_grid=out)

@@ -177,12 +177,20 @@ def test_bad_input(device):
         (lambda: PUPIL(thing, snapshots=3), TypeError, "snapshots require coherence="),
         (lambda: propagate(thing, 1e-3, snapshots=3), TypeError, "snapshots"),
         (lambda: PUPIL(thing, coherence=mask), TypeError, "coherence must be a Coherence"),
-        (lambda: propagate(thing, 1e-3, coherence="led"), TypeError, "coherence must be a Coherence"),
+        (
+            lambda: propagate(thing, 1e-3, coherence="led"),
+            TypeError,
+            "coherence must be a Coherence",
+        ),
         (lambda: PUPIL(batch, coherence=light), ShapeError, "a single object"),
         (lambda: Coherence().average(two, thing), ShapeError, r"batch of shape \(2, 64, 64\)"),
         (lambda: light.average(two, thing, snapshots=2), ShapeError, "batch of shape"),
         (lambda: PUPIL(thing, coherence=still, method="abbe"), ValueError, "jitter=True"),
-        (lambda: PUPIL(thing, coherence=Coherence(), region=outside), ValueError, "must contain pixels"),
+        (
+            lambda: PUPIL(thing, coherence=Coherence(), region=outside),
+            ValueError,
+            "must contain pixels",
+        ),
         (lambda: PUPIL(thing, coherence=light, region=outside), ValueError, "must contain pixels"),
         (
             lambda: Coherence(None, spectrum).average(Space(0.1, method="fresnel-1fft"), thing),
@@ -198,7 +206,11 @@ def test_bad_input(device):
             ValueError,
             "auto, monte-carlo, abbe",
         ),
-        (lambda: fine.snapshots(GRID, wavelength=LAM, device=device), SamplingError, "integer number|fewer than"),
+        (
+            lambda: fine.snapshots(GRID, wavelength=LAM, device=device),
+            SamplingError,
+            "integer number|fewer than",
+        ),
         (
             lambda: Coherence.plan(OpticalSystem([0.1]), snr=5, grid=GRID, wavelength=LAM),
             ValueError,

@@ -230,7 +230,9 @@ def test_a_grid_too_coarse():
     source.check(Grid((1, 8), (50e-6, 27.4e-6)), wavelength=WAVELENGTH)
     too_coarse = Grid((8, 8), (14e-6, 20e-6))
     for ask in (source.check, source.power_spectrum):
-        with pytest.raises(SamplingError, match=r"along y .* at most 13.75 um .* 4 mm .* got 14 um"):
+        with pytest.raises(
+            SamplingError, match=r"along y .* at most 13.75 um .* 4 mm .* got 14 um"
+        ):
             ask(too_coarse, wavelength=WAVELENGTH)
     with pytest.raises(SamplingError, match=r"along x .* at most 27.5 um .* 2 mm .* got 28 um"):
         source.check(Grid((8, 8), (10e-6, 28e-6)), wavelength=WAVELENGTH)

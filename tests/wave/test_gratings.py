@@ -147,7 +147,9 @@ def test_axicon_phase(device, precise):
 def test_aliased_axicon(device):
     light = ones(Grid((20, 24), (4e-6, 5e-6)), device)
     axicon(light, LAM / 10e-6)
-    with pytest.raises(SamplingError, match=r"samples of 5e-06 m; use a pitch of at most .* 2\.5e-06"):
+    with pytest.raises(
+        SamplingError, match=r"samples of 5e-06 m; use a pitch of at most .* 2\.5e-06"
+    ):
         axicon(light, LAM / 5e-6)
     with pytest.warns(SamplingWarning, match="axicon"):
         axicon(light, -LAM / 5e-6, aliasing="warn")

@@ -103,11 +103,19 @@ def test_bad_surfaces():
         ((1e-3, None), {}, "glass of a surface, if not a Glass or its name, must be"),
         ((1e-3, "BK7"), {}, "no glass 'BK7'.*Did you mean N-BK7"),
         ((1e-3, 1.5), {"conic": np.inf}, "conic constant of a surface must be finite"),
-        ((1e-3, 1.5), {"aspheric": (1, None)}, "aspheric coefficient of a surface must be a number"),
+        (
+            (1e-3, 1.5),
+            {"aspheric": (1, None)},
+            "aspheric coefficient of a surface must be a number",
+        ),
         ((1e-3, 1.5), {"design_wavelength": 550}, "did you mean 5.5e-07"),
         ((1e-3, "N-BK7"), {"design_wavelength": 550}, "did you mean 5.5e-07"),
         ((1e-3, "N-BK7"), {"design_wavelength": 3e-6}, "within 300 nm to 2.5 um"),
-        ((1e-3, 1.5), {"design_wavelength": -1e-6}, "design wavelength of a surface must be positive"),
+        (
+            (1e-3, 1.5),
+            {"design_wavelength": -1e-6},
+            "design wavelength of a surface must be positive",
+        ),
     ]:
         with pytest.raises(ValueError, match=message):
             LensletSurface(*arguments, **more)
@@ -201,7 +209,12 @@ def test_bad_maps():
             ValueError,
             "range of a map of sag is in metres, .*did you mean 1e-06",
         ),
-        ((GOOD,), {"pitch": 2e-5, "glass": 1}, ValueError, "index of a map must be above 0 and not 1"),
+        (
+            (GOOD,),
+            {"pitch": 2e-5, "glass": 1},
+            ValueError,
+            "index of a map must be above 0 and not 1",
+        ),
         ((GOOD,), {"pitch": 2e-5, "glass": 1.5, "origin": 0}, ValueError, "origin of a map"),
         (
             (),
@@ -222,9 +235,7 @@ def test_maps_that_do_not_fit(device):
         MicrolensArray(P, 1e-2, count=2, map=small)
     MicrolensArray(P, 1e-2, count=2, map=small, diameter=134e-6)
     even = LensletMap(np.zeros((8, 8)), pitch=20e-6, glass=1.5)
-    with pytest.raises(
-        ValueError, match="set origin= for sample 4"
-    ):
+    with pytest.raises(ValueError, match="set origin= for sample 4"):
         MicrolensArray(P, 1e-2, count=2, map=even)
     centred = LensletMap(np.zeros((8, 8)), pitch=20e-6, glass=1.5, origin=(10e-6, 10e-6))
     MicrolensArray(P, 1e-2, count=2, map=centred)

@@ -54,7 +54,9 @@ def test_files_of_the_wrong_kind(tmp_path):
     (tmp_path / "led.txt").write_text("500 1\n600 2")
     with pytest.raises(ValueError, match="unit must be 'm', 'um', 'nm' or None"):
         Spectrum.read(tmp_path / "led.txt", unit="angstrom")
-    with pytest.raises(FormatError, match=r"line 1: 500 m is not a wavelength .* did you mean 500e-9"):
+    with pytest.raises(
+        FormatError, match=r"line 1: 500 m is not a wavelength .* did you mean 500e-9"
+    ):
         Spectrum.read(tmp_path / "led.txt", unit="m")
 
 
@@ -65,7 +67,10 @@ BAD = [
     (lambda: Spectrum.gaussian(-5e-7, 1e-9), "-5e-07 m is not a wavelength"),
     (lambda: Spectrum.gaussian(math.nan, 1e-9), "finite number of metres, got nan"),
     (lambda: Spectrum.gaussian("550 nm", 1e-9), "finite number of metres, got '550 nm'"),
-    (lambda: Spectrum.gaussian(5e-7, 30), r"FWHM must be positive .* got 30 m, did you mean 30e-9\?$"),
+    (
+        lambda: Spectrum.gaussian(5e-7, 30),
+        r"FWHM must be positive .* got 30 m, did you mean 30e-9\?$",
+    ),
     (lambda: Spectrum.gaussian(5e-7, 0), "FWHM must be positive"),
     (lambda: Spectrum.gaussian(5e-7, 3e-7), "half the wavelength, 250 nm, got 3e-07"),
     (lambda: Spectrum.rectangular(5e-7, -1e-9), "width must be positive"),

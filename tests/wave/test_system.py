@@ -159,7 +159,11 @@ def test_bad_systems():
         (lambda: Stop(1e-3, centre=0), ValueError, r"centre of a stop must be \(y, x\)"),
         (lambda: ConvergingLight(-1), ValueError, "distance of the focus must be positive"),
         (lambda: imaging_system(-0.1, diameter=1), ValueError, "focal length .* positive"),
-        (lambda: imaging_system(0.1, diameter=0), ValueError, "diameter of its lens must be positive"),
+        (
+            lambda: imaging_system(0.1, diameter=0),
+            ValueError,
+            "diameter of its lens must be positive",
+        ),
         (
             lambda: imaging_system(0.1, diameter=1, magnification=0),
             ValueError,

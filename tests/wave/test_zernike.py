@@ -159,7 +159,9 @@ def test_aliased_plate_says_what_would_do(device):
     grid = Grid((40, 44), (4e-6, 5e-6))
     limit = LAM * 80e-6 / (4 * 5e-6)
     phase_plate(ones(grid, device), {2: 0.999 * limit}, diameter=160e-6)
-    message = r"steps by 6\.283 rad, more than pi, .* 5e-06 m apart; use a pitch of at most 2\.5e-06 m"
+    message = (
+        r"steps by 6\.283 rad, more than pi, .* 5e-06 m apart; use a pitch of at most 2\.5e-06 m"
+    )
     with pytest.raises(SamplingError, match=message):
         phase_plate(ones(grid, device), {2: 2 * limit}, diameter=160e-6)
     with pytest.warns(SamplingWarning, match="4e-06 m apart"):

@@ -21,7 +21,7 @@ def device_errors(device: cl.Device, step: str) -> Iterator[None]:
     try:
         yield
     except Exception as error:
-        if not (isinstance(error, cl.Error) or is_want_of_memory(error)):
+        if not (isinstance(error, cl.Error) or is_out_of_memory(error)):
             raise
         raise device_error(device, step, error) from error
 
@@ -34,7 +34,7 @@ _NO_MEMORY = (
 )
 
 
-def is_want_of_memory(error: BaseException | None) -> bool:
+def is_out_of_memory(error: BaseException | None) -> bool:
     """Return True if an error means that the device or the host is out of memory."""
     if isinstance(error, ClplenError):  # has a message of its own
         return False
@@ -48,7 +48,7 @@ def device_error(device: cl.Device, step: str, error: Exception) -> DeviceError:
         f"{device.name.strip()} ({device.platform.name.strip()} {device.driver_version.strip()})"
     )
     reason = (str(error).splitlines() or [type(error).__name__])[0]
-    if is_want_of_memory(error):
+    if is_out_of_memory(error):
         return DeviceError(
             f"{step} needs more memory than {where} has left ({reason}): use fewer planes or "
             "samples at a time, integer instead of float storage, or a device with more memory."

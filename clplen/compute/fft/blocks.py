@@ -135,7 +135,7 @@ def run(
             for spectrum, maps in zip(spectra, back, strict=True)
         ]
         with device_errors(device.cl_device, f"A Fourier transform of shape {data.shape}"):
-            device.roomy(
+            device.retry_with_room(
                 lambda: run_on_host(source, into, products, targets, device.fft, device.workspace)
             )
     return results

@@ -50,7 +50,7 @@ class TransformDevice(Protocol):
     @property
     def cl_device(self) -> cl.Device: ...
 
-    def roomy(self, act: Callable[[], T]) -> T: ...
+    def retry_with_room(self, act: Callable[[], T]) -> T: ...
 
     def timed(
         self, what: str, *, nbytes: int, operations: float = 0.0
@@ -189,7 +189,9 @@ def _vkfft(array: cla.Array, device: TransformDevice, axes: tuple[int, ...], for
     try:
         plan = device.transforms.get(key)
         if plan is None:
-            plan = _Transform(device.roomy(lambda: _vkfft_app(array, device, axes)), Guard())
+            plan = _Transform(
+                device.retry_with_room(lambda: _vkfft_app(array, device, axes)), Guard()
+            )
             plan = device.transforms.keep(key, plan, plan.nbytes)
         plan.run(array, device.queue, forward)
     except (RuntimeError, cl.Error) as error:

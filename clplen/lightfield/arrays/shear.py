@@ -12,7 +12,7 @@ import pyopencl as cl
 import pyopencl.array as cla
 
 from clplen.compute.device import Device
-from clplen.compute.drivers.failures import is_want_of_memory
+from clplen.compute.drivers.failures import is_out_of_memory
 from clplen.errors import DeviceError, KernelBuildError
 from clplen.lightfield.arrays.shear_tables import (
     Norm,
@@ -186,7 +186,7 @@ def _run_first_form(work: _Sum) -> None:
             if _ENQUEUE[form](work):
                 return
         except (KernelBuildError, DeviceError) as error:
-            if form == forms[-1] or is_want_of_memory(error.__cause__):
+            if form == forms[-1] or is_out_of_memory(error.__cause__):
                 raise
             tuning.leave(f"shear {form}", error)
     raise DeviceError(

@@ -276,7 +276,7 @@ class Description:
         return max(rows, my if self.factor is None else 0) * max(mx, self.out_grid.shape[1])
 
 
-def outshines(r: Request) -> bool:
+def exceeds_energy(r: Request) -> bool:
     """Return True if a sample of the kernel gives more than all light: d^2 > lam z, or z < d."""
     if not r.axes:
         return False

@@ -21,7 +21,7 @@ from clplen.wave.field.transmission import phasor
 from clplen.wave.propagation.description import (
     Description,
     Request,
-    outshines,
+    exceeds_energy,
     padded_length,
 )
 
@@ -81,7 +81,7 @@ def impulse_response(r: Request) -> Description:
         h = _constant(r) * d * phasor(x**2 / (2 * r.wavelength * r.z))
         lines.append(convolution(n, n, np.fft.fft(h)))
         critical = max(critical, length * d * d / r.wavelength)
-    step, refused = critical / abs(r.z), outshines(r)
+    step, refused = critical / abs(r.z), exceeds_energy(r)
     warning = ""
     if step > 1 and (r.pad != 1 or refused):
         warning = (
@@ -128,7 +128,7 @@ def one_step(r: Request) -> Description:
     valid = (nearest, math.inf)
     grid = r.out_grid or out_grid
     description = _separable(r, "fresnel-1fft", lines, "chirp", step, valid, warning, grid)
-    refused = bool(warning) and r.out_grid is not None and outshines(r)
+    refused = bool(warning) and r.out_grid is not None and exceeds_energy(r)
     return replace(description, is_refused=refused)
 
 

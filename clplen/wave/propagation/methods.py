@@ -39,8 +39,8 @@ from clplen.wave.propagation.description import (
     ANY_DISTANCE,
     Description,
     Request,
+    exceeds_energy,
     flops,
-    outshines,
     padded_length,
 )
 from clplen.wave.propagation.transfer_function import Sommerfeld, Transfer, fft_frequencies
@@ -432,7 +432,7 @@ def sommerfeld(r: Request, why: str = "asked for") -> Description:
         phase_step=step,
         valid=(nearest, math.inf),
         warning=warning,
-        is_refused=outshines(r),
+        is_refused=exceeds_energy(r),
     )
 
 
