@@ -92,8 +92,8 @@ def test_bad_words_are_one_sentence():
         (["--lens", "0"], "the length is not 0"),
         (["--diameter", "3mm"], "give --lens or --lenslets, too"),
         (["--arriving", "3mm"], "give --lens, too"),
-        (["--z", "0", "--method", "fresnel-1fft"], "would be 0 at z = 0"),
-        (["--z", "1m", "--method", "as", "--out-pitch", "1um"], "--method cblas gives any grid"),
+        (["--z", "0", "--method", "fresnel-1fft"], "is 0 at z = 0"),
+        (["--z", "1m", "--method", "as", "--out-pitch", "1um"], "--method cblas supports any grid"),
     ):
         assert message in refused(*THESIS, *words)
 

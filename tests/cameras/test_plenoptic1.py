@@ -94,7 +94,7 @@ def test_what_is_refused(device, monkeypatch):
         (far, None, "", ValueError, r"contradict the lens law .* imaged at 0.18 m"),
         ({"object_distance": 0.1}, None, "", ValueError, "within the focal length"),
         ({"pixels_per_lenslet": 1.5}, None, "", SamplingError, "at least 2"),
-        ({"wavelength": -1.0}, None, "", ValueError, "wavelength must be positive"),
+        ({"wavelength": -1.0}, None, "", ValueError, "wavelength is positive"),
         ({"aperture_diameter": -1.0}, None, "", ValueError, "aperture_diameter is positive"),
         (short, middle, "points", SamplingError, r"cycles/m .*lenslet = .*method='local'"),
         (wide, (7e-3, 0, 0), "auto", SamplingError, r"\|X\| = 0.007"),

@@ -174,7 +174,7 @@ def test_other_shapes_and_operators_are_refused(device) -> None:
         gradients.apply(Copied((5,), np.float32, device), torch.ones(5, 3))
     with pytest.raises(clplen.ShapeError, match=r"shape \(\.\.\., 5\), not \(\)"):
         gradients.apply(Copied((5,), np.float32, device), torch.tensor(1.0))
-    with pytest.raises(TypeError, match=r"linear map with its adjoint.* not of type int"):
+    with pytest.raises(TypeError, match=r"linear map with an adjoint.* not of type int"):
         gradients.apply(3, torch.ones(5))
 
 

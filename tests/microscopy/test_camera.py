@@ -196,7 +196,7 @@ def test_bad_microscopes(device):
         ({"medium_index": 0.9}, ValueError, "from 1 .air. on"),
         ({"magnification": 0}, ValueError, "magnification is"),
         ({"apodisation": 2}, ValueError, "from -1 to 1"),
-        ({"wavelength": -1}, ValueError, "wavelength must be positive"),
+        ({"wavelength": -1}, ValueError, "wavelength is positive"),
         ({"na": "0.5"}, ValueError, "NA = n sin"),
         ({"tube_lens": "0.2"}, ValueError, "tube_lens is positive"),
         ({"n": "25"}, SamplingError, "pixels_per_lenslet is a number, at least 2, not '25'"),

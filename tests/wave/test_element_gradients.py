@@ -410,7 +410,7 @@ def test_what_plates_say():
     assert ZernikePlate({4: 5e-8}, diameter=2e-3).describe() == "Z4 50 nm, D = 2 mm"
     with pytest.raises(ValueError, match="requires an amplitude, a phase or both"):
         PhasePlate()
-    with pytest.raises(ShapeError, match="must agree"):
+    with pytest.raises(ShapeError, match="phase must have the shape of amplitude"):
         PhasePlate(np.zeros((3, 4)), amplitude=np.zeros((4, 3)))
     with pytest.raises(TypeError, match="coefficients must be"):
         ZernikePlate([1e-8], diameter=1e-3)
