@@ -626,7 +626,7 @@ def test_what_is_said_about_an_odd_spectrum(tmp_path: Path):
         ("fwhm_nm = 300", r"^coherence\.fwhm_nm: The FWHM must be positive and below half"),
         ('spectrum_file = "a.png"', r"^coherence\.spectrum_file: .*a\.png is not a text file"),
         ("lines_nm = [5e8, 3]", r"^coherence\.lines_nm: 0\.5 m is not a wavelength of light"),
-        ("lines_nm = [500, 501]\nline_powers = [0, 0]", r"^coherence\.lines_nm: The powers of"),
+        ("lines_nm = [500, 501]\nline_powers = [0, 0]", r"^coherence\.lines_nm: powers must be"),
     ):
         imageio.imwrite(tmp_path / "a.png", np.full((2, 2), 9, np.uint8))
         file = read(tmp_path, EXAMPLE.replace(POINTS, LIT + keys))
