@@ -41,8 +41,10 @@ class Lags:
 
 
 def strongest(weights: Values, tolerance: float) -> tuple[Values, float]:
-    """Return indices of all but the weakest weights, whose sum is at most ``tolerance``; that "
-    "sum."""
+    """Return indices of all but the weakest weights, and the sum of those left out.
+
+    The sum is at most ``tolerance``.
+    """
     order = np.argsort(weights, kind="stable")
     sums = np.cumsum(weights[order])
     left_out = int(np.searchsorted(sums, tolerance * (1 + 1e-12), side="right"))
