@@ -23,7 +23,7 @@ def matrix(line: Any) -> np.ndarray:
     if line.kind == "none":
         return np.eye(line.n, dtype=complex)
     placed = np.zeros((line.length, line.n), complex)
-    placed[line.place + np.arange(line.n), np.arange(line.n)] = 1
+    placed[line.offset + np.arange(line.n), np.arange(line.n)] = 1
     if line.pre is not None:
         placed = placed * line.pre
     forward = dft_matrix(line.length)

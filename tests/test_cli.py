@@ -132,7 +132,7 @@ def test_devices_says_what_was_done_to_a_device(device: Device, monkeypatch: pyt
 def test_devices_without_a_fitting_one_still_lists():
     result = run("devices", "--device", "zebra")
     assert result.exit_code == 1
-    assert "None would be taken: No OpenCL device fits 'zebra'. Here are:" in result.output
+    assert "None would be taken: No OpenCL device matches 'zebra'. Available" in result.output
     assert all(device.name in result.output for device in Device.all())
 
 
@@ -255,7 +255,7 @@ BAD_WORDS = (  # of stack, with the exit status and what is said
     ("--aperture wide", 2, "must be views across (9), a fraction of the diameter"),
     ("--aperture 7", 2, "--aperture must be at most the 5 views across of a"),
     ("--alphas 0.9:1.1:3", 1, "which this light field does not have: use --disparities."),
-    ("--device zebra", 1, "No OpenCL device fits 'zebra'. Here are:"),
+    ("--device zebra", 1, "No OpenCL device matches 'zebra'. Available devices:"),
     ("--views 5 3", 1, "give 3 x 5 views"),
     ("--views 5 3", 1, "but --views 5 3 was asked for"),
     ("--pattern a_{v}.png", 1, "must have {v} and {u} once each, or {i} once"),
@@ -373,7 +373,7 @@ def test_a_failed_run_leaves_no_folder(
     tmp_path: Path, camera_file: Path, monkeypatch: pytest.MonkeyPatch
 ):
     result = run("demo", "-o", tmp_path / "new", "--device", "zebra")
-    assert "No OpenCL device fits" in said(result)
+    assert "No OpenCL device matches" in said(result)
 
     def no_route(_: Device) -> None:
         raise ValueError("no FFT")

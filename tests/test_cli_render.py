@@ -167,7 +167,7 @@ def test_an_image_is_an_array(views: Path, device: Device):
     np.testing.assert_array_equal(np.asarray(image), image.to_numpy())
     assert np.asarray(image).shape == (30, 37, 3)
     assert np.asarray(image, dtype=np.float64).dtype == np.float64
-    with pytest.raises(ValueError, match="only by a copy"):
+    with pytest.raises(ValueError, match="without a copy"):
         image.__array__(copy=False)
 
 

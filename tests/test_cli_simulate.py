@@ -142,7 +142,7 @@ def test_simulate_goes_on_after_an_interrupt(
     assert counted[-2:] == [2, 3]
     other = MASK.replace("seed = 5", "seed = 6")
     result, _ = simulated(small, SLIDE + other, device, "--checkpoint", checkpoint)
-    assert "of another set-up: its seed is 5, this run's is 6" in said(result)
+    assert "another configuration: its seed is 5, this run's is 6" in said(result)
 
 
 @pytest.mark.parametrize("tables", [PICTURE, SLIDE + "[coherence]\n"])

@@ -107,8 +107,8 @@ def test_the_example_shows_every_key_and_its_default(tmp_path: Path, device: Dev
     camera = read(tmp_path, EXAMPLE).camera.build(device)
     effective = {
         "image_distance_mm": 1e3 * camera.image_distance,
-        "wavelengths": coherence.FOR_IMAGES,
-        "snapshots": averaging.DEFAULT,
+        "wavelengths": coherence.DEFAULT_WAVELENGTHS,
+        "snapshots": averaging.DEFAULT_SNAPSHOTS,
         "power": [1.0],
     }
     table, found = "", []
@@ -623,10 +623,10 @@ def test_what_is_said_about_an_odd_picture(tmp_path: Path):
 
 def test_what_is_said_about_an_odd_spectrum(tmp_path: Path):
     for keys, said in (
-        ("fwhm_nm = 300", r"^coherence\.fwhm_nm: The FWHM is positive and below half"),
-        ('spectrum_file = "a.png"', r"^coherence\.spectrum_file: .*a\.png is no text file"),
-        ("lines_nm = [5e8, 3]", r"^coherence\.lines_nm: 0\.5 m is no wavelength of light"),
-        ("lines_nm = [500, 501]\nline_powers = [0, 0]", r"^coherence\.lines_nm: The powers of"),
+        ("fwhm_nm = 300", r"^coherence\.fwhm_nm: The FWHM must be positive and below half"),
+        ('spectrum_file = "a.png"', r"^coherence\.spectrum_file: .*a\.png is not a text file"),
+        ("lines_nm = [5e8, 3]", r"^coherence\.lines_nm: 0\.5 m is not a wavelength of light"),
+        ("lines_nm = [500, 501]\nline_powers = [0, 0]", r"^coherence\.lines_nm: powers must be"),
     ):
         imageio.imwrite(tmp_path / "a.png", np.full((2, 2), 9, np.uint8))
         file = read(tmp_path, EXAMPLE.replace(POINTS, LIT + keys))

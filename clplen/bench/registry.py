@@ -12,7 +12,7 @@ import pyopencl as cl
 
 from clplen.bench.report import Benchmark, Report
 from clplen.compute.device import Device
-from clplen.compute.drivers.failures import is_want_of_memory
+from clplen.compute.drivers.failures import is_out_of_memory
 from clplen.compute.memory import free_memory
 from clplen.errors import ClplenError, DeviceError
 
@@ -65,6 +65,6 @@ def run_benchmark(
 
 def is_of_memory(error: DeviceError) -> bool:
     """Return whether a device refused something because it is too large."""
-    if is_want_of_memory(error.__cause__):
+    if is_out_of_memory(error.__cause__):
         return True
     return any(words in str(error) for words in _REFUSED) and "bytes" in str(error)

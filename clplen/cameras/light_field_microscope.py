@@ -621,7 +621,7 @@ def _check_converging(mla: MicrolensArray) -> None:
         raise ValueError(
             f"Focal lengths of a microscope's lenslets must be > 0, got {mla.focal_lengths}."
         )
-    if mla.map is not None and mla.map.is_of_each:
+    if mla.map is not None and mla.map.is_per_lenslet:
         raise ValueError(
             "Lenslets of a microscope must be equal, so that its point images repeat: give one map "
             "for all lenslets, not a map for each."

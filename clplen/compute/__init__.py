@@ -1,1 +1,1 @@
-"""What touches OpenCL: host arrays and kernel names come in; arrays on a device leave."""
+"""Devices, memory, kernel launches and Fourier transforms through OpenCL."""

@@ -1,6 +1,6 @@
-"""Results that hold samples: as NumPy arrays, by DLPack, in another process, as copies.
+"""Base classes of results that hold samples: NumPy, DLPack, pickling and copies.
 
-`Image` is a picture on a device; `count_bad` finds samples that are NaN or infinite.
+`Image` is a picture on a device; `count_bad` counts samples that are NaN or infinite.
 """
 
 from __future__ import annotations
@@ -22,48 +22,47 @@ _HOST = (1, 0)  # DLPack's kDLCPU
 
 
 class HostArray:
-    """Base of what has ``to_numpy()``: NumPy and DLPack take the same values."""
+    """Base of results with ``to_numpy()``; NumPy and DLPack read the values from it."""
 
-    _samples: ClassVar[str] = ""  # the attribute that holds them
-    _downloads: ClassVar[bool] = False  # whether to_numpy makes a new array each time
+    _samples: ClassVar[str] = ""  # name of the attribute that holds the samples
+    _downloads: ClassVar[bool] = False  # True if to_numpy returns a new array at each call
 
     def to_numpy(self) -> Array:
-        """The values on the host: not a copy where they are there already."""
+        """Return the values on the host, without a copy if they are there already."""
         return np.asarray(getattr(self, self._samples))
 
     def __array__(self, dtype: Any = None, copy: bool | None = None) -> Array:
-        """What ``numpy.asarray`` takes: the values on the host."""
+        """Return the values on the host for ``numpy.asarray``."""
         values = self.to_numpy()
-        same = dtype is None or np.dtype(dtype) == values.dtype
-        if copy is False and (self._downloads or not same):
+        has_dtype = dtype is None or np.dtype(dtype) == values.dtype
+        if copy is False and (self._downloads or not has_dtype):
             raise ValueError(
-                f"A {type(self).__name__} is an array of "
-                f"{'its own type' if same else str(np.dtype(dtype))} only by a copy: leave out "
-                "copy=False."
+                f"A {type(self).__name__} cannot become an array of dtype "
+                f"{values.dtype if has_dtype else np.dtype(dtype)} without a copy; omit copy=False."
             )
-        if not same:
+        if not has_dtype:
             return values.astype(dtype)
         return values.copy() if copy and not self._downloads else values
 
     def __dlpack__(self, **options: Any) -> Any:
-        """The values on the host, for ``from_dlpack`` of any library."""
+        """Return the values on the host for ``from_dlpack`` of any library."""
         if options.get("copy") is False and self._downloads:
             raise BufferError(
-                f"A {type(self).__name__} on a device is on the host only by a copy: leave out "
-                "copy=False."
+                f"A {type(self).__name__} on a device cannot be passed to the host without a copy; "
+                "omit copy=False."
             )
-        given = {name: value for name, value in options.items() if value is not None}
-        return self.to_numpy().__dlpack__(**given)
+        requests = {name: value for name, value in options.items() if value is not None}
+        return self.to_numpy().__dlpack__(**requests)
 
     def __dlpack_device__(self) -> tuple[int, int]:
-        """The host, (1, 0): values on a device are copied there."""
+        """Return the host, (1, 0); values on a device are copied there."""
         return _HOST
 
 
 class OnDevice(HostArray):
-    """Base of the frozen dataclasses that have samples on a device.
+    """Base of frozen dataclasses whose samples are on a device.
 
-    They are pickled, and copied deeply, by way of the host; a shallow copy shares the samples.
+    Pickling and deep copies go through the host; a shallow copy shares the samples.
     """
 
     _downloads: ClassVar[bool] = True
@@ -84,7 +83,7 @@ class OnDevice(HostArray):
         return np.dtype(self.data.dtype)
 
     def to_numpy(self) -> Array:
-        """The samples on the host, same shape and dtype."""
+        """Return a copy of the samples on the host, with equal shape and dtype."""
         return self.device.download(self.data)
 
     def __copy__(self: Kind) -> Kind:
@@ -103,14 +102,14 @@ class OnDevice(HostArray):
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Image(Savable, Plottable, OnDevice):
-    """What an intensity, a view, a rendering or a refocus returns.
+    """Image on a device: an intensity, a view, a rendering or a refocused picture.
 
     Attributes
     ----------
     data : pyopencl.array.Array
         Real values, shape (y, x) or (y, x, c); an EPI has (u, x[, c]) or (v, y[, c]).
     device : Device
-        The device that holds them.
+        Device that holds the samples.
 
     Examples
     --------
@@ -131,24 +130,25 @@ class Image(Savable, Plottable, OnDevice):
     def __repr__(self) -> str:
         return f"<{type(self).__name__} {self.shape} {self.data.dtype}, {self.device.name}>"
 
+
 _DEFINES = {np.dtype(np.float64): {"DOUBLE": True}, np.dtype(np.float16): {"HALF": True}}
-LENGTH = 2**14  # reals that one work-item reads: enough to forget the cost of starting it
-_GROUP = 64  # work-items of a GPU that read a quarter of that, as finite.cl has it
+LENGTH = 2**14  # reals that a work-item reads, so that its start-up cost is negligible
+_GROUP = 64  # work-items of a GPU group, which reads LENGTH // 4 reals (finite.cl)
 
 
 def count_bad(array: cla.Array, device: Device) -> int:
-    """Number of NaN and infinite samples of a float16 to float64, complex64 or complex128 array.
+    """Count NaN and infinite samples of a float16 to float64, complex64 or complex128 array.
 
-    Integer arrays have none; a complex sample counts once for each bad part.
+    Integer arrays have none. A complex sample counts twice if both of its parts are bad.
     """
     if array.dtype.kind not in "fc" or array.size == 0:
         return 0
     reals = array.view(np.empty(0, array.dtype).real.dtype)
     defines = _DEFINES.get(reals.dtype, {})
     length, group = (LENGTH, 1) if device.rows else (LENGTH // 4, _GROUP)
-    stretches = -(-int(reals.size) // length)
-    bad = device.empty((stretches,), np.int32)
+    segments = -(-int(reals.size) // length)
+    bad = device.empty((segments,), np.int32)
     kernel = device.kernel("finite.cl", "count_bad", **defines)
-    size = (stretches * group,)
+    size = (segments * group,)
     device.launch(kernel, size, bad, reals, np.int64(reals.size), length, group=(group,))
     return int(device.download(bad).sum(dtype=np.int64))

@@ -1,4 +1,4 @@
-"""An OpenCL device at one precision: how it is found, and kept for its hardware."""
+"""An OpenCL device at one precision, and the registry of devices in use."""
 
 from __future__ import annotations
 
@@ -21,40 +21,40 @@ Precision = Literal["single", "double"]
 
 
 class Device(Launcher):
-    """One OpenCL device at one precision. Made by `Device.open`, not by its constructor.
+    """OpenCL device at one precision; open it with `Device.open`.
 
     Parameters
     ----------
     cl_device : pyopencl.Device
-        The device as pyopencl lists it.
+        Device as listed by pyopencl.
     precision : {"single", "double"}
-        Precision of the wave tower: "double" computes it in float64.
-    place : str
-        The "platform:device" selector that opens it.
-    beside : Device, optional
-        The same hardware in the other precision, with which it shares what may be kept.
+        Precision of wave fields: "double" computes in float64.
+    selector : str
+        Selector "platform:device" that opens the device.
+    sibling : Device, optional
+        Device of the other precision on this hardware; the two share cached memory.
 
     Attributes
     ----------
     name : str
-        The device's own name.
+        Name that the driver reports.
     is_cpu : bool
-        Whether it is a CPU: buffers are mapped and FFTs run on the host in place.
+        True for a CPU: buffers are mapped and FFTs run in place on the host.
     has_fp64 : bool
-        Whether it computes in double precision.
+        True if the device computes in double precision.
     memory_bytes : int
-        Its global memory.
+        Size of the global memory in bytes.
     precision : {"single", "double"}
-        Precision of the wave tower; light fields are processed in float32 on every device.
+        Precision of wave fields; light fields are processed in float32 on every device.
     place : str
-        The "platform:device" selector that opens it.
+        Selector "platform:device" that opens the device.
 
     Raises
     ------
     ValueError
-        If the precision is neither.
+        If the precision is neither "single" nor "double".
     DeviceError
-        If "double" is asked for and the device has no double precision.
+        If "double" is requested and the device has no double precision.
 
     Examples
     --------
@@ -70,19 +70,19 @@ class Device(Launcher):
         cl_device: cl.Device,
         *,
         precision: Precision = "single",
-        place: str = "",
-        beside: Device | None = None,
+        selector: str = "",
+        sibling: Device | None = None,
     ) -> None:
         if precision not in ("single", "double"):
-            raise ValueError(f"precision is 'single' or 'double', not {precision!r}.")
+            raise ValueError(f"precision must be 'single' or 'double', got {precision!r}.")
         if precision == "double" and "cl_khr_fp64" not in cl_device.extensions:
             name, platform = cl_device.name.strip(), cl_device.platform.name.strip()
             raise DeviceError(
-                f"precision='double' was asked for, but {name} ({platform}) has no double "
-                "precision (cl_khr_fp64); use precision='single' or another device."
+                f"{name} ({platform}) has no double precision (cl_khr_fp64); use "
+                "precision='single' or another device."
             )
-        super().__init__(cl_device, beside)
-        self.place = place
+        super().__init__(cl_device, sibling)
+        self.place = selector
         self.precision: Precision = precision
         self._fft: FFTRoute | None = None
 
@@ -93,36 +93,35 @@ class Device(Launcher):
         Parameters
         ----------
         selector : str, optional
-            ``"cpu"``, ``"gpu"``, ``"0:1"`` (platform:device), or part of a name ("pocl",
-            "nvidia"). None takes ``$CLPLEN_DEVICE``, else the first GPU, else the first CPU that
+            Kind ("cpu", "gpu"), index ("0:1", platform:device) or part of a name ("pocl",
+            "nvidia"). None selects ``$CLPLEN_DEVICE``, else the first GPU, else the first CPU that
             can compile kernels.
         precision : {"single", "double"}
-            ``"double"`` runs every kernel and FFT of the wave tower in float64.
+            Precision of wave fields: "double" runs their kernels and FFTs in float64.
 
         Returns
         -------
         Device
-            The same object for the same hardware and precision.
+            Device; the process has a single object for each hardware and precision.
 
         Raises
         ------
         TypeError
-            If the selector is no string.
+            If the selector is not a string.
         DeviceError
-            If there is no OpenCL platform, nothing fits the selector, or the device cannot
+            If no OpenCL platform exists, no device matches the selector, or the device cannot
             compile kernels or lacks double precision.
         """
         if selector is None:
             selector = os.environ.get("CLPLEN_DEVICE") or None
         elif not isinstance(selector, str):
             raise TypeError(
-                "A selector of devices is a string such as 'cpu', 'gpu' or '0:1', not "
-                f"{selector!r:.80}."
+                f"selector must be a string such as 'cpu', 'gpu' or '0:1', got {selector!r:.80}."
             )
         problems = []
-        for place, cl_device in select(find_devices(), selector):
+        for index, cl_device in select(find_devices(), selector):
             try:
-                device = _registered(cl_device, precision, place)
+                device = _registered(cl_device, precision, index)
                 device.ensure_usable()
             except DeviceError as error:
                 problems.append(str(error))
@@ -132,11 +131,11 @@ class Device(Launcher):
 
     @staticmethod
     def all() -> list[Device]:
-        """Every OpenCL device that is there, in platform order, in single precision.
+        """Return all OpenCL devices in single precision, in platform order.
 
-        Nothing is compiled yet; a device that cannot compile says so when it is first used.
+        Nothing is compiled yet. A device that cannot compile kernels raises at its first use.
         """
-        return [_registered(cl_device, "single", place) for place, cl_device in find_devices()]
+        return [_registered(cl_device, "single", index) for index, cl_device in find_devices()]
 
     def __repr__(self) -> str:
         parts = [self.name, self.driver, self.precision, f"FFT {self.fft.name}"]
@@ -144,7 +143,7 @@ class Device(Launcher):
         return f"<Device {', '.join(parts)}>"
 
     def __reduce__(self) -> tuple[Any, ...]:
-        """By its selector: what another process gets is its own object of the same hardware."""
+        """Pickle the selector; another process opens its own device of this hardware."""
         return _reopened, (self.place, self.name, self.platform, self.precision)
 
     def __copy__(self) -> Device:
@@ -153,9 +152,9 @@ class Device(Launcher):
     def __deepcopy__(self, memo: dict[int, Any]) -> Device:
         return self
 
-    @property  # not a cached one, whose frame would hide the line that a warning points to
+    @property  # a cached property would add a frame and misplace the line of a warning
     def fft(self) -> FFTRoute:
-        """How Fourier transforms are done on this device; chosen once."""
+        """Fourier transform route of the device, chosen at first use."""
         if self._fft is None:
             self._fft = choose_route(self.is_cpu, self.platform)
         return self._fft
@@ -166,52 +165,52 @@ class Device(Launcher):
 
     @cached_property
     def tuning(self) -> Tuning:
-        """Which forms of kernels are fastest here, and which cannot be run."""
+        """Fastest forms of kernels on the device, and forms that cannot run on it."""
         return Tuning(self)
 
     def wave_defines(self) -> dict[str, Any]:
-        """Definitions that choose the precision of a kernel of the wave tower."""
+        """Return the definitions that set the precision of a kernel for wave fields."""
         return {"DOUBLE": True} if self.precision == "double" else {}
 
     @property
     def real(self) -> np.dtype[Any]:
-        """Real dtype of the wave tower: float32 or float64."""
+        """Real dtype of wave fields: float32 or float64."""
         return np.dtype(np.float32 if self.precision == "single" else np.float64)
 
     @property
     def complex(self) -> np.dtype[Any]:
-        """Complex dtype of the wave tower: complex64 or complex128."""
+        """Complex dtype of wave fields: complex64 or complex128."""
         return np.dtype(np.complex64 if self.precision == "single" else np.complex128)
 
 
 def as_device(device: DeviceLike | None, *, optional: bool = True) -> Device:
-    """The device that an argument ``device`` names."""
+    """Return the device of an argument ``device``: a `Device`, a selector or None."""
     if isinstance(device, Device):
         return device
     if isinstance(device, str) or (device is None and optional):
         return Device.open(device)
     raise TypeError(
-        "device is a Device, as Device.open() gives it, or a selector such as 'cpu', 'gpu' or "
-        f"'0:1', not {device!r:.80}."
+        "device must be a Device, such as Device.open() returns, or a selector such as 'cpu', "
+        f"'gpu' or '0:1', got {device!r:.80}."
     )
 
 
 def require_same_device(a: Device, b: Device) -> None:
-    """Refuse data of two devices (or two precisions of one)."""
+    """Raise if data are on two devices, or at two precisions of one device."""
     if a is not b:
         raise DeviceError(
-            f"The operands live on two devices, {a!r} and {b!r}: bring both to one of them."
+            f"The operands are on two devices, {a!r} and {b!r}; move both to one of them."
         )
 
 
-def _registered(cl_device: cl.Device, precision: Precision, place: str) -> Device:
-    """The one Device of this hardware and precision in this process."""
+def _registered(cl_device: cl.Device, precision: Precision, index: str) -> Device:
+    """Return this process's Device of a hardware and a precision."""
     with _registry_lock:
         key = (cl_device, precision)
         if key not in _registry:
-            others = (one for (known, _), one in _registry.items() if known == cl_device)
+            siblings = (device for (key, _), device in _registry.items() if key == cl_device)
             _registry[key] = Device(
-                cl_device, precision=precision, place=place, beside=next(others, None)
+                cl_device, precision=precision, selector=index, sibling=next(siblings, None)
             )
         return _registry[key]
 
@@ -219,28 +218,28 @@ def _registered(cl_device: cl.Device, precision: Precision, place: str) -> Devic
 DeviceLike = Device | str
 
 
-def _reopened(place: str, name: str, platform: str, precision: Precision) -> Device:
-    """Return the local device of a pickle; in a forked process the parent's, which refuses."""
+def _reopened(index: str, name: str, platform: str, precision: Precision) -> Device:
+    """Return the local device of a pickle; a forked process gets the parent's, which raises."""
     if is_forked():
-        for (_, kept_as), device in _registry.items():
-            if (device.name, device.platform, kept_as) == (name, platform, precision):
+        for (_, stored_precision), device in _registry.items():
+            if (device.name, device.platform, stored_precision) == (name, platform, precision):
                 return device
-    fitting = [
-        (at, cl_device)
-        for at, cl_device in find_devices()
+    matches = [
+        (current_index, cl_device)
+        for current_index, cl_device in find_devices()
         if (cl_device.name.strip(), cl_device.platform.name.strip()) == (name, platform)
     ]
-    if not fitting:
+    if not matches:
         raise DeviceError(
-            f"This was pickled on {name} ({platform}), which is not here: pickle its to_numpy() "
-            "instead."
+            f"The pickle was made on {name} ({platform}), which this computer does not have; "
+            "pickle to_numpy() instead."
         )
-    at, cl_device = next((found for found in fitting if found[0] == place), fitting[0])
-    device = _registered(cl_device, precision, at)
+    index, cl_device = next((match for match in matches if match[0] == index), matches[0])
+    device = _registered(cl_device, precision, index)
     device.ensure_usable()
     return device
 
 
-# Handles of hardware, not settings: data of two calls of `Device.open` must meet on one queue.
+# One handle for each hardware and precision: data of two `Device.open` calls share a queue.
 _registry: dict[tuple[cl.Device, Precision], Device] = {}
 _registry_lock = Lock()

@@ -1,4 +1,4 @@
-"""The lowest part of a device: its OpenCL context, its command queue, and what is timed on it."""
+"""Lowest part of a device: its OpenCL context, command queue and profile."""
 
 from __future__ import annotations
 
@@ -10,14 +10,14 @@ from typing import Any
 import pyopencl as cl
 
 from clplen.compute.drivers import pocl, selection
-from clplen.compute.drivers.failures import device_errors, is_want_of_memory
+from clplen.compute.drivers.failures import device_errors, is_out_of_memory
 from clplen.compute.drivers.forked import Guard, HoldsOpenCL
 from clplen.compute.profile import Profile
 from clplen.errors import warn_caller
 
 
 class Hardware(HoldsOpenCL):
-    """What a driver says of a device, with its context and command queue, made at first use."""
+    """Properties of a device, with its context and command queue, both created at first use."""
 
     def __init__(self, cl_device: cl.Device) -> None:
         self.cl_device = cl_device
@@ -27,7 +27,7 @@ class Hardware(HoldsOpenCL):
         self.is_cpu = bool(cl_device.type & cl.device_type.CPU)
         self.has_fp64 = "cl_khr_fp64" in cl_device.extensions
         self.memory_bytes = int(cl_device.global_mem_size)
-        # one work-item a row (CPU) or one a sample (GPU, and the CPU that works like one)
+        # one work-item per row (CPU) or per sample (GPU, and llvmpipe)
         self.rows = self.is_cpu and not selection.is_llvmpipe(cl_device)
         self.note = ""
         self._usable = False
@@ -37,7 +37,7 @@ class Hardware(HoldsOpenCL):
         self._lock = Guard()
 
     def ensure_usable(self) -> None:
-        """Make PoCL fit this CPU, once; warn where loops are cut. Both are kept in ``note``."""
+        """Adapt PoCL to this CPU once, warn of truncated loops; ``note`` describes both."""
         with self._lock:
             if not self._usable:
                 self.note = pocl.ensure_usable(self.cl_device)
@@ -48,7 +48,7 @@ class Hardware(HoldsOpenCL):
 
     @property
     def context(self) -> cl.Context:
-        """The OpenCL context, made at first use."""
+        """OpenCL context, created at first use."""
         with self._lock:
             if self._context is None:
                 self.ensure_usable()
@@ -57,22 +57,21 @@ class Hardware(HoldsOpenCL):
             return self._context
 
     def _make_context(self) -> cl.Context:
-        """Create a context; where memory is wanting, once more without devices nobody holds.
+        """Create a context; after an out-of-memory error collect garbage and retry.
 
-        Plans refer to their device, so that Python lets go of both, and of the driver's memory,
-        when it collects garbage: 0.4 GiB a context on an NVIDIA GPU.
+        Unused devices, held in reference cycles by their plans, free 0.4 GiB each on an NVIDIA GPU.
         """
         try:
             return cl.Context([self.cl_device])
         except cl.Error as error:
-            if not is_want_of_memory(error):
+            if not is_out_of_memory(error):
                 raise
         gc.collect()
         return cl.Context([self.cl_device])
 
     @property
     def queue(self) -> cl.CommandQueue:
-        """The in-order command queue, made at first use."""
+        """In-order command queue, created at first use."""
         with self._lock:
             if self._queue is None:
                 with device_errors(self.cl_device, "A command queue"):
@@ -80,13 +79,13 @@ class Hardware(HoldsOpenCL):
             return self._queue
 
     def finish(self) -> None:
-        """Wait until everything enqueued is done."""
-        with device_errors(self.cl_device, "What was enqueued"):
+        """Wait until all enqueued work is done."""
+        with device_errors(self.cl_device, "Enqueued work"):
             self.queue.finish()
 
     @contextmanager
     def profiling(self) -> Iterator[Profile]:
-        """Time everything that is enqueued in this block, by the device's own clock."""
+        """Time everything enqueued in this block by the device's clock."""
         properties = cl.command_queue_properties.PROFILING_ENABLE
         with self._lock:
             self.queue.finish()
@@ -103,7 +102,7 @@ class Hardware(HoldsOpenCL):
     def timed(
         self, what: str, *, nbytes: int, operations: float = 0.0
     ) -> AbstractContextManager[None]:
-        """Time work of the host for a profile; do nothing where none is kept."""
+        """Time work of the host for a profile; do nothing without a profile."""
         if self._profile is None:
             return nullcontext()
         return self._profile.on_host(what, self.queue, nbytes, operations)

@@ -1,4 +1,4 @@
-"""Kernels of a device: built once, kept, launched, and timed where a profile is kept."""
+"""Kernels of a device: built once, cached, launched, and timed for a profile."""
 
 from __future__ import annotations
 
@@ -20,27 +20,27 @@ from clplen.compute.memory import Memory
 from clplen.compute.profile import bytes_of, label
 from clplen.errors import DeviceError, KernelBuildError
 
-_GPU_GROUP = 64  # work-items of one row that a GPU runs as a group
+_GPU_GROUP = 64  # work-items of a row in a work-group on a GPU
 
 
 def _plain(arg: Any) -> Any:
-    """Return an argument of a kernel as pyopencl takes it."""
+    """Convert an argument of a kernel to the type that pyopencl expects."""
     if isinstance(arg, cla.Array):
         return arg.data
     return np.int32(arg) if type(arg) is int else arg
 
 
 class Launcher(Memory):
-    """The kernels of a device."""
+    """Device with a cache of compiled kernels."""
 
-    def __init__(self, cl_device: cl.Device, beside: Launcher | None = None) -> None:
-        super().__init__(cl_device, beside)
+    def __init__(self, cl_device: cl.Device, sibling: Launcher | None = None) -> None:
+        super().__init__(cl_device, sibling)
         self._programs: dict[tuple[Any, ...], cl.Program] = {}
         self._kernels: dict[tuple[Any, ...], cl.Kernel] = {}
         self._labels: dict[cl.Kernel, str] = {}
 
     def kernel(self, file: str, name: str, **defines: Any) -> cl.Kernel:
-        """Return a kernel, built once for every file and set of definitions."""
+        """Return a kernel, built once for each file and set of definitions."""
         if self.rows:
             defines["ROWS"] = True
         key = (file, name, tuple(sorted(defines.items())))
@@ -54,18 +54,18 @@ class Launcher(Memory):
     def _program(self, file: str, defines: tuple[tuple[str, Any], ...]) -> cl.Program:
         key = (file, defines)
         if key not in self._programs:
-            # PoCL keeps binaries by the CPU's own name: what was built under another one has to
-            # be told from them where machines share a cache.
+            # PoCL files binaries under the CPU's original name; the definition keeps binaries
+            # built under another name apart where machines share a cache.
             self._require_build_room(f"Building the kernel file {file!r}")
             name = pocl.written_name(self.cl_device) if self.note else ""
             if self.platform == pocl.PLATFORM:
-                require_room(f"PoCL, which is to compile {file},")
+                require_room(f"Compiling {file} with PoCL")
             options = [f"-DCPU_NAME={name}"] if name else []
             self._programs[key] = build_program(self.context, file, dict(defines), options)
         return self._programs[key]
 
     def _require_build_room(self, what: str) -> None:
-        """Refuse a compiler that would end the process; what is kept is given back before."""
+        """Raise if compiling would end the process; free spare memory before the second check."""
         if not self.is_cpu:
             return
         try:
@@ -75,18 +75,18 @@ class Launcher(Memory):
             limits.require_build_room(what, first=not self._programs)
 
     def _create(self, program: cl.Program, file: str, name: str) -> cl.Kernel:
-        """A kernel of a program; some drivers find only now that they cannot build it."""
+        """Create a kernel of a program; some drivers fail only at this step."""
         try:
             try:
                 return cl.Kernel(program, name)
             except (OSError, sqlite3.Error, pickle.UnpicklingError):
-                # pyopencl's own database of calls, in the cache folder, is damaged or full
+                # pyopencl's database of calls in the cache folder is damaged or full
                 cl._PYOPENCL_NO_CACHE = True
                 return cl.Kernel(program, name)
         except cl.Error as error:
             raise KernelBuildError(
-                f"{self.name} ({self.driver}) made no kernel {name!r} of the file {file!r}, which "
-                f"it had built ({error}): {ADVICE}."
+                f"{self.name} ({self.driver}) built the file {file!r} but cannot create its kernel "
+                f"{name!r} ({error}): {ADVICE}."
             ) from error
 
     def launch(
@@ -100,9 +100,9 @@ class Launcher(Memory):
     ) -> None:
         """Enqueue a kernel over ``size`` work-items, rounded up to the group.
 
-        ``args`` are integers (of 32 bits), NumPy scalars, arrays without offset, or buffers. By
-        default a group is one item, or 64 along the first axis where ``rows`` is off. ``nbytes`` to
-        be moved (by default every array once) and ``operations`` are for a profile.
+        ``args`` are 32-bit integers, NumPy scalars, arrays without offset, or buffers. The default
+        group is one item, or 64 items along the first axis if ``rows`` is off. A profile records
+        ``nbytes`` (bytes moved; by default each array once) and ``operations``.
         """
         if group is None:
             group = (1 if self.rows else _GPU_GROUP, *(1 for _ in size[1:]))
@@ -111,24 +111,25 @@ class Launcher(Memory):
             return
         plain = [_plain(arg) for arg in args]
         with self._lock:
-            self._require_build_room("Running a kernel")  # PoCL links it now
+            self._require_build_room("Running a kernel")  # PoCL links the kernel at launch
             try:
                 try:
-                    done = kernel(self.queue, total, tuple(group), *plain)
+                    event = kernel(self.queue, total, tuple(group), *plain)
                 except cl.Error as error:
                     self.make_room(error)
-                    done = kernel(self.queue, total, tuple(group), *plain)
+                    event = kernel(self.queue, total, tuple(group), *plain)
             except cl.Error as error:
                 step = f"The kernel {kernel.function_name!r}"
                 raise device_error(self.cl_device, step, error) from error
             if self._profile is not None:
                 moved = bytes_of(args) if nbytes is None else nbytes
-                self._note(self._labels.get(kernel, kernel.function_name), done, moved, operations)
+                name = self._labels.get(kernel, kernel.function_name)
+                self._note(name, event, moved, operations)
 
     def launch_rows(
         self, kernel: cl.Kernel, shape: Sequence[int], *args: Any, operations: float = 0.0
     ) -> None:
-        """Enqueue a kernel written with ``FOR_X`` over (..., ny, nx): see common.cl."""
+        """Enqueue a kernel written with ``FOR_X`` over (..., ny, nx); see common.cl."""
         *batch, ny, nx = (int(n) for n in shape)
         count = math.prod(batch)
         self.launch(kernel, (1 if self.rows else nx, ny, count), *args, operations=operations)

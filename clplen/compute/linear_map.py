@@ -1,4 +1,4 @@
-"""Linear maps between arrays of a device: what adjoints, solvers and engines of gradients share."""
+"""Linear maps between arrays of a device, for adjoints, solvers and automatic differentiation."""
 
 from __future__ import annotations
 
@@ -19,9 +19,9 @@ if TYPE_CHECKING:
 class LinearMap(Protocol):
     """A linear map A and its adjoint A', <A x, y> = <x, A' y> with <a, b> = sum conj(a) b.
 
-    Of real arrays the adjoint is the transpose. Both directions take and return arrays of the
-    device, C-contiguous, of `dtype`, with any number of leading axes (not in `in_shape` and
-    `out_shape`), each index of which is mapped by itself; neither changes its argument.
+    The adjoint of a real map is its transpose. Both directions take and return C-contiguous device
+    arrays of `dtype` and leave their argument unchanged. Leading axes, which `in_shape` and
+    `out_shape` omit, are a batch.
     """
 
     @property
@@ -37,17 +37,17 @@ class LinearMap(Protocol):
     def dtype(self) -> np.dtype[Any]: ...
 
     def forward_data(self, data: cla.Array) -> cla.Array:
-        """A x, shape ``(..., *out_shape)`` of ``(..., *in_shape)``."""
+        """Return A x, shape ``(..., *out_shape)``, for x of shape ``(..., *in_shape)``."""
 
     def adjoint_data(self, data: cla.Array) -> cla.Array:
-        """A' y, shape ``(..., *in_shape)`` of ``(..., *out_shape)``."""
+        """Return A' y, shape ``(..., *in_shape)``, for y of shape ``(..., *out_shape)``."""
 
 
 class Solvable:
-    """Base of linear maps that solvers of SciPy take."""
+    """Base of linear maps that convert to SciPy's linear operators."""
 
     def as_linear_operator(self: LinearMap) -> LinearOperator:
-        """Return the map for solvers of SciPy, whose vectors are raveled arrays."""
+        """Return the map as a SciPy operator, whose vectors are raveled arrays."""
         from scipy.sparse.linalg import LinearOperator
 
         def forward(x: Array) -> Array:
@@ -81,17 +81,17 @@ class ArrayMap(Solvable):
         ShapeError
             If the values have another shape.
         DeviceError
-            If they do not fit the device.
+            If the values do not fit in the device's memory.
         """
         return mapped(self, values)
 
     def adjoint(self: LinearMap, values: Any) -> Array:
-        """Map arrays by the transpose.
+        """Map arrays by the adjoint, for real maps the transpose.
 
         Parameters
         ----------
         values : array_like
-            Shape ``(..., *out_shape)``; a `RawImage` is one, too.
+            Shape ``(..., *out_shape)``; a `RawImage` is accepted, too.
 
         Returns
         -------
@@ -103,14 +103,14 @@ class ArrayMap(Solvable):
         ShapeError
             If the values have another shape.
         DeviceError
-            If they do not fit the device.
+            If the values do not fit in the device's memory.
         """
         return mapped(self, values, adjoint=True)
 
 
 def mapped(linear: LinearMap, values: Any, *, adjoint: bool = False) -> Array:
-    """An array of the host through a map, or through its adjoint, on the host again."""
-    array = host_array(values, "What a linear map takes")
+    """Apply a map or its adjoint to an array of the host and return the result on the host."""
+    array = host_array(values, "The argument of a linear map")
     leading_axes(linear, array.shape, adjoint=adjoint)
     data = linear.device.upload(np.ascontiguousarray(array, linear.dtype))
     return np.asarray(
@@ -121,12 +121,12 @@ def mapped(linear: LinearMap, values: Any, *, adjoint: bool = False) -> Array:
 def leading_axes(
     linear: LinearMap, shape: tuple[int, ...], *, adjoint: bool = False
 ) -> tuple[int, ...]:
-    """The leading axes of an array that a map takes, or its adjoint."""
-    wanted = tuple(linear.out_shape if adjoint else linear.in_shape)
-    lead = len(shape) - len(wanted)
-    if lead < 0 or tuple(shape[lead:]) != wanted:
+    """Return the leading axes of an array that a map or its adjoint takes."""
+    core = tuple(linear.out_shape if adjoint else linear.in_shape)
+    lead = len(shape) - len(core)
+    if lead < 0 or tuple(shape[lead:]) != core:
         raise ShapeError(
-            f"{'The adjoint of this map' if adjoint else 'This map'} takes arrays of shape "
-            f"(..., {', '.join(map(str, wanted))}), not {tuple(shape)}."
+            f"The argument of {'the adjoint of this map' if adjoint else 'this map'} must have "
+            f"shape (..., {', '.join(map(str, core))}), got {tuple(shape)}."
         )
     return tuple(int(n) for n in shape[:lead])

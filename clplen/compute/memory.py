@@ -1,8 +1,8 @@
 """Arrays in the memory of a device: allocated, copied to and from the host, mapped.
 
-The first write to a fresh buffer of a CPU device meets a page fault every 4 kB, which takes longer
-than a pass over the data. Linux hands out 2 MB pages where it is asked to; NumPy asks for its own
-arrays, OpenCL runtimes do not.
+The first write to a new buffer of a CPU device causes a page fault every 4 kB. These faults take
+longer than a pass over the data. Linux provides 2 MB pages on request. NumPy requests them for its
+arrays; OpenCL runtimes do not.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ import pyopencl.array as cla
 from pyopencl.tools import ImmediateAllocator, MemoryPool
 
 from clplen.compute.drivers import limits
-from clplen.compute.drivers.failures import device_errors, is_want_of_memory
+from clplen.compute.drivers.failures import device_errors, is_out_of_memory
 from clplen.compute.drivers.forked import Guard, require_own_process
 from clplen.compute.fft.plans import PlanCache, Workspace
 from clplen.compute.hardware import Hardware
@@ -31,28 +31,28 @@ from clplen.errors import DeviceError, ShapeError
 from clplen.units import bytes_of
 
 T = TypeVar("T")
-LEAST_BYTES = 2**22  # below this the request costs as much as it saves
+MIN_LARGE_BYTES = 2**22  # smallest buffer for which large pages and reuse save time
 _PAGE = 4096
 _MADV_HUGEPAGE = 14
 
 
 def ask_for_large_pages(queue: cl.CommandQueue, buffer: cl.Buffer) -> None:
-    """Ask Linux for large pages under a fresh buffer of a CPU device; elsewhere do nothing."""
+    """Request large pages from Linux for a new buffer of a CPU device; elsewhere do nothing."""
     advise = _madvise()
-    if advise is None or buffer.size < LEAST_BYTES:
+    if advise is None or buffer.size < MIN_LARGE_BYTES:
         return
     flags = cast(cl.map_flags, cl.map_flags.READ | cl.map_flags.WRITE)
     size: Any = (buffer.size,)
     mapped, _ = cl.enqueue_map_buffer(queue, buffer, flags, 0, size, np.dtype(np.uint8))
     start = -(-mapped.ctypes.data // _PAGE) * _PAGE
     length = (mapped.ctypes.data + buffer.size - start) // _PAGE * _PAGE
-    advise(start, length, _MADV_HUGEPAGE)  # a hint: a refusal changes nothing
+    advise(start, length, _MADV_HUGEPAGE)  # only a hint, which may fail silently
     mapped.base.release(queue)
 
 
 @cache
 def _madvise() -> Any:
-    """The C library's function, None where there is none."""
+    """Return ``madvise`` of the C library, or None if the system has none."""
     if sys.platform != "linux":
         return None
     function = getattr(ctypes.CDLL(None), "madvise", None)
@@ -62,87 +62,87 @@ def _madvise() -> Any:
 
 
 def trim_heap() -> None:
-    """Let the C library give freed memory back to Linux; it keeps that of many small buffers."""
+    """Return freed heap memory to Linux, which the C library holds after many small buffers."""
     if sys.platform == "linux":
         trim = getattr(ctypes.CDLL(None), "malloc_trim", None)  # glibc's
         if trim is not None:
             trim(0)
 
 
-_SPARE_BYTES = 2**30  # that both precisions of a CPU keep for later calls
-_GPU_SPARE_BYTES = 6 * 2**30  # on a GPU: other programs use it, too
-_SPARE_SHARE = 4  # of the device's memory: at most a quarter
-_PLAN_SHARE = 5 / 8  # of what is kept: plans, which take longest to make again; buffers the rest
-_WORKSPACE_SHARE = 1 / 4
-_COPIES = 64  # small arrays on their way to a GPU
-_POOL_STEP = 8  # their sizes are rounded up by less than an eighth
+_SPARE_BYTES = 2**30  # default cache limit of a CPU, both precisions together
+_GPU_SPARE_BYTES = 6 * 2**30  # default cache limit of a GPU, which other programs may share
+_SPARE_SHARE = 4  # the limit is at most this fraction, 1/4, of the device's memory
+_PLAN_SHARE = 5 / 8  # fraction of the limit for plans, the slowest to recreate
+_WORKSPACE_SHARE = 1 / 4  # fraction of the limit for the workspace of FFTs on the host
+_COPIES = 64  # maximum number of pending small copies to a GPU
+_POOL_STEP = 8  # the pool rounds sizes up by less than 1/8
 
 
 class Memory(Hardware):
-    """The memory of a device, and what is kept there between calls.
+    """Memory of a device, with a cache of plans and buffers between calls.
 
-    ``beside`` is the same hardware in the other precision, with which it shares what may be kept.
+    ``sibling`` is the device of the other precision on this hardware; the two share the cache.
     """
 
-    def __init__(self, cl_device: cl.Device, beside: Memory | None = None) -> None:
+    def __init__(self, cl_device: cl.Device, sibling: Memory | None = None) -> None:
         super().__init__(cl_device)
-        self._unchecked_bytes = 0  # allocated since the limits were last looked at
-        # mapped buffers: their bytes, and how many use them
+        self._unchecked_bytes = 0  # bytes allocated since the last check of the limits
+        # mapped buffers: their bytes and their number of users
         self._maps: dict[tuple[int, bool], list[Any]] = {}
         self._maps_lock = Guard()
-        # copies to a GPU under way, which hold what they copy; the oldest is waited for
+        # pending copies to a GPU, which hold references to their sources
         self._copies: deque[Any] = deque(maxlen=_COPIES)
         self.spare_bytes = min(_spare_limit(self.is_cpu), self.memory_bytes // _SPARE_SHARE)
         limit = int(_PLAN_SHARE * self.spare_bytes)
-        # plans (transfer functions, arrays of lenslets), bounded in bytes with those below
-        self.plans: PlanCache = PlanCache(limit, beside.plans if beside else None)
-        self.transforms = PlanCache(limit, self.plans)  # Fourier transforms that the device runs
-        self.tables = PlanCache(limit, self.plans)  # small ones of recent launches
-        # host memory that transforms on the host use again and again
-        workspace = beside.workspace if beside else None
+        # plans (transfer functions, arrays of lenslets), under a common limit in bytes
+        self.plans: PlanCache = PlanCache(limit, sibling.plans if sibling else None)
+        self.transforms = PlanCache(limit, self.plans)  # Fourier transforms on the device
+        self.tables = PlanCache(limit, self.plans)  # small tables of recent launches
+        # host memory reused by transforms on the host
+        workspace = sibling.workspace if sibling else None
         self.workspace: Workspace = workspace or Workspace(int(_WORKSPACE_SHARE * self.spare_bytes))
-        self._precisions: list[Memory] = beside._precisions if beside else []
+        self._precisions: list[Memory] = sibling._precisions if sibling else []
         self._precisions.append(self)
 
     def require_memory(self, nbytes: int, what: str) -> None:
-        """Raise a `DeviceError` about ``what`` if its bytes cannot fit; allocate nothing."""
+        """Raise a `DeviceError` if ``what`` needs more bytes than can fit; allocate nothing."""
         if nbytes > self.memory_bytes:
             raise self._too_much(nbytes, what)
-        if self.is_cpu and nbytes > LEAST_BYTES:
+        if self.is_cpu and nbytes > MIN_LARGE_BYTES:
             free = limits.array_room(nbytes)
-            # What is there already may be among what is needed.
+            # Arrays that exist already may count towards the bytes needed.
             room = free._replace(nbytes=max(free.nbytes, 0) + self.held_bytes())
             if nbytes > room.nbytes:
                 raise self._too_much(nbytes, what, room)
 
     def _too_much(self, nbytes: int, what: str, room: limits.Room | None = None) -> DeviceError:
-        """The refusal of a size, for want of the device's memory or within a limit."""
-        there = f"{self.name} has {_bytes(self.memory_bytes)}"
+        """Return the error about a size above the device's memory or above a limit."""
+        capacity = f"{self.name} has {_bytes(self.memory_bytes)}"
         remedy = "a device with more memory"
         if room is not None:
-            there = f"{room.limit} leaves {_bytes(max(room.nbytes, 0))} to arrays"
+            capacity = f"{room.limit} leaves {_bytes(max(room.nbytes, 0))} to arrays"
             remedy = "raise the limit" if "limit" in room.limit else remedy
         return DeviceError(
-            f"{what} needs {_bytes(nbytes)}, but {there}: use fewer planes or samples at a time, "
-            f"integer instead of float storage, or {remedy}."
+            f"{what} needs {_bytes(nbytes)}, but {capacity}: use fewer planes or samples at a "
+            f"time, integer instead of float storage, or {remedy}."
         )
 
     def held_bytes(self) -> int:
-        """Bytes of large arrays on this hardware, in use or kept for use again."""
+        """Return the bytes of large arrays on this hardware, in use or cached for reuse."""
         return sum(pool.managed_bytes for pool in self._pools())
 
     def _pools(self) -> list[MemoryPool]:
-        """The spare buffers of both precisions, where there are any yet."""
+        """Return the pools of spare buffers of both precisions, as far as they exist."""
         devices = tuple(self._precisions)
-        return [one._spare for one in devices if "_spare" in one.__dict__]
+        return [device._spare for device in devices if "_spare" in device.__dict__]
 
     def _require_room(self, nbytes: int, what: str) -> None:
-        """Refuse an array of a CPU that a limit of the process or the computer does not admit.
+        """Raise if an array of a CPU exceeds a limit of the process or of the computer.
 
-        What is kept for later calls is given back before. Small arrays are looked at together.
+        Spare memory is freed before the check fails. Small arrays are checked together.
         """
         self._unchecked_bytes += nbytes
-        if not self.is_cpu or self._unchecked_bytes < LEAST_BYTES:
+        if not self.is_cpu or self._unchecked_bytes < MIN_LARGE_BYTES:
             return
         self._unchecked_bytes = 0
         if nbytes <= limits.array_room(nbytes).nbytes:
@@ -161,44 +161,46 @@ class Memory(Hardware):
         if nbytes > largest:
             raise self._too_much(nbytes, what, limits.Room(largest, self.name))
         self._require_room(nbytes, what)
-        least = LEAST_BYTES if self.is_cpu else 1  # what a GPU allocates or frees, it waits for
-        spare = least <= nbytes <= largest - nbytes // _POOL_STEP
-        held = self._spare.managed_bytes
+        smallest = MIN_LARGE_BYTES if self.is_cpu else 1  # a GPU synchronises at each allocation
+        spare = smallest <= nbytes <= largest - nbytes // _POOL_STEP
+        pooled_bytes = self._spare.managed_bytes
         allocator = self._spare if spare else self._allocator
         with device_errors(self.cl_device, what):
-            array = self.roomy(lambda: cla.empty(self.queue, shape, dtype, allocator=allocator))
-        if self.is_cpu and self._spare.managed_bytes > held:
+            array = self.retry_with_room(
+                lambda: cla.empty(self.queue, shape, dtype, allocator=allocator)
+            )
+        if self.is_cpu and self._spare.managed_bytes > pooled_bytes:
             ask_for_large_pages(self.queue, _buffer(array))
         self._trim()
         return array
 
     @property
     def _flags(self) -> cl.mem_flags:
-        """A CPU's memory is allocated at once: PoCL fails later, and there without an error."""
-        late = cl.mem_flags.READ_WRITE
-        return cast(cl.mem_flags, late | cl.mem_flags.ALLOC_HOST_PTR) if self.is_cpu else late
+        """Buffer flags; a CPU allocates at once, since PoCL's late allocation fails silently."""
+        flags = cl.mem_flags.READ_WRITE
+        return cast(cl.mem_flags, flags | cl.mem_flags.ALLOC_HOST_PTR) if self.is_cpu else flags
 
     @cached_property
     def _allocator(self) -> Callable[[int], cl.Buffer]:
-        """What allocates small arrays."""
+        """Allocator of small arrays."""
         context, flags = self.context, self._flags
         return lambda nbytes: cl.Buffer(context, flags, nbytes)
 
     @cached_property
     def _spare(self) -> MemoryPool:
-        """Large buffers that were let go, for the next one of their size: fresh ones cost time."""
+        """Pool of large buffers for reuse, since a new buffer costs page faults or a wait."""
         return MemoryPool(ImmediateAllocator(self.queue, self._flags))
 
     def _trim(self) -> None:
-        """Give back spare buffers beyond what may be kept."""
+        """Free spare buffers above the cache limit."""
         pools = self._pools()
         spare = sum(pool.managed_bytes - pool.active_bytes for pool in pools)
         if spare > self.spare_bytes - self.plans.shared_bytes - self.workspace.nbytes:
             for pool in pools:
                 pool.free_held()
 
-    def roomy(self, act: Callable[[], T]) -> T:
-        """What ``act`` gives; where memory is wanting, once more without what is kept."""
+    def retry_with_room(self, act: Callable[[], T]) -> T:
+        """Return ``act()``; after an out-of-memory error free spare memory and retry once."""
         try:
             return act()
         except Exception as error:
@@ -206,20 +208,20 @@ class Memory(Hardware):
         return act()
 
     def make_room(self, error: Exception) -> None:
-        """Give back what is kept after a want of memory; raise any other error again."""
-        if not is_want_of_memory(error):
+        """Free spare memory after an out-of-memory error; raise any other error again."""
+        if not is_out_of_memory(error):
             raise error
         self.free_spare()
 
     def free_spare(self) -> None:
-        """Give back what this hardware keeps for later calls, in both precisions.
+        """Free the memory that this hardware caches for later calls, in both precisions.
 
-        These are plans, tables, spare buffers and the working memory of Fourier transforms.
+        The cache holds plans, tables, spare buffers and the workspace of Fourier transforms.
         """
         require_own_process()
-        for one in tuple(self._precisions):
-            for kept in (one.plans, one.transforms, one.tables, one.workspace):
-                kept.clear()
+        for device in tuple(self._precisions):
+            for store in (device.plans, device.transforms, device.tables, device.workspace):
+                store.clear()
         for pool in self._pools():
             pool.free_held()
         trim_heap()
@@ -234,27 +236,31 @@ class Memory(Hardware):
         return array
 
     def upload(self, values: np.ndarray[Any, Any]) -> cla.Array:
-        """Copy a host array to the device; a small one does not wait for earlier work."""
+        """Copy a host array to the device; small arrays do not wait for earlier work."""
         values = np.asarray(values, order="C")
         what = "A copy to the device"
-        small = 0 < values.nbytes < min(LEAST_BYTES, self.memory_bytes)
+        small = 0 < values.nbytes < min(MIN_LARGE_BYTES, self.memory_bytes)
         if small and self._profile is None and not self.is_cpu:
             array = self.empty(values.shape, values.dtype)
             with device_errors(self.cl_device, what):
-                done = cl.enqueue_copy(self.queue, _buffer(array), values.copy(), is_blocking=False)
-            self._copies.append(done)
+                event = cl.enqueue_copy(
+                    self.queue, _buffer(array), values.copy(), is_blocking=False
+                )
+            self._copies.append(event)
             return array
         if small and self._profile is None:
             flags = cl.mem_flags.READ_WRITE | cl.mem_flags.COPY_HOST_PTR
             self._require_room(values.nbytes, what)
             with device_errors(self.cl_device, what):
-                buffer = self.roomy(lambda: cl.Buffer(self.context, flags, hostbuf=values))
+                buffer = self.retry_with_room(
+                    lambda: cl.Buffer(self.context, flags, hostbuf=values)
+                )
             return cla.Array(self.queue, values.shape, values.dtype, data=buffer)
         array = self.empty(values.shape, values.dtype)
         if values.nbytes:
             with device_errors(self.cl_device, what):
-                done = cl.enqueue_copy(self.queue, _buffer(array), values, is_blocking=True)
-            self._note("upload", done, values.nbytes)
+                event = cl.enqueue_copy(self.queue, _buffer(array), values, is_blocking=True)
+            self._note("upload", event, values.nbytes)
         return array
 
     def download(self, array: cla.Array) -> np.ndarray[Any, Any]:
@@ -263,20 +269,20 @@ class Memory(Hardware):
         what = f"A copy to the host, of shape {array.shape} ({array.dtype}),"
         self._require_room(array.nbytes, what)
         with device_errors(self.cl_device, what):
-            values = self.roomy(lambda: np.empty(array.shape, array.dtype))
+            values = self.retry_with_room(lambda: np.empty(array.shape, array.dtype))
         if values.nbytes:
             with device_errors(self.cl_device, "A copy to the host"):
-                done = cl.enqueue_copy(
+                event = cl.enqueue_copy(
                     self.queue, values, _buffer(array), src_offset=array.offset, is_blocking=True
                 )
-            self._note("download", done, values.nbytes)
+            self._note("download", event, values.nbytes)
         return values
 
     def copy_into(self, target: cla.Array, source: cla.Array, offset: int) -> None:
-        """Copy a whole device array into another one, from a byte of that on."""
+        """Copy a device array into another device array, starting at a byte offset."""
         if source.nbytes:
             with device_errors(self.cl_device, "A copy on the device"):
-                done = cl.enqueue_copy(
+                event = cl.enqueue_copy(
                     self.queue,
                     _buffer(target),
                     _buffer(source),
@@ -284,7 +290,7 @@ class Memory(Hardware):
                     dst_offset=target.offset + offset,
                     byte_count=source.nbytes,
                 )
-            self._note("copy", done, 2 * source.nbytes)
+            self._note("copy", event, 2 * source.nbytes)
 
     def copy_lines(
         self,
@@ -294,30 +300,30 @@ class Memory(Hardware):
         of_source: tuple[int, int],
         of_target: tuple[int, int],
     ) -> None:
-        """Copy lines of bytes from one C-contiguous device array into another one.
+        """Copy lines of bytes between two C-contiguous device arrays.
 
-        ``size`` is (bytes of a line, lines), ``of_source`` and ``of_target`` are (byte at which the
-        first line starts, bytes from one line to the next).
+        ``size`` is (bytes of a line, number of lines). ``of_source`` and ``of_target`` are (byte
+        offset of the first line, bytes between the starts of lines).
         """
-        (start, pitch), (to, apart) = of_source, of_target
+        (source_start, source_pitch), (target_start, target_pitch) = of_source, of_target
         with device_errors(self.cl_device, "A copy on the device"):
-            done = cl.enqueue_copy(
+            event = cl.enqueue_copy(
                 self.queue,
                 _buffer(target),
                 _buffer(source),
-                src_origin=(source.offset + start, 0, 0),
-                dst_origin=(target.offset + to, 0, 0),
+                src_origin=(source.offset + source_start, 0, 0),
+                dst_origin=(target.offset + target_start, 0, 0),
                 region=(*size, 1),
-                src_pitches=(pitch,),
-                dst_pitches=(apart,),
+                src_pitches=(source_pitch,),
+                dst_pitches=(target_pitch,),
             )
-        self._note("copy", done, 2 * math.prod(size))
+        self._note("copy", event, 2 * math.prod(size))
 
     @contextmanager
     def on_host(self, array: cla.Array, *, write: bool = True) -> Iterator[np.ndarray[Any, Any]]:
-        """Yield a C-contiguous array's values as a NumPy array, on a CPU device without a copy.
+        """Yield the values of a C-contiguous array as a NumPy array; a CPU device copies nothing.
 
-        With ``write`` changes in place are kept; a GPU's array is written back.
+        If ``write``, in-place changes persist; the values of a GPU are copied back.
         """
         _require_contiguous(array)
         if not self.is_cpu:
@@ -334,56 +340,55 @@ class Memory(Hardware):
                     )
             return
         with self._mapped(_buffer(array), write) as values:
-            own = values[array.offset : array.offset + array.nbytes]
-            yield own.view(array.dtype).reshape(array.shape)
+            segment = values[array.offset : array.offset + array.nbytes]
+            yield segment.view(array.dtype).reshape(array.shape)
 
     @contextmanager
     def _mapped(self, buffer: cl.Buffer, write: bool) -> Iterator[np.ndarray[Any, Any]]:
-        """A buffer's bytes, mapped once for all who read and once for all who write."""
+        """Yield the bytes of a buffer, mapped once for all readers and once for all writers."""
         key = buffer.int_ptr, write
         with self._maps_lock:
             if key not in self._maps:
-                wanted = cl.map_flags.READ | cl.map_flags.WRITE if write else cl.map_flags.READ
-                flags = cast(cl.map_flags, wanted)
+                access = cl.map_flags.READ | cl.map_flags.WRITE if write else cl.map_flags.READ
+                flags = cast(cl.map_flags, access)
                 with device_errors(self.cl_device, "A mapped buffer"):
                     values, _ = cl.enqueue_map_buffer(
                         self.queue, buffer, flags, 0, (buffer.size,), np.dtype(np.uint8)
                     )
                 self._maps[key] = [values, 0]
             else:
-                with device_errors(self.cl_device, "What was enqueued"):
-                    self.queue.finish()  # as a map of its own would wait
-            held = self._maps[key]
-            held[1] += 1
+                with device_errors(self.cl_device, "Enqueued work"):
+                    self.queue.finish()  # mapping the buffer again would wait, too
+            mapping = self._maps[key]
+            mapping[1] += 1
         try:
-            yield held[0]
+            yield mapping[0]
         finally:
             with self._maps_lock:
-                held[1] -= 1
-                if not held[1]:
+                mapping[1] -= 1
+                if not mapping[1]:
                     del self._maps[key]
-                    held[0].base.release(self.queue)
+                    mapping[0].base.release(self.queue)
 
 
 def _spare_limit(is_cpu: bool) -> int:
-    """Bytes that may be kept for later calls: ``$CLPLEN_SPARE_MEMORY``, else the default."""
-    asked = os.environ.get("CLPLEN_SPARE_MEMORY", "").strip()
+    """Return the cache limit in bytes: ``$CLPLEN_SPARE_MEMORY``, else the default."""
+    variable = os.environ.get("CLPLEN_SPARE_MEMORY", "").strip()
     try:
-        return bytes_of(asked) if asked else (_SPARE_BYTES if is_cpu else _GPU_SPARE_BYTES)
+        return bytes_of(variable) if variable else (_SPARE_BYTES if is_cpu else _GPU_SPARE_BYTES)
     except ValueError as error:
-        raise DeviceError(f"CLPLEN_SPARE_MEMORY {error}, got {asked!r}.") from error
+        raise DeviceError(f"CLPLEN_SPARE_MEMORY {error}, got {variable!r}.") from error
 
 
 def _require_contiguous(array: cla.Array) -> None:
     if not array.flags.c_contiguous:
         raise ShapeError(
-            f"A device array of strides {array.strides} is not C-contiguous: copy it into a new "
-            "array."
+            f"Device arrays must be C-contiguous, got strides {array.strides}; copy the array."
         )
 
 
 def _buffer(array: cla.Array) -> cl.Buffer:
-    """The buffer that holds an array of at least one sample."""
+    """Return the buffer of an array with at least one sample."""
     return cast(cl.Buffer, array.base_data)
 
 
@@ -391,11 +396,11 @@ def _bytes(count: int) -> str:
     return f"{count:,} bytes ({count / 2**30:.2f} GiB)"
 
 
-_UNKNOWN = 4 << 30  # where a system does not say how much memory is free
+DEFAULT_FREE_BYTES = 4 << 30  # assumed if the system does not report its free memory
 
 
 def free_memory() -> int:
-    """Bytes of host memory that this process may still take."""
+    """Return the bytes of host memory that this process may still allocate."""
     rooms = limits.machine_room(swap=False), limits.process_room(), limits.group_room()
     free = min(room.nbytes for room in rooms)
-    return _UNKNOWN if free == sys.maxsize else max(free, 0)
+    return DEFAULT_FREE_BYTES if free == sys.maxsize else max(free, 0)

@@ -1,4 +1,4 @@
-"""What ran on a device and how long it took, by the device's own clock."""
+"""Kernel runs, copies and host work on a device, with their times."""
 
 from __future__ import annotations
 
@@ -15,29 +15,29 @@ NANOSECOND = 1e-9
 
 @dataclass(frozen=True)
 class Run:
-    """One run of a kernel, a copy, or a piece of work on the host."""
+    """Run of a kernel, a copy, or a piece of work on the host."""
 
-    name: str  # the kernel with its definitions, or the work of the host
+    name: str  # kernel with its definitions, or work on the host
     seconds: float
-    nbytes: int  # to be moved at least: every array once
-    operations: float  # additions and multiplications; 0 where they were not counted
+    nbytes: int  # minimum number of bytes moved: each array once
+    operations: float  # additions and multiplications; 0 if not counted
 
 
 class Profile:
-    """Runs in the order in which they were enqueued. Made by `Device.profiling`."""
+    """Runs in the order in which they were enqueued; made by `Device.profiling`."""
 
     def __init__(self) -> None:
         self._runs: list[Run | tuple[str, cl.Event, int, float]] = []
 
     def add_event(self, name: str, event: cl.Event, nbytes: int, operations: float = 0.0) -> None:
-        """Something that was enqueued; its times are read when it is over."""
+        """Add an enqueued event; its times are read after its end."""
         self._runs.append((name, event, nbytes, operations))
 
     @contextmanager
     def on_host(
         self, name: str, queue: cl.CommandQueue, nbytes: int, operations: float = 0.0
     ) -> Iterator[None]:
-        """A piece of work that the host does or waits for, by the host's clock."""
+        """Time work in this block by the host's clock."""
         queue.finish()
         start = perf_counter()
         yield
@@ -46,7 +46,7 @@ class Profile:
 
     @property
     def runs(self) -> tuple[Run, ...]:
-        """All of them; waits for those that are not over."""
+        """Runs of the profile; waits for pending events."""
         return tuple(run if isinstance(run, Run) else _timed(*run) for run in self._runs)
 
 
@@ -57,13 +57,15 @@ def _timed(name: str, event: cl.Event, nbytes: int, operations: float) -> Run:
 
 
 def label(name: str, defines: Sequence[tuple[str, Any]]) -> str:
-    """A kernel's name with what it was specialised by."""
-    told = (key if value is True else f"{key}={value}" for key, value in defines if key != "ROWS")
-    return " ".join((name, *told))
+    """Return a kernel's name followed by its definitions."""
+    definitions = (
+        key if value is True else f"{key}={value}" for key, value in defines if key != "ROWS"
+    )
+    return " ".join((name, *definitions))
 
 
 def bytes_of(arrays: Sequence[Any]) -> int:
-    """Bytes of the arrays among a kernel's arguments, each buffer once."""
+    """Return the bytes of the arrays among a kernel's arguments, each buffer once."""
     sizes: dict[Any, int] = {}
     for array in arrays:
         if isinstance(array, cl.Buffer):

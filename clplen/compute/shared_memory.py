@@ -1,7 +1,7 @@
-"""Arrays that host and device share: of a CPU device the same memory, of others one copy each way.
+"""Arrays shared by host and device: the same memory on a CPU, copies on other devices.
 
-Engines of gradients pass arrays in and out at every step. A CPU computes on an array of the host
-where it lies (``CL_MEM_USE_HOST_PTR``), and what it made is mapped and handed out as it is.
+Automatic differentiation passes arrays in and out at every step. A CPU device computes on arrays of
+the host in place (``CL_MEM_USE_HOST_PTR``) and maps its results without a copy.
 """
 
 from __future__ import annotations
@@ -20,10 +20,10 @@ from clplen.types import Array
 
 
 def lend(values: Array, device: Device) -> cla.Array:
-    """An array of the host as one of the device, which reads it: on a CPU device without a copy.
+    """Return a read-only device array of an array of the host; a CPU device copies nothing.
 
-    Nothing may change ``values`` while the device reads them: wait (`Device.finish`, or `keep` of
-    what was made of them) before they are given back to their owner.
+    Do not change ``values`` while the device reads them: call `Device.finish`, or `keep` for a
+    result computed from them, before returning them to their owner.
     """
     flat = np.ascontiguousarray(values).reshape(values.shape)
     is_aligned = flat.ctypes.data % max(1, flat.itemsize) == 0
@@ -36,10 +36,10 @@ def lend(values: Array, device: Device) -> cla.Array:
 
 
 def keep(array: cla.Array, device: Device) -> Array:
-    """An array of a device on the host; on a CPU device its own memory, not a copy.
+    """Return an array of a device on the host; a CPU device returns its memory, not a copy.
 
-    Everything that was enqueued before is done then. The memory lives as long as the result and
-    its views, and is not used again before; so the array is left to the result.
+    The call waits for all enqueued work. The memory lives as long as the result and its views, so
+    do not use the device array afterwards.
     """
     if not (device.is_cpu and array.size):
         return device.download(array)
@@ -47,7 +47,7 @@ def keep(array: cla.Array, device: Device) -> Array:
 
 
 class _Mapped(HoldsOpenCL):
-    """A mapped array with its buffer: what a NumPy array of its memory keeps alive."""
+    """Mapped array with its buffer, kept alive by the NumPy array of its memory."""
 
     def __init__(self, array: cla.Array, device: Device) -> None:
         flags = cast(cl.map_flags, cl.map_flags.READ | cl.map_flags.WRITE)
@@ -67,9 +67,9 @@ class _Mapped(HoldsOpenCL):
 
     def __del__(self) -> None:
         if hasattr(self, "_bytes") and not is_forked():
-            self._bytes.base.release(self._queue)  # before the buffer, which is used again
+            self._bytes.base.release(self._queue)  # before the buffer returns to the pool
 
 
 def shares_memory(a: cla.Array, b: cla.Array) -> bool:
-    """Whether two arrays lie in one buffer."""
+    """Return True if two arrays use the same buffer."""
     return math.prod(a.shape) > 0 and a.base_data is not None and a.base_data == b.base_data

@@ -1,15 +1,16 @@
-/* Every built-in function of OpenCL that the other kernels call, one sample at a time in a loop and,
- * of those that they call so, 4, 8 and 16 samples at a time: what a compiler is asked for first,
- * because some die of it.
+/* Every built-in function of OpenCL that the other kernels call, for single samples in a loop and,
+ * where kernels use vectors, for 4, 8 and 16 samples. A compiler is tested with it first, since some
+ * compilers crash.
  *
  *   y[f, k] = f(a_k, b_k),  a_k = x[0, k] > 0,  b_k = x[1, k],  k = 0 ... n - 1,  16 divides n
  *
- * The functions stand in the order of clplen/compute/drivers/builtin_functions.py. i and j are the integers of a and
- * b, halves, bytes and shorts are integers of a as light fields store them. One item does it all.
+ * The order is that of clplen/compute/drivers/builtin_functions.py. i and j are the integers of a and
+ * b; halves, bytes and shorts are the integers of a in the dtypes of stored light fields. A single
+ * item computes all.
  *
- * Loops over vectors are not unrolled: it takes a compiler time and tries nothing more.
+ * Loops over vectors are not unrolled, which would take compile time without testing more.
  *
- * -DDOUBLE   the functions of doubles, too (needs cl_khr_fp64)
+ * -DDOUBLE   functions of doubles, too (requires cl_khr_fp64)
  */
 #ifdef DOUBLE
 #pragma OPENCL EXTENSION cl_khr_fp64 : enable

@@ -1,11 +1,11 @@
-/* The most multiplications and additions a second that a device does on data in its nearest cache.
+/* Maximum rate of multiplications and additions of a device on data in its nearest cache.
  *
  *   s_j = s_j m + x,  `rounds` times,  0 <= j < CHAINS,     out[i] = sum_j s_j
  *
- * One item keeps CHAINS sums of LANES floats in registers, as many as hide the latency of one
- * multiply-add; 2 CHAINS LANES operations a round. x changes from round to round (it is read from
- * `few`, a power of two of floats that stay in the cache), so that no round can be left out. Of
- * vectors, out is the sum of the first two lanes.
+ * An item has CHAINS sums of LANES floats in registers, enough to hide the latency of a multiply-add,
+ * with 2 CHAINS LANES operations per round. x is read from `few`, a power of two of floats in the
+ * cache, and changes from round to round, so that the compiler cannot omit a round. For vectors, out
+ * is the sum of the first two lanes.
  *
  * -DLANES=1 | 4 | 8 | 16, -DCHAINS=n
  * Mapping: axis 0 = items.

@@ -1,13 +1,13 @@
 /* Types, loops and phase arithmetic shared by all kernels.
  *
- * -DDOUBLE   the wave tower in float64 (needs cl_khr_fp64); float32 otherwise
- * -DROWS     one work-item owns a whole row (CPUs: the compiler vectorises the loop);
- *            otherwise one work-item owns one sample (GPUs)
+ * -DDOUBLE   wave fields in float64 (requires cl_khr_fp64); float32 otherwise
+ * -DROWS     a work-item processes a row (CPUs: the compiler vectorises the loop);
+ *            otherwise a work-item processes a sample (GPUs)
  *
  * Mapping of every kernel written with FOR_X: axis 0 = x, axis 1 = y, axis 2 = batch.
  *
- * Functions are plain `inline`: Oclgrind 21.10 finds no kernel in what becomes of `static inline`
- * functions that return structures.
+ * Functions are plain `inline`: Oclgrind 21.10 finds no kernel in files with `static inline` functions
+ * that return structures.
  */
 #ifndef CLPLEN_COMMON
 #define CLPLEN_COMMON
@@ -33,7 +33,7 @@ typedef float2 real2;
 #define FROM_X(x, nx) for (x = get_global_id(0); x < (nx); x = (nx))
 #endif
 
-/* Index of sample (batch, y, x), 64 bits because a batch may pass 2^31 samples. */
+/* Index of sample (batch, y, 0) in 64 bits, since a batch may exceed 2^31 samples. */
 inline size_t row_start(int batch, int y, int ny, int nx)
 {
     return ((size_t)batch * ny + y) * nx;
@@ -44,14 +44,14 @@ inline cplx cmul(cplx a, cplx b)
     return (cplx)(a.x * b.x - a.y * b.y, a.x * b.y + a.y * b.x);
 }
 
-/* exp(2 pi i r) of a phase in turns, abs(r) < 2^22 so that r keeps a fraction.
+/* exp(2 pi i r) of a phase in turns, abs(r) < 2^22 so that r has a fraction.
  *
  *   r = n/2 + f,  n = rint(2 r),  abs(f) <= 1/4;   exp(2 pi i r) = (-1)^n (cos 2 pi f + i sin 2 pi f)
  *
  * In float32 by two polynomials, minimax in abs(f) <= 1/4: f P4(f^2) with 3.4e-9 for the sine,
- * 1 + f^2 Q4(f^2) with 2.5e-10 for the cosine; rounding adds up to 1.5e-7. The library's sincos,
- * which also serves arguments of 1e30, is several times slower where a compiler does not vectorise
- * it (PoCL).
+ * 1 + f^2 Q4(f^2) with 2.5e-10 for the cosine; rounding adds up to 1.5e-7. The library's sincos
+ * accepts arguments up to 1e30 and is several times slower with compilers that do not vectorise it
+ * (PoCL).
  */
 inline cplx cis_turns(real r)
 {

@@ -1,14 +1,14 @@
-/* How many reals of each stretch of an array are NaN or infinite.
+/* Number of NaN and infinite reals in each segment of an array.
  *
  *   bad[i] = #{j in [i length, (i + 1) length) : not isfinite(a[j])}
  *
- * Mapping: one item a stretch with -DROWS, else one group of GROUP items, whose neighbours read
- * neighbours. -DDOUBLE: float64, -DHALF: float16. A complex sample is two reals.
+ * Mapping: one item per segment with -DROWS, else a group of GROUP items with interleaved reads.
+ * -DDOUBLE: float64, -DHALF: float16. A complex sample is two reals.
  */
 #include "common.cl"
 
-/* A sample is NaN or infinite when every bit of its exponent is set: an integer test, which
- * compilers vectorise where they call isfinite(). */
+/* A sample is NaN or infinite if all bits of its exponent are set. Compilers vectorise this integer
+ * test, but not isfinite(). */
 #ifdef DOUBLE
 typedef ulong bits;
 #define EXPONENT 0x7ff0000000000000UL

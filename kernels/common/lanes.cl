@@ -1,8 +1,8 @@
 /* Sixteen floats, or sixteen complex floats, at a time, at any address.
  *
- * Vectors in packed structures take the place of vloadn and vstoren, which PoCL does not inline.
- * Real and imaginary parts are two vectors: `deal` takes thirty-two interleaved floats apart, `merge`
- * puts them together. Included only.
+ * Vectors in packed structures replace vloadn and vstoren, which PoCL does not inline. Real and
+ * imaginary parts are two vectors: `deal` separates thirty-two interleaved floats, `merge` interleaves
+ * them. Included only.
  */
 #ifndef CLPLEN_LANES
 #define CLPLEN_LANES
@@ -56,8 +56,8 @@ inline void times16(__global float *to, __global const float *from, const float1
     merge(to, re * tr - im * ti, re * ti + im * tr);
 }
 
-/* exp(2 pi i r) as cis_turns of common.cl makes it, abs(r) < 2^21. Adding 1.5 2^23 rounds 2 r to an
- * integer n whose last bit is that of the sum's mantissa: it becomes the sign. */
+/* exp(2 pi i r) as in cis_turns of common.cl, abs(r) < 2^21. Adding 1.5 2^23 rounds 2 r to an integer
+ * n; the last bit of the sum's mantissa is the last bit of n and becomes the sign. */
 inline void cis16(const float16 r, float16 *re, float16 *im)
 {
     const float16 sum = 2 * r + 12582912.0f;

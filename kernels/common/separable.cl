@@ -2,7 +2,7 @@
  *
  *   out[b, y, x] = in[b, y, x] ty[y] tx[x]
  *
- * The tables are made in double on the host, so that a lens keeps its phase in float32.
+ * The tables are computed in double precision on the host, so that float32 suffices for the phase.
  * Mapping: FOR_X of common.cl. in and out may be the same array. -DROWS, -DDOUBLE: see common.cl;
  * -DLANES: sixteen samples at a time (with -DROWS, in float32).
  */

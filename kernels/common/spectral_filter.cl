@@ -1,4 +1,4 @@
-/* A spectrum times a transfer function of which one quadrant is stored.
+/* Spectrum times a transfer function stored as a quadrant.
  *
  *   u[b, ky, kx] *= H[min(ky, Ly - ky), min(kx, Lx - kx)]
  *
@@ -15,7 +15,7 @@
 #ifdef LANES
 #include "lanes.cl"
 
-/* Sixteen samples times as many factors, the last of these first where they mirror. */
+/* Sixteen samples times sixteen factors, in reverse order if `mirror`. */
 inline void lanes(__global float *u, __global const float *H, const int mirror)
 {
     float16 re, im;
@@ -40,7 +40,7 @@ __kernel void filter_spectrum(__global cplx *restrict u, __global const cplx *re
     int x = 0;
 #ifdef LANES
     for (; x + 16 <= nx; x += 16) {
-        const int mirror = x > nx / 2; /* sixteen samples about the middle are taken one by one */
+        const int mirror = x > nx / 2; /* sixteen samples across the middle are processed one by one */
         const int from = mirror ? nx - x - 15 : x;
         if (x <= nx / 2 && x + 15 > nx / 2)
             for (int k = x; k < x + 16; ++k)

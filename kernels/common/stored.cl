@@ -1,7 +1,7 @@
-/* Samples of a light field as it is stored, read as float.
+/* Stored samples of a light field, read as float.
  *
- * -DSAMPLE=uchar | ushort | half | float   what the light field stores (half needs no cl_khr_fp16)
- * -DLANES=4 | 8 | 16                       stored_vec: so many samples at any address
+ * -DSAMPLE=uchar | ushort | half | float   type of the stored samples (half without cl_khr_fp16)
+ * -DLANES=4 | 8 | 16                       samples of stored_vec, at any address
  * Included only.
  */
 #ifndef CLPLEN_STORED
@@ -16,14 +16,14 @@
 #define STORED_half(from, i) vload_half(i, from)
 #define STORED_float(from, i) ((from)[i])
 
-/* Sample i from a place on. */
+/* Sample i from an address on. */
 inline float stored(__global const SAMPLE *from, const size_t i)
 {
     return JOIN(STORED_, SAMPLE)(from, i);
 }
 
 #if defined(LANES) && LANES > 1
-/* Vectors in packed structures take the place of vloadn, which PoCL does not inline. */
+/* Vectors in packed structures replace vloadn, which PoCL does not inline. */
 typedef struct __attribute__((packed)) { JOIN(uchar, LANES) v; } loose_uchar;
 typedef struct __attribute__((packed)) { JOIN(ushort, LANES) v; } loose_ushort;
 typedef struct __attribute__((packed)) { JOIN(float, LANES) v; } loose_float;

@@ -1,6 +1,6 @@
-/* LANES floats at a time, at any address: the vectors that a CPU's registers hold.
+/* LANES floats at a time, at any address: vectors for the registers of a CPU.
  *
- * Vectors in packed structures take the place of vloadn and vstoren, which PoCL does not inline.
+ * Vectors in packed structures replace vloadn and vstoren, which PoCL does not inline.
  * -DLANES=4 | 8 | 16; included only.
  */
 #ifndef CLPLEN_VECTORS
@@ -19,7 +19,7 @@ typedef struct __attribute__((packed)) { vec v; } loose_vec;
 #define LANE ((ivec)(0, 1, 2, 3, 4, 5, 6, 7, 8, 9, 10, 11, 12, 13, 14, 15))
 #endif
 
-/* PoCL calls min, max and clamp, for which all vectors are saved. */
+/* PoCL calls min, max and clamp as functions and saves all vectors around them. */
 #define LESS(a, b) ((a) < (b) ? (a) : (b))
 #define BOUND(a, low, high) ((a) < (low) ? (low) : (a) > (high) ? (high) : (a))
 
@@ -87,8 +87,8 @@ inline vec magnitude(const vec value)
     return JOIN(as_float, LANES)(JOIN(as_int, LANES)(value) & (ivec)(0x7fffffff));
 }
 
-/* One of three channels of LANES pixels, of which three vectors hold the samples: each lane has the
- * channel once among the three, which are put in order. */
+/* One of three channels of LANES pixels, whose samples are in three vectors. Each lane has the channel
+ * in one of the three vectors; the lanes are then sorted. */
 #define THIRD(n) (LANE % (ivec)(3) == (ivec)((n) % 3))
 #define MIXED(a, b, c, channel) \
     (THIRD(channel) ? (a) : THIRD((channel) + 3 - LANES % 3) ? (b) : (c))

@@ -1,8 +1,8 @@
-/* A field in a larger or smaller window about the same central sample.
+/* Field in a larger or smaller window about the same central sample.
  *
  *   out[b, y, x] = in[b, y + shift_y, x + shift_x], 0 where that lies outside
  *
- * With shift = N_in//2 - N_out//2 sample N//2 stays on N//2 for even and odd lengths: zero padding,
+ * With shift = N_in//2 - N_out//2 sample N//2 stays at N//2 for even and odd lengths: zero padding,
  * cropping and (same shape) copying in one kernel.
  *
  * Mapping: FOR_X of common.cl over the output. -DROWS, -DDOUBLE: see common.cl.

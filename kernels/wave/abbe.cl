@@ -1,10 +1,10 @@
-/* Spectra of one object lit by many plane waves, behind a pupil, cropped to the pupil's box.
+/* Spectra of an object illuminated by many plane waves, behind a pupil, cropped to its box.
  *
  *   out[b, j, i] = O[(j + first_y[b]) mod Ny, (i + first_x[b]) mod Nx] P[j, i]   in the h x w box
  *                = 0                                                             outside it
  *
- * first = (where the box begins) - (frequency of source point b), mod N. The place of the box in
- * the window is the phase of a tilt, which the intensity does not see.
+ * first = (start of the box) - (frequency of source point b), mod N. The position of the box in the
+ * window is the phase of a tilt, which does not affect the intensity.
  *
  * Mapping: FOR_X of common.cl over the window. -DROWS, -DDOUBLE: see common.cl.
  */

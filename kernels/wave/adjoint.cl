@@ -1,10 +1,10 @@
-/* What adjoints and gradients of fields need beside the elements themselves.
+/* Operations for adjoints and gradients of fields, besides the elements.
  *
  *   conjugate        out[b, y, x] = conj(u[b, y, x])
  *   intensity_slope  out[b, y, x] = 2 w[b, y, x] u[b, y, x]        gradient of sum w |u|^2 by u
  *   row_inner        P[b, y]      = sum_x conj(a[b, y, x]) c[b, y, x]    compensated (Kahan 1965)
  *
- * Mapping: FOR_X of common.cl; row_inner: one item a row. out and u may be the same array.
+ * Mapping: FOR_X of common.cl; row_inner: one item per row. out and u may be the same array.
  * -DROWS, -DDOUBLE: see common.cl.
  */
 #include "common.cl"

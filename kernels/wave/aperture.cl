@@ -1,14 +1,14 @@
 /* A circular aperture, area-weighted: out[b, y, x] = in[b, y, x] (covered fraction of the cell).
  *
  * y, x: coordinates of the samples relative to the centre of the disc, x rising.
- * Mapping: FOR_X of common.cl; a row of its own is passed STRETCH samples at a time, of which all are
- * inside, all are outside, or some are at the rim. in and out may be the same array. -DROWS,
- * -DDOUBLE: see common.cl.
+ * Mapping: FOR_X of common.cl; an item with a row processes STRETCH samples at a time, which are all
+ * inside, all outside, or partly at the rim. in and out may be the same array. -DROWS, -DDOUBLE: see
+ * common.cl.
  */
 #include "coverage.cl"
 #define STRETCH 16
 
-/* Whether a cell about (x, y) lies inside: where disc_coverage is 1. */
+/* True if a cell about (x, y) lies inside, where disc_coverage is 1. */
 inline bool within(real x, real y, real R, real hx, real hy)
 {
     const real ax = fabs(x) + hx, ay = fabs(y) + hy;
@@ -24,7 +24,7 @@ __kernel void disc(__global cplx *out, __global const cplx *in, __global const r
     int x = 0;
 #ifdef ROWS
     const real near = fmax(fabs(ys[y]) - hy, (real)0);
-    const real chord = sqrt(fmax(R * R - near * near, (real)0)); /* half of it, where it is longest */
+    const real chord = sqrt(fmax(R * R - near * near, (real)0)); /* half of the longest chord */
     for (; x + STRETCH <= nx; x += STRETCH) {
         const real first = xs[x], last = xs[x + STRETCH - 1];
         if (first - hx >= chord || last + hx <= -chord) {

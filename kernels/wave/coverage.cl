@@ -1,4 +1,4 @@
-/* Covered fraction of a sample's cell: what makes an aperture area-weighted.
+/* Covered fraction of a sample's cell, for area-weighted apertures.
  *
  *   disc_coverage      cell [-hx, hx] x [-hy, hy] about the sample, disc of radius R centred at
  *                      (cx, cy) relative to the sample: strips of exact chord, midpoint rule along

@@ -1,11 +1,11 @@
-/* Intensity of a complex field, its sum and its accumulation, and that of real pictures.
+/* Intensity of a complex field, its sum and accumulation, and accumulation of real pictures.
  *
  *   intensity    I[b, y, x]  = |u[b, y, x]|^2
  *   accumulate   I[y, x]    += sum_b w[b] |u[b, y, x]|^2     mutually incoherent fields
  *   add_scaled   I[y, x]    += w J[y, x]
  *   row_power    P[b, y]     = sum_x |u[b, y, x]|^2          compensated (Kahan 1965)
  *
- * Mapping: FOR_X of common.cl (accumulate, add_scaled: no batch axis); row_power: one item a row.
+ * Mapping: FOR_X of common.cl (accumulate, add_scaled: no batch axis); row_power: one item per row.
  * -DROWS, -DDOUBLE: see common.cl.
  */
 #include "common.cl"

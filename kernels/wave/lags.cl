@@ -1,4 +1,4 @@
-/* An image as a sum over the displacements (lags) over which light is coherent.
+/* Image as a sum over the displacements (lags) within the coherence length.
  *
  *   lag_products   out[b, y, x] = a[y, x] conj(a[(y + sy[b]) mod Ny, (x + sx[b]) mod Nx])
  *   add_products   A[y, x]     += sum_b w[b] T[b, y, x] G[b, y, x]

@@ -1,7 +1,7 @@
 /* Covered fraction of a sample's cell by the apertures of a lattice of lenslets.
  *
- * Lengths in pitches; (a, b) of a Lenslet is the sample's offset from the nearest one's centre along
- * the array's columns and rows, turned by `turn` = (cos, sin) of `angle` into the sensor's axes.
+ * Lengths are in pitches. (a, b) of a Lenslet is the sample's offset from the nearest centre along
+ * the array's columns and rows, rotated by `turn` = (cos, sin) of `angle` to the sensor's axes.
  *
  * -DHEXAGONAL    the lattice, and full cells are hexagons; square otherwise
  * -DDOUBLE       see common.cl
@@ -51,7 +51,7 @@ inline real coverage(Lenslet l, real radius, bool full, real2 turn, real angle, 
     return fmin(sum, (real)1);
 }
 
-/* Whether all neighbours of a lenslet are there: inside the array no full cell ends in the dark. */
+/* True if a lenslet has all neighbours; no full cell then borders on an opaque area. */
 inline bool is_inner(Lenslet l, int rows, int columns)
 {
     return l.row > 0 && l.row < rows - 1 && l.column > 0 && l.column < columns - 1;

@@ -1,10 +1,10 @@
-/* Phase by which the lenslets of an array depart from thin lenses at their places.
+/* Phase of the lenslets of an array relative to thin lenses at the design positions.
  *
  *   t(y, x) = exp(2 pi i (P(b, a) + e0 + e1 a + e2 b + e3 (a^2 + b^2)))
  *
  * (b, a): offset of the sample from the centre of the nearest lenslet, in pitches along the rows'
- * normal and along the rows. P = sum_ik c[i, k] b^i a^k, of every lenslet; e = own[row, column], of
- * one. In turns, made in double on the host; P by Horner's rule, abs(a) and abs(b) below 1.
+ * normal and along the rows. P = sum_ik c[i, k] b^i a^k is common to all lenslets, e = own[row, column]
+ * specific. Both are in turns, in double precision on the host; P by Horner's rule, abs(a), abs(b) < 1.
  *
  * -DORDER=n         the highest power of P; 0 for none
  * -DHEXAGONAL       see nearest_lenslet.cl

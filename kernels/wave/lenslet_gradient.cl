@@ -1,28 +1,28 @@
-/* Derivatives with respect to the lenslets of an array: sums over the samples of each, and the
- * transpose of these sums, which is how the transmission changes.
+/* Derivatives with respect to the lenslets of an array: sums over the samples of each lenslet, and
+ * their transpose, the change of the transmission.
  *
  * lenslets.cl multiplies by t = A exp(i p), p = -2 pi turns (a^2 + b^2) of the nearest lenslet; G is the
  * gradient with respect to t (transmission_gradient.cl), c = exp(-i p) G. The sums are
  *
- *   A Im(c) (a, b, a^2 + b^2)                         of samples whose nearest lenslet it is
- *   Re(c) d(share)/d(x, y, angle, radius)             of all that its aperture covers in part
+ *   A Im(c) (a, b, a^2 + b^2)                         of samples with this nearest lenslet
+ *   Re(c) d(share)/d(x, y, angle, radius)             of samples that its aperture covers partly
  *
- * lenslet_tangent: dt[p] = exp(i p) sum over lenslets of rates[p, lenslet, 0..6] times what is summed
- * above, i of the first three and 1 of the other four in place of Im(c) and Re(c).
+ * lenslet_tangent: dt[p] = exp(i p) sum over lenslets of rates[p, lenslet, 0..6] times the terms above,
+ * with i for Im(c) in the first three and 1 for Re(c) in the other four.
  *
- * The share is that of lenslet_coverage.cl, whose strips and clipped polygons are differentiated: a
- * disc's strip grows at the ends that lie in the cell; a side of a cell moves with its normal, by
- * its length in the sample's cell. A side on the border of two samples' cells counts half in each, and
- * a sample as near to several lenslets of a kind has the mean slope of their phases: derivatives there
- * are means of those one way and the other.
- * Lengths in pitches, x, y and angle of the aperture in the sensor's axes. boxes, parts, out: see
+ * The share is that of lenslet_coverage.cl, whose strips and clipped polygons are differentiated. A
+ * disc's strip grows at its ends inside the cell; a side of a cell moves along its normal and counts by
+ * its length in the sample's cell. A side on the border of two samples counts half in each. A sample
+ * at equal distance from several lenslets of a kind has the mean slope of their phases. Derivatives
+ * at such points are means of the one-sided derivatives.
+ * Lengths are in pitches; x, y and angle of the aperture in the sensor's axes. boxes, parts, out: see
  * lenslet_sums.cl.
  *
  * -DHEXAGONAL, -DFULL, -DTYPES=n, -DTYPE_STEP=s   see lenslets.cl
- * -DSAMPLE=float2                                 G and dt of float32 where sums are of float64
+ * -DSAMPLE=float2                                 G and dt in float32 with sums in float64
  * -DDOUBLE                                        see common.cl
  *
- * Mapping: one item a part of a lenslet, axis 0; lenslet_tangent: FOR_X of common.cl, dt is 0 before.
+ * Mapping: one item per part of a lenslet, axis 0; lenslet_tangent: FOR_X of common.cl, dt zeroed.
  */
 #include "lens_types.cl"
 #include "lenslet_coverage.cl"
@@ -31,11 +31,11 @@
 
 #ifdef DOUBLE
 typedef double4 real4;
-#define NOTHING 1e-9 /* of half a cell: rounding of places */
-#define ALIKE 1e-10  /* squared distances, in pitches */
+#define ROUNDING 1e-9 /* rounding of positions, in half cells */
+#define ALIKE 1e-10  /* tolerance of equal squared distances, in pitches */
 #else
 typedef float4 real4;
-#define NOTHING 1e-4f
+#define ROUNDING 1e-4f
 #define ALIKE 3e-7f
 #endif
 
@@ -49,7 +49,7 @@ typedef float4 real4;
 #define IS_FULL false
 #endif
 
-/* How the chords of a cell's strips change with a disc's places along and across them and its radius. */
+/* Derivatives of the chords of a cell's strips by a disc's position along and across and its radius. */
 inline real4 strips_change(real along, real across, real R, real ha, real hs)
 {
     real4 change = (real4)(0);
@@ -69,7 +69,7 @@ inline real4 strips_change(real along, real across, real R, real ha, real hs)
     return change / (2 * ha * STRIPS);
 }
 
-/* How the share of a cell changes with a disc's (x, y, angle, radius): see disc_coverage. */
+/* Derivatives of a cell's share by a disc's (x, y, angle, radius); see disc_coverage. */
 inline real4 disc_change(real cx, real cy, real R, real hx, real hy)
 {
     const real ax = fabs(cx), ay = fabs(cy);
@@ -86,12 +86,12 @@ inline real4 disc_change(real cx, real cy, real R, real hx, real hy)
     return change * (real4)(cx < 0 ? -1 : 1, cy < 0 ? -1 : 1, 1, 1);
 }
 
-/* The part of a line p + s d that lies in [-h, h] along one axis; the share of it that counts. */
+/* Part of a line p + s d in [-h, h] along an axis, and its share that counts. */
 inline real clip(real p, real d, real h, real reach, real2 *part)
 {
-    if (fabs(d) * reach <= NOTHING * h) {
+    if (fabs(d) * reach <= ROUNDING * h) {
         const real beyond = fabs(p) - h;
-        return beyond > NOTHING * h ? (real)0 : beyond < -NOTHING * h ? (real)1 : (real)0.5f;
+        return beyond > ROUNDING * h ? (real)0 : beyond < -ROUNDING * h ? (real)1 : (real)0.5f;
     }
     const real first = (-h - p) / d, last = (h - p) / d;
     (*part).x = fmax((*part).x, fmin(first, last));
@@ -99,7 +99,7 @@ inline real clip(real p, real d, real h, real reach, real2 *part)
     return 1;
 }
 
-/* The same of a regular polygon of inradius a: see polygon_coverage. */
+/* Derivatives of a cell's share by a regular polygon of inradius a; see polygon_coverage. */
 inline real4 polygon_change(real cx, real cy, real a, int sides, real turn, real hx, real hy)
 {
     const real reach = a * (sides == 6 ? 1 / sqrt((real)3) : (real)1);
@@ -117,7 +117,7 @@ inline real4 polygon_change(real cx, real cy, real a, int sides, real turn, real
     return change / (4 * hx * hy);
 }
 
-/* How many lenslets of a kind are as near to a sample as the nearest one, which is one of them. */
+/* Number of lenslets of a kind at the distance of the nearest lenslet, including it. */
 inline int alike(Lenslet l, real r2, int rows, int columns)
 {
     int count = 0;
@@ -173,14 +173,14 @@ __kernel void lenslet_gradient(__global real *restrict out, __global const SAMPL
             const real2 a = a_of_y[y] + a_of_x[x], b = b_of_y[y] + b_of_x[x];
             const Lenslet l = nearest(a, b, rows, columns);
             if (abs(l.row - row) > 1 || abs(l.column - column) > 1)
-                continue; /* no neighbour of the nearest one adds to its sample: coverage() */
+                continue; /* no neighbour contributes to its sample, see coverage() */
             const real da = ((a.x - column) + a.y) - shift;
             const real db = ((b.x - row) + b.y) * ROW_HEIGHT;
             const real r2 = l.a * l.a + l.b * l.b, d2 = da * da + db * db;
             const int kind = lens_type(l.row, l.column);
             const SAMPLE sample = G[row_start(0, y, 0, nx) + x];
             const cplx c = cmul(cis_turns(turns[kind] * r2), (cplx)(sample.x, sample.y));
-            real part = l.row == row && l.column == column; /* of the sample's phase */
+            real part = l.row == row && l.column == column; /* share of the sample's phase */
             if (r2 > (real)0.2499f && d2 - r2 <= ALIKE && lens_type(row, column) == kind)
                 part = (real)1 / alike(l, r2, rows, columns);
             real amplitude = 1;

@@ -1,17 +1,17 @@
 /* Moments of a gradient over the samples of each lenslet.
  *
- *   m[lenslet, (i, k)] = sum of Im(G) b^i a^k, i + k <= ORDER, over samples whose nearest lenslet it is
+ *   m[lenslet, (i, k)] = sum of Im(G) b^i a^k, i + k <= ORDER, over samples with this nearest lenslet
  *
  * (b, a): offset of the sample from the lenslet's centre, in pitches along the rows' normal and along
- * the rows. G: of the field behind an element (transmission_gradient.cl), so that Im(G) is the
- * gradient with respect to the phase. Pairs (i, k) in the order of i, then k. boxes, parts, out: see
+ * the rows. G is that of the field behind an element (transmission_gradient.cl); Im(G) is then the
+ * gradient by the phase. Pairs (i, k) are ordered by i, then k. boxes, parts, out: see
  * lenslet_sums.cl.
  *
  * -DORDER=n       the highest power
  * -DHEXAGONAL     see nearest_lenslet.cl
  * -DDOUBLE        see common.cl
  *
- * Mapping: one item a part of a lenslet, axis 0.
+ * Mapping: one item per part of a lenslet, axis 0.
  */
 #include "nearest_lenslet.cl"
 #define SUMS ((ORDER + 1) * (ORDER + 2) / 2)

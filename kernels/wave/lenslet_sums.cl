@@ -1,17 +1,17 @@
 /* Sums over the samples of a lenslet, row by row.
  *
  * boxes: (first, end) rows and (first, end) columns of each lenslet's samples. out[lenslet, part, sum]:
- * part p has rows p, p + parts, ... of the box. A row is summed, rows are added with compensation
- * (Kahan 1965).
+ * part p has rows p, p + parts, ... of the box. Each row is summed, and rows are added with
+ * compensation (Kahan 1965).
  *
- * SUMS: how many there are, a macro of the file that includes this one.
+ * SUMS: number of sums, a macro of the including file.
  */
 #ifndef CLPLEN_LENSLET_SUMS
 #define CLPLEN_LENSLET_SUMS
 
 #include "common.cl"
 
-/* Adds the sums of a row. */
+/* Add the sums of a row. */
 inline void add_line(real *total, real *lost, const real *line)
 {
     for (int k = 0; k < SUMS; ++k) {

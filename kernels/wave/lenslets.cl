@@ -4,16 +4,16 @@
  *   f = that of the lenslet's kind, turns[kind] = pitch^2/(2 lam f)
  *   A = fraction of the sample's cell that the lenslets' apertures cover
  *
- * Coordinates are in pitches along the array's own columns (a) and rows (b): the contributions of x
- * and y to each are 1-D tables of (integer, fraction) made in double on the host, so that neither a
- * sub-pixel pitch nor a far corner costs phase in float32.
+ * Coordinates are in pitches along the array's columns (a) and rows (b). The contributions of x and y
+ * to each are 1-D tables of (integer, fraction), in double precision on the host, so that float32 is
+ * sufficient for the phase at sub-pixel pitches and far corners.
  *
  * -DHEXAGONAL       rows sqrt(3)/2 pitch apart, odd rows shifted by +1/2; square lattice otherwise
  * -DFULL            the aperture is the lattice cell (square or hexagon); a disc otherwise
- * -DTYPES=n         kinds of lenslets; their order on the lattice: lens_types.cl
+ * -DTYPES=n         number of kinds of lenslets; for their order on the lattice see lens_types.cl
  * -DTYPE_STEP=s     see lens_types.cl
- * -DFILTERED        A is a step across the rim without its frequencies beyond the samples' band
- *                   (rim_weights.cl); neighbours overlap there with their own phases
+ * -DFILTERED        A is a step across the rim without frequencies beyond the samples' band
+ *                   (rim_weights.cl); neighbours overlap at the rim, each with its phase
  * -DLANES           sixteen samples at a time (with -DROWS, -DFILTERED, in float32, one kind)
  * -DROWS, -DDOUBLE  see common.cl
  *
@@ -104,7 +104,7 @@ inline void in_row16(const float16 row, const float16 a_whole, const float16 a_p
     *a = ((a_whole - *column) + a_part) - *shift;
 }
 
-/* `filtered_rim` of sixteen samples, 0 where `out`; whether any of them is lit. */
+/* `filtered_rim` of sixteen samples, 0 where `out`; return true if a sample is lit. */
 inline bool filtered_rims(const float16 a, const float16 b, const int16 out, const float radius,
                           const float per_sample, __global const float *rim, const int rim_size,
                           float16 *weight)

@@ -1,4 +1,4 @@
-/* Transmission of microlens arrays as they are made: surfaces, maps, clear gaps.
+/* Transmission of real microlens arrays: surfaces, maps, clear gaps.
  *
  *   t(y, x) = A exp(2 pi i (m(b, a) + rim - s(r^2))) + B
  *   s(u) = c u/(1 + sqrt(1 - q u)) + u^2 (e_0 + u (e_1 + ...))
@@ -6,18 +6,18 @@
  * (a, b): offset of the sample from the centre of the nearest lenslet along the array's columns and
  * rows, r its length, in pitches; s, m, rim in turns. c = (n - 1) pitch^2/(lam R), q = (1 + K)
  * pitch^2/R^2 and e of the lenslet's kind are those of a conic section with even powers (ISO
- * 10110-12, eq. 3); a thin lens has c = pitch^2/(lam f), q = 0. m is a map in samples of its own,
- * interpolated by cubic convolution (Keys 1981), the same for all lenslets or one for each; two
- * samples are added on each of its sides. A is the fraction of the sample's cell that apertures
- * cover, B what the gaps between discs cover within the array's cells.
+ * 10110-12, eq. 3); a thin lens has c = pitch^2/(lam f), q = 0. m is a map with separate samples,
+ * interpolated by cubic convolution (Keys 1981), common to all lenslets or one for each; two samples
+ * are added on each side. A is the fraction of the sample's cell that apertures cover, B the fraction
+ * of the gaps between discs within the array's cells.
  *
- * shapes[kind] = (c, q, rim, e_0, ...), made in double on the host. Where the device has float64
- * everything is in it but the result; where it has not, float32 keeps 8e-7 rad a turn.
+ * shapes[kind] = (c, q, rim, e_0, ...) in double precision on the host. If the device has float64,
+ * everything but the result is in float64; float32 has an error of 8e-7 rad per turn.
  *
  * -DHEXAGONAL       see nearest_lenslet.cl
  * -DFULL            the aperture is the lattice cell (square or hexagon); a disc otherwise
  * -DTYPES=n, -DTYPE_STEP=s  see lens_types.cl
- * -DPOWERS=n        even powers from r^4 on
+ * -DPOWERS=n        number of even powers from r^4 on
  * -DMAP             there is a map
  * -DCLEAR           gaps are clear
  * -DRESULT=         type of a complex result: float2 or double2
@@ -41,7 +41,7 @@ inline real cubic(real p, real q, real r, real s, real t)
         + t * (3 * (q - r) + s - p) / 2));
 }
 
-/* A map at a place in its samples. */
+/* Map at a position in its samples. */
 inline real mapped(__global const real *restrict map, real row, real column, int height, int width)
 {
     const real y = clamp(row, (real)1.5f, height - (real)2.5f);

@@ -5,9 +5,9 @@
  *   spread         u[y, x] = sum_b w[x, b] s[y, at[x, b]]         b < TAPS
  *   unit_phase     u      -> u / |u|,  0 -> 1
  *
- * t (my, mx) are the cells, at (n, TAPS) those that reach a sample and w (n, TAPS) the kernel of a
- * cell there: one tap of 1 for a square cell.
- * Mapping: FOR_X of common.cl, by hand in cell_phasors. -DTAPS; -DROWS, -DDOUBLE: see common.cl.
+ * t (my, mx) are the cells, at (n, TAPS) the cells that contribute to a sample and w (n, TAPS) their
+ * weights: one tap of 1 for a square cell.
+ * Mapping: FOR_X of common.cl, explicit in cell_phasors. -DTAPS; -DROWS, -DDOUBLE: see common.cl.
  */
 #include "common.cl"
 
@@ -15,8 +15,8 @@
 #define TAPS 1
 #endif
 
-/* Philox4x32-10, a counter-based random generator (Salmon et al. 2011, section 3.3): the same words
- * on every device, as clplen/wave/coherence/spatial_models.py makes on the host. */
+/* Philox4x32-10, a counter-based random generator (Salmon et al. 2011, section 3.3), with equal words
+ * on every device; its host version is in clplen/wave/coherence/spatial_models.py. */
 inline uint4 philox(uint4 counter, uint2 key)
 {
     for (int i = 0; i < 10; ++i) {

@@ -1,7 +1,7 @@
-/* The lenslet that a sample lies under, on a square or hexagonal lattice.
+/* Nearest lenslet of a sample, on a square or hexagonal lattice.
  *
- * Coordinates a along the columns (in pitches) and b along the rows (in rows) come as (integer,
- * fraction), so that neither a sub-pixel pitch nor a far corner costs digits in float32.
+ * Coordinates a along the columns (in pitches) and b along the rows (in rows) are (integer,
+ * fraction), so that float32 is accurate at sub-pixel pitches and far corners.
  *
  * -DHEXAGONAL   rows sqrt(3)/2 pitch apart, odd rows shifted by +1/2; square lattice otherwise
  */
@@ -16,7 +16,7 @@
 #define ROW_HEIGHT ((real)1)
 #endif
 
-/* Offset of the sample from lenslet (row, column), in pitches, and its place on the lattice. */
+/* Offset of the sample from lenslet (row, column), in pitches, and the lenslet's indices. */
 typedef struct {
     int row, column;
     real a, b;

@@ -2,17 +2,17 @@
  *
  *   u[y, x] = sum_p a_p exp(2 pi i (fy_p y + fx_p x))
  *
- * A matrix product of tables made in double on the host. Along x they lie about the middle of the
- * row, so that one cosine and one sine serve two samples, m of them on either side:
+ * It is a matrix product of tables in double precision on the host. Along x they are centred on the
+ * row, so that a cosine and a sine serve two samples, m on either side:
  *
  *   C[y, k] = sum_p rows[y, p] cos(2 pi fx_p x_k),  S[y, k] = sum_p rows[y, p] sin(2 pi fx_p x_k)
  *   u[y, nx/2 + k] = C + i S,  u[y, (nx - 1)/2 - k] = C - i S,  0 <= k < m = (nx + 1)/2
  *
  * rows: a_p exp(2 pi i (fy_p y + fx_p middle)), by blocks: [y / HEIGHT][p][y % HEIGHT]; columns:
- * (cos, sin), by blocks: [k / WIDTH][p][2][k % WIDTH], WIDTH = LANES VECTORS. Both filled up with 0.
+ * (cos, sin), by blocks: [k / WIDTH][p][2][k % WIDTH], WIDTH = LANES VECTORS. Both are padded with 0.
  *
- * An item is a block of HEIGHT rows and WIDTH of the m columns, in registers. With -DROWS axis 0 =
- * blocks of rows, so that the next item finds its columns in cache (CPUs); without it axis 0 =
+ * An item computes a block of HEIGHT rows and WIDTH of the m columns in registers. With -DROWS axis
+ * 0 = blocks of rows, so that the next item has its columns in the cache (CPUs); else axis 0 =
  * blocks of columns (GPUs).
  *
  * -DLANES=1 | 4 | 8 | 16, -DVECTORS=n, -DHEIGHT=n   vector type, vectors and rows of an item
@@ -31,7 +31,7 @@ typedef JOIN(double, LANES) vec;
 typedef JOIN(float, LANES) vec;
 #endif
 
-/* A vector, and its numbers one by one. */
+/* Vector with access to its elements. */
 typedef union {
     vec all;
     real one[LANES];

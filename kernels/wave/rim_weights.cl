@@ -1,6 +1,6 @@
-/* Weights of samples across the rim of an aperture: a step without the frequencies that would alias.
+/* Weights of samples across the rim of an aperture: a step without aliased frequencies.
  *
- * rim: the filtered step from RIM samples outside to RIM samples inside, RIM_STEPS entries a sample,
+ * rim: the filtered step from RIM samples outside to RIM samples inside, RIM_STEPS entries per sample,
  * see rim_weights of clplen/wave/elements/rims.py.
  */
 #ifndef CLPLEN_RIM_WEIGHTS

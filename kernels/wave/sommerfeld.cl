@@ -4,10 +4,10 @@
  *                 = scale/c^2 (1/(2 pi z c/lam) - i) exp(2 pi i (z/lam) q)
  *   s = (x^2 + y^2)/z^2,  c = r/z = sqrt(1 + s),  q = r/z - 1 = s/(1 + c),  scale = dx dy/(lam z)
  *
- * The carrier exp(ikz) is dropped; z < 0 is the conjugate (side = -1). h is even in x and y, so one
- * quadrant is built, (Ly/2 + 1, Lx/2 + 1) samples, and unfolded.
+ * The carrier exp(ikz) is omitted; z < 0 is the conjugate (side = -1). h is even in x and y, so one
+ * quadrant of (Ly/2 + 1, Lx/2 + 1) samples is computed and unfolded.
  *
- * -DPHASE_TABLES    q = s/2 - q^2/2: the first term is a product of two 1-D phasor tables made in
+ * -DPHASE_TABLES    q = s/2 - q^2/2: the first term is a product of two 1-D phasor tables, in
  *                   double on the host, the second a residual in turns, in pairs of float32 or in
  *                   double
  * -DPHASE_FP64      the phase in double, reduced, then float32 sincos

@@ -6,7 +6,7 @@
  * With s = rho^2/z^2 and q = s/(1 + sqrt(1 + s)) = r/|z| - 1 the phase is (z/lam) q turns.
  *
  * -DSOURCE          the amplitude 1/r of a point source
- * -DPHASE_TABLES    q = s/2 - q^2/2: the first term is a product of two 1-D phasor tables made in
+ * -DPHASE_TABLES    q = s/2 - q^2/2: the first term is a product of two 1-D phasor tables, in
  *                   double on the host, the second a residual in turns, in pairs of float32 or in
  *                   double
  * -DPHASE_FP64      the phase in double, reduced, then float32 sincos
@@ -48,7 +48,7 @@ inline cplx spherical(cplx ey, cplx ex, real2 ay, real2 ax, real2 zl)
 }
 
 #ifdef LANES
-/* Sixteen samples. ex, ax: their parts of the tables; ey, ay: of the row. */
+/* Sixteen samples. ex, ax: parts of the tables of the samples; ey, ay: entries of the row. */
 inline void lanes(__global float *out, __global const float *in, __global const float *ex,
                   __global const float *ax, const cplx ey, const real2 ay, const real2 zl,
                   const real per_z)

@@ -1,4 +1,4 @@
-/* Running mean and squared deviations of snapshots (Welford 1962), and what is made of them.
+/* Running mean and squared deviations of snapshots (Welford 1962), with standard errors and sums.
  *
  *   I = |u|^2 (add_field) or I (add_image);   mean' = mean + (I - mean)/k;
  *   m2' = m2 + (I - mean)(I - mean') per^2        snapshot number k = 1, 2, ..., share = 1/k
@@ -6,11 +6,11 @@
  *   row_sums         s[y] = (sum_x mean[y0 + y, x], sum_x m2[y0 + y, x]) over x0 <= x < x1,
  *                    compensated (Kahan 1965)
  *
- * Mapping: FOR_X of common.cl; row_sums: one item a row. -DROWS, -DDOUBLE: see common.cl.
+ * Mapping: FOR_X of common.cl; row_sums: one item per row. -DROWS, -DDOUBLE: see common.cl.
  */
 #include "common.cl"
 
-/* Its pointers are not `restrict`: Oclgrind 21.10 then finds no kernel. */
+/* Pointers without `restrict`, with which Oclgrind 21.10 finds no kernel. */
 inline void add(__global real *mean, __global real *m2, size_t at, real value, real share, real per)
 {
     const real before = value - mean[at];

@@ -4,17 +4,17 @@
  *   H(fx, fy) = exp(-k z sqrt(s - 1)) exp(-i k z)                      s > 1, z > 0    (evanescent)
  *   H         = 0                                                      s > 1, z < 0
  *
- * times 1-D weights of the band. The carrier exp(ikz) is dropped. On the frequencies of an FFT H is
- * even in fx and fy: one quadrant is built, (Ly/2 + 1, Lx/2 + 1) samples, and mirrored when applied
- * (spectral_filter.cl). The tables may be of any other frequencies.
+ * times 1-D weights of the band. The carrier exp(ikz) is omitted. On the frequencies of an FFT H is
+ * even in fx and fy: one quadrant of (Ly/2 + 1, Lx/2 + 1) samples is computed and mirrored when
+ * applied (spectral_filter.cl). The tables may have any other frequencies.
  *
  * -DPHASE_TABLES    c - 1 = -s/2 - q^2/2 with q = s/(1 + c): the first term is a product of two 1-D
- *                   phasor tables made in double on the host, the second a residual in turns, in
+ *                   phasor tables, in double on the host, the second a residual in turns, in
  *                   pairs of float32 or in double
  * -DPHASE_FP64      the phase in double, reduced, then float32 sincos
  * -DPHASE_TWOFLOAT  the phase in pairs of float32 (Dekker 1971), for devices without fp64
- * -DLANES           sixteen samples at a time (with -DROWS and -DPHASE_TABLES, in float32), where all
- *                   waves of the band propagate: s <= 1 wherever a weight is not 0
+ * -DLANES           sixteen samples at a time (with -DROWS and -DPHASE_TABLES, in float32), if all
+ *                   waves of the band propagate: s <= 1 for every weight other than 0
  * -DROWS, -DDOUBLE  see common.cl
  *
  * Mapping: FOR_X of common.cl over the frequencies.
@@ -55,7 +55,7 @@ inline cplx propagating(cplx ex, cplx ey, real2 ax, real2 ay, real2 zl)
 }
 
 #ifdef LANES
-/* Sixteen samples. ex, ax, wx: their parts of the tables; ey, ay, wy: of the row. */
+/* Sixteen samples. ex, ax, wx: parts of the tables of the samples; ey, ay, wy: entries of the row. */
 inline void lanes(__global float *H, __global const float *ex, __global const float *ax,
                   __global const float *wx, const cplx ey, const real2 ay, const real wy,
                   const real2 zl)

@@ -1,14 +1,14 @@
-/* Gradient of a loss with respect to what multiplies a field, and its moments over the plane.
+/* Gradient of a loss by a factor of a field, and its moments over the plane.
  *
  *   transmission_gradient   G[y, x] = sum_b conj(u[b, y, x]) g[b, y, x]
  *   row_moments             m[k, y] = sum_x G[y, x] w[x]^k, k = 0 ... ORDER, from one reading of u and g,
- *                           eight sums side by side, compensated (Kahan 1965)
+ *                           eight parallel sums, compensated (Kahan 1965)
  *
- * g: cotangent of u t, dL/dRe + i dL/dIm. With u t in place of u, G is that of log t. w: places along
+ * g: cotangent of u t, dL/dRe + i dL/dIm. With u t in place of u, G is that of log t. w: positions along
  * x in a unit in which they are about 1.
  *
  * -DORDER=n   the highest power (row_moments)
- * Mapping: FOR_X of common.cl (transmission_gradient: no batch axis); row_moments: one item a row.
+ * Mapping: FOR_X of common.cl (transmission_gradient: no batch axis); row_moments: one item per row.
  * -DROWS, -DDOUBLE: see common.cl.
  */
 #include "common.cl"
@@ -39,7 +39,7 @@ typedef float8 real8;
 typedef float16 real16;
 #endif
 
-/* Eight sums, and what rounding has added to them. */
+/* Eight sums, and their rounding errors. */
 typedef struct {
     real8 sum, lost;
 } sums;

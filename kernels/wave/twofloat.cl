@@ -9,8 +9,8 @@
  *   phase     -(z/lam) q in turns, abs(phase) <= 1
  *   residual  -(z/lam) q^2/2 in turns likewise: the phase beside the tables of -(z/lam) s/2
  *
- * TWO_FLOAT makes them for float and, with -DLANES, for sixteen floats. Contraction is switched off
- * here: a compiler that fuses these lines destroys the low parts.
+ * TWO_FLOAT defines them for float and, with -DLANES, for sixteen floats. Contraction is disabled,
+ * since fused operations would destroy the low parts.
  */
 #ifndef CLPLEN_TWOFLOAT
 #define CLPLEN_TWOFLOAT

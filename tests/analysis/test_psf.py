@@ -239,7 +239,7 @@ def test_bad_input_is_told() -> None:
         (lambda: PSF(nan, 1e-6), ValueError, "1 samples that are NaN"),
         (lambda: PSF(-good, 1e-6), ValueError, "positive sum"),
         (lambda: PSF(good * 1j, 1e-6), ValueError, r"abs\(amplitude\)"),
-        (lambda: PSF(good, (1e-6, 0.0)), ValueError, "pitch is positive"),
+        (lambda: PSF(good, (1e-6, 0.0)), ValueError, "pitch must be positive"),
         (lambda: psf.fwhm(2), ValueError, "axis is 0"),
         (lambda: PSF(good, 1e-6).fwhm(0), ValueError, "does not fall to half"),
         (lambda: psf.encircled_energy([UNIT, 1.0]), ValueError, "wider window"),

@@ -160,7 +160,7 @@ def test_a_job_is_run_from_python(small: tuple[Path, list[Path]], device: Device
     assert batchworks.wrong_outputs(path.parent / "out", files, device) == []
     watcher = Watcher()
     assert job.run(device=device.place, watcher=watcher).skipped == watcher.skipped == 6
-    with pytest.raises(DeviceError, match="No OpenCL device fits 'none such'"):
+    with pytest.raises(DeviceError, match="No OpenCL device matches 'none such'"):
         Job(output="new", inputs=[{"files": "in/*"}], stack={}).relative_to(path.parent).run(
             device="none such"
         )

@@ -281,8 +281,8 @@ def test_what_is_kept(device: Device) -> None:
 def test_numbers_out_of_range() -> None:
     for given, error, said in [
         ({"main_lens": {0: 1e-8}}, ValueError, "at least 1"),
-        ({"main_lens": {math.nan: 1e-8}}, ValueError, "at least 1, not nan"),
-        ({"main_lens": {"4": 1e-8}}, ValueError, "at least 1, not '4'"),
+        ({"main_lens": {math.nan: 1e-8}}, ValueError, "at least 1, got nan"),
+        ({"main_lens": {"4": 1e-8}}, ValueError, "at least 1, got '4'"),
         ({"main_lens": {4: math.nan}}, ValueError, r"main_lens\[4\] must be finite"),
         ({"main_lens": 3.0}, TypeError, "Noll's index"),
         ({"main_lens_field": {4: 1e-8}}, ValueError, "two finite numbers"),

@@ -211,5 +211,5 @@ def test_arguments(device: Device) -> None:
     operator = ExposureOperator(camera, points)
     with pytest.raises(ShapeError, match="cotangent must have the raw image's shape"):
         operator.gradient(points.power, np.zeros((2, 3)))
-    with pytest.raises(ShapeError, match="This map takes arrays of shape"):
+    with pytest.raises(ShapeError, match="argument of this map must have shape"):
         operator.forward(np.ones(2))

@@ -156,7 +156,7 @@ def test_numbers_of_parts_that_are_refused() -> None:
         (lambda: PixelArray(pitch=1.4e-3), did_you_mean("1.4e-06")),
         (lambda: PixelArray(offset=(11.0, -2.0)), did_you_mean("1.1e-05")),
         (lambda: PointSources((0, 0, 0), diameter=10.0), did_you_mean("1e-05")),
-        (lambda: MicrolensArray("150", 1e-3, count=9), "pitch of lenslets is positive"),
+        (lambda: MicrolensArray("150", 1e-3, count=9), "pitch of lenslets must be positive"),
         (lambda: PixelArray(shape=("a", "b")), r"shape must be pixels \(ny, nx\)"),
         (lambda: PixelArray(offset=("a", 0)), r"offset must be \(y, x\) in metres"),
         (lambda: PixelArray(crosstalk=[[1, 2], [1]]), "crosstalk must be numbers in rows"),

@@ -75,5 +75,5 @@ def test_arguments(device: Device) -> None:
     operator = operator_of(device, "plane", "standard", "square")
     with pytest.raises(TypeError, match="scene is a SurfaceScene"):
         TextureOperator(operator.camera, GROUND)  # type: ignore[arg-type]
-    with pytest.raises(ShapeError, match="This map takes arrays of shape"):
+    with pytest.raises(ShapeError, match="argument of this map must have shape"):
         operator.forward(np.ones((5, 7)))

@@ -22,8 +22,8 @@ from clplen.compute.fft.lines import (
     chirp_z,
     convolution,
     cropped_inverse,
+    identity,
     padded_spectrum,
-    still,
 )
 from clplen.compute.fft.routes import FFTRoute
 from clplen.errors import DeviceError
@@ -57,8 +57,8 @@ def placed(n: int, m: int, length: int, kind: str, seed: int) -> Line:
     """A line with everything a line may have, off the centre."""
     pre, post, kernel = (random_complex(k, seed + i) for i, k in enumerate((n, m, length)))
     kernel = kernel if kind == "convolve" else None
-    place, start = (length - n) // 3, length - m
-    return Line(n, m, length, kind, place=place, start=start, pre=pre, kernel=kernel, post=post)
+    offset, start = (length - n) // 3, length - m
+    return Line(n, m, length, kind, offset=offset, start=start, pre=pre, kernel=kernel, post=post)
 
 
 def bare(n: int, m: int) -> Line:
@@ -95,8 +95,8 @@ MAPS = {  # name: (shape that goes in, maps)
         (6, 7),
         Separable((placed(6, 5, 13, "convolve", 7),), (placed(7, 9, 10, "inverse", 11),)),
     ),
-    "one row": ((1, 9), Separable((still(1),), (placed(9, 7, 11, "forward", 3),))),
-    "one sample": ((1, 1), Separable((still(1),), (still(1),))),
+    "one row": ((1, 9), Separable((identity(1),), (placed(9, 7, 11, "forward", 3),))),
+    "one sample": ((1, 1), Separable((identity(1),), (identity(1),))),
     "x alone": ((7, 5), Separable(x=(placed(5, 8, 9, "forward", 4),))),
     "three along y, one along x": (
         (5, 6),
@@ -146,7 +146,7 @@ def test_maps_in_double_precision(precise: Device, monkeypatch: pytest.MonkeyPat
 def test_no_map_at_all_gives_a_copy(on: Device) -> None:
     u = random_complex((2, 3, 4), 1).astype(on.complex)
     data = on.upload(u)
-    (result,) = run(data, Separable((still(3),), (still(4),)), [], [], on)
+    (result,) = run(data, Separable((identity(3),), (identity(4),)), [], [], on)
     data.fill(0)
     np.testing.assert_array_equal(on.download(result), u)
 
@@ -300,7 +300,7 @@ def test_factors_alone(on: Device) -> None:
 
 
 def test_blocks_and_threads_change_nothing(device: Device, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(columns, "FEWEST", 1)
+    monkeypatch.setattr(columns, "MIN_BLOCK_LINES", 1)
     for name, threads, block_bytes in (
         # a line of 16 complex64 samples has 128 bytes: blocks of one line, of three, and of all
         ("odd", 2, 1),

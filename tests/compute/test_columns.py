@@ -30,6 +30,6 @@ def test_zeros_of_a_window_outlive_blocks_of_other_shapes() -> None:
         line: Line = pads[turn % 3]
         values = rng.normal(size=(1 + turn % 4, line.n)) + 0j
         window = np.zeros((len(values), 12), complex)
-        window[:, line.place : line.place + line.n] = values
+        window[:, line.offset : line.offset + line.n] = values
         got = worker.apply(values, (line, cropped_inverse(12, 12)), columns.INTO)
         np.testing.assert_allclose(got, window, atol=1e-15)

@@ -91,7 +91,7 @@ def test_a_selector_finds_its_device(machine: list[FakePlatform]) -> None:
 def test_without_a_gpu_the_first_cpu_is_taken(machine: list[FakePlatform]) -> None:
     machine.pop()
     assert Device.open().name == "pthread-Intel(R) Xeon"
-    with pytest.raises(DeviceError, match="No OpenCL device fits 'gpu'"):
+    with pytest.raises(DeviceError, match="No OpenCL device matches 'gpu'"):
         Device.open("gpu")
 
 
@@ -100,7 +100,7 @@ def test_an_unknown_selector_lists_what_is_there(machine: list[FakePlatform]) ->
         with pytest.raises(DeviceError) as error:
             Device.open(selector)
         words = str(error.value)
-        assert f"No OpenCL device fits {selector!r}" in words
+        assert f"No OpenCL device matches {selector!r}" in words
         assert "0:0 Portable Computing Language: pthread-Intel(R) Xeon;" in words
         assert "2:0 Intel(R) OpenCL: Xeon Gold 6230;" in words
         assert "3:1 NVIDIA CUDA: GeForce GTX 1080." in words
@@ -114,7 +114,7 @@ def test_the_environment_chooses_where_nothing_is_asked_for(
     assert Device.open().name == "Xeon Gold 6230"
     assert Device.open("0:0").name == "pthread-Intel(R) Xeon"
     monkeypatch.setenv("CLPLEN_DEVICE", "voodoo")
-    with pytest.raises(DeviceError, match="No OpenCL device fits 'voodoo'"):
+    with pytest.raises(DeviceError, match="No OpenCL device matches 'voodoo'"):
         Device.open()
     monkeypatch.setenv("CLPLEN_DEVICE", "")
     assert Device.open().name == "GeForce RTX 3090"
@@ -177,11 +177,9 @@ def test_double_precision_needs_fp64(machine: list[FakePlatform]) -> None:
     assert Device.open("3:1").complex == np.complex64
     with pytest.raises(DeviceError) as error:
         Device.open("3:1", precision="double")
-    assert "precision='double' was asked for, but GeForce GTX 1080 (NVIDIA CUDA)" in str(
-        error.value
-    )
+    assert "GeForce GTX 1080 (NVIDIA CUDA) has no double precision" in str(error.value)
     assert "cl_khr_fp64" in str(error.value)
-    with pytest.raises(ValueError, match="'single' or 'double', not 'half'"):
+    with pytest.raises(ValueError, match="'single' or 'double', got 'half'"):
         Device.open("3:0", precision="half")
 
 
@@ -215,7 +213,7 @@ def test_one_hardware_is_one_device(device: Device) -> None:
 
 def test_a_device_is_asked_for() -> None:
     for wrong in [b"cpu", 0, 1.5, ["cpu"], True]:
-        with pytest.raises(TypeError, match=r"device is a Device, as Device.open\(\) gives it"):
+        with pytest.raises(TypeError, match=r"device must be a Device, such as Device.open"):
             Field.from_array(np.ones((3, 5)), Grid((3, 5), 1.0), wavelength=1.0, device=wrong)
 
 
@@ -275,9 +273,9 @@ def test_part_of_an_array_comes_down(device: Device) -> None:
 def test_strided_arrays_are_refused(device: Device) -> None:
     array = device.upload(SAMPLES)
     for strided in (array[:, 1:3], array.transpose((2, 1, 0))):
-        with pytest.raises(ShapeError, match="not C-contiguous"):
+        with pytest.raises(ShapeError, match="must be C-contiguous"):
             device.download(strided)
-        with pytest.raises(ShapeError, match="not C-contiguous"), device.on_host(strided):
+        with pytest.raises(ShapeError, match="must be C-contiguous"), device.on_host(strided):
             pass
 
 

@@ -160,7 +160,7 @@ def test_a_disk_that_became_full_is_an_error_before_a_kernel_is_built(
     ensure_cache()
     environment.require_room("PoCL")
     monkeypatch.setattr(shutil, "disk_usage", lambda path: SimpleNamespace(free=10**6))
-    with pytest.raises(DeviceError, match=r"PoCL cannot keep kernels in .* \(1.0 MB are free"):
+    with pytest.raises(DeviceError, match=r"PoCL cannot store kernels in .* \(1.0 MB are free"):
         environment.require_room("PoCL")
 
 
@@ -234,5 +234,5 @@ def test_a_limit_of_files_is_an_error_and_no_abort(tmp_path: Path) -> None:
         caches_in(tmp_path), preexec_fn=lambda: resource.setrlimit(resource.RLIMIT_FSIZE, limit)
     )
     assert done.returncode == 1, done.stderr
-    assert "DeviceError: PoCL cannot keep kernels in" in done.stderr
+    assert "DeviceError: PoCL cannot store kernels in" in done.stderr
     assert "File too large" in done.stderr

@@ -186,7 +186,7 @@ def test_limits_of_control_groups(
                 device.empty((left + 1,), np.uint8)
             with pytest.raises(DeviceError, match=r"This stack needs .*control group"):
                 device.require_memory(left + device.held_bytes() + 1, "This stack")
-            assert room < memory.LEAST_BYTES or device.empty((room - 2**21,), np.uint8).nbytes
+            assert room < memory.MIN_LARGE_BYTES or device.empty((room - 2**21,), np.uint8).nbytes
     finally:
         limits._groups.cache_clear()
 
@@ -200,7 +200,7 @@ def test_what_is_kept_is_given_back_before_an_array_is_refused(
     monkeypatch.setattr(
         limits, "array_room", lambda _: Room(0 if len(fresh.plans) else 2**40, "it")
     )
-    assert fresh.empty((memory.LEAST_BYTES,), np.uint8).nbytes == memory.LEAST_BYTES
+    assert fresh.empty((memory.MIN_LARGE_BYTES,), np.uint8).nbytes == memory.MIN_LARGE_BYTES
     assert len(fresh.plans) == 0
 
 

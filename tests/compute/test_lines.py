@@ -12,9 +12,9 @@ from clplen.compute.fft.lines import (
     chirp_z,
     convolution,
     cropped_inverse,
+    identity,
     padded_spectrum,
     smooth_length,
-    still,
 )
 
 ROUND_OFF = 1e-12  # sums of at most 100 unit terms in float64, phases reduced in turns
@@ -67,7 +67,7 @@ def test_chirp_z_is_the_sum_it_stands_for() -> None:
 
 
 def test_nothing_happens_to_one_sample() -> None:
-    for line in (padded_spectrum(1, 1), cropped_inverse(1, 1), still(1)):
+    for line in (padded_spectrum(1, 1), cropped_inverse(1, 1), identity(1)):
         assert line.kind == "none"
         np.testing.assert_array_equal(matrix(line), [[1]])
     assert padded_spectrum(1, 2).kind == "forward"

@@ -13,7 +13,7 @@ import pytest
 from clplen.compute import memory
 from clplen.compute.device import Device
 
-LARGE = memory.LEAST_BYTES + 12_345  # no multiple of a page
+LARGE = memory.MIN_LARGE_BYTES + 12_345  # no multiple of a page
 PAGE = 4096
 
 
@@ -95,7 +95,7 @@ def test_what_is_let_go_is_used_again_within_bounds(
     del del_me
     again = device.empty((LARGE,), np.uint8)
     assert spare.managed_bytes == taken
-    small = device.empty((memory.LEAST_BYTES - 1,), np.uint8)
+    small = device.empty((memory.MIN_LARGE_BYTES - 1,), np.uint8)
     if device.is_cpu:  # a GPU's small arrays are kept, too
         assert spare.managed_bytes == taken
     del again
@@ -103,13 +103,13 @@ def test_what_is_let_go_is_used_again_within_bounds(
     monkeypatch.setattr(device, "spare_bytes", kept + LARGE // 2)
     other = device.empty((3 * LARGE,), np.uint8)  # more than half of LARGE would be held
     assert spare.managed_bytes - spare.active_bytes - rounding <= LARGE // 2
-    assert (small.nbytes + 1, other.nbytes) == (memory.LEAST_BYTES, 3 * LARGE)
+    assert (small.nbytes + 1, other.nbytes) == (memory.MIN_LARGE_BYTES, 3 * LARGE)
 
 
 def test_a_small_buffer_is_left_alone(
     device: Device, asked: list[tuple[int, int, int]], mapped: list[np.ndarray]
 ) -> None:
-    for nbytes in [1, PAGE, memory.LEAST_BYTES - 1]:
+    for nbytes in [1, PAGE, memory.MIN_LARGE_BYTES - 1]:
         memory.ask_for_large_pages(
             device.queue, cl.Buffer(device.context, cl.mem_flags.READ_WRITE, nbytes)
         )

@@ -84,7 +84,7 @@ def test_a_sweep_keeps_to_one_limit_in_both_precisions(
 ) -> None:
     monkeypatch.setenv("CLPLEN_SPARE_MEMORY", "12 MiB")
     single = Device(device.cl_device)
-    double = Device(precise.cl_device, precision="double", beside=single)
+    double = Device(precise.cl_device, precision="double", sibling=single)
     double.fft = single.fft = FFTRoute("scipy", 2)
     assert (single.spare_bytes, double.spare_bytes) == (12 << 20, 12 << 20)
     for n in range(12):

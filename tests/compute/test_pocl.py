@@ -108,7 +108,7 @@ def test_whatever_the_compiler_takes_the_cpu_for_kernels_run(tmp_path: Path, nam
     (taken,) = verdicts(tmp_path)
     assert f"named {taken}\n" in done.stdout
     assert pocl._register_width(taken) == pocl._register_width(FITTING)
-    replaced = f"takes for {name!r}; it was given the CPU name {taken!r}" in done.stdout
+    replaced = f"mistakes for {name!r}; clplen set the CPU name {taken!r}" in done.stdout
     assert replaced != (name == taken)
     again = python(NO_CHILD + OPEN, environment)
     assert again.stdout == done.stdout.removesuffix("ran\n")
@@ -118,7 +118,7 @@ def test_whatever_the_compiler_takes_the_cpu_for_kernels_run(tmp_path: Path, nam
 def test_without_the_remedy_the_error_says_what_to_install(tmp_path: Path) -> None:
     done = python(OPEN, forced_environment(tmp_path, CLPLEN_POCL_CPU="off"))
     assert done.returncode == 3, done.stderr
-    assert "does not fit this CPU, which it takes for 'generic'" in done.stdout
+    assert "does not fit this CPU, which it mistakes for 'generic'" in done.stdout
     assert "CLPLEN_POCL_CPU=off" in done.stdout
     assert "apt install pocl-opencl-icd" in done.stdout
     assert "pip install intel-opencl-rt intel-cmplr-lib-rt" in done.stdout
@@ -199,7 +199,7 @@ def test_signals_of_others_are_no_verdict(dying: Callable[..., bool], status: in
 def test_what_also_ends_a_kernel_without_built_in_functions_is_no_verdict(
     dying: Callable[..., bool], status: int
 ) -> None:
-    with pytest.raises(DeviceError, match=r"\(Final linking failed\.\): it needs memory"):
+    with pytest.raises(DeviceError, match=r"\(Final linking failed\.\): provide memory"):
         dying(status, ready=False)
 
 
@@ -257,16 +257,16 @@ def test_only_whole_verdicts_are_kept(
     monkeypatch.setattr(pocl, "_survives", survives)
     device = SimpleNamespace(platform=SimpleNamespace(version="OpenCL 3.0 PoCL 3.0"))
     path = tmp_path / "clplen" / "pocl-1.json"
-    assert pocl._tried(device, list(answers), path) == name
+    assert pocl._test_names(device, list(answers), path) == name
     assert verdicts(tmp_path) == kept
-    assert pocl._kept(path, list(answers)) == (kept[0] if kept else None)
+    assert pocl._read_verdict(path, list(answers)) == (kept[0] if kept else None)
 
 
 def test_a_damaged_verdict_is_no_verdict(tmp_path: Path) -> None:
     path = tmp_path / "pocl-1.json"
     for damage in ("", "[]", "[" * 100_000, '{"name": 5}', '{"name": "knl"}', "\0" * 50):
         path.write_text(damage)
-        assert pocl._kept(path, ["haswell"]) is None
+        assert pocl._read_verdict(path, ["haswell"]) is None
 
 
 INTERRUPTED = """

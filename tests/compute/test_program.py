@@ -72,7 +72,7 @@ def test_missing_kernels_say_where_they_were_looked_for(
     monkeypatch.setattr(program, "_FOLDERS", (tmp_path / "first", tmp_path / "second"))
     with pytest.raises(KernelBuildError) as error:
         program.kernel_folder()
-    assert f"looked in {tmp_path / 'first'} and {tmp_path / 'second'}; reinstall" in str(
+    assert f"missing from {tmp_path / 'first'} and {tmp_path / 'second'}; reinstall" in str(
         error.value
     )
 

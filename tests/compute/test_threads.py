@@ -108,7 +108,7 @@ def test_the_caller_does_everything_where_no_thread_starts(monkeypatch: pytest.M
     def refused(self: Thread) -> None:
         raise RuntimeError("can't start new thread")
 
-    columns._kept.cache_clear()
+    columns._thread_pool.cache_clear()
     done: list[tuple[int, str]] = []
     with monkeypatch.context() as patch:
         patch.setattr(Thread, "start", refused)

@@ -41,13 +41,13 @@ def waiting(seconds, log=None):
 
 def test_the_fastest_is_taken_and_kept(device, folder):
     seconds = {"first": 0.03, "second": 0.01, "third": 0.02}
-    assert Tuning(device).found("shear.cl", "some", LABELS) is None
+    assert Tuning(device).lookup("shear.cl", "some", LABELS) is None
     assert Tuning(device).fastest("shear.cl", "some", LABELS, waiting(seconds)) == "second"
     other = Tuning(device)
-    assert other.found("shear.cl", "some", LABELS) == "second"
-    assert other.found("shear.cl", "others", LABELS) is None
-    assert other.found("views.cl", "some", LABELS) is None
-    assert other.found("shear.cl", "some", ["first", "third"]) is None
+    assert other.lookup("shear.cl", "some", LABELS) == "second"
+    assert other.lookup("shear.cl", "others", LABELS) is None
+    assert other.lookup("views.cl", "some", LABELS) is None
+    assert other.lookup("shear.cl", "some", ["first", "third"]) is None
     assert len(list(folder.iterdir())) == 1
     log = []  # as another thread, which the first one waited for
     assert Tuning(device).fastest("shear.cl", "some", LABELS, waiting(seconds, log)) == "second"
@@ -59,7 +59,7 @@ def test_off(device, folder, monkeypatch):
     monkeypatch.setenv("CLPLEN_TUNING", "off")
     log = []
     tuning = Tuning(device)
-    assert tuning.found("shear.cl", "some", LABELS) is None
+    assert tuning.lookup("shear.cl", "some", LABELS) is None
     assert tuning.fastest("shear.cl", "some", LABELS, waiting({}, log)) == "first"
     assert log == []
 
@@ -69,16 +69,16 @@ def test_a_foreign_file_is_ignored_and_written_anew(device, folder):
     for text in ("{", '{"format": "another", "found": {}}', '{"format": "clplen tuning 1"}'):
         (folder / FILE).write_text(text)
         tuning = Tuning(device)
-        with pytest.warns(RuntimeWarning, match=r"tuning\.json is no tuning cache of this version"):
-            assert tuning.found("shear.cl", "some", LABELS) is None
+        with pytest.warns(RuntimeWarning, match=r"tuning\.json is not a tuning cache"):
+            assert tuning.lookup("shear.cl", "some", LABELS) is None
         tuning.fastest("shear.cl", "some", LABELS, waiting(SECOND))
-        assert Tuning(device).found("shear.cl", "some", LABELS) == "second"
+        assert Tuning(device).lookup("shear.cl", "some", LABELS) == "second"
 
 
 def test_what_other_processes_found_stays(device, folder):
     one, other = Tuning(device), Tuning(device)
     for tuning, problem in ((one, "a"), (other, "b"), (one, "c")):
-        tuning.found("shear.cl", problem, LABELS)
+        tuning.lookup("shear.cl", problem, LABELS)
         tuning.fastest("shear.cl", problem, LABELS, waiting(dict.fromkeys(LABELS, 0.0)))
     held = json.loads((folder / FILE).read_text())["found"]
     assert [key[-1] for key in held] == ["a", "b", "c"]
@@ -88,7 +88,7 @@ def test_a_file_that_cannot_be_replaced(device, folder):
     (folder / FILE).mkdir(parents=True)
     tuning = Tuning(device)
     tuning.fastest("shear.cl", "x", LABELS, waiting(SECOND))
-    assert tuning.found("shear.cl", "x", LABELS) == "second"
+    assert tuning.lookup("shear.cl", "x", LABELS) == "second"
     assert [file.name for file in folder.iterdir()] == [FILE]
 
 

@@ -124,11 +124,11 @@ def test_a_failing_thread_stops_the_others_before_their_memory_is_lent_again(
     u = (np.arange(3 * 6 * 7) ** 2 % 17 + 1j).reshape(3, 6, 7).astype(on.complex)
     with monkeypatch.context() as patch:
         patch.setattr(columns, "BLOCK_BYTES", 1)
-        patch.setattr(columns, "FEWEST", 1)
+        patch.setattr(columns, "MIN_BLOCK_LINES", 1)
         patch.setattr(columns, "Slots", numbered)
         patch.setattr(columns._Worker, "apply", one_fails)
         patch.setattr(on, "workspace", workspace)
-        patch.setattr(on, "roomy", lambda act: act())  # once only
+        patch.setattr(on, "retry_with_room", lambda act: act())  # once only
         with pytest.raises(DeviceError, match="no room"):
             run(on.upload(u), maps, [], [], on)
     assert workspace.found == [0]

@@ -84,9 +84,9 @@ def twin(grid: Grid, array: MicrolensArray, lam: float = LAM) -> Any:
         maps = m.values.reshape(-1, ny, nx)
         index = m.glass.index(lam) if isinstance(m.glass, Glass) else m.glass
         scale = 1 / lam if m.glass is None else (1 - index) / lam
-        turns *= not m.whole
+        turns *= not m.complete
         for k in range(len(maps)):
-            own = near == k if m.is_of_each else np.ones(grid.shape, bool)
+            own = near == k if m.is_per_lenslet else np.ones(grid.shape, bool)
             turns[own] += scale * keys(maps[k], row[own], column[own])
     lay = {
         "pitch": array.pitch, "f": 1.0, "count": array.count, "wavelength": 1.0,
@@ -160,7 +160,7 @@ def test_thin_lenses_with_clear_gaps_and_maps(device: Device) -> None:
 
 def test_a_map_alone(device: Device) -> None:
     random = np.random.default_rng(4)
-    whole = LensletMap(1e-6 * random.random((9, 13)), pitch=0.14 * P, glass=1.46, whole=True)
+    whole = LensletMap(1e-6 * random.random((9, 13)), pitch=0.14 * P, glass=1.46, complete=True)
     array = MicrolensArray(P, 2.5e-3, count=(3, 2), fill="full", rotation=0.2, map=whole)
     check(device, Grid((30, 33), DX), array, 2e-6)
 

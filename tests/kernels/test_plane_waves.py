@@ -60,5 +60,5 @@ def test_shapes_must_fit(device):
     frequencies, amplitudes = waves(5)
     grid = Grid((4, 4), 1e-6)
     for f, a in ((frequencies[:4], amplitudes), (frequencies.T, amplitudes), (frequencies[:0], [])):
-        with pytest.raises(ShapeError, match="plane waves take frequencies of shape"):
+        with pytest.raises(ShapeError, match="plane waves must have shape"):
             plane_waves(f, a, grid=grid, wavelength=5e-7, device=device)

@@ -107,7 +107,7 @@ def test_words_that_do_not_fit_are_refused() -> None:
     assert "--json belongs to --check" in result.stderr
     result = run("--check", "--device", "zebra")
     assert result.exit_code == 1
-    assert "No OpenCL device fits 'zebra'" in result.stderr
+    assert "No OpenCL device matches 'zebra'" in result.stderr
     assert "Traceback" not in result.output
 
 
@@ -118,7 +118,7 @@ def test_no_platform_is_one_sentence(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(cl, "get_platforms", none)
     result = run("--check")
     assert result.exit_code == 1
-    assert result.stderr.startswith("Error: There is no OpenCL platform.")
+    assert result.stderr.startswith("Error: No OpenCL platform was found.")
 
 
 @pytest.mark.thorough
@@ -146,9 +146,9 @@ def test_a_driver_that_dies_is_a_row(
 def test_a_device_that_is_not_there_is_one_row() -> None:
     usual = Device.open()
     seen: list[CheckResult] = []
-    report = run_isolated(Device(usual.cl_device, place="97:3"), watch=seen.append)
+    report = run_isolated(Device(usual.cl_device, selector="97:3"), watch=seen.append)
     assert [result.name for result in report.results] == ["opening"] == [r.name for r in seen]
-    assert report.results[0].reason.startswith("No OpenCL device fits '97:3'.")
+    assert report.results[0].reason.startswith("No OpenCL device matches '97:3'.")
 
 
 @pytest.mark.thorough

@@ -65,7 +65,7 @@ def results_of(device: Device, *names: str) -> dict[str, Any]:
 def fresh() -> Device:
     """The device that is taken when none is named, nothing built yet, an item a row."""
     usual = Device.open()
-    device = Device(usual.cl_device, place=usual.place)
+    device = Device(usual.cl_device, selector=usual.place)
     device.rows = True
     return device
 
@@ -122,7 +122,7 @@ def test_a_fault_of_double_precision_is_found(
         return
     common = program.kernel_path("common.cl")
     common.write_text(common.read_text().replace("TWO_PI (2 * M_PI)", "TWO_PI (2 * M_PI_F)"))
-    precise = Device(fresh.cl_device, precision="double", place=fresh.place)
+    precise = Device(fresh.cl_device, precision="double", selector=fresh.place)
     monkeypatch.setattr(Device, "open", staticmethod(lambda *_, **__: precise))
     result = results_of(fresh, "double precision")["double precision"]
     assert result.failed

@@ -173,7 +173,7 @@ def lenslet_shapes():
     surface = wave.LensletSurface(0.9e-3, "N-BK7", conic=-0.5, aspheric=[1e3])
     r = 6e-6 * (np.arange(19) - 9)
     sag = (r[:, None] ** 2 + 1.1 * r**2) / 2e-3
-    shape = wave.LensletMap(sag, pitch=6e-6, glass="N-BK7", whole=True)
+    shape = wave.LensletMap(sag, pitch=6e-6, glass="N-BK7", complete=True)
     mla = clplen.MicrolensArray(6e-5, surface=surface, count=(3, 4))
     scatter = cameras.LensletScatter(0.01, tilt=1e-4, position=1e-6, seed=3)
     errors = cameras.Aberrations(lenslets={11: 2e-8}, scatter=scatter).lenslet_errors(mla)

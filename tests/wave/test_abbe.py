@@ -134,15 +134,15 @@ def test_cost_is_that_of_the_cheaper_route():
 
 def test_bad_input(device):
     for change, error, words in [
-        ({"transfer": np.ones((15, 21))}, ShapeError, r"transfer function has shape \(15, 21\)"),
+        ({"transfer": np.ones((15, 21))}, ShapeError, r"transfer must have .* got \(15, 21\)"),
         ({"transfer": np.full((15, 22), np.nan)}, ValueError, "finite at every frequency"),
-        ({"transfer": np.zeros((15, 22))}, ValueError, "no light passes"),
-        ({"source": np.ones(22)}, ShapeError, r"source has shape \(22,\)"),
-        ({"source": np.ones((15, 22))}, ValueError, "adds up to 330: divide it by its sum"),
-        ({"source": np.eye(15, 22) - 14 / 330}, ValueError, "reaches down to -0.0424"),
-        ({"tolerance": -0.1}, ValueError, "tolerance is a part of the light"),
-        ({"tolerance": 1}, ValueError, "tolerance is a part of the light"),
-        ({"route": "best"}, ValueError, "'auto', 'points' or 'lags', not 'best'"),
+        ({"transfer": np.zeros((15, 22))}, ValueError, "must not be 0 at every frequency"),
+        ({"source": np.ones(22)}, ShapeError, r"source must have .* got \(22,\)"),
+        ({"source": np.ones((15, 22))}, ValueError, "a sum of 330; divide it by its sum"),
+        ({"source": np.eye(15, 22) - 14 / 330}, ValueError, "a minimum of -0.0424"),
+        ({"tolerance": -0.1}, ValueError, "tolerance must be at least 0 and below 1"),
+        ({"tolerance": 1}, ValueError, "tolerance must be at least 0 and below 1"),
+        ({"route": "best"}, ValueError, "'auto', 'points' or 'lags', got 'best'"),
     ]:
         given = {"transfer": np.ones(GRID.shape), "source": np.full(GRID.shape, 1 / 330)} | change
         transfer, source = given.pop("transfer"), given.pop("source")
@@ -152,9 +152,9 @@ def test_bad_input(device):
 
 def test_one_field_at_a_time(device):
     batch = on(device, np.ones((2, *GRID.shape)))
-    with pytest.raises(ShapeError, match="one of the batch at a time"):
+    with pytest.raises(ShapeError, match="must be a single field"):
         incoherent_image(batch, np.ones(GRID.shape))
-    with pytest.raises(TypeError, match="not of a ndarray"):
+    with pytest.raises(TypeError, match="got ndarray"):
         incoherent_image(np.ones(GRID.shape), np.ones(GRID.shape))
 
 

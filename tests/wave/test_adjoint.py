@@ -111,7 +111,7 @@ def test_a_field_of_another_grid_is_refused():
     grid, out = clplen.Grid((9, 12), 4e-6), clplen.Grid((7, 5), 6e-6)
     plan = clplen.Propagator(grid, 2e-3, wavelength=LAM, method="cblas", out_grid=out)
     u = clplen.Field.from_array(waves(1, 9, 12), grid, wavelength=LAM)
-    with pytest.raises(ShapeError, match="The output of the plan is on"):
+    with pytest.raises(ShapeError, match="The output of the plan must be on"):
         plan.adjoint(u)
 
 
@@ -152,7 +152,7 @@ def test_methods_without_a_slope_say_so(device):
     grid = clplen.Grid((9, 12), 4e-6)
     u = clplen.Field.from_array(waves(1, 9, 12), grid, wavelength=LAM, device=device)
     plan = clplen.Propagator(grid, 0.1, wavelength=LAM, method="fresnel-1fft", device=device)
-    with pytest.raises(SamplingError, match="derivative by z is for"):
+    with pytest.raises(SamplingError, match="derivative by z requires"):
         plan.distance_slope(u)
 
 
@@ -248,13 +248,13 @@ def test_parts_without_gradients_or_adjoints_are_named(device):
     grid = clplen.Grid((9, 12), 4e-6)
     u = clplen.Field.from_array(waves(1, 9, 12), grid, wavelength=LAM, device=device)
     plain = clplen.OpticalSystem([Element(lambda field: field, "mirror"), 1e-3])
-    with pytest.raises(TypeError, match="'mirror' is a function without an adjoint"):
+    with pytest.raises(TypeError, match="'mirror' has no adjoint"):
         plain.adjoint(u)
     with pytest.raises(TypeError, match="Part 0, mirror, has no parameters with gradients"):
         plain.vjp(u, parameters=[0])
-    with pytest.raises(IndexError, match="parts 0 to 1, not 2"):
+    with pytest.raises(IndexError, match="must be from 0 to 1, got 2"):
         plain.vjp(u, parameters=[2])
-    with pytest.raises(ShapeError, match="has the shape of the field"):
+    with pytest.raises(ShapeError, match="must have the shape of the field"):
         intensity_gradient(u, np.ones((9, 11)))
 
 

@@ -193,7 +193,7 @@ def test_a_kernel_near_the_plane_is_refused_before_it_is_made(device):
             Grid((100, 7), (1.2e-6, 2.6e-6), origin=(1e-6, 0)),
         )
         with pytest.raises(
-            SamplingError, match=r"samples, .*B in complex64 .* s: use method='auto'"
+            SamplingError, match=r"samples, .*B in complex64 .* s; use method='auto'"
         ):
             Propagator(grid, z, wavelength=5.1e-7, method="rs", device=device, out_grid=out)
         assert Propagator(grid, z, wavelength=5.1e-7, device=device, out_grid=out).method == "cblas"

@@ -67,11 +67,11 @@ def test_a_tolerance_stops_it(device):
     assert 30 < result.snapshots < 70  # speckle of contrast .95: (.95/.15)^2 = 40
     assert result.relative_error <= 0.15
     assert (result.convergence[14:-1, 1] > 0.15).all()  # from 16 snapshots on
-    assert run(device, rtol=10.0).snapshots == module.LEAST
+    assert run(device, rtol=10.0).snapshots == module.MIN_RTOL_SNAPSHOTS
 
 
 def test_a_tolerance_that_is_not_reached_is_said(device):
-    with pytest.warns(SamplingWarning, match="After 20 snapshots .* not 0.01"):
+    with pytest.warns(SamplingWarning, match="After 20 snapshots .* above rtol=0.01"):
         result = run(device, rtol=0.01, snapshots=20)
     assert result.snapshots == 20
 
@@ -85,7 +85,7 @@ def test_points_of_the_curve_thin_out(device):
 
 def test_a_tolerance_in_the_dark_is_refused(device):
     thing = Field.from_array(np.zeros(GRID.shape), GRID, wavelength=LAM, device=device)
-    with pytest.raises(ValueError, match="no light in the image after 16 snapshots"):
+    with pytest.raises(ValueError, match="image is dark after 16 snapshots"):
         Coherence(MASK).average(SYSTEM, thing, rtol=0.1, method="monte-carlo")
 
 
@@ -140,7 +140,10 @@ def test_a_checkpoint_of_another_set_up_is_refused(device, tmp_path):
         ({"spectrum": Spectrum.lines([5e-7, 6e-7], [1, 1])}, r"its spectrum is None"),
         ({"grid": Grid((48, 60), (4e-6, 6e-6))}, r"its grid is .*3e-06"),
         ({"scale": 0.5}, r"its object is"),
-        ({"label": "two lenses"}, r"its label is a lens, this run's is two lenses\. Name another"),
+        (
+            {"label": "two lenses"},
+            r"its label is a lens, this run's is two lenses\. Choose another",
+        ),
     ]:
         file = tmp_path / "run.npz"
         run(device, snapshots=3, checkpoint=(file, "a lens"))
@@ -175,10 +178,10 @@ def test_a_damaged_checkpoint_is_refused(device, tmp_path):
     whole = file.read_bytes()
     for damaged in (truncated(whole), flipped(whole), b"", b"PK"):
         file.write_bytes(damaged)
-        with pytest.raises(FormatError, match=r"run.npz is damaged or no checkpoint"):
+        with pytest.raises(FormatError, match=r"run.npz is damaged or not a checkpoint"):
             run(device, snapshots=5, checkpoint=file)
     np.savez(file, mean=np.ones(3))
-    with pytest.raises(FormatError, match=r"damaged or no checkpoint"):
+    with pytest.raises(FormatError, match=r"damaged or not a checkpoint"):
         run(device, snapshots=5, checkpoint=file)
     with pytest.raises(FileNotFoundError, match="there is no folder"):
         run(device, snapshots=5, checkpoint=tmp_path / "no" / "run.npz")
@@ -186,7 +189,7 @@ def test_a_damaged_checkpoint_is_refused(device, tmp_path):
 
 def test_bad_numbers(device):
     for how in ({"snapshots": 0}, {"snapshots": 2.5}, {"rtol": 0}, {"rtol": math.nan}):
-        with pytest.raises(ValueError, match=r"snapshots is|rtol"):
+        with pytest.raises(ValueError, match=r"snapshots must be|rtol"):
             run(device, **how)
 
 

@@ -109,30 +109,30 @@ def test_contrast(device):
 
 
 def test_nothing_to_measure(device):
-    with pytest.raises(ValueError, match="no snapshot"):
+    with pytest.raises(ValueError, match="at least one snapshot"):
         measured_degree([], LAGS)
-    with pytest.raises(ValueError, match="no snapshot"):
+    with pytest.raises(ValueError, match="at least one snapshot"):
         DegreeEstimator(GRID).map()
     with pytest.raises(ValueError, match="dark"):
         measured_degree([to_field(np.zeros(GRID.shape), device)], LAGS)
-    with pytest.raises(ValueError, match="no light"):
+    with pytest.raises(ValueError, match="must be positive"):
         speckle_contrast(np.zeros((3, 4)))
-    with pytest.raises(ValueError, match="no sample"):
+    with pytest.raises(ValueError, match="must contain samples"):
         speckle_contrast(np.ones((3, 4)), region=np.s_[5:, :])
 
 
 def test_bad_lags(device):
     for periodic in [False, True]:
         for lags, axis, error, words in [
-            ([(7, 0)], None, ValueError, r"\(6, 9\), not \(7, 0\)"),
-            ([0, 10], "x", ValueError, r"\(6, 9\), not \(0, 10\)"),
-            ([-7], "y", ValueError, r"\(6, 9\), not \(7, 0\)"),
-            ([1.5], "x", ValueError, "whole number of samples"),
-            ([np.inf], "x", ValueError, "whole number of samples"),
-            ([], "x", ValueError, "whole number of samples"),
-            (["1"], "x", ValueError, "whole number of samples"),
-            ([1, 2, 3], None, ShapeError, r"shape \(..., 2\), not \(3,\)"),
-            ([1], "z", ValueError, "'y' or 'x', not 'z'"),
+            ([(7, 0)], None, ValueError, r"\(6, 9\), got \(7, 0\)"),
+            ([0, 10], "x", ValueError, r"\(6, 9\), got \(0, 10\)"),
+            ([-7], "y", ValueError, r"\(6, 9\), got \(7, 0\)"),
+            ([1.5], "x", ValueError, "must be integers"),
+            ([np.inf], "x", ValueError, "must be integers"),
+            ([], "x", ValueError, "must be integers"),
+            (["1"], "x", ValueError, "must be integers"),
+            ([1, 2, 3], None, ShapeError, r"shape \(..., 2\), got \(3,\)"),
+            ([1], "z", ValueError, "'y' or 'x', got 'z'"),
         ]:
             field = to_field(samples(1)[0], device)
             with pytest.raises(error, match=words):
@@ -142,10 +142,10 @@ def test_bad_lags(device):
 def test_an_estimator_keeps_to_its_grid_and_reach(device):
     estimator = DegreeEstimator(GRID, reach=(1, 2))
     other = Grid(GRID.shape, GRID.pitch)
-    with pytest.raises(ShapeError, match="the field is on"):
+    with pytest.raises(ShapeError, match="field must have"):
         estimator.add(to_field(samples(1)[0], device, other))
     estimator.add(to_field(samples(1)[0], device))
-    with pytest.raises(ValueError, match=r"3 samples along x is beyond the reach of 2"):
+    with pytest.raises(ValueError, match=r"along x must be at most 2 samples, got 3"):
         estimator.degree(0, [-3, 1])
     for reach in ((1,), (7, 0), (0, -1), (1, 2.5)):
         with pytest.raises(ValueError, match="reach"):

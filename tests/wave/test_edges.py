@@ -197,12 +197,12 @@ def test_a_middle_on_the_border_of_two_pixels_takes_the_later(precise):
 def test_other_edges_are_refused(device):
     for edges in ["area-weighted", "pixel", None, 4, ""]:
         for cut, args, more in CUTS.values():
-            with pytest.raises(ValueError, match="edges is 'samples', 'area' or 'pixels', not"):
+            with pytest.raises(ValueError, match="edges must be 'samples', 'area' or"):
                 mask(device, cut, *args, edges=edges, **more)
-        with pytest.raises(ValueError, match="edges is 'samples', 'area' or 'pixels', not"):
+        with pytest.raises(ValueError, match="edges must be 'samples', 'area' or"):
             Stop(1e-3, edges=edges)
         if edges is not None:
-            with pytest.raises(ValueError, match="edges is 'samples', 'area' or 'pixels', not"):
+            with pytest.raises(ValueError, match="edges must be 'samples', 'area' or"):
                 mask(device, transparency, np.ones(GRID.shape), edges=edges)
 
 

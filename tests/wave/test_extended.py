@@ -126,7 +126,7 @@ def test_a_dark_pixel_sends_no_point():
     source = ExtendedSource(4e-3, 0.1, picture=LETTER)
     draws = np.array([[0.25, 0.5, 0, 0.0], [0.25, 0.5, 0, 1 - 2**-32]])
     # (row - 1.5, column - 2) pixels of 1 mm
-    np.testing.assert_allclose(source._places(draws), [(-1.25e-3, -0.5e-3), (0.75e-3, 1.5e-3)])
+    np.testing.assert_allclose(source._positions(draws), [(-1.25e-3, -0.5e-3), (0.75e-3, 1.5e-3)])
 
 
 # Spectra
@@ -203,22 +203,22 @@ def test_areas_and_angles():
 
 def test_what_is_no_source():
     for args, more, words in [
-        ((0, 0.1), {}, "size of a source is positive"),
-        ((-1e-3, 0.1), {}, "size of a source is positive"),
-        ((float("nan"), 0.1), {}, "size of a source is positive"),
-        ((1e-3, 0), {}, "distance of a source is positive"),
-        ((1e-3, float("inf")), {}, "distance of a source is positive"),
-        ((1e-3, "1"), {}, "distance of a source is positive"),
+        ((0, 0.1), {}, "size must be positive"),
+        ((-1e-3, 0.1), {}, "size must be positive"),
+        ((float("nan"), 0.1), {}, "size must be positive"),
+        ((1e-3, 0), {}, "distance must be positive"),
+        ((1e-3, float("inf")), {}, "distance must be positive"),
+        ((1e-3, "1"), {}, "distance must be positive"),
         ((1e-3, 0.1), {"shape": "ring"}, "'circular' or 'square'"),
         ((1e-3, 0.1), {"points": 0}, "at least 1"),
-        ((1e-3, 0.1), {"points": 2.5}, "whole number of points"),
-        ((1e-3, 0.1), {"points": True}, "whole number of points"),
+        ((1e-3, 0.1), {"points": 2.5}, "an integer"),
+        ((1e-3, 0.1), {"points": True}, "an integer"),
         ((1e-3, 0.1), {"picture": []}, "2-D array"),
         ((1e-3, 0.1), {"picture": np.ones((2, 2, 3))}, "2-D array"),
         ((1e-3, 0.1), {"picture": np.zeros((2, 0))}, "2-D array"),
         ((1e-3, 0.1), {"picture": [[1, -1]]}, "not negative"),
         ((1e-3, 0.1), {"picture": [[1, np.nan]]}, "finite"),
-        ((1e-3, 0.1), {"picture": [[0, 0]]}, "black"),
+        ((1e-3, 0.1), {"picture": [[0, 0]]}, "above 0"),
     ]:
         with pytest.raises(ValueError, match=words):
             ExtendedSource(*args, **more)
@@ -230,9 +230,11 @@ def test_a_grid_too_coarse():
     source.check(Grid((1, 8), (50e-6, 27.4e-6)), wavelength=WAVELENGTH)
     too_coarse = Grid((8, 8), (14e-6, 20e-6))
     for ask in (source.check, source.power_spectrum):
-        with pytest.raises(SamplingError, match=r"4 mm along y .* at most 13.75 um, not 14 um"):
+        with pytest.raises(
+            SamplingError, match=r"along y .* at most 13.75 um .* 4 mm .* got 14 um"
+        ):
             ask(too_coarse, wavelength=WAVELENGTH)
-    with pytest.raises(SamplingError, match=r"2 mm along x .* at most 27.5 um, not 28 um"):
+    with pytest.raises(SamplingError, match=r"along x .* at most 27.5 um .* 2 mm .* got 28 um"):
         source.check(Grid((8, 8), (10e-6, 28e-6)), wavelength=WAVELENGTH)
 
 
@@ -240,7 +242,7 @@ def test_a_curvature_too_coarse():
     source = ExtendedSource(1e-3, 0.1, curved=True)
     source.check(Grid((1, 64), 20e-6), wavelength=WAVELENGTH)
     # edge at 64 x 20 um: lam d/(2 (1.28 mm + .5 mm))
-    with pytest.warns(SamplingWarning, match=r"along x: a pitch of at most 15.4494 um"):
+    with pytest.warns(SamplingWarning, match=r"along x: use a pitch of at most 15.4494 um"):
         source.check(Grid((1, 128), 20e-6), wavelength=WAVELENGTH)
     with pytest.raises(ValueError, match="focal length -100 mm"):
         source.power_spectrum(Grid((1, 64), 20e-6), wavelength=WAVELENGTH)

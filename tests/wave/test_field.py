@@ -33,28 +33,28 @@ def test_round_trip_keeps_batch_and_dtype(device):
 
 def test_bad_grids():
     for shape in [(3,), 5, (0, 4), (2.5, 4), (2, 3, 4), (np.nan, 4), (10**400, 4), "ab"]:
-        with pytest.raises(ShapeError, match=r"\(ny, nx\), two positive integers"):
+        with pytest.raises(ShapeError, match=r"two positive integers \(ny, nx\)"):
             Grid(shape, 1e-6)
     for pitch in [0, -1e-6, np.nan, (1e-6, np.inf)]:
-        with pytest.raises(ValueError, match="pitch is positive and finite"):
+        with pytest.raises(ValueError, match="pitch must be positive and finite"):
             Grid((3, 4), pitch)
     for pitch, hint in [(10, "1e-05"), ((5e-6, 6.6), "6.6e-06"), (650.0, "0.00065")]:
         with pytest.raises(ValueError, match=f"pitch is in metres, at most 1, not .*mean {hint}"):
             Grid((3, 4), pitch)
     for origin in [(np.nan, 0.0), (1e300, 0.0), (0, -2e12), (10**400, 0)]:
-        with pytest.raises(ValueError, match="A grid's origin is "):
+        with pytest.raises(ValueError, match=r"origin (must be finite|is in metres)"):
             Grid((3, 4), 5e-6, origin=origin)
 
 
 def test_bad_fields(device):
     grid, ones = Grid((3, 4), 1e-6), np.ones((3, 4), complex)
-    with pytest.raises(ShapeError, match=r"shape \(4, 3\), the grid \(3, 4\)"):
+    with pytest.raises(ShapeError, match=r"grid's shape \(3, 4\), got \(4, 3\)"):
         Field.from_array(ones.T, grid, wavelength=5e-7, device=device)
     for bad in [np.nan, np.inf, 1j * np.nan]:
         u = ones.copy()
         u[1, 2] = bad
-        with pytest.raises(ValueError, match="NaN or infinite; a propagation would spread"):
+        with pytest.raises(ValueError, match="NaN or infinite, which a propagation would"):
             Field.from_array(u, grid, wavelength=5e-7, device=device)
     for wavelength in [0, -5e-7, np.nan]:
-        with pytest.raises(ValueError, match="wavelength is positive"):
+        with pytest.raises(ValueError, match="wavelength must be positive"):
             Field.from_array(ones, grid, wavelength=wavelength, device=device)

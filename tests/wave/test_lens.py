@@ -39,10 +39,10 @@ def test_aliased_lens_says_what_would_do(device):
 
 def test_what_is_no_lens(device):
     for f, more, message in [
-        (0, {}, "focal length is not 0"),
-        (np.nan, {}, "focal length is not 0"),
+        (0, {}, "focal_length must not be 0"),
+        (np.nan, {}, "focal_length must not be 0"),
         (1.0, {"aliasing": "ignore"}, "'raise', 'warn' or 'allow'"),
-        (1.0, {"form": "thick"}, "form of a lens is 'paraxial' or 'stigmatic', not 'thick'"),
+        (1.0, {"form": "thick"}, "form must be 'paraxial' or 'stigmatic', got 'thick'"),
     ]:
         with pytest.raises(ValueError, match=message):
             thin_lens(ones(Grid((3, 4), 1e-6), device), f, **more)

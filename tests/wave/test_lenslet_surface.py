@@ -69,15 +69,15 @@ def test_a_focal_length_must_not_contradict_the_surface():
         with pytest.raises(ValueError, match=r"has the focal length 0.000561145 m, not") as error:
             MicrolensArray(P, wrong, count=3, surface=surface)
         said = str(error.value)
-        assert "give focal_length=0.000561145, none, or the radius" in said
+        assert "set focal_length=0.000561145, omit it, or use the radius" in said
         radius = float(said.split("the radius ")[1].split()[0])
         again = LensletSurface(radius, "N-BK7")
         assert again.focal_length() == pytest.approx(wrong, rel=1e-5)
     with pytest.raises(ValueError, match="1 surfaces and 2 focal lengths"):
         MicrolensArray(P, (f, 2 * f), count=3, surface=surface)
-    with pytest.raises(ValueError, match="need a focal_length in metres, or a surface"):
+    with pytest.raises(ValueError, match="require a focal_length in metres, or a surface"):
         MicrolensArray(P, count=3)
-    with pytest.raises(TypeError, match="surface is a LensletSurface or several"):
+    with pytest.raises(TypeError, match="surface must be a LensletSurface"):
         MicrolensArray(P, count=3, surface=[1e-3])
 
 
@@ -94,20 +94,28 @@ def test_a_surface_must_not_end_within_a_lenslet():
 
 def test_bad_surfaces():
     for arguments, more, message in [
-        ((0, 1.5), {}, "radius of a surface is not 0"),
-        ((np.nan, 1.5), {}, "radius of a surface is finite"),
-        (("1", 1.5), {}, "radius of a surface is a number"),
+        ((0, 1.5), {}, "radius of a surface must not be 0"),
+        ((np.nan, 1.5), {}, "radius of a surface must be finite"),
+        (("1", 1.5), {}, "radius of a surface must be a number"),
         ((290, 1.5), {}, "radius of a surface is in metres.*did you mean 0.29"),
-        ((1e-3, 1), {}, "index of a surface is above 0 and not 1"),
-        ((1e-3, -1.5), {}, "index of a surface is above 0 and not 1"),
-        ((1e-3, None), {}, "glass of a surface is a Glass, the name of one, or an index"),
+        ((1e-3, 1), {}, "index of a surface must be above 0 and not 1"),
+        ((1e-3, -1.5), {}, "index of a surface must be above 0 and not 1"),
+        ((1e-3, None), {}, "glass of a surface, if not a Glass or its name, must be"),
         ((1e-3, "BK7"), {}, "no glass 'BK7'.*Did you mean N-BK7"),
-        ((1e-3, 1.5), {"conic": np.inf}, "conic constant of a surface is finite"),
-        ((1e-3, 1.5), {"aspheric": (1, None)}, "aspheric coefficient of a surface is a number"),
+        ((1e-3, 1.5), {"conic": np.inf}, "conic constant of a surface must be finite"),
+        (
+            (1e-3, 1.5),
+            {"aspheric": (1, None)},
+            "aspheric coefficient of a surface must be a number",
+        ),
         ((1e-3, 1.5), {"design_wavelength": 550}, "did you mean 5.5e-07"),
         ((1e-3, "N-BK7"), {"design_wavelength": 550}, "did you mean 5.5e-07"),
-        ((1e-3, "N-BK7"), {"design_wavelength": 3e-6}, "known from 300 nm to 2.5 um"),
-        ((1e-3, 1.5), {"design_wavelength": -1e-6}, "design wavelength of a surface is positive"),
+        ((1e-3, "N-BK7"), {"design_wavelength": 3e-6}, "within 300 nm to 2.5 um"),
+        (
+            (1e-3, 1.5),
+            {"design_wavelength": -1e-6},
+            "design wavelength of a surface must be positive",
+        ),
     ]:
         with pytest.raises(ValueError, match=message):
             LensletSurface(*arguments, **more)
@@ -142,8 +150,8 @@ def test_steep_surfaces_are_sampled(device):
 
 def test_bad_gaps():
     for more, message in [
-        ({"gap": "open"}, "gap is 'opaque' or 'clear', not 'open'"),
-        ({"gap": "clear", "fill": "full"}, "gap='clear' is for round lenslets"),
+        ({"gap": "open"}, "gap must be 'opaque' or 'clear', got 'open'"),
+        ({"gap": "clear", "fill": "full"}, "gap='clear' requires round lenslets"),
     ]:
         with pytest.raises(ValueError, match=message):
             MicrolensArray(P, 1e-2, count=2, **more)
@@ -166,7 +174,7 @@ def test_maps_are_told_apart(device):
         LensletMap(values, pitch=20e-6, glass="F2"),
         LensletMap(values, pitch=20e-6, glass=1.5),
         LensletMap(values, pitch=20e-6, glass="N-BK7", origin=(0, 1e-6)),
-        LensletMap(values, pitch=20e-6, glass="N-BK7", whole=True),
+        LensletMap(values, pitch=20e-6, glass="N-BK7", complete=True),
     ]
     assert len({one, *others}) == 7
     values[:] = 0
@@ -179,13 +187,13 @@ GOOD = np.zeros((9, 9))
 
 def test_bad_maps():
     for arguments, more, error, message in [
-        ((), {"pitch": 2e-5}, ValueError, "sag or a phase: give one"),
-        ((GOOD,), {"phase": GOOD, "pitch": 2e-5}, ValueError, "sag or a phase: give one"),
-        ((GOOD,), {"pitch": 2e-5}, ValueError, "map of sag needs a glass"),
-        ((), {"phase": GOOD, "pitch": 2e-5}, ValueError, "phase needs the wavelength"),
-        ((GOOD[:3],), {"pitch": 2e-5, "glass": 1.5}, ShapeError, r"at least 4 .* not \(3, 9\)"),
-        ((GOOD[0],), {"pitch": 2e-5, "glass": 1.5}, ShapeError, r"not \(9,\)"),
-        ((GOOD[None],), {"pitch": 2e-5, "glass": 1.5}, ShapeError, r"not \(1, 9, 9\)"),
+        ((), {"pitch": 2e-5}, ValueError, "either sag= or phase="),
+        ((GOOD,), {"phase": GOOD, "pitch": 2e-5}, ValueError, "either sag= or phase="),
+        ((GOOD,), {"pitch": 2e-5}, ValueError, "map of sag requires glass="),
+        ((), {"phase": GOOD, "pitch": 2e-5}, ValueError, "phase requires wavelength="),
+        ((GOOD[:3],), {"pitch": 2e-5, "glass": 1.5}, ShapeError, r"at least 4 .* got \(3, 9\)"),
+        ((GOOD[0],), {"pitch": 2e-5, "glass": 1.5}, ShapeError, r"got \(9,\)"),
+        ((GOOD[None],), {"pitch": 2e-5, "glass": 1.5}, ShapeError, r"got \(1, 9, 9\)"),
         (
             (np.where(np.arange(81).reshape(9, 9) % 40 == 31, np.nan, 0),),
             {"pitch": 2e-5, "glass": 1.5},
@@ -193,7 +201,7 @@ def test_bad_maps():
             r"2 values that are NaN or infinite, the first at \(3, 4\)",
         ),
         ((GOOD + 1j,), {"pitch": 2e-5, "glass": 1.5}, TypeError, "real numbers"),
-        ((GOOD,), {"pitch": 0, "glass": 1.5}, ValueError, "pitch of a map is positive"),
+        ((GOOD,), {"pitch": 0, "glass": 1.5}, ValueError, "pitch of a map must be positive"),
         ((GOOD,), {"pitch": 20, "glass": 1.5}, ValueError, "pitch of a map is in metres"),
         (
             (np.eye(9),),
@@ -201,7 +209,12 @@ def test_bad_maps():
             ValueError,
             "range of a map of sag is in metres, .*did you mean 1e-06",
         ),
-        ((GOOD,), {"pitch": 2e-5, "glass": 1}, ValueError, "index of a map is above 0 and not 1"),
+        (
+            (GOOD,),
+            {"pitch": 2e-5, "glass": 1},
+            ValueError,
+            "index of a map must be above 0 and not 1",
+        ),
         ((GOOD,), {"pitch": 2e-5, "glass": 1.5, "origin": 0}, ValueError, "origin of a map"),
         (
             (),
@@ -222,9 +235,7 @@ def test_maps_that_do_not_fit(device):
         MicrolensArray(P, 1e-2, count=2, map=small)
     MicrolensArray(P, 1e-2, count=2, map=small, diameter=134e-6)
     even = LensletMap(np.zeros((8, 8)), pitch=20e-6, glass=1.5)
-    with pytest.raises(
-        ValueError, match="the origin of sample 4, which lies on the lenslet's centre"
-    ):
+    with pytest.raises(ValueError, match="set origin= for sample 4"):
         MicrolensArray(P, 1e-2, count=2, map=even)
     centred = LensletMap(np.zeros((8, 8)), pitch=20e-6, glass=1.5, origin=(10e-6, 10e-6))
     MicrolensArray(P, 1e-2, count=2, map=centred)
@@ -233,13 +244,13 @@ def test_maps_that_do_not_fit(device):
     with pytest.raises(ValueError, match="along y"):  # a hexagon is taller than wide
         MicrolensArray(P, 1e-2, count=2, map=flat, fill="full", lattice="hexagonal")
     each = LensletMap(np.zeros((2, 3, 9, 9)), pitch=20e-6, glass=1.5)
-    with pytest.raises(ShapeError, match=r"maps of \(2, 3\) lenslets, but \(3, 2\)"):
+    with pytest.raises(ShapeError, match=r"\(3, 2\), got \(2, 3\)"):
         MicrolensArray(P, 1e-2, count=(3, 2), map=each)
-    whole = LensletMap(GOOD, pitch=20e-6, glass=1.5, whole=True)
+    whole = LensletMap(GOOD, pitch=20e-6, glass=1.5, complete=True)
     for more in ({"surface": LensletSurface(5e-3, 1.5)}, {"focal_length": 1e-2, "gap": "clear"}):
-        with pytest.raises(ValueError, match="whole=True is the lenslet itself: leave out"):
+        with pytest.raises(ValueError, match="complete=True replaces"):
             MicrolensArray(P, count=2, map=whole, **more)
-    with pytest.raises(TypeError, match="map is a LensletMap, not of type ndarray"):
+    with pytest.raises(TypeError, match="map must be a LensletMap, got ndarray"):
         MicrolensArray(P, 1e-2, count=2, map=GOOD)
 
 

@@ -118,7 +118,7 @@ def test_a_kernel_is_sampled_from_two_samples_on():
     for z in (0.3e-6, 0.9e-6):
         made = report_of(fine, z, "rs")
         assert (made.fully_sampled_from, made.fully_sampled_to) == (2 * 0.25e-6, math.inf)
-    assert "aliased: it is sampled from 5e-07 m on" in report_of(fine, 0.3e-6, "rs").warning
+    assert "aliased below 5e-07 m" in report_of(fine, 0.3e-6, "rs").warning
     # On coarser samples the steepest ray decides: f_geo = f_nyq.
     grid = Grid((1, 100), 2e-6)
     nearest = 200e-6 * math.sqrt((4e-6 / LAM) ** 2 - 1)
@@ -166,8 +166,8 @@ def test_many_steps_warn_where_light_comes_back():
         for z in (reach, -reach):
             assert warns(STEPS, z, "fresnel-multistep", **options) == [False, True]
         said = report_of(STEPS, 1.01 * reach, "fresnel-multistep", **options).warning
-        assert said.startswith(f"{33 if border else 2} steps to z = ")
-        assert "light that left the window comes back in fresnel-multistep. Use method=" in said
+        assert said.startswith(f"fresnel-multistep takes {33 if border else 2} steps to z = ")
+        assert "light that left the window returns. Use method=" in said
 
 
 def test_more_steps_than_anyone_waits_for(device):
@@ -177,11 +177,11 @@ def test_more_steps_than_anyone_waits_for(device):
     made = describe(Request(grid, 100_000.5 * dz, LAM, "fresnel-multistep", **options))
     assert len(made.into.x) == 100_001
     for z in (100_001.5 * dz, -(10**11) * dz):
-        with pytest.raises(SamplingError, match=r"would take .* steps .* at most 100,000 are done"):
+        with pytest.raises(SamplingError, match=r"limited to 100,000 steps"):
             propagate(
                 field_of(np.ones((7, 7)), grid, device), z, method="fresnel-multistep", **options
             )
-    with pytest.raises(SamplingError, match="would take 100,001 steps to z = "):
+    with pytest.raises(SamplingError, match="requires 100,001;"):
         describe(Request(grid, 100_001.5 * dz, LAM, "fresnel-multistep", **options))
 
 

@@ -143,9 +143,9 @@ def test_power_spectrum_is_that_of_the_snapshots(device):
 
 def test_cells_that_do_not_fit_name_the_nearest_that_does(device):
     for cell, words in [
-        (1.5 * DX, r"fewer than 2 samples.*4 um, 128 cells along y, is the nearest that does"),
-        (15.3e-6, r"do not fit the window of 512 um.*15.5152 um, 33 cells along y"),
-        (N * DX, r"do not fit .*256 um, 2 cells"),
+        (1.5 * DX, r"fewer than 2 samples.*4 um, 128 cells along y"),
+        (15.3e-6, r"window of 512 um must hold an integer number.*15.5152 um, 33 cells along y"),
+        (N * DX, r"must hold .*256 um, 2 cells"),
         ((16e-6, 15e-6), r"15.0588 um, 34 cells along x"),
     ]:
         mask = RandomPhaseMask(cell)

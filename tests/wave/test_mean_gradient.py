@@ -70,7 +70,7 @@ def test_gradient_by_parameters_and_without_memory(precise, monkeypatch):
     expected = ((at(0.01 + h)[0].to_numpy() - at(0.01 - h)[0].to_numpy()) * weights).sum() / (2 * h)
     assert gradient.parameters[1]["focal_length"] == pytest.approx(expected, rel=1e-6)
     _, kept = light.vjp(IMAGING, field, snapshots=3)
-    assert len(kept.kept) == 3
+    assert len(kept.fields) == 3
     assert kept.nbytes == 3 * 16 * 15 * 26
     np.testing.assert_allclose(
         kept(weights).field.to_numpy(),

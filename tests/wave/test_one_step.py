@@ -93,7 +93,7 @@ def test_auto_takes_it_only_where_it_is_exact_and_less_work():
     # The band of the output ends at the Nyquist frequency: images would come, and cblas is dark.
     wide = Grid((64, 60), 0.1 * LAM / 4e-6 / 60)
     assert auto(grid, 0.1, wide).method == "cblas"
-    with pytest.raises(SamplingError, match=r"would take .* frequencies .* method='one-step'"):
+    with pytest.raises(SamplingError, match=r"limited to .* frequencies .* method='one-step'"):
         auto(grid, 300.0, Grid((64, 60), 300 * LAM / 4e-6 / 60))
     assert auto(grid, 100.0, Grid((30, 33), 0.02), guard=0).method == "cblas"
 

@@ -79,11 +79,11 @@ def test_aliased_spheres_warn(device):
         r = np.hypot(np.array([245e-6, 250e-6]), times * z)
         assert (np.diff(r)[0] * 2 / LAM < 1) == (times > 1)
     spherical_wave(grid, 1.01 * z, wavelength=LAM, device=device)
-    with pytest.warns(SamplingWarning, match=r"on samples of 5e-06 m along x: the grid reaches"):
+    with pytest.warns(SamplingWarning, match=r"on samples of 5e-06 m along x: the grid extends"):
         spherical_wave(grid, -0.99 * z, wavelength=LAM, device=device)
     turned = Grid((101, 3), 5e-6)
     spherical_wave(turned, 2.01 * z, wavelength=LAM, device=device, source=(-250e-6, 0))
-    match = "along y: the grid reaches 0.0005 m from its axis, .* at least 0.009385 m would do"
+    match = "along y: the grid extends 0.0005 m from its axis, .* at least 0.009385 m"
     with pytest.warns(SamplingWarning, match=match):
         spherical_wave(turned, 1.99 * z, wavelength=LAM, device=device, source=(-250e-6, 0))
 
@@ -171,12 +171,12 @@ def test_beams_finer_than_their_samples_warn(device):
 
 def test_what_is_no_source(device):
     cosines = "direction cosines with a sum of squares below 1"
-    waist, place = "waist of a beam is positive", "z and centre of a beam are finite"
+    waist, place = "waist of a beam must be positive", "z and centre of a beam must be finite"
     rows = [
         *((plane_wave, (), {"direction": d}, cosines) for d in [(0.8, 0.7), (np.nan, 0), 0.1]),
         (plane_wave, (), {"direction": (0, 0, 0)}, cosines),
-        *((spherical_wave, (z,), {}, "point source is finite and not 0") for z in (0, np.inf)),
-        (spherical_wave, (1,), {"source": (0, np.nan)}, "place of a source is finite"),
+        *((spherical_wave, (z,), {}, "point source must be finite and not 0") for z in (0, np.inf)),
+        (spherical_wave, (1,), {"source": (0, np.nan)}, "place of a source must be finite"),
         *((gaussian_beam, (size,), {}, waist) for size in (0, np.inf)),
         (gaussian_beam, (1e-5,), {"z": np.nan}, place),
         (gaussian_beam, (1e-5,), {"centre": (0, np.inf)}, place),
@@ -188,7 +188,7 @@ def test_what_is_no_source(device):
     with pytest.raises(ValueError, match=cosines):
         tilt(plane_wave(GRID, wavelength=LAM, device=device), (1, 0))
     for source, args in ((plane_wave, ()), (spherical_wave, (1e-3,)), (gaussian_beam, (1e-3,))):
-        with pytest.raises(ValueError, match="wavelength is positive"):
+        with pytest.raises(ValueError, match="wavelength must be positive"):
             source(GRID, *args, wavelength=0, device=device)
-        with pytest.raises(TypeError, match="device is a Device"):
+        with pytest.raises(TypeError, match="device must be a Device"):
             source(GRID, *args, wavelength=LAM, device=0)

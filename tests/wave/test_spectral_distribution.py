@@ -60,25 +60,25 @@ def test_products_integrals_and_spectra() -> None:
 def test_what_makes_no_curve() -> None:
     for make, said in [
         (lambda: SpectralDistribution([550.0, 600.0], [1, 1]), r"metres, did you mean 550e-9\?"),
-        (lambda: SpectralDistribution([4e-7, 5e-7], [1, np.nan]), "Point 1 .* is no number"),
+        (lambda: SpectralDistribution([4e-7, 5e-7], [1, np.nan]), "Point 1 .* is not a number"),
         (lambda: SpectralDistribution([4e-7, 5e-7], [1, -1]), "Point 1 .* is negative"),
-        (lambda: SpectralDistribution([5e-7, 4e-7], [1, 1]), "wavelengths rise"),
+        (lambda: SpectralDistribution([5e-7, 4e-7], [1, 1]), "wavelengths must rise"),
         (lambda: SpectralDistribution([4e-7, 5e-7], [0, 0]), "every value is 0"),
-        (lambda: SpectralDistribution([4e-7, 5e-7], [1, 1, 1]), "one value for each wavelength"),
+        (lambda: SpectralDistribution([4e-7, 5e-7], [1, 1, 1]), "rows of equal length"),
         (lambda: SpectralDistribution([4e-7], [1]), "at least two points"),
-        (lambda: SpectralDistribution.blackbody(20), "500 or more"),
-        (lambda: SpectralDistribution.blackbody(float("nan")), "500 or more"),
-        (lambda: SpectralDistribution.illuminant("F2"), "'A', 'D65' or 'E', not 'F2'"),
+        (lambda: SpectralDistribution.blackbody(20), "at least 500 K"),
+        (lambda: SpectralDistribution.blackbody(float("nan")), "at least 500 K"),
+        (lambda: SpectralDistribution.illuminant("F2"), "'A', 'D65' or 'E', got 'F2'"),
         (lambda: SpectralDistribution.gaussian(550.0, 20e-9), r"did you mean 550e-9\?"),
         (lambda: SpectralDistribution.gaussian(550e-9, 20.0), "below half the wavelength"),
         (lambda: SpectralDistribution.gaussian(550e-9, 20e-9, 0), "above 0"),
-        (lambda: -1.0 * SpectralDistribution([4e-7, 5e-7], [1, 1]), "above 0, not -1"),
+        (lambda: -1.0 * SpectralDistribution([4e-7, 5e-7], [1, 1]), "above 0, got -1"),
         (
             lambda: (
                 SpectralDistribution([4e-7, 5e-7], [1, 1])
                 * SpectralDistribution([6e-7, 7e-7], [1, 1])
             ),
-            "from 400 to 500 nm, the other from 600 to 700 nm",
+            "got 400 to 500 nm and 600 to 700 nm",
         ),
     ]:
         with pytest.raises(ValueError, match=said):

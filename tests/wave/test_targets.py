@@ -90,12 +90,12 @@ def test_an_element_finer_than_the_grid():
 
 def test_bad_charts():
     for change, error, message in [
-        ({"groups": ()}, ValueError, "groups of a target are different integers"),
+        ({"groups": ()}, ValueError, "groups of a target must be different integers"),
         ({"groups": (1, 1)}, ValueError, "groups of a target"),
         ({"groups": (1.5,)}, ValueError, "groups of a target"),
         ({"groups": 3}, ValueError, "groups of a target"),
         ({"centre": (np.nan, 0)}, ValueError, "centre of a target is finite"),
-        ({"centre": (1, 0)}, ValueError, "target lies outside the window"),
+        ({"centre": (1, 0)}, ValueError, "target is outside of the window"),
         ({"aliasing": "no"}, ValueError, "'raise', 'warn' or 'allow'"),
         ({"grid": Grid((1, 50), 1e-5)}, ShapeError, r"both axes; the grid has shape \(1, 50\)"),
     ]:
@@ -136,13 +136,13 @@ def test_area_and_middle_of_a_star():
 
 def test_bad_stars():
     for change, error, message in [
-        ({"spokes": 1}, ValueError, "at least 2 spokes"),
-        ({"spokes": 3.5}, ValueError, "at least 2 spokes"),
-        ({"diameter": -1}, ValueError, "diameter of a star is positive"),
-        ({"diameter": np.inf}, ValueError, "diameter of a star is positive"),
+        ({"spokes": 1}, ValueError, "spokes must be an integer of at least 2"),
+        ({"spokes": 3.5}, ValueError, "spokes must be an integer of at least 2"),
+        ({"diameter": -1}, ValueError, "diameter of a star must be positive"),
+        ({"diameter": np.inf}, ValueError, "diameter of a star must be positive"),
         ({"centre": (0, np.nan)}, ValueError, "centre of a star is finite"),
-        ({"centre": (0, -1)}, ValueError, "star lies outside the window"),
-        ({"centre": (0, 1)}, ValueError, "star lies outside the window"),
+        ({"centre": (0, -1)}, ValueError, "star is outside of the window"),
+        ({"centre": (0, 1)}, ValueError, "star is outside of the window"),
         ({"grid": Grid((50, 1), 1e-5)}, ShapeError, "varies along both axes"),
     ]:
         values = {"grid": Grid((50, 50), 1e-5), "spokes": 8, "diameter": 1e-4} | change

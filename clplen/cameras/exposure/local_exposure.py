@@ -158,7 +158,7 @@ def pixel_samples(fields: Field, active: float) -> tuple[cla.Array, PixelSums, f
     if active == 0:
         return fields.data, sums, 1.0
     room, shape = _surround(active, fields.grid.shape)
-    wide = window(fields.data, (*fields.shape[:-2], *shape), device, place=(room, room))
+    wide = window(fields.data, (*fields.shape[:-2], *shape), device, offset=(room, room))
     device.fft.forward(wide, device)
     return refine(wide, INTENSITY_OVERSAMPLING, device), sums, float(INTENSITY_OVERSAMPLING**2)
 
@@ -185,7 +185,7 @@ def transposed_samples(
     kernel = device.kernel("patterns.cl", "coarsen", **device.wave_defines())
     device.launch_rows(kernel, out.shape, out, fine, *map(np.int32, (*wide, *fine.shape[-2:])))
     device.fft.forward(out, device)
-    return window(out, (*fine.shape[:-2], *shape), device, place=(-room, -room))
+    return window(out, (*fine.shape[:-2], *shape), device, offset=(-room, -room))
 
 
 def _surround(active: float, shape: tuple[int, int]) -> tuple[int, tuple[int, int]]:

@@ -316,7 +316,7 @@ def _no_isoplanatic(optics: WaveOptics, plane: PicturePlane) -> str:
         return f"method='isoplanatic' requires rows along x, but they are rotated by {angle}"
     if len(mla.focal_lengths) > 1:
         return "method='isoplanatic' requires lenslets of one focal length"
-    if mla.map is not None and mla.map.is_of_each:
+    if mla.map is not None and mla.map.is_per_lenslet:
         return "method='isoplanatic' requires equal lenslets, but each has its own map"
     if not optics.aberrations.scatter.is_none:
         return "method='isoplanatic' requires equal lenslets, without scatter"

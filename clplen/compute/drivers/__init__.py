@@ -1,1 +1,1 @@
-"""What OpenCL drivers need to start: a selector comes in; devices and built programs leave."""
+"""OpenCL drivers: device selection, adaptation of PoCL, kernel builds, limits and errors."""

@@ -1,4 +1,4 @@
-"""Arguments and float64 values of ``kernels/common/builtins.cl``."""
+"""Arguments of ``kernels/common/builtins.cl`` and its results in float64."""
 
 from __future__ import annotations
 
@@ -7,19 +7,19 @@ import numpy as np
 from clplen.types import Array
 
 COUNT = 32  # samples of each argument
-TOLERANCE = 2e-5  # of values up to 11: some units in the last place of float32, as OpenCL allows
-_WIDEST_ONLY = ("exp", "sincos, sine", "sincos, cosine")  # not of 4 and 8 samples at a time
+TOLERANCE = 2e-5  # absolute, for values up to 11: a few units in the last place of float32
+_WIDEST_ONLY = ("exp", "sincos, sine", "sincos, cosine")  # scalar and 16 wide only
 
 
 def inputs() -> tuple[Array, Array, Array, Array]:
-    """Return a and b as float32, then the integers of a as light fields store them."""
+    """Return a and b in float32, then the integers of a in the dtypes of stored light fields."""
     k = np.arange(COUNT)
     x = np.array([0.3 + 0.131 * k, 2.1 - 0.1373 * ((7 * k) % COUNT)], np.float32)
     return x, x[0].astype("i").astype("f2"), x[0].astype("u1"), x[0].astype("u2")
 
 
 def expected(*, double: bool) -> dict[str, Array]:
-    """Return the values of every function, in the kernel's order."""
+    """Return the values of every function in the order of the kernel."""
     a, b = inputs()[0].astype(float)
     i, j = a.astype(int), b.astype(int)
     real = {
@@ -70,7 +70,7 @@ def expected(*, double: bool) -> dict[str, Array]:
     for width in (4, 8, 16):
         named |= {f"{name}, {width} wide": value for name, value in vector.items()}
     named |= {f"{name}, 16 wide": real[name] for name in _WIDEST_ONLY}
-    # of every 16 samples the odd ones, then the even ones, their sign changed if odd in bits
+    # odd samples of every 16, then even samples, negated if their bits are odd
     even, odd = np.moveaxis(a.reshape(-1, 8, 2), -1, 0)
     signed = np.where(even.astype(np.float32).view(np.uint32) & 1, -even, even)
     named["odd and even samples, 16 wide"] = np.concatenate((odd, signed), axis=1).ravel()
@@ -79,7 +79,9 @@ def expected(*, double: bool) -> dict[str, Array]:
     return named
 
 
-def wrong(found: Array, *, double: bool) -> list[str]:
-    """Return the names of the functions whose values are not those expected."""
-    pairs = zip(expected(double=double).items(), found, strict=True)
-    return [name for (name, value), got in pairs if not np.abs(got - value).max() <= TOLERANCE]
+def wrong(values: Array, *, double: bool) -> list[str]:
+    """Return the names of functions whose values are outside the tolerance."""
+    pairs = zip(expected(double=double).items(), values, strict=True)
+    return [
+        name for (name, value), result in pairs if not np.abs(result - value).max() <= TOLERANCE
+    ]

@@ -1,13 +1,13 @@
-"""What OpenCL's loader needs before it starts: a cache folder, and the path of Intel's runtime.
+"""Environment of OpenCL's loader: a cache folder and the path of Intel's runtime.
 
-The cache folder holds what was found out about this machine, and the kernels that runtimes keep.
+The cache folder holds test results for this machine and the kernels that runtimes compile.
 
-An OpenCL loader finds its drivers through ``*.icd`` files, each holding the path of one library.
-The wheel ``intel-opencl-rt`` brings such a file, but with a path that exists on its builder's
-machine only. `expose_intel_runtime` writes one with the right path into a folder of its own and
-names that folder in ``OCL_ICD_VENDORS``. The variable replaces the system's folder, so the
-system's drivers are repeated in it. It has to name a folder: where it names a file, the loader
-reads nothing else. PoCL's wheel is found by pyopencl's own loader in either case.
+An OpenCL loader finds its drivers through ``*.icd`` files, each with the path of a library. The
+wheel ``intel-opencl-rt`` brings such a file, but its path exists only on the machine that built the
+wheel. `expose_intel_runtime` writes a file with the right path into a new folder and names that
+folder in ``OCL_ICD_VENDORS``. The variable replaces the system's folder, so the new folder lists
+the system's drivers as well. The variable must name a folder: for a file, the loader reads nothing
+else. pyopencl's bundled loader finds PoCL's wheel in either case.
 """
 
 from __future__ import annotations
@@ -31,24 +31,24 @@ from typing import Any
 from clplen.errors import DeviceError, warn_caller
 
 VENDOR_FOLDERS = (Path("/etc/OpenCL/vendors"), Path(sys.prefix) / "etc/OpenCL/vendors")
-MIN_CACHE_BYTES = 2**24  # a process with all kernels of the test suite writes 23 MB, few write 5
+MIN_CACHE_BYTES = 2**24  # most processes write below 5 MB, the whole test suite 23 MB
 MIN_BUILD_BYTES = 2**21  # the largest program takes 0.4 MB with its source and kernels
 TRIAL_BYTES = 2**19  # the largest file that PoCL writes has 0.2 MB
-TRIAL_PREFIX = "clplen-trial-"  # of folders in PoCL's own, which come and go
+TRIAL_PREFIX = "clplen-trial-"  # prefix of temporary folders in PoCL's folder
 REMEDY = "make it usable, or name another folder in POCL_CACHE_DIR (or XDG_CACHE_HOME)"
 
 _lock = threading.RLock()
 _tested: set[Path] = set()
-_temporary: list[Path] = []  # of this process, where the user's take no files
+_temporary: list[Path] = []  # cache of this process if the user's is not writable
 
 
 def cache_dir() -> Path:
-    """Name the user's cache folder for clplen; it need not exist or be writable."""
+    """Return the user's cache folder for clplen, which need not exist or be writable."""
     return _base() / "clplen"
 
 
 def keep_json(path: Path, values: dict[str, Any]) -> None:
-    """Write a file of the cache folder as a whole; where nothing can be written, do nothing."""
+    """Write a file of the cache folder atomically; do nothing if writing fails."""
     temporary = path.with_name(f"{path.name}.{secrets.token_hex(6)}")
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
@@ -60,18 +60,18 @@ def keep_json(path: Path, values: dict[str, Any]) -> None:
 
 
 def kernel_cache() -> Path:
-    """Name the folder where PoCL keeps kernels, as `ensure_cache` left it."""
+    """Return the folder where PoCL stores kernels, as set by `ensure_cache`."""
     default = _base() / "pocl" / "kcache"
     return Path(os.environ.get("POCL_CACHE_DIR") or default).absolute()
 
 
 def ensure_cache() -> None:
-    """Test the cache folders, and replace those that take no files by a temporary one.
+    """Test the cache folders; replace those that are not writable by a temporary folder.
 
-    PoCL aborts the process where it cannot write a kernel or load a kept one, and shows no device
-    without a folder; pyopencl makes no kernel. The temporary folder is removed at the end of the
-    process, and one warning names it. PoCL reads ``$POCL_CACHE_DIR``, which is set in any case, so
-    that one rule decides where it writes. Folders are tested once a process.
+    PoCL aborts the process if it cannot write a kernel or load a stored kernel, and lists no device
+    without a folder; pyopencl then creates no kernel. A warning names the temporary folder, which
+    is removed at the end of the process. ``$POCL_CACHE_DIR`` is always set, so that PoCL and clplen
+    agree on the folder. Each folder is tested once per process.
     """
     with _lock:
         for variable, folder_of, test in (
@@ -88,17 +88,17 @@ def ensure_cache() -> None:
 
 
 def require_room(what: str) -> None:
-    """Refuse to let PoCL write where it cannot: it would abort the process."""
+    """Raise a DeviceError if PoCL cannot write to its folder, which would abort the process."""
     folder = kernel_cache()
     obstacle = find_obstacle(folder, MIN_BUILD_BYTES)
     if obstacle:
-        raise DeviceError(f"{what} cannot keep kernels in {folder} ({obstacle}): {REMEDY}.")
+        raise DeviceError(f"{what} cannot store kernels in {folder} ({obstacle}): {REMEDY}.")
 
 
 def find_obstacle(folder: Path, nbytes: int = MIN_CACHE_BYTES) -> str:
-    """Return why kernels cannot be kept in a folder; the empty string if they can.
+    """Return the reason why a folder cannot store kernels; an empty string if it can.
 
-    The folder is made, and a file is written, because a quota shows at that moment only.
+    The folder is created and a file written, since a quota shows only at that moment.
     """
     try:
         folder.mkdir(parents=True, exist_ok=True)
@@ -116,16 +116,16 @@ def find_obstacle(folder: Path, nbytes: int = MIN_CACHE_BYTES) -> str:
 
 
 def _find_kernel_obstacle(folder: Path) -> str:
-    """Test PoCL's folder; remove damaged kernels from it, which PoCL then compiles again."""
+    """Test PoCL's folder and remove damaged kernels, which PoCL then compiles again."""
     obstacle = find_obstacle(folder)
     if obstacle:
         return obstacle
     try:
         for entry in _compiled_in(os.fspath(folder)):
-            with suppress(FileNotFoundError):  # where another process was first to remove it
+            with suppress(FileNotFoundError):  # another process removed it first
                 if entry.is_dir(follow_symlinks=False):
                     shutil.rmtree(entry.path)
-                elif not (entry.is_file() and _is_whole(entry.path)):
+                elif not (entry.is_file() and _is_complete(entry.path)):
                     os.unlink(entry.path)
     except OSError as error:
         return f"{error.filename}: {error.strerror}"
@@ -133,7 +133,7 @@ def _find_kernel_obstacle(folder: Path) -> str:
 
 
 def _compiled_in(folder: str) -> Iterator[os.DirEntry[str]]:
-    """Yield compiled programs and kernels; what is being written begins with "tempfile_"."""
+    """Yield compiled programs and kernels; files being written begin with "tempfile_"."""
     if not os.access(folder, os.W_OK | os.X_OK):
         raise PermissionError(errno.EACCES, os.strerror(errno.EACCES), folder)
     with os.scandir(folder) as entries:
@@ -145,16 +145,15 @@ def _compiled_in(folder: str) -> Iterator[os.DirEntry[str]]:
                 yield from _compiled_in(entry.path)
 
 
-def _is_whole(path: str) -> bool:
-    """Whether a compiled program or kernel has its head and its end.
+def _is_complete(path: str) -> bool:
+    """Return True if a compiled program or kernel has its whole length.
 
-    PoCL writes under another name and renames, so that no other process sees a part; what a full
-    disk or a power cut leaves is shorter than its head says, or zero at the end.
+    A full disk or a power cut leaves it shorter than its header says, or with zeros at its end.
     """
     with open(path, "rb", buffering=0) as file:
         size = os.fstat(file.fileno()).st_size
         head = file.read(64)
-        if path.endswith(".so"):  # ELF; its table of sections stands at the end
+        if path.endswith(".so"):  # ELF; its table of sections is at the end
             if head[:5] != b"\x7fELF\x02":
                 return head[:5] == b"\x7fELF\x01" and size > 64
             table, length, count = (
@@ -165,31 +164,31 @@ def _is_whole(path: str) -> bool:
             file.seek(max(end - 64, 0))
             return 64 < end <= size and any(file.read(64))
         # LLVM's bitcode: blocks, each with its length in words at its fifth byte
-        place = 4
-        while head[:2] == b"BC" and place + 8 <= size:
-            file.seek(place)
+        offset = 4
+        while head[:2] == b"BC" and offset + 8 <= size:
+            file.seek(offset)
             begin = file.read(8)
             if begin[0] & 3 != 1:  # no block begins there
                 return False
-            place += 8 + 4 * int.from_bytes(begin[4:], "little")
-        return place == size > 64
+            offset += 8 + 4 * int.from_bytes(begin[4:], "little")
+        return offset == size > 64
 
 
 def _temporary_cache(reason: str) -> Path:
-    """Return this process's own cache folder, which is made once, with a warning that names it."""
+    """Return this process's cache folder; create it at the first call and warn."""
     with _lock:
         if _temporary:
             return _temporary[0]
-        folder = Path(os.devnull, "cache")  # which cannot be made, if no other can
-        for place in (None, "/dev/shm", "/var/tmp"):
+        folder = Path(os.devnull, "cache")  # an impossible folder, if no other can be created
+        for parent in (None, "/dev/shm", "/var/tmp"):
             with suppress(OSError):
-                folder = Path(tempfile.mkdtemp(prefix="clplen-cache-", dir=place))
+                folder = Path(tempfile.mkdtemp(prefix="clplen-cache-", dir=parent))
                 atexit.register(_remove, folder, os.getpid())
                 if not find_obstacle(folder):
                     break
         _temporary.append(folder)
     warn_caller(
-        f"Kernels are kept in the temporary folder {folder}, which is removed when this process "
+        f"Kernels are stored in the temporary folder {folder}, which is removed when this process "
         f"ends, because {reason}: {REMEDY}.",
         RuntimeWarning,
     )
@@ -210,46 +209,44 @@ def _base() -> Path:
 
 
 def expose_intel_runtime() -> None:
-    """Name a folder with Intel's runtime in ``OCL_ICD_VENDORS``, if that is needed.
+    """Name a folder with Intel's runtime in ``OCL_ICD_VENDORS`` if necessary.
 
-    Call it before the first platform query of the process: the loader looks only once.
-    Nothing happens where the user has chosen the vendors (``OCL_ICD_VENDORS`` or
-    ``OPENCL_VENDOR_PATH`` is set), where the runtime is not installed in this Python
-    environment, or where an existing ICD file already leads to a copy of it.
+    Call it before the first platform query of the process, since the loader looks only once.
+    Nothing happens if the user has chosen vendors (``OCL_ICD_VENDORS`` or ``OPENCL_VENDOR_PATH`` is
+    set), if this Python environment lacks the runtime, or if an existing ICD file leads to a copy
+    of it.
     """
     if os.environ.get("OCL_ICD_VENDORS") or os.environ.get("OPENCL_VENDOR_PATH"):
         return
     intel = _intel_library()
-    known = _known_drivers()
-    if intel is None or any(Path(name).name.startswith("libintelocl.so") for name in known):
+    drivers = _known_drivers()
+    if intel is None or any(Path(name).name.startswith("libintelocl.so") for name in drivers):
         return
-    os.environ["OCL_ICD_VENDORS"] = str(_vendor_folder([str(intel), *known]))
+    os.environ["OCL_ICD_VENDORS"] = str(_vendor_folder([str(intel), *drivers]))
 
 
 def _intel_library() -> Path | None:
-    """Find ``libintelocl.so`` of this Python environment."""
-    places = [Path(sys.prefix) / "lib" / "libintelocl.so"]
+    """Return the path of ``libintelocl.so`` in this Python environment, or None."""
+    candidates = [Path(sys.prefix) / "lib" / "libintelocl.so"]
     try:
         installed = metadata.distribution("intel-opencl-rt").files or []
     except metadata.PackageNotFoundError:
         installed = []
-    places += [Path(str(f.locate())) for f in installed if f.name == "libintelocl.so"]
-    return next((place.resolve() for place in places if place.is_file()), None)
+    candidates += [Path(str(f.locate())) for f in installed if f.name == "libintelocl.so"]
+    return next((candidate.resolve() for candidate in candidates if candidate.is_file()), None)
 
 
 def _known_drivers() -> list[str]:
-    """Read the libraries that the machine's ICD files name, less those with a dead path."""
+    """Return the libraries that the machine's ICD files name, without dead paths."""
     files = [file for folder in VENDOR_FOLDERS for file in sorted(folder.glob("*.icd"))]
     names = [file.read_text(errors="replace").strip() for file in files if os.access(file, os.R_OK)]
     return [name for name in names if name and (not os.path.isabs(name) or os.path.isfile(name))]
 
 
 def _vendor_folder(drivers: list[str]) -> Path:
-    """Make a folder of ICD files, or find the one made earlier for the same drivers.
+    """Return a folder of ICD files for the drivers; create it if there is none.
 
-    It is filled under a temporary name and then moved in one step, so that processes that
-    start together never see a folder half filled. Without a writable cache it lives in the
-    system's temporary folder until this process ends.
+    It is renamed when complete, for other processes. Without a cache it is temporary.
     """
     key = hashlib.sha256("\n".join(drivers).encode()).hexdigest()[:16]
     folder = cache_dir() / f"icd-{key}"

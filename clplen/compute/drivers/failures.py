@@ -1,4 +1,4 @@
-"""What OpenCL refuses, as errors that name the device, its driver and what to do."""
+"""Errors of OpenCL, as messages that name the device, its driver and a remedy."""
 
 from __future__ import annotations
 
@@ -17,11 +17,11 @@ ADVICE = (
 
 @contextmanager
 def device_errors(device: cl.Device, step: str) -> Iterator[None]:
-    """Turn errors of OpenCL and want of host memory inside this block into a `DeviceError`."""
+    """Turn OpenCL errors and out-of-memory errors in this block into a `DeviceError`."""
     try:
         yield
     except Exception as error:
-        if not (isinstance(error, cl.Error) or is_want_of_memory(error)):
+        if not (isinstance(error, cl.Error) or is_out_of_memory(error)):
             raise
         raise device_error(device, step, error) from error
 
@@ -29,26 +29,26 @@ def device_errors(device: cl.Device, step: str) -> Iterator[None]:
 _NO_MEMORY = (
     "OUT_OF_HOST_MEMORY",  # OpenCL
     "FAILED_TO_ALLOCATE",  # VkFFT
-    "failed to map segment",  # the loader of libraries, as an ImportError
+    "failed to map segment",  # dynamic loader, in an ImportError
     "cannot allocate memory",
 )
 
 
-def is_want_of_memory(error: BaseException | None) -> bool:
-    """Whether memory is used up, of the device or of the host."""
-    if isinstance(error, ClplenError):  # said already
+def is_out_of_memory(error: BaseException | None) -> bool:
+    """Return True if an error means that the device or the host is out of memory."""
+    if isinstance(error, ClplenError):  # has a message of its own
         return False
-    found = any(word in str(error) for word in _NO_MEMORY)
-    return found or isinstance(error, MemoryError | cl.MemoryError)
+    matches = any(phrase in str(error) for phrase in _NO_MEMORY)
+    return matches or isinstance(error, MemoryError | cl.MemoryError)
 
 
 def device_error(device: cl.Device, step: str, error: Exception) -> DeviceError:
-    """The sentence on a step that OpenCL (or VkFFT) refused; arguments as in `device_errors`."""
+    """Return the error of a step that OpenCL or VkFFT refused; see `device_errors`."""
     where = (
         f"{device.name.strip()} ({device.platform.name.strip()} {device.driver_version.strip()})"
     )
     reason = (str(error).splitlines() or [type(error).__name__])[0]
-    if is_want_of_memory(error):
+    if is_out_of_memory(error):
         return DeviceError(
             f"{step} needs more memory than {where} has left ({reason}): use fewer planes or "
             "samples at a time, integer instead of float storage, or a device with more memory."

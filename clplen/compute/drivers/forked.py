@@ -1,9 +1,9 @@
-"""A process forked from one that used OpenCL refuses devices, where it would wait for ever.
+"""Refusal of devices in a process forked from one that used OpenCL.
 
-A fork copies the memory of a driver but not its threads, and locks as they happen to be. Drivers
-hang or fail on the first call in the child, and freeing what the parent allocated may hang, too.
-So the child keeps the parent's arrays and devices alive without touching them, and every way to a
-device raises `DeviceError`.
+A fork copies a driver's memory but not its threads, and locks in whatever state they are. Drivers
+hang or fail at the first call in the child, and freeing the parent's buffers may hang, too. The
+child therefore keeps the parent's arrays and devices alive without touching them, and every access
+to a device raises `DeviceError`.
 """
 
 from __future__ import annotations
@@ -21,25 +21,25 @@ import pyopencl.array as cla
 from clplen.errors import DeviceError
 
 FORKED = (
-    "This process was forked from one that had looked for OpenCL devices, and OpenCL does not "
-    'survive a fork: start processes by multiprocessing.get_context("spawn"), or look for devices '
+    "This process was forked from a process that had opened OpenCL devices, and OpenCL does not "
+    'survive a fork: start processes by multiprocessing.get_context("spawn"), or open devices '
     "in the new process only."
 )
 
 
 class _Process:
-    """What happened to OpenCL in this process."""
+    """State of OpenCL in this process."""
 
-    used = False  # drivers were loaded and their threads started
-    forked = False  # by the parent, before the fork
+    used = False  # True after drivers were loaded and started their threads
+    forked = False  # True if the parent had used OpenCL before the fork
 
 
 class HoldsOpenCL:
-    """Base of what holds OpenCL objects: in a forked process they are kept, never released."""
+    """Base of classes that hold OpenCL objects; a forked process never releases them."""
 
 
 class Guard:
-    """A reentrant lock on work with a device; it raises `DeviceError` in a forked process."""
+    """Reentrant lock on work with a device; it raises `DeviceError` in a forked process."""
 
     def __init__(self) -> None:
         self._lock = RLock()
@@ -53,45 +53,45 @@ class Guard:
 
 
 class ForkedArray(cla.Array):
-    """What an array of the parent process is in a forked one: its samples are out of reach."""
+    """Array of the parent process in a forked process; its samples are unreachable."""
 
     @property
     def queue(self) -> cl.CommandQueue:  # type: ignore[override]
-        """Refused with a DeviceError."""
+        """Property that raises a DeviceError."""
         raise DeviceError(FORKED)
 
     @property
     def base_data(self) -> cl.Buffer:  # type: ignore[override]
-        """Refused with a DeviceError."""
+        """Property that raises a DeviceError."""
         raise DeviceError(FORKED)
 
 
 def begin_use() -> None:
-    """Note that this process is about to load OpenCL drivers."""
+    """Record that this process is about to load OpenCL drivers."""
     require_own_process()
     _Process.used = True
 
 
 def is_in_use() -> bool:
-    """Whether this process, or one that it was forked from, has loaded OpenCL drivers."""
+    """Return True if this process or an ancestor of its forks has loaded OpenCL drivers."""
     return _Process.used
 
 
 def require_own_process() -> None:
-    """Refuse a process that was forked from one that used OpenCL."""
+    """Raise in a process that was forked from one that used OpenCL."""
     if _Process.forked:
         raise DeviceError(FORKED)
 
 
 def is_forked() -> bool:
-    """Whether this process was forked from one that used OpenCL."""
+    """Return True if this process was forked from one that used OpenCL."""
     return _Process.forked
 
 
 def unreachable(values: np.ndarray[Any, Any]) -> ForkedArray:
-    """What stands for samples that a forked process was sent, and could put on no device.
+    """Return a placeholder for samples received by a forked process, which cannot use a device.
 
-    To refuse them on arrival would leave a `multiprocessing.Pool` waiting for ever.
+    Raising on arrival would leave a `multiprocessing.Pool` waiting for ever.
     """
     array = ForkedArray.__new__(ForkedArray)
     array.__dict__.update(
@@ -107,21 +107,21 @@ def unreachable(values: np.ndarray[Any, Any]) -> ForkedArray:
     return array
 
 
-def _leave_alone() -> None:
-    """In a forked process: keep what the parent allocated, for nothing of it may be released."""
+def _disown_objects() -> None:
+    """Keep the parent's OpenCL objects alive in a forked process, which must not free them."""
     if not _Process.used:
         return
     _Process.forked = True
-    kept: list[Any] = []
-    for thing in gc.get_objects():
-        kind = type(thing)
+    references: list[Any] = []
+    for item in gc.get_objects():
+        kind = type(item)
         if issubclass(kind, cla.Array):
-            kept.append((thing.base_data, thing.__dict__.get("events")))
-            thing.__class__ = ForkedArray
+            references.append((item.base_data, item.__dict__.get("events")))
+            item.__class__ = ForkedArray
         elif issubclass(kind, HoldsOpenCL):
-            kept.append(dict(thing.__dict__))
-    ctypes.pythonapi.Py_IncRef(ctypes.py_object(kept))  # also beyond the interpreter's end
+            references.append(dict(item.__dict__))
+    ctypes.pythonapi.Py_IncRef(ctypes.py_object(references))  # even when the interpreter ends
 
 
 if hasattr(os, "register_at_fork"):
-    os.register_at_fork(after_in_child=_leave_alone)
+    os.register_at_fork(after_in_child=_disown_objects)

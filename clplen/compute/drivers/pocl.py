@@ -1,23 +1,22 @@
-"""Make PoCL 3.0 work on CPUs that its compiler takes for others.
+"""Adapt PoCL 3.0 to CPUs that its compiler mistakes for others.
 
-PoCL 3.0, which ``pip install`` brings with LLVM 14, chooses two things for a CPU: its library of
-built-in functions by the CPU's flags (one with AVX-512 where there is ``avx512f``), and its
-compiler's target by the name that LLVM has for the CPU. Where the two do not fit, vectors are
-passed in registers of another width than the library expects, and the first wide built-in function
-kills the process or lets the compiler run for ever. So it is with AMD's Zen 4, which has AVX-512
-while LLVM 14 takes it for a Zen 3, which has not. A CPU that LLVM does not know at all gets the
-name ``generic``, and every build ends in an error (pocl/pocl issues 1049 and 512). No build option
-and no environment variable changes the name. PoCL keeps it as a string behind a pointer in its
-device object, and there another one can be written: one that fits the library. PoCL 3.1 chooses a
-name that fits.
+PoCL 3.0, which ``pip install`` brings with LLVM 14, makes two choices for a CPU. It selects its
+library of built-in functions by the CPU's flags (with AVX-512 if ``avx512f`` is set). It selects
+its compiler's target by the CPU name that LLVM reports. If the two disagree, vectors are passed in
+registers of a width that the library does not expect. The first wide built-in function then
+crashes the process or never compiles. AMD's Zen 4 is affected: it has AVX-512, but LLVM 14
+reports a Zen 3, which has not. A CPU unknown to LLVM gets the name ``generic``, and every build
+fails (pocl/pocl issues 1049 and 512). No build option or environment variable changes the name.
+PoCL stores it as a string behind a pointer in its device object, where this module can write a
+name that fits the library. PoCL 3.1 selects a fitting name itself.
 
-What is done is decided by trial. Before the first use of a device a child process, which may die,
-builds and runs every built-in function that clplen's kernels call (pocl_trial.py), under the name
-that is there, then under those that fit the CPU's flags. The first name that survives is taken,
-and the verdict is kept in the user's cache folder. A child that is killed from outside, or cannot
-be started, gives no verdict: the first name is taken, and later processes try again.
+A trial decides. Before the first use of a device a child process builds and runs every built-in
+function that clplen's kernels call (pocl_trial.py), under the present name, then under names that
+fit the CPU's flags. The first name that passes is used, and the verdict is stored in the user's
+cache folder. A child that is killed from outside, or cannot start, gives no verdict: the first
+name is used, and later processes try again.
 
-``CLPLEN_POCL_CPU=off`` leaves the name as it is; any other value is the only name to try.
+``CLPLEN_POCL_CPU=off`` keeps the present name; any other value is the only name to try.
 """
 
 from __future__ import annotations
@@ -52,8 +51,8 @@ from clplen.compute.drivers.program import kernel_path
 from clplen.errors import DeviceError
 
 PLATFORM = "Portable Computing Language"
-TRIAL_SECONDS = 120.0  # for machines that do much else; the child limits its own computing
-# Signals by which a process ends itself, or is ended for what its code did.
+TRIAL_SECONDS = 120.0  # limit for busy machines; the child limits its own CPU time
+# Signals of a process that crashed.
 _FAULTS = {
     getattr(signal, f"SIG{name}", None) for name in ("ILL", "SEGV", "ABRT", "BUS", "FPE", "TRAP")
 }
@@ -64,9 +63,9 @@ INSTEAD = (
 
 _logger = logging.getLogger("clplen")
 
-# Libraries of built-in functions, best first: the flags of /proc/cpuinfo that PoCL 3 asks for
-# (getX86KernelLibName of lib/CL/pocl_llvm_build.cc), the width of its vector registers in bits,
-# and names of CPUs whose code fits it. `pni` is SSE 3 and `abm` is LZCNT.
+# Libraries of built-in functions, best first: the flags of /proc/cpuinfo that PoCL 3 requires
+# (getX86KernelLibName of lib/CL/pocl_llvm_build.cc), the width of vector registers in bits, and
+# names of CPUs whose code fits. `pni` is SSE 3 and `abm` is LZCNT.
 _AVX = "avx cx16 popcnt"
 _LIBRARIES = {
     "avx512": ("avx512f", 512, ("skylake-avx512",)),
@@ -95,35 +94,36 @@ _WIDTHS = {
 def ensure_usable(device: cl.Device) -> str:
     """Give a device of PoCL 3.0 a CPU name under which it runs clplen's kernels.
 
-    Return a sentence on the change, empty where none was needed.
+    Return a note on the change, or an empty string if the name is unchanged.
     """
     pointer = _name_of(device)
     if pointer is None:
         return ""
-    present, wanted = pocl_trial.read_name(pointer), os.environ.get("CLPLEN_POCL_CPU", "")
-    names = names_to_try(present, cpu_info().get("flags", ""), wanted)
+    current, override = pocl_trial.read_name(pointer), os.environ.get("CLPLEN_POCL_CPU", "")
+    names = names_to_try(current, cpu_info().get("flags", ""), override)
     path = _verdict_path(device, names)
-    name = _kept(path, names)
+    name = _read_verdict(path, names)
     if name is None:
-        name = _tried(device, names, path)
+        name = _test_names(device, names, path)
     version = device.driver_version
-    unfit = f"The compiler of PoCL {version} does not fit this CPU, which it takes for {present!r}"
+    unfit = (
+        f"The compiler of PoCL {version} does not fit this CPU, which it mistakes for {current!r}"
+    )
     if not name:
-        tried = " and ".join(repr(one) for one in names)
-        why = f"it fails under the CPU name {tried}"
-        if wanted == "off":
-            why = "CLPLEN_POCL_CPU=off forbids another name"
-        raise DeviceError(f"{unfit}, and {why}; {INSTEAD} (remove {path} to try again).")
-    if name == present:
+        reason = f"it fails under the CPU name {' and '.join(map(repr, names))}"
+        if override == "off":
+            reason = "CLPLEN_POCL_CPU=off forbids another name"
+        raise DeviceError(f"{unfit}, and {reason}; {INSTEAD} (remove {path} to try again).")
+    if name == current:
         return ""
     pocl_trial.write_name(pointer, name)
-    note = f"{unfit}; it was given the CPU name {name!r} (CLPLEN_POCL_CPU=off forbids this)."
+    note = f"{unfit}; clplen set the CPU name {name!r} (CLPLEN_POCL_CPU=off prevents this)."
     _logger.debug(note)
     return note
 
 
 def _name_of(device: cl.Device) -> pocl_trial.Pointer | None:
-    """Find the CPU name of a device of PoCL before 3.1, on Linux and x86-64; None elsewhere."""
+    """Return a pointer to the CPU name of a device of PoCL before 3.1 on Linux and x86-64."""
     if device.platform.name != PLATFORM or not sys.platform.startswith("linux"):
         return None
     version = re.match(r"(\d+)\.(\d+)", device.driver_version)
@@ -133,21 +133,21 @@ def _name_of(device: cl.Device) -> pocl_trial.Pointer | None:
 
 
 def written_name(device: cl.Device) -> str:
-    """Read the CPU name that a device of PoCL 3.0 holds now; empty for any other device."""
+    """Return the present CPU name of a device of PoCL 3.0; empty for any other device."""
     pointer = _name_of(device)
     return "" if pointer is None else pocl_trial.read_name(pointer)
 
 
 def library(flags: str) -> str:
-    """Name the library of built-in functions that PoCL 3 takes on a CPU."""
+    """Return the name of the library of built-in functions that PoCL 3 uses on a CPU."""
     have = set(flags.split())
     return next(name for name, (needs, *_) in _LIBRARIES.items() if set(needs.split()) <= have)
 
 
-def names_to_try(present: str, flags: str, wanted: str = "") -> list[str]:
-    """List names of CPUs in the order in which they are tried."""
-    if wanted:
-        return [present if wanted == "off" else wanted]
+def names_to_try(present: str, flags: str, override: str = "") -> list[str]:
+    """Return the names of CPUs in the order of the trials."""
+    if override:
+        return [present if override == "off" else override]
     _, width, fitting = _LIBRARIES[library(flags)]
     others = [name for name in fitting if name != present]
     return (
@@ -156,19 +156,19 @@ def names_to_try(present: str, flags: str, wanted: str = "") -> list[str]:
 
 
 def _register_width(name: str) -> int | None:
-    """Return the bits of the vector registers that LLVM uses for a CPU, None if unknown."""
+    """Return the width in bits of LLVM's vector registers for a CPU, or None if unknown."""
     return next((width for width, names in _WIDTHS.items() if name in names.split()), None)
 
 
 def cpu_info() -> dict[str, str]:
-    """Read the first processor's entry of ``/proc/cpuinfo``."""
+    """Return the first processor's entry of ``/proc/cpuinfo``."""
     entry = Path("/proc/cpuinfo").read_text().split("\n\n")[0]
     pairs = (line.partition(":") for line in entry.splitlines())
     return {key.strip(): value.strip() for key, _, value in pairs}
 
 
 def _verdict_path(device: cl.Device, names: Sequence[str]) -> Path:
-    """Name the file of a verdict: one for each CPU, PoCL, trial and list of names."""
+    """Return the file of a verdict, unique to CPU, PoCL, trial and list of names."""
     cpu = cpu_info()
     keys = ("vendor_id", "model name", "cpu family", "model", "stepping", "microcode", "flags")
     digest = hashlib.sha256()
@@ -179,8 +179,8 @@ def _verdict_path(device: cl.Device, names: Sequence[str]) -> Path:
     return cache_dir() / f"pocl-{digest.hexdigest()[:16]}.json"
 
 
-def _kept(path: Path, names: Sequence[str]) -> str | None:
-    """Read a verdict: a name, "" where none survives; None where none is kept."""
+def _read_verdict(path: Path, names: Sequence[str]) -> str | None:
+    """Read a verdict: a name, "" if all names fail, None if none is stored."""
     with suppress(OSError, ValueError, KeyError, TypeError, RecursionError):
         name = json.loads(path.read_text("utf-8"))["name"]
         if name in ("", *names):
@@ -188,8 +188,8 @@ def _kept(path: Path, names: Sequence[str]) -> str | None:
     return None
 
 
-def _tried(device: cl.Device, names: Sequence[str], path: Path) -> str:
-    """Return the first name under which everything runs, "" where there is none; keep it."""
+def _test_names(device: cl.Device, names: Sequence[str], path: Path) -> str:
+    """Return and store the first name under which all functions run, "" if there is none."""
     _logger.debug("Testing PoCL's compiler on this CPU (first run only).")
     survivor, doubt = "", None
     for name in names:
@@ -207,12 +207,11 @@ def _tried(device: cl.Device, names: Sequence[str], path: Path) -> str:
 
 
 def _survives(version: str, name: str) -> bool:
-    """Return whether every built-in function runs and is right under a name, in a child process."""
+    """Return True if all built-in functions run correctly under a name in a child process."""
     if getattr(sys, "frozen", False) or not sys.executable:
-        raise OSError("this program is not run by a Python interpreter of its own")
+        raise OSError("this program runs without a separate Python interpreter")
     command = [sys.executable, "-m", pocl_trial.__name__]
-    # in PoCL's own folder, which was found to take kernels; the system's for temporary files may
-    # forbid to execute them
+    # in PoCL's folder, which passed the tests; the system's temporary folder may be noexec
     with tempfile.TemporaryDirectory(prefix=TRIAL_PREFIX, dir=kernel_cache()) as folder:
         variables = {
             "POCL_CACHE_DIR": folder,
@@ -242,8 +241,8 @@ def _survives(version: str, name: str) -> bool:
         return False
     if status in (-signal.SIGKILL, -signal.SIGTERM, -signal.SIGINT, -signal.SIGHUP):
         raise OSError(f"the trial was killed by signal {-status}")
-    last = (child.stderr.decode(errors="replace").strip().splitlines() or ["no message"])[-1]
+    output = (child.stderr.decode(errors="replace").strip().splitlines() or ["no message"])[-1]
     raise DeviceError(
-        f"PoCL cannot run a kernel here, since its trial ended with status {status} ({last}): it "
-        f"needs memory, room for files and the linker `ld` (apt install binutils); else {INSTEAD}."
+        f"PoCL cannot run kernels on this computer; its test ended with {status} ({output}): "
+        f"provide memory, disk space and the linker `ld` (apt install binutils), or {INSTEAD}."
     )

@@ -1,9 +1,9 @@
-"""Try PoCL under a CPU name: a program for a child process, which an unfit name kills.
+"""Test PoCL under a CPU name in a child process, which a wrong name may crash.
 
-pocl.py starts it and reads its exit status: 0 where every built-in function that clplen's kernels
-call builds, runs and is right, `UNFIT` where one does not. Before them a kernel without any is run,
-and "ready" printed: a child that dies earlier lacks a linker, memory or room for files, which says
-nothing about the name.
+pocl.py starts the program and reads its exit status: 0 if every built-in function that clplen's
+kernels call builds, runs and is correct, `UNFIT` if a function fails. A kernel without built-in
+functions runs first, and "ready" is printed. A child that dies earlier lacks a linker, memory or
+disk space, and says nothing about the name.
 """
 
 from __future__ import annotations
@@ -22,51 +22,51 @@ from clplen.compute.drivers import builtin_functions
 
 Pointer = ctypes.c_uint64
 SEARCHED_BYTES = 1024
-SECONDS = 15  # of computing; a compiler that was given an unfit name may never end
-UNFIT = 3  # exit status, other than those of Python itself
+SECONDS = 15  # limit of CPU time; a compiler with a wrong name may never end
+UNFIT = 3  # exit status that Python itself does not use
 READY = b"ready"
-HEADROOM = 2**28  # bytes of address space that a trial takes
+HEADROOM = 2**28  # bytes of address space that a test takes
 _TRIPLE = re.compile(rb"x86_64-[a-z0-9_-]+\Z")
 _NAME = re.compile(rb"[a-z0-9][a-z0-9_.-]{1,30}\Z")
-_LONGEST = 64
+_MAX_NAME_BYTES = 64
 _PLAIN = "kernel void builtins(global float *a, const int n) { a[0] = n; }"
 
 
 def find_name(address: int) -> Pointer | None:
-    """Find the pointer to the name of the CPU in a device object of PoCL on x86-64.
+    """Find the pointer to the CPU name in a device object of PoCL on x86-64.
 
-    PoCL 3 keeps two strings one behind the other, the target of its compiler, as
-    ``x86_64-unknown-linux-gnu``, and the name of the CPU. Nothing is read beyond the first
-    kilobyte, behind which another device's object may lie, or outside of mapped memory.
+    PoCL 3 stores two strings behind each other: the target of its compiler, such as
+    ``x86_64-unknown-linux-gnu``, and the CPU name. Nothing is read beyond the first kilobyte,
+    behind which another device's object may begin, or outside of mapped memory.
     """
     readable, writable = _mapped_memory()
     end = next((end for begin, end in writable if begin <= address < end), address)
-    for at in range(address, min(address + SEARCHED_BYTES, end) - 15, 8):
-        triple = _text(ctypes.c_uint64.from_address(at).value, readable)
-        pointer = Pointer.from_address(at + 8)
+    for position in range(address, min(address + SEARCHED_BYTES, end) - 15, 8):
+        triple = _text(ctypes.c_uint64.from_address(position).value, readable)
+        pointer = Pointer.from_address(position + 8)
         if _TRIPLE.match(triple) and _NAME.match(_text(pointer.value, writable)):
             return pointer
     return None
 
 
 def read_name(pointer: Pointer) -> str:
-    """Read the name that a pointer of `find_name` leads to."""
+    """Read the name behind a pointer returned by `find_name`."""
     return ctypes.string_at(pointer.value).decode("ascii")
 
 
 def write_name(pointer: Pointer, name: str) -> None:
-    """Let the pointer lead to another name, which the C library makes, as PoCL does."""
+    """Set the pointer to a new string, allocated by the C library as PoCL does."""
     strdup = ctypes.CDLL(None).strdup
     strdup.restype = ctypes.c_void_p
     pointer.value = strdup(name.encode("ascii"))
 
 
 def _mapped_memory() -> tuple[list[tuple[int, int]], list[tuple[int, int]]]:
-    """List the readable and the writable mappings of this process, as (begin, end)."""
+    """Return the readable and the writable mappings of this process as (begin, end)."""
     readable, writable = [], []
     for line in Path("/proc/self/maps").read_text(errors="replace").splitlines():
         span, rights = line.split()[:2]
-        begin, end = (int(word, 16) for word in span.split("-"))
+        begin, end = (int(bound, 16) for bound in span.split("-"))
         if rights.startswith("r"):
             readable.append((begin, end))
         if rights.startswith("rw"):
@@ -75,27 +75,27 @@ def _mapped_memory() -> tuple[list[tuple[int, int]], list[tuple[int, int]]]:
 
 
 def _text(address: int, memory: list[tuple[int, int]]) -> bytes:
-    """Read the string at an address; it is empty where none ends soon."""
+    """Read the string at an address; return an empty string if it has no end nearby."""
     end = next((end for begin, end in memory if begin <= address < end), address)
-    text, zero, _ = ctypes.string_at(address, min(_LONGEST, end - address)).partition(b"\0")
+    text, zero, _ = ctypes.string_at(address, min(_MAX_NAME_BYTES, end - address)).partition(b"\0")
     return text if zero else b""
 
 
 def main(version: str, name: str, source: str) -> None:
-    """Give PoCL's device a CPU name and compare every built-in function with its value."""
+    """Give PoCL's device a CPU name and check all built-in functions."""
     import mmap
     import resource
 
     hard = resource.getrlimit(resource.RLIMIT_CPU)[1]
-    with suppress(ValueError):  # a limit of the user's ends it earlier, by SIGKILL
-        # below the hard limit: by SIGXCPU, which no other process sends
+    with suppress(ValueError):  # a lower limit of the user ends the process by SIGKILL
+        # below the hard limit the signal is SIGXCPU, which no other process sends
         resource.setrlimit(resource.RLIMIT_CPU, (SECONDS, hard))
     resource.setrlimit(resource.RLIMIT_CORE, (0, 0))
     device = next(p for p in cl.get_platforms() if p.version == version).get_devices()[0]
     mmap.mmap(-1, HEADROOM).close()
     pointer = find_name(device.int_ptr)
     if pointer is None:
-        sys.exit("PoCL's device holds no CPU name that can be found.")
+        sys.exit("The CPU name of PoCL's device was not found.")
     write_name(pointer, name)
     double = "cl_khr_fp64" in device.extensions
     y = np.empty((len(builtin_functions.expected(double=double)), builtin_functions.COUNT), "f")
@@ -115,13 +115,13 @@ def main(version: str, name: str, source: str) -> None:
 
 
 def _run(device: Any, source: str, y: Any, *inputs: Any, options: list[str] | None = None) -> None:
-    """Build the kernel ``builtins``, run one item and fill `y` with what it writes."""
+    """Build the kernel ``builtins``, run one work-item and fill `y` with its output."""
     context = cl.Context([device])
     queue = cl.CommandQueue(context)
     flags = ["-cl-std=CL1.2", "-cl-mad-enable", "-w", *(options or [])]
     kernel = cl.Kernel(cl.Program(context, source).build(flags), "builtins")
-    copied = cl.mem_flags.READ_WRITE | cl.mem_flags.COPY_HOST_PTR
-    buffers = [cl.Buffer(context, copied, hostbuf=values) for values in (y, *inputs)]
+    copy_flags = cl.mem_flags.READ_WRITE | cl.mem_flags.COPY_HOST_PTR
+    buffers = [cl.Buffer(context, copy_flags, hostbuf=values) for values in (y, *inputs)]
     kernel(queue, (1,), (1,), *buffers, np.int32(builtin_functions.COUNT))
     cl.enqueue_copy(queue, y, buffers[0])
 

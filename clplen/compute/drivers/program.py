@@ -1,4 +1,4 @@
-"""Kernel sources: found, expanded, built, with errors that name the line of the kernel file."""
+"""Kernel sources: located, expanded and built, with errors that name the line of the file."""
 
 from __future__ import annotations
 
@@ -16,23 +16,23 @@ from clplen.errors import KernelBuildError
 
 _INCLUDE = re.compile(r'^\s*#include\s+"([^"]+)"\s*$')
 _PACKAGE = Path(__file__).resolve().parents[2]
-# Inside an installed wheel the kernels lie in the package, in a checkout beside it.
+# An installed wheel has the kernels inside the package, a checkout has them beside it.
 _FOLDERS = (_PACKAGE / "kernels", _PACKAGE.parent / "kernels")
 
 BUILD_OPTIONS = ("-cl-std=CL1.2", "-cl-kernel-arg-info", "-cl-mad-enable")
 
 
 def kernel_folder() -> Path:
-    """Return the kernels' folder, in a wheel, an sdist, an editable install or a checkout."""
+    """Return the folder of the kernels in a wheel, an sdist, an editable install or a checkout."""
     for folder in _FOLDERS:
         if (folder / "common" / "common.cl").is_file():
             return folder
-    looked = " and ".join(str(folder) for folder in _FOLDERS)
-    raise KernelBuildError(f"The OpenCL kernels are missing: looked in {looked}; reinstall clplen.")
+    folders = " and ".join(str(folder) for folder in _FOLDERS)
+    raise KernelBuildError(f"The OpenCL kernels are missing from {folders}; reinstall clplen.")
 
 
 def kernel_path(file: str) -> Path:
-    """Find a kernel file by its name, which no two rooms share."""
+    """Return the path of a kernel file; names are unique across rooms."""
     folder = kernel_folder()
     path = next(folder.glob(f"*/{file}"), None)
     if path is None:
@@ -42,7 +42,7 @@ def kernel_path(file: str) -> Path:
 
 @cache
 def kernel_source(file: str) -> str:
-    """Source of a kernel file with every ``#include "x.cl"`` expanded and ``#line`` kept."""
+    """Return the source of a kernel file, with includes expanded and ``#line`` directives."""
     return _expand(file, [])
 
 
@@ -67,10 +67,10 @@ def build_program(
 ) -> cl.Program:
     """Build one kernel file for a context."""
     source = kernel_source(file)
-    named = (_define(name, value) for name, value in defines.items())
-    options = [*BUILD_OPTIONS, *named, *options]
+    definitions = (_define(name, value) for name, value in defines.items())
+    options = [*BUILD_OPTIONS, *definitions, *options]
     with warnings.catch_warnings():
-        # Some compilers comment on every successful build; a failed one raises.
+        # Some compilers comment on every successful build; a failed build raises.
         warnings.simplefilter("ignore", cl.CompilerWarning)
         try:
             return cl.Program(context, source).build(options=options)

@@ -1,1 +1,1 @@
-"""Fourier transforms and linear maps made of them: complex arrays come in, and leave."""
+"""Fourier transforms of complex arrays, and linear maps composed of them."""

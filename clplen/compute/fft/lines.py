@@ -1,7 +1,7 @@
-"""Linear maps along one axis that a Fourier transform makes fast.
+"""Linear maps along an axis that a Fourier transform makes fast.
 
-Every propagation is a few of them: zero padding and a transform, a convolution, a chirp-z
-transform, one Fresnel step. `run` in blocks.py applies them to arrays.
+A propagation consists of a few such maps: zero padding and a transform, a convolution, a chirp-z
+transform, a Fresnel step. `run` in blocks.py applies them to arrays.
 """
 
 from __future__ import annotations
@@ -20,21 +20,21 @@ Kind = Literal["none", "forward", "inverse", "convolve"]
 
 @dataclass(frozen=True, eq=False)
 class Line:
-    """n samples to m samples: multiply, place in a window, transform, multiply, cut out.
+    """Map from n to m samples: multiply, place in a window, transform, multiply, crop.
 
     Attributes
     ----------
     n, m : int
-        Samples that go in and come out.
+        Numbers of input and output samples.
     length : int
-        Of the window that is transformed, at least n and m.
+        Length of the transformed window, at least n and m.
     kind : {"none", "forward", "inverse", "convolve"}
-        The transform: none, one DFT (the inverse with its factor 1/length), or a circular
-        convolution: forward DFT, product with ``kernel``, inverse DFT.
-    place, start : int
-        Window index of the first sample that goes in, and of the first that comes out.
+        Transform: none, a DFT (the inverse has the factor 1/length), or a circular convolution
+        (forward DFT, product with ``kernel``, inverse DFT).
+    offset, start : int
+        Window index of the first input sample, and of the first output sample.
     pre, post : numpy.ndarray or None
-        Complex factors of the n samples and of the m samples; None: 1.
+        Complex factors of the input samples and of the output samples; None: 1.
     kernel : numpy.ndarray or None
         Spectrum of the convolution, complex, shape (length,).
     """
@@ -43,14 +43,14 @@ class Line:
     m: int
     length: int
     kind: Kind
-    place: int = 0
+    offset: int = 0
     start: int = 0
     pre: Array | None = None
     kernel: Array | None = None
     post: Array | None = None
 
     def astype(self, dtype: np.dtype[Any]) -> Line:
-        """The same map with tables of a complex dtype."""
+        """Return the map with its tables in a complex dtype."""
         tables = {
             name: table.astype(dtype)
             for name in ("pre", "kernel", "post")
@@ -59,11 +59,10 @@ class Line:
         return replace(self, **tables)
 
     def adjoint(self) -> tuple[Line, float]:
-        """The adjoint but for a factor, and the factor.
+        """Return the adjoint up to a factor, and the factor.
 
-        The adjoint of a DFT is the inverse DFT times its length, and that of a circular
-        convolution the one with the conjugate spectrum. A map that multiplies anyway takes the
-        factor.
+        The adjoint of a DFT is the inverse DFT times its length; that of a circular convolution has
+        the conjugate spectrum. A map with output factors absorbs the factor.
         """
         kinds: dict[Kind, Kind] = {"forward": "inverse", "inverse": "forward"}
         pre, kernel, post = (
@@ -74,8 +73,8 @@ class Line:
             self.n,
             self.length,
             kinds.get(self.kind, self.kind),
-            place=self.start,
-            start=self.place,
+            offset=self.start,
+            start=self.offset,
             pre=post,
             kernel=kernel,
             post=pre,
@@ -89,12 +88,12 @@ class Line:
 
 @dataclass(frozen=True, eq=False)
 class Separable:
-    """Maps of the rows' axis and of the columns' axis, each in the order in which it is applied.
+    """Maps of the rows' axis and of the columns' axis, each in the order of their application.
 
     Attributes
     ----------
     y, x : tuple of Line
-        Empty where nothing happens along an axis.
+        Maps of the axis; empty if the axis is unchanged.
     """
 
     y: tuple[Line, ...] = ()
@@ -102,23 +101,23 @@ class Separable:
 
     @classmethod
     def of(cls, lines: Sequence[Line]) -> Separable:
-        """One map along y and one along x."""
+        """Return a separable map of a line along y and a line along x."""
         y, x = lines
         return cls((y,), (x,))
 
     def astype(self, dtype: np.dtype[Any]) -> Separable:
-        """The same maps with tables of a complex dtype; a map that is repeated stays one."""
-        made = {line: line.astype(dtype) for line in {*self.y, *self.x}}
-        return Separable(tuple(made[a] for a in self.y), tuple(made[a] for a in self.x))
+        """Return the maps with tables in a complex dtype; repeated maps stay identical."""
+        converted = {line: line.astype(dtype) for line in {*self.y, *self.x}}
+        return Separable(tuple(converted[a] for a in self.y), tuple(converted[a] for a in self.x))
 
     def adjoint(self) -> tuple[Separable, float]:
-        """The adjoint but for a factor, and the factor; a map that is repeated stays one."""
-        made = {line: line.adjoint() for line in {*self.y, *self.x}}
-        y, x = (tuple(made[one][0] for one in lines[::-1]) for lines in (self.y, self.x))
-        return Separable(y, x), math.prod(made[one][1] for one in (*self.y, *self.x))
+        """Return the adjoint up to a factor, and the factor; repeated maps stay identical."""
+        adjoints = {line: line.adjoint() for line in {*self.y, *self.x}}
+        y, x = (tuple(adjoints[line][0] for line in lines[::-1]) for lines in (self.y, self.x))
+        return Separable(y, x), math.prod(adjoints[line][1] for line in (*self.y, *self.x))
 
     def times(self, factor: float) -> Separable:
-        """The same maps times a number, which the last one along an axis takes."""
+        """Return the maps times a number, which the last map along an axis absorbs."""
         if factor == 1:
             return self
         name = "x" if self.x and self.x[-1].kind != "none" else "y"
@@ -128,12 +127,12 @@ class Separable:
         return replace(self, **{name: (*before, scaled)})
 
     def shape_after(self, shape: tuple[int, int]) -> tuple[int, int]:
-        """Shape that an array of a shape has afterwards."""
+        """Return the shape of an array after the maps."""
         ny, nx = shape
         return (self.y[-1].m if self.y else ny, self.x[-1].m if self.x else nx)
 
     def widest(self, shape: tuple[int, int]) -> tuple[int, int]:
-        """Longest window along each axis."""
+        """Return the longest window along each axis."""
         ny, nx = shape
         return (
             max((line.length for line in self.y), default=ny),
@@ -142,43 +141,43 @@ class Separable:
 
 
 def adjoint_maps(into: Separable, back: Separable) -> tuple[Separable, Separable]:
-    """The maps before and after a product, of the adjoint of a product between two maps."""
-    before, one = back.adjoint()
-    after, other = into.adjoint()
-    factor = one * other
+    """Return the maps before and after the product in the adjoint of map, product, map."""
+    before, back_factor = back.adjoint()
+    after, into_factor = into.adjoint()
+    factor = back_factor * into_factor
     if abs(factor - 1) < 1e-12:
         return before, after
     return (before, after.times(factor)) if after.x or after.y else (before.times(factor), after)
 
 
-def still(n: int) -> Line:
-    """Nothing happens: an axis of one sample, or one that waits for the other."""
+def identity(n: int) -> Line:
+    """Return the identity: for an axis of one sample, or while only the other axis changes."""
     return Line(n, n, n, "none")
 
 
 def padded_spectrum(n: int, length: int) -> Line:
-    """Zero padding that keeps sample n//2 on sample length//2, and the DFT."""
+    """Return zero padding that keeps sample n//2 on sample length//2, and the DFT."""
     if n == length == 1:
-        return still(1)
-    return Line(n, length, length, "forward", place=length // 2 - n // 2)
+        return identity(1)
+    return Line(n, length, length, "forward", offset=length // 2 - n // 2)
 
 
 def cropped_inverse(length: int, m: int) -> Line:
-    """The inverse DFT, cut to m samples about sample length//2."""
+    """Return the inverse DFT, cropped to m samples about sample length//2."""
     if m == length == 1:
-        return still(1)
+        return identity(1)
     return Line(length, m, length, "inverse", start=length // 2 - m // 2)
 
 
 def convolution(n: int, m: int, kernel: Array) -> Line:
-    """A circular convolution in a window about the central sample; ``kernel`` is its spectrum."""
+    """Return a circular convolution about the central sample; ``kernel`` is its spectrum."""
     length = len(kernel)
-    place, start = length // 2 - n // 2, length // 2 - m // 2
-    return Line(n, m, length, "convolve", place=place, start=start, kernel=kernel)
+    offset, start = length // 2 - n // 2, length // 2 - m // 2
+    return Line(n, m, length, "convolve", offset=offset, start=start, kernel=kernel)
 
 
 def smooth_length(n: int) -> int:
-    """The next length from n >= 1 on without prime factors above 7."""
+    """Return the smallest length >= n >= 1 without prime factors above 7."""
     best = 1 << (n - 1).bit_length()
     sevens = 1
     while sevens < best:
@@ -194,22 +193,22 @@ def smooth_length(n: int) -> int:
 
 
 def chirp_z(n: int, m: int, step: float, *, pre: Array, post: Array) -> Line:
-    """A DFT of any step: out[p] = post[p] sum_q pre[q] in[q] exp(2 pi i step p q).
+    """Return a DFT of any step: out[p] = post[p] sum_q pre[q] in[q] exp(2 pi i step p q).
 
-    p and q count from the central samples m//2 and n//2. Bluestein (1970), eq. 4, by way of
-    2 p q = p^2 + q^2 - (p - q)^2, as a convolution.
+    p and q count from the central samples m//2 and n//2. The convolution follows Bluestein (1970),
+    eq. 4, with 2 p q = p^2 + q^2 - (p - q)^2.
     """
     q, p = np.arange(n) - n // 2, np.arange(m) - m // 2
     length = smooth_length(n + m - 1)
-    apart = np.arange(length)
-    apart = np.where(apart < m, apart, apart - length) + (n // 2 - m // 2)
+    distance = np.arange(length)
+    distance = np.where(distance < m, distance, distance - length) + (n // 2 - m // 2)
     return Line(
         n,
         m,
         length,
         "convolve",
         pre=pre * _chirp(step, q),
-        kernel=np.fft.fft(_chirp(-step, apart)),
+        kernel=np.fft.fft(_chirp(-step, distance)),
         post=post * _chirp(step, p),
     )
 

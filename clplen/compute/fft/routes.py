@@ -1,8 +1,8 @@
 """Fourier transforms over the last two axes, in place, by VkFFT, ducc0 or SciPy.
 
-A CPU device maps its buffer and a host library transforms it where it lies; a GPU uses VkFFT where
-pyvkfft is installed, else the host library with transfers both ways. The route is chosen once for
-a device; ``$CLPLEN_FFT`` forces one.
+A CPU device maps its buffer, and a host library transforms it in place. A GPU uses VkFFT if pyvkfft
+is installed, else the host library with transfers both ways. The route is chosen once per device;
+``$CLPLEN_FFT`` forces a route.
 """
 
 from __future__ import annotations
@@ -28,7 +28,7 @@ from clplen.errors import DeviceError, warn_caller
 from clplen.types import Array
 
 T = TypeVar("T")
-VKFFT_BYTES = 2**20  # what the kernels and tables of one VkFFT plan are taken to hold
+VKFFT_BYTES = 2**20  # assumed bytes of the kernels and tables of a VkFFT plan
 HostFFT = Callable[[Array, Array, "tuple[int, ...]", bool, int], None]
 _MODULES = {"vkfft": "pyvkfft", "ducc0": "ducc0", "scipy": "scipy"}
 _EXTRAS = {
@@ -39,7 +39,7 @@ _EXTRAS = {
 
 
 class TransformDevice(Protocol):
-    """What a transform needs of the device that holds the array."""
+    """Device that holds the array to be transformed."""
 
     @property
     def queue(self) -> cl.CommandQueue: ...
@@ -50,7 +50,7 @@ class TransformDevice(Protocol):
     @property
     def cl_device(self) -> cl.Device: ...
 
-    def roomy(self, act: Callable[[], T]) -> T: ...
+    def retry_with_room(self, act: Callable[[], T]) -> T: ...
 
     def timed(
         self, what: str, *, nbytes: int, operations: float = 0.0
@@ -61,23 +61,23 @@ class TransformDevice(Protocol):
 
 @dataclass(frozen=True)
 class FFTRoute:
-    """Library that transforms: "vkfft", or "ducc0" and "scipy" on the host with some threads."""
+    """Library for transforms: "vkfft", or "ducc0" or "scipy" on the host with several threads."""
 
     name: str
     threads: int
 
     def forward(self, array: cla.Array, device: TransformDevice) -> None:
-        """``array`` becomes its discrete Fourier transform over the last two axes."""
+        """Replace an array by its discrete Fourier transform over the last two axes."""
         self.transform(array, device, axes=(-2, -1), forward=True)
 
     def inverse(self, array: cla.Array, device: TransformDevice) -> None:
-        """The inverse of `forward`, with the factor 1/(ny nx)."""
+        """Replace an array by its inverse transform, with the factor 1/(ny nx)."""
         self.transform(array, device, axes=(-2, -1), forward=False)
 
     def transform(
         self, array: cla.Array, device: TransformDevice, *, axes: tuple[int, ...], forward: bool
     ) -> None:
-        """`forward` or `inverse` over some of the last two axes."""
+        """Apply `forward` or `inverse` over some of the last two axes."""
         operations = array.size * sum(5 * math.log2(array.shape[axis]) for axis in axes)
         with device.timed(f"FFT, {self.name}", nbytes=2 * array.nbytes, operations=operations):
             if self.name == "vkfft":
@@ -89,7 +89,7 @@ class FFTRoute:
     def lines(
         self, values: Array, out: Array, axis: int, forward: bool, *, careful: bool = False
     ) -> None:
-        """Transform along one axis of a host array, in the calling thread."""
+        """Transform along an axis of a host array, in the calling thread."""
         transform = _HOST[self.name]
         if careful and values.dtype == np.complex64 and has_large_prime(values.shape[axis]):
             exact = values.astype(np.complex128)
@@ -101,7 +101,7 @@ class FFTRoute:
 
 @cache
 def has_large_prime(n: int) -> bool:
-    """Whether a length has a prime factor for which libraries have no butterfly of their own."""
+    """Return True if a length has a prime factor above 13; libraries are then less accurate."""
     for prime in (2, 3, 5, 7, 11, 13):
         while n % prime == 0:
             n //= prime
@@ -109,23 +109,21 @@ def has_large_prime(n: int) -> bool:
 
 
 def choose_route(is_cpu: bool, platform: str = "") -> FFTRoute:
-    """The route of a device."""
+    """Return the route of a device."""
     threads = _threads()
     forced = os.environ.get("CLPLEN_FFT", "").strip().lower()
     if forced:
         if forced not in _MODULES:
-            raise DeviceError(
-                f"CLPLEN_FFT={forced!r} is no FFT route; use one of {', '.join(_MODULES)}."
-            )
+            raise DeviceError(f"CLPLEN_FFT must be one of {', '.join(_MODULES)}, got {forced!r}.")
         if find_spec(_MODULES[forced]) is None:
             raise DeviceError(
-                f"CLPLEN_FFT={forced!r} was asked for, but {_MODULES[forced]} is not installed: "
+                f"CLPLEN_FFT={forced!r} requires {_MODULES[forced]}, which is not installed: "
                 f"{_EXTRAS[forced]}."
             )
         if forced == "vkfft" and is_cpu and platform.startswith("Intel"):
             raise DeviceError(
-                "CLPLEN_FFT='vkfft' was asked for, but VkFFT transforms some lengths wrongly on "
-                "Intel's CPU runtime: use ducc0 or scipy there."
+                "CLPLEN_FFT='vkfft' is not supported on Intel's CPU runtime, where VkFFT is wrong "
+                "for some lengths: use ducc0 or scipy."
             )
         return FFTRoute(forced, threads)
     if not is_cpu and find_spec("pyvkfft") is not None:
@@ -141,7 +139,7 @@ def choose_route(is_cpu: bool, platform: str = "") -> FFTRoute:
 
 
 def _threads() -> int:
-    """Cores that this process may use."""
+    """Return the number of cores that this process may use."""
     if hasattr(os, "sched_getaffinity"):
         return len(os.sched_getaffinity(0))
     return os.cpu_count() or 1
@@ -168,14 +166,14 @@ _HOST: dict[str, HostFFT] = {"ducc0": _ducc0, "scipy": _scipy}
 
 @dataclass(frozen=True)
 class _Transform:
-    """An application of VkFFT, which holds its arguments while it runs: one caller at a time."""
+    """VkFFT application with a lock, since it holds its arguments while it runs."""
 
     app: Any
     lock: Guard
 
     def run(self, array: cla.Array, queue: cl.CommandQueue, forward: bool) -> None:
         with self.lock:
-            self.app.queue = queue  # that of a profile is another one, which is no mistake
+            self.app.queue = queue  # a profile has a queue of its own, of which VkFFT would warn
             (self.app.fft if forward else self.app.ifft)(array, array, queue=queue)
 
     @property
@@ -184,14 +182,16 @@ class _Transform:
 
 
 def _vkfft(array: cla.Array, device: TransformDevice, axes: tuple[int, ...], forward: bool) -> None:
-    """By VkFFT, on the queue of the device: the array's own one may be that of a profile before."""
+    """Transform by VkFFT on the queue of the device, since the array's may be an old profile's."""
     if all(array.shape[axis] == 1 for axis in axes):
         return
     key = (array.shape, array.dtype.str, axes)
     try:
         plan = device.transforms.get(key)
         if plan is None:
-            plan = _Transform(device.roomy(lambda: _vkfft_app(array, device, axes)), Guard())
+            plan = _Transform(
+                device.retry_with_room(lambda: _vkfft_app(array, device, axes)), Guard()
+            )
             plan = device.transforms.keep(key, plan, plan.nbytes)
         plan.run(array, device.queue, forward)
     except (RuntimeError, cl.Error) as error:
@@ -200,9 +200,9 @@ def _vkfft(array: cla.Array, device: TransformDevice, axes: tuple[int, ...], for
 
 
 def _vkfft_app(array: cla.Array, device: TransformDevice, axes: tuple[int, ...]) -> Any:
-    """A plan whose twiddle factors are read from tables.
+    """Return a plan whose twiddle factors are read from tables.
 
-    Those that a GPU computes in single precision make transforms three times as wrong.
+    Factors that a GPU computes in single precision triple the error of transforms.
     """
     from pyvkfft.opencl import VkFFTApp
 

@@ -12,7 +12,7 @@ import pyopencl as cl
 import pyopencl.array as cla
 
 from clplen.compute.device import Device
-from clplen.compute.drivers.failures import is_want_of_memory
+from clplen.compute.drivers.failures import is_out_of_memory
 from clplen.errors import DeviceError, KernelBuildError
 from clplen.lightfield.arrays.shear_tables import (
     Norm,
@@ -186,7 +186,7 @@ def _run_first_form(work: _Sum) -> None:
             if _ENQUEUE[form](work):
                 return
         except (KernelBuildError, DeviceError) as error:
-            if form == forms[-1] or is_want_of_memory(error.__cause__):
+            if form == forms[-1] or is_out_of_memory(error.__cause__):
                 raise
             tuning.leave(f"shear {form}", error)
     raise DeviceError(
@@ -229,7 +229,7 @@ def _fastest(work: _Sum, blocks: list[_Blocks]) -> _Blocks:
         f"{views.planes} planes"
     )
     by_label = {b.label: b for b in reversed(blocks)}
-    found = tuning.found("shear.cl", problem, list(by_label))
+    found = tuning.lookup("shear.cl", problem, list(by_label))
     if found is not None:
         return by_label[found]
     cores = int(work.device.cl_device.max_compute_units)

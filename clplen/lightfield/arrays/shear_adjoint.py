@@ -9,7 +9,7 @@ import pyopencl as cl
 import pyopencl.array as cla
 
 from clplen.compute.device import Device
-from clplen.compute.drivers.failures import is_want_of_memory
+from clplen.compute.drivers.failures import is_out_of_memory
 from clplen.errors import DeviceError, KernelBuildError
 from clplen.lightfield.arrays.shear import table_bytes, vector_lanes
 from clplen.lightfield.arrays.shear_tables import (
@@ -56,7 +56,7 @@ def shear_adjoint(
             if _spread_blocks(out, shares, views, device):
                 return out
         except (KernelBuildError, DeviceError) as error:
-            if is_want_of_memory(error.__cause__):
+            if is_out_of_memory(error.__cause__):
                 raise
             device.tuning.leave(_FORM, error)
     _spread_samples(out, shares, views, device)

@@ -1,1 +1,1 @@
-"""Partially coherent light: light and a system come in, a mean intensity and its error go out."""
+"""Partially coherent light: models, spectra, averages and exact means of intensities."""

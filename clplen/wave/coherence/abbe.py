@@ -1,8 +1,8 @@
 """Exact mean images of shift-invariant systems in partially coherent light (Abbe's sum).
 
-Two routes to the same sum: over the points of the source, or over the displacements over which the
-light is coherent (lags.py). Few source points mean long coherence and many displacements, and the
-other way round: the cheaper one is taken.
+The sum has two routes: over the points of the source, or over the displacements within the
+coherence length (lags.py). A source of few points has a long coherence length, and vice versa; the
+cheaper route is used.
 """
 
 from __future__ import annotations
@@ -25,22 +25,22 @@ from clplen.wave.field.intensity import accumulate
 Values = np.ndarray[Any, Any]
 Route = Literal["auto", "points", "lags"]
 
-EMPTY = 1e-13  # of the light behind the pupil: rounding of the object's spectrum
-ROUNDING = 1e-9  # of a source: what is so little below 0, or so little off 1, is rounding
-PER_SAMPLE = 20  # operations a sample and source point beside the transform
+MIN_LIGHT_SHARE = 1e-13  # weaker light behind the pupil is rounding of the object's spectrum
+SOURCE_TOLERANCE = 1e-9  # rounding of a source below 0, or of its sum from 1
+SAMPLE_OPERATIONS = 20  # operations per sample and source point besides the transform
 
 
 class AbbeImage(NamedTuple):
-    """A mean intensity and what was added up for it.
+    """Mean intensity and the number of terms in its sum.
 
     Attributes
     ----------
     intensity : Image
-        Real, shape (ny, nx), not negative.
+        Intensity, real, not negative, shape (ny, nx).
     terms : int
-        Coherent images (route "points") or pairs of displacements (route "lags").
+        Number of coherent images (route "points") or pairs of displacements (route "lags").
     dropped : float
-        Sum of S (route "points") or of abs(mu) (route "lags") over what was left out.
+        Sum of S (route "points") or abs(mu) (route "lags") over the omitted terms.
 
     Examples
     --------
@@ -63,30 +63,30 @@ class AbbeImage(NamedTuple):
 class Points:
     """Points of a source."""
 
-    places: Values  # shape (n, 2): rows and columns of S
-    weights: Values  # S there, float64, shape (n,)
-    dropped: float  # sum of S over positive points that were left out
+    indices: Values  # rows and columns of S, shape (n, 2)
+    weights: Values  # values of S, float64, shape (n,)
+    dropped: float  # sum of S over the omitted positive points
 
     @classmethod
     def of(cls, source: Values, tolerance: float) -> Points:
-        """The positive points but the weakest, which add up to at most ``tolerance``."""
-        places = np.argwhere(source > 0)
+        """Return the positive points without the weakest, whose sum is at most ``tolerance``."""
+        indices = np.argwhere(source > 0)
         weights = source[source > 0]
         selected, dropped = strongest(weights, tolerance)
-        return cls(places[selected], weights[selected], dropped)
+        return cls(indices[selected], weights[selected], dropped)
 
     def lit(self, spectrum: Values, transfer: Values) -> Points:
-        """Those whose light passes the pupil: all but `EMPTY` of sum_f' |O(f' - f) H(f')|^2."""
+        """Return the points whose light sum_f' |O(f' - f) H(f')|^2 passes the pupil."""
         power = np.abs(spectrum.astype(np.complex128)) ** 2
         passed = np.fft.fft2(np.abs(transfer) ** 2) * np.conj(np.fft.fft2(power))
-        light = self.weights * np.maximum(np.fft.ifft2(passed).real, 0)[tuple(self.places.T)]
-        selected, _ = strongest(light, EMPTY * light.sum())
-        return Points(self.places[selected], self.weights[selected], self.dropped)
+        light = self.weights * np.maximum(np.fft.ifft2(passed).real, 0)[tuple(self.indices.T)]
+        selected, _ = strongest(light, MIN_LIGHT_SHARE * light.sum())
+        return Points(self.indices[selected], self.weights[selected], self.dropped)
 
 
 @dataclass(frozen=True)
 class Box:
-    """The part of a spectrum that holds all a transfer function passes, N-periodic."""
+    """Part of an N-periodic spectrum that contains all frequencies of a transfer function."""
 
     shape: tuple[int, int]  # (ny, nx) of the spectrum
     start: tuple[int, int]  # FFT index of the first row and column
@@ -94,14 +94,14 @@ class Box:
 
     @classmethod
     def of(cls, transfer: Values) -> Box:
-        """The smallest one."""
+        """Return the smallest box of a transfer function."""
         used = transfer != 0
         (y, h), (x, w) = _shortest(used.any(axis=1)), _shortest(used.any(axis=0))
         return cls((transfer.shape[0], transfer.shape[1]), (y, x), (h, w))
 
     @property
     def window(self) -> tuple[int, int]:
-        """Samples that carry the intensity: its band is 2 h - 1 by 2 w - 1, at most N."""
+        """Numbers of samples of the intensity, with a band of 2 h - 1 by 2 w - 1, at most N."""
         ny, nx = (
             min(n, smooth_length(2 * size - 1))
             for n, size in zip(self.shape, self.size, strict=True)
@@ -109,7 +109,7 @@ class Box:
         return ny, nx
 
     def cut(self, transfer: Values) -> Values:
-        """The transfer function in the box, for a field sampled in the window."""
+        """Return the transfer function in the box, scaled for a field sampled in the window."""
         rows, columns = (
             np.arange(start, start + size) % n
             for start, size, n in zip(self.start, self.size, self.shape, strict=True)
@@ -123,42 +123,44 @@ def abbe_image(
 ) -> AbbeImage:
     """Return the mean image of an object in partially coherent light, in a periodic window.
 
-    I = sum_f S(f) abs(IFFT(O(f' - f) H(f')))^2: every point of the source lights the object by a
-    plane wave of its own (Abbe's approach: Goodman 2015, section 7.2.1), O the object's spectrum.
+    I = sum_f S(f) abs(IFFT(O(f' - f) H(f')))^2 with the object's spectrum O. Each point of the
+    source illuminates the object by a plane wave (Abbe's approach: Goodman 2015, section 7.2.1).
 
     Parameters
     ----------
     field : Field
-        The object in a plane wave of unit intensity, shape (ny, nx).
+        Object in a plane wave of unit intensity, shape (ny, nx).
     transfer : array_like
         Transfer function H, complex, shape (ny, nx), FFT order: `Pupil.transfer` or `transfer_of`.
     source : array_like
-        Power spectrum S of the light, shape (ny, nx), FFT order, sum 1; source points that are
-        0 are skipped.
+        Power spectrum S of the light, shape (ny, nx), FFT order, sum 1; points of value 0 are
+        skipped.
     tolerance : float
-        From 0 to below 1: what is weakest and adds up to at most this is left out. By "points" that
-        are source points by S, an error of at most tolerance in a clear field; by "lags"
-        displacements by abs(mu), an error of at most tolerance max abs(u)^2 sum abs(H)^2/(ny nx).
+        Maximum sum of the omitted weakest terms, at least 0 and below 1. Route "points" omits
+        points by S, with an error of at most tolerance in a clear field. Route "lags" omits
+        displacements by abs(mu), with an error of at most tolerance max abs(u)^2 sum abs(H)^2/(ny
+        nx).
     route : {"auto", "points", "lags"}
-        The sum over source points, over displacements, or the cheaper of them.
+        Sum over source points, sum over displacements, or the cheaper of the two.
 
     Returns
     -------
     AbbeImage
-        A clear field has the intensity sum_f S(f) abs(H(f))^2: what the pupil stops is lost.
+        Mean image. A clear field has the intensity sum_f S(f) abs(H(f))^2, without the light that
+        the pupil stops.
 
     Raises
     ------
     ShapeError
-        For a batch of fields, or a transfer function or source of another shape.
+        If the field is a batch, or a transfer function or source has another shape.
     ValueError
-        For values that are not finite, a source that is negative or does not add up to 1, or a
-        tolerance or route that is none.
+        If values are not finite, the source is negative or does not add up to 1, or the tolerance
+        or route is invalid.
 
     Notes
     -----
-    Within 1e-5 of the largest intensity in single precision. Source points that together send less
-    than 1e-13 of the light through the pupil are skipped.
+    The error is at most 1e-5 of the largest intensity in single precision. Source points that
+    together send less than 1e-13 of the light through the pupil are skipped.
 
     Examples
     --------
@@ -188,25 +190,25 @@ def abbe_image(
 def incoherent_image(field: Field, transfer: Any) -> Image:
     """Return the image of an object in incoherent light, in a periodic window.
 
-    abs(t)^2 filtered by the autocorrelation of H over N^2 (Goodman 2005, section 6.3.1), wrapped
-    where H is wider than half the lattice: `abbe_image` of the source 1/(ny nx) at every frequency.
+    The autocorrelation of H over N^2 filters abs(t)^2 (Goodman 2005, section 6.3.1); it wraps if H
+    is wider than half the lattice. `abbe_image` agrees for the source 1/(ny nx) at each frequency.
 
     Parameters
     ----------
     field : Field
-        Transmission t of the object, shape (ny, nx); its phase does not matter.
+        Transmission t of the object, shape (ny, nx); its phase has no effect.
     transfer : array_like
         Transfer function H, complex, shape (ny, nx), FFT order: `Pupil.transfer`.
 
     Returns
     -------
     Image
-        Real, shape (ny, nx). A clear field has the intensity sum_f abs(H(f))^2/(ny nx).
+        Intensity, real, shape (ny, nx). A clear field has the value sum_f abs(H(f))^2/(ny nx).
 
     Raises
     ------
     ShapeError, ValueError
-        As `abbe_image`.
+        In the cases of `abbe_image`.
 
     Examples
     --------
@@ -228,7 +230,7 @@ def incoherent_image(field: Field, transfer: Any) -> Image:
 def abbe_cost(
     grid: Grid, transfer: Any, source: Any, *, tolerance: float = 0.0, route: Route = "auto"
 ) -> float:
-    """Operations of `abbe_image`, 5 N log2 N a Fourier transform, and what goes beside it."""
+    """Return the number of operations of `abbe_image`, 5 N log2 N per Fourier transform."""
     H, S = _checked_transfer(transfer, grid.shape), _checked_source(source, grid.shape)
     return _choose(H, S, tolerance, route)[1]
 
@@ -236,16 +238,16 @@ def abbe_cost(
 def _choose(
     transfer: Values, source: Values, tolerance: float, route: str
 ) -> tuple[Points | Lags, float]:
-    """What is summed over, and its operations."""
+    """Return the terms of the cheaper sum, and the number of its operations."""
     if not 0 <= tolerance < 1:
-        raise ValueError(f"The tolerance is a part of the light, 0 to below 1, not {tolerance!r}.")
+        raise ValueError(f"tolerance must be at least 0 and below 1, got {tolerance!r}.")
     if route not in ("auto", "points", "lags"):
-        raise ValueError(f"The route is 'auto', 'points' or 'lags', not {route!r}.")
+        raise ValueError(f"route must be 'auto', 'points' or 'lags', got {route!r}.")
     candidates: list[tuple[Points | Lags, float]] = []
     if route != "lags":
         points = Points.of(source, tolerance)
         size = math.prod(Box.of(transfer).window)
-        each = size * (5 * math.log2(max(size, 2)) + PER_SAMPLE)
+        each = size * (5 * math.log2(max(size, 2)) + SAMPLE_OPERATIONS)
         candidates.append((points, len(points.weights) * each))
     if route != "points":
         lags = Lags.of(source, tolerance)
@@ -254,14 +256,13 @@ def _choose(
 
 
 def _sum_of_images(spectrum: Any, transfer: Values, points: Points, device: Device) -> Values:
-    """sum_f S(f) |IFFT(O(f' - f) H(f'))|^2, float64, shape (ny, nx).
+    """Return sum_f S(f) |IFFT(O(f' - f) H(f'))|^2, float64, shape (ny, nx).
 
-    Each in the window of the pupil's box; every `BLOCK` of them added up on the device, the blocks
-    in double on the host.
+    The device adds blocks of images in the window of the pupil's box, the host adds the blocks.
     """
     box = Box.of(transfer)
     pupil = device.upload(box.cut(transfer).astype(device.complex))
-    first = (np.array(box.start) - points.places) % box.shape
+    first = (np.array(box.start) - points.indices) % box.shape
     count = batch_count(math.prod(box.window), device)
     device.require_memory(count * math.prod(box.window) * device.complex.itemsize, "Abbe's sum")
     total = np.zeros(box.window)
@@ -277,7 +278,7 @@ def _sum_of_images(spectrum: Any, transfer: Values, points: Points, device: Devi
 
 
 def _images(spectrum: Any, pupil: Any, first: Values, box: Box, device: Device) -> Any:
-    """Fields behind the pupil in the window, shape (count, my, mx)."""
+    """Return the fields behind the pupil in the window, shape (count, my, mx)."""
     out = device.empty((len(first), *box.window), device.complex)
     device.launch_rows(
         device.kernel("abbe.cl", "shifted_spectra", **device.wave_defines()),
@@ -291,7 +292,7 @@ def _images(spectrum: Any, pupil: Any, first: Values, box: Box, device: Device) 
 
 
 def _resampled(intensity: Values, shape: tuple[int, int]) -> Values:
-    """A periodic band-limited intensity on a finer lattice, sample 0 on sample 0."""
+    """Interpolate a periodic band-limited intensity to a finer lattice with equal sample 0."""
     if intensity.shape == shape:
         return intensity
     spectrum = np.fft.fftshift(np.fft.fft2(intensity))
@@ -305,7 +306,7 @@ def _resampled(intensity: Values, shape: tuple[int, int]) -> Values:
 
 
 def _shortest(used: Values) -> tuple[int, int]:
-    """First index and length of the shortest stretch of a periodic axis that holds all used."""
+    """Return first index and length of the shortest periodic range that holds all used indices."""
     indices = np.flatnonzero(used)
     gaps = np.diff(indices, append=indices[0] + len(used))
     widest = int(np.argmax(gaps))
@@ -318,33 +319,35 @@ def _image(values: Values, device: Device) -> Image:
 
 def _check_field(field: Field) -> None:
     if not isinstance(field, Field):
-        raise TypeError(f"A mean image is that of a Field, not of a {type(field).__name__}.")
+        raise TypeError(f"field must be a Field, got {type(field).__name__}.")
     if len(field.shape) != 2:
         raise ShapeError(
-            f"A mean image is that of one field of shape (ny, nx), not {field.shape}: take one of "
-            "the batch at a time."
+            f"field must be a single field of shape (ny, nx), got {field.shape}; pass the fields "
+            "of a batch separately."
         )
 
 
 def _checked_transfer(transfer: Any, shape: tuple[int, ...]) -> Values:
     H = np.asarray(host_array(transfer, "transfer"), np.complex128)
     if H.shape != shape:
-        raise ShapeError(f"The transfer function has shape {H.shape}, not {shape}.")
+        raise ShapeError(f"transfer must have the field's shape {shape}, got {H.shape}.")
     if not np.isfinite(H).all():
-        raise ValueError("The transfer function is finite at every frequency.")
+        raise ValueError("transfer must be finite at every frequency.")
     if not H.any():
-        raise ValueError("The transfer function is 0 at every frequency: no light passes.")
+        raise ValueError("transfer must not be 0 at every frequency.")
     return H
 
 
 def _checked_source(source: Any, shape: tuple[int, ...]) -> Values:
     S = real_array(source, "source", np.float64)
     if S.shape != shape:
-        raise ShapeError(f"The source has shape {S.shape}, not {shape}.")
+        raise ShapeError(f"source must have the field's shape {shape}, got {S.shape}.")
     total = S.sum()
-    if not (np.isfinite(S).all() and S.min() >= -ROUNDING and abs(total - 1) <= ROUNDING):
+    if not (
+        np.isfinite(S).all() and S.min() >= -SOURCE_TOLERANCE and abs(total - 1) <= SOURCE_TOLERANCE
+    ):
         raise ValueError(
-            f"A source is finite, not negative and adds up to 1; this one reaches down to "
-            f"{S.min():.3g} and adds up to {total:.9g}: divide it by its sum."
+            f"source must be finite, not negative and add up to 1, got a minimum of {S.min():.3g} "
+            f"and a sum of {total:.9g}; divide it by its sum."
         )
     return np.maximum(S, 0)

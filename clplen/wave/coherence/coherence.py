@@ -1,4 +1,4 @@
-"""Partially coherent light: a spatial model, a spectrum, and averages of what they light."""
+"""Partially coherent light: a spatial model, a spectrum, and averages of intensities."""
 
 from __future__ import annotations
 
@@ -17,12 +17,12 @@ from clplen.compute.device import DeviceLike, as_device
 from clplen.errors import ShapeError
 from clplen.reprs import OneLine
 from clplen.wave.coherence.averaging import (
-    DEFAULT,
+    DEFAULT_SNAPSHOTS,
     Averaging,
     Checkpoint,
     Progress,
     average,
-    named,
+    file_and_label,
     verify,
 )
 from clplen.wave.coherence.coherence_plan import CoherencePlan, check_reach, plan_coherence
@@ -41,38 +41,40 @@ from clplen.wave.systems.optical_system import OpticalSystem
 System = Callable[[Field], Field]
 Method = Literal["auto", "monte-carlo", "abbe"]
 METHODS = ("auto", "monte-carlo", "abbe")
-FOR_IMAGES, FOR_TABLES = 9, 41  # wavelengths
-MANY = 15  # from which a Gaussian is sampled over +-2 full widths, fewer over +-1.5
+DEFAULT_WAVELENGTHS, DEFAULT_TABLE_WAVELENGTHS = 9, 41  # enough for images
+MIN_WIDE_WAVELENGTHS = 15  # samples of a Gaussian that extend over +-2 full widths, not +-1.5
 
 
 @dataclass(frozen=True, repr=False)
 class Coherence(OneLine):
-    """Light between a laser and an ideal lamp.
+    """Light of partial spatial and temporal coherence, between a laser and an ideal lamp.
 
     Parameters
     ----------
     spatial : RandomPhaseMask, ExtendedSource or IncoherentLight, optional
-        Any `SpatialModel`; None: a plane wave, coherent across the field.
+        Model of spatial coherence, any `SpatialModel`; None: a plane wave, coherent across the
+        field.
     spectrum : Spectrum, optional
-        None: the wavelength of the field that is lit.
+        Spectrum of the light; None: the wavelength of the illuminated field.
     wavelengths : int, optional
-        Into which the spectrum is sampled; by default 9, enough for images, or 41 of a tabulated
-        one. Interferometers need 21 or more: see `Spectrum.needed`. Every line keeps at least one.
+        Number of wavelengths that sample the spectrum. The default is 9, enough for images, or 41
+        for a tabulated spectrum. Interferometers need 21 or more; see `Spectrum.needed`. Each
+        spectral line has at least one.
     seed : int
-        Of the snapshots, 0 to 2^64 - 1.
+        Seed of the snapshots, 0 to 2^64 - 1.
 
     Raises
     ------
     TypeError
-        If ``spatial`` is no model or ``spectrum`` no `Spectrum`.
+        If ``spatial`` is not a model or ``spectrum`` not a `Spectrum`.
     ValueError
-        For a number of wavelengths below 1 or a seed out of range.
+        If the number of wavelengths is below 1 or the seed out of range.
 
     Notes
     -----
-    Wavelengths are mutually incoherent: a snapshot is the weighted sum of the intensities at all of
-    them, each lit by a snapshot of the spatial model of its own. Elements act as path lengths: they
-    are given the field at its wavelength.
+    Wavelengths are mutually incoherent: a snapshot is the weighted sum of the intensities at all
+    wavelengths, each with an independent snapshot of the spatial model. Elements receive the field
+    at its wavelength and act as path lengths.
 
     Examples
     --------
@@ -96,28 +98,28 @@ class Coherence(OneLine):
             isinstance(self.spatial, type) or not isinstance(self.spatial, SpatialModel)
         ):
             raise TypeError(
-                "spatial is a RandomPhaseMask, an ExtendedSource or IncoherentLight(), not "
+                "spatial must be a RandomPhaseMask, an ExtendedSource or IncoherentLight(), got "
                 f"{self.spatial!r}."
             )
         if self.spectrum is not None and not isinstance(self.spectrum, Spectrum):
-            raise TypeError(f"spectrum is a Spectrum, not {self.spectrum!r}.")
+            raise TypeError(f"spectrum must be a Spectrum, got {self.spectrum!r}.")
         number = 1 if self.wavelengths is None else self.wavelengths
         if not isinstance(number, (int, np.integer)) or isinstance(number, bool) or number < 1:
-            raise ValueError(f"wavelengths is a whole number from 1 on, not {number!r}.")
+            raise ValueError(f"wavelengths must be an integer of at least 1, got {number!r}.")
         check_seed(self.seed)
 
     @property
     def is_random(self) -> bool:
-        """Whether snapshots differ."""
+        """True if snapshots differ from each other."""
         return self.spatial is not None and self.spatial.random
 
     def lines(self, wavelength: float) -> list[tuple[float, float]]:
-        """Wavelengths in metres and their shares of the power, which add up to 1.
+        """Return wavelengths in metres and their shares of the power, which add up to 1.
 
         Parameters
         ----------
         wavelength : float
-            In metres, where there is no spectrum.
+            Wavelength in metres for light without a spectrum.
 
         Returns
         -------
@@ -125,9 +127,10 @@ class Coherence(OneLine):
         """
         if self.spectrum is None:
             return [(float(wavelength), 1.0)]
-        default = FOR_TABLES if isinstance(self.spectrum.shape, Table) else FOR_IMAGES
+        is_table = isinstance(self.spectrum.shape, Table)
+        default = DEFAULT_TABLE_WAVELENGTHS if is_table else DEFAULT_WAVELENGTHS
         number = self.wavelengths or default
-        samples = self.spectrum.sample(number, span=1.5 if number < MANY else 2.0)
+        samples = self.spectrum.sample(number, span=1.5 if number < MIN_WIDE_WAVELENGTHS else 2.0)
         pairs = zip(samples.wavelengths, samples.weights, strict=True)
         return [(float(lam), float(w)) for lam, w in pairs if w > 0]
 
@@ -140,34 +143,36 @@ class Coherence(OneLine):
         start: int = 0,
         count: int | None = None,
     ) -> Iterator[Field]:
-        """Snapshots of the light in a plane, one after the other on the device.
+        """Return an iterator over snapshots of the light in a plane, on the device.
 
         Parameters
         ----------
         grid : Grid
+            Samples of the plane.
         device : Device or str, optional
             Default ``Device.open()``.
         wavelength : float, optional
-            In metres; by default the centre of the spectrum. Snapshots are of one wavelength.
+            Wavelength in metres; by default the centre of the spectrum.
         start : int
-            Number of the first.
+            Number of the first snapshot.
         count : int, optional
-            How many; by default without end.
+            Number of snapshots; by default unlimited.
 
         Yields
         ------
         Field
-            Shape (ny, nx), of mean intensity 1. The same for the same number on every device.
+            Snapshot of shape (ny, nx) with mean intensity 1. Equal numbers give equal snapshots on
+            every device.
 
         Raises
         ------
         SamplingError
-            If the grid does not carry the light.
+            If the grid cannot sample the light.
         """
         device = as_device(device)
         if wavelength is None:
             if self.spectrum is None:
-                raise ValueError("Snapshots of light without a spectrum need wavelength=.")
+                raise ValueError("Snapshots of light without a spectrum require wavelength=.")
             wavelength = self.spectrum.centre
         check_positive(wavelength=wavelength)
         lam = wavelength
@@ -181,11 +186,11 @@ class Coherence(OneLine):
     def light(
         self, grid: Grid, *, wavelength: float, device: DeviceLike | None = None, index: int
     ) -> Field:
-        """Snapshot number ``index`` by itself; see `snapshots`."""
+        """Return the snapshot with number ``index``; see `snapshots`."""
         if self.spatial is None:
             return plane_wave(grid, wavelength=wavelength, device=device)
         if not 0 <= index <= LARGEST_INDEX:
-            raise ValueError(f"The number of a snapshot is 0 to 2^32 - 1, not {index!r}.")
+            raise ValueError(f"index must be from 0 to 2^32 - 1, got {index!r}.")
         return self.spatial.field(
             grid, wavelength=wavelength, device=device, seed=self.seed, index=index
         )
@@ -202,104 +207,106 @@ class Coherence(OneLine):
         progress: Progress | None = None,
         method: Method = "auto",
     ) -> MeanIntensity:
-        """The mean intensity behind a system whose object this light illuminates.
+        """Return the mean intensity behind a system whose object this light illuminates.
 
         Parameters
         ----------
         system : callable
-            Field -> Field: an `OpticalSystem` or one part of it, a `Propagator`, a function.
+            Map from Field to Field: an `OpticalSystem` or one of its parts, a `Propagator`, or a
+            function.
         field : Field or callable
-            The object's complex transmission, shape (ny, nx), the same at every wavelength; or a
-            function of the wavelength in metres that gives it.
+            Complex transmission of the object, shape (ny, nx), equal at every wavelength; or a
+            function that returns it for a wavelength in metres.
         snapshots : int, optional
             Number of snapshots; by default 100, or as many as ``rtol`` needs, at most 100 000.
         rtol : float, optional
             Standard error over mean in the region at which the average stops.
         region : tuple of slice, optional
-            (rows, columns) of the image that ``rtol`` is measured in; by default all.
+            Slices (rows, columns) of the image for ``rtol``; by default the whole image.
         checkpoint : path or (path, str), optional
-            File that an interrupted average continues from, and a label of the system. Light,
-            object, grids and device are compared with those of the file, and so is the label: the
-            system is not, give each system its own label.
+            File from which an interrupted average continues, and a label of the system. The light,
+            object, grids, device and label are compared with those of the file. The system itself
+            is not compared, so each system needs its own label.
         progress : callable, optional
-            Called with the number of snapshots so far and the largest number.
+            Callback with the current and the maximum number of snapshots.
         method : {"auto", "monte-carlo", "abbe"}
-            "monte-carlo" adds snapshots; "abbe" sums over the source, exact for systems that are
-            shift-invariant in a periodic window; "auto" takes the sum where it is exact and
+            Method: "monte-carlo" averages snapshots; "abbe" sums over the source, exact for systems
+            that are shift-invariant in a periodic window; "auto" uses the sum if it is exact and
             affordable, else snapshots.
 
         Returns
         -------
         MeanIntensity
+            Mean intensity with its standard error.
 
         Raises
         ------
         SamplingError
-            If the grid does not carry the light, no light of the edge of the object reaches the
-            first lens, or "abbe" is asked for a system that is not shift-invariant.
+            If the grid cannot sample the light, no light from the edge of the object reaches the
+            first lens, or "abbe" is requested for a system that is not shift-invariant.
         FormatError
-            If the checkpoint is damaged or of another set-up.
+            If the checkpoint is damaged or belongs to another configuration.
         """
         if not callable(system):
             system = OpticalSystem([system])
-        how = Averaging(snapshots, rtol, region, checkpoint, progress)
+        settings = Averaging(snapshots, rtol, region, checkpoint, progress)
         if method not in METHODS:
-            raise ValueError(f"The method is one of {', '.join(METHODS)}, not {method!r}.")
+            raise ValueError(f"method must be one of {', '.join(METHODS)}, got {method!r}.")
         if checkpoint is not None:
-            verify(named(checkpoint)[0])
+            verify(file_and_label(checkpoint)[0])
         lines = self.lines(_wavelength_of(field, self.spectrum))
         objects = [_object_at(field, lam) for lam, _ in lines]
         shares = [share for _, share in lines]
         self._check(system, objects)
         if self.spatial is None or not self.is_random:
-            lit = (system(self._lit(transmission, 0)) for transmission in objects)
-            image, grid = weighted(lit, shares)
+            images = (system(self._lit(transmission, 0)) for transmission in objects)
+            image, grid = weighted(images, shares)
             Window.of(region, grid.shape)
             return without_noise(image, grid, "coherent", len(lines))
         if method != "monte-carlo":
             forced = method == "abbe"
-            exact = sum_over_source(self.spatial, system, objects, shares, how, forced=forced)
+            exact = sum_over_source(self.spatial, system, objects, shares, settings, forced=forced)
             if exact is not None:
                 return exact
-        return self._monte_carlo(system, objects, shares, how)
+        return self._monte_carlo(system, objects, shares, settings)
 
     def vjp(
         self,
         system: OpticalSystem | Part,
         field: Field,
         *,
-        snapshots: int = DEFAULT,
+        snapshots: int = DEFAULT_SNAPSHOTS,
         parameters: Iterable[int] = (),
         method: Method = "auto",
     ) -> tuple[MeanIntensity, MeanPullback]:
-        """The mean intensity behind a system, and what takes gradients back through it.
+        """Return the mean intensity behind a system, and the pullback of gradients.
 
         Parameters
         ----------
         system : OpticalSystem or Part
-            Its parts have adjoints.
+            System whose parts have adjoints.
         field : Field
-            The object's transmission, shape (ny, nx), the same at every wavelength.
+            Transmission of the object, shape (ny, nx), equal at every wavelength.
         snapshots : int
-            Of `average`. Gradients are those of the mean of these snapshots.
+            Number of snapshots; gradients are those of their mean.
         parameters : iterable of int
-            Numbers of the parts whose parameters have gradients, from 0.
+            Indices of the parts whose parameters have gradients, from 0.
         method : {"auto", "monte-carlo", "abbe"}
-            As in `average`.
+            Method of `average`.
 
         Returns
         -------
         MeanIntensity
-            As `average` returns it.
+            Result of `average`.
         MeanPullback
-            Takes the gradient by that intensity. It holds the field behind the system of each
-            snapshot, up to a quarter of the device's memory, and none with ``parameters`` or where
-            the sum is exact; those are computed again.
+            Map from the gradient by that intensity. It holds the field behind the system for each
+            snapshot, up to a quarter of the device's memory. With ``parameters``, or if the sum is
+            exact, it computes all fields again.
 
         Raises
         ------
         ShapeError
-            For a batch of objects.
+            If ``field`` is a batch.
         """
         return mean_vjp(
             self, system, field, snapshots=snapshots, parameters=parameters, method=method
@@ -307,23 +314,24 @@ class Coherence(OneLine):
 
     @classmethod
     def plan(cls, system: Any, *, snr: float, **options: Any) -> CoherencePlan[Coherence]:
-        """Mask, snapshots and wavelengths for a wanted signal-to-noise ratio.
+        """Return the mask, snapshots and wavelengths for a required signal-to-noise ratio.
 
         Parameters
         ----------
         system, snr, **options
-            As `plan_coherence` takes them: grid, wavelength, iota, kind, spectrum, wavelengths,
+            Arguments of `plan_coherence`: grid, wavelength, iota, kind, spectrum, wavelengths,
             seed.
 
         Returns
         -------
         CoherencePlan
+            Plan with the light, ready for use.
         """
         check_keywords(options, keywords_of(plan_coherence), "Coherence.plan")
         return plan_coherence(cls, system, snr=snr, **options)
 
     def _check(self, system: System, objects: list[Field]) -> None:
-        """Refuse light that the grid does not carry or that misses the system, at both ends."""
+        """Raise if the grid cannot sample the light, or the light misses the system."""
         if self.spatial is None:
             return
         by_wavelength = sorted(objects, key=lambda transmission: transmission.wavelength)
@@ -333,7 +341,7 @@ class Coherence(OneLine):
             check_reach(system, ends[wavelength], self.spatial)
 
     def _lit(self, transmission: Field, index: int) -> Field:
-        """An object lit by one snapshot."""
+        """Return an object illuminated by a snapshot."""
         if self.spatial is None:
             return transmission
         light = self.light(
@@ -345,27 +353,27 @@ class Coherence(OneLine):
         return multiply(light, transmission.data)
 
     def _monte_carlo(
-        self, system: System, objects: list[Field], shares: list[float], how: Averaging
+        self, system: System, objects: list[Field], shares: list[float], settings: Averaging
     ) -> MeanIntensity:
         number = len(objects)
         first = system(self._lit(objects[0], 0))
         require_image(first)
-        ahead = {0: first} if number == 1 else {}
+        computed = {0: first} if number == 1 else {}
 
         def snapshot(index: int) -> Field | cla.Array:
-            if index in ahead:
-                return ahead.pop(index)
+            if index in computed:
+                return computed.pop(index)
             fields = (
                 system(self._lit(transmission, index * number + line))
                 for line, transmission in enumerate(objects)
             )
             return next(fields) if number == 1 else weighted(fields, shares)[0].data
 
-        setup = self._setup(objects, shares, first) if how.checkpoint is not None else {}
-        return average(snapshot, first.grid, first.device, how, setup)
+        setup = self._setup(objects, shares, first) if settings.checkpoint is not None else {}
+        return average(snapshot, first.grid, first.device, settings, setup)
 
     def _setup(self, objects: list[Field], shares: list[float], image: Field) -> dict[str, str]:
-        """What a checkpoint compares by itself; its label stands for the system."""
+        """Return the strings that a checkpoint compares; its label stands for the system."""
         device = image.device
         samples = hashlib.sha256()
         for transmission, share in zip(objects, shares, strict=True):
@@ -387,10 +395,10 @@ def _wavelength_of(field: Object, spectrum: Spectrum | None) -> float:
         return field.wavelength
     if not callable(field):
         raise TypeError(
-            f"The object is a Field, or a function of the wavelength, not {type(field).__name__}."
+            f"field must be a Field or a function of the wavelength, got {type(field).__name__}."
         )
     if spectrum is None:
-        raise ValueError("An object that is a function of the wavelength needs a spectrum.")
+        raise ValueError("A field that is a function of the wavelength requires a spectrum.")
     return spectrum.centre
 
 
@@ -400,11 +408,11 @@ def _object_at(field: Object, wavelength: float) -> Field:
     )
     if not isinstance(transmission, Field):
         raise TypeError(
-            f"The object's function returns a Field, not {type(transmission).__name__}."
+            f"The object's function must return a Field, got {type(transmission).__name__}."
         )
     if len(transmission.shape) != 2:
         raise ShapeError(
-            f"Partially coherent light illuminates one object of shape (ny, nx), not a batch of "
+            f"Partially coherent light requires a single object of shape (ny, nx), got a batch of "
             f"shape {transmission.shape}."
         )
     return replace(transmission, wavelength=wavelength)

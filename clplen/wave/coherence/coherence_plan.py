@@ -1,4 +1,4 @@
-"""Whether light reaches a system, and how many snapshots and wavelengths its image needs."""
+"""Number of snapshots and wavelengths for an image, and a check that light reaches the system."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from clplen.checks import is_finite
 from clplen.errors import SamplingError
 from clplen.reprs import OneLine
 from clplen.units import metres
-from clplen.wave.coherence.phase_masks import KINDS, LEAST_CELLS, RandomPhaseMask, cells_along
+from clplen.wave.coherence.phase_masks import KINDS, MIN_CELLS, RandomPhaseMask, cells_along
 from clplen.wave.coherence.spatial_models import SpatialModel
 from clplen.wave.field.field import Field, Grid
 from clplen.wave.spectrum.spectrum import Spectrum
@@ -25,9 +25,9 @@ from clplen.wave.systems.space import Space
 
 AIRY = 0.61  # radius of the Airy disc times the coherent cut-off frequency
 
-# Contrast of the image of a clear field in one snapshot, by the resolution cell over the coherence
-# length: square cells, d_c = 4 p^2/lam, a circular pupil or, along one axis alone, a slit; by
-# simulation, to 1 or 2 percent.
+# Speckle contrast of the image of a clear field in a snapshot, over iota: resolution cell by
+# coherence length. Simulated with square cells, d_c = 4 p^2/lam and a circular pupil (2-D) or a
+# slit (1-D); accurate to 1 or 2 percent.
 _IOTA = (0.03, 0.05, 0.07, 0.1, 0.14, 0.2, 0.3, 0.45, 0.7, 1.0, 1.5, 2.2, 3.2, 5.0, 10.0)
 _CONTRAST = {
     ("phase", 2): (0.126, 0.161, 0.195, 0.230, 0.273, 0.320, 0.389, 0.477, 0.603, 0.737, 0.834,
@@ -45,12 +45,12 @@ class SpectralLines(Protocol):
     """Light of mutually incoherent wavelengths."""
 
     def lines(self, wavelength: float) -> list[tuple[float, float]]:
-        """Wavelengths in metres and their shares of the power."""
+        """Return wavelengths in metres and their shares of the power."""
 
 
 @runtime_checkable
 class MainLens(Protocol):
-    """A camera that says where its object lies and how wide its main lens is."""
+    """Camera with a known object distance and main-lens aperture."""
 
     object_distance: Any
     aperture_diameter: Any
@@ -61,14 +61,14 @@ Light = TypeVar("Light", bound=SpectralLines)
 
 @dataclass(frozen=True, repr=False)
 class CoherencePlan(OneLine, Generic[Light]):
-    """What `plan_coherence` proposes.
+    """Result of `plan_coherence`: mask, snapshots and wavelengths.
 
     Attributes
     ----------
     coherence : Coherence
-        The light, ready for use.
+        Light, ready for use.
     snapshots : int
-        How many reach the wanted signal-to-noise ratio.
+        Number of snapshots that reach the required signal-to-noise ratio.
     snr : float
         Predicted mean over standard deviation of the image of a clear field.
     iota : float
@@ -76,13 +76,13 @@ class CoherencePlan(OneLine, Generic[Light]):
     cells : tuple of int
         Number n of cells across the window, (ny, nx).
     cell : float
-        Side p in metres, the longer side: the coherence length.
+        Longer side p of a cell in metres: the coherence length.
     distance : float
-        Distance d_c in metres, at the shortest wavelength.
+        Distance d_c in metres at the shortest wavelength.
     wavelengths : int
-        Into which the spectrum is sampled.
+        Number of wavelengths that sample the spectrum.
     contrast : float
-        Of one snapshot's image of a clear field.
+        Speckle contrast of a snapshot's image of a clear field.
 
     Examples
     --------
@@ -105,12 +105,12 @@ class CoherencePlan(OneLine, Generic[Light]):
 
     @property
     def n(self) -> int:
-        """Cells across the longer axis, the thesis' n."""
+        """Number of cells across the longer axis, n of the thesis."""
         return max(self.cells)
 
     @property
     def d_c(self) -> float:
-        """The distance by its symbol, in metres."""
+        """Distance d_c in metres."""
         return self.distance
 
     def __str__(self) -> str:
@@ -139,41 +139,41 @@ def plan_coherence(
     wavelengths: int | None = None,
     seed: int = 0,
 ) -> CoherencePlan[Light]:
-    """Mask, snapshots and wavelengths for a wanted signal-to-noise ratio.
+    """Return the mask, snapshots and wavelengths for a required signal-to-noise ratio.
 
-    The cell is p = 0.61/(iota fc), fc the coherent cut-off frequency on the object, made to fit the
-    window; d_c = 4 p^2/lam. A clear field is imaged with a speckle contrast c1(iota) a snapshot
-    (c1/sqrt(M) after M), and mutually incoherent wavelengths of shares w_l reduce it by
-    sqrt(sum w_l^2); so M = (c1/e)^2 sum w_l^2 with e = 1/snr.
+    The cell is p = 0.61/(iota fc) with the coherent cut-off frequency fc on the object, rounded to
+    fit the window; d_c = 4 p^2/lam. The image of a clear field has a speckle contrast c1(iota) in a
+    snapshot, c1/sqrt(M) after M snapshots. Mutually incoherent wavelengths of shares w_l reduce it
+    by sqrt(sum w_l^2). Hence M = (c1/e)^2 sum w_l^2 with e = 1/snr.
     """
-    _check_wish(snr, iota, kind)
+    _check_request(snr, iota, kind)
     window = getattr(system, "grid", None) if grid is None else grid
     if not isinstance(window, Grid):
-        raise ValueError("Planning for a system without a grid of its own needs grid=.")
+        raise ValueError("Planning for a system without a grid requires grid=.")
     if wavelength is None:
-        own = getattr(system, "wavelength", None) if spectrum is None else spectrum.centre
-        if own is None:
-            raise ValueError("Planning needs wavelength= or spectrum=.")
-        wavelength = own
+        default = getattr(system, "wavelength", None) if spectrum is None else spectrum.centre
+        if default is None:
+            raise ValueError("Planning requires wavelength= or spectrum=.")
+        wavelength = default
     wavelength = check_wavelength(wavelength)
     fc = object_cutoff(system, wavelength)
-    target, least = AIRY / (iota * fc), LEAST_CELLS["square"]
-    ny, nx = (cells_along(window, axis, target, least=least, exactly=False) for axis in (0, 1))
+    target, minimum = AIRY / (iota * fc), MIN_CELLS["square"]
+    ny, nx = (cells_along(window, axis, target, minimum=minimum, exactly=False) for axis in (0, 1))
     sides = (window.extent[0] / ny, window.extent[1] / nx)
     p = max((side for side, n in zip(sides, window.shape, strict=True) if n > 1), default=target)
     mask = RandomPhaseMask(sides, kind=kind)
     coherence = light(mask, spectrum, wavelengths=wavelengths, seed=seed)
     lines = coherence.lines(wavelength)
-    reached = AIRY / (fc * p)
+    actual_iota = AIRY / (fc * p)
     table = _CONTRAST[kind, 1 if 1 in window.shape else 2]
-    contrast = math.exp(np.interp(math.log(reached), np.log(_IOTA), np.log(table)))
+    contrast = math.exp(np.interp(math.log(actual_iota), np.log(_IOTA), np.log(table)))
     noise = contrast * math.sqrt(sum(share**2 for _, share in lines))
     snapshots = max(1, math.ceil((noise * snr) ** 2 * (1 - 1e-12)))
     return CoherencePlan(
         coherence=coherence,
         snapshots=snapshots,
         snr=math.sqrt(snapshots) / noise,
-        iota=reached,
+        iota=actual_iota,
         cells=(ny, nx),
         cell=p,
         distance=mask.distance_on(window, min(lam for lam, _ in lines)),
@@ -182,21 +182,21 @@ def plan_coherence(
     )
 
 
-def _check_wish(snr: float, iota: float, kind: str) -> None:
-    """Refuse what cannot be planned for."""
+def _check_request(snr: float, iota: float, kind: str) -> None:
+    """Raise if a plan is not possible for the arguments."""
     if not (is_finite(snr) and snr > 0):
-        raise ValueError(f"The signal-to-noise ratio is positive, not {snr!r}.")
+        raise ValueError(f"snr must be positive, got {snr!r}.")
     if not (is_finite(iota) and _IOTA[0] <= iota <= _IOTA[-1]):
         raise ValueError(
-            f"iota, resolution cell over coherence length, is {_IOTA[0]} to {_IOTA[-1]}, not "
-            f"{iota!r}; for coherent light leave out the spatial model."
+            f"iota, resolution cell over coherence length, must be from {_IOTA[0]} to {_IOTA[-1]}, "
+            f"got {iota!r}; for coherent light omit the spatial model."
         )
     if kind not in KINDS:
-        raise ValueError(f"A mask is a 'field' or a 'phase', not {kind!r}.")
+        raise ValueError(f"kind must be 'field' or 'phase', got {kind!r}.")
 
 
 def object_cutoff(system: Any, wavelength: float) -> float:
-    """Coherent cut-off frequency on the object, D/(2 lam z1), in cycles a metre."""
+    """Return the coherent cut-off frequency on the object, D/(2 lam z1), in cycles per metre."""
     if isinstance(system, MainLens):
         return float(system.aperture_diameter / (2 * wavelength * system.object_distance))
     z = 0.0
@@ -210,17 +210,16 @@ def object_cutoff(system: Any, wavelength: float) -> float:
         elif not isinstance(part, ConvergingLight):
             break
     raise ValueError(
-        "The cut-off frequency is told from a camera, a Pupil, or a system that begins with free "
-        "space and a lens with a diameter; this one is none of them."
+        "system must be a camera, a Pupil, or a system that begins with free space and a lens with "
+        "a diameter, which define its cut-off frequency."
     )
 
 
 def check_reach(system: Any, field: Field, light: SpatialModel) -> None:
-    """Refuse light of which nothing from the edge of the object reaches the first opening.
+    """Raise if no light from the edge of the object reaches the first opening.
 
     Light leaves the object parallel to the axis, or towards the focus of `ConvergingLight`, and
-    spreads by the half angle of the source. Only an `OpticalSystem` that begins with free space can
-    be judged.
+    spreads by the half angle of the source. The check covers systems that begin with free space.
     """
     opening = _first_opening(system.parts) if isinstance(system, OpticalSystem) else None
     if opening is not None:
@@ -229,36 +228,35 @@ def check_reach(system: Any, field: Field, light: SpatialModel) -> None:
 
 @dataclass(frozen=True)
 class Opening:
-    """The first lens or stop behind an object."""
+    """First lens or stop behind an object."""
 
-    z: float  # from the object, in metres
-    diameter: float
-    # where the light converges, in metres from the object; infinite: it is parallel
+    z: float  # distance from the object in metres
+    diameter: float  # in metres
+    # distance from the object to the focus of the light in metres; infinite: parallel light
     focus: float = math.inf
     centre: tuple[float, float] = (0.0, 0.0)  # (y, x) in metres
 
 
 def check_opening(field: Field, light: SpatialModel, opening: Opening) -> None:
-    """As `check_reach`, of an opening that is known."""
+    """Raise if no light from the edge of the object reaches an opening; see `check_reach`."""
     angle = light.half_angle(field.wavelength)
     spread = opening.z * math.tan(min(angle, math.pi / 2 * (1 - 1e-9)))
     for axis, name in enumerate("yx"):
         for edge in _edges(field, axis):
-            lands = edge * (1 - opening.z / opening.focus)
-            beside = abs(lands - opening.centre[axis]) - opening.diameter / 2
-            if beside > spread:
+            position = edge * (1 - opening.z / opening.focus)
+            gap = abs(position - opening.centre[axis]) - opening.diameter / 2
+            if gap > spread:
                 raise SamplingError(
-                    f"The source's light from the edge of the object, {name} = {metres(edge)}, "
-                    f"goes to {metres(lands)} at the first opening of D = "
-                    f"{metres(opening.diameter)} and spreads by {metres(spread)} only: it misses "
-                    "the pupil. Use koehler=True (ConvergingLight), a smaller object, or a source "
-                    f"of at least {math.atan(beside / opening.z):.3g} rad half angle for its "
-                    f"{angle:.3g}."
+                    f"Light from the edge of the object, {name} = {metres(edge)}, arrives at "
+                    f"{metres(position)} in the first opening of D = {metres(opening.diameter)} "
+                    f"and spreads by {metres(spread)} only: it misses the pupil. Use koehler=True "
+                    "(ConvergingLight), a smaller object, or a source with a half angle of at "
+                    f"least {math.atan(gap / opening.z):.3g} rad instead of {angle:.3g}."
                 )
 
 
 def _first_opening(parts: Sequence[Part]) -> Opening | None:
-    """The first lens or stop behind free space alone."""
+    """Return the first lens or stop behind free space."""
     z, focus = 0.0, math.inf
     for part in parts:
         if isinstance(part, ConvergingLight) and z == 0:
@@ -275,7 +273,7 @@ def _first_opening(parts: Sequence[Part]) -> Opening | None:
 
 
 def _edges(field: Field, axis: int) -> list[float]:
-    """First and last coordinate along an axis at which the object is clear."""
+    """Return the first and last coordinates along an axis at which the object transmits light."""
     if field.grid.shape[axis] == 1:
         return []
     clear = np.flatnonzero((np.abs(field.to_numpy()) > 0).any(axis=1 - axis))

@@ -17,20 +17,23 @@ Array = np.ndarray[Any, Any]
 
 
 class DegreeEstimator:
-    """Degree of coherence from snapshots that come one by one and are not kept.
+    """Estimator of the degree of coherence from a sequence of snapshots, which it does not store.
 
-    mu(lag) = <u*(r) u(r + lag)>/<abs(u)^2>, the means over the snapshots and over all pairs of
-    samples in the window (Goodman 2015, section 5.2; Mandel & Wolf 1995, section 4.3), for light
-    whose coherence is the same everywhere in it. The pairs are summed as power spectra (Wiener and
-    Khinchin), in float64; memory is that of one spectrum.
+    mu(lag) = <u*(r) u(r + lag)>/<abs(u)^2>, averaged over the snapshots and all pairs of samples in
+    the window (Goodman 2015, section 5.2; Mandel & Wolf 1995, section 4.3). The light must have
+    equal coherence everywhere in the window. The pairs are summed as power spectra (Wiener-Khinchin
+    theorem) in float64, with the memory of a single spectrum.
 
     Attributes
     ----------
     grid : Grid
+        Samples of the snapshots.
     periodic : bool
+        True if the window is periodic.
     reach : tuple of int
+        Largest lags (y, x) in samples.
     count : int
-        Snapshots so far.
+        Number of snapshots so far.
     """
 
     def __init__(
@@ -38,37 +41,37 @@ class DegreeEstimator:
     ) -> None:
         ny, nx = grid.shape
         self.grid, self.periodic, self.count = grid, periodic, 0
-        self.reach = _whole((ny - 1, nx - 1) if reach is None else reach, "The reach")
+        self.reach = _integers((ny - 1, nx - 1) if reach is None else reach, "reach")
         if self.reach.shape != (2,) or (self.reach < 0).any() or (self.reach >= grid.shape).any():
             raise ValueError(
-                f"The reach is two lags (y, x) from 0 to {(ny - 1, nx - 1)}, not {reach!r}."
+                f"reach must be two lags (y, x) from 0 to {(ny - 1, nx - 1)}, got {reach!r}."
             )
-        from scipy import fft  # here, because it takes long to import
+        from scipy import fft  # a local import, since it is slow
 
         self._fft = fft
         lengths = [
-            n if periodic or most == 0 else fft.next_fast_len(n + int(most))
-            for n, most in zip(grid.shape, self.reach, strict=True)
+            n if periodic or limit == 0 else fft.next_fast_len(n + int(limit))
+            for n, limit in zip(grid.shape, self.reach, strict=True)
         ]
         self._power = np.zeros(lengths)
 
     def add(self, field: Field) -> None:
-        """Take in a snapshot, or each of a batch."""
+        """Add a snapshot, or each field of a batch."""
         if field.grid != self.grid:
-            raise ShapeError(f"The estimator works on {self.grid}, the field is on {field.grid}.")
+            raise ShapeError(f"field must have the estimator's {self.grid}, got {field.grid}.")
         for u in field.to_numpy().reshape(-1, *self.grid.shape):
             spectrum = self._fft.fft2(u.astype(np.complex128), self._power.shape, workers=-1)
             self._power += spectrum.real**2 + spectrum.imag**2
             self.count += 1
 
     def degree(self, dy: ArrayLike, dx: ArrayLike) -> Array:
-        """mu at lags in samples."""
-        rows, columns = _whole(dy, "A lag"), _whole(dx, "A lag")
-        for lags, most, name in ((rows, self.reach[0], "y"), (columns, self.reach[1], "x")):
-            if (np.abs(lags) > most).any():
+        """Return mu at lags in samples."""
+        rows, columns = _integers(dy, "lags"), _integers(dx, "lags")
+        for lags, limit, name in ((rows, self.reach[0], "y"), (columns, self.reach[1], "x")):
+            if (np.abs(lags) > limit).any():
                 raise ValueError(
-                    f"A lag of {np.abs(lags).max()} samples along {name} is beyond the reach of "
-                    f"{most}; the window has {self.grid.shape['yx'.index(name)]}."
+                    f"lags along {name} must be at most {limit} samples, got {np.abs(lags).max()}; "
+                    f"the window has {self.grid.shape['yx'.index(name)]}."
                 )
         products, (ny, nx) = self._products(), self.grid.shape
         length_y, length_x = products.shape
@@ -78,18 +81,18 @@ class DegreeEstimator:
         return np.asarray(mean / products[0, 0].real)
 
     def map(self) -> Array:
-        """mu at every lag of the reach, 0 in the middle."""
+        """Return mu at every lag within reach, with lag 0 in the middle."""
         if self.periodic:
             return np.fft.fftshift(self._products() / self._products()[0, 0].real)
-        y, x = (np.arange(-most, most + 1) for most in self.reach)
+        y, x = (np.arange(-limit, limit + 1) for limit in self.reach)
         return self.degree(y[:, None], x[None, :])
 
     def _products(self) -> Array:
-        """Sums of u*(r) u(r + lag) over pairs and snapshots, lags in FFT order."""
+        """Return sums of u*(r) u(r + lag) over pairs and snapshots, lags in FFT order."""
         if self.count == 0:
-            raise ValueError("There is no snapshot to measure a degree of coherence from.")
+            raise ValueError("The degree of coherence requires at least one snapshot.")
         if not self._power.any():
-            raise ValueError("The snapshots are dark: there is no light to measure coherence of.")
+            raise ValueError("The snapshots are dark; the degree of coherence is undefined.")
         return np.asarray(self._fft.ifft2(self._power, workers=-1))
 
 
@@ -105,28 +108,28 @@ def measured_degree(
     Parameters
     ----------
     fields : iterable of Field
-        Of one grid; read once, none is kept.
+        Snapshots on a common grid, read once and not stored.
     lags : array_like of int
-        In samples, either sign: along ``axis`` any shape, without one (dy, dx), shape (..., 2).
+        Lags in samples, of either sign: any shape with ``axis``, else pairs (dy, dx) of shape (...,
+        2).
     axis : {"y", "x"}, optional
-        Along which the lags are; None: they are pairs.
+        Direction of the lags; None: the lags are pairs.
     periodic : bool
-        Whether the window repeats, as that of random phase masks.
+        True if the window is periodic, as for random phase masks.
 
     Returns
     -------
     numpy.ndarray
-        Complex degree mu, complex128, the shape of ``lags`` (without its last axis where there is
-        no ``axis``).
+        Complex degree mu, complex128, with the shape of ``lags`` (for pairs without the last axis).
 
     Raises
     ------
     ValueError
-        If there is no field or no light, or a lag is not whole or beyond the window.
+        If there is no field or no light, or a lag is not an integer or exceeds the window.
     ShapeError
         If the lags are not pairs, or the grids differ.
     TypeError
-        If the snapshots are no fields.
+        If the snapshots are not fields.
 
     Examples
     --------
@@ -141,8 +144,7 @@ def measured_degree(
     estimator = None
     if not isinstance(fields, Iterable) or isinstance(fields, str | HostArray):
         raise TypeError(
-            "measured_degree takes snapshots, a list or generator of Field, not of type "
-            f"{type(fields).__name__}."
+            f"fields must be a list or generator of Field, got {type(fields).__name__}."
         )
     for field in fields:
         require_field(field)
@@ -151,24 +153,24 @@ def measured_degree(
             estimator = DegreeEstimator(field.grid, reach=reach, periodic=periodic)
         estimator.add(field)
     if estimator is None:
-        raise ValueError("There is no snapshot to measure a degree of coherence from.")
+        raise ValueError("The degree of coherence requires at least one snapshot.")
     return estimator.degree(dy, dx)
 
 
 def speckle_contrast(image: Image | Array, *, region: Any = None) -> float:
-    """Return the standard deviation over mean of an intensity (Goodman 2020, eq. 3-32).
+    """Return the standard deviation over the mean of an intensity (Goodman 2020, eq. 3-32).
 
     Parameters
     ----------
     image : Image or numpy.ndarray
         Intensity, not negative, shape (ny, nx).
     region : index, optional
-        What of it counts: a mask of its shape, or slices (y, x); everything by default.
+        Region of the image: a mask of its shape, or slices (y, x); by default the whole image.
 
     Returns
     -------
     float
-        Contrast: 1 of developed speckle, 1/sqrt(M) of the mean of M independent ones.
+        Contrast: 1 for developed speckle, 1/sqrt(M) for the mean of M independent patterns.
 
     Raises
     ------
@@ -189,32 +191,32 @@ def speckle_contrast(image: Image | Array, *, region: Any = None) -> float:
     values = host_array(image, "An image")
     chosen = (values if region is None else values[region]).astype(np.float64)
     if chosen.size == 0:
-        raise ValueError(f"The region {region!r} holds no sample of an image of {values.shape}.")
+        raise ValueError(f"region must contain samples of the image, got {region!r}.")
     mean = float(chosen.mean())
     if not mean > 0:
-        raise ValueError(f"The mean intensity of the region is {mean:g}: no light, no contrast.")
+        raise ValueError(f"The mean intensity of the region must be positive, got {mean:g}.")
     return float(chosen.std()) / mean
 
 
 def _along(lags: ArrayLike, axis: str | None) -> tuple[Array, Array]:
-    """Lags as (dy, dx)."""
-    values = _whole(lags, "A lag")
+    """Return lags as (dy, dx)."""
+    values = _integers(lags, "lags")
     if axis is None:
         if values.ndim == 0 or values.shape[-1] != 2:
             raise ShapeError(
-                f"Lags are (dy, dx), shape (..., 2), not {values.shape}; or name their axis."
+                f"lags must be (dy, dx) of shape (..., 2), got {values.shape}; else set axis."
             )
         return values[..., 0], values[..., 1]
     if axis not in ("y", "x"):
-        raise ValueError(f"The axis of lags is 'y' or 'x', not {axis!r}.")
+        raise ValueError(f"axis must be 'y' or 'x', got {axis!r}.")
     zero = np.zeros_like(values)
     return (values, zero) if axis == "y" else (zero, values)
 
 
-def _whole(values: ArrayLike, what: str) -> Array:
-    """Whole numbers as int64."""
+def _integers(values: ArrayLike, what: str) -> Array:
+    """Return integers as int64, or raise a ValueError."""
     array = np.asarray(values)
     real = array.size > 0 and array.dtype.kind in "iuf"
     if not (real and np.isfinite(array).all() and (array == np.rint(array)).all()):
-        raise ValueError(f"{what} is a whole number of samples, not {values!r}.")
+        raise ValueError(f"{what} must be integers, in samples, got {values!r}.")
     return array.astype(np.int64)

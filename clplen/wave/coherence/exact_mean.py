@@ -1,4 +1,4 @@
-"""Mean intensities without noise: coherent light, and sums over the source where they are exact."""
+"""Mean intensities without noise: coherent light, and exact sums over the source."""
 
 from __future__ import annotations
 
@@ -16,19 +16,19 @@ from clplen.wave.field.field import Field, Grid
 from clplen.wave.field.intensity import MeanIntensity, Window, accumulate
 from clplen.wave.systems.pupil_filter import transfer_of
 
-AFFORDABLE = 1e11  # operations that "auto" spends in any case: well below a minute on a CPU
-TIMES = 10.0  # and so many times what the snapshots would cost
-SNAPSHOT_TRANSFORMS = 4  # two of the light, two of the system
+MAX_EXACT_FLOPS = 1e11  # "auto" takes the sum below this cost, well below a minute on a CPU
+MAX_COST_RATIO = 10.0  # "auto" takes the sum up to this multiple of the cost of snapshots
+SNAPSHOT_TRANSFORMS = 4  # transforms per snapshot: two for the light, two for the system
 
 
 def without_noise(image: Image, grid: Grid, method: str, terms: int) -> MeanIntensity:
-    """An intensity in which nothing is random."""
-    none = Image(image.device.zeros(image.shape, image.data.dtype), image.device)
-    return MeanIntensity(image, none, terms, np.empty((0, 2)), method, grid)
+    """Return an intensity with a standard error of zero."""
+    zeros = Image(image.device.zeros(image.shape, image.data.dtype), image.device)
+    return MeanIntensity(image, zeros, terms, np.empty((0, 2)), method, grid)
 
 
 def weighted(fields: Iterable[Field], shares: list[float]) -> tuple[Image, Grid]:
-    """Sum of the intensities of fields with weights, and the grid that they share."""
+    """Return the weighted sum of the intensities of fields, and their common grid."""
     total = grid = None
     for field, share in zip(fields, shares, strict=True):
         require_image(field)
@@ -37,8 +37,8 @@ def weighted(fields: Iterable[Field], shares: list[float]) -> tuple[Image, Grid]
             total, grid = device.zeros(field.grid.shape, device.real), field.grid
         if field.grid != grid:
             raise ShapeError(
-                f"The system's image has another grid at another wavelength, {field.grid} after "
-                f"{grid}: give its last distance an out_grid."
+                f"The image grid must be equal at all wavelengths, got {grid} and {field.grid}; "
+                "set out_grid for the system's last distance."
             )
         accumulate(total, field.data, share, device)
     assert total is not None
@@ -47,13 +47,13 @@ def weighted(fields: Iterable[Field], shares: list[float]) -> tuple[Image, Grid]
 
 
 def require_image(field: object) -> None:
-    """Refuse what is no single field."""
+    """Raise unless a system returned a single field."""
     if not isinstance(field, Field):
-        raise TypeError(f"A system returns a Field, not {type(field).__name__}.")
+        raise TypeError(f"The system must return a Field, got {type(field).__name__}.")
     if len(field.shape) != 2:
         raise ShapeError(
-            f"The system returns a batch of shape {field.shape}; a mean intensity is of one field "
-            "of shape (ny, nx): use one distance at a time."
+            "The system must return a single field of shape (ny, nx), got a batch of shape "
+            f"{field.shape}; use a single distance."
         )
 
 
@@ -62,11 +62,11 @@ def sum_over_source(
     system: Callable[[Field], Field],
     objects: list[Field],
     shares: list[float],
-    how: Averaging,
+    settings: Averaging,
     *,
     forced: bool,
 ) -> MeanIntensity | None:
-    """The exact mean, wavelength by wavelength."""
+    """Return the exact mean, summed over wavelengths, or None if the sum does not apply."""
     incoherent, terms, total = isinstance(light, IncoherentLight), 0, None
     for index, (transmission, share) in enumerate(zip(objects, shares, strict=True)):
         transfer = transfer_of(system, transmission.grid, transmission.wavelength)
@@ -84,11 +84,13 @@ def sum_over_source(
             if not (forced or getattr(light, "degree_is_exact", True)):
                 return None
             source = light.power_spectrum(transmission.grid, wavelength=transmission.wavelength)
-            if index == 0 and not (forced or _worth(transmission, transfer, source, shares, how)):
+            if index == 0 and not (
+                forced or _is_affordable(transmission, transfer, source, shares, settings)
+            ):
                 return None
             result = abbe_image(transmission, transfer, source)
             image, used = result.intensity, result.terms
-        Window.of(how.region, transmission.grid.shape)
+        Window.of(settings.region, transmission.grid.shape)
         values = share * image.to_numpy().astype(np.float64)
         total, terms = values if total is None else total + values, terms + used
     device, grid = objects[0].device, objects[0].grid
@@ -96,12 +98,12 @@ def sum_over_source(
     return without_noise(Image(data, device), grid, "incoherent" if incoherent else "abbe", terms)
 
 
-def _worth(
-    transmission: Field, transfer: Any, source: Any, shares: list[float], how: Averaging
+def _is_affordable(
+    transmission: Field, transfer: Any, source: Any, shares: list[float], settings: Averaging
 ) -> bool:
-    """Whether the sum is affordable at all wavelengths."""
+    """Return True if the sum is affordable at all wavelengths."""
     samples = transmission.grid.shape[0] * transmission.grid.shape[1]
     snapshot = SNAPSHOT_TRANSFORMS * 5 * samples * np.log2(max(samples, 2))
-    many = 0.0 if how.rtol is not None else TIMES * snapshot * how.most
+    sampled = 0.0 if settings.rtol is not None else MAX_COST_RATIO * snapshot * settings.limit
     cost = abbe_cost(transmission.grid, transfer, source)
-    return bool(len(shares) * cost <= max(AFFORDABLE, len(shares) * many))
+    return bool(len(shares) * cost <= max(MAX_EXACT_FLOPS, len(shares) * sampled))

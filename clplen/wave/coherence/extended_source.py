@@ -1,4 +1,4 @@
-"""Extended sources: sums of plane waves with the coherence of van Cittert and Zernike."""
+"""Extended sources: sums of plane waves with van Cittert-Zernike coherence."""
 
 from __future__ import annotations
 
@@ -23,11 +23,11 @@ from clplen.wave.field.transmission import multiply_separable, offsets, phasor
 
 Vector = np.ndarray[Any, Any]
 
-_STRETCH = 32  # samples between two phases that are made by themselves
+_STRETCH = 32  # samples between two phases that are computed directly
 
 
 class _Blocks(NamedTuple):
-    """What one work-item sums in registers: see plane_waves.cl."""
+    """Sizes of the sums that a work-item keeps in registers; see plane_waves.cl."""
 
     LANES: int
     VECTORS: int
@@ -37,12 +37,12 @@ class _Blocks(NamedTuple):
 def plane_waves(
     frequencies: Vector, amplitudes: Vector, *, grid: Grid, wavelength: float, device: Device
 ) -> Field:
-    """sum_p a_p exp(2 pi i (fy_p y + fx_p x))."""
+    """Return the field sum_p a_p exp(2 pi i (fy_p y + fx_p x))."""
     points = len(amplitudes)
     if np.shape(frequencies) != (points, 2) or points == 0:
         raise ShapeError(
-            f"{points} plane waves take frequencies of shape ({points}, 2), at least one, not "
-            f"{np.shape(frequencies)}."
+            f"The frequencies of {points} plane waves must have shape ({points}, 2) with at least "
+            f"one row, got {np.shape(frequencies)}."
         )
     (ny, nx), blocks = grid.shape, _blocks(device)
     middle = grid.origin[1] + ((nx - 1) / 2 - nx // 2) * grid.pitch[1]
@@ -68,31 +68,30 @@ def plane_waves(
 
 
 def _blocks(device: Device) -> _Blocks:
-    """Accumulators (4 LANES VECTORS HEIGHT) that fit the registers."""
+    """Return sizes whose accumulators (4 LANES VECTORS HEIGHT) fit in the registers."""
     if not device.rows:
         return _Blocks(1, 1, 4)
     single = device.precision == "single"
-    cl_device, most = device.cl_device, 16 if single else 8
+    cl_device, registers = device.cl_device, 16 if single else 8
     wide = cl_device.native_vector_width_float if single else cl_device.native_vector_width_double
-    lanes = min(max(int(wide), most // 4), most)
-    return _Blocks(lanes, 2 if lanes == most else 1, 3)
+    lanes = min(max(int(wide), registers // 4), registers)
+    return _Blocks(lanes, 2 if lanes == registers else 1, 3)
 
 
 def _waves(frequency: Vector, first: float, pitch: float, count: int) -> Vector:
-    """exp(2 pi i f (first + i pitch)), shape (points, count), complex128.
+    """Return exp(2 pi i f (first + i pitch)), shape (points, count), complex128.
 
-    A product of the phases of every 32nd sample and of the samples in between: a tenth of the
-    exponentials.
+    Phases of every 32nd sample times those in between save nine tenths of the exponentials.
     """
-    stretches = -(-count // _STRETCH)
-    coarse = phasor(np.multiply.outer(frequency, first + np.arange(stretches) * _STRETCH * pitch))
+    segments = -(-count // _STRETCH)
+    coarse = phasor(np.multiply.outer(frequency, first + np.arange(segments) * _STRETCH * pitch))
     fine = phasor(np.multiply.outer(frequency, np.arange(min(_STRETCH, count)) * pitch))
     waves = coarse[:, :, None] * fine[:, None, :]
     return waves.reshape(len(frequency), -1)[:, :count]
 
 
 def _row_blocks(waves: Vector, height: int, dtype: np.dtype[Any]) -> Vector:
-    """(points, n) as (n / height, points, height), filled up with 0."""
+    """Pack (points, n) as (n / height, points, height), padded with 0."""
     points, n = waves.shape
     count = -(-n // height)
     packed = np.zeros((points, count * height), dtype)
@@ -101,7 +100,7 @@ def _row_blocks(waves: Vector, height: int, dtype: np.dtype[Any]) -> Vector:
 
 
 def _column_blocks(waves: Vector, width: int, dtype: np.dtype[Any]) -> Vector:
-    """(points, n) as (n / width, points, 2, width): cosines and sines, filled up with 0."""
+    """Pack (points, n) as cosines and sines (n / width, points, 2, width), padded with 0."""
     points, n = waves.shape
     count = -(-n // width)
     packed = np.zeros((count, points, 2, width), dtype)
@@ -114,48 +113,48 @@ def _column_blocks(waves: Vector, width: int, dtype: np.dtype[Any]) -> Vector:
 
 Array = np.ndarray[Any, Any]
 
-_PLACES = 2  # stream of random numbers
+_POSITIONS = 2  # stream of random numbers
 
 
 @dataclass(frozen=True, eq=False, repr=False)
 class ExtendedSource(OneLine, SpatialModel):
     """Light of an incoherent source far enough away for the Fresnel approximation.
 
-    A snapshot is the field of points drawn at random from the source, each of the same power and of
-    a random phase, as it reaches a window on the axis. The mean over snapshots is light of the
-    degree of coherence of van Cittert and Zernike, that of `degree`.
+    A snapshot is the field of random points of the source, with equal powers and random phases, in
+    a window on the axis. The mean over snapshots has the van Cittert-Zernike degree of coherence,
+    which `degree` returns.
 
     Parameters
     ----------
     size : float
         Extent in metres: diameter of the disc, side of the square, or width of the picture along x.
     distance : float
-        From the source to the window in metres.
+        Distance from the source to the window in metres.
     shape : {"circular", "square"}
-        Of a source of uniform brightness; without meaning where there is a picture.
+        Shape of a uniform source; ignored if there is a picture.
     picture : array_like, optional
-        Intensities of the source, 2-D, finite, not negative and not all 0. Its middle lies on the
-        axis, its pixels are squares of even brightness, row 0 at the smallest y.
+        Intensities of the source, 2-D, finite, not negative and not all 0. The picture is centred
+        on the axis, with uniform square pixels and row 0 at the smallest y.
     points : int
-        Drawn anew for each snapshot. The field tends to a circular Gaussian one as they grow: the
-        contrast of abs(u)^2 is sqrt(1 - 1/points).
+        Number of points, drawn again for each snapshot. The field tends to a circular Gaussian
+        field as it grows: the contrast of abs(u)^2 is sqrt(1 - 1/points).
     curved : bool
-        Whether the field has the curvature that all points share, exp(i pi r^2/(lam distance)).
-        Without it the light has the same coherence everywhere in the window, as behind a field lens
-        of focal length ``distance``.
+        True to include the curvature common to all points, exp(i pi r^2/(lam distance)). Without it
+        the coherence is equal everywhere in the window, as behind a field lens of focal length
+        ``distance``.
 
     Raises
     ------
     ValueError
-        For a size or distance that is not positive, another shape, points below 1, or a picture
-        that is not as described.
+        If the size or distance is not positive, the shape unknown, the number of points below 1, or
+        the picture invalid.
 
     Notes
     -----
-    A point at s sends, without the shared curvature, the plane wave of frequency -s/(lam distance)
-    (Goodman 2015, section 5.6: the quadratic phase of the point itself is lost in its random one).
-    That is paraxial: the sine of an angle is taken for its tangent, half_angle^2/2 of it too much.
-    Along an axis of length 1 nothing varies: there the source is projected on the other axis.
+    Without the common curvature, a point at s emits the plane wave of frequency -s/(lam distance)
+    (Goodman 2015, section 5.6; the random phase absorbs the quadratic phase of the point). The
+    model is paraxial: it replaces the sine of an angle by its tangent, with a relative error of
+    half_angle^2/2. If the window has length 1 along an axis, the source is projected on the other.
 
     Examples
     --------
@@ -181,26 +180,23 @@ class ExtendedSource(OneLine, SpatialModel):
         for name in ("size", "distance"):
             value = getattr(self, name)
             if not (is_finite(value) and value > 0):
-                raise ValueError(f"The {name} of a source is positive, in metres, not {value!r}.")
+                raise ValueError(f"{name} must be positive, in metres, got {value!r}.")
         if self.shape not in ("circular", "square"):
-            raise ValueError(f"A source is 'circular' or 'square', not {self.shape!r}.")
+            raise ValueError(f"shape must be 'circular' or 'square', got {self.shape!r}.")
         if (
             isinstance(self.points, bool)
             or not isinstance(self.points, Integral)
             or self.points < 1
         ):
-            raise ValueError(
-                f"A source has a whole number of points, at least 1, not {self.points!r}."
-            )
+            raise ValueError(f"points must be an integer of at least 1, got {self.points!r}.")
         if self.picture is not None:
             object.__setattr__(self, "picture", _intensities(self.picture))
 
     @property
     def degree_is_exact(self) -> bool:
-        """Whether sums over the source are exact in a periodic window.
+        """False, since the source's waves are not periodic in the window.
 
-        They are not: between its frequencies the source's waves do not continue across the edge.
-        Objects with a dark border do not see that.
+        Sums over the source are nevertheless exact for objects with a dark border.
         """
         return False
 
@@ -213,32 +209,32 @@ class ExtendedSource(OneLine, SpatialModel):
         return self.size * rows / columns, self.size
 
     def check(self, grid: Grid, *, wavelength: float) -> None:
-        """Refuse a window whose Nyquist frequency is below that of a point of the source.
+        """Raise if the Nyquist frequency of a window is below that of a point of the source.
 
         Warns
         -----
         SamplingWarning
-            If ``curved`` and the curvature is beyond it towards the edge of the window.
+            If ``curved`` and the curvature exceeds it towards the edge of the window.
         """
         check_positive(wavelength=wavelength)
         for axis, (n, pitch, size) in enumerate(
             zip(grid.shape, grid.pitch, self.extent, strict=True)
         ):
             name = "yx"[axis]
-            finest = wavelength * self.distance / size
-            if n > 1 and exceeds(pitch, finest):
+            limit = wavelength * self.distance / size
+            if n > 1 and exceeds(pitch, limit):
                 raise SamplingError(
-                    f"A source of {metres(size)} along {name} at {metres(self.distance)} needs a "
-                    f"pitch of at most {metres(finest)}, not {metres(pitch)}: the light of its rim "
-                    "is beyond the Nyquist frequency."
+                    f"The pitch along {name} must be at most {metres(limit)} for a source of "
+                    f"{metres(size)} at {metres(self.distance)}, got {metres(pitch)}: the light of "
+                    "its rim is beyond the Nyquist frequency."
                 )
             edge = np.abs((grid.y, grid.x)[axis]).max() + size / 2
-            finest = wavelength * self.distance / (2 * edge)
-            if n > 1 and self.curved and exceeds(pitch, finest):
+            limit = wavelength * self.distance / (2 * edge)
+            if n > 1 and self.curved and exceeds(pitch, limit):
                 warn_caller(
-                    f"The curvature of a source at {metres(self.distance)} is sampled too coarsely "
-                    f"at the window's edge along {name}: a pitch of at most {metres(finest)} is "
-                    f"fine enough, not {metres(pitch)}; or leave it out (curved=False).",
+                    f"The curvature of a source at {metres(self.distance)} is undersampled at the "
+                    f"window's edge along {name}: use a pitch of at most {metres(limit)} instead "
+                    f"of {metres(pitch)}, or curved=False.",
                     SamplingWarning,
                 )
 
@@ -251,11 +247,11 @@ class ExtendedSource(OneLine, SpatialModel):
         seed: int,
         index: int,
     ) -> Field:
-        """One snapshot: sum_p exp(i phi_p - 2 pi i (s_p . r)/(lam distance))/sqrt(points)."""
+        """Return the snapshot sum_p exp(i phi_p - 2 pi i (s_p . r)/(lam distance))/sqrt(points)."""
         device = as_device(device)
-        draws = uniform(seed, index, _PLACES, self.points)
+        draws = uniform(seed, index, _POSITIONS, self.points)
         field = plane_waves(
-            -self._places(draws) / (wavelength * self.distance),
+            -self._positions(draws) / (wavelength * self.distance),
             phasor(draws[:, 2]) / math.sqrt(self.points),
             grid=grid,
             wavelength=wavelength,
@@ -269,15 +265,15 @@ class ExtendedSource(OneLine, SpatialModel):
         return multiply_separable(field, ty, tx)
 
     def degree(self, dy: ArrayLike, dx: ArrayLike, *, wavelength: float) -> Array:
-        """Degree of coherence of two points (dy, dx) apart, the shared curvature left out.
+        """Return the degree of coherence of two points (dy, dx) apart, without the curvature.
 
-        The normalised Fourier transform of the source (van Cittert 1934; Zernike 1938; Goodman
-        2015, eq. 5.6-8): 2 J1(v)/v, v = pi size D/(lam distance), of a disc, a product of
-        sin(v)/v of a square, and of a picture, complex, sum_jk p_jk exp(-2 pi i (D . s_jk)/(lam
-        distance)) over sum p_jk times the factors of a pixel.
+        It is the normalised Fourier transform of the source (van Cittert 1934; Zernike 1938;
+        Goodman 2015, eq. 5.6-8). A disc has 2 J1(v)/v with v = pi size D/(lam distance), a square a
+        product of sin(v)/v. A picture has, times the factors of a pixel, the complex degree
+        sum_jk p_jk exp(-2 pi i (D . s_jk)/(lam distance)) / sum p_jk.
         """
         check_positive(wavelength=wavelength)
-        from scipy import special  # here, because it takes a third of the package's import time
+        from scipy import special  # a local import, a third of the package's import time
 
         fy, fx = (float64_array(d) / (wavelength * self.distance) for d in (dy, dx))
         if self.picture is not None:
@@ -288,14 +284,14 @@ class ExtendedSource(OneLine, SpatialModel):
         return np.where(v > 0, 2 * special.j1(v) / np.where(v > 0, v, 1), 1.0)
 
     def power_spectrum(self, grid: Grid, *, wavelength: float) -> Array:
-        """The share of light at each frequency: of the source, the part in the frequency's cell.
+        """Return the share of light at each frequency: the part of the source in its cell.
 
-        A point at s counts at -s/(lam distance); a ``curved`` source has no one spectrum.
+        A point at s has the frequency -s/(lam distance). A ``curved`` source raises a ValueError.
         """
         if self.curved:
             raise ValueError(
-                "The light of a curved source has no one spectrum: take curved=False, and a lens "
-                f"of focal length {metres(-self.distance)} for the curvature."
+                "Light of a curved source has no single spectrum; use curved=False and a lens of "
+                f"focal length {metres(-self.distance)} for the curvature."
             )
         self.check(grid, wavelength=wavelength)
         order = [np.arange(-(n // 2), n // 2 + 1) for n in grid.shape]  # even n: both ends fold
@@ -310,14 +306,14 @@ class ExtendedSource(OneLine, SpatialModel):
         return out / out.sum()
 
     def half_angle(self, wavelength: float = 0.0) -> float:
-        """Half angle of the source along its longer side, size/(2 distance), in rad."""
+        """Return the half angle of the source along its longer side, size/(2 distance), in rad."""
         return max(self.extent) / 2 / self.distance
 
     def coherence_area(self, wavelength: float) -> float:
-        """Integral of abs(mu)^2 over the displacement in square metres.
+        """Return the integral of abs(mu)^2 over the displacement in square metres.
 
-        (lam distance)^2 over the area of a uniform source; of a picture, times the mean of the
-        squared intensity over the squared mean (Goodman 2015, section 5.7).
+        It is (lam distance)^2 over the area of a uniform source. For a picture it is multiplied by
+        the mean of the squared intensity over the squared mean (Goodman 2015, section 5.7).
         """
         height, width = self.extent
         if self.picture is not None:
@@ -327,8 +323,8 @@ class ExtendedSource(OneLine, SpatialModel):
             area = height * width * (math.pi / 4 if self.shape == "circular" else 1)
         return (wavelength * self.distance) ** 2 / area
 
-    def _places(self, draws: Array) -> Array:
-        """(y, x) of the points in metres, shape (points, 2)."""
+    def _positions(self, draws: Array) -> Array:
+        """Return the positions (y, x) of the points in metres, shape (points, 2)."""
         if self.picture is not None:
             rows, columns = self.picture.shape
             sums = np.cumsum(self.picture, dtype=np.float64)
@@ -343,7 +339,7 @@ class ExtendedSource(OneLine, SpatialModel):
         return np.stack([radius * around.imag, radius * around.real], axis=-1)
 
     def _transform(self, picture: Array, fy: Array, fx: Array) -> Array:
-        """Normalised Fourier transform of a picture at frequencies in cycles a metre of source."""
+        """Return the normalised Fourier transform of a picture at frequencies in cycles per m."""
         (y, x), pixel = self._centres(picture.shape), self.size / picture.shape[1]
         rows = phasor(-np.multiply.outer(fy, y)) @ (picture / picture.sum())
         columns = phasor(-np.multiply.outer(fx, x))
@@ -351,13 +347,13 @@ class ExtendedSource(OneLine, SpatialModel):
         return np.asarray(sums * np.sinc(fy * pixel) * np.sinc(fx * pixel))
 
     def _centres(self, shape: tuple[int, ...]) -> tuple[Array, Array]:
-        """Coordinates of the rows and columns of a picture in metres."""
+        """Return the coordinates of the rows and columns of a picture in metres."""
         pixel = self.size / shape[1]
         y, x = ((np.arange(n) - (n - 1) / 2) * pixel for n in shape)
         return y, x
 
     def _shares(self, order: list[Array], cell: list[float]) -> Array:
-        """Power of the source within cells of (y, x) sides about -order times cell, any unit."""
+        """Return the power of the source in cells (y, x) about -order times cell, in any unit."""
         at = [-k * side for k, side in zip(order, cell, strict=True)]
         if self.picture is None and self.shape == "circular":
             frame = derived_grid((len(at[0]), len(at[1])), (cell[0], cell[1]))
@@ -372,15 +368,13 @@ class ExtendedSource(OneLine, SpatialModel):
 
 
 def _intensities(picture: ArrayLike) -> Array:
-    """A picture of a source as float64 that nobody changes."""
-    values = np.array(real_array(picture, "A picture", np.float64))
+    """Return a picture of a source as a read-only array of float64."""
+    values = np.array(real_array(picture, "picture", np.float64))
     if values.ndim != 2 or values.size == 0:
-        raise ValueError(
-            f"The picture of a source is a 2-D array of intensities, not of shape {values.shape}."
-        )
+        raise ValueError(f"picture must be a 2-D array of intensities, got shape {values.shape}.")
     if not (np.isfinite(values).all() and (values >= 0).all()):
-        raise ValueError("The intensities of a source's picture are finite and not negative.")
+        raise ValueError("picture must have finite intensities that are not negative.")
     if not values.any():
-        raise ValueError("The picture of a source is black: at least one intensity is above 0.")
+        raise ValueError("picture must have at least one intensity above 0.")
     values.flags.writeable = False
     return values

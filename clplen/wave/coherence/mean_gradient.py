@@ -26,11 +26,11 @@ from clplen.wave.systems.optical_system import OpticalSystem
 from clplen.wave.systems.pupil_filter import transfer_of
 from clplen.wave.systems.system_operator import SystemGradient
 
-KEPT_SHARE = 4  # fields behind the system may take a quarter of the device's memory
+STORED_FRACTION = 4  # stored fields take at most 1/4 of the device's memory
 
 
 class Light(Protocol):
-    """What is needed of a `Coherence`."""
+    """Methods of a `Coherence` that gradients need."""
 
     @property
     def spatial(self) -> SpatialModel | None: ...
@@ -45,40 +45,40 @@ class Light(Protocol):
 
 
 class _Recorded(OpticalSystem):
-    """A system that keeps what it returned, in order, up to a number of bytes."""
+    """System that stores its returned fields in order, up to a number of bytes."""
 
-    def __init__(self, parts: Iterable[Any], most: int) -> None:
+    def __init__(self, parts: Iterable[Any], limit_bytes: int) -> None:
         super().__init__(parts)
-        object.__setattr__(self, "made", [])
-        object.__setattr__(self, "most", most)
+        object.__setattr__(self, "outputs", [])
+        object.__setattr__(self, "limit_bytes", limit_bytes)
 
     def __call__(self, field: Any, **options: Any) -> Any:
         out = super().__call__(field, **options)
-        made: list[Field] = self.__dict__["made"]
-        if (len(made) + 1) * int(out.data.nbytes) <= self.__dict__["most"]:
-            made.append(out)
+        outputs: list[Field] = self.__dict__["outputs"]
+        if (len(outputs) + 1) * int(out.data.nbytes) <= self.__dict__["limit_bytes"]:
+            outputs.append(out)
         return out
 
 
 @dataclass(frozen=True, eq=False, repr=False)
 class MeanPullback:
-    """Takes the gradient of a loss back to the object and the system.
+    """Map from the gradient of a loss to those by the object and the system.
 
-    Made by `Coherence.vjp`.
+    `Coherence.vjp` returns it.
 
     Attributes
     ----------
     light : Coherence
     system : OpticalSystem
     object : Field
-        The transmission that was illuminated.
+        Transmission of the illuminated object.
     method : str
-        That of the mean: "monte-carlo", "abbe", "incoherent" or "coherent".
+        Method of the mean: "monte-carlo", "abbe", "incoherent" or "coherent".
     snapshots : int
     parameters : tuple of int
-        Parts whose parameters have gradients.
-    kept : tuple of Field
-        Fields behind the system of the first snapshots; those of the others are computed again.
+        Indices of the parts whose parameters have gradients.
+    fields : tuple of Field
+        Fields behind the system for the first snapshots; the others are computed again.
 
     Examples
     --------
@@ -87,7 +87,7 @@ class MeanPullback:
     >>> light = clplen.Coherence(clplen.wave.RandomPhaseMask(40e-6))
     >>> image, pullback = light.vjp(clplen.OpticalSystem([5e-3]), hole, snapshots=5)
     >>> gradient = pullback(image.to_numpy() - 1)  # of sum (I - 1)^2/2
-    >>> gradient.field.shape, len(pullback.kept)
+    >>> gradient.field.shape, len(pullback.fields)
     ((32, 32), 5)
     """
 
@@ -97,26 +97,26 @@ class MeanPullback:
     method: str
     snapshots: int
     parameters: tuple[int, ...]
-    kept: tuple[Field, ...]
+    fields: tuple[Field, ...]
 
     def __repr__(self) -> str:
         return (
-            f"<MeanPullback {self.method}, {self.snapshots} snapshots, {len(self.kept)} kept in "
-            f"{self.nbytes} bytes>"
+            f"<MeanPullback {self.method}, {self.snapshots} snapshots, {len(self.fields)} stored "
+            f"in {self.nbytes} bytes>"
         )
 
     @property
     def nbytes(self) -> int:
-        """Bytes of the fields that it holds on the device."""
-        return sum(int(field.data.nbytes) for field in self.kept)
+        """Bytes of the stored fields on the device."""
+        return sum(int(field.data.nbytes) for field in self.fields)
 
     def __call__(self, cotangent: Image | Array) -> SystemGradient:
-        """The gradients by the object's transmission and by the system's parameters.
+        """Return the gradients by the object's transmission and by the system's parameters.
 
         Parameters
         ----------
         cotangent : Image or array_like
-            dL/dI of the mean intensity, real, shape (my, mx).
+            Gradient dL/dI of the mean intensity, real, shape (my, mx).
         """
         weights = real_array(cotangent, "A cotangent", np.float64)
         if self.method == "incoherent":
@@ -128,28 +128,30 @@ class MeanPullback:
             if weight not in scaled:
                 values = np.ascontiguousarray(weight * weights, device.real)
                 scaled[weight] = Image(device.upload(values), device)
-            found = self._one(lit, scaled[weight], number)
-            back = multiply(found.field, lit.data, conjugate=True)
+            gradient = self._coherent(lit, scaled[weight], number)
+            back = multiply(gradient.field, lit.data, conjugate=True)
             if total is None:
                 total = back
             else:
                 add(total.data, back.data, device)
-            for part, named in found.parameters.items():
+            for part, named in gradient.parameters.items():
                 parameters[part] = _added(parameters.get(part), named)
         assert total is not None
         return SystemGradient(replace(total, wavelength=self.object.wavelength), parameters)
 
-    def _one(self, lit: Field, weights: Image, number: int) -> SystemGradient:
-        """The gradient by the lit object, through one coherent image."""
-        if number < len(self.kept) and not self.parameters:
-            cotangent = intensity_gradient(self.kept[number], weights)
+    def _coherent(self, lit: Field, weights: Image, number: int) -> SystemGradient:
+        """Return the gradient by the illuminated object, through a coherent image."""
+        if number < len(self.fields) and not self.parameters:
+            cotangent = intensity_gradient(self.fields[number], weights)
             return SystemGradient(self.system.adjoint(cotangent, grid=lit.grid), {})
-        own = replace(self.object, wavelength=lit.wavelength)
-        behind, pullback = self.system.vjp(multiply(own, lit.data), parameters=self.parameters)
+        transmission = replace(self.object, wavelength=lit.wavelength)
+        behind, pullback = self.system.vjp(
+            multiply(transmission, lit.data), parameters=self.parameters
+        )
         return pullback(intensity_gradient(behind, weights))
 
     def _lights(self) -> Iterator[tuple[Field, float]]:
-        """What illuminates the object in each coherent image, and the image's weight.
+        """Yield the illumination and the weight of each coherent image.
 
         Of the points of a source the light has their weight.
         """
@@ -167,7 +169,7 @@ class MeanPullback:
                 yield lit, share / self.snapshots if self.method == "monte-carlo" else share
 
     def _source(self, wavelength: float) -> Iterator[Field]:
-        """Plane waves, by their weight, of the source's points whose light passes the system."""
+        """Yield weighted plane waves of the source's points whose light passes the system."""
         grid, device = self.object.grid, self.object.device
         assert self.light.spatial is not None
         source = self.light.spatial.power_spectrum(grid, wavelength=wavelength)
@@ -175,7 +177,7 @@ class MeanPullback:
         spectrum = np.fft.fft2(self.object.to_numpy())
         points = Points.of(source, 0.0).lit(spectrum, H)
         clear = plane_wave(grid, wavelength=wavelength, device=device)
-        for (row, column), weight in zip(points.places, points.weights, strict=True):
+        for (row, column), weight in zip(points.indices, points.weights, strict=True):
             ty, tx = (
                 np.exp(2j * np.pi * (k * np.arange(n) % n) / n).astype(device.complex)
                 for k, n in zip((row, column), grid.shape, strict=True)
@@ -183,7 +185,7 @@ class MeanPullback:
             yield multiply_separable(clear, ty, tx * device.real.type(math.sqrt(weight)))
 
     def _incoherent(self, weights: Array) -> Field:
-        """2 t times the weights filtered by the mirrored point image."""
+        """Return 2 t times the weights, filtered by the mirrored point image."""
         device, t = self.object.device, self.object.to_numpy().astype(np.complex128)
         total = np.zeros_like(t)
         for wavelength, share in self.light.lines(self.object.wavelength):
@@ -207,26 +209,26 @@ def mean_vjp(
     parameters: Iterable[int] = (),
     method: str = "auto",
 ) -> tuple[MeanIntensity, MeanPullback]:
-    """The mean intensity and what takes gradients back: see `Coherence.vjp`."""
+    """Return the mean intensity and the pullback of gradients; see `Coherence.vjp`."""
     require_field(field)
     if len(field.shape) != 2:
-        raise ShapeError(f"The object is one field of shape (ny, nx), not a batch {field.shape}.")
-    made = system if isinstance(system, OpticalSystem) else OpticalSystem([system])
-    wanted = tuple(parameters)
-    most = 0 if wanted else field.device.memory_bytes // KEPT_SHARE
-    recorded = _Recorded(made.parts, most)
+        raise ShapeError(f"field must be a single field of shape (ny, nx), got {field.shape}.")
+    optics = system if isinstance(system, OpticalSystem) else OpticalSystem([system])
+    parts = tuple(parameters)
+    limit_bytes = 0 if parts else field.device.memory_bytes // STORED_FRACTION
+    recorded = _Recorded(optics.parts, limit_bytes)
     mean = light.average(recorded, field, snapshots=snapshots, method=method)
-    kept: list[Field] = recorded.__dict__["made"]
+    fields: list[Field] = recorded.__dict__["outputs"]
     if mean.method == "monte-carlo" and len(light.lines(field.wavelength)) > 1:
-        kept = kept[1:]  # the first is looked at before
+        fields = fields[1:]  # the first field is only a test of the system
     if mean.method in ("abbe", "incoherent"):
-        kept = []
-    pullback = MeanPullback(light, made, field, mean.method, mean.snapshots, wanted, tuple(kept))
+        fields = []
+    pullback = MeanPullback(light, optics, field, mean.method, mean.snapshots, parts, tuple(fields))
     return mean, pullback
 
 
 def _added(total: dict[str, Any] | None, more: dict[str, Any]) -> dict[str, Any]:
-    """Gradients of one part added up, name by name."""
+    """Add the gradients of a part, name by name."""
     if total is None:
         return more
     return {

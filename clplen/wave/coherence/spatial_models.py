@@ -1,4 +1,4 @@
-"""What a model of spatial coherence is, its random numbers, and the limit of incoherent light."""
+"""Protocol of spatial coherence models, their random numbers, and incoherent light."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike
 from clplen.compute.device import DeviceLike, as_device
 from clplen.wave.field.field import Field, Grid
 
-Words = np.ndarray[Any, np.dtype[np.uint32]]
+UInt32Array = np.ndarray[Any, np.dtype[np.uint32]]
 
 ROUNDS = 10
 _MULTIPLIERS = np.uint64(0xD2511F53), np.uint64(0xCD9E8D57)
@@ -21,42 +21,42 @@ LARGEST_SEED = 2**64 - 1
 LARGEST_INDEX = 2**32 - 1
 
 
-def philox(counters: Any, key: Any) -> Words:
-    """Philox4x32-10: four random words for each counter (Salmon et al. 2011, section 3.3)."""
-    words = [np.asarray(counters, np.uint32)[..., i] for i in range(4)]
+def philox(counters: Any, key: Any) -> UInt32Array:
+    """Return Philox4x32-10: four random words per counter (Salmon et al. 2011, section 3.3)."""
+    counter = [np.asarray(counters, np.uint32)[..., i] for i in range(4)]
     keys = np.asarray(key, np.uint32).copy()
     with np.errstate(over="ignore"):
         for _ in range(ROUNDS):
-            high0, low0 = _product(_MULTIPLIERS[0], words[0])
-            high1, low1 = _product(_MULTIPLIERS[1], words[2])
-            words = [high1 ^ words[1] ^ keys[0], low1, high0 ^ words[3] ^ keys[1], low0]
+            high0, low0 = _product(_MULTIPLIERS[0], counter[0])
+            high1, low1 = _product(_MULTIPLIERS[1], counter[2])
+            counter = [high1 ^ counter[1] ^ keys[0], low1, high0 ^ counter[3] ^ keys[1], low0]
             keys += _WEYL
-    return np.stack(words, axis=-1)
+    return np.stack(counter, axis=-1)
 
 
-def key_of(seed: int) -> Words:
-    """The key of a seed: its lower and its upper 32 bits."""
+def key_of(seed: int) -> UInt32Array:
+    """Return the key of a seed: its lower and upper 32 bits."""
     check_seed(seed)
     return np.array([seed & 0xFFFFFFFF, int(seed) >> 32], np.uint32)
 
 
 def check_seed(seed: int) -> None:
-    """Refuse what is no whole number from 0 to 2^64 - 1."""
-    whole = isinstance(seed, (int, np.integer)) and not isinstance(seed, bool)
-    if not (whole and 0 <= seed <= LARGEST_SEED):
-        raise ValueError(f"A seed is a whole number from 0 to 2^64 - 1, not {seed!r}.")
+    """Raise unless a seed is an integer from 0 to 2^64 - 1."""
+    is_integer = isinstance(seed, (int, np.integer)) and not isinstance(seed, bool)
+    if not (is_integer and 0 <= seed <= LARGEST_SEED):
+        raise ValueError(f"seed must be an integer from 0 to 2^64 - 1, got {seed!r}.")
 
 
 def uniform(seed: int, index: int, stream: int, count: int) -> np.ndarray[Any, Any]:
-    """Four independent uniform numbers for each of ``count`` counters."""
+    """Return four independent uniform numbers for each of ``count`` counters."""
     counters = np.zeros((count, 4), np.uint32)
     counters[:, 0] = np.arange(count)
     counters[:, 2], counters[:, 3] = index, stream
     return philox(counters, key_of(seed)) * 2.0**-32
 
 
-def _product(multiplier: np.uint64, word: Words) -> tuple[Words, Words]:
-    """Upper and lower 32 bits of a product."""
+def _product(multiplier: np.uint64, word: UInt32Array) -> tuple[UInt32Array, UInt32Array]:
+    """Return the upper and lower 32 bits of a product."""
     product = multiplier * word.astype(np.uint64)
     return (product >> np.uint64(32)).astype(np.uint32), product.astype(np.uint32)
 
@@ -66,14 +66,14 @@ Array = np.ndarray[Any, Any]
 
 @runtime_checkable
 class SpatialModel(Protocol):
-    """Light of some degree of coherence, as an ensemble of fields of mean intensity 1.
+    """Light with a degree of spatial coherence: an ensemble of fields of mean intensity 1.
 
-    A model of one's own derives from it, or has the same methods.
+    A user-defined model derives from this class or has the same methods.
 
     Parameters
     ----------
     *args, **kwargs : object
-        Of the class that fulfils the protocol; the protocol itself is not made.
+        Arguments of the class that implements the protocol, which itself cannot be instantiated.
 
     Examples
     --------
@@ -85,23 +85,24 @@ class SpatialModel(Protocol):
     """
 
     random: ClassVar[bool] = True
-    """Whether snapshots differ; else one is exact."""
+    """True if snapshots differ; else a single snapshot is exact."""
 
     def check(self, grid: Grid, *, wavelength: float) -> None:
-        """Refuse, or warn of, what the grid does not carry; asked once a run.
+        """Raise or warn if the grid cannot sample the light; called once per run.
 
         Parameters
         ----------
         grid : Grid
+            Samples of the window.
         wavelength : float
-            In metres.
+            Wavelength in metres.
 
         Raises
         ------
         SamplingError
-            If the grid is too coarse, with the pitch that is fine enough, or does not fit.
+            If the grid is too coarse (with the largest pitch allowed) or does not fit.
         """
-        return  # nothing, unless a model says more
+        return  # models override the check
 
     def field(
         self,
@@ -112,66 +113,68 @@ class SpatialModel(Protocol):
         seed: int,
         index: int,
     ) -> Field:
-        """One snapshot; the mean of abs(u)^2 over snapshots is 1.
+        """Return a snapshot; the mean of abs(u)^2 over snapshots is 1.
 
         Parameters
         ----------
         grid : Grid
+            Samples of the window.
         wavelength : float
-            In metres.
+            Wavelength in metres.
         device : Device or str, optional
             Default ``Device.open()``.
         seed : int
-            0 to 2^64 - 1.
+            Seed, 0 to 2^64 - 1.
         index : int
-            Number of the snapshot, 0 to 2^32 - 1; any order.
+            Number of the snapshot, 0 to 2^32 - 1, in any order.
 
         Returns
         -------
         Field
-            Shape (ny, nx).
+            Snapshot of shape (ny, nx).
         """
         raise NotImplementedError
 
     def degree(self, dy: ArrayLike, dx: ArrayLike, *, wavelength: float) -> Array:
-        """Degree of coherence of two points (dy, dx) metres apart, <u*(r) u(r + D)>/<abs(u)^2>.
+        """Return the degree of coherence of two points (dy, dx) apart, <u*(r) u(r + D)>/<abs(u)^2>.
 
         Parameters
         ----------
         dy, dx : array_like
-            In metres; broadcast.
+            Displacements in metres, broadcast together.
         wavelength : float
-            In metres; masks and incoherent light do not need it.
+            Wavelength in metres; masks and incoherent light do not need it.
 
         Returns
         -------
         numpy.ndarray
-            1 at (0, 0), float64 or complex128.
+            Degree of coherence, 1 at (0, 0), float64 or complex128.
         """
         raise NotImplementedError
 
     def power_spectrum(self, grid: Grid, *, wavelength: float) -> Array:
-        """The share of light at each frequency of a grid, FFT order; they add up to 1.
+        """Return the shares of light at the frequencies of a grid, FFT order; their sum is 1.
 
-        The transform of the degree of coherence over the shortest displacements in a periodic
-        window (Wiener and Khinchin: Goodman 2015, section 3.4). What rounding or a degree too long
-        for the window makes negative is set to 0.
+        They are the transform of the degree of coherence over the shortest displacements in a
+        periodic window (Wiener-Khinchin theorem: Goodman 2015, section 3.4). Values that rounding
+        or a degree wider than the window make negative are set to 0.
 
         Parameters
         ----------
         grid : Grid
+            Samples of the window.
         wavelength : float
-            In metres; masks and incoherent light do not need it.
+            Wavelength in metres; masks and incoherent light do not need it.
 
         Returns
         -------
         numpy.ndarray
-            float64, shape (ny, nx).
+            Shares, float64, shape (ny, nx).
 
         Raises
         ------
         ValueError
-            If the light is not the same everywhere.
+            If the coherence of the light varies with position.
         """
         lags = [np.fft.fftfreq(n, 1 / (n * d)) for n, d in zip(grid.shape, grid.pitch, strict=True)]
         mu = self.degree(lags[0][:, None], lags[1][None, :], wavelength=wavelength)
@@ -179,17 +182,16 @@ class SpatialModel(Protocol):
         return np.asarray(share / share.sum())
 
     def half_angle(self, wavelength: float) -> float:
-        """Half angle to which light spreads, in rad."""
+        """Return the half angle to which light spreads, in rad."""
         raise NotImplementedError
 
 
 @dataclass(frozen=True)
 class IncoherentLight(SpatialModel):
-    """The limit of incoherent light: every sample has a phase of its own in every snapshot.
+    """Limit of incoherent light: each sample has an independent phase in each snapshot.
 
-    The mean over snapshots is that of a field incoherent from sample to sample; no two points have
-    any coherence. With a shift-invariant system that is imaging by the optical transfer function
-    (Goodman 2005, section 6.3).
+    The degree of coherence of any two samples is 0. A shift-invariant system then images by the
+    optical transfer function (Goodman 2005, section 6.3).
 
     Examples
     --------
@@ -210,7 +212,7 @@ class IncoherentLight(SpatialModel):
         seed: int,
         index: int,
     ) -> Field:
-        """One snapshot: unit amplitude, an independent uniform phase at each sample."""
+        """Return a snapshot of unit amplitude with an independent uniform phase at each sample."""
         device = as_device(device)
         ny, nx = grid.shape
         out = device.empty(grid.shape, device.complex)
@@ -219,13 +221,13 @@ class IncoherentLight(SpatialModel):
         return Field(out, grid, float(wavelength), device)
 
     def degree(self, dy: ArrayLike, dx: ArrayLike, *, wavelength: float = 0.0) -> Array:
-        """1 where both displacements are 0, else 0."""
+        """Return 1 where both displacements are 0, else 0."""
         return ((np.asarray(dy) == 0) & (np.asarray(dx) == 0)).astype(np.float64)
 
     def power_spectrum(self, grid: Grid, *, wavelength: float = 0.0) -> Array:
-        """The same share at every frequency."""
+        """Return equal shares at all frequencies."""
         return super().power_spectrum(grid, wavelength=wavelength)
 
     def half_angle(self, wavelength: float) -> float:
-        """Everywhere: pi/2."""
+        """Return pi/2, since the light spreads in all directions."""
         return math.pi / 2

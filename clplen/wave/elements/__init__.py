@@ -1,1 +1,1 @@
-"""Optical elements of one plane, and beams: a field comes in, the field behind goes out."""
+"""Optical elements in a plane, and beams: each maps a field to the field behind it."""

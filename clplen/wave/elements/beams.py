@@ -1,4 +1,4 @@
-"""Fields of simple sources in one plane, and the tilt that turns a field's direction."""
+"""Fields of simple sources in a plane, and the tilt that changes the direction of a field."""
 
 from __future__ import annotations
 
@@ -33,32 +33,32 @@ def plane_wave(
     grid : Grid
         Samples of the plane, shape (ny, nx).
     wavelength : float
-        In metres.
+        Wavelength in metres.
     device : Device or str, optional
         Default ``Device.open()``.
     direction : tuple of float
-        Direction cosines (a_y, a_x), a_y^2 + a_x^2 < 1. Along an axis of length 1 nothing varies.
+        Direction cosines (a_y, a_x), a_y^2 + a_x^2 < 1; ignored along an axis of length 1.
 
     Returns
     -------
     Field
-        Of amplitude 1, shape (ny, nx).
+        Plane wave of amplitude 1, shape (ny, nx).
 
     Raises
     ------
     ValueError
-        For a direction without a propagating wave, or a wavelength that is not positive.
+        If the direction has no propagating wave, or the wavelength is not positive.
 
     Warns
     -----
     SamplingWarning
-        If its spatial frequency a/lam is beyond the Nyquist frequency 1/(2 d) of an axis.
+        If the spatial frequency a/lam exceeds the Nyquist frequency 1/(2 d) of an axis.
 
     Examples
     --------
     >>> grid = clplen.Grid((64, 64), 10e-6)
     >>> wave = clplen.wave.plane_wave(grid, wavelength=500e-9, direction=(0.0, 0.01))
-    >>> np.round(np.angle(wave.to_numpy()[32, 33:36], deg=True)).tolist()  # 0.2 cycles a sample
+    >>> np.round(np.angle(wave.to_numpy()[32, 33:36], deg=True)).tolist()  # 0.2 cycles per sample
     [72.0, 144.0, -144.0]
     """
     device = _check_wave(grid, wavelength, device)
@@ -69,30 +69,29 @@ def plane_wave(
 
 
 def tilt(field: Field, direction: Pair) -> Field:
-    """Turn a field: times exp(ik(a_y y + a_x x)), as a thin prism does.
+    """Multiply a field by the phase exp(ik(a_y y + a_x x)) of a thin prism.
 
     Parameters
     ----------
     field : Field
-        Of any shape (..., ny, nx).
+        Field of any shape (..., ny, nx).
     direction : tuple of float
-        Direction cosines (a_y, a_x) that are added, a_y^2 + a_x^2 < 1. Along an axis of length 1
-        nothing varies.
+        Direction cosines (a_y, a_x) to add, a_y^2 + a_x^2 < 1; ignored along an axis of length 1.
 
     Returns
     -------
     Field
-        Of the shape of ``field``.
+        Tilted field, with the shape of ``field``.
 
     Raises
     ------
     ValueError
-        For a direction without a propagating wave.
+        If the direction has no propagating wave.
 
     Warns
     -----
     SamplingWarning
-        If the frequency a/lam that is added is beyond the Nyquist frequency of an axis.
+        If the added frequency a/lam exceeds the Nyquist frequency of an axis.
 
     Examples
     --------
@@ -120,33 +119,32 @@ def spherical_wave(
 ) -> Field:
     """Return the wave of a unit point source, exp(ik(r - abs(z)))/r.
 
-    r is the distance from the source. The carrier exp(ik abs(z)) is dropped, as every propagation
-    drops it.
+    r is the distance from the source. The carrier exp(ik abs(z)) is omitted, as in every
+    propagation.
 
     Parameters
     ----------
     grid : Grid
         Samples of the plane, shape (ny, nx).
     z : float
-        Distance from the source to the plane in metres, not 0. Negative: the wave converges to a
-        point abs(z) behind the plane, the complex conjugate.
+        Distance from the source to the plane in metres, not 0. For a negative z the wave is the
+        complex conjugate and converges to a point abs(z) behind the plane.
     wavelength : float
-        In metres.
+        Wavelength in metres.
     device : Device or str, optional
         Default ``Device.open()``.
     source : tuple of float
-        (y, x) of the point in metres. Along an axis of length 1 the point is on the axis.
+        Position (y, x) of the source in metres; on the axis along an axis of length 1.
 
     Returns
     -------
     Field
-        In 1/m: of amplitude 1/abs(z) at the foot of the source.
+        Wave in 1/m, with amplitude 1/abs(z) in the plane next to the source.
 
     Raises
     ------
     ValueError
-        For z that is 0 or not finite, a source that is not finite, or a wavelength that is not
-        positive.
+        If z is 0 or not finite, the source not finite, or the wavelength not positive.
 
     Warns
     -----
@@ -162,9 +160,9 @@ def spherical_wave(
     """
     device = _check_wave(grid, wavelength, device)
     if not fits_float64(z) or z == 0:
-        raise ValueError(f"The distance z of a point source is finite and not 0, not {z!r} m.")
+        raise ValueError(f"The distance z of a point source must be finite and not 0, got {z!r} m.")
     if not np.isfinite(source).all():
-        raise ValueError(f"The place of a source is finite, (y, x) in metres, not {source!r}.")
+        raise ValueError(f"The place of a source must be finite, (y, x) in metres, got {source!r}.")
     _warn_steep_sphere(grid, z, source, wavelength)
     ones = Field.from_array(np.ones(grid.shape), grid, wavelength=wavelength, device=device)
     return multiply_sphere(ones, z, source, fades=True, out=ones.data)
@@ -182,9 +180,9 @@ def gaussian_beam(
 ) -> Field:
     """Return a paraxial Gaussian beam, q^(-1) exp(-r^2/(w0^2 q)) with q = 1 + i z lam/(pi w0^2).
 
-    Saleh and Teich (2019), eq. 3.1-7, with the carrier exp(ikz) dropped; exact for Fresnel
-    propagation. A direction (a_y, a_x) moves the beam by a z and gives it the phase
-    exp(ik(a s - a^2 z/2)), s from the centre of the waist.
+    Saleh and Teich (2019), eq. 3.1-7, without the carrier exp(ikz); exact for Fresnel propagation.
+    A direction (a_y, a_x) moves the beam by a z and multiplies it by exp(ik(a s - a^2 z/2)), with s
+    measured from the centre of the waist.
 
     Parameters
     ----------
@@ -193,30 +191,31 @@ def gaussian_beam(
     waist : float
         Radius w0 in metres at which the amplitude of the waist is 1/e.
     wavelength : float
-        In metres.
+        Wavelength in metres.
     device : Device or str, optional
         Default ``Device.open()``.
     z : float
-        Distance from the waist to the plane in metres; negative before the waist.
+        Distance from the waist to the plane in metres; negative in front of the waist.
     centre : tuple of float
-        (y, x) of the waist in metres.
+        Position (y, x) of the waist in metres.
     direction : tuple of float
         Direction cosines (a_y, a_x) of the beam, small.
 
     Returns
     -------
     Field
-        1 at the centre of the waist. Each axis carries q^(-1/2), one of length 1 nothing.
+        Beam, 1 at the centre of the waist. Each axis has the factor q^(-1/2), an axis of length 1
+        none.
 
     Raises
     ------
     ValueError
-        For a waist or wavelength that is not positive, or z, centre or direction out of range.
+        If the waist or wavelength is not positive, or z, centre or direction is out of range.
 
     Warns
     -----
     SamplingWarning
-        If a/lam + 1/(pi w0), where the spectrum is at 1/e, is beyond the Nyquist frequency.
+        If a/lam + 1/(pi w0), the 1/e point of the spectrum, exceeds the Nyquist frequency.
 
     Examples
     --------
@@ -228,10 +227,12 @@ def gaussian_beam(
     """
     device = _check_wave(grid, wavelength, device)
     if not (fits_float64(waist) and waist > 0):
-        raise ValueError(f"The waist of a beam is positive, in metres, not {waist!r}.")
+        raise ValueError(f"The waist of a beam must be positive, in metres, got {waist!r}.")
     units.DIAMETER.check(waist, "The waist of a beam")
     if not (fits_float64(z) and np.isfinite(centre).all()):
-        raise ValueError(f"z and centre of a beam are finite, in metres, not {z!r} and {centre!r}.")
+        raise ValueError(
+            f"z and centre of a beam must be finite, in metres, got {z!r} and {centre!r}."
+        )
     _check_direction(direction)
     spread = tuple(f + 1 / (math.pi * waist) for f in _frequencies(direction, wavelength))
     _warn_beyond_nyquist(grid, (spread[0], spread[1]), "A Gaussian beam")
@@ -248,11 +249,11 @@ def gaussian_beam(
 def _gaussian(
     s: Vector, waist: float, q: complex, cosine: float, walk: float, wavelength: float
 ) -> Vector:
-    """One axis of a beam; ``walk`` is its displacement in wavelengths."""
+    """Return a beam along an axis; ``walk`` is its displacement in wavelengths."""
     turns = cosine * (s / wavelength - walk / 2)
     turns = turns - np.rint(turns)
-    around = (s - walk * wavelength) / waist
-    return q**-0.5 * np.exp(2j * math.pi * turns - around**2 / q)
+    distance = (s - walk * wavelength) / waist
+    return q**-0.5 * np.exp(2j * math.pi * turns - distance**2 / q)
 
 
 def _separable(ty: Vector, tx: Vector, grid: Grid, wavelength: float, device: Device) -> Field:
@@ -277,7 +278,7 @@ def _check_wave(grid: Grid, wavelength: float, device: DeviceLike | None) -> Dev
     require_grid(grid)
     device = as_device(device)
     if not (fits_float64(wavelength) and wavelength > 0):
-        raise ValueError(f"The wavelength is positive, in metres, not {wavelength!r}.")
+        raise ValueError(f"The wavelength must be positive, in metres, got {wavelength!r}.")
     units.WAVELENGTH.check(wavelength, "The wavelength")
     nbytes = 2 * grid.shape[0] * grid.shape[1] * device.complex.itemsize
     device.require_memory(nbytes, "This wave")
@@ -288,7 +289,7 @@ def _check_direction(direction: Pair) -> None:
     cosines = float64_array(direction)
     if cosines.shape != (2,) or not np.hypot(*cosines) < 1:
         raise ValueError(
-            f"A direction is (y, x) direction cosines with a sum of squares below 1, not "
+            f"A direction must be (y, x) direction cosines with a sum of squares below 1, got "
             f"{direction!r}."
         )
 
@@ -297,9 +298,9 @@ def _warn_beyond_nyquist(grid: Grid, frequencies: Pair, what: str) -> None:
     for name, n, pitch, f in zip("yx", grid.shape, grid.pitch, frequencies, strict=True):
         if n > 1 and exceeds(f, nyquist(pitch)):
             warn_caller(
-                f"{what} with {f:.4g} cycles/m along {name} is aliased: samples of {pitch:g} m "
-                f"carry up to 1/(2 d) = {nyquist(pitch):.4g}; at most {1 / (2 * f):.4g} m would "
-                "do.",
+                f"{what} with {f:.4g} cycles/m along {name} is aliased: the Nyquist frequency of "
+                f"samples of {pitch:g} m is 1/(2 d) = {nyquist(pitch):.4g} cycles/m; use a pitch "
+                f"of at most {1 / (2 * f):.4g} m.",
                 SamplingWarning,
             )
             return
@@ -310,15 +311,15 @@ def _warn_steep_sphere(grid: Grid, z: float, source: Pair, wavelength: float) ->
     for axis, name in enumerate("yx"):
         if grid.shape[axis] == 1:
             continue
-        reach, beside = float(distances[axis].max()), float(distances[1 - axis].min())
-        far = sampled_radius(math.hypot(z, beside), grid.pitch[axis], wavelength)
-        if not exceeds(reach, far):
+        reach, across = float(distances[axis].max()), float(distances[1 - axis].min())
+        limit = sampled_radius(math.hypot(z, across), grid.pitch[axis], wavelength)
+        if not exceeds(reach, limit):
             continue
-        least = sampled_from(reach, grid.pitch[axis], wavelength)
+        min_distance = sampled_from(reach, grid.pitch[axis], wavelength)
         warn_caller(
             f"A spherical wave from z = {z:g} m is aliased on samples of {grid.pitch[axis]:g} m "
-            f"along {name}: the grid reaches {reach:.4g} m from its axis, the samples carry it up "
-            f"to {far:.4g} m; a distance of at least {least:.4g} m would do.",
+            f"along {name}: the grid extends {reach:.4g} m from its axis, the sampling suffices up "
+            f"to {limit:.4g} m; use a distance of at least {min_distance:.4g} m.",
             SamplingWarning,
         )
         return

@@ -1,4 +1,4 @@
-"""Edges of masks: which samples an outline covers, and what samples hold of square pixels."""
+"""Edges of masks: samples inside of outlines, and the band-limited samples of square pixels."""
 
 from __future__ import annotations
 
@@ -11,48 +11,53 @@ from clplen.wave.field.transmission import Vector, offsets
 
 Edges = Literal["samples", "area", "pixels"]
 EDGES: tuple[Edges, ...] = ("samples", "area", "pixels")
-NOTHING = 1e-9  # of a cell: rounding of coordinates up to a million cells away
+COORDINATE_TOLERANCE = 1e-9  # in cells: rounding of coordinates up to a million cells away
 
 
 def check_edges(edges: str) -> None:
-    """Refuse another word."""
+    """Raise unless ``edges`` is a known method."""
     if edges not in EDGES:
-        raise ValueError(f"edges is 'samples', 'area' or 'pixels', not {edges!r}.")
+        raise ValueError(f"edges must be 'samples', 'area' or 'pixels', got {edges!r}.")
 
 
 def interval_middles(offset: Vector, pitch: float, half: float) -> Vector:
-    """1 where a sample's middle lies within +-half or on its ends, else 0."""
-    return (np.abs(offset) <= half + NOTHING * pitch).astype(np.float64)
+    """Return 1 where the centre of a sample lies within +-half or on its ends, else 0."""
+    return (np.abs(offset) <= half + COORDINATE_TOLERANCE * pitch).astype(np.float64)
 
 
 def disc_middles(
     grid: Grid, radius: float, centre: tuple[float, float], *, inner: float = 0.0
 ) -> Vector:
-    """1 where a sample's middle lies between two circles or on one of them, shape (ny, nx)."""
+    """Return 1 where the centre of a sample lies between two circles or on a circle, (ny, nx)."""
     y, x = offsets(grid, centre)
-    r, little = np.hypot(y[:, None], x), NOTHING * min(grid.pitch)
-    return ((r <= radius + little) & (r >= inner - little)).astype(np.float64)
+    r, margin = np.hypot(y[:, None], x), COORDINATE_TOLERANCE * min(grid.pitch)
+    return ((r <= radius + margin) & (r >= inner - margin)).astype(np.float64)
 
 
 def polygon_middles(grid: Grid, vertices: Any) -> Vector:
-    """1 where a sample's middle lies in a polygon or on its outline, shape (ny, nx).
+    """Return 1 where the centre of a sample lies in a polygon or on its outline, shape (ny, nx).
 
-    A middle is inside if the outline crosses the line from it to the left an odd number of times.
+    A centre is inside if the outline crosses the line from it to the left an odd number of times.
     """
     (ny, nx), first = grid.shape, np.array([grid.y[0], grid.x[0]])
     corners = (np.asarray(vertices, np.float64) - first) / grid.pitch
     crossed, outline = np.zeros((ny, nx + 1), bool), np.zeros((ny, nx), bool)
     for (y0, x0), (y1, x1) in zip(corners, np.roll(corners, -1, axis=0), strict=True):
         low, high = min(y0, y1), max(y0, y1)
-        row = np.arange(max(np.ceil(low - NOTHING), 0), min(np.floor(high + NOTHING), ny - 1) + 1)
+        row = np.arange(
+            max(np.ceil(low - COORDINATE_TOLERANCE), 0),
+            min(np.floor(high + COORDINATE_TOLERANCE), ny - 1) + 1,
+        )
         row = row.astype(np.int64)
-        if high - low <= NOTHING:  # along x
-            left, right = np.clip((min(x0, x1) - NOTHING, max(x0, x1) + NOTHING), -1, nx)
+        if high - low <= COORDINATE_TOLERANCE:  # along x
+            left, right = np.clip(
+                (min(x0, x1) - COORDINATE_TOLERANCE, max(x0, x1) + COORDINATE_TOLERANCE), -1, nx
+            )
             outline[row, int(np.ceil(max(left, 0))) : int(np.floor(right)) + 1] = True
             continue
         x = x0 + np.clip((row - y0) / (y1 - y0), 0, 1) * (x1 - x0)
         nearest = np.clip(np.rint(x), 0, nx - 1).astype(np.int64)
-        outline[row, nearest] |= np.abs(x - nearest) <= NOTHING
+        outline[row, nearest] |= np.abs(x - nearest) <= COORDINATE_TOLERANCE
         through = (row >= low) & (row < high)
         crossed[row[through], np.clip(np.ceil(x[through]), 0, nx).astype(np.int64)] ^= True
     inside = np.logical_xor.accumulate(crossed, axis=1)[:, :nx]
@@ -60,12 +65,12 @@ def polygon_middles(grid: Grid, vertices: Any) -> Vector:
 
 
 def square_samples(mask: Vector) -> Vector:
-    """What samples hold of a mask made of square pixels, one a sample.
+    """Return the band-limited samples of a mask of square pixels with the pitch of the samples.
 
-    The spectrum of such a mask is that of its samples times sinc(f dx) along each axis. This is
-    that spectrum up to the Nyquist frequency: the mask convolved with w(k) = (Si(pi (k + 1/2)) -
-    Si(pi (k - 1/2)))/pi. Beyond the window the mask goes on as it is at its border. Axes of length
-    1 are left as they are.
+    The spectrum of such a mask is that of its samples times sinc(f dx) along each axis. The result
+    has this spectrum up to the Nyquist frequency: it is the mask convolved with w(k) = (Si(pi (k +
+    1/2)) - Si(pi (k - 1/2)))/pi. The border values continue beyond the window. Axes of length 1 are
+    unchanged.
     """
     for axis, n in enumerate(mask.shape):
         if n > 1:
@@ -74,7 +79,7 @@ def square_samples(mask: Vector) -> Vector:
 
 
 def square_samples_adjoint(samples: Vector) -> Vector:
-    """The transpose of `square_samples`, of the same shape."""
+    """Apply the transpose of `square_samples`, with equal shape."""
     for axis, n in enumerate(samples.shape):
         if n > 1:
             last = np.moveaxis(samples, axis, -1)
@@ -91,12 +96,12 @@ def _square_along_last(mask: Vector) -> Vector:
 
 
 def _convolved(mask: Vector) -> tuple[Vector, Vector]:
-    """A mask along its last axis with w, which is even, and what the border adds to each sample."""
-    from scipy import fft  # here, because importing it takes a while
+    """Convolve a mask along its last axis with w, and return the weights of its border values."""
+    from scipy import fft  # a local import, since it is slow
 
     n = mask.shape[-1]
     length = fft.next_fast_len(2 * n - 1, real=True)
-    to_border = sine_integral(np.arange(2 * n) - n + 0.5)  # at the borders of pixels, from -n to n
+    to_border = sine_integral(np.arange(2 * n) - n + 0.5)  # at borders of pixels from -n to n
     weight = np.zeros(length)
     weight[:n], weight[length - n + 1 :] = np.diff(to_border)[n - 1 :], np.diff(to_border)[: n - 1]
     if np.iscomplexobj(mask):
@@ -107,7 +112,7 @@ def _convolved(mask: Vector) -> tuple[Vector, Vector]:
 
 
 def sine_integral(samples: Vector) -> Vector:
-    """Si(pi t)/pi of distances in samples: a step of 1, cut at the Nyquist frequency, less 1/2."""
+    """Return Si(pi t)/pi at distances in samples: a band-limited unit step less 1/2."""
     from scipy.special import sici
 
     return np.asarray(sici(np.pi * samples)[0] / np.pi)

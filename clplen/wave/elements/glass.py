@@ -14,36 +14,36 @@ from clplen import units
 from clplen.checks import real_array
 from clplen.reprs import OneLine
 
-LINE_F, LINE_D, LINE_C = 486.1327e-9, 587.5618e-9, 656.2725e-9  # of hydrogen, helium, hydrogen
-_ROUNDING = 1e-9  # of a wavelength that is the end of a range
-_SMALLEST_C = 1e-5  # um^2, a resonance at 3 nm; smaller numbers are in m^2
+LINE_F, LINE_D, LINE_C = 486.1327e-9, 587.5618e-9, 656.2725e-9  # lines of H, He, H in metres
+_ROUNDING = 1e-9  # relative tolerance of the ends of a range
+_SMALLEST_C = 1e-5  # um^2, a resonance at 3 nm; smaller values are in m^2
 
 
 @dataclass(frozen=True, init=False, repr=False)
 class Glass(OneLine):
-    """A transparent material, its index by Sellmeier's formula (Sellmeier 1871).
+    """Transparent material with a refractive index by Sellmeier's formula (Sellmeier 1871).
 
-    n^2 - 1 = sum over i of B_i lam^2/(lam^2 - C_i), as catalogues of glasses print it.
+    n^2 - 1 = sum over i of B_i lam^2/(lam^2 - C_i), the form of glass catalogues.
 
     Parameters
     ----------
     name : str
-        A word for it, not blank.
+        Name, not blank.
     B : sequence of float
-        Strengths of the resonances, without unit.
+        Strengths of the resonances, dimensionless.
     C : sequence of float
-        As many, in um^2, as catalogues print them: squares of wavelengths of resonances; 0 adds a
+        Squared wavelengths of the resonances in um^2, as in catalogues, one for each B; 0 adds a
         constant.
     range : tuple of float
         Shortest and longest wavelength of the formula in metres.
     source : str
-        Where the coefficients are from.
+        Source of the coefficients.
 
     Raises
     ------
     ValueError
-        For coefficients that are not finite or not as many, a resonance within the range, or a
-        range that is none.
+        If coefficients are not finite or differ in number, a resonance lies within the range, or
+        the range is invalid.
 
     See Also
     --------
@@ -51,14 +51,14 @@ class Glass(OneLine):
 
     Notes
     -----
-    Indices of catalogues are those against air, at about 20 C, and wavelengths those in air.
+    Catalogues list indices relative to air at about 20 C, and wavelengths in air.
 
     Examples
     --------
     >>> f"{clplen.wave.Glass.named('N-BK7').index(587.5618e-9):.5f}"
     '1.51680'
-    >>> mine = clplen.wave.Glass("mine", (1.0, 0.2), (0.007, 0.02), (0.4e-6, 1.1e-6))
-    >>> f"{mine.index(550e-9):.4f}"
+    >>> glass = clplen.wave.Glass("sample", (1.0, 0.2), (0.007, 0.02), (0.4e-6, 1.1e-6))
+    >>> f"{glass.index(550e-9):.4f}"
     '1.4959'
     """
 
@@ -77,11 +77,12 @@ class Glass(OneLine):
         source: str = "",
     ) -> None:
         if not isinstance(name, str) or not name.strip():
-            raise ValueError(f"The name of a glass is a word, not {name!r}.")
+            raise ValueError(f"name must be a string that is not blank, got {name!r}.")
         strengths, resonances = _coefficients(name, B, "B"), _coefficients(name, C, "C")
         if len(strengths) != len(resonances):
             raise ValueError(
-                f"{name} has {len(strengths)} coefficients B and {len(resonances)} C: give as many."
+                f"B and C of {name} must have equal length, got {len(strengths)} and "
+                f"{len(resonances)}."
             )
         ends = _ends(name, range)
         _check_resonances(name, resonances, ends)
@@ -92,70 +93,70 @@ class Glass(OneLine):
         if not (self._square(lam) >= 1).all():
             raise ValueError(
                 f"With these coefficients {name} has an index below 1 within its range of "
-                f"{_between(ends)}: was C given in um^2?"
+                f"{_between(ends)}; give C in um^2."
             )
 
     @classmethod
     def named(cls, name: str) -> Glass:
-        """A material with published coefficients; `names` lists them.
+        """Return a material with published coefficients; `names` lists them.
 
-        Glasses of Schott and Ohara and fused silica (Malitson 1965) keep the indices of their
-        catalogues to 1e-5; PMMA and polycarbonate are fits to measurements of 1e-3, which leaves
-        their Abbe numbers uncertain by a tenth.
+        Glasses of Schott and Ohara and fused silica (Malitson 1965) agree with the indices of their
+        catalogues to 1e-5. PMMA and polycarbonate are fits to measurements with an error of 1e-3,
+        so their Abbe numbers are uncertain by a tenth.
 
         Parameters
         ----------
         name : str
-            As its maker writes it; case, blanks and hyphens do not matter.
+            Name used by the manufacturer; case, blanks and hyphens are ignored.
 
         Raises
         ------
         ValueError
-            If there is none of this name, with those that are alike.
+            If the name is unknown; the message suggests similar names.
         """
-        wanted = _plain(name) if isinstance(name, str) else ""
-        known = {_plain(one): one for one in _PUBLISHED} | _ALSO
-        if wanted in known:
-            found = known[wanted]
-            return cls(found, *_PUBLISHED[found])
-        near = difflib.get_close_matches(wanted, known, n=3, cutoff=0.5)
+        key = _plain(name) if isinstance(name, str) else ""
+        names = {_plain(title): title for title in _PUBLISHED} | _ALSO
+        if key in names:
+            title = names[key]
+            return cls(title, *_PUBLISHED[title])
+        near = difflib.get_close_matches(key, names, n=3, cutoff=0.5)
         hint = (
-            f" Did you mean {' or '.join(dict.fromkeys(known[n] for n in near))}?" if near else ""
+            f" Did you mean {' or '.join(dict.fromkeys(names[n] for n in near))}?" if near else ""
         )
         raise ValueError(
-            f"There is no glass {name!r}; there are {', '.join(_PUBLISHED)}.{hint} Others are made "
-            "by Glass(name, B, C, range)."
+            f"There is no glass {name!r}; there are {', '.join(_PUBLISHED)}.{hint} Define other "
+            "materials by Glass(name, B, C, range)."
         )
 
     @classmethod
     def names(cls) -> tuple[str, ...]:
-        """Materials that `named` knows."""
+        """Return the names of the materials of `named`."""
         return tuple(_PUBLISHED)
 
     def index(self, wavelength: Any) -> Any:
-        """Refractive index.
+        """Return the refractive index.
 
         Parameters
         ----------
         wavelength : float or array_like
-            In metres, within `range`.
+            Wavelength in metres, within `range`.
 
         Returns
         -------
         float or numpy.ndarray
-            float64, of the shape of ``wavelength``.
+            Refractive index, float64, with the shape of ``wavelength``.
 
         Raises
         ------
         ValueError
-            For a wavelength outside.
+            If a wavelength is outside of the range.
         """
         lam = self._within(wavelength)
         n = np.sqrt(self._square(lam))
         return float(n) if n.ndim == 0 else n
 
     def dispersion(self, wavelength: Any) -> Any:
-        """dn/dlam in 1/m, of the shape of ``wavelength`` as for `index`; negative in clear glass.
+        """Return dn/dlam in 1/m, with the shape of ``wavelength``; negative in clear glass.
 
         n dn/dlam = -sum over i of B_i C_i lam/(lam^2 - C_i)^2.
         """
@@ -168,48 +169,48 @@ class Glass(OneLine):
 
     @property
     def n_d(self) -> float:
-        """Index at the yellow line of helium, 587.5618 nm."""
+        """Refractive index at the yellow line of helium, 587.5618 nm."""
         return float(self.index(LINE_D))
 
     @property
     def abbe_number(self) -> float:
-        """V_d = (n_d - 1)/(n_F - n_C), the lines F and C at 486.1327 and 656.2725 nm.
+        """Abbe number V_d = (n_d - 1)/(n_F - n_C), lines F and C at 486.1327 and 656.2725 nm.
 
         Raises
         ------
         ValueError
-            If the range does not hold them.
+            If the lines are outside of the range.
         """
         n_f, n_d, n_c = self.index(np.array([LINE_F, LINE_D, LINE_C]))
         return float((n_d - 1) / (n_f - n_c))
 
     def _square(self, lam: Any) -> Any:
-        """n^2; 0 instead of infinity on a resonance."""
+        """Return n^2, with 0 instead of infinity on a resonance."""
         square = np.asarray(lam)[..., None] ** 2
         return 1 + np.sum(np.multiply(self.B, square) / (square - np.multiply(self.C, 1e-12)), -1)
 
     def _within(self, wavelength: Any) -> Any:
-        lam = real_array(wavelength, "A wavelength", np.float64)
+        lam = real_array(wavelength, "wavelength", np.float64)
         low, high = self.range
         inside = (lam >= low * (1 - _ROUNDING)) & (lam <= high * (1 + _ROUNDING))
         if not inside.all():
             wrong = float(lam[~inside].ravel()[0])
             raise ValueError(
-                f"The index of {self.name} is known from {_between(self.range)}, not at {wrong:g} m"
+                f"wavelength must be within {_between(self.range)} for {self.name}, got {wrong:g} m"
                 f"{units.WAVELENGTH.meant(wrong)}"
             )
         return lam
 
 
 def index_of(glass: Glass | float, wavelength: float) -> float:
-    """The index of a glass at a wavelength; a number is its own at all."""
+    """Return the index of a glass at a wavelength; a number is the index at all wavelengths."""
     return float(glass.index(wavelength)) if isinstance(glass, Glass) else float(glass)
 
 
 def _coefficients(name: str, values: Any, what: str) -> tuple[float, ...]:
     numbers = np.atleast_1d(real_array(values, f"The coefficients {what} of {name}", np.float64))
     if numbers.ndim != 1 or not numbers.size or not np.isfinite(numbers).all():
-        raise ValueError(f"The coefficients {what} of {name} are finite numbers, not {values!r}.")
+        raise ValueError(f"{what} of {name} must be finite numbers, got {values!r}.")
     return tuple(float(number) for number in numbers)
 
 
@@ -218,7 +219,8 @@ def _ends(name: str, limits: Any) -> tuple[float, float]:
     ends = np.asarray(limits)
     if ends.shape != (2,) or not np.isfinite(ends).all() or not 0 < ends[0] < ends[1]:
         raise ValueError(
-            f"The range of {name} is its shortest and longest wavelength in metres, not {limits!r}."
+            f"range of {name} must be its shortest and longest wavelength in metres, got "
+            f"{limits!r}."
         )
     return float(ends[0]), float(ends[1])
 
@@ -227,7 +229,7 @@ def _check_resonances(name: str, C: tuple[float, ...], ends: tuple[float, float]
     tiny = [c for c in C if 0 < abs(c) < _SMALLEST_C]
     if tiny:
         raise ValueError(
-            f"The coefficients C of {name} are in um^2, as catalogues print them, not {tiny[0]:g}"
+            f"C of {name} must be in um^2, as in catalogues, got {tiny[0]:g}"
             f"{f'; did you mean {tiny[0] * 1e12:.6g}?' if tiny[0] > 0 else '.'}"
         )
     low, high = (end * 1e6 for end in ends)

@@ -1,4 +1,4 @@
-"""Gratings and the axicon."""
+"""Gratings and axicons."""
 
 from __future__ import annotations
 
@@ -33,47 +33,48 @@ def grating(
 
     With s = x cos(orientation) + y sin(orientation) - offset and p the period:
 
-    - "binary" (Ronchi for duty .5): 1 for abs(s - n p) < duty p/2, else 0; order n has the
-      amplitude duty sinc(n duty). A cell keeps the exact fraction that is clear, at any
-      orientation (a cell seen along the lines is a trapezoid).
+    - "binary" (Ronchi for duty 0.5): 1 for abs(s - n p) < duty p/2, else 0; order n has the
+      amplitude duty sinc(n duty). Each sample has the exact clear fraction of its cell, at any
+      orientation (the projection of a cell along the lines is a trapezoid).
     - "sinusoidal": (1 + m cos(2 pi s/p))/2; orders 1/2, m/4, m/4 (Goodman 2005, section 4.4.3).
     - "phase": exp(i h cos(2 pi s/p)); order n has the amplitude i^n J_n(h) (Goodman 2005,
       section 4.4.4).
-    - "blazed": exp(i h frac(s/p)); h = 2 pi sends all light into the order +1, which leaves
-      towards +s. A cell across a jump mixes its two sides in proportion.
+    - "blazed": exp(i h frac(s/p)); h = 2 pi sends all light into the order +1, towards +s. A
+      cell across a jump averages its two sides by area.
 
-    The smooth parts are taken at the centre of each cell. Orders beyond the Nyquist frequency of
-    the grid fold back. The transmission is made in float64 on the host.
+    Smooth parts are sampled at the centre of each cell. Orders beyond the Nyquist frequency of the
+    grid are aliased. The transmission is computed in float64 on the host.
 
     Parameters
     ----------
     field : Field
-        Of any shape (..., ny, nx).
+        Field of any shape (..., ny, nx).
     period : float
-        In metres along s, at least two samples.
+        Period in metres along s, at least two samples.
     kind : {"binary", "sinusoidal", "phase", "blazed"}
-        The transmission, as above.
+        Type of the transmission.
     orientation : float
-        Of s in radians, positive from +x towards +y (y down); 0: vertical lines.
+        Direction of s in radians, positive from +x towards +y (y down); 0: vertical lines.
     duty : float
-        Clear fraction of a period of a binary grating, above 0 and below 1; others ignore it.
+        Clear fraction of a period of a binary grating, above 0 and below 1; otherwise ignored.
     depth : float, optional
-        Depth m in 0..1 of "sinusoidal" (None: 1); h in radians of "phase", which needs it, and of
+        Depth: m in 0..1 for "sinusoidal" (None: 1), h in radians for "phase" (required) and
         "blazed" (None: 2 pi). A binary grating has none.
     offset : float
-        Shift along s in metres: the middle of a clear bar, a maximum of the cosine, a jump.
+        Shift along s in metres of a clear bar's centre, a cosine's maximum or a jump.
 
     Returns
     -------
     Field
-        The field behind the grating, of the shape of ``field``.
+        Field behind the grating, with the shape of ``field``.
 
     Raises
     ------
     SamplingError
         If the period is below two samples along either axis.
     ValueError
-        For another kind, a value out of range, or lines that vary along an axis of length 1.
+        If the kind is unknown, a value out of range, or the grating varies along an axis of
+        length 1.
 
     Examples
     --------
@@ -87,8 +88,8 @@ def grating(
     require_field(field)
     _check(period, kind, orientation, duty, offset)
     strength = _depth(kind, depth)
-    across, width = _across(field.grid, period, orientation)
-    periods = across - offset / period
+    position, width = _across(field.grid, period, orientation)
+    periods = position - offset / period
     if kind == "binary":
         return apply_transmission(field, _bars(periods, duty, width))
     if kind == "sinusoidal":
@@ -108,33 +109,33 @@ def axicon(
 ) -> Field:
     """Multiply a field by a thin axicon: u exp(-i k angle r).
 
-    Every ray is bent towards the axis by the same small angle (McLeod 1954; thin and paraxial), so
-    that a plane wave of radius R becomes J0(k angle r) up to z = R/angle. Made in float64 on the
-    host. Along an axis of length 1 it is a section through the centre: a biprism.
+    The element deflects every ray towards the axis by the same small angle (McLeod 1954; thin and
+    paraxial). A plane wave of radius R becomes J0(k angle r) up to z = R/angle. The phase is
+    computed in float64 on the host. With an axis of length 1 the element is a biprism.
 
     Parameters
     ----------
     field : Field
-        Of any shape (..., ny, nx).
+        Field of any shape (..., ny, nx).
     angle : float
         Deflection in radians, (n - 1) times the base angle of a glass cone; negative diverges.
     centre : tuple of float
-        Of the cone, (y, x) in metres.
+        Centre (y, x) of the cone in metres.
     aliasing : {"raise", "warn", "allow"}
-        What to do when neighbouring samples of the phase differ by more than pi, that is for a
-        pitch above lam/(2 angle).
+        Action if neighbouring samples of the phase differ by more than pi, for a pitch above lam/(2
+        angle).
 
     Returns
     -------
     Field
-        The field behind the axicon, of the shape of ``field``.
+        Field behind the axicon, with the shape of ``field``.
 
     Raises
     ------
     SamplingError
         If the phase is aliased and ``aliasing`` is "raise".
     ValueError
-        If the angle or the centre is not finite, or ``aliasing`` is none of the three words.
+        If the angle or the centre is not finite, or ``aliasing`` is not one of the three values.
 
     Warns
     -----
@@ -151,7 +152,7 @@ def axicon(
     """
     require_field(field)
     if not fits_float64(angle):
-        raise ValueError(f"The angle of an axicon is finite, in radians, not {angle!r}.")
+        raise ValueError(f"The angle of an axicon must be finite, in radians, got {angle!r}.")
     check_centre(centre, "an axicon")
     pitch = max(
         (d for d, n in zip(field.grid.pitch, field.grid.shape, strict=True) if n > 1), default=0.0
@@ -159,9 +160,8 @@ def axicon(
     message = ""
     if exceeds(2 * abs(angle) * pitch, field.wavelength):
         message = (
-            f"The phase of an axicon of {angle:g} rad is aliased on samples of {pitch:g} m: a "
-            f"pitch of at most lam/(2 angle) = {field.wavelength / (2 * abs(angle)):.4g} m would "
-            "do."
+            f"The phase of an axicon of {angle:g} rad is aliased on samples of {pitch:g} m; use a "
+            f"pitch of at most lam/(2 angle) = {field.wavelength / (2 * abs(angle)):.4g} m."
         )
     act_on_aliasing(message, aliasing)
     y, x = offsets(field.grid, centre)
@@ -170,9 +170,10 @@ def axicon(
 
 
 def half_plane(distance: Values, width: tuple[float, float]) -> Values:
-    """Fraction of a rectangular cell on the lower side of a straight edge.
+    """Return the fraction of rectangular cells on the lower side of a straight edge.
 
-    Seen along the edge a cell is the convolution of two boxes, a trapezoid; this is its integral.
+    Projected along the edge, a cell is a trapezoid, the convolution of two boxes; this is its
+    integral.
     """
     narrow, wide = sorted(width)
     away = np.abs(distance)
@@ -185,36 +186,36 @@ def half_plane(distance: Values, width: tuple[float, float]) -> Values:
 
 def _check(period: float, kind: str, orientation: float, duty: float, offset: float) -> None:
     if kind not in ("binary", "sinusoidal", "phase", "blazed"):
-        raise ValueError(f"A grating is 'binary', 'sinusoidal', 'phase' or 'blazed', not {kind!r}.")
+        raise ValueError(f"kind must be 'binary', 'sinusoidal', 'phase' or 'blazed', got {kind!r}.")
     if not (fits_float64(period) and period > 0):
-        raise ValueError(f"The period of a grating is positive, in metres, not {period!r}.")
+        raise ValueError(f"The period of a grating must be positive, in metres, got {period!r}.")
     units.PITCH.check(period, "The period of a grating")
     if not fits_float64(orientation):
         raise ValueError(
-            f"The orientation of a grating is finite, in radians, not {orientation!r}."
+            f"The orientation of a grating must be finite, in radians, got {orientation!r}."
         )
     if not fits_float64(offset):
-        raise ValueError(f"The offset of a grating is finite, in metres, not {offset!r}.")
+        raise ValueError(f"The offset of a grating must be finite, in metres, got {offset!r}.")
     if not 0 < duty < 1:
-        raise ValueError(f"The duty of a grating lies between 0 and 1, not {duty!r}.")
+        raise ValueError(f"The duty of a grating must lie between 0 and 1, got {duty!r}.")
 
 
 def _depth(kind: str, depth: float | None) -> float:
-    """The depth of a kind, or its default."""
+    """Return the depth of a kind, or its default."""
     if kind == "binary" and depth is not None:
-        raise ValueError(f"A binary grating has no depth; got {depth!r}.")
+        raise ValueError(f"depth must be None for a binary grating, got {depth!r}.")
     if kind == "phase" and depth is None:
-        raise ValueError("A phase grating needs its depth in radians.")
+        raise ValueError("A phase grating requires depth= in radians.")
     value = {"sinusoidal": 1.0, "blazed": 2 * np.pi}.get(kind, 0.0) if depth is None else depth
     if not fits_float64(value):
-        raise ValueError(f"The depth of a grating is finite, not {depth!r}.")
+        raise ValueError(f"The depth of a grating must be finite, got {depth!r}.")
     if kind == "sinusoidal" and not 0 <= value <= 1:
-        raise ValueError(f"The depth of a sinusoidal grating lies in 0..1, not {depth!r}.")
+        raise ValueError(f"depth of a sinusoidal grating must be from 0 to 1, got {depth!r}.")
     return value
 
 
 def _across(grid: Grid, period: float, orientation: float) -> tuple[Values, tuple[float, float]]:
-    """Samples along s and the widths of a cell across the lines, all in periods."""
+    """Return samples along s and the widths of a cell across the lines, in periods."""
     slopes = (math.sin(orientation), math.cos(orientation))
     width = [0.0, 0.0]
     for axis, slope in enumerate(slopes):
@@ -222,14 +223,14 @@ def _across(grid: Grid, period: float, orientation: float) -> tuple[Values, tupl
             continue
         if grid.shape[axis] == 1:
             raise ValueError(
-                f"Nothing varies along axis {axis} of the field, which has one sample: a grating "
-                f"of orientation {orientation:g} rad would."
+                f"A grating of orientation {orientation:g} rad varies along axis {axis}, but the "
+                "field has a single sample along it; change the orientation."
             )
         width[axis] = grid.pitch[axis] * abs(slope) / period
         if exceeds(width[axis], 0.5):
             raise SamplingError(
-                f"A period of {period:g} m is {1 / width[axis]:.3g} samples along axis {axis}; it "
-                f"needs at least 2: a pitch of at most {period / (2 * abs(slope)):.4g} m there."
+                f"A period must have at least 2 samples, got {1 / width[axis]:.3g} along axis "
+                f"{axis}; use a pitch of at most {period / (2 * abs(slope)):.4g} m."
             )
     y, x = (
         c * slope / period if w else 0 * c
@@ -239,7 +240,7 @@ def _across(grid: Grid, period: float, orientation: float) -> tuple[Values, tupl
 
 
 def _bars(periods: Values, duty: float, width: tuple[float, float]) -> Values:
-    """The clear fraction of every cell; a cell reaches at most the edges of the next bars."""
+    """Return the clear fraction of each cell, which reaches at most the edges of the next bars."""
     position = periods - np.rint(periods)
     clear = np.zeros(periods.shape)
     for n in (-1, 0, 1):
@@ -249,7 +250,7 @@ def _bars(periods: Values, duty: float, width: tuple[float, float]) -> Values:
 
 
 def _ramps(periods: Values, depth: float, width: tuple[float, float]) -> Values:
-    """exp(i depth frac(periods)), mixed in proportion in the cells that lie across a jump."""
+    """Return exp(i depth frac(periods)), averaged by area in cells across a jump."""
     position = periods - np.floor(periods)
     ramp = np.exp(1j * depth * position)
     below, above = half_plane(-position, width), half_plane(position - 1, width)

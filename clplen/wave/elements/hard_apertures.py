@@ -1,4 +1,4 @@
-"""Hard apertures: a sample on the rim keeps the covered fraction of its cell, or is 0 or 1."""
+"""Hard apertures, whose rim samples have the covered fraction of their cell, or 0 or 1."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from clplen import units
 from clplen.checks import check_centre, check_diameter, fits_float64, float64_array, real_array
 from clplen.errors import ShapeError
 from clplen.wave.elements.edges import (
-    NOTHING,
+    COORDINATE_TOLERANCE,
     Edges,
     check_edges,
     disc_middles,
@@ -25,14 +25,14 @@ from clplen.wave.field.transmission import Vector, multiply, multiply_separable,
 
 
 def interval_coverage(offset: Vector, pitch: float, half: float) -> Vector:
-    """Fraction of each cell of width ``pitch`` about ``offset`` that lies within +-half."""
+    """Return the fraction of each cell of width ``pitch`` about ``offset`` within +-half."""
     low = np.maximum(offset - pitch / 2, -half)
     high = np.minimum(offset + pitch / 2, half)
     return np.maximum(high - low, 0) / pitch
 
 
 def disc_coverage(grid: Grid, radius: float, centre: tuple[float, float]) -> Vector:
-    """Fraction of each cell inside a disc, shape (ny, nx); only rim cells are integrated."""
+    """Return the fraction of each cell inside a disc, shape (ny, nx); rim cells are integrated."""
     if radius == 0:
         return np.zeros(grid.shape)
     y, x = (offset / radius for offset in offsets(grid, centre))
@@ -50,7 +50,7 @@ def disc_coverage(grid: Grid, radius: float, centre: tuple[float, float]) -> Vec
 
 
 def _corner_area(y: Vector, x: Vector) -> Vector:
-    """Area of the unit disc between the axes and the lines at y and x; odd in both."""
+    """Return the area of the unit disc between the axes and the lines at y and x; odd in both."""
     sign = np.sign(y) * np.sign(x)
     y, x = np.minimum(np.abs(y), 1), np.minimum(np.abs(x), 1)
     beyond = x * np.sqrt(1 - x**2) + y * np.sqrt(1 - y**2) + np.arcsin(x) + np.arcsin(y) - np.pi / 2
@@ -58,29 +58,29 @@ def _corner_area(y: Vector, x: Vector) -> Vector:
 
 
 def polygon_coverage(grid: Grid, vertices: Any) -> Vector:
-    """Fraction of each cell inside a polygon, shape (ny, nx), by signed areas.
+    """Return the fraction of each cell inside a polygon, shape (ny, nx), by signed areas.
 
-    Every edge is cut at the borders of the cells. A piece of height h along y adds h to all cells
-    to its right and, to its own cell, h times the part of the cell that is to its right: running
-    sums along x then are the fractions (Green's theorem).
+    Edges are cut at the borders of cells. A piece of height h along y adds h to all cells to its
+    right and, in its own cell, h times the part of the cell to its right. Running sums along x are
+    the fractions (Green's theorem).
     """
     corner = np.array([grid.y[0], grid.x[0]]) - np.array(grid.pitch) / 2
     corners = (np.asarray(vertices, np.float64) - corner) / grid.pitch
     middle = corners - corners.mean(axis=0)
-    turned = np.roll(middle, -1, axis=0)
-    area = np.sum(middle[:, 1] * turned[:, 0] - middle[:, 0] * turned[:, 1]) / 2
+    following = np.roll(middle, -1, axis=0)
+    area = np.sum(middle[:, 1] * following[:, 0] - middle[:, 0] * following[:, 1]) / 2
     if abs(area) <= 1e-12 * np.ptp(corners, axis=0).prod():
-        raise ValueError("A polygon encloses an area; these vertices lie on a line or cross.")
+        raise ValueError("vertices must enclose an area, not lie on a line or cross.")
     covered = _signed_coverage(corners, grid.shape) * np.sign(area)
     if covered.min() < -1e-6 or covered.max() > 1 + 1e-6:
-        raise ValueError("The polygon crosses itself: give its outline once round, as vertices.")
-    covered[covered < NOTHING] = 0
-    covered[covered > 1 - NOTHING] = 1
+        raise ValueError("The polygon must not cross itself; give its outline once, in order.")
+    covered[covered < COORDINATE_TOLERANCE] = 0
+    covered[covered > 1 - COORDINATE_TOLERANCE] = 1
     return covered
 
 
 def _signed_coverage(corners: Vector, shape: tuple[int, int]) -> Vector:
-    """Coverage by a polygon given in cells; negative where it runs from +y to +x."""
+    """Return the coverage by a polygon in cells; negative where it runs from +y to +x."""
     ny, nx = shape
     pieces = [_cut(a, b, shape) for a, b in zip(corners, np.roll(corners, -1, axis=0), strict=True)]
     start, end = (np.concatenate(ends) for ends in zip(*pieces, strict=True))
@@ -96,7 +96,7 @@ def _signed_coverage(corners: Vector, shape: tuple[int, int]) -> Vector:
 
 
 def _cut(a: Vector, b: Vector, shape: tuple[int, int]) -> tuple[Vector, Vector]:
-    """Starts and ends (m, 2) of the pieces of an edge between borders of cells, in cells."""
+    """Return starts and ends (m, 2) of the pieces of an edge between borders of cells, in cells."""
     cuts = [np.array([0.0, 1.0])]
     for p, q, n in zip(a, b, shape, strict=True):
         if p != q:
@@ -120,41 +120,41 @@ def aperture(
 ) -> Field:
     """Multiply a field by a hard circular or square aperture.
 
-    By default a sample on the rim keeps the fraction of its cell that lies inside. Along an axis of
-    length 1 there is no edge: there both shapes are a slit.
+    By default a sample on the rim transmits the fraction of its cell inside. If the field has
+    length 1 along an axis, both shapes are a slit.
 
     Parameters
     ----------
     field : Field
         Shape (..., ny, nx).
     diameter : float
-        Of the circle, or side of the square, in metres, positive.
+        Diameter of the circle or side of the square in metres, positive.
     shape : {"circular", "square"}
         Outline of the aperture.
     centre : tuple of float
-        (y, x) in metres.
+        Centre (y, x) in metres.
     edges : {"samples", "area", "pixels"}
-        What a sample on the rim lets through: "samples", all or nothing, as its middle lies inside
-        (or on the rim) or outside; "area", the fraction of its cell inside; "pixels", for a mask
-        that is made of square pixels, one a sample, open or closed as for "samples": the samples
-        are those of the mask's spectrum up to the Nyquist frequency, that of "samples" times
-        sinc(f dx) along each axis, so that 0 and 1 become .064 and .936 beside a straight edge.
+        Transmission of samples on the rim. "samples": 1 if the centre of the sample lies inside or
+        on the rim, else 0. "area": the fraction of its cell inside. "pixels": for a mask of square
+        pixels with the pitch of the samples, open or closed as for "samples". The samples then have
+        the mask's spectrum up to the Nyquist frequency, that of "samples" times sinc(f dx) along
+        each axis; 0 and 1 become 0.064 and 0.936 next to a straight edge.
 
     Returns
     -------
     Field
-        Behind the aperture, on the same grid.
+        Field behind the aperture, on the same grid.
 
     Raises
     ------
     ValueError
-        For a diameter that is not positive, another shape or other edges.
+        If the diameter is not positive, or the shape or edges are unknown.
 
     Notes
     -----
-    Accuracy at 5 N dx^2/lam behind a slit, N = 512, against Fresnel integrals: "samples" 36 dB and
-    "area" 58 dB for edges anywhere, "pixels" 139 dB for edges on the borders of cells (claims
-    "apertures"; docs/accuracy.md has more masks).
+    The accuracy at 5 N dx^2/lam behind a slit, N = 512, against Fresnel integrals is 36 dB for
+    "samples" and 58 dB for "area" at arbitrary edges. It is 139 dB for "pixels" with edges on the
+    borders of cells (claims "apertures"; docs/accuracy.md has more masks).
 
     Examples
     --------
@@ -171,7 +171,7 @@ def aperture(
     check_centre(centre, "an aperture")
     check_edges(edges)
     if shape not in ("circular", "square"):
-        raise ValueError(f"An aperture is 'circular' or 'square', not {shape!r}.")
+        raise ValueError(f"shape must be 'circular' or 'square', got {shape!r}.")
     if shape == "square" or 1 in field.grid.shape:
         return _upright(field, (diameter, diameter), centre, edges)
     if edges == "area":
@@ -192,27 +192,27 @@ def rectangular_aperture(
     Parameters
     ----------
     field : Field
-        Of any shape (..., ny, nx).
+        Field of any shape (..., ny, nx).
     size : float or tuple of float
-        Width along (y, x) before it is turned, or one number for both, in metres.
+        Widths along (y, x) before rotation, or a single width for both, in metres.
     centre : tuple of float
-        (y, x) in metres.
+        Centre (y, x) in metres.
     rotation : float
-        In radians; positive turns +x towards +y.
+        Angle in radians; positive turns +x towards +y.
     edges : {"samples", "area", "pixels"}
-        As in `aperture`.
+        Transmission of samples on the rim, as in `aperture`.
 
     Returns
     -------
     Field
-        The field behind the opening, of the shape of ``field``.
+        Field behind the aperture, with the shape of ``field``.
 
     Raises
     ------
     ValueError
-        For a size that is not positive, a centre or rotation that is not finite, or other edges.
+        If the size is not positive, the centre or rotation not finite, or the edges unknown.
     ShapeError
-        For a turned rectangle on a grid with an axis of length 1.
+        If a rotated rectangle meets a grid with an axis of length 1.
 
     Examples
     --------
@@ -225,12 +225,12 @@ def rectangular_aperture(
     require_field(field)
     sides = float64_array(size)
     if sides.shape not in ((), (2,)) or not (np.isfinite(sides).all() and (sides > 0).all()):
-        raise ValueError(f"A rectangle's size is positive, (y, x) in metres, not {size!r}.")
+        raise ValueError(f"A rectangle's size must be positive, (y, x) in metres, got {size!r}.")
     units.DIAMETER.check(sides, "A rectangle's size")
     check_centre(centre, "an aperture")
     check_edges(edges)
     if not fits_float64(rotation):
-        raise ValueError(f"A rotation is finite, in radians, not {rotation!r}.")
+        raise ValueError(f"A rotation must be finite, in radians, got {rotation!r}.")
     height, width = (float(side) for side in np.broadcast_to(sides, 2))
     if rotation == 0:
         return _upright(field, (height, width), centre, edges)
@@ -248,30 +248,30 @@ def annular_aperture(
     centre: Pair = (0.0, 0.0),
     edges: Edges = "area",
 ) -> Field:
-    """Multiply a field by a ring: by default the exact area of every cell between two circles.
+    """Multiply a field by a ring; by default each cell has the exact area between two circles.
 
-    Along an axis of length 1 there is no edge: there it is a pair of slits.
+    If the field has length 1 along an axis, the aperture is a pair of slits.
 
     Parameters
     ----------
     field : Field
-        Of any shape (..., ny, nx).
+        Field of any shape (..., ny, nx).
     outer, inner : float
         Diameters in metres, 0 <= inner < outer.
     centre : tuple of float
-        (y, x) in metres.
+        Centre (y, x) in metres.
     edges : {"samples", "area", "pixels"}
-        As in `aperture`.
+        Transmission of samples on the rim, as in `aperture`.
 
     Returns
     -------
     Field
-        The field behind the opening, of the shape of ``field``.
+        Field behind the aperture, with the shape of ``field``.
 
     Raises
     ------
     ValueError
-        For other diameters or edges.
+        If the diameters are out of range or the edges unknown.
 
     Examples
     --------
@@ -288,8 +288,8 @@ def annular_aperture(
     check_edges(edges)
     if not 0 <= inner < outer:
         raise ValueError(
-            f"The inner diameter of a ring is at least 0 and less than the outer, {outer!r} m, "
-            f"not {inner!r}."
+            f"The inner diameter of a ring must be at least 0 and less than the outer, {outer!r} "
+            f"m, got {inner!r}."
         )
     grid = field.grid
     if edges != "area" and grid.shape != (1, 1):
@@ -297,38 +297,38 @@ def annular_aperture(
     if 1 not in grid.shape:
         covered = disc_coverage(grid, outer / 2, centre) - disc_coverage(grid, inner / 2, centre)
         return _masked(field, covered)
-    whole, hole = (_interval_tables(field, (d, d), centre) for d in (outer, inner))
-    covered = np.multiply.outer(*whole)
+    outer_tables, inner_tables = (_interval_tables(field, (d, d), centre) for d in (outer, inner))
+    covered = np.multiply.outer(*outer_tables)
     if grid.shape != (1, 1):
-        covered -= np.multiply.outer(*hole)
+        covered -= np.multiply.outer(*inner_tables)
     return _masked(field, covered)
 
 
 def polygonal_aperture(field: Field, vertices: Any, *, edges: Edges = "area") -> Field:
-    """Multiply a field by a polygon: by default the exact area of every cell inside.
+    """Multiply a field by a polygon; by default each cell has the exact area inside.
 
     Parameters
     ----------
     field : Field
-        Of any shape (..., ny, nx).
+        Field of any shape (..., ny, nx).
     vertices : array_like
-        Shape (n, 2), n >= 3, (y, x) in metres; any polygon that does not cross itself, convex or
-        not, either way round; the last vertex joins the first.
+        Vertices (y, x) in metres, shape (n, 2), n >= 3, of a polygon that does not cross itself,
+        convex or not, in either direction. The last vertex joins the first.
     edges : {"samples", "area", "pixels"}
-        As in `aperture`.
+        Transmission of samples on the rim, as in `aperture`.
 
     Returns
     -------
     Field
-        The field behind the opening, of the shape of ``field``.
+        Field behind the aperture, with the shape of ``field``.
 
     Raises
     ------
     ValueError
-        For vertices of another shape, that are not finite, enclose nothing or cross, or for other
-        edges.
+        If the vertices have another shape, are not finite, enclose no area or cross, or the edges
+        are unknown.
     ShapeError
-        On a grid with an axis of length 1, along which a polygon has no meaning.
+        If the grid has an axis of length 1.
 
     Examples
     --------
@@ -344,15 +344,14 @@ def polygonal_aperture(field: Field, vertices: Any, *, edges: Edges = "area") ->
     corners = real_array(vertices, "vertices", np.float64)
     if corners.ndim != 2 or corners.shape[0] < 3 or corners.shape[1] != 2:
         raise ValueError(
-            f"A polygon has vertices of shape (n, 2), n at least 3, (y, x) in metres, not "
-            f"{corners.shape}."
+            f"vertices must have shape (n, 2), n at least 3, (y, x) in metres, got {corners.shape}."
         )
     if not np.isfinite(corners).all():
-        raise ValueError("The vertices of a polygon are all finite, (y, x) in metres.")
+        raise ValueError("vertices must be all finite, (y, x) in metres.")
     if 1 in field.grid.shape:
         raise ShapeError(
-            f"A polygon or turned rectangle needs two axes; nothing varies along one of a grid of "
-            f"shape {field.grid.shape}: use rectangular_aperture without rotation."
+            "A polygon or rotated rectangle requires a grid without axes of length 1, got shape "
+            f"{field.grid.shape}; use rectangular_aperture without rotation."
         )
     covered = polygon_coverage(field.grid, corners)
     return _masked(
@@ -361,7 +360,7 @@ def polygonal_aperture(field: Field, vertices: Any, *, edges: Edges = "area") ->
 
 
 def disc(field: Field, radius: float, centre: Pair, *, out: cla.Array | None = None) -> Field:
-    """``field`` inside a circle (kernel aperture.cl), into ``out``, which may be its own data."""
+    """Multiply ``field`` by a disc (kernel aperture.cl), into ``out``, which may be its data."""
     device, grid = field.device, field.grid
     if 1 in grid.shape:
         return _upright(field, (2 * radius, 2 * radius), centre)
@@ -378,7 +377,7 @@ def disc(field: Field, radius: float, centre: Pair, *, out: cla.Array | None = N
 
 
 def _upright(field: Field, size: Pair, centre: Pair, edges: Edges = "area") -> Field:
-    """``field`` inside a rectangle along the axes."""
+    """Multiply ``field`` by a rectangle along the axes."""
     ty, tx = _interval_tables(field, size, centre, edges)
     if edges == "pixels":
         ty, tx = square_samples(ty), square_samples(tx)
@@ -390,7 +389,7 @@ def _upright(field: Field, size: Pair, centre: Pair, edges: Edges = "area") -> F
 def _interval_tables(
     field: Field, size: Pair, centre: Pair, edges: Edges = "area"
 ) -> tuple[Vector, Vector]:
-    """What is let through along y and x, shapes (ny,) and (nx,); 1 along an axis of length 1."""
+    """Return the transmission along y and x, (ny,) and (nx,); 1 along an axis of length 1."""
     cover = interval_coverage if edges == "area" else interval_middles
     ty, tx = (
         np.ones(1) if len(offset) == 1 else cover(offset, pitch, side / 2)

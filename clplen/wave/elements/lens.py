@@ -1,4 +1,4 @@
-"""Thin lenses, and how finely lenses and lenslets must be sampled."""
+"""Thin lenses, and the sampling that lenses and lenslets require."""
 
 from __future__ import annotations
 
@@ -45,36 +45,36 @@ def thin_lens(
 ) -> Field:
     """Multiply a field by the phase of a thin lens centred on the axis.
 
-    Paraxial: u exp(-i pi r^2/(lam f)), Goodman (2005), eq. 5-10. Stigmatic:
-    u exp(-ik sign(f) (sqrt(r^2 + f^2) - abs(f))), which makes a plane wave a sphere about the focus
-    without aberration.
+    The paraxial form is u exp(-i pi r^2/(lam f)) (Goodman 2005, eq. 5-10). The stigmatic form is
+    u exp(-ik sign(f) (sqrt(r^2 + f^2) - abs(f))); it turns a plane wave into a sphere about the
+    focus, without aberration.
 
     Parameters
     ----------
     field : Field
         Shape (..., ny, nx).
     focal_length : float
-        In metres, not 0; negative diverges, infinite does nothing.
+        Focal length in metres, not 0; negative diverges, infinite has no effect.
     diameter : float, optional
-        Of its circular, area-weighted aperture in metres; None: unbounded.
+        Diameter of a circular, area-weighted aperture in metres; None: unbounded.
     form : {"paraxial", "stigmatic"}
-        Which of the two phases.
+        Form of the phase.
     aliasing : {"raise", "warn", "allow"}
-        What to do when neighbouring samples of the phase differ by more than pi, that is beyond
-        R_max = lam f/(2 dx), or f q/sqrt(1 - q^2) with q = lam/(2 dx) for the stigmatic form.
-        Without a diameter the half window counts.
+        Action if neighbouring samples of the phase differ by more than pi, beyond R_max = lam f/(2
+        dx), or f q/sqrt(1 - q^2) with q = lam/(2 dx) for the stigmatic form. Without a diameter the
+        half window counts.
 
     Returns
     -------
     Field
-        Behind the lens, on the same grid.
+        Field behind the lens, on the same grid.
 
     Raises
     ------
     SamplingError
         If the phase is aliased and ``aliasing`` is "raise".
     ValueError
-        For f = 0 or NaN, a diameter that is not positive, or another form.
+        If f is 0 or NaN, the diameter not positive, or the form unknown.
 
     Warns
     -----
@@ -83,7 +83,7 @@ def thin_lens(
 
     Notes
     -----
-    Along an axis of length 1 there is neither phase nor edge: the lens is cylindrical.
+    If the field has length 1 along an axis, the lens is cylindrical.
 
     Examples
     --------
@@ -96,7 +96,7 @@ def thin_lens(
     require_field(field)
     f = focal_length
     if f != f or f == 0:
-        raise ValueError(f"The focal length is not 0, in metres; got {f!r}.")
+        raise ValueError(f"focal_length must not be 0 or NaN, got {f!r}.")
     units.WEAK_LENS.check(f, "The focal length")
     check_diameter(diameter)
     half = None if diameter is None else diameter / 2
@@ -117,34 +117,34 @@ def thin_lens_gradient(
 ) -> dict[str, float]:
     """Return the gradient of a loss with respect to the focal length of a thin lens.
 
-    The lens is t = A exp(i p) as `thin_lens` has it, and dL/df = sum Im(conj(u t) g) dp/df with
+    With the transmission t = A exp(i p) of `thin_lens`, dL/df = sum Im(conj(u t) g) dp/df. Here
     dp/df = pi r^2/(lam f^2), or k (1 - abs(f)/sqrt(r^2 + f^2)) for the stigmatic form.
 
     Parameters
     ----------
     field : Field
-        The field u in front of the lens, shape (..., ny, nx).
+        Field u in front of the lens, shape (..., ny, nx).
     cotangent : Field
-        Gradient g = dL/dRe + i dL/dIm with respect to the field behind the lens, of the shape of
+        Gradient g = dL/dRe + i dL/dIm with respect to the field behind the lens, with the shape of
         ``field``.
     focal_length : float
-        In metres, as in `thin_lens`.
+        Focal length in metres, as in `thin_lens`.
     diameter : float, optional
-        Of its aperture, as in `thin_lens`.
+        Diameter of the aperture, as in `thin_lens`.
     form : {"paraxial", "stigmatic"}
-        Which of the two phases.
+        Form of the phase.
 
     Returns
     -------
     dict of str to float
-        "focal_length", per metre; 0 for a lens of infinite focal length.
+        Gradient "focal_length", per metre; 0 for a lens of infinite focal length.
 
     Raises
     ------
     ShapeError
         If the shapes differ.
     ValueError
-        For a focal length, diameter or form that `thin_lens` refuses.
+        If `thin_lens` does not accept the focal length, diameter or form.
 
     Examples
     --------
@@ -164,10 +164,10 @@ def thin_lens_gradient(
 
 
 def focal_length_slope(field: Field, before: Field, focal_length: float, form: Form) -> float:
-    """dL/df of a thin lens, from the gradients by the field in front of it.
+    """Return dL/df of a thin lens from the gradients by the field in front of it.
 
-    That is conj(t) g = `before`, so that conj(u t) g of `thin_lens_gradient` is conj(u) times it:
-    the field u and this one are read once.
+    With conj(t) g = `before`, conj(u t) g of `thin_lens_gradient` equals conj(u) times `before`, so
+    that the field u and `before` are read only once.
     """
     f, lam, (y, x) = focal_length, field.wavelength, offsets(field.grid)
     if form == "paraxial" or math.isinf(f):
@@ -188,14 +188,14 @@ def check_lens_sampling(
     aliasing: Aliasing,
     form: Form = "paraxial",
 ) -> None:
-    """Act on a lens phase that is sampled too coarsely.
+    """Raise or warn if a lens phase is undersampled.
 
     Neighbouring samples differ by at most pi up to R_max = lam f/(2 dx), or f q/sqrt(1 - q^2) with
     q = lam/(2 dx) for a stigmatic lens.
     """
     check_aliasing(aliasing)
     if form not in ("paraxial", "stigmatic"):
-        raise ValueError(f"The form of a lens is 'paraxial' or 'stigmatic', not {form!r}.")
+        raise ValueError(f"form must be 'paraxial' or 'stigmatic', got {form!r}.")
     for axis in (0, 1):
         if grid.shape[axis] == 1 or math.isinf(f):
             continue
@@ -206,12 +206,12 @@ def check_lens_sampling(
         largest = sampled_radius(f, **sampling, is_paraxial=is_paraxial)
         if not exceeds(used, largest):
             continue
-        enough = sampled_from(used, **sampling, is_paraxial=is_paraxial)
+        min_focal_length = sampled_from(used, **sampling, is_paraxial=is_paraxial)
         rule = "lam f/(2 dx)" if is_paraxial else "f q/sqrt(1 - q^2), q = lam/(2 dx),"
         message = (
             f"The phase of a lens of f = {f:g} m is aliased on samples of {grid.pitch[axis]:g} m: "
-            f"its radius is R = {used:.4g} m, R_max = {rule} = {largest:.4g} m; a focal "
-            f"length of at least {enough:.4g} m would do."
+            f"its radius is R = {used:.4g} m, R_max = {rule} = {largest:.4g} m; use a focal "
+            f"length of at least {min_focal_length:.4g} m."
         )
         act_on_aliasing(message, aliasing)
         return
@@ -225,20 +225,20 @@ def _bend(field: Field, f: float) -> Field:
 
 @dataclass(frozen=True)
 class LensSampling:
-    """The sampling of a thin paraxial lens: lengths in metres, slopes, and the largest slope."""
+    """Sampling of a thin paraxial lens: lengths in metres, slopes, and the largest slope."""
 
-    radius: float  # that is used
+    radius: float  # of the used part of the lens
     largest_radius: float  # R_max = lam abs(f)/(2 dx)
     shortest_focal_length: float  # f_min = 2 R dx/lam
     f_number: float
-    fastest: float  # f-number that is sampled, dx/lam
-    arriving: float  # largest slopes of the light before the lens, of the lens, and behind it
-    alone: float
-    behind: float
-    limit: float  # lam/(2 dx)
+    fastest: float  # smallest f-number that is sampled, dx/lam
+    arriving: float  # largest slope of the light in front of the lens
+    alone: float  # largest slope of the lens
+    behind: float  # largest slope of the light behind the lens
+    limit: float  # largest slope that is sampled, lam/(2 dx)
 
     def is_sampled(self, slope: float) -> bool:
-        """Whether a slope is at most the limit."""
+        """Return True if a slope is at most the limit."""
         return not exceeds(slope, self.limit)
 
 
@@ -250,20 +250,20 @@ def lens_sampling(
     diameter: float | None = None,
     arriving: float = math.inf,
 ) -> LensSampling:
-    """How finely a grid samples a thin lens on the axis, along the axis that is sampled worse.
+    """Return the sampling of a thin lens, along the axis with the worse sampling.
 
-    ``arriving`` is the radius of curvature of the light at the lens in metres: positive from a
-    point before it, negative to a point behind it. Without a diameter the half window counts.
+    ``arriving`` is the radius of curvature of the light at the lens in metres: positive for a
+    source in front, negative for a focus behind it. Without a diameter the half window counts.
     """
     _check_focal_length(f)
     check_diameter(diameter)
-    used = []
+    candidates = []
     for axis, coordinates in enumerate((grid.y, grid.x)):
         reach = float(np.abs(coordinates).max())
         if grid.shape[axis] > 1:
             radius = reach if diameter is None else min(diameter / 2, reach)
-            used.append((radius * grid.pitch[axis], radius, grid.pitch[axis]))
-    _, radius, pitch = max(used, default=(0.0, 0.0, max(grid.pitch)))
+            candidates.append((radius * grid.pitch[axis], radius, grid.pitch[axis]))
+    _, radius, pitch = max(candidates, default=(0.0, 0.0, max(grid.pitch)))
     return LensSampling(
         radius=radius,
         largest_radius=sampled_radius(f, pitch, wavelength, is_paraxial=True),
@@ -279,21 +279,21 @@ def lens_sampling(
 
 def _check_focal_length(f: float) -> None:
     if not abs(f) > 0:
-        raise ValueError(f"A focal length is a number of metres and not 0, not {f!r}.")
+        raise ValueError(f"The focal length must be a number of metres other than 0, got {f!r}.")
 
 
 @dataclass(frozen=True)
 class LensletSampling:
-    """The sampling of lenslets in the light of a lens, by the slopes of both."""
+    """Sampling of lenslets in the light of a lens, by the slopes of both."""
 
-    lenslet: float  # d/(2 f_mu)
-    lens: float  # D/(2 z) of the light that arrives
-    limit: float  # lam/(2 dx)
-    shortest_focal_length: float  # f_mu that is sampled in metres; infinite where none is
+    lenslet: float  # slope d/(2 f_mu) of a lenslet
+    lens: float  # slope D/(2 z) of the incident light
+    limit: float  # largest slope that is sampled, lam/(2 dx)
+    shortest_focal_length: float  # smallest sampled f_mu in metres; infinite if there is none
 
     @property
     def is_sampled(self) -> bool:
-        """d/(2 f_mu) + D/(2 z) <= lam/(2 dx)."""
+        """True if d/(2 f_mu) + D/(2 z) <= lam/(2 dx)."""
         return not exceeds(self.lenslet + self.lens, self.limit)
 
 
@@ -306,9 +306,9 @@ def lenslet_sampling(
     diameter: float = 0.0,
     z: float = math.inf,
 ) -> LensletSampling:
-    """How finely lenslets are sampled in a plane wave, or ``z`` behind a lens of a diameter."""
+    """Return the sampling of lenslets in a plane wave, or ``z`` behind a lens of a diameter."""
     _check_focal_length(f)
     limit, lens = steepest_slope(samples, wavelength), diameter / (2 * abs(z))
-    left = limit - lens
-    shortest = pitch / (2 * left) if left > 0 else math.inf
+    margin = limit - lens
+    shortest = pitch / (2 * margin) if margin > 0 else math.inf
     return LensletSampling(pitch / (2 * abs(f)), lens, limit, shortest)

@@ -1,4 +1,4 @@
-"""Errors of the lenslets of an array: tilts, places, focal lengths and Zernike terms."""
+"""Errors of the lenslets of an array: tilts, positions, focal lengths and Zernike terms."""
 
 from __future__ import annotations
 
@@ -19,32 +19,34 @@ from clplen.wave.field.field_gradients import transmission_gradient
 from clplen.wave.field.transmission import multiply
 
 Orders = tuple[int, int]
-HIGHEST_ORDER = 8  # of a lenslet's Zernike terms; float32 polynomials keep 4e-4 rad a wave there
+HIGHEST_ORDER = 8  # of Zernike terms; float32 polynomials are accurate to 4e-4 rad per wave
 
 
 @dataclass(frozen=True, eq=False, repr=False)
 class LensletErrors(OneLine):
-    """Departures of the lenslets of one array, along its own columns (x) and rows (y).
+    """Deviations of the lenslets of an array along its columns (x) and rows (y).
 
     Attributes
     ----------
     terms : dict of (int, int) to float
-        Zernike polynomials (n, m) of every lenslet, in metres rms over a circle about its centre.
+        Zernike polynomials (n, m) common to all lenslets, in metres rms over a circle about their
+        centres.
     circle : float
-        Diameter of that circle in metres.
+        Diameter of the circle in metres.
     focal_lengths : numpy.ndarray
-        Of each lenslet, in metres, shape (ny, nx).
+        Focal lengths in metres, shape (ny, nx).
     tilt : numpy.ndarray
-        (y, x) of the slope that each adds to rays, in radians, shape (ny, nx, 2).
+        Slopes (y, x) that the lenslets add to rays, in radians, shape (ny, nx, 2).
     position : numpy.ndarray
-        (y, x) of each vertex from the centre of its aperture, in metres, shape (ny, nx, 2).
+        Offsets (y, x) of the vertices from the centres of the apertures in metres, shape (ny, nx,
+        2).
 
     Examples
     --------
     >>> mla = clplen.MicrolensArray(100e-6, 2e-3, count=4)
     >>> scatter = clplen.cameras.LensletScatter(tilt=1e-3, seed=1)
-    >>> made = clplen.cameras.Aberrations(lenslets={11: 20e-9}, scatter=scatter)
-    >>> errors = made.lenslet_errors(mla)
+    >>> aberrations = clplen.cameras.Aberrations(lenslets={11: 20e-9}, scatter=scatter)
+    >>> errors = aberrations.lenslet_errors(mla)
     >>> errors.terms, errors.tilt.shape
     ({(4, 0): 2e-08}, (4, 4, 2))
     """
@@ -58,11 +60,11 @@ class LensletErrors(OneLine):
     def phase(
         self, mla: MicrolensArray, grid: Grid, wavelength: float, device: DeviceLike | None = None
     ) -> cla.Array:
-        """exp(i phase) that multiplies the transmission of an array, shape of the grid.
+        """Return exp(i phase), the factor of an array's transmission, with the shape of the grid.
 
-        The vertex of a lenslet lies beside the centre of its aperture, which stays: of
-        -pi abs(r - s)^2/(lam f) its transmission has the term with r^2 and the focal length of its
-        kind.
+        The vertex of a lenslet may deviate from the centre s of its aperture, which does not move.
+        The transmission has the term of -pi abs(r - s)^2/(lam f) with r^2 and the design focal
+        length.
         """
         device = as_device(device)
         real = device.real
@@ -76,29 +78,30 @@ class LensletErrors(OneLine):
             out,
             *(device.upload(table) for table in mla.lattice_tables(grid, device)),
             device.upload(self._polynomial(order, mla.pitch, wavelength).astype(real)),
-            device.upload(self._own(mla, wavelength).astype(real)),
+            device.upload(self._lenslet_terms(mla, wavelength).astype(real)),
             *mla.count,
             *grid.shape,
         )
         return out
 
     def gradient(self, mla: MicrolensArray, field: Field, cotangent: Field) -> dict[str, Any]:
-        """The gradient of a loss with respect to the errors.
+        """Return the gradient of a loss with respect to the errors.
 
         Parameters
         ----------
         mla : MicrolensArray
-            The array that has them.
+            Array with the errors.
         field : Field
-            In front of the errors: it is multiplied by `phase`.
+            Field in front of the errors, to be multiplied by `phase`.
         cotangent : Field
-            dL/dRe + i dL/dIm of the field behind them, of the shape of ``field``.
+            Gradient dL/dRe + i dL/dIm with respect to the field behind, with the shape of
+            ``field``.
 
         Returns
         -------
         dict
-            "terms", {(n, m): float}; "focal_lengths", shape (ny, nx), "tilt" and "position", shape
-            (ny, nx, 2), numpy.ndarray of float64.
+            Gradients in float64: "terms", {(n, m): float}; "focal_lengths", shape (ny, nx); "tilt"
+            and "position", shape (ny, nx, 2).
 
         Raises
         ------
@@ -117,28 +120,28 @@ class LensletErrors(OneLine):
             (n, m): float((common[: n + 1, : n + 1] * zernike_monomials(n, m)).sum())
             for n, m in self.terms
         }
-        whole, slope = moments[..., 0, 0, None], mla.pitch * moments[..., (1, 0), (0, 1)]
+        zeroth, slope = moments[..., 0, 0, None], mla.pitch * moments[..., (1, 0), (0, 1)]
         square = mla.pitch**2 * (moments[..., 0, 2] + moments[..., 2, 0])
         bent = 1 / (2 * lam * self.focal_lengths)[..., None]
-        towards = 2 * slope - self.position * whole
+        towards = 2 * slope - self.position * zeroth
         by_bent = (self.position * towards).sum(axis=-1) - square
         return {
             "terms": terms,
             "focal_lengths": -by_bent * bent[..., 0] / self.focal_lengths,
             "tilt": slope / lam,
-            "position": 2 * bent * (slope - self.position * whole),
+            "position": 2 * bent * (slope - self.position * zeroth),
         }
 
     def _polynomial(self, order: int, pitch: float, wavelength: float) -> Float64Array:
-        """Turns c[i, k] of b^i a^k, b and a in pitches."""
+        """Return turns c[i, k] of b^i a^k, with b and a in pitches."""
         coefficients = np.zeros((order + 1, order + 1))
         powers = (2 * pitch / self.circle) ** np.arange(order + 1)
         for (n, m), metres in self.terms.items():
             coefficients[: n + 1, : n + 1] += metres / wavelength * zernike_monomials(n, m)
         return coefficients * np.outer(powers, powers)
 
-    def _own(self, mla: MicrolensArray, wavelength: float) -> Float64Array:
-        """Turns (constant, along a, along b, quadratic) of each lenslet, in pitches."""
+    def _lenslet_terms(self, mla: MicrolensArray, wavelength: float) -> Float64Array:
+        """Return turns (constant, along a, along b, quadratic) of each lenslet, in pitches."""
         designed = np.asarray(mla.focal_lengths)[mla.types()]
         bent = 1 / (2 * wavelength * self.focal_lengths)
         slope = self.tilt / wavelength + 2 * bent[..., None] * self.position
@@ -151,14 +154,15 @@ class LensletErrors(OneLine):
         return np.stack(columns, axis=-1)
 
     def bend(self, lenslet: Any, y: Any, x: Any) -> tuple[Any, Any]:
-        """Slopes (y, x) that lenslets add to rays, in place of -(y, x)/f.
+        """Return the slopes (y, x) that lenslets add to rays, in place of -(y, x)/f.
 
         Parameters
         ----------
         lenslet : numpy.ndarray
-            Which of them: row times columns plus column.
+            Index of the lenslet: row times number of columns plus column.
         y, x : numpy.ndarray
-            From the centre of its aperture, along the array's rows and columns, in metres.
+            Position relative to the centre of the aperture, along the array's rows and columns, in
+            metres.
         """
         f = self.focal_lengths.ravel()[lenslet]
         tilt, position = (values.reshape(-1, 2)[lenslet] for values in (self.tilt, self.position))

@@ -1,8 +1,8 @@
-"""Gradients with respect to the lenslets of an array: sums over each one's samples, and the rest.
+"""Gradients with respect to the lenslets of an array.
 
 The device sums over the samples of every lenslet (kernels/wave/lenslet_gradient.cl and
-lenslet_moments.cl); what follows from these sums by the chain rule is computed here in float64.
-Forward, the same rates of all lenslets become the change of the transmission.
+lenslet_moments.cl); the chain rule is applied to these sums in float64 on the host. In forward
+mode, the same rates of all lenslets give the change of the transmission.
 """
 
 from __future__ import annotations
@@ -17,11 +17,11 @@ from clplen.compute.device import Device
 from clplen.types import Float64Array
 from clplen.wave.field.field import Grid
 
-_ITEMS = 2**14  # that keep a GPU busy
+_ITEMS = 2**14  # work-items that occupy a GPU
 
 
 class LensletLattice(Protocol):
-    """What the gradients need of a `MicrolensArray`."""
+    """Properties of a `MicrolensArray` that gradients need."""
 
     @property
     def pitch(self) -> float: ...
@@ -54,7 +54,7 @@ class LensletLattice(Protocol):
 def array_gradient(
     mla: LensletLattice, of_transmission: cla.Array, grid: Grid, wavelength: float, device: Device
 ) -> dict[str, Any]:
-    """Gradient with respect to an array of thin lenslets."""
+    """Return the gradient with respect to an array of thin lenslets."""
     sums = array_sums(mla, of_transmission, grid, wavelength, device)
     lengths = np.asarray(mla.focal_lengths)[mla.types()]
     cos, sin = math.cos(mla.rotation), math.sin(mla.rotation)
@@ -82,7 +82,7 @@ def array_gradient(
 def array_sums(
     mla: LensletLattice, of_transmission: cla.Array, grid: Grid, wavelength: float, device: Device
 ) -> Float64Array:
-    """The seven sums of lenslet_gradient.cl, shape (rows, columns, 7); see `array_gradient`."""
+    """Return the seven sums of lenslet_gradient.cl, shape (rows, columns, 7)."""
     parts, columns = _parts(mla, device), mla.count[1]
     out = device.empty((*mla.count, parts, 7), _real(device))
     device.launch(
@@ -101,10 +101,9 @@ def array_sums(
 
 
 def _real(device: Device) -> np.dtype[Any]:
-    """Return the type of sums and places: float64 where the device has it.
+    """Return the dtype of sums and positions: float64 if the device supports it.
 
-    In float32 a sample whose cell a rim just touches falls on the other side of it, which costs a
-    lenslet's own place up to 1e-2.
+    In float32 a rim may miss a cell that it just touches, with an error of up to 1e-2 in a centre.
     """
     wide = device.precision == "double" or device.has_fp64
     return np.dtype(np.float64 if wide else np.float32)
@@ -117,34 +116,34 @@ def _defines(mla: LensletLattice, device: Device) -> dict[str, Any]:
 
 
 def _tables(mla: LensletLattice, grid: Grid, device: Device) -> list[cla.Array]:
-    """The arguments a_of_y, b_of_y, a_of_x and b_of_x of lenslet_gradient.cl."""
+    """Return the arguments a_of_y, b_of_y, a_of_x and b_of_x of lenslet_gradient.cl."""
     tables = mla.lattice_tables(grid, device, dtype=_real(device))
     return [device.upload(table) for table in tables]
 
 
 def _apertures(mla: LensletLattice, grid: Grid, wavelength: float, device: Device) -> list[Any]:
-    """The arguments turns, radius, turn, angle, hy and hx of lenslet_gradient.cl."""
+    """Return the arguments turns, radius, turn, angle, hy and hx of lenslet_gradient.cl."""
     dtype = _real(device)
     turns = mla.lens_turns(wavelength).astype(dtype)
     return [device.upload(turns), *mla.aperture_numbers(grid, dtype)]
 
 
 def array_rates(mla: LensletLattice, wavelength: float) -> dict[str, Float64Array]:
-    """How each lenslet changes with the parameters of an array, in terms of lenslet_gradient.cl."""
+    """Return derivatives of the lenslets by the array's parameters, for lenslet_gradient.cl."""
     lengths = np.asarray(mla.focal_lengths)[mla.types()]
     away, pitch = mla.centres() - mla.offset, mla.pitch
     cos, sin = math.cos(mla.rotation), math.sin(mla.rotation)
     bent = 2 * np.pi * pitch / (wavelength * lengths)
 
     def rates(down: Any = 0.0, right: Any = 0.0, **sums: Any) -> Float64Array:
-        """Of centres that move by (down, right), and of a change of some of the sums alone."""
-        found = np.zeros((*mla.count, 7))
-        found[..., 0] = bent * (down * sin + right * cos)
-        found[..., 1] = bent * (down * cos - right * sin)
-        found[..., 3], found[..., 4] = right / pitch, down / pitch
+        """Return the rates for centres that move by (down, right) or for single sums."""
+        table = np.zeros((*mla.count, 7))
+        table[..., 0] = bent * (down * sin + right * cos)
+        table[..., 1] = bent * (down * cos - right * sin)
+        table[..., 3], table[..., 4] = right / pitch, down / pitch
         for name, value in sums.items():
-            found[..., {"square": 2, "angle": 5, "radius": 6}[name]] = value
-        return found
+            table[..., {"square": 2, "angle": 5, "radius": 6}[name]] = value
+        return table
 
     square = np.pi * pitch**2 / (wavelength * lengths**2)
     kinds = [mla.types() == kind for kind in range(len(mla.focal_lengths))]
@@ -160,7 +159,7 @@ def array_rates(mla: LensletLattice, wavelength: float) -> dict[str, Float64Arra
 def array_tangents(
     mla: LensletLattice, rates: Float64Array, grid: Grid, wavelength: float, device: Device
 ) -> cla.Array:
-    """Derivatives of the transmission of an array, the transpose of `array_gradient`."""
+    """Return derivatives of the transmission of an array, the transpose of `array_gradient`."""
     out = device.zeros((len(rates), *grid.shape), device.complex)
     device.launch_rows(
         device.kernel("lenslet_gradient.cl", "lenslet_tangent", **_defines(mla, device)),
@@ -179,7 +178,7 @@ def array_tangents(
 def lenslet_moments(
     mla: LensletLattice, of_log: cla.Array, grid: Grid, device: Device, order: int
 ) -> Float64Array:
-    """Moments of the gradient with respect to the phase over the samples of each lenslet."""
+    """Return moments of the gradient by the phase over the samples of each lenslet."""
     parts = _parts(mla, device)
     power = np.array([(i, k) for i in range(order + 1) for k in range(order + 1 - i)])
     out = device.empty((*mla.count, parts, len(power)), device.real)
@@ -202,15 +201,14 @@ def lenslet_moments(
 
 
 def _parts(mla: LensletLattice, device: Device) -> int:
-    """Work-items of a lenslet."""
+    """Return the number of work-items of a lenslet."""
     return 1 if device.rows else max(1, min(16, _ITEMS // (mla.count[0] * mla.count[1])))
 
 
 def _aperture_boxes(mla: LensletLattice, grid: Grid) -> np.ndarray:
-    """Rows and columns of the samples that a lenslet's aperture reaches, or whose phase it gives.
+    """Return the rows and columns of samples that depend on a lenslet.
 
-    A sample of which any aperture covers a part is no farther from its nearest lenslet than the
-    radius of an aperture and half a sample's diagonal.
+    Their distance from the centre is at most the aperture's radius plus half a sample's diagonal.
     """
     corner = (2 / math.sqrt(3) if mla.lattice == "hexagonal" else math.sqrt(2)) / 2
     far = mla.diameter * (corner if mla.fill == "full" else 0.5) + math.hypot(*grid.pitch)
@@ -219,26 +217,23 @@ def _aperture_boxes(mla: LensletLattice, grid: Grid) -> np.ndarray:
 
 
 def _nearest_boxes(mla: LensletLattice, grid: Grid) -> np.ndarray:
-    """Rows and columns of the samples whose nearest lenslet is one of an array.
+    """Return the rows and columns of the samples whose nearest lenslet is each of an array.
 
-    Those of a lenslet lie in a rectangle along the array's axes, which on the border of the array
-    goes on to the end of the window: half a column and half a row about its centre, in a hexagonal
-    lattice two thirds of a row, and one and a half rows at the ends of rows (of the row that a
-    sample lies in and its neighbours, one is taken).
+    On the border of the array the rectangles extend to the end of the window.
     """
     (rows, columns), hexagonal = mla.count, mla.lattice == "hexagonal"
     i, k = (n.ravel() for n in np.indices(mla.count))
     middle = k - (columns - 1) / 2 + (i % 2 / 2 if hexagonal else 0)
-    # rows that the first and the last may lose to their neighbours
-    beside = ((k == 0) | (k == columns - 1)).astype(np.int64) if hexagonal else np.zeros_like(k)
-    half = np.where(beside > 0, 1.5, 2 / 3 if hexagonal else 0.5)
+    # A hexagonal cell extends two thirds of a row, at the ends of rows one and a half rows.
+    end_rows = ((k == 0) | (k == columns - 1)).astype(np.int64) if hexagonal else np.zeros_like(k)
+    half = np.where(end_rows > 0, 1.5, 2 / 3 if hexagonal else 0.5)
     endless = math.hypot(*grid.extent) + math.hypot(*grid.origin) + math.hypot(*mla.offset)
     endless += math.hypot(rows * mla.row_pitch, columns * mla.pitch)
     left = np.where(k == 0, -endless, (middle - 0.5) * mla.pitch)
     right = np.where(k == columns - 1, endless, (middle + 0.5) * mla.pitch)
     height = i - (rows - 1) / 2
-    top = np.where(i <= beside, -endless, (height - half) * mla.row_pitch)
-    bottom = np.where(i >= rows - 1 - beside, endless, (height + half) * mla.row_pitch)
+    top = np.where(i <= end_rows, -endless, (height - half) * mla.row_pitch)
+    bottom = np.where(i >= rows - 1 - end_rows, endless, (height + half) * mla.row_pitch)
     y, x = np.stack([top, top, bottom, bottom]), np.stack([left, right, left, right])
     cos, sin = math.cos(mla.rotation), math.sin(mla.rotation)
     corners = np.stack([x * sin + y * cos, x * cos - y * sin], axis=-1) + mla.offset
@@ -246,7 +241,7 @@ def _nearest_boxes(mla: LensletLattice, grid: Grid) -> np.ndarray:
 
 
 def _boxes(low: Float64Array, high: Float64Array, grid: Grid) -> np.ndarray:
-    """(first row, end, first column, end) of the samples between places (y, x), int32."""
+    """Return (first row, end, first column, end) of the samples between positions (y, x), int32."""
     start, step = np.array([grid.y[0], grid.x[0]]), np.array(grid.pitch)
     first = np.clip(np.ceil((low - start) / step), 0, grid.shape)
     end = np.clip(np.floor((high - start) / step) + 1, first, grid.shape)

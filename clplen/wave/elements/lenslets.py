@@ -31,8 +31,8 @@ from clplen.wave.field.field import Field, Grid, require_field
 from clplen.wave.field.field_gradients import transmission_gradient
 from clplen.wave.field.transmission import multiply, whole_and_part
 
-SMALLEST_PITCH = 2  # samples a lenslet
-_CONTRADICTION = 0.005  # of a focal length, from that of the surface
+SMALLEST_PITCH = 2  # minimum number of samples of a lenslet
+_FOCAL_TOLERANCE = 0.005  # relative deviation of a focal length from that of the surface
 
 Values = np.ndarray[Any, np.dtype[np.float64]]
 
@@ -40,59 +40,60 @@ Values = np.ndarray[Any, np.dtype[np.float64]]
 @alias_argument(f="focal_length")
 @dataclass(frozen=True, init=False, repr=False)
 class MicrolensArray(OneLine):
-    """Thin lenslets on a square or hexagonal lattice, centred on the axis.
+    """Lenslets on a square or hexagonal lattice, centred on the axis.
 
     Lenslet (i, k) is centred at rotation * ((k - (nx - 1)/2) pitch, (i - (ny - 1)/2) height) +
-    offset, with height = pitch (square) or sqrt(3)/2 pitch (hexagonal, odd rows moved by
-    +pitch/2). Outside its lenslets the array is opaque, but for clear gaps.
+    offset, with height = pitch (square) or sqrt(3)/2 pitch (hexagonal, odd rows shifted by
+    +pitch/2). The array is opaque outside of its lenslets, unless gaps are clear.
 
     Parameters
     ----------
     pitch : float
-        Between neighbours of a row, in metres.
+        Distance between neighbours of a row in metres.
     focal_length : float or sequence of float, optional
-        Of a lenslet in metres, not 0; a ``surface`` has its own. Several make a multi-focus array:
-        kind (k + s i) mod n on a square lattice of n kinds, s = 1 for 2 and 3 of them, else 2, and
-        (k - i//2 + 2 i) mod 3 on a hexagonal one, which has 3 or 1; neighbours differ.
+        Focal length of a lenslet in metres, not 0; defined by ``surface`` if there is one. A
+        sequence makes a multi-focus array. Its kinds are (k + s i) mod n on a square lattice of n
+        kinds (s = 1 for n = 2 and 3, else 2), and (k - i//2 + 2 i) mod 3 on a hexagonal lattice,
+        which has 1 or 3 kinds; neighbours differ.
     count : int or tuple of int
-        Lenslets, (ny, nx) or one number for both.
+        Numbers of lenslets (ny, nx), or a single number for both.
     lattice : {"square", "hexagonal"}
-        How the centres lie: see above.
+        Lattice of the centres.
     fill : {"circular", "full"}
         Aperture of a lenslet: a disc, or the lattice cell (square or hexagon). On a square lattice
-        "square" is another word for "full".
+        "square" is a synonym of "full".
     diameter : float, optional
-        Of the disc, or width of the cell, in metres, at most ``pitch``; None: ``pitch``.
+        Diameter of the disc or width of the cell in metres, at most ``pitch``; None: ``pitch``.
     offset : tuple of float
-        (y, x) of the array's centre in metres.
+        Position (y, x) of the array's centre in metres.
     rotation : float
-        In radians; positive turns +x towards +y (y down).
+        Angle in radians; positive turns +x towards +y (y down).
     surface : LensletSurface or sequence of LensletSurface, optional
-        Of the lenslets, one a kind: the phase -2 pi (n(lam) - 1) z(r)/lam, which follows the
-        wavelength, in place of a thin lens' -pi r^2/(lam f).
+        Surfaces of the lenslets, one for each kind, with the phase -2 pi (n(lam) - 1) z(r)/lam
+        instead of -pi r^2/(lam f) of a thin lens.
     gap : {"opaque", "clear"}
-        What lies between round lenslets within the cells of the lattice: nothing passes, or plane
-        glass level with the rims of the lenslets. With "clear" the phase is that from this plane,
-        so that lenslets of several kinds stand on one piece of glass.
+        Area between round lenslets: "opaque", or "clear" for plane glass level with their rims. The
+        phase is then relative to this plane, so that lenslets of several kinds share a substrate.
     map : LensletMap, optional
-        A measured sag or phase, added to the thin lens or the surface, or in its place.
+        Measured sag or phase, added to the thin lens or surface or replacing it.
 
     Attributes
     ----------
     focal_length, f : float
-        The focal length, or the first of several; of a surface R/(n - 1) at its design wavelength.
+        Focal length, or the first of several, in metres; for a surface R/(n - 1) at its design
+        wavelength.
     focal_lengths : tuple of float
-        Of the kinds of lenslets, all different.
+        Focal lengths of the kinds of lenslets, all different, in metres.
     surface : tuple of LensletSurface
-        Of the kinds of lenslets; empty for thin lenses.
+        Surfaces of the kinds of lenslets; empty for thin lenses.
 
     Raises
     ------
     ValueError
-        For a length, count, lattice or fill outside its range; a focal length that differs by more
-        than .5 % from that of the surface; a surface or a map that ends within a lenslet.
+        If a length, count, lattice or fill is out of range, a focal length differs by more than
+        0.5 % from that of the surface, or a surface or map ends within a lenslet.
     ShapeError
-        If there are maps of each lenslet, but not as many as lenslets.
+        If the numbers of maps and lenslets differ.
 
     Examples
     --------
@@ -135,34 +136,38 @@ class MicrolensArray(OneLine):
         map: LensletMap | None = None,
     ) -> None:
         if np.ndim(count) > 1 or np.size(count) not in (1, 2):
-            raise ValueError(f"The count of lenslets is one number or (ny, nx), not {count!r}.")
+            raise ValueError(
+                f"The count of lenslets must be one number or (ny, nx), got {count!r}."
+            )
         counts = np.broadcast_to(np.asarray(count), (2,))
         if not (is_finite(pitch) and pitch > 0):
-            raise ValueError(f"The pitch of lenslets is positive, in metres, not {pitch!r}.")
+            raise ValueError(f"The pitch of lenslets must be positive, in metres, got {pitch!r}.")
         units.LENSLET_PITCH.check(pitch, "The pitch of lenslets")
         if not all(is_integer(n) and n >= 1 for n in counts):
-            raise ValueError(f"The count of lenslets is positive integers (ny, nx), not {count!r}.")
+            raise ValueError(
+                f"The count of lenslets must be positive integers (ny, nx), got {count!r}."
+            )
         if lattice not in ("square", "hexagonal"):
-            raise ValueError(f"lattice is 'square' or 'hexagonal', not {lattice!r}.")
+            raise ValueError(f"lattice must be 'square' or 'hexagonal', got {lattice!r}.")
         surfaces = _surfaces(surface)
-        given = _focal_length_of(surfaces, focal_length)
-        focal_lengths = _focal_lengths(given, lattice)
+        requested = _focal_length_of(surfaces, focal_length)
+        focal_lengths = _focal_lengths(requested, lattice)
         if fill == "square" and lattice == "square":
             fill = "full"
         if fill not in ("circular", "full"):
-            raise ValueError(f"fill is 'circular' or 'full', not {fill!r}.")
+            raise ValueError(f"fill must be 'circular' or 'full', got {fill!r}.")
         numbers = (*np.ravel(offset), rotation)
         if np.shape(offset) != (2,) or not all(is_finite(value) for value in numbers):
             raise ValueError(
-                "offset is (y, x) in metres and rotation an angle in radians, all finite, not "
+                "offset must be (y, x) in metres and rotation an angle in radians, all finite, got "
                 f"{offset!r} and {rotation!r}."
             )
         units.OFFSET.check(offset, "The offset of the array")
         width = pitch if diameter is None else diameter
         if not (is_finite(width) and 0 < width <= pitch * (1 + 1e-12)):
             raise ValueError(
-                f"The diameter of a lenslet lies between 0 and its pitch of {pitch:g} m, "
-                f"not {diameter!r}."
+                f"The diameter of a lenslet must lie between 0 and its pitch of {pitch:g} m, "
+                f"got {diameter!r}."
             )
         values = {
             "pitch": float(pitch),
@@ -180,29 +185,29 @@ class MicrolensArray(OneLine):
         }
         for name, value in values.items():
             object.__setattr__(self, name, value)
-        _check_made(self)
+        _check_surfaces(self)
 
     def __repr__(self) -> str:
-        shown = {one.name: getattr(self, one.name) for one in fields(self)}
+        values = {field.name: getattr(self, field.name) for field in fields(self)}
         plain = {"surface": (), "gap": "opaque", "map": None}
-        return one_line(self, {k: v for k, v in shown.items() if k not in plain or v != plain[k]})
+        return one_line(self, {k: v for k, v in values.items() if k not in plain or v != plain[k]})
 
     def describe(self) -> str:
-        """Count, pitch, focal length, lattice, fill, and how the lenslets are made."""
+        """Return count, pitch, focal length, lattice, fill, and deviations from thin lenslets."""
         text = f"{self.count[0]} x {self.count[1]}, pitch {metres(self.pitch)}, "
         text += f"f = {metres(self.focal_length)}, {self.lattice}, {self.fill}"
-        made = ["surface"] * bool(self.surface) + ["map"] * (self.map is not None)
-        made += ["clear gaps"] * (self.gap == "clear")
-        return ", ".join([text, *made])
+        features = ["surface"] * bool(self.surface) + ["map"] * (self.map is not None)
+        features += ["clear gaps"] * (self.gap == "clear")
+        return ", ".join([text, *features])
 
     @property
     def is_thin(self) -> bool:
-        """Whether the lenslets are thin lenses in an opaque mask."""
+        """True if the lenslets are thin lenses in an opaque mask."""
         return not self.surface and self.gap == "opaque" and self.map is None
 
     @property
     def row_pitch(self) -> float:
-        """Distance of neighbouring rows in metres."""
+        """Distance between neighbouring rows in metres."""
         return self.pitch * (math.sqrt(3) / 2 if self.lattice == "hexagonal" else 1.0)
 
     @property
@@ -216,27 +221,27 @@ class MicrolensArray(OneLine):
 
     @property
     def type_step(self) -> int:
-        """s: by how much the kind changes from a lenslet to its neighbour below (hexagonal: right).
+        """Step s of the kind from a lenslet to its neighbour below (hexagonal: to the right).
 
-        Lenslet (i, k) is of the kind (q + s i) mod n, q = k, or k - i//2 on a hexagonal lattice.
+        Lenslet (i, k) has the kind (q + s i) mod n, with q = k, or k - i//2 on a hexagonal lattice.
         """
         return 2 if self.lattice == "hexagonal" or len(self.focal_lengths) > 3 else 1
 
     def replaced(self, *, rotation: float, offset: tuple[float, float]) -> MicrolensArray:
-        """The same lenslets, turned by another angle about another centre."""
-        made = copy.copy(self)
-        object.__setattr__(made, "rotation", float(rotation))
-        object.__setattr__(made, "offset", (float(offset[0]), float(offset[1])))
-        return made
+        """Return a copy of the array with another rotation and offset."""
+        array = copy.copy(self)
+        object.__setattr__(array, "rotation", float(rotation))
+        object.__setattr__(array, "offset", (float(offset[0]), float(offset[1])))
+        return array
 
     def types(self) -> np.ndarray:
-        """The kind of every lenslet, an index into ``focal_lengths``, shape (ny, nx)."""
+        """Return the kind of every lenslet, an index into ``focal_lengths``, shape (ny, nx)."""
         i, k = np.indices(self.count)
         q = k - i // 2 if self.lattice == "hexagonal" else k
         return np.asarray((q + self.type_step * i) % len(self.focal_lengths))
 
     def centres(self) -> np.ndarray:
-        """Centres (y, x) of the lenslets in metres, shape (ny, nx, 2)."""
+        """Return the centres (y, x) of the lenslets in metres, shape (ny, nx, 2)."""
         i, k = np.indices(self.count, dtype=np.float64)
         a = k - (self.count[1] - 1) / 2
         if self.lattice == "hexagonal":
@@ -248,14 +253,14 @@ class MicrolensArray(OneLine):
         )
 
     def apply(self, field: Field, *, aliasing: Aliasing = "raise") -> Field:
-        """The field behind the array.
+        """Return the field behind the array.
 
         Parameters
         ----------
         field : Field
-            On a grid with equal pitch along y and x or not; any origin.
+            Field on a grid of any pitch and origin.
         aliasing : {"raise", "warn", "allow"}
-            As in `thin_lens`, for a lenslet's phase.
+            Action on aliasing of a lenslet's phase, as in `thin_lens`.
 
         Returns
         -------
@@ -270,110 +275,112 @@ class MicrolensArray(OneLine):
         largest = max(field.grid.pitch)
         if self.pitch < SMALLEST_PITCH * largest * (1 - 1e-12):
             raise SamplingError(
-                f"The lenslets' pitch of {self.pitch:g} m is {self.pitch / largest:.3g} samples of "
-                f"{largest:g} m; at least {SMALLEST_PITCH} are needed: sample more finely."
+                f"The lenslets' pitch must be at least {SMALLEST_PITCH} samples, got "
+                f"{self.pitch:g} m with samples of {largest:g} m; use finer samples."
             )
         half = self.diameter / 2
-        as_steep = half / self.steepest_slope(field.wavelength)
-        check_lens_sampling(field.grid, as_steep, half, field.wavelength, aliasing)
+        equivalent = half / self.steepest_slope(field.wavelength)
+        check_lens_sampling(field.grid, equivalent, half, field.wavelength, aliasing)
         return multiply(field, self.transmission(field.grid, field.wavelength, field.device))
 
     def adjoint(self, field: Field) -> Field:
-        """The adjoint of `apply`: the field times the conjugate transmission."""
+        """Return the adjoint of `apply`: the field times the conjugate transmission."""
         require_field(field)
         transmission = self.transmission(field.grid, field.wavelength, field.device)
         return multiply(field, transmission, conjugate=True)
 
     def gradient(self, field: Field, cotangent: Field) -> dict[str, Any]:
-        """The gradient of a loss with respect to the array, from that of the field behind it.
+        """Return the gradient of a loss with respect to the array.
 
-        It is exact for the transmission as sampled, the covered share of every sample included.
+        It is exact for the sampled transmission, including the covered fraction of each sample.
 
         Parameters
         ----------
         field : Field
-            In front of the array, shape (..., ny, nx).
+            Field in front of the array, shape (..., ny, nx).
         cotangent : Field
-            dL/dRe + i dL/dIm of the field behind the array, of the shape of ``field``.
+            Gradient dL/dRe + i dL/dIm with respect to the field behind the array, with the shape of
+            ``field``.
 
         Returns
         -------
         dict of str to float or numpy.ndarray
-            "pitch" (the diameter stays), "diameter", "rotation"; "offset" (y, x); "focal_length",
-            all kinds together, and "focal_lengths" of each kind; "centres" and
-            "lenslet_focal_lengths", as if every lenslet had its own: shapes (ny, nx, 2), (y, x),
-            and (ny, nx). All per metre or radian, float64. An array whose diameter follows its
-            pitch has the sum of "pitch" and "diameter".
+            Gradients per metre or radian, float64: "pitch" (at constant diameter), "diameter",
+            "rotation"; "offset" (y, x); "focal_length", common to all kinds, and "focal_lengths" of
+            each kind; "centres" (y, x), shape (ny, nx, 2), and "lenslet_focal_lengths", shape (ny,
+            nx), of independent lenslets. For an array whose diameter equals its pitch, add "pitch"
+            and "diameter".
 
         Raises
         ------
         ShapeError
             If the cotangent has another shape.
         ValueError
-            For lenslets with a surface, a map or clear gaps.
+            If the lenslets have a surface, a map or clear gaps.
 
         Notes
         -----
-        Where cells without gaps touch, the share counts as the sum of both, not at most 1: "pitch"
-        is the gradient towards larger and "diameter" that towards smaller ones.
+        Where cells without gaps touch, the covered fraction is the sum of both, without the limit
+        of 1: "pitch" is the one-sided gradient towards larger values, "diameter" towards smaller.
         """
         self._require_thin()
-        found = transmission_gradient(field, cotangent)
-        return array_gradient(self, found, field.grid, field.wavelength, field.device)
+        of_transmission = transmission_gradient(field, cotangent)
+        return array_gradient(self, of_transmission, field.grid, field.wavelength, field.device)
 
     def jacobian(
         self, grid: Grid, wavelength: float, device: DeviceLike | None = None
     ) -> dict[str, np.ndarray]:
-        """Derivatives of `transmission` with respect to the array, the forward mode of `gradient`.
+        """Return derivatives of `transmission` by the array, the forward mode of `gradient`.
 
         Parameters
         ----------
         grid : Grid
+            Samples of the plane.
         wavelength : float
-            In metres.
+            Wavelength in metres.
         device : Device or str, optional
             None is ``Device.open()``.
 
         Returns
         -------
         dict of str to numpy.ndarray
-            "pitch" (the diameter stays), "diameter", "rotation", shape (1, ny, nx); "offset" (y,
-            x), shape (2, ny, nx); "focal_lengths" of each kind, shape (kinds, ny, nx), whose sum is
-            that by all kinds together. Complex, per metre or radian.
+            Complex derivatives per metre or radian: "pitch" (at constant diameter), "diameter",
+            "rotation", shape (1, ny, nx); "offset" (y, x), shape (2, ny, nx); "focal_lengths" of
+            each kind, shape (kinds, ny, nx), whose sum is the derivative by all kinds together.
 
         Raises
         ------
         ValueError
-            For lenslets with a surface, a map or clear gaps.
+            If the lenslets have a surface, a map or clear gaps.
         """
         self._require_thin()
         opened, rates = as_device(device), array_rates(self, wavelength)
         together = np.concatenate(list(rates.values()))
         changes = opened.download(array_tangents(self, together, grid, wavelength, opened))
-        ends = np.cumsum([len(one) for one in rates.values()])[:-1]
+        ends = np.cumsum([len(rows) for rows in rates.values()])[:-1]
         return dict(zip(rates, np.split(changes, ends), strict=True))
 
     def _require_thin(self) -> None:
         if not self.is_thin:
             raise ValueError(
-                "Gradients are those of thin lenslets; this array has a surface, a map or clear "
-                "gaps: describe it by focal lengths and LensletErrors."
+                "Gradients require thin lenslets, but this array has a surface, a map or clear "
+                "gaps; describe it by focal lengths and LensletErrors."
             )
 
     def steepest_slope(self, wavelength: float) -> float:
-        """The steepest slope that a lenslet adds to rays: d/(2 f) of a thin lens.
+        """Return the largest slope that a lenslet adds to rays, d/(2 f) for a thin lens.
 
-        Of a surface, that within the diameter; a map adds the largest step of its samples.
+        For a surface it is the largest within the diameter; a map adds its largest slope.
 
         Parameters
         ----------
         wavelength : float
-            In metres.
+            Wavelength in metres.
         """
         half, of_map = self.diameter / 2, 0.0
         if self.map is not None:
             of_map = self.map.steepest() * abs(self.map.path(wavelength))
-            if self.map.whole:
+            if self.map.complete:
                 return of_map
         if not self.surface:
             return half / min(abs(f) for f in self.focal_lengths) + of_map
@@ -382,19 +389,20 @@ class MicrolensArray(OneLine):
         return float(max(slopes)) + of_map
 
     def bend(self, lenslet: Any, y: Any, x: Any, wavelength: float) -> tuple[Any, Any]:
-        """Slopes (y, x) that lenslets add to rays: -(y, x)/f for thin lenses.
+        """Return the slopes (y, x) that lenslets add to rays, -(y, x)/f for thin lenses.
 
         Parameters
         ----------
         lenslet : numpy.ndarray
-            Which of them: row times columns plus column.
+            Index of the lenslet: row times number of columns plus column.
         y, x : numpy.ndarray
-            From the centre of the lenslet, along the array's rows and columns, in metres.
+            Position relative to the centre of the lenslet, along the array's rows and columns, in
+            metres.
         wavelength : float
-            In metres.
+            Wavelength in metres.
         """
         kind = self.types().ravel()[lenslet]
-        if self.map is not None and self.map.whole:
+        if self.map is not None and self.map.complete:
             down, right = np.zeros_like(y), np.zeros_like(x)
         elif self.surface:
             r = np.hypot(y, x)
@@ -417,34 +425,34 @@ class MicrolensArray(OneLine):
         *,
         rim: tuple[float, float] | None = None,
     ) -> cla.Array:
-        """Complex transmission on a grid, shape (ny, nx).
+        """Return the complex transmission on a grid, shape (ny, nx).
 
         Parameters
         ----------
         grid : Grid
-            With equal pitch along y and x if ``rim`` is given.
+            Samples of the plane, of equal pitch along y and x if ``rim`` is set.
         wavelength : float
-            In metres.
+            Wavelength in metres.
         device : Device or str, optional
             None is ``Device.open()``.
         rim : tuple of float, optional
-            None: a sample at the rim of a lenslet has the share of its cell that is covered, and
-            the result is kept on the device for the next call. Else the rim is a step filtered as
-            by `rim_weights`: cycles a sample that stay, and from which on none are left; lenslets
-            with a surface or a map have the covered share.
+            Pass band and stop band in cycles per sample of a low-pass filter on the rims, as in
+            `rim_weights`. None: a sample on the rim has the covered fraction of its cell, and the
+            device caches the result. Lenslets with a surface or map always have the covered
+            fraction.
 
         Returns
         -------
         pyopencl.array.Array
         """
         opened, key = as_device(device), ("lenslets", self, grid, wavelength)
-        kept = opened.plans.get(key) if rim is None else None
-        if kept is not None:
-            return kept
+        cached = opened.plans.get(key) if rim is None else None
+        if cached is not None:
+            return cached
         if self.is_thin:
             samples = self._transmission(grid, wavelength, opened, rim)
         else:
-            samples = self._made(grid, wavelength, opened)
+            samples = self._surface_transmission(grid, wavelength, opened)
         return opened.plans.keep(key, samples, int(samples.nbytes)) if rim is None else samples
 
     def _transmission(
@@ -474,8 +482,8 @@ class MicrolensArray(OneLine):
         )
         return out
 
-    def _made(self, grid: Grid, wavelength: float, device: Device) -> cla.Array:
-        """`transmission` of surfaces, maps and clear gaps, in float64 where there is any."""
+    def _surface_transmission(self, grid: Grid, wavelength: float, device: Device) -> cla.Array:
+        """Return `transmission` of surfaces, maps and clear gaps, in float64 if supported."""
         wide = device.precision == "double" or device.has_fp64
         real = np.dtype(np.float64 if wide else np.float32)
         out = device.empty(grid.shape, device.complex)
@@ -488,7 +496,7 @@ class MicrolensArray(OneLine):
         if self.map is not None:
             defines["MAP"] = True
             maps = self.map.padded() * (self.map.path(wavelength) / wavelength)
-            per, zero = self.map.places()
+            per, zero = self.map.sampling()
         device.launch_rows(
             device.kernel("made_lenslets.cl", "made_lenslets", **defines),
             grid.shape,
@@ -499,7 +507,7 @@ class MicrolensArray(OneLine):
             *self.aperture_numbers(grid, real),
             np.array(per, real) * real.type(self.pitch),
             np.array(zero, real),
-            int(self.map is not None and self.map.is_of_each),
+            int(self.map is not None and self.map.is_per_lenslet),
             *maps.shape[-2:],
             *self.count,
             *grid.shape,
@@ -507,24 +515,24 @@ class MicrolensArray(OneLine):
         return out
 
     def _shapes(self, wavelength: float) -> Values:
-        """c, q, the rim's turns and e_0, e_1, ... of every kind for the kernel."""
-        if self.map is not None and self.map.whole:
+        """Return c, q, the rim's turns and e_0, e_1, ... of every kind for the kernel."""
+        if self.map is not None and self.map.complete:
             rows = [[0.0, 0.0] for _ in self.focal_lengths]
         elif self.surface:
-            rows = [one.turns(wavelength, self.pitch) for one in self.surface]
+            rows = [surface.turns(wavelength, self.pitch) for surface in self.surface]
         else:
             rows = [[self.pitch**2 / (wavelength * f), 0.0] for f in self.focal_lengths]
-        found = np.zeros((len(rows), 1 + max(len(row) for row in rows)))
+        shapes = np.zeros((len(rows), 1 + max(len(row) for row in rows)))
         u = (self.diameter / self.pitch / 2) ** 2
-        for shape, (c, q, *higher) in zip(found, rows, strict=True):
+        for shape, (c, q, *higher) in zip(shapes, rows, strict=True):
             shape[:2], shape[3 : 3 + len(higher)] = (c, q), higher
             if self.gap == "clear":
                 rim = c * u / (1 + math.sqrt(max(1 - q * u, 0.0)))
                 shape[2] = rim + sum(e * u ** (2 + i) for i, e in enumerate(higher))
-        return found
+        return shapes
 
     def lattice_defines(self, *, double: bool) -> dict[str, Any]:
-        """Return the definitions of a kernel that finds the lenslet of a sample."""
+        """Return the definitions of a kernel that locates the lenslet of a sample."""
         defines: dict[str, Any] = {"DOUBLE": True} if double else {}
         defines |= {"HEXAGONAL": True} if self.lattice == "hexagonal" else {}
         defines |= {"FULL": True} if self.fill == "full" else {}
@@ -548,9 +556,9 @@ class MicrolensArray(OneLine):
     def lattice_tables(
         self, grid: Grid, device: DeviceLike | None = None, *, dtype: Any = None
     ) -> list[np.ndarray]:
-        """What y and x add to the column and row coordinate: a(y), b(y), a(x), b(x).
+        """Return the parts a(y), b(y), a(x) and b(x) of the column and row coordinates.
 
-        Of ``dtype``, default that of the device's fields.
+        The dtype is by default that of the device's fields.
         """
         real = as_device(device).real if dtype is None else np.dtype(dtype)
         y, x = grid.y - self.offset[0], grid.x - self.offset[1]
@@ -567,94 +575,93 @@ class MicrolensArray(OneLine):
 
 
 def circumscribed(mla: MicrolensArray) -> float:
-    """Diameter of the circle about the aperture of a lenslet, in metres."""
+    """Return the diameter of the circle around the aperture of a lenslet, in metres."""
     if mla.fill == "circular":
         return mla.diameter
     return mla.diameter * (2 / math.sqrt(3) if mla.lattice == "hexagonal" else math.sqrt(2))
 
 
 def _surfaces(surface: Any) -> tuple[LensletSurface, ...]:
-    """The surfaces of an array, one a kind."""
-    found = () if surface is None else surface
-    found = (found,) if isinstance(found, LensletSurface) else tuple(found)
-    if not all(isinstance(one, LensletSurface) for one in found):
+    """Return the surfaces of an array, one for each kind."""
+    surfaces = () if surface is None else surface
+    surfaces = (surfaces,) if isinstance(surfaces, LensletSurface) else tuple(surfaces)
+    if not all(isinstance(item, LensletSurface) for item in surfaces):
         raise TypeError(
-            f"surface is a LensletSurface or several, one a kind of lenslet, not {surface!r}."
+            f"surface must be a LensletSurface or one for each kind of lenslet, got {surface!r}."
         )
-    return found
+    return surfaces
 
 
-def _focal_length_of(surfaces: tuple[LensletSurface, ...], given: Any) -> Any:
-    """The focal lengths of surfaces, which those that are given must not contradict."""
+def _focal_length_of(surfaces: tuple[LensletSurface, ...], requested: Any) -> Any:
+    """Return the focal lengths of surfaces; raise if requested focal lengths differ."""
     if not surfaces:
-        if given is None:
-            raise ValueError("Lenslets need a focal_length in metres, or a surface.")
-        return given
-    own = tuple(one.focal_length() for one in surfaces)
-    if given is None:
-        return own
-    asked = np.atleast_1d(np.asarray(given, np.float64)).ravel()
-    if len(asked) != len(own):
+        if requested is None:
+            raise ValueError("Lenslets require a focal_length in metres, or a surface.")
+        return requested
+    lengths = tuple(surface.focal_length() for surface in surfaces)
+    if requested is None:
+        return lengths
+    values = np.atleast_1d(np.asarray(requested, np.float64)).ravel()
+    if len(values) != len(lengths):
         raise ValueError(
-            f"There are {len(own)} surfaces and {len(asked)} focal lengths: give one surface a "
-            "kind of lenslet."
+            f"There must be one surface for each focal length, got {len(lengths)} surfaces and "
+            f"{len(values)} focal lengths."
         )
-    for one, f, other in zip(surfaces, own, asked, strict=True):
-        if not abs(other - f) <= _CONTRADICTION * abs(f):
-            radius = other * (one.index(one.design_wavelength) - 1)
+    for surface, f, value in zip(surfaces, lengths, values, strict=True):
+        if not abs(value - f) <= _FOCAL_TOLERANCE * abs(f):
+            index = surface.index(surface.design_wavelength)
             raise ValueError(
-                f"A surface of radius {one.radius:g} m and index "
-                f"{one.index(one.design_wavelength):.5g} at {one.design_wavelength:g} m has the "
-                f"focal length {f:.6g} m, not {other:g}: give focal_length={f:.6g}, none, or the "
-                f"radius {radius:.6g} m."
+                f"A surface of radius {surface.radius:g} m and index {index:.5g} at "
+                f"{surface.design_wavelength:g} m has the focal length {f:.6g} m, not {value:g}; "
+                f"set focal_length={f:.6g}, omit it, or use the radius {value * (index - 1):.6g} m."
             )
-    return own
+    return lengths
 
 
-def _check_made(mla: MicrolensArray) -> None:
-    """Refuse surfaces, gaps and maps that do not fit an array."""
+def _check_surfaces(mla: MicrolensArray) -> None:
+    """Raise if surfaces, gaps or maps do not fit an array."""
     if mla.gap not in ("opaque", "clear"):
-        raise ValueError(f"gap is 'opaque' or 'clear', not {mla.gap!r}.")
+        raise ValueError(f"gap must be 'opaque' or 'clear', got {mla.gap!r}.")
     if mla.gap == "clear" and mla.fill != "circular":
-        raise ValueError("gap='clear' is for round lenslets: use fill='circular'.")
-    far = circumscribed(mla) / 2
-    for one in mla.surface:
-        if far >= one.reach:
+        raise ValueError("gap='clear' requires round lenslets; use fill='circular'.")
+    radius = circumscribed(mla) / 2
+    for surface in mla.surface:
+        if radius >= surface.reach:
             raise ValueError(
-                f"A surface of radius {one.radius:g} m and conic constant {one.conic:g} ends "
-                f"{one.reach:.4g} m from its vertex, within a lenslet that reaches to {far:.4g} m: "
-                "give a larger radius or a smaller diameter."
+                f"A surface of radius {surface.radius:g} m and conic constant {surface.conic:g} "
+                f"ends {surface.reach:.4g} m from its vertex, within a lenslet of radius "
+                f"{radius:.4g} m; use a larger radius of the surface or a smaller diameter."
             )
     if mla.map is None:
         return
     if not isinstance(mla.map, LensletMap):
-        raise TypeError(f"map is a LensletMap, not of type {type(mla.map).__name__}.")
-    if mla.map.is_of_each and mla.map.values.shape[:2] != mla.count:
+        raise TypeError(f"map must be a LensletMap, got {type(mla.map).__name__}.")
+    if mla.map.is_per_lenslet and mla.map.values.shape[:2] != mla.count:
         raise ShapeError(
-            f"There are maps of {mla.map.values.shape[:2]} lenslets, but {mla.count} (rows, "
-            "columns) in the array: give one for each, or one for all."
+            f"Maps of all lenslets must have the array's (rows, columns) {mla.count}, got "
+            f"{mla.map.values.shape[:2]}; else use a single map."
         )
-    if mla.map.whole and (mla.surface or mla.gap == "clear"):
+    if mla.map.complete and (mla.surface or mla.gap == "clear"):
         what = "surface" if mla.surface else "gap='clear'"
         raise ValueError(
-            f"A map with whole=True is the lenslet itself: leave out {what}, or use whole=False."
+            f"A map with complete=True replaces {what}; omit {what}, or use complete=False."
         )
     corner = 2 / math.sqrt(3) if mla.fill == "full" and mla.lattice == "hexagonal" else 1.0
     mla.map.check_reach((mla.diameter / 2 * corner, mla.diameter / 2))
 
 
 def _focal_lengths(f: float | Sequence[float], lattice: str) -> tuple[float, ...]:
-    """The focal lengths of an array, checked."""
-    given = np.ravel(np.asarray(f, object)).tolist()
-    if not given or not all(is_finite(value) and value != 0 for value in given):
-        raise ValueError(f"The focal length of lenslets is finite and not 0, not {f!r}.")
-    values = tuple(float(value) for value in given)
+    """Return the focal lengths of an array after validation."""
+    lengths = np.ravel(np.asarray(f, object)).tolist()
+    if not lengths or not all(is_finite(value) and value != 0 for value in lengths):
+        raise ValueError(f"The focal length of lenslets must be finite and not 0, got {f!r}.")
+    values = tuple(float(value) for value in lengths)
     units.LENSLET_FOCAL_LENGTH.check(values, "The focal length of lenslets")
     if len(set(values)) < len(values):
         raise ValueError(f"The focal lengths of a multi-focus array differ, unlike {f!r}.")
     if lattice == "hexagonal" and len(values) not in (1, 3):
         raise ValueError(
-            f"A hexagonal array has lenslets of one kind or of three, not {len(values)}: its "
-            "neighbours would be alike."
+            f"A hexagonal array must have one or three kinds of lenslets, got {len(values)}; else "
+            "neighbours would be of one kind."
         )
     return values

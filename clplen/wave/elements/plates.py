@@ -1,4 +1,4 @@
-"""Plates as parts of an optical system, with gradients: of pixels, and of Zernike polynomials."""
+"""Plates as parts of an optical system, with gradients: pixels and Zernike polynomials."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ from clplen.wave.elements.zernike import (
     noll,
     osa,
     phase_plate,
-    plate_places,
+    plate_coordinates,
     plate_terms,
     zernike,
 )
@@ -33,26 +33,27 @@ from clplen.wave.field.field_gradients import transmission_gradient
 
 @dataclass(frozen=True, eq=False, repr=False)
 class PhasePlate(OneLine):
-    """A plate of pixels, by `transparency`: a diffractive element, a spatial light modulator.
+    """Plate of pixels with `transparency`: a diffractive element or spatial light modulator.
 
     Parameters
     ----------
     phase : array_like, optional
-        Shape (y, x), radians; positive retards as exp(+ikz) does. None: 0, with an amplitude.
+        Phase in radians, shape (y, x); positive retards as exp(+ikz) does. None: 0, with an
+        amplitude.
     amplitude : array_like, optional
-        Of the same shape, real or complex; None: 1 on the plate.
+        Amplitude of equal shape, real or complex; None: 1 on the plate.
     pitch : float or tuple of float, optional
-        Of the pixels in metres, (dy, dx) or one number, as in `transparency`; None: the plate lies
-        on the field's own samples.
+        Pitch of the pixels in metres, (dy, dx) or a single number, as in `transparency`. None: the
+        pixels are the field's samples.
     centre : tuple of float
-        (y, x) in metres of pixel [ny//2, nx//2]; needs a pitch.
+        Position (y, x) in metres of pixel [ny//2, nx//2]; requires a pitch.
     edges : {"samples", "area", "pixels"}, optional
-        What a sample takes of the pixels, as in `transparency`.
+        Sampling of the pixels, as in `transparency`.
 
     Attributes
     ----------
     phase, amplitude : numpy.ndarray or None
-        As they were given.
+        Copies of the arguments.
 
     Raises
     ------
@@ -71,8 +72,8 @@ class PhasePlate(OneLine):
     >>> [int(i) for i in np.unravel_index(focus.argmax(), focus.shape)]
     [16, 16]
     >>> cotangent = clplen.Field.from_array(np.ones(grid.shape), grid, wavelength=500e-9)
-    >>> found = plate.gradient(wave, cotangent)["phase"]  # of L = sum Re(u)
-    >>> found.shape, bool(np.allclose(found, -np.sin(plate.phase), atol=1e-5))
+    >>> gradient = plate.gradient(wave, cotangent)["phase"]  # of L = sum Re(u)
+    >>> gradient.shape, bool(np.allclose(gradient, -np.sin(plate.phase), atol=1e-5))
     ((32, 32), True)
     """
 
@@ -93,41 +94,42 @@ class PhasePlate(OneLine):
 
     @property
     def shape(self) -> tuple[int, int]:
-        """Pixels (ny, nx)."""
+        """Numbers of pixels (ny, nx)."""
         ny, nx = (self.amplitude if self.phase is None else self.phase).shape
         return int(ny), int(nx)
 
     def apply(self, field: Field) -> Field:
-        """The field behind the plate.
+        """Return the field behind the plate.
 
         Raises
         ------
         ShapeError, ValueError
-            As `transparency`.
+            In the cases of `transparency`.
         """
-        return transparency(field, self.amplitude, phase=self.phase, **self._place())
+        return transparency(field, self.amplitude, phase=self.phase, **self._layout())
 
     def adjoint(self, field: Field) -> Field:
-        """The field times the conjugate of the transmission."""
+        """Return the field times the conjugate of the transmission."""
         phase = None if self.phase is None else -self.phase.astype(np.float64)
         amplitude = None if self.amplitude is None else np.conj(self.amplitude)
-        return transparency(field, amplitude, phase=phase, **self._place())
+        return transparency(field, amplitude, phase=phase, **self._layout())
 
     def gradient(self, field: Field, cotangent: Field) -> dict[str, Array]:
-        """The gradient of a loss with respect to every pixel.
+        """Return the gradient of a loss with respect to every pixel.
 
         Parameters
         ----------
         field : Field
-            In front of the plate, shape (..., ny, nx).
+            Field in front of the plate, shape (..., ny, nx).
         cotangent : Field
-            dL/dRe + i dL/dIm of the field behind the plate, of the shape of ``field``.
+            Gradient dL/dRe + i dL/dIm with respect to the field behind the plate, with the shape of
+            ``field``.
 
         Returns
         -------
         dict of str to numpy.ndarray
-            "phase", per radian, float64, and "amplitude", float64, or complex128 where the
-            amplitude is complex; of the shape of the plate, summed over leading axes of the fields.
+            Gradients with the shape of the plate, summed over leading axes of the fields: "phase",
+            per radian, float64, and "amplitude", float64 (complex128 for a complex amplitude).
 
         Raises
         ------
@@ -136,7 +138,7 @@ class PhasePlate(OneLine):
         """
         of_samples = field.device.download(transmission_gradient(field, cotangent))
         of_samples = of_samples.astype(np.complex128)
-        of_pixels = sampled_picture_adjoint(of_samples, self.shape, field.grid, **self._place())
+        of_pixels = sampled_picture_adjoint(of_samples, self.shape, field.grid, **self._layout())
         phasor = 1.0 if self.phase is None else np.exp(-1j * self.phase.astype(np.float64))
         of_amplitude = phasor * of_pixels
         if self.amplitude is None:
@@ -146,40 +148,40 @@ class PhasePlate(OneLine):
         return {"phase": of_phase, "amplitude": of_amplitude if is_complex else of_amplitude.real}
 
     def describe(self) -> str:
-        """Pixels, and their pitch if it is given."""
+        """Return the numbers of pixels, and their pitch if defined."""
         ny, nx = self.shape
         if self.pitch is None:
             return f"{ny} x {nx} pixels"
         dy, dx = np.broadcast_to(self.pitch, 2)
         return f"{ny} x {nx} pixels of {metres(float(dy))} x {metres(float(dx))}"
 
-    def _place(self) -> dict[str, Any]:
+    def _layout(self) -> dict[str, Any]:
         return {"pitch": self.pitch, "centre": self.centre, "edges": self.edges}
 
 
 @dataclass(frozen=True, repr=False)
 class ZernikePlate(OneLine):
-    """A plate of Zernike polynomials, by `phase_plate`.
+    """Plate of Zernike polynomials with `phase_plate`.
 
     Parameters
     ----------
     coefficients : mapping of int to float
-        Index j to metres of optical path, rms over the disc.
+        Coefficients: index j to metres of optical path, rms over the disc.
     diameter : float
-        Of the disc, in metres.
+        Diameter of the disc in metres.
     indexing : {"noll", "osa"}
-        What j counts: see `noll` and `osa`.
+        Meaning of j: see `noll` and `osa`.
     centre : tuple of float
-        (y, x) in metres.
+        Centre (y, x) in metres.
     aliasing : {"raise", "warn", "allow"}
-        As in `phase_plate`.
+        Action on aliasing, as in `phase_plate`.
 
     Raises
     ------
     TypeError
-        If ``coefficients`` is no mapping.
+        If ``coefficients`` is not a mapping.
     ValueError
-        For an index that does not exist, or a coefficient that is not finite.
+        If an index does not exist, or a coefficient is not finite.
 
     Examples
     --------
@@ -188,8 +190,8 @@ class ZernikePlate(OneLine):
     >>> behind = plate.apply(wave)  # defocus of 0.1 waves rms
     >>> cotangent = clplen.Field.from_array(
     ...     1j * behind.to_numpy(), wave.grid, wavelength=500e-9)  # of the sum of all phases
-    >>> found = plate.gradient(wave, cotangent)["coefficients"]
-    >>> f"{found[1] * 500e-9 / (2 * np.pi):.0f} samples"  # of the disc, those on its rim too
+    >>> gradient = plate.gradient(wave, cotangent)["coefficients"]
+    >>> f"{gradient[1] * 500e-9 / (2 * np.pi):.0f} samples"  # of the disc with its rim
     '1345 samples'
     """
 
@@ -206,17 +208,17 @@ class ZernikePlate(OneLine):
         object.__setattr__(self, "coefficients", dict(self.coefficients))
 
     def apply(self, field: Field) -> Field:
-        """The field behind the plate.
+        """Return the field behind the plate.
 
         Raises
         ------
         SamplingError, ValueError
-            As `phase_plate`.
+            In the cases of `phase_plate`.
         """
         return self._multiplied(field, 1)
 
     def adjoint(self, field: Field) -> Field:
-        """The field times the conjugate of the transmission."""
+        """Return the field times the conjugate of the transmission."""
         return self._multiplied(field, -1)
 
     def _multiplied(self, field: Field, sign: int) -> Field:
@@ -230,19 +232,20 @@ class ZernikePlate(OneLine):
         )
 
     def gradient(self, field: Field, cotangent: Field) -> dict[str, dict[int, float]]:
-        """The gradient of a loss with respect to the coefficients.
+        """Return the gradient of a loss with respect to the coefficients.
 
         Parameters
         ----------
         field : Field
-            In front of the plate, shape (..., ny, nx).
+            Field in front of the plate, shape (..., ny, nx).
         cotangent : Field
-            dL/dRe + i dL/dIm of the field behind the plate, of the shape of ``field``.
+            Gradient dL/dRe + i dL/dIm with respect to the field behind the plate, with the shape of
+            ``field``.
 
         Returns
         -------
         dict
-            "coefficients": index j to the gradient per metre.
+            Gradient "coefficients": index j to the gradient per metre.
 
         Raises
         ------
@@ -251,16 +254,16 @@ class ZernikePlate(OneLine):
         """
         behind = self.apply(field)
         of_log = field.device.download(transmission_gradient(behind, cotangent))
-        on_plate, rho, theta = plate_places(field.grid, self.diameter, self.centre)
+        on_plate, rho, theta = plate_coordinates(field.grid, self.diameter, self.centre)
         of_phase = of_log.imag[on_plate].astype(np.float64)
         orders, k = (noll if self.indexing == "noll" else osa), 2 * math.pi / field.wavelength
-        found = {
+        gradients = {
             j: k * float((of_phase * zernike(*orders(j), rho, theta)).sum())
             for j in self.coefficients
         }
-        return {"coefficients": found}
+        return {"coefficients": gradients}
 
     def describe(self) -> str:
-        """Coefficients and diameter."""
+        """Return the coefficients and the diameter."""
         terms = ", ".join(f"Z{j} {metres(c)}" for j, c in self.coefficients.items())
         return f"{terms}, D = {metres(self.diameter)}"

@@ -1,4 +1,4 @@
-"""Transparencies: pictures, the USAF 1951 target and the Siemens star as elements of one plane."""
+"""Transparencies: pictures, the USAF 1951 target and the Siemens star as thin elements."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ from clplen.checks import (
 )
 from clplen.errors import ShapeError
 from clplen.wave.elements.edges import (
-    NOTHING,
+    COORDINATE_TOLERANCE,
     Edges,
     check_edges,
     sine_integral,
@@ -45,38 +45,37 @@ def transparency(
     centre: tuple[float, float] = (0.0, 0.0),
     edges: Edges | None = None,
 ) -> Field:
-    """Multiply a field by a picture as a thin element: u a exp(i phase).
+    """Multiply a field by a picture as a thin element, u a exp(i phase).
 
-    With a ``pitch`` every sample takes by default the mean of a exp(i phase) over its cell, picture
-    pixels being rectangles of constant transmission: the exact overlap of both grids, in float64 on
-    the host. A rapidly varying phase is therefore averaged out where the field is the coarser grid.
+    Pixels of a picture with a ``pitch`` are rectangles of constant transmission. By default each
+    sample gets the mean of a exp(i phase) over its cell, the exact overlap of both grids in float64
+    on the host. If the field has the coarser grid, a rapidly varying phase is averaged out.
 
     Parameters
     ----------
     field : Field
-        Of any shape (..., ny, nx).
+        Field of any shape (..., ny, nx).
     amplitude : array_like, optional
-        Shape (ny, nx), real or complex, unitless: 0 dark, 1 clear (divide 8-bit pictures by 255).
-        None: 1 everywhere on the picture.
+        Amplitude of shape (ny, nx), real or complex: 0 dark, 1 clear (divide 8-bit pictures by
+        255). None: 1 everywhere on the picture.
     phase : array_like, optional
-        Shape (ny, nx), radians; positive retards as exp(+ikz) does. None: 0.
+        Phase in radians, shape (ny, nx); positive retards as exp(+ikz) does. None: 0.
     pitch : float or tuple of float, optional
-        Pixel spacing of the picture in metres, (dy, dx) or one number. None: the picture lies on
-        the field's own samples and has its shape. Outside a picture with a pitch nothing passes.
+        Pixel pitch of the picture in metres, (dy, dx) or a single number; the picture is opaque
+        outside. None: the pixels are the field's samples, with equal shape.
     centre : tuple of float
-        (y, x) in metres of pixel [ny//2, nx//2]; needs a pitch.
+        Position (y, x) in metres of pixel [ny//2, nx//2]; requires a pitch.
     edges : {"samples", "area", "pixels"}, optional
-        What a sample takes of a exp(i phase): "samples", the pixel in which its middle lies;
-        "area", the mean over its cell; "pixels", for a picture that is made of rectangular pixels
-        (a spatial light modulator, a pixelated mask), the value there of the picture's spectrum
-        up to the Nyquist frequency of the field, which is that of points on the pixels times sinc
-        of a pixel along each axis. None: "samples" without a pitch, where "area" is the same,
-        else "area".
+        Sampling of a exp(i phase): "samples", the pixel at the centre of the sample; "area", the
+        mean over its cell; "pixels", for a picture of rectangular pixels (a spatial light
+        modulator, a pixelated mask), the value of the picture's spectrum up to the field's Nyquist
+        frequency. That spectrum is that of points on the pixels times sinc of a pixel along each
+        axis. None: "samples" without a pitch, where "area" is equal, else "area".
 
     Returns
     -------
     Field
-        The field behind the picture, of the shape of ``field``.
+        Field behind the picture, with the shape of ``field``.
 
     Raises
     ------
@@ -85,15 +84,14 @@ def transparency(
         along an axis of length 1 of the field.
     ValueError
         If there is neither amplitude nor phase, a value is not finite, the pitch is not positive,
-        a centre comes without a pitch, or edges is another word.
+        a centre is set without a pitch, or edges is unknown.
 
     Notes
     -----
-    With "pixels" a step of 0 to 1 is .064, .936 on the samples beside it, and the light that a
-    picture sends beyond the Nyquist frequency is missing. Where that light does not reach the
-    window, from about 2 N dx^2/lam on, the picture is right, far away to 100 dB and more
-    (docs/accuracy.md). Without a pitch the picture goes on beyond the window as it is at its
-    border.
+    With "pixels" a step from 0 to 1 is 0.064, 0.936 on the adjacent samples, and light beyond the
+    Nyquist frequency is missing. From about 2 N dx^2/lam on, where that light misses the window,
+    the result is accurate, at large distances to 100 dB and more (docs/accuracy.md). Without a
+    pitch the border values continue beyond the window.
 
     Examples
     --------
@@ -116,14 +114,14 @@ def sampled_picture(
     centre: tuple[float, float],
     edges: Edges | None,
 ) -> Picture:
-    """The transmission of every sample of a grid behind a picture, as of `transparency`.
+    """Return the transmission of each sample of a grid behind a picture; see `transparency`.
 
     It is linear in the picture.
     """
-    _check_placed(picture.shape, grid, pitch, centre, edges)
+    _check_layout(picture.shape, grid, pitch, centre, edges)
     if pitch is None:
         return square_samples(picture) if edges == "pixels" else picture
-    weights = _weights(_place(picture.shape, pitch, centre), grid, edges or "area")
+    weights = _weights(_pixel_grid(picture.shape, pitch, centre), grid, edges or "area")
     return (weights[1] @ (weights[0] @ picture).T).T
 
 
@@ -135,14 +133,14 @@ def sampled_picture_adjoint(
     centre: tuple[float, float],
     edges: Edges | None,
 ) -> Picture:
-    """The transpose of `sampled_picture`: from the samples of a grid to the pixels of a picture."""
+    """Apply the transpose of `sampled_picture`, from samples of a grid to pixels of a picture."""
     if pitch is None:
         return square_samples_adjoint(samples) if edges == "pixels" else samples
-    weights = _weights(_place(shape, pitch, centre), grid, edges or "area")
+    weights = _weights(_pixel_grid(shape, pitch, centre), grid, edges or "area")
     return (weights[1].T @ (weights[0].T @ samples).T).T
 
 
-def _check_placed(
+def _check_layout(
     shape: tuple[int, ...],
     grid: Grid,
     pitch: float | tuple[float, float] | None,
@@ -155,72 +153,73 @@ def _check_placed(
         return
     if tuple(centre) != (0.0, 0.0):
         raise ValueError(
-            f"A picture without pitch lies on the field's samples: its centre {centre!r} "
-            "needs a pitch in metres."
+            f"centre requires a pitch in metres, got centre {centre!r} without a pitch."
         )
     if shape != grid.shape:
         raise ShapeError(
-            f"The picture has shape {shape}, the field {grid.shape}: they must "
-            "agree, or give the pitch of the picture in metres."
+            f"A picture without pitch must have the field's shape {grid.shape}, got {shape}; else "
+            "set pitch= in metres."
         )
 
 
 def apply_transmission(field: Field, transmission: Picture) -> Field:
-    """``field`` (or each of a batch) times a transmission of shape (ny, nx) from the host."""
+    """Multiply ``field`` (or each of a batch) by a transmission of shape (ny, nx) from the host."""
     device = field.device
     return multiply(field, device.upload(transmission.astype(device.complex, copy=False)))
 
 
 def picture_of(amplitude: Any, phase: Any) -> Picture:
-    """The complex (or real, without phase) transmission of the pixels in double precision."""
+    """Return the transmission of the pixels in double precision, complex if there is a phase."""
     if amplitude is None and phase is None:
-        raise ValueError("A transparency has an amplitude, a phase or both; neither was given.")
+        raise ValueError("A transparency requires an amplitude, a phase or both.")
     parts = {"amplitude": amplitude, "phase": phase}
     arrays = {
         name: host_array(part, f"The {name}") for name, part in parts.items() if part is not None
     }
     for name, part in arrays.items():
         if part.ndim != 2 or 0 in part.shape:
-            raise ShapeError(f"The {name} of a picture has shape (ny, nx), not {part.shape}.")
+            raise ShapeError(f"{name} must have shape (ny, nx), got {part.shape}.")
         bad = int(np.count_nonzero(~np.isfinite(part)))
         if bad:
             raise ValueError(
-                f"The {name} of the picture has {bad} values that are NaN or infinite: replace "
-                "them, by 0 for no light."
+                f"{name} must be finite, got {bad} values that are NaN or infinite; replace them, "
+                "for example by 0."
             )
     if len({part.shape for part in arrays.values()}) == 2:
         raise ShapeError(
-            f"The amplitude has shape {arrays['amplitude'].shape}, the phase "
-            f"{arrays['phase'].shape}: they must agree."
+            f"phase must have the shape of amplitude, {arrays['amplitude'].shape}, got "
+            f"{arrays['phase'].shape}."
         )
     if phase is not None and np.iscomplexobj(arrays["phase"]):
-        raise ValueError("The phase of a picture is real, in radians; an amplitude may be complex.")
+        raise ValueError("phase must be real, in radians; pass complex values as amplitude.")
     if phase is None:
         values = arrays["amplitude"]
         return values.astype(np.complex128 if np.iscomplexobj(values) else np.float64)
     return arrays.get("amplitude", 1.0) * np.exp(1j * arrays["phase"].astype(np.float64))
 
 
-def _place(
+def _pixel_grid(
     shape: tuple[int, ...], pitch: float | tuple[float, float], centre: tuple[float, float]
 ) -> Grid:
-    """The pixels as a grid, with messages that speak of a picture."""
+    """Return the pixels of a picture as a grid, with messages about a picture."""
     spacing = np.broadcast_to(float64_array(pitch), (2,))
     if not (np.isfinite(spacing).all() and (spacing > 0).all()):
-        raise ValueError(f"A picture's pitch is positive and finite, in metres, not {pitch!r}.")
+        raise ValueError(
+            f"A picture's pitch must be positive and finite, in metres, got {pitch!r}."
+        )
     units.PITCH.check(pitch, "A picture's pitch")
     check_centre(centre, "a picture")
     return Grid((shape[0], shape[1]), (float(spacing[0]), float(spacing[1])), origin=centre)
 
 
 def _weights(pixels: Grid, grid: Grid, edges: Edges) -> list[Any]:
-    """What every row and every column of ``grid`` takes of those of the pixels, 0 outside them."""
+    """Return the weights of the rows and of the columns of pixels for those of ``grid``."""
     make = {"samples": _middle_weights, "area": _overlap_weights, "pixels": _band_weights}[edges]
     for axis in (0, 1):
         if grid.shape[axis] == 1 and pixels.shape[axis] != 1:
             raise ShapeError(
-                f"Nothing varies along axis {axis} of the field, but the picture has "
-                f"{pixels.shape[axis]} pixels there: give it one."
+                f"The picture must have a single pixel along axis {axis}, as the field has, got "
+                f"{pixels.shape[axis]} pixels."
             )
     return [
         make(grid, pixels, axis) if grid.shape[axis] > 1 else np.ones((1, 1)) for axis in (0, 1)
@@ -228,29 +227,31 @@ def _weights(pixels: Grid, grid: Grid, edges: Edges) -> list[Any]:
 
 
 def _middle_weights(grid: Grid, pixels: Grid, axis: int) -> Any:
-    """1 where the middle of a sample lies in a pixel, shape (n, n pixels)."""
-    from scipy import sparse  # here, because importing it takes a while
+    """Return 1 where the centre of a sample lies in a pixel, shape (n, n pixels)."""
+    from scipy import sparse  # a local import, since it is slow
 
     n, pitch = grid.shape[axis], pixels.pitch[axis]
     middle = (_edges(grid, axis)[:-1] + _edges(grid, axis)[1:]) / 2
-    column = np.floor((middle - _edges(pixels, axis)[0]) / pitch + NOTHING).astype(np.int64)
+    column = np.floor((middle - _edges(pixels, axis)[0]) / pitch + COORDINATE_TOLERANCE).astype(
+        np.int64
+    )
     row = np.flatnonzero((column >= 0) & (column < pixels.shape[axis]))
     return sparse.csr_matrix((np.ones(len(row)), (row, column[row])), shape=(n, pixels.shape[axis]))
 
 
 def _band_weights(grid: Grid, pixels: Grid, axis: int) -> Picture:
-    """Pixels' spectra up to the Nyquist frequency of ``grid``, at its samples, (n, n pixels)."""
+    """Return the band-limited pixels at the samples of ``grid``, shape (n, n pixels)."""
     middle = (_edges(grid, axis)[:-1] + _edges(grid, axis)[1:]) / 2
     steps = (middle[:, None] - _edges(pixels, axis)) / grid.pitch[axis]
     return -np.diff(sine_integral(steps), axis=1)
 
 
 def _overlap_weights(grid: Grid, pixels: Grid, axis: int) -> Any:
-    """Fraction of each cell of ``grid`` that each pixel covers along an axis, shape (n, n pixels).
+    """Return the fraction of each cell of ``grid`` that each pixel covers, shape (n, n pixels).
 
-    All edges of both grids cut the axis into pieces; each lies in one cell and in one pixel.
+    The edges of both grids cut the axis into pieces; each lies in one cell and in one pixel.
     """
-    from scipy import sparse  # here, because importing it takes a while
+    from scipy import sparse  # a local import, since it is slow
 
     size = (grid.shape[axis], pixels.shape[axis])
     cells, pixel_edges = _edges(grid, axis), _edges(pixels, axis)
@@ -264,27 +265,25 @@ def _overlap_weights(grid: Grid, pixels: Grid, axis: int) -> Any:
 
 
 def _edges(grid: Grid, axis: int) -> Picture:
-    """The n + 1 edges of the cells along an axis in metres."""
+    """Return the n + 1 edges of the cells along an axis in metres."""
     n, pitch = grid.shape[axis], grid.pitch[axis]
     return grid.origin[axis] + (np.arange(n + 1) - n // 2 - 0.5) * pitch
 
 
 Values = np.ndarray[Any, Any]
-# Side of a layer (groups G and G + 1) and corner of the layer inside it, (y, x), in bar widths of
-# element 1 of its even group G; the next layer is four times smaller.
+# Side of a layer (groups G and G + 1) and corner (y, x) of the next, four times smaller layer, in
+# bar widths of element 1 of the even group G (MIL-STD-150A).
 _LAYER_WIDTH = 26.0
 _INNER = (6.5, 12.1)
-_FINEST = 30  # group whose bars are 0.5 pm wide
-# How far the polygon of a Siemens star may lie from its circle, in samples.
-_SAGITTA = 1e-4
+_FINEST = 30  # largest group number; its bars are 0.5 pm wide
+_SAGITTA = 1e-4  # largest distance of a Siemens star's polygon from its circle, in samples
 
 
 @dataclass(frozen=True)
 class TargetElement:
-    """An element of the USAF 1951 target: two squares of three bars.
+    """Element of the USAF 1951 target: two squares of three bars.
 
-    A bar is one width wide and five long, the gap between two bars is one width (MIL-STD-150A,
-    1959).
+    Bars and gaps are one width wide, bars five widths long (MIL-STD-150A, 1959).
 
     Attributes
     ----------
@@ -311,7 +310,7 @@ class TargetElement:
 
     @property
     def frequency(self) -> float:
-        """Line pairs a metre: 1000 times 2^(group + (element - 1)/6)."""
+        """Line pairs per metre: 1000 times 2^(group + (element - 1)/6)."""
         return _frequency(self.group, self.element)
 
     @property
@@ -321,7 +320,7 @@ class TargetElement:
 
     @property
     def bars(self) -> Values:
-        """The six bars in metres, rows (y low, y high, x low, x high), first the vertical ones."""
+        """Edges of the six bars in metres, rows (y low, y high, x low, x high), vertical first."""
         along, across = 2.5 * self.width, 0.5 * self.width
         rows = []
         for shift in (-2 * self.width, 0.0, 2 * self.width):
@@ -336,29 +335,29 @@ class TargetElement:
 def usaf1951_elements(
     groups: Sequence[int], *, centre: tuple[float, float] = (0.0, 0.0)
 ) -> tuple[TargetElement, ...]:
-    """Return where `usaf1951` draws its elements.
+    """Return the elements that `usaf1951` draws, with their positions.
 
-    Elements 2 to 6 of an even group G stand in a column on the left, those of group G + 1 on the
-    right, element 1 of group G below them, and groups G + 2 and G + 3 between the columns, as on
-    the chart of MIL-STD-150A; the vertical bars of an element stand left of its horizontal ones,
-    two bar widths apart.
+    Elements 2 to 6 of an even group G form a column on the left, those of group G + 1 a column on
+    the right. Element 1 of group G is below, groups G + 2 and G + 3 are between the columns, as on
+    the chart of MIL-STD-150A. The vertical bars of an element are left of its horizontal bars, two
+    bar widths apart.
 
     Parameters
     ----------
     groups : sequence of int
-        Of six elements each; the chart has -2 to 9.
+        Numbers of the groups, of six elements each; the chart has -2 to 9.
     centre : tuple of float
-        (y, x) in metres of the middle of the rectangle around all bars.
+        Position (y, x) in metres of the centre of the rectangle around all bars.
 
     Returns
     -------
     tuple of TargetElement
-        Sorted by group and element.
+        Elements, sorted by group and number.
 
     Raises
     ------
     ValueError
-        If there is no group, one comes twice or is no integer, or the centre is not finite.
+        If there is no group, a group is repeated or not an integer, or the centre is not finite.
 
     Examples
     --------
@@ -393,21 +392,21 @@ def usaf1951(
     """Return the three-bar target USAF 1951 as a transmission, without its numerals.
 
     Element E of group G has 2^(G + (E - 1)/6) line pairs a millimetre (MIL-STD-150A, 1959).
-    Every cell holds the exact fraction that the bars cover, so that an element finer than the grid
-    fades to grey; ``aliasing`` can refuse it. What passes the window is cut.
+    Every cell has the exact fraction that the bars cover: an element finer than the grid fades to
+    grey, unless ``aliasing`` forbids it. Parts outside of the window are cropped.
 
     Parameters
     ----------
     grid : Grid
         Samples of the plane, shape (ny, nx).
     groups : sequence of int
-        Of six elements each; the chart has -2 to 9.
+        Numbers of the groups, of six elements each; the chart has -2 to 9.
     centre : tuple of float
-        (y, x) in metres of the middle of the rectangle around all bars.
+        Position (y, x) in metres of the centre of the rectangle around all bars.
     invert : bool
-        Dark bars on a clear ground in place of clear bars on a dark one.
+        True for dark bars on a clear background instead of clear bars on a dark background.
     aliasing : {"raise", "warn", "allow"}
-        What to do when a bar is narrower than a sample.
+        Action if a bar is narrower than a sample.
 
     Returns
     -------
@@ -419,9 +418,9 @@ def usaf1951(
     SamplingError
         If a bar is narrower than a sample and ``aliasing`` is "raise".
     ShapeError
-        If nothing varies along an axis of the grid.
+        If the grid has an axis of length 1.
     ValueError
-        For groups or a centre that cannot be, or if no bar lies in the window.
+        If the groups or the centre are invalid, or no bar lies in the window.
 
     Warns
     -----
@@ -430,7 +429,7 @@ def usaf1951(
 
     See Also
     --------
-    usaf1951_elements : Where the elements lie, to measure their contrast.
+    usaf1951_elements : Positions of the elements, to measure their contrast.
 
     Examples
     --------
@@ -465,21 +464,21 @@ def siemens_star(
 ) -> Values:
     """Return a Siemens star as a transmission.
 
-    It is clear where cos(spokes theta) > 0, dark outside its disc. At the radius r it has
-    spokes/(2 pi r) line pairs a metre. Every cell holds the exact fraction that the star covers,
-    the middle thus fades to grey; only the rim, a polygon of equal area, is up to 1e-4 of a cell
-    wrong.
+    It is clear where cos(spokes theta) > 0 and dark outside of its disc, with spokes/(2 pi r) line
+    pairs per metre at the radius r. Every cell has the exact fraction that the star covers, so the
+    centre fades to grey. The rim is a polygon of equal area with an error of at most 1e-4 of a
+    cell.
 
     Parameters
     ----------
     grid : Grid
         Samples of the plane, shape (ny, nx).
     spokes : int
-        Number of clear spokes, at least 2; the middle of the first points to +x.
+        Number of clear spokes, at least 2; the centre line of the first points to +x.
     diameter : float
-        In metres.
+        Diameter in metres.
     centre : tuple of float
-        (y, x) in metres.
+        Centre (y, x) in metres.
 
     Returns
     -------
@@ -489,9 +488,9 @@ def siemens_star(
     Raises
     ------
     ShapeError
-        If nothing varies along an axis of the grid.
+        If the grid has an axis of length 1.
     ValueError
-        For values out of range, or if nothing of the star lies in the window.
+        If a value is out of range, or no part of the star lies in the window.
 
     Examples
     --------
@@ -503,9 +502,9 @@ def siemens_star(
     """
     require_grid(grid)
     if not is_integer(spokes) or spokes < 2:
-        raise ValueError(f"A Siemens star has an integer of at least 2 spokes, not {spokes!r}.")
+        raise ValueError(f"spokes must be an integer of at least 2, got {spokes!r}.")
     if not (fits_float64(diameter) and diameter > 0):
-        raise ValueError(f"The diameter of a star is positive, in metres, not {diameter!r}.")
+        raise ValueError(f"The diameter of a star must be positive, in metres, got {diameter!r}.")
     units.DIAMETER.check(diameter, "The diameter of a star")
     check_centre(centre, "a star")
     _check_two_axes(grid)
@@ -535,13 +534,13 @@ def _groups(groups: Sequence[int]) -> list[int]:
         or len(set(numbers)) < len(numbers)
     ):
         raise ValueError(
-            f"The groups of a target are different integers, such as (0, 1), not {groups!r}."
+            f"The groups of a target must be different integers, such as (0, 1), got {groups!r}."
         )
     return sorted(int(g) for g in numbers)
 
 
 def _layers(lowest: int, highest: int) -> Iterator[tuple[int, int, float, float]]:
-    """(group, element, top, left) of the blocks of 5 x 12 bar widths, layer inside layer."""
+    """Yield (group, element, top, left) of the blocks of 5 x 12 bar widths, layer by layer."""
     top, left = 0.0, 0.0
     for even in range(lowest - lowest % 2, highest + 1, 2):
         unit = 0.5 / _frequency(even, 1)
@@ -567,13 +566,13 @@ def _element(group: int, number: int, top: float, left: float) -> TargetElement:
 
 
 def _too_fine(finest: TargetElement, grid: Grid) -> str:
-    """What to say of a bar narrower than a sample; empty if there is none."""
+    """Return the message about a bar narrower than a sample; empty if there is none."""
     if not exceeds(max(grid.pitch), finest.width):
         return ""
     return (
         f"Element {finest.element} of group {finest.group} has bars {finest.width:.4g} m wide, "
-        f"less than the pitch of {max(grid.pitch):g} m, and fades to grey: a pitch of at most "
-        f"{finest.width:.4g} m would do."
+        f"less than the pitch of {max(grid.pitch):g} m, and fades to grey; use a pitch of at most "
+        f"{finest.width:.4g} m."
     )
 
 
@@ -584,6 +583,6 @@ def _check_two_axes(grid: Grid) -> None:
 
 def _outside(what: str, grid: Grid, centre: tuple[float, float]) -> str:
     return (
-        f"{what} lies outside the window of {grid.extent[0]:g} x {grid.extent[1]:g} m: its centre "
-        f"is {centre!r} m."
+        f"{what} is outside of the window of {grid.extent[0]:g} x {grid.extent[1]:g} m, with its "
+        f"centre at {centre!r} m; move the centre."
     )

@@ -1,4 +1,4 @@
-"""Zernike polynomials and phase plates made of them."""
+"""Zernike polynomials, and phase plates composed of them."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ from clplen.wave.field.sampling import exceeds
 from clplen.wave.field.transmission import offsets, phasor
 
 Values = np.ndarray[Any, Any]
-HIGHEST = 500  # radial order; the coefficients of higher ones leave float64
+MAX_RADIAL_ORDER = 500  # coefficients of higher orders overflow float64
 
 
 def zernike(n: int, m: int, rho: Any, theta: Any) -> Values:
@@ -35,28 +35,28 @@ def zernike(n: int, m: int, rho: Any, theta: Any) -> Values:
     Noll (1976), eq. 1 and 2: sqrt(n+1) R_n^0(rho) for m = 0, sqrt(2(n+1)) R_n^m(rho) cos(m theta)
     for m > 0 and sqrt(2(n+1)) R_n^abs(m)(rho) sin(abs(m) theta) for m < 0. The radial part is the
     Jacobi polynomial R_n^m(rho) = rho^m P_k^(0,m)(2 rho^2 - 1), k = (n-m)/2 (Born & Wolf, 9.2.1),
-    evaluated by recurrence: R is within 1e-14 of its exact value up to n = 40.
+    evaluated by recurrence, with an error of R of at most 1e-14 up to n = 40.
 
     Parameters
     ----------
     n : int
         Radial order, 0 to 500.
     m : int
-        Azimuthal order: abs(m) <= n, n - m even; positive takes cos, negative sin.
+        Azimuthal order: abs(m) <= n, n - m even; positive for cos, negative for sin.
     rho : array_like
-        Distance from the centre as a fraction of the radius. Beyond 1 the polynomial continues.
+        Distance from the centre as a fraction of the radius. The polynomial continues beyond 1.
     theta : array_like
         Angle in radians, from +x towards +y (y down).
 
     Returns
     -------
     numpy.ndarray
-        Its values, float64, of the broadcast shape of ``rho`` and ``theta``.
+        Values, float64, with the broadcast shape of ``rho`` and ``theta``.
 
     Raises
     ------
     ValueError
-        For orders that do not exist.
+        If the orders do not exist.
 
     Examples
     --------
@@ -64,10 +64,10 @@ def zernike(n: int, m: int, rho: Any, theta: Any) -> Values:
     >>> np.round(clplen.wave.zernike(2, 0, rho, 0.0), 3).tolist()  # defocus
     [-1.732, -0.866, 1.732]
     """
-    if not (is_integer(n) and is_integer(m)) or not abs(m) <= n <= HIGHEST or (n - m) % 2:
+    if not (is_integer(n) and is_integer(m)) or not abs(m) <= n <= MAX_RADIAL_ORDER or (n - m) % 2:
         raise ValueError(
-            "A Zernike polynomial has integer orders n >= abs(m) with n - m even, n up to "
-            f"{HIGHEST}, not n = {n!r}, m = {m!r}."
+            "Zernike orders must be integers n >= abs(m) with n - m even and n up to "
+            f"{MAX_RADIAL_ORDER}, got n = {n!r}, m = {m!r}."
         )
     order = abs(int(m))
     r, angle = real_array(rho, "rho", np.float64), real_array(theta, "theta", np.float64)
@@ -76,15 +76,16 @@ def zernike(n: int, m: int, rho: Any, theta: Any) -> Values:
     radial = r**order * eval_jacobi((int(n) - order) // 2, 0, order, 2 * r * r - 1)
     if m == 0:
         return math.sqrt(n + 1) * radial * np.ones_like(angle)
-    turned = np.cos(order * angle) if m > 0 else np.sin(order * angle)
-    return math.sqrt(2 * (n + 1)) * radial * turned
+    angular = np.cos(order * angle) if m > 0 else np.sin(order * angle)
+    return math.sqrt(2 * (n + 1)) * radial * angular
 
 
 def zernike_gradient(n: int, m: int, y: Any, x: Any) -> tuple[Values, Values]:
-    """Slopes (d/dy, d/dx) of a Zernike polynomial, in units of its rms over the radius.
+    """Return the slopes (d/dy, d/dx) of a Zernike polynomial, in units of its rms over the radius.
 
-    R = rho^m P(2 rho^2 - 1), P = P_k^(0,m), has R' = m R/rho + 4 rho^(m+1) P'(2 rho^2 - 1), with
-    P' = (k + m + 1)/2 P_(k-1)^(1,m+1) (DLMF 18.9.15); rho and theta are then turned into x and y.
+    R = rho^m P(2 rho^2 - 1), P = P_k^(0,m), has R' = m R/rho + 4 rho^(m+1) P'(2 rho^2 - 1), with P'
+    = (k + m + 1)/2 P_(k-1)^(1,m+1) (DLMF 18.9.15). The slopes along rho and theta are rotated to x
+    and y.
     """
     zernike(n, m, 0.0, 0.0)
     y, x = np.broadcast_arrays(float64_array(y), float64_array(x))
@@ -109,10 +110,10 @@ def zernike_gradient(n: int, m: int, y: Any, x: Any) -> tuple[Values, Values]:
 
 
 def zernike_monomials(n: int, m: int) -> Values:
-    """A Zernike polynomial as a sum of c[i, k] y^i x^k, y and x fractions of the radius.
+    """Return coefficients c[i, k] of a Zernike polynomial as a sum of y^i x^k, in radii.
 
-    R_n^m from Noll (1976), eq. 2; rho^2s as (x^2 + y^2)^s, and rho^m cos(m theta) and
-    rho^m sin(m theta) as the real and the imaginary part of (x + iy)^m.
+    R_n^m follows Noll (1976), eq. 2, with rho^2s = (x^2 + y^2)^s. rho^m cos(m theta) and
+    rho^m sin(m theta) are the real and the imaginary part of (x + iy)^m.
     """
     zernike(n, m, 0.0, 0.0)
     n, order = int(n), abs(int(m))
@@ -121,7 +122,7 @@ def zernike_monomials(n: int, m: int) -> Values:
         part = 1j**j * math.comb(order, j)
         angular = part.imag if m < 0 else part.real
         for s in range((n - order) // 2 + 1):
-            half = (n - order) // 2 - s  # of the exponent of rho^2 beside rho^m
+            half = (n - order) // 2 - s  # power of y^2 and x^2 in (x^2 + y^2)^half
             radial = (-1) ** s * math.comb(n - s, s) * math.comb(n - 2 * s, half)
             for i in range(half + 1):
                 coefficients[j + 2 * i, order - j + 2 * (half - i)] += (
@@ -133,24 +134,24 @@ def zernike_monomials(n: int, m: int) -> Values:
 def noll(j: int) -> tuple[int, int]:
     """Return the orders (n, m) of Noll's single index.
 
-    Noll (1976), table I: n ascends, then abs(m); even j is a cosine (m > 0), odd j a sine (m < 0).
-    1 piston, 2 and 3 tilt in x and y, 4 defocus, 5 and 6 astigmatism, 7 and 8 coma in y and x,
-    9 and 10 trefoil, 11 spherical aberration.
+    In Noll (1976), table I, n ascends, then abs(m); even j is a cosine (m > 0), odd j a sine
+    (m < 0): 1 piston, 2 and 3 tilt in x and y, 4 defocus, 5 and 6 astigmatism, 7 and 8 coma in y
+    and x, 9 and 10 trefoil, 11 spherical aberration.
 
     Parameters
     ----------
     j : int
-        At least 1.
+        Index, at least 1.
 
     Returns
     -------
     tuple of int
-        Radial and azimuthal order (n, m), as `zernike` takes them.
+        Radial and azimuthal order (n, m) of `zernike`.
 
     Raises
     ------
     ValueError
-        For another j.
+        If j is not an integer in this range.
 
     Examples
     --------
@@ -160,7 +161,7 @@ def noll(j: int) -> tuple[int, int]:
     [(2, -2), (2, 2), (4, 0)]
     """
     if not is_integer(j) or j < 1:
-        raise ValueError(f"Noll's index is an integer of at least 1, not {j!r}.")
+        raise ValueError(f"Noll's index must be an integer of at least 1, got {j!r}.")
     j = int(j)
     n = (math.isqrt(8 * j - 7) - 1) // 2
     rank = j - n * (n + 1) // 2 - 1
@@ -178,17 +179,17 @@ def osa(j: int) -> tuple[int, int]:
     Parameters
     ----------
     j : int
-        At least 0.
+        Index, at least 0.
 
     Returns
     -------
     tuple of int
-        Radial and azimuthal order (n, m), as `zernike` takes them.
+        Radial and azimuthal order (n, m) of `zernike`.
 
     Raises
     ------
     ValueError
-        For another j.
+        If j is not an integer in this range.
 
     Examples
     --------
@@ -198,7 +199,7 @@ def osa(j: int) -> tuple[int, int]:
     [(2, -2), (2, 2), (4, 0)]
     """
     if not is_integer(j) or j < 0:
-        raise ValueError(f"The OSA index is an integer of at least 0, not {j!r}.")
+        raise ValueError(f"The OSA index must be an integer of at least 0, got {j!r}.")
     j = int(j)
     n = (math.isqrt(8 * j + 1) - 1) // 2
     return n, 2 * j - n * (n + 2)
@@ -215,41 +216,42 @@ def phase_plate(
 ) -> Field:
     """Multiply a field by the phase of a plate of Zernike polynomials.
 
-    It is u exp(+i 2 pi W/lam) on a disc and u outside. W = sum_j c_j Z_j is a path length, so that
-    the phase scales with the wavelength. The plate stops no light: use `aperture` for that. A
-    sample outside the disc whose cell reaches into it takes the phase of the nearest point of the
-    rim, which is that of the part an area-weighted aperture lets through. Along an axis of length 1
-    the plate is its section through the centre. The transmission is made in float64 on the host.
+    The result is u exp(+i 2 pi W/lam) on a disc and u outside. The path length W = sum_j c_j Z_j
+    does not depend on the wavelength. The plate blocks no light; combine it with `aperture`. If
+    the cell of a sample only overlaps the disc, the sample gets the phase of the nearest point of
+    the rim, as the light in an area-weighted aperture has. If the field has length 1 along an
+    axis, the plate is its section through the centre. The host computes it in float64.
 
     Parameters
     ----------
     field : Field
         Shape (..., ny, nx).
     coefficients : mapping of int to float
-        Index j to metres of optical path, rms over the disc; positive retards as exp(+ikz) does.
+        Coefficients: index j to metres of optical path, rms over the disc; positive retards as
+        exp(+ikz) does.
     diameter : float
-        Of the disc, in metres.
+        Diameter of the disc in metres.
     indexing : {"noll", "osa"}
-        What j counts: see `noll` and `osa`.
+        Meaning of j: see `noll` and `osa`.
     centre : tuple of float
-        (y, x) in metres.
+        Centre (y, x) in metres.
     aliasing : {"raise", "warn", "allow"}
-        What to do when neighbouring samples of the phase in the disc differ by more than pi.
+        Action if neighbouring samples of the phase in the disc differ by more than pi.
 
     Returns
     -------
     Field
-        Behind the plate, on the same grid.
+        Field behind the plate, on the same grid.
 
     Raises
     ------
     SamplingError
         If the phase is aliased and ``aliasing`` is "raise".
     TypeError
-        If ``coefficients`` is no mapping.
+        If ``coefficients`` is not a mapping.
     ValueError
-        For an index that does not exist, a coefficient or centre that is not finite, a diameter
-        that is not positive or a word that is none of those above.
+        If an index does not exist, a coefficient or the centre is not finite, the diameter is not
+        positive, or ``indexing`` or ``aliasing`` is unknown.
 
     Warns
     -----
@@ -266,7 +268,7 @@ def phase_plate(
     require_field(field)
     terms = plate_terms(coefficients, indexing)
     if not (fits_float64(diameter) and diameter > 0):
-        raise ValueError(f"The diameter of a plate is positive, in metres, not {diameter!r}.")
+        raise ValueError(f"The diameter of a plate must be positive, in metres, got {diameter!r}.")
     units.DIAMETER.check(diameter, "The diameter of a plate")
     check_centre(centre, "a plate")
     path, on_plate = wavefront(field.grid, terms, diameter=diameter, centre=centre)
@@ -282,31 +284,31 @@ def wavefront(
     diameter: float,
     centre: tuple[float, float] = (0.0, 0.0),
 ) -> tuple[Values, Values]:
-    """Return the path length of a plate, and which cells reach into its disc.
+    """Return the path length of a plate, and a mask of the cells that overlap its disc.
 
-    It is the wavefront that `phase_plate` puts on a field.
+    `phase_plate` applies this wavefront to a field.
 
     Parameters
     ----------
     grid : Grid
         Samples of the plane, shape (ny, nx).
     terms : mapping of (int, int) to float
-        Orders (n, m) to metres, rms over the disc.
+        Terms: orders (n, m) to metres, rms over the disc.
     diameter : float
-        Of the disc, in metres.
+        Diameter of the disc in metres.
     centre : tuple of float
-        (y, x) in metres.
+        Centre (y, x) in metres.
 
     Returns
     -------
     tuple of numpy.ndarray
-        Path length in metres, float64, 0 outside the disc; and bool, whether a cell reaches into
-        the disc. Both of shape (ny, nx).
+        Path length in metres, float64, 0 outside of the disc, and a bool mask of the cells that
+        overlap the disc. Both have shape (ny, nx).
 
     Raises
     ------
     ValueError
-        For orders that do not exist.
+        If the orders do not exist.
 
     Examples
     --------
@@ -317,8 +319,8 @@ def wavefront(
     ((64, 64), '-87 to 87 nm')
     """
     if not (is_finite(diameter) and diameter > 0):
-        raise ValueError(f"A diameter is a positive number of metres, not {diameter!r}.")
-    on_plate, rho, theta = plate_places(grid, diameter, centre)
+        raise ValueError(f"A diameter must be a positive number of metres, got {diameter!r}.")
+    on_plate, rho, theta = plate_coordinates(grid, diameter, centre)
     path = np.zeros(grid.shape)
     for (n, m), metres in terms.items():
         check_finite(path=metres)
@@ -326,10 +328,10 @@ def wavefront(
     return path, on_plate
 
 
-def plate_places(
+def plate_coordinates(
     grid: Grid, diameter: float, centre: tuple[float, float]
 ) -> tuple[Values, Values, Values]:
-    """Return the cells that reach into a plate's disc, and (rho, theta) of their paths."""
+    """Return a mask of the cells that overlap a plate's disc, and their (rho, theta)."""
     y, x = offsets(grid, centre)
     on_plate = _cells_of_disc(grid, y, x, diameter / 2)
     rows, columns = np.nonzero(on_plate)
@@ -340,15 +342,15 @@ def plate_places(
 def plate_terms(
     coefficients: Mapping[int, float], indexing: Literal["noll", "osa"]
 ) -> dict[tuple[int, int], float]:
-    """Orders (n, m) to metres, of coefficients {index: metres}."""
+    """Return {orders (n, m): metres} of coefficients {index: metres}."""
     if indexing not in ("noll", "osa"):
-        raise ValueError(f"indexing is 'noll' or 'osa', not {indexing!r}.")
+        raise ValueError(f"indexing must be 'noll' or 'osa', got {indexing!r}.")
     if not isinstance(coefficients, Mapping):
-        raise TypeError(f"The coefficients are {{index: metres}}, not {coefficients!r}.")
+        raise TypeError(f"The coefficients must be {{index: metres}}, got {coefficients!r}.")
     for j, metres in coefficients.items():
         if not fits_float64(metres):
             raise ValueError(
-                f"Coefficient {j!r} of the plate is finite, in metres, not {metres!r}."
+                f"Coefficient {j!r} of the plate must be finite, in metres, got {metres!r}."
             )
         units.WAVEFRONT.check(metres, f"Coefficient {j!r} of the plate")
     orders = noll if indexing == "noll" else osa
@@ -356,7 +358,7 @@ def plate_terms(
 
 
 def _cells_of_disc(grid: Grid, y: Values, x: Values, radius: float) -> Values:
-    """Which cells reach into a disc about the origin of ``y`` and ``x``, shape (ny, nx)."""
+    """Return a mask of cells that overlap a disc about the origin of ``y`` and ``x``."""
     nearest = [
         np.maximum(np.abs(c) - (pitch / 2 if c.size > 1 else 0), 0)
         for c, pitch in zip((y, x), grid.pitch, strict=True)
@@ -365,7 +367,7 @@ def _cells_of_disc(grid: Grid, y: Values, x: Values, radius: float) -> Values:
 
 
 def _aliased(turns: Values, on_plate: Values, grid: Grid) -> str:
-    """What to say of a phase whose steps on the plate pass half a turn; empty if none does."""
+    """Return the message about phase steps above half a turn on the plate, or an empty string."""
     pairs = (on_plate[1:] & on_plate[:-1], on_plate[:, 1:] & on_plate[:, :-1])
     steps = [
         float(np.abs(np.diff(turns, axis=axis)).max(where=pair, initial=0))
@@ -376,6 +378,6 @@ def _aliased(turns: Values, on_plate: Values, grid: Grid) -> str:
         return ""
     return (
         f"The phase of the plate is aliased: it steps by {2 * np.pi * steps[axis]:.4g} rad, more "
-        f"than pi, between neighbouring samples {grid.pitch[axis]:g} m apart; a pitch of at most "
-        f"{grid.pitch[axis] / (2 * steps[axis]):.4g} m would do."
+        f"than pi, between neighbouring samples {grid.pitch[axis]:g} m apart; use a pitch of at "
+        f"most {grid.pitch[axis] / (2 * steps[axis]):.4g} m."
     )

@@ -1,1 +1,1 @@
-"""Sampled complex fields: arrays and transmissions come in, fields and intensities go out."""
+"""Sampled complex fields: grids, transmissions, intensities and their gradients."""

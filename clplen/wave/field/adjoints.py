@@ -1,4 +1,4 @@
-"""Conjugates, inner products and gradients of intensities, of fields on a device."""
+"""Conjugates, inner products and intensity gradients of fields on a device."""
 
 from __future__ import annotations
 
@@ -16,22 +16,22 @@ from clplen.wave.field.field import Field, map_samples, require_field
 
 
 def conjugate(field: Field) -> Field:
-    """The complex conjugate of a field."""
+    """Return the complex conjugate of a field."""
     defines = field.device.wave_defines()
     return map_samples(field, field.device.kernel("adjoint.cl", "conjugate", **defines))
 
 
 def pointwise_adjoint(element: Callable[[Field], Field], field: Field) -> Field:
-    """The adjoint of an element that multiplies a field, t u: conj(t) v = conj(t conj(v))."""
+    """Apply the adjoint of an element that multiplies a field: conj(t) v = conj(t conj(v))."""
     return conjugate(element(conjugate(field)))
 
 
 def inner_product(a: Field, b: Field) -> complex:
-    """<a, b> = sum conj(a) b over all samples, without their area; sums in float64."""
+    """Return <a, b> = sum conj(a) b over all samples, without their area, summed in float64."""
     require_same_device(a.device, b.device)
     if a.shape != b.shape:
         raise ShapeError(
-            f"An inner product is of two fields of one shape, not {a.shape}, {b.shape}."
+            f"An inner product requires two fields of equal shape, got {a.shape} and {b.shape}."
         )
     device, (ny, nx) = a.device, a.grid.shape
     rows = device.empty(a.shape[:-1], device.complex)
@@ -42,28 +42,28 @@ def inner_product(a: Field, b: Field) -> complex:
 
 
 def intensity_gradient(field: Field, cotangent: Image | Array) -> Field:
-    """Return the gradient of a loss by a field, from that by the field's intensity.
+    """Return the gradient of a loss by a field, from the gradient by its intensity.
 
     With I = abs(u)^2, dL/dRe u + i dL/dIm u = 2 (dL/dI) u.
 
     Parameters
     ----------
     field : Field
-        Shape (..., ny, nx).
+        Field of shape (..., ny, nx).
     cotangent : Image or array_like
-        dL/dI, real, of the field's shape.
+        Gradient dL/dI, real, with the shape of the field.
 
     Returns
     -------
     Field
-        Of the field's shape.
+        Gradient with the shape of the field.
 
     Raises
     ------
     ShapeError
         If the shapes differ.
     DeviceError
-        If an image lives on another device.
+        If an image is on another device.
 
     Examples
     --------
@@ -78,17 +78,17 @@ def intensity_gradient(field: Field, cotangent: Image | Array) -> Field:
     device = field.device
     if isinstance(cotangent, Image):
         require_same_device(cotangent.device, device)
-    given = cotangent if isinstance(cotangent, Image) else host_array(cotangent, "A cotangent")
-    shape = given.shape
+    source = cotangent if isinstance(cotangent, Image) else host_array(cotangent, "A cotangent")
+    shape = source.shape
     if tuple(shape) != field.shape:
         raise ShapeError(
-            f"The gradient by the intensity has the shape of the field, {field.shape}, not "
+            f"The gradient by the intensity must have the shape of the field, {field.shape}, got "
             f"{tuple(shape)}."
         )
     if isinstance(cotangent, Image):
         weights = cotangent.data
     else:
-        weights = device.upload(np.ascontiguousarray(given, device.real))
+        weights = device.upload(np.ascontiguousarray(source, device.real))
     out = device.empty(field.shape, device.complex)
     kernel = device.kernel("adjoint.cl", "intensity_slope", **device.wave_defines())
     device.launch_rows(kernel, field.shape, out, weights, field.data, *field.grid.shape)

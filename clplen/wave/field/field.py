@@ -23,29 +23,28 @@ Vector = np.ndarray[Any, np.dtype[np.floating[Any]]]
 
 @dataclass(frozen=True, init=False)
 class Grid:
-    """Where the samples of a field lie.
+    """Positions of the samples of a field.
 
-    Sample i of an axis of N samples lies at ``origin + (i - N//2) pitch``, for even and odd N.
+    Sample i of an axis of N samples is at ``origin + (i - N//2) pitch``, for even and odd N.
 
     Parameters
     ----------
     shape : tuple of int
-        (ny, nx), each at least 1. An axis of length 1 means that nothing varies along it (the
-        cylindrical problem): it is never padded and carries no frequency.
+        Numbers of samples (ny, nx), each at least 1. A field does not vary along an axis of length
+        1 (the cylindrical problem): the axis is never padded and carries no frequency.
     pitch : float or tuple of float
-        Sample spacing in metres, (dy, dx) or one number for both; at most 1 m.
+        Sample spacing in metres, (dy, dx) or a single number for both; at most 1 m.
     origin : tuple of float, optional
-        (y, x) coordinate of sample N//2 in metres. Half a pitch puts the axis between the two
-        central samples of an even grid.
+        Coordinates (y, x) of sample N//2 in metres. Half a pitch centres an even grid on the axis.
 
     Attributes
     ----------
     shape : tuple of int
-        (ny, nx).
+        Numbers of samples (ny, nx).
     pitch : tuple of float
-        (dy, dx) in metres.
+        Sample spacing (dy, dx) in metres.
     origin : tuple of float
-        (y, x) in metres.
+        Coordinates (y, x) of sample N//2 in metres.
 
     Raises
     ------
@@ -76,13 +75,13 @@ class Grid:
     ) -> None:
         sizes = tuple(shape) if np.ndim(shape) == 1 else ()
         if len(sizes) != 2 or not all(is_integer(n) and n >= 1 for n in sizes):
-            raise ShapeError(f"A grid's shape is (ny, nx), two positive integers, not {shape!r}.")
+            raise ShapeError(f"shape must be two positive integers (ny, nx), got {shape!r}.")
         pitches, origins = _pair(pitch), _pair(origin)
         if not (np.isfinite(pitches).all() and (pitches > 0).all()):
-            raise ValueError(f"A grid's pitch is positive and finite, in metres, not {pitch!r}.")
+            raise ValueError(f"pitch must be positive and finite, in metres, got {pitch!r}.")
         units.PITCH.check(pitch, "A grid's pitch")
         if not np.isfinite(origins).all():
-            raise ValueError(f"A grid's origin is finite, in metres, not {origin!r}.")
+            raise ValueError(f"origin must be finite, in metres, got {origin!r}.")
         units.DISTANCE.check(origin, "A grid's origin")
         self._set((sizes[0], sizes[1]), (pitches[0], pitches[1]), (origins[0], origins[1]))
 
@@ -98,12 +97,12 @@ class Grid:
 
     @property
     def fy(self) -> Vector:
-        """Spatial frequencies of the rows in cycles a metre, FFT order, shape (ny,)."""
+        """Spatial frequencies of the rows in cycles per metre, FFT order, shape (ny,)."""
         return np.fft.fftfreq(self.shape[0], self.pitch[0])
 
     @property
     def fx(self) -> Vector:
-        """Spatial frequencies of the columns in cycles a metre, FFT order, shape (nx,)."""
+        """Spatial frequencies of the columns in cycles per metre, FFT order, shape (nx,)."""
         return np.fft.fftfreq(self.shape[1], self.pitch[1])
 
     @property
@@ -128,14 +127,14 @@ def derived_grid(
     pitch: tuple[float, float],
     origin: tuple[float, float] = (0.0, 0.0),
 ) -> Grid:
-    """A grid that follows from others, of any pitch: far away, or of frequencies."""
+    """Return a grid derived from others, with any pitch, such as a far field or frequencies."""
     grid = object.__new__(Grid)
     grid._set(shape, pitch, origin)
     return grid
 
 
 def _pair(values: Any) -> Vector:
-    """One number or two as two; NaN where they are something else."""
+    """Return a number or a pair as a pair, with NaN for anything else."""
     try:
         return np.broadcast_to(np.asarray(values, dtype=np.float64), (2,))
     except (TypeError, ValueError, OverflowError):
@@ -144,21 +143,21 @@ def _pair(values: Any) -> Vector:
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Field(Plottable, OnDevice):
-    """A scalar field sampled on a grid. Made by `from_array` or by an operation.
+    """Complex scalar field on a grid, returned by `from_array` or by an operation.
 
-    The time factor is exp(-i omega t): a wave that goes to +z is exp(+ikz). The carrier exp(ikz),
-    constant over the field, is dropped by every propagation.
+    The time factor is exp(-i omega t), so that a wave towards +z is exp(+ikz). Every propagation
+    omits the carrier exp(ikz), which is constant over the field.
 
     Attributes
     ----------
     data : pyopencl.array.Array
-        complex64 (complex128 on a device of double precision), shape (..., ny, nx).
+        Samples, complex64 (complex128 on a device of double precision), shape (..., ny, nx).
     grid : Grid
-        Where its samples lie.
+        Positions of the samples.
     wavelength : float
-        In metres.
+        Wavelength in metres.
     device : Device
-        The device that holds the samples.
+        Device that holds the samples.
 
     Examples
     --------
@@ -182,18 +181,18 @@ class Field(Plottable, OnDevice):
     def from_array(
         cls, u: Any, grid: Grid, *, wavelength: float, device: DeviceLike | None = None
     ) -> Field:
-        """Bring complex amplitudes to a device.
+        """Return the field of complex amplitudes on the host.
 
         Parameters
         ----------
         u : array_like
-            Shape (..., ny, nx); leading axes are a batch. Real or complex.
+            Amplitudes, real or complex, shape (..., ny, nx); leading axes are a batch.
         grid : Grid
-            Its shape is that of the last two axes.
+            Grid with the shape of the last two axes.
         wavelength : float
-            In metres, positive.
+            Wavelength in metres, positive.
         device : Device or str, optional
-            Where the field will live; default ``Device.open()``.
+            Device of the field; default ``Device.open()``.
 
         Raises
         ------
@@ -206,20 +205,20 @@ class Field(Plottable, OnDevice):
         require_grid(grid)
         device = as_device(device)
         if not (isinstance(wavelength, Real) and 0 < wavelength < np.inf):
-            raise ValueError(f"The wavelength is positive, in metres, not {wavelength!r}.")
+            raise ValueError(f"The wavelength must be positive, in metres, got {wavelength!r}.")
         units.WAVELENGTH.check(wavelength, "The wavelength")
         values = host_array(u, "A field")
         if values.shape[-2:] != grid.shape:
             raise ShapeError(
-                f"The field has shape {values.shape}, the grid {grid.shape}: the last two axes "
-                "must agree."
+                f"The last two axes of the field must have the grid's shape {grid.shape}, got "
+                f"{values.shape}."
             )
         data = device.upload(values.astype(device.complex, copy=False))
         bad = count_bad(data, device)
         if bad:
             raise ValueError(
-                f"The field has {bad} values that are NaN or infinite; a propagation would spread "
-                "them over the whole field: replace them, by 0 for no light."
+                f"The field has {bad} values that are NaN or infinite, which a propagation would "
+                "spread over all samples; replace them, for example by 0."
             )
         return cls(data, grid, float(wavelength), device)
 
@@ -232,55 +231,55 @@ class Field(Plottable, OnDevice):
 
     @property
     def shape(self) -> tuple[int, ...]:
-        """Shape of the samples, (..., ny, nx)."""
+        """Shape (..., ny, nx) of the samples."""
         return tuple(self.data.shape)
 
     def to_numpy(self) -> np.ndarray[Any, Any]:
-        """The complex amplitudes on the host, shape (..., ny, nx)."""
+        """Return the complex amplitudes on the host, shape (..., ny, nx)."""
         return self.device.download(self.data)
 
     def intensity(self) -> Image:
-        """abs(u)^2 as an image of shape (..., ny, nx)."""
+        """Return the intensity abs(u)^2 as an image of shape (..., ny, nx)."""
         out = self.device.empty(self.shape, self.device.real)
         kernel = self.device.kernel("intensity.cl", "intensity", **self.device.wave_defines())
         self.device.launch_rows(kernel, self.shape, out, self.data, *self.grid.shape)
         return Image(out, self.device)
 
     def power(self) -> Any:
-        """sum abs(u)^2 dy dx in the unit of abs(u)^2 times square metres.
+        """Return the power, sum abs(u)^2 dy dx, in the unit of abs(u)^2 times square metres.
 
         Returns
         -------
         float or numpy.ndarray
-            One float, or one for each leading batch index.
+            Power of the field, or of each field of a batch.
         """
         total = row_powers(self).sum(axis=-1) * self.grid.pitch[0] * self.grid.pitch[1]
         return float(total) if total.ndim == 0 else total
 
     def with_data(self, data: cla.Array) -> Field:
-        """The same grid, wavelength and device with other samples."""
+        """Return a field with other samples on the same grid, wavelength and device."""
         return replace(self, data=data)
 
 
 def require_field(field: object) -> None:
-    """Refuse what is no field."""
+    """Raise a TypeError unless an object is a `Field`."""
     require(Field, field, "field", "Field.from_array or plane_wave")
 
 
 def require_grid(grid: object) -> None:
-    """Refuse what is no grid."""
+    """Raise a TypeError unless an object is a `Grid`."""
     require(Grid, grid, "grid", "Grid(shape, pitch)")
 
 
 def map_samples(field: Field, kernel: cl.Kernel, *args: Any, out: cla.Array | None = None) -> Field:
-    """Return the field that a kernel (out, samples, ``args``, ny, nx) makes of another one."""
+    """Return the field computed by a kernel with arguments (out, samples, ``args``, ny, nx)."""
     out = field.device.empty(field.shape, field.device.complex) if out is None else out
     field.device.launch_rows(kernel, field.shape, out, field.data, *args, *field.grid.shape)
     return field.with_data(out)
 
 
 def row_powers(field: Field) -> Vector:
-    """Sum of abs(u)^2 along each row, compensated on the device, shape (..., ny), float64."""
+    """Return the compensated sum of abs(u)^2 along each row, shape (..., ny), float64."""
     out = field.device.empty(field.shape[:-1], field.device.real)
     ny, nx = field.grid.shape
     kernel = field.device.kernel("intensity.cl", "row_power", **field.device.wave_defines())

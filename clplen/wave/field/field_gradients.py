@@ -1,4 +1,4 @@
-"""Gradients of a loss through what multiplies a field, from the cotangent of the product.
+"""Gradients of a loss by factors of a field, from the cotangent of the product.
 
 The gradient of a real loss L with respect to complex samples is dL/dRe + i dL/dIm.
 """
@@ -27,53 +27,53 @@ def polar_gradient(field: Field, cotangent: Field) -> dict[str, Array]:
     Parameters
     ----------
     field : Field
-        The field u, shape (..., ny, nx).
+        Field u, shape (..., ny, nx).
     cotangent : Field
-        g = dL/dRe u + i dL/dIm u, of the shape of ``field``.
+        Gradient g = dL/dRe u + i dL/dIm u, with the shape of ``field``.
 
     Returns
     -------
     dict of str to numpy.ndarray
-        "amplitude" and "phase", float64, of the shape of ``field``; where u is 0, its phase is
-        taken to be 0.
+        Gradients "amplitude" and "phase", float64, with the shape of ``field``. The phase is
+        defined as 0 where u is 0.
 
     Raises
     ------
     ShapeError
         If the shapes differ.
     DeviceError
-        If the fields live on two devices.
+        If the fields are on two devices.
 
     Examples
     --------
     >>> grid = clplen.Grid((1, 2), 10e-6)
     >>> field = clplen.Field.from_array([[1, 2j]], grid, wavelength=500e-9)
     >>> cotangent = clplen.Field.from_array([[3 + 4j, 3 + 4j]], grid, wavelength=500e-9)
-    >>> found = clplen.wave.polar_gradient(field, cotangent)
-    >>> found["amplitude"].tolist(), found["phase"].tolist()
+    >>> gradients = clplen.wave.polar_gradient(field, cotangent)
+    >>> gradients["amplitude"].tolist(), gradients["phase"].tolist()
     ([[3.0, 4.0]], [[4.0, -6.0]])
     """
     check_cotangent(field, cotangent)
     u, g = (f.to_numpy().astype(np.complex128) for f in (field, cotangent))
     amplitude = np.abs(u)
     unit = np.divide(u, amplitude, out=np.ones_like(u), where=amplitude > 0)
-    turned = np.conj(unit) * g
-    return {"amplitude": turned.real, "phase": amplitude * turned.imag}
+    rotated = np.conj(unit) * g
+    return {"amplitude": rotated.real, "phase": amplitude * rotated.imag}
 
 
 def check_cotangent(field: Any, cotangent: Any) -> None:
-    """Refuse a cotangent that is no field of the shape and on the device of a field."""
+    """Raise unless a cotangent is a field with the shape and device of a field."""
     require_field(field)
     require(Field, cotangent, "cotangent", "Field.from_array")
     require_same_device(field.device, cotangent.device)
     if field.shape != cotangent.shape:
         raise ShapeError(
-            f"The field has shape {field.shape}, its cotangent {cotangent.shape}: they must agree."
+            f"cotangent must have the field's shape {field.shape}, got {cotangent.shape}."
         )
 
 
 def transmission_gradient(field: Field, cotangent: Field) -> cla.Array:
-    """Gradient with respect to what multiplies a field: the sum of conj(u) g over a batch."""
+    """Return the gradient by a factor of a field, the sum of conj(u) g over a batch."""
     check_cotangent(field, cotangent)
     device, (ny, nx) = field.device, field.grid.shape
     out = device.empty((ny, nx), device.complex)
@@ -91,7 +91,7 @@ def transmission_gradient(field: Field, cotangent: Field) -> cla.Array:
 
 
 def log_moments(behind: Field, cotangent: Field, y: Array, x: Array, order: int = 2) -> Array:
-    """Moments of the gradient with respect to the logarithm of a transmission."""
+    """Return moments of the gradient with respect to the logarithm of a transmission."""
     check_cotangent(behind, cotangent)
     device, (ny, nx) = behind.device, behind.grid.shape
     unit = float(np.abs(x).max()) or 1.0

@@ -1,4 +1,4 @@
-"""Intensities: sums and running means on a device, and the mean of partially coherent light."""
+"""Intensities: sums and running means on a device, and means of partially coherent light."""
 
 from __future__ import annotations
 
@@ -16,12 +16,12 @@ from clplen.compute.device import Device
 from clplen.wave.field.field import Field, Grid, row_powers
 
 Region = tuple[slice, slice]
-Object = Field | Callable[[float], Field]  # the same at every wavelength, or a function of it
+Object = Field | Callable[[float], Field]  # transmission, or a function of the wavelength
 
 
 @dataclass(frozen=True)
 class Window:
-    """A rectangle of pixels: rows y0 <= y < y1, columns x0 <= x < x1."""
+    """Rectangle of pixels: rows y0 <= y < y1, columns x0 <= x < x1."""
 
     y0: int
     y1: int
@@ -30,21 +30,21 @@ class Window:
 
     @classmethod
     def of(cls, region: Region | None, shape: tuple[int, int]) -> Window:
-        """The pixels of a region, (rows, columns) as slices; None: all."""
+        """Return the pixels of a region, slices (rows, columns); None: all pixels."""
         parts = (slice(None), slice(None)) if region is None else region
         pair = isinstance(parts, tuple) and [type(part) for part in parts] == [slice, slice]
         if not pair or any(part.step not in (None, 1) for part in parts):
             raise ValueError(
-                f"A region is two slices without steps, (rows, columns), not {region!r}."
+                f"region must be two slices (rows, columns) without steps, got {region!r}."
             )
         (y0, y1, _), (x0, x1, _) = (p.indices(n) for p, n in zip(parts, shape, strict=True))
         if y1 <= y0 or x1 <= x0:
-            raise ValueError(f"The region {region!r} holds no pixel of an image of {shape}.")
+            raise ValueError(f"region must contain pixels of the image of {shape}, got {region!r}.")
         return cls(y0, y1, x0, x1)
 
 
 def accumulate(total: cla.Array, fields: cla.Array, weights: Any, device: Device) -> None:
-    """total[y, x] += sum_b weights[b] abs(fields[b, y, x])^2, on the device."""
+    """Add sum_b weights[b] abs(fields[b, y, x])^2 to total[y, x] on the device."""
     factors = np.atleast_1d(np.asarray(weights, device.real))
     kernel = device.kernel("intensity.cl", "accumulate", **device.wave_defines())
     sizes = (factors.size, *total.shape)
@@ -52,7 +52,7 @@ def accumulate(total: cla.Array, fields: cla.Array, weights: Any, device: Device
 
 
 def add_scaled(total: cla.Array, picture: cla.Array, weight: float, device: Device) -> None:
-    """total[y, x] += weight picture[y, x], on the device; both real, of one shape."""
+    """Add weight picture[y, x] to total[y, x] on the device; both are real with equal shape."""
     defines = {"DOUBLE": True} if total.dtype == np.float64 else {}
     kernel = device.kernel("intensity.cl", "add_scaled", **defines)
     scale = total.dtype.type(weight)
@@ -60,16 +60,16 @@ def add_scaled(total: cla.Array, picture: cla.Array, weight: float, device: Devi
 
 
 class Statistics:
-    """Mean and variance of snapshots' intensities, pixel by pixel (Welford 1962).
+    """Mean and variance of the intensities of snapshots per pixel (Welford 1962).
 
     Attributes
     ----------
     mean, m2 : pyopencl.array.Array
-        Mean so far, and sum of the squared deviations from it, in the square of ``unit``.
+        Mean so far, and sum of the squared deviations from it in units of ``unit`` squared.
     unit : float
-        Power of two next to the mean of the first snapshot, so that squares stay in range.
+        Power of two nearest to the mean of the first snapshot, which keeps squares in range.
     count : int
-        Snapshots so far.
+        Number of snapshots so far.
     """
 
     def __init__(self, shape: tuple[int, int], device: Device) -> None:
@@ -80,14 +80,14 @@ class Statistics:
         self.unit = 1.0
 
     def add(self, snapshot: Field | cla.Array) -> None:
-        """Take a snapshot: a field, whose abs(u)^2 counts, or an image; shape (ny, nx)."""
+        """Add a snapshot: abs(u)^2 of a field, or an image; shape (ny, nx)."""
         self.count += 1
         device = self.device
-        field = isinstance(snapshot, Field)
+        is_field = isinstance(snapshot, Field)
         data = snapshot.data if isinstance(snapshot, Field) else snapshot
         if self.count == 1:
             self.unit = _unit_of(snapshot, device)
-        name = "add_field" if field else "add_image"
+        name = "add_field" if is_field else "add_image"
         kernel = device.kernel("statistics.cl", name, **device.wave_defines())
         numbers = (device.real.type(x) for x in (1 / self.count, 1 / self.unit))
         device.launch_rows(kernel, self.shape, self.mean, self.m2, data, *numbers, *self.shape)
@@ -95,16 +95,16 @@ class Statistics:
     def restore(
         self, mean: np.ndarray[Any, Any], m2: np.ndarray[Any, Any], count: int, unit: float
     ) -> None:
-        """Go on from what was downloaded before."""
+        """Restore a downloaded state."""
         self.mean, self.m2 = self.device.upload(mean), self.device.upload(m2)
         self.count, self.unit = count, unit
 
     def image(self) -> Image:
-        """The mean."""
+        """Return the mean."""
         return Image(self.mean, self.device)
 
     def standard_error(self) -> Image:
-        """Of the mean: sqrt(variance/count), NaN from fewer than two snapshots."""
+        """Return the standard error of the mean, sqrt(variance/count); NaN below two snapshots."""
         k = self.count
         scale = 1 / (k * (k - 1)) if k > 1 else math.nan
         factors = (self.device.real.type(x) for x in (scale, self.unit))
@@ -114,9 +114,9 @@ class Statistics:
         return Image(out, self.device)
 
     def relative_error(self, window: Window) -> float:
-        """Standard error over mean in a window: rms of the errors, over the mean intensity.
+        """Return the rms standard error over the mean intensity in a window.
 
-        NaN from fewer than two snapshots or without light.
+        It is NaN below two snapshots or without light.
         """
         device, rows = self.device, window.y1 - window.y0
         out = device.empty((rows, 2), device.real)
@@ -132,7 +132,7 @@ class Statistics:
 
 
 def _unit_of(snapshot: Field | cla.Array, device: Device) -> float:
-    """The power of two next to the mean intensity, 1 without light."""
+    """Return the power of two nearest to the mean intensity, or 1 without light."""
     if isinstance(snapshot, Field):
         mean = float(row_powers(snapshot).sum()) / math.prod(snapshot.grid.shape)
     else:
@@ -142,23 +142,23 @@ def _unit_of(snapshot: Field | cla.Array, device: Device) -> float:
 
 @dataclass(frozen=True, eq=False, repr=False)
 class MeanIntensity(HostArray):
-    """The mean intensity of partially coherent light, and how far it is converged.
+    """Mean intensity of partially coherent light, with its convergence.
 
     Attributes
     ----------
     intensity : Image
-        Shape (ny, nx).
+        Intensity, shape (ny, nx).
     standard_error : Image
-        Of each pixel's mean; 0 where nothing is random.
+        Standard error of each pixel's mean; 0 for exact results.
     snapshots : int
-        Used; terms of the sum where nothing is random.
+        Number of snapshots, or of terms of an exact sum.
     convergence : numpy.ndarray
-        float64, shape (n, 2): number of snapshots, and standard error over mean in the region (rms
-        of the errors over its pixels, divided by its mean intensity). Empty if nothing is random.
+        History, float64, shape (n, 2): number of snapshots, and rms standard error over mean
+        intensity in the region. Empty for exact results.
     method : str
-        "monte-carlo", "abbe", "incoherent" or "coherent".
+        Method: "monte-carlo", "abbe", "incoherent" or "coherent".
     grid : Grid
-        Of the image.
+        Grid of the image.
 
     Examples
     --------
@@ -190,20 +190,20 @@ class MeanIntensity(HostArray):
 
     @property
     def relative_error(self) -> float:
-        """The last standard error over mean in the region; 0 if nothing is random."""
+        """Final standard error over mean in the region; 0 for exact results."""
         return float(self.convergence[-1, 1]) if len(self.convergence) else 0.0
 
     def to_numpy(self) -> np.ndarray[Any, Any]:
-        """The intensity on the host, shape (ny, nx)."""
+        """Return the intensity on the host, shape (ny, nx)."""
         return self.intensity.to_numpy()
 
 
 @runtime_checkable
 class PartialCoherence(Protocol):
-    """Light that gives the mean intensity behind a system, as `Coherence` does."""
+    """Light with a method `average`, such as `Coherence`."""
 
     def average(self, *arguments: Any, **keywords: Any) -> MeanIntensity:
-        """The mean intensity behind a system whose object this light illuminates."""
+        """Return the mean intensity behind a system whose object this light illuminates."""
 
 
 AVERAGING = ("snapshots", "rtol", "region", "checkpoint", "progress", "method")
@@ -212,18 +212,18 @@ AVERAGING = ("snapshots", "rtol", "region", "checkpoint", "progress", "method")
 def check_averaging(
     averaging: dict[str, Any], coherence: Any, function: Callable[..., Any], what: str
 ) -> None:
-    """Refuse keywords beside those of a function and of `Coherence.average`."""
+    """Raise unless keywords belong to a function or to `Coherence.average`."""
     check_keywords(averaging, dict.fromkeys((*keywords_of(function), *AVERAGING)), what)
     if averaging and coherence is None:
-        raise TypeError(f"{', '.join(averaging)} belong to an average: give coherence= too.")
+        raise TypeError(f"{', '.join(averaging)} require coherence=, since they set an average.")
 
 
 def average_of(coherence: Any) -> Callable[..., Any]:
-    """`Coherence.average` of what was given for one."""
+    """Return the method `average` of a coherence argument."""
     average = getattr(coherence, "average", None)
     if average is None or isinstance(coherence, type):
         raise TypeError(
-            "coherence is a Coherence, such as Coherence(RandomPhaseMask(40e-6)), not "
+            "coherence must be a Coherence, such as Coherence(RandomPhaseMask(40e-6)), got "
             f"{coherence!r}."
         )
     return cast(Callable[..., Any], average)

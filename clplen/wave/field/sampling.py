@@ -1,36 +1,37 @@
-"""What the samples of a grid carry: the one owner of a field's band and of the limits behind it.
+"""Limits of the samples of a grid: band, slopes and curvatures.
 
-Elements, sources and propagations ask here how fine a frequency, a slope or a curvature may be.
+Elements, sources and propagations use these functions for all sampling limits.
 """
 
 from __future__ import annotations
 
 import math
 
-SLACK = 1e-9  # part of a limit by which rounded lengths may exceed it
+SLACK = 1e-9  # relative excess over a limit that counts as rounding
 
 
 def exceeds(value: float, limit: float) -> bool:
-    """Return whether a value is beyond a limit by more than rounding."""
+    """Return True if a value exceeds a limit by more than rounding."""
     return value > limit * (1 + SLACK)
 
 
 def nyquist(pitch: float) -> float:
-    """Largest spatial frequency of samples, 1/(2 dx), in cycles a metre."""
+    """Return the largest spatial frequency of samples, 1/(2 dx), in cycles per metre."""
     return 1 / (2 * pitch)
 
 
 def steepest_slope(pitch: float, wavelength: float) -> float:
-    """Sine q = lam/(2 dx) of the steepest ray that samples carry; above 1 they carry all."""
+    """Return the sine q = lam/(2 dx) of the steepest sampled ray; 1 or more admits all rays."""
     return wavelength / (2 * pitch)
 
 
 def sampled_radius(
     z: float, pitch: float, wavelength: float, *, is_paraxial: bool = False
 ) -> float:
-    """Largest radius up to which a lens or a sphere changes by at most pi a sample, in metres.
+    """Return the radius in metres up to which a lens or sphere changes by at most pi per sample.
 
-    R_max = z q/sqrt(1 - q^2) of a spherical phase, any for q >= 1; z q of a paraxial one.
+    R_max = z q/sqrt(1 - q^2) for a spherical phase (any radius for q >= 1), z q for a paraxial
+    phase.
     """
     sine = steepest_slope(pitch, wavelength)
     if is_paraxial:
@@ -41,7 +42,7 @@ def sampled_radius(
 def sampled_from(
     radius: float, pitch: float, wavelength: float, *, is_paraxial: bool = False
 ) -> float:
-    """Smallest abs(z) for which `sampled_radius` reaches a radius, in metres."""
+    """Return the smallest abs(z) in metres for which `sampled_radius` reaches a radius."""
     sine = steepest_slope(pitch, wavelength)
     if is_paraxial:
         return 2 * radius * pitch / wavelength

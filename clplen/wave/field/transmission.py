@@ -1,8 +1,8 @@
-"""A field times a transmission: sampled, separable or spherical.
+"""Multiplication of a field by a sampled, separable or spherical transmission.
 
-``exp(i k z sqrt(1 - s))`` in float32 loses the field at camera distances. Every large phase of the
-package is therefore a product of 1-D tables, whose turns are reduced in double on the host, times a
-residual that the kernel forms in pairs of float32.
+``exp(i k z sqrt(1 - s))`` in float32 is useless at camera distances. Every large phase of the
+package is therefore a product of 1-D tables, reduced to a period in double precision on the host,
+times a residual that the kernel computes in pairs of float32.
 """
 
 from __future__ import annotations
@@ -19,9 +19,9 @@ Vector = np.ndarray[Any, np.dtype[np.floating[Any]]]
 
 
 def offsets(grid: Grid, centre: tuple[float, float] = (0.0, 0.0)) -> tuple[Vector, Vector]:
-    """Coordinates (y, x) of a grid's samples from a centre in metres, shapes (ny,) and (nx,).
+    """Return the coordinates (y, x) of samples relative to a centre in metres, (ny,) and (nx,).
 
-    Along an axis of length 1, where nothing varies, the offset is 0.
+    The offset is 0 along an axis of length 1.
     """
     y, x = (
         np.zeros(1) if n == 1 else coordinate - middle
@@ -31,16 +31,16 @@ def offsets(grid: Grid, centre: tuple[float, float] = (0.0, 0.0)) -> tuple[Vecto
 
 
 def multiply_separable(field: Field, ty: np.ndarray, tx: np.ndarray) -> Field:
-    """``field`` times the product of two 1-D complex tables over y and x."""
+    """Multiply ``field`` by the product of two 1-D complex tables over y and x."""
     device = field.device
     kernel = device.kernel("separable.cl", "multiply_separable", **lanes_defines(device))
     return map_samples(field, kernel, device.upload(ty), device.upload(tx))
 
 
 def multiply(field: Field, transmission: cla.Array, *, conjugate: bool = False) -> Field:
-    """``field`` (or each of a batch) times a complex transmission of shape (ny, nx).
+    """Multiply ``field`` (or each of a batch) by a complex transmission of shape (ny, nx).
 
-    Or times its conjugate, which is the adjoint.
+    With ``conjugate`` multiply by its conjugate, which is the adjoint.
     """
     defines = field.device.wave_defines() | ({"CONJUGATE": True} if conjugate else {})
     return map_samples(
@@ -52,14 +52,14 @@ Table = np.ndarray[Any, Any]
 
 
 def phasor(turns: Any, dtype: Any = np.complex128) -> Table:
-    """exp(2 pi i turns), reduced to half a turn in float64 and then rounded to ``dtype``."""
+    """Return exp(2 pi i turns), reduced to half a turn in float64 and then rounded to ``dtype``."""
     reduced = np.asarray(turns, np.float64)
     reduced = reduced - np.rint(reduced)
     return np.exp(2j * np.pi * reduced).astype(dtype)
 
 
 def split(values: Any, dtype: np.dtype[Any]) -> Table:
-    """Float64 values as (high, low) pairs of ``dtype``, shape (..., 2)."""
+    """Split float64 values into (high, low) pairs of ``dtype``, shape (..., 2)."""
     exact = np.asarray(values, np.float64)
     high = exact.astype(dtype)
     low = (exact - high.astype(np.float64)).astype(dtype)
@@ -67,10 +67,10 @@ def split(values: Any, dtype: np.dtype[Any]) -> Table:
 
 
 def whole_and_part(values: Table, dtype: np.dtype[Any]) -> Table:
-    """Float64 values as (nearest integer, rest) pairs of ``dtype``, shape (..., 2)."""
+    """Split float64 values into (nearest integer, remainder) pairs of ``dtype``, shape (..., 2)."""
     exact = np.asarray(values, np.float64)
-    whole = np.rint(exact)
-    return np.stack([whole, exact - whole], axis=-1).astype(dtype)
+    integer = np.rint(exact)
+    return np.stack([integer, exact - integer], axis=-1).astype(dtype)
 
 
 Pair = tuple[float, float]
@@ -85,10 +85,10 @@ def multiply_sphere(
     out: cla.Array | None = None,
     phase: str = "tables",
 ) -> Field:
-    """``field`` times exp(ik(r - abs(z)) sign z), r the distance from a point abs(z) away.
+    """Multiply ``field`` by exp(ik(r - abs(z)) sign z) for a point source at the distance abs(z).
 
-    r - abs(z) = rho^2/(2 abs(z)) - (r - abs(z))^2/(2 abs(z)): a product of 1-D tables, made in
-    double, times a residual in turns.
+    r - abs(z) = rho^2/(2 abs(z)) - (r - abs(z))^2/(2 abs(z)): a product of 1-D tables, computed in
+    double precision, times a residual in turns.
     """
     device = field.device
     coordinates = offsets(field.grid, centre)

@@ -1,1 +1,1 @@
-"""Free space: a field and a distance come in, the field at that distance goes out."""
+"""Free-space propagation of fields: methods, plans and reports."""

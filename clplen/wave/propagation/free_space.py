@@ -1,4 +1,4 @@
-"""Free-space propagation of fields: one or many distances, one or many wavelengths."""
+"""Free-space propagation of fields by several distances and at several wavelengths."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ from clplen.wave.propagation.propagator import Propagator, run_plans
 
 @dataclass(frozen=True)
 class FreeSpace:
-    """`propagate` with all but the field, for averages."""
+    """Arguments of `propagate` except the field, for averages."""
 
     z: float
     method: str
@@ -37,11 +37,11 @@ class FreeSpace:
 
     @property
     def is_plain(self) -> bool:
-        """Whether guard, border, support and lens are the default ones."""
+        """True if guard, border, support and lens have their defaults."""
         return (self.guard, self.border, self.support, self.lens) == (None, BORDER, None, None)
 
     def __call__(self, field: Field) -> Field:
-        """The field at the end."""
+        """Return the propagated field."""
         return propagate(
             field, self.z, method=self.method, pad=self.pad, out_grid=self.out_grid,
             guard=self.guard, border=self.border, support=self.support, lens=self.lens,
@@ -86,61 +86,62 @@ def propagate(
     coherence: PartialCoherence | None = None,
     **averaging: Any,
 ) -> Field | MeanIntensity:
-    """Propagate a field through free space, by one distance or by several.
+    """Propagate a field through free space by a distance, or by several distances.
 
     Parameters
     ----------
     field : Field
-        Shape (..., ny, nx).
+        Field of shape (..., ny, nx).
     z : float or sequence of float
         Distance in metres; 0 returns the field, a negative distance propagates back. Several
-        distances share the field's transform where their windows agree.
+        distances share the field's transform if their windows agree.
     method : str
-        One of "auto", "as", "blas", "cblas", "rs", "one-step", "fresnel-tf", "fresnel-ir",
-        "fresnel-1fft" and "fresnel-multistep": see `Propagator`.
+        Method: "auto", "as", "blas", "cblas", "rs", "one-step", "fresnel-tf", "fresnel-ir",
+        "fresnel-1fft" or "fresnel-multistep"; see `Propagator`.
     pad : float
         Zero padding of as, blas and the Fresnel methods, at least 1; 1 makes the window periodic.
     out_grid : Grid, optional
-        Of the result: any pitch, shape and origin with auto, cblas, rs, one-step and fresnel-1fft.
+        Grid of the result: any pitch, shape and origin with auto, cblas, rs, one-step and
+        fresnel-1fft.
     guard : float, optional
-        Of auto and cblas, width of the guard of the band in Fresnel widths: see `Propagator`.
+        Width of the guard of the band for auto and cblas, in Fresnel widths; see `Propagator`.
     border : float
-        Of fresnel-multistep, the fraction of half the window over which each step is absorbed.
+        Fraction of half the window over which each step of fresnel-multistep is absorbed.
     support : float or tuple of float, optional
-        (y, x) widths about the grid's centre that carry light, in metres; by default the window.
+        Widths (y, x) of the light about the grid's centre in metres; by default the window.
     lens : float, optional
-        Focal length in metres of a paraxial thin lens right before a fresnel-1fft.
+        Focal length in metres of a paraxial thin lens in front of a fresnel-1fft.
     coherence : Coherence, optional
-        The light that illuminates ``field``, which then is the transmission of an object.
+        Light that illuminates ``field``, then the transmission of an object.
     **averaging
-        With ``coherence``: snapshots, rtol, region, checkpoint, progress as in `Coherence.average`.
+        Arguments of `Coherence.average` with ``coherence``: snapshots, rtol, region, checkpoint,
+        progress, method.
 
     Returns
     -------
     Field
-        On ``out_grid``, without the carrier exp(ikz). Shape (..., my, mx), or (n, ..., my, mx) for
-        n distances. With ``coherence`` the `MeanIntensity` at one distance.
+        Field on ``out_grid``, without the carrier exp(ikz). Shape (..., my, mx), or (n, ..., my,
+        mx) for n distances. With ``coherence`` the `MeanIntensity` at a single distance.
 
     Raises
     ------
     ValueError
-        For an unknown method, z that is not finite, or pad < 1.
+        If the method is unknown, z is not finite, or pad < 1.
     SamplingError
-        For an output grid that the method cannot give, fresnel-1fft at z = 0, several distances
-        with fresnel-1fft, whose results have different pitches, or a method so far outside its
-        range that its result would be no field.
+        If the method does not support the output grid, for fresnel-1fft at z = 0 or at several
+        distances (which have different pitches), or if a method is so far out of its range that
+        its result would be useless.
     DeviceError
-        If the windows do not fit the device.
+        If the windows do not fit in the device's memory.
 
     Warns
     -----
     SamplingWarning
-        Once a plan, when what the method samples is aliased.
+        Once per plan, if the sampled quantity is aliased.
 
     Notes
     -----
-    The plan is kept on the device and used again for the same arguments; ``device.plans`` shows its
-    size and hits.
+    The device caches the plan for equal arguments; ``device.plans`` has its size and hits.
 
     Examples
     --------
@@ -154,17 +155,17 @@ def propagate(
     """
     if not isinstance(field, Field):
         raise TypeError(
-            f"propagate takes a Field, as Field.from_array makes it, not a {type(field).__name__}."
+            f"field must be a Field, as Field.from_array returns, got {type(field).__name__}."
         )
     check_averaging(averaging, coherence, propagate, "propagate")
     if coherence is not None:
         if isinstance(z, Sequence | np.ndarray):
-            raise ValueError("Partially coherent light is propagated to one distance at a time.")
+            raise ValueError("coherence= requires a single distance z; propagate in a loop.")
         space = FreeSpace(z, method, pad, out_grid, guard, border, support, lens)
         return average_of(coherence)(space, field, **averaging)
     distances = [z] if np.ndim(z) == 0 else list(real_array(z, "z", np.float64))
     if not distances or np.ndim(z) > 1:
-        raise ValueError(f"z is one distance or a list of them, in metres, not {z!r}.")
+        raise ValueError(f"z must be a distance or a list of distances in metres, got {z!r}.")
     requests = [
         request(
             field.grid, distance, field.wavelength, method, pad, out_grid, guard, border,
@@ -175,8 +176,8 @@ def propagate(
     plans = [_cached_plan(request, field.device) for request in requests]
     if len({plan.out_grid for plan in plans}) > 1:
         raise SamplingError(
-            "fresnel-1fft gives another pitch at each distance: propagate to one at a time, or "
-            "give an out_grid."
+            "fresnel-1fft has a different pitch at each distance; propagate in a loop, or set "
+            "out_grid=."
         )
     results = run_plans(field, plans)
     return results[0] if np.ndim(z) == 0 else _stack(results)
@@ -185,28 +186,28 @@ def propagate(
 def propagate_wavelengths(
     field: Field, z: float | Sequence[float], wavelengths: Sequence[float], **options: Any
 ) -> list[Field]:
-    """Propagate the same complex amplitudes at several wavelengths, each as by `propagate`.
+    """Propagate complex amplitudes at several wavelengths, each by `propagate`.
 
     Parameters
     ----------
     field : Field
-        Shape (..., ny, nx); its own wavelength does not matter.
+        Field of shape (..., ny, nx); its wavelength is ignored.
     z : float or sequence of float
         Distances in metres.
     wavelengths : sequence of float
-        In metres.
+        Wavelengths in metres.
     **options
-        Of `propagate`.
+        Options of `propagate`.
 
     Returns
     -------
     list of Field
-        One a wavelength, each with its wavelength.
+        Fields, one for each wavelength.
 
     Raises
     ------
     ValueError
-        If there is no wavelength.
+        If ``wavelengths`` is empty.
 
     Examples
     --------
@@ -219,7 +220,7 @@ def propagate_wavelengths(
     """
     require_field(field)
     if not np.size(wavelengths):
-        raise ValueError("wavelengths is one wavelength or several, in metres, not an empty list.")
+        raise ValueError("wavelengths must have at least one wavelength, in metres.")
     return [
         propagate(replace(field, wavelength=float(wavelength)), z, **options)
         for wavelength in np.atleast_1d(float64_array(wavelengths))
@@ -236,20 +237,20 @@ def plan(
     device: DeviceLike | None = None,
     out_grid: Grid | None = None,
 ) -> Propagator:
-    """The device's `Propagator` for these values, made when it is not there yet."""
+    """Return the device's cached `Propagator` for the arguments."""
     return _cached_plan(request(grid, z, wavelength, method, pad, out_grid), as_device(device))
 
 
 def _cached_plan(request: Request, device: Device) -> Propagator:
-    kept: Propagator | None = device.plans.get(("propagator", request))
-    if kept is not None:
-        return kept
+    cached: Propagator | None = device.plans.get(("propagator", request))
+    if cached is not None:
+        return cached
     propagator = Propagator.of(request, device)
     return device.plans.keep(("propagator", request), propagator, propagator.nbytes)
 
 
 def _stack(fields: Sequence[Field]) -> Field:
-    """Fields of one grid as a batch with a new leading axis."""
+    """Return fields on a common grid as a batch with a new leading axis."""
     device = fields[0].device
     out = device.empty((len(fields), *fields[0].shape), device.complex)
     for index, field in enumerate(fields):

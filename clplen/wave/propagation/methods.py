@@ -1,7 +1,7 @@
-"""From a request to the description of its method: the choice of ``auto`` and the exact methods.
+"""Choice of the method of a propagation, and descriptions of the exact methods.
 
-as, blas and cblas by FFT, cblas by chirp-z transform, rs by its sampled kernel; fresnel.py has the
-paraxial methods.
+The exact methods are as, blas and cblas by FFT, cblas by chirp-z transform, and rs by its sampled
+kernel; fresnel.py has the paraxial methods.
 """
 
 from __future__ import annotations
@@ -17,9 +17,9 @@ from clplen.compute.fft.lines import (
     Separable,
     chirp_z,
     cropped_inverse,
+    identity,
     padded_spectrum,
     smooth_length,
-    still,
 )
 from clplen.compute.fft.routes import has_large_prime
 from clplen.errors import SamplingError, argument
@@ -39,42 +39,42 @@ from clplen.wave.propagation.description import (
     ANY_DISTANCE,
     Description,
     Request,
+    exceeds_energy,
     flops,
-    outshines,
     padded_length,
 )
 from clplen.wave.propagation.transfer_function import Sommerfeld, Transfer, fft_frequencies
 from clplen.wave.propagation.windowed_kernel import WindowedKernel, kernel_axis, kernel_length
 
-FFT_WINDOW = 2.5  # times the grid, up to which the FFT route is the cheaper one
-LATTICE_SLACK = 1e-9  # of a frequency step
-MOST_FREQUENCIES = 10**6  # along an axis
-STARTING = 5e6  # operations in the time that it takes to start a map of both axes
-SHORT = 512  # samples of a transform, below which fewer samples save little
-FEWEST = 64  # frequencies of a band with hard edges
-NEAR_WINDOW = 2.2  # times the grid, up to which FFTs of the window beat everything else
-SAMPLED_KERNEL = 0.8  # of the Nyquist frequency, up to which the RS kernel is accurate
-DECAYED = 18.4  # nepers that evanescent waves of the Nyquist frequency lose: 160 dB
-FAINT = 4.0  # the same, from which the sum over samples is nearer to the light than a cut band
-MOST_KERNEL_SAMPLES = 2**24  # of a windowed kernel, a few seconds of a CPU,
-KERNEL_SHARE = 64  # or so many times the samples of a window that holds both grids
-KERNEL_BYTES = 24  # a sample at the peak, in complex64: kernel, transform, tables
-KERNEL_SECONDS, LINE_SECONDS = 2e-7, 1e-6  # a sample, and one of its axes, on two cores
-SMOOTH_KERNEL = 3  # samples of z from which the kernel's peak is sampled to 160 dB: exp(-2 pi z/dx)
+FFT_WINDOW = 2.5  # largest window over grid at which the FFT route is cheaper
+LATTICE_SLACK = 1e-9  # rounding of a frequency step
+MAX_FREQUENCIES = 10**6  # maximum number of frequencies along an axis
+STARTING = 5e6  # operations in the time to start a map of both axes
+SHORT = 512  # length of a transform below which fewer samples save little
+MIN_FREQUENCIES = 64  # minimum number of frequencies of a band with hard edges
+NEAR_WINDOW = 2.2  # largest window over grid at which FFTs of the window are cheapest
+SAMPLED_KERNEL = 0.8  # fraction of the Nyquist frequency up to which the RS kernel is accurate
+DECAYED = 18.4  # attenuation in nepers, 160 dB, of negligible evanescent waves
+FAINT = 4.0  # attenuation in nepers above which the sum over samples beats a truncated band
+MAX_KERNEL_SAMPLES = 2**24  # limit of a windowed kernel, a few seconds on a CPU,
+KERNEL_SHARE = 64  # or this multiple of the samples of a window with both grids
+KERNEL_BYTES = 24  # peak bytes per sample in complex64: kernel, transform, tables
+KERNEL_SECONDS, LINE_SECONDS = 2e-7, 1e-6  # seconds per sample and per sample of an axis, 2 cores
+SMOOTH_KERNEL = 3  # minimum z in samples for a kernel peak sampled to 160 dB: exp(-2 pi z/dx)
 
 MOVED = "the output has another pitch or centre"
 GRAZING = "waves that graze the plane leave every window"
 
 
 def describe(r: Request) -> Description:
-    """How a request is done: everything but the device."""
+    """Return the description of a request."""
     if r.z == 0 and r.target == r.grid and r.method != "fresnel-1fft":
         return _identity(r)
     return automatic(r) if r.method == "auto" else _METHODS[r.method](r)
 
 
 def automatic(r: Request) -> Description:
-    """The cheapest of the methods that are exact at this distance; never a paraxial one."""
+    """Return the description of the cheapest exact method at this distance, never paraxial."""
     bands = r.bands
     spans = [r.span(axis) for axis in r.axes]
     near = abs(r.z) < SMOOTH_KERNEL * max((span.pitch for span in spans), default=0.0)
@@ -85,7 +85,7 @@ def automatic(r: Request) -> Description:
     lengths = fft_lengths(r, bands)
     wide = max((lengths[axis] / r.grid.shape[axis] for axis in r.axes), default=1.0)
     share = max((span.geometric(span.reach) / span.nyquist for span in spans), default=0.0)
-    sampled_kernel = bool(spans) and not near and all(_has_sampled_kernel(one) for one in spans)
+    sampled_kernel = bool(spans) and not near and all(map(_has_sampled_kernel, spans))
     kernel = sampled_kernel and r.target.shape == r.grid.shape
     if any(span.is_evanescent for span in spans) and near:
         return _evanescent(r)
@@ -107,7 +107,7 @@ def automatic(r: Request) -> Description:
 
 
 def _in_one_step(r: Request, bands: list[Band]) -> Description | None:
-    """The sum in one step where it is exact enough and less work than that over the band."""
+    """Return the sum in one step if it is exact and cheaper than the sum over the band."""
     used = [bands[axis] for axis in r.axes]
     if r.z == 0 or r.guard == 0 or not used or any(any(b.clipped) or b.is_empty for b in used):
         return None
@@ -115,15 +115,15 @@ def _in_one_step(r: Request, bands: list[Band]) -> Description | None:
     if series.bound[1] > one_step.TOLERANCE:
         return None
     counts = [1 if n == 1 else _count(b) for n, b in zip(r.grid.shape, bands, strict=True)]
-    made, over_band = _one_step(r, series, MOVED), _band_flops(r, bands, counts)
-    if flops(made) + STARTING * (len(made.terms) - 1) >= over_band:
+    description, over_band = _one_step(r, series, MOVED), _band_flops(r, bands, counts)
+    if flops(description) + STARTING * (len(description.terms) - 1) >= over_band:
         return None
-    share = f"{100 * flops(made) / over_band:.2g} % of the work of"
-    return replace(made, why=f"{MOVED}; {share} {counts[0]} x {counts[1]} frequencies")
+    share = f"{100 * flops(description) / over_band:.2g} % of the work of"
+    return replace(description, why=f"{MOVED}; {share} {counts[0]} x {counts[1]} frequencies")
 
 
 def _band_flops(r: Request, bands: list[Band], counts: list[int]) -> float:
-    """`flops` of `by_chirps` with so many frequencies along (y, x), before a plan is made."""
+    """Return `flops` of `by_chirps` for numbers of frequencies along (y, x)."""
     (ny, _), (my, mx) = r.grid.shape, r.target.shape
 
     def chirp(n: int, m: int) -> float:
@@ -139,11 +139,11 @@ def _band_flops(r: Request, bands: list[Band], counts: list[int]) -> float:
 
 
 def rayleigh_sommerfeld_in_one_step(r: Request) -> Description:
-    """The sum over samples by a chirp-z transform between chirps, and a series for the rest."""
+    """Describe the sum over samples by a chirp-z transform between chirps, with a series."""
     if r.z == 0:
         raise SamplingError(
-            f"one-step is for a distance z other than 0: use {argument('method', 'auto')} to "
-            "sample a field anew."
+            f"one-step requires a distance z other than 0; use {argument('method', 'auto')} to "
+            "resample a field."
         )
     return _one_step(r, one_step.best_series(r), "asked for")
 
@@ -157,10 +157,10 @@ def _one_step(r: Request, series: one_step.Series, why: str) -> Description:
     if not automatic:
         nearest = max(nearest, one_step.nearest(r))
     if series.bound[1] > one_step.TOLERANCE:
-        refused = series.bound[1] > one_step.MOST_ERROR
-        wrong = "does not converge" if refused else "is not exact"
+        refused = series.bound[1] > one_step.MAX_ERROR
+        problem = "does not converge" if refused else "is not exact"
         warning = (
-            f"The path between the grids {wrong} in one-step at z = {r.z:g} m: from "
+            f"The series for the path {problem} in one-step at z = {r.z:g} m: from "
             f"{nearest:.4g} m on the error is below 1e-9 of the field. Use "
             f"{argument('method', 'auto')} or {argument('method', 'cblas')}."
         )
@@ -177,16 +177,15 @@ def _one_step(r: Request, series: one_step.Series, why: str) -> Description:
         phase_step=step,
         valid=(0.0 if automatic else nearest, math.inf),
         warning="" if automatic else warning,
-        is_refused=series.bound[1] > one_step.MOST_ERROR,
+        is_refused=series.bound[1] > one_step.MAX_ERROR,
         terms=tuple(terms),
     )
 
 
 def _has_sampled_kernel(span: AxisSpan, nepers: float = DECAYED) -> bool:
-    """Whether the samples of the kernel stand for it: no wave beyond the Nyquist frequency arrives.
+    """Return True if the samples represent the kernel.
 
-    Because no ray that is wanted is so steep, or because such waves are evanescent and have lost
-    so much.
+    No ray is then too steep, or waves beyond the Nyquist frequency are evanescent and have decayed.
     """
     if span.geometric(span.reach) <= SAMPLED_KERNEL * span.nyquist:
         return True
@@ -196,20 +195,21 @@ def _has_sampled_kernel(span: AxisSpan, nepers: float = DECAYED) -> bool:
 
 
 def _leaves_every_window(r: Request, bands: list[Band]) -> bool:
-    """Whether waves of the band graze the plane, along an axis or across both."""
+    """Return True if waves of the band graze the plane, along an axis or across both."""
     return any(bands[axis].grazing for axis in r.axes) or (
         sum((r.wavelength * max(abs(bands[a].low), abs(bands[a].high))) ** 2 for a in r.axes) >= 1
     )
 
 
 def _far(r: Request, why: str) -> Description:
-    """The sampled kernel, or the few frequencies that are left where they are less work."""
+    """Return the sampled kernel, or the chirp-z route if its few frequencies cost less."""
     kernel = sommerfeld(r, why)
-    few = corrected(r, why, "chirp-z")
-    if flops(few) >= flops(kernel):
+    chirps = corrected(r, why, "chirp-z")
+    if flops(chirps) >= flops(kernel):
         return kernel
-    count = " x ".join(str(n) for n in few.into.shape_after(r.grid.shape))
-    return replace(few, why=f"{why}; {count} frequencies, {_work_share(few, kernel)} of its work")
+    count = " x ".join(str(n) for n in chirps.into.shape_after(r.grid.shape))
+    share = _work_share(chirps, kernel)
+    return replace(chirps, why=f"{why}; {count} frequencies, {share} of its work")
 
 
 def _work_share(description: Description, other: Description) -> str:
@@ -217,7 +217,7 @@ def _work_share(description: Description, other: Description) -> str:
 
 
 def _evanescent(r: Request) -> Description:
-    """The angular spectrum with its evanescent waves, in a window that holds both grids."""
+    """Return the angular spectrum with evanescent waves, in a window that holds both grids."""
     lengths = [
         n if n == 1 else max(length, smooth_length(n + max(n, m)))
         for n, m, length in zip(r.grid.shape, r.target.shape, fft_lengths(r, r.bands), strict=True)
@@ -229,7 +229,7 @@ def _evanescent(r: Request) -> Description:
 
 
 def _whole_band(r: Request, why: str) -> Description:
-    """The angular spectrum in a window that holds its steepest rays, at least twice the grid."""
+    """Return the angular spectrum in a window for its steepest rays, at least twice the grid."""
     bands = [whole_band(r.span(axis)) for axis in (0, 1)]
     needed = fft_lengths(r, r.bands)
     lengths = [
@@ -245,7 +245,7 @@ def _identity(r: Request) -> Description:
 
 
 def angular_spectrum(r: Request, why: str = "asked for") -> Description:
-    """H over everything that is sampled (Goodman 2005, eq. 3-66), window ``pad`` times the grid."""
+    """Describe H over all sampled frequencies (Goodman 2005, eq. 3-66), window ``pad`` x grid."""
     lengths = [padded_length(n, r.pad) for n in r.grid.shape]
     reach = min(
         fully_sampled_distance(n, d, r.wavelength)
@@ -257,8 +257,8 @@ def angular_spectrum(r: Request, why: str = "asked for") -> Description:
         grazing = any(r.wavelength * r.span(axis).nyquist >= 1 for axis in r.axes)
         wider = "" if grazing else ", or a larger pad"
         warning = (
-            f"The transfer function at z = {r.z:g} m is aliased: it is sampled over the whole band "
-            f"only up to {reach:.4g} m. Use {argument('method', 'auto')} or 'blas'{wider}."
+            f"The transfer function at z = {r.z:g} m is aliased above {reach:.4g} m. Use "
+            f"{argument('method', 'auto')} or 'blas'{wider}."
         )
     bands = [whole_band(r.span(axis)) for axis in (0, 1)]
     valid = (0.0, math.inf if periodic else reach)
@@ -266,7 +266,7 @@ def angular_spectrum(r: Request, why: str = "asked for") -> Description:
 
 
 def band_limited(r: Request) -> Description:
-    """H over the band that the window samples (Matsushima and Shimobaba 2009, eq. 13)."""
+    """Describe H over the band that the window samples (Matsushima and Shimobaba 2009, eq. 13)."""
     lengths = [padded_length(n, r.pad) for n in r.grid.shape]
     bands = []
     for axis, length in enumerate(lengths):
@@ -279,11 +279,11 @@ def band_limited(r: Request) -> Description:
 
 
 def corrected(r: Request, why: str = "asked for", route: str = "") -> Description:
-    """H over the guarded band, the window wide enough for its aliases to miss the output.
+    """Describe H over the guarded band, with a window wide enough for aliases to miss the output.
 
-    ``route`` "fft" or "chirp-z"; by default the FFT where the grid allows it and the window is not
-    much wider than the grid. With guard = 0 the band ends sharply where geometry says (figure 2.7
-    of the thesis) and the window of the FFT route is that of ``pad``.
+    ``route`` is "fft" or "chirp-z"; by default the FFT if the grid allows it and the window is not
+    much wider than the grid. With guard = 0 the band ends sharply at the geometric limit (figure
+    2.7 of the thesis), and the window of the FFT route is that of ``pad``.
     """
     bands = r.bands
     empty = [axis for axis in r.axes if bands[axis].is_empty]
@@ -298,7 +298,7 @@ def corrected(r: Request, why: str = "asked for", route: str = "") -> Descriptio
 
 
 def fft_lengths(r: Request, bands: list[Band]) -> list[int]:
-    """Window lengths of the FFT route: the bands' windows, at least the two grids."""
+    """Return window lengths of the FFT route: the bands' windows, at least both grids."""
     lengths = []
     for n, m, d, band in zip(r.grid.shape, r.target.shape, r.grid.pitch, bands, strict=True):
         if r.guard == 0:
@@ -318,7 +318,7 @@ def by_fft(
     valid: tuple[float, float] = ANY_DISTANCE,
     warning: str = "",
 ) -> Description:
-    """Pad, transform, multiply by H in each axis' band, transform back, cut."""
+    """Describe padding, transform, product with H in each axis' band, transform back, cropping."""
     into = [padded_spectrum(n, L) for n, L in zip(r.grid.shape, lengths, strict=True)]
     back = [cropped_inverse(L, m) for L, m in zip(lengths, r.target.shape, strict=True)]
     frequencies = [fft_frequencies(L, d) for L, d in zip(lengths, r.grid.pitch, strict=True)]
@@ -349,13 +349,13 @@ def by_fft(
 
 
 def by_chirps(r: Request, bands: list[Band], *, why: str, warning: str = "") -> Description:
-    """The same sum over the band's own frequencies, in and out by chirp-z transforms."""
+    """Describe the sum over the band's frequencies, by chirp-z transforms."""
     into, back, frequencies, weights = [], [], [], []
-    _require_few(r, bands)
+    _limit_frequencies(r, bands)
     for axis, band in enumerate(bands):
         if r.grid.shape[axis] == 1:
-            into.append(still(1))
-            back.append(still(1))
+            into.append(identity(1))
+            back.append(identity(1))
             frequencies.append(np.zeros(1))
             weights.append(np.ones(1))
             continue
@@ -397,21 +397,21 @@ def by_chirps(r: Request, bands: list[Band], *, why: str, warning: str = "") -> 
     )
 
 
-def _require_few(r: Request, bands: list[Band]) -> None:
-    """Refuse more frequencies than any device holds a square of."""
-    most = max((_count(bands[axis]) for axis in r.axes), default=1)
-    if most > MOST_FREQUENCIES:
+def _limit_frequencies(r: Request, bands: list[Band]) -> None:
+    """Raise if the number of frequencies along an axis exceeds every device's memory."""
+    count = max((_count(bands[axis]) for axis in r.axes), default=1)
+    if count > MAX_FREQUENCIES:
         raise SamplingError(
-            f"cblas onto {r.target} would take {most:,} frequencies along an axis, at most "
-            f"{MOST_FREQUENCIES:,} are done: use a smaller output window, a smaller support, or "
-            f"{argument('method', 'one-step')} far away."
+            f"cblas is limited to {MAX_FREQUENCIES:,} frequencies along an axis, but {r.target} "
+            f"requires {count:,}; use a smaller output window, a smaller support, or, at large "
+            f"distances, {argument('method', 'one-step')}."
         )
 
 
 def sommerfeld(r: Request, why: str = "asked for") -> Description:
-    """Convolution with the sampled Rayleigh-Sommerfeld I kernel, windows of twice the grid.
+    """Describe the convolution with the sampled Rayleigh-Sommerfeld I kernel, window 2x the grid.
 
-    Onto another grid by its spectrum in a smooth window.
+    For another grid the spectrum of the kernel in a smooth window is used.
     """
     if not r.is_aligned or r.target.shape != r.grid.shape:
         return _windowed_kernel(r, why)
@@ -432,29 +432,28 @@ def sommerfeld(r: Request, why: str = "asked for") -> Description:
         phase_step=step,
         valid=(nearest, math.inf),
         warning=warning,
-        is_refused=outshines(r),
+        is_refused=exceeds_energy(r),
     )
 
 
 def _kernel_sampling(r: Request) -> tuple[float, float, str]:
-    """Largest phase step of the kernel over pi, where it begins to be sampled, a warning."""
+    """Return the kernel's largest phase step over pi, its smallest distance, and a warning."""
     spans = [r.span(axis) for axis in r.axes]
     step = max((span.geometric(span.reach) / span.nyquist for span in spans), default=0.0)
     nearest = max((kernel_sampled_distance(span) for span in spans), default=0.0)
     if abs(r.z) >= nearest:
         return step, nearest, ""
     warning = (
-        f"The Rayleigh-Sommerfeld kernel at z = {r.z:g} m is aliased: it is sampled from "
-        f"{nearest:.4g} m on. Use {argument('method', 'auto')} or {argument('method', 'cblas')}."
+        f"The Rayleigh-Sommerfeld kernel at z = {r.z:g} m is aliased below {nearest:.4g} m. Use "
+        f"{argument('method', 'auto')} or {argument('method', 'cblas')}."
     )
     return step, nearest, warning
 
 
 def _windowed_kernel(r: Request, why: str) -> Description:
-    """The kernel in a smooth window, its spectrum between chirp-z transforms.
+    """Describe the kernel in a smooth window, its spectrum between chirp-z transforms.
 
-    The sum over the input's samples where waves beyond their Nyquist frequency do not arrive, else
-    over the frequencies up to it.
+    Its frequencies end at the Nyquist frequency unless waves beyond it do not arrive.
     """
     if r.z == 0:
         return corrected(r, why, "chirp-z")
@@ -462,18 +461,18 @@ def _windowed_kernel(r: Request, why: str) -> Description:
     _require_small_kernel(r)
     for axis, n in enumerate(r.grid.shape):
         span = r.span(axis)
-        made = kernel_axis(span, math.inf if _has_sampled_kernel(span, FAINT) else span.nyquist)
-        axes.append(made)
+        kernel = kernel_axis(span, math.inf if _has_sampled_kernel(span, FAINT) else span.nyquist)
+        axes.append(kernel)
         if n == 1:
-            into.append(still(1))
-            back.append(still(1))
+            into.append(identity(1))
+            back.append(identity(1))
             continue
-        into.append(_to_frequencies(r, axis, made.frequencies, made.width))
-        back.append(_from_frequencies(r, axis, made.frequencies, made.width, 0.0))
+        into.append(_to_frequencies(r, axis, kernel.frequencies, kernel.width))
+        back.append(_from_frequencies(r, axis, kernel.frequencies, kernel.width, 0.0))
     factor = WindowedKernel((axes[0], axes[1]), r.z, r.wavelength)
     step, nearest, warning = _kernel_sampling(r)
     automatic = r.method == "auto"
-    band = [(float(one.frequencies[0]), float(one.frequencies[-1])) for one in axes]
+    band = [(float(axis.frequencies[0]), float(axis.frequencies[-1])) for axis in axes]
     return Description(
         request=r,
         method="rs",
@@ -492,41 +491,41 @@ def _windowed_kernel(r: Request, why: str) -> Description:
 
 
 def _require_small_kernel(r: Request) -> None:
-    """Refuse a kernel that is asked for so near that it has far more samples than the grids."""
+    """Raise if a distance is so short that the kernel has many more samples than the grids."""
     lengths = [kernel_length(r.span(axis)) for axis in (0, 1)]
     both = math.prod(n + m for n, m in zip(r.grid.shape, r.target.shape, strict=True))
     count = math.prod(lengths)
-    most = max(MOST_KERNEL_SAMPLES, KERNEL_SHARE * both)
-    if r.method == "rs" and (count > most or max(lengths) > MOST_FREQUENCIES):
+    limit = max(MAX_KERNEL_SAMPLES, KERNEL_SHARE * both)
+    if r.method == "rs" and (count > limit or max(lengths) > MAX_FREQUENCIES):
         seconds = KERNEL_SECONDS * count + LINE_SECONDS * sum(lengths)
         raise SamplingError(
-            f"rs onto another grid at z = {r.z:g} m would take a kernel of {lengths[0]:.3g} x "
+            f"rs to another grid at z = {r.z:g} m requires a kernel of {lengths[0]:.3g} x "
             f"{lengths[1]:.3g} samples, {units.amount(KERNEL_BYTES * count, 'B')} in "
-            f"complex64 and about {seconds:.2g} s: use {argument('method', 'auto')}."
+            f"complex64 and about {seconds:.2g} s; use {argument('method', 'auto')}."
         )
 
 
 def _finer(band: Band) -> Band:
-    """The band in a window that puts some frequencies inside, however narrow a hard edge is."""
+    """Widen the window of a band with hard edges until it has `MIN_FREQUENCIES` frequencies."""
     if band.guard > 0 or band.is_empty:
         return band
-    return replace(band, window=max(band.window, FEWEST / (band.high - band.low)))
+    return replace(band, window=max(band.window, MIN_FREQUENCIES / (band.high - band.low)))
 
 
 def _grazing(r: Request) -> str:
     return (
-        f"Waves that graze the plane leave the window of cblas at z = {r.z:g} m and come back as "
-        f"aliases: use {argument('method', 'auto')} or 'rs', or samples of more than "
-        "half a wavelength."
+        f"Waves that graze the plane leave the window of cblas at z = {r.z:g} m and return as "
+        f"aliases; use {argument('method', 'auto')} or 'rs', or samples of more than half a "
+        "wavelength."
     )
 
 
 def _no_light(r: Request, band: Band, axis: str) -> str:
     return (
-        f"No light that the input samples carry reaches the output window along {axis}: its rays "
-        f"have spatial frequencies {band.inner[0]:.4g} to {band.inner[1]:.4g} cycles/m, the grid "
-        f"carries up to {band.nyquist:.4g}; the field there is 0. Use a finer input grid or an "
-        "output nearer to the axis."
+        f"No light reaches the output window along {axis}: its rays have spatial frequencies of "
+        f"{band.inner[0]:.4g} to {band.inner[1]:.4g} cycles/m, above the input grid's Nyquist "
+        f"frequency of {band.nyquist:.4g}; the field is 0. Use a finer input grid or an output "
+        "nearer to the axis."
     )
 
 
@@ -539,7 +538,7 @@ def _transfer(
 
 
 def _lattice(band: Band) -> np.ndarray:
-    """Whole multiples of the frequency step inside the band; one of them where it is empty."""
+    """Return integer multiples of the frequency step inside the band; [0] for an empty band."""
     if band.is_empty:
         return np.zeros(1)
     low = math.ceil(band.low * band.window - LATTICE_SLACK)
@@ -547,7 +546,7 @@ def _lattice(band: Band) -> np.ndarray:
 
 
 def _count(band: Band) -> int:
-    """How many frequencies `_lattice` has."""
+    """Return the number of frequencies of `_lattice`."""
     if band.is_empty:
         return 1
     low = math.ceil(band.low * band.window - LATTICE_SLACK)
@@ -555,12 +554,12 @@ def _count(band: Band) -> int:
 
 
 def _halved(f: np.ndarray, band: Band) -> np.ndarray:
-    """Half the weight for a frequency exactly on the Nyquist frequency, which it shares."""
+    """Return half the weight for a frequency equal to the Nyquist frequency, else 1."""
     return np.where(np.abs(np.abs(f) / band.nyquist - 1) < 1e-12, 0.5, 1.0)
 
 
 def _to_frequencies(r: Request, axis: int, f: np.ndarray, window: float) -> Line:
-    """U(f) = sum u(x) exp(-2 pi i f x) dx, x from the input's central sample."""
+    """Return U(f) = sum u(x) exp(-2 pi i f x) dx, x from the input's central sample."""
     n, d = r.grid.shape[axis], r.grid.pitch[axis]
     middle = f[f.size // 2]
     x = (np.arange(n) - n // 2) * d
@@ -569,9 +568,9 @@ def _to_frequencies(r: Request, axis: int, f: np.ndarray, window: float) -> Line
 
 
 def _padded_into(r: Request, axis: int, band: Band) -> int:
-    """Length of an FFT of the band's window where it is less work than a chirp-z transform, or 0.
+    """Return the length of an FFT of the band's window, or 0 if a chirp-z transform is cheaper.
 
-    Of short transforms most is starting them.
+    Short transforms are dominated by their start.
     """
     n, d = r.grid.shape[axis], r.grid.pitch[axis]
     if band.is_empty or any(band.clipped) or band.window > 8 * (n + _count(band)) * d:
@@ -586,7 +585,7 @@ def _padded_into(r: Request, axis: int, band: Band) -> int:
 
 
 def _padded_to_frequencies(r: Request, axis: int, index: np.ndarray, length: int) -> Line:
-    """The same of the frequencies index/(length dx), by an FFT that begins at the first of them."""
+    """Return `_to_frequencies` for index/(length dx), by an FFT that begins at the first."""
     n, d = r.grid.shape[axis], r.grid.pitch[axis]
     first, middle = int(index[0]), n // 2
     pre = phasor(-(first * (np.arange(n) - middle) % length) / length)
@@ -595,7 +594,7 @@ def _padded_to_frequencies(r: Request, axis: int, index: np.ndarray, length: int
 
 
 def _from_frequencies(r: Request, axis: int, f: np.ndarray, window: float, offset: float) -> Line:
-    """u(x) = sum U(f) exp(2 pi i f x) df at the output's samples, x from ``offset`` on."""
+    """Return u(x) = sum U(f) exp(2 pi i f x) df at the output's samples, x from ``offset``."""
     m, d = r.target.shape[axis], r.target.pitch[axis]
     middle = f[f.size // 2]
     x = (np.arange(m) - m // 2) * d

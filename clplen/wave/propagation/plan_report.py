@@ -1,4 +1,4 @@
-"""What a plan of a propagation knows about itself, and where the energy of a field goes."""
+"""Report of a propagation plan, and the energy budget of a propagated field."""
 
 from __future__ import annotations
 
@@ -20,48 +20,48 @@ from clplen.wave.propagation.methods import corrected
 
 @dataclass(frozen=True, repr=False)
 class PlanReport(OneLine):
-    """What a plan knows about itself.
+    """Report of a propagation plan: method, sampling, band and cost.
 
     Attributes
     ----------
     method, why : str
-        The method taken and the inequality that decided.
+        Method, and the inequality that selected it.
     z, wavelength : float
-        In metres.
+        Distance and wavelength in metres.
     route : str
-        How the sums are done.
+        Description of the sums.
     padded_shape : tuple of int
-        (Ly, Lx), the longest transforms along y and x.
+        Longest transforms (Ly, Lx) along y and x.
     out_grid : Grid
-        Of the result.
+        Grid of the result.
     sampled : str
-        What has to be sampled: the transfer function, a kernel or a chirp.
+        Sampled quantity: the transfer function, a kernel or a chirp.
     phase_step : float
-        Its largest phase step from sample to sample, divided by pi; aliased above 1, which auto and
-        cblas keep clear of the output.
+        Largest phase step of this quantity per sample, over pi. It is aliased above 1; auto and
+        cblas keep the aliases clear of the output.
     aliases_miss : bool
-        Whether the window is chosen so that what is aliased misses the output.
+        True if the window is chosen so that aliases miss the output.
     fully_sampled_from, fully_sampled_to : float
-        The interval of abs(z) in metres in which it is not.
+        Range of abs(z) in metres without aliasing.
     band : tuple of float
-        Largest abs(fy), abs(fx) used, in cycles a metre.
+        Largest used abs(fy), abs(fx) in cycles per metre.
     nyquist : tuple of float
-        Nyquist frequency (fy, fx) of the grid, in cycles a metre.
+        Nyquist frequency (fy, fx) of the grid in cycles per metre.
     lost_band : float
-        Fraction of the sampled band that is not used.
+        Unused fraction of the sampled band.
     residual_turns : float
-        Phase that the 1-D tables leave to the kernel.
+        Phase in turns that the 1-D tables leave to the kernel.
     phase : {"tables", "fp64", "twofloat"}
-        How the phase is formed: see `Propagator`.
+        Route of the phase; see `Propagator`.
     paraxial_error : float
-        Phase error of Fresnel's approximation at the highest frequency that arrives, pi z lam^3
-        f^4/4 in radians; 0 for a method that is exact.
+        Phase error of Fresnel's approximation at the highest frequency of the output, pi z lam^3
+        f^4/4 in radians; 0 for an exact method.
     flops : float
-        Operations of the Fourier transforms of one field, 5 L log2 L each.
+        Operations of the Fourier transforms of a field, 5 L log2 L each.
     samples : int
-        Complex samples that one field needs beside itself: the plan, work space and the result.
+        Complex samples besides a field: the plan, work space and the result.
     warning : str
-        What is wrong with the sampling and what to do; empty where nothing is.
+        Problem of the sampling and its remedy; empty if there is none.
 
     Examples
     --------
@@ -95,7 +95,7 @@ class PlanReport(OneLine):
 
     @property
     def rows(self) -> list[tuple[str, str]]:
-        """(name, value) of everything but the warning, in the words and units of a reader."""
+        """Pairs (name, value) of everything but the warning, formatted for reading."""
         rows = [
             ("method", f"{self.method}: {self.why}"),
             ("distance", f"{metres(self.z)} at {metres(self.wavelength)}"),
@@ -108,18 +108,18 @@ class PlanReport(OneLine):
         ]
         if self.method.startswith("fresnel"):
             rows.append(("paraxial error", f"up to {self.paraxial_error:.3g} rad"))
-        held = amount(8 * self.samples, "B")
-        rows.append(("memory", f"{held} in complex64, twice that in complex128"))
+        memory = amount(8 * self.samples, "B")
+        rows.append(("memory", f"{memory} in complex64, twice that in complex128"))
         return [*rows, ("transforms", amount(self.flops, "flop"))]
 
     def _sampling(self) -> str:
-        """The phase step, and why more than pi does no harm where the window is chosen for it."""
+        """Return the phase step, with a note if aliases miss the output."""
         text = f"{self.sampled}: {self.phase_step:.3g} pi from sample to sample"
         harmless = self.aliases_miss and self.phase_step > 1
         return text + (", its aliases miss the output" if harmless else "")
 
     def _band(self) -> list[tuple[str, str]]:
-        """The band of each axis along which something varies; of both where they agree."""
+        """Return the band of each axis that varies, merged if both agree."""
         used = {}
         for axis, band, nyquist in zip("yx", self.band, self.nyquist, strict=True):
             if nyquist > 0:
@@ -136,7 +136,7 @@ class PlanReport(OneLine):
 
 
 def _grid(grid: Grid) -> str:
-    """Samples, pitch, window and centre of a grid."""
+    """Return samples, pitch, window and centre of a grid as text."""
     ny, nx = grid.shape
     text = f"{ny} x {nx} samples of {both(grid.pitch, metres)}"
     text += f", window {both(grid.extent, lambda value: metres(value, 4))}"
@@ -146,7 +146,7 @@ def _grid(grid: Grid) -> str:
 
 
 def _aliases_miss(description: Description) -> bool:
-    """Whether the window is chosen for it; grazing waves leave every window but the kernel's."""
+    """Return True if the window keeps aliases clear; grazing waves need the windowed kernel."""
     r = description.request
     if description.method == "rs":
         return r.method == "auto" or description.kind == "chirp-z"
@@ -155,7 +155,7 @@ def _aliases_miss(description: Description) -> bool:
 
 
 def report(description: Description, phase: str) -> PlanReport:
-    """The report of a description whose factor is formed by a phase route."""
+    """Return the report of a description for a phase route."""
     r = description.request
     nyquist = [r.span(a).nyquist if r.grid.shape[a] > 1 else 0.0 for a in (0, 1)]
     band = [max(abs(low), abs(high)) for low, high in description.band]
@@ -192,18 +192,18 @@ def report(description: Description, phase: str) -> PlanReport:
 
 @dataclass(frozen=True)
 class Energy:
-    """Where the energy of a propagated field goes, in the unit of `Field.power`.
+    """Energy budget of a propagated field, in the unit of `Field.power`.
 
     Attributes
     ----------
     into : float
-        Of the field that was propagated.
+        Energy of the input field.
     window : float
-        That arrives in the window of the grid.
+        Energy inside the window of the output grid.
     outside : float
-        That arrives beside it, in the padding.
+        Energy outside of it, in the padding.
     cut : float
-        Outside the band of the transfer function, or evanescent.
+        Energy outside of the band of the transfer function, or evanescent.
 
     Examples
     --------
@@ -223,7 +223,7 @@ class Energy:
 
 
 def energy_budget(field: Field, description: Description, phase: str) -> Energy:
-    """Each part computed by itself."""
+    """Return the energy budget; each part is computed independently."""
     device, grid = field.device, field.grid
     description = _by_fft(description)
     if description.factor is None:
@@ -251,27 +251,27 @@ def energy_budget(field: Field, description: Description, phase: str) -> Energy:
 
 
 def _by_fft(description: Description) -> Description:
-    """The description whose sum is done by FFTs of a window of the field's own samples."""
+    """Return a description that sums by FFTs of a window of the field's samples."""
     method, request = description.method, description.request
     if description.kind == "nothing" or method in ("as", "blas"):
         return description
     if method != "cblas" or not request.is_aligned:
         raise SamplingError(
-            "energy() is for as, blas and cblas on the field's own pitch and centre, whose "
-            f"window holds all the light; this plan is {method!r} onto {description.out_grid}: "
-            "make one with method='cblas' and without out_grid."
+            "energy() requires as, blas or cblas with the field's pitch and centre, whose window "
+            f"holds all the light, got {method!r} to {description.out_grid}; use method='cblas' "
+            "without out_grid."
         )
     return corrected(request, description.why, "fft")
 
 
 def _power(data: cla.Array, device: Device) -> float:
-    """Sum of abs(u)^2 in float64."""
+    """Return the sum of abs(u)^2 in float64."""
     with device.on_host(data, write=False) as values:
         return float(np.vdot(values, values.astype(np.complex128)).real)
 
 
 def _power_outside(data: cla.Array, shape: tuple[int, int], device: Device) -> float:
-    """Sum of abs(u)^2 outside the central window of a shape, in float64."""
+    """Return the sum of abs(u)^2 outside of the central window of a shape, in float64."""
     with device.on_host(data, write=False) as values:
         outside = values.astype(np.complex128)
     rows, columns = (

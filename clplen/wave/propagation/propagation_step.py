@@ -1,4 +1,4 @@
-"""Propagation as a step of a graph, with gradients by the field and by the distance."""
+"""Propagation as a differentiable step, with gradients by the field and by the distance."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ Pullback = Callable[[cla.Array], tuple[cla.Array, float]]
 
 @dataclass(frozen=True)
 class PropagationStep:
-    """Free space of any distance between two grids, for engines of gradients."""
+    """Free space of any distance between two grids, for automatic differentiation."""
 
     grid: Grid
     wavelength: float  # in metres
@@ -28,20 +28,20 @@ class PropagationStep:
     device: Device
 
     def plan(self, z: float) -> Any:
-        """The `Propagator` of a distance."""
+        """Return the `Propagator` of a distance."""
         return plan(
             self.grid, z, wavelength=self.wavelength, method=self.method, pad=self.pad,
             device=self.device, out_grid=self.out_grid,
         )  # fmt: skip
 
     def __call__(self, data: cla.Array, z: Any) -> tuple[cla.Array, Pullback]:
-        """Samples (..., ny, nx) over a distance z, and the gradients by both."""
-        made = self.plan(float(z))
+        """Propagate samples (..., ny, nx) by a distance z; return the pullback of both."""
+        propagator = self.plan(float(z))
 
         def pullback(g: cla.Array) -> tuple[cla.Array, float]:
             front = Field(data, self.grid, self.wavelength, self.device)
-            behind = Field(g, made.out_grid, self.wavelength, self.device)
-            slope = inner_product(behind, made.distance_slope(front)).real
-            return made.adjoint_data(g), slope
+            behind = Field(g, propagator.out_grid, self.wavelength, self.device)
+            slope = inner_product(behind, propagator.distance_slope(front)).real
+            return propagator.adjoint_data(g), slope
 
-        return made.forward_data(data), pullback
+        return propagator.forward_data(data), pullback

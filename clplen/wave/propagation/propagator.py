@@ -1,4 +1,4 @@
-"""The plan of a propagation on a device, and how fields run through plans."""
+"""Plans of propagations on a device, and their application to fields."""
 
 from __future__ import annotations
 
@@ -35,87 +35,87 @@ from clplen.wave.propagation.transfer_function import Sommerfeld, Transfer, fact
 from clplen.wave.propagation.windowed_kernel import WindowedKernel
 
 PHASES = ("tables", "fp64", "twofloat")
-SHARING = 8  # plans that share the field's transform at a time: more hold memory and gain nothing
+SHARING = 8  # plans that share a transform at a time; more take memory and save no time
 
-Way = tuple[Separable, Spectrum | None, Separable]
+TermMaps = tuple[Separable, Spectrum | None, Separable]
 
 
 class Propagator(Solvable):
-    """A plan for one grid and distance: transforms along the axes, transfer function, windows.
+    """Plan for a grid and a distance: transforms along the axes, transfer function, windows.
 
     Parameters
     ----------
     grid : Grid
-        Of the fields that it propagates.
+        Grid of the fields.
     z : float
-        Distance in metres; negative propagates back (evanescent waves are then dropped).
+        Distance in metres; negative propagates back, without evanescent waves.
     wavelength : float
-        In metres.
+        Wavelength in metres.
     method : str
-        - "auto": whichever of as, cblas, rs and one-step is exact at this distance and cheapest.
+        - "auto": the cheapest of as, cblas, rs and one-step that is exact at this distance.
         - "as": angular spectrum, H = exp(i k z (sqrt(1 - s) - 1)) (Goodman 2005, eq. 3-66).
-        - "blas": the same within the band that the window samples (Matsushima and Shimobaba 2009,
-          eq. 13).
-        - "cblas": within the band that reaches the output, widened by a smooth guard, in a window
-          that keeps aliases clear of it; any output grid.
+        - "blas": angular spectrum within the band that the window samples (Matsushima and
+          Shimobaba 2009, eq. 13).
+        - "cblas": angular spectrum within the band that reaches the output, plus a smooth guard,
+          in a window that keeps aliases clear of the output; any output grid.
         - "rs": convolution with the sampled Rayleigh-Sommerfeld I kernel (Goodman 2005, eq. 3-43);
           any output grid.
-        - "one-step": the same integral by a chirp-z transform between two chirps, the rest of the
-          path (beyond Fresnel's) exact on one of the grids and a power series on the other; far
-          away or onto a small output, where the error's bound is 1e-9; any output grid.
+        - "one-step": Rayleigh-Sommerfeld integral by a chirp-z transform between two chirps. The
+          path beyond Fresnel's terms is exact on one grid and a power series on the other. It
+          suits large distances and small outputs, with an error below 1e-9; any output grid.
         - "fresnel-tf", "fresnel-ir": paraxial, by the sampled transfer function (near) or impulse
           response (far) (Goodman 2005, eqs. 4-20 and 4-16).
-        - "fresnel-1fft": paraxial, one transform; the output pitch is lam abs(z)/(L dx), or
-          any by a chirp-z transform.
-        - "fresnel-multistep": paraxial, steps of one transform that keep the pitch.
+        - "fresnel-1fft": paraxial, one transform; the output pitch is lam abs(z)/(L dx), or any
+          pitch by a chirp-z transform.
+        - "fresnel-multistep": paraxial, steps of one transform each with constant pitch.
     pad : float
-        For as, blas and the Fresnel methods the window is exactly round(pad N) samples (1:
-        periodic, no padding); of fresnel-multistep an even length without prime factors above 7.
-        Lengths with large prime factors take up to three times as long. The others size their own
-        windows.
+        Padding of as, blas and the Fresnel methods: the window has exactly round(pad N) samples (1:
+        periodic, no padding), for fresnel-multistep an even length without prime factors above 7.
+        Lengths with large prime factors take up to three times as long. The other methods choose
+        their windows.
     device : Device or str, optional
         Default ``Device.open()``.
     out_grid : Grid, optional
-        Of the result, for auto, cblas, rs, one-step and fresnel-1fft; by default the field's, of
-        fresnel-1fft that of its pitch.
+        Grid of the result, for auto, cblas, rs, one-step and fresnel-1fft; by default the field's
+        grid, or for fresnel-1fft the grid of its pitch.
     guard : float, optional
-        Of auto and cblas, in Fresnel widths sqrt(cos^3 theta/(lam z)); by default 6, and 8 so far
-        away that the window is narrower than 2 sqrt(lam z). 8 is for reference results.
-        0 ends the band sharply where geometry says, in the window of ``pad``.
+        Guard of auto and cblas in Fresnel widths sqrt(cos^3 theta/(lam z)). The default is 6, or 8
+        if the window is narrower than 2 sqrt(lam z); use 8 for reference results. 0 ends the band
+        sharply at the geometric limit, in the window of ``pad``.
     border : float
-        Of fresnel-multistep, the fraction of half the window over which each step is absorbed; 0
-        lets light wrap around.
+        Fraction of half the window over which each step of fresnel-multistep is absorbed; 0 lets
+        light wrap around.
     support : float or tuple of float, optional
-        (y, x) widths about the grid's centre that carry light, in metres; by default the window.
-        Less means fewer frequencies to compute.
+        Widths (y, x) of the light about the grid's centre in metres; by default the window. Smaller
+        widths need fewer frequencies.
     lens : float, optional
-        Focal length in metres of a paraxial thin lens on the axis right before a fresnel-1fft,
-        joined to its chirp before that is sampled: nothing aliases at z = lens.
+        Focal length in metres of a paraxial thin lens on the axis in front of a fresnel-1fft,
+        combined with its chirp before sampling: nothing aliases at z = lens.
     phase : {"tables", "fp64", "twofloat"}, optional
-        How the factor's phase is formed, each right to 6e-7 of the light (less next to the
-        grazing frequency 1/lam); "tables" by default, whatever the device and the distance.
+        Route of the factor's phase, each accurate to 6e-7 of the light (less near the grazing
+        frequency 1/lam); by default "tables" on every device and at every distance.
 
     Attributes
     ----------
     method, why : str
-        The method taken and the inequality that decided.
+        Method, and the inequality that selected it.
     report : PlanReport
-        What the plan knows of itself: method, sampling, band, cost.
+        Report of method, sampling, band and cost.
     out_grid : Grid
-        Of the result.
+        Grid of the result.
 
     Raises
     ------
     ValueError
-        For an unknown method or phase, or a number outside its range.
+        If the method or phase is unknown, or a number out of range.
     SamplingError
-        For an output grid that the method cannot give, fresnel-1fft at z = 0, or a method so far
-        outside its range that its result would be no field.
+        If the method does not support the output grid, for fresnel-1fft at z = 0, or if a method
+        is so far out of its range that its result would be useless.
 
     Warns
     -----
     SamplingWarning
-        When what the method samples is aliased, or no light reaches the output.
+        If the sampled quantity is aliased, or no light reaches the output.
 
     Examples
     --------
@@ -151,7 +151,7 @@ class Propagator(Solvable):
 
     @classmethod
     def of(cls, request: Request, device: DeviceLike | None = None) -> Propagator:
-        """The plan of a checked request."""
+        """Return the plan of a validated request."""
         plan = cls.__new__(cls)
         plan._prepare(request, device, None)
         return plan
@@ -159,9 +159,9 @@ class Propagator(Solvable):
     def _prepare(self, request: Request, device: DeviceLike | None, phase: str | None) -> None:
         device = as_device(device)
         if phase is not None and phase not in PHASES:
-            raise ValueError(f"There is no phase route {phase!r}; use one of {', '.join(PHASES)}.")
+            raise ValueError(f"phase must be one of {', '.join(PHASES)}, got {phase!r}.")
         if phase not in (None, "tables") and device.precision == "double":
-            raise ValueError(f"In double precision the phase is by 'tables', not {phase!r}.")
+            raise ValueError(f"phase must be 'tables' in double precision, got {phase!r}.")
         if phase == "fp64" and not device.has_fp64:
             raise ValueError(f"{device.name} has no double precision: use phase='twofloat'.")
         self.request, self.device = request, device
@@ -181,9 +181,9 @@ class Propagator(Solvable):
         self._lock = Guard()
 
     def __getstate__(self) -> dict[str, Any]:
-        """Without what is on the device, which is made again at first use."""
-        made = ("_spectrum", "_terms", "_lock", "_adjoint_ways", "_slope")
-        return {k: v for k, v in self.__dict__.items() if k not in made}
+        """Return the state without objects of the device, which are created again at first use."""
+        cached = ("_spectrum", "_terms", "_lock", "_adjoint_terms", "_slope")
+        return {k: v for k, v in self.__dict__.items() if k not in cached}
 
     def __setstate__(self, state: dict[str, Any]) -> None:
         self.__dict__.update(state | {"_spectrum": None, "_terms": None, "_lock": Guard()})
@@ -193,18 +193,18 @@ class Propagator(Solvable):
 
     @property
     def report(self) -> PlanReport:
-        """What the plan knows of itself: method, sampling, band, cost."""
+        """Report of method, sampling, band and cost."""
         return report(self.description, self.phase)
 
     @property
     def nbytes(self) -> int:
-        """Bytes that the plan holds."""
+        """Bytes of the plan."""
         samples = table_samples(self.description) + factor_samples(self.description)
         return samples * self.device.complex.itemsize
 
     @property
     def spectrum(self) -> Spectrum | None:
-        """The factor on the device, made at first use; None where the method has none."""
+        """Factor on the device, created at first use; None if the method has none."""
         with self._lock:
             if self._spectrum is None and self.description.factor is not None:
                 self._spectrum = factor_on_device(self.description.factor, self.device, self.phase)
@@ -212,7 +212,7 @@ class Propagator(Solvable):
 
     @property
     def spectra(self) -> list[Spectrum]:
-        """The factor, or those of all terms of a sum, on the device; made at first use."""
+        """Factors of all terms on the device, created at first use."""
         if not self.description.terms:
             return [self.spectrum] if self.spectrum is not None else []
         with self._lock:
@@ -228,17 +228,17 @@ class Propagator(Solvable):
         Parameters
         ----------
         field : Field
-            Shape (..., ny, nx).
+            Field of shape (..., ny, nx).
 
         Returns
         -------
         Field
-            On `out_grid`, without the carrier exp(ikz).
+            Field on `out_grid`, without the carrier exp(ikz).
 
         Raises
         ------
         DeviceError
-            If field and plan live on two devices, or the window does not fit the device.
+            If field and plan are on two devices, or the window does not fit in memory.
         ShapeError
             If the field's grid or wavelength is not the plan's.
         """
@@ -246,25 +246,25 @@ class Propagator(Solvable):
         return run_plans(field, [self])[0]
 
     def adjoint(self, field: Field) -> Field:
-        """The adjoint of the plan: what its sum over samples gives from the output to the input.
+        """Apply the adjoint of the plan's sum over samples, from the output to the input.
 
-        ``<A u, v> = <u, A' v>`` with ``<a, b> = sum conj(a) b``, exact to rounding whatever the
-        method. It is no propagation back where the plan cuts, or where the pitches differ.
+        ``<A u, v> = <u, A' v>`` with ``<a, b> = sum conj(a) b``, exact to rounding for every
+        method. It is not a back-propagation if the plan truncates the band or changes the pitch.
 
         Parameters
         ----------
         field : Field
-            On `out_grid`, shape (..., my, mx).
+            Field on `out_grid`, shape (..., my, mx).
 
         Returns
         -------
         Field
-            On `grid`, shape (..., ny, nx).
+            Field on `grid`, shape (..., ny, nx).
 
         Raises
         ------
         DeviceError
-            If field and plan live on two devices, or the window does not fit the device.
+            If field and plan are on two devices, or the window does not fit in memory.
         ShapeError
             If the field's grid or wavelength is not that of the plan's output.
         """
@@ -272,74 +272,74 @@ class Propagator(Solvable):
         return replace(field, data=self.adjoint_data(field.data), grid=self.grid)
 
     def distance_slope(self, field: Field) -> Field:
-        """The derivative of the propagated field by z, per metre.
+        """Return the derivative of the propagated field by z, per metre.
 
-        That of the plan's sum in its own window and band, which another distance may change; the
-        carrier exp(ikz) is dropped as in the field.
+        The plan's window and band are held constant, although they depend on the distance. The
+        carrier exp(ikz) is omitted, as in the field.
 
         Parameters
         ----------
         field : Field
-            On `grid`, shape (..., ny, nx).
+            Field on `grid`, shape (..., ny, nx).
 
         Returns
         -------
         Field
-            On `out_grid`.
+            Derivative on `out_grid`.
 
         Raises
         ------
         SamplingError
-            For fresnel-ir, fresnel-1fft and fresnel-multistep.
+            If the method is fresnel-ir, fresnel-1fft or fresnel-multistep.
         """
         self._check(field)
-        if not self._slope:  # nothing varies
+        if not self._slope:  # the field has a single sample
             shape = (*field.shape[:-2], *self.out_grid.shape)
             return replace(field, data=self.device.zeros(shape, self.dtype), grid=self.out_grid)
-        data = sum_of_ways(field.data, self._slope, self.device)
+        data = sum_of_terms(field.data, self._slope, self.device)
         return replace(field, data=data, grid=self.out_grid)
 
     @property
     def in_shape(self) -> tuple[int, int]:
-        """(ny, nx) of `grid`."""
+        """Shape (ny, nx) of `grid`."""
         return self.grid.shape
 
     @property
     def out_shape(self) -> tuple[int, int]:
-        """(my, mx) of `out_grid`."""
+        """Shape (my, mx) of `out_grid`."""
         return self.out_grid.shape
 
     @property
     def dtype(self) -> np.dtype[Any]:
-        """complex64, or complex128 on a device of double precision."""
+        """Dtype complex64, or complex128 on a device of double precision."""
         return self.device.complex
 
     def forward_data(self, data: cla.Array) -> cla.Array:
-        """The plan on samples of the device, shape (..., ny, nx)."""
+        """Apply the plan to samples of the device, shape (..., ny, nx)."""
         return run_plans(Field(data, self.grid, self.wavelength, self.device), [self])[0].data
 
     def adjoint_data(self, data: cla.Array) -> cla.Array:
-        """`adjoint` on samples of the device, shape (..., my, mx)."""
+        """Apply `adjoint` to samples of the device, shape (..., my, mx)."""
         if self.description.kind == "nothing":
             return data
         if 0 in data.shape:
             return self.device.empty((*data.shape[:-2], *self.in_shape), self.dtype)
         require_memory(tuple(data.shape[:-2]), [self])
         spectra: list[Spectrum | None] = [spectrum.conjugate() for spectrum in self.spectra]
-        return sum_of_ways(
+        return sum_of_terms(
             data,
             [
                 (into, spectrum, back)
                 for (into, back), spectrum in zip(
-                    self._adjoint_ways, spectra or [None], strict=True
+                    self._adjoint_terms, spectra or [None], strict=True
                 )
             ],
             self.device,
         )
 
     @cached_property
-    def _adjoint_ways(self) -> list[tuple[Separable, Separable]]:
-        """Maps before and after the conjugate factor, of every term; before, if there is none."""
+    def _adjoint_terms(self) -> list[tuple[Separable, Separable]]:
+        """Maps before and after the conjugate factor of each term; before only without a factor."""
         description = self.description
         if description.factor is None:
             return [adjoint_maps(Separable(), description.into)]
@@ -347,40 +347,41 @@ class Propagator(Solvable):
         return [adjoint_maps(into, back) for into, back in ways]
 
     @cached_property
-    def _slope(self) -> list[Way]:
+    def _slope(self) -> list[TermMaps]:
         """Maps and factors of the terms of `distance_slope`."""
-        made = self.description
-        if made.kind == "nothing" or made.kind == "series":
-            made = _in_precision(corrected(self.request, made.why), self.device)
+        description = self.description
+        if description.kind == "nothing" or description.kind == "series":
+            description = _in_precision(corrected(self.request, description.why), self.device)
         if self.method == "fresnel-tf":
-            into = distance_slopes(made.into, self.grid.pitch, self.wavelength)
-            return [(one.astype(self.dtype), None, Separable()) for one in into]
-        if not isinstance(made.factor, Transfer | Sommerfeld | WindowedKernel):
+            slopes = distance_slopes(description.into, self.grid.pitch, self.wavelength)
+            return [(into.astype(self.dtype), None, Separable()) for into in slopes]
+        if not isinstance(description.factor, Transfer | Sommerfeld | WindowedKernel):
             raise SamplingError(
-                f"The derivative by z is for as, blas, cblas, rs, one-step and fresnel-tf, not "
-                f"{self.method!r}: make the plan with method='auto'."
+                "The derivative by z requires as, blas, cblas, rs, one-step or fresnel-tf, got "
+                f"{self.method!r}; use method='auto'."
             )
-        factor = replace(made.factor, is_slope=True)
-        return [(made.into, factor_on_device(factor, self.device, self.phase), made.back)]
+        factor = replace(description.factor, is_slope=True)
+        spectrum = factor_on_device(factor, self.device, self.phase)
+        return [(description.into, spectrum, description.back)]
 
     def energy(self, field: Field) -> Energy:
-        """Where the energy of a field goes, each part computed by itself.
+        """Return the energy budget of a field; each part is computed independently.
 
         Parameters
         ----------
         field : Field
-            Shape (..., ny, nx); a batch is added up.
+            Field of shape (..., ny, nx); a batch is added up.
 
         Returns
         -------
         Energy
-            In the unit of `Field.power`; ``into = window + outside + cut`` but for rounding.
+            Energies in the unit of `Field.power`; ``into = window + outside + cut`` up to rounding.
 
         Raises
         ------
         SamplingError
-            For a method without a transfer function in a window of the field's samples: rs and
-            the Fresnel methods, or another output pitch or centre.
+            If the method has no transfer function in a window of the field's samples: rs and the
+            Fresnel methods, or another output pitch or centre.
         """
         self._check(field)
         return energy_budget(field, self.description, self.phase)
@@ -388,13 +389,13 @@ class Propagator(Solvable):
     def _check(self, field: Field, grid: Grid | None = None, where: str = "input") -> None:
         if not isinstance(field, Field):
             raise TypeError(
-                f"A plan takes a Field, as Field.from_array makes it, not a {type(field).__name__}."
+                f"field must be a Field, as Field.from_array returns, got {type(field).__name__}."
             )
         require_same_device(field.device, self.device)
-        wanted = self.grid if grid is None else grid
-        if field.grid != wanted or field.wavelength != self.wavelength:
+        expected = self.grid if grid is None else grid
+        if field.grid != expected or field.wavelength != self.wavelength:
             raise ShapeError(
-                f"The {where} of the plan is on {wanted} at {self.wavelength:g} m, the field is on "
+                f"The {where} of the plan must be on {expected} at {self.wavelength:g} m, got "
                 f"{field.grid} at {field.wavelength:g} m."
             )
 
@@ -411,7 +412,7 @@ def _in_precision(description: Description, device: Device) -> Description:
 
 
 def run_plans(field: Field, plans: Sequence[Propagator]) -> list[Field]:
-    """A field by several plans; those that begin with the same transform share it."""
+    """Propagate a field by several plans, which share equal first transforms."""
     groups: dict[Any, list[int]] = {}
     for index, plan in enumerate(plans):
         into, shares = plan.description.into, plan.description.kind == "fft"
@@ -427,7 +428,7 @@ def run_plans(field: Field, plans: Sequence[Propagator]) -> list[Field]:
 
 
 def _run_group(field: Field, plans: Sequence[Propagator]) -> list[Field]:
-    """A field by plans that begin alike."""
+    """Propagate a field by plans with equal first transforms."""
     first = plans[0].description
     if first.kind == "nothing":
         return [field for _ in plans]
@@ -441,7 +442,7 @@ def _run_group(field: Field, plans: Sequence[Propagator]) -> list[Field]:
             (into, factor, back)
             for (into, back), factor in zip(first.terms, plans[0].spectra, strict=True)
         ]
-        data = sum_of_ways(field.data, ways, field.device)
+        data = sum_of_terms(field.data, ways, field.device)
         return [replace(field, data=data, grid=first.out_grid)]
     spectra = [plan.spectrum for plan in plans if plan.spectrum is not None]
     back = [plan.description.back for plan in plans] if spectra else []
@@ -452,22 +453,22 @@ def _run_group(field: Field, plans: Sequence[Propagator]) -> list[Field]:
     ]
 
 
-def sum_of_ways(data: cla.Array, ways: Sequence[Way], device: Device) -> cla.Array:
-    """Samples by several ways (maps, factor, maps; without a factor the first maps), added up."""
+def sum_of_terms(data: cla.Array, ways: Sequence[TermMaps], device: Device) -> cla.Array:
+    """Return the sum of terms (maps, factor, maps); without a factor the first maps only."""
     total = None
     for into, factor, back in ways:
         spectra, after = ([], []) if factor is None else ([factor], [back])
-        (made,) = run(data, into, spectra, after, device)
+        (term,) = run(data, into, spectra, after, device)
         if total is None:
-            total = made
+            total = term
         else:
-            add(total, made, device)
+            add(total, term, device)
     assert total is not None
     return total
 
 
 def require_memory(batch: tuple[int, ...], plans: Sequence[Propagator]) -> None:
-    """Refuse a batch of fields that does not fit the device."""
+    """Raise if a batch of fields does not fit in the device's memory."""
     first, device = plans[0].description, plans[0].device
     count = math.prod(batch)
     out = max(math.prod(first.out_grid.shape), math.prod(first.request.grid.shape))

@@ -1,5 +1,4 @@
-"""Factors of a 2-D spectrum on a device: the transfer function of free space, and that of its
-sampled impulse response."""
+"""Factors of a 2-D spectrum on a device: transfer functions and sampled impulse responses."""
 
 from __future__ import annotations
 
@@ -19,20 +18,20 @@ Shape = tuple[int, int]
 Pair = tuple[float, float]
 Vector = np.ndarray[Any, Any]
 
-LARGEST_HANKEL = 1e8  # argument; above, two terms of the asymptotic series are exact in float64
+LARGEST_HANKEL = 1e8  # argument above which two asymptotic terms are exact in float64
 
 
 def kernel_residual_turns(shape: Shape, pitch: Pair, z: float, wavelength: float) -> float:
-    """Rk = (r_max - z)^2/(2 z lam), r_max at the corner displacement of a window.
+    """Return Rk = (r_max - z)^2/(2 z lam), with r_max at the corner displacement of a window.
 
-    The phase that tables of rho^2/(2 lam z) leave to the kernel, for abs(z) > 0.
+    It is the phase that tables of rho^2/(2 lam z) leave to the kernel, for abs(z) > 0.
     """
     rho2 = sum((n // 2 * d) ** 2 for n, d in zip(shape, pitch, strict=True))
     return residual_turns(rho2, z, wavelength)
 
 
 def residual_turns(rho2: float, z: float, wavelength: float) -> float:
-    """(r - z)^2/(2 z lam) at a squared displacement in square metres."""
+    """Return (r - z)^2/(2 z lam) at a squared displacement in square metres."""
     excess = rho2 / (math.sqrt(rho2 + z * z) + abs(z))
     return excess * excess / (2 * abs(z) * wavelength)
 
@@ -47,16 +46,16 @@ def impulse_response(
     *,
     slope: bool = False,
 ) -> cla.Array:
-    """Samples of the Rayleigh-Sommerfeld I kernel times the sample area, in circular order.
+    """Return samples of the Rayleigh-Sommerfeld I kernel times the sample area, in circular order.
 
-    h(x, y) dx dy with h = z/(2 pi r^2) (1/r - ik) exp(ik(r - z)) (Goodman 2005, eq. 3-43), without
-    the carrier exp(ikz). An axis of length 1 is one along which nothing varies: line sources,
+    It is h(x, y) dx dy with h = z/(2 pi r^2) (1/r - ik) exp(ik(r - z)) (Goodman 2005, eq. 3-43),
+    without the carrier exp(ikz). An axis of length 1 has line sources:
     h = (i k z/(2 r)) H1(k r) exp(-ikz), H1 the Hankel function of the first kind and order 1.
 
     Notes
     -----
-    The samples are those of a continuous kernel while sin(theta)/lam at the largest displacement X
-    of an axis stays below its Nyquist frequency, tan(theta) = X/abs(z); nearer, they alias.
+    The samples are aliased unless sin(theta)/lam at the largest displacement X of an axis is below
+    its Nyquist frequency, with tan(theta) = X/abs(z).
     """
     _check(z, device, phase)
     if 1 in shape:
@@ -88,7 +87,7 @@ def kernel_samples(
     device: Device,
     phase: str,
 ) -> cla.Array:
-    """h at any displacements, times the sample area; see `impulse_response`."""
+    """Return h at any displacements, times the sample area; see `impulse_response`."""
     if y is None or x is None:
         line = line_samples(y, x, pitch, abs(z), wavelength)
         return device.upload((line if z > 0 else line.conj()).astype(device.complex))
@@ -112,7 +111,7 @@ def kernel_samples(
 
 
 def _line_response(shape: Shape, pitch: Pair, z: float, wavelength: float) -> Vector:
-    """h of line sources for z > 0 times the pitch of the other axis, complex128."""
+    """Return h of line sources for z > 0 times the pitch of the other axis, complex128."""
     y, x = (
         None if n == 1 else np.arange(n // 2 + 1) * d for n, d in zip(shape, pitch, strict=True)
     )
@@ -124,7 +123,7 @@ def _line_response(shape: Shape, pitch: Pair, z: float, wavelength: float) -> Ve
 def line_samples(
     y: Vector | None, x: Vector | None, pitch: Pair, z: float, wavelength: float
 ) -> Vector:
-    """h of line sources for z > 0 at displacements along one axis, complex128, (my, mx)."""
+    """Return h of line sources for z > 0 at displacements along an axis, complex128, (my, mx)."""
     if y is None and x is None:
         return np.ones((1, 1), complex)
     rho, d = (x, pitch[1]) if y is None else (y, pitch[0])
@@ -137,7 +136,7 @@ def line_samples(
 
 
 def _hankel(x: Vector) -> Vector:
-    """H1(x) exp(-ix) for x > 0: Abramowitz and Stegun 1964, 9.2.7, where SciPy gives up."""
+    """Return H1(x) exp(-ix) for x > 0; above SciPy's range Abramowitz and Stegun 1964, 9.2.7."""
     series = np.sqrt(2 / (np.pi * x)) * np.exp(-0.75j * np.pi) * (1 + 0.375j / x)
     from scipy.special import hankel1e
 
@@ -147,10 +146,9 @@ def _hankel(x: Vector) -> Vector:
 def multiply_kernel_slope(
     h: cla.Array, y: Vector | None, x: Vector | None, z: float, wavelength: float, device: Device
 ) -> None:
-    """Samples of the Rayleigh-Sommerfeld I kernel times the derivative of their logarithm by z.
+    """Multiply samples of the Rayleigh-Sommerfeld I kernel in place by d(log h)/dz.
 
-    Of h = z/(2 pi r^2) (1/r - ik) exp(ik(r - z)), in place; of line sources,
-    h = (i k z/(2 r)) H1(k r) exp(-ikz).
+    h = z/(2 pi r^2) (1/r - ik) exp(ik(r - z)), or (i k z/(2 r)) H1(k r) exp(-ikz) for line sources.
     """
     far, k = abs(z), 2 * np.pi / wavelength
     rho2 = sum(
@@ -170,7 +168,7 @@ def multiply_kernel_slope(
 
 
 def _hankel_ratio(x: Vector) -> Vector:
-    """H0/H1 for x > 0: Abramowitz and Stegun 1964, 9.2.7, where SciPy gives up."""
+    """Return H0/H1 for x > 0; above SciPy's range Abramowitz and Stegun 1964, 9.2.7."""
     from scipy.special import hankel1e
 
     near = np.minimum(x, LARGEST_HANKEL)
@@ -184,28 +182,28 @@ def _defines(device: Device, phase: str) -> dict[str, Any]:
 
 def _check(z: float, device: Device, phase: str) -> None:
     if not (fits_float64(z) and z != 0):
-        raise ValueError(f"The impulse response needs a finite distance z other than 0, not {z!r}.")
-    there = ["tables"]
+        raise ValueError(f"z must be finite and not 0 for the impulse response, got {z!r}.")
+    routes = ["tables"]
     if device.precision == "single":
-        there += ["fp64", "twofloat"] if device.has_fp64 else ["twofloat"]
-    if phase not in there:
+        routes += ["fp64", "twofloat"] if device.has_fp64 else ["twofloat"]
+    if phase not in routes:
         raise ValueError(
             f"There is no phase route {phase!r} on {device.name} in {device.precision} precision; "
-            f"use one of {', '.join(there)}."
+            f"use one of {', '.join(routes)}."
         )
 
 
 class Factor(Protocol):
-    """What a spectrum is multiplied by, before it is on a device."""
+    """Factor of a spectrum, independent of a device."""
 
     def residual_turns(self) -> float:
-        """Phase that 1-D tables made in double leave to the kernel."""
+        """Return the phase that 1-D tables in double precision leave to the kernel."""
 
     def on_device(self, device: Device, phase: str) -> Spectrum:
-        """The samples, the phase formed as said."""
+        """Return the samples, with the phase computed by a route."""
 
     def turned(self) -> Factor:
-        """The same with x and y exchanged."""
+        """Return the factor with x and y exchanged."""
 
     @property
     def shape(self) -> tuple[int, int]:
@@ -213,43 +211,43 @@ class Factor(Protocol):
 
     @property
     def stored(self) -> tuple[int, int]:
-        """Shape of the samples that are made."""
+        """Shape of the computed samples."""
 
     @property
     def lit(self) -> Vector | None:
-        """Which columns of those samples are not all zero, bool; None: all of them."""
+        """Mask of columns that are not all zero, bool; None: all columns."""
 
 
 @dataclass(frozen=True, eq=False)
 class Transfer:
-    """H(fx, fy) = exp(i k z (sqrt(1 - s) - 1)), s = lam^2 (fx^2 + fy^2), times 1-D weights.
+    """Transfer function H = exp(i k z (sqrt(1 - s) - 1)), s = lam^2 (fx^2 + fy^2), times weights.
 
     Goodman (2005), eq. 3-66, without the carrier exp(ikz).
     """
 
     shape: tuple[int, int]  # (my, mx) of the spectrum
-    # along y and x, float64, in cycles a metre: all of them, or of an FFT's those up to the middle,
-    # (my//2 + 1,) and (mx//2 + 1,), where H is even
+    # frequencies along y and x, float64, in cycles per metre: all, or for an even H those of an
+    # FFT up to the middle, (my//2 + 1,) and (mx//2 + 1,)
     frequencies: tuple[Vector, Vector]
     weights: tuple[Vector, Vector]
     z: float  # in metres
     wavelength: float
-    # whether it is the derivative by z at these frequencies and weights, per metre
+    # True for the derivative by z at these frequencies and weights, per metre
     is_slope: bool = False
 
     @property
     def stored(self) -> tuple[int, int]:
-        """Shape of the samples that are made."""
+        """Shape of the computed samples."""
         return (self.frequencies[0].size, self.frequencies[1].size)
 
     @property
     def lit(self) -> Vector | None:
-        """Which columns of those samples are inside the band, bool; None: all of them."""
+        """Mask of columns inside the band, bool; None: all columns."""
         lit = self.weights[1] != 0
         return None if lit.all() else lit
 
     def highest(self) -> Pair:
-        """Largest abs(fy), abs(fx) of any weight, in cycles a metre."""
+        """Return the largest abs(fy), abs(fx) with a weight, in cycles per metre."""
         y, x = (
             float(np.abs(f[w > 0]).max(initial=0.0))
             for f, w in zip(self.frequencies, self.weights, strict=True)
@@ -257,17 +255,17 @@ class Transfer:
         return (y, x)
 
     def _corner(self) -> float:
-        """s at the corner of the band."""
+        """Return s at the corner of the band."""
         return sum((self.wavelength * f) ** 2 for f in self.highest())
 
     def residual_turns(self) -> float:
-        """Rt = (z/lam) q^2/2 with q = 1 - sqrt(1 - s) at the corner of the band."""
+        """Return Rt = (z/lam) q^2/2 with q = 1 - sqrt(1 - s) at the corner of the band."""
         s = min(self._corner(), 1.0)
         q = s / (1 + math.sqrt(1 - s))
         return abs(self.z) / self.wavelength * q * q / 2
 
     def on_device(self, device: Device, phase: str) -> Spectrum:
-        """The samples on a device."""
+        """Return the samples on a device."""
         (fy, fx), (wy, wx) = self.frequencies, self.weights
         tables = [phasor(-self.wavelength * self.z * f**2 / 2, device.complex) for f in (fx, fy)]
         squares = [split((self.wavelength * f) ** 2, device.real) for f in (fx, fy)]
@@ -292,7 +290,7 @@ class Transfer:
         return Spectrum(H, self.shape)
 
     def turned(self) -> Transfer:
-        """The same with x and y exchanged."""
+        """Return the transfer function with x and y exchanged."""
         return replace(
             self,
             shape=self.shape[::-1],
@@ -304,7 +302,7 @@ class Transfer:
 def multiply_transfer_slope(
     H: cla.Array, frequencies: tuple[Vector, Vector], wavelength: float, device: Device
 ) -> None:
-    """Transfer functions times the derivative of their logarithm by z, in place."""
+    """Multiply transfer functions in place by d(log H)/dz."""
     fy, fx = frequencies
     squares = [device.upload(split((wavelength * f) ** 2, device.real)) for f in (fx, fy)]
     kernel = device.kernel("transfer_slope.cl", "transfer_slope", **device.wave_defines())
@@ -314,42 +312,42 @@ def multiply_transfer_slope(
 
 @dataclass(frozen=True, eq=False)
 class Sommerfeld:
-    """The DFT of the sampled Rayleigh-Sommerfeld kernel: see sommerfeld.py."""
+    """DFT of the sampled Rayleigh-Sommerfeld kernel; see sommerfeld.cl."""
 
     shape: tuple[int, int]  # (my, mx) of the window
     pitch: Pair  # (dy, dx) in metres
     z: float  # in metres
     wavelength: float
-    is_slope: bool = False  # whether it is the derivative by z, per metre
+    is_slope: bool = False  # True for the derivative by z, per metre
 
     @property
     def stored(self) -> tuple[int, int]:
-        """Shape of the samples that are kept: one quadrant."""
+        """Shape of the stored quadrant."""
         return (self.shape[0] // 2 + 1, self.shape[1] // 2 + 1)
 
     @property
     def lit(self) -> None:
-        """All columns."""
+        """None, since all columns are used."""
 
     def residual_turns(self) -> float:
-        """Rk = (r_max - z)^2/(2 z lam) at the corner displacement."""
+        """Return Rk = (r_max - z)^2/(2 z lam) at the corner displacement."""
         return kernel_residual_turns(self.shape, self.pitch, self.z, self.wavelength)
 
     def on_device(self, device: Device, phase: str) -> Spectrum:
-        """The transform of the kernel's samples on a device."""
+        """Return the transform of the kernel's samples on a device."""
         h = impulse_response(
             self.shape, self.pitch, self.z, self.wavelength, device, phase, slope=self.is_slope
         )
         device.fft.forward(h, device)
-        return Spectrum(window(h, self.stored, device, place=(0, 0)), self.shape)
+        return Spectrum(window(h, self.stored, device, offset=(0, 0)), self.shape)
 
     def turned(self) -> Sommerfeld:
-        """The same with x and y exchanged."""
+        """Return the factor with x and y exchanged."""
         return replace(self, shape=self.shape[::-1], pitch=self.pitch[::-1])
 
 
 def factor_on_device(factor: Factor, device: Device, phase: str) -> Spectrum:
-    """A factor's samples in the order in which `run` of blocks.py reads them on a device."""
+    """Return a factor's samples on a device in the order of `run` of blocks.py."""
     if device.fft.name == "vkfft":
         return factor.on_device(device, phase)
     values = factor.turned().on_device(device, phase).values
@@ -357,5 +355,5 @@ def factor_on_device(factor: Factor, device: Device, phase: str) -> Spectrum:
 
 
 def fft_frequencies(n: int, d: float) -> Vector:
-    """Frequencies 0 ... n//2 of an FFT of n samples of pitch d, in cycles a metre."""
+    """Return frequencies 0 ... n//2 of an FFT of n samples of pitch d, in cycles per metre."""
     return np.arange(n // 2 + 1) / (n * d)

@@ -1,1 +1,1 @@
-"""Spectra of light: lines and tables come in, coherence in time and wavelengths go out."""
+"""Spectra of light: temporal coherence, and wavelengths for sampling."""

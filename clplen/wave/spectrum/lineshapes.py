@@ -1,11 +1,11 @@
 """Shapes of spectra over frequency: Gaussian or sharp lines, a rectangle, a table.
 
-Each has unit power and knows its density S(nu), its complex degree of temporal coherence
+Each has unit power and provides its density S(nu), its samples at equal steps of frequency, and its
+complex degree of temporal coherence
 
     gamma(tau) = int S(nu) exp(-2 pi i nu tau) dnu
 
-(Goodman, Statistical Optics, 1985, section 5.1.3), and how it is sampled at equal steps of
-frequency. All on the host in float64.
+(Goodman, Statistical Optics, 1985, section 5.1.3), in float64 on the host.
 """
 
 from __future__ import annotations
@@ -23,11 +23,11 @@ from numpy.typing import ArrayLike
 from clplen.reprs import OneLine
 
 C = 299_792_458.0  # m/s, speed of light in vacuum
-WIDEST_PIECE = 1.5  # ratio of the end wavelengths of a piece of a table
-ROUNDING = 1e-17  # at which a Legendre series is cut
-FEWEST = 8  # nodes of a piece
-FEW_ALONE, FEW_SHARED = 4, 8  # samples of a Gaussian line that are too few for equal steps
-BLOCK = 2**16  # numbers held at a time
+WIDEST_PIECE = 1.5  # maximum ratio of the end wavelengths of a piece of a table
+ROUNDING = 1e-17  # relative size at which a Legendre series is truncated
+MIN_NODES = 8  # minimum number of nodes of a piece
+MAX_NODES_SINGLE, MAX_NODES_SHARED = 4, 8  # Gauss-Hermite samples of one or several lines
+BLOCK = 2**16  # numbers in memory at a time
 
 Vector = np.ndarray[Any, np.dtype[np.float64]]
 Complex = np.ndarray[Any, np.dtype[np.complex128]]
@@ -35,7 +35,7 @@ Sampling = tuple[Vector, Vector, float]  # frequencies, weights of sum 1, step i
 
 
 class Shape(Protocol):
-    """What a spectrum asks of its shape."""
+    """Spectral density over frequency, as used by `Spectrum`."""
 
     @property
     def mean(self) -> float:
@@ -43,28 +43,28 @@ class Shape(Protocol):
 
     @property
     def width(self) -> float:
-        """Width in Hz of the band in which there is light; 0 if it is a single frequency."""
+        """Width in Hz of the band with light; 0 for a single frequency."""
 
     @property
     def square(self) -> float:
-        """int S^2 dnu in seconds, which is int |gamma|^2 dtau (Parseval)."""
+        """Integral of S^2 over nu in seconds, equal to that of |gamma|^2 over tau (Parseval)."""
 
     def density(self, nu: Vector) -> Vector:
-        """S(nu) per Hz."""
+        """Return S(nu) per Hz."""
 
     def gamma(self, tau: Vector) -> Complex:
-        """gamma at delays in seconds, shape (n,)."""
+        """Return gamma at delays in seconds, shape (n,)."""
 
     def sample(self, n: int, span: float) -> Sampling:
-        """At n frequencies."""
+        """Return samples at n frequencies."""
 
     def needed(self, delay: float, span: float) -> int:
-        """Samples that follow gamma up to a delay in seconds; see `Spectrum.needed`."""
+        """Return the number of samples that follow gamma up to a delay; see `Spectrum.needed`."""
 
 
 @dataclass(frozen=True)
 class Lines:
-    """Gaussian lines; sharp ones, where the widths are 0."""
+    """Gaussian lines, or sharp lines if the widths are 0."""
 
     centres: tuple[float, ...]
     widths: tuple[float, ...]
@@ -72,7 +72,7 @@ class Lines:
 
     @property
     def is_sharp(self) -> bool:
-        """Whether the lines have no width."""
+        """True if the lines have no width."""
         return self.widths[0] == 0
 
     @property
@@ -111,18 +111,18 @@ class Lines:
         if self.is_sharp:
             return np.array(self.centres), np.array(self.powers), 0.0
         nu, weights, steps = [], [], []
-        few = FEW_ALONE if len(self.centres) == 1 else FEW_SHARED
+        max_nodes = MAX_NODES_SINGLE if len(self.centres) == 1 else MAX_NODES_SHARED
         for centre, width, power, count in zip(
             self.centres, self.widths, self.powers, self._shared(n), strict=True
         ):
-            t, w = _nodes(count) if count <= few else _steps(count, span)
+            t, w = _nodes(count) if count <= max_nodes else _steps(count, span)
             nu.append(centre + width * t)
             weights.append(power * w)
             steps.append(width * np.diff(t).max() if count > 1 else math.inf)
         return np.concatenate(nu), np.concatenate(weights), float(max(steps))
 
     def _shared(self, n: int) -> list[int]:
-        """Samples of each line, at least one; what is left over goes to the strongest."""
+        """Return the number of samples of each line, at least 1; the strongest get the rest."""
         lines = len(self.centres)
         if n < lines:
             return [1] * lines
@@ -135,13 +135,13 @@ class Lines:
             return len(self.centres)
         time = [math.sqrt(2 * math.log(2) / math.pi) / width for width in self.widths]
         bands = [2 * span * width for width in self.widths]
-        counts = [fewest(b * (delay + 1.5 * t)) for b, t in zip(bands, time, strict=True)]
+        counts = [min_samples(b * (delay + 1.5 * t)) for b, t in zip(bands, time, strict=True)]
         return len(counts) * max(counts)
 
 
 @dataclass(frozen=True)
 class Rectangle:
-    """The same density between two frequencies in Hz."""
+    """Constant density between two frequencies in Hz."""
 
     low: float
     high: float
@@ -170,7 +170,7 @@ class Rectangle:
         return nu, np.full(n, 1 / n), _step(step, n)
 
     def needed(self, delay: float, span: float) -> int:
-        return fewest(self.width * (delay + 1.5 * self.square))
+        return min_samples(self.width * (delay + 1.5 * self.square))
 
 
 @dataclass(frozen=True)
@@ -200,19 +200,19 @@ class Table:
         return float((values[1:] + values[:-1]) @ np.diff(lam) / 2)
 
     def density(self, nu: Vector) -> Vector:
-        """S(nu) = S(lam) |dlam/dnu|, where lam = c/nu and |dlam/dnu| = c/nu^2."""
-        there = nu > 0
-        lam = C / np.where(there, nu, 1.0)
-        found = np.interp(lam, self.wavelengths, self.values, left=0.0, right=0.0)
-        return np.where(there, found * lam**2 / (C * self._power), 0.0)
+        """Return S(nu) = S(lam) |dlam/dnu| with lam = c/nu and |dlam/dnu| = c/nu^2."""
+        is_positive = nu > 0
+        lam = C / np.where(is_positive, nu, 1.0)
+        values = np.interp(lam, self.wavelengths, self.values, left=0.0, right=0.0)
+        return np.where(is_positive, values * lam**2 / (C * self._power), 0.0)
 
     def gamma(self, tau: Vector) -> Complex:
-        """Sum over the pieces of h exp(-2 pi i m tau) sum_k a_k 2 (-i)^k j_k(2 pi h tau).
+        """Return the sum over pieces of h exp(-2 pi i m tau) sum_k a_k 2 (-i)^k j_k(2 pi h tau).
 
-        m and h are the middle and the half width of a piece in Hz, a_k its Legendre series: the
+        m and h are the centre and the half width of a piece in Hz, a_k its Legendre series. The
         transform of P_k is 2 (-i)^k j_k (DLMF, eq. 18.17.19).
         """
-        from scipy import special  # here, because it takes a third of the package's import time
+        from scipy import special  # a local import, a third of the package's import time
 
         middle, half, series = self._pieces
         total = np.zeros(tau.shape, dtype=complex)
@@ -230,7 +230,7 @@ class Table:
         return total
 
     def sample(self, n: int, span: float) -> Sampling:
-        """The middles of n cells, less the dark ones; their weights are the power in each."""
+        """Return the centres of n cells without dark cells; weights are the powers of the cells."""
         edges = np.linspace(C / self.wavelengths[-1], C / self.wavelengths[0], n + 1)
         nu, mass = self._masses(edges)
         cell = np.clip(np.searchsorted(edges, nu) - 1, 0, n - 1)
@@ -239,21 +239,21 @@ class Table:
         return (edges[:-1] + step / 2)[lit], weights[lit] / weights.sum(), _step(step, n)
 
     def needed(self, delay: float, span: float) -> int:
-        return fewest(self.width * (delay + 1.5 * self.square))
+        return min_samples(self.width * (delay + 1.5 * self.square))
 
     @cached_property
     def _points(self) -> tuple[Vector, Vector]:
         return self._masses()
 
     def _masses(self, cuts: Vector | None = None) -> tuple[Vector, Vector]:
-        """Frequencies of a quadrature that is exact to rounding, and the power at each."""
+        """Return the frequencies of a quadrature exact to rounding, and the power at each."""
         middle, half, nodes, weights = self._quadrature(cuts)
         nu = middle[:, None] + half[:, None] * nodes
         return nu.ravel(), (self.density(nu) * half[:, None] * weights).ravel()
 
     @cached_property
     def _pieces(self) -> tuple[Vector, Vector, Vector]:
-        """Middle and half width of each piece in Hz, shape (m,), and Legendre series (k, m)."""
+        """Centre and half width of each piece in Hz, shape (m,), and Legendre series (k, m)."""
         middle, half, nodes, weights = self._quadrature()
         density = self.density(middle[:, None] + half[:, None] * nodes)
         order = np.arange(nodes.size)
@@ -261,11 +261,9 @@ class Table:
         return middle, half, (density @ basis * (order + 0.5)).T
 
     def _quadrature(self, cuts: Vector | None = None) -> tuple[Vector, Vector, Vector, Vector]:
-        """Pieces on which the density is smooth, and Gauss-Legendre nodes and weights in [-1, 1].
+        """Return pieces with a smooth density, and Gauss-Legendre nodes and weights in [-1, 1].
 
-        The density of a piece, a rational function with its pole at nu = 0, has a Legendre
-        series that falls as rho^-k, rho = x + sqrt(x^2 - 1), where -x is the pole on the scale
-        on which the piece is [-1, 1] (Bernstein's ellipse; Trefethen, SIAM Review 50, 67 (2008)).
+        The Legendre series falls geometrically (Trefethen, SIAM Review 50, 67 (2008)).
         """
         knots = np.array(self.wavelengths)
         splits = np.ceil(np.log(knots[1:] / knots[:-1]) / math.log(WIDEST_PIECE)).astype(int)
@@ -277,55 +275,56 @@ class Table:
         edges = np.unique(edges if cuts is None else np.concatenate([edges, cuts]))
         middle, half = (edges[1:] + edges[:-1]) / 2, (edges[1:] - edges[:-1]) / 2
         pole = float((middle / half).min())
+        # The series falls as rho^-k, rho = x + sqrt(x^2 - 1), for the pole (nu = 0) of the density
+        # at -x on the scale of the piece (Bernstein's ellipse).
         rate = math.log(pole + math.sqrt(pole**2 - 1))
-        count = max(FEWEST, 1 + math.ceil(-math.log(ROUNDING) / rate))
+        count = max(MIN_NODES, 1 + math.ceil(-math.log(ROUNDING) / rate))
         nodes, weights = legendre.leggauss(count)
         return middle, half, nodes, weights
 
 
 def _steps(count: int, span: float) -> tuple[Vector, Vector]:
-    """Equal steps over +-span FWHM of a Gaussian, and weights of sum 1."""
+    """Return equal steps over +-span FWHM of a Gaussian, and weights of sum 1."""
     t = np.linspace(-span, span, count)
     w = np.exp(-4 * math.log(2) * t**2)
     return t, w / w.sum()
 
 
 def _nodes(count: int) -> tuple[Vector, Vector]:
-    """Gauss-Hermite quadrature of a Gaussian: places in FWHM, and weights of sum 1.
+    """Return Gauss-Hermite nodes of a Gaussian in FWHM, and weights of sum 1.
 
-    Exact for powers up to 2 count - 1, hence for the mean and, from two samples on, the variance
-    (Abramowitz & Stegun, 1964, eq. 25.4.46).
+    They are exact for powers up to 2 count - 1 (Abramowitz & Stegun, 1964, eq. 25.4.46).
     """
     x, w = hermite.hermgauss(count)  # for exp(-x^2)
     return x / (2 * math.sqrt(math.log(2))), w / w.sum()
 
 
-def fewest(turns: float) -> int:
-    """Samples a step of which lets no phase turn more than once: 1 + turns, rounded up."""
+def min_samples(turns: float) -> int:
+    """Return the number of samples 1 + turns, rounded up: at most a turn per step."""
     return 1 + math.ceil(turns * (1 - 1e-12))
 
 
 def _step(step: float, n: int) -> float:
-    """One sample never loses its coherence: as if its step were infinite."""
+    """Return the step, or infinity for a single sample, which never loses its coherence."""
     return step if n > 1 else math.inf
 
 
-DELAYS = 4096  # delays at a time
+DELAYS = 4096  # number of delays in a block
 
 
 @dataclass(frozen=True, eq=False, repr=False)
 class SpectralSamples(OneLine):
-    """A spectrum as a few wavelengths.
+    """Samples of a spectrum at a few wavelengths.
 
     Parameters
     ----------
     wavelengths : numpy.ndarray
-        In metres, shape (n,), float64.
+        Wavelengths in metres, shape (n,), float64.
     weights : numpy.ndarray
-        Share of the power of each, shape (n,), float64, sum 1.
+        Shares of the power, shape (n,), float64, sum 1.
     step : float
-        Step in Hz, the largest where there are several; 0 where the samples are the whole
-        spectrum (sharp lines), infinite for a single sample of a band or of a line with a width.
+        Step in Hz, the largest of several. It is 0 if the samples are the complete spectrum (sharp
+        lines), infinite for a single sample of a band or of a line with a width.
 
     Examples
     --------
@@ -344,12 +343,12 @@ class SpectralSamples(OneLine):
     def revival(self) -> float:
         """Path difference c/step in metres at which light of these samples is coherent again.
 
-        Entirely where its steps are equal, in part where they are not.
+        The revival is complete for equal steps, else partial.
         """
         return math.inf if self.step == 0 else C / self.step
 
     def gamma(self, tau: ArrayLike) -> Complex:
-        """Complex degree of temporal coherence of the samples at delays in seconds.
+        """Return the complex degree of temporal coherence at delays in seconds.
 
         Parameters
         ----------
@@ -359,14 +358,14 @@ class SpectralSamples(OneLine):
         Returns
         -------
         numpy.ndarray
-            complex128, the shape of ``tau``: sum of weight exp(-2 pi i nu tau).
+            Sum of weight exp(-2 pi i nu tau), complex128, with the shape of ``tau``.
         """
         delays = np.asarray(tau, dtype=float)
         nu = C / self.wavelengths
-        found = [np.exp(-2j * np.pi * part * nu) @ self.weights for part in _blocks(delays)]
-        return np.concatenate(found).reshape(delays.shape)
+        blocks = [np.exp(-2j * np.pi * part * nu) @ self.weights for part in _blocks(delays)]
+        return np.concatenate(blocks).reshape(delays.shape)
 
 
 def _blocks(delays: Vector) -> list[Vector]:
-    """The delays as columns of few at a time."""
+    """Split delays into columns of limited length."""
     return np.array_split(delays.reshape(-1, 1), max(1, math.ceil(delays.size / DELAYS)))

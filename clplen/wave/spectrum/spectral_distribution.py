@@ -1,4 +1,4 @@
-"""Sampled curves over the wavelength: light, reflectance, transmission, sensitivity."""
+"""Curves over the wavelength: light, reflectance, transmission, sensitivity."""
 
 from __future__ import annotations
 
@@ -16,31 +16,30 @@ from clplen.wave.spectrum.lineshapes import Vector
 from clplen.wave.spectrum.spectrum import Spectrum
 
 SECOND_RADIATION = 0.014387768775  # m K, h c/k of the SI since 2019
-A_CONSTANT, A_TEMPERATURE = 1.435e-2, 2848.0  # by which CIE 15:2004 defines illuminant A
-BLACKBODY_BAND = (300e-9, 1100e-9)  # where silicon sees
-STEP = 5e-9  # of tables that are made
-GAUSSIAN_REACH, GAUSSIAN_POINTS = 3.0, 121  # full widths on either side, points
+A_CONSTANT, A_TEMPERATURE = 1.435e-2, 2848.0  # illuminant A in CIE 15:2004, m K and K
+BLACKBODY_BAND = (300e-9, 1100e-9)  # spectral range of silicon in metres
+STEP = 5e-9  # wavelength step of computed tables in metres
+GAUSSIAN_REACH, GAUSSIAN_POINTS = 3.0, 121  # half range in full widths, number of points
 
 
 @dataclass(frozen=True, init=False, repr=False)
 class SpectralDistribution(OneLine):
-    """A curve over the wavelength: linear between its points, 0 outside.
+    """Curve over the wavelength, linear between its points, 0 outside.
 
-    It is light (power per wavelength, in any unit), or what surfaces, filters and sensors make of
-    light (reflectance, transmittance, quantum efficiency). ``illuminant * reflectance`` is the
-    light that comes back from a surface.
+    It describes light (power per wavelength, in any unit), or a reflectance, transmittance or
+    quantum efficiency. ``illuminant * reflectance`` is the light reflected by a surface.
 
     Parameters
     ----------
     wavelengths : array_like
-        In metres, rising, shape (n,), n >= 2.
+        Wavelengths in metres, rising, shape (n,), n >= 2.
     values : array_like
-        At least 0 and not all 0, shape (n,).
+        Values, at least 0 and not all 0, shape (n,).
 
     Attributes
     ----------
     wavelengths, values : tuple of float
-        Without the points at either end that only continue a curve that is 0.
+        Points of the curve without redundant zeros at the ends.
 
     Raises
     ------
@@ -61,31 +60,31 @@ class SpectralDistribution(OneLine):
     values: tuple[float, ...]
 
     def __init__(self, wavelengths: ArrayLike, values: ArrayLike) -> None:
-        lam, found = spectrum_tables.check_table(wavelengths, values)
+        lam, density = spectrum_tables.check_table(wavelengths, values)
         object.__setattr__(self, "wavelengths", tuple(lam.tolist()))
-        object.__setattr__(self, "values", tuple(found.tolist()))
+        object.__setattr__(self, "values", tuple(density.tolist()))
 
     @classmethod
     def blackbody(cls, temperature: float) -> SpectralDistribution:
-        """The radiation of a black body from 300 to 1100 nm, its largest value 1.
+        """Return the radiation of a black body from 300 to 1100 nm with a maximum of 1.
 
-        Planck's law per wavelength, lam^-5/(exp(c2/(lam T)) - 1) with c2 = .014387768775 m K, every
-        5 nm.
+        It follows Planck's law per wavelength, lam^-5/(exp(c2/(lam T)) - 1) with
+        c2 = 0.014387768775 m K, in steps of 5 nm.
 
         Parameters
         ----------
         temperature : float
-            In kelvin, 500 or more.
+            Temperature in kelvin, at least 500.
 
         Raises
         ------
         ValueError
-            If it is no such number.
+            If the temperature is below 500 K or not finite.
         """
         if not (is_finite(temperature) and temperature >= 500):
             raise ValueError(
-                f"A temperature is a number of kelvin, 500 or more, not {temperature!r}: colder "
-                "bodies shine beyond 1100 nm only."
+                f"temperature must be at least 500 K, got {temperature!r}: colder bodies radiate "
+                "beyond 1100 nm only."
             )
         lam = _equal_steps(*BLACKBODY_BAND)
         log = -5 * np.log(lam) - _log_expm1(SECOND_RADIATION / (lam * temperature))
@@ -93,23 +92,23 @@ class SpectralDistribution(OneLine):
 
     @classmethod
     def illuminant(cls, name: Literal["A", "D65", "E"]) -> SpectralDistribution:
-        """A standard illuminant from 300 to 830 nm, 100 at 560 nm.
+        """Return a standard illuminant from 300 to 830 nm, with the value 100 at 560 nm.
 
         Parameters
         ----------
         name : {"A", "D65", "E"}
-            Incandescent light, average daylight, the same power at all wavelengths. A is
-            100 (560/lam)^5 (exp(1.435e7/(2848 560)) - 1)/(exp(1.435e7/(2848 lam)) - 1), lam in nm
-            (CIE 15:2004, section 3.1); D65 is the table of CIE 15:2004 every 10 nm, between which
-            it is linear by definition.
+            Incandescent light ("A"), average daylight ("D65") or equal power at all wavelengths
+            ("E"). A is 100 (560/lam)^5 (exp(1.435e7/(2848 560)) - 1)/(exp(1.435e7/(2848 lam)) - 1),
+            lam in nm (CIE 15:2004, section 3.1). D65 is the table of CIE 15:2004 in steps of 10 nm,
+            with linear interpolation by definition.
 
         Raises
         ------
         ValueError
-            If the name is none of these.
+            If the name is unknown.
         """
         if name not in ("A", "D65", "E"):
-            raise ValueError(f"An illuminant is 'A', 'D65' or 'E', not {name!r}.")
+            raise ValueError(f"name must be 'A', 'D65' or 'E', got {name!r}.")
         if name == "D65":
             return cls(*spectrum_tables.daylight())
         lam = _equal_steps(300e-9, 830e-9)
@@ -121,26 +120,26 @@ class SpectralDistribution(OneLine):
 
     @classmethod
     def gaussian(cls, wavelength: float, fwhm: float, value: float = 1.0) -> SpectralDistribution:
-        """A Gaussian of the wavelength, as of an LED or a colour filter.
+        """Return a Gaussian over the wavelength, such as an LED or a colour filter.
 
         Parameters
         ----------
         wavelength : float
-            Of its peak in metres.
+            Wavelength of the peak in metres.
         fwhm : float
             Full width at half maximum in metres, below half the wavelength.
         value : float
-            At the peak, above 0.
+            Value at the peak, above 0.
 
         Raises
         ------
         ValueError
-            If they are no such numbers.
+            If an argument is out of range.
         """
         centre = spectrum_tables.check_wavelength(wavelength)
         width = spectrum_tables.check_width(fwhm, centre, "The FWHM")
         if not (is_finite(value) and value > 0):
-            raise ValueError(f"The value at the peak is above 0, not {value!r}.")
+            raise ValueError(f"value must be above 0, got {value!r}.")
         lam = centre + width * np.linspace(-GAUSSIAN_REACH, GAUSSIAN_REACH, GAUSSIAN_POINTS)
         lam = lam[lam >= spectrum_tables.SHORTEST]
         return cls(lam, value * np.exp(-4 * np.log(2) * ((lam - centre) / width) ** 2))
@@ -149,27 +148,27 @@ class SpectralDistribution(OneLine):
     def read(
         cls, path: str | os.PathLike[str], *, unit: Literal["m", "um", "nm"] | None = None
     ) -> SpectralDistribution:
-        """A curve from a text file of two columns; see `Spectrum.read`."""
+        """Read a curve from a text file of two columns; see `Spectrum.read`."""
         return cls(*spectrum_tables.read_table(path, unit))
 
     @property
     def integral(self) -> float:
-        """Over the wavelength, in the unit of the values times metres."""
+        """Integral over the wavelength, in the unit of the values times metres."""
         lam, values = np.array(self.wavelengths), np.array(self.values)
         return float((values[1:] + values[:-1]) @ np.diff(lam) / 2)
 
     @property
     def spectrum(self) -> Spectrum:
-        """Light of this density per wavelength, of unit power."""
+        """Light of this density per wavelength with unit power."""
         return Spectrum.tabulated(self.wavelengths, self.values)
 
     def __call__(self, wavelengths: ArrayLike) -> Vector:
-        """Values at wavelengths in metres, float64, of the same shape."""
+        """Return values at wavelengths in metres, float64, with equal shape."""
         lam = real_array(wavelengths, "wavelengths", np.float64)
         return np.asarray(np.interp(lam, self.wavelengths, self.values, left=0.0, right=0.0))
 
     def __mul__(self, other: SpectralDistribution | float) -> SpectralDistribution:
-        """This times another curve, at the points of both, or times a number above 0."""
+        """Multiply by another curve, at the points of both, or by a number above 0."""
         if isinstance(other, SpectralDistribution):
             low = max(self.wavelengths[0], other.wavelengths[0])
             high = min(self.wavelengths[-1], other.wavelengths[-1])
@@ -178,28 +177,27 @@ class SpectralDistribution(OneLine):
             values = self(lam) * other(lam)
             if lam.size < 2 or not values.any():
                 raise ValueError(
-                    f"One curve is above 0 from {_band(self)}, the other from {_band(other)}: "
-                    "their product is 0."
+                    f"The bands of two curves must overlap, got {_band(self)} and {_band(other)}."
                 )
             return SpectralDistribution(lam, values)
         if not is_finite(other):
             return NotImplemented
         if other <= 0:
-            raise ValueError(f"A curve is multiplied by a number above 0, not {other!r}.")
+            raise ValueError(f"The factor of a curve must be above 0, got {other!r}.")
         return SpectralDistribution(self.wavelengths, np.array(self.values) * float(other))
 
     __rmul__ = __mul__
 
 
 def as_spectrum(light: Any, what: str) -> Spectrum:
-    """A spectrum, from itself or from a curve."""
+    """Return the spectrum of a `Spectrum` or a `SpectralDistribution`."""
     if isinstance(light, SpectralDistribution):
         return light.spectrum
     if isinstance(light, Spectrum):
         return light
     raise TypeError(
-        f"{what} is a SpectralDistribution or a Spectrum, such as "
-        f"SpectralDistribution.illuminant('D65'), not {type(light).__name__}."
+        f"{what} must be a SpectralDistribution or a Spectrum, such as "
+        f"SpectralDistribution.illuminant('D65'), got {type(light).__name__}."
     )
 
 
@@ -208,7 +206,7 @@ def _equal_steps(low: float, high: float) -> Vector:
 
 
 def _log_expm1(x: Vector) -> Vector:
-    """log(exp(x) - 1) without overflow."""
+    """Return log(exp(x) - 1) without overflow."""
     return np.asarray(x + np.log(-np.expm1(-x)))
 
 

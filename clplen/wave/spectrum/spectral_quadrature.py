@@ -1,10 +1,10 @@
-"""A few wavelengths that stand for light of a spectrum on filters of known sensitivity.
+"""A few wavelengths that represent light of a spectrum on filters of known sensitivity.
 
-An image changes smoothly with the frequency nu = c/lam, so that polynomials of nu follow it. The
-nodes are those of Gauss quadrature for the total signal of all spectra and filters (Golub and
-Welsch 1969, from the matrix of Lanczos' recurrence), and each pair of a spectrum and a filter has
-weights of its own, which integrate the polynomial through the nodes exactly: each filter gets the
-energy that it should, however ragged its curve is.
+An image varies smoothly with the frequency nu = c/lam, as polynomials of nu do. The nodes are those
+of Gauss quadrature for the total signal of all spectra and filters (Golub and Welsch 1969, from the
+matrix of Lanczos' recurrence). Each pair of a spectrum and a filter has its own weights, which
+integrate the polynomial through the nodes exactly. Each filter therefore gets the correct energy,
+however ragged its curve.
 """
 
 from __future__ import annotations
@@ -22,39 +22,39 @@ from clplen.wave.spectrum.spectrum import Spectrum
 Vector = np.ndarray[Any, np.dtype[np.float64]]
 Response = Callable[[Vector], Vector]  # wavelengths (m,) to signals of filters (m, filters)
 
-REACH = 2.5  # full widths on either side, where a Gaussian line ends: 3e-8 of its peak
-PIECES = 64  # of a Gaussian line
-NODES = 8  # of Gauss-Legendre quadrature on a piece, on which all curves are smooth
-LEAST = 1e-15  # share of the signal below which a place does not count
+REACH = 2.5  # half range of a Gaussian line in full widths; it is 3e-8 of the peak there
+PIECES = 64  # number of pieces of a Gaussian line
+NODES = 8  # Gauss-Legendre nodes on a piece, on which all curves are smooth
+MIN_SHARE = 1e-15  # minimum signal of a frequency, relative to the largest
 
 
 @dataclass(frozen=True)
 class Signal:
-    """The signal of spectra on filters, as masses at many frequencies."""
+    """Signal of spectra on filters, as masses at many frequencies."""
 
     nu: Vector  # frequencies in Hz, shape (m,)
-    # signal at each for one unit of energy of a spectrum, shape (m, spectra, filters)
+    # signal at each frequency for a unit of energy of a spectrum, shape (m, spectra, filters)
     masses: Vector
 
     @classmethod
     def of(cls, spectra: Sequence[Spectrum], response: Response, knots: Sequence[float]) -> Signal:
-        """From spectra, and the signal of filters for a unit of energy."""
+        """Return the signal of spectra for the response of filters to a unit of energy."""
         smooth = [s for s in spectra if _sharp_lines(s) is None]
-        nu, steps = _places(smooth, knots) if smooth else (np.zeros(0), np.zeros(0))
-        lines = [one for one in map(_sharp_lines, spectra) if one is not None]
-        sharp = np.unique([centre for one in lines for centre in one.centres])
-        found = np.zeros((nu.size + sharp.size, len(spectra)))
+        nu, steps = _frequencies(smooth, knots) if smooth else (np.zeros(0), np.zeros(0))
+        shapes = [lines for lines in map(_sharp_lines, spectra) if lines is not None]
+        sharp = np.unique([centre for lines in shapes for centre in lines.centres])
+        powers = np.zeros((nu.size + sharp.size, len(spectra)))
         for column, spectrum in enumerate(spectra):
-            own = _sharp_lines(spectrum)
-            if own is None:
-                found[: nu.size, column] = spectrum.density(nu) * steps
+            lines = _sharp_lines(spectrum)
+            if lines is None:
+                powers[: nu.size, column] = spectrum.density(nu) * steps
             else:
-                rows = nu.size + np.searchsorted(sharp, own.centres)
-                np.add.at(found[:, column], rows, own.powers)
-        places = np.concatenate([nu, sharp])
-        masses = found[:, :, None] * response(C / places)[:, None, :]
-        order = np.argsort(places, kind="stable")
-        return cls(places[order], masses[order])
+                rows = nu.size + np.searchsorted(sharp, lines.centres)
+                np.add.at(powers[:, column], rows, lines.powers)
+        frequencies = np.concatenate([nu, sharp])
+        masses = powers[:, :, None] * response(C / frequencies)[:, None, :]
+        order = np.argsort(frequencies, kind="stable")
+        return cls(frequencies[order], masses[order])
 
     @property
     def totals(self) -> Vector:
@@ -62,7 +62,7 @@ class Signal:
         return np.asarray(self.masses.sum(axis=0))
 
     def rule(self, n: int) -> tuple[Vector, Vector]:
-        """Wavelengths and weights."""
+        """Return n wavelengths and their weights."""
         nu, masses = self._lit
         total = masses.sum(axis=(1, 2))
         middle, half = (nu[0] + nu[-1]) / 2, max((nu[-1] - nu[0]) / 2, nu[0] * 1e-12)
@@ -81,12 +81,12 @@ class Signal:
     @property
     def _lit(self) -> tuple[Vector, Vector]:
         total = self.masses.sum(axis=(1, 2))
-        lit = total > LEAST * total.max()
+        lit = total > MIN_SHARE * total.max()
         return self.nu[lit], self.masses[lit]
 
 
 def _lanczos(x: Vector, mass: Vector, n: int) -> tuple[Vector, Vector, Vector]:
-    """Orthonormal basis (m, n), nodes (n,) and eigenvectors (n, n) of the recurrence's matrix."""
+    """Return basis (m, n), nodes (n,) and eigenvectors (n, n) of Lanczos' recurrence."""
     n = min(n, x.size)
     basis = np.zeros((x.size, n))
     basis[:, 0] = np.sqrt(mass / mass.sum())
@@ -94,12 +94,12 @@ def _lanczos(x: Vector, mass: Vector, n: int) -> tuple[Vector, Vector, Vector]:
     for j in range(n):
         v = x * basis[:, j]
         matrix[j, j] = v @ basis[:, j]
-        for _ in range(2):  # so that the basis stays orthogonal to rounding
+        for _ in range(2):  # twice keeps the basis orthogonal to rounding
             v -= basis[:, : j + 1] @ (basis[:, : j + 1].T @ v)
         length = float(np.linalg.norm(v))
         if j + 1 == n:
             break
-        if length < 1e-10:  # as many nodes as there are lines
+        if length < 1e-10:  # there are no more nodes than lines
             basis, matrix = basis[:, : j + 1], matrix[: j + 1, : j + 1]
             break
         matrix[j, j + 1] = matrix[j + 1, j] = length
@@ -109,13 +109,13 @@ def _lanczos(x: Vector, mass: Vector, n: int) -> tuple[Vector, Vector, Vector]:
 
 
 def _sharp_lines(spectrum: Spectrum) -> Lines | None:
-    """The shape of a spectrum of lines without width; None of others."""
+    """Return the shape of a spectrum of sharp lines, None for other spectra."""
     shape = spectrum.shape
     return shape if isinstance(shape, Lines) and shape.is_sharp else None
 
 
-def _places(spectra: Sequence[Spectrum], knots: Sequence[float]) -> tuple[Vector, Vector]:
-    """Frequencies in Hz of a quadrature of smooth densities, and its weights."""
+def _frequencies(spectra: Sequence[Spectrum], knots: Sequence[float]) -> tuple[Vector, Vector]:
+    """Return frequencies in Hz of a quadrature of smooth densities, and its weights."""
     edges = np.concatenate([_edges(spectrum) for spectrum in spectra])
     inner = C / np.asarray(knots, np.float64)
     inner = inner[(inner > edges.min()) & (inner < edges.max())]
@@ -126,7 +126,7 @@ def _places(spectra: Sequence[Spectrum], knots: Sequence[float]) -> tuple[Vector
 
 
 def _edges(spectrum: Spectrum) -> Vector:
-    """Frequencies between which a density is smooth."""
+    """Return frequencies between which a density is smooth."""
     shape = spectrum.shape
     if isinstance(shape, Table):
         return C / np.array(shape.wavelengths)
@@ -137,5 +137,5 @@ def _edges(spectrum: Spectrum) -> Vector:
         np.linspace(centre - REACH * width, centre + REACH * width, PIECES + 1)
         for centre, width in zip(shape.centres, shape.widths, strict=True)
     ]
-    found = np.concatenate(ends)
-    return np.asarray(found[found > 0])
+    frequencies = np.concatenate(ends)
+    return np.asarray(frequencies[frequencies > 0])

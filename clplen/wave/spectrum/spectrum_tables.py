@@ -1,4 +1,4 @@
-"""Spectra by name, from a file, and the checks of their numbers."""
+"""Named spectra, spectra from files, and checks of their numbers."""
 
 from __future__ import annotations
 
@@ -15,8 +15,8 @@ from clplen.units import metres
 
 SHORTEST, LONGEST = 1e-10, 1e-3  # metres
 UNITS = {"m": 1.0, "um": 1e6, "nm": 1e9}  # in a metre
-# Where the wavelengths of a file without a unit are taken for one: 100 nm to 20 um; in nm only up
-# to 2600 nm, since more may be angstrom, or wavenumbers in /cm.
+# Ranges of wavelengths that imply a unit, 100 nm to 20 um; in nm only up to 2600, since larger
+# numbers may be angstrom or wavenumbers in /cm.
 GUESSES = {"m": (1e-7, 2e-5), "um": (0.1, 20.0), "nm": (100.0, 2600.0)}
 BINARY = re.compile(r"[\x00-\x08\x0e-\x1f]")
 NUMBER = re.compile(r"[-+.\d]")
@@ -47,19 +47,19 @@ Vector = np.ndarray[Any, np.dtype[np.float64]]
 
 
 def white_led() -> tuple[Vector, Vector]:
-    """Wavelengths in metres and density of a white LED; see `Spectrum.white_led`."""
+    """Return wavelengths in metres and density of a white LED; see `Spectrum.white_led`."""
     nm = np.arange(380.0, 781.0, 5.0)
     parts = [h * np.exp(-4 * np.log(2) * ((nm - p) / w) ** 2) for p, w, h in WHITE_LED]
     return nm * 1e-9, np.sum(parts, axis=0)
 
 
 def daylight() -> tuple[Vector, Vector]:
-    """Wavelengths in metres and relative power of CIE standard illuminant D65."""
+    """Return wavelengths in metres and relative power of CIE standard illuminant D65."""
     return np.arange(300, 831, 10, dtype=np.float64) * 1e-9, np.array(D65, np.float64)
 
 
 def check_wavelength(value: object) -> float:
-    """Refuse what is no wavelength of light in metres."""
+    """Return a wavelength of light in metres, or raise a ValueError."""
     fault = _no_wavelength(value)
     if fault:
         raise ValueError(fault)
@@ -67,22 +67,22 @@ def check_wavelength(value: object) -> float:
 
 
 def check_width(width: object, wavelength: float, what: str) -> float:
-    """Refuse a width that is not positive, or comes within a factor of 2 of the wavelength."""
+    """Return a width below half the wavelength, or raise a ValueError."""
     if not (is_finite(width) and 0 < width < wavelength / 2):  # type: ignore[operator]
         raise ValueError(
-            f"{what} is positive and below half the wavelength, in metres, that is below "
-            f"{metres(wavelength / 2, 4)} here, not {width!r}{_meant(width)}"
+            f"{what} must be positive and below half the wavelength, {metres(wavelength / 2, 4)}, "
+            f"got {width!r} m{_hint(width)}"
         )
     return float(width)  # type: ignore[arg-type]
 
 
 def check_table(wavelengths: Any, values: Any) -> tuple[Vector, Vector]:
-    """A density over rising wavelengths, without the dark points at its ends."""
+    """Return a density over rising wavelengths, without the dark points at its ends."""
     lam, density = (np.array(real_array(a, "A spectrum", float)) for a in (wavelengths, values))
     if lam.ndim != 1 or lam.shape != density.shape:
         raise ValueError(
-            "A spectrum has one value for each wavelength, two rows of the same length, not "
-            f"shapes {lam.shape} and {density.shape}."
+            "wavelengths and values must be rows of equal length, got shapes "
+            f"{lam.shape} and {density.shape}."
         )
     fault = fault_of(lam, density)
     if fault:
@@ -94,76 +94,76 @@ def check_table(wavelengths: Any, values: Any) -> tuple[Vector, Vector]:
 
 
 def check_count(n: object) -> int:
-    """Refuse what is no number of samples."""
+    """Return a number of samples, or raise a ValueError."""
     if not is_integer(n) or n < 1:  # type: ignore[operator]
-        raise ValueError(f"A number of samples is a whole number, at least 1, not {n!r}.")
+        raise ValueError(f"n must be an integer of at least 1, got {n!r}.")
     return int(n)  # type: ignore[call-overload]
 
 
 def check_path(path: object) -> float:
-    """Refuse what is no path difference."""
+    """Return a path difference, or raise a ValueError."""
     if not is_finite(path) or path < 0:  # type: ignore[operator]
-        raise ValueError(f"A path difference is a length in metres, at least 0, not {path!r}.")
+        raise ValueError(f"path must be at least 0, in metres, got {path!r}.")
     return float(path)  # type: ignore[arg-type]
 
 
 def check_powers(wavelengths: Any, powers: Any) -> tuple[list[float], list[float]]:
-    """Wavelengths and powers, sum 1, of the lines that have any."""
+    """Return wavelengths and powers, of sum 1, of the lines with power."""
     lam, power = (np.array(real_array(a, "A spectrum", float)) for a in (wavelengths, powers))
     if lam.ndim != 1 or lam.shape != power.shape or not lam.size:
         raise ValueError(
-            "Lines have one power each, two rows of the same length, not shapes "
+            "wavelengths and powers must be rows of equal length, got shapes "
             f"{lam.shape} and {power.shape}."
         )
     for value in lam:
         check_wavelength(float(value))
     if not (np.isfinite(power).all() and (power >= 0).all() and power.any()):
         raise ValueError(
-            f"The powers of lines are finite, none negative and not all 0: {power.tolist()}."
+            f"powers must be finite, not negative and not all 0, got {power.tolist()}."
         )
     lit = power > 0
     return lam[lit].tolist(), (power[lit] / power.sum()).tolist()
 
 
 def fault_of(wavelengths: Vector, values: Vector) -> tuple[int | None, str] | None:
-    """What is wrong with a table: its point (None: the whole of it) and a sentence."""
+    """Return the fault of a table, its point (None: all points) and a message, or None."""
     for i, (lam, value) in enumerate(zip(wavelengths.tolist(), values.tolist(), strict=True)):
         fault = _no_wavelength(lam)
         if fault:
             return i, fault
         if not fits_float64(value) or value < 0:
-            why = "is no number" if not fits_float64(value) else "is negative"
-            return i, f"the value {value:g} {why}: a density is at least 0, set noise below 0 to 0."
+            why = "is not a number" if not fits_float64(value) else "is negative"
+            return i, f"the value {value:g} {why}; set negative noise to 0."
         if i and lam <= wavelengths[i - 1]:
             before = metres(float(wavelengths[i - 1]))
-            return i, f"{metres(lam)} comes after {before}: wavelengths rise, sort them."
+            return i, f"wavelengths must rise, got {metres(lam)} after {before}; sort them."
     if len(values) < 2:
-        return None, f"A tabulated spectrum has at least two points, not {len(values)}."
+        return None, f"A tabulated spectrum must have at least two points, got {len(values)}."
     if not values.any():
         return None, "A spectrum is empty: every value is 0."
     return None
 
 
 def _no_wavelength(value: object) -> str:
-    """A sentence, where something is no wavelength of light in metres."""
+    """Return a message unless a value is a wavelength of light in metres."""
     if not is_finite(value):
-        return f"A wavelength is a finite number of metres, not {value!r}."
+        return f"A wavelength must be a finite number of metres, got {value!r}."
     if SHORTEST <= value <= LONGEST:  # type: ignore[operator]
         return ""
-    return f"{value:g} m is no wavelength of light: wavelengths are in metres{_meant(value)}"
+    return f"{value:g} m is not a wavelength of light: wavelengths are in metres{_hint(value)}"
 
 
-def _meant(value: object) -> str:
-    """What a number of nanometres or micrometres was meant to be."""
+def _hint(value: object) -> str:
+    """Return the end of a message, with a guess for numbers in nanometres or micrometres."""
     if not is_finite(value) or not LONGEST < value < 1e5:  # type: ignore[operator]
         return "."
     return f", did you mean {value:g}e-{9 if value >= 10 else 6}?"  # type: ignore[operator]
 
 
 def read_table(path: str | os.PathLike[str], unit: str | None) -> tuple[Vector, Vector]:
-    """Wavelengths in metres and density from a file; see `Spectrum.read`."""
+    """Return wavelengths in metres and density from a file; see `Spectrum.read`."""
     if unit is not None and unit not in UNITS:
-        raise ValueError(f"The unit of the wavelengths is 'm', 'um', 'nm' or None, not {unit!r}.")
+        raise ValueError(f"unit must be 'm', 'um', 'nm' or None, got {unit!r}.")
     path = Path(path)
     lines, rows = _rows(path, _text(path))
     table = np.array(rows, dtype=float).reshape(-1, 2)
@@ -184,26 +184,26 @@ def _text(path: Path) -> str:
     except UnicodeDecodeError:
         text = path.read_bytes().decode("latin-1")
     if BINARY.search(text):
-        raise FormatError(f"{path} is no text file: a spectrum is two columns of numbers.")
+        raise FormatError(f"{path} is not a text file; provide two columns of numbers.")
     return text
 
 
 def _rows(path: Path, text: str) -> tuple[list[int], list[list[float]]]:
-    """The lines that hold numbers, counted from 1, and their numbers."""
+    """Return the numbers of the lines with numbers, from 1, and their values."""
     lines: list[int] = []
     rows: list[list[float]] = []
     for i, line in enumerate(text.splitlines(), 1):
-        words = line.split("#")[0].replace(",", " ").split()
-        if not words or (not rows and not NUMBER.match(words[0])):
+        cells = line.split("#")[0].replace(",", " ").split()
+        if not cells or (not rows and not NUMBER.match(cells[0])):
             continue
         try:
-            row = [float(word) for word in words]
+            row = [float(cell) for cell in cells]
         except ValueError:
             row = []
         if len(row) != 2 or not np.isfinite(row).all():
             raise FormatError(
-                f"{path}, line {i}: {line.strip()[:40]!r} is not a wavelength and a value: a "
-                "spectrum has two columns, with a decimal point."
+                f"{path}, line {i}: {line.strip()[:40]!r} is not a wavelength and a value; provide "
+                "two columns with decimal points."
             )
         lines.append(i)
         rows.append(row)
@@ -211,14 +211,14 @@ def _rows(path: Path, text: str) -> tuple[list[int], list[list[float]]]:
 
 
 def _guess(path: Path, wavelengths: Vector) -> str:
-    """The unit in which all wavelengths of a file are those of visible or nearby light."""
+    """Return the unit in which all wavelengths of a file are visible or nearby light."""
     if not wavelengths.size:
-        raise FormatError(f"{path} holds no numbers: a spectrum is two columns of numbers.")
+        raise FormatError(f"{path} contains no numbers; provide two columns of numbers.")
     low, high = wavelengths.min(), wavelengths.max()
     for unit, (shortest, longest) in GUESSES.items():
         if shortest <= low and high <= longest:
             return unit
     raise FormatError(
-        f"{path}: wavelengths from {low:g} to {high:g} leave their unit open: give unit='m', 'um' "
-        "or 'nm'."
+        f"{path}: the unit of wavelengths from {low:g} to {high:g} is ambiguous; set unit='m', "
+        "'um' or 'nm'."
     )

@@ -1,1 +1,1 @@
-"""Elements and distances along an axis: a field comes in, the field behind them goes out."""
+"""Optical systems: elements and distances along an axis."""

@@ -1,4 +1,4 @@
-"""Parts of an optical system: frozen data that act on a field."""
+"""Parts of an optical system: immutable objects that act on a field."""
 
 from __future__ import annotations
 
@@ -31,15 +31,15 @@ Shape = Literal["circular", "square"]
 
 @runtime_checkable
 class Part(Protocol):
-    """Anything with ``apply``; ``label``, ``describe()`` and ``length`` are used where it has them.
+    """Part of an optical system: an object with a method ``apply``.
 
-    ``label`` is a word for figures and tables, ``describe()`` the words beside it, ``length`` what
-    the part takes of the axis in metres.
+    The attribute ``label`` (a word for figures and tables), the method ``describe()`` (its details)
+    and the attribute ``length`` (length along the axis in metres) are optional.
 
     Parameters
     ----------
     *args, **kwargs : object
-        Of the class that fulfils the protocol; the protocol itself is not made.
+        Arguments of the class that implements the protocol, which itself cannot be instantiated.
 
     Examples
     --------
@@ -52,29 +52,29 @@ class Part(Protocol):
     """
 
     def apply(self, field: Field) -> Field:
-        """The field behind the part."""
+        """Return the field behind the part."""
 
 
 @alias_argument(f="focal_length")
 @dataclass(frozen=True)
 class Lens:
-    """A thin lens, by `thin_lens`.
+    """Thin lens, by `thin_lens`.
 
     Parameters
     ----------
     focal_length : float
-        In metres, not 0; negative diverges.
+        Focal length in metres, not 0; negative diverges.
     diameter : float, optional
-        Of its circular aperture in metres; None: unbounded.
+        Diameter of the circular aperture in metres; None: unbounded.
     form : {"paraxial", "stigmatic"}
-        As in `thin_lens`.
+        Form of the phase, as in `thin_lens`.
     aliasing : {"raise", "warn", "allow"}
-        What to do when its phase is sampled too coarsely, as in `thin_lens`.
+        Action if the phase is undersampled, as in `thin_lens`.
 
     Raises
     ------
     ValueError
-        For a focal length of 0 or NaN, a diameter that is not positive, or another form.
+        If the focal length is 0 or NaN, the diameter not positive, or the form unknown.
 
     Examples
     --------
@@ -101,21 +101,21 @@ class Lens:
             or self.focal_length != self.focal_length
             or self.focal_length == 0
         ):
-            raise ValueError(f"The focal length is not 0, in metres; got {self.focal_length!r}.")
+            raise ValueError(f"focal_length must not be 0 or NaN, got {self.focal_length!r}.")
         units.WEAK_LENS.check(self.focal_length, "The focal length")
         if self.diameter is not None:
             require_positive("The diameter of a lens", self.diameter)
             units.DIAMETER.check(self.diameter, "The diameter of a lens")
         if self.form not in ("paraxial", "stigmatic"):
-            raise ValueError(f"A lens is 'paraxial' or 'stigmatic', not {self.form!r}.")
+            raise ValueError(f"form must be 'paraxial' or 'stigmatic', got {self.form!r}.")
 
     def apply(self, field: Field) -> Field:
-        """The field behind the lens.
+        """Return the field behind the lens.
 
         Warns
         -----
         SamplingWarning
-            If the window of the field cuts the aperture of the lens.
+            If the window of the field is smaller than the aperture of the lens.
         """
         if self.diameter is not None:
             _warn_if_cut(field.grid, self.diameter, (0.0, 0.0), "lens")
@@ -124,49 +124,48 @@ class Lens:
         )
 
     def adjoint(self, field: Field) -> Field:
-        """The adjoint of `apply`: the lens of the negative focal length."""
+        """Return the adjoint of `apply`: the field behind a lens of the negative focal length."""
         return thin_lens(
             field, -self.focal_length, diameter=self.diameter, form=self.form, aliasing="allow"
         )
 
     def gradient(self, field: Field, cotangent: Field) -> dict[str, float]:
-        """The gradient of a loss by "focal_length", per metre: see `thin_lens_gradient`."""
+        """Return the gradient of a loss by "focal_length", per metre; see `thin_lens_gradient`."""
         return thin_lens_gradient(
             field, cotangent, self.focal_length, diameter=self.diameter, form=self.form
         )
 
     def pullback(self, field: Field, cotangent: Field) -> tuple[Field, dict[str, float]]:
-        """`adjoint` of the gradient behind the lens and `gradient`, which is made of it."""
+        """Return `adjoint` of the gradient behind the lens, and `gradient`, computed from it."""
         before = self.adjoint(cotangent)
         slope = focal_length_slope(field, before, self.focal_length, self.form)
         return before, {"focal_length": slope}
 
     def describe(self) -> str:
-        """Focal length, diameter and form."""
+        """Return focal length, diameter and form."""
         bound = "unbounded" if self.diameter is None else f"D = {metres(self.diameter)}"
         return f"f = {metres(self.focal_length)}, {bound}, {self.form}"
 
 
 @dataclass(frozen=True)
 class Stop:
-    """A hard aperture, by `aperture`.
+    """Hard aperture, by `aperture`.
 
     Parameters
     ----------
     diameter : float
-        Of the circle, or side of the square, in metres.
+        Diameter of the circle or side of the square in metres.
     shape : {"circular", "square"}
-        Of the opening.
+        Shape of the aperture.
     centre : tuple of float
-        (y, x) in metres.
+        Centre (y, x) in metres.
     edges : {"samples", "area", "pixels"}
-        As in `aperture`.
+        Transmission of samples on the rim, as in `aperture`.
 
     Raises
     ------
     ValueError
-        For a diameter that is not positive, another shape or other edges, or a centre that is not
-        finite.
+        If the diameter is not positive, the shape or edges unknown, or the centre not finite.
 
     Examples
     --------
@@ -189,19 +188,19 @@ class Stop:
         require_positive("The diameter of a stop", self.diameter)
         units.DIAMETER.check(self.diameter, "The diameter of a stop")
         if self.shape not in ("circular", "square"):
-            raise ValueError(f"A stop is 'circular' or 'square', not {self.shape!r}.")
+            raise ValueError(f"shape must be 'circular' or 'square', got {self.shape!r}.")
         if np.shape(self.centre) != (2,) or not np.isfinite(self.centre).all():
-            raise ValueError(f"The centre of a stop is (y, x) in metres, not {self.centre!r}.")
+            raise ValueError(f"The centre of a stop must be (y, x) in metres, got {self.centre!r}.")
         check_edges(self.edges)
         object.__setattr__(self, "centre", (float(self.centre[0]), float(self.centre[1])))
 
     def apply(self, field: Field) -> Field:
-        """The field behind the stop.
+        """Return the field behind the stop.
 
         Warns
         -----
         SamplingWarning
-            If the window of the field cuts the opening.
+            If the window of the field is smaller than the aperture.
         """
         _warn_if_cut(field.grid, self.diameter, self.centre, "stop")
         return aperture(
@@ -209,11 +208,11 @@ class Stop:
         )
 
     def adjoint(self, field: Field) -> Field:
-        """The adjoint of `apply`: the field times the conjugate transmission."""
+        """Return the adjoint of `apply`: the field times the conjugate transmission."""
         return pointwise_adjoint(self.apply, field)
 
     def describe(self) -> str:
-        """Shape, diameter, edges unless by area and, off the axis, the centre."""
+        """Return shape, diameter, edges other than "area", and a centre off the axis."""
         text = f"{self.shape}, D = {metres(self.diameter)}"
         if self.edges != "area":
             text += f", edges by {self.edges}"
@@ -224,22 +223,22 @@ class Stop:
 
 @dataclass(frozen=True)
 class ConvergingLight:
-    """Lights a transparent object by a converging wave: u exp(-i pi r^2/(lam z)).
+    """Illumination of a transparent object by a converging wave: u exp(-i pi r^2/(lam z)).
 
-    The zero order of every object point then goes through the axis at z (Goodman 2005, section
-    5.3.2): with the lens of an imaging system there, the lens does not vignette the object.
+    The zero order of every object point passes through the axis at z (Goodman 2005, section 5.3.2).
+    An imaging lens at this distance does not vignette the object.
 
     Parameters
     ----------
     z : float
         Distance of the focus in metres, positive.
     aliasing : {"raise", "warn", "allow"}
-        As in `thin_lens`.
+        Action if the phase is undersampled, as in `thin_lens`.
 
     Raises
     ------
     ValueError
-        For a distance that is not positive.
+        If the distance is not positive.
 
     Examples
     --------
@@ -261,37 +260,37 @@ class ConvergingLight:
         require_positive("The distance of the focus", self.z)
 
     def apply(self, field: Field) -> Field:
-        """The lit object."""
+        """Return the illuminated object."""
         return thin_lens(field, self.z, aliasing=self.aliasing)
 
     def adjoint(self, field: Field) -> Field:
-        """The adjoint of `apply`: light that diverges as it converged."""
+        """Return the adjoint of `apply`: the field in diverging light."""
         return thin_lens(field, -self.z, aliasing="allow")
 
     def gradient(self, field: Field, cotangent: Field) -> dict[str, float]:
-        """The gradient of a loss by the distance of the focus, "z", per metre."""
+        """Return the gradient of a loss by the distance of the focus, "z", per metre."""
         return {"z": thin_lens_gradient(field, cotangent, self.z)["focal_length"]}
 
     def describe(self) -> str:
-        """Where the light converges."""
+        """Return the distance of the focus."""
         return f"focus {metres(self.z)} on"
 
 
 @dataclass(frozen=True)
 class Element:
-    """Any function of a field as a part.
+    """Function of a field as a part of a system.
 
     Parameters
     ----------
     function : callable
-        Takes a `Field` and returns one.
+        Map from a `Field` to a `Field`.
     name : str
-        A word for figures and tables.
+        Label for figures and tables.
     length : float
-        What it takes of the axis in metres.
+        Length along the axis in metres.
     adjoint_function : callable, optional
-        The adjoint of a linear ``function`` that keeps the grid, for gradients; takes a `Field` and
-        returns one.
+        Adjoint of a linear ``function`` that does not change the grid, for gradients; a map from a
+        `Field` to a `Field`.
 
     Examples
     --------
@@ -309,44 +308,45 @@ class Element:
 
     @property
     def label(self) -> str:
-        """The name."""
+        """Name of the element."""
         return self.name
 
     def apply(self, field: Field) -> Field:
-        """What the function returns.
+        """Return the result of the function.
 
         Raises
         ------
         TypeError
-            If that is no `Field`.
+            If the result is not a `Field`.
         """
         out = self.function(field)
         if not isinstance(out, Field):
-            raise TypeError(f"The element {self.name!r} returns a Field, not {type(out).__name__}.")
+            raise TypeError(
+                f"The element {self.name!r} must return a Field, got {type(out).__name__}."
+            )
         return out
 
     def adjoint(self, field: Field) -> Field:
-        """What the adjoint function returns.
+        """Return the result of the adjoint function.
 
         Raises
         ------
         TypeError
-            If there is none.
+            If the element has no adjoint function.
         """
         if self.adjoint_function is None:
             raise TypeError(
-                f"The element {self.name!r} is a function without an adjoint: give "
-                "Element(adjoint_function=), too."
+                f"The element {self.name!r} has no adjoint; set Element(adjoint_function=)."
             )
         return self.adjoint_function(field)
 
     def describe(self) -> str:
-        """Its length, if any."""
+        """Return the length, or an empty string without a length."""
         return metres(self.length) if self.length else ""
 
 
 def length_of(part: Part) -> float:
-    """What a part takes of the axis in metres, 0 for what lies in one plane."""
+    """Return the length of a part along the axis in metres, 0 for a thin part."""
     return float(getattr(part, "length", 0.0))
 
 
@@ -356,19 +356,19 @@ def label_of(part: Part) -> str:
 
 
 def text_of(part: Part) -> str:
-    """Return what a part's ``describe()`` says, else its repr."""
+    """Return the text of a part's ``describe()``, else its repr."""
     describe = getattr(part, "describe", None)
     return repr(part) if describe is None else str(describe())
 
 
 def require_positive(what: str, value: float) -> None:
-    """Refuse a length that is not positive and finite."""
+    """Raise unless a length is positive and finite."""
     if not (is_finite(value) and value > 0):
-        raise ValueError(f"{what} is positive, in metres, not {value!r}.")
+        raise ValueError(f"{what} must be positive, in metres, got {value!r}.")
 
 
 def _warn_if_cut(grid: Grid, diameter: float, centre: tuple[float, float], what: str) -> None:
-    """Warn where the window is smaller than an opening by more than half a sample."""
+    """Warn if the window is smaller than an opening by more than half a sample."""
     for axis, name in enumerate("yx"):
         n, pitch, origin = grid.shape[axis], grid.pitch[axis], grid.origin[axis]
         low, high = centre[axis] - diameter / 2 - origin, centre[axis] + diameter / 2 - origin
@@ -378,9 +378,9 @@ def _warn_if_cut(grid: Grid, diameter: float, centre: tuple[float, float], what:
             continue
         needed = math.ceil(2 * max(-low, high) / pitch - 1e-6)
         warn_caller(
-            f"The window of {metres(n * pitch)} along {name} cuts the {what} of "
-            f"D = {metres(diameter)}, so that the window decides which light passes: take at least "
-            f"{needed} samples of {metres(pitch)} for {n}.",
+            f"The window of {metres(n * pitch)} along {name} is smaller than the {what} of "
+            f"D = {metres(diameter)} and blocks its light; use at least {needed} samples of "
+            f"{metres(pitch)} instead of {n}.",
             SamplingWarning,
         )
         return

@@ -1,4 +1,4 @@
-"""Optical systems: any sequence of parts and distances along one axis as one object."""
+"""Optical systems: a sequence of parts and distances along an axis."""
 
 from __future__ import annotations
 
@@ -39,26 +39,26 @@ from clplen.wave.systems.system_operator import SystemOperator, SystemPullback
 
 @dataclass(frozen=True, init=False, repr=False)
 class OpticalSystem(OneLine, Plottable):
-    """Parts along one axis, in the order in which a field meets them.
+    """Parts along an axis, in the order in which light passes them.
 
     Parameters
     ----------
     parts : iterable
-        Of `Space`, `Lens`, `Stop`, `MicrolensArray`, `Element` or anything else with
-        ``apply(field)``; a number is a distance in metres, a function Field -> Field an element, a
-        system its parts.
+        Parts: `Space`, `Lens`, `Stop`, `MicrolensArray`, `Element` or other objects with
+        ``apply(field)``. A number is a distance in metres, a function Field -> Field an element; a
+        system is replaced by its parts.
 
     Attributes
     ----------
     parts : tuple of Part
-        In order, those of systems among them one by one.
+        Parts in order, including those of nested systems.
 
     Raises
     ------
     ValueError
         If there are no parts, or a distance is not finite.
     TypeError
-        If something is no part.
+        If an item is not a part.
 
     Examples
     --------
@@ -78,12 +78,12 @@ class OpticalSystem(OneLine, Plottable):
 
     def __init__(self, parts: Iterable[Any]) -> None:
         if not isinstance(parts, Iterable):
-            raise TypeError(f"An optical system is a sequence of parts, not {parts!r}.")
+            raise TypeError(f"An optical system must be a sequence of parts, got {parts!r}.")
         members: list[Part] = []
         for number, part in enumerate(parts, 1):
             members.extend(part.parts if isinstance(part, OpticalSystem) else [_part(part, number)])
         if not members:
-            raise ValueError("An optical system has at least one part; none was given.")
+            raise ValueError("An optical system requires at least one part.")
         object.__setattr__(self, "parts", tuple(members))
 
     @overload
@@ -95,28 +95,28 @@ class OpticalSystem(OneLine, Plottable):
     def __call__(
         self, field: Any, *, coherence: PartialCoherence | None = None, **averaging: Any
     ) -> Field | MeanIntensity:
-        """The field (or each of a batch) behind the last part, or the mean intensity there.
+        """Return the field (or each of a batch) behind the last part, or the mean intensity.
 
         Parameters
         ----------
         field : Field
-            Shape (..., ny, nx), in front of the first part; with ``coherence`` the transmission of
-            an object of shape (ny, nx).
+            Field in front of the first part, shape (..., ny, nx); with ``coherence`` the
+            transmission of an object, shape (ny, nx).
         coherence : Coherence, optional
-            The light that illuminates the object.
+            Light that illuminates the object.
         **averaging
-            With ``coherence``: snapshots, rtol, region, checkpoint, progress and method as in
-            `Coherence.average`.
+            Arguments of `Coherence.average`, with ``coherence``: snapshots, rtol, region,
+            checkpoint, progress and method.
 
         Returns
         -------
         Field
-            Or, with ``coherence``, a `MeanIntensity`.
+            Field behind the system, or a `MeanIntensity` with ``coherence``.
 
         Raises
         ------
         TypeError
-            For options of an average without ``coherence``.
+            If options of an average are set without ``coherence``.
         """
         check_averaging(averaging, coherence, OpticalSystem.__call__, "OpticalSystem")
         if coherence is not None:
@@ -126,27 +126,29 @@ class OpticalSystem(OneLine, Plottable):
         return field
 
     def trace(self, field: Field) -> Iterator[tuple[float, Part, Field]]:
-        """The field behind each part in turn.
+        """Yield the field behind each part in turn.
 
         Parameters
         ----------
         field : Field
-            Shape (..., ny, nx), in front of the first part.
+            Field in front of the first part, shape (..., ny, nx).
 
         Yields
         ------
         z : float
-            Behind the part, in metres from the start.
+            Position behind the part, in metres from the start.
         part : Part
+            Part of the system.
         field : Field
+            Field behind the part.
 
         Raises
         ------
         TypeError
-            If ``field`` is no `Field`.
+            If ``field`` is not a `Field`.
         """
         if not isinstance(field, Field):
-            raise TypeError(f"An optical system takes a Field, not {type(field).__name__}.")
+            raise TypeError(f"field must be a Field, got {type(field).__name__}.")
         for part, z in zip(self.parts, self.positions, strict=True):
             field = part.apply(field)
             yield z + length_of(part), part, field
@@ -154,14 +156,14 @@ class OpticalSystem(OneLine, Plottable):
     def operator(
         self, grid: Grid, *, wavelength: float, device: DeviceLike | None = None
     ) -> SystemOperator:
-        """The system as a linear map of fields on a grid, with its adjoint.
+        """Return the system as a linear map of fields on a grid, with its adjoint.
 
         Parameters
         ----------
         grid : Grid
-            In front of the first part.
+            Grid in front of the first part.
         wavelength : float
-            In metres.
+            Wavelength in metres.
         device : Device or str, optional
             Default ``Device.open()``.
         """
@@ -169,42 +171,42 @@ class OpticalSystem(OneLine, Plottable):
         return SystemOperator(self.parts, grid, float(float64_array(wavelength)), as_device(device))
 
     def adjoint(self, field: Field, *, grid: Grid | None = None) -> Field:
-        """The adjoint, <S u, v> = <u, S' v>, from behind the last part to before the first.
+        """Apply the adjoint, <S u, v> = <u, S' v>, from the last part to the first.
 
         Parameters
         ----------
         field : Field
-            Behind the last part, shape (..., my, mx).
+            Field behind the last part, shape (..., my, mx).
         grid : Grid, optional
-            In front of the first part; by default that of the field.
+            Grid in front of the first part; by default that of the field.
 
         Raises
         ------
         ShapeError
-            If the system maps that grid to another one than the field's.
+            If the system does not map that grid to the field's.
         TypeError
             If a part has no adjoint.
         """
         require_field(field)
         start = field.grid if grid is None else grid
-        own = self.operator(start, wavelength=field.wavelength, device=field.device)
-        return own.adjoint(field)
+        operator = self.operator(start, wavelength=field.wavelength, device=field.device)
+        return operator.adjoint(field)
 
     def vjp(self, field: Field, *, parameters: Iterable[int] = ()) -> tuple[Field, SystemPullback]:
-        """The field behind the system, and what takes gradients back: see `SystemOperator.vjp`."""
+        """Return the field behind the system and its pullback; see `SystemOperator.vjp`."""
         require_field(field)
-        own = self.operator(field.grid, wavelength=field.wavelength, device=field.device)
-        return own.vjp(field, parameters=parameters)
+        operator = self.operator(field.grid, wavelength=field.wavelength, device=field.device)
+        return operator.vjp(field, parameters=parameters)
 
     @property
     def positions(self) -> tuple[float, ...]:
-        """Where each part begins, in metres from the start."""
+        """Positions at which the parts begin, in metres from the start."""
         lengths = [length_of(part) for part in self.parts]
         return tuple(math.fsum(lengths[:index]) for index in range(len(lengths)))
 
     @property
     def length(self) -> float:
-        """From the start to the end in metres."""
+        """Length of the system in metres."""
         return math.fsum(length_of(part) for part in self.parts)
 
     def __len__(self) -> int:
@@ -245,38 +247,38 @@ def imaging_system(
     koehler: bool = False,
     aliasing: Aliasing = "raise",
 ) -> OpticalSystem:
-    """Return one lens that images a plane: distance z1, lens, distance z2.
+    """Return a lens that images a plane: distance z1, lens, distance z2.
 
-    With 1/f = 1/z1 + 1/z2 and M = z2/z1: z1 = f (1 + 1/M), z2 = f (1 + M); 2f and 2f unless told.
+    With 1/f = 1/z1 + 1/z2 and M = z2/z1: z1 = f (1 + 1/M), z2 = f (1 + M); 2f and 2f by default.
     The point x of the object is imaged at -M x (Goodman 2005, section 5.3).
 
     Parameters
     ----------
     focal_length : float
-        In metres, positive.
+        Focal length in metres, positive.
     diameter : float
-        Of the lens in metres. The window of the field must contain it.
+        Diameter of the lens in metres; the window of the field must contain it.
     magnification : float
         Ratio M, positive: image height over object height; the image is upside down.
     method : str
-        As in `propagate`, of both distances.
+        Method of both distances, as in `propagate`.
     pad : float
-        As in `propagate`, of both distances.
+        Padding of both distances, as in `propagate`.
     koehler : bool
-        Whether the object is lit by light that converges on the lens (`ConvergingLight`) in place
-        of a plane wave, whose shadow of the object would have to fit through the lens.
+        True to illuminate the object by light that converges on the lens (`ConvergingLight`)
+        instead of a plane wave, whose shadow of the object would have to fit through the lens.
     aliasing : {"raise", "warn", "allow"}
-        As in `thin_lens`, of the lens and the light.
+        Action if the phase of the lens or the light is undersampled, as in `thin_lens`.
 
     Returns
     -------
     OpticalSystem
-        Of space, lens and space, with `ConvergingLight` before them if ``koehler``.
+        Space, lens and space, preceded by `ConvergingLight` if ``koehler``.
 
     Raises
     ------
     ValueError
-        For a focal length, diameter or magnification that is not positive.
+        If the focal length, diameter or magnification is not positive.
 
     Examples
     --------
@@ -292,7 +294,7 @@ def imaging_system(
     require_positive("The diameter of its lens", diameter)
     units.DIAMETER.check(diameter, "The diameter of its lens")
     if not (is_finite(magnification) and magnification > 0):
-        raise ValueError(f"The magnification is positive and finite, not {magnification!r}.")
+        raise ValueError(f"The magnification must be positive and finite, got {magnification!r}.")
     z1 = focal_length * (1 + 1 / magnification)
     z2 = focal_length * (1 + magnification)
     parts: list[Part] = [
@@ -304,12 +306,11 @@ def imaging_system(
 
 
 def _part(item: Any, number: int) -> Part:
-    """What was given for a part, as a part."""
+    """Convert an item of a system to a part."""
     if isinstance(item, Real) and not isinstance(item, bool):
         if not fits_float64(item):
             raise ValueError(
-                f"Part {number} of the system is a distance of {item!r}: a distance is one finite "
-                "number of metres."
+                f"Part {number} of the system must be a finite distance in metres, got {item!r}."
             )
         return Space(float(item))
     if isinstance(item, Propagator):
@@ -319,6 +320,6 @@ def _part(item: Any, number: int) -> Part:
     if callable(item) and not isinstance(item, type):
         return Element(item, getattr(item, "__name__", type(item).__name__))
     raise TypeError(
-        f"Part {number} of the system is {item!r}, which is neither a distance in metres, nor has "
-        "it apply(field), nor is it a function of a field."
+        f"Part {number} of the system must be a distance in metres, a function of a field, or an "
+        f"object with apply(field), got {item!r}."
     )

@@ -1,4 +1,4 @@
-"""Shift-invariant imaging: a pupil as a filter of spatial frequencies, and its closed forms."""
+"""Shift-invariant imaging: a pupil as a filter of spatial frequencies, and closed forms."""
 
 from __future__ import annotations
 
@@ -35,31 +35,32 @@ SHAPES = ("circular", "square", "slit")
 
 @dataclass(frozen=True, repr=False)
 class Pupil(OneLine):
-    """The ideal image of a shift-invariant system, upright and of unit magnification.
+    """Ideal image of a shift-invariant system, upright and of unit magnification.
 
     The spectrum of the field is multiplied by the coherent transfer function
-    H(fy, fx) = P(lam z2 fy, lam z2 fx), P the exit pupil (Goodman 2005, section 6.2.1). The window
-    is periodic: light that leaves it on one side comes in on the other.
+    H(fy, fx) = P(lam z2 fy, lam z2 fx) with the exit pupil P (Goodman 2005, section 6.2.1). The
+    window is periodic: light that leaves it on one side enters on the other.
 
     Parameters
     ----------
     diameter : float
-        Width D of the exit pupil in metres: of the circle, side of the square, width of the slit.
+        Width D of the exit pupil in metres: diameter of the circle, side of the square, or width of
+        the slit.
     distance : float
         Distance z2 from the exit pupil to the image in metres, positive.
     shape : {"circular", "square", "slit"}
-        Of the opening. A slit bounds the frequencies along x and lets pass all along y; along an
-        axis of length 1 no shape bounds anything, so that a circle on a grid of one row is a slit,
-        and a slit on a grid of one column bounds those along y.
+        Shape of the pupil. A slit limits the frequencies along x only. No shape limits an axis of
+        length 1: on a grid of one row a circle is a slit, and on a grid of one column a slit limits
+        y.
     path : callable, optional
-        Aberration: the additional path length W(v, u) in metres at pupil coordinates v = fy/fc and
-        u = fx/fc, arrays of shape (n,), 1 at the rim (up to a sample beyond it); the pupil is
-        multiplied by exp(2 pi i W/lam).
+        Aberration: a function W(v, u) that returns the additional path length in metres at pupil
+        coordinates v = fy/fc and u = fx/fc, arrays of shape (n,), 1 at the rim (up to a sample
+        beyond). The pupil is multiplied by exp(2 pi i W/lam).
 
     Raises
     ------
     ValueError
-        For a diameter or distance that is not positive, or another shape.
+        If the diameter or distance is not positive, or the shape unknown.
 
     Examples
     --------
@@ -91,46 +92,47 @@ class Pupil(OneLine):
     def of_cutoff(
         cls, fc: float, wavelength: float, *, shape: Rim = "circular", path: Path | None = None
     ) -> Pupil:
-        """The pupil of a coherent cut-off frequency at one wavelength, 1 m from the image.
+        """Return the pupil, 1 m from the image, with a coherent cut-off frequency at a wavelength.
 
         Parameters
         ----------
         fc : float
-            In cycles a metre, positive.
+            Cut-off frequency in cycles per metre, positive.
         wavelength : float
-            In metres.
+            Wavelength in metres.
         shape, path
-            As of `Pupil`.
+            Arguments of `Pupil`.
         """
         if not (fits_float64(fc) and fc > 0):
-            raise ValueError(f"A cut-off frequency is positive, in cycles a metre, not {fc!r}.")
+            raise ValueError(f"fc must be positive, in cycles per metre, got {fc!r}.")
         require_positive("The wavelength", wavelength)
         units.WAVELENGTH.check(wavelength, "The wavelength")
         return cls(2 * wavelength * fc, 1.0, shape=shape, path=path)
 
     def cutoff(self, wavelength: float) -> float:
-        """fc = D/(2 lam z2) in cycles a metre (Goodman 2005, section 6.2.2)."""
+        """Return fc = D/(2 lam z2) in cycles per metre (Goodman 2005, section 6.2.2)."""
         require_positive("The wavelength", wavelength)
         return self.diameter / (2 * wavelength * self.distance)
 
     def transfer(self, grid: Grid, wavelength: float) -> Values:
-        """H on the frequencies of a grid: on the rim the part of a frequency's cell that is inside.
+        """Return H on the frequencies of a grid; on the rim, the covered fraction of each cell.
 
         Parameters
         ----------
         grid : Grid
+            Grid of the field.
         wavelength : float
-            In metres.
+            Wavelength in metres.
 
         Returns
         -------
         numpy.ndarray
-            complex128, shape (ny, nx), FFT order.
+            Transfer function, complex128, shape (ny, nx), FFT order.
 
         Raises
         ------
         ValueError
-            For an aberration that is not finite in the pupil.
+            If the aberration is not finite in the pupil.
         """
         fc = self.cutoff(wavelength)
         (ny, nx), (dy, dx) = grid.shape, grid.pitch
@@ -141,33 +143,33 @@ class Pupil(OneLine):
             fy, fx = offsets(lattice)
             W = np.asarray(self.path(fy[row] / fc, fx[column] / fc), np.float64)
             if not np.isfinite(W).all():
-                raise ValueError("The path length of an aberration is finite all over the pupil.")
+                raise ValueError("path must return finite values everywhere in the pupil.")
             P[row, column] *= phasor(W / wavelength)
         return np.fft.ifftshift(P)
 
     def apply(self, field: Field) -> Field:
-        """The image of a field (or of each of a batch)."""
+        """Return the image of a field (or of each of a batch)."""
         return field.with_data(_filtered(field, self._spectrum(field), field.device))
 
     def adjoint(self, field: Field) -> Field:
-        """The adjoint of `apply`: the filter with the conjugate transfer function."""
+        """Return the adjoint of `apply`: the field filtered by the conjugate transfer function."""
         return field.with_data(_filtered(field, self._spectrum(field).conjugate(), field.device))
 
     def _spectrum(self, field: Field) -> Spectrum:
         device, key = field.device, ("pupil", self, field.grid, field.wavelength)
-        kept: Spectrum | None = device.plans.get(key)
-        if kept is not None:
-            return kept
+        cached: Spectrum | None = device.plans.get(key)
+        if cached is not None:
+            return cached
         spectrum = Spectrum.of(self.transfer(field.grid, field.wavelength), device)
         return device.plans.keep(key, spectrum, int(spectrum.values.nbytes))
 
     def describe(self) -> str:
-        """Shape, diameter and distance."""
+        """Return shape, diameter and distance."""
         text = f"{self.shape}, D = {metres(self.diameter)} at {metres(self.distance)}"
         return text if self.path is None else f"{text}, aberrated"
 
     def _covered(self, lattice: Grid, fc: float) -> Values:
-        """Fraction of every frequency's cell inside, zero frequency at sample N//2."""
+        """Return the covered fraction of each frequency's cell, zero frequency at sample N//2."""
         if self.shape == "circular" and 1 not in lattice.shape:
             return disc_coverage(lattice, fc, (0.0, 0.0))
         ny, nx = lattice.shape
@@ -180,9 +182,10 @@ class Pupil(OneLine):
 
 
 def transfer_of(system: Any, grid: Grid, wavelength: float) -> Values | None:
-    """The transfer function of a system all of whose parts are periodic filters of frequencies.
+    """Return the transfer function of a system of periodic filters, None for other systems.
 
-    Those are `Pupil` and `Space` with method "as" or "blas", pad 1 and no other output grid.
+    Periodic filters are `Pupil`, and `Space` with method "as" or "blas", pad 1 and an unchanged
+    grid.
     """
     H = np.ones(grid.shape, np.complex128)
     if isinstance(system, FreeSpace) and system.is_plain:
@@ -200,25 +203,25 @@ def transfer_of(system: Any, grid: Grid, wavelength: float) -> Values | None:
 def otf(s: Any, *, shape: Rim = "circular") -> Values:
     """Return the optical transfer function of an aberration-free pupil.
 
-    Goodman (2005), section 6.3.3: (2/pi) (acos s - s sqrt(1 - s^2)) for a circle, 1 - s for
-    a slit, or a square along one of its sides; 0 beyond s = 1.
+    It is (2/pi) (acos s - s sqrt(1 - s^2)) for a circle, 1 - s for a slit or along the side of a
+    square, and 0 beyond s = 1 (Goodman 2005, section 6.3.3).
 
     Parameters
     ----------
     s : array_like
         Frequency abs(f)/(2 fc) as a fraction of the incoherent cut-off.
     shape : {"circular", "square", "slit"}
-        Of the pupil, as of `Pupil`.
+        Shape of the pupil, as in `Pupil`.
 
     Returns
     -------
     numpy.ndarray
-        Contrast from 0 to 1, float64, of the shape of ``s``.
+        Contrast from 0 to 1, float64, with the shape of ``s``.
 
     Raises
     ------
     ValueError
-        For another shape.
+        If the shape is unknown.
 
     Examples
     --------
@@ -235,8 +238,8 @@ def otf(s: Any, *, shape: Rim = "circular") -> Values:
 def coherent_edge(x_fc: Any) -> Values:
     """Return the intensity of the image of a straight edge in coherent light.
 
-    (1/2 + Si(2 pi fc x)/pi)^2 (Goodman 2005, section 6.5.3): the step of amplitude through an ideal
-    low pass of fc; 1/4 at the edge. Only the pupil's width across the edge counts, not its shape.
+    It is (1/2 + Si(2 pi fc x)/pi)^2, the step of amplitude behind an ideal low pass of fc (Goodman
+    2005, section 6.5.3), with 1/4 at the edge. Only the width of the pupil across the edge matters.
 
     Parameters
     ----------
@@ -246,7 +249,7 @@ def coherent_edge(x_fc: Any) -> Values:
     Returns
     -------
     numpy.ndarray
-        Intensity, float64, of the shape of ``x_fc``, 1 far inside.
+        Intensity, float64, with the shape of ``x_fc``, 1 far inside.
 
     Examples
     --------
@@ -263,26 +266,26 @@ def coherent_edge(x_fc: Any) -> Values:
 def incoherent_edge(x_fc: Any, *, shape: Rim = "circular") -> Values:
     """Return the intensity of the image of a straight edge in incoherent light.
 
-    1/2 + (1/pi) int_0^1 OTF(s) sin(a s)/s ds, a = 4 pi fc x: the step of intensity through the OTF
-    (Goodman 2005, section 6.5.3). For a slit 1/2 + (Si(a) - (1 - cos a)/a)/pi; for a circle by
-    Gauss-Legendre quadrature in t, s = sin t, to 1e-12.
+    It is 1/2 + (1/pi) int_0^1 OTF(s) sin(a s)/s ds with a = 4 pi fc x, the step of intensity behind
+    the OTF (Goodman 2005, section 6.5.3). A slit has 1/2 + (Si(a) - (1 - cos a)/a)/pi; a circle is
+    integrated by Gauss-Legendre quadrature in t with s = sin t, to 1e-12.
 
     Parameters
     ----------
     x_fc : array_like
         Distance from the edge times fc, positive on the bright side.
     shape : {"circular", "square", "slit"}
-        Of the pupil, as of `Pupil`.
+        Shape of the pupil, as in `Pupil`.
 
     Returns
     -------
     numpy.ndarray
-        Intensity, float64, of the shape of ``x_fc``, 1 far inside.
+        Intensity, float64, with the shape of ``x_fc``, 1 far inside.
 
     Raises
     ------
     ValueError
-        For another shape.
+        If the shape is unknown.
 
     Examples
     --------
@@ -305,14 +308,14 @@ def incoherent_edge(x_fc: Any, *, shape: Rim = "circular") -> Values:
     return np.asarray(0.5 + np.sin(np.multiply.outer(a, s)) @ density / np.pi)
 
 
-def require_shape(shape: str, known: tuple[str, ...]) -> None:
-    """Refuse another shape of pupil."""
-    if shape not in known:
-        raise ValueError(f"The shape of a pupil is one of {', '.join(known)}, not {shape!r}.")
+def require_shape(shape: str, shapes: tuple[str, ...]) -> None:
+    """Raise unless a shape of a pupil is supported."""
+    if shape not in shapes:
+        raise ValueError(f"shape must be one of {', '.join(shapes)}, got {shape!r}.")
 
 
 def _filtered(field: Field, spectrum: Spectrum, device: Device) -> Any:
-    """The field's data through a periodic filter."""
+    """Return the field's data behind a periodic filter."""
     into, back = (
         Separable(*((line(n, n),) for n in field.grid.shape))
         for line in (padded_spectrum, cropped_inverse)
@@ -321,13 +324,13 @@ def _filtered(field: Field, spectrum: Spectrum, device: Device) -> Any:
 
 
 def _is_filter(space: Space, grid: Grid) -> bool:
-    """Whether free space acts on fields of a grid as a filter of their own frequencies."""
+    """Return True if free space acts on a grid as a filter of its frequencies."""
     periodic = space.method in ("as", "blas") and space.pad == 1
     return space.out_grid in (None, grid) and (periodic or space.z == 0)
 
 
 def _free_space(space: Space, grid: Grid, wavelength: float) -> Values:
-    """H of free space in float64: Goodman (2005), eq. 3-66, without the carrier exp(ikz)."""
+    """Return H of free space in float64 (Goodman 2005, eq. 3-66), without the carrier exp(ikz)."""
     factor = describe(request(grid, space.z, wavelength, space.method, space.pad)).factor
     if not isinstance(factor, Transfer):  # z = 0
         return np.ones(grid.shape, np.complex128)
@@ -341,6 +344,6 @@ def _free_space(space: Space, grid: Grid, wavelength: float) -> Values:
 
 
 def _mirrored(half: Values, n: int) -> Values:
-    """An even table of n frequencies from those up to the middle, FFT order."""
+    """Expand a table up to the middle to an even table of n frequencies, FFT order."""
     index = np.arange(n)
     return half[np.minimum(index, n - index)]

@@ -24,17 +24,17 @@ class Space(OneLine):
     z : float
         Distance in metres; negative propagates back.
     method : str
-        As in `propagate`.
+        Method of `propagate`.
     pad : float
-        As in `propagate`: the window over that of the field.
+        Padding of `propagate`: the window relative to that of the field.
     out_grid : Grid, optional
-        Of the field at the end, as in `propagate`; None: that of the field, of fresnel-1fft that of
-        its pitch.
+        Grid of the field at the end, as in `propagate`; None: the field's grid, or for fresnel-1fft
+        the grid of its pitch.
 
     Raises
     ------
     ValueError
-        For a distance that is not one finite number.
+        If the distance is not a finite number.
 
     Examples
     --------
@@ -56,57 +56,57 @@ class Space(OneLine):
 
     def __post_init__(self) -> None:
         if not (is_finite(self.z)):
-            raise ValueError(f"A distance is one finite number of metres, not {self.z!r}.")
+            raise ValueError(f"z must be a finite number of metres, got {self.z!r}.")
 
     @property
     def length(self) -> float:
-        """The distance in metres."""
+        """Distance in metres."""
         return float(self.z)
 
     def apply(self, field: Field) -> Field:
-        """The field at the end of the distance."""
+        """Return the field at the end of the distance."""
         return propagate(field, self.z, method=self.method, pad=self.pad, out_grid=self.out_grid)
 
     def plan(self, grid: Grid, wavelength: float, device: DeviceLike | None = None) -> Propagator:
-        """The plan for fields on a grid, which the device keeps."""
+        """Return the plan for fields on a grid, from the device's cache."""
         return plan(
             grid, self.z, wavelength=wavelength, method=self.method, pad=self.pad,
             device=device, out_grid=self.out_grid,
         )  # fmt: skip
 
     def adjoint(self, field: Field, grid: Grid | None = None) -> Field:
-        """The adjoint of `apply`: see `Propagator.adjoint`.
+        """Return the adjoint of `apply`; see `Propagator.adjoint`.
 
         Parameters
         ----------
         field : Field
-            On the grid at the end.
+            Field on the grid at the end.
         grid : Grid, optional
-            At the start; by default that of the field.
+            Grid at the start; by default that of the field.
         """
-        made = self.plan(field.grid if grid is None else grid, field.wavelength, field.device)
-        return made.adjoint(field)
+        propagator = self.plan(field.grid if grid is None else grid, field.wavelength, field.device)
+        return propagator.adjoint(field)
 
     def gradient(self, field: Field, cotangent: Field) -> dict[str, float]:
-        """The gradient of a loss by the distance, key "z", per metre.
+        """Return the gradient of a loss by the distance, key "z", per metre.
 
         Parameters
         ----------
         field : Field
-            At the start.
+            Field at the start.
         cotangent : Field
             Gradient of the loss by the field at the end.
 
         Raises
         ------
         SamplingError
-            For methods without `Propagator.distance_slope`.
+            If the method has no `Propagator.distance_slope`.
         """
         slope = self.plan(field.grid, field.wavelength, field.device).distance_slope(field)
         return {"z": inner_product(cotangent, slope).real}
 
     def describe(self) -> str:
-        """Distance, method and, where it counts, padding; the new grid, if any."""
+        """Return distance, method, padding where it applies, and the output grid if set."""
         text = f"{metres(self.z)}, method {self.method}"
         if self.method not in SELF_PADDED:
             text += f", pad {self.pad:g}"

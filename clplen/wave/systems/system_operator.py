@@ -1,4 +1,4 @@
-"""An optical system as a linear map of fields on one grid: adjoint, gradients through it."""
+"""An optical system as a linear map of fields on a grid, with its adjoint and gradients."""
 
 from __future__ import annotations
 
@@ -19,14 +19,14 @@ from clplen.wave.systems.space import Space
 
 @dataclass(frozen=True, eq=False, repr=False)
 class SystemGradient:
-    """The gradient of a loss by what a system is given and what it is made of.
+    """Gradients of a loss by the input of a system and by its parameters.
 
     Attributes
     ----------
     field : Field
-        By the field in front of the system: dL/dRe u + i dL/dIm u.
+        Gradient by the field in front of the system: dL/dRe u + i dL/dIm u.
     parameters : dict of int to dict
-        By the parameters of the parts that were asked for, by number and name.
+        Gradients by the requested parameters, by index of the part and name.
 
     Examples
     --------
@@ -47,23 +47,23 @@ class SystemGradient:
 
 
 class SystemOperator(Solvable):
-    """An optical system for fields on one grid and of one wavelength. Made by `OpticalSystem`.
+    """Optical system for fields on a grid at a wavelength, returned by `OpticalSystem`.
 
     Parameters
     ----------
     parts : tuple of Part
-        In the order in which a field meets them.
+        Parts in the order in which light passes them.
     grid : Grid
-        In front of the first part.
+        Grid in front of the first part.
     wavelength : float
-        In metres.
+        Wavelength in metres.
     device : Device or str
-        That holds the fields.
+        Device of the fields.
 
     Attributes
     ----------
     grids : tuple of Grid
-        In front of each part, and behind the last.
+        Grids in front of each part and behind the last.
 
     Examples
     --------
@@ -98,29 +98,29 @@ class SystemOperator(Solvable):
         )
 
     def __call__(self, field: Field) -> Field:
-        """The field behind the last part."""
+        """Return the field behind the last part."""
         self._check(field, self.grid, "in front of")
         for part in self.parts:
             field = part.apply(field)
         return field
 
     def adjoint(self, field: Field) -> Field:
-        """The adjoint, from behind the last part to in front of the first.
+        """Apply the adjoint, from behind the last part to in front of the first.
 
         Parameters
         ----------
         field : Field
-            On the last of ``grids``, shape (..., my, mx).
+            Field on the last of ``grids``, shape (..., my, mx).
 
         Returns
         -------
         Field
-            On the first, shape (..., ny, nx).
+            Field on the first grid, shape (..., ny, nx).
 
         Raises
         ------
         ShapeError
-            If the grid or the wavelength is another.
+            If the grid or the wavelength differs.
         TypeError
             If a part has no adjoint.
         """
@@ -130,59 +130,59 @@ class SystemOperator(Solvable):
         return field
 
     def vjp(self, field: Field, *, parameters: Iterable[int] = ()) -> tuple[Field, SystemPullback]:
-        """The field behind the system, and what takes gradients back through it.
+        """Return the field behind the system and the pullback of gradients.
 
         Parameters
         ----------
         field : Field
-            In front of the first part, shape (..., ny, nx).
+            Field in front of the first part, shape (..., ny, nx).
         parameters : iterable of int
-            Numbers of the parts whose parameters have gradients, from 0.
+            Indices of the parts whose parameters have gradients, from 0.
 
         Returns
         -------
         Field
-            Behind the last part.
+            Field behind the last part.
         SystemPullback
-            Takes the gradient by that field; it holds one field for each of ``parameters``.
+            Map from the gradient by that field; it stores a field for each of ``parameters``.
 
         Raises
         ------
         IndexError
-            If there is no such part.
+            If an index is out of range.
         TypeError
             If a part has no parameters with gradients.
         """
         self._check(field, self.grid, "in front of")
-        wanted = sorted({self._number(one) for one in parameters})
-        kept: dict[int, Field] = {}
+        chosen = sorted({self._number(index) for index in parameters})
+        fields: dict[int, Field] = {}
         for number, part in enumerate(self.parts):
-            if number in wanted:
-                kept[number] = field
+            if number in chosen:
+                fields[number] = field
             field = part.apply(field)
-        return field, SystemPullback(self, kept)
+        return field, SystemPullback(self, fields)
 
     @property
     def in_shape(self) -> tuple[int, int]:
-        """(ny, nx) of the first grid."""
+        """Shape (ny, nx) of the first grid."""
         return self.grids[0].shape
 
     @property
     def out_shape(self) -> tuple[int, int]:
-        """(my, mx) of the last grid."""
+        """Shape (my, mx) of the last grid."""
         return self.grids[-1].shape
 
     @property
     def dtype(self) -> np.dtype[Any]:
-        """complex64, or complex128 on a device of double precision."""
+        """Dtype complex64, or complex128 on a device of double precision."""
         return self.device.complex
 
     def forward_data(self, data: cla.Array) -> cla.Array:
-        """The system on samples of the device, shape (..., ny, nx)."""
+        """Apply the system to samples of the device, shape (..., ny, nx)."""
         return self(Field(data, self.grid, self.wavelength, self.device)).data
 
     def adjoint_data(self, data: cla.Array) -> cla.Array:
-        """`adjoint` on samples of the device, shape (..., my, mx)."""
+        """Apply `adjoint` to samples of the device, shape (..., my, mx)."""
         return self.adjoint(Field(data, self.grids[-1], self.wavelength, self.device)).data
 
     def _adjoint_of(self, number: int, field: Field) -> Field:
@@ -192,19 +192,19 @@ class SystemOperator(Solvable):
         adjoint = getattr(part, "adjoint", None)
         if adjoint is None:
             raise TypeError(
-                f"Part {number}, {label_of(part)}, has no adjoint: give it a method adjoint(field)."
+                f"Part {number}, {label_of(part)}, has no adjoint; define adjoint(field)."
             )
         return replace(adjoint(field), grid=self.grids[number])
 
     def _number(self, number: int) -> int:
         count = len(self.parts)
         if not -count <= number < count:
-            raise IndexError(f"The system has parts 0 to {count - 1}, not {number}.")
+            raise IndexError(f"parameters must be from 0 to {count - 1}, got {number}.")
         number %= count
         if not hasattr(self.parts[number], "gradient"):
             raise TypeError(
-                f"Part {number}, {label_of(self.parts[number])}, has no parameters with gradients: "
-                "leave it out of parameters=, or give it a method gradient(field, cotangent)."
+                f"Part {number}, {label_of(self.parts[number])}, has no parameters with gradients; "
+                "remove it from parameters=, or define gradient(field, cotangent)."
             )
         return number
 
@@ -213,60 +213,60 @@ class SystemOperator(Solvable):
         require_same_device(field.device, self.device)
         if field.grid != grid or field.wavelength != self.wavelength:
             raise ShapeError(
-                f"The field {where} the system is on {grid} at {self.wavelength:g} m, not on "
+                f"The field {where} the system must be on {grid} at {self.wavelength:g} m, got "
                 f"{field.grid} at {field.wavelength:g} m."
             )
 
 
 class SystemPullback:
-    """Takes the gradient of a loss back through a system. Made by `SystemOperator.vjp`.
+    """Map from the gradient of a loss to gradients of a system, by `SystemOperator.vjp`.
 
     Parameters
     ----------
     operator : SystemOperator
         The system.
-    kept : dict of int to Field
-        The fields in front of the parts whose parameters have gradients.
+    fields : dict of int to Field
+        Fields in front of the parts whose parameters have gradients.
 
     Examples
     --------
     >>> wave = clplen.wave.plane_wave(clplen.Grid((32, 32), 10e-6), wavelength=500e-9)
     >>> image, pullback = clplen.OpticalSystem([0.01]).vjp(wave, parameters=[0])
-    >>> pullback.nbytes  # of the field that it holds
+    >>> pullback.nbytes  # of the stored field
     8192
     >>> gradient = pullback(image)  # of the power, half of it
     >>> gradient.field.shape
     (32, 32)
     """
 
-    def __init__(self, operator: SystemOperator, kept: dict[int, Field]) -> None:
-        self._operator, self._kept = operator, kept
+    def __init__(self, operator: SystemOperator, fields: dict[int, Field]) -> None:
+        self._operator, self._fields = operator, fields
 
     def __repr__(self) -> str:
         return f"<SystemPullback through {len(self._operator.parts)} parts, {self.nbytes} bytes>"
 
     @property
     def nbytes(self) -> int:
-        """Bytes of the fields that it holds on the device."""
-        return sum(int(field.data.nbytes) for field in self._kept.values())
+        """Bytes of the stored fields on the device."""
+        return sum(int(field.data.nbytes) for field in self._fields.values())
 
     def __call__(self, cotangent: Field) -> SystemGradient:
-        """The gradients by the field in front and by the parameters.
+        """Return the gradients by the field in front and by the parameters.
 
         Parameters
         ----------
         cotangent : Field
-            By the field behind the system, of its shape.
+            Gradient by the field behind the system, with its shape.
         """
         operator = self._operator
         operator._check(cotangent, operator.grids[-1], "behind")
-        made: dict[int, dict[str, Any]] = {}
+        gradients: dict[int, dict[str, Any]] = {}
         for number in range(len(operator.parts))[::-1]:
             part: Any = operator.parts[number]
-            if number in self._kept and isinstance(part, Lens):
-                cotangent, made[number] = part.pullback(self._kept[number], cotangent)
+            if number in self._fields and isinstance(part, Lens):
+                cotangent, gradients[number] = part.pullback(self._fields[number], cotangent)
                 continue
-            if number in self._kept:
-                made[number] = part.gradient(self._kept[number], cotangent)
+            if number in self._fields:
+                gradients[number] = part.gradient(self._fields[number], cotangent)
             cotangent = operator._adjoint_of(number, cotangent)
-        return SystemGradient(cotangent, made)
+        return SystemGradient(cotangent, gradients)
