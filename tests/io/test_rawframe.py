@@ -172,7 +172,7 @@ def test_pictures_that_stand_in_for_one_another(folder: Path, device: Device):
         assert "\n" not in str(error.value)
     with pytest.warns(SamplingWarning, match=r"white\.tif are the same picture"):
         read("white", "white", "dark")
-    with pytest.warns(SamplingWarning, match="not to be trusted"):
+    with pytest.warns(SamplingWarning, match="low trust"):
         assert read("dark", "white", "raw", force=True)
 
 
@@ -236,7 +236,7 @@ def test_a_frame_that_would_take_too_much_memory(tmp_path: Path, one_device: Dev
         ):
             read_lightfield(path, device=one_device, max_bytes=50_000_000)
         assert tracemalloc.get_traced_memory()[1] < 2_000_000  # nothing was decoded
-        with pytest.raises(FormatError, match="nothing repeats"):
+        with pytest.raises(FormatError, match="no repeated pattern"):
             read_lightfield(path, device=one_device)
         assert tracemalloc.get_traced_memory()[1] < 12_000_000  # a frame of zeros is not converted
     finally:

@@ -333,5 +333,5 @@ def test_force_takes_a_doubtful_white_frame(
     with warnings.catch_warnings():
         warnings.simplefilter("always")
         result = run(*words, "--force")
-    assert "not to be trusted" in result.stderr
+    assert "low trust" in result.stderr
     assert "the white frame was taken" in said(result)
