@@ -155,21 +155,21 @@ def focal_stack(
     2
     """
     source, device = as_source(lf, device)
-    chosen = _Stack.of(source, alphas, disparities, aperture, interpolation)
+    options = _Stack.of(source, alphas, disparities, aperture, interpolation)
     if isinstance(source, StoredLightField):
         memory = memory_budget(memory, device)
-        result_bytes = _stack_bytes(chosen, source, memory, device)
+        result_bytes = _stack_bytes(options, source, memory, device)
         plan = plan_tiles(
             source,
-            stack_memory(source, chosen.planes, result_bytes=result_bytes),
+            stack_memory(source, options.planes, result_bytes=result_bytes),
             memory=memory,
             device=device,
         )
         if not plan.in_core or len(plan.planes) > 1:
-            _require_tiles(chosen)
-            return _gather_tiles(chosen, source, plan, device)
+            _require_tiles(options)
+            return _gather_tiles(options, source, plan, device)
         source = source.load(device)
-    return stack_on_planes(source, *chosen)
+    return stack_on_planes(source, *options)
 
 
 def stack_tiles(
@@ -221,19 +221,19 @@ def stack_tiles(
     (3, 32, 32)
     """
     source, device = as_source(lf, device)
-    chosen = _Stack.of(source, alphas, disparities, aperture, interpolation)
-    estimates = stack_memory(source, chosen.planes)
+    options = _Stack.of(source, alphas, disparities, aperture, interpolation)
+    estimates = stack_memory(source, options.planes)
     plan = plan_tiles(source, estimates, memory=memory, device=device)
     if not plan.in_core:
-        _require_tiles(chosen)
+        _require_tiles(options)
     return StackTiles(
         plan,
-        (chosen.planes.size, *source.shape[2:]),
-        chosen.planes,
-        chosen.ratios,
+        (options.planes.size, *source.shape[2:]),
+        options.planes,
+        options.ratios,
         source.spacing,
         source.camera,
-        _stack_parts(chosen, source, plan, device, progress),
+        _stack_parts(options, source, plan, device, progress),
     )
 
 
@@ -258,9 +258,9 @@ class _Stack(NamedTuple):
         return cls(planes, ratios, weights, interpolation)
 
 
-def _stack_bytes(chosen: _Stack, source: StoredLightField, memory: int, device: Device) -> int:
+def _stack_bytes(options: _Stack, source: StoredLightField, memory: int, device: Device) -> int:
     """Return the bytes a pixel of the whole stack; reject a stack larger than the memory."""
-    shape = (chosen.planes.size, *source.shape[2:])
+    shape = (options.planes.size, *source.shape[2:])
     nbytes = 4 * math.prod(shape)
     if nbytes > min(memory, device.memory_bytes):
         limit = (
@@ -276,9 +276,9 @@ def _stack_bytes(chosen: _Stack, source: StoredLightField, memory: int, device: 
     return copies * nbytes // math.prod(source.shape[2:4])
 
 
-def _require_tiles(chosen: _Stack) -> None:
+def _require_tiles(options: _Stack) -> None:
     """Reject interpolation that needs whole views."""
-    if chosen.interpolation == "fourier":
+    if options.interpolation == "fourier":
         raise ValueError(
             "A stack in tiles needs interpolation='linear', 'nearest' or 'cubic', got "
             "'fourier', which needs every pixel of a view."
@@ -286,19 +286,19 @@ def _require_tiles(chosen: _Stack) -> None:
 
 
 def _gather_tiles(
-    chosen: _Stack, source: StoredLightField, plan: StreamPlan, device: Device
+    options: _Stack, source: StoredLightField, plan: StreamPlan, device: Device
 ) -> FocalStack:
     """Compute a stack on a device from tiles."""
-    data = device.empty((chosen.planes.size, *source.shape[2:]), np.float32)
-    parts = _stack_parts(chosen, source, plan, device, None)
+    data = device.empty((options.planes.size, *source.shape[2:]), np.float32)
+    parts = _stack_parts(options, source, plan, device, None)
     with device.on_host(data) as pictures:
         for group, rows, columns, values in parts:
             pictures[group, rows, columns] = values
-    return stack_of(source, data, device, *chosen)
+    return stack_of(source, data, device, *options)
 
 
 def _stack_parts(
-    chosen: _Stack,
+    options: _Stack,
     source: Source,
     plan: StreamPlan,
     device: Device,
@@ -308,7 +308,7 @@ def _stack_parts(
         for tile, lf in read_tiles(fast, plan.tiles, device, progress):
             rows, columns = tile.inside
             for group in plan.planes:
-                part = chosen._replace(planes=chosen.planes[group], ratios=chosen.ratios[group])
+                part = options._replace(planes=options.planes[group], ratios=options.ratios[group])
                 stack = stack_on_planes(lf, *part)
                 with device.on_host(stack.data, write=False) as pictures:
                     yield group, tile.rows, tile.columns, np.array(pictures[:, rows, columns])

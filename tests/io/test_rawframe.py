@@ -218,7 +218,7 @@ def test_a_frame_without_white_image(
 def test_a_lattice_that_does_not_fit(folder: Path, device: Device):
     read = partial(read_lightfield, folder / "raw.tif", device=device, grid=folder / "grid.json")
     (folder / "grid.json").write_text("{")
-    refused((FormatError, r"grid\.json is no JSON", read))
+    refused((FormatError, r"grid\.json is not valid JSON", read))
     Lattice("square", (81.4, 85.2), (11, 0), (0, 11), (160, 171)).save(folder / "grid.json")
     refused((FormatError, r"grid\.json .* of shape \(160, 171\)", read))
     Lattice("square", (81.4, 85.2), (400, 0), (0, 400), SHAPE).save(folder / "grid.json")

@@ -157,7 +157,7 @@ def test_what_tiff_cannot_keep(exposed: dict[str, RawImage], tmp_path: Path) -> 
         (exposed["GRBG"], path, {}, "TIFF holds the whole numbers of a sensor"),
         (deep, path, {}, "up to 16 bits"),
         (clear, path, {}, "no number for the filter 'clear'"),
-        (raw, path, {"white_balance": (1.0, 0.0, 2.0)}, "three positive factors"),
+        (raw, path, {"white_balance": (1.0, 0.0, 2.0)}, "three numbers above 0"),
         (raw, tmp_path / "raw.h5", {"white_balance": (1.0, 1.0, 2.0)}, "kept by TIFF only"),
     ):
         with pytest.raises(ValueError, match=said):

@@ -34,10 +34,10 @@ class LinearStep(Solvable):
 
     def __repr__(self) -> str:
         shapes = f"{self.in_shape} to {self.out_shape}"
-        return f"<{type(self).__name__} {shapes}{self._about()}, {self.device.name}>"
+        return f"<{type(self).__name__} {shapes}{self._details()}, {self.device.name}>"
 
-    def _about(self) -> str:
-        """Return text that the representation adds to shapes and device."""
+    def _details(self) -> str:
+        """Return further text for the representation."""
         return ""
 
     def _forward(self, data: cla.Array) -> cla.Array:
@@ -54,21 +54,21 @@ class LinearStep(Solvable):
 
         An object gives an object, an array gives a float32 array. Leading axes are a batch.
         """
-        return self._through(x, False)
+        return self._apply(x, False)
 
     def adjoint(self, y: Any) -> Any:
         """Apply A' to an object or to an array of `out_shape`, as `forward` does with A."""
-        return self._through(y, True)
+        return self._apply(y, True)
 
     def forward_data(self, data: cla.Array) -> cla.Array:
         """Apply A on the device: float32 ``(..., *in_shape)`` to ``(..., *out_shape)``."""
-        return self._each(data, self.in_shape, self.out_shape, self._forward)
+        return self._apply_batch(data, self.in_shape, self.out_shape, self._forward)
 
     def adjoint_data(self, data: cla.Array) -> cla.Array:
         """Apply A' on the device: float32 ``(..., *out_shape)`` to ``(..., *in_shape)``."""
-        return self._each(data, self.out_shape, self.in_shape, self._adjoint)
+        return self._apply_batch(data, self.out_shape, self.in_shape, self._adjoint)
 
-    def _through(self, values: Any, adjoint: bool) -> Any:
+    def _apply(self, values: Any, adjoint: bool) -> Any:
         shape, kind = (self.in_shape, self.out_shape)[adjoint], self._operand_types[adjoint]
         name = f"{'The adjoint of ' if adjoint else ''}{type(self).__name__}"
         if not isinstance(values, OnDevice):
@@ -89,7 +89,7 @@ class LinearStep(Solvable):
         data = (self.adjoint_data if adjoint else self.forward_data)(values.data)
         return self._wrap(data, adjoint)
 
-    def _each(
+    def _apply_batch(
         self, data: cla.Array, shape: tuple[int, ...], to: tuple[int, ...], step: Step
     ) -> cla.Array:
         """Apply a step to every index of the leading axes."""

@@ -201,10 +201,12 @@ def _forms(device: Device) -> tuple[str, ...]:
     if forced and forced not in FORMS:
         raise ValueError(f"CLPLEN_SHEAR must be one of {', '.join(FORMS)}, got {forced!r}.")
     if device.rows:
-        usual = ("blocks", "samples")
+        default_order = ("blocks", "samples")
     else:  # a GPU's first-level cache serves items faster than they copy to local memory
-        usual = ("staged", "samples") if device.is_cpu else ("samples", "staged")
-    return (forced, *(form for form in usual if form != forced)) if forced else usual
+        default_order = ("staged", "samples") if device.is_cpu else ("samples", "staged")
+    return (
+        (forced, *(form for form in default_order if form != forced)) if forced else default_order
+    )
 
 
 def _enqueue_blocks(work: _Sum) -> bool:
@@ -212,10 +214,10 @@ def _enqueue_blocks(work: _Sum) -> bool:
     blocks = _candidate_blocks(work.views, work.device)
     if not blocks:
         return False
-    chosen = _fastest(work, blocks)
-    step = work.step(chosen.planes)
+    best = _fastest(work, blocks)
+    step = work.step(best.planes)
     for first in range(0, work.views.planes, step):
-        _launch_blocks(work, chosen, work.views.part(first, step), first)
+        _launch_blocks(work, best, work.views.part(first, step), first)
     return True
 
 

@@ -48,13 +48,13 @@ class Views:
 
     def part(self, first: int, count: int) -> Views:
         """Return up to ``count`` planes from ``first`` on."""
-        some = slice(first, first + count)
+        selection = slice(first, first + count)
         return replace(
             self,
-            down=self.down[some],
-            fraction_y=self.fraction_y[some],
-            right=self.right[some],
-            fraction_x=self.fraction_x[some],
+            down=self.down[selection],
+            fraction_y=self.fraction_y[selection],
+            right=self.right[selection],
+            fraction_x=self.fraction_x[selection],
         )
 
 
@@ -83,14 +83,18 @@ def kernel_tables(views: Views) -> list[Table]:
     right, fraction_x = (_in_order(a, order) for a in (views.right, views.fraction_x))
     low = right.min(axis=0)
     slide = (right - low).swapaxes(0, 1) * views.channels
-    used = np.take_along_axis(w, order, 1)
+    weights_in_order = np.take_along_axis(w, order, 1)
     integers = [
         np.count_nonzero(w, axis=1),
         order,
         np.stack((low, np.ptp(right, axis=0)), axis=-1) * views.channels,
         slide,
     ]
-    floats = [np.stack((used * (1 - fraction_x), used * fraction_x), axis=-1).swapaxes(0, 1)]
+    floats = [
+        np.stack(
+            (weights_in_order * (1 - fraction_x), weights_in_order * fraction_x), axis=-1
+        ).swapaxes(0, 1)
+    ]
     return [
         *(a.astype(np.int32) for a in integers),
         *(a.astype(np.float32) for a in floats),
@@ -118,7 +122,7 @@ def weight_norms(views: Views, width: int) -> Norm:
     """Return the sums of weights of rows of ``width`` samples; samples outside a view have 0."""
     first = min(max(0, -int(views.right.min())), views.nx)
     last = max(min(views.nx - 1 - int(views.right.max()), views.nx), first + 1)
-    used = _used(views, np.r_[: min(first + 1, views.nx), last : views.nx])
+    sums = _used(views, np.r_[: min(first + 1, views.nx), last : views.nx])
     near, far, alike = (
         first * views.channels,
         last * views.channels - ITEM_SAMPLES,
@@ -127,7 +131,7 @@ def weight_norms(views: Views, width: int) -> Norm:
     if last > views.nx or far < near:  # too few samples lie inside all views: store each of them
         near, far, alike = width, width, (last - first) * views.channels
     sizes = (views.channels, alike, views.channels)
-    parts = zip(np.split(used, (first, first + 1), -1), sizes, strict=True)
+    parts = zip(np.split(sums, (first, first + 1), -1), sizes, strict=True)
     table = np.concatenate([np.repeat(part, size, -1) for part, size in parts], -1)
     beyond = ((0, 0), (0, 0), (0, width - views.samples))
     return Norm(np.pad(table, beyond).astype(np.float32), near, far)
@@ -139,10 +143,10 @@ def _used(views: Views, columns: Table) -> Table:
     x = columns + views.right[..., None]
     left, right = ((x + step >= 0) & (x + step < views.nx) for step in (0, 1))
     inside = left * (1 - views.fraction_x[..., None]) + right * views.fraction_x[..., None]
-    used = np.zeros((views.planes, len(w), columns.size))
+    sums = np.zeros((views.planes, len(w), columns.size))
     for u in range(w.shape[1]):  # fixed order, unlike a matrix product
-        used += w[:, u, None] * inside[..., u, :].reshape(views.planes, -1, columns.size)
-    return np.concatenate((used, used.sum(axis=1, keepdims=True)), axis=1)
+        sums += w[:, u, None] * inside[..., u, :].reshape(views.planes, -1, columns.size)
+    return np.concatenate((sums, sums.sum(axis=1, keepdims=True)), axis=1)
 
 
 def spread_tables(views: Views) -> list[Table]:
@@ -150,12 +154,12 @@ def spread_tables(views: Views) -> list[Table]:
     w = views.weights
     order = np.argsort(w == 0, axis=1, kind="stable")
     right, fraction_x = (_in_order(a, order) for a in (views.right, views.fraction_x))
-    used = np.take_along_axis(w, order, 1)
+    weights_in_order = np.take_along_axis(w, order, 1)
     high = right.max(axis=2)
     span = np.stack((-1 - high, np.ptp(right, axis=2)), axis=-1).swapaxes(0, 1)
     integers = [np.count_nonzero(w, axis=1), order, span * views.channels]
     slide = (high[..., None] - right) * views.channels
-    taps = np.stack((used * fraction_x, used * (1 - fraction_x)), axis=-1)
+    taps = np.stack((weights_in_order * fraction_x, weights_in_order * (1 - fraction_x)), axis=-1)
     return [
         *(a.astype(np.int32) for a in (*integers, np.moveaxis(slide, 0, 2))),
         np.moveaxis(taps, 0, 2).astype(np.float32),

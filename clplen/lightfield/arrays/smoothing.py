@@ -66,9 +66,9 @@ def launch_stretches(
 
 def whole_taps(taps: Vector, device: Device) -> np.ndarray[Any, np.dtype[np.float32]]:
     """Mirror the weights at distances 0, 1, ... to both sides, in the layout of separated.cl."""
-    both = np.concatenate((taps[..., :0:-1], taps), axis=-1)
+    symmetric = np.concatenate((taps[..., :0:-1], taps), axis=-1)
     margins = [(0, 0)] * (taps.ndim - 1) + [(_LINES[device.rows] - 1,) * 2]
-    return np.pad(both, margins).astype(np.float32)
+    return np.pad(symmetric, margins).astype(np.float32)
 
 
 def gaussian_taps(sigma: float) -> Vector:

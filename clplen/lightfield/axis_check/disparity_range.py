@@ -54,8 +54,8 @@ def disparity_range(lf: LightField, *, farthest: float) -> tuple[float, float]:
 
 def _spread(lit: Any) -> Any:
     """Return at most 5 of the indices, evenly spaced."""
-    chosen = np.linspace(0, lit.size - 1, min(lit.size, _MAX_VIEWS)).round().astype(int)
-    return lit[chosen]
+    indices = np.linspace(0, lit.size - 1, min(lit.size, _MAX_VIEWS)).round().astype(int)
+    return lit[indices]
 
 
 def _reduced(lf: LightField, rows: Any, columns: Any, factor: int) -> LightField:

@@ -200,7 +200,7 @@ def check_light_field(
     views = lf.shape[0] * lf.shape[1]
     brightness = relative_brightness(lf)
     dim = nearly_black_views(lf, brightness)
-    even = brightness[(lf.weights > 0) & ~dim]
+    other_brightness = brightness[(lf.weights > 0) & ~dim]
     test = axis_test(lf, farthest=farthest) if views > 1 else AxisTest((), 0, frozenset(), np.nan)
     verdict, reason = _verdict(test) if views > 1 else ("none", "one view")
     in_focus = verdict in ("fits", "unclear") or reason == "in focus"
@@ -221,7 +221,9 @@ def check_light_field(
         reason=reason,
         disparities=disparity_range(lf, farthest=farthest) if in_focus else UNKNOWN,
         nearly_black=_listed(dim),
-        brightness=(float(even.min()), float(even.max())) if even.size else (np.nan, np.nan),
+        brightness=(float(other_brightness.min()), float(other_brightness.max()))
+        if other_brightness.size
+        else (np.nan, np.nan),
     )
 
 

@@ -106,7 +106,7 @@ class DecodeOperator(LinearStep):
             level = white_samples(white, dark, self.grid, self.device)
             self._white = Image(level, self.device)
 
-    def _about(self) -> str:
+    def _details(self) -> str:
         divided = "" if self._white is None else ", divided by a white image"
         return f", {self.decode}{divided}"
 
@@ -114,9 +114,9 @@ class DecodeOperator(LinearStep):
         """Divide views by those of the white image, if any."""
         if self._white is None:
             return views
-        even = self.device.empty(views.shape, np.float32)
-        divide_views(even, views, self._white.data, 1, 0, self.device)
-        return even
+        divided = self.device.empty(views.shape, np.float32)
+        divide_views(divided, views, self._white.data, 1, 0, self.device)
+        return divided
 
     def _forward(self, data: cla.Array) -> cla.Array:
         return self._even(resample(data, self.grid, self.device))

@@ -59,9 +59,9 @@ class LensletIndex:
         first, second = self.cell
         if abs(first @ second) > 0.25 * (first @ first):  # hexagonal: three axes that add to 0
             third = np.rint(a + b)
-            off = np.abs(i - a), np.abs(k - b), np.abs(third - a - b)
-            along = (off[0] > off[1]) & (off[0] > off[2])
-            across = ~along & (off[1] > off[2])
+            deviations = np.abs(i - a), np.abs(k - b), np.abs(third - a - b)
+            along = (deviations[0] > deviations[1]) & (deviations[0] > deviations[2])
+            across = ~along & (deviations[1] > deviations[2])
             i, k = np.where(along, third - k, i), np.where(across, third - i, k)
         core = (np.abs(a - i) < _CORE) & (np.abs(b - k) < _CORE)
         label = (i.astype(np.int32) - self.low[0]) * self.shape[1] + k.astype(np.int32)
@@ -197,11 +197,13 @@ def _fit_fall_off(centres: Values, mean: Values, full: Values, shape: tuple[int,
         ((slice(2, None),), (slice(None, -2),)),
         ((slice(None), slice(2, None)), (slice(None), slice(None, -2))),
     ]
-    both = [full[a] & full[b] for a, b in pairs]
+    complete_pairs = [full[a] & full[b] for a, b in pairs]
     matrix = np.concatenate(
-        [(model[a] - model[b])[ok] for (a, b), ok in zip(pairs, both, strict=True)]
+        [(model[a] - model[b])[ok] for (a, b), ok in zip(pairs, complete_pairs, strict=True)]
     )
-    step = np.concatenate([(mean[a] - mean[b])[ok] for (a, b), ok in zip(pairs, both, strict=True)])
+    step = np.concatenate(
+        [(mean[a] - mean[b])[ok] for (a, b), ok in zip(pairs, complete_pairs, strict=True)]
+    )
     solution: Values = np.zeros(len(powers))
     for _ in range(_ROUNDS if len(step) > 2 * len(powers) else 0):
         weight = 1 / (1 + ((step - matrix @ solution) / _STEP) ** 2)
@@ -225,9 +227,9 @@ def fall_off_share(even: EqualisedPicture, margin: int) -> float:
     position, value = _sample(even.picture, margin)
     label, core = even.lenslets.nearest(*position)
     position, value, centre = position[:, core], value[core], even.lenslets.centres(label[core]).T
-    away = position - centre
-    profile, slopes = _profile(away, value, even.lenslets.cell)
-    fall = profile * (even.fall.slopes(centre) * away).sum(axis=0)
+    offsets = position - centre
+    profile, slopes = _profile(offsets, value, even.lenslets.cell)
+    fall = profile * (even.fall.slopes(centre) * offsets).sum(axis=0)
     half = (np.array(even.picture.shape)[:, None] - 1) / 2
     linear = np.stack([np.ones(len(value)), *(centre / half - 1)])
     shifts: Values = (slopes[:, None] * linear).reshape(6, -1)
@@ -240,10 +242,10 @@ def fall_off_share(even: EqualisedPicture, margin: int) -> float:
 def _sample(picture: Values, margin: int) -> tuple[Values, Values]:
     """Return positions (2, n) and values of all pixels, or of a fixed random subset."""
     inner = picture[margin : picture.shape[0] - margin, margin : picture.shape[1] - margin]
-    chosen = np.arange(inner.size)
+    selection = np.arange(inner.size)
     if inner.size > _MAX_PIXELS:
-        chosen = np.random.default_rng(0).integers(0, inner.size, _MAX_PIXELS)
-    at = np.stack(np.divmod(chosen, inner.shape[1])) + margin
+        selection = np.random.default_rng(0).integers(0, inner.size, _MAX_PIXELS)
+    at = np.stack(np.divmod(selection, inner.shape[1])) + margin
     return at, picture[at[0], at[1]].astype(np.float64)
 
 

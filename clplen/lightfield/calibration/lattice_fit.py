@@ -240,15 +240,17 @@ def _candidate(
     if not np.isfinite(fit.rms) or np.hypot(*fit.cell.T).max() > max(picture.shape) / 2:
         return None
     margin = min(int(np.hypot(*fit.cell.T).max()), min(picture.shape) // 6)
-    even = equalise_lenslets(picture, fit.cell, fit.origin)
-    fit = fit_lattice(even.picture, fit.basis, margin=margin)
-    light = equalise_lenslets(picture, fit.cell, fit.origin, fall_off_share(even, margin)).picture
+    equalised = equalise_lenslets(picture, fit.cell, fit.origin)
+    fit = fit_lattice(equalised.picture, fit.basis, margin=margin)
+    light = equalise_lenslets(
+        picture, fit.cell, fit.origin, fall_off_share(equalised, margin)
+    ).picture
     fit = fit_lattice(light, fit.basis, margin=margin)
     # lenslets cut by the border differ
     inner = light[margin : light.shape[0] - margin, margin : light.shape[1] - margin]
     phase = fit.phase + margin * fit.basis.sum(axis=1)
-    moved = replace(fit, phase=fit.phase - fit.basis @ centre_offset(inner, fit.basis, phase))
-    return _Candidate(moved, mean_cell(inner, fit.basis, phase).explained, share)
+    corrected = replace(fit, phase=fit.phase - fit.basis @ centre_offset(inner, fit.basis, phase))
+    return _Candidate(corrected, mean_cell(inner, fit.basis, phase).explained, share)
 
 
 def _refined_fit(picture: Values, basis: Basis) -> PhaseFit:

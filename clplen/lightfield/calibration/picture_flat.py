@@ -46,8 +46,8 @@ def flat_of_picture(
         return None
     y, x = _windows(centres, reach)
     patch, colour = picture[y, x], kind[y % tile.shape[0], x % tile.shape[1]]
-    off = np.stack([y - centres[:, 0, None, None], x - centres[:, 1, None, None]])
-    inner = np.hypot(*off) < _CENTRE_RADIUS * lattice.neighbour
+    offsets = np.stack([y - centres[:, 0, None, None], x - centres[:, 1, None, None]])
+    inner = np.hypot(*offsets) < _CENTRE_RADIUS * lattice.neighbour
     full = saturated_pixels(raw)[y, x].any(axis=(1, 2))
     ratios, positions = [], []
     for k in range(kind.max() + 1):
@@ -67,7 +67,7 @@ def flat_of_picture(
             return None
         selected = (colour == k) & lit[:, None, None]
         ratios.append((patch / np.where(lit, mean, 1)[:, None, None])[selected])
-        positions.append(off[:, selected])
+        positions.append(offsets[:, selected])
     table = _medians(np.concatenate(ratios), np.concatenate(positions, axis=1), reach)
     level = float(np.percentile(picture, 99))
     flat = _spread(table, lattice, shape, reach) * np.float32(level)
@@ -82,9 +82,9 @@ def _inner(centres: Values, shape: tuple[int, int], reach: int) -> Values:
 
 def _windows(centres: Values, reach: int) -> tuple[Any, Any]:
     """Return rows and columns of the pixels about each centre, (n, 2 reach + 1, 2 reach + 1)."""
-    around = np.arange(-reach, reach + 1)
+    window = np.arange(-reach, reach + 1)
     row, column = np.rint(centres).astype(np.intp).T
-    y, x = row[:, None, None] + around[:, None], column[:, None, None] + around
+    y, x = row[:, None, None] + window[:, None], column[:, None, None] + window
     rows, columns = np.broadcast_arrays(y, x)
     return rows, columns
 

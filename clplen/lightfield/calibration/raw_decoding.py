@@ -305,9 +305,9 @@ def _grey(
     if pixels.white is None:
         return data, None
     level = _sliced(pixels.white, grid, device)
-    even = device.empty(grid.shape, np.float32)
-    divide_views(even, data, level, 1, 0, device)
-    return even, level
+    divided = device.empty(grid.shape, np.float32)
+    divide_views(divided, data, level, 1, 0, device)
+    return divided, level
 
 
 def _coloured(

@@ -210,8 +210,8 @@ class PhaseFit:
         """Root mean square distance of local lattices from this one, in pixels."""
         if not self.weight.sum() > 0:
             return float("inf")
-        moved = self.residual @ self.cell
-        return float(np.sqrt((self.weight @ (moved**2).sum(1)) / self.weight.sum()))
+        displacements = self.residual @ self.cell
+        return float(np.sqrt((self.weight @ (displacements**2).sum(1)) / self.weight.sum()))
 
     @property
     def agreeing(self) -> float:
@@ -228,14 +228,14 @@ def fit_lattice(picture: Values, basis: Basis, *, margin: int = 0) -> PhaseFit:
     middle = (np.array(picture.shape) - 1) / 2
     grids = np.meshgrid(rows[0] - middle[0], columns[0] - middle[1], indexing="ij")
     positions = np.stack([a.ravel() for a in grids], axis=1)
-    far = np.abs(positions / np.maximum(middle, 1)).max(1)
+    distance = np.abs(positions / np.maximum(middle, 1)).max(1)
     sums, mean = _sums(np.asarray(picture, np.float32), basis, rows[1], columns[1])
     lit = mean > _MIN_BRIGHTNESS * max(float(mean.max()), 1e-30)
     strength = np.abs(sums) * lit
-    planes, residuals = np.zeros((2, 3)), np.zeros((len(far), 2))
+    planes, residuals = np.zeros((2, 3)), np.zeros((len(distance), 2))
     for j in range(2):
         planes[j], residuals[:, j] = _plane(
-            np.angle(sums[j]) / (2 * np.pi), strength[j], positions, far
+            np.angle(sums[j]) / (2 * np.pi), strength[j], positions, distance
         )
     refined = basis + planes[:, 1:]
     middle = middle + margin

@@ -141,8 +141,8 @@ def suitable_planes(lf: FocusableViews | ArrayLike, *, count: int | None = None)
     lf : LightField or array_like
         The light field.
     count : int, optional
-        Number of planes; default 33. For a microscope the default resolves the depth range: the
-        outermost views of neighbouring planes differ by at most one lenslet.
+        Number of planes; default 33. For a microscope the default also resolves the depth range:
+        between neighbouring planes a point shifts by at most a lenslet in the outermost views.
 
     Returns
     -------

@@ -138,9 +138,9 @@ class CameraOptics:
 
         ``noise`` is the part due to the noise of the samples.
         """
-        off = abs(1 - alpha + self.bias(alpha, method))
-        share = float(np.interp(off / self.tolerance, _BLURS, _DEVIATIONS[method]))
-        return math.hypot(share * self.tolerance, _UNCERTAIN_SHARE * self.corrected * off, noise)
+        offset = abs(1 - alpha + self.bias(alpha, method))
+        share = float(np.interp(offset / self.tolerance, _BLURS, _DEVIATIONS[method]))
+        return math.hypot(share * self.tolerance, _UNCERTAIN_SHARE * self.corrected * offset, noise)
 
 
 def camera_optics(lf: LightField) -> CameraOptics | None:
@@ -153,14 +153,14 @@ def camera_optics(lf: LightField) -> CameraOptics | None:
         diameter *= _HEXAGON_DIAMETER
     q = camera.wavelength * camera.lenslet_focal_length / (camera.pixel_pitch * diameter)
     fill = (diameter / abs(lf.spacing[2]), diameter / abs(lf.spacing[3]))
-    other = getattr(camera, "spot_variance", 0.0)  # optional attribute of cameras
-    spread = (_FWHM * q / _FWHM_PER_SIGMA) ** 2 + other
+    spot_variance = getattr(camera, "spot_variance", 0.0)  # optional attribute of cameras
+    spread = (_FWHM * q / _FWHM_PER_SIGMA) ** 2 + spot_variance
     view = abs(lf.spacing[1])
     radius = camera.aperture_diameter / 2 / view
     paraxial = camera.pixel_pitch * camera.image_distance / camera.lenslet_focal_length
     variance = _pupil_variance(lf, radius)
     return CameraOptics(
-        LensletBlur(q, fill, _has_round_lenslets(camera), other),
+        LensletBlur(q, fill, _has_round_lenslets(camera), spot_variance),
         variance / (variance + spread),
         p / camera.aperture_diameter,
         Pupil(
@@ -171,7 +171,7 @@ def camera_optics(lf: LightField) -> CameraOptics | None:
             * camera.image_distance
             / (camera.aperture_diameter * p),
         ),
-        abs(paraxial / view - 1) + other / variance,
+        abs(paraxial / view - 1) + spot_variance / variance,
     )
 
 

@@ -204,10 +204,10 @@ def _matched(
     padded_spans = gathered_spans(spans, count)
     costs = match_costs(lf, views, tables, block_spans(padded_spans, count))
     noise = _noise(lf, costs, tables, padded_spans)
-    gathered = lf.device.empty(costs.shape, np.float32)
+    aggregated = lf.device.empty(costs.shape, np.float32)
     scales = (_distance_scale(noise), _colour_scale(_COLOUR_TOLERANCE, noise, (*lf.shape, 1)[4]))
-    gather_costs(lf, gathered, costs, guide, scales, block_spans(spans, count))
-    return _Match(*lowest_valley(lf, gathered, tables, spans, likely.usual)), noise
+    gather_costs(lf, aggregated, costs, guide, scales, block_spans(spans, count))
+    return _Match(*lowest_valley(lf, aggregated, tables, spans, likely.mean_cost)), noise
 
 
 def _refined_match(
@@ -225,8 +225,10 @@ def _refined_match(
 
 def merge_confidence(confidence: Map, lost: Mask) -> Map:
     """Merge confidences: a matched pixel outranks a pixel of the sharpest plane."""
-    usual = np.median(confidence[~lost]) if lost.any() and not lost.all() else 0.0
-    return np.where(lost, confidence * usual, confidence) if usual > _MIN_CONFIDENCE else confidence
+    median = np.median(confidence[~lost]) if lost.any() and not lost.all() else 0.0
+    return (
+        np.where(lost, confidence * median, confidence) if median > _MIN_CONFIDENCE else confidence
+    )
 
 
 def _guide(picture: Map) -> Map:
@@ -299,10 +301,10 @@ def _refined(
 def combined_memory(source: SampledViews, planes: Vector) -> MemoryEstimate:
     """Estimate the memory of `combined_disparity`, in two passes: brightness, then maps."""
     channels, count = (*source.shape, 1)[4], int(_dense(planes).size)
-    tried = max(planes.size, point_planes(source, planes)[1].size)
+    plane_count = max(planes.size, point_planes(source, planes)[1].size)
     halves = source.shape[0] * source.shape[1] * channels  # uint16, the detail of all views
-    floats = 2 * count + 4 * channels + 30 + halves // 2 + energy_floats(tried, channels)
-    largest = max(count, min(PICTURES, tried) * channels)
+    floats = 2 * count + 4 * channels + 30 + halves // 2 + energy_floats(plane_count, channels)
+    largest = max(count, min(PICTURES, plane_count) * channels)
     estimate = depth_memory(
         "combined", source, planes, reach=_REACH, floats=floats, largest=largest
     )

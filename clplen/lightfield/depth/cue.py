@@ -162,9 +162,9 @@ class PeakTracker:
         """Move two planes to the front in sequence, since they may overlap."""
         for to in range(2):
             start = (plane + to) * self._size
-            moved = self.curve[start : start + self._size]
+            block = self.curve[start : start + self._size]
             if start != to * self._size:
-                self._device.copy_into(self.curve, moved, 4 * to * self._size)
+                self._device.copy_into(self.curve, block, 4 * to * self._size)
 
     def _padded(self, planes: int) -> int:
         return planes * self._size + _PAD

@@ -112,8 +112,8 @@ def stack_taps(stack: FocalStack, planes: slice) -> Vector:
     if stack.positions is not None:
         shares = [stack.weights, stack.weights]
     taps = [
-        [evening_taps(shift, share) for shift, share in zip(both, shares, strict=True)]
-        for both in zip(*shift, strict=True)
+        [evening_taps(shift, share) for shift, share in zip(pair, shares, strict=True)]
+        for pair in zip(*shift, strict=True)
     ]
     return np.array(taps)
 
@@ -128,10 +128,10 @@ def evening_taps(shift: Vector, weights: np.ndarray[Any, Any]) -> Vector:
     the fifth power of the frequency.
     """
     part = shift - np.floor(shift)
-    spread = part * (1 - part)
+    variances = part * (1 - part)
     total = weights.sum(dtype=np.float64)
-    variance = (spread * weights).sum() / total
-    fourth = (spread * (1 - 3 * spread) * weights).sum() / total
+    variance = (variances * weights).sum() / total
+    fourth = (variances * (1 - 3 * variances) * weights).sum() / total
     n2 = _VARIANCE - variance
     n4 = _FOURTH - fourth - 6 * variance * n2
     second = (n4 - n2) / 24
@@ -194,8 +194,8 @@ def reach_of(sigma: float) -> int:
 def _convolved(a: Vector, b: Vector) -> Vector:
     """Convolve two symmetric filters, each by its taps at distance 0, 1, ...."""
     first, second = (np.concatenate((taps[:0:-1], taps)) for taps in (a, b))
-    both = np.convolve(first, second)
-    return np.asarray(both[both.size // 2 :])
+    taps_of_both = np.convolve(first, second)
+    return np.asarray(taps_of_both[taps_of_both.size // 2 :])
 
 
 # Pixels of the sheared views around a pixel that its energy depends on.

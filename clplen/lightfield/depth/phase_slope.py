@@ -94,7 +94,7 @@ class _Line:
 
 def _line(views: Real, positions: Real, weight: Real) -> _Line | None:
     """Fit a line through (v, u) over (y, x), all of shape (2, y, x); None if undefined."""
-    middles = [[float(np.average(a, weights=weight)) for a in both] for both in (views, positions)]
+    middles = [[float(np.average(a, weights=weight)) for a in pair] for pair in (views, positions)]
     u, x = (
         a - np.array(m)[:, None, None] for a, m in zip((views, positions), middles, strict=True)
     )
@@ -117,11 +117,11 @@ def _light_centroids(centres: Real, line: _Line, pupil: Pupil, aspect: float) ->
     r = pupil.radius * np.sqrt((np.arange(_SAMPLES) + 0.5) / _SAMPLES)
     angle = np.pi * (3 - math.sqrt(5)) * np.arange(_SAMPLES)  # Vogel 1979, eq. 1
     metric = np.array([aspect, 1.0])[:, None]
-    around = metric * r * (np.sin(angle), np.cos(angle)) / line.slope
-    lit = np.array(line.crossing)[:, None] + around
+    spread_points = metric * r * (np.sin(angle), np.cos(angle)) / line.slope
+    lit = np.array(line.crossing)[:, None] + spread_points
     flat = centres.reshape(2, -1)
-    off = (lit[:, :, None] - flat[:, None, :]) / metric[:, :, None]
-    distance = np.einsum("asl,asl->sl", off, off)
+    offsets = (lit[:, :, None] - flat[:, None, :]) / metric[:, :, None]
+    distance = np.einsum("asl,asl->sl", offsets, offsets)
     nearest = distance.argmin(axis=1)
     # light outside the window's lenslets and between round ones is ignored
     hit = distance[np.arange(_SAMPLES), nearest] <= min(pupil.lenslet, _MAX_DISTANCE) ** 2

@@ -26,14 +26,14 @@ def view_tables(
     Shifts are split in float64 into pixels and fraction and clipped one pixel outside the view.
     `more` fills part[..., 2:] with one value a view.
     """
-    moved = np.multiply.outer(planes, unit_steps(lf).reshape(-1, 2)[views])
-    pixels = np.floor(moved)
+    shifts = np.multiply.outer(planes, unit_steps(lf).reshape(-1, 2)[views])
+    pixels = np.floor(shifts)
     positions = np.zeros((planes.size, views.size, 4), np.int32)
     fractions = np.zeros((planes.size, views.size, 4), np.float32)
     positions[..., 0] = views
     limits = np.array(lf.shape[2:4])
     positions[..., 1:3] = np.clip(pixels, -limits - 1, limits)
-    fractions[..., :2] = moved - pixels
+    fractions[..., :2] = shifts - pixels
     for i, values in enumerate(more):
         fractions[..., 2 + i] = values
     return lf.device.upload(positions), lf.device.upload(fractions)

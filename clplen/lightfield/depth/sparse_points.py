@@ -124,7 +124,7 @@ def point_disparity(lf: LightField, planes: Vector) -> tuple[Map, Map]:
     kappa = optics.kappa if optics is not None and has_views else 1.0
     coarse, fine = (energy_disparity(lf, values) for values in point_planes(lf, planes))
     near = np.abs(coarse[0]) <= _IN_FOCUS / max(max(lf.shape[:2]) - 1, 1)
-    disparity, confidence = (np.where(near, *both) for both in zip(coarse, fine, strict=True))
+    disparity, confidence = (np.where(near, *pair) for pair in zip(coarse, fine, strict=True))
     return (disparity / kappa).astype(np.float32), confidence.astype(np.float32)
 
 

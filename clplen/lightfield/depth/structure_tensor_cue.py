@@ -43,14 +43,14 @@ def structure_disparity(lf: LightField, planes: Vector) -> tuple[Map, Map]:
     shears, step = _shears(planes)
     best, second = (device.zeros((ny, nx), np.float32) for _ in range(2))
     position = device.upload(np.full((ny, nx), nearest_zero(planes), np.float32))
-    gathered = device.empty((6, ny, nx), np.float32)
+    tensors = device.empty((6, ny, nx), np.float32)
     gather = Smoother(gaussian_taps(_WINDOW), device=device)
     for shear in shears:
-        gather(gathered, epi_tensors(lf, float(shear)), start=0, count=6)
+        gather(tensors, epi_tensors(lf, float(shear)), start=0, count=6)
         device.launch_rows(
             device.kernel("coherence.cl", "most_coherent"),
             (ny, nx),
-            *(best, second, position, gathered),
+            *(best, second, position, tensors),
             *(np.float32(value) for value in (shear, _REACH * step)),
             *(np.int32(n) for n in (ny, nx)),
         )

@@ -164,15 +164,15 @@ def _odd_rows(lf: LightField, grid: LensletGrid, samples: Real, y: Real, x: Real
     weights = (lf.weights.T if grid.exchanged else lf.weights) * _inscribed_views(lf)
     values_of_parity = {}
     for parity in (0, 1):
-        chosen = rows[rows % 2 == parity]
-        if not chosen.size:
+        parity_rows = rows[rows % 2 == parity]
+        if not parity_rows.size:
             continue
         across = columns[0] + parity * grid.odd_row_shift
         steps = np.asarray(grid.row_step), np.asarray(grid.column_step)
-        first = np.asarray(grid.first) + chosen[0] * steps[0] + across * steps[1]
+        first = np.asarray(grid.first) + parity_rows[0] * steps[0] + across * steps[1]
         part = replace(
             grid,
-            count=(chosen.size, columns.size),
+            count=(parity_rows.size, columns.size),
             first=(float(first[0]), float(first[1])),
             row_step=(2 * grid.row_step[0], 2 * grid.row_step[1]),
             odd_row_shift=0.0,

@@ -231,8 +231,8 @@ def _joins_equals(kinds: Integers, i: int, j: int) -> bool:
         return False
     a = kinds[max(0, -i) : lines - max(0, i), max(0, -j) : lenses - max(0, j)]
     b = kinds[max(0, i) : lines - max(0, -i), max(0, j) : lenses - max(0, -j)]
-    both = (a >= 0) & (b >= 0)
-    return bool(both.any() and (a[both] == b[both]).all())
+    present = (a >= 0) & (b >= 0)
+    return bool(present.any() and (a[present] == b[present]).all())
 
 
 def _primitive(raw: RawImage) -> tuple[Pair, Pair, Pair]:

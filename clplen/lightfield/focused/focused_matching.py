@@ -115,7 +115,7 @@ class Matcher:
         return np.linspace(low, high, max(5, count))
 
     def costs(self, planes: Values) -> Values:
-        """Return the mismatch of both sides over their texture, shape (n, lines, lenslets)."""
+        """Return the mismatch of pairs relative to their texture, shape (n, lines, lenslets)."""
         device, shape = self.raw.device, self.geometry.kinds.shape
         cost = device.empty((len(planes), *shape), np.float32)
         device.launch(

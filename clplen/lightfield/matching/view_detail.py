@@ -139,7 +139,7 @@ class LikelyPlanes:
     # int32, shape (y, x, 2): first and last plane; last < first if empty
     spans: Spans
     # float32, shape (y, x): mean cost over all planes; None if all planes are likely
-    usual: Map | None
+    mean_cost: Map | None
 
     def only(self, surroundings: Surroundings, planes: Vector) -> LikelyPlanes:
         """Restrict spans to the range of the neighbourhood near outlines; empty elsewhere."""
@@ -159,8 +159,8 @@ def likely_planes(detail: LightField, planes: Vector, gain: float) -> LikelyPlan
     """
     device, (ny, nx) = detail.device, detail.shape[2:4]
     if np.count_nonzero(detail.weights > 0) <= _MAX_FULL_VIEWS or planes.size <= _MAX_FULL_PLANES:
-        every = np.tile(np.array((0, planes.size - 1), np.int32), (ny, nx, 1))
-        return LikelyPlanes(every, None)
+        spans_of_all = np.tile(np.array((0, planes.size - 1), np.int32), (ny, nx, 1))
+        return LikelyPlanes(spans_of_all, None)
     steps = np.abs(unit_steps(detail))
     inner = (steps <= _INNER * steps.max(axis=(0, 1))).all(axis=-1)
     inner_detail = replace(detail, weights=np.where(inner, detail.weights, 0))
@@ -170,16 +170,16 @@ def likely_planes(detail: LightField, planes: Vector, gain: float) -> LikelyPlan
     smooth = device.empty(costs.shape, np.float32)
     Smoother(gaussian_taps(_BLUR), device=device)(smooth, costs, start=0, count=coarse.size)
     cost = device.download(smooth)
-    lowest, usual = cost.min(axis=0), cost.mean(axis=0)
+    lowest, mean_cost = cost.min(axis=0), cost.mean(axis=0)
     channels = (*detail.shape, 1)[4]
-    likely = cost <= lowest + _RISE * (usual - lowest) + _LEVELS * channels
-    likely |= usual - lowest < _MIN_RISE * channels
+    is_likely = cost <= lowest + _RISE * (mean_cost - lowest) + _LEVELS * channels
+    is_likely |= mean_cost - lowest < _MIN_RISE * channels
     first, last = (np.zeros((ny, nx), np.int32) for _ in range(2))
     for p in range(coarse.size):
-        np.copyto(last, p + 1, where=likely[p])
-        np.copyto(first, coarse.size - p - 2, where=likely[coarse.size - p - 1])
+        np.copyto(last, p + 1, where=is_likely[p])
+        np.copyto(first, coarse.size - p - 2, where=is_likely[coarse.size - p - 1])
     spans = np.stack((first, last), axis=-1) * _COARSE_STEP
-    return LikelyPlanes(np.clip(spans, 0, planes.size - 1).astype(np.int32), usual)
+    return LikelyPlanes(np.clip(spans, 0, planes.size - 1).astype(np.int32), mean_cost)
 
 
 def all_planes(shape: tuple[int, ...], count: int) -> Spans:

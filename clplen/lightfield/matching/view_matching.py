@@ -99,8 +99,8 @@ def _references(positions: Vector) -> tuple[Table, Table]:
     share = np.prod(np.maximum(1 - np.abs(positions), 0), axis=1)
     if not share.any():
         share[np.argmin((positions**2).sum(axis=1))] = 1
-    chosen = np.flatnonzero(share)
-    return chosen.astype(np.int32), (share[chosen] / share.sum()).astype(np.float32)
+    indices = np.flatnonzero(share)
+    return indices.astype(np.int32), (share[indices] / share.sum()).astype(np.float32)
 
 
 @dataclass(frozen=True)
@@ -261,12 +261,12 @@ def lowest_valley(
     costs: cla.Array,
     tables: ShiftTables,
     spans: Spans,
-    usual: Map | None = None,
+    mean_cost: Map | None = None,
 ) -> tuple[Map, Integers, Map, Map]:
     """Return the disparity of least cost, its plane, its cost and its relative depth (0 to 1).
 
     ``spans``, int32, shape (y, x, 2), are the first and last plane of a pixel. The depth is
-    relative to the second valley or the ``usual`` cost, at least the mean over the span. Empty
+    relative to the second valley or the ``mean_cost``, at least the mean over the span. Empty
     spans give 0.
     """
     device = lf.device
@@ -291,9 +291,9 @@ def lowest_valley(
         device.launch_rows(depth_kernel(lf, "valley"), (ny, nx), *args)
     low, next_low = (device.download(a) for a in (lowest, second))
     span_mean = device.download(mean)
-    usual = span_mean if usual is None else np.maximum(usual, span_mean)
-    rise = np.minimum(next_low, usual) - low
-    margin = np.clip(rise / np.maximum(usual, 1e-6), 0, 1)
+    mean_cost = span_mean if mean_cost is None else np.maximum(mean_cost, span_mean)
+    rise = np.minimum(next_low, mean_cost) - low
+    margin = np.clip(rise / np.maximum(mean_cost, 1e-6), 0, 1)
     return device.download(position), device.download(nearest), low, margin
 
 

@@ -143,9 +143,9 @@ def _ordered(corners: Array, board: tuple[int, int]) -> Array:
     turns = range(4) if board[0] == board[1] else (0, 2)
     for view in np.argwhere(detected):
         grid = corners[tuple(view)].reshape(*board, 2)
-        turned = [np.rot90(grid, turn).reshape(-1, 2) for turn in turns]
+        orientations = [np.rot90(grid, turn).reshape(-1, 2) for turn in turns]
         mismatch = [
-            ((candidate - candidate.mean(0) - reference) ** 2).sum() for candidate in turned
+            ((candidate - candidate.mean(0) - reference) ** 2).sum() for candidate in orientations
         ]
-        corners[tuple(view)] = turned[int(np.argmin(mismatch))]
+        corners[tuple(view)] = orientations[int(np.argmin(mismatch))]
     return corners

@@ -123,8 +123,8 @@ def _minimum(problem: _Problem, values: Array, *, robust: bool) -> Array:
 
 def _deviation(residuals: list[Array]) -> float:
     """Return the standard deviation of the residuals, robust to outliers."""
-    every = np.concatenate([part[np.isfinite(part)] for part in residuals])
-    return max(1.4826 * float(np.median(np.abs(every))), _MIN_DEVIATION)
+    all_residuals = np.concatenate([part[np.isfinite(part)] for part in residuals])
+    return max(1.4826 * float(np.median(np.abs(all_residuals))), _MIN_DEVIATION)
 
 
 def _variance(problem: _Problem, values: Array) -> Array:
@@ -163,10 +163,10 @@ class _Problem:
             points, _ = placed(board.flat, self._pose(number, values))
             with np.errstate(all="ignore"):  # of trial steps, which their cost rejects
                 pixel = pixels_of(self._parameters(values), self.views[number], points)
-            off = np.full(board.pixels.shape, np.nan)
-            off[board.detected] = pixel - board.pixels[board.detected]
-            off[~mask] = np.nan
-            boards.append(off)
+            residual = np.full(board.pixels.shape, np.nan)
+            residual[board.detected] = pixel - board.pixels[board.detected]
+            residual[~mask] = np.nan
+            boards.append(residual)
         return boards
 
     def cost(self, residuals: list[Array], values: Array, *, robust: bool) -> float:
@@ -193,17 +193,17 @@ class _Problem:
         for number, (board, used) in enumerate(zip(self.sightings, self.masks, strict=True)):
             pixel, by_parameters, by_pose = self._pixels(number, values)
             mask = used[board.detected]
-            off = (pixel - board.pixels[board.detected])[mask]
+            residual = (pixel - board.pixels[board.detected])[mask]
             slope = np.concatenate([by_parameters[mask] @ self.spread, by_pose[mask]], -1)
             if robust:
-                size = np.linalg.norm(off, axis=-1)
+                size = np.linalg.norm(residual, axis=-1)
                 weight = np.sqrt(_HUBER_LIMIT / np.maximum(size, _HUBER_LIMIT))[:, None]
-                off, slope = off * weight, slope * weight[..., None]
+                residual, slope = residual * weight, slope * weight[..., None]
             slope = slope.reshape(-1, slope.shape[-1])
             first = count + 6 * number
             index = np.r_[:count, first : first + 6]
             matrix[np.ix_(index, index)] += slope.T @ slope
-            right[index] += slope.T @ off.ravel()
+            right[index] += slope.T @ residual.ravel()
         return matrix, right
 
     def _pixels(self, number: int, values: Array) -> tuple[Array, Array, Array]:

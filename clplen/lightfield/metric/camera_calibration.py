@@ -116,17 +116,17 @@ def intrinsics_of(
     names: Sequence[str] | None = None,
 ) -> Intrinsics:
     """Calibrate from corners in the format of `find_corners`."""
-    used = _used_boards(corners, names)
+    boards_used = _used_boards(corners, names)
     (_, k), (_, l) = middles(shape)  # noqa: E741
     row, column = np.mgrid[: board[0], : board[1]].reshape(2, -1)
     flat = np.stack([column, row, 0 * row], -1) * spacing
-    sightings = [Sighting(flat, corners[n][..., ::-1] - (k, l)) for n in used]
+    sightings = [Sighting(flat, corners[n][..., ::-1] - (k, l)) for n in boards_used]
     parameters, poses = _first_values(sightings, shape)
     adjustment = adjusted(sightings, shape, parameters, poses)
     _check_order(adjustment.parameters, shape)
     _warn_of_parallel(adjustment)
     board_rms = np.full(len(corners), np.nan)
-    board_rms[used] = [_rms(residuals) for residuals in adjustment.residuals]
+    board_rms[boards_used] = [_rms(residuals) for residuals in adjustment.residuals]
     all_residuals = np.concatenate(adjustment.residuals, axis=2)
     view_rms = np.array([[_rms(residuals) for residuals in line] for line in all_residuals])
     return Intrinsics(

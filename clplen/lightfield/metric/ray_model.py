@@ -30,18 +30,18 @@ _TOLERANCE = 1e-13  # slope
 def distorted(direction: Array, distortion: Array) -> tuple[Array, Array, Array]:
     """Apply the distortion to directions; return also derivatives by direction and distortion."""
     b, (k1, k2, k3) = distortion[:2], distortion[2:]
-    off = direction - b
-    r2 = (off**2).sum(-1)
+    offset = direction - b
+    r2 = (offset**2).sum(-1)
     scale = 1 + r2 * (k1 + r2 * (k2 + r2 * k3))
     slope = 2 * (k1 + r2 * (2 * k2 + 3 * r2 * k3))  # twice the derivative of the scale by r^2
-    by_direction = slope[..., None, None] * off[..., :, None] * off[..., None, :]
+    by_direction = slope[..., None, None] * offset[..., :, None] * offset[..., None, :]
     by_direction[..., 0, 0] += scale
     by_direction[..., 1, 1] += scale
-    by_distortion = np.empty((*off.shape, 5))
+    by_distortion = np.empty((*offset.shape, 5))
     by_distortion[..., :2] = np.eye(2) - by_direction
     powers = r2[..., None] ** np.arange(1, 4)
-    by_distortion[..., 2:] = off[..., :, None] * powers[..., None, :]
-    return b + scale[..., None] * off, by_direction, by_distortion
+    by_distortion[..., 2:] = offset[..., :, None] * powers[..., None, :]
+    return b + scale[..., None] * offset, by_direction, by_distortion
 
 
 def undistorted(direction: Array, distortion: Array) -> Array:
@@ -154,11 +154,11 @@ def _derivatives(
     shape = direction.shape[:2]
     condition = np.zeros((*shape, 2, 18))  # its derivatives by 15 parameters and the point
     for axis in range(2):
-        far = views[..., axis]
-        condition[..., axis, axis] = far
-        condition[..., axis, 2 + axis] = -e[axis] * far
+        view_offset = views[..., axis]
+        condition[..., axis, axis] = view_offset
+        condition[..., axis, 2 + axis] = -e[axis] * view_offset
         condition[..., axis, 6 + axis] = -e[axis]
-        leaned = image[..., axis] - converge[axis] * far - middle[axis]
+        leaned = image[..., axis] - converge[axis] * view_offset - middle[axis]
         condition[..., axis, 8 + axis] = leaned
         condition[..., axis, 15 + axis] = -1.0
     condition[..., 10:15] = e[:, None] * by_distortion
@@ -166,10 +166,10 @@ def _derivatives(
     derivatives = -turn @ condition
     derivatives[..., 10:15] += by_distortion
     for axis in range(2):
-        far = views[..., axis]
-        derivatives[..., axis, 2 + axis] -= far
+        view_offset = views[..., axis]
+        derivatives[..., axis, 2 + axis] -= view_offset
         derivatives[..., axis, 6 + axis] -= 1
-        leaned = image[..., axis] - converge[axis] * far - middle[axis]
+        leaned = image[..., axis] - converge[axis] * view_offset - middle[axis]
         derivatives[..., axis, 4 + axis] -= leaned / pitch[axis]
     derivatives /= pitch[:, None]
     return derivatives[..., :15], derivatives[..., 15:]

@@ -70,7 +70,7 @@ class AlphaLaw:
 
     @property
     def _inverse(self) -> bool:
-        """True for naive cells that are no sub-images; those of a telecentric camera are."""
+        """True for naive cells, except those of a telecentric camera, which are sub-images."""
         return self.decode == "naive" and not is_telecentric(self)
 
     def _view_ratio(self) -> float:

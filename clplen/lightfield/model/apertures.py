@@ -35,7 +35,7 @@ def disc(views: Views, radius: float | Pair, *, centre: Pair | None = None) -> W
     Parameters
     ----------
     views : tuple of int
-        Views (V, U, ...), such as ``lf.shape``.
+        Shape (V, U, ...) of the views, such as ``lf.shape``.
     radius : float or tuple of float
         Radius in view steps, positive.
     centre : tuple of float, optional
@@ -70,7 +70,7 @@ def annulus(
     Parameters
     ----------
     views : tuple of int
-        Views (V, U, ...).
+        Shape (V, U, ...) of the views.
     inner, outer : float or tuple of float
         Radii in view steps, or pairs along v and u; inner below outer.
     centre : tuple of float, optional
@@ -102,7 +102,7 @@ def polygon(views: Views, corners: ArrayLike) -> Weights:
     Parameters
     ----------
     views : tuple of int
-        Views (V, U, ...).
+        Shape (V, U, ...) of the views.
     corners : array_like
         Corners (v, u), shape (n, 2), n >= 3, clockwise or counterclockwise.
 
@@ -151,7 +151,7 @@ def regular_polygon(
     Parameters
     ----------
     views : tuple of int
-        Views (V, U, ...).
+        Shape (V, U, ...) of the views.
     sides : int
         Number of sides, at least 3.
     radius : float or tuple of float
@@ -185,7 +185,7 @@ def half_plane(views: Views, angle: float, *, centre: Pair | None = None) -> Wei
     Parameters
     ----------
     views : tuple of int
-        Views (V, U, ...).
+        Shape (V, U, ...) of the views.
     angle : float
         Direction of the open side, from u to v, in radians: 0 keeps larger u, pi/2 larger v.
     centre : tuple of float, optional
@@ -217,7 +217,7 @@ def gaussian(views: Views, sigma: float | Pair, *, centre: Pair | None = None) -
     Parameters
     ----------
     views : tuple of int
-        Views (V, U, ...).
+        Shape (V, U, ...) of the views.
     sigma : float or tuple of float
         Width in view steps, or a pair along v and u.
     centre : tuple of float, optional
@@ -243,7 +243,7 @@ def hann(views: Views, radius: float | Pair, *, centre: Pair | None = None) -> W
     Parameters
     ----------
     views : tuple of int
-        Views (V, U, ...).
+        Shape (V, U, ...) of the views.
     radius : float or tuple of float
         Radius in view steps, or a pair along v and u.
     centre : tuple of float, optional
@@ -272,7 +272,7 @@ def kaiser(
     Parameters
     ----------
     views : tuple of int
-        Views (V, U, ...).
+        Shape (V, U, ...) of the views.
     radius : float or tuple of float
         Radius in view steps, or a pair along v and u.
     beta : float
@@ -479,6 +479,6 @@ def _shifted(weights: Vector, centre: Pair | None) -> Vector:
     sides = []
     for n, at in zip(weights.shape, centre, strict=True):
         j = np.arange(n)
-        away = j[:, None] - j[None, :] - (at - (n - 1) / 2)
-        sides.append(np.maximum(1 - np.abs(away), 0))
+        offsets = j[:, None] - j[None, :] - (at - (n - 1) / 2)
+        sides.append(np.maximum(1 - np.abs(offsets), 0))
     return sides[0] @ weights @ sides[1].T

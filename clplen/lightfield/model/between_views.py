@@ -160,16 +160,16 @@ class _Recorded:
         d = carried(self.disparity, step)
         rows, columns = (axis.ravel() for axis in np.indices(d.shape, dtype=np.float64))
         points = np.stack((rows, columns, d.ravel()))
-        used = nearest * self.lf.weights
-        used = used if used.any() else nearest
+        weights_used = nearest * self.lf.weights
+        weights_used = weights_used if weights_used.any() else nearest
         total = np.zeros((self._channels, points.shape[1]))
         sums = np.zeros(points.shape[1])
-        for v, u in np.argwhere(used > 0):
+        for v, u in np.argwhere(weights_used > 0):
             weights, samples = self._look_up(int(v), int(u), step, points)
-            weights = used[v, u] * (weights + _UNSEEN_WEIGHT)
+            weights = weights_used[v, u] * (weights + _UNSEEN_WEIGHT)
             total += weights * samples
             sums += weights
-        unseen = np.flatnonzero(sums < _MIN_VISIBLE_WEIGHT * used.sum())
+        unseen = np.flatnonzero(sums < _MIN_VISIBLE_WEIGHT * weights_used.sum())
         for v, u in self._others(nearest, step):
             if not unseen.size:
                 break

@@ -121,7 +121,7 @@ class RenderOperator(LinearStep):
             render_weights(self._geometry, aperture, viewpoint, total), np.float64
         )
 
-    def _about(self) -> str:
+    def _details(self) -> str:
         return f", {np.count_nonzero(self.weights)} views of weight {self.weights.sum():g}"
 
     def _forward(self, data: cla.Array) -> cla.Array:

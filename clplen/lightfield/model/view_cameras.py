@@ -76,8 +76,8 @@ class ViewCameras(OneLine):
         x, y, z = np.moveaxis(real_array(points, "points", np.float64), -1, 0)
         across = np.stack((y, x), -1)
         with np.errstate(divide="ignore", invalid="ignore"):
-            moved = (across - self.centres[:, :, None]) / z[:, None]
-        return np.asarray(moved * np.asarray(self.focal) + self.principal[:, :, None])
+            slopes = (across - self.centres[:, :, None]) / z[:, None]
+        return np.asarray(slopes * np.asarray(self.focal) + self.principal[:, :, None])
 
     def distance(self, disparity: ArrayLike) -> Array:
         """Compute the distance z of a disparity; inf at infinity, NaN beyond it.

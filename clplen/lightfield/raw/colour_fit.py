@@ -83,17 +83,17 @@ def _colour_table(tile: Any) -> Any:
 def _cell(grid: LensletGrid, period: tuple[int, int]) -> tuple[Frame, Frame]:
     """Return the sides of a lenslet's cell, and the views' positions between them."""
     column = np.array(grid.column_step)
-    other = np.array(grid.row_step) + grid.odd_row_shift * column
-    third = other - np.rint(other @ column / (column @ column) + 1e-9) * column
-    steps = np.array([column, other, third])
+    row_vector = np.array(grid.row_step) + grid.odd_row_shift * column
+    third = row_vector - np.rint(row_vector @ column / (column @ column) + 1e-9) * column
+    steps = np.array([column, row_vector, third])
     if grid.odd_row_shift:
-        steps[2] = other - np.sign(grid.odd_row_shift) * column
+        steps[2] = row_vector - np.sign(grid.odd_row_shift) * column
     normals = steps / (steps**2).sum(1)[:, None]
     V, U = grid.views
     v, u = np.arange(V) - (V - 1) / 2, np.arange(U) - (U - 1) / 2
     offset = np.add.outer(v, 0 * u)[..., None] * np.array(grid.row_view_step)
     offset = offset + np.add.outer(0 * v, u)[..., None] * np.array(grid.column_view_step)
-    candidates = [offset - i * column - k * other for i in range(-2, 3) for k in range(-2, 3)]
+    candidates = [offset - i * column - k * row_vector for i in range(-2, 3) for k in range(-2, 3)]
     nearest = np.argmin([(candidate**2).sum(-1) for candidate in candidates], axis=0)
     offset = np.take_along_axis(np.array(candidates), nearest[None, ..., None], 0)[0]
     edges = (normals * (2 * np.array(period))).T

@@ -243,8 +243,8 @@ class Lattice:
 
         Positive angles turn +x towards +y, clockwise on a screen.
         """
-        of_column = math.atan2(self.column[0], self.column[1])
-        return (of_column + math.atan2(-self.row[1], self.row[0])) / 2
+        column_angle = math.atan2(self.column[0], self.column[1])
+        return (column_angle + math.atan2(-self.row[1], self.row[0])) / 2
 
     @property
     def turned(self) -> bool:

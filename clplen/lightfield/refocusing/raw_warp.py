@@ -271,9 +271,9 @@ def _lenslet_pixels(grid: LensletGrid, shape: tuple[int, int], ratio: float) -> 
 def _centres(grid: LensletGrid) -> Values:
     """Return the centres (y, x) of the sub-images in pixels, shape (rows, columns, 2)."""
     i, k = np.mgrid[: grid.count[0], : grid.count[1]][..., None]
-    shifted = k + i % 2 * grid.odd_row_shift
+    columns = k + i % 2 * grid.odd_row_shift
     return np.asarray(
-        np.array(grid.first) + i * np.array(grid.row_step) + shifted * np.array(grid.column_step)
+        np.array(grid.first) + i * np.array(grid.row_step) + columns * np.array(grid.column_step)
     )
 
 

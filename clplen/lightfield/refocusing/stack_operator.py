@@ -100,7 +100,7 @@ class StackOperator(LinearStep):
             require_alphas(self.alphas)
         self._resize = self._resize and self._geometry.decode != "naive"
 
-    def _about(self) -> str:
+    def _details(self) -> str:
         d = self.disparities
         resized = ", rescaled" if self._resize else ""
         return f", disparities {d.min():g} to {d.max():g}{resized}"

@@ -303,7 +303,7 @@ def _chunked(source: StoredLightField, tile: Tile) -> int:
 
 
 def _to_copy(source: StoredLightField) -> int:
-    """Return the bytes of memory needed to copy the views, including those read at once."""
+    """Return the bytes of memory needed to copy the views in groups."""
     views = math.prod(min(a, b) for a, b in zip(source.views_at_once, source.shape, strict=False))
     return source.overhead + views * (source.nbytes // math.prod(source.shape[:2]))
 

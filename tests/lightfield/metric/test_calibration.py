@@ -204,7 +204,7 @@ def test_bad_words():
         ({"spacing": -0.02}, "got -0.02"),
         ({"spacing": float("nan")}, "got nan"),
         ({"light_fields": [np.ones((3, 3, 40, 40))]}, "at least 3 light fields.*, got 1; one tilt"),
-        ({"light_fields": iter([])}, "not 0"),
+        ({"light_fields": iter([])}, "got 0"),
     ):
         with pytest.raises(ValueError, match=message):
             calibrate(**(given | words))
