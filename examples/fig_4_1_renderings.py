@@ -13,7 +13,7 @@ focused, standard = cameras(run)
 raw, other = exposed(focused), exposed(standard)
 depth, lf = focused_depth(raw), LightField.from_raw(other)
 centre = (np.array(raw.shape) - 1) / 2
-lattice = (depth.geometry.places - centre) / depth.geometry.pitch
+lattice = (depth.geometry.centres - centre) / depth.geometry.pitch
 figure = new_figure(9.4, 7)
 left, right = figure.subplots(4, 2, sharex=True, sharey=True).T
 show(left[0], focused, raw.to_numpy(), "2.0: raw image")

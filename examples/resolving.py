@@ -85,7 +85,7 @@ def blended(raw: RawImage, m: float, fine: float) -> FocusedImage:
 def response2(cam: Plenoptic2, fine: float = 3e-6) -> PSF:
     """Image of a point by the 2.0 camera, blended from all lenslets that see it."""
     picture = blended(about(exposed(cam), HALF + 0.6e-3), cam.m, fine)
-    (y, x), side = picture.places(), 2 * round(HALF / picture.pitch) + 1
+    (y, x), side = picture.positions(), 2 * round(HALF / picture.pitch) + 1
     psf = PSF(pixels(picture), picture.pitch, (float(y[y.size // 2]), float(x[x.size // 2])))
     return psf.cut((0.0, 0.0), (side, side))
 

@@ -99,7 +99,7 @@ class Slanted:
     def columns(self, depth: FocusedDepth) -> np.ndarray:
         """X of each sub-image."""
         geometry = depth.geometry
-        return (geometry.places[..., 1] - geometry.axis[1]) * self._scale
+        return (geometry.centres[..., 1] - geometry.axis[1]) * self._scale
 
     @property
     def _scale(self) -> float:

@@ -251,7 +251,7 @@ BAD_WORDS = (  # of stack, with the exit status and what is said
     ("--disparities 0:inf:3", 2, "must be START:STOP:N"),
     ("--disparities 0:1:2000000000000", 2, "must be START:STOP:N"),
     ("--disparities 0:1:1", 2, "must have at least 2 planes between two different ends"),
-    ("--disparities 0:1:3 --alphas 0.9:1.1:3", 2, "--alphas and --disparities both give"),
+    ("--disparities 0:1:3 --alphas 0.9:1.1:3", 2, "--alphas and --disparities both set"),
     ("--aperture wide", 2, "must be views across (9), a fraction of the diameter"),
     ("--aperture 7", 2, "--aperture must be at most the 5 views across of a"),
     ("--alphas 0.9:1.1:3", 1, "which this light field does not have: use --disparities."),

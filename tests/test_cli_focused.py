@@ -164,7 +164,7 @@ def test_depth(tmp_path: Path, raw_file: Path, device: Device) -> None:
     wide = focused_depth(raw, ms=(0.15, 0.3))
     with h5py.File(tmp_path / "d.h5") as file:
         np.testing.assert_array_equal(file["lenslets/m"], wide.m.astype(np.float32))
-        np.testing.assert_array_equal(file["lenslets/centre"], wide.geometry.places.astype("f4"))
+        np.testing.assert_array_equal(file["lenslets/centre"], wide.geometry.centres.astype("f4"))
         assert file["picture/m"].shape == maps.grid.shape
         assert file["picture"].attrs["step_px"] == maps.grid.step
         assert "z" in file["lenslets"]
@@ -254,12 +254,12 @@ BAD = [
     (("render", "--alphas", "1:1:1"), 2, "--alphas is for light fields"),
     (("render", "--flatten", "max"), 2, "--flatten is for light fields"),
     (("render", "--aperture", "f/20"), 2, "share of a sub-image's diameter, such as 0.5, not f/20"),
-    (("render", "--aperture", 9), 1, "share of a sub-image's diameter"),
+    (("render", "--aperture", 9), 1, "a share of the sub-image's diameter"),
     (("render", "--m", "0.1,0.2"), 2, "--m is one plane here, not 2"),
-    (("render", "--m", 0), 1, "m = b/a is a finite number other than 0"),
+    (("render", "--m", 0), 1, "m = b/a must be a finite number other than 0"),
     (("render", "--m", "a"), 2, "'a' is not m: give 0.2"),
-    (("render", "--patch", 30), 1, "A patch of 30 px is larger than a sub-image, 22 px"),
-    (("render", "--method", "depth", "--patch", 3), 1, "--method depth takes its patches"),
+    (("render", "--patch", 30), 1, "at most a sub-image, 22 px, got 30 px"),
+    (("render", "--method", "depth", "--patch", 3), 1, "--method depth sets the patches"),
     (("render", "--srgb"), 1, "--srgb does not apply to a raw image of a focused camera"),
     (("render", "--grid", "g.json"), 2, "--dark and --grid do not apply"),
     (("stack", "--disparities", "-1:1:3"), 2, "--disparities is for light fields"),
@@ -268,7 +268,7 @@ BAD = [
     (("stack", "--m", "-0.1:0.3:9"), 2, "'-0.1:0.3:9' passes m = 0, where nothing is in focus"),
     (("depth", "--cue", "energy"), 2, "--cue is for light fields"),
     (("depth", "--m", "0.2"), 2, "is not LEAST:GREATEST"),
-    (("depth", "--m", "0.2:0.6"), 1, "seen by 1.7 lenslets a row, which is too few"),
+    (("depth", "--m", "0.2:0.6"), 1, "only 1.7 lenslets a row see a point, too few"),
     (
         ("depth", "--baseline-mm", 1, "--focal-length-mm", 1, "--pixel-um", 1),
         2,

@@ -128,7 +128,7 @@ def test_one_view_is_no_evidence(tmp_path, device):
     lf = LightField.from_array(views((1, 1)), device=device, spacing=(-1e-3, -1e-3, 5e-6, 5e-6))
     write_lightfield(tmp_path / "one.h5", lf)
     found = table(run("info", tmp_path / "one.h5", "--device", device.place))
-    assert found["View axes"] == "There is one view only, so no order of views to check."
+    assert found["View axes"] == "The view axes cannot be checked: there is only one view."
     assert found["Spacing"] == "dv -1000 um, du -1000 um, dy 5 um, dx 5 um"
     result = run("info", tmp_path / "one.h5", "--json", "--device", device.place)
     assert json.loads(result.stdout)["factor"] is None

@@ -190,7 +190,7 @@ def test_a_light_field_that_knows_its_camera(device: Device) -> None:
         ratio = (spacing[0] / spacing[2]) / (spacing[1] / spacing[3])
         np.testing.assert_allclose(down, -d * ratio, rtol=1e-9)
     assert cameras.centres[2, 4].tolist() == pytest.approx([4e-4, 6e-4])
-    with pytest.raises(ValueError, match="are unknown: give baseline="):
+    with pytest.raises(ValueError, match="are unknown; pass baseline="):
         view_cameras(LightField.from_array(np.ones((3, 5, 8, 9)), device=device))
 
 

@@ -193,7 +193,7 @@ def test_one_sentence(tmp_path: Path, views: Path, device: Device):
         (("render", "--sweep", "views", "--aperture", 3), 2, "leave out --viewpoint"),
         (("render", "--sweep", "views"), 2, "The output ends in .gif"),
         (("render", "--alphas", "0.9:1.1:3"), 2, "belong to --sweep focus"),
-        (("render", "--viewpoint", 9, 0), 1, "v is from 0 to 2, u from 0 to 4"),
+        (("render", "--viewpoint", 9, 0), 1, "v from 0 to 2 and u from 0 to 4"),
         (("refocus",), 2, "Give one of --disparity"),
         (("refocus", "--disparity", 1, "--at", "3,4"), 2, "Give one of --disparity"),
         (("refocus", "--at", "3"), 2, "'3' is not Y,X, for example 120,88"),
@@ -210,7 +210,7 @@ def test_one_sentence(tmp_path: Path, views: Path, device: Device):
         (("refocus", "--all-in-focus", "--upsample", 2), 2, "goes with one plane"),
         (("refocus", "--alpha", 0.9), 1, "does not have: use --disparity."),
         (("epi", "--y", 1), 2, "Give --y and --v, or --x and --u"),
-        (("epi", "--y", 99, "--v", 0), 1, "y is a whole number from 0 to 29"),
+        (("epi", "--y", 99, "--v", 0), 1, "y must be an integer from 0 to 29"),
     ):
         out = tmp_path / "out.tif"
         said = refused(run(device, words[0], views, "-o", out, *words[1:]), code)

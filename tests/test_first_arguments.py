@@ -151,7 +151,7 @@ def test_anything_else_is_refused_in_one_sentence() -> None:
         for kind, wrong in WRONG.items()
     }
     assert [of for of, words in said.items() if words is None or OF_PYTHON.search(words)] == []
-    remedy = "LightField.from_array and read_lightfield give it"
+    remedy = "(LightField.from_array, read_lightfield)"
     kinds = ("None", "a path", "a list", "a number")
     pairs = [(name, kind) for name in OF_LIGHTFIELDS for kind in kinds]
     assert [of for of in pairs if remedy not in (said[of] or "")] == []

@@ -281,7 +281,7 @@ def test_a_view_with_masked_samples_has_no_weight(device: Device) -> None:
     expected[[1, 2], [2, 0]] = 0
     own = objects.samples(3, 4) + 0.1
     for given in (masked, [list(row) for row in masked], ReadMasked(masked)):
-        with pytest.warns(SamplingWarning, match="1 of 12 views have masked samples and valid"):
+        with pytest.warns(SamplingWarning, match="1 of 12 views have both masked and valid"):
             lf = clplen.LightField.from_array(given, device=device)
         np.testing.assert_array_equal(lf.weights, expected)
         for picture in (clplen.refocus(lf, disparity=0.0), lf.render()):

@@ -134,7 +134,7 @@ def test_readers(device, tmp_path, name):
 def test_hostile_numbers_do_not_warn():
     """Matrices whose products leave float64 are refused, and places beyond it are unknown."""
     H = np.diag([1e-3, 1e-3, 1e-3, 1e308, 1.0])
-    with pytest.raises(ValueError, match="H holds 12 numbers"), np.errstate(all="raise"):
+    with pytest.raises(ValueError, match="H has 12 free numbers"), np.errstate(all="raise"):
         clplen.lightfield.Intrinsics(H, np.zeros(5), (3, 5, 8, 9))
     maps = cameras.OPDMaps(np.zeros((1, 1, 9, 9)), fields=[(0, 0)])
     with pytest.raises(ValueError, match="finite"):

@@ -406,7 +406,7 @@ def _of_lightfield(
 
     data["sentence"] = report.sentence(spelled)
     for order, entry in zip(report.orders, data["orders"], strict=True):
-        entry["words"] = typed(combine_layout_words(read_with, order.words)).split()
+        entry["words"] = typed(combine_layout_words(read_with, order.keywords)).split()
     return rows + of_orders(report, read_with, data["sentence"]), data
 
 

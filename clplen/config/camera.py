@@ -30,7 +30,7 @@ from clplen.config.tables import (
     of,
     twice,
 )
-from clplen.lightfield.raw.raw_image import LARGEST_PRNU, Sensor
+from clplen.lightfield.raw.raw_image import MAX_PRNU, Sensor
 from clplen.wave.elements.lenslets import MicrolensArray
 
 Pair = Annotated[tuple[Finite, Finite], of(2, "two numbers, [along Y, along X]")]
@@ -342,7 +342,7 @@ class SensorTable(Table):
     bit_depth: Annotated[int, Field(ge=1, le=24, strict=True)] | None = None
     full_well_electrons: Positive | None = None
     seed: Seed = 0
-    prnu: Annotated[float, Field(ge=0, le=LARGEST_PRNU, strict=True)] = 0.0
+    prnu: Annotated[float, Field(ge=0, le=MAX_PRNU, strict=True)] = 0.0
     dark_current_electrons_per_s: NotNegative = 0.0
     exposure_time_s: NotNegative = 0.0
     black_level: NotNegative = 0.0

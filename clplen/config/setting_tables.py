@@ -56,7 +56,7 @@ def _kind(one: Setting, hint: Any) -> Any:
     if one.kind is str and one.choices:
         kind = Literal.__getitem__(one.choices)
     elif one.kind in (int, float) and not (one.choices or one.pair or one.check):
-        kind = Annotated[kind, Field(ge=one.least, gt=one.above)]
+        kind = Annotated[kind, Field(ge=one.minimum, gt=one.above)]
     else:
         return hint
     return kind if one.default is not None else kind | None

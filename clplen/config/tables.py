@@ -15,7 +15,7 @@ from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, ValidationEr
 
 from clplen.errors import ClplenError, FormatError, arguments_as
 from clplen.reprs import one_line
-from clplen.settings.declaration import SettingError, shown
+from clplen.settings.declaration import SettingError, format_value
 
 if sys.version_info >= (3, 11):
     import tomllib
@@ -144,7 +144,7 @@ def _wrong_value(error: Any) -> str:
     is_table = error["type"] == "value_error" and isinstance(error["input"], dict)
     if is_table:
         return sentence
-    got = f"got {shown(error['input'])}"
+    got = f"got {format_value(error['input'])}"
     return f"{sentence} ({got})" if sentence.endswith("?") else f"{sentence}, {got}"
 
 

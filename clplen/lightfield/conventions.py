@@ -1,8 +1,8 @@
-"""Numbers of other tools as disparity d, and back; disparity as a distance.
+"""Conversion between this package's disparity d and the numbers of other tools.
 
-d is in pixels a view step, nearer is larger: a plane of disparity d lies at x - d (u - (U - 1)/2)
-in view u. Every pair of functions is ``from_TOOL(number) -> d`` and ``to_TOOL(d) -> number``;
-numbers and arrays are taken alike.
+d is in pixels a view step, larger for nearer objects: a plane of disparity d lies at
+x - d (u - (U - 1)/2) in view u. Functions come in pairs, ``from_TOOL(number) -> d`` and
+``to_TOOL(d) -> number``, and accept numbers and arrays.
 """
 
 from __future__ import annotations
@@ -18,95 +18,95 @@ Real = np.ndarray[Any, np.dtype[np.float64]]
 
 
 def from_plenopticam(a: ArrayLike) -> Real:
-    """d of plenopticam's refocusing parameter a, a whole number: d = a."""
+    """Convert plenopticam's refocusing parameter a, an integer: d = a."""
     return float64_array(a)
 
 
 def to_plenopticam(d: ArrayLike) -> Real:
-    """Plenopticam's a, the whole number next to d."""
+    """Convert to plenopticam's a, the integer nearest to d."""
     return np.rint(float64_array(d))
 
 
 def from_plenpy(slope: ArrayLike, *, views: int) -> Real:
-    """d of plenpy's slope, whose views span N steps instead of N - 1: d = slope N/(N - 1)."""
+    """Convert plenpy's slope, which spans N steps instead of N - 1: d = slope N/(N - 1)."""
     return float64_array(slope) / _span(views)
 
 
 def to_plenpy(d: ArrayLike, *, views: int) -> Real:
-    """Slope of plenpy, d (N - 1)/N."""
+    """Convert to plenpy's slope, d (N - 1)/N."""
     return float64_array(d) * _span(views)
 
 
 def from_lftoolbox(slope: ArrayLike, *, views: int) -> Real:
-    """d of the Slope of LFToolbox' LFFiltShiftSum: d = -Slope N/(N - 1), N as for `from_plenpy`."""
+    """Convert LFFiltShiftSum's Slope (LFToolbox): d = -Slope N/(N - 1), N as in `from_plenpy`."""
     return -from_plenpy(slope, views=views)
 
 
 def to_lftoolbox(d: ArrayLike, *, views: int) -> Real:
-    """Slope of LFFiltShiftSum, -d (N - 1)/N."""
+    """Convert to the Slope of LFFiltShiftSum, -d (N - 1)/N."""
     return -to_plenpy(d, views=views)
 
 
 def from_plenoptomos(alpha: ArrayLike) -> Real:
-    """d of plenoptomos' alpha > 0, which takes the view index for a length: d = 1/alpha - 1."""
+    """Convert plenoptomos' alpha > 0, which treats the view index as a length: d = 1/alpha - 1."""
     return 1 / _positive("alpha", alpha) - 1
 
 
 def to_plenoptomos(d: ArrayLike) -> Real:
-    """Alpha of plenoptomos, 1/(1 + d), for d > -1."""
+    """Convert to plenoptomos' alpha, 1/(1 + d), for d > -1."""
     return 1 / _positive("1 + d", 1 + float64_array(d))
 
 
 def from_ng(alpha: ArrayLike, *, kappa: float) -> Real:
-    """d of Ng's alpha = F'/F > 0: d = kappa (1 - 1/alpha)."""
+    """Convert Ng's alpha = F'/F > 0: d = kappa (1 - 1/alpha)."""
     return _positive("kappa", kappa) * (1 - 1 / _positive("alpha", alpha))
 
 
 def to_ng(d: ArrayLike, *, kappa: float) -> Real:
-    """Alpha of Ng, 1/(1 - d/kappa), for d < kappa."""
+    """Convert to Ng's alpha, 1/(1 - d/kappa), for d < kappa."""
     ratio = float64_array(d) / _positive("kappa", kappa)
     return 1 / _positive("1 - d/kappa", 1 - ratio)
 
 
 def from_lightfieldlab(shift: ArrayLike) -> Real:
-    """d of LightFieldLab's shift: d = -shift."""
+    """Convert LightFieldLab's shift: d = -shift."""
     return -float64_array(shift)
 
 
 def to_lightfieldlab(d: ArrayLike) -> Real:
-    """Shift of LightFieldLab, -d."""
+    """Convert to LightFieldLab's shift, -d."""
     return -float64_array(d)
 
 
 def from_epi_slope(slope: ArrayLike) -> Real:
-    """d of the slope dx/du of a line in an epipolar-plane image: d = -dx/du."""
+    """Convert the slope dx/du of a line in an epipolar-plane image: d = -dx/du."""
     return -float64_array(slope)
 
 
 def to_epi_slope(d: ArrayLike) -> Real:
-    """Slope dx/du in pixels a view, -d."""
+    """Convert to the slope dx/du in pixels a view, -d."""
     return -float64_array(d)
 
 
 def from_virtual_depth(virtual_depth: ArrayLike, *, pitch: float) -> Real:
-    """Shift between neighbouring micro-images of plenoptic 2.0, in pixels: pitch/v.
+    """Return the shift between neighbouring micro-images of plenoptic 2.0, pitch/v in pixels.
 
-    It is the patch size of basic rendering.
+    The shift is the patch size of basic rendering.
     """
     return _positive("pitch", pitch) / _not_zero("The virtual depth", virtual_depth)
 
 
 def to_virtual_depth(shift: ArrayLike, *, pitch: float) -> Real:
-    """Virtual depth v = pitch/shift of a shift in pixels, not 0."""
+    """Return the virtual depth v = pitch/shift of a shift in pixels other than 0."""
     return _positive("pitch", pitch) / _not_zero("The shift", shift)
 
 
 def disparity_of_distance(
     z: ArrayLike, *, kappa: float, image_distance: float, focus: float
 ) -> Real:
-    """d = kappa F (1/z - 1/z0) of an object at a distance z from the main lens.
+    """Return d = kappa F (1/z - 1/z0) of an object at the distance z from the main lens.
 
-    It follows from 1/z = 1/f - alpha/F and d = kappa (1 - alpha).
+    The formula follows from 1/z = 1/f - alpha/F and d = kappa (1 - alpha).
     """
     scale = _positive("kappa", kappa) * _positive("image_distance", image_distance)
     return scale * (1 / _positive("z", z, infinite=True) - 1 / _positive("focus", focus))
@@ -115,9 +115,10 @@ def disparity_of_distance(
 def distance_of_disparity(
     d: ArrayLike, *, kappa: float, image_distance: float, focus: float
 ) -> Real:
-    """Distance z, metres, of a disparity; infinite at and beyond that of infinity.
+    """Return the distance z in metres of a disparity; infinite at and beyond infinity.
 
-    Parameters as for `disparity_of_distance`."""
+    The parameters are those of `disparity_of_distance`.
+    """
     scale = _positive("kappa", kappa) * _positive("image_distance", image_distance)
     near = float64_array(d) / scale + 1 / _positive("focus", focus)
     with np.errstate(divide="ignore"):
@@ -133,10 +134,10 @@ def hci_disparity(
     sensor_size: float,
     pixels: int,
 ) -> Real:
-    """d = (b f W/Z - b f W/Z0)/s of the HCI 4D light-field benchmark.
+    """Return d = (b f W/Z - b f W/Z0)/s of the HCI 4D light-field benchmark.
 
-    The form of `disparity_of_distance` with kappa F = b f W/s (Honauer et al. 2016; its
-    ``parameters.cfg`` gives millimetres).
+    This is `disparity_of_distance` with kappa F = b f W/s (Honauer et al. 2016). Its
+    ``parameters.cfg`` gives millimetres.
     """
     scale = hci_scale(baseline, focal_length, sensor_size=sensor_size, pixels=pixels)
     return disparity_of_distance(z, kappa=scale, image_distance=1, focus=focus)
@@ -151,13 +152,13 @@ def hci_distance(
     sensor_size: float,
     pixels: int,
 ) -> Real:
-    """Z, metres, of a disparity; parameters as for `hci_disparity`."""
+    """Return the distance Z in metres of a disparity; parameters as in `hci_disparity`."""
     scale = hci_scale(baseline, focal_length, sensor_size=sensor_size, pixels=pixels)
     return distance_of_disparity(d, kappa=scale, image_distance=1, focus=focus)
 
 
 def hci_scale(baseline: float, focal_length: float, *, sensor_size: float, pixels: int) -> float:
-    """b f W/s, the kappa F of the benchmark: disparity times metres."""
+    """Return b f W/s, the kappa F of the HCI benchmark, in disparity times metres."""
     size = float(_positive("sensor_size", sensor_size))
     return float(_positive("baseline", baseline) * _positive("focal_length", focal_length)) * (
         float(_positive("pixels", pixels)) / size
@@ -166,7 +167,7 @@ def hci_scale(baseline: float, focal_length: float, *, sensor_size: float, pixel
 
 def _span(views: int) -> float:
     if not views >= 2:
-        raise ValueError(f"views counts at least two views along an axis, not {views!r}.")
+        raise ValueError(f"views must be at least 2 along an axis, got {views!r}.")
     return (views - 1) / views
 
 
@@ -174,12 +175,12 @@ def _positive(name: str, value: ArrayLike, *, infinite: bool = False) -> Real:
     values = float64_array(value)
     limit = np.isfinite(values) | (infinite & np.isposinf(values))
     if not ((values > 0) & limit).all():
-        raise ValueError(f"{name} is above 0 and finite, not {value!r}.")
+        raise ValueError(f"{name} must be positive and finite, got {value!r}.")
     return values
 
 
 def _not_zero(name: str, value: ArrayLike) -> Real:
     values = float64_array(value)
     if not (np.isfinite(values) & (values != 0)).all():
-        raise ValueError(f"{name} is finite and not 0, not {value!r}.")
+        raise ValueError(f"{name} must be finite and other than 0, got {value!r}.")
     return values

@@ -1,8 +1,8 @@
 """Depth maps and all-in-focus pictures of light fields of any size.
 
-A light field is a source of tiles, and one on a device is one tile. A stored one is loaded where
-memory suffices, and else read tile by tile, each with a halo as wide as the planes shift its views
-and the windows of a cue reach; the result has the same bits.
+A light field is a source of tiles; on a device it is a single tile. A stored light field is loaded
+if memory suffices. Otherwise it is read tile by tile, with a halo for the shifts of the planes and
+the windows of a cue; the result is bitwise equal.
 """
 
 from __future__ import annotations
@@ -64,28 +64,28 @@ def depth_map(
     device: DeviceLike | None = None,
     progress: Progress | None = None,
 ) -> DepthMap:
-    """Find the disparity at every pixel of the centre view, finer than the planes that are tried.
+    """Estimate the disparity at every pixel of the centre view, with subplane accuracy.
 
     Parameters
     ----------
     source : LightField, StoredLightField, FocalStack or array_like
-        A stack brings its own planes, in any order, and allows only "energy"; one without
-        `weights` of its views is taken as it is.
+        Light field or focal stack. A stack has fixed planes, in any order, and allows only
+        "energy"; without `weights` of its views it is not corrected for interpolation blur.
     alphas, disparities : array_like, optional
-        Planes to try, at least three different ones, not both. For a light field without either
-        those of `suitable_planes`: 33 alphas from .65 to 1.35 where the spacing is known, the depth
-        range of a microscope, else 33 disparities from -2 to 2.
+        Planes to search, at least three different ones, as one of the two. Default for a light
+        field: `suitable_planes`, i.e. 33 alphas from 0.65 to 1.35 if the spacing is known, the
+        depth range of a microscope, else 33 disparities from -2 to 2.
     aperture : int, float, str or array_like, optional
         Part of the main lens whose views are used, as in `focal_stack`; not with a stack. Default
         all views.
     cue : {"energy", "correspondence", "structure-tensor", "combined"}, optional
-        See Notes. Default "energy" for a stack, and for the light field of a microscope: what
-        fluoresces is transparent, where the other cues look for surfaces and put single points on
-        disparity 0; "combined" for other light fields.
+        Depth cue, see Notes. Default "energy" for a stack and for the light field of a microscope:
+        fluorescence is transparent, while other cues search surfaces and place single points at
+        disparity 0. Default "combined" for other light fields.
     memory, device : int, Device or str, optional
-        As in `focal_stack`.
+        Memory and device, see `focal_stack`.
     progress : callable, optional
-        Called with (tiles done, tiles in all).
+        Function called with (tiles done, number of tiles).
 
     Returns
     -------
@@ -95,39 +95,38 @@ def depth_map(
     Raises
     ------
     ValueError
-        If the cue is unknown or needs the views that a stack does not have, alphas and disparities
-        are both given or given with a stack, the aperture does not fit or is given with a stack,
-        there are fewer than three planes or no two views overlap on one; or the smallest tile of a
-        stored light field does not fit into the memory.
+        If the cue is unknown or needs views, which a stack does not have; alphas, disparities or
+        aperture are inconsistent or combined with a stack; there are fewer than three planes, or no
+        views overlap on a plane; or the smallest tile of a stored light field exceeds the memory.
     DeviceError
-        If what is needed is larger than the device's memory.
+        If the device's memory does not suffice.
     OSError, FormatError
-        As in `stack_tiles`.
+        See `stack_tiles`.
 
     Warns
     -----
     SamplingWarning
-        From NA/n = .7 of a microscope on, where ``z`` is too far from the native plane by the
-        factor that it names (`clplen.lightfield.depth.best_focus`).
+        From NA/n = 0.7 of a microscope on, where ``z`` is too far from the native plane by the
+        factor in the message (`clplen.lightfield.depth.best_focus`).
 
     Notes
     -----
     The cues are:
 
-    - "energy": the sharpest plane: highest local energy of detail of the refocused picture
-      (`clplen.lightfield.depth.energy_cue`). A cue of defocus: strong in noise, weak beside
+    - "energy": the sharpest plane, by the local energy of detail of the refocused picture
+      (`clplen.lightfield.depth.energy_cue`). A defocus cue: robust in noise, weak beside
       occlusions.
-    - "correspondence": the plane on which the views agree: least variance over the views in a box
-      of 9 pixels (`clplen.lightfield.depth.correspondence_cue`). Sharp at edges, misled by
-      highlights and noise.
-    - "structure-tensor": the orientation of the epipolar-plane images, sheared in steps, most
-      coherent of both directions (`clplen.lightfield.depth.structure_tensor_cue`). Of the planes
-      only the range counts.
-    - "combined": matching past occlusions with adaptive support, by the samples or, where the
-      brightness of the views differs, by their detail, refined by least squares
-      (`clplen.lightfield.depth.combined_cue`): the most exact, and the slowest. Bright points on
-      black, as of beads and stars, get the depth of their sharpest plane, and the black none
-      (confidence 0).
+    - "correspondence": the plane of least variance over the views in a box of 9 pixels
+      (`clplen.lightfield.depth.correspondence_cue`). Sharp at edges, misled by highlights and
+      noise.
+    - "structure-tensor": the orientation of epipolar-plane images, sheared in steps, in the more
+      coherent of both directions (`clplen.lightfield.depth.structure_tensor_cue`). Only the range
+      of the planes matters.
+    - "combined": occlusion-aware matching with adaptive support, on samples or, where the
+      brightness of the views differs, on detail, refined by least squares
+      (`clplen.lightfield.depth.combined_cue`): the most accurate and slowest. Bright points on
+      black, such as beads and stars, get the depth of their sharpest plane; the black gets
+      confidence 0.
 
     Examples
     --------
@@ -140,45 +139,47 @@ def depth_map(
     if isinstance(source, FocalStack):
         if aperture is not None:
             raise ValueError(
-                "A focal stack has its own aperture; depth_map takes aperture only with a light "
+                "A focal stack has a fixed aperture; aperture can only be combined with a light "
                 "field."
             )
         cue_named(cue or "energy")
         planes = distinct_planes(source, alphas, disparities)
         if cue not in (None, "energy"):
             raise ValueError(
-                f"cue={cue!r} compares views, which a focal stack does not have: give the light "
+                f"cue={cue!r} compares views, which a focal stack does not have; pass the light "
                 "field, or cue='energy'."
             )
         return with_depth(source, *energy_disparity(source, planes))
     lf, device = as_source(source, device)
     lf = through(lf, aperture)
-    chosen = cue_named(default_cue(lf) if cue is None else cue)
+    cue_steps = cue_named(default_cue(lf) if cue is None else cue)
     planes = distinct_planes(lf, alphas, disparities)
-    plan = plan_tiles(lf, [chosen.memory(lf, planes)], memory=memory, device=device)
+    plan = plan_tiles(lf, [cue_steps.memory(lf, planes)], memory=memory, device=device)
     if plan.in_core and isinstance(lf, StoredLightField):
         lf = lf.load(device)
     size = lf.shape[2:4]
     maps = DepthMap(*(np.empty(size, np.float32) for _ in range(4)))
-    lost = np.zeros(size if chosen.survey else (0, 0), np.bool_)
+    lost = np.zeros(size if cue_steps.survey else (0, 0), np.bool_)
     with fast_source(lf, plan) as fast:
-        more = (_surveyed(fast, plan, chosen, device),) if chosen.survey else ()
+        survey_args = (_surveyed(fast, plan, cue_steps, device),) if cue_steps.survey else ()
         for tile, part in read_tiles(fast, plan.tiles, device, progress):
-            inside: Any = {"inside": tile.inside} if chosen.survey else {}
-            disparity, confidence, *away = chosen.disparity(part, planes, *more, **inside)
+            inside: Any = {"inside": tile.inside} if cue_steps.survey else {}
+            disparity, confidence, *masks = cue_steps.disparity(
+                part, planes, *survey_args, **inside
+            )
             del part  # before the next tile is sent to the device
-            for mask in away:
+            for mask in masks:
                 lost[tile.rows, tile.columns] = mask[tile.inside]
             depth = with_depth(lf, disparity[tile.inside], confidence[tile.inside])
             for attribute, values in vars(depth).items():
                 getattr(maps, attribute)[tile.rows, tile.columns] = values
-    if chosen.merge is not None:
-        maps.confidence[...] = chosen.merge(maps.confidence, lost)
+    if cue_steps.merge is not None:
+        maps.confidence[...] = cue_steps.merge(maps.confidence, lost)
     return maps
 
 
 def _surveyed(source: Source, plan: StreamPlan, cue: Cue, device: Device) -> Any:
-    """Return what a cue needs to know of the whole light field, from bands of its rows."""
+    """Survey the whole light field for a cue in bands of rows."""
     assert cue.survey is not None
     survey = cue.survey(source)
     for tile, lf in read_tiles(source, bands(source.shape[2:4], plan.band_rows), device, None):
@@ -196,47 +197,46 @@ def all_in_focus(
     device: DeviceLike | None = None,
     progress: Progress | None = None,
 ) -> Image:
-    """Make one picture that is sharp at every depth, in the values of the light field (linear).
+    """Compute a picture that is sharp at every depth, in (linear) values of the light field.
 
-    With a depth map, every pixel is taken at its own disparity: of a light field by averaging its
-    views there (`refocus` on a surface), of a stack linearly between its two nearest planes (held
-    beyond the ends).
+    With a depth map, every pixel is refocused at its disparity: a light field by averaging its
+    views there (`refocus` on a surface), a stack by linear interpolation between its two nearest
+    planes (constant beyond the ends).
 
-    Without one, the planes of a stack are blended with weights (E_d / max_d E)^32, where E_d is
-    the local energy of `depth_map`, smooth over a window of 4 pixels, so that no seams appear;
-    where nothing has any texture all planes count alike.
+    Without a depth map, the planes of a stack are blended with weights (E_d / max_d E)^32. E_d is
+    the local energy of `depth_map`, smooth over a window of 4 pixels, which avoids seams; planes
+    without any texture count equally.
 
     Parameters
     ----------
     source : LightField, StoredLightField, FocalStack or array_like
-        The views, or pictures of them on planes.
+        Views, or pictures of them on planes.
     depth : DepthMap or array_like, optional
-        Or disparities, shape (y, x), in pixels a view step, finite.
+        Depth map or disparities of shape (y, x), in pixels a view step, finite.
     disparities : array_like, optional
-        Planes to blend, for a light field without depth; default those of `suitable_planes`, as
-        for `depth_map`.
+        Planes to blend, for a light field without depth; default `suitable_planes`, as in
+        `depth_map`.
     memory, device : int, Device or str, optional
-        As in `focal_stack`.
+        Memory and device, see `focal_stack`.
     progress : callable, optional
-        Called with (tiles done, tiles in all).
+        Function called with (tiles done, number of tiles).
 
     Returns
     -------
     Image
-        Of the centre view, float32, shape (y, x[, c]).
+        All-in-focus centre view, float32, shape (y, x[, c]).
 
     Raises
     ------
     ValueError
-        If a disparity is not finite, no two views overlap on a plane or anywhere on the surface,
-        or planes are given that are not used; or the smallest tile of a stored light field does
-        not fit into the memory.
+        If a disparity is not finite, no views overlap on a plane or on the surface, planes are
+        superfluous, or the smallest tile of a stored light field exceeds the memory.
     ShapeError
-        If the depth map is not of the size of the views.
+        If the depth map and the views differ in size.
     DeviceError
-        If the stack is larger than the device's memory.
+        If the stack exceeds the device's memory.
     OSError, FormatError
-        As in `stack_tiles`.
+        See `stack_tiles`.
 
     Examples
     --------
@@ -261,8 +261,10 @@ def all_in_focus(
         require_overlap(source, source.weights, surface)
         estimate = surface_memory(source, surface)
     else:
-        given = default_disparities(source) if disparities is None else disparities
-        planes, ratios = stack_planes(source, source.weights, alphas=None, disparities=given)
+        planes_to_blend = default_disparities(source) if disparities is None else disparities
+        planes, ratios = stack_planes(
+            source, source.weights, alphas=None, disparities=planes_to_blend
+        )
         estimate = blend_memory(source, planes)
     plan = plan_tiles(source, [estimate], memory=memory, device=device)
 

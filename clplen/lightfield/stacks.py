@@ -1,8 +1,8 @@
 """Focal stacks of light fields of any size.
 
-A light field is a source of tiles, and one on a device is one tile. A stored one is loaded where
-memory suffices, and else read tile by tile, each with a halo as wide as the planes shift its views;
-the result has the same bits.
+A light field is a source of tiles; on a device it is a single tile. A stored light field is loaded
+if memory suffices. Otherwise it is read tile by tile, with a halo for the shifts of the planes; the
+result is bitwise equal.
 """
 
 from __future__ import annotations
@@ -47,24 +47,24 @@ Part = tuple[slice, slice, slice, Pictures]
 
 @dataclass(frozen=True, eq=False, repr=False)
 class StackTiles(OneLine):
-    """A focal stack that is computed tile by tile while it is iterated over, once.
+    """A focal stack that is computed tile by tile during iteration, once.
 
     Yields (planes, rows, columns, pictures): three slices and float32 pictures of shape
-    (planes, rows, columns[, c]), in new arrays. Leaving the loop early lets go of everything.
+    (planes, rows, columns[, c]) in new arrays. Leaving the loop early releases all resources.
 
     Attributes
     ----------
     plan : StreamPlan
     shape : tuple of int
-        (n, y, x[, c]).
+        Shape (n, y, x[, c]).
     disparities, alphas : numpy.ndarray
-        float64, shape (n,), as in `FocalStack`.
+        Planes, float64, shape (n,), as in `FocalStack`.
     spacing : tuple of float or None
         Signed (dv, du, dy, dx) of the light field, in metres.
     camera : CameraModel or None
-        Of the light field.
+        Camera of the light field.
     _parts : iterator
-        The tiles that are left.
+        Remaining tiles.
 
     Examples
     --------
@@ -88,7 +88,7 @@ class StackTiles(OneLine):
 
     def __getstate__(self) -> dict[str, Any]:
         raise TypeError(
-            "StackTiles are made one after the other and cannot be copied or pickled: copy the "
+            "StackTiles are computed in sequence and cannot be copied or pickled: copy the "
             "pictures that they yield, or call stack_tiles in the other process."
         )
 
@@ -103,46 +103,46 @@ def focal_stack(
     memory: int | None = None,
     device: DeviceLike | None = None,
 ) -> FocalStack:
-    """Make pictures focused on many planes, in one pass over the light field.
+    """Refocus a light field on many planes in one pass.
 
-    Every plane is what `refocus` returns for it (without rescaling).
+    Every plane equals `refocus` (without rescaling).
 
     Parameters
     ----------
     lf : LightField, StoredLightField or array_like
-        Shape (v, u, y, x[, c]).
+        Light field, shape (v, u, y, x[, c]).
     alphas, disparities : array_like, optional
-        Planes, shape (n,), in any order, or "START:STOP:N"; one of the two: F/F', which needs the
-        spacing of the light field, or pixels a view step. Default: those of `suitable_planes`.
+        Planes, shape (n,), in any order, or "START:STOP:N": F/F', which requires the spacing, or
+        pixels a view step. Only one of the two may be set; default `suitable_planes`.
     aperture : int, float, str or array_like, optional
-        As in `LightField.render`.
+        Aperture, see `LightField.render`.
     interpolation : {"linear", "nearest", "cubic", "fourier"}
-        As in `refocus`; "fourier" needs whole views.
+        Interpolation, see `refocus`; "fourier" needs whole views.
     memory : int, optional
-        Bytes for what a stored light field needs on the host and the device together, the result
-        included; default half of what is free on the host, or of the device's memory if that is
-        less. What does not fit is computed in tiles.
+        Maximum bytes of host and device together for a stored light field, result included;
+        default half of the free memory of the host, or of the device if that is less. Larger
+        computations are split into tiles.
     device : Device or str, optional
-        Where an array or a stored light field goes; default ``Device.open()``. Other light fields
-        bring their own.
+        Device for an array or a stored light field; default ``Device.open()``. Other light fields
+        stay on their device.
 
     Returns
     -------
     FocalStack
-        Pictures, float32, shape (n, y, x[, c]). It keeps the weights of its views, by which depth
-        makes planes equally blurred, for linear interpolation only.
+        Pictures, float32, shape (n, y, x[, c]). Weights of the views, with which depth maps correct
+        interpolation blur, are stored for linear interpolation only.
 
     Raises
     ------
     ValueError
-        If both alphas and disparities are given, or they are no finite numbers in one dimension, no
-        two views overlap on a plane, the aperture does not fit, the interpolation is unknown, or a
-        stored light field does not fit into the memory: its stack itself (take `stack_tiles`, or
-        ``clplen stack``), its smallest tile, or whole views for "fourier".
+        If both alphas and disparities are set, or are not finite and one-dimensional; no two views
+        overlap on a plane; the aperture or the interpolation is invalid; or the memory does not
+        suffice for a stored light field: for its stack (call `stack_tiles`, or run ``clplen
+        stack``), its smallest tile, or whole views for "fourier".
     DeviceError
-        If the stack and the light field together are larger than the device's memory.
+        If stack and light field exceed the device's memory.
     OSError, FormatError
-        As in `stack_tiles`.
+        See `stack_tiles`.
 
     Examples
     --------
@@ -155,18 +155,21 @@ def focal_stack(
     2
     """
     source, device = as_source(lf, device)
-    chosen = _Stack.of(source, alphas, disparities, aperture, interpolation)
+    options = _Stack.of(source, alphas, disparities, aperture, interpolation)
     if isinstance(source, StoredLightField):
         memory = memory_budget(memory, device)
-        kept = _stack_bytes(chosen, source, memory, device)
+        result_bytes = _stack_bytes(options, source, memory, device)
         plan = plan_tiles(
-            source, stack_memory(source, chosen.planes, kept=kept), memory=memory, device=device
+            source,
+            stack_memory(source, options.planes, result_bytes=result_bytes),
+            memory=memory,
+            device=device,
         )
         if not plan.in_core or len(plan.planes) > 1:
-            _require_tiles(chosen)
-            return _gathered(chosen, source, plan, device)
+            _require_tiles(options)
+            return _gather_tiles(options, source, plan, device)
         source = source.load(device)
-    return stack_on_planes(source, *chosen)
+    return stack_on_planes(source, *options)
 
 
 def stack_tiles(
@@ -180,33 +183,33 @@ def stack_tiles(
     device: DeviceLike | None = None,
     progress: Progress | None = None,
 ) -> StackTiles:
-    """Compute a focal stack tile by tile: one that may be larger than memory.
+    """Compute a focal stack tile by tile, even if it exceeds the memory.
 
     Parameters
     ----------
     lf : LightField, StoredLightField or array_like
-        As in `focal_stack`; one on a device is one tile.
+        Light field, see `focal_stack`; on a device it is one tile.
     alphas, disparities, aperture, interpolation : array_like, array_like, object, str, optional
-        As in `focal_stack`; several tiles without "fourier".
+        Options of `focal_stack`; "fourier" only for a single tile.
     memory, device : int, Device or str, optional
-        As in `focal_stack`; the pictures of one tile count, not all.
+        Memory and device, see `focal_stack`; only the pictures of one tile count.
     progress : callable, optional
-        Called with (tiles done, tiles in all).
+        Function called with (tiles done, number of tiles).
 
     Returns
     -------
     StackTiles
-        Tiles that are computed as they are taken, with the bits of `focal_stack`.
+        Tiles that are computed on iteration, bitwise equal to `focal_stack`.
 
     Raises
     ------
     ValueError
-        As in `focal_stack`; for "fourier", which needs whole views; if the memory is too little
-        for the smallest tile.
+        See `focal_stack`; if "fourier" is used with tiles; or if the memory does not suffice for
+        the smallest tile.
     OSError
-        While iterating, if views have to be copied to a temporary file and the disk is too small.
+        If, during iteration, the disk is too small for a temporary copy of the views.
     FormatError
-        While iterating, if the file is damaged.
+        If, during iteration, the file is damaged.
 
     Examples
     --------
@@ -218,19 +221,19 @@ def stack_tiles(
     (3, 32, 32)
     """
     source, device = as_source(lf, device)
-    chosen = _Stack.of(source, alphas, disparities, aperture, interpolation)
-    estimates = stack_memory(source, chosen.planes)
+    options = _Stack.of(source, alphas, disparities, aperture, interpolation)
+    estimates = stack_memory(source, options.planes)
     plan = plan_tiles(source, estimates, memory=memory, device=device)
     if not plan.in_core:
-        _require_tiles(chosen)
+        _require_tiles(options)
     return StackTiles(
         plan,
-        (chosen.planes.size, *source.shape[2:]),
-        chosen.planes,
-        chosen.ratios,
+        (options.planes.size, *source.shape[2:]),
+        options.planes,
+        options.ratios,
         source.spacing,
         source.camera,
-        _stack_parts(chosen, source, plan, device, progress),
+        _stack_parts(options, source, plan, device, progress),
     )
 
 
@@ -246,18 +249,18 @@ class _Stack(NamedTuple):
     def of(
         cls, source: Source, alphas: Any, disparities: Any, aperture: Any, interpolation: str
     ) -> _Stack:
-        given = {"alphas": alphas, "disparities": disparities}
+        planes_options = {"alphas": alphas, "disparities": disparities}
         if alphas is None and disparities is None:
-            given |= suitable_planes(source)
+            planes_options |= suitable_planes(source)
         weights = view_weights(source, aperture, None)
-        planes, ratios = stack_planes(source, weights, **given)
+        planes, ratios = stack_planes(source, weights, **planes_options)
         check_interpolation(interpolation)
         return cls(planes, ratios, weights, interpolation)
 
 
-def _stack_bytes(chosen: _Stack, source: StoredLightField, memory: int, device: Device) -> int:
-    """Bytes a pixel of the whole stack; refuse one that is larger than the memory."""
-    shape = (chosen.planes.size, *source.shape[2:])
+def _stack_bytes(options: _Stack, source: StoredLightField, memory: int, device: Device) -> int:
+    """Return the bytes a pixel of the whole stack; reject a stack larger than the memory."""
+    shape = (options.planes.size, *source.shape[2:])
     nbytes = 4 * math.prod(shape)
     if nbytes > min(memory, device.memory_bytes):
         limit = (
@@ -266,37 +269,36 @@ def _stack_bytes(chosen: _Stack, source: StoredLightField, memory: int, device: 
             else f"the {device.memory_bytes:,} of {device.name}"
         )
         raise ValueError(
-            f"A focal stack of shape {shape} needs {nbytes:,} bytes itself, more than {limit}: "
-            "take stack_tiles, or `clplen stack --memory` on the command line, which make it tile "
-            "by tile."
+            f"A focal stack of shape {shape} needs {nbytes:,} bytes, more than {limit}; call "
+            "stack_tiles, or run `clplen stack --memory`, which compute it tile by tile."
         )
-    copies = 1 if device.is_cpu else 2  # elsewhere than on a CPU it is filled on the host
+    copies = 1 if device.is_cpu else 2  # elsewhere the host fills a second copy
     return copies * nbytes // math.prod(source.shape[2:4])
 
 
-def _require_tiles(chosen: _Stack) -> None:
-    """Refuse a stack whose pixels depend on whole views."""
-    if chosen.interpolation == "fourier":
+def _require_tiles(options: _Stack) -> None:
+    """Reject interpolation that needs whole views."""
+    if options.interpolation == "fourier":
         raise ValueError(
-            "A stack that is made in tiles takes interpolation='linear', 'nearest', 'cubic', not "
+            "A stack in tiles needs interpolation='linear', 'nearest' or 'cubic', got "
             "'fourier', which needs every pixel of a view."
         )
 
 
-def _gathered(
-    chosen: _Stack, source: StoredLightField, plan: StreamPlan, device: Device
+def _gather_tiles(
+    options: _Stack, source: StoredLightField, plan: StreamPlan, device: Device
 ) -> FocalStack:
     """Compute a stack on a device from tiles."""
-    data = device.empty((chosen.planes.size, *source.shape[2:]), np.float32)
-    parts = _stack_parts(chosen, source, plan, device, None)
+    data = device.empty((options.planes.size, *source.shape[2:]), np.float32)
+    parts = _stack_parts(options, source, plan, device, None)
     with device.on_host(data) as pictures:
         for group, rows, columns, values in parts:
             pictures[group, rows, columns] = values
-    return stack_of(source, data, device, *chosen)
+    return stack_of(source, data, device, *options)
 
 
 def _stack_parts(
-    chosen: _Stack,
+    options: _Stack,
     source: Source,
     plan: StreamPlan,
     device: Device,
@@ -306,8 +308,8 @@ def _stack_parts(
         for tile, lf in read_tiles(fast, plan.tiles, device, progress):
             rows, columns = tile.inside
             for group in plan.planes:
-                some = chosen._replace(planes=chosen.planes[group], ratios=chosen.ratios[group])
-                stack = stack_on_planes(lf, *some)
+                part = options._replace(planes=options.planes[group], ratios=options.ratios[group])
+                stack = stack_on_planes(lf, *part)
                 with device.on_host(stack.data, write=False) as pictures:
                     yield group, tile.rows, tile.columns, np.array(pictures[:, rows, columns])
             del lf, stack  # before the next tile is sent to the device

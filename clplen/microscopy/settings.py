@@ -58,12 +58,12 @@ class DeconvolutionSettings(Settings):
     """
 
     iterations: int = setting(
-        20, "Number of Richardson-Lucy iterations.", kind=int, least=1, flags=("--max-iter",)
+        20, "Number of Richardson-Lucy iterations.", kind=int, minimum=1, flags=("--max-iter",)
     )
     background: float = setting(
         0.0,
         "Uniform background, in counts above the dark level.",
-        least=0,
+        minimum=0,
         flags=("--background-level",),
     )
     gain: float | None = setting(
@@ -126,14 +126,14 @@ class DeconvolutionSettings(Settings):
         example=1.0,
     )
     batch: int | None = setting(
-        None, "Number of frames of a series that are found together.", kind=int, least=1,
+        None, "Number of frames of a series that are found together.", kind=int, minimum=1,
         default_text="8, or fewer where memory is scarce", example=8,
     )  # fmt: skip
     rolling: int | None = setting(
         None,
         "Number of frames of a series over which the minimum of each pixel is background.",
         kind=int,
-        least=1,
+        minimum=1,
         flags=("--rolling-background",),
         metavar="N",
         example=9,

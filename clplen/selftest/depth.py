@@ -37,7 +37,7 @@ def _peaks(device: Device) -> Pairs:
     values = np.array([-1.7, -1.6, -0.9, 0.0, 0.7])
     vertex = twins.reals(3, 7, 17, low=-1.5, high=-0.1).astype(float)
     curve = (6 - (values[:, None, None] - vertex) ** 2).astype(np.float32)
-    tracker = PeakTracker((7, 17), device=device, start=0.0, most=5)
+    tracker = PeakTracker((7, 17), device=device, start=0.0, capacity=5)
     with device.on_host(tracker.curve) as planes:
         planes[: curve.size] = curve.ravel()
     tracker.add(values)

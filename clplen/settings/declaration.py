@@ -1,8 +1,8 @@
-"""Settings of an operation, declared once: values in Python, keys of files, options of commands.
+"""Settings of an operation, declared once for Python values, file keys and command options.
 
 A settings model is a frozen dataclass, derived from `Settings`, whose fields are made by `setting`.
 Tables of files (`clplen.config.setting_tables`), options of commands
-(`clplen.cli.shared.setting_options`), help texts and messages follow from its fields.
+(`clplen.cli.shared.setting_options`), help texts and messages are derived from its fields.
 """
 
 from __future__ import annotations
@@ -31,34 +31,34 @@ GROUPS = OPTIONS, PLANES, LENGTHS, FOCUSED, OUTPUT, DEVICE, INPUT = (
     "Input",
 )
 _PER_METRE = {"um": 1e6, "mm": 1e3, "m": 1.0}
-_SHORT = reprlib.Repr()  # of a value in a message
+_SHORT = reprlib.Repr()  # formats a value in a message
 _SHORT.maxstring = _SHORT.maxlong = _SHORT.maxother = 80
 
 
-def shown(value: Any) -> str:
-    """Return a value as messages show it: in Python's words, shortened, numbers without type."""
+def format_value(value: Any) -> str:
+    """Format a value for a message: its repr, shortened, without NumPy types."""
     if isinstance(value, np.generic):
         value = value.item()
     return _SHORT.repr(value)
 
 
 def named(argument: str, key: str = "") -> str:
-    """Return the name of a setting on the surface in use: ``alphas``, ``--alphas``."""
+    """Return the name of a setting in the current interface: ``alphas``, ``--alphas``."""
     key = key or argument
     return worded(python=argument, command=f"--{key.replace('_', '-')}", file=key)
 
 
 class SettingError(ValueError):
-    """A setting has a wrong value.
+    """Invalid value of a setting.
 
     Parameters
     ----------
     argument : str
         Name of the setting in Python.
     condition : str
-        The rest of the sentence, such as "must be positive, got 0".
+        Rest of the sentence, such as "must be positive, got 0".
     key : str, optional
-        Name in files and commands, if another.
+        Name in files and commands, if different.
     """
 
     def __init__(self, argument: str, condition: str, key: str = "") -> None:
@@ -71,56 +71,57 @@ class SettingError(ValueError):
 
 @dataclass(frozen=True)
 class Setting:
-    """What is known of a field: its values, its unit on surfaces, and its help sentence."""
+    """Declaration of a field: its valid values, its unit in files and commands, its help text."""
 
     help: str
     kind: type = float  # bool, int, float, str or Path
-    least: float | None = None
+    minimum: float | None = None
     above: float | None = None
     choices: tuple[str, ...] = ()
-    pair: bool = False  # two numbers
-    check: Callable[[Any], Any] | None = None  # reads other values; ValueError: what they must be
+    pair: bool = False  # True for two numbers
+    # Converts other values; its ValueError states the condition
+    check: Callable[[Any], Any] | None = None
     default: Any = None
-    default_text: str = ""  # what a default of None means
-    example: Any = None  # where the default is None
+    default_text: str = ""  # description of a default of None
+    example: Any = None  # example for a default of None
     unit: str = ""  # "um" or "mm": metres in Python, this unit in files and commands
-    key: str = ""  # name in files and on the command line, if another than follows from the name
-    flags: tuple[str, ...] = ()  # names on the command line besides that of the field
+    key: str = ""  # name in files and on the command line, derived from the field's name if empty
+    flags: tuple[str, ...] = ()  # further names on the command line
     metavar: str = ""
-    group: str = ""  # heading below which help texts show it
+    group: str = ""  # heading in help texts
     name: str = ""
 
     @property
     def default_words(self) -> str:
-        """The default in words; empty for a switch that is off."""
+        """Description of the default; empty for a switch that is off."""
         if self.default is None or self.default is False:
             return self.default_text
         return str(self.default)
 
     @property
     def rule(self) -> str:
-        """What a value must be."""
+        """Condition on a value."""
         if self.kind is bool:
             return "must be true or false"
         if self.kind is Path:
             return "must be the name of a file"
-        words = [self._number] if self.kind in (int, float) else []
+        alternatives = [self._number] if self.kind in (int, float) else []
         names = [f"'{name}'" for name in self.choices]
         if names:
-            words.append(" or ".join(filter(None, [", ".join(names[:-1]), names[-1]])))
-        return "must be " + (" or ".join(words) or "a text")
+            alternatives.append(" or ".join(filter(None, [", ".join(names[:-1]), names[-1]])))
+        return "must be " + (" or ".join(alternatives) or "a text")
 
     @property
     def _number(self) -> str:
         noun = "whole number" if self.kind is int else "number"
-        least = "" if self.least is None else f" from {self.least:g} on"
-        kind = "positive " if self.above == 0 else "" if least else "finite "
+        lower = "" if self.minimum is None else f" from {self.minimum:g} on"
+        kind = "positive " if self.above == 0 else "" if lower else "finite "
         if self.kind is int:
             kind = ""
-        return f"two {kind}{noun}s{least}" if self.pair else f"a {kind}{noun}{least}"
+        return f"two {kind}{noun}s{lower}" if self.pair else f"a {kind}{noun}{lower}"
 
     def read(self, value: Any) -> Any:
-        """Return a value as the model takes it; ValueError says what it must be."""
+        """Return a value in the form of the model; raise ValueError with the condition."""
         if value is None and self.default is None:
             return None
         if self.check is not None:
@@ -136,15 +137,15 @@ class Setting:
         return values if self.pair else value
 
     def in_metres(self, value: Any) -> Any:
-        """Return a length of a file or command, which is in the setting's unit, in metres."""
+        """Convert a length of a file or command from the setting's unit to metres."""
         return value / _PER_METRE[self.unit] if self.unit and is_finite(value) else value
 
     def checked(self, value: Any) -> Any:
-        """Return a value as the model takes it; SettingError says what it must be."""
+        """Return a value in the form of the model; raise SettingError with the condition."""
         try:
             return self.read(value)
         except ValueError as error:
-            raise SettingError(self.name, f"{error}, got {shown(value)}", self.key) from None
+            raise SettingError(self.name, f"{error}, got {format_value(value)}", self.key) from None
 
     def _fits(self, value: Any) -> bool:
         if self.kind is Path:
@@ -157,37 +158,39 @@ class Setting:
             return False
         return (
             (self.kind is float or is_integer(value))
-            and (self.least is None or value >= self.least)
+            and (self.minimum is None or value >= self.minimum)
             and (self.above is None or value > self.above)
         )
 
 
-def setting(default: Any, help: str, **known: Any) -> Any:
-    """Return a field of a settings model; ``known`` are fields of `Setting`."""
+def setting(default: Any, help: str, **rules: Any) -> Any:
+    """Return a field of a settings model; ``rules`` are fields of `Setting`."""
     return dataclasses.field(
-        default=default, metadata={"setting": Setting(help, default=default, **known)}
+        default=default, metadata={"setting": Setting(help, default=default, **rules)}
     )
 
 
 def settings_of(model: type | Any) -> list[Setting]:
     """Return the settings of a model, in order."""
-    found = []
-    for one in dataclasses.fields(model):
-        known: Setting = one.metadata["setting"]
-        key = known.key or (f"{one.name}_{known.unit}" if known.unit else one.name)
-        found.append(dataclasses.replace(known, name=one.name, key=key))
-    return found
+    settings = []
+    for item in dataclasses.fields(model):
+        declaration: Setting = item.metadata["setting"]
+        key = declaration.key or (
+            f"{item.name}_{declaration.unit}" if declaration.unit else item.name
+        )
+        settings.append(dataclasses.replace(declaration, name=item.name, key=key))
+    return settings
 
 
 def setting_of(model: type, name: str) -> Setting:
     """Return the setting of a name."""
-    return next(one for one in settings_of(model) if one.name == name)
+    return next(item for item in settings_of(model) if item.name == name)
 
 
 @dataclass(frozen=True)
 class Settings:
-    """A settings model, whose values are checked by their rules when it is made."""
+    """A settings model, which checks its values on creation."""
 
     def __post_init__(self) -> None:
-        for one in settings_of(self):
-            object.__setattr__(self, one.name, one.checked(getattr(self, one.name)))
+        for item in settings_of(self):
+            object.__setattr__(self, item.name, item.checked(getattr(self, item.name)))

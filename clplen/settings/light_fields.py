@@ -24,20 +24,20 @@ INTERPOLATIONS = ("linear", "nearest", "cubic", "fourier")
 CUES = ("energy", "correspondence", "structure-tensor", "combined")
 Interpolation = Literal["linear", "nearest", "cubic", "fourier"]
 Cue = Literal["energy", "correspondence", "structure-tensor", "combined"]
-_DISPARITIES = "Planes by disparity: pixels a view step, nearer is larger."
-_ALPHAS = "Planes by alpha = F/F', where the light field knows its spacing."
+_DISPARITIES = "Planes by disparity, in pixels a view step; nearer is larger."
+_ALPHAS = "Planes by alpha = F/F'; requires the spacing of the light field."
 _SUITABLE = "planes that suit the light field"
 _RANGE = "START:STOP:N"
 _F_NUMBER = re.compile(r"\s*f\s*/\s*(\d+\.?\d*|\.\d+)\s*", re.IGNORECASE)
 
 
 def planes_of(value: Any) -> list[float]:
-    """Return planes given as numbers, or as START:STOP:N with both ends included."""
+    """Convert planes from numbers, or from START:STOP:N with both ends included."""
     if isinstance(value, str):
         return _planes_between(value)
     if not isinstance(value, list | tuple) or not value or not all(map(_is_number, value)):
         raise ValueError('must be START:STOP:N or a list of finite numbers, such as "-1:1:41"')
-    return [float(one) for one in value]
+    return [float(plane) for plane in value]
 
 
 def _is_number(value: Any) -> bool:
@@ -61,7 +61,7 @@ def _planes_between(text: str) -> list[float]:
 
 
 def f_number_of(text: str) -> float:
-    """Return the number of "f/66", 0 of another text."""
+    """Return the number of "f/66", 0 for another text."""
     match = _F_NUMBER.fullmatch(text)
     return 0.0 if match is None else float(match[1])
 
@@ -78,27 +78,27 @@ def aperture_of(value: Any) -> int | float | str:
     raise ValueError('must be views across (9), a fraction of the diameter (0.5) or "f/66"')
 
 
-def view_places(value: Any) -> list[tuple[float, float]]:
-    """Return views [v, u] given as a list of pairs."""
+def view_list_of(value: Any) -> list[tuple[float, float]]:
+    """Convert views [v, u] from a list of pairs."""
     pairs: Any = value if isinstance(value, list | tuple) and value else [value]
     if not all(
-        isinstance(one, list | tuple) and len(one) == 2 and all(map(_is_number, one))
-        for one in pairs
+        isinstance(pair, list | tuple) and len(pair) == 2 and all(map(_is_number, pair))
+        for pair in pairs
     ):
         raise ValueError("must be a list of views [v, u], such as [[4, 4], [0, 4]]")
     return [(float(v), float(u)) for v, u in pairs]
 
 
 def one_of_planes(alphas: Any, disparities: Any) -> None:
-    """Refuse planes that are given in both ways."""
+    """Reject planes that are set by alphas and by disparities."""
     if alphas is not None and disparities is not None:
         other = named("disparities")
-        raise SettingError("alphas", f"and {other} both give the planes: give one of them")
+        raise SettingError("alphas", f"and {other} both set the planes; pass one of them")
 
 
 @dataclass(frozen=True)
 class PlaneSettings(Settings):
-    """Planes of a stack or of a search for depth."""
+    """Planes of a stack or of a depth search."""
 
     disparities: list[float] | None = setting(
         None, _DISPARITIES, check=planes_of, group=PLANES, default_text=_SUITABLE,
@@ -116,7 +116,7 @@ class PlaneSettings(Settings):
 
 @dataclass(frozen=True)
 class ApertureSettings(PlaneSettings):
-    """Planes, and the part of the main lens through which they are seen."""
+    """Planes, and the part of the main lens in use."""
 
     aperture: Any = setting(
         None,
@@ -160,14 +160,14 @@ class ViewSettings(Settings):
     """Single views."""
 
     at: list[tuple[float, float]] | None = setting(
-        None, "Views [v, u] from 0; fractions lie between views.", check=view_places,
+        None, "Views [v, u] from 0; fractions lie between views.", check=view_list_of,
         default_text="the centre view", example=[[4, 4], [0, 4]],
     )  # fmt: skip
 
 
 @dataclass(frozen=True)
 class ViewLengths(Settings):
-    """Lengths of the camera of views, from which disparities are distances in metres."""
+    """Lengths of the views' camera, which convert disparities to metres."""
 
     baseline: float | None = setting(
         None, "Distance between neighbouring views.", above=0, unit="mm", group=LENGTHS
@@ -184,7 +184,7 @@ class ViewLengths(Settings):
     )  # fmt: skip
 
     @property
-    def known(self) -> dict[str, float]:
-        """Lengths in metres that are given, as `clplen.metric_depth` takes them."""
-        values = {one.name: getattr(self, one.name) for one in settings_of(self)}
+    def lengths(self) -> dict[str, float]:
+        """Lengths in metres that are set, in the form of `clplen.metric_depth`."""
+        values = {item.name: getattr(self, item.name) for item in settings_of(self)}
         return {name: value for name, value in values.items() if value is not None}

@@ -15,7 +15,7 @@ Mosaic = tuple[tuple[str, ...], ...]  # colours of the pixels of a tile, row by 
 
 
 def bayer_of(value: Any) -> str | Mosaic:
-    """Return the name of a Bayer mosaic in capitals, or the tile of colours of another one."""
+    """Return the name of a Bayer mosaic in capitals, or the tile of another mosaic."""
     if isinstance(value, tuple):
         return value
     if isinstance(value, str) and value.upper() in BAYER:
@@ -24,7 +24,7 @@ def bayer_of(value: Any) -> str | Mosaic:
 
 
 def size_of(value: Any) -> int:
-    """Return a size of memory in bytes, 1 or more."""
+    """Return a size of memory in bytes, at least 1."""
     if (size := bytes_of(value)) < 1:
         raise ValueError('must be 1 byte or more, such as "512MiB"')
     return size
@@ -32,7 +32,7 @@ def size_of(value: Any) -> int:
 
 @dataclass(frozen=True)
 class ReadingSettings(Settings):
-    """Settings of `clplen.read_lightfield`, explained there."""
+    """Settings of `clplen.read_lightfield`, which documents them."""
 
     pattern: str | None = setting(
         None,
@@ -41,8 +41,8 @@ class ReadingSettings(Settings):
         kind=str, group=INPUT, default_text="guessed", example="view_{v}_{u}.png", metavar="NAMES",
     )  # fmt: skip
     views: tuple[int, int] | None = setting(
-        None, "Rows and columns of views, as the names count them.",
-        kind=int, least=1, pair=True, group=INPUT, default_text="detected", example=[9, 9],
+        None, "Number of rows and columns of views in the names.",
+        kind=int, minimum=1, pair=True, group=INPUT, default_text="detected", example=[9, 9],
         metavar="V U",
     )  # fmt: skip
     swap_uv: bool = setting(False, "The names count columns before rows.", kind=bool, group=INPUT)

@@ -1,8 +1,8 @@
-/* One sharp picture out of the planes of a focal stack.
+/* All-in-focus picture from the planes of a focal stack.
  *
- *   between   out = (1 - t) R[p] + t R[p + 1],  p + t = place[y, x], a plane by its number
+ *   between   out = (1 - t) R[p] + t R[p + 1],  p + t = place[y, x], a fractional plane index
  *   blend     out = sum_p m_p R[p] / sum_p m_p,  m_p = (E[p, y, x] / max_p E)^(2^doublings);
- *             all planes alike where E is 0
+ *             equal weights where E is 0
  *
  * Mapping: FOR_X over (x, c); axis 1 = y. -DROWS: see common.cl.
  */

@@ -1,24 +1,24 @@
-/* The views' samples along the rays that meet on a surface, and what becomes of them.
+/* Statistics of the views' samples along the rays that meet on a surface.
  *
- *   f_k(y, x) = L[view[k]] at (y + sy_k, x + sx_k),   c_k = share of the taps that are known
+ *   f_k(y, x) = L[view[k]] at (y + sy_k, x + sx_k),   c_k = valid share of the taps
  *   mean       out = sum_k w_k c_k f_k / sum_k w_k c_k
  *   variance   out = sum_k w_k c_k (f_k - mean)^2 / sum_k w_k c_k     (West 1979: one pass)
- *   median     out = (a + b)/2, a and b the lowest values whose w_k c_k and those below add up to
- *              at least half of all and to more than half
+ *   median     out = (a + b)/2, a and b the lowest values at which the sum of w_k c_k up to them
+ *              reaches half of the total and exceeds it
  *   extreme    out = sign max_k (sign f_k) over c_k > 0; sign is 1 or -1
  *
  * 0 where no view has any weight. The shift is whole[k] + part[k], 0 <= part < 1, as (x, y); with
- * -DMAP it is part[k] d(y, x), part[k] the pixels for disparity 1. Linear interpolation leaves out
- * taps outside the view; -DNEAREST takes one sample; -DCUBIC (Keys 1981, a = -1/2) repeats the edge
- * and takes no place outside.
+ * -DMAP it is part[k] d(y, x), part[k] the pixels for disparity 1. Linear interpolation drops
+ * taps outside the view; -DNEAREST reads one sample; -DCUBIC (Keys 1981, a = -1/2) repeats the edge
+ * and omits positions outside.
  *
  * One item = one sample of a row (y, x channels + c), or with -DROWS a row in blocks of 16 samples;
  * axis 1 = y.
  *
- * -DSAMPLE=uchar | ushort | half | float   what the light field stores
+ * -DSAMPLE=uchar | ushort | half | float   storage type of the light field
  * -DMAP, -DNEAREST, -DCUBIC         see above
- * -DMASK                            samples whose mask[view, y, x] is 0 are not known (not CUBIC)
- * -DVIEWS=n                         median: room for so many views
+ * -DMASK                            samples with mask[view, y, x] = 0 are invalid (not with CUBIC)
+ * -DVIEWS=n                         median: capacity in views
  */
 #include "common.cl"
 #include "stored.cl"
@@ -160,7 +160,7 @@ inline void take(float *value, float *share, __global const SAMPLE *restrict L,
         value[i] = share[i] = 0.0f;
 }
 
-/* The blocks of a row: with -DROWS all of them, otherwise the one sample of the item. */
+/* Blocks of a row: all with -DROWS, otherwise the item's single sample. */
 #ifdef ROWS
 #define FOR_BLOCKS(s0, samples) for (int s0 = 0; s0 < (samples); s0 += BLOCK)
 #else
@@ -250,7 +250,7 @@ __kernel void extreme(__global float *restrict out, __global const SAMPLE *restr
 }
 
 #ifdef VIEWS
-/* Integers in the order of the floats, and back. */
+/* Order-preserving conversion of floats to integers, and back. */
 inline uint key_of(const float value)
 {
     const uint bits = as_uint(value);
@@ -290,7 +290,7 @@ __kernel void median(__global float *restrict out, __global const SAMPLE *restri
             low[i] = 0u;
             high[i] = after[i] = 0xffffffffu;
         }
-        for (int bit = 0; bit < 33; ++bit) {  /* the last one sums what is not above `low` */
+        for (int bit = 0; bit < 33; ++bit) {  /* the last pass sums the weights up to `low` */
             for (int i = 0; i < BLOCK; ++i)
                 sum[i] = 0.0f;
             for (int k = 0; k < count; ++k)

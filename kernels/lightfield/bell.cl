@@ -1,8 +1,8 @@
-/* A weight that falls like a Gaussian and ends.
+/* A Gaussian-like weight of finite support.
  *
  *   bell(q) = max(1 - q/8, 0)^8, close to exp(-q), and 0 beyond 8
  *
- * -DLANES=4 | 8 | 16: bells, of a vector (vectors.cl), too. Included only.
+ * -DLANES=4 | 8 | 16: also bells, for vectors (vectors.cl). Included only.
  */
 #ifndef CLPLEN_BELL
 #define CLPLEN_BELL

@@ -1,11 +1,11 @@
-/* The most coherent of the orientations that tensors of several shears d0 give, one after the other.
+/* Most coherent orientation over the structure tensors of successive shears d0.
  *
  * H and V are smoothed sums (Lx Lx, Lx Lu, Lu Lu) along rows and along columns of views (tensor.cl).
  *
  *   c(J) = ((Jxx - Juu)^2 + 4 Jxu^2)/(Jxx + Juu)^2, 0 where Jxx <= Juu     coherence
  *   J = c(H) H + c(V) V,   d = d0 + Jxu/Jxx                               least squares
  *   best     c(J) of the most coherent shear with abs(d - d0) <= reach;  place = its d
- *   second   the highest c(J) of those whose d is more than `reach` away from `place`
+ *   second   the highest c(J) with d more than `reach` away from `place`
  *
  * Mapping: FOR_X of common.cl. -DROWS.
  */

@@ -1,13 +1,13 @@
 /* Colours of the views of a mosaic, each fitted to the pixels of one lenslet.
  *
- * At a place X under a lenslet, a colour is c of the quadratic that is nearest to its pixels q:
+ * At a position X under a lenslet, a colour is c of the quadratic fitted to its pixels q:
  *
  *   min sum_q k w (n - c - g.t - Q(t))^2 + W ((a1 + b1 e) |g|^2 + (a2 + b2 e) |Q|^2),   W = sum_q k w
  *   t = (q - X)/(2 T),  k = max(1 - |t|^2, 0)^4 if q lies under the same lenslet, else 0
  *   n = raw/w,  w = max(white, floor),  e = s/(K max(V - 1.5 s, s/1000)),  s = noise mean K/W,  K = sum_q k
  *
- * T is the period of the mosaic, V the variance of n and s the part of it that is noise, whose variance
- * is noise[colour] n/w. Where noise explains the variance, e is large and c is the mean (ridge regression;
+ * T is the period of the mosaic, V the variance of n and s its noise part, with the variance
+ * noise[colour] n/w. Where noise explains the variance, e is large and c is the mean (ridge regression;
  * Takeda, Farsiu and Milanfar 2007 for fits of neighbourhoods). No pixel: 0.
  * Under the same lenslet: abs(p_m + edge_m . (q - X)) <= 1/2 for its three (two) pairs of sides m,
  * with edge_m = E_m/|E_m|^2, E_m the step to a neighbour, and p_m = edge_m . (X - middle).
@@ -17,14 +17,15 @@
  *                 `decode.cl` does
  *
  * Mapping: FOR_X of common.cl over blocks of LANES lenslets; axis 1 = u; axis 2 = i, so that items in a
- * row read the same lines of the sensor. In `to_columns` over columns; axis 1 = i; axis 2 = u. tile = the first pixel of every colour's list of places, then (y, x) of the places.
+ * row read the same lines of the sensor. In `to_columns` over columns; axis 1 = i; axis 2 = u.
+ * tile = index of the first pixel of every colour, then (y, x) of all pixels.
  * -DLANES=1 | 16   lenslets at a time
  * -DDOWN= -DACROSS=   rows and columns of the mosaic's tile
  * -DROWS: see common.cl.
  */
 #include "common.cl"
 
-#define FAR (1 << 20) /* tiles: what makes a remainder positive */
+#define FAR (1 << 20) /* tiles: offset that makes remainders positive */
 #define A1 0.0016f /* a1, b1, a2, b2 */
 #define B1 0.39f
 #define A2 0.0003f
@@ -48,7 +49,7 @@ typedef int whole;
 #define RAW(i) raw[i]
 #define WHITE(i) white[i]
 
-/* c of the normal equations a c = b, of which the upper triangle is given, c last. */
+/* c of the normal equations a c = b, given by the upper triangle, c last. */
 inline lane last_unknown(lane a[6][6], lane b[6])
 {
 #pragma unroll
@@ -100,7 +101,7 @@ __kernel void fit_colours(__global float *restrict out, __global const float *re
             lane myyy = 0, myyx = 0, myxx = 0, mxxx = 0;
             lane myyyy = 0, myyyx = 0, myyxx = 0, myxxx = 0, mxxxx = 0;
             lane b = 0, by = 0, bx = 0, byy = 0, byx = 0, bxx = 0, square = 0, count = 0;
-            lane about = 0; /* the value of some pixel near, taken off for accuracy */
+            lane about = 0; /* value of a nearby pixel, subtracted for accuracy */
             for (int s = tile[colour]; s < tile[colour + 1]; ++s) {
                 const whole ahead_y = (tile[2 * s] - y_at + (FAR * DOWN - 1)) % DOWN;
                 const whole ahead_x = (tile[2 * s + 1] - x_at + (FAR * ACROSS - 1)) % ACROSS;

@@ -1,4 +1,4 @@
-/* Maps added over the colours.
+/* Sum of maps over the colours.
  *
  *   out[p, y, x] = sum_c in[p, y, x, c]
  *

@@ -1,12 +1,12 @@
-/* The kernels of the combined cue of depth in one program, which is built sooner than several.
+/* Kernels of the combined depth cue in one program, which builds faster than several.
  *
  *   match     cost of every plane at every pixel: matching.cl, match_rows.cl
- *   gather, valley    costs gathered over neighbours, and the least one: support.cl, gather_rows.cl,
+ *   gather, valley    costs averaged over neighbours, and their minimum: support.cl, gather_rows.cl,
  *                     valley_rows.cl
  *   normal, fit       disparity refined by least squares: refine.cl, normal_rows.cl, fit_rows.cl
  *
  * -DSAMPLE=uchar | ushort | half | float, -DCHANNELS=n, -DRADIUS=n, -DBLOCK=n, -DMATCH_BLOCK=n; -DROWS
- * -DLANES=4 | 8 | 16, -DMATCH_VECTORS=n: the kernels in vectors, too
+ * -DLANES=4 | 8 | 16, -DMATCH_VECTORS=n: also the vector kernels
  */
 #include "common.cl"
 #include "stored.cl"

@@ -6,14 +6,14 @@
  * 1 - |t|, or with -DSPLINE the cubic B-spline (Unser 1999), of which raw has the
  * coefficients; pixels off the sensor count 0.
  * Positions come as tables (y, x) = at + part, an integer and a fraction in [0, 1) that is a
- * multiple of 2^-24: but for B-splines a whole position takes its pixel as it is.
+ * multiple of 2^-24: except for B-splines, an integer position copies its pixel.
  *
- * Rows of lenslets are then interpolated to the columns that are wanted: column k of row i lies
+ * Rows of lenslets are then interpolated to the requested columns: column k of row i lies
  * between its lenslets near_at[i % 2][k] and the next, at the fraction near_part[i % 2][k]; h again,
- * of B-splines that of Keys, and the last lenslet stands for those beyond the end of the row. Fraction 0 takes the lenslet.
+ * of B-splines that of Keys, and the last lenslet is repeated beyond the end of the row. Fraction 0 copies the lenslet.
  *
  * Mapping: FOR_X of common.cl over k; axis 1 = u; axis 2 = (v, i), so that items in a row read the
- * same lines of the sensor. Strides of L in samples say in which order it lies in memory.
+ * same lines of the sensor. Strides of L in samples define its memory order.
  * -DROWS: see common.cl.
  */
 #include "common.cl"
@@ -41,7 +41,7 @@ inline float4 of_pixels(float t)
 #endif
 
 /* Four pixels from p on of an axis of n: their weights, 0 off the sensor, and their indices.
- * (clamp with vectors: Oclgrind 21.10 gets the form with scalars wrong.) */
+ * (clamp with vectors: Oclgrind 21.10 computes the scalar form incorrectly.) */
 inline float4 on_sensor(float4 weight, int p, int n, int4 *index)
 {
     const int4 pixel = p + (int4)(0, 1, 2, 3);

@@ -1,9 +1,9 @@
-/* The adjoint of decode.cl and upright.cl: views are spread back to the raw image they are read from.
+/* The adjoint of decode.cl and upright.cl: views are spread back to the raw image.
  *
  *   raw[a, b] = sum_vuik h(a - y) h(b - x) L[v, u, i, k],   (y, x) = row[i] + column[k] + down[v] + right[u]
  *
- * with h and the tables of decode.cl. Every pixel gathers in one order, so that all runs have the same
- * bits. Three kernels are products with a sparse matrix, whose row r has the entries start[r] to
+ * with h and the tables of decode.cl. Every pixel gathers in a fixed order, so results are bitwise
+ * reproducible. Three kernels are products with a sparse matrix, whose row r has the entries start[r] to
  * start[r + 1] of (index, weight):
  *
  *   lenslets   M[v, u, i, m] = sum_t weight[t] L[v, u, i, index[t]], where rows of lenslets were
@@ -11,14 +11,14 @@
  *   across     line[j, b] = sum_t weight[t] L[j, index[t]],  j = (v, i): a lattice along the sensor
  *   upwards    raw[a, b]  = sum_t weight[t] line[index[t], b]
  *
- *   pixels     the equation above, of any lattice
+ *   pixels     the equation above, for any lattice
  *
- * Mapping: FOR_X of common.cl over a row of what is made; axis 1 = its rows; axis 2 = view (lenslets).
- * pixels with -DROWS: an item = `height` rows of the raw image, axis 0, to which it adds the samples
- * that come near, lenslet by lenslet; the samples of a lenslet lie `tall` rows (from, to) from its first
- * view. Else an item = a pixel, axes 0 and 1: which lenslets and views come near follows from bounds of
+ * Mapping: FOR_X of common.cl over a row of the output; axis 1 = its rows; axis 2 = view (lenslets).
+ * pixels with -DROWS: an item = `height` rows of the raw image, axis 0, to which it adds nearby samples,
+ * lenslet by lenslet; the samples of a lenslet lie `tall` rows (from, to) from its first
+ * view. Else an item = a pixel, axes 0 and 1: the contributing lenslets and views follow from bounds of
  * i, k, v and u, solved from (y, x) = (a, b).
- * -DLINEAR: the triangle in place of Keys' kernel; -DSPLINE: the cubic B-spline. -DROWS: see common.cl.
+ * -DLINEAR: the triangle instead of Keys' kernel; -DSPLINE: the cubic B-spline. -DROWS: see common.cl.
  */
 #include "common.cl"
 
@@ -94,7 +94,7 @@ inline float weight_at(float t, int m)
 }
 
 #ifdef ROWS
-/* value h(a - y) h(b - x) for the pixels from `at` on, of which some may lie outside rows or columns. */
+/* value h(a - y) h(b - x) for the pixels from `at` on, some of which may lie outside. */
 inline void add_taps(__global float *restrict raw, float value, int2 at, float2 part, int2 rows,
                      int nx)
 {
@@ -122,7 +122,7 @@ inline float weight_of(int at, float part, int pixel)
     return m < 0 || m > 3 ? 0.0f : weight_at(part - (float)carry, m);
 }
 
-/* First and last whole number of [0, count) from place + low to place + high. */
+/* First and last integer of [0, count) from place + low to place + high. */
 inline int2 bounds(float place, float2 low_high, int count)
 {
     const float first = ceil(place + low_high.x), last = floor(place + low_high.y);

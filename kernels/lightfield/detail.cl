@@ -3,10 +3,10 @@
  *   detail_energy   out[p, y, x] = sum_c (A[y, x, c] - B[y, x, c])^2
  *                  -DLUMA: (sum_c Y_c (A[y, x, c] - B[y, x, c]))^2
  *   A[y, x, c] = sum_s sum_t ey[|s|] ex[|t|] R[q, y + s, x + t, c],  q = b + p,   |s|, |t| <= 2
- *   B[y, x, c] = the same with its own weights,                         |s|, |t| <= radius
+ *   B[y, x, c] = likewise with other weights,                           |s|, |t| <= radius
  *
  * The weights differ from plane to plane: tables of separated.cl, even[q, axis, ] and low[q, axis, ].
- * A difference below 1e-5 of B is rounding, not texture, and counts 0. Beyond the edges the picture
+ * A difference below 1e-5 of B is rounding and is set to 0. Beyond the edges the picture
  * is reflected.
  * Mapping: a group of items owns `length` samples, whole pixels, of LINES rows (separated.cl), axis
  * 1 = y / LINES, axis 2 = p. -DCHANNELS=n; -DLUMA: 3 channels, weights of Rec. ITU-R BT.709.
@@ -36,7 +36,7 @@ inline float pixel_energy(__local const float *d)
 }
 
 #ifdef ROWS
-/* A row of `count` samples: what A has above B, and its energy. */
+/* A row of `count` samples: A - B, and its energy. */
 inline void row_energy(__global float *out, __local const float *kept, __local const float *blurred,
                        __global const float *even, __global const float *low, const int radius,
                        const int count, __local float *detail)

@@ -2,11 +2,11 @@
  *
  *   divide    L[j, c] = raw[j] / max(white[j], floor)
  *   colours   L[v, u, y, x, c] = (sum_ab g_a g_b raw[v, u, y+a, x+b] + e (first + second))
- *                              / (the same of the white image),   a, b = -1, 0, 1
+ *                              / (likewise of the white image),   a, b = -1, 0, 1
  *
  * `raw` and `white` of colours are views of a mosaic that is 0 where the pixel has another colour:
- * normalised convolution (Knutsson and Westin 1993). g = 1, g' = 1/32 takes what is missing from the
- * same view of neighbouring lenslets. What no neighbour has comes from the colour's own pixels,
+ * normalised convolution (Knutsson and Westin 1993). g = 1, g' = 1/32 fills gaps from the
+ * same view of neighbouring lenslets. Remaining gaps are filled from the colour's own pixels,
  * interpolated within a lenslet: `first` and `second` (the two greens, or the same twice), e = 1/512.
  *
  * Mapping: FOR_X of common.cl over a row; axis 1 = row of a view; axis 2 = view. -DROWS: see

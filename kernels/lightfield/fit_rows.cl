@@ -2,8 +2,8 @@
  *
  *   out = a of the plane a + b_y s + b_x t through d - B/(A + prior) of the neighbours
  *
- * An item is LANES pixels of a row. The moments of a row of neighbours are summed over t by
- * themselves, and then with their powers of s.
+ * An item is LANES pixels of a row. The moments of a row of neighbours are summed over t first,
+ * then multiplied by powers of s.
  *
  * -DLANES=4 | 8 | 16, -DCHANNELS=n, -DRADIUS=n
  */
@@ -30,7 +30,7 @@ __kernel void fit_rows(__global float *restrict out, __global float *restrict kn
     for (int c = 0; c < CHANNELS; ++c)
         colour[c] = load_within(I + c * size, i, size);
     vec w = none, ws = none, wt = none, wss = none, wst = none, wtt = none; /* sums of weights */
-    vec v = none, vs = none, vt = none, sure = none; /* of values, and of what is known */
+    vec v = none, vs = none, vt = none, sure = none; /* sums of values, and of information */
     const int inner = x0 >= RADIUS && x0 + LANES + RADIUS <= nx;
     for (int s = -LESS(RADIUS, y); s <= LESS(RADIUS, ny - 1 - y); ++s) {
         vec row_w = none, row_wt = none, row_wtt = none, row_v = none, row_vt = none;

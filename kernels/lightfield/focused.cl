@@ -1,8 +1,8 @@
-/* Where the lenslets of a focused plenoptic camera see a point, and what they recorded there.
+/* Positions of a point under the lenslets of a focused plenoptic camera, and sampling there.
  *
  *   r_k(Y) = s_k + ratio (s_k - Y),    s_k = the centre of sub-image k = origin + i first + j second
  *
- * Y is where the chief ray of the point meets the sensor, all in pixels, vectors as (y, x). Places
+ * Y is the point's chief ray on the sensor, all in pixels, vectors as (y, x). Places
  * come as tables, an integer and a fraction in [0, 1), so that differences of them are exact; only
  * the search for lenslets uses the lattice in float32.
  *
@@ -65,7 +65,7 @@ inline void add_sample(float *sum, const float weight, __global const float *res
     }
 }
 
-/* Whether a place lies on the sensor, between the centres of its outermost pixels. */
+/* True if a position lies between the centres of the sensor's outermost pixels. */
 inline bool is_recorded(const int2 at, const float2 part, const int ny, const int nx)
 {
     const float2 place = convert_float2(at) + part;

@@ -1,29 +1,29 @@
-/* How far a point's images lie apart under neighbouring lenslets of a focused plenoptic camera.
+/* Distance of a point's images under neighbouring lenslets of a focused plenoptic camera.
  *
  * A pair (a, b) of lenslets sees the points about the middle of s_a and s_b at, see focused.cl,
  *
  *   A(d) = raw(s_a - ratio (s_b - s_a)/2 + d),   B(d) = raw(s_b + ratio (s_b - s_a)/2 + d)
  *
  * and e = A - B vanishes in a window abs(d) < window if the ratio is right. With sums over the
- * window, weighted by w(d) = 1 - (d/window)^2 where both places are lit, and over the pairs, means of
- * a pair taken off:
+ * window, weighted by w(d) = 1 - (d/window)^2 where both positions are lit, and over the pairs, each
+ * pair's mean subtracted:
  *
- *   match     cost[h, lens] = (sum e^2 + noise) / (sum A^2 + B^2 + noise), 2 where a window is not seen
+ *   match     cost[h, lens] = (sum e^2 + noise) / (sum A^2 + B^2 + noise), 2 if a window is not visible
  *   refine    ratio -= sum e e' / sum e'^2, e' = -(A' + B')/2 along s_b - s_a (Gauss-Newton; Lucas &
- *             Kanade 1981);  out = ratio, sum e^2, sum e'^2, sum A^2 + B^2, sum w at its place
+ *             Kanade 1981);  out = ratio, sum e^2, sum e'^2, sum A^2 + B^2, sum w per lenslet
  *   spots     out = sum I^2, sum I^2 y, sum I^2 x, (y, x) from s_k, over abs((y, x)) < rim and
  *             abs((y, x) - about_k) < radius
  *
  * The lenslets' apertures dim the rims of the sub-images over abs(m_f) pitch, m_f where they focus,
  * as from the middle: lit is what lies within rim - shrink max(abs(ratio), least) of a centre.
- * noise = what a pixel's variance is, times 2 sum w. Pairs are (i_a, j_a, i_b, j_b) from the lenslet's own
+ * noise = variance of a pixel times 2 sum w. Pairs are (i_a, j_a, i_b, j_b) from the lenslet's own
  * indices. match interpolates linearly, refine by cubic convolution.
  *
  * Mapping: one item a lenslet. -DCHANNELS=n, -DLINEAR: see focused.cl.
  */
 #include "focused.cl"
 
-/* Where a window lies: its middle pixel and the fraction of a pixel beyond. */
+/* Position of a window: its middle pixel and the fraction of a pixel. */
 inline float2 window_at(int2 *middle, const int2 at, const float2 place)
 {
     const int2 carry = convert_int2(floor(place));
@@ -31,14 +31,14 @@ inline float2 window_at(int2 *middle, const int2 at, const float2 place)
     return place - convert_float2(carry);
 }
 
-/* Whether all pixels of a window, and the taps beyond, lie on the sensor. */
+/* True if all pixels of a window, taps included, lie on the sensor. */
 inline bool is_inside(const int2 middle, const int half_width, const int ny, const int nx)
 {
     return middle.s0 - half_width >= 1 && middle.s0 + half_width < ny - 2 &&
            middle.s1 - half_width >= 1 && middle.s1 + half_width < nx - 2;
 }
 
-/* The lenslets of a pair: indices into the table, or false where one is missing. */
+/* The lenslets of a pair: indices into the table, or false if either is missing. */
 inline bool lenses_of(int *a, int *b, const int4 pair, const int lens, const int lines,
                       const int lenses, __global const int *restrict kind)
 {
@@ -51,7 +51,7 @@ inline bool lenses_of(int *a, int *b, const int4 pair, const int lens, const int
     return kind[*a] >= 0 && kind[*b] >= 0;
 }
 
-/* Weight of a place d of the window, whose middle lies `off` and -off from the two centres. */
+/* Weight of position d in a window whose middle is `off` and -off from the two centres. */
 inline float window_weight(const float2 d, const float2 off, const float window, const float lit)
 {
     const float2 a = d - off, b = d + off;

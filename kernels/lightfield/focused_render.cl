@@ -1,4 +1,4 @@
-/* Pictures of a focused plenoptic camera: from one lenslet a sample, or blended from many.
+/* Pictures of a focused plenoptic camera: one lenslet per sample, or a blend of many.
  *
  *   nearest   out(Y) = raw(r_k(Y)),  s_k the centre nearest to Y + view/ratio: a patch of every
  *             sub-image, ratio pitch wide, turned by half a turn for ratio > 0, without gaps
@@ -6,13 +6,13 @@
  *             w_k = ramp(radius - abs(d - view)) ramp(rim - abs(d)) v[kind_k],  d = r_k(Y) - s_k,
  *             ramp(t) = min(max(t + 1/2, 0), 1);  g_k = 1, with -DWHITE white(r_k(Y))
  *
- * r_k(Y) is that of focused.cl; lattice = origin, first, second, view; samples off the sensor and lenslets of kind -1
- * do not count. Where no lenslet has weight, the nearest one is taken as it is, and 0 where there
- * is none.
+ * r_k(Y) is defined in focused.cl; lattice = origin, first, second, view; samples off the sensor and lenslets of kind -1
+ * are ignored. Without any weight, the nearest lenslet is used unweighted, or 0 without a
+ * lenslet.
  *
  * A lenslet focused on m_k blurs a point of another m over pitch abs(m - m_k) pixels. With
  * -DTYPES=n the kinds are in focus for abs(m) from range[kind].x to range[kind].y, and
- * v = max(1 - pitch (e - least e), 0), e = how far abs(m) lies outside; m = ratio (1 + pupil) + pupil.
+ * v = max(1 - pitch (e - least e), 0), e = distance of abs(m) from the range; m = ratio (1 + pupil) + pupil.
  *
  * Mapping: FOR_X of common.cl over x; axis 1 = y; axis 2 = plane, with ratio[plane]; with -DMAP
  * ratio[y, x]. -DCHANNELS=n, -DLINEAR, -DWHITE, -DMAP: above and focused.cl. -DROWS: see common.cl.
@@ -31,7 +31,7 @@ inline void write_ratio(__global float *out, const float *sum, const float *leve
         out[c] = level[c] > 0 ? sum[c] / level[c] : 0;
 }
 
-/* What the lenslet nearest to q (from the origin) recorded at r_k(Y). */
+/* Sample at r_k(Y) of the lenslet nearest to q (from the origin). */
 inline void take_nearest(float *sum, float *level, __global const float *restrict raw,
                          __global const float *restrict white, __global const int2 *restrict at,
                          __global const float2 *restrict part, __global const int *restrict kind,
@@ -87,7 +87,7 @@ __kernel void nearest(__global float *restrict out, __global const float *restri
 }
 
 #ifdef TYPES
-/* How much the kinds of lenslets count where the ratio is that. */
+/* Weights of the lenslet kinds at a ratio. */
 inline void type_weights(float *weight, __global const float2 *restrict range, const float ratio,
                          const float pupil, const float pitch)
 {

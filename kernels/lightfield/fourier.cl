@@ -2,7 +2,7 @@
  *
  *   take_views   out[k, y, x] = w[k] L[view[k], y, x, channel]
  *   keep_real    out[k, y, x, channel] = scale[k] Re in[k, y, x]
- *   turn_views   F[k, ky, kx] *= ty[k, ky] tx[k, kx]                views moved by phase ramps
+ *   turn_views   F[k, ky, kx] *= ty[k, ky] tx[k, kx]                views shifted by phase ramps
  *   transform_views
  *                out[b, i, n] = sum_j M[i, j] in[b, j, n]           a DFT over one axis of views
  *   ramp_sum     S[p, ky, kx] += sum_k ty[p, k, ky] tx[p, k, kx] F[k, ky, kx]
@@ -14,7 +14,7 @@
  * Mapping: FOR_X over x (n of transform_views); axis 1 = y (or i), axis 2 = k, b or p; ramp_sum and
  * oblique take one plane p an item.
  *
- * -DSAMPLE=uchar | ushort | half | float   what the light field stores (take_views)
+ * -DSAMPLE=uchar | ushort | half | float   storage type of the light field (take_views)
  * -DWIDTH=n                         oblique: taps along each axis of views
  * -DROWS                            see common.cl; transform_views in blocks of 256 samples
  */

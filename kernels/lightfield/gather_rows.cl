@@ -2,11 +2,11 @@
  *
  *   out[p, y, x] = sum_st w cost[p, y + s, x + t] / sum_st w,   |s|, |t| <= RADIUS
  *
- * An item is 16 pixels of a row and the planes that they want (spans.cl); axis 0 = y, so that
- * neighbouring rows are read from the nearest caches. Weights are found once; each is read once for
- * GATHER_PLANES planes, whose sums stay in registers. Costs that these need are copied first: where
- * planes are a power of two apart, caches hold few of them at a time. Costs beside a row are read
- * with weight 0, and are finite.
+ * An item is 16 pixels of a row and their planes (spans.cl); axis 0 = y, so that
+ * neighbouring rows are read from the nearest caches. Weights are computed once; each is read once for
+ * GATHER_PLANES planes, whose sums stay in registers. Their costs are copied first, because
+ * planes a power of two apart evict each other from the caches. Costs outside a row are finite
+ * and read with weight 0.
  *
  * -DLANES=4 | 8 | 16, -DCHANNELS=n, -DRADIUS=n
  */
@@ -22,7 +22,7 @@
 #define EACH_PLANE(q) _Pragma("unroll") for (int q = 0; q < GATHER_PLANES; ++q)
 
 /* Rows above to below of the costs round an item, from pixel `at` of row 0 and plane p on; planes
- * after the last one are like it. */
+ * after the last one repeat it. */
 inline void copy_costs(float *to, __global const float *cost, const long at, const int p,
                        const int last, const int above, const int below, const int nx,
                        const long step, const long size)

@@ -5,7 +5,7 @@
  * s = distance of (fv, fu) from the segment { d (fy, fx), -reach <= d <= reach } modulo 1, in
  * cycles a view: a light field of disparity d has its spectrum on (fv, fu) = d (fy, fx). Tables of
  * frequencies, of magnitude 1/2 at most: fv[V], fu[U] in cycles a view, fx[nx] in cycles a pixel,
- * fy[ny] the same times the ratio of disparities along y and x.
+ * fy[ny] likewise times the ratio of disparities along y and x.
  *
  * Mapping: FOR_X over kx; axis 1 = ky, axis 2 = v U + u. -DROWS: see common.cl.
  */

@@ -1,13 +1,13 @@
-/* One magnification of a picture about its middle, and its adjoint.
+/* Magnification of a picture about its middle, and its adjoint.
  *
  *   magnify   out[y, x, c] = gain sum_ab t(a - py) t(b - px) in[a, b, c],   t(s) = max(1 - |s|, 0)
  *
  * at the position (py, px) = (row_at + row_part, column_at + column_part) of the picture, from
- * tables of integers and fractions made in float64; samples off the picture count 0.
+ * tables of integers and fractions computed in float64; samples off the picture are 0.
  *
  *   spread    out[a, b, c] = gain sum_yx t(a - py[y]) t(b - px[x]) in[y, x, c]
  *
- * from the entries first[a] to first[a + 1] of tables (index, weight) of y, and the same of x.
+ * from the entries first[a] to first[a + 1] of tables (index, weight) of y, and likewise of x.
  *
  * Mapping: FOR_X of common.cl over the columns times the channels. -DROWS: see common.cl.
  */

@@ -5,8 +5,8 @@
  * An item is MATCH_HEIGHT rows of 16 MATCH_VECTORS pixels on one plane; axis 0 = planes, axis 1 =
  * rows, axis 2 = pixels, so that the rows of all views that planes share are read from the nearest
  * caches. Its part of a view is combined along y once, and then interpolated along x
- * and compared row by row. 16 pixels at the ends of an item are left as they are where no row wants
- * the plane (spans.cl).
+ * and compared row by row. 16 pixels at the ends of an item are skipped if the plane is outside the
+ * spans of all rows (spans.cl).
  *
  * -DSAMPLE=uchar | ushort | half | float, -DLANES=4 | 8 | 16, -DCHANNELS=1 | 3, -DMATCH_VECTORS=n
  */
@@ -19,7 +19,7 @@
 #define MATCH_CHUNK (16 * MATCH_VECTORS)
 #define ROW_VECTORS (MATCH_CHUNK / LANES)
 #define ALL_VECTORS (MATCH_HEIGHT * ROW_VECTORS)
-#define PATTERNS 18 /* whose sums are added to those of the groups at a time */
+#define PATTERNS 18 /* added to the sums of the groups at a time */
 #define STRIP_HEIGHT MATCH_HEIGHT
 #define STRIP_PITCH ((MATCH_CHUNK + 4) * CHANNELS)
 
@@ -46,7 +46,7 @@ inline void strip_inside(float *to, __global const SAMPLE *const *row, const int
         return;
     }
     const vec a = (vec)(taps.x), b = (vec)(taps.y), c = (vec)(taps.z), d = (vec)(taps.w);
-    for (int j = begin; j < end; j += LANES) { /* the last vector over part of the one before */
+    for (int j = begin; j < end; j += LANES) { /* the last vector overlaps the previous one */
         const int i = LESS(j, end - LANES);
         vec v[STRIP_HEIGHT + 3];
 #pragma unroll
@@ -91,7 +91,7 @@ inline vec across_taps(const float4 taps, const float *from)
            + (vec)(taps.w) * load_own(from + 3 * CHANNELS);
 }
 
-/* Differences to the centre at LANES pixels, added over the channels, tau at the most. */
+/* Differences to the centre at LANES pixels, summed over the channels, at most tau. */
 inline vec difference(const float *strip, const float4 across, const vec *centre, const float tau)
 {
     vec e = magnitude(across_taps(across, strip) - centre[0]);
@@ -103,7 +103,7 @@ inline vec difference(const float *strip, const float4 across, const vec *centre
     return e < (vec)(tau) ? e : (vec)(tau);
 }
 
-/* Whether one of some rows wants 16 pixels from x on. */
+/* True if the spans of some rows include the plane for 16 pixels from x on. */
 inline int wants(__global const int2 *spans, const int y, const int rows, const int x, const int p,
                  const int nx)
 {
@@ -158,7 +158,7 @@ inline void add_patterns(vec *sums, const vec *part, __global const float *patte
     }
 }
 
-/* Costs of the pixels of a view from begin to end, and those that do not see the others, of a row. */
+/* Costs of the pixels of a view from begin to end, and the number of views that do not see the others, of a row. */
 inline void add_part(vec *sum, vec *unseen, const float *from, const float4 across,
                      const vec *centre, const int begin, const int end, const int vectors,
                      const float tau)
@@ -203,7 +203,7 @@ __kernel void match_rows(__global float *restrict out, __global const SAMPLE *re
     vec centre[ALL_VECTORS * CHANNELS], sums[GROUPS * ALL_VECTORS], unseen[GROUPS * ALL_VECTORS];
     vec parts[PATTERNS * ALL_VECTORS], part_unseen[ALL_VECTORS];
     float most[GROUPS], seen[GROUPS];
-    int some = 0; /* whether a view sees only some of the pixels: unseen counts the others */
+    int some = 0; /* true if a view sees only some pixels; unseen counts the others */
 
     for (int j = 0; j < ALL_VECTORS * CHANNELS; ++j)
         centre[j] = (vec)(0.0f);
@@ -224,7 +224,7 @@ __kernel void match_rows(__global float *restrict out, __global const SAMPLE *re
 
     for (int g = 0; g < patterns; ++g) {
         float whole = 0; /* views that see a pixel */
-        int here = 0;    /* whether one of them does not see all */
+        int here = 0;    /* true if a view does not see all pixels */
         vec *part_sum = parts + g % PATTERNS * ALL_VECTORS;
         for (int i = 0; i < ALL_VECTORS; ++i)
             part_sum[i] = (vec)(0.0f);

@@ -1,19 +1,19 @@
-/* How well the views agree with the centre on every plane, seen past what hides it.
+/* Costs of every plane: mismatch of the views with the centre, robust to occlusions.
  *
  *   match        e_k = min(sum_c |L_k(y + at_y, x + at_x) - C|, tau)
- *                m_j = mean of e_k over the views of group j that see the place
+ *                m_j = mean of e_k over the views of group j that see the point
  *                cost[p, y, x] = min(m_0, ratio min_j m_j + margin),    m_0 over all views
  *
- * C is the mean of the reference views, which lie round the middle of the aperture, on the same
- * plane. Views are sorted by the groups that they belong to: the views first[i] .. first[i + 1] - 1
- * belong to group j with the share pattern[i, j]. A group of which the place sees less than half
- * does not count. Tables of a launch: at[p, k] whole shifts (y, x); part[p, k] four taps along y
+ * C is the mean of the reference views around the middle of the aperture, on the same
+ * plane. Views are sorted by their groups: the views first[i] .. first[i + 1] - 1
+ * belong to group j with the share pattern[i, j]. A group of which less than half sees the point
+ * is ignored. Tables of a launch: at[p, k] integer shifts (y, x); part[p, k] four taps along y
  * and four along x, from -1 on, which interpolate and scale; reach[p, k] 1 where the shift has a
  * fraction, along y and x.
  *
- * match: an item is MATCH_BLOCK pixels of a row on one plane; left as it is where the plane
- * is not wanted (spans.cl).
- * -DSAMPLE=uchar | ushort | half | float   what the light field stores
+ * match: an item is MATCH_BLOCK pixels of a row on one plane; skipped where the plane
+ * is outside the span (spans.cl).
+ * -DSAMPLE=uchar | ushort | half | float   storage type of the light field
  * -DCHANNELS=n, -DMATCH_BLOCK=n
  */
 #include "common.cl"

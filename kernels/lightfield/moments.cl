@@ -4,17 +4,17 @@
  *   mean[p, y, s]    = sum_n w_n c_n l_n / W,   W = sum_n w_n c_n
  *   variance[p, y, s] = sum_n w_n c_n (l_n - mean)^2 / W = S2 - S1^2
  *
- * S1 and S2 are moments about the sample of one view near the middle, which takes away most of what
- * S2 - S1^2 would lose by cancellation. A variance below (1e-5 mean)^2 is rounding and counts 0, as
- * where no view has a weight.
+ * S1 and S2 are moments about the sample of one view near the middle, which avoids most of the
+ * cancellation in S2 - S1^2. A variance below (1e-5 mean)^2 is rounding and is set to 0, as
+ * without any weight.
  *
- * place[p, n] = (view, whole shift along y, along x, 0);  part[p, n] = (their fractions, w_n, 0).
+ * place[p, n] = (view, integer shift along y, along x, 0);  part[p, n] = (their fractions, w_n, 0).
  * moments          an item = LANES VECTORS samples of a row of one plane, in the order of
  *                  sheared.cl; for GPUs.
- * moments_blocks   an item = so many samples of HEIGHT rows of all planes; for CPUs. What they see
+ * moments_blocks   an item = as many samples of HEIGHT rows of all planes; for CPUs. Their part
  *                  of a view is copied to local memory, with its edges, and read for every plane.
- *                  low[n] = whole shifts (y, x) of the topmost and of the leftmost plane, span[n]
- *                  how much further others lie.
+ *                  low[n] = integer shifts (y, x) of the topmost and the leftmost plane, span[n]
+ *                  the range of the others beyond.
  *
  * -DSAMPLE=uchar | ushort | half | float, -DLANES=1 | 4 | 8 | 16, -DVECTORS=n: see sheared.cl.
  * -DHEIGHT=n: moments_blocks.
@@ -86,7 +86,7 @@ inline void store(__local float *to, const vec v)
     ((__local loose_local *)to)->v = v;
 }
 
-/* `count` samples from s on of one row of a view, those outside from its edge. */
+/* `count` samples from s on of one row of a view, samples outside repeat its edge. */
 inline void copy_row(__local float *to, __global const SAMPLE *row, const int s, const int count,
                      const view_size size)
 {
@@ -149,7 +149,7 @@ __kernel void moments_blocks(__global float *restrict mean, __global float *rest
         store(sums + i, (vec)(0.0f));
     for (int r = 0; r < rows; ++r)
         copy_row(pivot + r * CHUNK, L + row_start(middle, y0 + r, ny, size.n), s0, CHUNK, size);
-    bool ones = false;  /* what share[] holds */
+    bool ones = false;  /* true if share[] is 1 throughout */
     for (int n = 0; n < views; ++n) {
         const int top = y0 + low[n].x, first = s0 + low[n].y * channels;
         const int wide = CHUNK + (span[n].y + 1) * channels;

@@ -2,8 +2,8 @@
  *
  *   A = mean of w (g - <g>)^2, B = mean of w (g - <g>) (r - <r>) + A (d - plane)
  *
- * An item is 16 pixels of a row. Up to MOST_PLANES planes next to wanted pixels, views are moved to
- * all pixels by one plane after the other; else pixel by pixel. The sums are vectors of pixels.
+ * An item is 16 pixels of a row. Up to MOST_PLANES planes next to the selected pixels, views are shifted to
+ * all pixels plane by plane; else pixel by pixel. The sums are vectors of pixels.
  *
  * -DSAMPLE=uchar | ushort | half | float, -DLANES=4 | 8 | 16, -DCHANNELS=1 | 3
  */
@@ -92,7 +92,7 @@ inline void along_row(pixels *value, pixels *slope, const moved *m)
     }
 }
 
-/* The channels of pixels, each by itself. */
+/* The channels of pixels, separately. */
 inline void by_channel(pixels *value)
 {
 #if CHANNELS == 3
@@ -106,7 +106,7 @@ inline void by_channel(pixels *value)
 #endif
 }
 
-/* The same for pixel x alone, channel by channel. */
+/* Likewise for pixel x alone, channel by channel. */
 inline void along_pixel(pixels *value, pixels *slope, const int x, const moved *m)
 {
     const int row = m->place.x, column = m->place.y + x;
@@ -162,11 +162,11 @@ inline void along_pixel(pixels *value, pixels *slope, const int x, const moved *
     }
 }
 
-/* The planes that 16 pixels want. */
+/* The planes of 16 pixels. */
 typedef struct {
-    int count;         /* of planes */
-    int plane[ITEM];   /* each once */
-    marks chosen[ITEM]; /* the pixels that want it */
+    int count;         /* number of planes */
+    int plane[ITEM];   /* distinct planes */
+    marks chosen[ITEM]; /* the pixels of each plane */
     marks wanted;
     int of[ITEM];      /* the plane of each pixel */
 } choice;

@@ -1,16 +1,16 @@
-/* Light fields of view positions as light fields of directions, and back (thesis, section 1.4.2).
+/* Conversion of light fields between view positions and directions (thesis, section 1.4.2).
  *
  *   out[j, i, y, x, c] = sum_ab A[y][a] B[x][b] L[v, u, y, x, c] / sum_ab A[y][a] B[x][b]
  *   v = j + first_v[y] + a,   u = i + first_u[x] + b,   a, b = 0 .. 3
  *
  * A ray (x, u) has the direction theta = (x - u)/F, so that a step of theta is one of u and every
- * column is moved along u by a constant of its own; so are rows along v. Taps of views outside or
- * not lit count neither in the sum nor in the weight; a ray without any is 0. -DCUBIC: rays with
+ * column is shifted along u by its own constant, and rows along v. Taps of views outside or
+ * unlit are excluded from sum and weight; a ray without taps is 0. -DCUBIC: rays with
  * all of their 16 taps take `taps`, the others `linear` (taps 1 and 2 only), as without -DCUBIC.
  *
  * FOR_X over (x, c); get_global_id(1) is y, (2) the view of the result.
  *
- * -DSAMPLE=uchar | ushort | half | float: what the light field stores. -DROWS: see common.cl.
+ * -DSAMPLE=uchar | ushort | half | float: storage type of the light field. -DROWS: see common.cl.
  */
 #include "common.cl"
 #include "stored.cl"

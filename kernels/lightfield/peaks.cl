@@ -1,15 +1,15 @@
-/* The highest peak of a curve over the planes at every pixel, some planes after the others.
+/* Highest peak of a curve over the planes at every pixel, in batches of planes.
  *
  *   track_peaks   best, second = highest and second highest local maximum of e(d);
  *                 place = vertex of the parabola through the highest and its two neighbours, h0
  *                 below and h1 above, which lies within half a step;  curvature = -e'' there
  *   confidence    (1 - second/best) k/(1 + k),  k = -e''/e at the peak, in 1/(px a view)^2
  *
- * -DLOWEST: e is minus the curve, which is a cost, so that its lowest minimum is found:
+ * -DLOWEST: e is minus the curve (a cost), which gives its lowest minimum:
  * (1 - best/second) k/(1 + k), k = e''/e of the cost.
- * An end of the curve has no parabola: curvature 0. Where no plane is above its neighbours nothing
- * is tracked, and the confidence is 0. A plane level with both counts as a second peak: a plateau is
- * no place.
+ * An end of the curve has no parabola: curvature 0. Where no plane exceeds its neighbours nothing
+ * is tracked, and the confidence is 0. A plane level with both counts as a second peak, since a plateau
+ * has no position.
  *
  * Pixels lie one after the other, `size` in a plane; arrays are padded by 15 floats.
  * Mapping: an item owns a pixel; -DROWS: `length` pixels, LANES at a time, -DLANES=4 | 8 | 16.
@@ -33,7 +33,7 @@ typedef float vec;
 #endif
 
 /* Planes `first` ... `first + count - 1` of `curve`; places[k] = (d, h0, h1), a step of 0 at an end.
- * `fresh`: nothing is tracked yet, and `start` is what is found where there is no peak. */
+ * `fresh`: nothing is tracked yet; `start` is the result without a peak. */
 __kernel void track_peaks(__global float *restrict best, __global float *restrict second,
                           __global float *restrict place, __global float *restrict curvature,
                           __global const float *restrict curve, __global const float *restrict places,
@@ -44,7 +44,7 @@ __kernel void track_peaks(__global float *restrict best, __global float *restric
     for (int i = begin; i < min(begin + length, size); i += STEP) {
         const vec before = fresh ? (vec)(-INFINITY) : LOAD(best + i);
         vec high = before, next = fresh ? (vec)(-INFINITY) : LOAD(second + i);
-        vec d = 0, h0 = 0, h1 = 0, rise = 0, fall = 0; /* of the highest so far */
+        vec d = 0, h0 = 0, h1 = 0, rise = 0, fall = 0; /* of the current maximum */
         __global const float *plane = curve + (size_t)first * size + i;
         vec below = SIGN * LOAD(plane - (places[1] > 0.0f ? size : 0));
         vec at = SIGN * LOAD(plane);

@@ -4,14 +4,14 @@
  *            group of views of least cost (matching.cl):
  *            A = mean of w (g - <g>)^2, B = mean of w (g - <g>) (r - <r>) + A (d - plane),
  *            w = (1 - (e/tau)^2)^2
- *            (Lucas and Kanade 1981; Tukey's weights; means are taken out channel by channel, so
- *            that noise of C, which all views share, moves nothing)
+ *            (Lucas and Kanade 1981; Tukey's weights; each channel's mean is subtracted, so
+ *            that noise of C, common to all views, has no effect)
  *   fit      plane a + b_y s + b_x t through d - B/(A + prior) of the neighbours, weights
  *            (A + prior) bell(near (s^2 + t^2) + alike |I - I_0|^2 + level (d - d_0)^2); out = a
  *
  * Tables as in matching.cl; slope[p, k]: taps of the derivatives along y and x, step[k]: pixels
- * (y, x) of a view for disparity 1. A step is at most `most`; slopes are held by a ridge.
- * Beyond the edges of a view the nearest; views that do not see the place do not count.
+ * (y, x) of a view for disparity 1. A step is at most `most`; a ridge regularises slopes.
+ * Edges of views are repeated; views that do not see the point are ignored.
  *
  * normal: FOR_X over x, -DSAMPLE=uchar | ushort | half | float; fit: an item is BLOCK pixels of a
  * row, -DRADIUS=n, -DBLOCK=n; both: -DCHANNELS=n; -DROWS: see common.cl
@@ -172,7 +172,7 @@ __kernel void fit(__global float *restrict out, __global float *restrict known,
     const int n = min(BLOCK, nx - x0);
     const size_t i = row_start(0, y, ny, nx) + x0, size = (size_t)ny * nx;
     float same[BLOCK];
-    float m[10 * BLOCK]; /* sums of w: 1, s, t, s^2, s t, t^2, v, v s, v t; of what is known */
+    float m[10 * BLOCK]; /* sums of w: 1, s, t, s^2, s t, t^2, v, v s, v t; of information */
     for (int x = 0; x < 10 * BLOCK; ++x)
         m[x] = 0;
     for (int s = max(-RADIUS, -y); s <= min(RADIUS, ny - 1 - y); ++s)

@@ -6,10 +6,10 @@
  * i is a sample of a row, channels fastest; beyond the edges the picture is reflected:
  * d c b a | a b c d | d c b a.
  *
- * A group of items owns `length` samples of LINES rows; its local memory holds them with `halo`
- * samples on either side, row after row. w points at the weight at distance 0 of a table of all
- * distances, with LINES - 1 zeros at either end, so that a row that is read once serves all rows.
- * -DSAMPLE=uchar | ushort | half | float: what `in` stores; float32 otherwise. -DLANES=4 | 8 | 16
+ * A group of items owns `length` samples of LINES rows; its local memory stores them with `halo`
+ * samples on either side, row by row. w points at the weight at distance 0 of a table of all
+ * distances, with LINES - 1 zeros at either end, so that each row is read once for all rows.
+ * -DSAMPLE=uchar | ushort | half | float: storage type of `in`; default float32. -DLANES=4 | 8 | 16
  * -DLINES=n; -DROWS: the group is one item, which takes LANES samples at a time. Otherwise LINES is 1.
  * Included only.
  */
@@ -34,7 +34,7 @@
 #define UNROLLED(j) _Pragma("unroll") for (int j = 0; j < VECTORS; ++j)
 #define EACH_LINE(r) _Pragma("unroll") for (int r = 0; r < LINES; ++r)
 #define EACH_DOWN(j) _Pragma("unroll") for (int j = 0; j < DOWN; ++j)
-/* Chunks of begin <= i < end, the last one over part of the one before; none if it is shorter. */
+/* Chunks of begin <= i < end, the last one overlapping; none if the range is shorter. */
 #define FOR_CHUNKS(i, begin, end, chunk) \
     for (int i = (begin); i < (end) && (end) - (begin) >= (chunk); \
          i = i + (chunk) < (end) && i + 2 * (chunk) > (end) ? (end) - (chunk) : i + (chunk))
@@ -59,7 +59,7 @@ inline float column(__global const SOURCE *in, const int y, const int i, __globa
 }
 
 #ifdef ROWS
-/* The same for rows y ... y + LINES - 1, `apart` samples apart in `to`, and LANES DOWN samples from i
+/* Likewise for rows y ... y + LINES - 1, `apart` samples apart in `to`, and LANES DOWN samples from i
  * on. */
 inline void column_chunk(__local float *to, const int apart, __global const SOURCE *in, const int y,
                          const int i, __global const float *w, const int radius, const int ny,
@@ -125,7 +125,7 @@ inline float across(__local const float *at, __global const float *w, const int 
 }
 
 #ifdef ROWS
-/* The same for CHUNK samples from `at` on. */
+/* Likewise for CHUNK samples from `at` on. */
 inline void across_chunk(vec sum[VECTORS], __local const float *at, __global const float *w,
                          const int radius, const int channels)
 {

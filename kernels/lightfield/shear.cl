@@ -1,39 +1,39 @@
 /* Shear, interpolate, sum: pictures refocused on many planes (Ng 2005, shift and add).
  *
  *   out[p, y, s] = sum_vu w[v, u] L[v, u](y + shift_y[p, v], s + channels shift_x[p, v, u]) / W
- *   W[p, y, s]   = sum of the weights of the samples that were used
+ *   W[p, y, s]   = sum of the weights of the samples in use
  *
- * s = x channels + c is a sample of a row, so that colour only multiplies the shift along x. A
- * shift is a whole number and a fraction b: interpolation is linear, and separable, since it is one
- * constant a view. With the view (v, u) moved by its whole shift,
+ * s = x channels + c is a sample of a row, so colour only multiplies the shift along x. A
+ * shift is an integer and a fraction b. Interpolation is linear, and separable because the shift is
+ * constant for a view. With the view (v, u) moved by its integer shift,
  *
  *   R_v(s) = sum_u w (1 - b_u) L(s) + sum_u w b_u L(s + channels)       along x first,
  *   out(y) = sum_v (1 - b_v) R_v(y) + b_v R_v(y + 1)                    then along y.
  *
  * Views on a grid have shift_x[p, u]; scattered ones are V U rows of one view each.
  *
- * Samples outside a view are 0 and count not in W.
+ * Samples outside a view are 0 and do not count in W.
  *
  * Tables (P planes of one launch, U views in a row, of which count[v] have a weight):
  *   order[v, k]      u of the k-th view with a weight
- *   span[v, k]       (first sample, number of further samples) that the planes see of that view
+ *   span[v, k]       (first sample, number of further samples) of that view used by the planes
  *   slide[v, p, k]   samples from the first one to that of plane p
  *   taps[v, p, k]    (w (1 - b_u), w b_u)
- *   down[v, p], blend[v, p]   whole shift along y, and b_v
+ *   down[v, p], blend[v, p]   integer shift along y, and b_v
  *   norm[p, v, i]    W without the shifts along y, for each v; then their sum over v. Of sample s at
- *                    i = norm_column(s): samples that all views hold are alike, and kept HELD times
+ *                    i = norm_column(s): samples inside all views are equal, and stored HELD times
  *
  * shear_blocks    one item = (width - channels) samples of `height` rows of all planes; for CPUs.
  *                 A row of views is copied to local memory once, as float and with its edges, and
  *                 then read for every plane; each sample is read once for both taps.
  * shear_samples   one item = one sample of HEIGHT rows of PLANES planes; for GPUs. With -DGROUP=n
- *                 its n neighbours read what they see of a view to local memory first.
+ *                 its n neighbours first copy their part of a view to local memory.
  *
- * -DSAMPLE=uchar | ushort | half | float   what the light field stores
+ * -DSAMPLE=uchar | ushort | half | float   storage type of the light field
  * -DLANES=4 | 8 | 16, -DVECTORS=n   shear_blocks: vector type, and vectors summed in registers
- * -DAHEAD                          shear_blocks: prefetch, where the compiler has it
+ * -DAHEAD                          shear_blocks: prefetch, if the compiler supports it
  * -DDIRECT                         shear_blocks: one plane, whose views are read once, in place
- * -DCHANNELS=1 | 3                  shear_blocks: channels, where their number is one of these
+ * -DCHANNELS=1 | 3                  shear_blocks: number of channels, if 1 or 3
  * -DHEIGHT=n, -DPLANES=n, -DGROUP=n  shear_samples
  */
 #include "common.cl"
@@ -113,7 +113,7 @@ __kernel void shear_blocks(__global float *restrict out, __global const SAMPLE *
                 copy_row(views + k * pitch, L + row_start(v * U + u, y, ny, samples),
                          s0 + span[v * U + k].x, width + span[v * U + k].y, samples);
             }
-            /* While this row is summed, the next one is asked for, some views a plane. */
+            /* Prefetch the next row while this row is summed, some views per plane. */
 #ifdef AHEAD
             const int next = t < bottom + rows ? clamp(y0 + t + 1, 0, ny - 1) : y;
 #endif
@@ -159,7 +159,7 @@ static float tap(__global const SAMPLE *row, const int s, const int samples)
 }
 
 #ifdef GROUP
-/* What a work-group sees of one view for its planes, read by all its items together. */
+/* Copy a work-group's part of one view for its planes, all items together. */
 static void copy_tile(__local float *tile, __global const SAMPLE *view, const int top,
                       const int rows, const int first, const int wide, const int pitch,
                       const int ny, const int samples)

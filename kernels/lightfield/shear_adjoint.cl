@@ -1,32 +1,32 @@
-/* The adjoint of shear.cl: pictures of planes are spread back to the views that they are means of.
+/* The adjoint of shear.cl: pictures of planes are spread back to the views.
  *
  *   S[p, y, s]    = picture[p, y, s] / W[p, y, s], 0 where W is 0 and outside
  *   L[v, u, y, s] = w[v, u] sum_p S[p](y - shift_y[p, v], s - channels shift_x[p, v, u])
  *
- * with s, W and the linear interpolation of shear.cl. A shift is a whole number d and a fraction b. It
- * is separable, and what is interpolated along y serves a whole row of views:
+ * with s, W and the linear interpolation of shear.cl. A shift is an integer d and a fraction b. It
+ * is separable, and rows interpolated along y serve all views of a row:
  *
  *   T_pv(y, s)    = (1 - b_v) S[p](y - d_v, s) + b_v S[p](y - d_v - 1, s)
  *   L[v, u, y, s] = sum_p w b_u T_pv(s - channels (d_u + 1)) + w (1 - b_u) T_pv(s - channels d_u)
  *
  * Tables (P planes of one launch, U views in a row, of which count[v] have a weight):
  *   order[v, k]      u of the k-th view with a weight
- *   span[v, p]       (first sample, number of further samples) that the views see of plane p
+ *   span[v, p]       (first sample, number of further samples) of plane p used by the views
  *   slide[v, k, p]   samples from the first one to that of the k-th view
  *   taps[v, k, p]    (w b_u, w (1 - b_u))
- *   down[v, p], blend[v, p]   whole shift along y, and b_v
+ *   down[v, p], blend[v, p]   integer shift along y, and b_v
  *   norm             as in shear.cl
  *
  * divide            S of some planes. Mapping: FOR_X of common.cl over s, axis 1 = y, axis 2 = p;
  *                   with -DLANES an item = a row.
  * spread_blocks     one item = (width - channels) samples of a row of all views (v, u) of one v; for
- *                   CPUs. T_pv of all planes lies in local memory, and is read for every view.
+ *                   CPUs. T_pv of all planes is stored in local memory and read for every view.
  * spread_samples    one item = a sample of HEIGHT rows of one view; for GPUs.
  *
  * `add`: the planes of this launch are added to those of earlier ones. Views without a weight are 0.
  *
  * -DLANES=4 | 8 | 16, -DVECTORS=n   spread_blocks, divide: vector type, vectors summed in registers
- * -DCHANNELS=1 | 3                  spread_blocks: channels, where their number is one of these
+ * -DCHANNELS=1 | 3                  spread_blocks: number of channels, if 1 or 3
  * -DHEIGHT=n                        spread_samples
  * -DSAMPLE=float                    for stored.cl
  * -DROWS: see common.cl.
@@ -43,8 +43,8 @@ static void store_global(__global float *to, const vec value)
     ((__global loose *)to)->v = value;
 }
 
-/* T_pv of some samples from `first` on, of which some may lie outside: a row of S and the one above
- * it, with their weights. */
+/* T_pv of some samples from `first` on, some of which may lie outside: a row of S and the row above,
+ * with their weights. */
 static void blend_rows(__local float *to, __global const float *row, __global const float *above,
                        const float of_row, const float of_above, const int first, const int n,
                        const int samples)
@@ -94,7 +94,7 @@ __kernel void spread_blocks(__global float *restrict L, __global const float *re
     const int v = get_global_id(2);
     const int n = min(width - channels, samples - s0);
     for (int i = 0; i < max(channels, LANES); ++i)
-        second[width + i] = 0.0f;  /* right of the block: summed, but not part of it */
+        second[width + i] = 0.0f;  /* right of the block: summed, but not part of the view */
 
     for (int p = 0; p < planes && count[v] > 0; ++p) {
         const int at = v * planes + p, row = y - down[at];

@@ -1,4 +1,4 @@
-/* Weights W of the samples that pictures refocused by shear.cl are made of, read from its table `norm`.
+/* Weights W of the samples in pictures refocused by shear.cl, from its table `norm`.
  *
  * Included only.
  */
@@ -7,7 +7,7 @@
 
 #define HELD 16
 
-/* Where a vector of up to HELD samples from s on lies in a row of norm. */
+/* Column in a row of norm of a vector of up to HELD samples from s on. */
 static int norm_column(const int s, const int near, const int far)
 {
     return s <= near ? s : s < far ? near : s - far + near + HELD;
@@ -21,7 +21,7 @@ static float row_weight(const int y, const int down, const float blend, const in
     return above && below ? 1.0f : above ? 1.0f - blend : below ? blend : 0.0f;
 }
 
-/* Whether all rows of views lie inside for the picture's row y. */
+/* True if all rows of views lie inside for the picture's row y. */
 static bool all_inside(const int y, __global const int *down, __global const float *blend,
                        const int V, const int planes, const int ny)
 {

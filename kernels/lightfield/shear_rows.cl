@@ -3,8 +3,8 @@
  *   R_v(s) = sum_u w (1 - b_u) L(s) + sum_u w b_u L(s + channels)
  *   out(y) += (1 - b_v) R_v(y) + b_v R_v(y + 1)
  *
- * CHUNK = LANES VECTORS samples of R_v are summed in registers. Every sum takes the views in the same
- * order and so has the same bits: from copied rows, and with -DDIRECT from the light field itself.
+ * CHUNK = LANES VECTORS samples of R_v are summed in registers. Views are always summed in one
+ * order, so results are bitwise equal from copied rows and, with -DDIRECT, from the light field.
  * -DSAMPLE=, -DLANES=, -DVECTORS=, -DAHEAD, -DDIRECT, -DCHANNELS=: see shear.cl.
  * Included only.
  */
@@ -17,7 +17,7 @@
 #define LINE_BYTES 64
 typedef JOIN(float, LANES) vec;
 
-/* Vectors at any float, in place of vloadn, which PoCL does not inline. */
+/* Vectors at any float, instead of vloadn, which PoCL does not inline. */
 typedef struct __attribute__((packed)) { vec v; } loose;
 
 static vec load(__local const float *from)
@@ -46,7 +46,7 @@ static void store(__local float *to, const vec value)
 #define NEXT(a, b) JOIN(JOIN(JOIN(NEXT_, LANES), _), CHANNELS)(a, b)
 #endif
 
-/* Ask for samples that are copied next; of a stretch that may lie outside, which does no harm. */
+/* Prefetch the samples that are copied next; the range may lie outside, which is harmless. */
 #ifdef AHEAD
 static void fetch_row(__global const SAMPLE *row, const int n)
 {
@@ -107,7 +107,7 @@ static void chunk_of(vec *a, __local const float *views, __local float *second, 
             b[i] += sample * next;
         }
     }
-    /* Chunks go from right to left, so `second` already holds what follows this one. */
+    /* Chunks go from right to left, so `second` already stores the following chunk. */
 #ifdef CHANNELS
     const vec after = load(second + CHUNK);
     store(second, b[0]);
@@ -124,7 +124,7 @@ static void chunk_of(vec *a, __local const float *views, __local float *second, 
 #endif
 }
 
-/* The same, added to the picture. */
+/* Likewise, added to the picture. */
 static void sum_chunk(__local float *upper, __local float *lower, __local const float *views,
                       __local float *second, const int n, const int pitch, const int channels,
                       __global const int *slide, __global const float2 *taps, const float blend)
@@ -137,8 +137,8 @@ static void sum_chunk(__local float *upper, __local float *lower, __local const 
 #else
 /* Vectors of the only plane, inside all views, from the light field itself: from row (v, y) of view
  * u = 0, that of the next one `view` samples on. Both taps are read: the second time from the
- * nearest cache. The same stretch of the row that follows, `ahead` samples on, is asked for. The
- * sums have the bits of `sum_chunk`. */
+ * nearest cache. The same range of the next row, `ahead` samples on, is prefetched. The
+ * sums are bitwise equal to `sum_chunk`. */
 #ifdef AHEAD
 #define FETCH(row, n) fetch_row(row, n)
 #else
@@ -170,7 +170,7 @@ static void name(__local float *upper, __local float *lower, __global const SAMP
 SUM_STORED(sum_many, VECTORS)
 SUM_STORED(sum_few, FEW)
 
-/* The same of one vector, which may lie outside of some views: those are copied. */
+/* Likewise for one vector that may lie outside some views, which are copied. */
 static void sum_edge(__local float *upper, __local float *lower, __global const SAMPLE *row,
                      __local float *copy, const int n, const size_t view, const int s,
                      const int samples, const int channels, __global const int *order,

@@ -1,15 +1,15 @@
-/* Samples of one view moved by a constant, interpolated linearly, a vector at a time.
+/* Samples of one view, shifted by a constant and interpolated linearly, by vectors.
  *
- *   value(y, s)    = bilinear between the four samples about (y + whole.y + part.y, ...), where what
- *                    lies outside the view is its nearest sample
+ *   value(y, s)    = bilinear between the four samples about (y + whole.y + part.y, ...), where
+ *                    positions outside the view repeat its nearest sample
  *   inside(y, s)   = share of these four, by their weights, that lies inside: 0 ... 1
  *
  * s = x channels + c is a sample of a row; whole and part are in pixels, 0 <= part < 1.
  *
- * Mapping of the kernels: axis 0 = samples, axis 1 = planes, axis 2 = y; -DROWS: axes 0 and 1 the other
- * way round, so that planes share a row of the light field in cache.
+ * Mapping of the kernels: axis 0 = samples, axis 1 = planes, axis 2 = y; -DROWS: axes 0 and 1
+ * exchanged, so that planes share a row of the light field in cache.
  *
- * -DSAMPLE=uchar | ushort | half | float   what the light field stores
+ * -DSAMPLE=uchar | ushort | half | float   storage type of the light field
  * -DLANES=1 | 4 | 8 | 16            samples of a vector
  * -DVECTORS=n                      vectors of an item
  * Included only.
@@ -38,13 +38,13 @@ typedef struct __attribute__((packed)) { vec v; } loose_vec;
 
 typedef struct {
     int ny, nx, channels, n;      /* n = nx channels, samples of a row */
-    __global const int2 *edge;    /* of any s: (nearest sample inside, pixel) */
+    __global const int2 *edge;    /* for any s: (nearest sample inside, pixel) */
 } view_size;
 
 /* Two rows of a view, moved by whole samples, and how to mix their samples. */
 typedef struct {
     __global const SAMPLE *upper, *lower;
-    int from;          /* where s = 0 lies */
+    int from;          /* index of s = 0 */
     float across, down;
     float share;       /* of the two rows that lies inside */
 } view_rows;
@@ -76,7 +76,7 @@ inline view_rows moved(__global const SAMPLE *L, const int4 place, const float4 
     return rows;
 }
 
-/* Whether `count` samples from s on need no sample outside the view. */
+/* True if `count` samples from s on need no sample outside the view. */
 inline bool within(const view_rows rows, const int s, const int count, const view_size size)
 {
     return rows.from + s >= 0 && rows.from + s + size.channels + count <= size.n;
@@ -89,7 +89,7 @@ inline vec mixed(const view_rows rows, const vec a, const vec b, const vec c, co
     return above + rows.down * (below - above);
 }
 
-/* The value where no sample lies outside. */
+/* The value if no sample lies outside. */
 inline vec value_within(const view_rows rows, const int s, const view_size size)
 {
     __global const SAMPLE *a = rows.upper + rows.from + s, *c = rows.lower + rows.from + s;

@@ -1,6 +1,6 @@
-/* Which planes are looked at where: for 16 pixels of a row the first and the last one.
+/* Planes to compute: the first and the last one for 16 pixels of a row.
  *
- *   spans[y, x / 16] = (first, last), last < first where none is wanted; x / 16 < ceil(nx / 16)
+ *   spans[y, x / 16] = (first, last), last < first for none; x / 16 < ceil(nx / 16)
  *
  * Included only.
  */

@@ -1,15 +1,15 @@
-/* Costs gathered over the neighbours that look alike (Yoon and Kweon 2006, adaptive support).
+/* Costs averaged over similar neighbours (Yoon and Kweon 2006, adaptive support).
  *
  *   out[p, y, x] = sum_st w cost[p, y + s, x + t] / sum_st w,   |s|, |t| <= RADIUS
  *   w = bell((s^2 + t^2) near[y, x] + sum_c (I[c, y + s, x + t] - I[c, y, x])^2 alike[y, x])
  *   bell(q) = max(1 - q/8, 0)^8, close to exp(-q), and 0 beyond 8
  *
  *   valley   the plane of least cost, refined by the parabola through it and its neighbours,
- *            which need not be equally far; its number, its cost, the second lowest valley and
+ *            which may be at unequal distances; its number, its cost, the second lowest valley and
  *            the mean
  *
- * gather: an item is BLOCK pixels of a row, all planes that one of them wants (spans.cl). valley:
- * FOR_X over x, among the planes spans[y, x] = (first, last); left as it is where last < first.
+ * gather: an item is BLOCK pixels of a row, all planes of their spans (spans.cl). valley:
+ * FOR_X over x, among the planes spans[y, x] = (first, last); skipped where last < first.
  * -DCHANNELS=n, -DRADIUS=n, -DBLOCK=n; -DROWS: see common.cl
  */
 #include "common.cl"

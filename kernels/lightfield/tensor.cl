@@ -1,6 +1,6 @@
 /* Structure tensor of epipolar-plane images (Bigun and Granlund 1987; Wanner and Goldluecke 2012).
  *
- * The light field is sheared by a plane d0 (sheared.cl), so that a point of disparity d moves by
+ * The light field is sheared by a plane d0 (sheared.cl), so a point of disparity d moves by
  * d - d0 pixels a view step. For neighbours m and n along a row of views, D view steps apart,
  *
  *   Lx = (g_m + g_n)/2,     g = (l(+1) - l(-1))/2                        along the axis of the views,
@@ -8,9 +8,9 @@
  *   epi_tensor   J[y, s] = sum_mn w_m w_n c_m c_n (Lx Lx, Lx Lu, Lu Lu),   c = share inside
  *
  * g and h have the same gain for d - d0 -> 0 up to the fourth power of the frequency:
- * Lu = (d - d0) Lx. A gradient below 1e-5 of the sample is rounding and counts 0.
+ * Lu = (d - d0) Lx. A gradient below 1e-5 of the sample is rounding and is set to 0.
  *
- * place[n] = (view, whole shift along y, along x, 0);  part[n] = (their fractions, w_n, 1/D); the
+ * place[n] = (view, integer shift along y, along x, 0);  part[n] = (their fractions, w_n, 1/D); the
  * views 2 n and 2 n + 1 are a pair.
  * Mapping: epi_tensor: an item = LANES VECTORS samples of a row, in the order of
  * sheared.cl.
@@ -22,8 +22,8 @@
 
 typedef struct { vec smooth, slope; } gradient;
 
-/* g and h at sample s of a view whose rows y - down, y, y + down are given; `within`: all that is
- * needed lies inside the view. */
+/* g and h at sample s of a view whose rows y - down, y, y + down are given; `within`: all samples
+ * lie inside the view. */
 inline gradient along(const view_rows rows[3], const int s, const int right, const view_size size,
                       const bool within)
 {
@@ -41,7 +41,7 @@ inline void add_pair(vec xx[VECTORS], vec xu[VECTORS], vec uu[VECTORS], const vi
                      const view_rows n[3], const float weight, const float link, const int s,
                      const int right, const view_size size, const bool all_within)
 {
-    for (int j = 0; j < VECTORS; ++j) { /* not unrolled: half as quick again */
+    for (int j = 0; j < VECTORS; ++j) { /* not unrolled, which is 1.5 times as fast */
         const int i = s + LANES * j, count = LANES + 2 * right;
         const bool here = all_within || (within(m[1], i - right, count, size)
                                          && within(n[1], i - right, count, size));

@@ -1,10 +1,10 @@
-/* Resampling of a raw lenslet image whose lattice lies along the sensor, one axis after the other.
+/* Resampling of a raw lenslet image whose lattice is aligned with the sensor, axis by axis.
  *
  *   line[x]       = sum_m down[m][v rows + i] raw[above[v rows + i] + m, x],             m = 0 ... 3
  *   L[v, u, i, k] = sum_m across[m][u columns + k] line[left[u columns + k] + m]
  *
- * The weights are made on the host, 0 off the sensor. Strides of L in samples say in which order it
- * lies in memory.
+ * The weights are computed on the host, 0 off the sensor. Strides of L in samples define its
+ * memory order.
  *
  * Mapping: an item = row i of all views v, in one line of local memory with MARGIN zeros at either
  * end; axis 0 = v rows + i. For CPUs: both loops vectorise, and a line is read once for all u.

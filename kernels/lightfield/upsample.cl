@@ -1,15 +1,15 @@
-/* Refocus on a grid N times finer: the samples of all views, each at its own place.
+/* Refocus on a grid N times finer, with the samples of all views at their positions.
  *
  *   out[Y, X] = sum_kyx W L[view[k], y, x] / sum_kyx W,   ty, tx = distances in pixels of the views
  *   W = w[k] (tent(N ty) tent(N tx) + base tent(ty) tent(tx)),   tent(t) = max(1 - |t|, 0)
  *
  * Row Y lies at ((Y + 1/2)/N - 1/2) of a view, moved by the shift of view k: tables hold, for each
  * view and each of the N phases Y mod N, the upper of the two nearest pixels and, made in float64,
- * the tents of both (tent(N t) of the two, then tent(t) of the two). `base` fills what no sample
- * comes near. Samples outside a view do not count.
+ * the tents of both (tent(N t) of the two, then tent(t) of the two). `base` fills gaps between
+ * samples. Samples outside a view are ignored.
  *
  * One item = one fine sample (X, c) of row Y, or with -DROWS the row, phase by phase in blocks of 16
- * samples of the views; axis 1 = Y. -DSAMPLE=uchar | ushort | half | float: what the light field stores.
+ * samples of the views; axis 1 = Y. -DSAMPLE=uchar | ushort | half | float: storage type of the light field.
  */
 #include "common.cl"
 #include "stored.cl"

@@ -3,14 +3,14 @@
  *   the plane of least cost, refined by a parabola; its number, the cost, the second lowest valley,
  *   the mean
  *
- * An item is LANES pixels of a row, and all planes that one of them wants.
+ * An item is LANES pixels of a row, and all planes of their spans.
  *
  * -DLANES=4 | 8 | 16
  */
 #include "common.cl"
 #include "vectors.cl"
 
-/* The span of each of LANES pixels, of the last ones none. */
+/* The span of each of LANES pixels, empty for pixels beyond the row. */
 inline void pixel_spans(ivec *first, ivec *last, __global const int2 *spans, const int n)
 {
     union { ivec v; int s[LANES]; } low, high;
@@ -23,7 +23,7 @@ inline void pixel_spans(ivec *first, ivec *last, __global const int2 *spans, con
     *last = high.v;
 }
 
-/* Costs of LANES pixels on a plane, infinite where they do not want it. */
+/* Costs of LANES pixels on a plane, infinite outside their spans. */
 inline vec wanted_cost(__global const float *cost, const int p, const ivec first, const ivec last,
                        const long step, const int n)
 {

@@ -1,4 +1,4 @@
-/* Detail of views: what a window along both axes leaves, as 16-bit integers.
+/* Detail of views: the difference to a smoothing window, as 16-bit integers.
  *
  *   out[k, y, x, c] = 2^15 + rint(scale[k] (L[k, y, x, c] - sum_s sum_t w[|s|] w[|t|] L[k, y + s, x + t, c])),
  *   -radius <= s, t <= radius, clamped to 0 ... 2^16 - 1
@@ -20,7 +20,7 @@ inline ushort stored_detail(const float value)
 #ifdef ROWS
 typedef struct __attribute__((packed)) { JOIN(ushort, LANES) v; } loose_detail;
 
-/* The same for a vector: adding 1.5 2^23 rounds to whole numbers, which its last bits hold. */
+/* Likewise for a vector: adding 1.5 2^23 rounds to integers in the last bits. */
 inline void store_detail(__global ushort *to, const vec value)
 {
     const vec low = (vec)(-MIDDLE), high = (vec)(MIDDLE - 1);

@@ -1,11 +1,11 @@
-/* Plain questions to the samples of a light field.
+/* Simple reductions and slices of the samples of a light field.
  *
  *   lit        lit[view] = 1 if a sample of the view is not 0, else 0; one item a view
  *   extremes   out[row] = smallest and largest sample of a row; one item a row
  *   brightness   out[row] = sum of the samples of a row; one item a row
  *   slice      out[r, k, c] = L[start + r row_step + k column_step + c], as float32; FOR_X over (k, c)
  *
- * -DSAMPLE=uchar | ushort | half | float: what the light field stores. -DROWS: see common.cl.
+ * -DSAMPLE=uchar | ushort | half | float: storage type of the light field. -DROWS: see common.cl.
  */
 #include "common.cl"
 #include "stored.cl"

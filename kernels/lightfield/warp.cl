@@ -2,27 +2,27 @@
  *
  *   L[view, y, x, c] = P(y + d[y, x] s_y, x + d[y, x] s_x)[c],   (s_y, s_x) = steps[view]
  *
- * interpolated linearly; a position off the picture is that of its edge. With g the gradient of the
+ * interpolated linearly; positions off the picture use its edge. With g the gradient of the
  * loss with respect to L,
  *
  *   of_disparity[y, x]    = sum_view,c g[view, y, x, c] (s_y dP/dy + s_x dP/dx)[c]
  *   of_picture[Y, X, c]   = sum_view,y,x g[view, y, x, c] t(py - Y) t(px - X),  t(r) = max(1 - |r|, 0)
  *
- * at the position (py, px) of (y, x). Along an axis that leads off the picture the slope of P is 0; at
- * a whole position it is that towards the next pixel. Sums go in one order, so that all runs have the
- * same bits.
+ * at the position (py, px) of (y, x). Along an axis off the picture the slope of P is 0; at
+ * integer positions it is the slope towards the next pixel. Sums have a fixed order, so results are
+ * bitwise reproducible.
  *
- * -DLENSLETS: L is the raw image. (y, x) is a lenslet, with a disparity of its own, and lies at
+ * -DLENSLETS: L is the raw image. (y, x) is a lenslet with its disparity, at
  * across[y % 2][x] + part[y % 2][x] of row y of the picture, which is `wide` pixels wide; views are its
- * pixels, of which `view` is L[index[view, y, x]], none where that is below 0. It is
+ * pixels, of which `view` is L[index[view, y, x]], none for a negative index. It is
  * white[index] P(...), with s = steps[view] + own[y, x]; the elements of `own` lie within own_least and
  * own_most, and columns of the picture are `spacing` columns of lenslets apart.
  *
  * Mapping: views and of_disparity, FOR_X of common.cl over x, axis 1 = y, axis 2 = view (views).
- * of_picture with -DROWS: an item = `height` rows, to which it adds what falls there, axis 0; else an
- * item = a sample s = X channels + c, axis 0, and Y, axis 1, which looks for what falls on it. All
+ * of_picture with -DROWS: an item = `height` rows, to which it adds contributions, axis 0; else an
+ * item = a sample s = X channels + c, axis 0, and Y, axis 1, which gathers contributions. All
  * disparities lie within `least` and `most`.
- * -DCHANNELS=1 | 3: their number, where it is one of these; 1 with -DLENSLETS. -DROWS: see common.cl.
+ * -DCHANNELS=1 | 3: number of channels, if 1 or 3; 1 with -DLENSLETS. -DROWS: see common.cl.
  */
 #include "common.cl"
 
@@ -61,9 +61,9 @@
 #define WIDE nx
 #endif
 
-/* The pixel before a position i + shift on an axis of n, and the fraction to the next one; and whether
- * the picture goes on there. By comparisons, with which PoCL vectorises a row (clamp and floor it does
- * not); a shift that is NaN leads off the picture. */
+/* The pixel before a position i + shift on an axis of n, the fraction to the next one, and a flag for
+ * positions on the picture. Comparisons let PoCL vectorise a row (clamp and floor do not); a NaN shift
+ * is off the picture. */
 inline int place(int i, float shift, int n, float *part, int *within)
 {
     const float offset = shift > -n ? (shift < n ? shift : n) : -n;
@@ -75,7 +75,7 @@ inline int place(int i, float shift, int n, float *part, int *within)
 }
 
 /* Where a view with `step` sees (y, x) of a disparity: pixel (i, j) of the picture, the fractions
- * b and a to the next ones, and whether it goes on there, down and right. */
+ * b and a to the next ones, and flags for positions on the picture, down and right. */
 #define LOOK_UP(disparity) \
     const float turn_y = STEP(y, x).x, turn_x = STEP(y, x).y; \
     const float moved = disparity; \
@@ -136,7 +136,7 @@ __kernel void of_disparity(__global float *restrict out, __global const float *r
 }
 
 /* Rows (or columns) of n whose positions may come next to those from `low` to `high`, moved by
- * disparities times steps between `back` and `ahead`. What lies beyond an edge comes to it. */
+ * disparities times steps between `back` and `ahead`. Positions beyond an edge map to it. */
 inline int2 sources(int low, int high, float back, float ahead, float least, float most, int n)
 {
     const float2 ends = (float2)(least, most);

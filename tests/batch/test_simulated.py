@@ -131,7 +131,7 @@ def test_a_combination_that_makes_no_camera(tmp_path: Path):
         ("camera.microlenses.focal_length_mm", 500, r"must be shorter than the image distance"),
         ("scene.points_mm.*.2", -100, r"The point .* is behind the main lens"),
         ("scene.points_mm.0.0", 9.0, r"is imaged at .*, beyond the array"),
-        ("sensor.bit_depth", 8, r"bit_depth needs full_well"),
+        ("sensor.bit_depth", 8, r"bit_depth requires full_well"),
         ("scene.power", [1.0, 2.0, 3.0], r"power must be one value or 2, got shape \(3,\)"),
     ):
         camera_file(tmp_path, SMALL + POINTS + SENSOR)

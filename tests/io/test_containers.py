@@ -235,7 +235,7 @@ def test_what_is_wrong_inside_names_the_container(tmp_path: Path, device: Device
     path = tmp_path / name
     for words, message in [
         ({"spacing": [1, 2]}, r"spacing is \(dv, du, dy, dx\) .* not \(1, 2\)"),
-        ({"spacing": [1.0, 0.0, 1.0, 1.0]}, r"spacing is \(dv, du, dy, dx\)"),
+        ({"spacing": [1.0, 0.0, 1.0, 1.0]}, r"spacing must be \(dv, du, dy, dx\)"),
         ({"spacing": "wide"}, "spacing is"),
         ({"decode": "other"}, "'decode' is 'other'"),
         ({"axes": "v:u:y:x:c"}, r"shape \(2, 3, 3, 3\)\. The order 'vuyxc'"),
@@ -248,7 +248,7 @@ def test_what_is_wrong_inside_names_the_container(tmp_path: Path, device: Device
         ("weights", np.ones((3, 2)), r"weights have shape \(3, 2\), the views \(2, 3\)"),
         ("weights", np.zeros((2, 3)), "not all 0"),
         ("weights", np.ones((40, 50)), r"'weights' of shape \(40, 50\) .* not up to 12 real"),
-        ("positions", np.ones((2, 3, 1)), r"shape \(2, 3, 2\), not \(2, 3, 1\)"),
+        ("positions", np.ones((2, 3, 1)), r"shape \(2, 3, 2\), got \(2, 3, 1\)"),
     ]:
         put(path, "lightfield", np.ones((2, 3, 3, 3), np.float32))
         put(path, beside, values)

@@ -85,7 +85,7 @@ def test_half_a_camera():
     refused(
         (ValueError, lengths, lambda: points_of(d, baseline=1)),
         (ValueError, lengths, lambda: points_of(d, focus_distance=1)),
-        (ValueError, "focal_length is a length in metres, pos", lambda: points_of(d, **zero)),
+        (ValueError, "focal_length must be positive", lambda: points_of(d, **zero)),
         (ShapeError, r"\(y, x\), not \(3,\)", lambda: points_of(np.zeros(3))),
     )
 

@@ -76,7 +76,7 @@ def test_colour_pictures_are_read_but_not_sliced(
     raw = read_raw(tmp_path / "a.xml", image=tmp_path / "other.png", device=device)
     np.testing.assert_array_equal(raw.to_numpy(), colour)
     assert raw.shape == (41, 66)
-    with pytest.raises(ShapeError, match="colour picture of lenslets is not sliced"):
+    with pytest.raises(ShapeError, match="colour picture of lenslets cannot be sliced"):
         resample(raw.data, raw.sub_images, device)
 
 

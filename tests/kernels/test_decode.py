@@ -141,7 +141,7 @@ def test_wrong_grids_are_refused(device):
     for change, message in (
         ({"count": (0, 3)}, "at least one lenslet and one view"),
         ({"views": (2, 0)}, "at least one lenslet and one view"),
-        ({"first": (np.nan, 0.0)}, "numbers of a lenslet grid are finite"),
+        ({"first": (np.nan, 0.0)}, "numbers of a lenslet grid must be finite"),
     ):
         grid = replace(GRIDS["square"], **change)
         with pytest.raises((ShapeError, ValueError), match=message):

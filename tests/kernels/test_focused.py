@@ -226,7 +226,7 @@ def test_refine(device: Device) -> None:
     for i in range(3):
         for j in range(3):
             expected = twin.sums(matcher.pairs, start[i, j], i, j)
-            got = [still.slope, still.apart, still.both, still.weight]
+            got = [still.slope, still.difference, still.energy, still.weight]
             got = np.array([one[i, j] for one in got])
             assert np.allclose(got, expected[1:], rtol=2e-4, atol=1e-4)
             after = twin.refined(matcher.pairs, start[i, j], 1, matcher.step, i, j)

@@ -47,11 +47,11 @@ def test_peak(device, shape, values, at_once, lowest):
     size = shape[0] * shape[1]
     curves = (0.1 + np.random.default_rng(7).random((len(values), size))).astype(np.float32)
     curves[:, 2 * shape[1]] = 0  # a curve that is flat
-    tracker = PeakTracker(shape, device=device, start=0.125, most=at_once, lowest=lowest)
+    tracker = PeakTracker(shape, device=device, start=0.125, capacity=at_once, lowest=lowest)
     for first in range(0, len(values), at_once):
         some = curves[first : first + at_once]
         with device.on_host(tracker.curve) as planes:
-            planes[tracker.held * size : (tracker.held + len(some)) * size] = some.ravel()
+            planes[tracker.stored * size : (tracker.stored + len(some)) * size] = some.ravel()
         tracker.add(values[first : first + at_once])
     place, confidence = (found.ravel() for found in tracker.finish())
     want = np.array([peak_twin(c, values, 0.125, lowest) for c in curves.T.astype(np.float64)])
@@ -74,7 +74,7 @@ def test_a_cost_of_nothing(device):
         ([2.0, 0.0, 1.0, 0.0, 3.0], 1 + 1 / 6, 0),  # two places
         ([0.0, 0.0, 0.0, 0.0, 0.0], 9, 0),
     )
-    tracker = PeakTracker((1, 5), device=device, start=9.0, most=5, lowest=True)
+    tracker = PeakTracker((1, 5), device=device, start=9.0, capacity=5, lowest=True)
     with device.on_host(tracker.curve) as planes:
         planes[:25] = np.transpose([curve for curve, _, _ in cases]).ravel()
     tracker.add(np.arange(5.0))

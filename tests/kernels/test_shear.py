@@ -165,7 +165,7 @@ def test_little_local_memory(device, nbytes, monkeypatch):
 
 
 def test_several_launches(device, monkeypatch):
-    monkeypatch.setattr(shear, "_MOST_PLANES", 2)
+    monkeypatch.setattr(shear, "_MAX_PLANES", 2)
     check(device, (3, 4, 7, 29))
 
 

@@ -122,7 +122,7 @@ def test_scattered_views(device):
 def test_planes_of_several_launches_are_added(device, monkeypatch):
     shape, weights = (2, 3, 7, 29), np.array([[1, 0, 2], [0, 0, 0]], np.float32)
     moves, pictures = shifts(shape, (-1.4, 0.3, 0.9)), numbers(3, *shape[2:])
-    monkeypatch.setattr(module, "_MOST_PLANES", 2)
+    monkeypatch.setattr(module, "_MAX_PLANES", 2)
     monkeypatch.setattr(module, "_NORM_FLOATS", 1)
     got = spread(device, pictures, shape, weights, *moves)
     assert relative_max(twin(pictures, shape, weights, *moves), got) <= tolerance(shape, 3)

@@ -89,7 +89,7 @@ def test_large_depths_are_a_sum_over_rays_one_by_one(device, share):
 @pytest.mark.parametrize(("name", "z"), [("water", 8e-6)])
 def test_high_na_is_said_with_what_rays_make_of_it(device, name, z):
     camera = microscope(device, name, 15)
-    with pytest.warns(SamplingWarning, match=r"At NA/n = 0\.9\d+ rays of the rim .* rather than"):
+    with pytest.warns(SamplingWarning, match=r"At NA/n = 0\.9\d+ marginal .* not at the paraxial"):
         found = estimate_alpha(seen(camera, z))
     assert found.z == pytest.approx(camera.z(found.disparity))
     ratio = focus_ratio_of_disparity(camera, found.disparity)
@@ -116,7 +116,7 @@ def test_search_goes_over_the_depth_range_and_says_where_it_ends(device):
     beyond = seen(camera, 120e-6)
     with pytest.warns(SamplingWarning, match=r"disparity -0\.\d+ of .* pass c_max=1\.\d+"):
         estimate_alpha(beyond)
-    with pytest.warns(SamplingWarning, match=r"no more than 0\.75, give a larger one"):
+    with pytest.warns(SamplingWarning, match=r"at most 0\.75, pass a larger window"):
         estimate_alpha(beyond, window=9, c_max=0.749)
 
 
@@ -131,7 +131,7 @@ def test_depth_maps_of_microscopes_try_their_depth_range(device):
     sharp = all_in_focus(lf).to_numpy()
     assert np.array_equal(sharp, all_in_focus(lf, disparities=planes).to_numpy())
     water = seen(microscope(device, "water", 9), 2e-6)
-    with pytest.warns(SamplingWarning, match=r"\(1\.51 times near the native plane\): z, which"):
+    with pytest.warns(SamplingWarning, match=r"1\.51 times near .*: z by the paraxial"):
         depth_map(water)
 
 

@@ -149,8 +149,8 @@ def test_steps_are_between_those_of_views(device: Device) -> None:
 def test_what_is_refused(device: Device) -> None:
     lf = LightField.from_array(np.ones((3, 5, 8, 9), np.float32), device=device)
     for at, disparity, error, said in (
-        ((1, 4.5), 0.0, ValueError, "outside"),
-        ((-0.1, 2), 0.0, ValueError, "outside"),
+        ((1, 4.5), 0.0, ValueError, "must be inside the views"),
+        ((-0.1, 2), 0.0, ValueError, "must be inside the views"),
         ((1, 2.5), np.nan, ValueError, "finite"),
         ((1, 2.5), np.zeros((9, 8)), ShapeError, "shape"),
     ):

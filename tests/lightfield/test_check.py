@@ -60,20 +60,20 @@ def test_every_wrong_order_is_named(device, views):
         report = checked(device, wrong)
         assert report.verdict == ("fits" if mends((), wrong, right) else "wrong"), words
         assert len(report.best) == 2
-        assert all(mends(order.words, wrong, right) for order in report.best), words
+        assert all(mends(order.keywords, wrong, right) for order in report.best), words
         assert report.factor > 1.05
         assert report.factor_as_read == pytest.approx(
             report.best[0].sharpness / report.orders[0].sharpness
         )
         for order in report.best:
-            said = ", ".join(f"{word}=True" for word in order.words)
+            said = ", ".join(f"{word}=True" for word in order.keywords)
             assert report.verdict == "fits" or said in str(report)
 
 
 def test_disparities_of_an_order_and_its_mirror(device):
     """Both halves count, the peak is the larger half's."""
     report = checked(device, scene((5, 5)))
-    found = {order.words: order for order in report.orders}
+    found = {order.keywords: order for order in report.orders}
     assert found[()].span == (-0.875, 0.625)
     assert found["flip_v", "flip_u"].span == (-0.625, 0.875)
     mirrored = found["flip_v", "flip_u"].disparity
@@ -165,8 +165,12 @@ def test_flower(device, flower):
         wrong = layout(words).stored(flower)
         report = checked(device, wrong)
         assert report.verdict == ("wrong" if words else "fits")
-        assert all(mends(order.words, wrong, flower) for order in report.best)
-        right = [o for o in report.best if np.array_equal(layout(o.words).oriented(wrong), flower)]
+        assert all(mends(order.keywords, wrong, flower) for order in report.best)
+        right = [
+            order
+            for order in report.best
+            if np.array_equal(layout(order.keywords).oriented(wrong), flower)
+        ]
         assert right[0].disparity == pytest.approx(-0.65, abs=0.02)
         assert report.factor > 3
 

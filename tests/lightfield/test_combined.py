@@ -91,7 +91,7 @@ def test_other_counts_of_views(device, views):
 def test_one_view_tells_nothing(device):
     scene = front()
     lf, _ = scene.light_field((1, 1), (20, 24), device=device)
-    with pytest.raises(ValueError, match=r"at least two views with a weight, not 1\.$"):
+    with pytest.raises(ValueError, match=r"at least two views with a weight, got 1\.$"):
         depth_map(lf)
     pair, _ = scene.light_field((1, 2), (20, 24), device=device)
     blind = LightField.from_array(pair.data, device=device, weights=[[0, 1]])

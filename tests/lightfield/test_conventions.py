@@ -104,12 +104,12 @@ def test_the_metric_form_of_hci_is_a3():
 
 def test_what_has_no_answer_is_refused():
     for call, said in (
-        (lambda: conventions.to_plenpy(1, views=1), "at least two views"),
-        (lambda: conventions.to_plenoptomos([-0.5, -1]), r"1 \+ d is above 0"),
-        (lambda: conventions.to_ng(0.8, kappa=0.8), "1 - d/kappa is above 0"),
-        (lambda: conventions.from_ng(1, kappa=-1), "kappa is above 0"),
-        (lambda: conventions.to_virtual_depth(0, pitch=10), "shift is finite and not 0"),
-        (lambda: conventions.hci_distance(1, **HCI | {"pixels": 0}), "pixels is above 0"),
+        (lambda: conventions.to_plenpy(1, views=1), "at least 2 along an axis"),
+        (lambda: conventions.to_plenoptomos([-0.5, -1]), r"1 \+ d must be positive"),
+        (lambda: conventions.to_ng(0.8, kappa=0.8), "1 - d/kappa must be positive"),
+        (lambda: conventions.from_ng(1, kappa=-1), "kappa must be positive"),
+        (lambda: conventions.to_virtual_depth(0, pitch=10), "shift must be finite and other"),
+        (lambda: conventions.hci_distance(1, **HCI | {"pixels": 0}), "pixels must be positive"),
     ):
         with pytest.raises(ValueError, match=said):
             call()

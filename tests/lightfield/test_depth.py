@@ -180,17 +180,17 @@ def test_bad_input(device):
     lf = LightField.from_array(slanted(0.2, shape=(3, 3, 40, 50))[0], device=device)
     for options, words in (
         ({"cue": "correspondance"}, r"'energy'.*'correspondance'"),
-        ({"alphas": [0.9, 1, 1.1], "disparities": [0, 1, 2]}, r"both give the planes"),
+        ({"alphas": [0.9, 1, 1.1], "disparities": [0, 1, 2]}, r"both set the planes"),
         ({"alphas": [0.9, 1, 1.1]}, r"spacing"),
         ({"disparities": []}, r"at least three different"),
-        ({"disparities": [0.5, 0.5, 1.0]}, r"at least three different finite planes, not 2"),
+        ({"disparities": [0.5, 0.5, 1.0]}, r"at least three different finite planes, got 2"),
         ({"disparities": [0.0, np.nan, 1.0]}, r"finite"),
         ({"disparities": [[0.0, 0.5, 1.0]]}, r"shape \(1, 3\)"),
     ):
         with pytest.raises(ValueError, match=words):
             energy_map(lf, **options)
     stack = focal_stack(lf, disparities=[0, 1, 2])
-    with pytest.raises(ValueError, match=r"its own planes.*disparities"):
+    with pytest.raises(ValueError, match=r"fixed planes.*disparities"):
         energy_map(stack, disparities=[0, 1, 2])
     with pytest.raises(ValueError, match="at least three"):
         energy_map(replace(stack, disparities=np.zeros(3)))

@@ -237,10 +237,10 @@ def test_bad_input(device):
         ({"method": "thesis"}, r"raw image"),
         ({"at": (3, 27)}, r"x < 27.*\(3, 27\)"),
         ({"at": (-1, 3)}, r"y < 23"),
-        ({"at": (4, 3.5)}, r"at is \(y, x\)"),
+        ({"at": (4, 3.5)}, r"at must be \(y, x\)"),
         ({"window": 20}, r"odd.*20"),
-        ({"window": 7}, r"at least 9, not 7"),
-        ({"c_max": 0.0}, r"c_max lies between 0 and"),
+        ({"window": 7}, r"at least 9 lenslets, got 7"),
+        ({"c_max": 0.0}, r"c_max must be between 0 and"),
         ({"c_max": 40.0}, r"c_max.*40"),
         ({"c_max": math.nan}, r"c_max.*nan"),
     ):
@@ -252,5 +252,5 @@ def test_c_max_keeps_alpha_positive_and_the_band_open(device, fields):
     near_one = plain(device, spacing=(-1e-4, -1e-4, 1e-3, 1e-3))
     with pytest.raises(ValueError, match=r"between 0 and 0\.1 "):
         estimate_alpha(near_one, method="energy")
-    with pytest.raises(ValueError, match=r"c_max lies between 0 and"):
+    with pytest.raises(ValueError, match=r"c_max must be between 0 and"):
         estimate_alpha(fields[0.05], c_max=0.95)

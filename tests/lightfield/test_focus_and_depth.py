@@ -300,16 +300,14 @@ def test_views_are_copied_once_and_nothing_is_left(device, tmp_path, monkeypatch
         assert set(os.listdir("/proc/self/fd")) <= before
     usage = type("Usage", (), {"free": 1000})()
     monkeypatch.setattr(tile_reading.shutil, "disk_usage", lambda _: usage)
-    with pytest.raises(OSError, match=r"temporary file of [\d,]+ bytes.*1,000 free: point TMPDIR"):
+    with pytest.raises(OSError, match=r"temporary file of [\d,]+ bytes.*1,000 bytes free; set"):
         next(iter(stack_tiles(source, **words)))
 
 
 def test_progress_and_errors_of_the_reader(device):
     words = {"disparities": PLANES, "device": device}
     done = []
-    parts = stack_tiles(
-        stored("grey"), **words, memory=300_000, progress=lambda *n: done.append(n)
-    )
+    parts = stack_tiles(stored("grey"), **words, memory=300_000, progress=lambda *n: done.append(n))
     for _ in parts:
         pass
     count = len(parts.plan.tiles)
@@ -340,17 +338,17 @@ def test_what_is_refused(device):
         (
             lambda lf: all_in_focus(lf, depth=np.zeros(size), disparities=PLANES),
             ValueError,
-            "disparities= only",
+            "disparities cannot be combined",
         ),
-        (lambda lf: all_in_focus(lf, depth=np.zeros((3, 3))), ShapeError, "one of every pixel"),
+        (lambda lf: all_in_focus(lf, depth=np.zeros((3, 3))), ShapeError, "must be a number or an"),
     ):
         for given in (lf, source):
             with pytest.raises(error, match=message):
                 call(given)
     words = {"disparities": PLANES, "device": device}
-    with pytest.raises(ValueError, match=r"itself.*memory=50,000: take stack_tiles.*clplen stack"):
+    with pytest.raises(ValueError, match=r"more than memory=50,000; call stack_tiles"):
         focal_stack(source, **words, memory=50_000)
-    with pytest.raises(ValueError, match="memory is a positive number of bytes"):
+    with pytest.raises(ValueError, match="memory must be a positive number of bytes"):
         focal_stack(source, **words, memory=0)
     whole = focal_stack(lf, disparities=PLANES, interpolation="fourier")
     found = focal_stack(source, **words, interpolation="fourier")
@@ -374,7 +372,7 @@ def test_stored(device):
     np.testing.assert_array_equal(source.read(block), values[block])
     again = StoredLightField.from_light_field(lf)
     np.testing.assert_array_equal(again.read(block), values[block])
-    with pytest.raises(ShapeError, match="four slices of step 1"):
+    with pytest.raises(ShapeError, match="four non-empty slices of step 1"):
         source.read((slice(0, 4, 2), *block[1:]))
     with pytest.raises(ShapeError, match="C-contiguous"):
         source.read(block, out=np.empty((2, 1, 4, 68)))

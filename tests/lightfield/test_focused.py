@@ -66,7 +66,7 @@ def test_a_picture_in_focus_is_the_texture(device: Device, method: str, m: float
     assert picture.shape == (9 * patch, 10 * patch)
     # Measured .002 to .01; moved by one sample .1 to .3, a mirror image above 1.
     assert wrong(values, true) < 0.015
-    y, x = picture.places()
+    y, x = picture.positions()
     plane = texture(y[:, None] / PIXEL, x[None, :] / PIXEL)
     assert wrong(values, plane) < 0.015
     main = (Z2 - rig.b / m) * PIXEL
@@ -152,14 +152,14 @@ def test_a_captured_image_with_its_xml(device: Device, tmp_path: Path) -> None:
     geometry = FocusedGeometry.of(raw)
     assert geometry.pitch == pytest.approx(34.9, rel=1e-9)
     there = geometry.kinds >= 0
-    places = geometry.places[there]
+    places = geometry.centres[there]
     assert np.array_equal(
         made.rig.kind(*made.rig.owner(*np.moveaxis(places, -1, 0))), geometry.kinds[there]
     )
     for white, most in ((None, 0.016), (made.white, 0.012)):  # measured .012 and .009
         depth = focused_depth(raw, white=white)
         sure = depth.confidence >= depth.sure
-        wrong_by = depth.m[sure] / made.ratio(geometry.places)[sure] - 1
+        wrong_by = depth.m[sure] / made.ratio(geometry.centres)[sure] - 1
         assert sure.sum() > 0.75 * geometry.count
         assert np.sqrt((wrong_by**2).mean()) < most
         assert np.isnan(depth.z).all()
@@ -181,20 +181,20 @@ def test_bad_input_is_refused_in_a_sentence(raw: RawImage) -> None:
         ({"m": 0.0}, "other than 0, not 0.0"),
         ({"m": math.nan}, "finite number"),
         ({"m": 1.0}, "seen by 1 lenslets on average"),
-        ({"m": -1.4}, "abs\\(m\\) is below 1"),
+        ({"m": -1.4}, "abs\\(m\\) must be below 1"),
         ({"m": 0.01396}, "main lens' pupil"),
-        ({"method": "patches"}, "method is one of 'basic', 'blended', 'depth'"),
+        ({"method": "patches"}, "method must be 'basic', 'blended', 'depth'"),
         ({"interpolation": "nearest"}, "interpolation is one of"),
-        ({"patch": 31.0}, "larger than a sub-image"),
+        ({"patch": 31.0}, "at most a sub-image"),
         ({"patch": -2.0}, "positive number of pixels"),
-        ({"method": "depth", "patch": 5.0}, "leave out patch"),
-        ({"depth": object()}, "belongs to method='depth'"),
-        ({"step": 0.0}, "step, pixels of the sensor"),
-        ({"step": 1e-12}, "give a larger one"),
+        ({"method": "depth", "patch": 5.0}, "omit patch"),
+        ({"depth": object()}, "requires method='depth'"),
+        ({"step": 0.0}, "step must be a positive number of sensor pixels"),
+        ({"step": 1e-12}, "pass a larger step"),
         ({"view": (14.0, 0.0)}, "leaves the sub-image"),
         ({"view": (math.nan, 0.0)}, "two finite numbers"),
-        ({"aperture": 0.0}, "share of a sub-image's diameter"),
-        ({"white": np.zeros(raw.shape)}, "not dark throughout"),
+        ({"aperture": 0.0}, "share of the sub-image's diameter"),
+        ({"white": np.zeros(raw.shape)}, "finite and not black"),
     ):
         with pytest.raises(ValueError, match=message):
             render_focused(raw, **words)
@@ -203,7 +203,7 @@ def test_bad_input_is_refused_in_a_sentence(raw: RawImage) -> None:
     with pytest.raises(DeviceError, match="Pictures of shape"):
         render_focused(raw, step=2e-4)
     for ms in ([], 0.2, [[0.2]]):
-        with pytest.raises(ValueError, match="ms is a list of planes"):
+        with pytest.raises(ValueError, match="ms must be a list of ratios"):
             focused_stack(raw, ms=ms)
     with pytest.raises(ValueError, match="other than 0"):
         focused_stack(raw, ms=[0.2, 0])
@@ -215,13 +215,13 @@ def test_raw_images_that_cannot_be_rendered(device: Device, raw: RawImage) -> No
     with pytest.raises(ValueError, match="1 pixels that are NaN or infinite"):
         render_focused(replace(raw, data=device.upload(values)))
     alone = replace(raw, sub_images=replace(raw.sub_images, count=(1, 10)))
-    with pytest.raises(ShapeError, match="give a raw image with its lattice"):
+    with pytest.raises(ShapeError, match="pass a raw image with its lattice"):
         render_focused(alone)
     types = lens_types(square(0.2))
     with pytest.raises(ValueError, match="do not cover the lattice"):
         render_focused(replace(raw, lens_types=types[:2]))
     off = replace(types[0], offset=(14.0, 3.0))
-    with pytest.raises(ValueError, match="no part of the lattice"):
+    with pytest.raises(ValueError, match="does not match the lattice"):
         render_focused(replace(raw, lens_types=(off, *types[1:])))
     camera = PlenopticCamera.type1(
         focal_length=0.03,
@@ -236,7 +236,7 @@ def test_raw_images_that_cannot_be_rendered(device: Device, raw: RawImage) -> No
     with pytest.raises(ValueError, match=r"plenoptic 1\.0 camera"):
         focused_depth(other)
     assert LightField.from_raw(other).shape[2:] == (9, 9)
-    with pytest.raises(TypeError, match=r"raw image, not a light field: decode it"):
+    with pytest.raises(TypeError, match=r"raw image, not a light field; decode it"):
         refocus(other, disparity=1.0)
 
 

@@ -156,11 +156,11 @@ def test_raw_images_with_colours_are_refused(device):
     with pytest.raises(ValueError, match="has colour filters"):
         DecodeOperator(raw)
     colour = RawImage(device.upload(numbers((37, 47, 3))), device, 1.0, raw.sub_images, raw.cells)
-    with pytest.raises(ShapeError, match="not a colour picture"):
+    with pytest.raises(ShapeError, match="got a colour picture"):
         DecodeOperator(colour)
-    with pytest.raises(ValueError, match="decode is 'calibrated' or 'naive', not 'best'"):
+    with pytest.raises(ValueError, match="decode must be 'calibrated' or 'naive', got 'best'"):
         DecodeOperator(grey_raw(device), decode="best")
-    with pytest.raises(ShapeError, match=r"white image has shape \(3, 3\)"):
+    with pytest.raises(ShapeError, match=r"got \(3, 3\)"):
         DecodeOperator(grey_raw(device), white=np.ones((3, 3)))
 
 
@@ -212,22 +212,22 @@ def test_what_does_not_fit_is_refused(device):
             linear.forward(np.ones((3, 3)))
         with pytest.raises(ShapeError, match=r"adjoint of this map must have shape"):
             linear.adjoint(np.ones((3, 3)))
-        with pytest.raises(ShapeError, match="maps C-contiguous float32 arrays of shape"):
+        with pytest.raises(ShapeError, match="must get a C-contiguous float32 array of shape"):
             linear.forward_data(device.upload(np.ones(linear.in_shape)))
         with pytest.raises(TypeError, match="holds real numbers"):
             linear.forward(np.ones(linear.in_shape, complex))
-    with pytest.raises(TypeError, match="takes a LightField or an array of shape"):
+    with pytest.raises(TypeError, match="must get a LightField or an array of shape"):
         stack.forward(Image(device.upload(numbers((5, 7))), device))
-    with pytest.raises(ShapeError, match=r"takes shape \(2, 3, 5, 7\), not \(2, 3, 5, 6\)"):
+    with pytest.raises(ShapeError, match=r"must get shape \(2, 3, 5, 7\), got \(2, 3, 5, 6\)"):
         stack.forward(LightField.from_array(numbers((2, 3, 5, 6)), device=device))
     bytes_only = LightField.from_array(np.ones((2, 3, 5, 7), np.uint8), device=device)
-    with pytest.raises(TypeError, match="maps float32 samples, and this LightField stores uint8"):
+    with pytest.raises(TypeError, match="must get float32 samples, got a LightField of uint8"):
         stack.forward(bytes_only)
     assert StackOperator(bytes_only, disparities=[0.1]).in_shape == (2, 3, 5, 7)
     assert StackOperator(numbers((2, 3, 5, 7)), disparities=[0.1]).in_shape == (2, 3, 5, 7)
     with pytest.raises(TypeError, match="LightField"):
         StackOperator(7, disparities=[0.1])
-    with pytest.raises(ShapeError, match="none of them empty"):
+    with pytest.raises(ShapeError, match="not empty"):
         RenderOperator((2, 3, 5))
     with pytest.raises(ValueError, match="exactly one of alphas and disparities"):
         StackOperator((2, 3, 5, 7), device=device)
@@ -239,11 +239,11 @@ def test_what_does_not_fit_is_refused(device):
 def test_what_a_warp_cannot_take_is_refused(device):
     model = ViewWarp((2, 3, 5, 7), device=device)
     picture, d = np.ones((5, 7)), np.zeros((5, 7))
-    with pytest.raises(ShapeError, match=r"The disparity of this model has shape \(5, 7\)"):
+    with pytest.raises(ShapeError, match=r"The disparity of this model must have shape \(5, 7\)"):
         model.forward(picture, 0.3)
-    with pytest.raises(ValueError, match="The disparity has 1 values that are NaN"):
+    with pytest.raises(ValueError, match="The disparity must be finite, got 1 values"):
         model.forward(picture, np.where(np.arange(35).reshape(5, 7) == 3, np.nan, d))
-    with pytest.raises(ShapeError, match=r"gradient of the views of this model has shape"):
+    with pytest.raises(ShapeError, match=r"gradient of the views of this model must have shape"):
         model.vjp(picture, d, picture)
-    with pytest.raises(ShapeError, match=r"ViewWarp takes float32 arrays of shape \(5, 7\) here"):
+    with pytest.raises(ShapeError, match=r"ViewWarp must get a float32 array of shape \(5, 7\)"):
         model.forward_data(device.upload(picture), device.upload(d))

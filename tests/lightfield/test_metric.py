@@ -55,5 +55,5 @@ def test_a_lens_with_microlenses_is_the_same(device):
 
 def test_lengths_are_positive():
     for name, value in (("baseline", 0), ("pixel_pitch", np.nan), ("focus_distance", -1)):
-        with pytest.raises(ValueError, match=f"{name} is a length in metres"):
+        with pytest.raises(ValueError, match=f"{name} must be positive and finite, in metres"):
             metric_depth([1.0], **(RIG | {name: value}))

@@ -35,7 +35,7 @@ def test_each_view_by_its_own_distance(device):
 
 def test_refusals(device):
     lf = LightField.from_array(np.ones((2, 3, 4, 5), np.float32), device=device)
-    with pytest.raises(ShapeError, match=r"shape \(2, 3, 2\), not \(3, 2, 2\)"):
+    with pytest.raises(ShapeError, match=r"shape \(2, 3, 2\), got \(3, 2, 2\)"):
         shift_views(lf, np.zeros((3, 2, 2)))
     with pytest.raises(ValueError, match="finite"):
         shift_views(lf, np.full((2, 3, 2), np.nan))

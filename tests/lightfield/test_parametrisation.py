@@ -149,7 +149,7 @@ def test_focusing_refuses_directions(device):
         lambda: depth_map(angles, disparities=[0, 0.1, 0.2]),
         lambda: angles.alpha(0.1),
     ):
-        with pytest.raises(ValueError, match=r"are directions: take lf.resample\('two-plane'\)"):
+        with pytest.raises(ValueError, match=r"are directions; call lf.resample\('two-plane'\)"):
             call()
 
 
@@ -166,11 +166,11 @@ def test_what_cannot_be_resampled(device):
         (telecentric, OPTIONS, "needs the spacing of views and pixels"),
         (spaced, {}, "needs F > 0"),
         (spaced, {"image_distance": -1.0}, "needs F > 0"),
-        (scattered, OPTIONS, "positions of their own"),
+        (scattered, OPTIONS, "views with positions"),
         (spaced, OPTIONS | {"interpolation": "nearest"}, "'linear' or 'cubic'"),
-        (spaced, OPTIONS | {"views": (0, 3)}, "at least one view"),
+        (spaced, OPTIONS | {"views": (0, 3)}, "at least 1 along each axis"),
     ):
         with pytest.raises(ValueError, match=said):
             lf.resample("point-angle", **options)
-    with pytest.raises(ValueError, match="parametrisation is 'two-plane' or 'point-angle'"):
+    with pytest.raises(ValueError, match="parametrisation must be 'two-plane' or 'point-angle'"):
         spaced.resample("spherical")

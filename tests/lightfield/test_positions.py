@@ -71,7 +71,7 @@ def test_depth_knows_the_positions(device):
 
 def test_wrong_positions_are_refused(device):
     a = np.ones((2, 3, 5, 5), np.float32)
-    with pytest.raises(ShapeError, match=r"shape \(2, 3, 2\), not \(3, 2, 2\)"):
+    with pytest.raises(ShapeError, match=r"shape \(2, 3, 2\), got \(3, 2, 2\)"):
         LightField.from_array(a, device=device, positions=grid((3, 2)))
-    with pytest.raises(ValueError, match=r"Positions of views are finite"):
+    with pytest.raises(ValueError, match=r"positions must be finite"):
         LightField.from_array(a, device=device, positions=grid((2, 3)) * np.nan)

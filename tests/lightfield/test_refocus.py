@@ -118,18 +118,18 @@ def spaced(lf):
 RESCALE = "rescale=True needs a positive alpha"
 REFUSED = [
     (lambda lf: refocus(lf, disparity=0.5, rescale=True), RESCALE),
-    (lambda lf: refocus(spaced(lf), disparity=1.0, rescale=True), r"here alpha is -0\.25"),
-    (lambda lf: refocus(lf), "exactly one of alpha and disparity; neither was given"),
-    (lambda lf: refocus(lf, alpha=1, disparity=1), "alpha and disparity; both were given"),
-    (lambda lf: refocus(spaced(lf), alpha=np.nan), "Planes are finite numbers"),
-    (lambda lf: refocus(lf, disparity=np.inf), "Planes are finite numbers"),
+    (lambda lf: refocus(spaced(lf), disparity=1.0, rescale=True), r"got alpha -0\.25"),
+    (lambda lf: refocus(lf), "exactly one of alpha and disparity, got neither"),
+    (lambda lf: refocus(lf, alpha=1, disparity=1), "alpha and disparity, got both"),
+    (lambda lf: refocus(spaced(lf), alpha=np.nan), "Planes must be finite numbers"),
+    (lambda lf: refocus(lf, disparity=np.inf), "Planes must be finite numbers"),
     (lambda lf: focal_stack(lf, disparities=[0.0, np.nan]), "disparities must be START"),
     (lambda lf: refocus(lf, alpha=1.1), "alpha needs the spacing"),
     (lambda lf: focal_stack(spaced(lf), alphas=[1.0, 0.0]), "positive and finite"),
-    (lambda lf: refocus(lf, disparity=[0.0, 1.0]), "give one number, or use focal_stack"),
-    (lambda lf: focal_stack(lf, disparities=[]), "a list of at least one plane, not shape"),
-    (lambda lf: focal_stack(lf, disparities=0.5), "a list of at least one plane, not shape"),
-    (lambda lf: focal_stack(lf, disparities=[[0.0, 1.0]]), "a list of at least one plane, not"),
+    (lambda lf: refocus(lf, disparity=[0.0, 1.0]), "pass one number, or call focal_stack"),
+    (lambda lf: focal_stack(lf, disparities=[]), "a list of at least one plane, got shape"),
+    (lambda lf: focal_stack(lf, disparities=0.5), "a list of at least one plane, got shape"),
+    (lambda lf: focal_stack(lf, disparities=[[0.0, 1.0]]), "a list of at least one plane, got"),
 ]
 
 

@@ -71,7 +71,7 @@ def test_directions_are_an_axis_by_themselves(device):
 
 def test_scattered_views_have_no_rows(device):
     lf = light_field(device, positions=np.zeros((5, 4, 2)))
-    with pytest.raises(ValueError, match="need views on a regular grid"):
+    with pytest.raises(ValueError, match="needs views on a regular grid"):
         phase_space(lf, y=0, v=0)
 
 

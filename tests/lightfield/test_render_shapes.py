@@ -104,15 +104,15 @@ def test_they_go_where_apertures_go(device):
 
 
 REFUSED = [
-    (lambda: disc(VIEWS, 0), ValueError, "A radius is positive"),
+    (lambda: disc(VIEWS, 0), ValueError, "radius must be positive"),
     (lambda: disc(VIEWS, 1, centre=(40, 40)), ValueError, "disc covers no view"),
-    (lambda: annulus(VIEWS, 2, 2), ValueError, "inner below outer"),
-    (lambda: polygon(VIEWS, [(0, 0), (1, 1)]), ShapeError, "at least three corners"),
-    (lambda: regular_polygon(VIEWS, 2, 1), ValueError, "at least 3 sides"),
-    (lambda: half_plane(VIEWS, np.inf), ValueError, "finite number in radians"),
+    (lambda: annulus(VIEWS, 2, 2), ValueError, "inner must be below outer"),
+    (lambda: polygon(VIEWS, [(0, 0), (1, 1)]), ShapeError, "n >= 3"),
+    (lambda: regular_polygon(VIEWS, 2, 1), ValueError, "integer of at least 3"),
+    (lambda: half_plane(VIEWS, np.inf), ValueError, "finite, in radians"),
     (lambda: kaiser(VIEWS, 2, -1), ValueError, "from 0 to 100"),
-    (lambda: disc((7,), 2), ShapeError, r"Views are \(V, U\)"),
-    (lambda: disc(VIEWS, 2, centre=3), ValueError, r"is \(v, u\), not 3"),
+    (lambda: disc((7,), 2), ShapeError, r"views must be \(V, U, \.\.\.\)"),
+    (lambda: disc(VIEWS, 2, centre=3), ValueError, r"must be \(v, u\), got 3"),
 ]
 
 

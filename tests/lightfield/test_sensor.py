@@ -99,23 +99,23 @@ def test_what_no_sensor_has(device: Device) -> None:
     lit: dict[str, Any] = {"exposure": 1e3, "full_well": 1e3, "bit_depth": 8}
     for words, said in (
         ({"exposure": 1e3, "prnu": 1.0}, "share of the sensitivity"),
-        ({"exposure": 1e3, "dark_current": 3.0}, "needs exposure_time"),
+        ({"exposure": 1e3, "dark_current": 3.0}, "requires exposure_time"),
         ({"exposure": 1e3, "dark_current": -3.0}, "electrons a pixel and second"),
-        ({"prnu": 0.01}, "need exposure"),
-        ({"exposure": 1e3, "black_level": 9}, "black_level is of digital numbers"),
-        ({"exposure": 1e3, "gain": 2.0}, "gain is of digital numbers"),
+        ({"prnu": 0.01}, "require exposure"),
+        ({"exposure": 1e3, "black_level": 9}, "black_level is a digital level"),
+        ({"exposure": 1e3, "gain": 2.0}, "gain is a digital level"),
         (lit | {"black_level": 255}, "0 <= black_level < white_level <= 255"),
-        (lit | {"white_level": 256}, "not 0.0 and 256"),
-        (lit | {"gain": 0.0}, "gain is a number above 0"),
-        (lit | {"gain": {}}, "gain is a number above 0"),
-        (lit | {"gain": {"R": np.nan}}, "gain is a number above 0"),
-        (lit | {"frame": -1}, "frame is a whole number"),
+        (lit | {"white_level": 256}, "got 0.0 and 256"),
+        (lit | {"gain": 0.0}, "gain must be a positive number"),
+        (lit | {"gain": {}}, "gain must be a positive number"),
+        (lit | {"gain": {"R": np.nan}}, "gain must be a positive number"),
+        (lit | {"frame": -1}, "frame must be a non-negative integer"),
     ):
         with pytest.raises(ValueError, match=said):
             Sensor(**words)
-    with pytest.raises(ValueError, match=r"gain is of the colour filters B, R, and .* has none"):
+    with pytest.raises(ValueError, match=r"raw image \(none\), got gains for B, R"):
         Sensor(**lit, gain={"R": 1, "B": 2}).record(raw_of(device))
-    with pytest.raises(ValueError, match="has B, G, R"):
+    with pytest.raises(ValueError, match=r"raw image \(B, G, R\)"):
         Sensor(**lit, gain={"R": 1, "B": 2}).record(raw_of(device, mosaic=TILE))
 
 

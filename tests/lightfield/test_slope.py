@@ -57,5 +57,5 @@ def test_scatter_of_the_spots_does_not_flatten_the_line():
 
 def test_nothing_to_see(device):
     lf = LightField.from_array(np.zeros((3, 3, 21, 21)), device=device)
-    with pytest.raises(ValueError, match=r"lenslets round .* are black"):
+    with pytest.raises(ValueError, match=r"lenslets around .* have no light"):
         estimate_alpha(lf, method="slope", at=(10, 10))

@@ -56,5 +56,5 @@ def test_views_in_no_rows_are_refused(device):
     rng = np.random.default_rng(5)
     L = rng.random((5, 5, 24, 24), np.float32)
     lf = LightField.from_array(L, device=device, positions=rng.uniform(-2, 2, (5, 5, 2)))
-    with pytest.raises(ValueError, match="rows and columns, and these positions lie in none"):
+    with pytest.raises(ValueError, match="rows and columns, which these positions"):
         structure_disparity(lf, np.array([-1.0, 0, 1]))

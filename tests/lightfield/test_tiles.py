@@ -28,9 +28,9 @@ def source(shape=(3, 4, 211, 307), chunks=None, views_at_once=(1, 1), overhead=0
     )
 
 
-def work(halo=(7, 11), per_pixel=100, largest=20, kept=0, passes=1, planes=1):
+def work(halo=(7, 11), per_pixel=100, largest=20, result_bytes=0, passes=1, planes=1):
     groups = tuple(slice(i, i + 1) for i in range(planes))
-    return MemoryEstimate("A test", groups, halo, per_pixel, largest, kept, passes=passes)
+    return MemoryEstimate("A test", groups, halo, per_pixel, largest, result_bytes, passes=passes)
 
 
 def covered(plan, size):
@@ -65,7 +65,7 @@ def test_every_pixel_is_written_once(device, halo):
 
 
 def test_the_least_memory_is_nearly_the_least(device):
-    with pytest.raises(ValueError, match=r"memory=1,000 bytes.*needs [\d,]+; give") as info:
+    with pytest.raises(ValueError, match=r"memory=1,000 bytes.*needs [\d,]+; pass that") as info:
         plan_tiles(source(), [work()], memory=1000, device=device)
     least = int(str(info.value).split("needs ")[1].split(";")[0].replace(",", ""))
     assert plan_tiles(source(), [work()], memory=least, device=device).tiles
@@ -93,13 +93,15 @@ def test_everything_in_one_tile(device):
     copies = 1 if device.is_cpu else 2
     need = 211 * 307 * (12 * copies + 100 + 3) + 50
     lf = source(overhead=50)
-    plan = plan_tiles(lf, [work(kept=3, passes=2)], memory=need * 16 // 15 + 16, device=device)
+    plan = plan_tiles(
+        lf, [work(result_bytes=3, passes=2)], memory=need * 16 // 15 + 16, device=device
+    )
     assert plan.in_core
     assert plan.bytes_peak == need
     assert plan.passes == 1
     assert plan.bytes_read == lf.nbytes
     assert "all in core" in str(plan)
-    short = plan_tiles(lf, [work(kept=3, passes=2)], memory=need, device=device)
+    short = plan_tiles(lf, [work(result_bytes=3, passes=2)], memory=need, device=device)
     assert not short.in_core
     assert short.passes == 2
 
@@ -140,7 +142,9 @@ def test_fewer_planes_only_where_all_do_not_fit(device):
 
 
 def test_a_pass_before_reads_full_rows(device):
-    two = MemoryEstimate("A test", (slice(0, 1),), (7, 11), 100, 20, kept=3, before=40, passes=2)
+    two = MemoryEstimate(
+        "A test", (slice(0, 1),), (7, 11), 100, 20, result_bytes=3, before=40, passes=2
+    )
     plan = plan_tiles(source(), [two], memory=3_400_000, device=device)
     room = 3_400_000 * 15 // 16 - 40 * 211 * 307
     assert plan.band_rows == room // (2 * 12 * 307)

@@ -50,5 +50,5 @@ def test_a_grating_that_is_aliased_in_views_is_resolved(device, along_x):
 def test_bad_factors_are_refused(device):
     lf = grating(device, size=(3, 5))
     for n in (0, 17, 1.5):
-        with pytest.raises(ValueError, match="a whole number from 1 to 16"):
+        with pytest.raises(ValueError, match="an integer from 1 to 16"):
             refocus(lf, disparity=0.5, upsample=n)

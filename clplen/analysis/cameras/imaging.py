@@ -149,6 +149,6 @@ def _middle(mla: Any) -> Pair:
 
 
 def _on_host(image: FocusedImage) -> Rendered:
-    y, x = image.places()
+    y, x = image.positions()
     origin = (float(y[len(y) // 2]), float(x[len(x) // 2]))
     return Rendered(np.asarray(image.to_numpy(), np.float64), (image.pitch, image.pitch), origin)

@@ -93,7 +93,7 @@ def bytes_in_core(stored: StoredLightField, work: dict[str, Any]) -> int:
         seen = through(stored, work["depth"].get("aperture"))
         tried = _disparities(seen, work["depth"])["disparities"]
         estimate = cue.memory(seen, np.unique(tried))
-        pixel += estimate.per_pixel + estimate.kept
+        pixel += estimate.per_pixel + estimate.result_bytes
     elif "all_in_focus" in work:
         pixel += blend_memory(stored, planes["all_in_focus"]).per_pixel
     return pixel * stored.shape[2] * stored.shape[3]

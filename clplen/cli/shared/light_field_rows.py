@@ -83,10 +83,10 @@ def of_orders(report: LightFieldReport, read_with: Words, sentence: str) -> Rows
     if report.orders:
         rows.append(("Orders", "  sharpness  disparity"))
     for order in sorted(report.orders, key=lambda order: -order.sharpness):
-        words = typed(combine_layout_words(read_with, order.words)) or "(no word on the axes)"
+        words = typed(combine_layout_words(read_with, order.keywords)) or "(no word on the axes)"
         mark = "*" if order in report.best and report.verdict != "none" else " "
         text = f"{mark} {order.sharpness:9.3f}  {order.disparity:+9.2f}  {words}"
-        rows.append(("", text + ("" if order.words else "  as read")))
+        rows.append(("", text + ("" if order.keywords else "  as read")))
     return rows
 
 

@@ -80,7 +80,7 @@ def lengths_of(words: dict[str, Any]) -> Lengths | None:
 
 def lengths_of_camera(words: dict[str, Any]) -> dict[str, Any] | None:
     """Take lengths in metres out of ``words``, from options or from ``intrinsics``."""
-    given = take_settings(ViewLengths, words).known
+    given = take_settings(ViewLengths, words).lengths
     flags = {one.name: f"--{one.key.replace('_', '-')}" for one in settings_of(ViewLengths)}
     intrinsics = words.get("intrinsics")
     if given and intrinsics is not None:

@@ -12,7 +12,7 @@ import numpy as np
 
 from clplen.cli.shared.setting_options import Command as Command
 from clplen.cli.shared.setting_options import Decorated, Option, setting_options
-from clplen.settings.declaration import DEVICE, OUTPUT, shown
+from clplen.settings.declaration import DEVICE, OUTPUT, format_value
 from clplen.settings.light_fields import (
     ApertureSettings,
     PlaneSettings,
@@ -32,7 +32,7 @@ class _Parsed(click.ParamType):
         try:
             return type(self).read(value)
         except ValueError as error:
-            self.fail(f"{error}, got {shown(value)}.", param, ctx)
+            self.fail(f"{error}, got {format_value(value)}.", param, ctx)
 
 
 class Planes(_Parsed):

@@ -8,7 +8,7 @@ from typing import Any, TypeVar
 
 import click
 
-from clplen.settings.declaration import GROUPS, Setting, settings_of, shown
+from clplen.settings.declaration import GROUPS, Setting, format_value, settings_of
 
 Decorated = TypeVar("Decorated", bound=Callable[..., Any])
 Model = TypeVar("Model")
@@ -58,7 +58,7 @@ class SettingType(click.ParamType):
         try:
             return self.one.in_metres(self.one.read(_parsed(self.one, value)))
         except ValueError as error:
-            self.fail(f"{error}, got {shown(_parsed(self.one, value))}.", param, ctx)
+            self.fail(f"{error}, got {format_value(_parsed(self.one, value))}.", param, ctx)
 
 
 def _parsed(one: Setting, text: str) -> Any:
@@ -119,7 +119,7 @@ def _read_pair(one: Setting) -> Callable[[click.Context, click.Parameter, Any], 
         try:
             return one.read(value)
         except ValueError as error:
-            raise click.BadParameter(f"{error}, got {shown(value)}.", ctx, param) from None
+            raise click.BadParameter(f"{error}, got {format_value(value)}.", ctx, param) from None
 
     return callback
 

@@ -261,7 +261,7 @@ def _known(of: Any, names: dict[str, str]) -> dict[str, np.ndarray[Any, Any]]:
 def _write_hdf5(path: Path, depth: FocusedDepth, maps: FocusedMaps, durable: bool) -> None:
     geometry = depth.geometry
     of_lenslets = {name: text for name, text in _LENSLETS.items() if name not in ("centre", "type")}
-    lenslets: dict[str, np.ndarray[Any, Any]] = {"centre": geometry.places, "type": geometry.kinds}
+    lenslets: dict[str, np.ndarray[Any, Any]] = {"centre": geometry.centres, "type": geometry.kinds}
     lenslets |= _known(depth, of_lenslets)
     with created(path, durable=durable) as file:
         _put(file.create_group("lenslets"), lenslets, _LENSLETS)

@@ -1,1 +1,1 @@
-"""Operations on arrays of views and pictures; may import compute alone; arrays leave."""
+"""Operations on arrays of views and pictures; this folder imports only compute."""

@@ -1,4 +1,4 @@
-"""The adjoint of refocusing: pictures of planes spread back to the views they are means of."""
+"""Adjoint of the refocusing by shear: pictures of planes back to views."""
 
 from __future__ import annotations
 
@@ -20,11 +20,11 @@ from clplen.lightfield.arrays.shear_tables import (
     weight_norms,
 )
 
-_MOST_PLANES = 64  # of one launch
-_NORM_FLOATS = 1 << 23  # of the weights that samples use, in one launch
-_LOCAL_BYTES = 512 * 1024  # of one work-item: stays in a second-level cache
-_LOCAL_RESERVE = 1024  # what an OpenCL runtime may keep for itself
-_WIDEST = 16  # chunks of a block
+_MAX_PLANES = 64  # planes of one launch
+_NORM_FLOATS = 1 << 23  # floats of the table of weights in one launch
+_LOCAL_BYTES = 512 * 1024  # bytes of one work-item: stays in a second-level cache
+_LOCAL_RESERVE = 1024  # bytes reserved for the OpenCL runtime
+_MAX_CHUNKS = 16  # chunks of a block
 _HEIGHT = 4  # rows of a GPU's work-item
 _FORM = "shear adjoint blocks"
 
@@ -39,11 +39,11 @@ def shear_adjoint(
     device: Device,
     total: bool = False,
 ) -> cla.Array:
-    """The transpose of `shear_sum`, of float32 pictures of every plane.
+    """Apply the transpose of `shear_sum` to float32 pictures of every plane.
 
-    Every picture is divided by the weights that `shear_sum` divides by, and each view is the sum of
-    the pictures moved back by its shifts, interpolated linearly and 0 outside, times its weight.
-    The result has the same bits in every run.
+    Each picture is divided by the weights of `shear_sum`. Each view is its weight times the sum of
+    the pictures shifted back, with linear interpolation and zeros outside. Results are bitwise
+    reproducible.
     """
     views = split_views(shape, weights, shift_y, shift_x)
     light_field = 4 * int(np.prod(shape, dtype=np.int64))
@@ -69,7 +69,7 @@ def _lane_defines(device: Device) -> dict[str, Any]:
 
 
 def _divided(pictures: cla.Array, views: Views, device: Device) -> cla.Array:
-    """Pictures over the weights of the samples that each pixel is made of."""
+    """Return the pictures over the weights of the samples that contribute to each pixel."""
     shares = device.empty(pictures.shape, np.float32)
     defines = _lane_defines(device) if device.rows else {}
     kernel = device.kernel("shear_adjoint.cl", "divide", SAMPLE="float", **defines)
@@ -89,35 +89,35 @@ def _divided(pictures: cla.Array, views: Views, device: Device) -> cla.Array:
 
 
 def _norm_tables(part: Views, device: Device) -> tuple[list[cla.Array], tuple[int, ...]]:
-    """Return the tables and numbers of `divide` for some planes; keep them on the device."""
+    """Return the cached tables and numbers of `divide` for some planes."""
     key = ("shear norm", part.key)
-    kept: tuple[list[cla.Array], tuple[int, ...]] | None = device.tables.get(key)
-    if kept is not None:
-        return kept
+    cached: tuple[list[cla.Array], tuple[int, ...]] | None = device.tables.get(key)
+    if cached is not None:
+        return cached
     norm = weight_norms(part, part.samples)
-    down, below = part.down.T.astype(np.int32), part.below.T.astype(np.float32)
-    tables = [device.upload(table) for table in (norm.table, down, below)]
+    down, fraction = part.down.T.astype(np.int32), part.fraction_y.T.astype(np.float32)
+    tables = [device.upload(table) for table in (norm.table, down, fraction)]
     numbers = (norm.table.shape[2], norm.near, norm.far)
     return device.tables.keep(key, (tables, numbers), table_bytes(tables))
 
 
 def _uploaded(views: Views, device: Device) -> list[cla.Array]:
-    """Return the tables of some planes on the device; keep them for later calls."""
+    """Return the cached tables of some planes on the device."""
     key = ("shear adjoint", views.key)
-    kept: list[cla.Array] | None = device.tables.get(key)
-    if kept is not None:
-        return kept
+    cached: list[cla.Array] | None = device.tables.get(key)
+    if cached is not None:
+        return cached
     tables = [device.upload(table) for table in spread_tables(views)]
     return device.tables.keep(key, tables, table_bytes(tables))
 
 
 def _spread_blocks(out: cla.Array, shares: cla.Array, views: Views, device: Device) -> bool:
-    """Rows of all views of one v an item; False where local memory does not suffice."""
+    """Enqueue rows of all views of one v per item; return False if local memory is too small."""
     lanes = vector_lanes(device)[0]
-    chosen = _block(views, device)
-    if chosen is None:
+    block = _block(views, device)
+    if block is None:
         return False
-    width, pitch, step = chosen
+    width, pitch, step = block
     defines = {"CHANNELS": views.channels} if views.channels in (1, 3) else {}
     kernel = device.kernel(
         "shear_adjoint.cl", "spread_blocks", SAMPLE="float", **_lane_defines(device), **defines
@@ -141,35 +141,35 @@ def _spread_blocks(out: cla.Array, shares: cla.Array, views: Views, device: Devi
 
 
 def _block(views: Views, device: Device) -> tuple[int, int, int] | None:
-    """(width, pitch, planes of a launch) of the least expected cost."""
+    """Return (width, pitch, planes of a launch) of the least expected cost."""
     lanes, vectors = vector_lanes(device)
     chunk, U = lanes * vectors, views.weights.shape[1]
     room = min(_LOCAL_BYTES, int(device.cl_device.local_mem_size) - _LOCAL_RESERVE) // 4
     extra = int(np.ptp(views.right, axis=-1).max()) * views.channels
     first = views.channels // chunk + 1
-    last = max(first, min(_WIDEST, -(-(views.samples + views.channels) // chunk)))
-    best, least = None, np.inf
+    last = max(first, min(_MAX_CHUNKS, -(-(views.samples + views.channels) // chunk)))
+    best, least_cost = None, np.inf
     for width in range(first * chunk, last * chunk + 1, chunk):
         pitch = -(-(width + max(extra, views.channels)) // lanes) * lanes
-        most = min(_MOST_PLANES, (room - width - views.channels - 2 * lanes) // pitch)
-        if most < 1:
+        limit = min(_MAX_PLANES, (room - width - views.channels - 2 * lanes) // pitch)
+        if limit < 1:
             continue
-        launches = -(-views.planes // most)
+        launches = -(-views.planes // limit)
         columns = -(-views.samples // (width - views.channels))
-        # samples of the views, of a plane's row, and what the start of a row is worth
+        # samples of the views, of a plane's row, and the cost of starting a row
         cost = columns * (U * (width + 2 * lanes + launches * width / views.planes)
                           + 3 * pitch + 20 * lanes)  # fmt: skip
-        if cost < least:
-            best, least = (width, pitch, -(-views.planes // launches)), cost
+        if cost < least_cost:
+            best, least_cost = (width, pitch, -(-views.planes // launches)), cost
     return best
 
 
 def _spread_samples(out: cla.Array, shares: cla.Array, views: Views, device: Device) -> None:
-    """A sample of some rows of a view an item."""
+    """Enqueue a sample of some rows of a view per item."""
     kernel = device.kernel("shear_adjoint.cl", "spread_samples", SAMPLE="float", HEIGHT=_HEIGHT)
     V, U = views.weights.shape
-    for first in range(0, views.planes, _MOST_PLANES):
-        part = views.part(first, _MOST_PLANES)
+    for first in range(0, views.planes, _MAX_PLANES):
+        part = views.part(first, _MAX_PLANES)
         device.launch(
             kernel,
             (views.samples, -(-views.ny // _HEIGHT), V * U),
@@ -180,6 +180,6 @@ def _spread_samples(out: cla.Array, shares: cla.Array, views: Views, device: Dev
 
 
 def _numbers(views: Views, first: int) -> list[Any]:
-    """What both forms take after the tables."""
+    """Return the numbers that both forms take after the tables."""
     sizes = (views.weights.shape[1], views.ny, views.samples, views.channels, views.planes, first)
     return [np.int32(n) for n in (*sizes, int(first > 0))]

@@ -1,4 +1,4 @@
-"""Maps smoothed by a symmetric window on a device."""
+"""Smoothing of maps by a symmetric window on a device."""
 
 from __future__ import annotations
 
@@ -13,17 +13,14 @@ from clplen.lightfield.arrays.shear import vector_lanes
 
 Vector = np.ndarray[Any, np.dtype[np.float64]]
 
-_TRUNCATE = 4.0  # standard deviations
-_GROUP = 64  # items of a GPU that share a stretch
-_STRETCH = {True: 512, False: 256}  # samples of a row in one group: on CPUs, on GPUs
-_LINES = {True: 8, False: 1}  # rows of one group
+_TRUNCATE = 4.0  # standard deviations at which a Gaussian is cut off
+_GROUP = 64  # work-items of a GPU's group
+_STRETCH = {True: 512, False: 256}  # samples of a row in one group, on CPUs and GPUs
+_LINES = {True: 8, False: 1}  # rows of one group, on CPUs and GPUs
 
 
 class Smoother:
-    """A separable window for maps of one size; beyond the edges they are reflected.
-
-    d c b a | a b c d | d c b a, as often as needed.
-    """
+    """A separable window for maps of one size, edges reflected (d c b a | a b c d | d c b a)."""
 
     def __init__(self, taps: Vector, *, device: Device) -> None:
         self._device = device
@@ -52,10 +49,10 @@ def launch_stretches(
     channels: int = 1,
     **defines: Any,
 ) -> None:
-    """Launch a kernel written with separated.cl over (n, y, samples of a row)."""
+    """Launch a kernel that includes separated.cl over (n, y, samples of a row)."""
     batch, ny, samples = shape
-    most = max(_STRETCH[device.rows] // channels, 1) * channels
-    length = min(most, samples)
+    limit = max(_STRETCH[device.rows] // channels, 1) * channels
+    length = min(limit, samples)
     group, lines = 1 if device.rows else _GROUP, _LINES[device.rows]
     device.launch(
         device.kernel(*name, LINES=lines, LANES=vector_lanes(device)[0], **defines),
@@ -68,16 +65,16 @@ def launch_stretches(
 
 
 def whole_taps(taps: Vector, device: Device) -> np.ndarray[Any, np.dtype[np.float32]]:
-    """Weights at all distances, as separated.cl reads them, from those at 0, 1, ..."""
-    both = np.concatenate((taps[..., :0:-1], taps), axis=-1)
-    beside = [(0, 0)] * (taps.ndim - 1) + [(_LINES[device.rows] - 1,) * 2]
-    return np.pad(both, beside).astype(np.float32)
+    """Mirror the weights at distances 0, 1, ... to both sides, in the layout of separated.cl."""
+    symmetric = np.concatenate((taps[..., :0:-1], taps), axis=-1)
+    margins = [(0, 0)] * (taps.ndim - 1) + [(_LINES[device.rows] - 1,) * 2]
+    return np.pad(symmetric, margins).astype(np.float32)
 
 
 def gaussian_taps(sigma: float) -> Vector:
-    """Weights at distance 0, 1, ... of a Gaussian that sums to 1 over both sides.
+    """Return the weights at distances 0, 1, ... of a Gaussian that sums to 1 over both sides.
 
-    Cut off at 4 standard deviations.
+    The window is cut off at 4 standard deviations.
     """
     t = np.arange(int(_TRUNCATE * sigma + 0.5) + 1)
     taps = np.exp(-0.5 * (t / sigma) ** 2)
@@ -85,5 +82,5 @@ def gaussian_taps(sigma: float) -> Vector:
 
 
 def box_taps(width: int) -> Vector:
-    """Weights at distance 0, 1, ... of a mean over an odd number of pixels."""
+    """Return the weights at distances 0, 1, ... of a mean over an odd number of pixels."""
     return np.full((width + 1) // 2, 1 / width)

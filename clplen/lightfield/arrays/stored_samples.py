@@ -1,4 +1,4 @@
-"""The stored samples of a light field: their types, black views, extremes, slices."""
+"""Stored samples of a light field: types, black views, extremes, slices."""
 
 from __future__ import annotations
 
@@ -18,12 +18,12 @@ C_TYPE = {
 
 
 def lit_views(data: cla.Array, device: Device) -> np.ndarray[Any, np.dtype[np.bool_]]:
-    """Which views have a sample that is not 0."""
+    """Return a mask of the views with a sample other than 0."""
     shape = tuple(int(n) for n in data.shape[:2])
     views = shape[0] * shape[1]
     lit = device.empty(shape, np.int32)
     kernel = device.kernel("views.cl", "lit", SAMPLE=C_TYPE[np.dtype(data.dtype)])
-    read = views * data.dtype.itemsize + lit.nbytes  # at least: until the first that is not 0
+    read = views * data.dtype.itemsize + lit.nbytes  # minimum: reading stops early
     samples = np.int64(data.size // views)
     device.launch(kernel, (views,), lit, data, np.int32(views), samples, nbytes=read)
     return device.download(lit) != 0
@@ -32,20 +32,20 @@ def lit_views(data: cla.Array, device: Device) -> np.ndarray[Any, np.dtype[np.bo
 def extremes(
     data: cla.Array, device: Device
 ) -> tuple[np.ndarray[Any, np.dtype[np.float32]], np.ndarray[Any, np.dtype[np.float32]]]:
-    """Smallest and largest sample of every view."""
+    """Return the smallest and the largest sample of every view."""
     V, U, ny = (int(n) for n in data.shape[:3])
     rows = V * U * ny
-    found = device.empty((rows, 2), np.float32)
+    ranges = device.empty((rows, 2), np.float32)
     kernel = device.kernel("views.cl", "extremes", SAMPLE=C_TYPE[np.dtype(data.dtype)])
-    device.launch(kernel, (rows,), found, data, np.int64(rows), np.int32(data.size // rows))
-    values = device.download(found).reshape(V, U, ny, 2)
+    device.launch(kernel, (rows,), ranges, data, np.int64(rows), np.int32(data.size // rows))
+    values = device.download(ranges).reshape(V, U, ny, 2)
     return values[..., 0].min(axis=2), values[..., 1].max(axis=2)
 
 
 def plane(
     data: cla.Array, fixed: dict[int, int], axes: tuple[int, int], device: Device
 ) -> cla.Array:
-    """The samples over two axes of a light field, the others being fixed."""
+    """Return the samples over two axes of a light field at fixed indices of the other axes."""
     shape = tuple(int(n) for n in data.shape)
     steps = [int(np.prod(shape[axis + 1 :], dtype=np.int64)) for axis in range(4)]
     rows, columns = (shape[axis] for axis in axes)

@@ -1,2 +1,1 @@
-"""Whether the view axes of a light field are read in the right order. What comes in is a
-`LightField`; what leaves is a `LightFieldReport`, whose sentence names the words of layout."""
+"""Check of the order of the view axes: `LightField` in, `LightFieldReport` out."""

@@ -1,1 +1,1 @@
-"""Lattices and light fields from captured frames; may import model, raw and arrays."""
+"""Lattices and light fields from captured frames; imports model, raw and arrays only."""

@@ -21,25 +21,25 @@ from clplen.lightfield.raw.raw_image import RawImage
 
 
 class DecodeOperator(LinearStep):
-    """A light field as a linear map of the raw image: `LightField.from_raw`, and its adjoint.
+    """Decoding of a raw image by `LightField.from_raw` as a linear map, with its adjoint.
 
-    With ``white`` the views are divided by those of the white image, as `decode_raw` does; that is
-    linear too, of the frame without dark frame and bad pixels that it keeps as ``lf.raw``. A black
-    level is a constant, which the map does not take off: give it ``raw.above_black()``.
+    With ``white`` the views are divided by those of the white image, as in `decode_raw`. The map
+    then applies to the frame that ``lf.raw`` stores, without dark frame and bad pixels. A black
+    level is a constant, not part of the map; pass ``raw.above_black()``.
 
     Parameters
     ----------
     raw : RawImage
-        Whose lattice is taken, not its pixels; grey, without colour filters.
+        Raw image with the lattice, grey, without colour filters; its pixels are not used.
     decode : {"calibrated", "naive"}
-        As of `LightField.from_raw`.
+        Positions of the samples, see `LightField.from_raw`.
     white, dark : array_like, optional
-        White image and dark frame, as of `decode_raw`.
+        White image and dark frame, see `decode_raw`.
 
     Attributes
     ----------
     grid : LensletGrid
-        Where the samples lie.
+        Grid of the samples.
     in_shape, out_shape : tuple of int
         (ny, nx) and (v, u, y, x).
     device : Device
@@ -47,11 +47,11 @@ class DecodeOperator(LinearStep):
     Raises
     ------
     ValueError
-        If ``decode`` is neither word, or the raw image has colour filters.
+        If ``decode`` is invalid, or the raw image has colour filters.
     ShapeError
-        If it is a colour picture, or the white image has another shape.
+        If the image has colours, or the white image has another shape.
     TypeError
-        If it is no raw image.
+        If ``raw`` is not a RawImage.
 
     Examples
     --------
@@ -62,12 +62,13 @@ class DecodeOperator(LinearStep):
     >>> decoding = clplen.lightfield.DecodeOperator(raw)
     >>> decoding.in_shape, decoding.out_shape
     ((55, 55), (5, 5, 11, 11))
-    >>> pixels = decoding.adjoint(np.ones(decoding.out_shape))  # how much each pixel counts
+    >>> pixels = decoding.adjoint(np.ones(decoding.out_shape))  # weight of each pixel in the sum of
+    all views
     >>> pixels.shape
     (55, 55)
     """
 
-    _takes = (RawImage, LightField)
+    _operand_types = (RawImage, LightField)
 
     def __init__(
         self,
@@ -80,21 +81,21 @@ class DecodeOperator(LinearStep):
         require(RawImage, raw, "raw", "camera.expose or the raw of a decoded light field")
         grids = {"calibrated": raw.sub_images, "naive": raw.cells}
         if decode not in grids:
-            raise ValueError(f"decode is 'calibrated' or 'naive', not {decode!r}.")
+            raise ValueError(f"decode must be 'calibrated' or 'naive', got {decode!r}.")
         if raw.mosaic is not None:
             raise ValueError(
-                "This raw image has colour filters, and DecodeOperator is of grey ones: give the "
-                "pixels of one colour, or demosaic it and give its colours one by one."
+                "DecodeOperator needs a grey raw image, and this one has colour filters; pass the "
+                "pixels of one colour, or demosaic it and pass each colour in turn."
             )
         if len(raw.data.shape) != 2:
             raise ShapeError(
-                "DecodeOperator takes a raw image of shape (ny, nx), not a colour picture of shape "
-                f"{tuple(raw.data.shape)}: give its colours one by one."
+                "raw must have shape (ny, nx), got a colour picture of shape "
+                f"{tuple(raw.data.shape)}; pass each colour in turn."
             )
         if white is not None and np.shape(white) != raw.shape:
             raise ShapeError(
-                f"The white image has shape {np.shape(white)}, the raw image {raw.shape}: give the "
-                "white image of this camera."
+                f"white must have the shape of the raw image, {raw.shape}, got {np.shape(white)}; "
+                "pass the white image of this camera."
             )
         self.grid, self.decode, self.device = grids[decode], decode, raw.device
         self.in_shape: tuple[int, int] = raw.shape
@@ -105,17 +106,17 @@ class DecodeOperator(LinearStep):
             level = white_samples(white, dark, self.grid, self.device)
             self._white = Image(level, self.device)
 
-    def _about(self) -> str:
+    def _details(self) -> str:
         divided = "" if self._white is None else ", divided by a white image"
         return f", {self.decode}{divided}"
 
     def _even(self, views: cla.Array) -> cla.Array:
-        """Views over those of the white image, where there is one."""
+        """Divide views by those of the white image, if any."""
         if self._white is None:
             return views
-        even = self.device.empty(views.shape, np.float32)
-        divide_views(even, views, self._white.data, 1, 0, self.device)
-        return even
+        divided = self.device.empty(views.shape, np.float32)
+        divide_views(divided, views, self._white.data, 1, 0, self.device)
+        return divided
 
     def _forward(self, data: cla.Array) -> cla.Array:
         return self._even(resample(data, self.grid, self.device))
@@ -123,7 +124,7 @@ class DecodeOperator(LinearStep):
     def _adjoint(self, data: cla.Array) -> cla.Array:
         return resample_adjoint(self._even(data), self.in_shape, self.grid, device=self.device)
 
-    def _made(self, data: cla.Array, adjoint: bool) -> Any:
+    def _wrap(self, data: cla.Array, adjoint: bool) -> Any:
         raw = self._raw
         if adjoint:
             return replace(raw, data=data, levels=None)

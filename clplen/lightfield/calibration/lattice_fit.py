@@ -1,4 +1,4 @@
-"""The lattice of lenslets of a white image."""
+"""Lattice of lenslets from a white image."""
 
 from __future__ import annotations
 
@@ -31,27 +31,27 @@ from clplen.lightfield.calibration.sensor_frames import (
 from clplen.lightfield.calibration.unit_cell import centre_offset, denser_basis, mean_cell
 from clplen.lightfield.raw.lenslet_lattice import Lattice, lattice_kind
 
-_LEAST = 32  # pixels a side
-_STEPS = 3  # refinements, each from the last
-_DEPTH = 0.05  # of the brightest pixel: what is darker is no brighter or darker gap
-_GAP = 5  # pixels: a gap that is narrower than a lenslet of 5 px and its gap
-_SHARE = 0.6  # of the peaks' strength that the lattice explains
-_EXPLAINED = 0.9  # of the contrast that is no noise
-_VISIBLE = 0.5  # of the contrast of a frame that shows a scene
-_AGREEING = 0.9  # of the windows
-_SPREAD = 0.025  # pitches rms
-_SPREAD_PX = 0.25  # pixels, below which a spread is no doubt
-_TURN = 16.0  # degrees
-_ANGLE = 4.0  # degrees off 90 or 60
-_LONGER = 1.5  # sides of a rectangle
-_UNEVEN = 1.1  # sides of a hexagonal cell
-_COUNT = 25  # lenslets
+_MIN_SIDE = 32  # pixels a side: minimum size of a picture
+_STEPS = 3  # number of refinements, each from the result of the last
+_DEPTH = 0.05  # of the brightest pixel: floor of the logarithm and of the local maximum
+_GAP = 5  # pixels: width of the closing that removes gaps between lenslets of 5 px
+_MIN_PEAK_SHARE = 0.6  # of the peaks' strength: minimum that the lattice explains
+_MIN_EXPLAINED = 0.9  # of the contrast without noise: minimum that equal lenslets explain
+_MIN_VISIBLE_CONTRAST = 0.5  # of the contrast: minimum for a frame that shows a scene
+_MIN_AGREEING = 0.9  # of the windows: minimum that agrees with the lattice
+_MAX_SPREAD = 0.025  # pitches rms: maximum deviation of local lattices
+_MIN_SPREAD_PX = 0.25  # pixels rms: deviation that is always accepted
+_MAX_ROTATION_DEG = 16.0  # degrees: maximum rotation
+_MAX_SKEW_DEG = 4.0  # degrees: maximum deviation from 90 or 60 degrees
+_MAX_RECTANGLE_RATIO = 1.5  # maximum ratio of the sides of a rectangular cell
+_MAX_HEXAGON_RATIO = 1.1  # maximum ratio of the sides of a hexagonal cell
+_MIN_LENSLETS = 25  # minimum number of lenslets
 _CHESSBOARD = np.array([[1, 1], [1, -1]])
 
 
 @dataclass(frozen=True)
 class _Candidate:
-    """What a picture gave: the fit, the contrast and the strength that it explains."""
+    """A lattice fit with the shares of contrast and of peak strength that it explains."""
 
     fit: PhaseFit
     explained: float
@@ -66,41 +66,42 @@ def estimate_lattice(
     pitch: float | None = None,
     bayer: Mosaic | None = None,
 ) -> Lattice:
-    """Find the lattice of lenslets of a white image.
+    """Estimate the lattice of lenslets from a white image.
 
-    Peaks of the Fourier transform give the base vectors roughly; the coarsest lattice that holds
-    them is made denser where the mean cell shows several lenslets (bright and dim ones). Least
-    squares on the local phases of both base frequencies
-    (`clplen.lightfield.calibration.reciprocal`) then fit an affine lattice, first in the middle,
-    then over the whole picture, once more with the lenslets' light made equal. Where small pitches
-    of whole pixels alias the phases, the profile of the mean lenslet tells its centre.
+    Peaks of the Fourier transform give rough base vectors. The coarsest lattice through the peaks
+    is made denser where the mean cell shows several lenslets (bright and dim ones). Least squares
+    on the local phases of both base frequencies (`clplen.lightfield.calibration.reciprocal`) then
+    fit an affine lattice: from the middle outwards, and again with equalised lenslets. Where a
+    small whole-number pitch aliases the phases, the profile of the mean lenslet locates its centre.
 
     Parameters
     ----------
     white : array_like
-        White image as it lies on the sensor, shape (ny, nx), at least 32 pixels a side, real,
-        finite. Pitches from 5 to 60 px are found.
+        White image in sensor orientation, shape (ny, nx), at least 32 pixels a side, real, finite,
+        with a pitch of 5 to 60 px.
     dark : array_like, optional
-        Dark frame of the same shape, subtracted first.
+        Dark frame of equal shape, subtracted first.
     kind : {"square", "hexagonal"}, optional
-        None finds out. A hexagonal lattice may have its nearest neighbours along x or along y.
+        Lattice type; estimated by default. The nearest neighbours of a hexagonal lattice may lie
+        along x or along y.
     pitch : float, optional
-        Nominal distance of nearest neighbours in pixels; another one than it to a quarter is not
-        trusted.
+        Nominal distance of nearest neighbours in pixels. The trust is low if the measured pitch
+        differs from it by more than a quarter.
     bayer : {"RGGB", "BGGR", "GRBG", "GBRG"} or sequence of str, optional
-        Colour filters, whose four kinds of pixels are brought to the same mean.
+        Colour filters; each of the four kinds of pixels is scaled to an equal mean.
 
     Returns
     -------
     Lattice
-        With its ``residual``, ``trust`` and ``verdict``. Trust is low where nothing repeats, where
-        local lattices disagree, or where equal lenslets explain less than 90 % of the contrast
-        that is no noise: then the picture is no white image, and the pitch may be a texture's.
+        Lattice with ``residual``, ``trust`` and ``verdict``. Trust is low without a repeated
+        pattern, if local lattices disagree, or if equal lenslets explain less than 90 % of the
+        contrast without noise: the picture may then be a texture instead of a white image.
 
     Raises
     ------
     ShapeError
-        If the picture is not (ny, nx) of 32 pixels a side, or the dark frame is of another shape.
+        If the picture is not (ny, nx) of at least 32 pixels a side, or the dark frame differs in
+        shape.
     ValueError
         If a pixel is NaN or infinite, or kind or pitch is out of range.
 
@@ -117,45 +118,49 @@ def estimate_lattice(
         return _no_lattice(np.shape(white), kind or "square", pitch)
     picture = _prepared(white, dark, bayer)
     pitches = PITCHES if pitch is None else (0.75 * pitch, 1.3 * pitch)
-    found = _best_candidate(picture, kind, pitches)
-    if found is None:
+    candidate = _best_candidate(picture, kind, pitches)
+    if candidate is None:
         return _no_lattice(picture.shape, kind or "square", pitch)
-    lattice = _lattice_of(found.fit, kind, picture.shape)
-    return _with_trust(lattice, found, kind, pitch)
+    lattice = _lattice_of(candidate.fit, kind, picture.shape)
+    return _with_trust(lattice, candidate, kind, pitch)
 
 
 def visible_lattice(
     frame: ArrayLike, *, dark: ArrayLike | None = None, bayer: Mosaic | None = None
 ) -> Lattice | None:
-    """The lattice that a frame shows by itself, where it is plain that it is the lenslets'."""
-    if min(np.shape(frame)[:2]) < _LEAST or (dark is None and _is_even(frame)):
+    """Return the lattice of a frame of a scene if it is visible beyond doubt, else None."""
+    if min(np.shape(frame)[:2]) < _MIN_SIDE or (dark is None and _is_even(frame)):
         return None
-    found = _best_candidate(_prepared(frame, dark, bayer), None, PITCHES)
-    if found is None or found.explained < _VISIBLE or found.share < _SHARE:
+    candidate = _best_candidate(_prepared(frame, dark, bayer), None, PITCHES)
+    if (
+        candidate is None
+        or candidate.explained < _MIN_VISIBLE_CONTRAST
+        or candidate.share < _MIN_PEAK_SHARE
+    ):
         return None
-    lattice = _lattice_of(found.fit, None, np.shape(frame))
-    doubts = _doubts(lattice, replace(found, explained=1.0), len(lattice.centres()), None)
+    lattice = _lattice_of(candidate.fit, None, np.shape(frame))
+    doubts = _doubts(lattice, replace(candidate, explained=1.0), len(lattice.centres()), None)
     return lattice if all(doubt.startswith("local lattices") for doubt in doubts) else None
 
 
 def _check_pitch(pitch: float | None) -> None:
     if pitch is not None and not 3 <= pitch <= 200:
-        raise ValueError(f"The pitch is 3 to 200 pixels, not {pitch!r}.")
+        raise ValueError(f"pitch must be 3 to 200 pixels, got {pitch!r}.")
 
 
 def _is_even(frame: Any) -> bool:
-    """Whether the middle of a frame, where a lattice is sought first, has pixels of one value."""
+    """Return True if the middle of a frame, the first area to be searched, is constant."""
     picture = as_frame(frame, "white image")
     middle = central_crop(picture)
-    return min(picture.shape) >= _LEAST and bool(middle.min() == middle.max())
+    return min(picture.shape) >= _MIN_SIDE and bool(middle.min() == middle.max())
 
 
 def _prepared(white: Any, dark: Any, bayer: Mosaic | None) -> Values:
-    """float32, dark frame taken off, single bright pixels cut."""
+    """Return the frame as float32, less the dark frame, with single bright pixels clipped."""
     frame = as_frame(white, "white image")
-    if min(frame.shape) < _LEAST:
+    if min(frame.shape) < _MIN_SIDE:
         raise ShapeError(
-            f"A lattice is estimated from at least {_LEAST} pixels a side, not {frame.shape}."
+            f"A white image must have at least {_MIN_SIDE} pixels a side, got shape {frame.shape}."
         )
     picture = subtract_dark(frame, dark)
     if bayer is not None:
@@ -167,15 +172,17 @@ def _prepared(white: Any, dark: Any, bayer: Mosaic | None) -> Values:
 def _best_candidate(
     picture: Values, kind: str | None, pitches: tuple[float, float]
 ) -> _Candidate | None:
-    """The lattice that explains most, from the picture or else from the gaps between lenslets."""
+    """Return the lattice of highest contrast, from the picture or from gaps between lenslets."""
     best: _Candidate | None = None
-    for seen in (lambda part: part, _dark_gaps, _narrow_gaps):
-        basis, share = coarse_basis(seen(central_crop(picture)), pitches)
-        for found in _candidates(picture, basis, share, kind, pitches):
-            if found.explained >= _EXPLAINED and _is_upright(found, kind, picture.shape):
-                return found
-            if best is None or found.explained > best.explained:
-                best = found
+    for transform in (lambda part: part, _dark_gaps, _narrow_gaps):
+        basis, share = coarse_basis(transform(central_crop(picture)), pitches)
+        for candidate in _candidates(picture, basis, share, kind, pitches):
+            if candidate.explained >= _MIN_EXPLAINED and _is_upright(
+                candidate, kind, picture.shape
+            ):
+                return candidate
+            if best is None or candidate.explained > best.explained:
+                best = candidate
     return best
 
 
@@ -186,33 +193,32 @@ def _candidates(
     kind: str | None,
     pitches: tuple[float, float],
 ) -> Iterator[_Candidate]:
-    """The lattice of rough base vectors; if it is turned far, the one of which it is a chessboard.
+    """Yield the lattice of rough base vectors, then the chessboard's finer one if it is rotated.
 
-    The dim squares may be too small to rise over the gaps of the bright ones (`denser_basis`);
-    whether they are lenslets tells the share of the contrast that is explained once they are equal.
+    The explained contrast after equalisation decides whether the dim squares are lenslets.
     """
-    found = _candidate(picture, basis, share, pitches)
-    if found is None:
+    first = _candidate(picture, basis, share, pitches)
+    if first is None:
         return
-    yield found
-    if not _is_upright(found, kind, picture.shape):
-        closer = _candidate(picture, _CHESSBOARD @ found.fit.basis, share, pitches)
+    yield first
+    if not _is_upright(first, kind, picture.shape):
+        closer = _candidate(picture, _CHESSBOARD @ first.fit.basis, share, pitches)
         if closer is not None:
             yield closer
 
 
-def _is_upright(found: _Candidate, kind: str | None, shape: tuple[int, ...]) -> bool:
-    return abs(_lattice_of(found.fit, kind, shape).rotation) <= math.radians(_TURN)
+def _is_upright(candidate: _Candidate, kind: str | None, shape: tuple[int, ...]) -> bool:
+    return abs(_lattice_of(candidate.fit, kind, shape).rotation) <= math.radians(_MAX_ROTATION_DEG)
 
 
 def _dark_gaps(picture: Values) -> Values:
-    """Logarithms: lenslets of unequal light are more alike in them."""
+    """Return logarithms, in which lenslets of unequal brightness look more alike."""
     top = max(float(picture.max()), 1e-30)
     return np.asarray(np.log1p(np.maximum(picture, 0) / (_DEPTH * top)))
 
 
 def _narrow_gaps(picture: Values) -> Values:
-    """Light over that of the brighter surroundings: dim lenslets are as bright as others."""
+    """Divide by the local maximum, which makes dim lenslets as bright as others."""
     from scipy.ndimage import grey_closing
 
     top = max(float(picture.max()), 1e-30)
@@ -222,7 +228,7 @@ def _narrow_gaps(picture: Values) -> Values:
 def _candidate(
     picture: Values, basis: Basis | None, share: float, pitches: tuple[float, float]
 ) -> _Candidate | None:
-    """What becomes of rough base vectors."""
+    """Refine rough base vectors; return None if no lattice results."""
     if basis is None:
         return None
     fit = _refined_fit(picture, basis)
@@ -234,15 +240,17 @@ def _candidate(
     if not np.isfinite(fit.rms) or np.hypot(*fit.cell.T).max() > max(picture.shape) / 2:
         return None
     margin = min(int(np.hypot(*fit.cell.T).max()), min(picture.shape) // 6)
-    even = equalise_lenslets(picture, fit.cell, fit.origin)
-    fit = fit_lattice(even.picture, fit.basis, margin=margin)
-    light = equalise_lenslets(picture, fit.cell, fit.origin, fall_off_share(even, margin)).picture
+    equalised = equalise_lenslets(picture, fit.cell, fit.origin)
+    fit = fit_lattice(equalised.picture, fit.basis, margin=margin)
+    light = equalise_lenslets(
+        picture, fit.cell, fit.origin, fall_off_share(equalised, margin)
+    ).picture
     fit = fit_lattice(light, fit.basis, margin=margin)
-    # lenslets that the picture cuts are not equal
-    whole = light[margin : light.shape[0] - margin, margin : light.shape[1] - margin]
+    # lenslets cut by the border differ
+    inner = light[margin : light.shape[0] - margin, margin : light.shape[1] - margin]
     phase = fit.phase + margin * fit.basis.sum(axis=1)
-    moved = replace(fit, phase=fit.phase - fit.basis @ centre_offset(whole, fit.basis, phase))
-    return _Candidate(moved, mean_cell(whole, fit.basis, phase).explained, share)
+    corrected = replace(fit, phase=fit.phase - fit.basis @ centre_offset(inner, fit.basis, phase))
+    return _Candidate(corrected, mean_cell(inner, fit.basis, phase).explained, share)
 
 
 def _refined_fit(picture: Values, basis: Basis) -> PhaseFit:
@@ -253,13 +261,13 @@ def _refined_fit(picture: Values, basis: Basis) -> PhaseFit:
 
 
 def _no_lattice(shape: tuple[int, ...], kind: str, pitch: float | None) -> Lattice:
-    """In place of a lattice where there is none."""
+    """Return a placeholder lattice for a picture without one."""
     step = 10.0 if pitch is None else float(pitch)
     high = step * (math.sqrt(3) / 2 if kind == "hexagonal" else 1.0)
     middle = ((shape[0] - 1) / 2, (shape[1] - 1) / 2)
     verdict = (
-        f"No lattice: nothing repeats in the picture; the pitch of {step:g} px was not measured. "
-        "Give a white image."
+        f"No lattice: the picture has no repeated pattern; the pitch of {step:g} px was not "
+        "measured. Pass a white image."
     )
     return Lattice(
         kind, middle, (high, 0.0), (0.0, step), (shape[0], shape[1]), math.nan, "low", verdict
@@ -267,7 +275,7 @@ def _no_lattice(shape: tuple[int, ...], kind: str, pitch: float | None) -> Latti
 
 
 def _lattice_of(fit: PhaseFit, kind: str | None, shape: tuple[int, ...]) -> Lattice:
-    """Rows and columns out of any two base vectors, and the lenslet nearest to the middle."""
+    """Choose rows, columns and the central lenslet of a fitted lattice."""
     short = reduced_basis(fit.cell)
     if kind is None:
         cosine = abs(short[0] @ short[1]) / np.hypot(*short.T).prod()
@@ -286,8 +294,8 @@ def _lattice_of(fit: PhaseFit, kind: str | None, shape: tuple[int, ...]) -> Latt
 def lattice_steps(short: Basis, kind: str) -> tuple[Values, Values]:
     """Return the steps to the next row and column from the shortest two vectors of a lattice.
 
-    Rows of a square lattice follow one another along +y; those of a hexagonal one run along the
-    nearest neighbours, whichever axis these lie nearer to.
+    Rows of a square lattice follow along +y; rows of a hexagonal lattice run along the nearest
+    neighbours, whether these lie closer to the x or to the y axis.
     """
     if kind == "square":
         down = int(abs(short[1, 0]) * abs(short[0, 1]) > abs(short[0, 0]) * abs(short[1, 1]))
@@ -309,9 +317,9 @@ def lattice_steps(short: Basis, kind: str) -> tuple[Values, Values]:
 
 
 def _with_trust(
-    lattice: Lattice, found: _Candidate, kind: str | None, pitch: float | None
+    lattice: Lattice, candidate: _Candidate, kind: str | None, pitch: float | None
 ) -> Lattice:
-    """The lattice with the trust that it deserves and the reason."""
+    """Return the lattice with its trust and the reason for it."""
     along, across = lattice.pitch
     count = len(lattice.centres())
     size = (
@@ -319,46 +327,47 @@ def _with_trust(
         if lattice.kind == "square"
         else (f"{lattice.neighbour:.3f} px")
     )
-    what = (
+    summary = (
         f"{lattice.kind.capitalize()} lattice, pitch {size}, rotation "
         f"{math.degrees(lattice.rotation):.2f} degrees, {count} lenslets"
     )
-    doubts = _doubts(lattice, found, count, pitch)
+    doubts = _doubts(lattice, candidate, count, pitch)
     if doubts:
-        verdict = f"{what}: not to be trusted, because {doubts[0]}. Give a white image."
+        verdict = f"{summary}: low trust, because {doubts[0]}. Pass a white image."
         return replace(lattice, trust="low", verdict=verdict)
-    verdict = f"{what}: local lattices agree with it to {lattice.residual:.3f} px rms."
+    verdict = f"{summary}: local lattices agree with it to {lattice.residual:.3f} px rms."
     return replace(lattice, trust="high", verdict=verdict)
 
 
-def _doubts(lattice: Lattice, found: _Candidate, count: int, pitch: float | None) -> list[str]:
+def _doubts(lattice: Lattice, candidate: _Candidate, count: int, pitch: float | None) -> list[str]:
     near = lattice.neighbour
     row, column = np.array(lattice.row), np.array(lattice.column)
     skew = math.degrees(math.asin(abs(row @ column) / np.hypot(*row) / np.hypot(*column)))
     sides = np.hypot(*row) / np.hypot(*column)
     if lattice.kind == "hexagonal":
         ratio = sides * (math.sqrt(3) / 2 if lattice.turned else 2 / math.sqrt(3))
-        uneven = max(ratio, 1 / ratio) > _UNEVEN
+        uneven = max(ratio, 1 / ratio) > _MAX_HEXAGON_RATIO
     else:
-        uneven = max(sides, 1 / sides) > _LONGER
+        uneven = max(sides, 1 / sides) > _MAX_RECTANGLE_RATIO
     tests = {
-        f"it has only {count} lenslets": count < _COUNT,
-        f"its cell is no {'square' if lattice.kind == 'square' else 'hexagon'}": (
-            skew > _ANGLE or uneven
+        f"it has only {count} lenslets": count < _MIN_LENSLETS,
+        f"its cell is not a {'square' if lattice.kind == 'square' else 'hexagon'}": (
+            skew > _MAX_SKEW_DEG or uneven
         ),
-        f"only {100 * found.share:.0f} % of what repeats fits it": found.share < _SHARE,
-        f"only {100 * found.fit.agreeing:.0f} % of the picture agrees with it": (
-            found.fit.agreeing < _AGREEING
+        f"only {100 * candidate.share:.0f} % of the repeated pattern fits it": candidate.share
+        < _MIN_PEAK_SHARE,
+        f"only {100 * candidate.fit.agreeing:.0f} % of the picture agrees with it": (
+            candidate.fit.agreeing < _MIN_AGREEING
         ),
-        f"local lattices lie {lattice.residual:.2g} px rms off": lattice.residual
-        > max(_SPREAD * near, _SPREAD_PX),
-        f"equal lenslets explain only {100 * max(found.explained, 0):.0f} % of the contrast": (
-            found.explained < _EXPLAINED
+        f"local lattices lie {lattice.residual:.2g} px rms away": lattice.residual
+        > max(_MAX_SPREAD * near, _MIN_SPREAD_PX),
+        f"equal lenslets explain only {100 * max(candidate.explained, 0):.0f} % of the contrast": (
+            candidate.explained < _MIN_EXPLAINED
         ),
         f"the nominal pitch is {pitch} px": pitch is not None and not 0.8 < near / pitch < 1.25,
-        f"it is turned by {math.degrees(lattice.rotation):.0f} degrees": (
-            abs(lattice.rotation) > math.radians(_TURN)
+        f"it is rotated by {math.degrees(lattice.rotation):.0f} degrees": (
+            abs(lattice.rotation) > math.radians(_MAX_ROTATION_DEG)
         ),
-        "the pitch is out of the range of 5 to 60 px": not 4.8 <= near <= 63,
+        "the pitch is outside 5 to 60 px": not 4.8 <= near <= 63,
     }
     return [reason for reason, failed in tests.items() if failed]

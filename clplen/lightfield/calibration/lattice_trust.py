@@ -1,11 +1,11 @@
-"""Whether a white image tells where the lenslets are, and is of the camera of a frame.
+"""Tests of a white image: its trust, and its agreement with the camera of a frame.
 
-`estimate_lattice` measures four figures, and trusts a lattice only where all of them hold. What
-they are on white images (drawn ones with noise up to 2/5 of the lenslets' light, real ones of two
-microscopes) and on what is none (their frames in place of the white images, noise, pictures):
+`estimate_lattice` measures four figures and trusts a lattice only if all of them pass. The table
+compares white images (synthetic ones with noise up to 2/5 of the lenslets' brightness, real ones
+of two microscopes) with other pictures (frames of those microscopes, noise, photographs):
 
 ==============================  ============  ==========  ============================
-figure                          white images  required    no white images
+figure                          white images  required    other pictures
 ==============================  ============  ==========  ============================
 share of the peaks' strength    1.00          0.6         0.69 to 0.98, or no peaks
 windows that agree              0.99 to 1     0.9         0.67 to 0.93, or none
@@ -13,8 +13,8 @@ contrast of equal lenslets      0.97 to 1     0.9         0.33 to 0.81
 rms of local lattices, pitches  to 0.017      0.025       0.041 to 0.086
 ==============================  ============  ==========  ============================
 
-The required values stand in `clplen.lightfield.calibration.lattice_fit`. No figure alone tells all
-apart.
+The required values are constants of `clplen.lightfield.calibration.lattice_fit`. No single figure
+separates all cases.
 """
 
 from __future__ import annotations
@@ -32,9 +32,9 @@ from clplen.lightfield.calibration.sensor_frames import Mosaic
 from clplen.lightfield.raw.demosaicing import tile_of
 from clplen.lightfield.raw.lenslet_lattice import Lattice
 
-_PROPER = "give the white image of this camera, evenly lit and not saturated"
-_MIDDLE = 512  # pixels a side of a frame, in which its own lattice is looked for
-_APART = 0.05  # of a lenslet, by which steps of two lattices of one camera may differ
+_PROPER = "pass the white image of this camera, evenly lit and not saturated"
+_MIDDLE = 512  # pixels a side of the part of a frame that is searched for its lattice
+_MAX_STEP_ERROR = 0.05  # of a lenslet: maximum difference of the steps of two lattices of a camera
 
 
 def require_trust(
@@ -45,20 +45,21 @@ def require_trust(
     force: bool = False,
     error: type[Exception] = ValueError,
 ) -> Lattice:
-    """Refuse the lattice of a white image in doubt; ``pitch`` is the one that was looked for."""
+    """Reject a lattice of low trust; ``pitch`` is the nominal one, used in the message."""
     if not lattice.is_measured:
-        about = "" if pitch is None else f" about every {pitch:g} pixels"
+        about = "" if pitch is None else f" of about {pitch:g} pixels"
         raise error(
-            f"{source} is no white image: nothing repeats in it{about}, so that nothing tells "
-            f"where the lenslets are; {_PROPER}."
+            f"{source} is not a white image: it has no repeated pattern{about}, so the lenslets "
+            f"cannot be located; {_PROPER}."
         )
     if lattice.trust == "high":
         return lattice
     verdict = lattice.verdict.removesuffix(" Give a white image.").rstrip(".")
     if not force:
         raise error(
-            f"{source} is no white image to rely on ({verdict}): is it a frame, or saturated? "
-            f"{_PROPER[0].upper()}{_PROPER[1:]}, or {argument('force', True)} to go on."
+            f"{source} is not a reliable white image ({verdict}); it may be a frame of a scene or "
+            f"be saturated. {_PROPER[0].upper()}{_PROPER[1:]}, or {argument('force', True)} to go "
+            "on."
         )
     warn_caller(f"{source}: {verdict}.", SamplingWarning)
     return lattice
@@ -78,7 +79,7 @@ def lattice_of_white(
     error: type[Exception] = ValueError,
     estimate: Callable[..., Lattice] = estimate_lattice,
 ) -> Lattice:
-    """Find the lattice of a white image; refuse one in doubt, or beside the frame's own lattice.
+    """Estimate the lattice of a white image; reject low trust or disagreement with the frame.
 
     Messages call the white image ``source`` and the frame ``path``.
     """
@@ -88,34 +89,34 @@ def lattice_of_white(
     if frame is None or force:
         return lattice
     with naming(path):
-        own = visible_lattice(
+        frame_lattice = visible_lattice(
             _central_crop(frame, bayer),
             dark=None if dark is None else _central_crop(dark, bayer),
             bayer=bayer,
         )
-    if own is None or _steps_agree(own, lattice):
+    if frame_lattice is None or _steps_agree(frame_lattice, lattice):
         return lattice
     raise error(
         f"{source} is of another camera: its lenslets are {lattice.neighbour:.4g} px apart and "
-        f"those of the frame {own.neighbour:.4g} px; give the white image of this camera, or "
-        f"{argument('force', True)} to go on."
+        f"those of the frame {frame_lattice.neighbour:.4g} px; pass the white image of this "
+        f"camera, or {argument('force', True)} to go on."
     )
 
 
-def rms_apart(given: Lattice, found: Lattice) -> float:
-    """Return the rms distance of lenslets from the nearest ones of a given lattice, in pixels."""
-    centres = found.centres()
-    steps = np.array([given.row, given.column])
-    places = (centres - given.origin) @ np.linalg.inv(steps)
-    if given.kind == "hexagonal":
-        along, across = (0, 1) if given.turned else (1, 0)
-        places[:, along] -= np.rint(places[:, across]) % 2 / 2
-    apart = (places - np.rint(places)) @ steps
-    return float(np.sqrt((apart**2).sum(1).mean()))
+def rms_apart(reference: Lattice, lattice: Lattice) -> float:
+    """Return the rms distance of lenslets from the nearest ones of a reference, in pixels."""
+    centres = lattice.centres()
+    steps = np.array([reference.row, reference.column])
+    multiples = (centres - reference.origin) @ np.linalg.inv(steps)
+    if reference.kind == "hexagonal":
+        along, across = (0, 1) if reference.turned else (1, 0)
+        multiples[:, along] -= np.rint(multiples[:, across]) % 2 / 2
+    residuals = (multiples - np.rint(multiples)) @ steps
+    return float(np.sqrt((residuals**2).sum(1).mean()))
 
 
 def _central_crop(picture: Any, bayer: Mosaic | None) -> Any:
-    """The middle of a picture, its corner at the first pixel of a tile of colour filters."""
+    """Return the middle of a picture, aligned to the tile of colour filters."""
     values = host_array(picture, "A picture")
     tile = (2, 2) if bayer is None else np.shape(tile_of(bayer))
     start = [
@@ -124,14 +125,14 @@ def _central_crop(picture: Any, bayer: Mosaic | None) -> Any:
     return values[start[0] : start[0] + _MIDDLE, start[1] : start[1] + _MIDDLE]
 
 
-def _steps_agree(one: Lattice, other: Lattice) -> bool:
-    """Whether the steps of one lattice are whole multiples of the other's, either way."""
-    a, b = (_steps(lattice) for lattice in (one, other))
+def _steps_agree(first: Lattice, second: Lattice) -> bool:
+    """Return True if the steps of one lattice are integer multiples of the other's."""
+    a, b = (_steps(lattice) for lattice in (first, second))
     return any(_is_whole(m) for m in (a @ np.linalg.inv(b), b @ np.linalg.inv(a)))
 
 
 def _steps(lattice: Lattice) -> Any:
-    """Two primitive steps (y, x) between lenslets, as rows."""
+    """Return two primitive steps (y, x) between lenslets, as rows."""
     row, column = np.array(lattice.row), np.array(lattice.column)
     if lattice.kind == "square":
         return np.array([row, column])
@@ -140,6 +141,6 @@ def _steps(lattice: Lattice) -> Any:
 
 
 def _is_whole(multiples: Any) -> bool:
-    whole = np.rint(multiples)
-    near = np.abs(multiples - whole).max() <= _APART * max(1.0, np.abs(whole).max())
-    return bool(near and abs(np.linalg.det(whole)) > 0.5)
+    integers = np.rint(multiples)
+    near = np.abs(multiples - integers).max() <= _MAX_STEP_ERROR * max(1.0, np.abs(integers).max())
+    return bool(near and abs(np.linalg.det(integers)) > 0.5)

@@ -1,4 +1,4 @@
-"""From a raw frame, its Bayer mosaic and its lattice of lenslets to a light field."""
+"""Decoding of a raw frame with its Bayer mosaic and lattice into a light field."""
 
 from __future__ import annotations
 
@@ -34,15 +34,15 @@ from clplen.lightfield.raw.raw_image import RawImage, Spacing
 from clplen.settings.declaration import setting_of
 from clplen.settings.reading import ReadingSettings
 
-_FLOOR = 0.05  # of the white image's bright pixels: what is darker is divided by that
-_BRIGHT = 0.995  # quantile of the white image that counts as bright
+_FLOOR = 0.05  # of the white level of bright pixels: lower levels are raised to it
+_BRIGHT = 0.995  # quantile of the white image that defines its bright level
 
 
 @dataclass(frozen=True)
 class _Pixels:
-    """A cleaned frame, and what each of its pixels would be in even light (None: not known).
+    """A cleaned frame with the flat of each pixel, None if unknown.
 
-    Its red, green and blue pixels were multiplied by ``factors``.
+    The red, green and blue pixels of ``picture`` were multiplied by ``factors``.
     """
 
     picture: Frame
@@ -70,68 +70,68 @@ def decode_raw(
 ) -> LightField:
     """Decode a raw lenslet frame.
 
-    The dark frame is subtracted from both pictures; hot pixels of it and single saturated pixels
-    are replaced by their neighbours (a saturated patch stays as it is). Every sub-image is sampled
-    about its centre, along the lattice's own vectors, by separable cubic convolution (Keys 1981,
-    eq. 15, a = -1/2), and divided by the white image, sampled in the same way. A view whose white
-    level is below a twentieth of the brightest is divided by that.
+    The dark frame is subtracted from both pictures. Its hot pixels and single saturated pixels
+    are replaced by their neighbours; saturated patches stay. Each sub-image is sampled about its
+    centre along the lattice vectors by separable cubic convolution (Keys 1981, eq. 15, a = -1/2),
+    and divided by the white image sampled likewise. White levels below a twentieth of the brightest
+    are raised to it.
 
-    Rows (or columns) of a hexagonal lattice are interpolated to pixels that lie sqrt(3)/2 of the
-    pitch apart both ways: that is dx = dy of the result.
+    Rows (or columns) of a hexagonal lattice are interpolated to square pixels of sqrt(3)/2 times
+    the pitch, dx = dy of the result.
 
     Parameters
     ----------
     raw : array_like
-        Shape (ny, nx), as it lies on the sensor, real and finite.
+        Raw frame in sensor orientation, shape (ny, nx), real and finite.
     lattice : Lattice
-        Of this camera, as `estimate_lattice` finds it on the white image.
+        Lattice of this camera, from `estimate_lattice` of the white image.
     device : Device or str, optional
-        Default ``Device.open()``.
+        Device; default ``Device.open()``.
     white, dark : array_like, optional
-        White image and dark frame of the same shape.
+        White image and dark frame of equal shape.
     views : tuple of int, optional
-        (V, U) samples of each sub-image; default its pitch in pixels, rounded. Fewer with
+        Samples (V, U) of each sub-image; default the pitch in pixels, rounded. Fewer samples with
         ``step=1`` leave out the dark rim.
     step : float, optional
         Pixels a view; default pitch/V and pitch/U.
     devignette : bool, optional
-        Whether to divide by the white image; default if there is one. The mean white level of each
-        view, the brightest 1, is its weight then.
+        True to divide by the white image, the default if it is present. The weight of a view is
+        then its mean white level, 1 for the brightest.
     bayer : {"RGGB", "BGGR", "GRBG", "GBRG"} or sequence of str, optional
-        Colour filters of the pixels (0, 0), (0, 1), (1, 0), (1, 1); or the rows of another tile of
+        Colour filters of the pixels (0, 0), (0, 1), (1, 0), (1, 1), or the rows of another tile of
         R, G and B, such as ``("RRGG", "RRGG", "GGBB", "GGBB")`` of a quad Bayer mosaic.
     demosaic : {"within", "after", "before"}
-        "within" fits each colour of a view by a quadratic to the pixels of that colour under the
-        same lenslet, smoother where noise explains their differences; it mixes no lenslets.
-        "after" slices each colour by itself and fills what it misses from the same view of
-        neighbouring lenslets (linear interpolation), which mixes no directions; "before"
-        interpolates the colours on the sensor first.
+        Method of colour interpolation. "within" fits a quadratic to the pixels of each colour
+        under a lenslet, smoother where noise explains their differences; it mixes no lenslets.
+        "after" slices each colour, then fills gaps from the same view of neighbouring lenslets
+        (linear interpolation); it mixes no directions. "before" interpolates the colours on the
+        sensor first.
     complete : bool
-        Whether to keep the largest rectangle of lenslets whose whole sub-image lies on the sensor;
-        False keeps those whose centre does, and pixels off the sensor count 0.
+        True to keep the largest rectangle of lenslets with complete sub-images; False to keep all
+        lenslets whose centre is on the sensor, with pixels off the sensor set to 0.
     pixel_pitch : float, optional
-        Of the sensor, in metres; the result then has dy and dx, with dv and du unknown (NaN).
+        Pixel pitch of the sensor in metres; sets dy and dx of the result (dv and du stay NaN).
     white_balance : tuple of float, optional
-        Factors of red, green and blue, with ``bayer``.
+        Factors of red, green and blue; requires ``bayer``.
     colour_matrix : array_like, optional
-        Shape (3, 3), with ``bayer``: each ray's (red, green, blue) becomes ``colour_matrix @ rgb``,
-        after the white balance. Takes a camera's colours to linear sRGB.
+        Matrix of shape (3, 3), from camera colours to linear sRGB, applied to the (red, green,
+        blue) of each ray after the white balance; requires ``bayer``.
 
     Returns
     -------
     LightField
-        Of float32, shape (V, U, y, x) or, with ``bayer``, (V, U, y, x, 3), in raw pixel order: it
-        obeys L[v, u](y, x) = T(y + d (v - vc), x + d (u - uc)) with d larger for nearer objects.
+        Light field of float32, shape (V, U, y, x) or, with ``bayer``, (V, U, y, x, 3), in raw pixel
+        order: L[v, u](y, x) = T(y + d (v - vc), x + d (u - uc)) with d larger for nearer objects.
 
     Raises
     ------
     ShapeError
-        If the pictures and the lattice are of different shapes, or no lenslet fits.
+        If the pictures and the lattice differ in shape, or no lenslet fits.
     ValueError
-        If a pixel is NaN or infinite, nothing repeated where the lattice was looked for, a word is
-        out of range, or ``devignette=True`` comes without a white image.
+        If a pixel is NaN or infinite, the lattice was not measured, an option is invalid, or
+        ``devignette=True`` has no white image.
     DeviceError
-        If the light field is larger than the device's memory.
+        If the light field exceeds the device's memory.
 
     Examples
     --------
@@ -148,11 +148,11 @@ def decode_raw(
     _check_balance(white_balance, bayer)
     matrix = _checked_matrix(colour_matrix, bayer)
     if not lattice.is_measured:
-        raise ValueError(f"This lattice was not measured: {lattice.verdict}")
+        raise ValueError(f"lattice must be a measured one: {lattice.verdict}")
     lattice = _with_shape(lattice, frame.shape)
     divide = white is not None if devignette is None else devignette
-    chosen = lattice.views() if views is None else (int(views[0]), int(views[1]))
-    grid = lattice.grid(chosen, step=step, complete=complete, square=True)
+    view_counts = lattice.views() if views is None else (int(views[0]), int(views[1]))
+    grid = lattice.grid(view_counts, step=step, complete=complete, square=True)
     nbytes = decoding_bytes(grid, bayer=bayer, demosaic=demosaic, has_white=white is not None)
     device.require_memory(nbytes, "Decoding this light field")
     pixels = _cleaned(frame, white if divide else None, dark, bayer)
@@ -160,19 +160,19 @@ def decode_raw(
         factors = dict(zip(COLOURS, white_balance, strict=True))
         balanced = scaled_colours(pixels.picture, pixels.tile, factors)
         pixels = replace(pixels, picture=balanced, factors=white_balance)
-    kept = _raw_image(pixels.picture, grid, device, pixel_pitch, lattice)
+    cleaned_raw = _raw_image(pixels.picture, grid, device, pixel_pitch, lattice)
     if bayer is None:
-        data, level = _grey(kept, pixels, grid, device)
+        data, level = _grey(cleaned_raw, pixels, grid, device)
     else:
-        data, level = _coloured(kept, pixels, grid, demosaic, matrix)
+        data, level = _coloured(cleaned_raw, pixels, grid, demosaic, matrix)
     weights = np.ones(grid.shape[:2], np.float32) if level is None else _weights(level, device)
-    return LightField(data, device, kept.spacing, weights, raw=kept)
+    return LightField(data, device, cleaned_raw.spacing, weights, raw=cleaned_raw)
 
 
 def decoding_bytes(
     grid: LensletGrid, *, bayer: Mosaic | None, demosaic: str, has_white: bool
 ) -> int:
-    """Bytes of the arrays of views that decoding holds at once."""
+    """Return the bytes of the arrays of views that coexist during decoding."""
     channels = (3 if has_white else 1) if bayer is None else 4 if demosaic == "within" else 10
     return 4 * channels * math.prod(grid.shape)
 
@@ -187,18 +187,18 @@ def _check(
     pixel_pitch: Any,
 ) -> None:
     if views is not None and (len(views) != 2 or not all(is_integer(n) and n >= 1 for n in views)):
-        raise ValueError(f"views is (V, U), two whole numbers from 1 on, not {views!r}.")
+        raise ValueError(f"views must be (V, U), two integers of at least 1, got {views!r}.")
     if step is not None and not 0 < step < math.inf:
-        raise ValueError(f"step is a positive number of pixels, not {step!r}.")
+        raise ValueError(f"step must be a positive number of pixels, got {step!r}.")
     if pixel_pitch is not None and not 0 < pixel_pitch < math.inf:
-        raise ValueError(f"pixel_pitch is positive, in metres, not {pixel_pitch!r}.")
+        raise ValueError(f"pixel_pitch must be positive, in metres, got {pixel_pitch!r}.")
     units.PITCH.check(pixel_pitch or 0.0, "pixel_pitch")
     setting_of(ReadingSettings, "demosaic").checked(demosaic)
     if bayer is not None:
         tile_of(bayer)
     if devignette and white is None:
         raise ValueError(
-            f"{argument('devignette', True)} divides by the white image: give {argument('white')}."
+            f"{argument('devignette', True)} needs a white image; pass {argument('white')}."
         )
 
 
@@ -206,12 +206,11 @@ def _check_balance(factors: Any, bayer: Mosaic | None) -> None:
     if factors is None:
         return
     if bayer is None:
-        raise ValueError(f"white_balance is of colours: give {argument('bayer')} too.")
+        raise ValueError(f"white_balance needs colour filters; pass {argument('bayer')} too.")
     values = real_array(factors, "factors", np.float64)
     if values.shape != (3,) or not (np.isfinite(values).all() and (values > 0).all()):
         raise ValueError(
-            f"white_balance is the factors of red, green and blue, three numbers above 0, not "
-            f"{factors!r}."
+            f"white_balance must be three positive factors of red, green and blue, got {factors!r}."
         )
 
 
@@ -219,15 +218,15 @@ def _checked_matrix(matrix: Any, bayer: Mosaic | None) -> Frame | None:
     if matrix is None:
         return None
     if bayer is None:
-        raise ValueError(f"colour_matrix mixes colours: give {argument('bayer')} too.")
+        raise ValueError(f"colour_matrix needs colour filters; pass {argument('bayer')} too.")
     values = real_array(matrix, "A colour matrix", np.float64)
     if values.shape != (3, 3) or not np.isfinite(values).all():
-        raise ValueError(f"colour_matrix has shape (3, 3) and is finite, not {matrix!r}.")
+        raise ValueError(f"colour_matrix must be finite with shape (3, 3), got {matrix!r}.")
     return values.astype(np.float32)
 
 
 def _mix_colours(data: cla.Array, matrix: Frame, device: Device) -> None:
-    """Colours (..., 3) of a light field brought through a matrix, one row of views at a time."""
+    """Multiply the colours (..., 3) of a light field by a matrix, one row of views at a time."""
     for v in range(int(data.shape[0])):
         row = device.download(data[v])
         data[v].set(np.ascontiguousarray(row.reshape(-1, 3) @ matrix.T).reshape(row.shape))
@@ -238,34 +237,34 @@ def _with_shape(lattice: Lattice, shape: tuple[int, int]) -> Lattice:
         return replace(lattice, shape=shape)
     if lattice.shape != shape:
         raise ShapeError(
-            f"The lattice is that of a picture of shape {lattice.shape}, the raw frame has shape "
-            f"{shape}: give the lattice of this camera."
+            f"raw must have the shape of the lattice, {lattice.shape}, got {shape}; pass the "
+            "lattice of this camera."
         )
     return lattice
 
 
 def _cleaned(frame: Any, white: Any, dark: Any, bayer: Mosaic | None) -> _Pixels:
-    """Dark frame off, bad pixels filled, the white image scaled to 1 where it is bright."""
+    """Subtract the dark frame, fill bad pixels, and scale the white image to 1."""
     tile = None if bayer is None else tile_of(bayer)
     down, across = (1, 1) if tile is None else (len(tile), len(tile[0]))
-    apart = math.lcm(down, across)
+    period = math.lcm(down, across)
     hot = np.zeros(frame.shape, bool) if dark is None else sensor_frames.hot_pixels(dark)
     picture = sensor_frames.subtract_dark(frame, dark)
     picture = sensor_frames.fill_pixels(
-        picture, hot | sensor_frames.saturated_pixels(frame), step=apart
+        picture, hot | sensor_frames.saturated_pixels(frame), step=period
     )
     if white is None:
         return _Pixels(picture, None, tile)
     flat = sensor_frames.as_frame(white, "white image")
     if flat.shape != frame.shape:
         raise ShapeError(
-            f"The white image has shape {flat.shape}, the raw frame {frame.shape}: give the white "
-            "image of this camera."
+            f"white must have the shape of the raw frame, {frame.shape}, got {flat.shape}; pass "
+            "the white image of this camera."
         )
     level = sensor_frames.fill_pixels(
         sensor_frames.subtract_dark(flat, dark),
         hot | sensor_frames.saturated_pixels(flat),
-        step=apart,
+        step=period,
     )
     for y, x in itertools.product(range(down), range(across)):
         level[y::down, x::across] /= _white_level(level[y::down, x::across])
@@ -273,10 +272,10 @@ def _cleaned(frame: Any, white: Any, dark: Any, bayer: Mosaic | None) -> _Pixels
 
 
 def _white_level(values: Frame) -> float:
-    """The level of a white image where it is bright."""
+    """Return the level of a white image's bright pixels."""
     level = float(np.quantile(values[:: max(1, len(values) // 1024)], _BRIGHT))
     if not level > 0:
-        raise ValueError("The white image is dark throughout: give the one of an even, lit scene.")
+        raise ValueError("The white image is black; pass a picture of an evenly lit scene.")
     return level
 
 
@@ -299,27 +298,27 @@ def _sliced(frame: Frame, grid: LensletGrid, device: Device) -> cla.Array:
 
 
 def _grey(
-    kept: RawImage, pixels: _Pixels, grid: LensletGrid, device: Device
+    raw: RawImage, pixels: _Pixels, grid: LensletGrid, device: Device
 ) -> tuple[cla.Array, cla.Array | None]:
-    """Views, and the white level of each of their samples."""
-    data = resample(kept.data, grid, device)
+    """Return the views and their white level."""
+    data = resample(raw.data, grid, device)
     if pixels.white is None:
         return data, None
     level = _sliced(pixels.white, grid, device)
-    even = device.empty(grid.shape, np.float32)
-    divide_views(even, data, level, 1, 0, device)
-    return even, level
+    divided = device.empty(grid.shape, np.float32)
+    divide_views(divided, data, level, 1, 0, device)
+    return divided, level
 
 
 def _coloured(
-    kept: RawImage, pixels: _Pixels, grid: LensletGrid, demosaic: str, matrix: Frame | None
+    raw: RawImage, pixels: _Pixels, grid: LensletGrid, demosaic: str, matrix: Frame | None
 ) -> tuple[cla.Array, cla.Array | None]:
     assert pixels.tile is not None
     if demosaic == "within":
-        return _fitted(kept, pixels, pixels.tile, grid, matrix)
-    data, level = _interpolated(pixels, pixels.tile, grid, demosaic, kept.device)
+        return _fitted(raw, pixels, pixels.tile, grid, matrix)
+    data, level = _interpolated(pixels, pixels.tile, grid, demosaic, raw.device)
     if matrix is not None:
-        _mix_colours(data, matrix, kept.device)
+        _mix_colours(data, matrix, raw.device)
     return data, level
 
 
@@ -342,27 +341,27 @@ def _interpolated(
 
 
 def _fitted(
-    kept: RawImage, pixels: _Pixels, bayer: Tile, grid: LensletGrid, matrix: Frame | None
+    raw: RawImage, pixels: _Pixels, bayer: Tile, grid: LensletGrid, matrix: Frame | None
 ) -> tuple[cla.Array, cla.Array | None]:
-    device = kept.device
+    device = raw.device
     white = np.ones_like(pixels.picture) if pixels.white is None else pixels.white
     flat = device.upload(white)
-    # without a white image, nothing tells vignetting from noise
+    # without a white image vignetting is indistinguishable from noise
     green = 0.0 if pixels.white is None else noise_of(pixels.picture, pixels.white, bayer)
     noise = [green * factor / pixels.factors[1] for factor in pixels.factors]
     data = fit_colours(
-        kept.data, flat, grid, bayer, noise=noise, floor=_FLOOR, device=device, matrix=matrix
+        raw.data, flat, grid, bayer, noise=noise, floor=_FLOOR, device=device, matrix=matrix
     )
     if pixels.white is None:
         return data, None
-    # the mean of a view is the same before its rows are interpolated, but at their ends
+    # a view's mean is equal before its rows are interpolated, except at their ends
     return data, resample(flat, replace(grid, columns=None), device)
 
 
 def white_samples(
     white: ArrayLike, dark: ArrayLike | None, grid: LensletGrid, device: Device
 ) -> cla.Array:
-    """Views of a white image, 1 where it is bright, as `decode_raw` divides by them."""
+    """Return the views of a white image scaled to 1, the divisor of `decode_raw`."""
     flat = sensor_frames.as_frame(white, "white image")
     level = _cleaned(flat, flat, dark, None).white
     assert level is not None
@@ -372,7 +371,7 @@ def white_samples(
 def divide_views(
     out: cla.Array, views: cla.Array, level: cla.Array, channels: int, channel: int, device: Device
 ) -> None:
-    """One channel of the light field: views over their white level."""
+    """Write one channel of the light field: views over their white level."""
     V, U, ny, nx = (int(n) for n in views.shape)
     device.launch_rows(
         device.kernel("devignette.cl", "divide"),
@@ -384,7 +383,7 @@ def divide_views(
 
 
 def _weights(level: cla.Array, device: Device) -> np.ndarray[Any, np.dtype[np.float32]]:
-    """Mean white level of every view, the brightest 1."""
-    rows = (device.download(level[v]) for v in range(int(level.shape[0])))  # no copy of all
+    """Return the mean white level of every view, the brightest 1."""
+    rows = (device.download(level[v]) for v in range(int(level.shape[0])))  # avoids a full copy
     mean = np.maximum([row.mean(axis=(1, 2), dtype=np.float64) for row in rows], 0)
     return np.asarray(mean / mean.max(), np.float32)

@@ -1,13 +1,13 @@
-"""Reciprocal base vectors of a repeated pattern: peaks of its Fourier transform, then local phases.
+"""Reciprocal vectors of a repeated pattern: Fourier peaks first, then local phases.
 
-The peaks give them roughly, least squares on local phases of the Fourier orders to a thousandth of
-the pitch: a pattern with the reciprocal vectors g_1, g_2 and a lenslet centred at r_0 has in a
-window about r_t the Fourier sums
+The peaks give rough vectors; least squares on local phases of the Fourier orders give them to a
+thousandth of the pitch. A pattern with the reciprocal vectors g_1, g_2 and a lenslet centred at
+r_0 has, in a window about r_t, the Fourier sums
 
     C_j(t) = sum_r w(r - r_t) I(r) exp(-2 pi i g_j r),      arg C_j = -2 pi g_j r_0
 
-for every t if g_j is right; if it is off by e_j, the phase in cycles runs as e_j r_t. Brightness
-that changes from lenslet to lenslet does not move the phase of a sum over points of the lattice.
+for every t if g_j is exact. If g_j is off by e_j, the phase changes by e_j r_t cycles. Brightness
+that varies between lenslets does not shift the phase of a sum over points of the lattice.
 """
 
 from __future__ import annotations
@@ -21,21 +21,21 @@ import numpy as np
 Values = np.ndarray[Any, np.dtype[Any]]
 Basis = np.ndarray[Any, np.dtype[np.float64]]
 
-PITCHES = (4.2, 72.0)  # px: a little more than the range that is served
-_CROP = 2048  # px: the middle of a larger picture tells enough
-_RINGS = 4  # bins: spectra fall with frequency, a ring is taken as alike
-_CLEAR = 6.0  # times the median of its ring; noise reaches 5
-_LEAST = 0.03  # of the strongest peak: below are side lobes
-_MOST = 40
-_PAIRS = 14  # strongest peaks that may be base vectors
-_ENOUGH = 0.95  # of the best share, for a denser lattice
-_SHORTER = 1 - 1e-9  # of the square of a length: less is round-off
-_NEAR = 1.0  # bins: how far a sum of base vectors may lie from its peak
+PITCHES = (4.2, 72.0)  # px: slightly wider than the supported range
+_MAX_SIDE = 2048  # px: largest part of a picture in use
+_RINGS = 4  # bins: width of a ring of frequencies
+_MIN_RING_RATIO = 6.0  # times the median of its ring: minimum of a peak; noise reaches 5
+_MIN_PEAK = 0.03  # of the strongest peak: minimum, above side lobes
+_MAX_PEAKS = 40  # number of peaks in use
+_PAIRS = 14  # number of peaks that are tried as base vectors
+_MIN_SHARE = 0.95  # of the best share: minimum for a denser lattice
+_SHORTER = 1 - 1e-9  # on squared lengths: excludes round-off
+_MAX_DISTANCE = 1.0  # bins: maximum distance of a peak from a sum of base vectors
 
 
 @dataclass(frozen=True)
 class Peaks:
-    """Peaks of a spectrum: cycles a pixel (y, x), amplitude, size of a bin."""
+    """Peaks of a spectrum: frequencies (y, x) in cycles a pixel, amplitude, bin size."""
 
     at: Basis
     strength: Values
@@ -45,27 +45,27 @@ class Peaks:
 def coarse_basis(
     picture: Values, pitches: tuple[float, float] = PITCHES
 ) -> tuple[Basis | None, float]:
-    """The coarsest reciprocal lattice that holds the peaks of a picture."""
-    found = spectral_peaks(picture, pitches)
-    order = np.argsort(-found.strength)[:_MOST]
-    found = Peaks(found.at[order], found.strength[order], found.bin)
+    """Return the coarsest reciprocal lattice through the peaks of a picture, and its share."""
+    peaks = spectral_peaks(picture, pitches)
+    order = np.argsort(-peaks.strength)[:_MAX_PEAKS]
+    peaks = Peaks(peaks.at[order], peaks.strength[order], peaks.bin)
     best: list[tuple[float, float, Basis]] = []
     for i, k in combinations(range(min(_PAIRS, len(order))), 2):
-        basis = reduced_basis(np.array([found.at[i], found.at[k]]))
+        basis = reduced_basis(np.array([peaks.at[i], peaks.at[k]]))
         area = abs(np.linalg.det(basis))
         lengths = np.hypot(*basis.T)
         if area > 0.4 * lengths.prod() and lengths.min() > 1 / (2 * pitches[1]):
-            basis = _settled(found, basis)
-            best.append((_explained(found, basis), area, basis))
+            basis = _settled(peaks, basis)
+            best.append((_explained(peaks, basis), area, basis))
     if not best:
         return None, 0.0
-    enough = _ENOUGH * max(share for share, _, _ in best)
-    basis = max((entry for entry in best if entry[0] >= enough), key=lambda entry: entry[1])[2]
-    return basis, _share(found, basis, 1)
+    min_share = _MIN_SHARE * max(share for share, _, _ in best)
+    basis = max((entry for entry in best if entry[0] >= min_share), key=lambda entry: entry[1])[2]
+    return basis, _share(peaks, basis, 1)
 
 
 def spectral_peaks(picture: Values, pitches: tuple[float, float]) -> Peaks:
-    """Maxima of the windowed spectrum that stand out of their ring, in half of the plane."""
+    """Return the maxima of the windowed spectrum above their ring, in half of the plane."""
     from scipy import fft, ndimage
 
     flat = divide_by_local_mean(central_crop(picture), int(2 * pitches[1]))
@@ -78,20 +78,20 @@ def spectral_peaks(picture: Values, pitches: tuple[float, float]) -> Peaks:
     top = ndimage.maximum_filter(spectrum, 5, mode=("wrap", "nearest")) == spectrum
     band = (radius > 0.5 / pitches[1]) & (radius < min(0.49, 1.25 / pitches[0]))
     half = (fx[None, :] > 0) | (fy[:, None] > 0)
-    clear = spectrum > np.maximum(_CLEAR * ring, _LEAST * (spectrum * band).max())
+    clear = spectrum > np.maximum(_MIN_RING_RATIO * ring, _MIN_PEAK * (spectrum * band).max())
     y, x = np.nonzero(top & band & half & clear)
     at = np.stack([fy[y], fx[x]], axis=1) + _between(spectrum, y, x) / [ny, nx]
     return Peaks(at, spectrum[y, x], 1 / np.array([ny, nx]))
 
 
-def central_crop(picture: Values, size: int = _CROP) -> Values:
-    """The middle of a picture, at most so many pixels a side."""
+def central_crop(picture: Values, size: int = _MAX_SIDE) -> Values:
+    """Return the middle of a picture, at most ``size`` pixels a side."""
     starts = [(n - min(n, size)) // 2 for n in picture.shape]
     return picture[tuple(slice(s, s + size) for s in starts)]
 
 
 def divide_by_local_mean(picture: Values, width: int) -> Values:
-    """A picture over its own mean within about ``width`` pixels, minus one: vignetting removed."""
+    """Remove vignetting: divide by the mean within about ``width`` pixels, subtract one."""
     from scipy.ndimage import uniform_filter
 
     size = [min(width, max(3, n // 2)) | 1 for n in picture.shape]
@@ -101,10 +101,10 @@ def divide_by_local_mean(picture: Values, width: int) -> Values:
 
 
 def reduced_basis(basis: Basis) -> Basis:
-    """The shortest two vectors of the lattice of two (Lagrange and Gauss).
+    """Return the shortest two vectors of a lattice (Lagrange and Gauss).
 
-    Ends once a step no longer shortens the longer one, be it by round-off (a quotient of a half and
-    of -a half in turns); of vectors along one line, or zero or NaN ones, no lattice comes out.
+    Iteration ends when a step no longer shortens the longer vector, also by round-off. Parallel,
+    zero or NaN vectors give no valid lattice.
     """
     a, b = basis
     while True:
@@ -116,39 +116,39 @@ def reduced_basis(basis: Basis) -> Basis:
         b = shorter
 
 
-def _on_lattice(found: Peaks, basis: Basis) -> tuple[Values, Values]:
-    """Integer multiples of the base vectors nearest to every peak, and which lie near enough."""
-    counts = np.rint(found.at @ np.linalg.inv(basis))
-    away = (found.at - counts @ basis) / found.bin
-    return counts, np.hypot(*away.T) < _NEAR * (1 + 0.1 * np.abs(counts).sum(1))
+def _on_lattice(peaks: Peaks, basis: Basis) -> tuple[Values, Values]:
+    """Return each peak's nearest integer multiples of the basis, and a mask of close ones."""
+    counts = np.rint(peaks.at @ np.linalg.inv(basis))
+    distances = (peaks.at - counts @ basis) / peaks.bin
+    return counts, np.hypot(*distances.T) < _MAX_DISTANCE * (1 + 0.1 * np.abs(counts).sum(1))
 
 
-def _settled(found: Peaks, basis: Basis) -> Basis:
-    """The base vectors by least squares on the peaks near them and their multiples."""
+def _settled(peaks: Peaks, basis: Basis) -> Basis:
+    """Refine base vectors by least squares on the peaks near their multiples."""
     for _ in range(2):
-        counts, near = _on_lattice(found, basis)
-        weight = (found.strength * near)[:, None]
+        counts, near = _on_lattice(peaks, basis)
+        weight = (peaks.strength * near)[:, None]
         if np.linalg.matrix_rank(counts[near]) < 2:
             break
-        basis = np.linalg.lstsq(counts * weight, found.at * weight, rcond=None)[0]
+        basis = np.linalg.lstsq(counts * weight, peaks.at * weight, rcond=None)[0]
     return basis
 
 
-def _explained(found: Peaks, basis: Basis) -> float:
-    """Share of the peaks' energy on the lattice of a basis, chance taken off."""
-    share = _share(found, basis, 2)
-    chance = float(np.pi * _NEAR**2 * found.bin.prod() / abs(np.linalg.det(basis)))
+def _explained(peaks: Peaks, basis: Basis) -> float:
+    """Return the share of the peaks' energy on a lattice, corrected for chance."""
+    share = _share(peaks, basis, 2)
+    chance = float(np.pi * _MAX_DISTANCE**2 * peaks.bin.prod() / abs(np.linalg.det(basis)))
     return (share - chance) / max(1 - chance, 1e-9) if chance < 1 else 0.0
 
 
-def _share(found: Peaks, basis: Basis, power: int) -> float:
-    """Share of a power of the peaks' strength that lies on the lattice of a basis."""
-    weight = found.strength**power
-    return float(weight[_on_lattice(found, basis)[1]].sum() / weight.sum())
+def _share(peaks: Peaks, basis: Basis, power: int) -> float:
+    """Return the share of a power of the peaks' strength on a lattice."""
+    weight = peaks.strength**power
+    return float(weight[_on_lattice(peaks, basis)[1]].sum() / weight.sum())
 
 
 def _ring_median(spectrum: Values, ring: Values) -> Values:
-    """Median of the spectrum over rings of equal radius, at every sample."""
+    """Return at every sample the median of the spectrum over its ring of equal radius."""
     labels = ring.astype(np.int32).ravel()
     order = np.argsort(labels, kind="stable")
     edges = np.searchsorted(labels[order], np.arange(labels.max() + 2))
@@ -158,10 +158,10 @@ def _ring_median(spectrum: Values, ring: Values) -> Values:
 
 
 def _between(spectrum: Values, y: Values, x: Values) -> Values:
-    """Where a parabola through three logarithms has its top, bins (y, x) from the middle one."""
+    """Return the sub-bin position (y, x) of maxima, by a parabola through logarithms."""
     ny, nx = spectrum.shape
     log = np.log(np.maximum(spectrum, 1e-30))
-    here = log[y, x]
+    peak = log[y, x]
     columns = np.clip(x - 1, 0, nx - 1), np.clip(x + 1, 0, nx - 1)
     sides = (
         (log[(y - 1) % ny, x], log[(y + 1) % ny, x]),
@@ -169,29 +169,29 @@ def _between(spectrum: Values, y: Values, x: Values) -> Values:
     )
     steps = []
     for low, high in sides:
-        bend = np.minimum(low + high - 2 * here, -1e-12)
-        steps.append(np.clip((low - high) / (2 * bend), -0.5, 0.5))
+        curvature = np.minimum(low + high - 2 * peak, -1e-12)
+        steps.append(np.clip((low - high) / (2 * curvature), -0.5, 0.5))
     return np.stack(steps, axis=1)
 
 
-_PERIODS = 6  # of the pattern, that a window holds where the picture is large enough
-_TILES = 24  # windows along an axis at most, before they grow
-_LIT = 0.15  # of the brightest window: darker ones do not count
-_OUTLIER = 0.05  # cycles, where a residual begins to count less
-_ROUNDS = 12
+_PERIODS = 6  # of the pattern: size of a window in a large picture
+_TILES = 24  # maximum number of windows along an axis, before they grow
+_MIN_BRIGHTNESS = 0.15  # of the brightest window: minimum for a valid one
+_OUTLIER = 0.05  # cycles: residual at which the weight is one half
+_ROUNDS = 12  # iterations of the reweighted fit
 
 
 @dataclass(frozen=True)
 class PhaseFit:
     """Reciprocal vectors (rows, (y, x) in cycles a pixel) with the phases of their lattice.
 
-    ``phase`` in cycles: g_j r_0 = -phase_j. ``places`` (n, 2) are the centres of the windows,
-    ``residual`` (n, 2) their deviations in cycles, ``weight`` (n,) the light and contrast in them.
+    ``phase`` in cycles: g_j r_0 = -phase_j. ``positions`` (n, 2) are the centres of the windows,
+    ``residual`` (n, 2) their deviations in cycles, ``weight`` (n,) their brightness and contrast.
     """
 
     basis: Basis
     phase: Values
-    places: Values
+    positions: Values
     residual: Values
     weight: Values
 
@@ -202,16 +202,16 @@ class PhaseFit:
 
     @property
     def origin(self) -> Values:
-        """(y, x) of a lenslet's centre."""
+        """Centre (y, x) of a lenslet in pixels."""
         return np.asarray(-self.phase @ self.cell)
 
     @property
     def rms(self) -> float:
-        """rms distance of local lattices from this one, in pixels."""
+        """Root mean square distance of local lattices from this one, in pixels."""
         if not self.weight.sum() > 0:
             return float("inf")
-        moved = self.residual @ self.cell
-        return float(np.sqrt((self.weight @ (moved**2).sum(1)) / self.weight.sum()))
+        displacements = self.residual @ self.cell
+        return float(np.sqrt((self.weight @ (displacements**2).sum(1)) / self.weight.sum()))
 
     @property
     def agreeing(self) -> float:
@@ -227,24 +227,24 @@ def fit_lattice(picture: Values, basis: Basis, *, margin: int = 0) -> PhaseFit:
     rows, columns = (_windows(n, basis) for n in picture.shape)
     middle = (np.array(picture.shape) - 1) / 2
     grids = np.meshgrid(rows[0] - middle[0], columns[0] - middle[1], indexing="ij")
-    places = np.stack([a.ravel() for a in grids], axis=1)
-    far = np.abs(places / np.maximum(middle, 1)).max(1)
+    positions = np.stack([a.ravel() for a in grids], axis=1)
+    distance = np.abs(positions / np.maximum(middle, 1)).max(1)
     sums, mean = _sums(np.asarray(picture, np.float32), basis, rows[1], columns[1])
-    lit = mean > _LIT * max(float(mean.max()), 1e-30)
+    lit = mean > _MIN_BRIGHTNESS * max(float(mean.max()), 1e-30)
     strength = np.abs(sums) * lit
-    planes, residuals = np.zeros((2, 3)), np.zeros((len(far), 2))
+    planes, residuals = np.zeros((2, 3)), np.zeros((len(distance), 2))
     for j in range(2):
         planes[j], residuals[:, j] = _plane(
-            np.angle(sums[j]) / (2 * np.pi), strength[j], places, far
+            np.angle(sums[j]) / (2 * np.pi), strength[j], positions, distance
         )
     refined = basis + planes[:, 1:]
     middle = middle + margin
     phase = planes[:, 0] - refined @ middle
-    return PhaseFit(refined, phase, places + middle, residuals, strength.mean(axis=0))
+    return PhaseFit(refined, phase, positions + middle, residuals, strength.mean(axis=0))
 
 
 def _windows(n: int, basis: Basis) -> tuple[Values, Values]:
-    """Centres of windows along an axis of n pixels, and their weights (count, n)."""
+    """Return the centres of windows along an axis of n pixels, and their weights (count, n)."""
     period = 1 / np.hypot(*basis.T).min()
     width = int(np.ceil(max(min(_PERIODS * period, 0.6 * n), 2 * n / _TILES)))
     count = max(1, round(2 * (n - width) / width) + 1)
@@ -257,7 +257,7 @@ def _windows(n: int, basis: Basis) -> tuple[Values, Values]:
 
 
 def _sums(picture: Values, basis: Basis, down: Values, across: Values) -> tuple[Values, Values]:
-    """Fourier sums (2, windows) about the middle, a constant taken out, and means (windows,)."""
+    """Return Fourier sums (2, windows) without the constant, and means (windows,)."""
     mean = down @ (picture @ across.T.astype(np.float32))
     sums = []
     for g in basis:
@@ -273,23 +273,26 @@ def _sums(picture: Values, basis: Basis, down: Values, across: Values) -> tuple[
     return np.array(sums), mean.ravel()
 
 
-def _plane(turns: Values, strength: Values, places: Values, far: Values) -> tuple[Values, Values]:
-    """A plane (offset, slopes) through phases in cycles, and what they deviate from it.
+def _plane(
+    turns: Values, strength: Values, positions: Values, far: Values
+) -> tuple[Values, Values]:
+    """Fit a plane (offset, slopes) to phases in cycles; return it with the residuals.
 
-    Phases are followed outwards, from the nearest nine windows to all, each time as they are
-    nearest to the plane through those before; large deviations count less (Cauchy's weight).
+    Phases are unwrapped outwards from the nearest nine windows, with Cauchy weights.
     """
-    size = max(float(np.abs(places).max()), 1.0)
-    model = np.concatenate([np.ones((len(places), 1)), places / size], axis=1)
+    size = max(float(np.abs(positions).max()), 1.0)
+    model = np.concatenate([np.ones((len(positions), 1)), positions / size], axis=1)
     near = far <= np.sort(far)[min(8, far.size - 1)]
     plane = np.zeros(3)
     plane[0] = np.angle((strength * np.exp(2j * np.pi * turns))[near].sum()) / (2 * np.pi)
     reach = np.linspace(max(0.35, far[near].max()), 1, _ROUNDS // 2)
     for limit in np.append(reach, np.ones(_ROUNDS // 2)):
-        left = turns - model @ plane
-        left -= np.rint(left)
-        weight = strength * (far <= limit) / (1 + (left / _OUTLIER) ** 2)
+        residuals = turns - model @ plane
+        residuals -= np.rint(residuals)
+        weight = strength * (far <= limit) / (1 + (residuals / _OUTLIER) ** 2)
         normal = (model * weight[:, None]).T @ model
-        plane += np.linalg.pinv(normal, rcond=1e-12, hermitian=True) @ (model.T @ (weight * left))
-    left = turns - model @ plane
-    return plane / [1, size, size], left - np.rint(left)
+        plane += np.linalg.pinv(normal, rcond=1e-12, hermitian=True) @ (
+            model.T @ (weight * residuals)
+        )
+    residuals = turns - model @ plane
+    return plane / [1, size, size], residuals - np.rint(residuals)

@@ -1,4 +1,4 @@
-"""Frames of a sensor on the host: checked, dark frame taken off, single bad pixels filled."""
+"""Sensor frames on the host: checks, dark frame subtraction, repair of bad pixels."""
 
 from __future__ import annotations
 
@@ -14,47 +14,49 @@ from clplen.lightfield.raw.demosaicing import COLOURS, positions_of, scaled_colo
 Frame = np.ndarray[Any, np.dtype[np.float32]]
 Mask = np.ndarray[Any, np.dtype[np.bool_]]
 
-_HOT = 12.0  # robust standard deviations of the dark frame
+_MIN_DEVIATIONS = 12.0  # robust standard deviations of the dark frame
 _LEVELS = (8, 10, 12, 14, 16)  # bits of a sample
 
 
-def as_frame(values: Any, what: str) -> Any:
-    """An array (ny, nx) of finite real numbers, its own dtype."""
-    array = host_array(values, f"The {what}")
+def as_frame(values: Any, label: str) -> Any:
+    """Return a finite real array (ny, nx) of unchanged dtype."""
+    array = host_array(values, f"The {label}")
     if array.ndim != 2 or array.size == 0:
-        raise ShapeError(f"The {what} has shape {array.shape}, not (ny, nx): give raw pixels.")
+        raise ShapeError(
+            f"The {label} must have shape (ny, nx), got {array.shape}; pass raw pixels."
+        )
     if array.dtype.kind not in "buif":
-        raise ValueError(f"The {what} is real, not {array.dtype}.")
+        raise ValueError(f"The {label} must be real, got {array.dtype}.")
     if array.dtype.kind == "f":
         bad = array.size - int(np.isfinite(array).sum())
         if bad:
             raise ValueError(
-                f"The {what} has {bad} pixels that are NaN or infinite: replace them, for example "
+                f"The {label} has {bad} pixels that are NaN or infinite; replace them, for example "
                 "by the mean of their neighbours."
             )
     return array
 
 
 def subtract_dark(frame: Any, dark: Any) -> Frame:
-    """A frame less the dark frame, float32, fractions and values below 0 kept."""
+    """Return a frame less the dark frame as float32, including negative values."""
     picture = np.array(host_array(frame, "The frame"), np.float32)
     if dark is None:
         return picture
-    taken = as_frame(dark, "dark frame")
-    if taken.shape != picture.shape:
+    dark_frame = as_frame(dark, "dark frame")
+    if dark_frame.shape != picture.shape:
         raise ShapeError(
-            f"The dark frame has shape {taken.shape}, the picture {picture.shape}: give the dark "
-            "frame of this camera."
+            f"The dark frame must have the picture's shape, {picture.shape}, got "
+            f"{dark_frame.shape}; pass the dark frame of this camera."
         )
-    picture -= taken.astype(np.float32, copy=False)
+    picture -= dark_frame.astype(np.float32, copy=False)
     return picture
 
 
-Mosaic = str | Sequence[Sequence[str]]  # of filters, as `tile_of` takes it
+Mosaic = str | Sequence[Sequence[str]]  # accepted by `tile_of`
 
 
 def balance_colours(picture: Frame, bayer: Mosaic) -> Frame:
-    """Return a mosaic whose colours are brought to the same mean."""
+    """Scale the colours of a mosaic to an equal mean."""
     tile = tile_of(bayer)
     down, across = len(tile), len(tile[0])
     means = {
@@ -73,7 +75,7 @@ def balance_colours(picture: Frame, bayer: Mosaic) -> Frame:
 
 
 def saturated_pixels(frame: Any) -> Mask:
-    """Pixels at the highest level of 8, 10, 12, 14 or 16 bits, where that is the highest value."""
+    """Return a mask of pixels at full scale of 8, 10, 12, 14 or 16 bits, if it is reached."""
     if frame.dtype.kind != "u":
         return np.zeros(frame.shape, bool)
     top = int(frame.max())
@@ -83,25 +85,25 @@ def saturated_pixels(frame: Any) -> Mask:
 
 
 def hot_pixels(dark: Any) -> Mask:
-    """Pixels of a dark frame far above its median: 12 robust standard deviations.
+    """Return a mask of pixels of a dark frame 12 robust standard deviations above its median.
 
-    These are one level at least of integers, and the plain one of others if they are 0.
+    The deviation is at least one level for integers; for floats, 0 falls back to the plain one.
     """
-    given = host_array(dark, "The dark frame")
-    values = np.asarray(given, np.float32)
-    if values.min() == values.max():  # a black level
+    dark_frame = host_array(dark, "The dark frame")
+    values = np.asarray(dark_frame, np.float32)
+    if values.min() == values.max():  # a constant black level
         return np.zeros(values.shape, bool)
     middle = np.median(values)
     spread = 1.4826 * float(np.median(np.abs(values - middle)))
-    if given.dtype.kind != "f":
+    if dark_frame.dtype.kind != "f":
         spread = max(spread, 1.0)
-    return np.asarray(values > middle + _HOT * (spread or float(values.std())))
+    return np.asarray(values > middle + _MIN_DEVIATIONS * (spread or float(values.std())))
 
 
 def fill_pixels(picture: Frame, bad: Mask, *, step: int = 1) -> Frame:
-    """Bad pixels replaced by the mean of their good neighbours, eight of them ``step`` away.
+    """Replace bad pixels by the mean of their good neighbours among eight, ``step`` away.
 
-    A bad pixel most of whose neighbours are bad too stays: a highlight keeps its level.
+    A bad pixel with mostly bad neighbours stays, so that highlights keep their level.
     """
     out = picture
     y, x = np.nonzero(bad)

@@ -1,4 +1,4 @@
-"""The mean lenslet of a picture: all cells of a lattice laid over one another."""
+"""Mean lenslet of a picture: all cells of a lattice averaged."""
 
 from __future__ import annotations
 
@@ -14,20 +14,20 @@ from clplen.lightfield.calibration.reciprocal import (
     reduced_basis,
 )
 
-_PATCH = 384  # px: the cell is taken from at most nine patches of the picture
-_LIT = 0.15  # of the brightest mean
-_RISE = 0.025  # of the cell's range, by which a lenslet rises over the gaps around it
+_PATCH = 384  # px: side of the patches, at most nine, from which the cell is measured
+_MIN_BRIGHTNESS = 0.15  # of the brightest mean: minimum for a valid pixel
+_MIN_RISE = 0.025  # of the cell's range: minimum rise of a lenslet over the gaps around it
 _WIDTH = 0.35  # px: standard deviation of the smoothing of the cell
-_SMALL = 12.0  # px: a pitch beyond which nothing is too fine for the pixels
-_GROUP = 0.2  # px: places in a cell that are told apart
-_EVEN = 0.5  # of the places that can be: if pixels have fewer, they lie alike in the lenslets
+_MAX_ALIASED_PITCH = 12.0  # px: larger pitches do not alias
+_BIN = 0.2  # px: size of a bin of positions in a cell
+_MAX_FILLED = 0.5  # of the bins: if fewer are filled, all lenslets are sampled alike
 _KNOT = 0.5  # px between the knots of a profile
-_STIFF = 0.01  # weight of its bends
-_FINE = 5  # points a side, over which a pixel is integrated
-_ROUNDS = 4
-_MISFIT = 0.03  # of the brightest pixel, that a profile may leave
-_FAR = 0.5  # px: no aliasing moves a centre further
-# Sublattices of index 2 and 3: every denser lattice of lenslets is reached by steps of them.
+_CURVATURE_WEIGHT = 0.01  # weight of the profile's curvature
+_PIXEL_POINTS = 5  # points a side for the integral over a pixel
+_ROUNDS = 4  # Newton iterations for the centre
+_MAX_MISFIT = 0.03  # of the brightest pixel: maximum rms residual of a profile
+_MAX_OFFSET = 0.5  # px: maximum shift of a centre by aliasing
+# Sublattices of index 2 and 3; their steps reach every denser lattice.
 _DENSER = tuple(
     np.array(rows)
     for rows in (
@@ -44,11 +44,11 @@ _DENSER = tuple(
 
 @dataclass(frozen=True)
 class MeanCell:
-    """What the cells of a lattice have in common.
+    """Average over the cells of a lattice.
 
-    ``values`` (n, n) is the mean of the picture over its local mean, less one, at the fractions
-    (k/n, l/n) of the two base vectors from a lenslet's centre, slightly smoothed; ``error`` its
-    standard error; ``explained`` the share of the contrast, noise taken off, that it explains.
+    ``values`` (n, n): picture over its local mean, less one, at fractions (k/n, l/n) of the base
+    vectors from a lenslet's centre, slightly smoothed; ``error``: their standard error;
+    ``explained``: share of the contrast without noise that the cell explains.
     """
 
     values: Values
@@ -57,33 +57,33 @@ class MeanCell:
 
 
 def mean_cell(picture: Values, basis: Basis, phase: Values) -> MeanCell:
-    """Lay all cells of a picture over one another."""
+    """Average all cells of a picture."""
     from scipy.ndimage import gaussian_filter
 
     pitch = float(np.hypot(*np.linalg.inv(basis)).max())
     n = int(np.clip(round(3 * pitch), 24, 60))
     parts = [_indexed(at, patch, basis, phase, n, pitch) for at, patch in _patches(picture, pitch)]
-    where = np.concatenate([index[lit] for index, _, lit in parts])
-    what = np.concatenate([flat[lit] for _, flat, lit in parts]).astype(np.float64)
-    count = np.bincount(where, minlength=n * n)
-    total = np.bincount(where, what, n * n)
+    cell_index = np.concatenate([index[lit] for index, _, lit in parts])
+    contrast = np.concatenate([flat[lit] for _, flat, lit in parts]).astype(np.float64)
+    count = np.bincount(cell_index, minlength=n * n)
+    total = np.bincount(cell_index, contrast, n * n)
     mean = total / np.maximum(count, 1)
-    left = float((what - mean[where]).var())
+    residual_variance = float((contrast - mean[cell_index]).var())
     structure = _neighbouring(parts, mean)
-    seen = float(what.var()) - (left - structure)
+    signal = float(contrast.var()) - (residual_variance - structure)
     width = max(_WIDTH * n / pitch, 0.5)
     total, weight = (
         gaussian_filter(a.reshape(n, n).astype(float), width, mode="wrap") for a in (total, count)
     )
-    error = (left / max(4 * np.pi * width**2 * len(what) / n**2, 1)) ** 0.5
-    explained = 1 - structure / seen if seen > 0 else 0.0
+    error = (residual_variance / max(4 * np.pi * width**2 * len(contrast) / n**2, 1)) ** 0.5
+    explained = 1 - structure / signal if signal > 0 else 0.0
     return MeanCell(total / np.maximum(weight, 1e-9), error, explained)
 
 
 def _indexed(
     at: tuple[int, int], patch: Values, basis: Basis, phase: Values, n: int, pitch: float
 ) -> tuple[Values, Values, Values]:
-    """Which sample of the cell each pixel of a patch belongs to, its contrast, and if it is lit."""
+    """Return the cell sample, the contrast and the validity of each pixel of a patch."""
     y, x = (np.arange(size) + start for size, start in zip(patch.shape, at, strict=True))
     index = [
         np.rint(n * ((g[0] * y[:, None] + g[1] * x + p) % 1)).astype(np.int32) % n
@@ -97,21 +97,22 @@ def _indexed(
 
 
 def _neighbouring(parts: list[tuple[Values, Values, Values]], mean: Values) -> float:
-    """Covariance of what neighbouring pixels deviate from the cell: structure, but not noise."""
+    """Return the covariance of neighbouring residuals: structure without noise."""
     products, count = 0.0, 0
     for index, flat, lit in parts:
-        left = np.where(lit, flat - mean[index], 0.0)
-        products += float((left[:, 1:] * left[:, :-1]).sum() + (left[1:] * left[:-1]).sum())
+        residual = np.where(lit, flat - mean[index], 0.0)
+        products += float(
+            (residual[:, 1:] * residual[:, :-1]).sum() + (residual[1:] * residual[:-1]).sum()
+        )
         count += int((lit[:, 1:] & lit[:, :-1]).sum() + (lit[1:] & lit[:-1]).sum())
     return max(products / max(count, 1), 0.0)
 
 
 def denser_basis(cell: MeanCell, basis: Basis) -> Basis | None:
-    """Reciprocal vectors of a denser lattice, if every cell holds several lenslets.
+    """Return the reciprocal vectors of a denser lattice if each cell holds several lenslets.
 
-    Lenslets of unequal brightness make a coarser lattice than their centres: a chessboard of bright
-    and dim ones repeats only after two. Each of the denser lattice's points must rise, dim or
-    bright, over the darkest place on the way to each of its neighbours.
+    Unequal brightness makes the period longer than the lenslet distance, as on a chessboard. Each
+    point of a denser lattice must rise over the darkest position on the way to each neighbour.
     """
     for matrix in _DENSER:
         closer = np.linalg.inv(matrix).T  # direct vectors in units of the cell's
@@ -121,37 +122,39 @@ def denser_basis(cell: MeanCell, basis: Basis) -> Basis | None:
 
 
 def _all_rise(cell: MeanCell, closer: Basis, index: int, vectors: Basis) -> bool:
-    """Whether all points of a denser lattice are blobs of their own."""
+    """Return True if all points of a denser lattice are separate blobs."""
     short = reduced_basis(closer @ vectors)
     sides = np.hypot(*short.T)
     if sides.max() > 1.6 * sides.min() or abs(short[0] @ short[1]) > 0.6 * sides.prod():
         return False
-    ways = np.array([*short, short[0] + short[1], short[0] - short[1]]) @ np.linalg.inv(vectors)
-    near = ways[np.hypot(*(ways @ vectors).T) < 1.25 * sides.max()]
-    rise = max(_RISE * float(np.ptp(cell.values)), 4 * cell.error)
-    between = np.linspace(0, 0.7, 15)[:, None, None] * np.concatenate([near, -near])
+    neighbours = np.array([*short, short[0] + short[1], short[0] - short[1]]) @ np.linalg.inv(
+        vectors
+    )
+    near = neighbours[np.hypot(*(neighbours @ vectors).T) < 1.25 * sides.max()]
+    rise = max(_MIN_RISE * float(np.ptp(cell.values)), 4 * cell.error)
+    steps = np.linspace(0, 0.7, 15)[:, None, None] * np.concatenate([near, -near])
     points = {
         tuple(np.round(np.round(np.array([a, b]) @ closer, 6) % 1, 6))
         for a in range(index)
         for b in range(index)
     }
     for point in points:
-        along = _at(cell.values, np.asarray(point) + between)
+        along = _at(cell.values, np.asarray(point) + steps)
         if not (along[0] > along.min(axis=0) + rise).all():
             return False
     return True
 
 
-def _at(cell: Values, places: Any) -> Values:
-    """The cell at places (..., 2), fractions of its base vectors."""
+def _at(cell: Values, positions: Any) -> Values:
+    """Sample the cell at positions (..., 2), fractions of its base vectors."""
     from scipy.ndimage import map_coordinates
 
-    where = np.moveaxis(np.asarray(places) * len(cell), -1, 0)
-    return np.asarray(map_coordinates(cell, where, order=1, mode="grid-wrap"))
+    index = np.moveaxis(np.asarray(positions) * len(cell), -1, 0)
+    return np.asarray(map_coordinates(cell, index, order=1, mode="grid-wrap"))
 
 
 def _patches(picture: Values, pitch: float) -> list[tuple[tuple[int, int], Values]]:
-    """Up to three by three patches that spread over a picture, with their corners."""
+    """Return up to 3 x 3 patches spread over a picture, with their corners."""
     axes = []
     for n in picture.shape:
         size = min(n, max(_PATCH, round(12 * pitch)))
@@ -168,70 +171,73 @@ def _lit(patch: Values, pitch: int) -> Values:
     from scipy.ndimage import uniform_filter
 
     mean = uniform_filter(patch, 2 * pitch + 1)
-    return np.asarray(mean > _LIT * mean.max())
+    return np.asarray(mean > _MIN_BRIGHTNESS * mean.max())
 
 
 def centre_offset(picture: Values, basis: Basis, phase: Values) -> Values:
-    """How far the lenslets' centres lie from where the phases say, if these are aliased.
+    """Return the offset of the lenslets' centres from the phases, 0 unless the phases alias.
 
-    Where the pitch is a small whole number of pixels and the lattice is not turned, all lenslets
-    are sampled alike, and what is too fine for the pixels moves the phases. There a profile, a
-    piecewise linear function of the distance from the centre, integrated over the pixels, is fitted
-    to the mean lenslet with its centre, by least squares.
+    At a small whole-number pitch without rotation all lenslets are sampled alike, and detail finer
+    than the pixels shifts the phases. A piecewise linear radial profile, integrated over the
+    pixels, is then fitted to the mean lenslet together with its centre by least squares.
     """
     cell = reduced_basis(np.linalg.inv(basis).T)
-    if np.hypot(*cell.T).max() > _SMALL:
+    if np.hypot(*cell.T).max() > _MAX_ALIASED_PITCH:
         return np.zeros(2)
-    at, value, count, of = _distinct(picture, cell, -phase @ np.linalg.inv(basis).T)
-    if len(at) > _EVEN * of:
+    positions, value, count, bins = _distinct(picture, cell, -phase @ np.linalg.inv(basis).T)
+    if len(positions) > _MAX_FILLED * bins:
         return np.zeros(2)
     weight = np.sqrt(count / count.mean())
     value = value / max(float(value.max()), 1e-30)
-    centre, misfit = _profiled(at, value, weight, cell)
-    return centre if misfit < _MISFIT and np.hypot(*centre) < _FAR else np.zeros(2)
+    centre, misfit = _profiled(positions, value, weight, cell)
+    return centre if misfit < _MAX_MISFIT and np.hypot(*centre) < _MAX_OFFSET else np.zeros(2)
 
 
 def _distinct(picture: Values, cell: Basis, origin: Values) -> tuple[Values, Values, Values, int]:
-    """Places (n, 2) that pixels have in a cell, their means and numbers, and how many can be."""
+    """Return distinct pixel positions (n, 2) in a cell, means, counts, and the number of bins."""
     start = [max(0, n - _PATCH) // 2 for n in picture.shape]
     patch = picture[start[0] : start[0] + _PATCH, start[1] : start[1] + _PATCH]
     lit = _lit(patch, round(float(np.hypot(*cell.T).max())))
-    away = np.stack(np.nonzero(lit), axis=1) + start - origin
-    places = away @ np.linalg.inv(cell) % 1
-    n = [max(1, round(side / _GROUP)) for side in np.hypot(*cell.T)]
-    index = np.minimum((places * n).astype(int), np.array(n) - 1) @ [n[1], 1]
+    offsets = np.stack(np.nonzero(lit), axis=1) + start - origin
+    positions = offsets @ np.linalg.inv(cell) % 1
+    n = [max(1, round(side / _BIN)) for side in np.hypot(*cell.T)]
+    index = np.minimum((positions * n).astype(int), np.array(n) - 1) @ [n[1], 1]
     count = np.bincount(index, minlength=n[0] * n[1])
-    seen = count > 0
-    sums = [np.bincount(index, what, len(count))[seen] for what in (*places.T, patch[lit])]
-    means = np.array(sums) / count[seen]
-    return means[:2].T @ cell, means[2], count[seen], len(count)
+    filled = count > 0
+    sums = [np.bincount(index, values, len(count))[filled] for values in (*positions.T, patch[lit])]
+    means = np.array(sums) / count[filled]
+    return means[:2].T @ cell, means[2], count[filled], len(count)
 
 
-def _profiled(at: Values, value: Values, weight: Values, cell: Basis) -> tuple[Values, float]:
-    """The centre (y, x) of the profile that fits best, and the rms of what is left."""
+def _profiled(
+    positions: Values, value: Values, weight: Values, cell: Basis
+) -> tuple[Values, float]:
+    """Fit a profile; return its centre (y, x) and the rms residual."""
     knots = int(np.ceil(0.75 * np.hypot(*cell.T).max() / _KNOT)) + 2
-    bends = _STIFF * len(at) ** 0.5 * np.diff(np.eye(knots), 2, axis=0)
+    bends = _CURVATURE_WEIGHT * len(positions) ** 0.5 * np.diff(np.eye(knots), 2, axis=0)
     values = np.concatenate([value * weight, np.zeros(len(bends))])
 
-    def left(centre: Values) -> Values:
-        hats = _hats(at - centre, cell, knots) * weight[:, None]
+    def residual(centre: Values) -> Values:
+        hats = _hats(positions - centre, cell, knots) * weight[:, None]
         model = np.concatenate([hats, bends])
         return np.asarray(values - model @ np.linalg.lstsq(model, values, rcond=None)[0])
 
     centre = np.zeros(2)
     for _ in range(_ROUNDS):
-        slopes = [(left(centre + step) - left(centre - step)) / 0.02 for step in 0.01 * np.eye(2)]
-        centre = centre - np.linalg.lstsq(np.transpose(slopes), left(centre), rcond=None)[0]
-    return centre, float(np.sqrt((left(centre)[: len(at)] ** 2).mean()))
+        slopes = [
+            (residual(centre + step) - residual(centre - step)) / 0.02 for step in 0.01 * np.eye(2)
+        ]
+        centre = centre - np.linalg.lstsq(np.transpose(slopes), residual(centre), rcond=None)[0]
+    return centre, float(np.sqrt((residual(centre)[: len(positions)] ** 2).mean()))
 
 
 def _hats(away: Values, cell: Basis, knots: int) -> Values:
-    """What every knot of a profile gives to pixels ``away`` from a centre, (n, knots)."""
-    inside = (np.arange(_FINE) + 0.5) / _FINE - 0.5
+    """Return the weight of every knot of a profile for pixels off a centre, (n, knots)."""
+    inside = (np.arange(_PIXEL_POINTS) + 0.5) / _PIXEL_POINTS - 0.5
     fine = np.stack(np.meshgrid(inside, inside, indexing="ij"), axis=-1).reshape(-1, 1, 2)
-    places = (away + fine) @ np.linalg.inv(cell)
+    positions = (away + fine) @ np.linalg.inv(cell)
     corners = np.array([(0, 0), (0, 1), (1, 0), (1, 1)])[:, None, None]
-    ways = (places - np.floor(places) - corners) @ cell
-    r = np.hypot(ways[..., 0], ways[..., 1]).min(axis=0)
+    offsets = (positions - np.floor(positions) - corners) @ cell
+    r = np.hypot(offsets[..., 0], offsets[..., 1]).min(axis=0)
     steps = np.abs(r[..., None] / _KNOT - np.arange(knots))
     return np.asarray(np.maximum(1 - steps, 0).mean(axis=0))

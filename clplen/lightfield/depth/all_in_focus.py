@@ -1,4 +1,4 @@
-"""All-in-focus pictures: every pixel from the plane on which it is sharp."""
+"""All-in-focus pictures, composed of the sharpest plane at every pixel."""
 
 from __future__ import annotations
 
@@ -22,15 +22,15 @@ from clplen.lightfield.refocusing.focal_stacks import (
 
 Vector = np.ndarray[Any, np.dtype[np.float64]]
 
-_HIGH_PASS, _WINDOW = 1.5, 4.0  # pixels, as for depth
-_AT_ONCE = 8  # planes whose energy is held before it is smoothed
-_DOUBLINGS = 5  # energy to the power of 32: planes next to the sharpest share, others do not
+_HIGH_PASS, _WINDOW = 1.5, 4.0  # pixels, equal to the cue of energy
+_BATCH_PLANES = 8  # planes whose energy is stored before it is smoothed
+_DOUBLINGS = 5  # energy to the power of 32: blends only planes next to the sharpest
 
 
 def blend_memory(source: SampledViews, planes: Vector) -> MemoryEstimate:
-    """What an all-in-focus picture from the planes of a stack needs."""
+    """Estimate the memory of an all-in-focus picture from the planes of a stack."""
     channels, size = (*source.shape, 1)[4], planes.size
-    floats = size * channels + size + min(_AT_ONCE, size) + channels
+    floats = size * channels + size + min(_BATCH_PLANES, size) + channels
     return MemoryEstimate(
         "An all-in-focus picture",
         (slice(0, size),),
@@ -42,7 +42,7 @@ def blend_memory(source: SampledViews, planes: Vector) -> MemoryEstimate:
 
 
 def surface_memory(source: SampledViews, disparity: Vector) -> MemoryEstimate:
-    """What an all-in-focus picture on the surface of a known depth map needs."""
+    """Estimate the memory of an all-in-focus picture on the surface of a depth map."""
     channels = (*source.shape, 1)[4]
     ends = np.array([disparity.min(), disparity.max()])
     return MemoryEstimate(
@@ -55,28 +55,27 @@ def surface_memory(source: SampledViews, disparity: Vector) -> MemoryEstimate:
     )
 
 
-def check_planes(known: Any, disparities: Any) -> None:
-    """Refuse planes where a depth map or a stack is given already."""
-    if disparities is not None and known is not None:
+def check_planes(depth: Any, disparities: Any) -> None:
+    """Reject disparities if a depth map or a stack is present."""
+    if disparities is not None and depth is not None:
         raise ValueError(
-            "all_in_focus takes disparities= only for a light field without a depth map: leave "
-            "them out."
+            "disparities cannot be combined with a depth map or a focal stack; omit disparities."
         )
 
 
 def disparity_of(depth: Any, size: tuple[int, ...]) -> np.ndarray[Any, Any]:
-    """Disparity of every pixel, of a depth map or by itself; float64."""
+    """Return the disparity of every pixel, from a depth map or an array, as float64."""
     d = checked_disparity(getattr(depth, "disparity", depth), (size[0], size[1]))
     if d.ndim == 0:
         raise ShapeError(
-            f"A depth map has a disparity for every pixel, shape {tuple(size)}; for one plane use "
+            f"depth must have a disparity for every pixel, shape {tuple(size)}; for one plane call "
             "refocus."
         )
     return d
 
 
 def between_planes(stack: FocalStack, disparity: np.ndarray[Any, Any]) -> cla.Array:
-    """Each pixel between the planes below and above its disparity."""
+    """Interpolate each pixel linearly between the planes below and above its disparity."""
     order = np.argsort(stack.disparities, kind="stable")
     rising = stack.disparities[order]
     data = stack.data
@@ -90,17 +89,17 @@ def between_planes(stack: FocalStack, disparity: np.ndarray[Any, Any]) -> cla.Ar
 
 
 def blended(stack: FocalStack) -> cla.Array:
-    """The planes by their local energy."""
+    """Blend the planes of a stack by their local energy."""
     count, ny, nx = stack.shape[:3]
     device = stack.device
-    maps = 4 * ny * nx * (count + _AT_ONCE)
+    maps = 4 * ny * nx * (count + _BATCH_PLANES)
     device.require_memory(stack.data.nbytes + maps, "This stack with its sharpness")
     energies = device.empty((count, ny, nx), np.float32)
-    batch = device.empty((min(_AT_ONCE, count), ny, nx), np.float32)
+    batch = device.empty((min(_BATCH_PLANES, count), ny, nx), np.float32)
     gather = Smoother(gaussian_taps(_WINDOW), device=device)
     measure = LocalEnergy(_HIGH_PASS, stack.shape[1:], device=device)
-    for start in range(0, count, _AT_ONCE):
-        planes = min(_AT_ONCE, count - start)
+    for start in range(0, count, _BATCH_PLANES):
+        planes = min(_BATCH_PLANES, count - start)
         measure(batch, stack, start=start, count=planes)
         gather(energies, batch, start=start, count=planes)
     return _launch("blend", stack, stack.data, energies, np.int32(_DOUBLINGS))

@@ -1,4 +1,4 @@
-"""Depth of one object from focus: alpha = F/F' of the plane where it is sharpest."""
+"""Depth of one object from focus: alpha = F/F' of its sharpest plane."""
 
 from __future__ import annotations
 
@@ -40,58 +40,58 @@ from clplen.reprs import OneLine
 
 METHODS = ("compensated", "energy", "slope", "thesis")
 
-_SEARCH = 0.3  # pixels a view step, where no camera tells its depth range
-_BEYOND = 1.1  # search past the depth range of a microscope, whose ends would be no peak
-_NARROWEST = 1.25  # highest over lowest frequency that still is a band
-_PAD = 5  # lenslets
-_IN_FOCUS = 1.2  # in units of the focus tolerance p/D
-_SCATTER = 1.5  # of a slope's own deviation: the spots' scatter is not independent
-_NOISE_STEP = 0.1  # of a step of the search: for derivatives of the sharpness
-_ROUNDING = 1e-6  # of the largest sample: less is no detail
-_NONE = np.empty(0)  # curve of a method without a search
+_SEARCH = 0.3  # pixels a view step: search range without a camera
+# Times the depth range of a microscope: keeps peaks at its ends inside the search
+_RANGE_MARGIN = 1.1
+_MIN_BAND_RATIO = 1.25  # minimum ratio of the highest to the lowest frequency of a band
+_PAD = 5  # lenslets of padding
+_MAX_FOCUS_BLUR = 1.2  # times the focus tolerance p/D
+_SCATTER = 1.5  # times a slope's own deviation: the scatter of the spots is not independent
+_NOISE_STEP = 0.1  # of a step of the search: step of the sharpness' derivatives
+_ROUNDING = 1e-6  # of the largest sample: detail below it is rounding
+_EMPTY = np.empty(0)  # curve of a method without a search
 
 
 @dataclass(frozen=True, repr=False)
 class AlphaEstimate(OneLine):
-    """Where one object lies. Made by `estimate_alpha`.
+    """Depth of one object, the result of `estimate_alpha`.
 
     Attributes
     ----------
     alpha : float
         F/F'; nan without spacing, and for a telecentric camera (a microscope).
     z : float
-        Metres from the focused plane, farther positive; nan without a camera. That of a telecentric
-        camera is ``camera.z(disparity)``, the paraxial law.
+        Metres from the focused plane, farther positive; nan without a camera. For a telecentric
+        camera it is ``camera.z(disparity)``, the paraxial law.
     in_focus : bool
-        Whether the object's blur is below 1.2 lenslets, where its alpha is known to about p/D / 2.
+        True if the object's blur is below 1.2 lenslets; its alpha is then accurate to about p/D /
+        2.
     uncertainty : float
-        One standard deviation of alpha - ``bias`` for a single point in the window, or of d dx/du
-        for a telecentric camera: 68 % of the errors are smaller, 95 % smaller than twice it. It
-        holds where the point falls on the lenslets, by its blur, and the noise of the samples as
-        their scatter shows it. nan without a camera, for the method "thesis", when no peak was
-        found inside the search (raise ``c_max``), and for "slope" where noise hides the spots. Of
-        a telecentric camera it holds how far the best focus lies beyond the paraxial law too
-        (`clplen.lightfield.depth.best_focus`).
+        Standard deviation of alpha - ``bias`` for a single point in the window (of d dx/du for a
+        telecentric camera): 68 % of the errors are smaller, 95 % below twice the value. It includes
+        the point's position relative to the lenslets and the noise of the samples. For a
+        telecentric camera it also includes the offset of the best focus from the paraxial law
+        (`clplen.lightfield.depth.best_focus`). nan without a camera, for the method "thesis",
+        without a peak inside the search (raise ``c_max``), and if noise hides the spots of "slope".
     curve : tuple of numpy.ndarray
-        (alphas, E): focus measure at the alphas that were tried, alphas rising; empty for the
-        method "slope".
+        (alphas, E): focus measure at the tested alphas, ascending; empty for the method "slope".
     method : str
     disparity : float
-        The same plane in pixels a view step, nearer positive.
+        Disparity of the object's plane in pixels a view step, nearer positive.
     disparities : numpy.ndarray
-        Of ``curve``.
+        Disparities of ``curve``.
     at : tuple of int
-        (y, x) of the lenslet that the window was centred on.
+        (y, x) of the lenslet at the centre of the window.
     confidence : float
-        Of the method "slope", 0 to 1: share of the scatter that the line explains; else nan.
+        Share of the scatter, 0 to 1, that the line of the method "slope" explains; else nan.
     blur : float
         Diameter of a point's blur on the lenslets, D abs(1 - alpha)/p, in lenslets; nan without a
         camera.
     z_uncertainty : float
-        ``uncertainty`` as metres of z, half of what lies between its ends; nan where that is.
+        ``uncertainty`` converted to metres, half the distance between its ends; nan where z is.
     bias : float
-        What alpha is off by in the mean: (alpha - 1)(1 - 1/kappa) for "energy", which is returned
-        as found, 0 for the other methods; nan without a camera and for "thesis".
+        Mean error of alpha: (alpha - 1)(1 - 1/kappa) for "energy", which is not corrected, 0 for
+        the other methods; nan without a camera and for "thesis".
 
     Examples
     --------
@@ -128,56 +128,56 @@ def estimate_alpha(
     window: int = 21,
     c_max: float | None = None,
 ) -> AlphaEstimate:
-    """Estimate the depth of one object from where its refocused image is sharpest.
+    """Estimate the depth of one object from the sharpest refocused plane.
 
-    "energy" is the spectral energy of the refocused window between .1 and .45 cycles a lenslet.
-    Its peak is pulled towards alpha = 1 by kappa = U^2/(U^2 + s^2), U the rms radius of the pupil
-    and s that of the lenslets' diffraction in a sub-image (errors in variables); it is returned
-    as found. "compensated" divides the spectrum by the ambiguity function of the lenslet aperture
-    (`clplen.lightfield.depth.camera_optics`), which puts the peak back. When both peaks lie
-    within 1.2 p/D of 1, the object is in focus, the compensated curve is flat, and "compensated"
+    "energy" is the spectral energy of the refocused window between 0.1 and 0.45 cycles a lenslet.
+    Its peak is biased towards alpha = 1 by kappa = U^2/(U^2 + s^2), with U the rms radius of the
+    pupil and s that of diffraction at the lenslets (errors in variables); the bias stays.
+    "compensated" divides the spectrum by the ambiguity function of the lenslet aperture
+    (`clplen.lightfield.depth.camera_optics`), which removes the bias. If both peaks lie within
+    1.2 p/D of 1, the object is in focus and the compensated curve is flat; "compensated" then
     returns 1 + (alpha_energy - 1)/kappa. "slope" fits the line of one point in phase space
-    (`fit_slope`): no search, but a single point, out of focus, of at least three spots. The
-    lenslets of a hexagonal array are read as they lie on the sensor (`read_lenslets`), not as they
-    are resampled for views. "thesis" is the baseline of
-    `clplen.lightfield.depth.window_measures`: naive cells, 31 x 31 lenslets, alpha from .7 to 1.3,
-    whatever ``window`` and ``c_max`` say.
+    (`fit_slope`) without a search; it needs a single defocused point of at least three spots.
+    Lenslets of a hexagonal array are read at their sensor positions (`read_lenslets`), without the
+    resampling of views. "thesis" is the baseline of
+    `clplen.lightfield.depth.window_measures`: naive cells, 31 x 31 lenslets, alpha from 0.7 to
+    1.3, regardless of ``window`` and ``c_max``.
 
     Parameters
     ----------
     lf : LightField or array_like
-        "compensated" needs its spacing and camera, "thesis" its raw image; "energy" and "slope"
-        nothing, but without spacing they know the disparity only.
+        Light field. "compensated" requires spacing and camera, "thesis" the raw image. Without
+        spacing, "energy" and "slope" give the disparity only.
     at : tuple of int, optional
-        (y, x) of the lenslet at the object, indices from 0. None: the brightest region.
+        (y, x) of the lenslet at the object, 0-based. None: the brightest region.
     method : {"compensated", "energy", "slope", "thesis"}
-        How the depth is found: see above.
+        Estimation method, see above.
     window : int
-        Lenslets across, odd, at least 9; clipped at the border of the light field. One object at
-        one depth should fill it or lie alone in it.
+        Number of lenslets across, odd, at least 9; clipped at the border of the light field. The
+        object should fill the window or be alone in it.
     c_max : float, optional
-        Search range, -c_max to c_max pixels a view step (lenslets a sub-image pixel). A larger
-        one lowers the highest frequency that "compensated" uses. Default .3, and the depth range
-        of a microscope.
+        Limit of the search, -c_max to c_max pixels a view step (lenslets a sub-image pixel). A
+        larger limit lowers the highest frequency of "compensated". Default 0.3, or the depth
+        range of a microscope.
 
     Returns
     -------
     AlphaEstimate
-        With alpha, its uncertainty, z in metres, the disparity and the curve that was searched.
+        Estimate of alpha with its uncertainty, z in metres, disparity and search curve.
 
     Raises
     ------
     ValueError
-        If the method is unknown or lacks what it needs ("thesis" an F), ``at`` lies outside, the
-        window is even or too small, ``c_max`` is out of range, or the window is black or without
+        If the method is unknown or lacks a requirement ("thesis" an F), ``at`` lies outside, the
+        window is even or too small, ``c_max`` is out of range, or the window has no light or no
         detail.
 
     Warns
     -----
     SamplingWarning
-        If the window is sharpest at an end of the search, so that the object lies farther away;
-        and from NA/n = .7 of a microscope on, where the paraxial ``z`` is too large by the factor
-        that it names.
+        If the window is sharpest at an end of the search (the object is farther away), and from
+        NA/n = 0.7 of a microscope on, where the paraxial ``z`` is too large by the factor in the
+        message.
 
     Examples
     --------
@@ -194,8 +194,8 @@ def estimate_alpha(
     if method == "thesis":
         if is_telecentric(lf):
             raise ValueError(
-                "method='thesis' looks for alpha = F/F', which a telecentric camera, such as a "
-                "microscope, does not have: use another method."
+                "method='thesis' searches alpha = F/F', which a telecentric camera (such as a "
+                "microscope) does not have; use another method."
             )
         return _thesis(lf, at)
     optics = camera_optics(lf)
@@ -203,31 +203,33 @@ def estimate_alpha(
         return _slope(lf, at, window, optics)
     if method == "compensated" and optics is None:
         raise ValueError(
-            "method='compensated' needs a light field with spacing (dv, du, dy, dx) and the "
-            "camera that took it: give both, or use method='energy'."
+            "method='compensated' needs a light field with spacing (dv, du, dy, dx) and camera; "
+            "set both, or use method='energy'."
         )
     c_max = _range(lf, window, c_max, optics)
-    cells = _detail(lf, at, window)
+    samples = _detail(lf, at, window)
     aspect = _aspect(lf.spacing)
     farthest = c_max * max(abs(aspect) * (lf.shape[0] - 1), lf.shape[1] - 1) / 2
     pad = max(_PAD, math.ceil(farthest))
     step = 1 / lf.shape[1]  # moves the outermost views apart by a lenslet
-    sharp = {"energy": sharpness(cells, pad=pad, band=BAND, aspect=aspect)}
-    energy = find_peak(sharp["energy"], c_max, step=step)
+    measures = {"energy": sharpness(samples, pad=pad, band=BAND, aspect=aspect)}
+    energy = find_peak(measures["energy"], c_max, step=step)
     if optics is None:
         _warn_at_search_end(lf, energy, _limit(lf, window, optics))
         return _of_peak(lf, method, at, energy)
-    sharp["compensated"] = sharpness(
-        cells, pad=pad, band=optics.band(c_max), aspect=aspect, blur=optics.blur
+    measures["compensated"] = sharpness(
+        samples, pad=pad, band=optics.band(c_max), aspect=aspect, blur=optics.blur
     )
-    compensated = find_peak(sharp["compensated"], c_max, step=step)
+    compensated = find_peak(measures["compensated"], c_max, step=step)
     peak = energy if method == "energy" else compensated
     _warn_at_search_end(lf, peak, _limit(lf, window, optics))
     in_focus = all(
-        abs(lf.shear_alpha(one.position) - 1) < _IN_FOCUS * optics.tolerance
-        for one in (energy, compensated)
+        abs(lf.shear_alpha(candidate.position) - 1) < _MAX_FOCUS_BLUR * optics.tolerance
+        for candidate in (energy, compensated)
     )
-    noise = sharp[method].deviation(peak.position, sample_noise(cells), step=_NOISE_STEP * step)
+    noise = measures[method].deviation(
+        peak.position, sample_noise(samples), step=_NOISE_STEP * step
+    )
     alpha = None
     if in_focus and method == "compensated":
         alpha = 1 + float(lf.shear_alpha(energy.position) - 1) / optics.kappa
@@ -237,7 +239,7 @@ def estimate_alpha(
 
 
 def _aspect(spacing: Spacing | None) -> float:
-    """Shear along y, in rows, over shear along x, in columns."""
+    """Return the shear along y, in rows, over the shear along x, in columns."""
     if spacing is None or not np.isfinite(spacing).all():
         return 1.0
     dv, du, dy, dx = spacing
@@ -245,14 +247,14 @@ def _aspect(spacing: Spacing | None) -> float:
 
 
 def _detail(lf: LightField, at: tuple[int, int], size: int) -> Real:
-    """A window without the mean of each view, so that its own border is no edge."""
+    """Return a window less the mean of each view, so that its border makes no edge."""
     window = read_window(lf, at, size)
     largest = np.abs(window).max()
     window -= window.mean(axis=(-2, -1), keepdims=True)
     if np.abs(window).max() <= _ROUNDING * largest:
         raise ValueError(
-            f"The {size} x {size} lenslets round {at} are black or without any detail: give "
-            "another at= or a larger window."
+            f"The {size} x {size} lenslets around {at} have no light or no detail; pass another "
+            "at= or a larger window."
         )
     return window
 
@@ -260,46 +262,46 @@ def _detail(lf: LightField, at: tuple[int, int], size: int) -> Real:
 def _checked(
     lf: LightField, at: tuple[int, int] | None, method: str, window: int
 ) -> tuple[int, int]:
-    """The central lenslet, after the checks that every method shares."""
+    """Check the common arguments and return the central lenslet."""
     if method not in METHODS:
-        raise ValueError(f"method is one of {', '.join(map(repr, METHODS))}, not {method!r}.")
+        raise ValueError(f"method must be {', '.join(map(repr, METHODS))}, got {method!r}.")
     if not is_integer(window) or window % 2 == 0 or window < 9:
-        raise ValueError(f"window is an odd number of lenslets, at least 9, not {window!r}.")
+        raise ValueError(f"window must be an odd integer of at least 9 lenslets, got {window!r}.")
     if at is None:
         return brightest(lf, window)
     ny, nx = lf.shape[2:4]
     y, x = at
     if not (is_integer(x) and is_integer(y) and 0 <= x < nx and 0 <= y < ny):
         raise ValueError(
-            f"at is (y, x) of a lenslet with 0 <= y < {ny} and 0 <= x < {nx}, not {at!r}."
+            f"at must be (y, x) of a lenslet with 0 <= y < {ny} and 0 <= x < {nx}, got {at!r}."
         )
     return int(y), int(x)
 
 
 def search_limit(lf: LightField, *, window: int = 21) -> float:
-    """Return the bound of ``c_max`` of `estimate_alpha`, where alpha, window or band ends."""
+    """Return the upper bound of ``c_max`` set by alpha, the window and the band."""
     return _limit(lf, window, camera_optics(lf))
 
 
 def _limit(lf: LightField, window: int, optics: CameraOptics | None) -> float:
     limits = [2 * window / max(max(lf.shape[:2]) - 1, 1)]  # the outermost view leaves the window
     if optics is not None:
-        limits.append(UNFLOORED / (optics.blur.q * _NARROWEST * BAND[0]))
+        limits.append(UNFLOORED / (optics.blur.q * _MIN_BAND_RATIO * BAND[0]))
     if lf.spacing is not None and np.isfinite(lf.spacing).all():
-        limits.append(abs(lf.spacing[1] / lf.spacing[3]))  # alpha = 0, for naive cells infinity
+        limits.append(abs(lf.spacing[1] / lf.spacing[3]))  # alpha = 0, infinity for naive cells
     return float(min(limits))
 
 
 def _range(lf: LightField, window: int, c_max: float | None, optics: CameraOptics | None) -> float:
-    """The search range, after a check that alpha, the window and the band do not end in it."""
+    """Return the search range after checking it against alpha, the window and the band."""
     limit = _limit(lf, window, optics)
     if c_max is None and is_telecentric(lf):
-        return min(_BEYOND * farthest_disparity(lf.camera), SEARCH_SHARE * limit)
+        return min(_RANGE_MARGIN * farthest_disparity(lf.camera), SEARCH_SHARE * limit)
     c_max = _SEARCH if c_max is None else c_max
     if not 0 < c_max < limit:
         raise ValueError(
-            f"c_max lies between 0 and {limit:.3g} pixels a view step for this light field "
-            f"and window, not at {c_max!r}."
+            f"c_max must be between 0 and {limit:.3g} pixels a view step for this light field "
+            f"and window, got {c_max!r}."
         )
     return c_max
 
@@ -315,12 +317,12 @@ def _of_peak(
     alpha: float | None = None,
     noise: float = 0.0,
 ) -> AlphaEstimate:
-    """Estimate from a peak, or from an alpha that takes its place."""
+    """Build the estimate from a peak, or from an ``alpha`` that replaces it."""
     value = float(lf.shear_alpha(peak.position)) if alpha is None else alpha
     disparity = peak.position if alpha is None else float(lf.disparity_of_shear(alpha))
     uncertainty = math.nan
     if optics is not None and peak.inside:
-        uncertainty = optics.deviation(value, method, noise * _alpha_of_one(lf))
+        uncertainty = optics.deviation(value, method, noise * _alpha_per_disparity(lf))
         uncertainty += _paraxial_excess(lf, value, disparity)
     rising = np.argsort(lf.shear_alpha(peak.positions))
     curve = (lf.alpha(peak.positions)[rising], peak.values[rising])
@@ -340,11 +342,11 @@ def _estimate(
     optics: CameraOptics | None = None,
     in_focus: bool = False,
     uncertainty: float = math.nan,
-    curve: tuple[Real, Real] = (_NONE, _NONE),
-    disparities: Real = _NONE,
+    curve: tuple[Real, Real] = (_EMPTY, _EMPTY),
+    disparities: Real = _EMPTY,
     confidence: float = math.nan,
 ) -> AlphaEstimate:
-    """Everything that follows from an alpha and its uncertainty."""
+    """Build the estimate with all quantities that follow from alpha and its uncertainty."""
     return AlphaEstimate(
         alpha=math.nan if is_telecentric(lf) else alpha,
         z=float(depth_at(lf, disparity)),
@@ -363,7 +365,7 @@ def _estimate(
 
 
 def _warn_at_search_end(lf: LightField, peak: Peak, limit: float) -> None:
-    """Warn where no peak was found, with what was searched and what would do."""
+    """Warn if no peak lies inside the search; name the range and a remedy."""
     if peak.inside:
         return
     end = abs(float(peak.positions[0]))
@@ -373,42 +375,42 @@ def _warn_at_search_end(lf: LightField, peak: Peak, limit: float) -> None:
     advice = (
         f"pass c_max={wider:.3g}"
         if wider > 1.01 * end
-        else f"this window allows no more than {limit:.3g}, give a larger one"
+        else f"this window allows at most {limit:.3g}, pass a larger window"
     )
     warn_caller(
         f"The window is sharpest at an end of the search, disparity {peak.position:.3g} of "
-        f"{-end:.3g} to {end:.3g} pixels a view step{metres}, so that this is no depth: the object "
-        f"lies farther from the focused plane; {advice}.",
+        f"{-end:.3g} to {end:.3g} pixels a view step{metres}, so the depth is not valid: the "
+        f"object lies farther from the focused plane; {advice}.",
         SamplingWarning,
     )
 
 
 def _paraxial_excess(lf: LightField, alpha: float, disparity: float) -> float:
-    """By how much abs(1 - alpha) is too large: 0, and of a telecentric camera what rays say."""
+    """Return the excess of abs(1 - alpha) over a ray trace; 0 unless telecentric."""
     if not is_telecentric(lf):
         return 0.0
-    words = high_na_message(lf.camera, disparity)
+    message = high_na_message(lf.camera, disparity)
     ratio = focus_ratio_of_disparity(lf.camera, disparity)
-    if words:
+    if message:
         z = float(depth_at(lf, disparity))
         warn_caller(
-            f"{words}: the object lies at about {z / ratio:.3g} m rather than at z = {z:.3g} m, "
-            "which is that of the paraxial law.",
+            f"{message}: the object lies at about {z / ratio:.3g} m, not at the paraxial "
+            f"z = {z:.3g} m.",
             SamplingWarning,
         )
     return (1 - 1 / ratio) * abs(1 - alpha)
 
 
 def _z_uncertainty(lf: LightField, alpha: float, uncertainty: float) -> float:
-    """An uncertainty of alpha as one of z."""
-    if not 0 <= uncertainty < alpha:  # nor nan
+    """Convert an uncertainty of alpha to metres of z."""
+    if not 0 <= uncertainty < alpha:  # also false for nan
         return math.nan
     ends = lf.disparity_of_shear([alpha - uncertainty, alpha + uncertainty])
     return float(np.ptp(depth_at(lf, ends))) / 2
 
 
-def _alpha_of_one(lf: LightField) -> float:
-    """abs(d alpha/d disparity)."""
+def _alpha_per_disparity(lf: LightField) -> float:
+    """Return abs(d alpha/d disparity)."""
     return float(abs(lf.shear_alpha(1.0) - lf.shear_alpha(0.0)))
 
 
@@ -420,8 +422,8 @@ def _slope(
     samples = lenslets.samples * (lf.weights > 0)[:, :, None, None]
     if not samples.max() > 0:
         raise ValueError(
-            f"The {window} x {window} lenslets round {at} are black: give another at= or a larger "
-            "window."
+            f"The {window} x {window} lenslets around {at} have no light; pass another at= or a "
+            "larger window."
         )
     slope = fit_slope(
         samples,
@@ -433,9 +435,9 @@ def _slope(
     alpha = float(lf.shear_alpha(slope.disparity))
     uncertainty, in_focus = math.nan, False
     if optics is not None:
-        in_focus = slope.spots > 0 and (abs(alpha - 1) < _IN_FOCUS * optics.tolerance)
+        in_focus = slope.spots > 0 and (abs(alpha - 1) < _MAX_FOCUS_BLUR * optics.tolerance)
         deviation = 0.0 if math.isnan(slope.deviation) else slope.deviation
-        noise = _SCATTER * deviation * _alpha_of_one(lf)
+        noise = _SCATTER * deviation * _alpha_per_disparity(lf)
         uncertainty = optics.deviation(alpha, "slope", noise) if slope.spots else math.nan
         uncertainty += _paraxial_excess(lf, alpha, slope.disparity)
     return _estimate(
@@ -447,8 +449,8 @@ def _slope(
 def _thesis(lf: LightField, at: tuple[int, int]) -> AlphaEstimate:
     if lf.raw is None:
         raise ValueError(
-            "method='thesis' decodes the raw image again, which this light field does not have: "
-            "make it with LightField.from_raw, or use another method."
+            "method='thesis' needs the raw image, which this light field does not have; create it "
+            "with LightField.from_raw, or use another method."
         )
     naive = LightField.from_raw(lf.raw, decode="naive")
     window = read_window(naive, at, window_measures.THESIS_WINDOW, fill=True)

@@ -1,4 +1,4 @@
-"""Depth by matching past occlusions, adaptive support and a least-squares refinement."""
+"""Depth by matching with occlusion handling, adaptive support and least-squares refinement."""
 
 from __future__ import annotations
 
@@ -61,46 +61,47 @@ from clplen.lightfield.refocusing.focal_stacks import DEVICE_FLOAT, HOST_FLOAT, 
 
 Map = np.ndarray[Any, np.dtype[np.float32]]
 Vector = np.ndarray[Any, np.dtype[np.float64]]
-Whole = np.ndarray[Any, np.dtype[np.int32]]
+Integers = np.ndarray[Any, np.dtype[np.int32]]
 
-_NARROW, _WIDE, _WIDENING = 3.0, 6.0, 0.4  # its Gaussian, in pixels, and its growth with noise
-_QUIET = 2.0  # levels of noise up to which it is narrow
-_BESIDE = 0.2  # taps beside the middle when the guiding picture is smoothed
-_ALIKE = 6.0  # levels a channel: pixels that differ more belong to different things
-_NOISE_BLUR = 8.0  # pixels over which noise is taken as even
-_FEW = 1e-3  # of the pixels round one: least share that noise is taken from
+# Gaussian support: pixels, pixels, growth per level of noise
+_MIN_SIGMA, _MAX_SIGMA, _SIGMA_GROWTH = 3.0, 6.0, 0.4
+_MAX_QUIET_NOISE = 2.0  # levels of noise up to which the support is narrowest
+_SIDE_TAP = 0.2  # side taps of the filter of the guiding picture
+_COLOUR_TOLERANCE = 6.0  # levels a channel: larger differences separate surfaces
+_NOISE_BLUR = 8.0  # pixels: support of the noise estimate
+_MIN_NOISE_SUPPORT = 1e-3  # minimum fraction of valid neighbours for the noise estimate
 _COST_PER_NOISE = 0.62  # least cost of a channel over the noise of a sample
-_FIT_ALIKE = 8.0
-_SAME_SURFACE = 0.2  # pixels a view step
-_MOST_STEP = 0.1
-_RIDGE = 0.3  # pixels^2
-_PRIOR = 100.0  # of the matched disparity, in levels^2 a channel for noise of a level
-_LOST = 0.8  # of the truncation: where the least cost is higher the views do not agree,
-_SHALLOW = 0.02  # unless what they say is this sure
-_STEP = 0.15  # pixels a view step: planes farther apart get others between them
-# Pixels that a pixel needs: of the fit, of what is even, twice of noise and gathered costs (of
-# detail, and of samples where detail has outlines), of the planes that are tried, and of detail.
-_NOISY = gaussian_taps(_NOISE_BLUR).size - 1 + WINDOW
-_REACH = WINDOW + OUTLINE_REACH + 2 * _NOISY + SPAN_REACH + DETAIL_REACH
-_SPARSE = 24  # float32 values of a pixel while points are looked for
-_MERGED = MAP_BYTES + 13  # bytes of a pixel while confidences are merged
-_ROUNDING = 1e-9  # pixels^-2: what is known of a blank light field
-_SURE = 0.05  # pixels a view step: standard deviation of a confidence of one half
-_LEVELS = 255.0  # between the darkest and the brightest of the centre view
-_OUTLIERS = 0.2  # per cent of its samples left out at either end
-_EVEN = 4.0  # times brighter or darker: views that differ more are left as they are
-_RADII = 2  # at which there are views, for a fall of brightness
-_EXPOSED = 0.1  # of its brightness: views that stand out by more were exposed otherwise
-_SPARE = 2  # views a parameter that a fit over the aperture takes at least
-_ROUNDS = 20  # of a fit by least absolute values
-_VIGNETTED = 0.02  # fall of brightness from the middle to the rim that is evened
+_FIT_COLOUR_TOLERANCE = 8.0  # levels a channel, for the refinement
+_SURFACE_TOLERANCE = 0.2  # pixels a view step: larger differences separate surfaces
+_MAX_STEP = 0.1  # pixels a view step: maximum change by the refinement
+_RIDGE = 0.3  # pixels^2: regularisation of the refinement
+_PRIOR = 100.0  # weight of the matched disparity, in levels^2 a channel at a noise of one level
+_MAX_COST_SHARE = 0.8  # of the truncation: a higher least cost is a mismatch,
+_MIN_CONFIDENCE = 0.02  # unless the confidence is at least this
+_MAX_PLANE_STEP = 0.15  # pixels a view step: maximum distance of planes; gaps get additional planes
+# Support of a pixel: refinement, outline test, twice noise and aggregation (of detail, and of
+# samples at outlines), range of planes, and detail.
+_NOISE_REACH = gaussian_taps(_NOISE_BLUR).size - 1 + WINDOW
+_REACH = WINDOW + OUTLINE_REACH + 2 * _NOISE_REACH + SPAN_REACH + DETAIL_REACH
+_POINT_FLOATS = 24  # float32 values of a pixel while points are detected
+_MERGE_BYTES = MAP_BYTES + 13  # bytes of a pixel while confidences are merged
+_ROUNDING = 1e-9  # pixels^-2: information of a blank light field
+_HALF_CONFIDENCE_ERROR = 0.05  # pixels a view step: standard deviation at a confidence of one half
+_LEVELS = 255.0  # levels between the darkest and the brightest sample of the centre view
+_OUTLIERS = 0.2  # per cent of the samples clipped at either end
+_MAX_BRIGHTNESS_RATIO = 4.0  # largest brightness ratio of a view that is corrected
+_MIN_RADII = 2  # minimum number of view radii for a vignetting fit
+_MIN_EXPOSURE_STEP = 0.1  # relative residual above which exposures are corrected
+_MIN_VIEWS_PER_PARAMETER = 2  # views a parameter: minimum for a fit over the aperture
+_ROUNDS = 20  # iterations of the least-absolute-values fit
+_MIN_VIGNETTING = 0.02  # minimum fall of brightness from middle to rim that is corrected
 
 
 def combined_disparity(lf: LightField, planes: Vector) -> tuple[Map, Map]:
-    """Disparity and confidence of every pixel of the centre view of a whole light field.
+    """Estimate disparity and confidence of every pixel of the centre view.
 
-    docs/depth.md has the steps: `match_costs`, gathered over neighbours that look alike, the lowest
-    valley, least squares on all views, and the sharpest plane where no plane makes them agree.
+    docs/depth.md lists the steps: `match_costs`, aggregation over similar neighbours, the lowest
+    valley, least squares on all views, and the sharpest plane for mismatches.
     """
     survey = LevelSurvey(lf)
     survey.add(slice(0, lf.shape[2]), lf)
@@ -111,10 +112,10 @@ def combined_disparity(lf: LightField, planes: Vector) -> tuple[Map, Map]:
 def match_views(
     lf: LightField, planes: Vector, levels: SampleLevels, *, inside: tuple[slice, ...] = ()
 ) -> PartialDepth:
-    """Disparity of each pixel from its neighbourhood, `_REACH` pixels wide, in the views."""
+    """Estimate each pixel's disparity from its neighbourhood, `_REACH` pixels wide."""
     dense = _dense(planes)
     centre = centre_picture(lf, group_views(lf))
-    result, margin = _believed(lf, dense, levels, centre)
+    result, margin = _match_detail(lf, dense, levels, centre)
     if result.lost[inside].any():
         sharpest, clear = energy_disparity(lf, dense)
         disparity = np.where(result.lost, sharpest, result.disparity)
@@ -125,21 +126,21 @@ def match_views(
     confidence, lost = result.confidence, result.lost
     sparse = sparse_pixels(centre)
     if sparse[inside].any():
-        of_points, clear = point_disparity(lf, planes)
-        disparity = np.where(sparse, of_points, disparity)
-        # over the black beside a point its detail spreads
-        beside = maximum_filter(sparse, 2 * DETAIL_REACH + 1)
-        lit = np.where(beside, lit_pixels(centre), 1)
+        point_values, clear = point_disparity(lf, planes)
+        disparity = np.where(sparse, point_values, disparity)
+        # detail spreads over the black beside a point
+        neighbourhood = maximum_filter(sparse, 2 * DETAIL_REACH + 1)
+        lit = np.where(neighbourhood, lit_pixels(centre), 1)
         confidence = np.where(sparse, clear, confidence) * lit
         lost = lost & ~sparse
     disparity = np.clip(disparity, planes[0], planes[-1]).astype(np.float32)
     return PartialDepth(disparity, confidence.astype(np.float32), lost)
 
 
-def _believed(
+def _match_detail(
     lf: LightField, planes: Vector, levels: SampleLevels, centre: Map
 ) -> tuple[PartialDepth, Map]:
-    """What matching finds: of the detail of views, and near outlines of their samples."""
+    """Match on the detail of views, and on their samples near outlines."""
     device = lf.device
     ny, nx = lf.shape[2:4]
     detail_bytes = 2 * math.prod(lf.shape)
@@ -156,37 +157,37 @@ def _believed(
     tables = shift_tables(views, planes, np.full(len(views.view), 1 / STEPS), device=device)
     match, noise = _matched(detail, views, tables, guide, likely)
     A, B = (device.empty(noise.shape, np.float32) for _ in range(2))
-    around = Surroundings.of(match.disparity)
-    even = np.zeros_like(around.near)
-    if around.near.any():
-        of_samples = shift_tables(views, planes, gains[views.view], device=device)
-        there = likely.only(around, planes)
-        samples, of_noise = _matched(lf, views, of_samples, guide, there)
-        costs = (samples.least, match.least)
-        even = is_even(costs, samples.disparity, around, (*lf.shape, 1)[4])
+    surroundings = Surroundings.of(match.disparity)
+    even = np.zeros_like(surroundings.near)
+    if surroundings.near.any():
+        sample_tables = shift_tables(views, planes, gains[views.view], device=device)
+        nearby_planes = likely.only(surroundings, planes)
+        samples, sample_noise = _matched(lf, views, sample_tables, guide, nearby_planes)
+        costs = (samples.cost, match.cost)
+        even = is_even(costs, samples.disparity, surroundings, (*lf.shape, 1)[4])
         match = samples.where(even, match)
-        noise = np.where(even, of_noise, noise)
-        normal_equations(lf, views, of_samples, match.disparity, match.nearest, even, (A, B))
+        noise = np.where(even, sample_noise, noise)
+        normal_equations(lf, views, sample_tables, match.disparity, match.nearest, even, (A, B))
     normal_equations(detail, views, tables, match.disparity, match.nearest, ~even, (A, B))
     return _refined_match(lf, match, guide, noise, (A, B)), match.margin
 
 
 @dataclass(frozen=True)
 class _Match:
-    """The lowest valley of the costs at every pixel, before it is refined; shape (y, x)."""
+    """Lowest valley of the costs at every pixel before refinement, arrays of shape (y, x)."""
 
-    disparity: Map  # disparity, nearest: Of the valley, and the plane next to it
-    nearest: Whole
-    # least, margin: Cost in the valley, and how far it lies below the second one, 0 to 1
-    least: Map
+    disparity: Map  # disparity, nearest: valley, and its nearest plane
+    nearest: Integers
+    # cost, margin: cost in the valley, and its relative depth below the second one, 0 to 1
+    cost: Map
     margin: Map
 
     def where(self, mask: Mask, other: _Match) -> _Match:
-        """This match where the mask is set, the other elsewhere."""
+        """Return this match where the mask is set, the other elsewhere."""
         return _Match(
             np.where(mask, self.disparity, other.disparity),
             np.where(mask, self.nearest, other.nearest),
-            np.where(mask, self.least, other.least),
+            np.where(mask, self.cost, other.cost),
             np.where(mask, self.margin, other.margin),
         )
 
@@ -198,57 +199,59 @@ def _matched(
     guide: cla.Array,
     likely: LikelyPlanes,
 ) -> tuple[_Match, Map]:
-    """The valley of the costs of likely planes, 0 where none is tried, and the noise in levels."""
+    """Return the valley of the costs of likely planes, and the noise in levels."""
     spans, count = likely.spans, tables.count
-    around = gathered_spans(spans, count)
-    costs = match_costs(lf, views, tables, block_spans(around, count))
-    noise = _noise(lf, costs, tables, around)
-    gathered = lf.device.empty(costs.shape, np.float32)
-    scales = (_distance_scale(noise), _colour_scale(_ALIKE, noise, (*lf.shape, 1)[4]))
-    gather_costs(lf, gathered, costs, guide, scales, block_spans(spans, count))
-    return _Match(*lowest_valley(lf, gathered, tables, spans, likely.usual)), noise
+    padded_spans = gathered_spans(spans, count)
+    costs = match_costs(lf, views, tables, block_spans(padded_spans, count))
+    noise = _noise(lf, costs, tables, padded_spans)
+    aggregated = lf.device.empty(costs.shape, np.float32)
+    scales = (_distance_scale(noise), _colour_scale(_COLOUR_TOLERANCE, noise, (*lf.shape, 1)[4]))
+    gather_costs(lf, aggregated, costs, guide, scales, block_spans(spans, count))
+    return _Match(*lowest_valley(lf, aggregated, tables, spans, likely.mean_cost)), noise
 
 
 def _refined_match(
     lf: LightField, match: _Match, guide: cla.Array, noise: Map, normal: tuple[cla.Array, cla.Array]
 ) -> PartialDepth:
-    """A valley moved by least squares, how sure it is, and where the views do not agree."""
+    """Refine a valley by least squares; return confidence and mask of mismatches too."""
     channels, views = (*lf.shape, 1)[4], int(np.count_nonzero(lf.weights > 0))
-    refined, known = _refined(lf, match.disparity, guide, noise, normal)
-    sure = known * views / np.maximum(noise, 1) ** 2
-    sure = np.where(sure > _ROUNDING, sure, 0)
-    confidence = match.margin * sure / (sure + 1 / _SURE**2)
-    lost = (match.least > _LOST * thresholds(channels)[0]) & (confidence < _SHALLOW)
+    refined, information = _refined(lf, match.disparity, guide, noise, normal)
+    precision = information * views / np.maximum(noise, 1) ** 2
+    precision = np.where(precision > _ROUNDING, precision, 0)
+    confidence = match.margin * precision / (precision + 1 / _HALF_CONFIDENCE_ERROR**2)
+    lost = (match.cost > _MAX_COST_SHARE * thresholds(channels)[0]) & (confidence < _MIN_CONFIDENCE)
     return PartialDepth(refined, confidence.astype(np.float32), lost)
 
 
 def merge_confidence(confidence: Map, lost: Mask) -> Map:
-    """Confidence of the whole map: what was matched is surer than what is only sharpest."""
-    usual = np.median(confidence[~lost]) if lost.any() and not lost.all() else 0.0
-    return np.where(lost, confidence * usual, confidence) if usual > _SHALLOW else confidence
+    """Merge confidences: a matched pixel outranks a pixel of the sharpest plane."""
+    median = np.median(confidence[~lost]) if lost.any() and not lost.all() else 0.0
+    return (
+        np.where(lost, confidence * median, confidence) if median > _MIN_CONFIDENCE else confidence
+    )
 
 
 def _guide(picture: Map) -> Map:
-    """The picture whose likeness guides, smoothed, colours first."""
+    """Return the smoothed guiding picture, channels first."""
     smooth = _smoothed(picture)
     return smooth if smooth.ndim == 2 else np.ascontiguousarray(np.moveaxis(smooth, -1, 0))
 
 
 def _smoothed(picture: Map) -> Map:
-    """A picture blurred a little along both axes, so that noise hides no likeness."""
+    """Blur a picture slightly along both axes, against noise in colour differences."""
     for axis in (0, 1):
         pad = [(1, 1) if i == axis else (0, 0) for i in range(picture.ndim)]
         wide = np.pad(picture, pad, mode="edge")
         n = picture.shape[axis]
         before, after = (np.take(wide, np.arange(n) + i, axis=axis) for i in (0, 2))
-        picture = (1 - 2 * _BESIDE) * picture + _BESIDE * (before + after)
+        picture = (1 - 2 * _SIDE_TAP) * picture + _SIDE_TAP * (before + after)
     return np.ascontiguousarray(picture, np.float32)
 
 
 def _dense(planes: Vector) -> Vector:
-    """Planes with others between those that lie far apart."""
+    """Insert planes where neighbouring planes are far apart."""
     steps = np.diff(planes)
-    parts = np.maximum(np.ceil(steps / _STEP - 1e-9), 1).astype(int)
+    parts = np.maximum(np.ceil(steps / _MAX_PLANE_STEP - 1e-9), 1).astype(int)
     between = [
         low + step * np.arange(n) / n for low, step, n in zip(planes, steps, parts, strict=False)
     ]
@@ -256,25 +259,27 @@ def _dense(planes: Vector) -> Vector:
 
 
 def _noise(lf: LightField, costs: cla.Array, tables: ShiftTables, spans: Spans) -> Map:
-    """Standard deviation of the samples in levels, from the least cost round every pixel."""
+    """Estimate the noise of the samples in levels from the least cost around every pixel."""
     device, channels = lf.device, (*lf.shape, 1)[4]
-    least = lowest_valley(lf, costs, tables, spans)[2]
-    there = spans[..., 0] <= spans[..., 1]
-    blurred = device.empty((2, *least.shape), np.float32)
+    lowest = lowest_valley(lf, costs, tables, spans)[2]
+    valid = spans[..., 0] <= spans[..., 1]
+    blurred = device.empty((2, *lowest.shape), np.float32)
     smooth = Smoother(gaussian_taps(_NOISE_BLUR), device=device)
-    smooth(blurred, device.upload(np.stack((least, there), dtype=np.float32)), start=0, count=2)
+    smooth(blurred, device.upload(np.stack((lowest, valid), dtype=np.float32)), start=0, count=2)
     mean, share = device.download(blurred)
-    return np.asarray(mean / np.maximum(share, _FEW) / (channels * _COST_PER_NOISE), np.float32)
+    return np.asarray(
+        mean / np.maximum(share, _MIN_NOISE_SUPPORT) / (channels * _COST_PER_NOISE), np.float32
+    )
 
 
 def _colour_scale(level: float, noise: Map, channels: int) -> Map:
-    """Scale of squared differences of colour, with the noise in it."""
+    """Return the scale of squared colour differences, with the noise included."""
     return np.asarray(0.5 / (level**2 + noise**2) / channels, np.float32)
 
 
 def _distance_scale(noise: Map) -> Map:
-    """Scale of squared distances: the noisier, the farther neighbours count."""
-    sigma = np.clip(_NARROW + _WIDENING * (noise - _QUIET), _NARROW, _WIDE)
+    """Return the scale of squared distances; more noise widens the support."""
+    sigma = np.clip(_MIN_SIGMA + _SIGMA_GROWTH * (noise - _MAX_QUIET_NOISE), _MIN_SIGMA, _MAX_SIGMA)
     return np.asarray(0.5 / sigma**2, np.float32)
 
 
@@ -285,42 +290,44 @@ def _refined(
     noise: Map,
     normal: tuple[cla.Array, cla.Array],
 ) -> tuple[Map, Map]:
-    """Disparity moved by one step of least squares, and what the views know of it, A."""
+    """Refine the disparity by one least-squares step; return it with its information A."""
     channels = (*lf.shape, 1)[4]
     prior = _PRIOR * channels * np.maximum(noise, 1) ** 2
-    scales = (_colour_scale(_FIT_ALIKE, noise, channels), _distance_scale(noise))
-    limits = (0.5 / _SAME_SURFACE**2, _RIDGE, _MOST_STEP)
+    scales = (_colour_scale(_FIT_COLOUR_TOLERANCE, noise, channels), _distance_scale(noise))
+    limits = (0.5 / _SURFACE_TOLERANCE**2, _RIDGE, _MAX_STEP)
     return fit_planes(lf, disparity, guide, (*scales, prior.astype(np.float32)), normal, limits)
 
 
 def combined_memory(source: SampledViews, planes: Vector) -> MemoryEstimate:
-    """What `combined_disparity` needs, in two passes: gain and vignetting first, then the maps."""
+    """Estimate the memory of `combined_disparity`, in two passes: brightness, then maps."""
     channels, count = (*source.shape, 1)[4], int(_dense(planes).size)
-    tried = max(planes.size, point_planes(source, planes)[1].size)
+    plane_count = max(planes.size, point_planes(source, planes)[1].size)
     halves = source.shape[0] * source.shape[1] * channels  # uint16, the detail of all views
-    floats = 2 * count + 4 * channels + 30 + halves // 2 + energy_floats(tried, channels)
-    largest = max(count, min(PICTURES, tried) * channels)
-    once = depth_memory("combined", source, planes, reach=_REACH, floats=floats, largest=largest)
+    floats = 2 * count + 4 * channels + 30 + halves // 2 + energy_floats(plane_count, channels)
+    largest = max(count, min(PICTURES, plane_count) * channels)
+    estimate = depth_memory(
+        "combined", source, planes, reach=_REACH, floats=floats, largest=largest
+    )
     return replace(
-        once,
-        per_pixel=int(DEVICE_FLOAT * floats) + HOST_FLOAT * (18 + 3 * channels + _SPARSE),
-        kept=MAP_BYTES + 1,  # and which pixels are lost
-        before=max(_MERGED, 3 * HOST_FLOAT * channels),
+        estimate,
+        per_pixel=int(DEVICE_FLOAT * floats) + HOST_FLOAT * (18 + 3 * channels + _POINT_FLOATS),
+        result_bytes=MAP_BYTES + 1,  # and the mask of mismatches
+        before=max(_MERGE_BYTES, 3 * HOST_FLOAT * channels),
         passes=2,
     )
 
 
 @dataclass(frozen=True)
 class SampleLevels:
-    """What the whole light field says of its samples."""
+    """Brightness statistics of a whole light field."""
 
     gain: float  # Levels a unit of the samples
-    # float64, shape (K,): what undoes vignetting and exposure of each view that is compared
+    # float64, shape (K,): gain of each compared view against vignetting and exposure
     even: Vector
 
 
 class LevelSurvey:
-    """Gain and vignetting of a light field, seen in bands of full rows."""
+    """Survey of a light field's gain and vignetting, in bands of full rows."""
 
     def __init__(self, source: SampledViews) -> None:
         self._views = group_views(source)
@@ -328,12 +335,12 @@ class LevelSurvey:
         self._sums = np.empty((source.shape[0] * source.shape[1], source.shape[2]), np.float32)
 
     def add(self, rows: slice, lf: LightField) -> None:
-        """Look at some rows of all views."""
+        """Add some rows of all views."""
         self._centre[rows] = centre_picture(lf, self._views)
         self._sums[:, rows] = row_sums(lf)
 
     def finish(self) -> SampleLevels:
-        """Gain and evenness, when all rows were added."""
+        """Return gain and view corrections after all rows."""
         means = self._sums.sum(axis=1, dtype=np.float64) / self._centre.size
         means = means[self._views.view]
         gains = _vignetting_gains(means, self._views)
@@ -345,7 +352,7 @@ class LevelSurvey:
 
 
 def centre_picture(lf: LightField, views: ViewGroups) -> Map:
-    """The picture whose likeness guides: the mean of the views round the middle."""
+    """Return the guiding picture, the mean of the views around the middle."""
     pictures = [
         share * lf.device.download(lf.data[divmod(int(views.view[k]), lf.shape[1])])
         for k, share in zip(views.reference, views.share, strict=True)
@@ -354,7 +361,7 @@ def centre_picture(lf: LightField, views: ViewGroups) -> Map:
 
 
 def _range(centre: Map) -> tuple[float, float]:
-    """The darkest and the brightest sample, without outliers unless there is nothing else."""
+    """Return the darkest and brightest sample, outliers excluded where possible."""
     low, high = np.percentile(centre, (_OUTLIERS, 100 - _OUTLIERS))
     if not high > low:
         low, high = centre.min(), centre.max()
@@ -362,54 +369,56 @@ def _range(centre: Map) -> tuple[float, float]:
 
 
 def _vignetting_gains(means: Vector, views: ViewGroups) -> Vector:
-    """What undoes vignetting: views that get darker, or brighter, from the middle outwards.
+    """Return gains against vignetting, a monotonic fall of brightness from the middle outwards.
 
-    Their brightness is fitted by 1 + b r^2, without views that are far darker or brighter than the
-    middle, as one that failed. What else makes views differ, content that moves
-    across their edges for one, is odd or random over the aperture, and harmless.
+    Fits 1 + b r^2, without far darker or brighter views; other differences are odd or random.
     """
     target = means[views.reference] @ views.share
-    even = np.ones_like(means)
-    like = (means > target / _EVEN) & (means < target * _EVEN)
+    gains = np.ones_like(means)
+    valid = (means > target / _MAX_BRIGHTNESS_RATIO) & (means < target * _MAX_BRIGHTNESS_RATIO)
     square = (views.step**2).sum(axis=1)
-    if target <= 0 or np.unique(square[like]).size < _RADII:
-        return even
-    away, ratio = square[like] - square[like].mean(), means[like] / target
-    b = (away @ ratio) / (away @ away)
-    left = ratio - ratio.mean() - b * away
-    is_clear = b**2 * (away @ away) > left @ left and abs(b) * square[like].max() > _VIGNETTED
+    if target <= 0 or np.unique(square[valid]).size < _MIN_RADII:
+        return gains
+    offset, ratio = square[valid] - square[valid].mean(), means[valid] / target
+    b = (offset @ ratio) / (offset @ offset)
+    residual = ratio - ratio.mean() - b * offset
+    is_clear = (
+        b**2 * (offset @ offset) > residual @ residual
+        and abs(b) * square[valid].max() > _MIN_VIGNETTING
+    )
     if is_clear:
-        even[like] = 1 / np.maximum(1 + b * square[like], 1 / _EVEN)
-    return even
+        gains[valid] = 1 / np.maximum(1 + b * square[valid], 1 / _MAX_BRIGHTNESS_RATIO)
+    return gains
 
 
 def _exposure_gains(means: Vector, views: ViewGroups) -> Vector:
-    """What undoes exposures that jump from view to view: single views, or rows by turns.
+    """Return gains against exposures that jump between views or alternate between rows.
 
-    The logarithm of the brightness is fitted by a plane and a fall, 1, v, u and r^2, with the least
-    absolute residuals: content that moves across the edges of the views changes their means that
-    smoothly. If a residual is above 10 %, all are undone, with the middle left as it is. Views that
-    are far darker or brighter than the median are left alone.
+    Fits 1, v, u, r^2 to log brightness by least absolute values; residuals over 10 % correct all.
     """
-    even = np.ones_like(means)
+    gains = np.ones_like(means)
     middle = np.median(means)
-    like = (means > middle / _EVEN) & (means < middle * _EVEN)
-    step = views.step[like]
+    valid = (means > middle / _MAX_BRIGHTNESS_RATIO) & (means < middle * _MAX_BRIGHTNESS_RATIO)
+    step = views.step[valid]
     basis = np.stack([np.ones(len(step)), *step.T, (step**2).sum(axis=1)], axis=-1)
     rank = np.linalg.matrix_rank(basis) if len(step) else 0
-    if middle <= 0 or not like[views.reference].all() or len(step) <= _SPARE * rank:
-        return even
-    logarithm = np.log(means[like])
-    left = logarithm - np.median(logarithm)
+    if (
+        middle <= 0
+        or not valid[views.reference].all()
+        or len(step) <= _MIN_VIEWS_PER_PARAMETER * rank
+    ):
+        return gains
+    logarithm = np.log(means[valid])
+    residual = logarithm - np.median(logarithm)
     for _ in range(_ROUNDS):
-        weight = 1 / np.sqrt(np.maximum(np.abs(left), 1e-3))
+        weight = 1 / np.sqrt(np.maximum(np.abs(residual), 1e-3))
         fit = np.linalg.lstsq(basis * weight[:, None], logarithm * weight, rcond=None)[0]
-        left = logarithm - basis @ fit
-    if np.abs(left).max() < _EXPOSED:
-        return even
-    even[like] = np.exp(-left)
-    target, evened = ((means * gain)[views.reference] @ views.share for gain in (1, even))
-    return even * target / evened
+        residual = logarithm - basis @ fit
+    if np.abs(residual).max() < _MIN_EXPOSURE_STEP:
+        return gains
+    gains[valid] = np.exp(-residual)
+    target, evened = ((means * gain)[views.reference] @ views.share for gain in (1, gains))
+    return gains * target / evened
 
 
 CUE = Cue(match_views, combined_memory, LevelSurvey, merge_confidence)

@@ -1,4 +1,4 @@
-"""The cue of correspondence: mean and variance over the views, sheared by planes."""
+"""Cue of correspondence: mean and variance over the views, sheared by planes."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ import pyopencl.array as cla
 from clplen.lightfield.arrays.smoothing import Smoother, box_taps
 from clplen.lightfield.arrays.stored_samples import C_TYPE
 from clplen.lightfield.depth.cue import (
-    AT_ONCE,
+    BATCH_PLANES,
     Cue,
     Map,
     PeakTracker,
@@ -33,17 +33,16 @@ from clplen.lightfield.refocusing.focal_stacks import MemoryEstimate
 
 Vector = np.ndarray[Any, np.dtype[np.float64]]
 
-_BOX = 9  # pixels: over which the variance is gathered
+_BOX = 9  # pixels: side of the box over which the variance is averaged
 _HEIGHT, _VECTORS = 4, 8  # rows and vectors of a block, on CPUs
 
 
 def shear_moments(lf: LightField, planes: Vector) -> tuple[cla.Array, cla.Array]:
-    """Mean and variance over the views, each shifted and interpolated linearly.
+    """Compute mean and variance over the shifted, linearly interpolated views.
 
-    Both are float32, shape (planes, y, x[, c]): S1, the refocused pictures, and S2 - S1^2, not
-    negative. A sample outside a view counts in neither, in proportion to the taps that lie
-    outside; the variance is that of the interpolated values, so that it is not separable along y
-    and x.
+    Both are float32, shape (planes, y, x[, c]): S1, the refocused pictures, and S2 - S1^2 >= 0.
+    Taps outside a view reduce its weight in proportion. The variance is that of the interpolated
+    values, so it does not separate along y and x.
     """
     device = lf.device
     shape = (planes.size, *lf.shape[2:])
@@ -63,7 +62,7 @@ def shear_moments(lf: LightField, planes: Vector) -> tuple[cla.Array, cla.Array]
 def _launch_blocks(
     lf: LightField, args: tuple[Any, ...], planes: int, position: np.ndarray[Any, Any]
 ) -> bool:
-    """Enqueue moments_blocks, unless local memory does not suffice for planes so far apart."""
+    """Enqueue moments_blocks; return False if the planes' span exceeds local memory."""
     device = lf.device
     ny, nx, channels = (*lf.shape[2:], 1)[:3]
     lanes = vectors_of(device)[0]
@@ -99,34 +98,36 @@ def _launch_blocks(
 
 
 def correspondence_disparity(lf: LightField, planes: Vector) -> tuple[Map, Map]:
-    """Disparity of the least variance over the views at every pixel, and how sure that is.
+    """Return the disparity of least variance over the views, with confidence, per pixel.
 
-    V_d = B * (S2 - S1^2), the variances of the colours added, with B a box of 9 pixels; the lowest
-    is refined by the parabola through it and its two neighbours.
+    V_d = B * (S2 - S1^2), summed over the colours, with B a box of 9 pixels. A parabola through the
+    lowest value and its two neighbours refines the result.
     """
     size = (lf.shape[2], lf.shape[3])
-    require_maps(lf, AT_ONCE + 7 + (AT_ONCE if len(lf.shape) == 5 else 0), 2 * AT_ONCE)
+    require_maps(
+        lf, BATCH_PLANES + 7 + (BATCH_PLANES if len(lf.shape) == 5 else 0), 2 * BATCH_PLANES
+    )
     start = nearest_zero(planes)
-    tracker = PeakTracker(size, device=lf.device, start=start, most=AT_ONCE, lowest=True)
+    tracker = PeakTracker(size, device=lf.device, start=start, capacity=BATCH_PLANES, lowest=True)
     gather = Smoother(box_taps(_BOX), device=lf.device)
-    for first in range(0, planes.size, AT_ONCE):
-        batch = planes[first : first + AT_ONCE]
+    for first in range(0, planes.size, BATCH_PLANES):
+        batch = planes[first : first + BATCH_PLANES]
         variance = add_colours(shear_moments(lf, batch)[1], lf.device)
-        gather(tracker.curve, variance, start=tracker.held, count=batch.size)
+        gather(tracker.curve, variance, start=tracker.stored, count=batch.size)
         tracker.add(batch)
     return tracker.finish()
 
 
 def correspondence_memory(source: SampledViews, planes: Vector) -> MemoryEstimate:
-    """What `correspondence_disparity` needs; its box reaches half its size."""
-    channels, most = (*source.shape, 1)[4], min(AT_ONCE, planes.size)
+    """Estimate the memory of `correspondence_disparity`; its box reaches half its size."""
+    channels, batch = (*source.shape, 1)[4], min(BATCH_PLANES, planes.size)
     return depth_memory(
         "correspondence",
         source,
         planes,
         reach=_BOX // 2,
-        floats=3 * most * channels + 2 * most + 9,
-        largest=most * channels,
+        floats=3 * batch * channels + 2 * batch + 9,
+        largest=batch * channels,
     )
 
 

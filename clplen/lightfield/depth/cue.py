@@ -1,4 +1,4 @@
-"""What a cue of depth is, and what all cues share."""
+"""Interface of the depth cues, and their common tools."""
 
 from __future__ import annotations
 
@@ -24,16 +24,16 @@ Map = np.ndarray[Any, np.dtype[np.float32]]
 Vector = np.ndarray[Any, np.dtype[np.float64]]
 Mask = np.ndarray[Any, np.dtype[np.bool_]]
 
-AT_ONCE = 8  # planes whose curve is held at a time
+BATCH_PLANES = 8  # planes whose curve is stored at a time
 MAP_BYTES = 16  # of a pixel of a depth map: four float32
-_PAD = 15  # floats: the last vector of a plane may be short
-_LENGTH = 4096  # pixels of an item on CPUs
+_PAD = 15  # floats: padding of the last vector of a plane
+_LENGTH = 4096  # pixels of a work-item on CPUs
 
 
 class PartialDepth(NamedTuple):
     """Disparity and confidence of a part of a light field, float32 of shape (y, x).
 
-    ``lost``, bool, marks pixels where the views agree on no plane and the sharpest one was taken.
+    ``lost``, bool, marks mismatches, whose disparity is that of the sharpest plane.
     """
 
     disparity: Map
@@ -42,24 +42,24 @@ class PartialDepth(NamedTuple):
 
 
 class Survey(Protocol):
-    """Collect what a cue needs to know of a whole light field, from bands of full rows."""
+    """Collector of whole-light-field statistics for a cue, from bands of full rows."""
 
     def add(self, rows: slice, lf: LightField) -> None:
         """Add some rows of all views."""
 
     def finish(self) -> Any:
-        """Return what `Cue.disparity` takes as its third argument, when all rows were added."""
+        """Return the third argument of `Cue.disparity` after all rows."""
 
 
 @dataclass(frozen=True)
 class Cue:
-    """One way to find depth; `clplen.lightfield.depth.depth_maps` lists them all.
+    """A depth estimation method; `clplen.lightfield.depth.depth_maps` lists all cues.
 
-    ``disparity(part of a light field, rising planes)`` returns (disparity, confidence), and
-    ``memory(light field, rising planes)`` the `MemoryEstimate` of that. The parts of a cue with a
-    ``survey`` depend on the whole light field: ``disparity(part, planes, what the survey found,
-    inside=wanted rows and columns)`` returns a `PartialDepth`, and ``merge(confidence, lost)`` of
-    the whole map its confidence.
+    ``disparity(part, rising planes)`` returns (disparity, confidence) of a part of a light field,
+    and ``memory(light field, rising planes)`` its `MemoryEstimate`. Parts of a cue with a
+    ``survey`` depend on the whole light field: ``disparity(part, planes, survey result,
+    inside=(rows, columns))`` returns a `PartialDepth`, and ``merge(confidence, lost)`` the
+    confidence of the whole map.
     """
 
     disparity: Callable[..., Any]
@@ -69,12 +69,12 @@ class Cue:
 
 
 def nearest_zero(planes: Vector) -> float:
-    """The plane nearest to the focus as recorded: the disparity where there is no evidence."""
+    """Return the plane nearest to the recorded focus, the disparity without evidence."""
     return float(planes[np.argmin(np.abs(planes))])
 
 
 def require_maps(source: LightField | FocalStack, maps: int, pictures: int) -> None:
-    """Refuse more float32 maps (y, x) and pictures (y, x[, c]) than the device's memory holds."""
+    """Reject more float32 maps (y, x) and pictures (y, x[, c]) than the device can hold."""
     before = 1 if isinstance(source, FocalStack) else 2
     ny, nx, colours = (*source.shape[before:], 1)[:3]
     nbytes = 4 * ny * nx * (maps + pictures * colours) + source.data.nbytes
@@ -84,7 +84,7 @@ def require_maps(source: LightField | FocalStack, maps: int, pictures: int) -> N
 def depth_memory(
     cue: str, source: SampledViews, planes: Vector, *, reach: int, floats: int, largest: int
 ) -> MemoryEstimate:
-    """The estimate of a cue that needs one pass over the samples."""
+    """Return the memory estimate of a cue with one pass over the samples."""
     return MemoryEstimate(
         f"A depth map (cue={cue!r})",
         (slice(0, planes.size),),
@@ -96,7 +96,7 @@ def depth_memory(
 
 
 class PeakTracker:
-    """The highest of a curve at every pixel, while its planes come a few at a time."""
+    """Running maximum of a curve at every pixel, whose planes arrive in batches."""
 
     def __init__(
         self,
@@ -104,7 +104,7 @@ class PeakTracker:
         *,
         device: Device,
         start: float,
-        most: int,
+        capacity: int,
         lowest: bool = False,
     ) -> None:
         self._shape = shape
@@ -115,38 +115,38 @@ class PeakTracker:
             self._defines["LANES"] = vector_lanes(device)[0]
         self._state = [device.empty((self._padded(1),), np.float32) for _ in range(4)]
         self._start, self._fresh = start, True
-        self.curve = device.empty((self._padded(most + 2),), np.float32)
-        self.held = 0
+        self.curve = device.empty((self._padded(capacity + 2),), np.float32)
+        self.stored = 0
         self._values: list[float] = []
 
     def add(self, values: Vector) -> None:
-        """Take in planes that were written to ``curve`` from plane ``held`` on."""
+        """Process planes stored in ``curve`` from index ``stored`` on."""
         count = len(values)
-        behind = 1 if self.held else 0  # the last plane had no neighbour above yet
+        overlap = 1 if self.stored else 0  # the last plane lacked its upper neighbour
         self._values.extend(float(value) for value in values)
-        self._track(self.held - behind, count - 1 + behind, len(self._values) - count - behind)
-        last = self.held + count
+        self._track(self.stored - overlap, count - 1 + overlap, len(self._values) - count - overlap)
+        last = self.stored + count
         if last > 2:
             self._keep(last - 2)
-        self.held = min(last, 2)
+        self.stored = min(last, 2)
 
     def finish(self) -> tuple[Map, Map]:
-        """(values, confidence) of the peaks, float32, shape (y, x)."""
-        self._track(self.held - 1, 1, len(self._values) - 1)
-        best, second, place, curvature = self._state
-        sure = self._device.empty(self._shape, np.float32)
-        self._launch("confidence", (sure, best, second, curvature))
-        found = self._device.download(place)[: self._size].reshape(self._shape)
-        return found, self._device.download(sure)
+        """Return (values, confidence) of the peaks, float32, shape (y, x)."""
+        self._track(self.stored - 1, 1, len(self._values) - 1)
+        best, second, position, curvature = self._state
+        confidence = self._device.empty(self._shape, np.float32)
+        self._launch("confidence", (confidence, best, second, curvature))
+        values = self._device.download(position)[: self._size].reshape(self._shape)
+        return values, self._device.download(confidence)
 
     def _track(self, first: int, count: int, index: int) -> None:
         """Compare planes of `curve` from `first` on with their neighbours; the first is `index`."""
         if count < 1:
             return
         steps = np.concatenate(([0], np.diff(self._values), [0]))
-        some = slice(index, index + count)
-        places = np.stack((self._values[some], steps[:-1][some], steps[1:][some]), axis=1)
-        table = self._device.upload(places.astype(np.float32))
+        planes = slice(index, index + count)
+        rows = np.stack((self._values[planes], steps[:-1][planes], steps[1:][planes]), axis=1)
+        table = self._device.upload(rows.astype(np.float32))
         numbers = (np.int32(first), np.int32(count), np.int32(self._fresh))
         args = (*self._state, self.curve, table, *numbers, np.float32(self._start))
         self._launch("track_peaks", args)
@@ -159,12 +159,12 @@ class PeakTracker:
         self._device.launch(kernel, (-(-self._size // length),), *args, *sizes)
 
     def _keep(self, plane: int) -> None:
-        """Move two planes to the front, one after the other: they may overlap."""
+        """Move two planes to the front in sequence, since they may overlap."""
         for to in range(2):
             start = (plane + to) * self._size
-            moved = self.curve[start : start + self._size]
+            block = self.curve[start : start + self._size]
             if start != to * self._size:
-                self._device.copy_into(self.curve, moved, 4 * to * self._size)
+                self._device.copy_into(self.curve, block, 4 * to * self._size)
 
     def _padded(self, planes: int) -> int:
         return planes * self._size + _PAD

@@ -38,14 +38,14 @@ _CUES = {
 }
 
 _CURVE_HIGH_PASS = 2.0  # pixels, for the whole picture
-_BORDER = 15  # pixels left out of the whole picture, at most a quarter of it
+_BORDER = 15  # pixels at the border that are excluded, at most a quarter of a picture
 
 Vector = np.ndarray[Any, np.dtype[np.float64]]
 
 
 @dataclass(frozen=True, eq=False, repr=False)
 class DepthMap(Savable, Plottable, HostArray):
-    """Depth at every pixel of the centre view; float32, shape (y, x). Made by `depth_map`.
+    """Depth at every pixel of the centre view; float32, shape (y, x).
 
     Attributes
     ----------
@@ -57,8 +57,8 @@ class DepthMap(Savable, Plottable, HostArray):
         Metres from the focused plane, farther positive (as in `PointSources`); NaN without a
         camera.
     confidence : numpy.ndarray
-        0 to 1: how sharp the extremum is and how far from the second one; 0 without texture and,
-        for cues that try planes, where the first or the last one is best.
+        Confidence, 0 to 1, from the sharpness of the extremum and its distance to the second one.
+        It is 0 without texture and, for cues that search planes, at the first or last plane.
 
     Examples
     --------
@@ -84,43 +84,43 @@ class DepthMap(Savable, Plottable, HostArray):
                 object.__setattr__(self, name, real_map(values, f"The {name} of a depth map"))
 
     def __repr__(self) -> str:
-        known = self.disparity[np.isfinite(self.disparity)]
-        span = f"disparity {known.min():.4g} to {known.max():.4g}" if known.size else "unknown"
+        finite = self.disparity[np.isfinite(self.disparity)]
+        span = f"disparity {finite.min():.4g} to {finite.max():.4g}" if finite.size else "unknown"
         return f"<DepthMap {self.disparity.shape} {self.disparity.dtype}, {span}>"
 
 
 def as_depth_map(depth: Any) -> DepthMap:
-    """Return a depth map as it is, and disparities as one whose other maps are NaN.
+    """Return a depth map unchanged; wrap disparities with NaN in the other maps.
 
-    Masked disparities are NaN, and so count as unknown.
+    Masked disparities become NaN (unknown).
     """
     if hasattr(depth, "disparity") and hasattr(depth, "confidence"):
-        known: DepthMap = depth
-        return known
+        depth_map: DepthMap = depth
+        return depth_map
     disparity = real_map(getattr(depth, "disparity", depth), "A depth map")
     if disparity.ndim != 2:
-        raise ShapeError(f"A depth map has shape (y, x), not {disparity.shape}.")
+        raise ShapeError(f"A depth map must have shape (y, x), got {disparity.shape}.")
     unknown = np.full(disparity.shape, np.nan, np.float32)
     return DepthMap(disparity, unknown, unknown, unknown)
 
 
 def default_cue(source: LightField | FocalStack | StoredLightField) -> str:
-    """The cue of `depth_map` where none was given."""
+    """Return the default cue of `depth_map` for a source."""
     sharpest = isinstance(source, FocalStack) or is_telecentric(source)
     return "energy" if sharpest else "combined"
 
 
 def cue_named(name: str) -> Cue:
-    """One of the cues."""
+    """Return the cue of a name."""
     return _CUES[setting_of(DepthSettings, "cue").checked(name)]
 
 
 def sharpness_curve(stack: FocalStack) -> Vector:
-    """How sharp each picture of a stack is as a whole.
+    """Compute the sharpness of each picture of a stack.
 
-    The mean square of what a Gaussian of 2 pixels takes away (of the luma, for three colours),
-    without a border of 15 pixels (a quarter of a small picture). The pictures are made equally
-    blurred by interpolation first, as in `depth_map`.
+    The sharpness is the mean square of a picture less its Gaussian blur of 2 pixels (of the luma,
+    for three colours), without a border of 15 pixels or a quarter of a small picture. Interpolation
+    blur is first made equal over the pictures, as in `depth_map`.
 
     Parameters
     ----------
@@ -130,7 +130,7 @@ def sharpness_curve(stack: FocalStack) -> Vector:
     Returns
     -------
     numpy.ndarray
-        float64, shape (n,).
+        Sharpness, float64, shape (n,).
 
     Examples
     --------
@@ -155,25 +155,25 @@ def sharpness_curve(stack: FocalStack) -> Vector:
 def distinct_planes(
     source: LightField | FocalStack | StoredLightField, alphas: Any, disparities: Any
 ) -> Vector:
-    """The disparities to try, rising, each once."""
+    """Return the disparities to search, ascending, without duplicates."""
     options = {"alphas": alphas, "disparities": disparities}
     names = [name for name, value in options.items() if value is not None]
     if isinstance(source, FocalStack):
         if names:
             raise ValueError(
-                f"A focal stack has its own planes; depth_map takes {' and '.join(names)} only "
-                "with a light field."
+                f"A focal stack has fixed planes; {' and '.join(names)} can only be combined with "
+                "a light field."
             )
         values = source.disparities
     elif alphas is not None:
         one_of_planes(alphas, disparities)
         values = source.disparity(plane_values(alphas, "alphas"))
     else:
-        given = default_disparities(source) if disparities is None else disparities
-        values = plane_values(given)
+        planes = default_disparities(source) if disparities is None else disparities
+        values = plane_values(planes)
     if values.ndim != 1 or not np.isfinite(values).all() or np.unique(values).size < 3:
         raise ValueError(
-            "A depth map needs a list of at least three different finite planes, not "
+            "A depth map needs a list of at least three different finite planes, got "
             f"{np.unique(values).size} of shape {values.shape}."
         )
     if not isinstance(source, FocalStack):
@@ -184,14 +184,14 @@ def distinct_planes(
 def with_depth(
     source: LightField | FocalStack | StoredLightField, disparity: Map, confidence: Map
 ) -> DepthMap:
-    """With alpha and z that follow from the disparity."""
+    """Build a DepthMap; compute alpha and z from the disparity."""
     if isinstance(source, FocalStack):
-        known, first = np.unique(source.disparities, return_index=True)
-        alpha = np.interp(disparity, known, source.alphas[first])
+        disparities, first = np.unique(source.disparities, return_index=True)
+        alpha = np.interp(disparity, disparities, source.alphas[first])
     else:
         alpha = source.alpha(disparity)
     if is_telecentric(source):
-        _say_high_na(source.camera, disparity)
+        _warn_high_na(source.camera, disparity)
     if source.camera is None or is_telecentric(source):
         z = depth_at(source, disparity)
     else:
@@ -199,12 +199,11 @@ def with_depth(
     return DepthMap(disparity, alpha.astype(np.float32), np.float32(z), confidence)
 
 
-def _say_high_na(camera: Any, disparity: Map) -> None:
-    words = high_na_message(camera, float(np.abs(disparity).max()))
-    if words:
+def _warn_high_na(camera: Any, disparity: Map) -> None:
+    message = high_na_message(camera, float(np.abs(disparity).max()))
+    if message:
         warn_caller(
-            f"{words}: z, which is that of the paraxial law, is too far from the native plane by "
-            "this factor.",
+            f"{message}: z by the paraxial law is too far from the native plane by this factor.",
             SamplingWarning,
         )
 
@@ -217,32 +216,32 @@ def metric_depth(
     pixel_pitch: float,
     focus_distance: float | None = None,
 ) -> np.ndarray[Any, np.dtype[np.float64]]:
-    """Distance of the points from the cameras, along the optical axis.
+    """Compute the distance of points from the cameras along the optical axis.
 
     Solves d = (b f/p) (1/Z - 1/Z0) for Z, the form of the HCI 4D light field benchmark (Honauer et
-    al. 2016), whose p is the sensor's larger side over its pixels. For a lens with microlenses b is
+    al. 2016), with p the sensor's larger side over its pixels. For a lens with microlenses b is
     the distance between views on the main lens, f the distance from the lens to the image plane
-    and p the pitch of the microlenses: then it is the lens law, 1/z = 1/z0 + d/(kappa F).
+    and p the pitch of the microlenses; the formula is then the lens law, 1/z = 1/z0 + d/(kappa F).
 
     Parameters
     ----------
     disparity : array_like
-        d in pixels a view step, nearer larger.
+        Disparity d in pixels a view step, nearer larger.
     baseline : float
-        b, distance between neighbouring cameras, in metres, positive.
+        Distance b between neighbouring cameras in metres, positive.
     focal_length : float
-        f, from lens to sensor, in metres, positive.
+        Distance f from lens to sensor in metres, positive.
     pixel_pitch : float
-        p in metres, positive.
+        Pixel pitch p in metres, positive.
     focus_distance : float, optional
-        Z0, where d = 0, in metres, positive. None: infinity, as for rectified cameras with parallel
-        axes.
+        Distance Z0 of zero disparity in metres, positive. None: infinity, for rectified cameras
+        with parallel axes.
 
     Returns
     -------
     numpy.ndarray
-        Z in metres, float64, the shape of ``disparity``; inf where the disparity is that of
-        infinity, NaN where it is lower still (behind infinity) or NaN.
+        Distance Z in metres, float64, with the shape of ``disparity``; inf at the disparity of
+        infinity, NaN below it and for NaN.
 
     Raises
     ------
@@ -260,7 +259,7 @@ def metric_depth(
         lengths["focus_distance"] = focus_distance
     for name, value in lengths.items():
         if not (np.isfinite(value) and value > 0):
-            raise ValueError(f"{name} is a length in metres, positive and finite, not {value!r}.")
+            raise ValueError(f"{name} must be positive and finite, in metres, got {value!r}.")
     at_focus = 0.0 if focus_distance is None else 1 / focus_distance
     d = real_array(disparity, "A disparity", np.float64)
     inverse = d * pixel_pitch / (baseline * focal_length) + at_focus

@@ -1,4 +1,4 @@
-"""Tables and launches of the kernels that see a light field sheared by planes."""
+"""Tables and launches of kernels that read a light field sheared by planes."""
 
 from __future__ import annotations
 
@@ -15,37 +15,36 @@ from clplen.lightfield.model.light_field import LightField
 Table = np.ndarray[Any, Any]
 Vector = np.ndarray[Any, np.dtype[np.float64]]
 
-_VECTORS = 8  # of one item, on CPUs
+_VECTORS = 8  # vectors of one work-item, on CPUs
 
 
 def view_tables(
     lf: LightField, planes: Vector, views: Table, *more: Table
 ) -> tuple[cla.Array, cla.Array]:
-    """The tables `place` and `part` of sheared.cl on the device, for views by their number.
+    """Upload the tables `place` and `part` of sheared.cl for views by number.
 
-    Shifts are split in float64 into a whole number and a fraction; one that leaves the view
-    altogether by one pixel is enough. `more` fills part[..., 2:], one value a view.
+    Shifts are split in float64 into pixels and fraction and clipped one pixel outside the view.
+    `more` fills part[..., 2:] with one value a view.
     """
-    moved = np.multiply.outer(planes, unit_steps(lf).reshape(-1, 2)[views])
-    whole = np.floor(moved)
-    place = np.zeros((planes.size, views.size, 4), np.int32)
-    part = np.zeros((planes.size, views.size, 4), np.float32)
-    place[..., 0] = views
+    shifts = np.multiply.outer(planes, unit_steps(lf).reshape(-1, 2)[views])
+    pixels = np.floor(shifts)
+    positions = np.zeros((planes.size, views.size, 4), np.int32)
+    fractions = np.zeros((planes.size, views.size, 4), np.float32)
+    positions[..., 0] = views
     limits = np.array(lf.shape[2:4])
-    place[..., 1:3] = np.clip(whole, -limits - 1, limits)
-    part[..., :2] = moved - whole
+    positions[..., 1:3] = np.clip(pixels, -limits - 1, limits)
+    fractions[..., :2] = shifts - pixels
     for i, values in enumerate(more):
-        part[..., 2 + i] = values
-    return lf.device.upload(place), lf.device.upload(part)
+        fractions[..., 2 + i] = values
+    return lf.device.upload(positions), lf.device.upload(fractions)
 
 
 def launch_sheared(
     lf: LightField, name: tuple[str, str], planes: int, args: tuple[Any, ...], **defines: Any
 ) -> None:
-    """Launch a kernel written with sheared.cl.
+    """Launch a kernel that includes sheared.cl.
 
-    Its last arguments are the table of samples beyond the edges, how far that reaches, ny, nx and
-    channels.
+    It appends the table of samples beyond the edges, its reach, ny, nx and channels as arguments.
     """
     device = lf.device
     ny, nx, channels = (*lf.shape[2:], 1)[:3]
@@ -63,9 +62,9 @@ def launch_sheared(
 
 
 def edge_table(nx: int, channels: int, further: int) -> tuple[Table, int]:
-    """(nearest sample inside, pixel) of every sample that a shifted row may ask for.
+    """Return (nearest sample inside, pixel) of every sample that a shifted row may read.
 
-    Views are shifted by nx + 1 pixels at most; an item takes up to `further` samples too many.
+    Views are shifted by nx + 1 pixels at most; an item reads up to `further` samples too many.
     """
     reach = (nx + 2) * channels
     s = np.arange(-reach, 2 * reach + channels + further)
@@ -74,14 +73,14 @@ def edge_table(nx: int, channels: int, further: int) -> tuple[Table, int]:
 
 
 def vectors_of(device: Device) -> tuple[int, int]:
-    """Floats of a vector of the device, and vectors of an item; one sample on GPUs."""
+    """Return the floats of a vector and the vectors of an item; 1, 1 on GPUs."""
     if not device.rows:
         return 1, 1
     return min(max(int(device.cl_device.native_vector_width_float), 4), 16), _VECTORS
 
 
 def add_colours(maps: cla.Array, device: Device) -> cla.Array:
-    """Maps (n, y, x[, c]) added over the colours, (n, y, x)."""
+    """Sum maps (n, y, x[, c]) over the colours to (n, y, x)."""
     *shape, channels = (int(n) for n in (*maps.shape, 1)[:4])
     if maps.ndim == 3 or channels == 1:
         return maps.reshape(*maps.shape[:3])

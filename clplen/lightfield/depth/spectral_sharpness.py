@@ -1,10 +1,10 @@
-"""Sharpness of refocused images in the Fourier domain, with the camera's own blur divided out.
+"""Sharpness of refocused images in the Fourier domain, corrected for the camera's blur.
 
 A refocused image is a slice through the Fourier transform of the light field (Ng 2005,
-"Fourier slice photography", eq. 9). What a lenslet records is the Wigner function of the light
-smoothed by that of its own aperture (Zhang and Levoy 2009, "Wigner distributions and how they
-relate to the light field"); in the Fourier domain that is a product with the aperture's ambiguity
-function, so a slice can be divided by it.
+"Fourier slice photography", eq. 9). A lenslet records the Wigner function of the light smoothed by
+that of its aperture (Zhang and Levoy 2009, "Wigner distributions and how they relate to the light
+field"). In the Fourier domain this is a product with the aperture's ambiguity function, so a slice
+can be divided by it.
 """
 
 from __future__ import annotations
@@ -20,46 +20,45 @@ from clplen.lightfield.depth.camera_optics import LensletBlur, Real
 
 Complex = np.ndarray[Any, np.dtype[np.complex128]]
 
-_COARSE = 49  # disparities of the first search, at least
+_COARSE = 49  # minimum number of disparities of the first search
 _FINE = 9  # disparities of each refinement, over two steps to either side
 _REFINEMENTS = 2
-_FLOOR = 0.05  # of the transfer function
+_FLOOR = 0.05  # minimum of the transfer function
 _BETA = 0.9  # power of the transfer function that is divided out
 
 
 @dataclass(frozen=True)
 class Sharpness:
-    """Spectral energy of the refocused image, a function of the disparity. Made by `sharpness`."""
+    """Spectral energy of the refocused image as a function of disparity."""
 
     spectra: Complex  # complex128, shape (c, v, u, ky, kx): transforms of the views
-    ky: Real  # ky, kx: Their frequencies in cycles a lenslet; kx of a real transform
+    ky: Real  # ky, kx: frequencies in cycles a lenslet; kx of a real transform
     kx: Real
     weights: Real  # Shape (ky, kx): 1 or 2 (half plane) inside the band, 0 outside
     aspect: float  # Shear along y over shear along x
-    blur: LensletBlur | None  # Divided out when given
+    blur: LensletBlur | None  # Blur that is divided out, if any
 
     def __call__(self, disparity: float) -> float:
-        """E(disparity), summed over the band and the colours."""
+        """Return E(disparity), summed over the band and the colours."""
         image, weights, _, _ = self._refocused(disparity)
         power = (image.real**2 + image.imag**2).sum(axis=0) * weights
         return float(power.sum())
 
     def deviation(self, disparity: float, variance: Real, *, step: float) -> float:
-        """Standard deviation of the peak's position by independent noise of the samples.
+        """Return the standard deviation of the peak due to independent noise of the samples.
 
-        To first order noise n moves the peak by -n dE'/dL / E''; derivatives are taken over
-        ``step``.
+        To first order noise n moves the peak by -n dE'/dL / E'', with differences over ``step``.
         """
         below, at, above = (self(disparity + side * step) for side in (-1, 0, 1))
-        bend = (below - 2 * at + above) / step**2
-        if not bend < 0:
+        curvature = (below - 2 * at + above) / step**2
+        if not curvature < 0:
             return math.inf
         shape = variance.shape[-2:]
         change = self._gradient(disparity + step, shape) - self._gradient(disparity - step, shape)
-        return float(np.sqrt((variance * change**2).sum()) / (2 * step) / -bend)
+        return float(np.sqrt((variance * change**2).sum()) / (2 * step) / -curvature)
 
     def _refocused(self, disparity: float) -> tuple[Complex, Real, Complex, Complex]:
-        """Transform of the picture (c, ky, kx), weights of its power, and the ramps."""
+        """Return the picture's transform (c, ky, kx), weights of its power, and the ramps."""
         shear = (self.aspect * disparity, disparity)
         _, V, U, _, _ = self.spectra.shape
         down, along = _ramp(V, shear[0], self.ky), _ramp(U, shear[1], self.kx)
@@ -72,7 +71,7 @@ class Sharpness:
         return image, weights, down, along
 
     def _gradient(self, disparity: float, shape: tuple[int, ...]) -> Real:
-        """dE/dL of every sample, shape (c, v, u, *shape)."""
+        """Return dE/dL of every sample, shape (c, v, u, *shape)."""
         image, weights, down, along = self._refocused(disparity)
         y, x = (
             np.exp(2j * np.pi * k[:, None] * np.arange(n))
@@ -85,7 +84,7 @@ class Sharpness:
 
 
 def _ramp(views: int, shear: float, k: Real) -> Complex:
-    """Phase factors (view, k) that move view j by (j - jc) shear."""
+    """Return phase factors (view, k) that shift view j by (j - jc) shear."""
     step = (np.arange(views) - (views - 1) / 2) * shear
     return np.exp(-2j * np.pi * step[:, None] * k[None, :])
 
@@ -98,7 +97,7 @@ def sharpness(
     aspect: float = 1.0,
     blur: LensletBlur | None = None,
 ) -> Sharpness:
-    """The sharpness measure of one window of a light field."""
+    """Compute the sharpness measure of one window of a light field."""
     ny, nx = (n + 2 * pad for n in window.shape[-2:])
     ky = np.fft.fftfreq(ny)
     kx = np.fft.rfftfreq(nx)
@@ -112,20 +111,20 @@ def sharpness(
 
 @dataclass(frozen=True)
 class Peak:
-    """Where a curve is highest."""
+    """Maximum of a curve."""
 
     position: float
-    # False when the curve is highest at an end of the search, so that no peak was found
+    # False if the curve is highest at an end of the search, without a peak
     inside: bool
-    positions: Real  # positions, values: The curve of the first search
+    positions: Real  # positions, values: curve of the first search
     values: Real
 
 
 def find_peak(measure: Callable[[float], float], limit: float, *, step: float = math.inf) -> Peak:
-    """Highest point of a positive function on [-limit, limit].
+    """Find the maximum of a positive function on [-limit, limit].
 
-    A coarse search in steps of at most ``step``, refined twice round the highest value; then a
-    parabola through the logarithm of the three highest.
+    A coarse search in steps of at most ``step`` is refined twice around the highest value; then a
+    parabola through the logarithms of the three highest values is solved.
     """
     coarse = np.linspace(-limit, limit, max(_COARSE, 2 * math.ceil(limit / step) + 1))
     values = np.array([measure(x) for x in coarse])

@@ -1,6 +1,6 @@
-"""Windows of lenslets on the host, and the focus measure as the thesis prints it.
+"""Windows of lenslets on the host, and the focus measure printed in the thesis.
 
-That measure (`thesis_curve`) is a baseline to compare with.
+The thesis' measure (`thesis_curve`) is a baseline for comparison.
 """
 
 from __future__ import annotations
@@ -23,15 +23,15 @@ if TYPE_CHECKING:
 THESIS_WINDOW = 31
 THESIS_ALPHAS = np.round(0.7 + 0.005 * np.arange(121), 3)
 
-_LOWEST = 0.1  # cycles a lenslet, of the thesis' measure
-_SAME = 1e-4  # of the largest sample: light fields that differ more are not of this raw image
-_SMOOTHING = 8  # windows are found in a picture smoothed by a Gaussian of window/8
+_MIN_FREQUENCY = 0.1  # cycles a lenslet: lowest frequency of the thesis' measure
+_MAX_DIFFERENCE = 1e-4  # of the largest sample: tolerance between light field and raw image
+_BLUR_DIVISOR = 8  # window over this is the Gaussian blur of the window search
 
 
 def read_window(
     lf: LightField, at: tuple[int, int], size: int, *, fill: bool = False
 ) -> np.ndarray[Any, np.dtype[np.float64]]:
-    """The samples round one lenslet."""
+    """Return the samples around one lenslet."""
     colours = lf.shape[4] if len(lf.shape) == 5 else 1
     ranges = [
         (max(centre - size // 2, 0), min(centre + size // 2 + 1, n))
@@ -51,25 +51,24 @@ def read_window(
 
 
 def brightest(lf: LightField, size: int) -> tuple[int, int]:
-    """(y, x) of the lenslet where a window of ``size`` lenslets holds the brightest region."""
-    from scipy.ndimage import gaussian_filter  # here: slow to import, and nothing else needs it
+    """Return (y, x) of the lenslet whose window of ``size`` lenslets is brightest."""
+    from scipy.ndimage import gaussian_filter  # slow import
 
     picture = lf.render().to_numpy().astype(np.float64)
     if picture.ndim == 3:
         picture = picture.sum(axis=-1)
-    smooth = gaussian_filter(picture, size / _SMOOTHING, mode="constant")
+    smooth = gaussian_filter(picture, size / _BLUR_DIVISOR, mode="constant")
     y, x = np.unravel_index(np.argmax(smooth), smooth.shape)
     return int(y), int(x)
 
 
 def thesis_curve(window: Real) -> Real:
-    """Focus measure of the thesis at `THESIS_ALPHAS`.
+    """Compute the focus measure of the thesis at `THESIS_ALPHAS`.
 
     I(x') = sum_u L(x'/alpha + u (1 - 1/alpha), u), x' in lenslets from the centre of the window,
     u in pixels from the centre of the cell, linear, 0 outside; E = sum of |FFT I|^2 over radii
-    above 0.1 cycles a lenslet. It shears the lenslets' own cells by eq. 3.9, with indices of
-    lenslets and pixels in the place of lengths, and knows nothing of diffraction: all three pull
-    alpha towards 1.
+    above 0.1 cycles a lenslet. The lenslets' naive cells are sheared by eq. 3.9 with indices
+    instead of lengths, and diffraction is ignored; all three bias alpha towards 1.
     """
     c, V, U, ny, nx = window.shape
     colours = window.transpose(0, 1, 3, 2, 4).reshape(c, V * ny, U * nx)
@@ -79,13 +78,13 @@ def thesis_curve(window: Real) -> Real:
         down, along = _shear(ny, V, alpha), _shear(nx, U, alpha)
         for rows in colours:
             image = down @ (along @ rows.T).T
-            energies[i] += np.sum(np.abs(np.fft.fft2(image)[radius > _LOWEST]) ** 2)
+            energies[i] += np.sum(np.abs(np.fft.fft2(image)[radius > _MIN_FREQUENCY]) ** 2)
     return energies
 
 
 def _shear(count: int, views: int, alpha: float) -> scipy.sparse.csr_array:
-    """Matrix (count, views count) that samples one axis linearly and sums over its views."""
-    import scipy.sparse  # here: slow to import, and only this baseline needs it
+    """Return the matrix (count, views count) that samples one axis and sums over its views."""
+    import scipy.sparse  # slow import
 
     x = np.arange(count) - (count - 1) / 2
     u = np.arange(views) - (views - 1) / 2
@@ -96,23 +95,22 @@ def _shear(count: int, views: int, alpha: float) -> scipy.sparse.csr_array:
 
 @dataclass(frozen=True)
 class Lenslets:
-    """What lenslets round one point recorded, and where they lie. Made by `read_lenslets`."""
+    """Samples and positions of the lenslets around one point."""
 
-    samples: Real  # float64, shape (c, v, u, y, x); 0 in views that see the cells of other lenslets
-    # y, x: Positions of the lenslets in pixels of the light field, shapes that broadcast to (y, x)
+    samples: Real  # float64, shape (c, v, u, y, x); 0 in views of other lenslets' cells
+    # y, x: positions in pixels of the light field, broadcastable to (y, x)
     y: Real
     x: Real
 
 
 def read_lenslets(lf: LightField, at: tuple[int, int], size: int) -> Lenslets:
-    """The lenslets of a window as they are, not as hexagonal ones are resampled for the views.
+    """Read the lenslets of a window at their sensor positions, without hexagonal resampling.
 
-    The views of a hexagonal light field (`clplen.lightfield.raw.decode.resample`) differ from its
-    lenslets in two ways. Their odd rows are interpolated from two lenslets or more, which gives a
-    point spots where no lenslet has one: where the raw image is there and fits, the lenslets are
-    read from it, else the odd rows are left out. And the square of views is larger than the
-    hexagonal cell, so that the corners hold the spots of neighbours: views outside the circle
-    in the cell are 0.
+    Views of a hexagonal light field (`clplen.lightfield.raw.decode.resample`) differ from its
+    lenslets in two ways. Odd rows are interpolated from two or more lenslets, which creates spots
+    without a lenslet; they are read from the raw image if it fits, else omitted. The square of
+    views exceeds the hexagonal cell, whose corners hold neighbours' spots; views outside the
+    inscribed circle are set to 0.
     """
     samples = read_window(lf, at, size)
     top, left = (max(centre - size // 2, 0) for centre in at)
@@ -121,7 +119,7 @@ def read_lenslets(lf: LightField, at: tuple[int, int], size: int) -> Lenslets:
     grid = _grid_of(lf)
     if grid is None and getattr(lf.camera, "lenslet_lattice", "square") != "hexagonal":
         return Lenslets(samples, y, x)
-    samples *= _own_views(lf)[:, :, None, None]
+    samples *= _inscribed_views(lf)[:, :, None, None]
     if grid is not None and grid.columns is not None:
         return Lenslets(samples, y, x)
     exchanged = grid is not None and grid.exchanged
@@ -140,17 +138,17 @@ def read_lenslets(lf: LightField, at: tuple[int, int], size: int) -> Lenslets:
 
 
 def _grid_of(lf: LightField) -> LensletGrid | None:
-    """The hexagonal grid that a light field was decoded with, where it is known."""
+    """Return the hexagonal grid of the decoding, if known."""
     if lf.raw is None:
         return None
     grid = lf.raw.sub_images if lf.decode == "calibrated" else lf.raw.cells
     return grid if grid.odd_row_shift and grid.shape == lf.shape[:4] else None
 
 
-def _own_views(lf: LightField) -> Real:
-    """1 for the views in the circle that touches the sides of a hexagonal cell, else 0.
+def _inscribed_views(lf: LightField) -> Real:
+    """Return 1 for views inside the inscribed circle of a hexagonal cell, else 0.
 
-    Views are a pitch wide along the lines of nearest neighbours, so that this is half of them.
+    The circle has half the diameter of the views, a pitch along the lines of nearest neighbours.
     """
     V, U = lf.shape[:2]
     v, u = (np.arange(n) - (n - 1) / 2 for n in (V, U))
@@ -158,23 +156,23 @@ def _own_views(lf: LightField) -> Real:
 
 
 def _odd_rows(lf: LightField, grid: LensletGrid, samples: Real, y: Real, x: Real) -> Real | None:
-    """The lenslets of the odd rows of a window, from the raw image; None where it does not fit."""
+    """Return a window's lenslets of odd rows from the raw image; None if it does not fit."""
     raw = lf.raw
     if raw is None or len(raw.data.shape) != 2 or samples.shape[0] != 1:
         return None
     rows, columns = y[:, 0].astype(int), x[0].astype(int)
-    weights = (lf.weights.T if grid.exchanged else lf.weights) * _own_views(lf)
-    found = {}
+    weights = (lf.weights.T if grid.exchanged else lf.weights) * _inscribed_views(lf)
+    values_of_parity = {}
     for parity in (0, 1):
-        chosen = rows[rows % 2 == parity]
-        if not chosen.size:
+        parity_rows = rows[rows % 2 == parity]
+        if not parity_rows.size:
             continue
         across = columns[0] + parity * grid.odd_row_shift
         steps = np.asarray(grid.row_step), np.asarray(grid.column_step)
-        first = np.asarray(grid.first) + chosen[0] * steps[0] + across * steps[1]
+        first = np.asarray(grid.first) + parity_rows[0] * steps[0] + across * steps[1]
         part = replace(
             grid,
-            count=(chosen.size, columns.size),
+            count=(parity_rows.size, columns.size),
             first=(float(first[0]), float(first[1])),
             row_step=(2 * grid.row_step[0], 2 * grid.row_step[1]),
             odd_row_shift=0.0,
@@ -182,19 +180,21 @@ def _odd_rows(lf: LightField, grid: LensletGrid, samples: Real, y: Real, x: Real
         values = lf.device.download(resample(raw.data, part, raw.device)).astype(float)
         if grid.exchanged:
             values = values.transpose(1, 0, 3, 2)
-        found[parity] = values * weights[:, :, None, None]
+        values_of_parity[parity] = values * weights[:, :, None, None]
     stored = samples[0][:, :, rows % 2 == 0]
-    same = 0 in found and np.abs(found[0] - stored).max() <= _SAME * np.abs(stored).max()
-    return found.get(1) if same else None
+    matches = (
+        0 in values_of_parity
+        and np.abs(values_of_parity[0] - stored).max() <= _MAX_DIFFERENCE * np.abs(stored).max()
+    )
+    return values_of_parity.get(1) if matches else None
 
 
 def sample_noise(window: Real) -> Real:
-    """Variance of the noise of every sample, from what views next to each other do not share.
+    """Estimate the variance of the noise of every sample from neighbouring views.
 
-    The square of the second difference along both axes of the views, over 36 (Immerkaer 1996,
-    "Fast noise variance estimation", eq. 4): each is an estimate of its own, to be summed over
-    many. A sub-image is smooth over q = lam f_mu/(dx d) views; where that is less than about 3,
-    part of the light is taken for noise.
+    The estimate is the squared second difference along both axes of the views, over 36 (Immerkaer
+    1996, "Fast noise variance estimation", eq. 4); sum it over many samples. Sub-images are smooth
+    over q = lam f_mu/(dx d) views; below about 3, part of the light counts as noise.
     """
     out = np.zeros_like(window)
     if min(window.shape[1:3]) < 3:
@@ -206,12 +206,12 @@ def sample_noise(window: Real) -> Real:
 
 
 def _download_window(lf: LightField, rows: slice, columns: slice) -> np.ndarray[Any, Any]:
-    """Some rows and columns of every view; no other sample leaves the device."""
+    """Download some rows and columns of every view."""
     V, U, ny, nx = lf.shape[:4]
-    sample = lf.data.nbytes // (V * U * ny * nx)  # bytes, of all colours
+    sample = lf.data.nbytes // (V * U * ny * nx)  # bytes, all colours
     shape = (V, U, rows.stop - rows.start, columns.stop - columns.start, *lf.shape[4:])
     part = np.empty(shape, lf.dtype)
-    copy: Any = cl.enqueue_copy  # its types leave out buffer_origin
+    copy: Any = cl.enqueue_copy  # its type stubs lack buffer_origin
     with device_errors(lf.device.cl_device, "A copy to the host"):
         copy(
             lf.device.queue,

@@ -1,1 +1,1 @@
-"""Depth and pictures of raw images of focused (plenoptic 2.0) cameras; may import raw."""
+"""Depth and pictures from raw images of focused (plenoptic 2.0) cameras; may import raw."""

@@ -1,8 +1,8 @@
-"""Depth from the raw image of a focused camera: the m of every sub-image, by matching neighbours.
+"""Depth from the raw image of a focused camera, by matching neighbouring sub-images.
 
-All planes are tried on the nearest pairs of lenslets, the best is refined by Gauss-Newton on more
-pairs (Lucas & Kanade 1981), and what disagrees with all its neighbours is started again from their
-median. `clplen.lightfield.focused.focused_matching` says what is compared.
+All planes are tested on the nearest pairs of lenslets. The best is refined by Gauss-Newton on more
+pairs (Lucas & Kanade 1981); outliers restart from the median of their neighbours. See
+`clplen.lightfield.focused.focused_matching` for the costs.
 """
 
 from __future__ import annotations
@@ -34,34 +34,35 @@ from clplen.lightfield.raw.raw_image import RawImage
 from clplen.results import Plottable
 
 _WINDOW = 0.2  # radius in pitches
-_MIN_VIEWS = 4.0  # per point, both ways: at abs(m) = 1/2
-_LARGEST = 0.45  # abs(m), and the least, that are tried where nothing else is said
-_LEAST = 0.04
-_SURE = 0.3  # confidence from which on a sub-image counts for maps and the median
-_OFF = 0.15  # of the ratio: farther from the median of the neighbours is tried again
-_WORSE = 0.2  # score by which the median may fit worse and still be taken
-_BESIDE = 2.5  # planes from the best that are part of its minimum
-_SLACK = 0.1  # of the range: how far beyond it a refined ratio may lie
+_MIN_VIEWS = 4.0  # views of a point in both directions: abs(m) = 1/2
+_MAX_M = 0.45  # default largest and smallest abs(m) of the search
+_MIN_M = 0.04
+_MIN_CONFIDENCE = 0.3  # minimum confidence of a sub-image in maps and in the median
+_MAX_DEVIATION = 0.15  # relative deviation from the neighbours' median that triggers a restart
+_SCORE_MARGIN = 0.2  # score by which a restart may be worse and still be accepted
+_MINIMUM_PLANES = 2.5  # planes from the best that belong to its minimum
+_RANGE_MARGIN = 0.1  # of the search range: margin for a refined ratio
 
 
 @dataclass(frozen=True, eq=False, repr=False)
 class FocusedDepth:
-    """What `focused_depth` finds; arrays of shape (lines, lenslets) as in ``geometry.kinds``.
+    """Depth of every sub-image, in arrays of shape (lines, lenslets) as in ``geometry.kinds``.
 
     Attributes
     ----------
     geometry : FocusedGeometry
     m : numpy.ndarray
-        float64: b/a; NaN where there is no lenslet or nothing matches.
+        Ratio b/a, float64; NaN without a lenslet or a match.
     confidence : numpy.ndarray
-        float64, 0 to 1: how well neighbours match, how much texture there is, and how much worse
-        the next best plane is.
+        Confidence, float64, 0 to 1, from the match, the texture and the distance to the next best
+        plane.
     uncertainty : numpy.ndarray
-        float64: standard deviation of m by the residuals of the match; inf where not known.
+        Standard deviation of m from the residuals of the match, float64; inf if unknown.
     z : numpy.ndarray
-        float64: dz in metres from the focused plane, farther positive; NaN without a camera.
+        Distance dz in metres from the focused plane, float64, farther positive; NaN without a
+        camera.
     sure : float
-        Confidence from which on a sub-image counts for `ratios`, `on` and `median`.
+        Minimum confidence of a sub-image for `ratios`, `on` and `median`.
 
     Examples
     --------
@@ -80,44 +81,44 @@ class FocusedDepth:
     confidence: Values
     uncertainty: Values
     z: Values
-    sure: float = _SURE
+    sure: float = _MIN_CONFIDENCE
 
     def __repr__(self) -> str:
-        found = int((self.confidence >= self.sure).sum())
-        return f"<FocusedDepth of {found} of {self.geometry.count} lenslets>"
+        valid = int((self.confidence >= self.sure).sum())
+        return f"<FocusedDepth of {valid} of {self.geometry.count} lenslets>"
 
     @property
     def virtual_depth(self) -> Values:
-        """v = a/b = 1/m of each sub-image."""
+        """Virtual depth v = a/b = 1/m of each sub-image."""
         with np.errstate(divide="ignore"):
             return 1 / self.m
 
     @property
     def median(self) -> float:
-        """The median of m over the sub-images that are sure.
+        """Median of m over the sub-images of sufficient confidence.
 
         Raises
         ------
         ValueError
-            If none is.
+            If no sub-image has sufficient confidence.
         """
-        known = self.m[self.confidence >= self.sure]
-        if known.size == 0:
+        valid = self.m[self.confidence >= self.sure]
+        if valid.size == 0:
             raise ValueError(
-                "No sub-image shows texture that its neighbours show again, so that the depth is "
-                "not known: give m."
+                "The depth is unknown: no sub-image has texture that matches its neighbours. Pass "
+                "m."
             )
-        return float(np.median(known))
+        return float(np.median(valid))
 
     def ratios(self, grid: PictureGrid) -> Values:
-        """Patch over pitch at every sample of a picture, shape (height, width).
+        """Return patch over pitch at every sample of a picture, shape (height, width).
 
-        Linear between the sub-images; those that are not sure are filled from their neighbours.
+        Values are linear between sub-images; uncertain sub-images are filled from their neighbours.
         """
         return interpolate_lenslets(self._filled, self.geometry, grid)
 
     def on(self, grid: PictureGrid) -> Values:
-        """m at every sample of a picture, shape (height, width); see `ratios`."""
+        """Return m at every sample of a picture, shape (height, width); see `ratios`."""
         return np.asarray(self.geometry.m(self.ratios(grid)))
 
     @cached_property
@@ -134,30 +135,30 @@ def focused_depth(
     window: float | None = None,
     white: ArrayLike | None = None,
 ) -> FocusedDepth:
-    """Find m, virtual depth and distance of what each sub-image shows in its middle.
+    """Estimate m, virtual depth and distance of the scene in the middle of each sub-image.
 
-    Neighbours of the nearest distance are compared first (of one type: sqrt(3) pitches for three
-    types on a hexagonal lattice), then those up to twice as far as long as both sub-images hold the
+    The nearest neighbours of one type are compared first (sqrt(3) pitches apart for three types on
+    a hexagonal lattice), then those up to twice as far, as long as both sub-images contain the
     window.
 
-    The aperture of a lenslet that focuses on m dims the rim of its sub-image over m pitches.
-    Without a white image what is dimmed for the m in question, and for those that the camera or
-    its lens types are made for, is left out, which leaves little at abs(m) above 0.35.
+    The aperture of a lenslet focused at m dims the rim of its sub-image over m pitches. Without a
+    white image, the rim for the tested m and for the camera's or lens types' m is excluded, which
+    leaves little area at abs(m) above 0.35.
 
     Parameters
     ----------
     raw : RawImage
-        Simulated, or captured with a lattice; grey or colour; finite.
+        Raw image, simulated or captured with a lattice; grey or colour; finite.
     ms : tuple of float, optional
-        (least, greatest) m to try, of one sign, abs(m) below 0.5, where at least four lenslets see
-        a point. Default: for a camera of m, from a quarter of it to twice it; for lens types, over
-        their ranges; else abs(m) from 0.04 to 0.45. Without a camera both signs are tried, and the
-        one is taken that fits better as a whole.
+        Search range (lowest, highest) of m, of one sign, abs(m) below 0.5, so that at least four
+        lenslets see a point. Default: for a camera of m, from a quarter of it to twice it; for lens
+        types, their ranges; else abs(m) from 0.04 to 0.45. Without a camera both signs are tested,
+        and the better overall fit is returned.
     window : float, optional
-        Radius in pixels of what is compared; default a fifth of the pitch. On the picture it is
+        Radius in pixels of the compared window; default a fifth of the pitch. On the picture it is
         1/m times as large.
     white : array_like, optional
-        White image of shape (ny, nx[, c]), by whose mean over the colours the raw image is divided.
+        White image of shape (ny, nx[, c]); the raw image is divided by its mean over the colours.
 
     Returns
     -------
@@ -167,11 +168,11 @@ def focused_depth(
     Raises
     ------
     ValueError
-        For a range of m that is empty, holds 0 or reaches 0.5, a window larger than a quarter of
-        the pitch or below 2 pixels, a raw image of a plenoptic 1.0 camera, NaN in it, or a white
-        image that is dark.
+        If the range of m is empty, includes 0 or reaches 0.5; the window is larger than a quarter
+        of the pitch or below 2 pixels; the raw image is of a plenoptic 1.0 camera or includes NaN;
+        or the white image is black.
     ShapeError
-        If fewer than two by two lenslets lie on the sensor, or the white image does not fit.
+        If fewer than two by two lenslets lie on the sensor, or the white image differs in shape.
 
     Examples
     --------
@@ -193,7 +194,7 @@ def focused_depth(
 
 
 def reference_m(raw: RawImage, *, white: ArrayLike | None = None) -> float:
-    """The camera's own m, else the median over the sub-images."""
+    """Return the camera's m, or the median over the sub-images."""
     if raw.camera is not None:
         return float(raw.camera.m)  # type: ignore[attr-defined]
     return focused_depth(raw, white=white).median
@@ -203,8 +204,8 @@ def _checked_window(geometry: FocusedGeometry, window: float | None) -> float:
     value = max(2.5, _WINDOW * geometry.pitch) if window is None else window
     if not (np.ndim(value) == 0 and 2 <= value <= geometry.pitch / 4):
         raise ValueError(
-            f"The window is 2 to {geometry.pitch / 4:.4g} px (a quarter of a sub-image), not "
-            f"{value:.4g}: give a window that fits, or a raw image of larger sub-images."
+            f"window must be 2 to {geometry.pitch / 4:.4g} px (a quarter of a sub-image), got "
+            f"{value:.4g}; pass a window in this range, or a raw image of larger sub-images."
         )
     return float(value)
 
@@ -212,45 +213,45 @@ def _checked_window(geometry: FocusedGeometry, window: float | None) -> float:
 def _checked_range(geometry: FocusedGeometry, ms: Any) -> tuple[float, float]:
     values = real_array(ms, "ms", np.float64)
     if values.shape != (2,) or not np.isfinite(values).all() or not values[0] < values[1]:
-        raise ValueError(f"ms is (least, greatest) of m to try, not {ms!r}.")
+        raise ValueError(f"ms must be an ascending pair (lowest, highest) of m, got {ms!r}.")
     if values[0] * values[1] <= 0:
         raise ValueError(
-            f"m from {values[0]:g} to {values[1]:g} holds 0, an image infinitely far: try one sign "
-            "at a time."
+            f"m from {values[0]:g} to {values[1]:g} includes 0, an image at infinity; search one "
+            "sign at a time."
         )
     largest = np.abs(values).max()
     if largest >= 1 / math.sqrt(_MIN_VIEWS):
         raise ValueError(
-            f"At m = {values[np.abs(values).argmax()]:g} a point is seen by {1 / largest:.2g} "
-            "lenslets a row, which is too few to compare: depth needs abs(m) below 0.5."
+            f"At m = {values[np.abs(values).argmax()]:g} only {1 / largest:.2g} lenslets a row see "
+            "a point, too few to match: depth needs abs(m) below 0.5."
         )
     if math.prod(map(geometry.ratio, values)) <= 0:
         raise ValueError(
-            f"m from {values[0]:g} to {values[1]:g} holds {geometry.pupil:.4g}, the m of the main "
-            "lens' pupil, which no lenslet can tell from any other: try larger ones."
+            f"m from {values[0]:g} to {values[1]:g} includes {geometry.pupil:.4g}, the m of the "
+            "main lens' pupil, at which depth is indeterminate; search larger values."
         )
     return float(values[0]), float(values[1])
 
 
 def _default_ranges(raw: RawImage, geometry: FocusedGeometry) -> list[tuple[float, float]]:
-    """The ranges of m that a raw image suggests."""
-    largest = _LARGEST
+    """Return the default ranges of m for a raw image."""
+    largest = _MAX_M
     camera: Any = raw.camera
     if camera is not None:
         if abs(camera.m) >= 1 / math.sqrt(_MIN_VIEWS):
             raise ValueError(
-                f"At the camera's m = {camera.m:g} a point is seen by {1 / abs(camera.m):.2g} "
-                "lenslets a row, which is too few to compare: depth needs abs(m) below 0.5, or a "
-                f"range {argument('ms')} of what lies farther from the array."
+                f"At the camera's m = {camera.m:g} only {1 / abs(camera.m):.2g} lenslets a row see "
+                "a point, too few to match: depth needs abs(m) below 0.5, or a range "
+                f"{argument('ms')} of objects farther from the array."
             )
         low, high = abs(camera.m) / 4, min(largest, 2 * abs(camera.m))
     elif len(geometry.ranges) > 1:
         low = min(pair[0] for pair in geometry.ranges)
         high = max(pair[1] for pair in geometry.ranges)
-        low, high = max(_LEAST, low), min(largest, high)
+        low, high = max(_MIN_M, low), min(largest, high)
     else:
-        low, high = _LEAST, largest
-    low = max(low, 1.3 * geometry.pupil, _LEAST / 4)
+        low, high = _MIN_M, largest
+    low = max(low, 1.3 * geometry.pupil, _MIN_M / 4)
     signs = (1, -1) if camera is None else (math.copysign(1, camera.m),)
     return [(min(s * low, s * high), max(s * low, s * high)) for s in signs]
 
@@ -258,60 +259,60 @@ def _default_ranges(raw: RawImage, geometry: FocusedGeometry) -> list[tuple[floa
 def _match_planes(
     raw: RawImage, matcher: Matcher, bounds: list[tuple[float, float]]
 ) -> FocusedDepth:
-    """The best plane within that range of the ratio which fits best as a whole, refined."""
+    """Return the refined best plane, from the range of the ratio that fits best as a whole."""
     geometry = matcher.geometry
     planes = [matcher.planes(low, high) for low, high in bounds]
     costs = [matcher.costs(values) for values in planes]
     fitting = int(np.argmin([np.minimum(cost.min(0), 1).mean() for cost in costs]))
     start, first, second = _best(planes[fitting], costs[fitting])
-    found = refine_outliers(matcher, start)
+    match = refine_outliers(matcher, start)
     low, high = bounds[fitting]
-    slack = _SLACK * (high - low)
-    inside = (found.ratio > low - slack) & (found.ratio < high + slack)
-    there = inside & (geometry.kinds >= 0) & (found.weight > 0)
+    slack = _RANGE_MARGIN * (high - low)
+    inside = (match.ratio > low - slack) & (match.ratio < high + slack)
+    valid = inside & (geometry.kinds >= 0) & (match.weight > 0)
     unique = 1 - np.clip(first / np.maximum(second, np.finfo(np.float64).tiny), 0, 1)
-    confidence = np.where(there, matcher.worth(found) * unique, 0.0)
-    m = np.where(confidence > 0, geometry.m(found.ratio), np.nan)
+    confidence = np.where(valid, matcher.quality(match) * unique, 0.0)
+    m = np.where(confidence > 0, geometry.m(match.ratio), np.nan)
     scale = (1 + geometry.pupil) * math.sqrt(matcher.redundancy)
-    deviation = np.where(there, scale * found.deviation, np.inf)
+    deviation = np.where(valid, scale * match.deviation, np.inf)
     return FocusedDepth(geometry, m, confidence, deviation, z_of_m(raw, m))
 
 
 def refine_outliers(matcher: Matcher, start: Values) -> Match:
-    """Refined ratios; what lies far from all neighbours is started again from their median."""
-    found = matcher.refined(start)
-    near = median_of_neighbours(found.ratio, matcher.worth(found), matcher.geometry)
-    astray = np.abs(found.ratio - near) > _OFF * np.abs(near)
-    if not astray.any():
-        return found
-    other = matcher.refined(np.where(astray, near, found.ratio))
-    return found.where(~astray | (other.score > found.score + _WORSE), other)
+    """Refine ratios; restart outliers from the median of their neighbours."""
+    match = matcher.refined(start)
+    median = median_of_neighbours(match.ratio, matcher.quality(match), matcher.geometry)
+    outlier = np.abs(match.ratio - median) > _MAX_DEVIATION * np.abs(median)
+    if not outlier.any():
+        return match
+    restarted = matcher.refined(np.where(outlier, median, match.ratio))
+    return match.where(~outlier | (restarted.score > match.score + _SCORE_MARGIN), restarted)
 
 
 def _best(planes: Values, cost: Values) -> tuple[Values, Values, Values]:
-    """Ratio of least cost, that cost, and the least of other minima (1 where there is none)."""
+    """Return the ratio of least cost, its cost, and the cost of the next minimum (or 1)."""
     order = np.argmin(cost, axis=0)
     first = np.take_along_axis(cost, order[None], 0)[0]
     padded = np.pad(cost, ((1, 1), (0, 0), (0, 0)), constant_values=np.inf)
     is_minimum = (cost <= padded[:-2]) & (cost <= padded[2:])
-    is_beside = np.abs(np.arange(len(planes))[:, None, None] - order) < _BESIDE
+    is_beside = np.abs(np.arange(len(planes))[:, None, None] - order) < _MINIMUM_PLANES
     second = np.where(is_minimum & ~is_beside, cost, 1.0).min(0)
     return planes[order], first, second
 
 
 @dataclass(frozen=True, eq=False, repr=False)
 class FocusedMaps(Plottable):
-    """Maps over a picture, float64, shape (height, width). By `focused_maps`.
+    """Maps of a focused camera over a picture, float64, shape (height, width).
 
     Attributes
     ----------
     grid : PictureGrid
     m : numpy.ndarray
-        b/a, filled where it is not sure.
+        Ratio b/a, filled in uncertain areas.
     z : numpy.ndarray
-        dz in metres from the focused plane, farther positive; NaN without a camera.
+        Distance dz in metres from the focused plane, farther positive; NaN without a camera.
     confidence : numpy.ndarray
-        0 to 1, linear between the sub-images: 0 where m is filled.
+        Confidence, 0 to 1, linear between the sub-images; 0 where m is filled.
 
     Examples
     --------
@@ -339,23 +340,23 @@ class FocusedMaps(Plottable):
 
     @property
     def virtual_depth(self) -> Values:
-        """v = a/b = 1/m."""
+        """Virtual depth v = a/b = 1/m."""
         return np.asarray(1 / self.m)
 
 
 def focused_maps(
     raw: RawImage, depth: FocusedDepth, *, grid: PictureGrid | None = None
 ) -> FocusedMaps:
-    """What `focused_depth` found, on the picture of `render_focused` with ``method="depth"``.
+    """Resample a `FocusedDepth` to the picture of `render_focused` with ``method="depth"``.
 
     Parameters
     ----------
     raw : RawImage
-        Whose depth it is.
+        Raw image of the depth map.
     depth : FocusedDepth
         The depth map.
     grid : PictureGrid, optional
-        Of a picture; default that of the median of m.
+        Grid of a picture; default that of the median of m.
 
     Returns
     -------
@@ -365,7 +366,7 @@ def focused_maps(
     Raises
     ------
     ValueError
-        If no sub-image is sure.
+        If no sub-image has sufficient confidence.
 
     Examples
     --------

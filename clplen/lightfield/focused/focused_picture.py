@@ -1,11 +1,10 @@
-"""Pictures put together from the sub-images of a focused camera, their grid, and maps on it."""
+"""Pictures composed of the sub-images of a focused camera, their grid, and maps on it."""
 
 from __future__ import annotations
 
 import math
 from dataclasses import dataclass
 from itertools import product
-from operator import attrgetter
 from typing import Any, ClassVar
 
 import numpy as np
@@ -17,22 +16,22 @@ from clplen.compute.device import Device
 from clplen.lightfield.focused.focused_geometry import FocusedGeometry, Pair, Values
 from clplen.results import Savable
 
-_MOST = 2**24  # samples along an axis
-_EDGE = 1e-3  # pixels of a sub-image off the sensor that do not matter
+_MAX_SAMPLES = 2**24  # samples along an axis
+_EDGE = 1e-3  # pixels by which a sub-image may leave the sensor
 
 
 @dataclass(frozen=True)
 class PictureGrid:
-    """Where the samples of a picture lie on the sensor, by their chief rays.
+    """Grid of a picture's samples on the sensor, by their chief rays.
 
     Attributes
     ----------
     first : tuple of float
-        (y, x) of sample (0, 0) in pixels of the sensor.
+        Position (y, x) of sample (0, 0) in pixels of the sensor.
     step : float
-        Pixels of the sensor from sample to sample, both ways.
+        Pixels of the sensor between samples, along both axes.
     shape : tuple of int
-        (height, width) in samples.
+        Size (height, width) in samples.
     """
 
     first: Pair
@@ -41,34 +40,34 @@ class PictureGrid:
 
     @classmethod
     def over(cls, geometry: FocusedGeometry, patch: float, step: float | None) -> PictureGrid:
-        """The cells of all lenslets, by default with ``round(patch)`` samples a lenslet.
+        """Return the grid over all lenslets, by default with ``round(patch)`` samples a lenslet.
 
         Raises
         ------
         ValueError
-            If the step is not positive and finite, or so small that no array counts the samples.
+            If the step is not positive and finite, or too small for an array.
         """
         if step is None:
             step = geometry.pitch / max(1, round(patch))
         if not (fits_float64(step) and step > 0):
             raise ValueError(
-                f"step, pixels of the sensor from sample to sample, is positive, not {step!r}."
+                f"step must be a positive number of sensor pixels per sample, got {step!r}."
             )
         centres = geometry.centres[geometry.kinds >= 0]
         half = np.array(geometry.cell) / 2
         low, high = centres.min(0) - half, centres.max(0) + half
-        wanted = np.maximum(1, np.round((high - low) / step))
-        if not wanted.max() < _MOST:
+        counts_needed = np.maximum(1, np.round((high - low) / step))
+        if not counts_needed.max() < _MAX_SAMPLES:
             raise ValueError(
-                f"A step of {step:g} px makes a picture of {wanted[0]:.3g} x {wanted[1]:.3g} "
-                "samples: give a larger one."
+                f"A step of {step:g} px makes a picture of {counts_needed[0]:.3g} x "
+                f"{counts_needed[1]:.3g} samples; pass a larger step."
             )
-        count = wanted.astype(int)
+        count = counts_needed.astype(int)
         first = (low + high) / 2 - (count - 1) / 2 * step
         return cls((float(first[0]), float(first[1])), float(step), (int(count[0]), int(count[1])))
 
     def axes(self) -> tuple[Values, Values]:
-        """Places y of the rows and x of the columns, in pixels of the sensor."""
+        """Return y of the rows and x of the columns, in pixels of the sensor."""
         (first_y, first_x), (height, width) = self.first, self.shape
         y = np.asarray(first_y + self.step * np.arange(height), np.float64)
         x = np.asarray(first_x + self.step * np.arange(width), np.float64)
@@ -77,7 +76,7 @@ class PictureGrid:
 
 @dataclass(frozen=True, eq=False, repr=False)
 class FocusedImage(Image):
-    """A picture of a focused camera with its scale; inverted like the main lens' own picture.
+    """Picture of a focused camera with its scale, inverted like the main lens' picture.
 
     Attributes
     ----------
@@ -86,10 +85,10 @@ class FocusedImage(Image):
     device : Device
     grid : PictureGrid
     m : float
-        b/a of the plane that was asked for (the reference plane where depth varied).
+        Ratio b/a of the plane in focus (of the reference plane if depth varies).
     geometry : FocusedGeometry
     ratio : float
-        Patch over pitch that was taken: ``geometry.ratio(m)``, or what a given patch amounts to.
+        Patch over pitch: ``geometry.ratio(m)``, or the ratio of a given patch.
 
     Examples
     --------
@@ -111,44 +110,42 @@ class FocusedImage(Image):
 
     @property
     def pitch(self) -> float:
-        """Metres from sample to sample on the main lens' image plane of ``m``.
+        """Sample distance in metres on the main lens' image plane of ``m``.
 
-        NaN where the pixel pitch is not known.
+        NaN if the pixel pitch is unknown.
         """
         return abs(self.grid.step * self._scale)
 
     def positions(self) -> tuple[Values, Values]:
-        """Positions (y of rows, x of columns) on the image plane of ``m``, metres from the axis."""
+        """Return y of rows and x of columns on the image plane of ``m``, in metres."""
         y, x = self.grid.axes()
         return (y - self.geometry.axis[0]) * self._scale, (x - self.geometry.axis[1]) * self._scale
 
-    places = property(attrgetter("positions"), doc="Alias of `positions`.")
-
     @property
     def _scale(self) -> float:
-        """Metres on the image plane a pixel of the sensor: X = Y ratio/m."""
+        """Metres on the image plane per pixel of the sensor: X = Y ratio/m."""
         return self.geometry.pixel_pitch * float(self.geometry.ratio(self.m)) / self.m
 
 
 @dataclass(frozen=True, eq=False, repr=False)
 class FocusedStack(Savable, OnDevice):
-    """Pictures of one raw image focused on several planes, on one grid. By `focused_stack`.
+    """Pictures of one raw image focused on several planes, on one grid.
 
     Attributes
     ----------
     data : pyopencl.array.Array
-        float32, shape (n, y, x) or (n, y, x, c), registered to the main lens' middle: a point lies
-        at the same sample in each.
+        float32, shape (n, y, x) or (n, y, x, c), registered to the main lens' middle: a point has
+        one position in all pictures.
     device : Device
     grid : PictureGrid
     ms : numpy.ndarray
-        float64, shape (n,): b/a of each plane.
+        Ratio b/a of each plane, float64, shape (n,).
     geometry : FocusedGeometry
     alphas : numpy.ndarray
-        float64, shape (n,): F/F' of each plane; NaN without a camera.
+        Ratio F/F' of each plane, float64, shape (n,); NaN without a camera.
     zs : numpy.ndarray
-        float64, shape (n,): dz of each plane in metres from the focused one, farther positive; NaN
-        without a camera.
+        Distance dz of each plane in metres from the focused plane, float64, shape (n,), farther
+        positive; NaN without a camera.
 
     Examples
     --------
@@ -178,27 +175,27 @@ class FocusedStack(Savable, OnDevice):
 
 
 def seam(picture: FocusedImage) -> float:
-    """How far patches fail to join: 1 where their borders do not show.
+    """Measure the mismatch of patches at their borders, 1 for invisible borders.
 
-    A step between neighbouring samples is compared with the mean of the two steps beside it; the
-    result is the mean deviation of the steps across borders of patches over that of the steps
-    inside, whose neighbours do not cross either. A patch that is too large repeats what the next
-    one shows, one too small leaves some out: both make the result deviate from 1.
+    A step between neighbouring samples is compared with the mean of the two steps next to it. The
+    result is the mean deviation across borders of patches over the mean deviation inside. A patch
+    that is too large repeats parts of the next patch, and one that is too small omits parts; both
+    move the result away from 1.
 
-    Nearly always it is above 1. Below 1 patches are too large: the step across is then shorter
-    than those inside, and so the smoother one in textures of less than some eight samples a
-    period. Only lenslets count whose whole sub-image lies on the sensor.
+    The result is nearly always above 1. It falls below 1 for patches that are too large in textures
+    of less than about eight samples a period, where the step across is the smoother one. Only
+    lenslets with a complete sub-image on the sensor are used.
 
     Parameters
     ----------
     picture : FocusedImage
-        Rendered by ``method="basic"``, with at least five samples a patch.
+        Picture rendered by ``method="basic"``, with at least five samples a patch.
 
     Returns
     -------
     float
-        inf where patches are flat and their borders are not; NaN where all is flat, patches have
-        fewer samples, or no two neighbouring sub-images lie whole on the sensor.
+        Mismatch; inf if patches are flat and borders are not, NaN if everything is flat, patches
+        have fewer samples, or no two neighbouring sub-images are complete.
 
     Examples
     --------
@@ -212,76 +209,75 @@ def seam(picture: FocusedImage) -> float:
     True
     """
     require(FocusedImage, picture, "picture", "render_focused")
-    values, (owner, whole) = np.asarray(picture.to_numpy(), np.float64), _owner(picture)
+    values, (owner, complete) = np.asarray(picture.to_numpy(), np.float64), _owner(picture)
     inside, across = [], []
     for axis in (0, 1):
         steps = np.moveaxis(np.diff(values, axis=axis), axis, 0)
         border = np.moveaxis(np.diff(owner, axis=axis) != 0, axis, 0)
-        whole_along = np.moveaxis(whole, axis, 0)
+        complete_along = np.moveaxis(complete, axis, 0)
         size = np.abs(steps[1:-1] - (steps[:-2] + steps[2:]) / 2)
         size = size.mean(2) if size.ndim == 3 else size
-        counts = whole_along[1:-2] & whole_along[2:-1] & ~(border[:-2] | border[2:])
+        counts = complete_along[1:-2] & complete_along[2:-1] & ~(border[:-2] | border[2:])
         across.append(size[border[1:-1] & counts])
         inside.append(size[~border[1:-1] & counts])
-    found = [np.concatenate(sizes) for sizes in (across, inside)]
-    if min(map(len, found)) == 0:
+    sizes_of_steps = [np.concatenate(sizes) for sizes in (across, inside)]
+    if min(map(len, sizes_of_steps)) == 0:
         return math.nan
     with np.errstate(divide="ignore", invalid="ignore"):
-        return float(found[0].mean() / found[1].mean())
+        return float(sizes_of_steps[0].mean() / sizes_of_steps[1].mean())
 
 
 def _owner(picture: FocusedImage) -> tuple[Values, np.ndarray[Any, np.dtype[np.bool_]]]:
-    """A number of the lenslet nearest to each sample, and whether its sub-image is whole."""
+    """Return the nearest lenslet of each sample, and a mask of complete sub-images."""
     geometry = picture.geometry
     y, x = picture.grid.axes()
-    place = np.stack(np.meshgrid(y, x, indexing="ij"), -1) - np.array(geometry.origin)
+    positions = np.stack(np.meshgrid(y, x, indexing="ij"), -1) - np.array(geometry.origin)
     base = np.array([geometry.first, geometry.second])
-    low = np.floor(place @ np.linalg.inv(base))
-    best, owner = np.full(place.shape[:2], np.inf), np.zeros(place.shape[:2])
-    centre = np.zeros_like(place)
+    low = np.floor(positions @ np.linalg.inv(base))
+    best, owner = np.full(positions.shape[:2], np.inf), np.zeros(positions.shape[:2])
+    centre = np.zeros_like(positions)
     for corner in ((0, 0), (0, 1), (1, 0), (1, 1)):
         index = low + corner
-        at = index @ base
-        far = ((place - at) ** 2).sum(-1)
-        closer = far < best
-        best[closer] = far[closer]
+        candidates = index @ base
+        distance = ((positions - candidates) ** 2).sum(-1)
+        closer = distance < best
+        best[closer] = distance[closer]
         owner[closer] = (index[..., 0] * 65536 + index[..., 1])[closer]
-        centre[closer] = at[closer]
-    room = geometry.pitch / 2 - _EDGE
-    low, high = room - 0.5, np.array(geometry.shape) - 0.5 - room
+        centre[closer] = candidates[closer]
+    margin = geometry.pitch / 2 - _EDGE
+    low, high = margin - 0.5, np.array(geometry.shape) - 0.5 - margin
     centre += geometry.origin
     return owner, ((centre >= low) & (centre <= high)).all(-1)
 
 
-_WIDTHS = (0.5, 1.0, 2.0, 4.0, 8.0, 16.0, 32.0)  # pitches, of the Gaussians that fill gaps
-_ENOUGH = 0.15  # weight from which on a Gaussian's mean is taken
-_NEIGHBOURS = 1.8  # pitches
-_COUNTING = 0.3  # weight from which on a neighbour counts for the median
+_WIDTHS = (0.5, 1.0, 2.0, 4.0, 8.0, 16.0, 32.0)  # pitches: widths of the Gaussians that fill gaps
+_MIN_WEIGHT = 0.15  # minimum weight under a Gaussian
+_NEIGHBOUR_RADIUS = 1.8  # pitches
+_MIN_NEIGHBOUR_WEIGHT = 0.3  # minimum weight of a neighbour in the median
 
 
 def median_of_neighbours(values: Values, weights: Values, geometry: FocusedGeometry) -> Values:
-    """Median over the neighbours within 1.8 pitches, the lenslet itself left out."""
-    known = np.where((weights >= _COUNTING) & (geometry.kinds >= 0), values, np.nan)
-    lines, lenses = known.shape
+    """Return the median over the neighbours within 1.8 pitches, without the lenslet itself."""
+    valid = np.where((weights >= _MIN_NEIGHBOUR_WEIGHT) & (geometry.kinds >= 0), values, np.nan)
+    lines, lenses = valid.shape
     margin = 3
-    padded = np.pad(known, margin, constant_values=np.nan)
+    padded = np.pad(valid, margin, constant_values=np.nan)
     base = np.array([geometry.first, geometry.second]) / geometry.pitch
     near = []
     for i, j in product(range(-margin, margin + 1), repeat=2):
-        far = np.linalg.norm(np.array([i, j]) @ base)
-        if 0 < far < _NEIGHBOURS:
+        distance = np.linalg.norm(np.array([i, j]) @ base)
+        if 0 < distance < _NEIGHBOUR_RADIUS:
             near.append(padded[margin + i :, margin + j :][:lines, :lenses])
     stack = np.array(near)
-    some = np.isfinite(stack).any(0)
-    stack[:, ~some] = 0
-    return np.where(some, np.nanmedian(stack, axis=0), np.nan)
+    has_neighbours = np.isfinite(stack).any(0)
+    stack[:, ~has_neighbours] = 0
+    return np.where(has_neighbours, np.nanmedian(stack, axis=0), np.nan)
 
 
 def fill_lenslets(values: Values, weights: Values, geometry: FocusedGeometry) -> Values:
-    """Values smoothed where they are known, and carried on where they are not.
+    """Smooth valid values and extrapolate them to the others.
 
-    Normalised convolution (Knutsson & Westin 1993) with the narrowest of some Gaussians that finds
-    enough weight.
+    Normalised convolution (Knutsson & Westin 1993) with the narrowest Gaussian of enough weight.
     """
     from scipy.ndimage import convolve
 
@@ -291,14 +287,14 @@ def fill_lenslets(values: Values, weights: Values, geometry: FocusedGeometry) ->
         kernel = _gaussian(width, geometry)
         level = convolve(weights, kernel, mode="constant")
         mean = convolve(weights * values, kernel, mode="constant")
-        now = missing & (level > _ENOUGH)
-        out[now] = mean[now] / level[now]
-        missing &= ~now
+        selected = missing & (level > _MIN_WEIGHT)
+        out[selected] = mean[selected] / level[selected]
+        missing &= ~selected
     return out
 
 
 def interpolate_lenslets(values: Values, geometry: FocusedGeometry, grid: PictureGrid) -> Values:
-    """Values at the samples of a picture, bilinear along the lattice's vectors."""
+    """Interpolate lenslet values to the samples of a picture, bilinearly along the lattice."""
     from scipy.ndimage import map_coordinates
 
     y, x = (axis - start for axis, start in zip(grid.axes(), geometry.origin, strict=True))
@@ -308,7 +304,7 @@ def interpolate_lenslets(values: Values, geometry: FocusedGeometry, grid: Pictur
 
 
 def _gaussian(width: float, geometry: FocusedGeometry) -> Values:
-    """A Gaussian over the lattice, sum 1; ``width`` in pitches."""
+    """Return a Gaussian over the lattice, sum 1; ``width`` in pitches."""
     reach = int(np.ceil(3 * width)) + 1
     base = np.array([geometry.first, geometry.second]) / geometry.pitch
     i, j = np.mgrid[-reach : reach + 1, -reach : reach + 1]

@@ -1,7 +1,6 @@
 """Pictures from the raw image of a focused (plenoptic 2.0) camera.
 
-Every lenslet holds a small picture of its own, `clplen.lightfield.focused.focused_geometry` says of
-what.
+Each lenslet records a small picture, see `clplen.lightfield.focused.focused_geometry`.
 """
 
 from __future__ import annotations
@@ -32,8 +31,8 @@ from clplen.lightfield.raw.raw_image import RawImage
 METHODS = ("basic", "blended", "depth")
 INTERPOLATIONS = ("cubic", "linear")
 
-_LEAST_RATIO = 1e-3  # of a pitch: a million lenslets see a point
-_LEAST_RADIUS = 0.5  # pixels
+_MIN_RATIO = 1e-3  # of a pitch: a million lenslets see a point
+_MIN_RADIUS = 0.5  # pixels: smallest radius of the window
 _EDGE = 0.5  # pixels by which a patch may leave a sub-image
 
 
@@ -50,66 +49,65 @@ def render_focused(
     white: ArrayLike | None = None,
     interpolation: str = "cubic",
 ) -> FocusedImage:
-    """Render the picture that a focused camera took.
+    """Render the picture of a focused camera from its raw image.
 
     Parameters
     ----------
     raw : RawImage
-        Simulated, or captured with a lattice; grey or colour; finite.
+        Raw image, simulated or captured with a lattice; grey or colour; finite.
     method : {"basic", "blended", "depth"}
-        How patches of sub-images become the picture: see Notes.
+        Method of composing patches of sub-images, see Notes.
     m : float, optional
-        Magnification b/a of the plane in focus, Keplerian positive, Galilean negative, its patch at
-        most a sub-image; default that of the camera, else the median of what `focused_depth` finds.
+        Magnification b/a of the plane in focus, Keplerian positive, Galilean negative; its patch
+        must fit in a sub-image. Default: the camera's, or the median of `focused_depth`.
     patch : float, optional
-        Pixels across a patch in place of mu, for "basic" and "blended": another value than mu shows
-        its seams. Its sign is that of m.
+        Pixels across a patch, instead of mu, for "basic" and "blended"; a value other than mu makes
+        seams visible. The sign is that of m.
     step : float, optional
-        Pixels of the sensor from sample to sample of the picture; default
-        pitch/round(patch), that is ``round(patch)`` samples a lenslet.
+        Pixels of the sensor between samples of the picture; default pitch/round(patch), i.e.
+        ``round(patch)`` samples a lenslet.
     view : tuple of float
-        (y, x) in pixels, the place in the sub-images round which patches are taken: another
-        viewpoint on the main lens. What lies at m stays where it is.
+        Position (y, x) in pixels of the patches in the sub-images: another viewpoint on the main
+        lens. Objects at m do not move.
     aperture : float
-        In (0, 1], the share of the sub-image's diameter that "blended" and "depth" use.
+        Share of the sub-image's diameter that "blended" and "depth" use, in (0, 1].
     depth : FocusedDepth, optional
-        For "depth", where it is known.
+        Known depth for "depth".
     white : array_like, optional
-        White image of the raw image's shape (ny, nx): samples count by it, so that the dark rims of
+        White image of the raw image's shape (ny, nx), used as weights, so that dark rims of
         sub-images leave no pattern.
     interpolation : {"cubic", "linear"}
-        Of the raw image.
+        Interpolation of the raw image.
 
     Returns
     -------
     FocusedImage
-        Of float32, shape (y, x[, c]), over the cells of all lenslets whose centre is on the sensor;
-        0 where none has recorded anything.
+        Picture of float32, shape (y, x[, c]), over the cells of all lenslets with their centre on
+        the sensor; 0 without any recorded light.
 
     Raises
     ------
     ValueError
-        For an unknown method, m that is 0, not finite or so large that a patch is no part of a
-        sub-image, a patch larger than a sub-image, an aperture or view outside the sub-image, a raw
-        image of a plenoptic 1.0 camera, or NaN in it.
+        If the method is unknown; m is 0, not finite or out of range; the patch, the aperture or the
+        view exceeds the sub-image; or the raw image is of a plenoptic 1.0 camera or includes NaN.
     ShapeError
-        If fewer than two by two lenslets lie on the sensor, or the white image does not fit.
+        If fewer than two by two lenslets lie on the sensor, or the white image differs in shape.
     DeviceError
-        If the picture is larger than the device's memory.
+        If the picture exceeds the device's memory.
 
     Notes
     -----
     The methods are:
 
     - "basic": one patch from the middle of every sub-image, mu = m p F/(z2 dx) pixels across,
-      flipped where m > 0, side by side (Georgiev & Lumsdaine 2010, section 4, "basic rendering").
-      Sharp and seamless at m only: elsewhere the patches do not join.
-    - "blended": the mean over all lenslets that see a point (integration over directions): what is
-      not at m is blurred, as by a large lens.
-    - "depth": blended with the m of each place, as `focused_depth` finds it: sharp everywhere.
+      flipped if m > 0, side by side (Georgiev & Lumsdaine 2010, section 4, "basic rendering").
+      Sharp and seamless at m only; patches of other depths do not join.
+    - "blended": the mean over all lenslets that see a point (integration over directions).
+      Objects off m are blurred, as by a large lens.
+    - "depth": blended with the local m of `focused_depth`, sharp everywhere.
 
-    Where the raw image has several lens types, "blended" and "depth" use those that are in focus at
-    m (a type with its focus at m_i blurs over p abs(m - m_i)), mixing two over one pixel of blur.
+    For several lens types, "blended" and "depth" use the types in focus at m (a type with its
+    focus at m_i blurs over p abs(m - m_i)), mixing two types over one pixel of blur.
 
     Examples
     --------
@@ -125,12 +123,12 @@ def render_focused(
     _choice("method", method, METHODS)
     if method == "depth" and patch is not None:
         raise ValueError(
-            f"{argument('method', 'depth')} takes its patches from the depth: leave out "
+            f"{argument('method', 'depth')} sets the patches from the depth; omit "
             f"{argument('patch')}."
         )
     if depth is not None and method != "depth":
         raise ValueError(
-            f"{argument('depth')} belongs to {argument('method', 'depth')}, not to {method!r}."
+            f"{argument('depth')} requires {argument('method', 'depth')}, got {method!r}."
         )
     gather = _Gather(raw, white, interpolation, view, aperture)
     geometry = gather.geometry
@@ -162,18 +160,18 @@ def focused_stack(
     white: ArrayLike | None = None,
     interpolation: str = "cubic",
 ) -> FocusedStack:
-    """Blended pictures focused on several planes, on one grid.
+    """Render blended pictures focused on several planes, on one grid.
 
     Parameters
     ----------
     raw : RawImage
         The raw image.
     ms : array_like
-        b/a of the planes, shape (n,).
+        Ratios b/a of the planes, shape (n,).
     step : float, optional
-        Default that of the largest patch among the planes.
+        Pixels of the sensor between samples; default for the largest patch among the planes.
     view, aperture, white, interpolation : tuple of float, float, array_like, str
-        As for `render_focused`.
+        Options of `render_focused`.
 
     Returns
     -------
@@ -183,7 +181,7 @@ def focused_stack(
     Raises
     ------
     ValueError, ShapeError, DeviceError
-        As for `render_focused`; if ``ms`` is no list of numbers.
+        See `render_focused`; also if ``ms`` is not a list of numbers.
 
     Examples
     --------
@@ -198,7 +196,7 @@ def focused_stack(
     gather = _Gather(raw, white, interpolation, view, aperture)
     planes = float64_array(ms)
     if planes.ndim != 1 or planes.size == 0:
-        raise ValueError(f"ms is a list of planes b/a, not an array of shape {planes.shape}.")
+        raise ValueError(f"ms must be a list of ratios b/a, got an array of shape {planes.shape}.")
     ratios = np.array([checked_ratio(gather.geometry, float(m)) for m in planes])
     size = np.abs(ratios).max() * gather.geometry.pitch
     _require_view(gather.geometry, view, size)
@@ -210,58 +208,57 @@ def focused_stack(
 
 
 def checked_ratio(geometry: FocusedGeometry, m: float) -> float:
-    """Patch over pitch of a plane."""
+    """Return patch over pitch of a plane."""
     if not (np.ndim(m) == 0 and np.isfinite(m)) or m == 0:
-        raise ValueError(f"m = b/a is a finite number other than 0, not {m!r}.")
+        raise ValueError(f"m = b/a must be a finite number other than 0, got {m!r}.")
     ratio = float(geometry.ratio(m))
-    if abs(ratio) < _LEAST_RATIO:
+    if abs(ratio) < _MIN_RATIO:
         raise ValueError(
-            f"At m = {m:g} the patch of a sub-image is {abs(ratio) * geometry.pitch:.2g} px wide: "
-            f"the picture lies in the main lens' pupil (m = b/z2 = {geometry.pupil:.4g})."
+            f"At m = {m:g} the patch of a sub-image is only {abs(ratio) * geometry.pitch:.2g} px "
+            f"wide: the picture lies in the main lens' pupil (m = b/z2 = {geometry.pupil:.4g})."
         )
     if abs(m) >= 1 or abs(ratio) >= 1:
         raise ValueError(
-            f"At m = {m:g} a point is seen by {1 / (m * m):.2g} lenslets on average, but every "
-            "point has to be seen by one: abs(m) is below 1."
+            f"At m = {m:g} only {1 / (m * m):.2g} lenslets on average see a point, but each point "
+            "must be seen by at least one: abs(m) must be below 1."
         )
     return ratio
 
 
 def _checked_patch(geometry: FocusedGeometry, patch: float) -> float:
-    """Patch over pitch."""
+    """Return a given patch over the pitch."""
     if not (np.ndim(patch) == 0 and np.isfinite(patch)) or not patch > 0:
-        raise ValueError(f"patch is a positive number of pixels, not {patch!r}.")
+        raise ValueError(f"patch must be a positive number of pixels, got {patch!r}.")
     if patch > geometry.pitch:
         raise ValueError(
-            f"A patch of {patch:g} px is larger than a sub-image, {geometry.pitch:.4g} px: give at "
-            "most that."
+            f"patch must be at most a sub-image, {geometry.pitch:.4g} px, got {patch:g} px."
         )
     return float(patch) / geometry.pitch
 
 
 def _require_view(geometry: FocusedGeometry, view: Pair, size: float) -> None:
-    """Refuse a view whose patch leaves the sub-image."""
-    most = max(0.0, (geometry.pitch - size) / 2)
-    if math.hypot(*view) > most + _EDGE:
+    """Reject a view whose patch leaves the sub-image."""
+    limit = max(0.0, (geometry.pitch - size) / 2)
+    if math.hypot(*view) > limit + _EDGE:
         raise ValueError(
-            f"A patch of {size:.4g} px round {tuple(view)!r} leaves the sub-image of "
-            f"{geometry.pitch:.4g} px: view lies within {most:.4g} px of its centre."
+            f"view must be within {limit:.4g} px of the sub-image's centre, got {tuple(view)!r}: "
+            f"its patch of {size:.4g} px leaves the sub-image of {geometry.pitch:.4g} px."
         )
 
 
-def _choice(name: str, value: str, known: tuple[str, ...]) -> None:
-    if value not in known:
-        raise ValueError(f"{name} is one of {', '.join(map(repr, known))}, not {value!r}.")
+def _choice(name: str, value: str, choices: tuple[str, ...]) -> None:
+    if value not in choices:
+        raise ValueError(f"{name} must be {', '.join(map(repr, choices))}, got {value!r}.")
 
 
 def _clipped_ratios(ratios: Values, near: float) -> Values:
-    """A map whose planes all can be rendered, on one side of 0."""
-    size = np.clip(ratios * np.sign(near), 10 * _LEAST_RATIO, 1 - _LEAST_RATIO)
+    """Clip a map of ratios to planes that can be rendered, on one side of 0."""
+    size = np.clip(ratios * np.sign(near), 10 * _MIN_RATIO, 1 - _MIN_RATIO)
     return size * np.sign(near)
 
 
 class _Gather:
-    """Samples of one raw image along chief rays, by one lenslet or blended from many."""
+    """Sampling of one raw image along chief rays, from one lenslet or blended from many."""
 
     def __init__(
         self, raw: RawImage, white: Any, interpolation: str, view: Any, aperture: Any
@@ -276,19 +273,19 @@ class _Gather:
         self._has_white = white is not None
 
     def _window(self, view: Any, aperture: Any) -> tuple[Pair, float]:
-        """View, and radius in pixels of the window round it."""
+        """Return the view, and the radius in pixels of the window around it."""
         rim = self.geometry.pitch / 2
         if np.shape(view) != (2,) or not np.isfinite(view).all():
-            raise ValueError(f"view is (y, x) in pixels, two finite numbers, not {view!r}.")
+            raise ValueError(f"view must be (y, x) in pixels, two finite numbers, got {view!r}.")
         if not (np.ndim(aperture) == 0 and 0 < aperture <= 1):
             raise ValueError(
-                "aperture is the share of a sub-image's diameter, above 0 up to 1, not "
+                "aperture must be a share of the sub-image's diameter, above 0 and at most 1, got "
                 f"{aperture!r}."
             )
-        return (float(view[0]), float(view[1])), max(_LEAST_RADIUS, rim * float(aperture))
+        return (float(view[0]), float(view[1])), max(_MIN_RADIUS, rim * float(aperture))
 
     def __call__(self, grid: PictureGrid, ratios: Values, kernel: str) -> cla.Array:
-        """Pictures, float32, shape (n, y, x[, c]): n planes, or one whose ratio is a map (y, x)."""
+        """Render pictures, float32, (n, y, x[, c]): n planes, or one with a ratio map (y, x)."""
         device, geometry, is_map = self.raw.device, self.geometry, ratios.ndim == 2
         channels = tuple(self.raw.data.shape[2:])
         shape = (1 if is_map else len(ratios), *grid.shape)
@@ -307,20 +304,20 @@ class _Gather:
         return out
 
     def require_room(self, shape: tuple[int, ...]) -> None:
-        """Refuse pictures of a shape (n, y, x) that are larger than the device's memory."""
+        """Reject pictures of a shape (n, y, x) that exceed the device's memory."""
         samples = math.prod((*shape, *self.raw.data.shape[2:]))
         self.raw.device.require_memory(4 * samples, f"Pictures of shape {shape}")
 
     def _defines(self, is_map: bool, kernel: str) -> dict[str, Any]:
         several = len(self.geometry.ranges) if kernel == "blend" else 0
-        found: dict[str, Any] = {
+        defines: dict[str, Any] = {
             "MAP": is_map,
             "LINEAR": self._linear,
             "WHITE": self._has_white,
             "TYPES": several if several > 1 else False,
             "CHANNELS": 3 if len(self.raw.data.shape) == 3 else False,
         }
-        return {name: value for name, value in found.items() if value}
+        return {name: value for name, value in defines.items() if value}
 
     def _blending(self) -> tuple[Any, ...]:
         geometry = self.geometry
@@ -330,7 +327,7 @@ class _Gather:
 
 
 def _uploaded_white(raw: RawImage, white: Any) -> cla.Array:
-    """The white image as the kernels take it: as many channels as the raw image, none below 0."""
+    """Upload the white image with the raw image's channels, clipped at 0."""
     level = white_level(raw, white)
     if level.ndim < len(raw.data.shape):
         level = np.repeat(level[..., None], 3, axis=2)

@@ -1,4 +1,4 @@
-"""m of a single bright point, from where its spots lie under the lenslets."""
+"""Magnification m of a single bright point, from the spots behind the lenslets."""
 
 from __future__ import annotations
 
@@ -16,32 +16,32 @@ from clplen.lightfield.focused.focused_geometry import (
 )
 from clplen.lightfield.raw.raw_image import RawImage
 
-_FEWEST = 3  # spots
-_ROUNDS = 6
-_WINDOW = 0.3  # pitches about a spot's centroid
-_SCATTER = 3.2  # of the line's own deviation: diffraction moves all spots of a point alike
-_AGREE = 1.5  # pixels off the law that are no reason to leave a spot out
+_MIN_SPOTS = 3  # spots of a fit
+_ROUNDS = 6  # iterations
+_WINDOW = 0.3  # pitches around a spot's centroid
+_SCATTER = 3.2  # times the line's own deviation: diffraction moves all spots of a point alike
+_MIN_DISTANCE = 1.5  # pixels: smaller residuals never exclude a spot
 
 
 @dataclass(frozen=True)
 class SpotFit:
-    """A point as `point_m` finds it.
+    """Fit of a single point, the result of `point_m`.
 
     Attributes
     ----------
     m : float
-        b/a.
+        Ratio b/a.
     z : float
-        dz in metres from the focused plane; NaN without a camera.
+        Distance dz in metres from the focused plane; NaN without a camera.
     position : tuple of float
-        (y, x) in pixels of the sensor where the point's chief ray meets it.
+        Position (y, x) in pixels of the point's chief ray on the sensor.
     spots : int
-        How many were used.
+        Number of spots in the fit.
     residual : float
-        rms distance in pixels of the spots from the law.
+        Root mean square distance in pixels of the spots from the law.
     uncertainty : float
-        One standard deviation of m: by the scatter of the spots about the law, 3.2 times what it
-        would be if they were independent, measured with four wave-optical cameras.
+        Standard deviation of m from the scatter of the spots about the law: 3.2 times the value
+        for independent spots, measured with four wave-optical cameras.
 
     Examples
     --------
@@ -62,34 +62,34 @@ class SpotFit:
     uncertainty: float = math.nan
 
 
-def point_m(raw: RawImage, *, least: float = 0.25) -> SpotFit:
-    """Find m of the only point in a raw image, by the pitch of its spots.
+def point_m(raw: RawImage, *, min_strength: float = 0.25) -> SpotFit:
+    """Estimate m of a single point from the pitch of its spots in a raw image.
 
-    The centroid of I^2 in every sub-image, and then within 0.3 pitches of itself, gives r_k. The
-    ratio and Y of r_k = s_k + ratio (s_k - Y) follow by least squares, weighted by the squares of
-    the sums of I^2. Left out, in turns, are spots that lie off the law because another lenslet's
-    spot falls into their sub-image.
+    The centroid of I^2 in every sub-image, and then within 0.3 pitches of itself, gives r_k. Least
+    squares, weighted by the squared sums of I^2, gives the ratio and Y of
+    r_k = s_k + ratio (s_k - Y). Spots off the law are excluded in turn; light of another lenslet
+    falls into their sub-images.
 
-    Diffraction limits it: the rings at the rim of the blur turn the wave under the lenslets there,
-    and the rim crosses some of them. Of a lenslet that is lit by a share s the sum of I^2 is s^3
-    of the others'; those lit by less than 0.63 are left out, and the weights do the rest.
+    Diffraction limits the accuracy: rings at the rim of the blur tilt the wave behind the lenslets,
+    and the rim crosses some of them. A lenslet that is lit by a share s has s^3 of the full sum of
+    I^2. Lenslets lit by less than 0.63 are excluded; the weights reduce the influence of others.
 
     Parameters
     ----------
     raw : RawImage
-        Of a focused camera, one point, dark elsewhere.
-    least : float
-        Of the brightest spot's sum of I^2: weaker ones do not count.
+        Raw image of a focused camera with one point, dark elsewhere.
+    min_strength : float
+        Minimum sum of I^2 of a spot, relative to the brightest.
 
     Returns
     -------
     SpotFit
-        The m that fits, and how well.
+        The fitted m with its quality.
 
     Raises
     ------
     ValueError
-        If fewer than three lenslets see the point, or the raw image holds NaN or infinity.
+        If fewer than three lenslets see the point, or the raw image includes NaN or infinity.
     ShapeError
         If fewer than two by two lenslets lie on the sensor.
 
@@ -104,48 +104,47 @@ def point_m(raw: RawImage, *, least: float = 0.25) -> SpotFit:
     '0.2'
     """
     geometry = FocusedGeometry.of(raw)
-    require_finite(raw, "looking for the point")
+    require_finite(raw, "locating the point")
     strength, offset = _spots(raw, geometry)
     centres, weight = geometry.centres.reshape(-1, 2), strength**2
-    use = strength > least * strength.max()
+    use = strength > min_strength * strength.max()
     for _ in range(_ROUNDS):
         ratio, position, error = _line(centres[use], offset[use], weight[use])
-        far = np.hypot(*(offset - ratio * (centres - position)).T)
-        agreeing = use & (far < max(_AGREE, 3 * float(np.median(far[use]))))
+        distance = np.hypot(*(offset - ratio * (centres - position)).T)
+        agreeing = use & (distance < max(_MIN_DISTANCE, 3 * float(np.median(distance[use]))))
         if agreeing.sum() == use.sum():
             break
         use = agreeing
-    residual = float(np.sqrt(np.average(far[use] ** 2, weights=weight[use])))
+    residual = float(np.sqrt(np.average(distance[use] ** 2, weights=weight[use])))
     m = float(geometry.m(ratio))
-    at = (float(position[0]), float(position[1]))
+    sensor_position = (float(position[0]), float(position[1]))
     ends = [float(geometry.m(ratio + side * error)) for side in (-1, 1)]
     deviation = _SCATTER * abs(ends[1] - ends[0]) / 2
-    return SpotFit(m, float(z_of_m(raw, m)), at, int(use.sum()), residual, deviation)
+    return SpotFit(m, float(z_of_m(raw, m)), sensor_position, int(use.sum()), residual, deviation)
 
 
 def _line(centres: Values, offset: Values, weight: Values) -> tuple[float, Values, float]:
-    """Ratio and Y of offset = ratio (centre - Y), and the standard error of the ratio.
+    """Fit offset = ratio (centre - Y); return ratio, Y and the ratio's standard error.
 
-    That of White 1980 ("A heteroskedasticity-consistent covariance matrix estimator", eq. 6), times
-    sqrt(n/(n - 2)) for n spots.
+    The error follows White 1980 (Econometrica 48, 817, eq. 6), times sqrt(n/(n - 2)).
     """
-    if len(centres) < _FEWEST:
+    if len(centres) < _MIN_SPOTS:
         raise ValueError(
-            f"{len(centres)} lenslets see the point, fewer than {_FEWEST}: its m is not "
-            "known, too few views (abs(m) is large or the point dark)."
+            f"At least {_MIN_SPOTS} lenslets must see the point to estimate m, got {len(centres)}; "
+            "abs(m) is too large or the point too dark."
         )
-    middle, at = (np.average(v, axis=0, weights=weight) for v in (centres, offset))
-    way = centres - middle
-    spread = weight @ (way**2).sum(1)
-    ratio = float((weight[:, None] * way * (offset - at)).sum() / spread)
-    left = (weight[:, None] * way * (offset - at - ratio * way)).sum(1)
-    few = len(centres) / (len(centres) - _FEWEST + 1)
-    error = float(np.sqrt(few * (left**2).sum()) / spread)
-    return ratio, middle - at / ratio, error
+    middle, offset_mean = (np.average(v, axis=0, weights=weight) for v in (centres, offset))
+    deviations = centres - middle
+    spread = weight @ (deviations**2).sum(1)
+    ratio = float((weight[:, None] * deviations * (offset - offset_mean)).sum() / spread)
+    scores = (weight[:, None] * deviations * (offset - offset_mean - ratio * deviations)).sum(1)
+    correction = len(centres) / (len(centres) - _MIN_SPOTS + 1)
+    error = float(np.sqrt(correction * (scores**2).sum()) / spread)
+    return ratio, middle - offset_mean / ratio, error
 
 
 def _spots(raw: RawImage, geometry: FocusedGeometry) -> tuple[Values, Values]:
-    """Sum of I^2 of each spot over the largest, and its centroid (y, x) from the sub-image's."""
+    """Return each spot's sum of I^2 over the largest, and its centroid (y, x) in the sub-image."""
     device, count = raw.device, geometry.kinds.size
     defines = {"CHANNELS": 3} if len(raw.data.shape) == 3 else {}
     kernel = device.kernel("focused_depth.cl", "spots", **defines)

@@ -1,1 +1,1 @@
-"""Views compared with the centre view on planes of disparity: samples in, costs and planes out."""
+"""Matching of views with the centre view on planes of disparity: costs and planes."""

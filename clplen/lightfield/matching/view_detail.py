@@ -1,6 +1,6 @@
-"""Detail of views, and which planes it makes likely at which pixels.
+"""Detail of views, and the planes that it makes likely at each pixel.
 
-Brightness that differs from view to view leaves detail alone.
+Detail does not depend on brightness differences between views.
 """
 
 from __future__ import annotations
@@ -28,35 +28,36 @@ Map = np.ndarray[Any, np.dtype[np.float32]]
 Mask = np.ndarray[Any, np.dtype[np.bool_]]
 Vector = np.ndarray[Any, np.dtype[np.float64]]
 
-_SIGMA = 2.0  # pixels: what a wider Gaussian leaves is detail
-STEPS = 64  # of a level: detail is kept as uint16, up to 512 levels either way
-_OUTLINE = 0.25  # pixels a view step: disparities that differ more within
-_WINDOW = 13  # so many pixels along both axes have an outline between them
-_INSIDE = 0.1  # pixels a view step by which a disparity may leave that span
-_ANY = 1e-3  # of a pixel near an outline: least weight
-_EVENED = 3.0  # pixels: Gaussian over which costs are compared
-# Where costs of the samples are above those of their detail by this factor and these levels a
-# channel, brightness differs between the views: anywhere, and beside outlines.
-_UNEVEN, _UNEVEN_AT_OUTLINES = (1.1, 0.1), (1.3, 0.4)
-DETAIL_REACH = gaussian_taps(_SIGMA).size - 1  # pixels that detail needs,
-OUTLINE_REACH = _WINDOW // 2 + gaussian_taps(_EVENED).size - 1  # and `is_even` of its maps
-_INNER = 0.56  # of the aperture's half width: views that are compared on coarse planes
-_APART = 2  # planes: every second one is coarse
-_FEW_VIEWS, _FEW_PLANES = 25, 12  # up to which all views are compared on all planes at once
+_SIGMA = 2.0  # pixels: Gaussian that is subtracted
+STEPS = 64  # steps of a level: detail is stored as uint16, up to 512 levels both ways
+_MIN_RANGE = 0.25  # pixels a view step: a larger range of disparities within
+_WINDOW = 13  # pixels along both axes indicates an outline
+_INSIDE = 0.1  # pixels a view step: tolerance of that range
+_MIN_WEIGHT = 1e-3  # of a pixel near an outline: minimum weight
+_COST_SIGMA = 3.0  # pixels: Gaussian over which costs are compared
+# Factor and levels a channel: sample costs that exceed detail costs by both indicate brightness
+# differences between views, anywhere and at outlines.
+_MAX_RATIO, _MAX_RATIO_AT_OUTLINES = (1.1, 0.1), (1.3, 0.4)
+DETAIL_REACH = gaussian_taps(_SIGMA).size - 1  # pixels: reach of detail,
+OUTLINE_REACH = _WINDOW // 2 + gaussian_taps(_COST_SIGMA).size - 1  # and of `is_even`
+_INNER = 0.56  # of the aperture's half width: views that are matched on coarse planes
+_COARSE_STEP = 2  # planes: step of the coarse planes
+# Up to these counts, all views are matched on all planes
+_MAX_FULL_VIEWS, _MAX_FULL_PLANES = 25, 12
 _BLUR = 1.5  # pixels: Gaussian over the coarse costs
-SPAN_REACH = gaussian_taps(_BLUR).size - 1  # pixels of costs that spans need
-_RISE, _LEVELS = 0.5, 0.6  # of the rise from the least to the mean cost, and levels a channel, up
-# to which a plane is likely
-_BESIDE = 0.3  # pixels a view step beyond what detail finds, out to which samples are compared
-_NOWHERE = np.array((1, 0), np.int32)
-_PLAIN = 4.0  # levels a channel: where the rise is less, all planes are
+SPAN_REACH = gaussian_taps(_BLUR).size - 1  # pixels: reach of spans
+_RISE, _LEVELS = 0.5, 0.6  # of the rise from the least to the mean cost, and levels a channel:
+# limits up to which a plane is likely
+_SPAN_MARGIN = 0.3  # pixels a view step beyond the range by detail in which samples are matched
+_EMPTY_SPAN = np.array((1, 0), np.int32)
+_MIN_RISE = 4.0  # levels a channel: with a smaller rise, all planes are likely
 
 
 def view_detail(lf: LightField, gains: Map) -> LightField:
-    """Each view less its own Gaussian of 2 pixels, in 64ths of a level, from 2^15 on.
+    """Return each view less its Gaussian of 2 pixels, in 64ths of a level from 2^15 on.
 
-    Brightness that differs from view to view, smoothly over the picture, is gone; so is what tells
-    the two sides of an outline apart, which is why samples are compared as well (`is_even`).
+    Smooth brightness differences between views vanish, but so does the difference between both
+    sides of an outline. Samples are therefore matched as well (`is_even`).
     """
     device = lf.device
     V, U, ny, nx, channels = (*lf.shape, 1)[:5]
@@ -84,108 +85,111 @@ def view_detail(lf: LightField, gains: Map) -> LightField:
 
 @dataclass(frozen=True)
 class Surroundings:
-    """What detail finds about each pixel, within 6 pixels."""
+    """Disparities from detail in the neighbourhood of each pixel, within 6 pixels."""
 
-    low: Map  # low, high: The least and the largest disparity, float32, shape (y, x)
+    low: Map  # low, high: smallest and largest disparity, float32, shape (y, x)
     high: Map
-    # bool: where they differ by a quarter of a pixel and more, as beside an outline; and within 6
-    # pixels of the edges, over which the Gaussian of each view reaches
+    # bool: range of a quarter pixel or more, as at outlines, or within 6 pixels of the edges, which
+    # the Gaussian of each view reaches
     near: Mask
 
     @classmethod
     def of(cls, disparity: Map) -> Surroundings:
-        """Those of a disparity map, shape (y, x)."""
+        """Return the surroundings in a disparity map, shape (y, x)."""
         high = maximum_filter(disparity, _WINDOW, mode="nearest")
         low = minimum_filter(disparity, _WINDOW, mode="nearest")
-        near = np.asarray(high - low > _OUTLINE)
+        near = np.asarray(high - low > _MIN_RANGE)
         for rows in (near, near.T):
             rows[: _WINDOW // 2] = rows[max(len(rows) - _WINDOW // 2, 0) :] = True
         return cls(low, high, near)
 
     def between(self, disparity: Map) -> Mask:
-        """Where a disparity lies between those around, or next to them."""
+        """Return a mask of disparities inside the range of the neighbourhood, with tolerance."""
         return np.asarray((disparity > self.low - _INSIDE) & (disparity < self.high + _INSIDE))
 
 
-def is_even(costs: tuple[Map, Map], disparity: Map, around: Surroundings, channels: int) -> Mask:
-    """Where the samples themselves are to be believed, of what samples and their detail say.
+def is_even(
+    costs: tuple[Map, Map], disparity: Map, surroundings: Surroundings, channels: int
+) -> Mask:
+    """Return a mask of pixels whose samples outrank their detail.
 
-    Detail is right where brightness differs from view to view, and mixes both sides of an outline.
-    Near outlines samples are believed where brightness is the same in all views, so that samples
-    agree as well as their detail; or nearly so well, if their disparity lies between those that
-    detail finds around.
+    Detail is robust to brightness differences but mixes both sides of an outline. Near outlines
+    samples win if their costs match those of detail, i.e. brightness is equal in all views. They
+    also win with slightly higher costs if their disparity is inside the range found by detail.
     """
-    near = around.near
-    weight = np.maximum(gaussian_filter(near.astype(np.float32), _EVENED, mode="nearest"), _ANY)
-    ours, detail = (
-        gaussian_filter(np.where(near, cost, np.float32(0)), _EVENED, mode="nearest") / weight
+    near = surroundings.near
+    weight = np.maximum(
+        gaussian_filter(near.astype(np.float32), _COST_SIGMA, mode="nearest"), _MIN_WEIGHT
+    )
+    sample_costs, detail = (
+        gaussian_filter(np.where(near, cost, np.float32(0)), _COST_SIGMA, mode="nearest") / weight
         for cost in costs
     )
-    factor, more = _UNEVEN
-    even = ours < factor * detail + more * channels
-    factor, more = _UNEVEN_AT_OUTLINES
-    nearly = ours < factor * detail + more * channels
-    return np.asarray(near & (even | (nearly & around.between(disparity))))
+    factor, levels = _MAX_RATIO
+    even = sample_costs < factor * detail + levels * channels
+    factor, levels = _MAX_RATIO_AT_OUTLINES
+    nearly = sample_costs < factor * detail + levels * channels
+    return np.asarray(near & (even | (nearly & surroundings.between(disparity))))
 
 
 @dataclass(frozen=True)
 class LikelyPlanes:
-    """Planes that are worth trying."""
+    """Range of likely planes at every pixel."""
 
-    # int32, shape (y, x, 2): the first and the last one; last < first where there is none
+    # int32, shape (y, x, 2): first and last plane; last < first if empty
     spans: Spans
-    # float32, shape (y, x): mean cost over all planes; None where all planes are tried
-    usual: Map | None
+    # float32, shape (y, x): mean cost over all planes; None if all planes are likely
+    mean_cost: Map | None
 
-    def only(self, around: Surroundings, planes: Vector) -> LikelyPlanes:
-        """Those near what was found around, at pixels near outlines; none at the others."""
-        first = np.searchsorted(planes, around.low - _BESIDE)
-        last = np.searchsorted(planes, around.high + _BESIDE) - 1
+    def only(self, surroundings: Surroundings, planes: Vector) -> LikelyPlanes:
+        """Restrict spans to the range of the neighbourhood near outlines; empty elsewhere."""
+        first = np.searchsorted(planes, surroundings.low - _SPAN_MARGIN)
+        last = np.searchsorted(planes, surroundings.high + _SPAN_MARGIN) - 1
         near = np.stack((first, last), axis=-1)
         near = np.clip(near, self.spans[..., :1], self.spans[..., 1:]).astype(np.int32)
-        return replace(self, spans=np.where(around.near[..., None], near, _NOWHERE))
+        return replace(self, spans=np.where(surroundings.near[..., None], near, _EMPTY_SPAN))
 
 
 def likely_planes(detail: LightField, planes: Vector, gain: float) -> LikelyPlanes:
-    """Planes between the first and the last one on which the inner views agree well.
+    """Return the planes between the first and the last of good agreement among inner views.
 
-    The inner views move half as far from plane to plane as all of them, so that every second plane
-    does. Costs are smoothed by a Gaussian of 1.5 pixels; one coarse plane more is tried at either
-    end. Where costs hardly differ, as on plain surfaces, all planes are.
+    Inner views move half as far between planes, so every second plane suffices. Costs are smoothed
+    by a Gaussian of 1.5 pixels, and spans are extended by one coarse plane at both ends. Where
+    costs hardly differ, as on plain surfaces, all planes are likely.
     """
     device, (ny, nx) = detail.device, detail.shape[2:4]
-    if np.count_nonzero(detail.weights > 0) <= _FEW_VIEWS or planes.size <= _FEW_PLANES:
-        every = np.tile(np.array((0, planes.size - 1), np.int32), (ny, nx, 1))
-        return LikelyPlanes(every, None)
+    if np.count_nonzero(detail.weights > 0) <= _MAX_FULL_VIEWS or planes.size <= _MAX_FULL_PLANES:
+        spans_of_all = np.tile(np.array((0, planes.size - 1), np.int32), (ny, nx, 1))
+        return LikelyPlanes(spans_of_all, None)
     steps = np.abs(unit_steps(detail))
     inner = (steps <= _INNER * steps.max(axis=(0, 1))).all(axis=-1)
-    few = replace(detail, weights=np.where(inner, detail.weights, 0))
-    views, coarse = group_views(few), planes[::_APART]
+    inner_detail = replace(detail, weights=np.where(inner, detail.weights, 0))
+    views, coarse = group_views(inner_detail), planes[::_COARSE_STEP]
     tables = shift_tables(views, coarse, np.full(len(views.view), gain), device=device)
-    costs = match_costs(few, views, tables, all_planes((ny, nx), coarse.size))
+    costs = match_costs(inner_detail, views, tables, all_planes((ny, nx), coarse.size))
     smooth = device.empty(costs.shape, np.float32)
     Smoother(gaussian_taps(_BLUR), device=device)(smooth, costs, start=0, count=coarse.size)
     cost = device.download(smooth)
-    least, usual = cost.min(axis=0), cost.mean(axis=0)
+    lowest, mean_cost = cost.min(axis=0), cost.mean(axis=0)
     channels = (*detail.shape, 1)[4]
-    likely = cost <= least + _RISE * (usual - least) + _LEVELS * channels
-    likely |= usual - least < _PLAIN * channels
+    is_likely = cost <= lowest + _RISE * (mean_cost - lowest) + _LEVELS * channels
+    is_likely |= mean_cost - lowest < _MIN_RISE * channels
     first, last = (np.zeros((ny, nx), np.int32) for _ in range(2))
     for p in range(coarse.size):
-        np.copyto(last, p + 1, where=likely[p])
-        np.copyto(first, coarse.size - p - 2, where=likely[coarse.size - p - 1])
-    spans = np.stack((first, last), axis=-1) * _APART
-    return LikelyPlanes(np.clip(spans, 0, planes.size - 1).astype(np.int32), usual)
+        np.copyto(last, p + 1, where=is_likely[p])
+        np.copyto(first, coarse.size - p - 2, where=is_likely[coarse.size - p - 1])
+    spans = np.stack((first, last), axis=-1) * _COARSE_STEP
+    return LikelyPlanes(np.clip(spans, 0, planes.size - 1).astype(np.int32), mean_cost)
 
 
 def all_planes(shape: tuple[int, ...], count: int) -> Spans:
-    """Spans of all planes for blocks of 16 pixels of a row."""
+    """Return spans of all planes for blocks of 16 pixels of a row."""
     ny, nx = shape
     return np.tile(np.array((0, count - 1), np.int32), (ny, -(-nx // VECTOR), 1))
 
 
 def block_spans(spans: Spans, count: int) -> Spans:
-    """Spans for blocks of 16 pixels of a row, or what is left of them at its end."""
+    """Return the spans of blocks of 16 pixels of a row (the last block may be shorter)."""
     first, last = _without_none(spans, count)
     starts = np.arange(0, first.shape[1], VECTOR)
     return np.stack(
@@ -195,15 +199,15 @@ def block_spans(spans: Spans, count: int) -> Spans:
 
 
 def gathered_spans(spans: Spans, count: int) -> Spans:
-    """Spans of all pixels at most 7 from those of some spans, whose costs gathering reads."""
+    """Return the union of spans within 7 pixels, whose costs the aggregation reads."""
     first, last = _without_none(spans, count)
     size = 2 * WINDOW + 1
-    around = minimum_filter(first, size, mode="nearest"), maximum_filter(last, size, mode="nearest")
-    return np.stack(around, axis=-1)
+    limits = minimum_filter(first, size, mode="nearest"), maximum_filter(last, size, mode="nearest")
+    return np.stack(limits, axis=-1)
 
 
 def _without_none(spans: Spans, count: int) -> tuple[Spans, Spans]:
-    """First and last planes; where there is none, the first is behind all, and the last before."""
-    none = spans[..., 0] > spans[..., 1]
-    first, last = np.where(none, count, spans[..., 0]), np.where(none, -1, spans[..., 1])
+    """Return first and last planes, with first beyond all and last before all for empty spans."""
+    empty = spans[..., 0] > spans[..., 1]
+    first, last = np.where(empty, count, spans[..., 0]), np.where(empty, -1, spans[..., 1])
     return first.astype(np.int32), last.astype(np.int32)

@@ -1,6 +1,6 @@
-"""How well the views of a light field agree with its centre on a plane, past what hides it.
+"""Match the views of a light field with its centre on planes, past occlusions.
 
-Costs of planes are gathered over neighbours that look alike, and disparity is refined over them.
+Costs of planes are aggregated over similar neighbours, and disparities are refined over them.
 """
 
 from __future__ import annotations
@@ -22,37 +22,37 @@ from clplen.lightfield.model.sampled_views import SampledViews
 Table = np.ndarray[Any, Any]
 Vector = np.ndarray[Any, np.dtype[np.float64]]
 Map = np.ndarray[Any, np.dtype[np.float32]]
-Whole = np.ndarray[Any, np.dtype[np.int32]]
+Integers = np.ndarray[Any, np.dtype[np.int32]]
 Mask = np.ndarray[Any, np.dtype[np.bool_]]
 Spans = np.ndarray[Any, np.dtype[np.int32]]
 
-GROUPS = 9  # all views, and eight half apertures
-RATIO, MARGIN = 1.2, 0.17  # how much better a half must agree; the margin in levels a channel
-TRUNCATION = 10.0  # levels a channel: worse agreement than this is none
-_DELTA = 1e-4  # pixels: for its derivative
-WINDOW = 7  # pixels: half the window of costs and of planes
-_BLOCK, _SUPPORT_BLOCK = 512, 64  # pixels of a row that an item of a CPU takes: match, others
-VECTOR = 16  # pixels of a row that are looked at together
-_VECTORS, _HEIGHT = 8, 4  # of pixels, and rows, that an item of match_rows takes
-_ALMOST = 1e-6  # of a view step: on the line between two halves
+GROUPS = 9  # all views and eight half apertures
+RATIO, MARGIN = 1.2, 0.17  # required advantage of a half aperture; margin in levels a channel
+TRUNCATION = 10.0  # levels a channel: maximum cost
+_DELTA = 1e-4  # pixels: step of numerical derivatives
+WINDOW = 7  # pixels: half width of the windows of costs and planes
+_BLOCK, _SUPPORT_BLOCK = 512, 64  # pixels of a row per work-item on CPUs: match, others
+VECTOR = 16  # pixels of a row that are processed together
+_VECTORS, _HEIGHT = 8, 4  # vectors of pixels, and rows, of an item of match_rows
+_TOLERANCE = 1e-6  # of a view step: tolerance of views on the line between two halves
 
 
 @dataclass(frozen=True)
 class ViewGroups:
-    """The views that are compared, sorted by the half apertures that they belong to."""
+    """Views in use, sorted by the half apertures that they belong to."""
 
-    view: Table  # int32, shape (K,): number v U + u of each
-    # float64, shape (K, 2): (y, x) in pixels from a point's place in the centre view to its sample,
-    # for disparity 1
+    view: Table  # int32, shape (K,): number v U + u of each view
+    # float64, shape (K, 2): (y, x) in pixels from a point's position in the centre view to its
+    # sample, at disparity 1
     step: Vector
-    first: Table  # int32, shape (patterns + 1,): where the views of each pattern begin
-    pattern: Table  # float32, shape (patterns, 9): share of those views in every group
-    # int32: which of them make the centre, and with what ``share`` (float32, sum 1)
+    first: Table  # int32, shape (patterns + 1,): first view of each pattern
+    pattern: Table  # float32, shape (patterns, 9): share of a pattern's views in every group
+    # int32 indices of the views that make the centre, and their ``share`` (float32, sum 1)
     reference: Table
     share: Table
 
     def upload(self, device: Device) -> list[Any]:
-        """The tables of groups and references, as both kernels take them."""
+        """Return the kernel arguments of groups and references."""
         return [
             device.upload(self.first),
             device.upload(self.pattern),
@@ -64,25 +64,25 @@ class ViewGroups:
 
 
 def group_views(lf: SampledViews) -> ViewGroups:
-    """The views with a weight and their groups.
+    """Return the weighted views and their groups.
 
-    The eight half apertures are bounded by lines through the middle, 45 degrees apart; a view on
-    such a line belongs to both sides by one half, the middle view only to the whole.
+    The eight half apertures are bounded by lines through the middle, 45 degrees apart. A view on
+    such a line belongs to both sides by one half; the middle view belongs to no half.
     """
     lit = np.flatnonzero(lf.weights.ravel() > 0).astype(np.int32)
     if lit.size < 2:
-        raise ValueError(f"Depth needs at least two views with a weight, not {lit.size}.")
+        raise ValueError(f"Depth needs at least two views with a weight, got {lit.size}.")
     steps = unit_steps(lf).reshape(-1, 2)
-    offsets = -steps[lit] / np.maximum(np.abs(steps).max(axis=0), _ALMOST)
+    offsets = -steps[lit] / np.maximum(np.abs(steps).max(axis=0), _TOLERANCE)
     angles = np.arange(8) * np.pi / 4
     sides = offsets @ np.stack((np.sin(angles), np.cos(angles)))
-    halves = np.where(np.abs(sides) < _ALMOST, 0.5, sides > 0)
-    halves[np.abs(offsets).max(axis=1) < _ALMOST] = 0
-    pattern, which = np.unique(
+    halves = np.where(np.abs(sides) < _TOLERANCE, 0.5, sides > 0)
+    halves[np.abs(offsets).max(axis=1) < _TOLERANCE] = 0
+    pattern, pattern_index = np.unique(
         np.column_stack((np.ones(len(lit)), halves)), axis=0, return_inverse=True
     )
-    order = np.argsort(which.ravel(), kind="stable")
-    counts = np.bincount(which.ravel(), minlength=len(pattern))
+    order = np.argsort(pattern_index.ravel(), kind="stable")
+    counts = np.bincount(pattern_index.ravel(), minlength=len(pattern))
     reference, share = _references(steps[lit][order] / (row_ratio(lf.spacing), 1))
     return ViewGroups(
         lit[order],
@@ -94,18 +94,18 @@ def group_views(lf: SampledViews) -> ViewGroups:
     )
 
 
-def _references(places: Vector) -> tuple[Table, Table]:
-    """The views next to the middle, bilinear; the nearest where none lies within a step of it."""
-    share = np.prod(np.maximum(1 - np.abs(places), 0), axis=1)
+def _references(positions: Vector) -> tuple[Table, Table]:
+    """Return the views next to the middle with bilinear shares, or the nearest view."""
+    share = np.prod(np.maximum(1 - np.abs(positions), 0), axis=1)
     if not share.any():
-        share[np.argmin((places**2).sum(axis=1))] = 1
-    chosen = np.flatnonzero(share)
-    return chosen.astype(np.int32), (share[chosen] / share.sum()).astype(np.float32)
+        share[np.argmin((positions**2).sum(axis=1))] = 1
+    indices = np.flatnonzero(share)
+    return indices.astype(np.int32), (share[indices] / share.sum()).astype(np.float32)
 
 
 @dataclass(frozen=True)
 class ShiftTables:
-    """How every view is moved on every plane, on a device; made by `shift_tables`."""
+    """Device tables of the shifts of every view on every plane."""
 
     at: cla.Array  # at, part, slopes, reach: as in kernels/lightfield/matching.cl and refine.cl
     part: cla.Array
@@ -116,40 +116,40 @@ class ShiftTables:
 
 
 def shift_tables(views: ViewGroups, planes: Vector, gain: Vector, *, device: Device) -> ShiftTables:
-    """Whole shifts, taps and their derivatives of every view on every plane.
+    """Return shifts in pixels, taps and their derivatives of every view on every plane.
 
-    The taps are samples of the bell (1 - t^2/4)^4, near to a Gaussian of 0.7 pixels and 0 from two
-    pixels on, corrected to leave the place of every sample exact: unlike linear or cubic ones they
-    blur, and pass noise, alike for all fractions, so that noise favours no plane.
+    The taps sample the bell (1 - t^2/4)^4, similar to a Gaussian of 0.7 pixels and 0 from two
+    pixels on, corrected to keep positions exact. In contrast to linear or cubic taps, their blur
+    and noise are equal for all fractions, so that noise favours no plane.
     """
     shift = np.clip(planes[:, None, None] * views.step, -(2**20), 2**20)
-    whole = np.floor(shift)
-    part = shift - whole
-    taps = bell_taps(part)
-    change = (bell_taps(part + _DELTA) - bell_taps(part - _DELTA)) / (2 * _DELTA)
+    pixels = np.floor(shift)
+    fractions = shift - pixels
+    taps = bell_taps(fractions)
+    change = (bell_taps(fractions + _DELTA) - bell_taps(fractions - _DELTA)) / (2 * _DELTA)
     scale = np.stack((gain, np.ones_like(gain)), axis=-1)[..., None]
     return ShiftTables(
-        device.upload(whole.astype(np.int32)),
+        device.upload(pixels.astype(np.int32)),
         device.upload((taps * scale).astype(np.float32)),
         device.upload((change * scale).astype(np.float32)),
-        device.upload((part > 0).astype(np.int32)),
+        device.upload((fractions > 0).astype(np.int32)),
         device.upload(planes.astype(np.float32)),
         planes.size,
     )
 
 
-def bell_taps(part: Vector) -> Vector:
-    """Taps at -1, 0, 1 and 2 for a fraction: sum 1, mean exactly the fraction; a new last axis."""
+def bell_taps(fractions: Vector) -> Vector:
+    """Return taps at -1, 0, 1, 2 (last axis) for a fraction: sum 1, mean equal to the fraction."""
     t = np.arange(-1, 3)
-    taps = np.maximum(1 - (t - part[..., None]) ** 2 / 4, 0) ** 4
+    taps = np.maximum(1 - (t - fractions[..., None]) ** 2 / 4, 0) ** 4
     taps /= taps.sum(axis=-1, keepdims=True)
     mean = (taps * t).sum(axis=-1, keepdims=True)
     spread = (taps * (t - mean) ** 2).sum(axis=-1, keepdims=True)
-    return taps * (1 + (part[..., None] - mean) / spread * (t - mean))
+    return taps * (1 + (fractions[..., None] - mean) / spread * (t - mean))
 
 
 def row_sums(lf: LightField) -> np.ndarray[Any, np.dtype[np.float32]]:
-    """Sum of the samples of every row of every view."""
+    """Return the sum of the samples of every row of every view."""
     V, U, ny, nx, channels = (*lf.shape, 1)[:5]
     sums = lf.device.empty((V * U, ny), np.float32)
     rows, samples = np.int32(V * U * ny), np.int32(nx * channels)
@@ -159,17 +159,17 @@ def row_sums(lf: LightField) -> np.ndarray[Any, np.dtype[np.float32]]:
 
 
 def match_costs(lf: LightField, views: ViewGroups, tables: ShiftTables, spans: Spans) -> cla.Array:
-    """Cost of every plane at every pixel of the centre view.
+    """Compute the cost of every plane at every pixel of the centre view.
 
-    The mean over the views of the absolute difference to the centre, added over the channels and
-    truncated; over the half aperture that agrees best where that is clearly better than the whole:
-    what hides a place from one side of the aperture leaves it visible from the other.
+    The cost is the mean over the views of the absolute difference to the centre, summed over
+    channels and truncated. A half aperture replaces the whole where it agrees clearly better: an
+    occluder usually hides a point from one side of the aperture only.
     """
     device = lf.device
     ny, nx, channels = (*lf.shape[2:], 1)[:3]
     everywhere = bool((spans == (0, tables.count - 1)).all())
-    make = device.empty if everywhere else device.zeros
-    out = make((tables.count, ny, nx), np.float32)
+    allocate = device.empty if everywhere else device.zeros
+    out = allocate((tables.count, ny, nx), np.float32)
     if in_vectors(lf):
         kernel = depth_kernel(lf, "match_rows")
         size = (tables.count, -(-ny // _HEIGHT), -(-nx // (VECTOR * _VECTORS)))
@@ -194,7 +194,7 @@ def match_costs(lf: LightField, views: ViewGroups, tables: ShiftTables, spans: S
 
 
 def depth_kernel(lf: LightField, name: str) -> cl.Kernel:
-    """A kernel of combined.cl; all of them for one kind of light field are one program."""
+    """Return a kernel of combined.cl; all kernels of a kind of light field share a program."""
     lanes = vector_lanes(lf.device)[0]
     vectors = {"LANES": lanes, "MATCH_VECTORS": _VECTORS} if in_vectors(lf) else {}
     return lf.device.kernel(
@@ -210,22 +210,22 @@ def depth_kernel(lf: LightField, name: str) -> cl.Kernel:
 
 
 def in_vectors(lf: LightField) -> bool:
-    """Whether samples are compared in vectors."""
+    """Return True if samples are compared in vectors."""
     return lf.device.rows and (*lf.shape, 1)[4] in (1, 3)
 
 
 def support_block(device: Device) -> int:
-    """Pixels of a row that an item of gather and fit takes."""
+    """Return the pixels of a row per item of gather and fit."""
     return _SUPPORT_BLOCK if device.rows else 1
 
 
 def match_block(device: Device) -> int:
-    """Pixels of a row that an item of match takes."""
+    """Return the pixels of a row per item of match."""
     return _BLOCK if device.rows else 1
 
 
 def thresholds(channels: int) -> tuple[float, float, float]:
-    """tau, ratio and margin of the kernels."""
+    """Return tau, ratio and margin of the kernels."""
     return (TRUNCATION * channels, RATIO, MARGIN * channels)
 
 
@@ -237,7 +237,7 @@ def gather_costs(
     scales: tuple[Map, Map],
     spans: Spans,
 ) -> None:
-    """Mean of the costs round a pixel, by nearness and likeness: gather of support.cl."""
+    """Average the costs around a pixel, weighted by distance and similarity (support.cl)."""
     device = lf.device
     planes, ny, nx = (int(n) for n in costs.shape)
     if in_vectors(lf):
@@ -261,22 +261,22 @@ def lowest_valley(
     costs: cla.Array,
     tables: ShiftTables,
     spans: Spans,
-    usual: Map | None = None,
-) -> tuple[Map, Whole, Map, Map]:
-    """Disparity of the least cost, its plane, the cost, and its depth below the others, 0 to 1.
+    mean_cost: Map | None = None,
+) -> tuple[Map, Integers, Map, Map]:
+    """Return the disparity of least cost, its plane, its cost and its relative depth (0 to 1).
 
-    ``spans``, int32, shape (y, x, 2), hold the first and the last plane of a pixel. The others are
-    the second valley, or the ``usual`` cost, at least the mean over the span. All are 0 where no
-    plane is tried.
+    ``spans``, int32, shape (y, x, 2), are the first and last plane of a pixel. The depth is
+    relative to the second valley or the ``mean_cost``, at least the mean over the span. Empty
+    spans give 0.
     """
     device = lf.device
     _, ny, nx = (int(n) for n in costs.shape)
-    place, least, second, mean = (device.zeros((ny, nx), np.float32) for _ in range(4))
+    position, lowest, second, mean = (device.zeros((ny, nx), np.float32) for _ in range(4))
     nearest = device.zeros((ny, nx), np.int32)
     args = (
-        place,
+        position,
         nearest,
-        least,
+        lowest,
         second,
         mean,
         costs,
@@ -289,12 +289,12 @@ def lowest_valley(
         device.launch(depth_kernel(lf, "valley_rows"), (blocks, ny), *args)
     else:
         device.launch_rows(depth_kernel(lf, "valley"), (ny, nx), *args)
-    low, next_low = (device.download(a) for a in (least, second))
-    tried = device.download(mean)
-    usual = tried if usual is None else np.maximum(usual, tried)
-    rise = np.minimum(next_low, usual) - low
-    margin = np.clip(rise / np.maximum(usual, 1e-6), 0, 1)
-    return device.download(place), device.download(nearest), low, margin
+    low, next_low = (device.download(a) for a in (lowest, second))
+    span_mean = device.download(mean)
+    mean_cost = span_mean if mean_cost is None else np.maximum(mean_cost, span_mean)
+    rise = np.minimum(next_low, mean_cost) - low
+    margin = np.clip(rise / np.maximum(mean_cost, 1e-6), 0, 1)
+    return device.download(position), device.download(nearest), low, margin
 
 
 def normal_equations(
@@ -302,17 +302,17 @@ def normal_equations(
     views: ViewGroups,
     tables: ShiftTables,
     disparity: Map,
-    nearest: Whole,
-    wanted: Mask,
+    nearest: Integers,
+    mask: Mask,
     out: tuple[cla.Array, cla.Array],
 ) -> None:
-    """A and B of kernels/lightfield/refine.cl at the wanted pixels."""
+    """Compute A and B of kernels/lightfield/refine.cl at the pixels of a mask."""
     device = lf.device
     ny, nx, channels = (*lf.shape[2:], 1)[:3]
     args = (
         *out,
         lf.data,
-        device.upload(wanted.astype(np.uint8)),
+        device.upload(mask.astype(np.uint8)),
         device.upload(disparity),
         device.upload(nearest),
         tables.planes,
@@ -340,10 +340,10 @@ def fit_planes(
     normal: tuple[cla.Array, cla.Array],
     limits: tuple[float, float, float],
 ) -> tuple[Map, Map]:
-    """Planes through the neighbours' steps: fit of kernels/lightfield/refine.cl."""
+    """Fit planes to the neighbours' steps (fit of kernels/lightfield/refine.cl)."""
     device = lf.device
     ny, nx = disparity.shape
-    out, known = (device.empty((ny, nx), np.float32) for _ in range(2))
+    out, information = (device.empty((ny, nx), np.float32) for _ in range(2))
     if in_vectors(lf):
         kernel, block = depth_kernel(lf, "fit_rows"), vector_lanes(device)[0]
     else:
@@ -352,7 +352,7 @@ def fit_planes(
         kernel,
         (-(-nx // block), ny),
         out,
-        known,
+        information,
         *normal,
         device.upload(disparity),
         picture,
@@ -360,4 +360,4 @@ def fit_planes(
         *(np.float32(limit) for limit in limits),
         *(np.int32(n) for n in (ny, nx)),
     )
-    return device.download(out), device.download(known)
+    return device.download(out), device.download(information)

@@ -1,1 +1,1 @@
-"""Light fields in metres: corners of checkerboards, intrinsics of a camera, rectified views."""
+"""Light fields in metres: checkerboard corners, camera intrinsics, rectified views."""

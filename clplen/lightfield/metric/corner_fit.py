@@ -1,8 +1,8 @@
-"""Corners of checkerboards to hundredths of a pixel.
+"""Location of checkerboard corners to hundredths of a pixel.
 
-About a corner the picture is m + c S(d1/w) S(d2/w): two edges with the distances d1, d2 to them, S
-an error function from -1 to 1. Place, two directions, m, c and the width w of the edges are found
-by least squares (Levenberg-Marquardt), of all corners of a view together.
+Around a corner the picture is m + c S(d1/w) S(d2/w): two edges at the distances d1, d2, with S an
+error function from -1 to 1. Least squares (Levenberg-Marquardt) gives the position, two directions,
+m, c and the width w of the edges, for all corners of a view together.
 """
 
 from __future__ import annotations
@@ -15,17 +15,17 @@ from scipy.special import erf
 
 Array = np.ndarray[Any, Any]
 
-_WINDOW = (2, 8)  # pixels from the middle of a window to its rim, at least and at most
-_SHARE = 0.7  # of the distance to the nearest corner that is taken, as the next edges disturb
-_ROUNDS = 12
-_BLUR = 0.7  # pixels; makes pixels that integrate, and any lens, much like the model
+_WINDOW = (2, 8)  # pixels: minimum and maximum half width of a window
+_SHARE = 0.7  # of the distance to the nearest corner: half width of a window without other edges
+_ROUNDS = 12  # iterations
+_BLUR = 0.7  # pixels: blur that makes pixel integration and lenses similar to the model
 _ERF = 2 / np.sqrt(np.pi)
-_FARTHEST = 1.5  # pixels that a corner may move
-_NARROWEST, _WIDEST = 0.15, 3.0  # pixels of w
+_MAX_SHIFT = 1.5  # pixels: maximum shift of a corner
+_MIN_WIDTH, _MAX_WIDTH = 0.15, 3.0  # pixels: range of w
 
 
 def fitted_corners(view: Array, corners: Array, board: tuple[int, int]) -> Array:
-    """The corners, placed by the samples around them."""
+    """Refine the corners with the samples around them."""
     grid = corners.reshape(*board, 2)
     down, across = (np.asarray(np.gradient(grid, axis=axis)).reshape(-1, 2) for axis in (0, 1))
     nearest = np.minimum(np.linalg.norm(down, axis=1), np.linalg.norm(across, axis=1))
@@ -35,35 +35,35 @@ def fitted_corners(view: Array, corners: Array, board: tuple[int, int]) -> Array
     inside = np.hypot(y, x) <= radius + 0.5
     offsets = np.stack([y, x], -1)[inside].astype(np.float64)
     base = np.rint(corners)
-    places = base[:, None] + offsets
+    positions = base[:, None] + offsets
     rim = np.array(view.shape) - 1
-    known = np.asarray(((places >= 0) & (places <= rim)).all(-1))
-    index = np.clip(places, 0, rim).astype(int)
+    valid = np.asarray(((positions >= 0) & (positions <= rim)).all(-1))
+    index = np.clip(positions, 0, rim).astype(int)
     samples = gaussian_filter(view.astype(np.float64), _BLUR)[index[..., 0], index[..., 1]]
-    start = _start(samples, known, corners - base, down, across)
-    found = _least_squares(samples, known, offsets, start)
-    placed = base + found[:, :2]
-    lost = ~(np.abs(placed - corners).max(1) <= _FARTHEST)
-    placed[lost] = np.nan
-    return placed
+    start = _start(samples, valid, corners - base, down, across)
+    solution = _least_squares(samples, valid, offsets, start)
+    refined = base + solution[:, :2]
+    failed = ~(np.abs(refined - corners).max(1) <= _MAX_SHIFT)
+    refined[failed] = np.nan
+    return refined
 
 
-def _start(samples: Array, known: Array, at: Array, down: Array, across: Array) -> Array:
-    """First values: y, x, angle of each edge, m, c, log w; c by the better of its signs."""
+def _start(samples: Array, valid: Array, positions: Array, down: Array, across: Array) -> Array:
+    """Return initial values: y, x, edge angles, m, c, log w; c up to its sign."""
     count = len(samples)
     start = np.empty((count, 7))
-    start[:, :2] = at
+    start[:, :2] = positions
     start[:, 2] = np.arctan2(across[:, 0], across[:, 1])
     start[:, 3] = np.arctan2(down[:, 0], down[:, 1])
-    low = np.where(known, samples, np.inf).min(1)
-    high = np.where(known, samples, -np.inf).max(1)
+    low = np.where(valid, samples, np.inf).min(1)
+    high = np.where(valid, samples, -np.inf).max(1)
     start[:, 4], start[:, 5] = (low + high) / 2, (high - low) / 2
     start[:, 6] = np.log(1.2)
     return start
 
 
 def _model(offsets: Array, q: Array) -> tuple[Array, Array]:
-    """The samples of a window and their derivatives by the seven numbers."""
+    """Return the samples of a window and their derivatives by the seven parameters."""
     dy = offsets[:, 0] - q[:, :1]
     dx = offsets[:, 1] - q[:, 1:2]
     width = np.exp(q[:, 6:])
@@ -89,27 +89,27 @@ def _model(offsets: Array, q: Array) -> tuple[Array, Array]:
     return q[:, 4:5] + c * product, derivatives
 
 
-def _least_squares(samples: Array, known: Array, offsets: Array, q: Array) -> Array:
-    """The seven numbers of each corner, after `_ROUNDS` damped steps."""
-    q = _signed(samples, known, offsets, q)
+def _least_squares(samples: Array, valid: Array, offsets: Array, q: Array) -> Array:
+    """Return the seven parameters of each corner after `_ROUNDS` damped steps."""
+    q = _signed(samples, valid, offsets, q)
     damping = np.full(len(q), 1e-3)
     model, derivatives = _model(offsets, q)
-    error = (np.where(known, samples - model, 0) ** 2).sum(1)
+    error = (np.where(valid, samples - model, 0) ** 2).sum(1)
     for _ in range(_ROUNDS):
-        derivatives = np.where(known[..., None], derivatives, 0)
+        derivatives = np.where(valid[..., None], derivatives, 0)
         normal = derivatives.swapaxes(1, 2) @ derivatives
-        right = (derivatives * np.where(known, samples - model, 0)[..., None]).sum(1)
+        right = (derivatives * np.where(valid, samples - model, 0)[..., None]).sum(1)
         diagonal = np.einsum("nii->ni", normal)
         diagonal += damping[:, None] * diagonal + 1e-12 * (1 + diagonal.max(1, keepdims=True))
         step = np.linalg.solve(normal, right[..., None])[..., 0]
         step[:, :2] = np.clip(step[:, :2], -0.5, 0.5)
-        tried = q + step
-        tried[:, 6] = np.clip(tried[:, 6], np.log(_NARROWEST), np.log(_WIDEST))
-        new_model, new_derivatives = _model(offsets, tried)
-        new_error = (np.where(known, samples - new_model, 0) ** 2).sum(1)
+        trial = q + step
+        trial[:, 6] = np.clip(trial[:, 6], np.log(_MIN_WIDTH), np.log(_MAX_WIDTH))
+        new_model, new_derivatives = _model(offsets, trial)
+        new_error = (np.where(valid, samples - new_model, 0) ** 2).sum(1)
         better = new_error < error
         damping = np.where(better, damping / 5, damping * 5)
-        q = np.where(better[:, None], tried, q)
+        q = np.where(better[:, None], trial, q)
         model = np.where(better[:, None], new_model, model)
         derivatives = np.where(better[:, None, None], new_derivatives, derivatives)
         error = np.where(better, new_error, error)
@@ -118,10 +118,10 @@ def _least_squares(samples: Array, known: Array, offsets: Array, q: Array) -> Ar
     return q
 
 
-def _signed(samples: Array, known: Array, offsets: Array, q: Array) -> Array:
-    """With the sign of c that fits: which squares are dark."""
+def _signed(samples: Array, valid: Array, offsets: Array, q: Array) -> Array:
+    """Choose the sign of c that fits, i.e. the dark squares."""
     model = _model(offsets, q)[0] - q[:, 4:5]
-    fit = (np.where(known, (samples - q[:, 4:5]) * model, 0)).sum(1)
+    fit = (np.where(valid, (samples - q[:, 4:5]) * model, 0)).sum(1)
     q = q.copy()
     q[:, 5] *= np.where(fit < 0, -1, 1)
     return q

@@ -1,4 +1,4 @@
-"""Intrinsics of a light-field camera: rays of pixels, pixels of points, metres of disparities."""
+"""Intrinsics of a light-field camera: rays of pixels, pixels of points, metric depth."""
 
 from __future__ import annotations
 
@@ -24,53 +24,53 @@ from clplen.reprs import OneLine
 
 Array = np.ndarray[Any, Any]
 
-_EXACT = 1e-6  # of the largest number of a row of H
-_PARALLEL = 1e-4  # pixels a view step, of what is infinitely far: then the views are parallel
+_EXACT = 1e-6  # of the largest entry of a row of H
+_PARALLEL = 1e-4  # pixels a view step at infinity: below it views are parallel
 
 
 @dataclass(frozen=True, repr=False, eq=False)
 class Intrinsics(OneLine):
-    """Rays of the pixels of a light-field camera; made by `calibrate`.
+    """Rays of the pixels of a light-field camera, from `calibrate`.
 
     Pixel (k, l) of view (i, j) sees along a ray [s, t, u, v, 1] = H [i, j, k, l, 1] (Dansereau,
-    Pizarro and Williams 2013): i is the column and j the row of the view, k the column and l the
-    row of the pixel, so that it is the sample L[j, i, l, k]. (s, t) is where the ray meets the
-    plane of the views, x right and y down, in metres; (u, v) its direction, x and y per z. Rays are
-    distorted: with r the distance of the true direction from b, (u, v) = b + (1 + k1 r^2 + k2 r^4 +
-    k3 r^6) (true - b). The middle of the middle view has s = t = 0, and z counts from the plane of
-    the views. That plane may lie anywhere along the axis, as the poses of boards move along:
-    `calibrate` puts it where the pixels of a view meet, H13 = H24 = 0, or in the middle where rows
-    and columns meet apart, H13/H33 = -H24/H44.
+    Pizarro and Williams 2013). i is the column and j the row of the view, k the column and l the
+    row of the pixel: the sample is L[j, i, l, k]. (s, t) is the ray's position on the plane of the
+    views in metres, x right and y down; (u, v) is its direction, x and y per z. Rays are distorted:
+    with r the distance of the true direction from b, (u, v) = b + (1 + k1 r^2 + k2 r^4 + k3 r^6)
+    (true - b). The middle of the middle view has s = t = 0, and z counts from the plane of the
+    views. That plane may lie anywhere along the axis, as the board poses compensate it. `calibrate`
+    puts it where the pixels of a view meet, H13 = H24 = 0, or midway if rows and columns meet at
+    different distances, H13/H33 = -H24/H44.
 
     Attributes
     ----------
     matrix : numpy.ndarray
-        H, float64, shape (5, 5): H11 H13 H15, H22 H24 H25, H31 H33 H35, H42 H44 H45 and H55 = 1,
-        0 elsewhere (rows and columns counted from 1).
+        Matrix H, float64, shape (5, 5): H11 H13 H15, H22 H24 H25, H31 H33 H35, H42 H44 H45 and
+        H55 = 1, 0 elsewhere (1-based rows and columns).
     distortion : numpy.ndarray
-        b_u, b_v, k1, k2, k3; float64, shape (5,).
+        Distortion b_u, b_v, k1, k2, k3; float64, shape (5,).
     shape : tuple of int
-        (V, U, y, x) of the light fields.
+        Shape (V, U, y, x) of the light fields.
     rms : float
-        Distance of computed from found corners, root of the mean square, in pixels.
+        Root mean square distance between computed and detected corners, in pixels.
     board : tuple of int
-        (rows, columns) of inner corners of the boards.
+        Number (rows, columns) of inner corners of the boards.
     spacing : float
-        Distance between corners, in metres.
+        Distance between corners in metres.
     board_rms : numpy.ndarray
-        ``rms`` of each board, shape (boards,); NaN of boards that were left out.
+        Value of ``rms`` for each board, shape (boards,); NaN for excluded boards.
     view_rms : numpy.ndarray
-        ``rms`` of each view, shape (V, U); NaN of views that saw no board.
+        Value of ``rms`` for each view, shape (V, U); NaN for views without a board.
     deviations : numpy.ndarray
-        One standard deviation of the numbers of H, shape (5, 5); 0 where they are fixed. Of noise
-        that is independent in all corners.
+        Standard deviation of the entries of H, shape (5, 5), for independent noise of all
+        corners; 0 for fixed entries.
 
     Raises
     ------
     ValueError
-        If the matrix has other entries than those, is not finite, or sees the wrong way round.
+        If the matrix has other non-zero entries, is not finite, or has a wrong direction.
     ShapeError
-        If an array has another shape.
+        If an array has a wrong shape.
 
     Examples
     --------
@@ -98,42 +98,44 @@ class Intrinsics(OneLine):
     def __post_init__(self) -> None:
         shape = tuple(int(n) for n in self.shape[:4] if is_integer(n) and n >= 1)
         if len(shape) != 4:
-            raise ShapeError(f"A light field has a shape (V, U, y, x), not {self.shape!r}.")
+            raise ShapeError(f"shape must be (V, U, y, x), got {self.shape!r}.")
         V, U = shape[:2]
         shapes: dict[str, tuple[int, ...]] = {"matrix": (5, 5), "distortion": (5,)}
-        for name, wanted in (shapes | {"view_rms": (V, U), "deviations": (5, 5)}).items():
+        for name, expected in (shapes | {"view_rms": (V, U), "deviations": (5, 5)}).items():
             if getattr(self, name) is None:
                 continue
             values = np.array(real_array(getattr(self, name), name, np.float64))
-            if values.shape != wanted:
-                raise ShapeError(f"{name} has shape {wanted}, not {values.shape}.")
+            if values.shape != expected:
+                raise ShapeError(f"{name} must have shape {expected}, got {values.shape}.")
             values.setflags(write=False)
             object.__setattr__(self, name, values)
             if name in shapes and not np.isfinite(values).all():
-                raise ValueError(f"{name} holds numbers that are NaN or infinite.")
+                raise ValueError(f"{name} must be finite, but includes NaN or infinity.")
         object.__setattr__(self, "shape", shape)
         self._check_matrix()
 
     def _check_matrix(self) -> None:
-        """Refuse a matrix that is none of a camera."""
+        """Reject a matrix that does not describe a camera."""
         H = self.matrix
         if not (H[2, 2] > 0 and H[3, 3] > 0):
             raise ValueError(
-                f"H33 and H44, directions a pixel, are positive, not {H[2, 2]:g} and {H[3, 3]:g}."
+                f"H33 and H44, directions a pixel, must be positive, got {H[2, 2]:g} and "
+                f"{H[3, 3]:g}."
             )
         if H[0, 0] == 0 or H[1, 1] == 0:
-            raise ValueError("H11 and H22, metres between views, are not 0.")
-        with np.errstate(over="ignore", invalid="ignore"):  # of numbers near 1.8e308
-            wanted = matrix_of(self._parameters, self.shape)
+            raise ValueError("H11 and H22, metres between views, must be other than 0.")
+        with np.errstate(over="ignore", invalid="ignore"):  # numbers near 1.8e308
+            expected = matrix_of(self._parameters, self.shape)
             scale = np.abs(H[:, :4]).max(1, keepdims=True) * float(max(self.shape))
             scale[4] = 1
             limit = np.minimum(_EXACT * scale, sys.float_info.max)
-            wrong = np.argwhere(~(np.abs(H - wanted) <= limit))
+            wrong = np.argwhere(~(np.abs(H - expected) <= limit))
         if len(wrong):
             row, column = wrong[0]
             raise ValueError(
-                f"H{row + 1}{column + 1} is {H[row, column]:g}, and {wanted[row, column]:g} is "
-                "needed: H holds 12 numbers, and the middle of the middle view has s = t = 0."
+                f"H{row + 1}{column + 1} must be {expected[row, column]:g}, got "
+                f"{H[row, column]:g}: H has 12 free numbers, and the middle of the middle view has "
+                "s = t = 0."
             )
 
     def __repr__(self) -> str:
@@ -160,10 +162,9 @@ class Intrinsics(OneLine):
 
     @property
     def focus(self) -> float:
-        """Distance at which disparity is 0, in metres; inf if the views are parallel.
+        """Distance of zero disparity in metres; inf for parallel views.
 
-        By the mean of rows and columns; inf, too, where even what is infinitely far has a positive
-        disparity.
+        The mean over rows and columns; also inf if objects at infinity have a positive disparity.
         """
         H = self.matrix
         inverse = -(H[2, 0] / H[0, 0] + H[3, 1] / H[1, 1]) / 2
@@ -175,39 +176,39 @@ class Intrinsics(OneLine):
         Parameters
         ----------
         i, j : array_like
-            Column and row of views, also between them.
+            Column and row of views, fractions included.
         k, l : array_like
-            Column and row of pixels, whose centres are whole numbers.
+            Column and row of pixels, whose centres are integers.
 
         Returns
         -------
         numpy.ndarray
-            s, t in metres and the true direction u, v; shape (..., 4), float64. A point of the ray
-            at a distance z is (s + z u, t + z v, z). NaN where the distortion folds back.
+            s, t in metres and the true direction u, v; shape (..., 4), float64. The ray's point at
+            the distance z is (s + z u, t + z v, z). NaN where the distortion folds back.
         """
-        places = (real_array(a, "Rays", np.float64) for a in (i, j, k, l))
-        index = np.stack(np.broadcast_arrays(*places), -1)
+        indices = (real_array(a, "Rays", np.float64) for a in (i, j, k, l))
+        index = np.stack(np.broadcast_arrays(*indices), -1)
         rays = index @ self.matrix[:4, :4].T + self.matrix[:4, 4]
         rays[..., 2:] = undistorted(rays[..., 2:], self.distortion)
         return rays
 
     def project(self, points: ArrayLike) -> Array:
-        """Return where each view sees points.
+        """Project points to pixels in each view.
 
         Parameters
         ----------
         points : array_like
-            x, y, z in metres, shape (n, 3).
+            Points x, y, z in metres, shape (n, 3).
 
         Returns
         -------
         numpy.ndarray
-            (y, x) in pixels, shape (V, U, n, 2), float64; NaN of points that are not before the
-            views, or not finite.
+            Pixels (y, x), shape (V, U, n, 2), float64; NaN for points behind the views and for
+            non-finite points.
         """
         at = real_array(points, "points", np.float64)
         if at.ndim != 2 or at.shape[1] != 3:
-            raise ShapeError(f"Points are (x, y, z), shape (n, 3), not {at.shape}.")
+            raise ShapeError(f"points must have shape (n, 3), got {at.shape}.")
         V, U = self.shape[:2]
         (i, k), (j, l) = middles(self.shape)  # noqa: E741
         row, column = np.mgrid[:V, :U].reshape(2, -1)
@@ -218,7 +219,7 @@ class Intrinsics(OneLine):
         return (pixels + np.array([k, l]))[..., ::-1].reshape(V, U, len(at), 2)
 
     def disparity(self, z: ArrayLike) -> Array:
-        """Return the disparity along x of points on the axis.
+        """Compute the disparity along x of points on the axis.
 
         Parameters
         ----------
@@ -228,47 +229,47 @@ class Intrinsics(OneLine):
         Returns
         -------
         numpy.ndarray
-            (H11 + z H31)/(H13 + z H33) in pixels a view step, nearer is larger; float64.
+            Disparity (H11 + z H31)/(H13 + z H33) in pixels a view step, nearer larger; float64.
 
         Raises
         ------
         ValueError
             If a distance is not positive.
         """
-        far = real_array(z, "z", np.float64)
-        if not (far > 0).all():
-            raise ValueError(f"Distances are positive, in metres, not {z!r}.")
+        distance = real_array(z, "z", np.float64)
+        if not (distance > 0).all():
+            raise ValueError(f"z must be positive, in metres, got {z!r}.")
         H = self.matrix
-        return np.asarray((H[0, 0] / far + H[2, 0]) / (H[0, 2] / far + H[2, 2]))
+        return np.asarray((H[0, 0] / distance + H[2, 0]) / (H[0, 2] / distance + H[2, 2]))
 
     def depth(self, disparity: ArrayLike) -> Array:
-        """Return the distance of points of a disparity; the inverse of `disparity`.
+        """Compute the distance of a disparity, the inverse of `disparity`.
 
         Parameters
         ----------
         disparity : array_like
-            Pixels a view step along x, nearer is larger. Of distorted light fields it holds about
-            the axis; of those by `rectify_views`, whose intrinsics are `rectified`, everywhere.
+            Disparity in pixels a view step along x, nearer larger. The result holds near the axis
+            of distorted light fields, and everywhere after `rectify_views`.
 
         Returns
         -------
         numpy.ndarray
-            z in metres, float64: (H11 - d H13)/(d H33 - H31); inf at the disparity of what is
-            infinitely far, NaN beyond it or where ``disparity`` is NaN.
+            Distance z in metres, float64: (H11 - d H13)/(d H33 - H31); inf at the disparity of
+            infinity, NaN beyond it and for NaN.
         """
         d = real_array(disparity, "disparity", np.float64)
         H = self.matrix
         with np.errstate(all="ignore"):
-            above, below = H[0, 0] - d * H[0, 2], d * H[2, 2] - H[2, 0]
-            z = above / below
-        return np.where(below == 0, np.inf, np.where(z > 0, z, np.nan))
+            numerator, denominator = H[0, 0] - d * H[0, 2], d * H[2, 2] - H[2, 0]
+            z = numerator / denominator
+        return np.where(denominator == 0, np.inf, np.where(z > 0, z, np.nan))
 
     @property
     def rectified(self) -> Intrinsics:
-        """Intrinsics of what `rectify_views` makes of a light field of this camera.
+        """Intrinsics of the light field returned by `rectify_views`.
 
         No distortion, square pixels, pinholes on an even grid (H13 = H24 = 0), the axis through the
-        middle of the pictures, and disparity 0 at one distance for rows and columns, `focus`.
+        middle of the pictures, and zero disparity at `focus` for rows and columns.
         """
         H = self.matrix
         pitch = float(np.sqrt(H[2, 2] * H[3, 3]))
@@ -290,10 +291,10 @@ class Intrinsics(OneLine):
 
     @property
     def lengths(self) -> dict[str, float | None]:
-        """Lengths of the rectified light field, for `metric_depth` and `points_of`.
+        """Lengths of the rectified light field for `metric_depth` and `points_of`.
 
-        ``baseline`` in metres, ``focal_length`` 1 with the ``pixel_pitch`` of it, and
-        ``focus_distance`` in metres, None if infinite.
+        ``baseline`` in metres, ``focal_length`` 1 with its ``pixel_pitch``, and ``focus_distance``
+        in metres, None if infinite.
         """
         flat = self.rectified
         return {

@@ -2,12 +2,12 @@
 
 After Dansereau, Pizarro and Williams (CVPR 2013): [s, t, u, v, 1] = H [i, j, k, l, 1] with the
 position (s, t) and the distorted direction (u, v), whose radial distortion is about (b_u, b_v).
-Fifteen parameters tell H and the distortion:
+Fifteen parameters define H and the distortion:
 
     s = H11 i' + e_x H33 k'    u = H31 i' + H33 k' + u0    i' = i - (U - 1)/2, k' = k - (nx - 1)/2
 
-and t, v alike of j' and l', so that the middle pixel of the middle view has s = t = 0. With e_x = 0
-each view is a pinhole along x, else one at the distance -e_x from the plane of (s, t).
+and t, v likewise from j' and l', so that the middle pixel of the middle view has s = t = 0. With
+e_x = 0 each view is a pinhole along x, else a pinhole at the distance -e_x from the (s, t) plane.
 """
 
 from __future__ import annotations
@@ -23,46 +23,46 @@ PARAMETERS = (
     *("H11", "H22", "H31", "H42", "H33", "H44", "u0", "v0", "e_x", "e_y"),
     *("b_u", "b_v", "k1", "k2", "k3"),
 )
-_ROUNDS = 12  # of Newton's method, at most
-_EXACT = 1e-13  # slope
+_ROUNDS = 12  # maximum iterations of Newton's method
+_TOLERANCE = 1e-13  # slope
 
 
 def distorted(direction: Array, distortion: Array) -> tuple[Array, Array, Array]:
-    """Directions as the camera distorts them."""
+    """Apply the distortion to directions; return also derivatives by direction and distortion."""
     b, (k1, k2, k3) = distortion[:2], distortion[2:]
-    off = direction - b
-    r2 = (off**2).sum(-1)
+    offset = direction - b
+    r2 = (offset**2).sum(-1)
     scale = 1 + r2 * (k1 + r2 * (k2 + r2 * k3))
-    slope = 2 * (k1 + r2 * (2 * k2 + 3 * r2 * k3))  # of the scale by r^2, twice
-    by_direction = slope[..., None, None] * off[..., :, None] * off[..., None, :]
+    slope = 2 * (k1 + r2 * (2 * k2 + 3 * r2 * k3))  # twice the derivative of the scale by r^2
+    by_direction = slope[..., None, None] * offset[..., :, None] * offset[..., None, :]
     by_direction[..., 0, 0] += scale
     by_direction[..., 1, 1] += scale
-    by_distortion = np.empty((*off.shape, 5))
+    by_distortion = np.empty((*offset.shape, 5))
     by_distortion[..., :2] = np.eye(2) - by_direction
     powers = r2[..., None] ** np.arange(1, 4)
-    by_distortion[..., 2:] = off[..., :, None] * powers[..., None, :]
-    return b + scale[..., None] * off, by_direction, by_distortion
+    by_distortion[..., 2:] = offset[..., :, None] * powers[..., None, :]
+    return b + scale[..., None] * offset, by_direction, by_distortion
 
 
 def undistorted(direction: Array, distortion: Array) -> Array:
-    """The inverse of `distorted`, by Newton's method; NaN where it does not converge."""
-    found = np.array(direction)
-    wrong = np.zeros(found.shape[:-1], bool)
+    """Invert `distorted` by Newton's method; NaN without convergence."""
+    direction_estimate = np.array(direction)
+    failed = np.zeros(direction_estimate.shape[:-1], bool)
     for _ in range(_ROUNDS):
-        image, slope, _by = distorted(found, distortion)
-        off = image - direction
-        wrong = ~(np.abs(off).max(-1) < _EXACT)
-        if not wrong.any():
+        image, slope, _by = distorted(direction_estimate, distortion)
+        error = image - direction
+        failed = ~(np.abs(error).max(-1) < _TOLERANCE)
+        if not failed.any():
             break
-        found = found - _solved(slope, off)
-    determinant = np.linalg.det(distorted(found, distortion)[1])
-    wrong = ~(np.abs(distorted(found, distortion)[0] - direction).max(-1) < 1e-9)
-    found[wrong | (determinant <= 0)] = np.nan  # beyond where the distortion folds back
-    return found
+        direction_estimate = direction_estimate - _solved(slope, error)
+    determinant = np.linalg.det(distorted(direction_estimate, distortion)[1])
+    failed = ~(np.abs(distorted(direction_estimate, distortion)[0] - direction).max(-1) < 1e-9)
+    direction_estimate[failed | (determinant <= 0)] = np.nan  # beyond the fold of the distortion
+    return direction_estimate
 
 
 def _solved(matrix: Array, right: Array) -> Array:
-    """Solutions of 2 x 2 systems; not finite where there are none."""
+    """Solve 2 x 2 systems; singular systems give non-finite values."""
     (a, b), (c, d) = (
         (matrix[..., 0, 0], matrix[..., 0, 1]),
         (matrix[..., 1, 0], matrix[..., 1, 1]),
@@ -75,7 +75,7 @@ def _solved(matrix: Array, right: Array) -> Array:
 
 
 def matrix_of(parameters: Array, shape: Shape) -> Array:
-    """H, shape (5, 5), of the parameters of a light field of a shape (V, U, y, x)."""
+    """Build H, shape (5, 5), from the parameters for a shape (V, U, y, x)."""
     H = np.eye(5)
     for axis in range(2):
         step, converge, pitch, middle, far = parameters[axis:10:2]
@@ -89,41 +89,41 @@ def matrix_of(parameters: Array, shape: Shape) -> Array:
 
 
 def parameters_of(H: Array, distortion: Array, shape: Shape) -> Array:
-    """The inverse of `matrix_of`, with the distortion."""
-    found = np.empty(15)
+    """Return the parameters of H and the distortion, the inverse of `matrix_of`."""
+    parameters = np.empty(15)
     for axis in range(2):
         view, pixel = middles(shape)[axis]
         step, tilt, converge, pitch = H[axis::2, axis::2][:2, :2].ravel()
         middle = H[axis + 2, 4] + converge * view + pitch * pixel
-        found[axis:10:2] = step, converge, pitch, middle, tilt / pitch
-    found[10:] = distortion
-    return found
+        parameters[axis:10:2] = step, converge, pitch, middle, tilt / pitch
+    parameters[10:] = distortion
+    return parameters
 
 
 def middles(shape: Shape) -> tuple[tuple[float, float], tuple[float, float]]:
-    """The middle view and pixel along x, (i, k), and along y, (j, l)."""
+    """Return the middle view and pixel along x, (i, k), and along y, (j, l)."""
     V, U, ny, nx = shape
     return ((U - 1) / 2, (nx - 1) / 2), ((V - 1) / 2, (ny - 1) / 2)
 
 
 def pixels_of(parameters: Array, views: Array, points: Array) -> Array:
-    """Where views see points, as `pixels_and_slopes`, which has derivatives, too."""
-    return _met(parameters, views[:, None], points)[0]
+    """Return the pixels of points in views, without derivatives."""
+    return _intersections(parameters, views[:, None], points)[0]
 
 
 def pixels_and_slopes(parameters: Array, views: Array, points: Array) -> tuple[Array, Array, Array]:
-    """Where views see points, and the derivatives."""
-    pixel, direction, at = _met(parameters, views[:, None], points)
+    """Return the pixels of points in views, with derivatives by parameters and points."""
+    pixel, direction, at = _intersections(parameters, views[:, None], points)
     by_parameters, by_points = _derivatives(
         views[:, None], direction, at, tuple(parameters[2:10].reshape(4, 2))
     )
     return pixel, by_parameters, by_points
 
 
-def _met(
+def _intersections(
     parameters: Array, views: Array, points: Array
 ) -> tuple[Array, Array, tuple[Array, Array, Array, Array]]:
-    """Pixels and true directions of the rays that meet points, and what their derivatives need."""
+    """Return pixels and true directions of the rays through points, and derivative terms."""
     step, converge, pitch, middle, e = parameters[:10].reshape(5, 2)
     distortion = parameters[10:]
     start = step * views - points[:, :2] - e * (converge * views + middle)
@@ -131,11 +131,11 @@ def _met(
     direction = -(step * views - points[:, :2]) / Z
     for _ in range(_ROUNDS if e.any() else 1):
         image, slope, by_distortion = distorted(direction, distortion)
-        off = Z * direction + e * image + start  # 0 where the ray meets the point
+        residual = Z * direction + e * image + start  # 0 where the ray meets the point
         inner = e[:, None] * slope + Z[..., None] * np.eye(2)
-        if not e.any() or np.abs(off).max() < _EXACT * np.abs(Z).max():
+        if not e.any() or np.abs(residual).max() < _TOLERANCE * np.abs(Z).max():
             break
-        direction = direction - _solved(inner, off)
+        direction = direction - _solved(inner, residual)
     pixel = (image - converge * views - middle) / pitch
     return pixel, direction, (image, slope, by_distortion, inner)
 
@@ -143,32 +143,33 @@ def _met(
 def _derivatives(
     views: Array,
     direction: Array,
-    at: tuple[Array, Array, Array, Array],
-    words: tuple[Array, ...],
+    terms: tuple[Array, Array, Array, Array],
+    columns: tuple[Array, ...],
 ) -> tuple[Array, Array]:
-    """Derivatives of the pixel by parameters and points, of the condition that holds for a ray."""
-    image, slope, by_distortion, inner = at
-    converge, pitch, middle, e = words
-    turn = slope @ np.linalg.inv(inner)  # of the distorted direction by minus the condition
+    """Return the derivatives of the pixel by parameters and points (implicit function)."""
+    image, slope, by_distortion, inner = terms
+    converge, pitch, middle, e = columns
+    # Derivative of the distorted direction by minus the condition
+    turn = slope @ np.linalg.inv(inner)
     shape = direction.shape[:2]
     condition = np.zeros((*shape, 2, 18))  # its derivatives by 15 parameters and the point
     for axis in range(2):
-        far = views[..., axis]
-        condition[..., axis, axis] = far
-        condition[..., axis, 2 + axis] = -e[axis] * far
+        view_offset = views[..., axis]
+        condition[..., axis, axis] = view_offset
+        condition[..., axis, 2 + axis] = -e[axis] * view_offset
         condition[..., axis, 6 + axis] = -e[axis]
-        leaned = image[..., axis] - converge[axis] * far - middle[axis]
+        leaned = image[..., axis] - converge[axis] * view_offset - middle[axis]
         condition[..., axis, 8 + axis] = leaned
         condition[..., axis, 15 + axis] = -1.0
     condition[..., 10:15] = e[:, None] * by_distortion
     condition[..., 17] = direction
-    whole = -turn @ condition
-    whole[..., 10:15] += by_distortion
+    derivatives = -turn @ condition
+    derivatives[..., 10:15] += by_distortion
     for axis in range(2):
-        far = views[..., axis]
-        whole[..., axis, 2 + axis] -= far
-        whole[..., axis, 6 + axis] -= 1
-        leaned = image[..., axis] - converge[axis] * far - middle[axis]
-        whole[..., axis, 4 + axis] -= leaned / pitch[axis]
-    whole /= pitch[:, None]
-    return whole[..., :15], whole[..., 15:]
+        view_offset = views[..., axis]
+        derivatives[..., axis, 2 + axis] -= view_offset
+        derivatives[..., axis, 6 + axis] -= 1
+        leaned = image[..., axis] - converge[axis] * view_offset - middle[axis]
+        derivatives[..., axis, 4 + axis] -= leaned / pitch[axis]
+    derivatives /= pitch[:, None]
+    return derivatives[..., :15], derivatives[..., 15:]

@@ -1,4 +1,4 @@
-"""`rectify_views`: views without distortion, as of pinholes on an even grid."""
+"""`rectify_views`: undistorted views of pinholes on an even grid."""
 
 from __future__ import annotations
 
@@ -22,8 +22,9 @@ from clplen.lightfield.model.stored_light_field import as_lightfield
 
 Array = np.ndarray[Any, Any]
 
-_BETWEEN = 0.01  # views; a ray that is nearer to a view is taken from it alone
-_UNEVEN = 0.02  # pixels at disparity 2 that rows and columns of views may differ by, on a grid
+_MIN_FRACTION = 0.01  # views: a ray nearer to a view is sampled from it alone
+# Pixels at disparity 2: maximum difference of rows and columns of views on a grid
+_MAX_UNEVENNESS = 0.02
 
 
 def rectify_views(
@@ -32,34 +33,34 @@ def rectify_views(
     *,
     device: DeviceLike | None = None,
 ) -> LightField:
-    """Resample the views so that their distortion is gone and they see as pinholes on an even grid.
+    """Resample the views to undistorted pinholes on an even grid.
 
-    Each sample is that of the ray which the camera of `Intrinsics.rectified` has there: cubic
-    splines within views and, where the pixels of a view do not meet in one point (H13, H24), linear
-    interpolation between them.
+    Each sample belongs to the ray of the camera `Intrinsics.rectified`. Samples are interpolated by
+    cubic splines within views and, if the pixels of a view do not meet in one point (H13, H24),
+    linearly between views.
 
     Parameters
     ----------
     light_field : LightField or array_like
-        Of the camera, shape (v, u, y, x[, c]).
+        Light field of the camera, shape (v, u, y, x[, c]).
     intrinsics : Intrinsics
-        Of `calibrate` or `clplen.io.read_intrinsics`.
+        Intrinsics from `calibrate` or `clplen.io.read_intrinsics`.
     device : Device or str, optional
-        Where an array goes; default ``Device.open()``.
+        Device for an array; default ``Device.open()``.
 
     Returns
     -------
     LightField
-        The same shape and dtype; metres follow from its disparities by ``intrinsics.rectified`` or
-        ``intrinsics.lengths``. Pixels that the views do not see repeat their edges. Where the steps
-        between rows and columns of views differ, it has ``positions``.
+        Light field of unchanged shape and dtype, with the intrinsics ``intrinsics.rectified`` and
+        lengths ``intrinsics.lengths``. Pixels outside the views repeat their edges. It has
+        ``positions`` if the steps between rows and columns of views differ.
 
     Raises
     ------
     ShapeError
-        If the intrinsics belong to a light field of another shape.
+        If the intrinsics and the light field differ in shape.
     ValueError
-        If the views have positions of their own, or are directions.
+        If the views have positions off the grid, or are directions.
 
     Examples
     --------
@@ -77,31 +78,31 @@ def rectify_views(
     require_two_plane(lf.parametrisation, "Rectifying")
     if lf.positions is not None:
         raise ValueError(
-            "The views have positions of their own, and intrinsics describe views on a grid: read "
-            "the light field without positions."
+            "Intrinsics describe views on a grid, and these views have positions; read the light "
+            "field without positions."
         )
     if lf.shape[:4] != intrinsics.shape:
         raise ShapeError(
-            f"The intrinsics are of light fields of shape (v, u, y, x) = {intrinsics.shape}, and "
-            f"this one has {lf.shape[:4]}: calibrate the camera that took it, read in the same way."
+            f"light_field must have the shape of the intrinsics, {intrinsics.shape}, got "
+            f"{lf.shape[:4]}; calibrate its camera with light fields read with equal options."
         )
     samples = lf.to_numpy()
-    made = np.empty_like(samples)
+    rectified = np.empty_like(samples)
     source = _Source(samples, lf.weights > 0)
 
-    def one(view: tuple[int, int]) -> None:
-        made[view] = _stored(source.at(*_places(intrinsics, view)), made.dtype)
+    def rectify(view: tuple[int, int]) -> None:
+        rectified[view] = _stored(source.at(*_ray_positions(intrinsics, view)), rectified.dtype)
 
     with ThreadPoolExecutor(os.cpu_count()) as pool:
-        list(pool.map(one, np.ndindex(*made.shape[:2])))
+        list(pool.map(rectify, np.ndindex(*rectified.shape[:2])))
     flat = LightField.from_array(
-        made, device=lf.device, weights=lf.weights, positions=_positions(intrinsics)
+        rectified, device=lf.device, weights=lf.weights, positions=_positions(intrinsics)
     )
     return replace(flat, linear=lf.linear)
 
 
-def _places(intrinsics: Intrinsics, view: tuple[int, int]) -> tuple[Array, Array]:
-    """Where the rays of a rectified view (v, u) lie: views (v, u) and pixels (y, x), (2, y, x)."""
+def _ray_positions(intrinsics: Intrinsics, view: tuple[int, int]) -> tuple[Array, Array]:
+    """Return views (v, u) and pixels (y, x), (2, y, x), of the rays of a rectified view (v, u)."""
     shape = intrinsics.shape
     p = parameters_of(intrinsics.matrix, intrinsics.distortion, shape)
     flat = parameters_of(intrinsics.rectified.matrix, np.zeros(5), shape)
@@ -112,7 +113,7 @@ def _places(intrinsics: Intrinsics, view: tuple[int, int]) -> tuple[Array, Array
     at = np.array(view[::-1]) - centres
     direction = distorted(flat[2:4] * at + flat[4:6] * pixel, intrinsics.distortion)[0]
     views = (flat[:2] * at - e * (direction - middle)) / (step - e * converge)
-    views = np.where(np.abs(views - at).max((0, 1)) < _BETWEEN, at, views)
+    views = np.where(np.abs(views - at).max((0, 1)) < _MIN_FRACTION, at, views)
     pixels = (direction - converge * views - middle) / pitch
     views = views + centres
     pixels = pixels + np.array([middle for _, middle in middles(shape)])
@@ -120,17 +121,17 @@ def _places(intrinsics: Intrinsics, view: tuple[int, int]) -> tuple[Array, Array
 
 
 class _Source:
-    """Views that are sampled anywhere, between them too."""
+    """Views that are sampled at any position, also between views."""
 
-    def __init__(self, samples: Array, seen: Array) -> None:
+    def __init__(self, samples: Array, is_valid: Array) -> None:
         self.samples = samples.reshape(*samples.shape[:4], -1)
         self.colours = samples.shape[4:]
-        self.seen = seen
+        self.is_valid = is_valid
 
     def at(self, views: Array, pixels: Array) -> Array:
-        """Samples at views (v, u) and pixels (y, x), each of shape (2, y, x)."""
+        """Sample at views (v, u) and pixels (y, x), each of shape (2, y, x)."""
         total = np.zeros((*views.shape[1:], self.samples.shape[4]))
-        known = np.zeros(views.shape[1:])
+        valid = np.zeros(views.shape[1:])
         rims = np.array(self.samples.shape[:2])[:, None, None] - 1
         views = np.clip(views, 0, rims)
         low, high = np.floor(views.min((1, 2))).astype(int), np.ceil(views.max((1, 2))).astype(int)
@@ -138,14 +139,14 @@ class _Source:
         for v in range(low[0], high[0] + 1):
             for u in range(low[1], high[1] + 1):
                 share = np.clip(1 - np.abs(views - np.array([v, u])[:, None, None]), 0, 1).prod(0)
-                if self.seen[v, u] and share.any():
+                if self.is_valid[v, u] and share.any():
                     total += share[..., None] * self._of_view(v, u, pixels)
-                    known += share
-        if not known.any():
-            alone = self._of_view(nearest[0], nearest[1], pixels)
-            return alone.reshape(*views.shape[1:], *self.colours)
+                    valid += share
+        if not valid.any():
+            nearest_samples = self._of_view(nearest[0], nearest[1], pixels)
+            return nearest_samples.reshape(*views.shape[1:], *self.colours)
         with np.errstate(invalid="ignore"):
-            mean = np.where(known[..., None] > 0, total / known[..., None], 0)
+            mean = np.where(valid[..., None] > 0, total / valid[..., None], 0)
         return np.asarray(mean.reshape(*views.shape[1:], *self.colours))
 
     def _of_view(self, v: int, u: int, pixels: Array) -> Array:
@@ -157,17 +158,17 @@ class _Source:
 
 
 def _stored(values: Array, dtype: np.dtype[Any]) -> Array:
-    """Rounded and cut to what a type holds."""
+    """Round and clip values to the range of a dtype."""
     if dtype.kind == "u":
         values = np.clip(np.rint(values), 0, np.iinfo(dtype).max)
     return values.astype(dtype)
 
 
 def _positions(intrinsics: Intrinsics) -> Array | None:
-    """Where the views lie in steps of a row, shape (V, U, 2); None if that is their grid."""
+    """Return the view positions in steps of a row, shape (V, U, 2); None if on the grid."""
     V, U = intrinsics.shape[:2]
     ratio = abs(intrinsics.matrix[1, 1] / intrinsics.matrix[0, 0])
-    if abs(ratio - 1) * (V - 1) <= _UNEVEN:
+    if abs(ratio - 1) * (V - 1) <= _MAX_UNEVENNESS:
         return None
     v, u = np.indices((V, U)) - np.array([(V - 1) / 2, (U - 1) / 2])[:, None, None]
     return np.stack([v * ratio, u], -1)

@@ -1,1 +1,1 @@
-"""The light field, on a device or stored, and its pictures; may import arrays and raw."""
+"""The light field, on a device or stored, and its pictures; imports arrays and raw only."""

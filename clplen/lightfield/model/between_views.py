@@ -1,9 +1,9 @@
-"""Views between the recorded ones: points are looked up along their rays, in views that see them.
+"""Views between the recorded ones, sampled along rays in views that see the point.
 
-The disparities of the centre view are carried to the new viewpoint, nearer points before farther
-ones, and what the centre view does not see takes the disparity behind the edge. A pixel p of
-disparity d is then L[k](p + (s_k - s) d) in view k, s and s_k being the steps of the new viewpoint
-and of view k. Views in which something nearer stands at that place do not count.
+The disparities of the centre view are warped to the new viewpoint, with nearer points in front;
+areas hidden in the centre view get the disparity behind the edge. A pixel p of disparity d is then
+L[k](p + (s_k - s) d) in view k, with s and s_k the steps of the new viewpoint and of view k. Views
+in which a nearer surface hides the point are ignored.
 """
 
 from __future__ import annotations
@@ -27,50 +27,50 @@ from clplen.lightfield.model.stored_light_field import as_lightfield
 
 Array = np.ndarray[Any, Any]
 
-_HIDDEN = 0.5  # pixels by which a surface in front is displaced, beyond which it hides a point
-_SPARE = 1e-4  # weight of views beside the four nearest, for points that these do not see
-_BLIND = 1e-8  # weight of the nearest views for points that none sees
-_UNSEEN = 0.05  # weight of the nearest views that see a point, below which others are asked
-_MOST_SPARE = 12  # of these other views
-_KEPT = 32  # views on the host at a time
+_MIN_OCCLUSION = 0.5  # pixels: displacement above which a nearer surface hides a point
+_OTHER_WEIGHT = 1e-4  # weight of views beyond the four nearest, for points hidden in these
+_UNSEEN_WEIGHT = 1e-8  # weight of the nearest views for points that no view sees
+_MIN_VISIBLE_WEIGHT = 0.05  # weight of the nearest views below which other views are used
+_MAX_OTHERS = 12  # maximum number of other views
+_MAX_CACHED = 32  # views cached on the host
 
 
 def view_between(lf: LightField | ArrayLike, v: float, u: float, disparity: ArrayLike) -> Image:
-    """Return the view at (v, u), rendered along the depth of the scene.
+    """Render the view at (v, u) along the depth of the scene.
 
-    Each pixel is looked up in the four recorded views round (v, u), or the two or the one among
-    which it lies, at its own disparity, and weighted bilinearly in the aperture. Views in which it
-    is hidden do not count; where it is hidden in all of these, up to twelve others are asked.
-    What no view sees is taken from the nearest ones. At a recorded view the result is that view.
+    Each pixel is sampled at its disparity in the four recorded views around (v, u) (two or one on a
+    grid line), weighted bilinearly in the aperture. Views in which it is hidden are ignored; if it
+    is hidden in all of them, up to twelve others are used. Points that no view sees are taken from
+    the nearest views. At a recorded view the result is that view.
 
     Parameters
     ----------
     lf : LightField or array_like
-        Or an array (v, u, y, x[, c]).
+        Light field, or an array (v, u, y, x[, c]).
     v, u : float
-        0 <= v <= V - 1, 0 <= u <= U - 1.
+        Viewpoint, 0 <= v <= V - 1, 0 <= u <= U - 1.
     disparity : float or array_like
-        Of the scene in the centre view, pixels a view step: one number, or shape (y, x).
+        Disparity of the scene in the centre view, in pixels a view step: a number, or shape (y, x).
 
     Returns
     -------
     Image
-        float32, shape (y, x[, c]).
+        Picture, float32, shape (y, x[, c]).
 
     Raises
     ------
     ValueError, ShapeError
-        If (v, u) lies outside the views, a disparity is not finite, or they have another shape.
+        If (v, u) lies outside the views, or a disparity is not finite or of wrong shape.
 
     See Also
     --------
-    LightField.view : Faster, for scenes without edges of depth.
+    LightField.view : Faster, for scenes without depth edges.
 
     Notes
     -----
-    Splatting with a z-buffer, holes filled from behind, then looking up in the views: depth image
-    based rendering after Fehn (2004), Proc. SPIE 5291, 93, with visibility as in Buehler et al.
-    (2001), Proc. SIGGRAPH, 425. Samples are cubic splines.
+    Splatting with a z-buffer, hole filling from behind, and lookup in the views: depth image based
+    rendering after Fehn (2004), Proc. SPIE 5291, 93, with visibility as in Buehler et al. (2001),
+    Proc. SIGGRAPH, 425. Samples are interpolated by cubic splines.
 
     Examples
     --------
@@ -87,26 +87,26 @@ def view_between(lf: LightField | ArrayLike, v: float, u: float, disparity: Arra
 def views_between(
     lf: LightField | ArrayLike, viewpoints: Iterable[tuple[float, float]], disparity: ArrayLike
 ) -> Iterator[Image]:
-    """Return `view_between` of many viewpoints, which share what recorded views need.
+    """Render `view_between` for many viewpoints, with shared data of recorded views.
 
     Parameters
     ----------
     lf : LightField or array_like
-        Or an array (v, u, y, x[, c]).
+        Light field, or an array (v, u, y, x[, c]).
     viewpoints : iterable of tuple of float
-        (v, u) of each view.
+        Position (v, u) of each view.
     disparity : float or array_like
-        As in `view_between`.
+        Disparity as in `view_between`.
 
     Returns
     -------
     iterator of Image
-        float32, shape (y, x[, c]).
+        Pictures, float32, shape (y, x[, c]).
 
     Raises
     ------
     ValueError, ShapeError
-        As in `view_between`, before the first view.
+        Errors of `view_between`, before the first view.
 
     Examples
     --------
@@ -116,9 +116,9 @@ def views_between(
     9
     """
     lf = as_lightfield(lf)
-    wanted = [(float(v), float(u)) for v, u in map(float64_array, viewpoints)]
-    nearest = [aperture_weights(lf, None, at).astype(np.float64) for at in wanted]
-    return _rendered(_Recorded(lf, disparity), nearest)
+    positions = [(float(v), float(u)) for v, u in map(float64_array, viewpoints)]
+    nearest = [aperture_weights(lf, None, at).astype(np.float64) for at in positions]
+    return _render_each(_Recorded(lf, disparity), nearest)
 
 
 def viewpoint_step(lf: SampledViews, v: float, u: float) -> Array:
@@ -127,22 +127,21 @@ def viewpoint_step(lf: SampledViews, v: float, u: float) -> Array:
     return np.asarray(np.tensordot(nearest, unit_steps(lf), 2))
 
 
-def _rendered(recorded: _Recorded, nearest: list[Array]) -> Iterator[Image]:
+def _render_each(recorded: _Recorded, nearest: list[Array]) -> Iterator[Image]:
     for weights in nearest:
-        picture = np.ascontiguousarray(recorded.seen_from(weights), np.float32)
+        picture = np.ascontiguousarray(recorded.picture_at(weights), np.float32)
         yield Image(recorded.lf.device.upload(picture), recorded.lf.device)
 
 
 class _View(NamedTuple):
-    """A recorded view on the host: cubic splines (c, y, x), and the disparity of what is nearest
-    within a pixel of each pixel."""
+    """A view on the host: cubic splines (c, y, x), and the nearest disparity within a pixel."""
 
     splines: Array
     front: Array
 
 
 class _Recorded:
-    """The recorded views of a light field and the disparities that they see."""
+    """Recorded views of a light field and their disparities."""
 
     def __init__(self, lf: LightField, disparity: ArrayLike) -> None:
         d = checked_disparity(disparity, (lf.shape[2], lf.shape[3]))
@@ -152,8 +151,8 @@ class _Recorded:
         require_overlap(lf, lf.weights, d)
         self._views: OrderedDict[tuple[int, int], _View] = OrderedDict()
 
-    def seen_from(self, nearest: Array) -> Array:
-        """The picture at a viewpoint of these bilinear weights (V, U); float64, (y, x[, c])."""
+    def picture_at(self, nearest: Array) -> Array:
+        """Return the picture at a viewpoint by bilinear weights (V, U); float64, (y, x[, c])."""
         if np.count_nonzero(nearest) == 1:  # a recorded view, whatever its weight
             v, u = (int(n) for n in np.argwhere(nearest)[0])
             return self._samples(v, u)
@@ -161,21 +160,21 @@ class _Recorded:
         d = carried(self.disparity, step)
         rows, columns = (axis.ravel() for axis in np.indices(d.shape, dtype=np.float64))
         points = np.stack((rows, columns, d.ravel()))
-        used = nearest * self.lf.weights
-        used = used if used.any() else nearest
+        weights_used = nearest * self.lf.weights
+        weights_used = weights_used if weights_used.any() else nearest
         total = np.zeros((self._channels, points.shape[1]))
         sums = np.zeros(points.shape[1])
-        for v, u in np.argwhere(used > 0):
+        for v, u in np.argwhere(weights_used > 0):
             weights, samples = self._look_up(int(v), int(u), step, points)
-            weights = used[v, u] * (weights + _BLIND)
+            weights = weights_used[v, u] * (weights + _UNSEEN_WEIGHT)
             total += weights * samples
             sums += weights
-        unseen = np.flatnonzero(sums < _UNSEEN * used.sum())
+        unseen = np.flatnonzero(sums < _MIN_VISIBLE_WEIGHT * weights_used.sum())
         for v, u in self._others(nearest, step):
             if not unseen.size:
                 break
             weights, samples = self._look_up(v, u, step, points[:, unseen])
-            weights = _SPARE * weights
+            weights = _OTHER_WEIGHT * weights
             total[:, unseen] += weights * samples
             sums[unseen] += weights
             unseen = unseen[weights <= 0]
@@ -187,15 +186,18 @@ class _Recorded:
         return self.lf.shape[4] if len(self.lf.shape) == 5 else 1
 
     def _others(self, nearest: Array, step: Array) -> list[tuple[int, int]]:
-        """Views that are not among the nearest, by their distance from the viewpoint."""
-        free = np.argwhere((nearest == 0) & (self.lf.weights > 0))
-        away = [np.linalg.norm(self.steps[v, u] - step) for v, u in free]
-        return [(int(v), int(u)) for v, u in free[np.argsort(away, kind="stable")[:_MOST_SPARE]]]
+        """Return further views, sorted by their distance from the viewpoint."""
+        candidates = np.argwhere((nearest == 0) & (self.lf.weights > 0))
+        distances = [np.linalg.norm(self.steps[v, u] - step) for v, u in candidates]
+        return [
+            (int(v), int(u))
+            for v, u in candidates[np.argsort(distances, kind="stable")[:_MAX_OTHERS]]
+        ]
 
     def _look_up(self, v: int, u: int, step: Array, points: Array) -> tuple[Array, Array]:
-        """Weights (n,), 1 where view (v, u) sees a point and 0 elsewhere, and samples (c, n).
+        """Return weights (n,), 1 where view (v, u) sees a point, else 0, and samples (c, n).
 
-        ``points`` are y, x and disparity at the viewpoint whose step is ``step``.
+        ``points`` are y, x and disparity at the viewpoint of ``step``.
         """
         from scipy.ndimage import map_coordinates
 
@@ -206,16 +208,16 @@ class _Recorded:
         inside = (y >= -0.5) & (y <= ny - 0.5) & (x >= -0.5) & (x <= nx - 0.5)
         y, x = np.clip(y, 0, ny - 1), np.clip(x, 0, nx - 1)
         front = view.front[np.rint(y).astype(np.intp), np.rint(x).astype(np.intp)]
-        hidden = (front - points[2]) * np.linalg.norm(move) > _HIDDEN
+        hidden = (front - points[2]) * np.linalg.norm(move) > _MIN_OCCLUSION
         samples = [
-            map_coordinates(one, (y, x), order=3, mode="mirror", prefilter=False)
-            for one in view.splines
+            map_coordinates(spline, (y, x), order=3, mode="mirror", prefilter=False)
+            for spline in view.splines
         ]
         return (inside & ~hidden).astype(np.float64), np.stack(samples)
 
     def _samples(self, v: int, u: int) -> Array:
-        found = plane(self.lf.data, {0: v, 1: u}, (2, 3), self.lf.device)
-        return np.asarray(self.lf.device.download(found), np.float64)
+        samples = plane(self.lf.data, {0: v, 1: u}, (2, 3), self.lf.device)
+        return np.asarray(self.lf.device.download(samples), np.float64)
 
     def _view(self, v: int, u: int) -> _View:
         from scipy.ndimage import maximum_filter, spline_filter
@@ -225,20 +227,22 @@ class _Recorded:
             return self._views[v, u]
         samples = self._samples(v, u)
         planes = np.moveaxis(samples.reshape(*samples.shape[:2], -1), -1, 0)
-        splines = [spline_filter(one, order=3, mode="mirror", output=np.float32) for one in planes]
+        splines = [
+            spline_filter(channel, order=3, mode="mirror", output=np.float32) for channel in planes
+        ]
         front = maximum_filter(carried(self.disparity, self.steps[v, u]), 3, mode="nearest")
         self._views[v, u] = _View(np.stack(splines), front)
-        if len(self._views) > _KEPT:
+        if len(self._views) > _MAX_CACHED:
             self._views.popitem(last=False)
         return self._views[v, u]
 
 
 def carried(disparity: Array, step: Array) -> Array:
-    """A disparity map of the centre view as another viewpoint sees it, edges kept sharp.
+    """Warp a disparity map of the centre view to another viewpoint with sharp edges.
 
-    What lies at p in the centre view is at p + step d(p) in the other; nearer points hide farther
-    ones. Slits of one or two pixels, which open where a slanted surface grows wider, are closed;
-    what the centre view does not see takes the smaller disparity of the two sides along the step.
+    A point p of the centre view moves to p + step d(p); nearer points hide farther ones. Slits of
+    one or two pixels, which open on slanted surfaces, are closed. Areas hidden in the centre view
+    get the smaller disparity of the two sides along the step.
     """
     from scipy.ndimage import grey_closing
 
@@ -246,7 +250,7 @@ def carried(disparity: Array, step: Array) -> Array:
         return np.asarray(disparity, np.float64)
     ny, nx = disparity.shape
     d = np.asarray(disparity, np.float64).ravel()
-    order = np.argsort(d, kind="stable")  # the nearest come last and stay
+    order = np.argsort(d, kind="stable")  # the nearest points come last and win
     y, x = np.divmod(order, nx)
     y = np.rint(y + step[0] * d[order])
     x = np.rint(x + step[1] * d[order])
@@ -259,31 +263,31 @@ def carried(disparity: Array, step: Array) -> Array:
 
 
 def _filled(carried: Array, step: Array) -> Array:
-    """The smaller of the disparities that are met first on both sides of a hole."""
+    """Fill holes with the smaller of the first disparities on both sides along the step."""
     from scipy.ndimage import distance_transform_edt
 
     holes = np.isneginf(carried)
     if not holes.any():
         return carried
-    places = np.argwhere(holes)
-    ahead = np.asarray(step) / np.abs(step).max()
-    found = np.full((2, len(places)), np.inf)
+    positions = np.argwhere(holes)
+    direction = np.asarray(step) / np.abs(step).max()
+    values = np.full((2, len(positions)), np.inf)
     for side, sign in enumerate((1, -1)):
-        left = np.arange(len(places))
+        remaining = np.arange(len(positions))
         for distance in range(1, max(carried.shape)):
-            y, x = np.rint(places[left] + sign * distance * ahead).astype(np.intp).T
+            y, x = np.rint(positions[remaining] + sign * distance * direction).astype(np.intp).T
             inside = (y >= 0) & (y < carried.shape[0]) & (x >= 0) & (x < carried.shape[1])
-            left, y, x = left[inside], y[inside], x[inside]
-            here = carried[y, x]
-            found[side, left[np.isfinite(here)]] = here[np.isfinite(here)]
-            left = left[~np.isfinite(here)]
-            if not left.size:
+            remaining, y, x = remaining[inside], y[inside], x[inside]
+            candidates = carried[y, x]
+            values[side, remaining[np.isfinite(candidates)]] = candidates[np.isfinite(candidates)]
+            remaining = remaining[~np.isfinite(candidates)]
+            if not remaining.size:
                 break
-    lower = found.min(0)
+    lower = values.min(0)
     result = carried.copy()
     result[holes] = lower
-    lost = np.isposinf(result)
-    if lost.any():  # nothing on either side along the step
-        nearest = distance_transform_edt(lost, return_distances=False, return_indices=True)
+    missing = np.isposinf(result)
+    if missing.any():  # no value on either side along the step
+        nearest = distance_transform_edt(missing, return_distances=False, return_indices=True)
         result = result[tuple(nearest)]
     return np.asarray(result)

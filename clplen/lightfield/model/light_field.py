@@ -27,37 +27,38 @@ from clplen.results import Plottable, Savable
 
 @dataclass(frozen=True, eq=False, repr=False)
 class LightField(Rendering, Resampling, Savable, Plottable):
-    """Radiance along rays, L[v, u, y, x] or L[v, u, y, x, c]. Made by a ``from_`` method.
+    """Radiance along rays, L[v, u, y, x] or L[v, u, y, x, c], from a ``from_`` method.
 
     v, u are row and column of the view; y, x row and column inside a view. A plane of disparity d
-    lies at x - d (u - uc) in view u, with uc = (U - 1)/2: nearer is larger.
+    lies at x - d (u - uc) in view u, with uc = (U - 1)/2; nearer planes have larger d.
 
     Attributes
     ----------
     data : pyopencl.array.Array
-        uint8, uint16, float16 or float32, C-contiguous.
+        Samples: uint8, uint16, float16 or float32, C-contiguous.
     device : Device
-        The device that holds the samples.
+        Device of the samples.
     spacing : tuple of float or None
         Signed (dv, du, dy, dx) in metres: step between views on the main lens and between pixels
         on the image plane. dv and du are negative in raw pixel order.
     weights : numpy.ndarray
-        float32, shape (V, U), not negative; 0 leaves a view out everywhere.
+        Weights of the views, float32, shape (V, U), not negative; 0 excludes a view everywhere.
     camera : CameraModel or None
-        The camera that took it, when known.
+        Camera of the light field, if known.
     raw : RawImage or None
-        The raw image that it was decoded from.
+        Raw image of the light field, if any.
     decode : {"calibrated", "naive"}
-        "naive" cells sample direction, not main-lens position, and obey another law.
+        Decoding; "naive" cells sample direction instead of main-lens position and follow another
+        law.
     positions : numpy.ndarray or None
-        float64, shape (V, U, 2): where the views lie, (y, x) in view steps from the viewpoint that
-        pictures are registered to, in place of (v - (V - 1)/2, u - (U - 1)/2). None: on the grid.
+        View positions, float64, shape (V, U, 2), (y, x) in view steps from the viewpoint that
+        pictures are registered to, instead of (v - (V - 1)/2, u - (U - 1)/2). None: on the grid.
     parametrisation : {"two-plane", "point-angle"}
-        What a view is: a position on the main lens, or a direction. Then dv and du of ``spacing``
-        are steps of angle in radians, and what shifts views refuses it; see `resample`.
+        Meaning of a view: a position on the main lens, or a direction. dv and du of ``spacing`` are
+        then angle steps in radians, and functions that shift views reject it; see `resample`.
     linear : bool
-        Whether samples are linear light in which 1 is white, as a camera's own levels and colours
-        tell; pictures to look at are encoded as sRGB then.
+        True for linear light with white at 1, known from a camera's levels and colours; exported
+        pictures are then encoded as sRGB.
 
     Examples
     --------
@@ -96,27 +97,27 @@ class LightField(Rendering, Resampling, Savable, Plottable):
         camera: CameraModel | None = None,
         positions: ArrayLike | None = None,
     ) -> LightField:
-        """Take views that are in memory.
+        """Create a light field from views in memory.
 
         Parameters
         ----------
         a : array_like or pyopencl.array.Array
-            Shape (v, u, y, x) or (v, u, y, x, c). uint8, uint16, float16 and float32 are kept
-            as they are on the device; other real types become float32. Pictures and maps are
-            float32 in any case. A contiguous array of this device is taken without a copy, a
-            NumPy array is copied once. A view with masked samples (`numpy.ma`) has weight 0.
+            Views of shape (v, u, y, x) or (v, u, y, x, c). uint8, uint16, float16 and float32 are
+            stored unchanged; other real types become float32. Pictures and maps are always float32.
+            A contiguous array of this device is used without a copy, a NumPy array is copied once.
+            A view with masked samples (`numpy.ma`) has weight 0.
         device : Device or str, optional
-            Where the light field will live; default ``Device.open()``.
+            Device of the light field; default ``Device.open()``.
         spacing : tuple of float, optional
             Signed (dv, du, dy, dx) in metres; needed for ``alpha``.
         weights : array_like, optional
-            Shape (V, U), finite, not negative, not all 0. By default 0 for black views, 1 for the
-            others (1 for all when all are black).
+            Weights of shape (V, U), finite, not negative, not all 0. Default 0 for black views, 1
+            for others (1 for all if all are black).
         camera : CameraModel, optional
-            Needed for depth in metres.
+            Camera, needed for depth in metres.
         positions : array_like, optional
-            Shape (V, U, 2), finite: (y, x) of every view in view steps, y down, for views that lie
-            on no regular grid.
+            Position (y, x) of every view in view steps, y down, shape (V, U, 2), finite, for views
+            off a regular grid.
 
         Returns
         -------
@@ -125,27 +126,31 @@ class LightField(Rendering, Resampling, Savable, Plottable):
         Raises
         ------
         ShapeError
-            If the array is not 4-D or 5-D, is empty, or weights or positions do not fit it.
+            If the array is not 4-D or 5-D, is empty, or weights or positions do not match it.
         ValueError
-            If a sample is NaN or infinite: refused here, because interpolation would spread it;
-            if spacing, weights or positions are out of range.
+            If a sample is NaN or infinite (interpolation would spread it), or spacing, weights or
+            positions are out of range.
         TypeError
-            If the samples are complex, or on the device and of none of the four types.
+            If the samples are complex, or on the device in another dtype than these four.
         DeviceError
-            If it is larger than the device's memory, or an array of another device.
+            If the array exceeds the device's memory or belongs to another device.
 
         Warns
         -----
         SamplingWarning
-            If views have masked samples beside valid ones, which are lost with them.
+            If views have valid samples besides masked ones; these are lost.
         """
         device = as_device(device)
         data, valid = checked_samples(a, device)
-        known = weights_of_lit(data, device) if weights is None else checked_weights(weights, data)
+        view_weights = (
+            weights_of_lit(data, device) if weights is None else checked_weights(weights, data)
+        )
         if valid is not None:
-            known = checked_weights(known * valid, data)
-        at = checked_positions(positions, data)
-        return cls(data, device, checked_spacing(spacing), known, camera, positions=at)
+            view_weights = checked_weights(view_weights * valid, data)
+        view_positions = checked_positions(positions, data)
+        return cls(
+            data, device, checked_spacing(spacing), view_weights, camera, positions=view_positions
+        )
 
     @classmethod
     def from_raw(cls, raw: RawImage, *, decode: str = "calibrated") -> LightField:
@@ -154,38 +159,38 @@ class LightField(Rendering, Resampling, Savable, Plottable):
         Parameters
         ----------
         raw : RawImage
+            Raw image with its grids.
         decode : {"calibrated", "naive"}
-            "calibrated" samples the sub-images of the main lens' pupil about their true centres,
-            x_k (1 + f_mu/F), as `clplen.lightfield.raw.decode.resample` does: pixel j of a
-            sub-image is one position u on the main lens. "naive" cuts the lenslets' own cells, a
-            permutation of the pixels: it samples direction, not position.
+            Sampling positions. "calibrated" samples the sub-images of the main lens' pupil about
+            their true centres, x_k (1 + f_mu/F), as in `clplen.lightfield.raw.decode.resample`:
+            pixel j of a sub-image is one position u on the main lens. "naive" cuts the lenslets'
+            cells, a permutation of the pixels that samples direction instead of position.
 
         Returns
         -------
         LightField
-            float32, shape (V, U, rows, columns), in raw pixel order (dv, du < 0); (V, U, rows,
-            columns, 3) of a mosaic of red, green and blue filters, each colour sliced by itself.
-            Of a sensor with ``levels`` the black one is taken off.
+            Light field of float32, shape (V, U, rows, columns), in raw pixel order (dv, du < 0); of
+            shape (V, U, rows, columns, 3) for a mosaic of red, green and blue filters, each colour
+            sliced separately. The black level of a sensor with ``levels`` is subtracted.
 
         Raises
         ------
         ValueError
-            If ``decode`` is neither, or the raw image holds NaN or infinity, or has other filters
-            than R, G and B; or is of a focused
-            camera, whose pixels hold no views, unless ``decode="naive"`` asks for them plainly.
+            If ``decode`` is invalid, the raw image includes NaN or infinity, has filters other than
+            R, G and B, or is of a focused camera and ``decode`` is not "naive".
         DeviceError
-            If it is larger than the device's memory.
+            If the light field exceeds the device's memory.
         """
         if not isinstance(raw, RawImage):
-            raise TypeError(f"from_raw takes a RawImage, not {type(raw).__name__}.")
+            raise TypeError(f"raw must be a RawImage, got {type(raw).__name__}.")
         grids = {"calibrated": raw.sub_images, "naive": raw.cells}
         if decode not in grids:
-            raise ValueError(f"decode is 'calibrated' or 'naive', not {decode!r}.")
+            raise ValueError(f"decode must be 'calibrated' or 'naive', got {decode!r}.")
         if decode != "naive" and raw.camera is not None and raw.camera.kind == "focused":
             raise ValueError(
                 "This raw image is of a focused (plenoptic 2.0) camera, whose sub-images are "
-                "pictures and no sets of views: make pictures with render_focused, or take the "
-                "pixels as they are with decode='naive'."
+                "pictures, not sets of views; render pictures with render_focused, or read the "
+                "pixels unchanged with decode='naive'."
             )
         lit = raw.above_black()
         if raw.mosaic is None:

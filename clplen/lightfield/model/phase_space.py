@@ -21,7 +21,7 @@ Vector = np.ndarray[Any, np.dtype[np.float64]]
 
 @dataclass(frozen=True, repr=False)
 class PhaseSpace(OneLine, Plottable, HostArray):
-    """An epipolar slice: position on the image plane against place on the main lens.
+    """Epipolar slice: position on the image plane against position on the main lens.
 
     A point is a line of slope dx/du = 1 - alpha over metres (thesis, section 1.4.2), of slope -d
     over pixels and views, and of slope F - F' over x and theta.
@@ -29,20 +29,20 @@ class PhaseSpace(OneLine, Plottable, HostArray):
     Attributes
     ----------
     values : numpy.ndarray
-        float32, shape (views, pixels[, c]).
+        Samples, float32, shape (views, pixels[, c]).
     axes : tuple of str
-        ("u", "x") or ("v", "y"); of a light field by direction ("theta_x", "x") or
-        ("theta_y", "y").
+        Names ("u", "x") or ("v", "y"); ("theta_x", "x") or ("theta_y", "y") for a light field by
+        direction.
     units : tuple of str
-        Of direction and position: ("m", "m"), ("rad", "m"), or ("view", "pixel").
+        Units of direction and position: ("m", "m"), ("rad", "m"), or ("view", "pixel").
     direction : numpy.ndarray
-        u (v, theta) of the views from the middle, shape (views,).
+        Coordinate u (v, theta) of the views from the middle, shape (views,).
     position : numpy.ndarray
-        x (y) of the pixels from the middle, shape (pixels,).
+        Coordinate x (y) of the pixels from the middle, shape (pixels,).
     theta : numpy.ndarray or None
-        (x - u)/F of every sample in radians, shape (views, pixels); -u/F of a telecentric camera,
-        F the focal length of its tube lens, where M^2 z/n is the slope dx/dtheta of a point. None
-        without a camera.
+        Angle (x - u)/F of every sample in radians, shape (views, pixels); -u/F for a telecentric
+        camera, with F the focal length of the tube lens and M^2 z/n the slope dx/dtheta of a point.
+        None without a camera.
 
     Examples
     --------
@@ -72,18 +72,18 @@ def phase_space(
     u: int | None = None,
     device: DeviceLike | None = None,
 ) -> PhaseSpace:
-    """`LightField.epi` with its axes.
+    """Return `LightField.epi` with its axes.
 
     Parameters
     ----------
     lf : LightField or array_like
-        With ``spacing`` the axes are in metres, signed; with a ``camera`` too, the angles of the
-        rays are known.
+        Light field. With ``spacing`` the axes are in metres, signed; with a ``camera`` the angles
+        of the rays are included.
     y, x, v, u : int, optional
-        Either y and v, the row of the pixels and of the views, for (u, x); or x and u, the
-        column of both, for (v, y).
+        Indices: y and v, the row of pixels and views, for (u, x); or x and u, the column of both,
+        for (v, y).
     device : Device or str, optional
-        Where an array goes; default ``Device.open()``. A light field brings its own.
+        Device for an array; default ``Device.open()``. A light field stays on its device.
 
     Returns
     -------
@@ -93,8 +93,8 @@ def phase_space(
     Raises
     ------
     ValueError
-        If neither pair, or an index outside the light field, is given; or the light field has
-        positions, so that a row of views is no row on the lens.
+        If no such pair of indices is set, an index lies outside the light field, or the light field
+        has positions, whose rows are no rows on the lens.
 
     Examples
     --------
@@ -105,8 +105,8 @@ def phase_space(
     lf = as_lightfield(lf, device=device)
     if lf.positions is not None:
         raise ValueError(
-            "Axes of a phase space need views on a regular grid, and this light field has "
-            "positions: use LightField.epi for the samples alone."
+            "A phase space needs views on a regular grid, and this light field has positions; use "
+            "LightField.epi for the samples alone."
         )
     values = lf.epi(y=y, x=x, v=v, u=u).to_numpy()
     along_x = y is not None
@@ -127,8 +127,8 @@ def phase_space(
 
 
 def _angles(lf: LightField, direction: Vector, position: Vector) -> Vector | None:
-    known = lf.spacing is not None and bool(np.isfinite(lf.spacing).all())
-    if not known or lf.camera is None or lf.decode == "naive":
+    has_spacing = lf.spacing is not None and bool(np.isfinite(lf.spacing).all())
+    if not has_spacing or lf.camera is None or lf.decode == "naive":
         return None
-    place = 0 * position if is_telecentric(lf) else position
-    return np.asarray((place[None, :] - direction[:, None]) / lf.camera.image_distance)
+    image_position = 0 * position if is_telecentric(lf) else position
+    return np.asarray((image_position[None, :] - direction[:, None]) / lf.camera.image_distance)

@@ -1,4 +1,4 @@
-"""Rendering as a linear map, and what such maps know of a light field."""
+"""Rendering as a linear map, and the geometry of its light field."""
 
 from __future__ import annotations
 
@@ -36,7 +36,7 @@ class ViewGeometry(AlphaLaw):
 
     @classmethod
     def of(cls, lf: Any, device: DeviceLike | None) -> ViewGeometry:
-        """That of a light field, or of a shape: views on a grid, all of weight 1."""
+        """Return the geometry of a light field, or of a shape (views on a grid, weight 1)."""
         if is_array(lf) and not isinstance(lf, LightField | tuple | list):
             lf = as_lightfield(lf, device=device)
         if isinstance(lf, LightField):
@@ -46,15 +46,15 @@ class ViewGeometry(AlphaLaw):
             )  # fmt: skip
         if not isinstance(lf, tuple | list) or not all(is_integer(n) and n >= 0 for n in lf):
             raise TypeError(
-                "A linear map of light fields is made of a LightField, an array or a shape "
-                f"(v, u, y, x[, c]), not of type {type(lf).__name__}."
+                "lf must be a LightField, an array or a shape (v, u, y, x[, c]), got "
+                f"{type(lf).__name__}."
             )
         shape = tuple(int(n) for n in lf)
         check_shape(shape)
         return cls(shape, as_device(device), None, np.ones(shape[:2], np.float32))
 
     def light_field(self, data: cla.Array) -> LightField:
-        """Samples on the device as a light field like this."""
+        """Wrap samples on the device as a light field of this geometry."""
         return LightField(
             data, self.device, self.spacing, self.weights, self.camera, decode=self.decode,
             positions=self.positions, parametrisation=self.parametrisation,
@@ -62,35 +62,35 @@ class ViewGeometry(AlphaLaw):
 
 
 class RenderOperator(LinearStep):
-    """A picture as a linear map of the light field: `LightField.render`, and its adjoint.
+    """Rendering by `LightField.render` as a linear map, with its adjoint.
 
-    The picture is sum_vu w[v, u] L[v, u] with weights of sum 1, and the adjoint spreads it
-    to the views, w[v, u] times the picture each. ``viewpoint`` alone is `LightField.view`.
+    The picture is sum_vu w[v, u] L[v, u] with weights of sum 1. The adjoint spreads it to the
+    views, w[v, u] times the picture each. ``viewpoint`` alone is `LightField.view`.
 
     Parameters
     ----------
     lf : LightField or tuple of int
-        Whose geometry and weights are taken, not its samples; or the shape (v, u, y, x[, c]) of
-        views of weight 1.
+        Light field with the geometry and the weights, whose samples are not used; or the shape
+        (v, u, y, x[, c]) of views of weight 1.
     aperture, viewpoint : optional
-        As of `LightField.render`.
+        Arguments of `LightField.render`.
     total : bool
-        As of `LightField.render`: w is not divided by its sum.
+        True to skip the division of w by its sum, see `LightField.render`.
     device : Device or str, optional
-        Where a shape is computed; default ``Device.open()``. A light field brings its own.
+        Device for a shape; default ``Device.open()``. A light field stays on its device.
 
     Attributes
     ----------
     weights : numpy.ndarray
-        float64, shape (V, U): w.
+        Weights w, float64, shape (V, U).
     in_shape, out_shape : tuple of int
-        (v, u, y, x[, c]) and (y, x[, c]).
+        Shapes (v, u, y, x[, c]) and (y, x[, c]).
     device : Device
 
     Raises
     ------
     ValueError, ShapeError, TypeError
-        As `LightField.render`, or if it is made of something else.
+        Errors of `LightField.render`, or an invalid ``lf``.
 
     Examples
     --------
@@ -102,7 +102,7 @@ class RenderOperator(LinearStep):
     ((3, 3, 16, 24), 384.0)
     """
 
-    _takes = (LightField, Image)
+    _operand_types = (LightField, Image)
 
     def __init__(
         self,
@@ -121,18 +121,18 @@ class RenderOperator(LinearStep):
             render_weights(self._geometry, aperture, viewpoint, total), np.float64
         )
 
-    def _about(self) -> str:
+    def _details(self) -> str:
         return f", {np.count_nonzero(self.weights)} views of weight {self.weights.sum():g}"
 
     def _forward(self, data: cla.Array) -> cla.Array:
         return sum_of_views(data, self.weights, device=self.device)
 
     def _adjoint(self, data: cla.Array) -> cla.Array:
-        still = [np.zeros((1, n)) for n in self.weights.shape]
+        no_shifts = [np.zeros((1, n)) for n in self.weights.shape]
         return shear_adjoint(
-            data.reshape((1, *self.out_shape)), self.in_shape, self.weights, *still,
+            data.reshape((1, *self.out_shape)), self.in_shape, self.weights, *no_shifts,
             device=self.device, total=True,
         )  # fmt: skip
 
-    def _made(self, data: cla.Array, adjoint: bool) -> Any:
+    def _wrap(self, data: cla.Array, adjoint: bool) -> Any:
         return self._geometry.light_field(data) if adjoint else Image(data, self.device)

@@ -30,35 +30,35 @@ from clplen.lightfield.model.sampled_views import SampledViews
 Views = TypeVar("Views", bound=SampledViews)
 DisparityMap = np.ndarray[Any, np.dtype[np.float64]]
 
-_ROUNDS = 8  # of the fixed point in `carry_disparity`
+_ROUNDS = 8  # iterations of the fixed point in `carry_disparity`
 _FLAT = 1e-9  # points on one line, relative to their spread
 
 
 def plane_through(points: ArrayLike, shape: tuple[int, ...]) -> DisparityMap:
-    """Disparity of every pixel on the plane through three points, or nearest to more of them.
+    """Return the disparity of every pixel on the plane through three or more points.
 
-    A plane in space is a plane d = a + b y + c x in the disparities of a light field (d is linear
-    in 1/z by the lens law, and perspective keeps planes).
+    A plane in space is a plane d = a + b y + c x in the disparities of a light field: d is linear
+    in 1/z by the lens law, and perspective preserves planes.
 
     Parameters
     ----------
     points : array_like
-        Shape (n, 3), n >= 3: y, x in pixels of the centre view and d there. Three are met exactly,
-        more by least squares.
+        Points (y, x, d), shape (n, 3), n >= 3, with y, x in pixels of the centre view. Three are
+        interpolated exactly, more by least squares.
     shape : tuple of int
-        (y, x[, c]) of a view, as in ``lf.shape[2:]``.
+        Size (y, x[, c]) of a view, as in ``lf.shape[2:]``.
 
     Returns
     -------
     numpy.ndarray
-        float64, shape (y, x); for ``refocus(lf, disparity=...)``.
+        Disparity, float64, shape (y, x), for ``refocus(lf, disparity=...)``.
 
     Raises
     ------
     ShapeError
         If the points are not (n, 3) with at least three.
     ValueError
-        If one is not finite, or they lie on one line.
+        If a point is not finite, or the points lie on one line.
 
     Examples
     --------
@@ -70,30 +70,27 @@ def plane_through(points: ArrayLike, shape: tuple[int, ...]) -> DisparityMap:
     values = real_array(points, "points", np.float64)
     if values.ndim != 2 or values.shape[1:] != (3,) or len(values) < 3:
         raise ShapeError(
-            f"A plane goes through at least three points (y, x, d), shape (n, 3), not "
-            f"{values.shape}."
+            f"points must have shape (n, 3), n >= 3, of (y, x, d), got {values.shape}."
         )
     if not np.isfinite(values).all():
-        raise ValueError(f"The points of a plane are finite numbers (y, x, d), not {points!r}.")
+        raise ValueError(f"points must be finite (y, x, d), got {points!r}.")
     middle = values[:, :2].mean(axis=0)
-    around = values[:, :2] - middle
-    spread = np.linalg.svd(around, compute_uv=False)
+    offsets = values[:, :2] - middle
+    spread = np.linalg.svd(offsets, compute_uv=False)
     if spread[1] <= _FLAT * spread[0]:
-        raise ValueError(
-            "The points of a plane lie on one line (or one place): pick one beside it."
-        )
-    known = np.column_stack((np.ones(len(values)), around))
-    offset, down, right = np.linalg.lstsq(known, values[:, 2], rcond=None)[0]
+        raise ValueError("points must not lie on one line; add a point beside it.")
+    columns = np.column_stack((np.ones(len(values)), offsets))
+    offset, down, right = np.linalg.lstsq(columns, values[:, 2], rcond=None)[0]
     y, x = (np.arange(n) - at for n, at in zip(shape, middle, strict=False))
     return offset + down * y[:, None] + right * x[None, :]
 
 
 def carry_disparity(disparity: DisparityMap, step: DisparityMap) -> DisparityMap:
-    """A disparity map of the centre view as another viewpoint sees it.
+    """Warp a disparity map of the centre view to another viewpoint.
 
-    What lies at p in the centre view is at p + step d(p) in the other, so the map there solves
-    e(q) = d(q - step e(q)): a fixed point, found in a few rounds. Where a surface hides another
-    it takes one of the two, beyond the edges the nearest pixel.
+    A point p of the centre view moves to p + step d(p), so the warped map solves
+    e(q) = d(q - step e(q)) by a few fixed-point iterations. At occlusions it follows one of the two
+    surfaces, beyond the edges the nearest pixel.
     """
     from scipy.ndimage import map_coordinates
 
@@ -102,15 +99,15 @@ def carry_disparity(disparity: DisparityMap, step: DisparityMap) -> DisparityMap
     y, x = np.indices(disparity.shape)
     result = disparity
     for _ in range(_ROUNDS):
-        at = (y - step[0] * result, x - step[1] * result)
-        result = map_coordinates(disparity, at, order=1, mode="nearest")
+        positions = (y - step[0] * result, x - step[1] * result)
+        result = map_coordinates(disparity, positions, order=1, mode="nearest")
     return np.asarray(result)
 
 
 def render_weights(
     lf: SampledViews, aperture: Any, viewpoint: Any, total: bool
 ) -> np.ndarray[Any, Any]:
-    """Weights of the views in a picture that `LightField.render` makes; see there."""
+    """Return the weights of the views in a picture of `LightField.render`."""
     if aperture is None and viewpoint is not None and not total:
         return _to_one(_nearest(lf, viewpoint)[1])
     weights = view_weights(lf, aperture, viewpoint)
@@ -118,46 +115,46 @@ def render_weights(
 
 
 def view_weights(lf: SampledViews, aperture: Any, viewpoint: Any) -> Weights:
-    """Weights of an aperture times the light field's own."""
+    """Return the weights of an aperture times the light field's own."""
     weights = aperture_weights(lf, aperture, viewpoint) * lf.weights
     if not weights.any():
         raise ValueError(
-            f"The aperture {aperture!r} (viewpoint {viewpoint!r}) leaves only views of weight 0: "
-            "give a wider one or another viewpoint."
+            f"aperture must include a view with a weight, got {aperture!r} (viewpoint "
+            f"{viewpoint!r}); pass a wider aperture or another viewpoint."
         )
     return weights
 
 
 def through(lf: Views, aperture: Any) -> Views:
-    """The light field with the weights of an aperture; without one as it is."""
+    """Return the light field with the weights of an aperture, unchanged for None."""
     if aperture is None:
         return lf
-    whole: Any = lf
-    seen: Views = replace(whole, weights=view_weights(lf, aperture, None))
-    return seen
+    light_field: Any = lf
+    masked: Views = replace(light_field, weights=view_weights(lf, aperture, None))
+    return masked
 
 
 def _nearest(lf: SampledViews, viewpoint: Any) -> tuple[Weights, Weights]:
-    """Bilinear weights of the four views round a viewpoint, and those that are used."""
+    """Return bilinear weights of the four views around a viewpoint, and the weights in use."""
     nearest = aperture_weights(lf, None, viewpoint)
     weights = nearest * lf.weights
     return nearest, weights if weights.any() else nearest
 
 
 def _to_one(weights: Weights) -> np.ndarray[Any, Any]:
-    """Weights over their sum."""
+    """Return weights over their sum."""
     return np.asarray(weights / weights.sum(dtype=np.float64))
 
 
 def sum_of_views(data: cla.Array, weights: np.ndarray[Any, Any], *, device: Device) -> cla.Array:
-    """Sum of w[v, u] L[v, u], shape (y, x[, c])."""
-    still = [np.zeros((1, n)) for n in weights.shape]
-    picture = shear_sum(data, weights, *still, device=device, total=True)
+    """Return the sum of w[v, u] L[v, u], shape (y, x[, c])."""
+    no_shifts = [np.zeros((1, n)) for n in weights.shape]
+    picture = shear_sum(data, weights, *no_shifts, device=device, total=True)
     return picture.reshape(data.shape[2:])
 
 
 class Rendering(AlphaLaw, OnDevice):
-    """Methods of views on a device that make pictures of them."""
+    """Methods that make pictures from views on a device."""
 
     weights: Weights
     positions: np.ndarray[Any, np.dtype[np.float64]] | None
@@ -170,31 +167,31 @@ class Rendering(AlphaLaw, OnDevice):
         disparity: ArrayLike | None = None,
         interpolation: str = "cubic",
     ) -> Image:
-        """The view at (v, u), between views too (bilinear in the aperture, by `weights`).
+        """Return the view at (v, u), also between views (bilinear in the aperture, by `weights`).
 
-        A view of weight 0 is shown as it is stored, but not mixed into others. Between views,
-        what is not in focus is seen several times, unless its ``disparity`` is given: then each
-        view is shifted by its own distance from (v, u) times d.
+        A view of weight 0 is returned as stored, but not mixed into others. Between views,
+        defocused objects appear several times unless ``disparity`` is set: each view is then
+        shifted by its distance from (v, u) times d.
 
         Parameters
         ----------
         v, u : float
-            0 <= v <= V - 1, 0 <= u <= U - 1.
+            Viewpoint, 0 <= v <= V - 1, 0 <= u <= U - 1.
         disparity : float or array_like, optional
-            Of the scene, pixels a view step: one number, or one of every pixel of the centre view,
-            shape (y, x), as of a `DepthMap`; the map is carried to (v, u).
+            Disparity of the scene in pixels a view step: a number, or a map of the centre view of
+            shape (y, x), such as a `DepthMap`, which is warped to (v, u).
         interpolation : {"cubic", "linear", "nearest"}
-            How views are shifted, as in `flatten`.
+            Interpolation of shifted views, see `flatten`.
 
         Returns
         -------
         Image
-            float32, shape (y, x[, c]).
+            Picture, float32, shape (y, x[, c]).
 
         Raises
         ------
         ValueError, ShapeError
-            If (v, u) lies outside the views, a disparity is not finite, or they have another shape.
+            If (v, u) lies outside the views, or a disparity is not finite or of wrong shape.
         """
         if disparity is None:
             return self.render(viewpoint=(v, u))
@@ -222,23 +219,24 @@ class Rendering(AlphaLaw, OnDevice):
         v: int | None = None,
         u: int | None = None,
     ) -> Image:
-        """An epipolar-plane image: ``epi(y=, v=)`` is (u, x[, c]), ``epi(x=, u=)`` is (v, y[, c]).
+        """Return an epipolar-plane image.
+
+        ``epi(y=, v=)`` has shape (u, x[, c]), ``epi(x=, u=)`` has shape (v, y[, c]).
 
         Raises
         ------
         ValueError
-            If neither pair, or an index outside the light field, is given.
+            If the indices are neither pair, or outside the light field.
         """
         indices = {name: n for name, n in zip("yxvu", (y, x, v, u), strict=True) if n is not None}
         if set(indices) not in ({"y", "v"}, {"x", "u"}):
             raise ValueError(
-                "An epipolar-plane image takes y and v, or x and u, not "
-                f"{', '.join(indices) or 'none'}."
+                f"epi must get y and v, or x and u, got {', '.join(indices) or 'none'}."
             )
         for name, n in indices.items():
             size = self.shape["vuyx".index(name)]
             if not isinstance(n, Integral) or not 0 <= n < size:
-                raise ValueError(f"{name} is a whole number from 0 to {size - 1}, not {n!r}.")
+                raise ValueError(f"{name} must be an integer from 0 to {size - 1}, got {n!r}.")
         fixed = {"vuyx".index(name): int(n) for name, n in indices.items()}
         axes = (1, 3) if "y" in indices else (0, 2)
         return Image(plane(self.data, fixed, axes, self.device), self.device)
@@ -250,36 +248,36 @@ class Rendering(AlphaLaw, OnDevice):
         viewpoint: tuple[float, float] | None = None,
         total: bool = False,
     ) -> Image:
-        """The picture as focused, through part of the aperture.
+        """Render the picture with the recorded focus, through part of the aperture.
 
         Parameters
         ----------
         aperture : int, float, str or array_like, optional
-            int: that many views across (of N views, thesis eq. 3.3 drops (N - N')//2 below and the
-            rest above); float in (0, 1]: a disc of that fraction of the full diameter (an ellipse
-            V views high and U wide); ``"f/66"``: a disc on the main lens by f-number at its image,
-            needs camera and spacing; array (V, U): weights. A view that the rim crosses counts
-            with the covered fraction of its cell. None: all views.
+            Aperture. int: number of views across (of N views, thesis eq. 3.3 drops (N - N')//2
+            below and the rest above); float in (0, 1]: a disc of that fraction of the full diameter
+            (an ellipse V views high and U wide); ``"f/66"``: a disc on the main lens by f-number at
+            its image, needs camera and spacing; array (V, U): weights. Views at the rim are
+            weighted by the covered fraction of their cell. None: all views.
         viewpoint : tuple of float, optional
-            (v, u) of the aperture's centre, between views too; what then lies outside the views is
-            cut off. Alone, it is that one view.
+            Centre (v, u) of the aperture, also between views; parts outside the views are cut off.
+            Without an aperture, the picture is that view.
         total : bool
-            The weighted sum over views instead of the weighted mean.
+            True for the weighted sum over views, False for the weighted mean.
 
         Returns
         -------
         Image
-            float32, shape (y, x[, c]).
+            Picture, float32, shape (y, x[, c]).
 
         Raises
         ------
         ValueError
             If the aperture or the viewpoint lies outside the views, leaves only views of weight 0,
-            or needs a camera that is not known.
+            or needs an unknown camera.
         ShapeError
-            If an array of weights has not one for each view.
+            If an array of weights does not match the views.
         TypeError
-            If the aperture is none of these.
+            If the aperture has another type.
         """
         weights = render_weights(self, aperture, viewpoint, total)
         return Image(sum_of_views(self.data, weights, device=self.device), self.device)
@@ -294,39 +292,40 @@ class Rendering(AlphaLaw, OnDevice):
         mask: ArrayLike | None = None,
         interpolation: str = "linear",
     ) -> Image:
-        """What the views see of one plane or surface, as one picture registered to the centre view.
+        """Compute a statistic over the views of one plane or surface.
 
-        Samples of the same point are weighted with the aperture times `weights` times the share of
-        their interpolation that lies inside the view and the mask. The median sees around thin
-        things in front of the surface; the variance is small where the surface is one.
+        The picture is registered to the centre view. Samples of a point are weighted with the
+        aperture times `weights` times the share of their interpolation inside the view and the
+        mask. The median sees around thin objects in front of the surface; the variance is small on
+        the surface.
 
         Parameters
         ----------
         statistic : {"mean", "median", "max", "min", "variance"}
-            Weighted, as in `clplen.lightfield.arrays.ray_samples.along_rays`.
+            Weighted statistic, see `clplen.lightfield.arrays.ray_samples.along_rays`.
         disparity : float or array_like
-            d in pixels a view step, or one of every pixel, shape (y, x).
+            Disparity d in pixels a view step, a number or shape (y, x).
         aperture, viewpoint
-            As in `render`.
+            Arguments of `render`.
         mask : array_like, optional
-            Shape (V, U, y, x); where it is False, a sample is not known.
+            Mask of valid samples, shape (V, U, y, x).
         interpolation : {"linear", "nearest", "cubic"}
-            "cubic" (Keys 1981, a = -1/2) repeats the edge within a view, and takes no place
-            outside it and no mask.
+            Interpolation. "cubic" (Keys 1981, a = -1/2) repeats the edge within a view, and accepts
+            no positions outside it and no mask.
 
         Returns
         -------
         Image
-            float32, shape (y, x[, c]); 0 where no view sees anything.
+            Picture, float32, shape (y, x[, c]); 0 where no view sees the surface.
 
         Raises
         ------
         ValueError
             If the statistic or the interpolation is unknown, a disparity is not finite, no two
-            views overlap on the plane or anywhere on the surface, more than 1024 views go into a
-            median, or from `render`.
+            views overlap on the plane or the surface, more than 1024 views enter a median, or
+            `render` raises.
         ShapeError
-            If disparities or mask are not one for every pixel or ray.
+            If disparities or mask do not match the pixels or rays.
         """
         weights = view_weights(self, aperture, viewpoint)
         d = checked_disparity(disparity, (self.shape[2], self.shape[3]))

@@ -1,7 +1,4 @@
-"""Light fields that stay where they are stored, and what counts as a light field.
-
-A stored light field is read part by part, and whole only when asked for.
-"""
+"""Light fields in files or arrays, read part by part, and conversion to light fields."""
 
 from __future__ import annotations
 
@@ -35,44 +32,44 @@ from clplen.lightfield.raw.raw_image import CameraModel, RawImage, Spacing
 Array = np.ndarray[Any, Any]
 Block = tuple[slice, slice, slice, slice]
 
-_BAND = 1 << 20  # bytes of a view that are looked at together for light
+_BAND = 1 << 20  # bytes of a view that are read together in search of light
 
 
 @dataclass(frozen=True, eq=False, repr=False)
 class StoredLightField(AlphaLaw, HostArray):
     """A light field L[v, u, y, x(, c)] in a file or an array.
 
-    Made by `from_array` or by ``clplen.open_lightfield``. `focal_stack`, `stack_tiles`, `depth_map`
+    Created by `from_array` or ``clplen.open_lightfield``. `focal_stack`, `stack_tiles`, `depth_map`
     and `all_in_focus` read it whole or in tiles.
 
     Attributes
     ----------
     shape : tuple of int
-        (v, u, y, x[, c]).
+        Shape (v, u, y, x[, c]).
     dtype : numpy.dtype
-        uint8, uint16, float16 or float32, as kept on a device.
+        Storage type on a device: uint8, uint16, float16 or float32.
     fill : callable
-        (block, out): writes the samples of a block, slices over (v, u, y, x), into an array of
-        its shape and this dtype. Called by one thread at a time.
+        Function of (block, out) that writes the samples of a block, slices over (v, u, y, x), into
+        an array of its shape and this dtype. It is called by one thread at a time.
     weights : numpy.ndarray
-        float32, shape (V, U), as in `LightField`.
+        Weights of the views, float32, shape (V, U), as in `LightField`.
     chunks : tuple of int
-        (rows, columns) of a view that are read at once: (1, x) in plain memory, (y, x) of
-        pictures that are unpacked as a whole.
+        (rows, columns) of a view that are read at once: (1, x) in plain memory, (y, x) for pictures
+        that are decoded as a whole.
     views_at_once : tuple of int
         Rows and columns of views that are read at once.
     overhead : int
-        Bytes that reading needs beside its result.
+        Bytes that reading needs in addition to its result.
     spacing : tuple of float or None
         Signed (dv, du, dy, dx) in metres, as in `LightField`.
     camera : CameraModel or None
-        The camera that took it, when known.
+        Camera of the light field, if known.
     decode : {"calibrated", "naive"}
-        As in `LightField`.
+        Decoding, as in `LightField`.
     positions : numpy.ndarray or None
-        float64, shape (V, U, 2): where the views lie, in view steps, as in `LightField`.
+        View positions, float64, shape (V, U, 2), in view steps, as in `LightField`.
     parametrisation : {"two-plane", "point-angle"}
-        What a view is, as in `LightField`.
+        Meaning of a view, as in `LightField`.
 
     Examples
     --------
@@ -109,15 +106,15 @@ class StoredLightField(AlphaLaw, HostArray):
         camera: CameraModel | None = None,
         positions: ArrayLike | None = None,
     ) -> StoredLightField:
-        """Take anything with ``shape``, ``dtype`` and slices, without reading it all.
+        """Wrap an object with ``shape``, ``dtype`` and slices, without reading all of it.
 
         Parameters
         ----------
         a : array
-            Shape (v, u, y, x) or (v, u, y, x, c), real: NumPy, a memory map, h5py or Zarr.
+            Array of shape (v, u, y, x) or (v, u, y, x, c), real: NumPy, a memory map, h5py or Zarr.
         spacing, weights, camera, positions
-            As in `LightField.from_array`; for the default weights, views are read until each
-            shows some light.
+            Arguments of `LightField.from_array`; for the default weights, views are read until
+            light appears in each.
 
         Returns
         -------
@@ -126,7 +123,7 @@ class StoredLightField(AlphaLaw, HostArray):
         Raises
         ------
         ShapeError, ValueError, TypeError
-            As `LightField.from_array`; NaN and infinite samples are found when they are read.
+            Errors of `LightField.from_array`; NaN and infinity are detected on reading.
         """
         shape = tuple(int(n) for n in a.shape)
         check_shape(shape)
@@ -137,26 +134,30 @@ class StoredLightField(AlphaLaw, HostArray):
                 a, valid = fill_masked(a, mask)
         chunks = tuple(getattr(a, "chunks", None) or (1, 1, 1, shape[3]))
         bytes_of_chunk = math.prod(chunks) * math.prod(shape[len(chunks) :]) * a.dtype.itemsize
-        at_once = (int(chunks[0]), int(chunks[1]))
-        found = cls(
+        views_at_once = (int(chunks[0]), int(chunks[1]))
+        light_field = cls(
             shape,
             storage_dtype(np.dtype(a.dtype)),
-            partial(_copy, a, at_once),
+            partial(_copy, a, views_at_once),
             np.ones(shape[:2], np.float32),
             (int(chunks[2]), int(chunks[3])),
-            at_once,
+            views_at_once,
             2 * bytes_of_chunk,
             checked_spacing(spacing),
             camera,
         )
-        known = found.lit_weights() if weights is None else checked_weights(weights, found)
+        view_weights = (
+            light_field.lit_weights() if weights is None else checked_weights(weights, light_field)
+        )
         if valid is not None:
-            known = checked_weights(known * valid, found)
-        return replace(found, weights=known, positions=checked_positions(positions, found))
+            view_weights = checked_weights(view_weights * valid, light_field)
+        return replace(
+            light_field, weights=view_weights, positions=checked_positions(positions, light_field)
+        )
 
     @classmethod
     def from_light_field(cls, lf: LightField | ArrayLike) -> StoredLightField:
-        """A light field on a device, read back part by part."""
+        """Wrap a light field on a device, read back part by part."""
         lf = as_lightfield(lf)
         return cls(
             lf.shape,
@@ -175,7 +176,7 @@ class StoredLightField(AlphaLaw, HostArray):
         return f"<StoredLightField {self.shape} {self.dtype}, {self.nbytes / 2**20:,.0f} MiB>"
 
     def __copy__(self) -> StoredLightField:
-        return self  # of which nothing can be changed
+        return self  # immutable
 
     def __deepcopy__(self, memo: dict[int, Any]) -> StoredLightField:
         return self
@@ -183,18 +184,18 @@ class StoredLightField(AlphaLaw, HostArray):
     def __getstate__(self) -> dict[str, Any]:
         if not isinstance(self.fill, partial):
             raise TypeError(
-                "A light field that is read from a file is not pickled: open it in the other "
-                "process (clplen.open_lightfield), or pickle what load(device) gives."
+                "A light field read from a file cannot be pickled; open it in the other "
+                "process (clplen.open_lightfield), or pickle the result of load(device)."
             )
         return dict(self.__dict__)
 
     def to_numpy(self) -> Array:
-        """All samples, read whole."""
+        """Return all samples."""
         return self.read((slice(None), slice(None), slice(None), slice(None)))
 
     @property
     def nbytes(self) -> int:
-        """Bytes of all samples."""
+        """Size of all samples in bytes."""
         return math.prod(self.shape) * self.dtype.itemsize
 
     @property
@@ -203,38 +204,38 @@ class StoredLightField(AlphaLaw, HostArray):
         return self.nbytes // (self.shape[2] * self.shape[3])
 
     def read(self, block: Block, *, out: Array | None = None) -> Array:
-        """The samples of a block.
+        """Read the samples of a block.
 
         Parameters
         ----------
         block : tuple of slice
-            Over (v, u, y, x), of step 1; all channels are read.
+            Slices over (v, u, y, x) of step 1; all channels are read.
         out : numpy.ndarray, optional
-            C-contiguous, of the block's shape and this dtype: where they go.
+            Output array, C-contiguous, of the block's shape and this dtype.
 
         Returns
         -------
         numpy.ndarray
-            Shape (v, u, y, x[, c]).
+            Samples of shape (v, u, y, x[, c]).
 
         Raises
         ------
         ShapeError
-            If the block is none, or ``out`` does not fit it.
+            If the block is invalid, or ``out`` does not match it.
         FormatError
             If the file is damaged there.
         """
         ends = [part.indices(n) for part, n in zip(block, self.shape, strict=False)]
         if len(ends) != 4 or any(stop <= start or step != 1 for start, stop, step in ends):
             raise ShapeError(
-                f"A block is four slices of step 1 over (v, u, y, x), none empty, not {block!r}."
+                f"block must be four non-empty slices of step 1 over (v, u, y, x), got {block!r}."
             )
-        wanted = (*(stop - start for start, stop, _ in ends), *self.shape[4:])
+        shape = (*(stop - start for start, stop, _ in ends), *self.shape[4:])
         if out is None:
-            out = np.empty(wanted, self.dtype)
-        if out.shape != wanted or out.dtype != self.dtype or not out.flags.c_contiguous:
+            out = np.empty(shape, self.dtype)
+        if out.shape != shape or out.dtype != self.dtype or not out.flags.c_contiguous:
             raise ShapeError(
-                f"This block goes into a C-contiguous array of shape {wanted} ({self.dtype}), not "
+                f"out must be a C-contiguous array of shape {shape} ({self.dtype}), got "
                 f"{out.shape} ({out.dtype})."
             )
         v, u, y, x = (slice(start, stop) for start, stop, _ in ends)
@@ -242,12 +243,12 @@ class StoredLightField(AlphaLaw, HostArray):
         return out
 
     def load(self, device: DeviceLike | None = None) -> LightField:
-        """The whole light field on a device.
+        """Load the light field to a device.
 
         Parameters
         ----------
         device : Device or str, optional
-            Default ``Device.open()``.
+            Device; default ``Device.open()``.
 
         Returns
         -------
@@ -256,7 +257,7 @@ class StoredLightField(AlphaLaw, HostArray):
         Raises
         ------
         DeviceError
-            If it is larger than the device's memory.
+            If the light field exceeds the device's memory.
         ValueError
             If a sample is NaN or infinite.
         """
@@ -269,7 +270,7 @@ class StoredLightField(AlphaLaw, HostArray):
         return self.part(data, device)
 
     def part(self, samples: Any, device: DeviceLike | None = None) -> LightField:
-        """Samples of some rows and columns of all views as a light field of their own."""
+        """Wrap some rows and columns of all views as a light field."""
         lf = LightField.from_array(
             samples,
             device=device,
@@ -281,7 +282,7 @@ class StoredLightField(AlphaLaw, HostArray):
         return replace(lf, decode=self.decode, parametrisation=self.parametrisation)
 
     def groups(self) -> Iterator[tuple[slice, slice]]:
-        """Views (v, u) that are best read together, all of them in turn."""
+        """Yield slices (v, u) of views that are best read together."""
         V, U = self.shape[:2]
         down, across = self.views_at_once
         for v in range(0, V, down):
@@ -289,32 +290,31 @@ class StoredLightField(AlphaLaw, HostArray):
                 yield slice(v, min(v + down, V)), slice(u, min(u + across, U))
 
     def lit_weights(self) -> np.ndarray[Any, np.dtype[np.float32]]:
-        """0 for views that are black throughout, if there are others, else 1; read from the top
-        until there is light."""
+        """Return 0 for black views, 1 for others or if all are black; read until lit."""
         lit = np.zeros(self.shape[:2], np.bool_)
         ny, nx = self.shape[2:4]
         row = self.dtype.itemsize * math.prod(self.shape[3:])
         rows = self.chunks[0] * max(1, _BAND // (row * self.chunks[0]))
         for v, u in self.groups():
             for start in range(0, ny, rows):
-                some = self.read((v, u, slice(start, min(start + rows, ny)), slice(0, nx)))
-                lit[v, u] |= some.any(axis=tuple(range(2, some.ndim)))
+                samples = self.read((v, u, slice(start, min(start + rows, ny)), slice(0, nx)))
+                lit[v, u] |= samples.any(axis=tuple(range(2, samples.ndim)))
                 if lit[v, u].all():
                     break
         return weights_where(lit)
 
 
 def _download(lf: LightField, block: Block, out: Array) -> None:
-    """The samples of a block of a light field on a device."""
+    """Copy a block of a light field on a device."""
     v0, u0, rows, columns = block[0].start, block[1].start, *block[2:]
     for v, u in np.ndindex(*out.shape[:2]):
         out[v, u] = lf.device.download(lf.data[v0 + v, u0 + u, rows])[:, columns]
 
 
-def _copy(a: Any, at_once: tuple[int, int], block: Block, out: Array) -> None:
-    """The samples of a block of an array, a few views at a time."""
+def _copy(a: Any, views_at_once: tuple[int, int], block: Block, out: Array) -> None:
+    """Copy a block of an array, a few views at a time."""
     v0, u0, rows, columns = block[0].start, block[1].start, *block[2:]
-    down, across = at_once
+    down, across = views_at_once
     with np.errstate(all="ignore"):
         for v in range(0, out.shape[0], down):
             for u in range(0, out.shape[1], across):
@@ -326,22 +326,22 @@ def _copy(a: Any, at_once: tuple[int, int], block: Block, out: Array) -> None:
 def as_lightfield(
     source: Any, streams: str = "", *, device: DeviceLike | None = None
 ) -> LightField:
-    """A light field as it is, and an array as one on a device."""
+    """Return a light field unchanged; upload an array as a light field."""
     if isinstance(source, LightField):
         if device is not None:
             require_same_device(source.device, as_device(device))
         return source
     if isinstance(source, RawImage):
         raise TypeError(
-            "This is a raw image, not a light field: decode it with LightField.from_raw, or take "
-            "render_focused where its camera is a focused one."
+            "This is a raw image, not a light field; decode it with LightField.from_raw, or call "
+            "render_focused if its camera is a focused one."
         )
     if isinstance(source, StoredLightField):
-        other = f"take {streams}, or .load(device)" if streams else "take .load(device)"
-        raise TypeError(f"This light field is stored, not on a device: {other} where it fits.")
+        option = f"use {streams}, or .load(device)" if streams else "call .load(device)"
+        raise TypeError(f"This light field is stored, not on a device; {option} if it fits.")
     if isinstance(source, cla.Array) or (is_array(source) and not isinstance(source, HostArray)):
         return LightField.from_array(source, device=as_device(device))
     raise TypeError(
-        "A light field is needed, as LightField.from_array and read_lightfield give it, or an "
-        f"array L[v, u, y, x(, c)], not of type {type(source).__name__}."
+        "The light field must be a LightField (LightField.from_array, read_lightfield) or an "
+        f"array L[v, u, y, x(, c)], got {type(source).__name__}."
     )

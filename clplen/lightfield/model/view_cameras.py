@@ -1,4 +1,4 @@
-"""Views as pinhole cameras: where each stands and what it sees, in metres."""
+"""Views as pinhole cameras: their positions and projections in metres."""
 
 from __future__ import annotations
 
@@ -21,28 +21,28 @@ Array = np.ndarray[Any, Any]
 
 @dataclass(frozen=True, repr=False, eq=False)
 class ViewCameras(OneLine):
-    """Pinhole cameras with parallel axes, one a view; made by `view_cameras`.
+    """Pinhole cameras with parallel axes, one for each view, from `view_cameras`.
 
-    Points are (x, y, z): x right, y down, z along the axes, from the pinhole of the centre view.
-    A camera at C images a point at pixel (f_y (y - C_y)/z + c_y, f_x (x - C_x)/z + c_x). Where
-    disparity 0 lies at a finite distance, the principal points c shift from view to view: the
-    cameras look through one window (off-axis frusta).
+    Points are (x, y, z): x right, y down, z along the axes, from the pinhole of the centre view. A
+    camera at C images a point at pixel (f_y (y - C_y)/z + c_y, f_x (x - C_x)/z + c_x). If zero
+    disparity lies at a finite distance, the principal points c shift between views: the cameras
+    look through one window (off-axis frusta).
 
     Attributes
     ----------
     centres : numpy.ndarray
-        Shape (V, U, 2): (y, x) of the pinholes, in the unit of lengths.
+        Positions (y, x) of the pinholes, shape (V, U, 2), in the unit of lengths.
     principal : numpy.ndarray
-        Shape (V, U, 2): (y, x) of the principal points, pixels, whose centres are whole numbers.
+        Principal points (y, x) in pixels with integer centres, shape (V, U, 2).
     focal : tuple of float
-        (f_y, f_x) in pixels.
+        Focal lengths (f_y, f_x) in pixels.
     baseline : float
-        Step between neighbouring views of a row; negative where views are stored by increasing
-        aperture coordinate, so that nearer things have smaller disparities.
+        Step between neighbouring views of a row; negative if views are stored by increasing
+        aperture coordinate, so that nearer objects have smaller disparities.
     focus : float
-        The distance where disparity is 0; inf if it is infinite.
+        Distance of zero disparity; inf if infinite.
     size : tuple of int
-        (y, x) pixels of a view.
+        Size (y, x) of a view in pixels.
 
     Examples
     --------
@@ -61,36 +61,36 @@ class ViewCameras(OneLine):
     size: tuple[int, int]
 
     def project(self, points: ArrayLike) -> Array:
-        """Return where each view images points.
+        """Project points to pixels in each view.
 
         Parameters
         ----------
         points : array_like
-            Shape (n, 3): x, y, z.
+            Points x, y, z, shape (n, 3).
 
         Returns
         -------
         numpy.ndarray
-            Shape (V, U, n, 2): (y, x) in pixels.
+            Pixels (y, x), shape (V, U, n, 2).
         """
         x, y, z = np.moveaxis(real_array(points, "points", np.float64), -1, 0)
         across = np.stack((y, x), -1)
         with np.errstate(divide="ignore", invalid="ignore"):
-            moved = (across - self.centres[:, :, None]) / z[:, None]
-        return np.asarray(moved * np.asarray(self.focal) + self.principal[:, :, None])
+            slopes = (across - self.centres[:, :, None]) / z[:, None]
+        return np.asarray(slopes * np.asarray(self.focal) + self.principal[:, :, None])
 
     def distance(self, disparity: ArrayLike) -> Array:
-        """Return z of points of a disparity; inf at infinity, NaN beyond it.
+        """Compute the distance z of a disparity; inf at infinity, NaN beyond it.
 
         Parameters
         ----------
         disparity : array_like
-            Pixels a view step.
+            Disparity in pixels a view step.
 
         Returns
         -------
         numpy.ndarray
-            float64: 1/z = d/(f_x b) + 1/z0 (Honauer et al. 2016).
+            Distance, float64: 1/z = d/(f_x b) + 1/z0 (Honauer et al. 2016).
         """
         inverse = real_array(disparity, "disparity", np.float64) / (self.focal[1] * self.baseline)
         inverse = inverse + 1 / self.focus
@@ -98,26 +98,26 @@ class ViewCameras(OneLine):
             return np.where(inverse >= 0, 1 / np.abs(inverse), np.nan)
 
     def points(self, disparity: ArrayLike) -> Array:
-        """Return the points that the pixels of the centre view show.
+        """Compute the points of the centre view's pixels.
 
         Parameters
         ----------
         disparity : array_like
-            Shape (y, x).
+            Disparity of shape (y, x).
 
         Returns
         -------
         numpy.ndarray
-            Shape (y, x, 3): x, y, z; NaN where a point does not lie at a finite distance.
+            Points x, y, z, shape (y, x, 3); NaN for points at no finite distance.
 
         Raises
         ------
         ShapeError
-            If there is not one disparity for every pixel.
+            If the disparity does not have the views' size.
         """
         d = real_array(disparity, "disparity", np.float64)
         if d.shape != self.size:
-            raise ShapeError(f"The map has shape {d.shape}, the views have {self.size} pixels.")
+            raise ShapeError(f"disparity must have shape {self.size}, got {d.shape}.")
         z = self.distance(d)
         z[np.isinf(z)] = np.nan
         y, x = (axis - (n - 1) / 2 for axis, n in zip(np.indices(d.shape), d.shape, strict=True))
@@ -132,32 +132,32 @@ def view_cameras(
     pixel_pitch: float | None = None,
     focus_distance: float | None = None,
 ) -> ViewCameras:
-    """Return the cameras of the views of a light field.
+    """Return pinhole cameras for the views of a light field.
 
-    Lengths that are given stand for views of square pixels. Without any, the light field's own
-    camera is taken: by the lens law its main lens images the plane at F/(F/f - 1) on the array,
-    and the views are pinholes on the lens.
+    The lengths, if set, describe views of square pixels. Otherwise the light field's camera is
+    used: by the lens law its main lens images the plane at F/(F/f - 1) on the array, and the views
+    are pinholes on the lens.
 
     Parameters
     ----------
     lf : LightField or array_like
-        Or a `StoredLightField`: its shape, spacing and camera are looked at.
+        Light field or `StoredLightField`; only shape, spacing and camera are used.
     baseline, focal_length, pixel_pitch : float, optional
-        The step from view to view of a row, the distance from pinhole to sensor and the pitch of
-        the pixels, in metres or any other unit, all three or none.
+        Step between views of a row, distance from pinhole to sensor, and pitch of the pixels, in
+        metres or any other unit; all three or none.
     focus_distance : float, optional
-        Where disparity is 0; default infinity.
+        Distance of zero disparity; default infinity.
 
     Returns
     -------
     ViewCameras
-        One camera for each view.
+        Camera of each view.
 
     Raises
     ------
     ValueError
-        If a part of the lengths is given, one is not positive and finite, no camera is known
-        without them, or the views are directions.
+        If some of the lengths are missing, a length is not positive and finite, no camera is known,
+        or the views are directions.
 
     Examples
     --------
@@ -170,15 +170,15 @@ def view_cameras(
     [20.5, 18.0, 15.5, 13.0, 10.5]
     """
     lengths = {"baseline": baseline, "focal_length": focal_length, "pixel_pitch": pixel_pitch}
-    given = [value for value in lengths.values() if value is not None]
-    if given and len(given) < len(lengths):
-        raise ValueError("Cameras of views need baseline=, focal_length=, pixel_pitch= together.")
-    if not given and focus_distance is not None:
-        raise ValueError("focus_distance= belongs to baseline=, focal_length=, pixel_pitch=.")
+    lengths_given = [value for value in lengths.values() if value is not None]
+    if lengths_given and len(lengths_given) < len(lengths):
+        raise ValueError("Pass baseline=, focal_length= and pixel_pitch= together.")
+    if not lengths_given and focus_distance is not None:
+        raise ValueError("focus_distance= requires baseline=, focal_length= and pixel_pitch=.")
     checked = lengths if focus_distance is None else lengths | {"focus_distance": focus_distance}
-    for name, value in checked.items() if given else ():
+    for name, value in checked.items() if lengths_given else ():
         if value is None or not (np.isfinite(value) and value > 0):
-            raise ValueError(f"{name} is a length, positive and finite, not {value!r}.")
+            raise ValueError(f"{name} must be a positive and finite length, got {value!r}.")
     views: Any = lf if hasattr(lf, "weights") else as_lightfield(lf)
     steps = unit_steps(views)
     if baseline is None or focal_length is None or pixel_pitch is None:
@@ -186,7 +186,7 @@ def view_cameras(
     else:
         step, focal = float(baseline), (focal_length / pixel_pitch,) * 2
         focus = np.inf if focus_distance is None else float(focus_distance)
-    across = np.array([focal[1] / focal[0], 1.0]) * step  # (y, x) for a pixel of a step
+    across = np.array([focal[1] / focal[0], 1.0]) * step  # (y, x) of a pixel for a view step
     centres = 0.0 - steps * across
     size = (int(views.shape[2]), int(views.shape[3]))
     middle = (np.array(size) - 1) / 2
@@ -196,13 +196,13 @@ def view_cameras(
 
 
 def _of_camera(lf: SampledViews) -> tuple[float, tuple[float, float], float]:
-    """Baseline, focal lengths (y, x) in pixels and distance of d = 0 that a camera tells."""
+    """Return baseline, focal lengths (y, x) in pixels and focus distance from the camera."""
     camera: Any = lf.camera
     naive = lf.decode == "naive"
     if camera is None or lf.spacing is None or naive or is_telecentric(lf):
         kind = "directions, as of a telecentric camera" if is_telecentric(lf) else "unknown"
         raise ValueError(
-            f"The cameras of these views are {kind}: give baseline=, focal_length= and "
+            f"The cameras of these views are {kind}; pass baseline=, focal_length= and "
             "pixel_pitch=."
         )
     _, du, dy, dx = lf.spacing

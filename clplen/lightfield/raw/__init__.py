@@ -1,1 +1,1 @@
-"""Raw lenslet images, lattices and sensors; may import arrays; raw images and views leave."""
+"""Raw lenslet images, lattices and sensors; this folder may import arrays."""

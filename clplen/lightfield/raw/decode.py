@@ -1,6 +1,6 @@
-"""From a raw lenslet image to views: sampling every sub-image about its centre.
+"""Decoding of a raw lenslet image to views: sampling of every sub-image about its centre.
 
-On CPUs a lattice along the sensor's rows and columns has a kernel of its own.
+On CPUs a lattice along the sensor's rows and columns has a separate kernel.
 """
 
 from __future__ import annotations
@@ -21,19 +21,19 @@ Vector = np.ndarray[Any, np.dtype[np.float64]]
 Table = np.ndarray[Any, Any]
 Interpolation = Literal["cubic", "linear", "spline"]
 
-FRACTION = 2.0**24  # positions are multiples of 2^-24 pixel, which float32 holds exactly
+FRACTION = 2.0**24  # positions are multiples of 2^-24 pixel, exact in float32
 _MARGIN = 4  # zeros at either end of a line of pixels
 
 
 def is_upright(grid: LensletGrid) -> bool:
-    """Whether y depends on the row and v alone, x on the column and u, alike in all rows."""
+    """Return True if y depends on row and v only, x on column and u, equally in all rows."""
     across = (grid.column_step[0], grid.column_view_step[0])
     down = (grid.row_step[1], grid.row_view_step[1])
     return not any((*across, *down, grid.odd_row_shift)) and grid.columns is None
 
 
 def fits_local_memory(width: int, device: Device) -> bool:
-    """Return whether local memory holds a row of the sensor."""
+    """Return True if local memory holds a row of the sensor."""
     return _line_bytes(width) <= int(device.cl_device.local_mem_size)
 
 
@@ -50,7 +50,7 @@ def strides_of(views: cla.Array, grid: LensletGrid) -> list[int]:
 def taps_along(
     grid: LensletGrid, shape: tuple[int, int], interpolation: Interpolation
 ) -> tuple[tuple[Table, Table], tuple[Table, Table]]:
-    """Pixels and weights along y, view by view and row by row, and along x, of such a grid."""
+    """Return pixels and weights along y (view by view, row by row) and x of an upright grid."""
     (V, U), (rows, columns), (ny, nx) = grid.views, grid.count, shape
     y = _positions(grid.first[0], V, grid.row_view_step[0], rows, grid.row_step[0])
     x = _positions(grid.first[1], U, grid.column_view_step[1], columns, grid.column_step[1])
@@ -58,28 +58,28 @@ def taps_along(
 
 
 def _positions(first: float, views: int, view_step: float, count: int, step: float) -> Vector:
-    """Along one axis, view by view, shape (views count,): see `grid_tables`."""
+    """Return positions along one axis, view by view, (views count,), see `grid_tables`."""
     corner = first - (views - 1) / 2 * view_step
     parts = (np.arange(views) * view_step, corner + np.arange(count) * step)
     return np.add.outer(*(np.round(part * FRACTION) / FRACTION for part in parts)).ravel()
 
 
 def _taps(position: Vector, n: int, interpolation: Interpolation) -> tuple[Table, Table]:
-    """First of four pixels of an axis of n, int32, and their weights, float32, shape (4, ...).
+    """Return the first of four pixels, int32, and their weights, float32, shape (4, ...).
 
-    Of `resample`; 0 off the sensor.
+    The weights are those of `resample`, 0 off the sensor.
     """
-    whole = np.floor(position)
-    t = position - whole
+    integers = np.floor(position)
+    t = position - integers
     weights = tap_weights(t, interpolation)
-    first = np.clip(whole - 1, -_MARGIN, n).astype(np.int32)
-    pixel = whole - 1 + np.arange(4)[:, None]
+    first = np.clip(integers - 1, -_MARGIN, n).astype(np.int32)
+    pixel = integers - 1 + np.arange(4)[:, None]
     inside = (pixel >= 0) & (pixel < n)
     return first, np.where(inside, weights, 0).astype(np.float32)
 
 
 def tap_weights(t: Vector, interpolation: Interpolation) -> Table:
-    """Weights of the four samples about places between the second and the third of them."""
+    """Return the weights of four samples about positions between the second and the third."""
     if interpolation == "linear":
         return np.stack((0 * t, 1 - t, t, 0 * t))
     if interpolation == "spline":
@@ -98,13 +98,12 @@ def tap_weights(t: Vector, interpolation: Interpolation) -> Table:
 def resample(
     pixels: cla.Array, grid: LensletGrid, device: Device, *, interpolation: Interpolation = "cubic"
 ) -> cla.Array:
-    """Return the views of a raw image (ny, nx), float32, interpolated along both axes.
+    """Resample a raw image (ny, nx), float32, to views, interpolated along both axes.
 
-    A position that is a whole number of pixels takes that pixel as it is; pixels off the sensor
-    count 0. On a hexagonal lattice every lenslet is sampled about its own centre, and its odd rows
-    are then interpolated by the same cubic, in the same pass, to the columns of the even rows, or
-    all rows to the grid's own ``columns``, so that the views lie on a rectangular lattice; at the
-    end of such a row its last lenslet stands for the one that is missing.
+    An integer position copies its pixel; pixels off the sensor are 0. On a hexagonal lattice every
+    lenslet is sampled about its own centre. Its odd rows are then interpolated by the same cubic,
+    in the same pass, to the columns of the even rows (or all rows to the grid's ``columns``), which
+    makes the lattice rectangular. At the end of such a row the last lenslet is repeated.
     """
     _check(pixels, grid, device)
     device.require_memory(4 * int(np.prod(grid.shape, dtype=np.int64)), "This light field")
@@ -140,57 +139,57 @@ def resample(
 
 
 def form_of(interpolation: Interpolation) -> dict[str, Any]:
-    """Definitions of the kernels that read or spread samples."""
+    """Return the macros of kernels that read or spread samples."""
     return {} if interpolation == "cubic" else {interpolation.upper(): True}
 
 
 def _check(pixels: cla.Array, grid: LensletGrid, device: Device) -> None:
     if len(pixels.shape) != 2:
         raise ShapeError(
-            "A colour picture of lenslets is not sliced into views, but one of shape (ny, nx): "
-            "decode its colours one by one, or give the raw frame with bayer=."
+            "A colour picture of lenslets cannot be sliced into views; decode its colours in turn, "
+            "or pass the raw frame with bayer=."
         )
     check_grid(grid)
     bad = count_bad(pixels, device)
     if bad:
         raise ValueError(
             f"The raw image has {bad} pixels that are NaN or infinite, which interpolation would "
-            "spread: replace them before decoding, for example by the mean of their neighbours."
+            "spread; replace them before decoding, for example by the mean of their neighbours."
         )
 
 
 def check_grid(grid: LensletGrid) -> None:
-    """Refuse a grid without lenslets or views, or with numbers that are not finite."""
+    """Reject a grid without lenslets or views, or with non-finite numbers."""
     if min(*grid.count, *grid.shape) < 1:
         raise ShapeError(
-            "A lenslet grid has at least one lenslet and one view along each axis, not "
+            "A lenslet grid must have at least one lenslet and one view along each axis, got "
             f"{grid.count} lenslets of {grid.views} views."
         )
     steps = (grid.row_step, grid.column_step, grid.row_view_step, grid.column_view_step)
     numbers = (*grid.first, *(n for step in steps for n in step), grid.odd_row_shift)
     numbers += (1.0,) if grid.columns is None else grid.columns
     if not np.isfinite(numbers).all():
-        raise ValueError(f"The numbers of a lenslet grid are finite, not {grid}.")
+        raise ValueError(f"The numbers of a lenslet grid must be finite, got {grid}.")
 
 
 @dataclass(frozen=True)
 class GridTables:
-    """Places of a grid's samples as the kernels read them: integers and fractions of pixels."""
+    """Positions of a grid's samples for the kernels: integers and fractions of pixels."""
 
-    rows: tuple[cla.Array, cla.Array]  # of pixel (0, 0) of the first lenslet of each row
-    columns: tuple[cla.Array, cla.Array]  # of each lenslet from the first one of its row
-    near: tuple[cla.Array, cla.Array]  # of the columns among the lenslets of even and odd rows
-    steps: tuple[Vector, Vector]  # of views down and to the right, float64, (V, 2) and (U, 2)
+    rows: tuple[cla.Array, cla.Array]  # pixel (0, 0) of the first lenslet of each row
+    columns: tuple[cla.Array, cla.Array]  # each lenslet relative to the first one of its row
+    near: tuple[cla.Array, cla.Array]  # columns relative to the lenslets of even and odd rows
+    steps: tuple[Vector, Vector]  # views down and to the right, float64, (V, 2) and (U, 2)
     device: Device
 
     def views(self, v: int) -> tuple[cla.Array, cla.Array]:
-        """Of the views of row v."""
+        """Return the positions of the views of row v."""
         down, right = self.steps
         return split_places(down[v] + right, self.device)
 
 
 def grid_tables(grid: LensletGrid, device: Device) -> GridTables:
-    """Return where the samples of a grid lie."""
+    """Return the tables of the positions of a grid's samples."""
     V, U = grid.views
     row, column = np.asarray(grid.row_step), np.asarray(grid.column_step)
     down, right = np.asarray(grid.row_view_step), np.asarray(grid.column_view_step)
@@ -207,17 +206,17 @@ def grid_tables(grid: LensletGrid, device: Device) -> GridTables:
 
 
 def near_places(grid: LensletGrid) -> Vector:
-    """Where the columns lie among the lenslets of even and of odd rows, shape (2, columns)."""
+    """Return the columns' positions among the lenslets of even and odd rows, (2, columns)."""
     count, step = (grid.count[1], 1.0) if grid.columns is None else grid.columns
-    shifts = np.array([0.0, grid.odd_row_shift])  # of a row's own lenslets, in columns
+    shifts = np.array([0.0, grid.odd_row_shift])  # shift of a row's own lenslets, in columns
     return np.asarray(np.arange(count) * step - shifts[:, None])
 
 
 def split_places(
     positions: np.ndarray[Any, np.dtype[np.float64]], device: Device
 ) -> tuple[cla.Array, cla.Array]:
-    """Integers and fractions of positions, int32 and float32."""
+    """Split positions into integers and fractions, int32 and float32."""
     rounded = np.round(positions * FRACTION) / FRACTION
-    whole = np.floor(rounded)
-    part = (rounded - whole).astype(np.float32)
-    return device.upload(whole.astype(np.int32)), device.upload(part)
+    integers = np.floor(rounded)
+    fractions = (rounded - integers).astype(np.float32)
+    return device.upload(integers.astype(np.int32)), device.upload(fractions)

@@ -1,6 +1,6 @@
-"""From views back to a raw lenslet image: the adjoint of sampling every sub-image.
+"""Adjoint of decoding: views back to a raw lenslet image.
 
-A lattice along the sensor's rows and columns is a product of two sparse matrices.
+For a lattice along the sensor's rows and columns it is a product of two sparse matrices.
 """
 
 from __future__ import annotations
@@ -28,10 +28,10 @@ from clplen.lightfield.raw.lenslet_grid import LensletGrid
 
 Table = np.ndarray[Any, Any]
 
-_SLACK = 0.01  # lenslets or views that rounding may move the bounds of what a pixel sees
-_FAR = 1e6  # more than all lenslets or views
-_PIXELS = 2.0  # reach of cubic convolution
-_BAND = 64  # rows of the raw image that a CPU's work-item makes
+_SLACK = 0.01  # lenslets or views: tolerance of the bounds against rounding
+_UNBOUNDED = 1e6  # more than all lenslets or views
+_REACH = 2.0  # reach of cubic convolution in pixels
+_BAND = 64  # rows of the raw image per work-item of a CPU
 
 
 def resample_adjoint(
@@ -42,10 +42,10 @@ def resample_adjoint(
     device: Device,
     interpolation: Interpolation = "cubic",
 ) -> cla.Array:
-    """The transpose of `clplen.lightfield.raw.decode.resample`.
+    """Apply the transpose of `clplen.lightfield.raw.decode.resample`.
 
-    Every sample of the views is spread to the pixels that it is interpolated from, by the same
-    weights. The result has the same bits in every run.
+    Every sample of the views is spread to the pixels that it is interpolated from, with equal
+    weights. Results are bitwise reproducible.
     """
     check_grid(grid)
     strides = strides_of(views, grid)
@@ -90,15 +90,15 @@ def _spread_upright(
 
 
 def _by_pixel(first: Table, weights: Table, n: int) -> tuple[Table, Table, Table]:
-    """(start, sample, weight) by pixel of an axis, of four taps of each sample."""
+    """Return (start, sample, weight) by pixel of an axis, from four taps of each sample."""
     pixel = first + np.arange(len(weights))[:, None]
     sample = np.broadcast_to(np.arange(first.size), pixel.shape)
-    kept = (weights != 0) & (pixel >= 0) & (pixel < n)
-    return sparse_rows(pixel[kept], sample[kept], weights[kept], n)
+    valid = (weights != 0) & (pixel >= 0) & (pixel < n)
+    return sparse_rows(pixel[valid], sample[valid], weights[valid], n)
 
 
 def sparse_rows(row: Table, index: Table, weight: Table, n: int) -> tuple[Table, Table, Table]:
-    """A sparse matrix by its rows, as kernels read it."""
+    """Return a sparse matrix in rows, in the layout of the kernels."""
     order = np.lexsort((index, row))
     start = np.searchsorted(row[order], np.arange(n + 1))
     index, weight = (np.append(a[order], 0) for a in (index, weight))
@@ -137,13 +137,15 @@ def _of_lenslets(
     device: Device,
     interpolation: Interpolation,
 ) -> tuple[cla.Array, list[int]]:
-    """Samples of the lenslets themselves, whose rows were interpolated, and their strides."""
+    """Return samples at the lenslets, before the interpolation of rows, and their strides."""
     (V, U), (rows, count) = grid.views, grid.count
-    places = np.round(near_places(grid) * FRACTION) / FRACTION
-    if places.shape[1] == count and (places == np.arange(count)).all():
+    positions = np.round(near_places(grid) * FRACTION) / FRACTION
+    if positions.shape[1] == count and (positions == np.arange(count)).all():
         return views, strides
     device.require_memory(4 * V * U * rows * count, "The samples of these lenslets")
-    even, odd = (sparse_rows(*_near_lenslets(row, count, interpolation), count) for row in places)
+    even, odd = (
+        sparse_rows(*_near_lenslets(row, count, interpolation), count) for row in positions
+    )
     starts = even[0], odd[0] + np.int32(even[1].size)
     tables = starts, (even[1], odd[1]), (even[2], odd[2])
     sampled = device.empty((V, U, rows, count), np.float32)
@@ -159,20 +161,20 @@ def _of_lenslets(
 
 
 def _near_lenslets(
-    places: Table, count: int, interpolation: Interpolation
+    positions: Table, count: int, interpolation: Interpolation
 ) -> tuple[Table, Table, Table]:
-    """(lenslet, column, weight) of the four lenslets about each column's place in a row."""
-    whole = np.floor(places)
-    t = np.float32(places - whole).astype(np.float64)
+    """Return (lenslet, column, weight) of the four lenslets about each column's position."""
+    integers = np.floor(positions)
+    t = np.float32(positions - integers).astype(np.float64)
     weights = tap_weights(t, "linear" if interpolation == "linear" else "cubic")
-    lenslet = np.clip(whole.astype(int) - 1 + np.arange(4)[:, None], 0, count - 1)
-    column = np.broadcast_to(np.arange(places.size), lenslet.shape)
-    kept = weights != 0
-    return lenslet[kept], column[kept], weights[kept]
+    lenslet = np.clip(integers.astype(int) - 1 + np.arange(4)[:, None], 0, count - 1)
+    column = np.broadcast_to(np.arange(positions.size), lenslet.shape)
+    valid = weights != 0
+    return lenslet[valid], column[valid], weights[valid]
 
 
 def _inverse(first: tuple[float, float], second: tuple[float, float]) -> Table | None:
-    """What takes (y, x) to multiples of two vectors; None where they lie on one line."""
+    """Return the matrix from (y, x) to multiples of two vectors; None if they are parallel."""
     basis = np.array([first, second], np.float64).T
     spread = float(np.prod(np.linalg.norm(basis, axis=0)))
     if not abs(np.linalg.det(basis)) > 1e-6 * spread:
@@ -181,32 +183,34 @@ def _inverse(first: tuple[float, float], second: tuple[float, float]) -> Table |
 
 
 def _bounds_of_lenslets(grid: LensletGrid) -> tuple[Table, Table]:
-    """(y, x) from the first sample of the first lenslet to (i, k) of the first sample of a lenslet
-    there, and how far i and k of lenslets that come near may be off: (least, most) of each."""
+    """Return the matrix from (y, x), relative to the first sample, to lenslet indices (i, k).
+
+    Also return the index range (lowest, highest) of contributing lenslets.
+    """
     inverse = _inverse(grid.row_step, grid.column_step)
     if inverse is None:
-        return np.zeros(4), np.array([-_FAR, _FAR, -_FAR, _FAR])
+        return np.zeros(4), np.array([-_UNBOUNDED, _UNBOUNDED, -_UNBOUNDED, _UNBOUNDED])
     V, U = grid.views
     along = inverse @ np.array([grid.row_view_step, grid.column_view_step]).T
     corners = along @ np.array([(v, u) for v in (0, V - 1) for u in (0, U - 1)]).T
-    reach = _PIXELS * np.abs(inverse).sum(axis=1) + _SLACK
-    least, most = -corners.max(axis=1) - reach, reach - corners.min(axis=1)
-    return inverse.ravel(), np.stack((least, most), axis=1).ravel()
+    reach = _REACH * np.abs(inverse).sum(axis=1) + _SLACK
+    lowest, highest = -corners.max(axis=1) - reach, reach - corners.min(axis=1)
+    return inverse.ravel(), np.stack((lowest, highest), axis=1).ravel()
 
 
 def _bounds_of_views(grid: LensletGrid) -> tuple[Table, Table]:
-    """The same of the views of one lenslet."""
+    """Return the matrix and range of `_bounds_of_lenslets` for the views of one lenslet."""
     inverse = _inverse(grid.row_view_step, grid.column_view_step)
     if inverse is None:
-        return np.zeros(4), np.array([-_FAR, _FAR, -_FAR, _FAR])
-    reach = _PIXELS * np.abs(inverse).sum(axis=1) + _SLACK
+        return np.zeros(4), np.array([-_UNBOUNDED, _UNBOUNDED, -_UNBOUNDED, _UNBOUNDED])
+    reach = _REACH * np.abs(inverse).sum(axis=1) + _SLACK
     return inverse.ravel(), np.stack((-reach, reach), axis=1).ravel()
 
 
 def _tall(grid: LensletGrid) -> Table:
-    """Rows (from, to) from the first view of a lenslet to pixels that its views are spread to."""
+    """Return the row range of the pixels reached by the views of a lenslet."""
     V, U = grid.views
     ends = np.add.outer(
         (0, (V - 1) * grid.row_view_step[0]), (0, (U - 1) * grid.column_view_step[0])
     )
-    return np.array([ends.min() - _PIXELS - 1, ends.max() + _PIXELS + 2])
+    return np.array([ends.min() - _REACH - 1, ends.max() + _REACH + 2])

@@ -1,4 +1,4 @@
-"""Colours of a mosaic of filters: views of each, and pictures of each on the sensor."""
+"""Colours of a filter mosaic: views and sensor pictures of each colour."""
 
 from __future__ import annotations
 
@@ -20,26 +20,26 @@ Frame = np.ndarray[Any, np.dtype[np.float32]]
 Tile = tuple[tuple[str, ...], ...]
 
 COLOURS = "RGB"
-_LEAST = 1e-5  # of the white level: less than any view has that a lenslet lights
+_MIN_WHITE = 1e-5  # of the white level: lower than any lit view
 
 
 def tile_of(bayer: str | Sequence[Sequence[str]]) -> Tile:
-    """The tile of a mosaic of red, green and blue, row by row, in capitals."""
+    """Return the tile of a red, green and blue mosaic, row by row, in capitals."""
     if isinstance(bayer, str):
         name = setting_of(ReadingSettings, "bayer").checked(bayer)
         return (name[0], name[1]), (name[2], name[3])
     rows = tuple(tuple(str(name).upper() for name in row) for row in bayer)
-    found = {name for row in rows for name in row}
-    if len({len(row) for row in rows}) != 1 or found != set(COLOURS):
+    filters = {name for row in rows for name in row}
+    if len({len(row) for row in rows}) != 1 or filters != set(COLOURS):
         raise ValueError(
-            "A mosaic that is decoded has the filters R, G and B in rows of one length, such as "
-            f"('RG', 'GB'), not {tuple(bayer)!r}."
+            "A mosaic must have the filters R, G and B in rows of one length, such as "
+            f"('RG', 'GB'), got {tuple(bayer)!r}."
         )
     return rows
 
 
 def scaled_colours(picture: Frame, tile: Tile, factors: Mapping[str, float]) -> Frame:
-    """Return a mosaic times a factor for each of its colours."""
+    """Multiply each colour of a mosaic by its factor."""
     out = picture.copy()
     for y, row in enumerate(tile):
         for x, colour in enumerate(row):
@@ -48,7 +48,7 @@ def scaled_colours(picture: Frame, tile: Tile, factors: Mapping[str, float]) -> 
 
 
 def positions_of(tile: Tile, colour: str) -> list[tuple[int, int]]:
-    """(y, x) of the pixels of a colour in a tile."""
+    """Return (y, x) of the pixels of a colour in a tile."""
     return [(y, x) for y, row in enumerate(tile) for x, name in enumerate(row) if name == colour]
 
 
@@ -60,12 +60,11 @@ def views_of_colours(
     *,
     device: Device,
 ) -> cla.Array:
-    """Slice each colour by itself, then fill what it misses from the same view.
+    """Slice each colour separately, then fill gaps from the same view.
 
-    A view holds, at every lenslet, the colour of the pixel that it hits. Its other colours come
-    from the same view of the neighbouring lenslets, so that directions are not mixed; where those
-    miss the colour too (lenslets a whole, even number of pixels apart), from the nearest pixels of
-    that colour under the lenslet.
+    A view has, at every lenslet, the colour of one pixel. Its other colours come from the same view
+    of neighbouring lenslets, which mixes no directions. If these lack the colour too (lenslets an
+    even integer of pixels apart), the nearest pixels of that colour under the lenslet are used.
     """
     shape, tile = grid.shape, tile_of(bayer)
     down, across = len(tile), len(tile[0])
@@ -74,17 +73,17 @@ def views_of_colours(
         positions = positions_of(tile, colour)
         parts = []
         for frame in (picture, white):
-            alone = np.zeros_like(frame)
+            sparse = np.zeros_like(frame)
             for y, x in positions:
-                alone[y::down, x::across] = frame[y::down, x::across]
-            pictures = [(alone, grid)]
+                sparse[y::down, x::across] = frame[y::down, x::across]
+            pictures = [(sparse, grid)]
             for y, x in (positions[0], positions[-1]):
-                own = np.ascontiguousarray(frame[y::down, x::across])
-                pictures.append((own, _every(grid, (y, x), (down, across))))
+                pixels = np.ascontiguousarray(frame[y::down, x::across])
+                pictures.append((pixels, _every(grid, (y, x), (down, across))))
             parts.append(
                 [
-                    resample(device.upload(one), places, device, interpolation="linear")
-                    for one, places in pictures
+                    resample(device.upload(part), part_grid, device, interpolation="linear")
+                    for part, part_grid in pictures
                 ]
             )
         (raw, *near), (flat, *near_flat) = parts
@@ -93,17 +92,17 @@ def views_of_colours(
             (shape[0] * shape[1], *shape[2:]),
             out,
             *(raw, flat, *near, *near_flat),
-            np.float32(_LEAST),
+            np.float32(_MIN_WHITE),
             *(np.int32(n) for n in (*shape[2:], channel)),
         )
     return out
 
 
-def _every(grid: LensletGrid, first: tuple[int, int], apart: tuple[int, int]) -> LensletGrid:
-    """The same places among pixels ``apart`` (y, x) from each other, those from ``first`` on."""
+def _every(grid: LensletGrid, first: tuple[int, int], period: tuple[int, int]) -> LensletGrid:
+    """Return the grid on every ``apart``-th pixel (y, x), from ``first`` on."""
 
     def shorter(step: tuple[float, float]) -> tuple[float, float]:
-        return step[0] / apart[0], step[1] / apart[1]
+        return step[0] / period[0], step[1] / period[1]
 
     return replace(
         grid,
@@ -116,7 +115,7 @@ def _every(grid: LensletGrid, first: tuple[int, int], apart: tuple[int, int]) ->
 
 
 def bilinear_colours(picture: Frame, bayer: str | Sequence[Sequence[str]]) -> list[Frame]:
-    """Red, green and blue at every pixel, bilinear: each (ny, nx), float32."""
+    """Interpolate red, green and blue bilinearly to every pixel: each (ny, nx), float32."""
     from scipy.ndimage import convolve1d
 
     tile = tile_of(bayer)
@@ -136,21 +135,21 @@ def bilinear_colours(picture: Frame, bayer: str | Sequence[Sequence[str]]) -> li
 
 
 def demosaic(raw: RawImage) -> RawImage:
-    """The raw image of a mosaic of colour filters with all colours at each pixel.
+    """Interpolate all colours at each pixel of a raw image with colour filters.
 
-    Missing colours are interpolated linearly on the sensor. `LightField.from_raw` needs no such
-    picture: it slices each colour by itself, which mixes no directions. Rendering of focused
-    cameras (`render_focused`) does.
+    Missing colours are interpolated linearly on the sensor. `LightField.from_raw` does not need
+    this picture, because it slices each colour separately without mixing directions. Rendering of
+    focused cameras (`render_focused`) does.
 
     Parameters
     ----------
     raw : RawImage
-        With a ``mosaic`` of the filters R, G and B.
+        Raw image with a ``mosaic`` of the filters R, G and B.
 
     Returns
     -------
     RawImage
-        float32, shape (ny, nx, 3), less its black level.
+        Raw image, float32, shape (ny, nx, 3), less its black level.
 
     Raises
     ------
@@ -177,6 +176,6 @@ def demosaic(raw: RawImage) -> RawImage:
 
 
 def _triangle(period: int) -> Frame:
-    """Weights up to a period of the tile on either side, 1 in the middle."""
+    """Return weights up to a period of the tile on either side, 1 in the middle."""
     n = np.arange(1 - period, period)
     return np.asarray(1 - np.abs(n) / period, np.float32)

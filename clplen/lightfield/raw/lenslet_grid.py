@@ -1,4 +1,4 @@
-"""Positions of the sub-images on the sensor, as plain numbers, and the types of lenses."""
+"""Positions of the sub-images on the sensor in pixels, and the types of lenses."""
 
 from __future__ import annotations
 
@@ -11,30 +11,29 @@ from clplen.reprs import OneLine
 class LensletGrid(OneLine):
     """Centres of the sub-images on the sensor, in pixels; pixel centres are integers.
 
-    Sub-image (i, k) has its centre at ``first + i row_step + k column_step``, and odd rows are
-    shifted by ``odd_row_shift column_step``. View (v, u) of (V, U) lies ``(v - (V - 1)/2)
-    row_view_step + (u - (U - 1)/2) column_view_step`` from there.
+    Sub-image (i, k) has its centre at ``first + i row_step + k column_step``; odd rows are shifted
+    by ``odd_row_shift column_step``. View (v, u) of (V, U) is offset from it by ``(v - (V - 1)/2)
+    row_view_step + (u - (U - 1)/2) column_view_step``.
 
     Attributes
     ----------
     count : tuple of int
-        Sub-images, (rows, columns).
+        Number (rows, columns) of sub-images.
     views : tuple of int
-        Pixels taken from each, (V, U).
+        Number (V, U) of pixels taken from each sub-image.
     first, row_step, column_step : tuple of float
-        (y, x) in pixels.
+        Vectors (y, x) in pixels.
     odd_row_shift : float
-        0 for a square lattice, 1/2 for a hexagonal one.
+        Shift of odd rows: 0 for a square lattice, 1/2 for a hexagonal one.
     row_view_step, column_view_step : tuple of float
-        (y, x) in pixels; along the rows and columns of the lattice, so that a rotated array obeys
-        the same equations as an upright one.
+        Vectors (y, x) in pixels along the rows and columns of the lattice, so that rotated and
+        upright arrays obey equal equations.
     columns : tuple or None
-        (count, step): how many columns the views have and how far apart, in steps of
-        ``column_step`` from ``first``; the rows are interpolated to them. None: those of the
-        lenslets of even rows.
+        (count, step): number and distance of the columns of the views, in steps of ``column_step``
+        from ``first``, to which the rows are interpolated. None: the lenslets of even rows.
     exchanged : bool
-        Whether rows and columns of the picture are exchanged here, and views too: L[v, u, y, x]
-        is what this grid calls view (u, v) of (x, y).
+        True if rows and columns of the picture, and of the views, are exchanged: L[v, u, y, x] is
+        view (u, v) at (x, y) of this grid.
 
     Examples
     --------
@@ -56,7 +55,7 @@ class LensletGrid(OneLine):
 
     @property
     def shape(self) -> tuple[int, int, int, int]:
-        """(V, U, y, x) of the light field."""
+        """Shape (V, U, y, x) of the light field."""
         (V, U), (y, x) = self.views, self.count
         x = x if self.columns is None else self.columns[0]
         return (U, V, x, y) if self.exchanged else (V, U, y, x)
@@ -64,17 +63,17 @@ class LensletGrid(OneLine):
 
 @dataclass(frozen=True)
 class LensType:
-    """One of the kinds of lenses of a multi-focus array.
+    """Type of lenses of a multi-focus array.
 
     Its lenses lie at ``origin + offset + i steps[0] + k steps[1]`` for all integers i and k, with
-    the origin of the array's lattice.
+    ``origin`` that of the array's lattice.
 
     Attributes
     ----------
     offset : tuple of float
-        (y, x) in pixels.
+        Offset (y, x) in pixels.
     depth_range : tuple of float
-        (least, greatest) virtual depth at which it is sharp.
+        Range (lowest, highest) of virtual depths in focus.
     steps : tuple
         Two vectors (y, x) in pixels.
 

@@ -1,6 +1,6 @@
-"""Lattices of lenslets as they lie on the sensor: base vectors, centres, and what to sample.
+"""Lattices of lenslets on the sensor: base vectors, centres, and sampling grids.
 
-Files hold them as JSON: our own form, and LensletGridModel of LFToolbox.
+Files store lattices as JSON in the clplen format or as LensletGridModel of LFToolbox.
 """
 
 from __future__ import annotations
@@ -19,15 +19,15 @@ from clplen.files import PathLike, replacing, require_file
 from clplen.lightfield.raw.lenslet_grid import LensletGrid
 from clplen.outputs import MARK
 
-_LARGEST = 1 << 24  # bytes of a file
+_MAX_FILE_BYTES = 1 << 24  # bytes of a file
 _FORMAT = "clplen lattice"
 _VERSION = 1
-_FARTHEST = 1e9  # pixels: beyond it a number is no place on a sensor
+_MAX_POSITION = 1e9  # pixels: larger numbers are no sensor positions
 
 
 def _json_of(lattice: Lattice) -> str:
-    """JSON of a lattice; a residual that is not known is null."""
-    known = math.isfinite(lattice.residual)
+    """Return JSON of a lattice; an unknown residual is null."""
+    has_residual = math.isfinite(lattice.residual)
     return json.dumps(
         {
             "format": _FORMAT,
@@ -39,7 +39,7 @@ def _json_of(lattice: Lattice) -> str:
             "row": [float(n) for n in lattice.row],
             "column": [float(n) for n in lattice.column],
             "shape": None if lattice.shape is None else [int(n) for n in lattice.shape],
-            "residual": float(lattice.residual) if known else None,
+            "residual": float(lattice.residual) if has_residual else None,
             "trust": lattice.trust,
             "verdict": lattice.verdict,
         },
@@ -48,11 +48,11 @@ def _json_of(lattice: Lattice) -> str:
 
 
 def _parsed(text: str, source: str) -> dict[str, Any]:
-    """What `Lattice` takes, by name, from JSON of either form."""
+    """Return the arguments of `Lattice` from JSON of either format."""
     try:
         content = json.loads(text)
     except (ValueError, RecursionError) as error:
-        raise FormatError(f"{source} is no JSON ({error}).") from error
+        raise FormatError(f"{source} is not valid JSON ({error}).") from error
     if isinstance(content, dict) and isinstance(content.get("LensletGridModel"), dict):
         model, read = content["LensletGridModel"], _toolbox_model
     elif isinstance(content, dict) and {"HSpacing", "VSpacing"} <= content.keys():
@@ -61,8 +61,8 @@ def _parsed(text: str, source: str) -> dict[str, Any]:
         model, read = content, _own_model
     else:
         raise FormatError(
-            f"{source} describes no lattice of lenslets: give the JSON that Lattice.save writes, "
-            "or a CalInfo.json of LFToolbox."
+            f"{source} does not describe a lattice of lenslets; pass the JSON of Lattice.save or "
+            "a CalInfo.json of LFToolbox."
         )
     return read(model, source)
 
@@ -70,14 +70,14 @@ def _parsed(text: str, source: str) -> dict[str, Any]:
 def _own_model(model: dict[str, Any], source: str) -> dict[str, Any]:
     if model.get("version") != _VERSION:
         raise FormatError(
-            f"{source} has version {model.get('version')!r} of the lattice format, clplen reads "
-            f"{_VERSION}: write it again with this version."
+            f"{source} must have version {_VERSION} of the lattice format, got "
+            f"{model.get('version')!r}; save it with this version of clplen."
         )
     shape = None
     if model.get("shape") is not None:
         ny, nx = _numbers(model, "shape", 2, source)
         if not (is_integer(ny) and is_integer(nx) and min(ny, nx) >= 1):
-            raise FormatError(f"{source}: 'shape' is two positive integers, not {[ny, nx]}.")
+            raise FormatError(f"{source}: 'shape' must be two positive integers, got {[ny, nx]}.")
         shape = (int(ny), int(nx))
     residual = math.nan
     if model.get("residual") is not None:
@@ -94,29 +94,28 @@ def _own_model(model: dict[str, Any], source: str) -> dict[str, Any]:
 
 
 def _toolbox_model(model: dict[str, Any], source: str) -> dict[str, Any]:
-    """Lenslet (row i, column j) of LFToolbox, one-based pixels and rows, y and x from 0 here.
+    """Convert lenslet (row i, column j) of LFToolbox to 0-based pixels and rows, y and x.
 
-    (x, y) = (HOffset, VOffset) + R(Rot) (j HSpacing + h, i VSpacing) with h = HSpacing/2 on rows
-    FirstPosShiftRow, FirstPosShiftRow + 2, ... (LFToolbox 0.5, LFBuildHexGrid); Orientation "vert"
-    means that the picture was transposed first.
+    (x, y) = (HOffset, VOffset) + R(Rot) (j HSpacing + h, i VSpacing), h = HSpacing/2 on odd rows.
     """
     names = ("HSpacing", "VSpacing", "HOffset", "VOffset", "Rot", "FirstPosShiftRow")
     h, v, x, y, turn, first = (_numbers(model, name, 1, source)[0] for name in names)
     if first not in (1, 2) or not (h > 0 and v > 0):
         raise FormatError(
-            f"{source}: HSpacing and VSpacing are positive and FirstPosShiftRow is 1 or 2, not "
+            f"{source}: HSpacing and VSpacing must be positive and FirstPosShiftRow 1 or 2, got "
             f"{h}, {v} and {first}."
         )
     column = (h * math.sin(turn), h * math.cos(turn))
     row = (v * math.cos(turn), -v * math.sin(turn))
-    moved = 0.5 if first == 1 else 0.0
-    origin = (y - 1 + moved * column[0], x - 1 + moved * column[1])
-    if model.get("Orientation", "horz") == "vert":
+    # FirstPosShiftRow + 2, ... are shifted (LFToolbox 0.5, LFBuildHexGrid)
+    shift = 0.5 if first == 1 else 0.0
+    origin = (y - 1 + shift * column[0], x - 1 + shift * column[1])
+    if model.get("Orientation", "horz") == "vert":  # the picture was transposed first
         row, column, origin = column[::-1], row[::-1], origin[::-1]
     if not 0.7 < min(h, v) / max(h, v) < 0.95:
         raise FormatError(
-            f"{source}: HSpacing {h} and VSpacing {v} make no hexagonal lattice, whose ratio is "
-            "0.866."
+            f"{source}: HSpacing {h} and VSpacing {v} must have the ratio 0.866 of a hexagonal "
+            "lattice."
         )
     verdict = "from a calibration of LFToolbox"
     return {
@@ -129,17 +128,17 @@ def _toolbox_model(model: dict[str, Any], source: str) -> dict[str, Any]:
 
 
 def _numbers(model: dict[str, Any], name: str, count: int, source: str) -> list[float]:
-    """So many finite numbers of an entry."""
+    """Return ``count`` finite numbers of an entry."""
     value = model.get(name)
     values: list[Any] = value if isinstance(value, list) else [value]
     if len(values) != count or not all(_is_number(n) for n in values):
-        wanted = "a number" if count == 1 else f"{count} numbers"
-        raise FormatError(f"{source}: {name!r} is {wanted}, not {value!r}.")
+        expected = "a number" if count == 1 else f"{count} numbers"
+        raise FormatError(f"{source}: {name!r} must be {expected}, got {value!r}.")
     return [float(n) for n in values]
 
 
 def _is_number(n: Any) -> bool:
-    return isinstance(n, int | float) and not isinstance(n, bool) and abs(n) < _FARTHEST
+    return isinstance(n, int | float) and not isinstance(n, bool) and abs(n) < _MAX_POSITION
 
 
 Pair = tuple[float, float]
@@ -152,7 +151,7 @@ TRUST = ("high", "low")
 def lattice_kind(name: str) -> str:
     """Return the kind of a lattice, "square" or "hexagonal"."""
     if name not in KINDS:
-        raise ValueError(f"A lattice is {' or '.join(KINDS)}, not {name!r}.")
+        raise ValueError(f"kind must be {' or '.join(KINDS)}, got {name!r}.")
     return name
 
 
@@ -170,18 +169,19 @@ class Lattice:
     Attributes
     ----------
     kind : {"square", "hexagonal"}
-        "rectangular" is read as "square".
+        Lattice type; "rectangular" is read as "square".
     origin : tuple of float
-        (y, x) of the centre of lenslet (0, 0), near the middle of the picture when estimated.
+        Centre (y, x) of lenslet (0, 0), near the middle of the picture if estimated.
     row, column : tuple of float
-        (y, x), steps to the next row (nearly +y) and to the next column (nearly +x).
+        Steps (y, x) to the next row (nearly +y) and to the next column (nearly +x).
     shape : tuple of int or None
-        (ny, nx) of the raw picture; None where a file does not tell.
+        Shape (ny, nx) of the raw picture; None if a file does not state it.
     residual : float
-        rms distance of local lattices from this one, in pixels; NaN when not estimated.
+        Root mean square distance of local lattices from this one, in pixels; NaN unless estimated.
     trust : {"high", "low"}
+        Reliability of an estimated lattice.
     verdict : str
-        One sentence on what was found.
+        Sentence on the result of the estimate.
 
     Examples
     --------
@@ -204,32 +204,32 @@ class Lattice:
         numbers = (*self.origin, *self.row, *self.column)
         object.__setattr__(self, "kind", lattice_kind(self.kind))
         if self.trust not in TRUST:
-            raise ValueError(f"The trust in a lattice is {' or '.join(TRUST)}, not {self.trust!r}.")
+            raise ValueError(f"trust must be {' or '.join(TRUST)}, got {self.trust!r}.")
         if len(numbers) != 6 or not np.isfinite(numbers).all():
             raise ValueError(
-                "The origin, row and column of a lattice are finite pairs (y, x), not "
+                "origin, row and column of a lattice must be finite pairs (y, x), got "
                 f"{self.origin}, {self.row}, {self.column}."
             )
         area = self.row[0] * self.column[1] - self.row[1] * self.column[0]
         if not (self.row[0] > 0 and self.column[1] > 0 and area > 0):
             raise ValueError(
-                "The rows of a lattice follow one another along +y and its columns along +x, not "
-                f"by {self.row} and {self.column}."
+                "rows of a lattice must follow along +y and columns along +x, got steps "
+                f"{self.row} and {self.column}."
             )
 
     @property
     def is_measured(self) -> bool:
-        """Whether the lattice was given or found, and does not stand in for a missing one."""
+        """False for a placeholder of a lattice that could not be measured."""
         return self.trust == "high" or math.isfinite(self.residual)
 
     @property
     def pitch(self) -> Pair:
-        """Distances between columns and between rows, in pixels: (abs(column), abs(row))."""
+        """Distances between columns and rows in pixels: (abs(column), abs(row))."""
         return math.hypot(*self.column), math.hypot(*self.row)
 
     @property
     def neighbour(self) -> float:
-        """Mean distance of nearest neighbours, in pixels."""
+        """Mean distance of nearest neighbours in pixels."""
         row, column = np.array(self.row), np.array(self.column)
         if self.kind == "square":
             return float(min(self.pitch))
@@ -239,40 +239,40 @@ class Lattice:
 
     @property
     def rotation(self) -> float:
-        """Angle in radians by which columns are turned from +x and rows from +y, their mean.
+        """Mean angle in radians of columns from +x and rows from +y.
 
-        Positive turns +x towards +y, that is clockwise on a screen.
+        Positive angles turn +x towards +y, clockwise on a screen.
         """
-        of_column = math.atan2(self.column[0], self.column[1])
-        return (of_column + math.atan2(-self.row[1], self.row[0])) / 2
+        column_angle = math.atan2(self.column[0], self.column[1])
+        return (column_angle + math.atan2(-self.row[1], self.row[0])) / 2
 
     @property
     def turned(self) -> bool:
-        """Whether a hexagonal lattice has its nearest neighbours along y."""
+        """True for a hexagonal lattice with nearest neighbours along y."""
         return self.kind == "hexagonal" and self.pitch[1] > self.pitch[0]
 
     def centres(self) -> Values:
-        """Centres (y, x) of all lenslets whose centre lies on the picture.
+        """Return the centres (y, x) of all lenslets with their centre on the picture.
 
         Returns
         -------
         numpy.ndarray
-            float64, shape (n, 2), row by row.
+            Centres, float64, shape (n, 2), row by row.
 
         Raises
         ------
         ValueError
-            If the shape of the picture is not known.
+            If the shape of the picture is unknown.
         """
         i, k = self._indices()
-        at = self.at(i, k)
+        positions = self.at(i, k)
         ny, nx = self._shape()
-        y, x = at[:, 0], at[:, 1]
-        on = (y >= -0.5) & (y < ny - 0.5) & (x >= -0.5) & (x < nx - 0.5)
-        return at[on]
+        y, x = positions[:, 0], positions[:, 1]
+        inside = (y >= -0.5) & (y < ny - 0.5) & (x >= -0.5) & (x < nx - 0.5)
+        return positions[inside]
 
     def at(self, i: Any, k: Any) -> Values:
-        """Centres (y, x) of the lenslets of row i and column k, float64, shape (..., 2)."""
+        """Return the centres (y, x) of lenslets in row i and column k, float64, shape (..., 2)."""
         i, k = np.broadcast_arrays(np.asarray(i), np.asarray(k))
         half_i = k % 2 / 2 if self.turned else 0.0
         half_k = i % 2 / 2 if self.kind == "hexagonal" and not self.turned else 0.0
@@ -280,16 +280,16 @@ class Lattice:
         return np.asarray(self.origin) + rows + (k + half_k)[..., None] * np.asarray(self.column)
 
     def views(self) -> tuple[int, int]:
-        """(V, U), the pixels across a sub-image: its pitch, rounded."""
+        """Return (V, U), the pixels across a sub-image: its pitch, rounded."""
         if self.kind == "hexagonal":
             return (max(1, round(self.neighbour)),) * 2
         return max(1, round(self.pitch[1])), max(1, round(self.pitch[0]))
 
     def view_steps(self, views: tuple[int, int], step: float | None = None) -> tuple[Pair, Pair]:
-        """Steps (y, x) in pixels from view to view, along the rows and along the columns.
+        """Return the steps (y, x) in pixels between views, along the rows and the columns.
 
-        ``step`` is their length; None divides the pitch by the number of views, for rows and
-        columns each (for the nearest neighbours of a hexagonal lattice).
+        ``step`` is their length; None divides the pitch by the number of views, separately for rows
+        and columns (the distance of nearest neighbours for a hexagonal lattice).
         """
         along, across = self.pitch
         near = self.neighbour
@@ -307,34 +307,34 @@ class Lattice:
         complete: bool = True,
         square: bool = False,
     ) -> LensletGrid:
-        """What to sample: a full rectangle of lenslets.
+        """Return the sampling grid of a full rectangle of lenslets.
 
         Parameters
         ----------
         views : tuple of int
-            (V, U).
+            Number (V, U) of views.
         step : float, optional
             Pixels a view; default as in `view_steps`.
         complete : bool
-            Whether the whole sub-image of every lenslet lies on the picture; else only its centre.
+            True if sub-images must be complete, False if their centres must lie on the picture.
         square : bool
-            Whether the lines of nearest neighbours of a hexagonal lattice are interpolated to
-            pixels as far apart as the lines are, sqrt(3)/2 of the pitch; else they keep the pitch.
+            True to interpolate the lines of nearest neighbours of a hexagonal lattice to square
+            pixels, sqrt(3)/2 of the pitch; False to keep the pitch.
 
         Returns
         -------
         LensletGrid
-            Of a `turned` lattice with rows and columns exchanged, views too.
+            Grid; for a `turned` lattice with rows and columns exchanged, views too.
 
         Raises
         ------
         ShapeError
-            If not one lenslet lies on the picture.
+            If no lenslet lies on the picture.
         """
         down, right = self.view_steps(views, step)
         reach = (np.array(views) - 1) / 2 if complete else np.zeros(2)
         margin = reach[0] * np.abs(down) + reach[1] * np.abs(right)
-        top, bottom, left, end = self._kept(margin)
+        top, bottom, left, end = self._complete_rectangle(margin)
         count = (bottom - top, end - left)
         first = self.at(top, left)
         shift = 0.0
@@ -352,27 +352,29 @@ class Lattice:
     def _shape(self) -> tuple[int, int]:
         if self.shape is None:
             raise ValueError(
-                "The lattice does not say how large its picture is: use replace(lattice, "
-                "shape=(ny, nx))."
+                "The lattice has no picture shape; set it by replace(lattice, shape=(ny, nx))."
             )
         return self.shape
 
     def _indices(self) -> tuple[Any, Any]:
-        """Rows and columns of all lenslets that may lie on the picture, flat."""
+        """Return rows and columns of all lenslets that may lie on the picture, flat."""
         ny, nx = self._shape()
         matrix = np.linalg.inv(np.array([self.row, self.column]).T)
         corners = np.array([(y, x) for y in (-0.5, ny) for x in (-0.5, nx)]) - self.origin
-        places = np.clip(corners @ matrix.T, -1e15, 1e15)  # whole numbers, however far it lies
-        low, high = np.floor(places.min(0)).astype(int) - 1, np.ceil(places.max(0)).astype(int) + 1
+        indices = np.clip(corners @ matrix.T, -1e15, 1e15)  # integers, however far away
+        low, high = (
+            np.floor(indices.min(0)).astype(int) - 1,
+            np.ceil(indices.max(0)).astype(int) + 1,
+        )
         i, k = np.mgrid[low[0] : high[0] + 1, low[1] : high[1] + 1]
         return i.ravel(), k.ravel()
 
-    def _kept(self, margin: Any) -> tuple[int, int, int, int]:
-        """Rows and columns of a large rectangle whose lenslets all keep a margin (y, x)."""
+    def _complete_rectangle(self, margin: Any) -> tuple[int, int, int, int]:
+        """Return a large rectangle of rows and columns whose lenslets keep a margin (y, x)."""
         ny, nx = self._shape()
         i, k = self._indices()
-        at = self.at(i, k)
-        low, high = at - margin, at + margin
+        centres = self.at(i, k)
+        low, high = centres - margin, centres + margin
         inside = (low >= -0.5).all(1) & (high < np.array([ny, nx]) - 0.5).all(1)
         good = inside.reshape(np.ptp(i) + 1, np.ptp(k) + 1)
         top, left, (bottom, right) = 0, 0, good.shape
@@ -384,29 +386,30 @@ class Lattice:
             left, right = left + (side == 2), right - (side == 3)
         if top >= bottom or left >= right:
             raise ShapeError(
-                f"No lenslet of pitch {self.neighbour:.4g} px has its whole sub-image on a picture "
-                f"of shape {(ny, nx)}: give complete=False, fewer views or a smaller step."
+                f"No lenslet of pitch {self.neighbour:.4g} px has a complete sub-image on a "
+                f"picture of shape {(ny, nx)}; pass complete=False, fewer views or a smaller step."
             )
         return int(i[0]) + top, int(i[0]) + bottom, int(k[0]) + left, int(k[0]) + right
 
     def to_json(self) -> str:
-        """The lattice as JSON (``format``: "clplen lattice", ``version``: 1)."""
+        """Return the lattice as JSON (``format``: "clplen lattice", ``version``: 1)."""
         return _json_of(self)
 
     @classmethod
     def from_json(cls, text: str, *, source: str = "The lattice") -> Lattice:
-        """The inverse of `to_json`; a CalInfo.json of LFToolbox is understood too.
+        """Create a lattice from `to_json`, or from a CalInfo.json of LFToolbox.
 
         Parameters
         ----------
         text : str
+            JSON of the lattice.
         source : str
-            What messages call it.
+            Name of the lattice in messages.
 
         Raises
         ------
         FormatError
-            If it is neither, or a number in it is missing or no lattice.
+            If the text is in neither format, or a number is missing or invalid.
         """
         fields = _parsed(text, source)
         try:
@@ -420,22 +423,22 @@ class Lattice:
         Raises
         ------
         OSError
-            If it cannot be written.
+            If the file cannot be written.
         """
         with replacing(path) as temporary:
             temporary.write_text(self.to_json() + "\n", encoding="utf-8")
 
     @classmethod
     def load(cls, path: PathLike) -> Lattice:
-        """Read what `save` wrote, or a CalInfo.json of LFToolbox.
+        """Read a file by `save`, or a CalInfo.json of LFToolbox.
 
         Raises
         ------
         FormatError
             If the file is missing, unreadable, or describes no lattice.
         """
-        if require_file(path, "lattice").stat().st_size > _LARGEST:
-            raise FormatError(f"{path} is larger than any file of a lattice: name another.")
+        if require_file(path, "lattice").stat().st_size > _MAX_FILE_BYTES:
+            raise FormatError(f"{path} is too large for a lattice file; choose another file.")
         try:
             text = Path(path).read_text(encoding="utf-8")
         except (OSError, UnicodeDecodeError) as error:
@@ -444,7 +447,7 @@ class Lattice:
 
 
 def _transposed(grid: LensletGrid) -> LensletGrid:
-    """The same lenslets with rows for columns."""
+    """Exchange rows and columns of a grid."""
     return replace(
         grid,
         exchanged=True,

@@ -1,4 +1,4 @@
-"""Raw lenslet images: what the sensor records, its noise, and where sub-images lie on it."""
+"""Raw lenslet images: the sensor's record, its noise, and the positions of sub-images."""
 
 from __future__ import annotations
 
@@ -19,36 +19,35 @@ from clplen.results import Plottable, Savable
 
 Spacing = tuple[float, float, float, float]
 Transforms = tuple[tuple[int, tuple[int, int]], ...]
-LARGEST_PRNU = 0.3
-_PATTERN = (0, 1288)  # of seeds: the pixels' sensitivities, apart from every frame's noise
+MAX_PRNU = 0.3
+_PATTERN = (0, 1288)  # entropy of the sensitivity pattern's seed, distinct from every frame's noise
 
 
 @dataclass(frozen=True, eq=False)
 class Exposure:
-    """How a raw image was simulated, and how exact it is.
+    """Simulation method and accuracy of a raw image.
 
     Attributes
     ----------
     route : str
-        "points", one field a point as large as the sensor, "local", a window of its own for each
-        point, "isoplanatic", a picture from patterns at a few places,
-        "snapshots", slides in partially coherent light, or "coherent", slides in a plane wave;
-        several joined by " + ".
+        Method: "points", one field per point over the sensor; "local", a window for each point;
+        "isoplanatic", a picture from patterns at a few positions; "snapshots", slides in partially
+        coherent light; "coherent", slides in a plane wave; several methods are joined by " + ".
     transforms : tuple
-        Fourier transforms as (how many, (ny, nx)) for each shape.
+        Fourier transforms as (count, (ny, nx)) for each shape.
     error : float
-        Measured deviation from one field a point, relative to the maximum: for a picture the
-        largest over three of its samples exposed both ways, 0 for the other routes. What snapshots
-        leave is in ``standard_error``.
+        Measured deviation from one field per point, relative to the maximum. For a picture it is
+        the largest over three samples exposed both ways, 0 for other methods; snapshots have
+        ``standard_error``.
     snapshots : int or None
-        Of partially coherent light.
+        Number of snapshots of partially coherent light.
     standard_error : Image or None
-        Of every pixel, from the scatter of the snapshots.
+        Standard error of every pixel, from the scatter of the snapshots.
     relative_error : float or None
         Standard error over mean: rms over the region, divided by its mean.
     wavelengths : int or None
-        By which sources with a spectrum, and all before colour filters, were exposed: the most
-        that a source took.
+        Largest number of wavelengths by which a source with a spectrum (behind colour filters, any
+        source) was exposed.
 
     Examples
     --------
@@ -85,20 +84,19 @@ class Exposure:
 
 
 class CameraModel(Protocol):
-    """What the light-field tower asks of a camera; all lengths in metres.
-    """
+    """Camera properties for light fields; all lengths in metres."""
 
     @property
     def kind(self) -> str:
-        """ "standard", "focused" or "microscope"."""
+        """Kind of camera: "standard", "focused" or "microscope"."""
 
     @property
     def image_distance(self) -> float:
-        """F, main lens to microlens array."""
+        """Distance F from the main lens to the microlens array."""
 
     @property
     def aperture_diameter(self) -> float:
-        """D, of the main lens."""
+        """Diameter D of the main lens."""
 
     @property
     def pixel_pitch(self) -> float:
@@ -106,19 +104,19 @@ class CameraModel(Protocol):
 
     @property
     def wavelength(self) -> float:
-        """Of the light."""
+        """Wavelength of the light."""
 
     @property
     def lenslet_pitch(self) -> float:
-        """p, between neighbouring lenslets of a row."""
+        """Pitch p between neighbouring lenslets of a row."""
 
     @property
     def lenslet_diameter(self) -> float:
-        """d, of a lenslet's aperture."""
+        """Diameter d of a lenslet's aperture."""
 
     @property
     def lenslet_focal_length(self) -> float:
-        """f_mu."""
+        """Focal length f_mu of a lenslet."""
 
     @property
     def lenslet_fill(self) -> str:
@@ -129,10 +127,10 @@ class CameraModel(Protocol):
         """Lattice of the lenslets, "square" or "hexagonal"."""
 
     def alpha(self, dz: Any) -> Any:
-        """alpha = F/F' of an object at dz from the focused plane."""
+        """Return alpha = F/F' of an object at dz from the focused plane."""
 
     def dz(self, alpha: Any) -> Any:
-        """The inverse of `alpha`."""
+        """Return dz of an alpha, the inverse of `alpha`."""
 
 
 class DepthTruth(Protocol):
@@ -140,36 +138,36 @@ class DepthTruth(Protocol):
 
     @property
     def disparity(self) -> np.ndarray[Any, np.dtype[np.float32]]:
-        """In pixels a view step; NaN where there is no surface."""
+        """Disparity in pixels a view step; NaN without a surface."""
 
     @property
     def z(self) -> np.ndarray[Any, np.dtype[np.float32]]:
-        """Metres from the focused plane, farther positive; NaN where not known."""
+        """Distance from the focused plane in metres, farther positive; NaN if unknown."""
 
 
 def tiled(tile: Any, shape: tuple[int, int]) -> np.ndarray[Any, Any]:
-    """Return a tile, such as one of colour filters, repeated over a sensor of a shape (ny, nx)."""
+    """Repeat a tile, such as colour filters, over a sensor of shape (ny, nx)."""
     (down, across), (ny, nx) = np.shape(tile), shape
     return np.tile(tile, (-(-ny // down), -(-nx // across)))[:ny, :nx]
 
 
 def is_telecentric(source: Any) -> bool:
-    """Whether what took a light field has its exit pupil at infinity."""
+    """Return True if the camera of a light field has its exit pupil at infinity."""
     return bool(getattr(getattr(source, "camera", None), "telecentric", False))
 
 
 @dataclass(frozen=True)
 class Levels:
-    """What the digital numbers of a sensor mean.
+    """Digital levels of a sensor.
 
     Attributes
     ----------
     black : float
-        Number of a pixel without light.
+        Level of a pixel without light.
     white : float
-        Number of a saturated pixel.
+        Level of a saturated pixel.
     bit_depth : int
-        Of the converter: numbers go from 0 to 2^bit_depth - 1.
+        Bits of the converter; levels range from 0 to 2^bit_depth - 1.
 
     Examples
     --------
@@ -190,32 +188,32 @@ class RawImage(Savable, Plottable, OnDevice):
     Attributes
     ----------
     data : pyopencl.array.Array
-        float32, shape (ny, nx), as it lies on the sensor (not inverted); (ny, nx, 3) of a colour
-        picture, which `LightField.from_raw` does not take.
+        Pixels, float32, shape (ny, nx) in sensor orientation (not inverted); (ny, nx, 3) for a
+        colour picture, which `LightField.from_raw` rejects.
     device : Device
-        The device that holds them.
+        Device of the pixels.
     pixel_pitch : float
-        In metres; NaN where a file does not tell.
+        Pixel pitch in metres; NaN if unknown.
     sub_images : LensletGrid
-        Where the images of the main lens' pupil lie (chief rays).
+        Images of the main lens' pupil (chief rays).
     cells : LensletGrid
-        The lenslets' own cells.
+        Cells of the lenslets.
     spacing : tuple of float
-        Signed (dv, du, dy, dx) in metres of the light field that it decodes to.
+        Signed (dv, du, dy, dx) in metres of the decoded light field.
     camera : CameraModel or None
-        The camera that took it.
+        Camera of the image.
     exposure : Exposure or None
-        How a camera of this package simulated it.
+        Simulation method, for a camera of this package.
     lattice : Lattice or None
-        Of a captured image: all its lenslets, of which ``sub_images`` are a full rectangle.
+        Lattice of a captured image with all lenslets; ``sub_images`` is a full rectangle of them.
     lens_types : tuple of LensType
-        Of a multi-focus array; empty for lenses of one kind.
+        Lens types of a multi-focus array; empty for lenses of one type.
     truth : DepthTruth or None
-        Of a synthetic scene, on the lattice of the light field that it decodes to.
+        Depth of a synthetic scene, on the grid of the decoded light field.
     mosaic : tuple of tuple of str or None
-        Names of the colour filters over the pixels, row by row, which repeat from pixel (0, 0) on.
+        Names of the colour filters of a tile, row by row, repeated from pixel (0, 0).
     levels : Levels or None
-        What the numbers of a sensor with ``bit_depth`` mean.
+        Digital levels of a sensor with ``bit_depth``.
 
     Examples
     --------
@@ -250,10 +248,11 @@ class RawImage(Savable, Plottable, OnDevice):
         super().__post_init__()
         if len(self.data.shape) not in (2, 3) or self.data.shape[2:] not in ((), (3,)):
             raise ShapeError(
-                f"A raw image has shape (ny, nx) or (ny, nx, 3), not {tuple(self.data.shape)}."
+                "A raw image must have shape (ny, nx) or (ny, nx, 3), got "
+                f"{tuple(self.data.shape)}."
             )
         if self.data.dtype != np.float32:
-            raise TypeError(f"A raw image on the device is float32, not {self.data.dtype}.")
+            raise TypeError(f"A raw image on the device must be float32, got {self.data.dtype}.")
 
     def __repr__(self) -> str:
         count = " x ".join(map(str, self.sub_images.count))
@@ -261,18 +260,18 @@ class RawImage(Savable, Plottable, OnDevice):
 
     @property
     def shape(self) -> tuple[int, int]:
-        """(ny, nx)."""
+        """Shape (ny, nx) of the sensor."""
         return (int(self.data.shape[0]), int(self.data.shape[1]))
 
     def above_black(self) -> RawImage:
-        """The raw image less its black level; itself where there is none."""
+        """Return the raw image less its black level, unchanged without one."""
         if self.levels is None or self.levels.black == 0:
             return self
         lit = self.device.upload(self.to_numpy() - np.float32(self.levels.black))
         return replace(self, data=lit, levels=None)
 
     def to_numpy(self) -> np.ndarray[Any, np.dtype[np.float32]]:
-        """The pixel values, float32, shape (ny, nx) or (ny, nx, 3)."""
+        """Return the pixel values, float32, shape (ny, nx) or (ny, nx, 3)."""
         return self.device.download(self.data)
 
 
@@ -281,46 +280,46 @@ Gains = tuple[tuple[str, float], ...]
 
 @dataclass(frozen=True)
 class Sensor:
-    """A photon-counting model; everything is off by default.
+    """A photon-counting sensor model; every effect is off by default.
 
     Parameters
     ----------
     exposure : float, optional
-        Photo-electrons for one unit of the raw image: of energy (a source of power 1), or, behind
-        colour filters, of signal. None leaves these units and switches everything else off.
+        Photo-electrons per unit of the raw image: of energy (a source of power 1) or, behind
+        colour filters, of signal. None keeps these units and disables every effect.
     shot_noise : bool
-        Poisson noise of the electrons, those of the dark current too.
+        True for Poisson noise of the electrons, including dark current.
     read_noise : float
-        Standard deviation in electrons a pixel.
+        Standard deviation of the read noise in electrons a pixel.
     full_well : float, optional
         Electrons at which a pixel saturates.
     bit_depth : int, optional
-        Bits of the converter: whole numbers from 0 to 2^bit_depth - 1. ``full_well`` is then
-        needed: it gives ``white_level``.
+        Bits of the converter, which gives integers from 0 to 2^bit_depth - 1; requires
+        ``full_well``, which maps to ``white_level``.
     seed : int
-        The same seed and image give the same noise; images of two devices differ by rounding, and
-        with it a few of the pixels' photons.
+        Seed of the noise. Equal seeds and images give equal noise; images of two devices differ by
+        rounding and thus in a few photons.
     prnu : float
-        Photo response non-uniformity: standard deviation of the pixels' sensitivities, relative to
-        their mean, 0 to .3; normally distributed, and the same in all frames of a seed.
+        Photo response non-uniformity: relative standard deviation of the pixels' sensitivities, 0
+        to 0.3; normally distributed, and equal in all frames of a seed.
     dark_current : float
-        Electrons a pixel and second; it needs ``exposure_time``.
+        Dark current in electrons a pixel and second; requires ``exposure_time``.
     exposure_time : float
-        In seconds. It makes dark current only: the light's electrons are those of ``exposure``.
+        Exposure time in seconds, for dark current only; ``exposure`` sets the light's electrons.
     black_level : float
-        Number of a pixel without electrons; it needs ``bit_depth``. Read noise goes below it.
+        Level of a pixel without electrons; requires ``bit_depth``. Read noise goes below it.
     white_level : float, optional
-        Number of a pixel at its full well with a gain of 1; default 2^bit_depth - 1.
+        Level of a pixel at its full well with a gain of 1; default 2^bit_depth - 1.
     gain : float or mapping of str to float
-        Amplification between pixel and converter, one for all or one for each colour filter. A
-        gain of 2 reaches ``white_level`` at half the full well.
+        Amplification between pixel and converter, a number or one for each colour filter. A gain of
+        2 reaches ``white_level`` at half the full well.
     frame : int
-        Number of the frame: others of the same seed have the same ``prnu`` and other noise.
+        Number of the frame; frames of one seed share ``prnu`` but differ in noise.
 
     Raises
     ------
     ValueError
-        For a value outside its range, or noise and bits asked for without an exposure.
+        If a value is out of range, or noise or bits are requested without an exposure.
 
     Examples
     --------
@@ -332,7 +331,7 @@ class Sensor:
     >>> taken = sensor.record(raw)
     >>> taken.levels
     Levels(black=0.0, white=1023.0, bit_depth=10)
-    >>> bool((taken.to_numpy() % 1 == 0).all())  # whole numbers
+    >>> bool((taken.to_numpy() % 1 == 0).all())  # integers
     True
     """
 
@@ -360,7 +359,7 @@ class Sensor:
         for name in ("exposure", "full_well"):
             value = getattr(self, name)
             if value is not None and not (is_finite(value) and value > 0):
-                raise ValueError(f"{name} is a positive number of electrons, not {value!r}.")
+                raise ValueError(f"{name} must be a positive number of electrons, got {value!r}.")
         for name, unit in (
             ("read_noise", "electrons"),
             ("dark_current", "electrons a pixel and second"),
@@ -368,35 +367,37 @@ class Sensor:
         ):
             value = getattr(self, name)
             if not (is_finite(value) and value >= 0):
-                raise ValueError(f"{name} is not negative, in {unit}, not {value!r}.")
-        if not (is_finite(self.prnu) and 0 <= self.prnu <= LARGEST_PRNU):
+                raise ValueError(f"{name} must not be negative, in {unit}, got {value!r}.")
+        if not (is_finite(self.prnu) and 0 <= self.prnu <= MAX_PRNU):
             raise ValueError(
-                f"prnu is a share of the sensitivity, 0 to {LARGEST_PRNU:g}, not {self.prnu!r}: "
-                "1 % is .01."
+                f"prnu must be a share of the sensitivity, 0 to {MAX_PRNU:g}, got "
+                f"{self.prnu!r}; 1 % is 0.01."
             )
         if self.dark_current and not self.exposure_time:
-            raise ValueError("dark_current needs exposure_time, in seconds.")
+            raise ValueError("dark_current requires exposure_time, in seconds.")
         for name in ("seed", "frame"):
             value = getattr(self, name)
             if not is_integer(value) or value < 0:
-                raise ValueError(f"{name} is a whole number, not negative, not {value!r}.")
-        wants = (
+                raise ValueError(f"{name} must be a non-negative integer, got {value!r}.")
+        has_noise = (
             self.shot_noise or self.read_noise or self.full_well or self.bit_depth or self.prnu
             or self.dark_current
         )  # fmt: skip
-        if wants and self.exposure is None:
-            raise ValueError("Noise, saturation and bits need exposure, electrons a unit energy.")
+        if has_noise and self.exposure is None:
+            raise ValueError(
+                "Noise, saturation and bits require exposure (electrons a unit energy)."
+            )
 
     def _check_numbers(self) -> None:
         bits = self.bit_depth
         if bits is not None and not (is_integer(bits) and 1 <= bits <= 24):
-            raise ValueError(f"bit_depth is a whole number between 1 and 24, not {bits!r}.")
+            raise ValueError(f"bit_depth must be an integer from 1 to 24, got {bits!r}.")
         if bits is not None and self.full_well is None:
-            raise ValueError("bit_depth needs full_well, the electrons of the largest number.")
+            raise ValueError("bit_depth requires full_well, the electrons of the largest level.")
         if bits is None:
             for name, default in (("black_level", 0.0), ("white_level", None), ("gain", 1.0)):
                 if getattr(self, name) != default:
-                    raise ValueError(f"{name} is of digital numbers: give bit_depth too.")
+                    raise ValueError(f"{name} is a digital level and requires bit_depth.")
             return
         top = 2 ** int(bits) - 1
         white = top if self.white_level is None else self.white_level
@@ -404,32 +405,32 @@ class Sensor:
             0 <= self.black_level < white <= top
         ):
             raise ValueError(
-                f"Levels of {bits} bits are 0 <= black_level < white_level <= {top}, not "
+                f"Levels of {bits} bits must satisfy 0 <= black_level < white_level <= {top}, got "
                 f"{self.black_level!r} and {white!r}."
             )
 
     def record(self, raw: RawImage) -> RawImage:
-        """The raw image as this sensor delivers it.
+        """Convert a raw image to this sensor's output.
 
-        Photo-electrons times the pixel's own sensitivity, plus dark current, as Poisson numbers,
-        plus read noise, cut off at the full well; times the gain, on the levels of the converter
-        (EMVA 1288, release 4.0, section 2).
+        Photo-electrons times the pixel's sensitivity, plus dark current, become Poisson numbers.
+        Read noise is added, the full well clips, and gain and levels of the converter follow (EMVA
+        1288, release 4.0, section 2).
 
         Parameters
         ----------
         raw : RawImage
-            In units of energy, or of signal behind colour filters.
+            Raw image in units of energy, or of signal behind colour filters.
 
         Returns
         -------
         RawImage
-            float32: electrons, or with ``bit_depth`` whole numbers from 0 to 2^bit_depth - 1, with
-            their ``levels``.
+            Raw image, float32: electrons, or with ``bit_depth`` integers from 0 to 2^bit_depth - 1
+            with their ``levels``.
 
         Raises
         ------
         ValueError
-            If there are gains for filters, and the raw image has others or none.
+            If there are gains for colour filters that the raw image does not have.
         """
         if self.exposure is None:
             return raw
@@ -457,15 +458,15 @@ class Sensor:
         return replace(raw, data=data, levels=levels)
 
     def _gain(self, raw: RawImage) -> Any:
-        """The gain of every pixel."""
+        """Return the gain of every pixel."""
         if isinstance(self.gain, float):
             return self.gain
         gains, names = dict(self.gain), {name for row in raw.mosaic or () for name in row}
         if names != set(gains):
-            found = ", ".join(sorted(names)) or "none"
+            filters = ", ".join(sorted(names)) or "none"
             raise ValueError(
-                f"gain is of the colour filters {', '.join(sorted(gains))}, and the raw image has "
-                f"{found}: give one number, or a gain for each of its filters."
+                "gain must be a number, or one for each colour filter of the raw image "
+                f"({filters}), got gains for {', '.join(sorted(gains))}."
             )
         assert raw.mosaic is not None
         tile = np.array([[gains[name] for name in row] for row in raw.mosaic])
@@ -473,15 +474,15 @@ class Sensor:
 
 
 def _gains(gain: Any) -> float | Gains:
-    """One gain or one for each colour filter, checked."""
+    """Check one gain, or one for each colour filter."""
     pairs = gain if isinstance(gain, tuple) else None
     if isinstance(gain, Mapping):
         pairs = tuple(gain.items())
     for value in [gain] if pairs is None else [value for _, value in pairs] or [None]:
         if not (is_finite(value) and value > 0):
             raise ValueError(
-                "gain is a number above 0, or one for each colour filter, such as {'R': 2.0, "
-                f"'G': 1.0, 'B': 1.5}}, not {gain!r}."
+                "gain must be a positive number, or one for each colour filter, such as {'R': 2.0, "
+                f"'G': 1.0, 'B': 1.5}}, got {gain!r}."
             )
     if pairs is None:
         return float(gain)
@@ -489,7 +490,7 @@ def _gains(gain: Any) -> float | Gains:
 
 
 def merged(transforms: Iterable[tuple[int, tuple[int, int]]]) -> Transforms:
-    """Return one entry for each shape of transforms."""
+    """Merge transforms of equal shape."""
     counts: dict[tuple[int, int], int] = {}
     for n, shape in transforms:
         counts[shape] = counts.get(shape, 0) + n

@@ -1,4 +1,4 @@
-"""Refocusing: shift every view by its constant and average, one plane or many."""
+"""Refocusing: shift the views and average them, for one plane or many."""
 
 from __future__ import annotations
 
@@ -34,16 +34,16 @@ from clplen.settings.light_fields import PlaneSettings, StackSettings, one_of_pl
 
 Vector = np.ndarray[Any, np.dtype[np.float64]]
 
-UPSAMPLE_BASE = 1e-3  # share of plain interpolation, which fills what no sample comes near
-_MOST_UPSAMPLE = 16
-DEVICE_FLOAT = 4.5  # bytes of one on the device: its spare buffers are up to an eighth larger
-HOST_FLOAT = 4  # bytes of one on the host
-_TAPS = 2  # pixels beyond a shift that interpolations reach
+UPSAMPLE_BASE = 1e-3  # weight of plain interpolation, which fills gaps between samples
+_MAX_UPSAMPLE = 16  # pixels of the picture per pixel of a view, along an axis
+DEVICE_FLOAT = 4.5  # bytes of a float on the device, whose spare buffers are up to an eighth larger
+HOST_FLOAT = 4  # bytes of a float on the host
+_TAPS = 2  # pixels that interpolation reaches beyond a shift
 
 
 @dataclass(frozen=True, eq=False, repr=False)
 class FocalStack(Savable, Plottable, OnDevice):
-    """Refocused pictures of one light field, registered to its centre view.
+    """Refocused pictures of a light field, registered to its centre view.
 
     Attributes
     ----------
@@ -51,17 +51,17 @@ class FocalStack(Savable, Plottable, OnDevice):
         float32, shape (n, y, x) or (n, y, x, c).
     device : Device
     disparities : numpy.ndarray
-        float64, shape (n,): pixels a view step along x.
+        Disparity of each plane in pixels a view step along x, float64, shape (n,).
     alphas : numpy.ndarray
-        float64, shape (n,): alpha = F/F' of each plane; NaN without spacing.
+        alpha = F/F' of each plane, float64, shape (n,); NaN without spacing.
     spacing : tuple of float or None
         Signed (dv, du, dy, dx) of the light field, in metres.
     camera : CameraModel or None
-        The camera that took it, when known.
+        Camera of the light field, if known.
     weights : numpy.ndarray or None
-        Of the views that were averaged, float32, shape (V, U); None when not known.
+        Weights of the averaged views, float32, shape (V, U); None if unknown.
     positions : numpy.ndarray or None
-        Of the views, as in `LightField`.
+        Positions of the views, as in `LightField`.
 
     Examples
     --------
@@ -101,58 +101,58 @@ def refocus(
     upsample: int = 1,
     device: DeviceLike | None = None,
 ) -> Image:
-    """Make the picture focused on another plane, or on a tilted or curved surface.
+    """Refocus a light field on another plane, or on a tilted or curved surface.
 
-    It is the weighted mean over the views of
+    The picture is the weighted mean over the views of
 
         L[v, u](y - (v - vc) d_y, x - (u - uc) d),    vc = (V - 1)/2, uc = (U - 1)/2
 
-    interpolated linearly (Ng 2005, shift and add, in constant shifts a view); a sample outside a
-    view counts neither in the sum nor in the weights. d_y = d where views and pixels are spaced
-    alike along y and x, else in proportion to their signed spacings, d (dv/dy)/(du/dx). Where the
-    light field has ``positions``, they take the place of v - vc and u - uc.
+    interpolated linearly (Ng 2005, shift and add, with constant shifts). A sample outside a view
+    has no weight. d_y = d if views and pixels have equal spacings along y and x, else
+    d (dv/dy)/(du/dx) with signed spacings. ``positions`` of the light field replace v - vc and
+    u - uc.
 
     Parameters
     ----------
     lf : LightField or array_like
-        On a device, or an array of shape (v, u, y, x[, c]).
+        Light field on a device, or an array of shape (v, u, y, x[, c]).
     alpha : float, optional
-        F/F', above 1 for planes farther than the one in focus; needs ``lf.spacing``.
+        Ratio F/F', above 1 for planes beyond the focus; requires ``lf.spacing``.
     disparity : float or array_like, optional
-        Shift d in pixels a view step along x, positive for nearer planes; or one of every pixel,
-        shape (y, x), as from `plane_through` or a `DepthMap` (whose shifts are then made in
-        float32). Exactly one of the two.
+        Shift d in pixels a view step along x, positive for nearer planes: a number, or a map of
+        shape (y, x), as from `plane_through` or a `DepthMap` (shifts are then computed in
+        float32). Exactly one of alpha and disparity is required.
     rescale : bool
-        The picture as it is on the synthetic plane, where it has another size: alpha^2 R(alpha x')
-        about the middle of the picture R, 0 outside; the Jacobian alpha^2 keeps its sum (thesis,
-        eq. 3.7). Needs ``lf.spacing``. Views of naive cells are directions, so that R is that
-        picture already, and that of a telecentric camera has the same size on every plane.
+        True to return the picture on the synthetic plane, where it has another size:
+        alpha^2 R(alpha x') about the middle of the picture R, 0 outside. The Jacobian alpha^2
+        keeps its sum (thesis, eq. 3.7). Requires ``lf.spacing``. It has no effect on naive cells,
+        whose R is that picture, or on telecentric cameras, whose size is constant.
     interpolation : {"linear", "nearest", "cubic", "fourier"}
-        How views are moved by fractions of a pixel. "nearest" rounds (halves up); "cubic" (Keys
-        1981, a = -1/2) repeats the edge sample within a view and takes no place outside it;
-        "fourier" turns the phases of their spectra, exact below the Nyquist frequency, with
-        periodic edges and every view in every pixel.
+        Interpolation for fractions of a pixel. "nearest" rounds (halves up); "cubic" (Keys 1981,
+        a = -1/2) repeats edge samples within a view and accepts no positions outside; "fourier"
+        applies phase ramps to the spectra, exact below the Nyquist frequency, with periodic edges
+        and all views in every pixel.
     upsample : int
-        Pixels of the picture along each axis for one of the views, 1 to 16. For a disparity off
-        the integers the samples of the views interleave and more detail is resolved (`upsampled`).
+        Pixels of the picture per pixel of a view along each axis, 1 to 16. At non-integer
+        disparities the samples of the views interleave and resolve more detail (`upsampled`).
     device : Device or str, optional
-        Where an array goes; default ``Device.open()``. A light field brings its own.
+        Device for an array; default ``Device.open()``. A light field stays on its device.
 
     Returns
     -------
     Image
-        Values of float32, shape (y, x[, c]), or (n y, n x[, c]) for ``upsample=n``.
+        Picture, float32, shape (y, x[, c]), or (n y, n x[, c]) for ``upsample=n``.
 
     Raises
     ------
     ValueError
-        If both or neither of alpha and disparity are given, the value is not finite or alpha is
-        not positive, no two views overlap on the plane or anywhere on the surface, what alpha needs
-        is not known, or options do not go together.
+        If not exactly one of alpha and disparity is set, a value is not finite or alpha not
+        positive, no two views overlap on the plane or the surface, the spacing for alpha is
+        unknown, or options are incompatible.
     TypeError
-        If it is stored and not on a device, or a raw image.
+        If the light field is stored, or is a raw image.
     ShapeError
-        If disparities are not one of every pixel.
+        If a disparity map does not match the pixels.
 
     Examples
     --------
@@ -165,14 +165,14 @@ def refocus(
     (64, 64)
     """
     lf = as_lightfield(lf, "focal_stack", device=device)
-    given = real_array(_exactly_one(alpha=alpha, disparity=disparity), "A plane", np.float64)
-    _check_options(np.ndim(given), rescale, interpolation, upsample)
-    if np.ndim(given) == 1:
-        raise ValueError("refocus makes one picture: give one number, or use focal_stack.")
-    disparities, alphas = _planes(lf, np.atleast_1d(given), alpha is not None)
+    plane = real_array(_require_one(alpha=alpha, disparity=disparity), "A plane", np.float64)
+    _check_options(np.ndim(plane), rescale, interpolation, upsample)
+    if np.ndim(plane) == 1:
+        raise ValueError("refocus needs a single plane; pass one number, or call focal_stack.")
+    disparities, alphas = _planes(lf, np.atleast_1d(plane), alpha is not None)
     rescale = rescale and not is_telecentric(lf)
     require_overlap(lf, lf.weights, disparities)
-    if np.ndim(given):
+    if np.ndim(plane):
         return Image(on_surface(lf, disparities, interpolation), lf.device)
     if rescale:
         require_alphas(alphas)
@@ -187,7 +187,7 @@ def refocus(
 def stack_on_planes(
     lf: LightField, planes: Vector, ratios: Vector, weights: Weights, interpolation: str = "linear"
 ) -> FocalStack:
-    """Make a focal stack on checked planes; of a tile, views may overlap only beyond it."""
+    """Compute a focal stack on checked planes; views of a tile may overlap outside it."""
     stack = 4 * planes.size * int(np.prod(lf.shape[2:], dtype=np.int64))
     lf.device.require_memory(stack + lf.data.nbytes, "This focal stack with its light field")
     data = _mean_of_views(lf, planes, weights, interpolation)
@@ -203,27 +203,29 @@ def stack_of(
     weights: Weights,
     interpolation: str,
 ) -> FocalStack:
-    """The pictures of a light field with what it knows; weights for linear interpolation only."""
-    known = weights if interpolation == "linear" else None
-    return FocalStack(data, device, planes, ratios, lf.spacing, lf.camera, known, lf.positions)
+    """Wrap pictures as a FocalStack; weights are stored for linear interpolation only."""
+    stored_weights = weights if interpolation == "linear" else None
+    return FocalStack(
+        data, device, planes, ratios, lf.spacing, lf.camera, stored_weights, lf.positions
+    )
 
 
 @dataclass(frozen=True)
 class MemoryEstimate:
-    """What a computation needs beside the samples, so that it can be made in tiles."""
+    """Memory of a computation in addition to the samples, for planning tiles."""
 
-    what: str  # As the subject of a sentence
-    planes: tuple[slice, ...]  # Groups of planes that are made one after the other of each tile
-    halo: tuple[int, int]  # (y, x) pixels that a result depends on, on every side
-    per_pixel: int  # Bytes a pixel that is read: temporary arrays and results, on device and host
-    largest: int  # Those of the largest array among them
-    kept: int = 0  # Bytes a pixel of the whole picture that are held until the end
-    before: int = 0  # Those that are held, at most, before and after the pass over the tiles
-    passes: int = 1  # How often all samples are read
+    subject: str  # Subject of a message
+    planes: tuple[slice, ...]  # Groups of planes that are computed in turn for each tile
+    halo: tuple[int, int]  # Pixels (y, x) on every side that a result depends on
+    per_pixel: int  # Bytes a pixel read: temporary arrays and results, on device and host
+    largest: int  # Bytes a pixel of the largest array among them
+    result_bytes: int = 0  # Bytes a pixel of the whole picture that are stored until the end
+    before: int = 0  # Maximum bytes a pixel stored before and after the pass over the tiles
+    passes: int = 1  # Number of passes over all samples
 
 
 def shear_halo(source: SampledViews, planes: Vector, reach: int) -> tuple[int, int]:
-    """Pixels (y, x) around a tile: as far as the planes shift views, and windows reach."""
+    """Return the halo (y, x) of a tile: shifts of the planes plus reach of the windows."""
     ends = np.array([planes.min(), planes.max()])  # shifts are linear in the disparity
     down, right = shifts(source, ends)
     if source.positions is None:
@@ -234,9 +236,9 @@ def shear_halo(source: SampledViews, planes: Vector, reach: int) -> tuple[int, i
 
 
 def stack_memory(
-    source: SampledViews, planes: Vector, *, kept: int = 0
+    source: SampledViews, planes: Vector, *, result_bytes: int = 0
 ) -> list[MemoryEstimate]:
-    """What a focal stack needs: all planes of a tile at once, or fewer and fewer."""
+    """Estimate a stack's memory: all planes of a tile at once, then ever smaller groups."""
     channels = (*source.shape, 1)[4]
     halo = shear_halo(source, planes, 0)
     estimates, count = [], planes.size
@@ -249,7 +251,7 @@ def stack_memory(
                 halo,
                 int(count * channels * (DEVICE_FLOAT + 2 * HOST_FLOAT)),
                 4 * count * channels,
-                kept,
+                result_bytes,
             )
         )
         if count == 1:
@@ -264,80 +266,78 @@ def stack_planes(
     alphas: ArrayLike | None,
     disparities: ArrayLike | None,
 ) -> tuple[Vector, Vector]:
-    """(disparities, alphas) of the planes of a stack, given as one of them.
+    """Return (disparities, alphas) of the planes of a stack from one of them.
 
-    Views of these weights must overlap on every plane; None for a linear map, where planes beyond
-    the views are zero.
+    Views of these weights must overlap on every plane; None skips the check for a linear map, in
+    which planes beyond the views are zero.
     """
     one_of_planes(alphas, disparities)
     if alphas is None:
-        given = plane_values(_exactly_one(alphas=alphas, disparities=disparities))
+        values = plane_values(_require_one(alphas=alphas, disparities=disparities))
     else:
-        given = plane_values(alphas, "alphas")
-    if given.ndim != 1 or given.size == 0:
+        values = plane_values(alphas, "alphas")
+    if values.ndim != 1 or values.size == 0:
         raise ValueError(
-            f"A focal stack takes a list of at least one plane, not shape {given.shape}."
+            f"A focal stack needs a list of at least one plane, got shape {values.shape}."
         )
-    planes = _planes(lf, given, alphas is not None)
+    planes = _planes(lf, values, alphas is not None)
     if weights is not None:
         require_overlap(lf, weights, planes[0])
     return planes
 
 
 def plane_values(planes: Any, name: str = "disparities") -> Vector:
-    """Return planes, numbers or START:STOP:N, as float64; ``name`` is that of the argument."""
+    """Return planes, numbers or START:STOP:N, as float64; ``name`` is the argument's name."""
     rule = setting_of(PlaneSettings, name)
-    given = rule.checked(planes) if isinstance(planes, str) else planes
-    values = real_array(given, "A list of planes", np.float64)
+    numbers = rule.checked(planes) if isinstance(planes, str) else planes
+    values = real_array(numbers, "A list of planes", np.float64)
     if values.ndim == 1 and not np.isfinite(values).all():
         rule.checked(values.tolist())
     return values
 
 
 def check_interpolation(interpolation: str) -> None:
-    """Refuse an unknown way to move views by fractions of a pixel."""
+    """Reject an unknown interpolation."""
     setting_of(StackSettings, "interpolation").checked(interpolation)
 
 
 def _check_options(ndim: int, rescale: bool, interpolation: str, upsample: int) -> None:
-    """Refuse options of `refocus` that do not go together."""
+    """Reject incompatible options of `refocus`."""
     check_interpolation(interpolation)
     if ndim and (rescale or upsample != 1 or interpolation == "fourier"):
         raise ValueError(
-            "Focus on a surface (a disparity of every pixel) goes neither with rescale, nor with "
-            "upsample, nor with interpolation='fourier': give one disparity, or leave them out."
+            "A per-pixel disparity cannot be combined with rescale, upsample or "
+            "interpolation='fourier'; pass one disparity, or omit these options."
         )
     if upsample != 1 and (rescale or interpolation != "linear"):
-        raise ValueError(
-            "upsample puts samples at their own places: leave out rescale and interpolation."
-        )
+        raise ValueError("upsample cannot be combined with rescale or interpolation; omit them.")
 
 
 def require_alphas(alphas: Vector) -> None:
-    """Refuse to rescale planes whose alpha is not known or not positive."""
+    """Reject rescaling of planes with an unknown or non-positive alpha."""
     wrong = alphas[~(alphas > 0)]
     if wrong.size:
         raise ValueError(
-            "rescale=True needs a positive alpha = F/F', and so the spacing of views and pixels in "
-            f"metres; here alpha is {wrong[0]}."
+            "rescale=True needs a positive alpha = F/F' and therefore the spacing of views and "
+            f"pixels in metres, got alpha {wrong[0]}."
         )
 
 
-def _exactly_one(**given: Any) -> Any:
-    """The one that is given of two options."""
-    values = [value for value in given.values() if value is not None]
+def _require_one(**options: Any) -> Any:
+    """Return the value of the only option that is set."""
+    values = [value for value in options.values() if value is not None]
     if len(values) != 1:
-        first, second = given
-        count = "both were" if values else "neither was"
-        raise ValueError(f"Give exactly one of {first} and {second}; {count} given.")
+        first, second = options
+        count = "both" if values else "neither"
+        raise ValueError(f"Pass exactly one of {first} and {second}, got {count}.")
     return values[0]
 
 
-def _planes(lf: FocusableViews, given: Any, are_alphas: bool) -> tuple[Vector, Vector]:
-    """(disparities, alphas) of planes given as one of them."""
-    values = real_array(given, "A plane", np.float64)
+def _planes(lf: FocusableViews, planes: Any, are_alphas: bool) -> tuple[Vector, Vector]:
+    """Return (disparities, alphas) of planes given as one of them."""
+    values = real_array(planes, "A plane", np.float64)
     if not np.isfinite(values).all():
-        raise ValueError(f"Planes are finite numbers, not {given!r}.")
+        raise ValueError(f"Planes must be finite numbers, got {planes!r}.")
     if are_alphas:
         return lf.disparity(values), values
     return values, lf.alpha(values)
@@ -346,7 +346,7 @@ def _planes(lf: FocusableViews, given: Any, are_alphas: bool) -> tuple[Vector, V
 def _mean_of_views(
     lf: LightField, disparities: Vector, weights: Any, interpolation: str
 ) -> cla.Array:
-    """Means of the views moved by their shifts, shape (n, y, x[, c])."""
+    """Average the views after their shifts, shape (n, y, x[, c])."""
     if interpolation == "fourier":
         return fourier_refocus(lf, disparities, weights)
     if interpolation == "cubic":
@@ -362,7 +362,7 @@ def _mean_of_views(
 
 
 def on_surface(lf: LightField, disparity: Any, interpolation: str = "linear") -> cla.Array:
-    """`refocus` on a surface, shape (y, x); of a tile, views may overlap only beyond it."""
+    """Refocus on a surface, shape (y, x); views of a tile may overlap outside it."""
     return _on_surface(lf, lf.weights, disparity, interpolation)
 
 
@@ -379,15 +379,15 @@ def _on_surface(lf: LightField, weights: Any, disparity: Any, interpolation: str
 
 
 def upsampled(lf: LightField, disparity: float, n: int, weights: Any) -> cla.Array:
-    """A picture focused on one disparity with n times the pixels along each axis.
+    """Refocus on one disparity with n times the pixels along each axis.
 
-    For a disparity off the integers, samples of different views fall between each other. Each is
-    put at its own place with a tent of one fine pixel to each side, and the sum divided by the
-    weights; a tent of one pixel of the views with weight `UPSAMPLE_BASE` fills what
-    none comes near. Fine pixel Y lies at (Y + 1/2)/n - 1/2 in pixels of the views.
+    At a non-integer disparity, samples of different views interleave. Each contributes at its
+    position with a tent of one fine pixel to each side, normalised by the weights. A tent of one
+    view pixel with weight `UPSAMPLE_BASE` fills gaps. Fine pixel Y lies at (Y + 1/2)/n - 1/2 in
+    pixels of the views.
     """
-    if not isinstance(n, Integral) or not 1 <= n <= _MOST_UPSAMPLE:
-        raise ValueError(f"upsample is a whole number from 1 to {_MOST_UPSAMPLE}, not {n!r}.")
+    if not isinstance(n, Integral) or not 1 <= n <= _MAX_UPSAMPLE:
+        raise ValueError(f"upsample must be an integer from 1 to {_MAX_UPSAMPLE}, got {n!r}.")
     n = int(n)
     _, _, ny, nx = lf.shape[:4]
     channels = lf.shape[4] if len(lf.shape) == 5 else 1

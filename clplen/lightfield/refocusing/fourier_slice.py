@@ -36,45 +36,44 @@ def fourier_stack(
     width: int = 6,
     device: DeviceLike | None = None,
 ) -> FocalStack:
-    """A focal stack by slicing the light field's 4-D spectrum (Ng 2005, Fourier slice).
+    """Compute a focal stack by slicing the light field's 4-D spectrum (Ng 2005).
 
     By (D3) the spectrum of a refocused picture is the spectrum of the light field on the plane
-    (fv, fu) = d (fy, fx): after one 4-D transform every plane costs a slice and an inverse 2-D
-    transform. The slice is interpolated between samples of a spectrum that is twice oversampled
-    along v and u, by a Kaiser-Bessel function of ``width`` samples (Jackson et al. 1991; its shape
-    by Beatty et al. 2005, eq. 5) whose transform is divided out before.
+    (fv, fu) = d (fy, fx). After one 4-D transform each plane needs a slice and an inverse 2-D
+    transform. The slice is interpolated in a spectrum that is oversampled twice along v and u, by
+    a Kaiser-Bessel function of ``width`` samples (Jackson et al. 1991; shape by Beatty et al. 2005,
+    eq. 5) whose transform is divided out first.
 
-    The pictures are those of ``focal_stack(interpolation="fourier")``: their edges are periodic,
-    so that a margin of half the aperture times d mixes opposite sides, and no pixel is left out
-    of the mean. The error of the slice against exact phase ramps is below 2e-3, 1e-4 and 1e-5 of
-    the largest value for widths of 4, 6 and 8.
+    The pictures are those of ``focal_stack(interpolation="fourier")`` with periodic edges: a margin
+    of half the aperture times d mixes opposite sides, and all pixels enter the mean. The error
+    against exact phase ramps is below 2e-3, 1e-4 and 1e-5 of the largest value for widths of 4, 6
+    and 8.
 
     Parameters
     ----------
     lf : LightField or array_like
-        Its views on the regular grid (no ``positions``).
+        Light field with views on the regular grid (no ``positions``).
     alphas, disparities : array_like, optional
-        Shape (n,); exactly one of the two.
+        Planes, shape (n,); exactly one of the two.
     aperture : int, float, str or array_like, optional
-        As in `LightField.render`.
+        Aperture, see `LightField.render`.
     width : int
-        2 to 12.
+        Number of taps, 2 to 12.
     device : Device or str, optional
-        Where an array goes; default ``Device.open()``. A light field brings its own.
+        Device for an array; default ``Device.open()``. A light field stays on its device.
 
     Returns
     -------
     FocalStack
-        float32, shape (n, y, x[, c]), without ``weights`` (nothing in it was interpolated
-        linearly).
+        Pictures, float32, shape (n, y, x[, c]), without ``weights`` (no linear interpolation).
 
     Raises
     ------
     ValueError
-        If the planes are not given as in `focal_stack`, the width is out of range, or the views
-        lie on no grid.
+        If the planes are not as in `focal_stack`, the width is out of range, or the views are off
+        the grid.
     DeviceError
-        If spectrum, stack and light field are larger than the device's memory.
+        If spectrum, stack and light field exceed the device's memory.
 
     Examples
     --------
@@ -84,11 +83,11 @@ def fourier_stack(
     """
     lf = as_lightfield(lf, device=device)
     if width not in _WIDTHS:
-        raise ValueError(f"A slice is {_WIDTHS[0]} to {_WIDTHS[-1]} samples wide, not {width!r}.")
+        raise ValueError(f"width must be {_WIDTHS[0]} to {_WIDTHS[-1]} samples, got {width!r}.")
     if lf.positions is not None:
         raise ValueError(
-            "A Fourier slice needs views on a regular grid, and this light field has positions: "
-            "use focal_stack, with interpolation='fourier' if periodic edges are wanted."
+            "A Fourier slice needs views on a regular grid, and this light field has positions; "
+            "use focal_stack (with interpolation='fourier' for periodic edges)."
         )
     require_two_plane(lf.parametrisation, "A Fourier slice")
     weights = view_weights(lf, aperture, None)
@@ -110,7 +109,7 @@ def fourier_stack(
 def _spectrum(
     lf: LightField, weights: Any, sizes: tuple[int, ...], width: int, channel: int
 ) -> cla.Array:
-    """4-D spectrum of one channel, oversampled along v and u about the centre view."""
+    """Compute one channel's 4-D spectrum, oversampled along v and u about the centre view."""
     V, U, ny, nx = lf.shape[:4]
     views = take_views(lf, weights.ravel(), np.arange(V * U), channel)
     lf.device.fft.forward(views, lf.device)
@@ -143,7 +142,7 @@ def _sliced(
 def _slice_tables(
     lf: LightField, planes: Vector, sizes: tuple[int, ...], width: int
 ) -> list[cla.Array]:
-    """First sample and weights of the slice, and the turn to the centre, along v and along u."""
+    """Return first sample and weights of the slice, and the centring phase, along v and u."""
     result = []
     for axis, ratio in enumerate((row_ratio(lf.spacing), 1.0)):
         n, K = lf.shape[2 + axis], sizes[axis]
@@ -162,7 +161,7 @@ def _slice_tables(
 
 
 def _shape_of(width: int) -> float:
-    """Beatty et al. 2005, eq. 5."""
+    """Return the shape parameter of Beatty et al. 2005, eq. 5."""
     half = 1 - 0.5 / _OVERSAMPLING
     return float(np.pi * np.sqrt(max((width * half) ** 2 - 0.8, 0)))
 
@@ -173,7 +172,7 @@ def _kaiser_bessel(distance: Vector, width: int) -> np.ndarray[Any, np.dtype[np.
 
 
 def _roll_off(n: int, size: int, width: int) -> Vector:
-    """Transform of the Kaiser-Bessel function at the views (Jackson et al. 1991)."""
+    """Return the transform of the Kaiser-Bessel function at the views (Jackson et al. 1991)."""
     t = np.pi * width * (np.arange(n) - n // 2) / size
     root = np.sqrt(_shape_of(width) ** 2 - t**2 + 0j)
     return np.asarray((np.sinh(root) / root).real)

@@ -1,4 +1,4 @@
-"""Volumetric focus: keep a range of depths of a light field by a filter of its 4-D spectrum."""
+"""Volumetric focus: select a depth range of a light field by a filter of its 4-D spectrum."""
 
 from __future__ import annotations
 
@@ -31,42 +31,41 @@ def hyperfan(
     bandwidth: float = 0.05,
     device: DeviceLike | None = None,
 ) -> LightField:
-    """Keep what lies between two disparities, in every view (Dansereau et al. 2013, hyperfan).
+    """Keep a range of disparities in every view (Dansereau et al. 2013, hyperfan).
 
     The spectrum of a light field of disparity d lies on (fv, fu) = d (fy, fx). The filter passes
-    2^(-(s/bandwidth)^2/2) at distance s from these places for low <= d <= high (modulo one cycle a
-    view): what lies there stays sharp in all views, the rest is blurred and noise is lowered.
-    Detail coarser than bandwidth over the distance in disparity passes from everywhere.
+    2^(-(s/bandwidth)^2/2) at the distance s from this set for low <= d <= high (modulo one cycle a
+    view). Objects in the range stay sharp in all views; others are blurred, and noise is reduced.
+    Detail coarser than bandwidth over the distance in disparity passes at any depth.
 
-    The aperture is mirrored at its edges, after the views were moved so that the middle disparity
-    lies still; a view of weight 0 is first taken from the nearest that has one. The edges of the
+    The aperture is mirrored at its edges, after shifting the views so that the middle disparity is
+    at rest; a view of weight 0 is first replaced by the nearest weighted view. Edges of the
     pictures are periodic.
 
     Parameters
     ----------
     lf : LightField or array_like
-        Its views on the regular grid (no ``positions``). Weights count as 0 or not.
+        Light field with views on the regular grid (no ``positions``); weights count as 0 or 1.
     low, high : float
-        Disparities, pixels a view step along x, low <= high, less than 2 apart. Near 2 the finest
-        detail passes whatever its depth: its spectrum then fills a whole cycle a view.
+        Disparities in pixels a view step along x, low <= high, less than 2 apart. Near 2 the finest
+        detail passes at any depth, since its spectrum fills a whole cycle a view.
     bandwidth : float
-        In cycles a view, where the amplitude has fallen to 1/sqrt(2); above 0, below 1/4. Each
+        Frequency in cycles a view at which the amplitude is 1/sqrt(2); above 0, below 1/4. Each
         view becomes a mean over about 0.13/bandwidth views to each side.
     device : Device or str, optional
-        Where an array goes; default ``Device.open()``. A light field brings its own.
+        Device for an array; default ``Device.open()``. A light field stays on its device.
 
     Returns
     -------
     LightField
-        float32, the same shape; every view has weight 1.
+        Light field, float32, of unchanged shape; every view has weight 1.
 
     Raises
     ------
     ValueError
-        If the disparities or the bandwidth are out of range, or the views lie on no grid.
+        If the disparities or the bandwidth are out of range, or the views are off the grid.
     DeviceError
-        If the spectrum of a channel, of four times its samples, is larger than the device's
-        memory.
+        If the spectrum of a channel, four times its samples, exceeds the device's memory.
 
     Examples
     --------
@@ -96,21 +95,23 @@ def hyperfan(
 
 def _check(lf: LightField, low: float, high: float, bandwidth: float) -> None:
     if not 0 < bandwidth < 0.25:
-        raise ValueError(f"bandwidth is above 0 and below 0.25 cycles a view, not {bandwidth!r}.")
+        raise ValueError(
+            f"bandwidth must be above 0 and below 0.25 cycles a view, got {bandwidth!r}."
+        )
     if not (np.isfinite([low, high]).all() and 0 <= high - low < 2):
         raise ValueError(
-            "A hyperfan keeps disparities from low to high >= low, less than 2 apart, not "
-            f"{low!r} to {high!r}."
+            "low and high must be finite disparities, high >= low and less than 2 apart, got "
+            f"{low!r} and {high!r}."
         )
     if lf.positions is not None:
         raise ValueError(
-            "A hyperfan needs views on a regular grid, and this light field has positions: "
+            "A hyperfan needs views on a regular grid, and this light field has positions; "
             "use flatten or refocus."
         )
 
 
 def _nearest_lit(lf: LightField) -> np.ndarray[Any, np.dtype[np.int64]]:
-    """For every view the nearest one of a weight (itself, mostly), shape (V U,)."""
+    """Return the nearest weighted view for every view, shape (V U,)."""
     lit = np.argwhere(lf.weights != 0)
     views = np.argwhere(np.ones_like(lf.weights))
     nearest = ((views[:, None] - lit[None]) ** 2).sum(axis=-1).argmin(axis=1)
@@ -118,7 +119,7 @@ def _nearest_lit(lf: LightField) -> np.ndarray[Any, np.dtype[np.int64]]:
 
 
 def _filtered(lf: LightField, views: cla.Array, reach: float, bandwidth: float) -> cla.Array:
-    """Spectra (V U, y, x) transformed over the mirrored aperture, filtered and brought back."""
+    """Filter spectra (V U, y, x) over the mirrored aperture."""
     V, U, ny, nx = lf.shape[:4]
     n = ny * nx
     forward, back = zip(*(_mirrored(count) for count in (V, U)), strict=True)
@@ -139,7 +140,7 @@ def _filtered(lf: LightField, views: cla.Array, reach: float, bandwidth: float) 
 
 
 def _mirrored(count: int) -> tuple[np.ndarray[Any, Any], np.ndarray[Any, Any]]:
-    """DFT of n views followed by their mirror image, (2 n, n), and back to the n views."""
+    """Return the DFT (2 n, n) of n views and their mirror image, and the inverse to n views."""
     first, mirror = np.arange(count), np.arange(2 * count - 1, count - 1, -1)
     forward = fourier_matrix(2 * count, first) + fourier_matrix(2 * count, mirror)
     return forward, fourier_matrix(2 * count, first, inverse=True)

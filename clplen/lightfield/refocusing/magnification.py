@@ -1,4 +1,4 @@
-"""Pictures on the synthetic plane of another focus, where they have another size; and back."""
+"""Scaling of pictures to the synthetic plane of another focus, with adjoint."""
 
 from __future__ import annotations
 
@@ -14,10 +14,10 @@ Table = np.ndarray[Any, Any]
 
 
 def magnify(picture: cla.Array, alpha: float, *, device: Device) -> cla.Array:
-    """A picture on the synthetic plane: alpha^2 R(alpha x') about the middle, linear, 0 outside."""
+    """Scale a picture to the synthetic plane: alpha^2 R(alpha x'), linear, 0 outside."""
     ny, nx, count = _sizes(picture)
     out = device.empty(picture.shape, np.float32)
-    tables = [table for n in (ny, nx) for table in _places(n, alpha)]
+    tables = [table for n in (ny, nx) for table in _source_positions(n, alpha)]
     device.launch_rows(
         device.kernel("magnify.cl", "magnify"),
         (ny, nx * count),
@@ -31,16 +31,16 @@ def magnify(picture: cla.Array, alpha: float, *, device: Device) -> cla.Array:
 
 
 def magnify_adjoint(picture: cla.Array, alpha: float, *, device: Device) -> cla.Array:
-    """The transpose of `magnify`, with the same arguments."""
+    """Apply the transpose of `magnify`, with equal arguments."""
     ny, nx, count = _sizes(picture)
     out = device.empty(picture.shape, np.float32)
     tables: list[Table] = []
     for n in (ny, nx):
-        whole, part = _places(n, alpha)
-        pixel, weight = np.stack((whole, whole + 1)), np.stack((1 - part, part))
+        pixels, fractions = _source_positions(n, alpha)
+        pixel, weight = np.stack((pixels, pixels + 1)), np.stack((1 - fractions, fractions))
         source = np.broadcast_to(np.arange(n), pixel.shape)
-        kept = (pixel >= 0) & (pixel < n) & (weight != 0)
-        tables += sparse_rows(pixel[kept], source[kept], weight[kept], n)
+        valid = (pixel >= 0) & (pixel < n) & (weight != 0)
+        tables += sparse_rows(pixel[valid], source[valid], weight[valid], n)
     device.launch_rows(
         device.kernel("magnify.cl", "spread"),
         (ny, nx * count),
@@ -54,13 +54,13 @@ def magnify_adjoint(picture: cla.Array, alpha: float, *, device: Device) -> cla.
 
 
 def _sizes(picture: cla.Array) -> tuple[int, int, int]:
-    """(ny, nx, channels)."""
+    """Return (ny, nx, channels)."""
     ny, nx, count = (*(int(n) for n in picture.shape), 1)[:3]
     return ny, nx, count
 
 
-def _places(n: int, alpha: float) -> tuple[Table, Table]:
-    """The pixel before the place that each of n pixels shows, int32; the fraction, float32."""
+def _source_positions(n: int, alpha: float) -> tuple[Table, Table]:
+    """Return the pixel below each of n source positions, int32, and the fraction, float32."""
     position = (n - 1) / 2 + alpha * (np.arange(n) - (n - 1) / 2)
-    whole = np.floor(np.clip(position, -2, n))
-    return whole.astype(np.int32), (position - whole).astype(np.float32)
+    pixels = np.floor(np.clip(position, -2, n))
+    return pixels.astype(np.int32), (position - pixels).astype(np.float32)

@@ -1,4 +1,4 @@
-"""Exact shifts of views by phase ramps in their spectra, and means of what was shifted."""
+"""Exact shifts of views by phase ramps in their spectra, and means of shifted views."""
 
 from __future__ import annotations
 
@@ -22,12 +22,12 @@ Matrix = np.ndarray[Any, np.dtype[np.complex128]]
 
 
 def channels_of(lf: LightField) -> int:
-    """Colours of a light field, 1 without."""
+    """Return the number of channels of a light field."""
     return lf.shape[4] if len(lf.shape) == 5 else 1
 
 
 def take_views(lf: LightField, weights: Any, views: Any, channel: int) -> cla.Array:
-    """Views of one channel times their weights, complex64, shape (k, y, x)."""
+    """Return the weighted views of one channel, complex64, shape (k, y, x)."""
     ny, nx = lf.shape[2:4]
     views = np.asarray(views, np.int32)
     out = lf.device.empty((len(views), ny, nx), np.complex64)
@@ -44,7 +44,7 @@ def take_views(lf: LightField, weights: Any, views: Any, channel: int) -> cla.Ar
 
 
 def keep_real(out: cla.Array, values: cla.Array, scale: Any, channel: int, lf: LightField) -> None:
-    """Real parts of pictures (k, y, x), each times its scale, into a channel of (k, y, x[, c])."""
+    """Write scaled real parts of pictures (k, y, x) to a channel of (k, y, x[, c])."""
     count, ny, nx = (int(n) for n in values.shape)
     lf.device.launch_rows(
         lf.device.kernel("fourier.cl", "keep_real"),
@@ -56,12 +56,12 @@ def keep_real(out: cla.Array, values: cla.Array, scale: Any, channel: int, lf: L
     )
 
 
-def fourier_matrix(size: int, places: np.ndarray[Any, Any], *, inverse: bool = False) -> Matrix:
-    """exp(-2 pi i k t / size) of frequencies k = 0 .. size - 1 and places t, shape (size, n).
+def fourier_matrix(size: int, positions: np.ndarray[Any, Any], *, inverse: bool = False) -> Matrix:
+    """Return exp(-2 pi i k t/size) for k = 0 .. size - 1 and positions t, shape (size, n).
 
-    The inverse is its conjugate over the size, transposed: (n, size).
+    The inverse is the conjugate transpose over the size, (n, size).
     """
-    turns = np.outer(np.arange(size), places) / size
+    turns = np.outer(np.arange(size), positions) / size
     matrix = np.exp(-2j * np.pi * (turns - np.rint(turns)))
     return matrix.conj().T / size if inverse else matrix
 
@@ -84,7 +84,7 @@ def transform_views(
 
 
 def fourier_refocus(lf: LightField, disparities: Vector, weights: Any) -> cla.Array:
-    """Mean of the views, each shifted exactly by a phase ramp in its spectrum; periodic edges."""
+    """Average the views, shifted exactly by phase ramps of their spectra; periodic edges."""
     device, count = lf.device, len(disparities)
     _, U, ny, nx = lf.shape[:4]
     down, right = shifts(lf, disparities)
@@ -113,7 +113,7 @@ def fourier_refocus(lf: LightField, disparities: Vector, weights: Any) -> cla.Ar
 
 
 def shift_spectra(lf: LightField, spectra: cla.Array, down: Vector, right: Vector) -> None:
-    """Move pictures, given by their spectra (k, y, x), by so many pixels each, in place."""
+    """Shift pictures, given as spectra (k, y, x), in place by some pixels each."""
     count, ny, nx = (int(n) for n in spectra.shape)
     lf.device.launch_rows(
         lf.device.kernel("fourier.cl", "turn_views"),
@@ -126,7 +126,7 @@ def shift_spectra(lf: LightField, spectra: cla.Array, down: Vector, right: Vecto
 
 
 def _ramp(shift: Vector, n: int) -> np.ndarray[Any, np.dtype[np.complex64]]:
-    """exp(2 pi i f s) of every shift, shape (..., n)."""
+    """Return exp(2 pi i f s) of every shift, shape (..., n)."""
     turns = np.multiply.outer(shift, np.fft.fftfreq(n))
     return np.exp(2j * np.pi * (turns - np.rint(turns))).astype(np.complex64)
 
@@ -134,34 +134,34 @@ def _ramp(shift: Vector, n: int) -> np.ndarray[Any, np.dtype[np.complex64]]:
 def shift_views(
     lf: LightField | ArrayLike, steps: Any, *, device: DeviceLike | None = None
 ) -> LightField:
-    """A light field whose views are moved, each by its own distance.
+    """Shift each view of a light field by its own distance.
 
-    What lay at (y + steps[v, u, 0], x + steps[v, u, 1]) of view (v, u) comes to (y, x), by the
-    phase of its spectrum: exact below the Nyquist frequency, edges periodic, sums kept. The views
-    keep their places on the main lens.
+    The sample at (y + steps[v, u, 0], x + steps[v, u, 1]) of view (v, u) moves to (y, x), by the
+    phase of its spectrum: exact below the Nyquist frequency, with periodic edges and constant sums.
+    The views' positions on the main lens do not change.
 
     Parameters
     ----------
     lf : LightField or array_like
         The light field.
     steps : array_like
-        Shape (V, U, 2), (y, x) in pixels, finite.
+        Shifts (y, x) in pixels, shape (V, U, 2), finite.
     device : Device or str, optional
-        Where an array goes; default ``Device.open()``. A light field brings its own.
+        Device for an array; default ``Device.open()``. A light field stays on its device.
 
     Returns
     -------
     LightField
-        float32, of the same shape; it has no raw image.
+        Light field, float32, of unchanged shape, without a raw image.
 
     Raises
     ------
     ShapeError
-        If the steps are not two for each view.
+        If the steps are not a pair for each view.
     ValueError
-        If one is not finite.
+        If a step is not finite.
     DeviceError
-        If both light fields do not fit the device.
+        If both light fields exceed the device's memory.
 
     Examples
     --------
@@ -174,9 +174,9 @@ def shift_views(
     shift = real_array(steps, "steps", np.float64)
     V, U, ny, nx = lf.shape[:4]
     if shift.shape != (V, U, 2):
-        raise ShapeError(f"Views are moved by (y, x) each, shape {(V, U, 2)}, not {shift.shape}.")
+        raise ShapeError(f"steps must have shape {(V, U, 2)}, got {shift.shape}.")
     if not np.isfinite(shift).all():
-        raise ValueError("The steps of views are finite numbers of pixels.")
+        raise ValueError("steps must be finite, in pixels.")
     device, row_shape = lf.device, (U, ny, nx, *lf.shape[4:])
     device.require_memory(2 * 4 * int(np.prod(lf.shape)), "The light field of moved views")
     out = device.empty(lf.shape, np.float32)

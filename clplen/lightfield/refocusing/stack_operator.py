@@ -23,42 +23,42 @@ from clplen.lightfield.refocusing.magnification import magnify, magnify_adjoint
 
 
 class StackOperator(LinearStep):
-    """A focal stack as a linear map of the light field: `focal_stack`, and its adjoint.
+    """Refocusing by `focal_stack` as a linear map, with its adjoint.
 
-    The forward map is that of ``focal_stack(lf, disparities=..., aperture=...)`` with linear
-    interpolation, bit for bit, edges included: a picture is the mean of the samples that lie inside
-    their views. The adjoint divides every picture by the weights of these samples, and gives each
-    view the sum of the pictures moved back. One plane is `refocus`.
+    The forward map equals ``focal_stack(lf, disparities=..., aperture=...)`` with linear
+    interpolation bit by bit, edges included: a picture is the mean of the samples inside their
+    views. The adjoint divides every picture by the weights of these samples; each view is the sum
+    of the pictures shifted back. One plane is `refocus`.
 
     Parameters
     ----------
     lf : LightField or tuple of int
-        Whose geometry and weights are taken, not its samples; or the shape (v, u, y, x[, c]) of
-        views of weight 1. A view of weight 0 has no part in the stack, and the adjoint leaves it 0:
-        `LightField.from_array` gives that weight to black views.
+        Light field with the geometry and the weights, whose samples are not used; or the shape
+        (v, u, y, x[, c]) of views of weight 1. Views of weight 0, the default for black views in
+        `LightField.from_array`, are not used, and their adjoint is 0.
     disparities, alphas : array_like
-        Planes, as of `focal_stack`; exactly one of the two.
+        Planes, see `focal_stack`; exactly one of the two.
     aperture : optional
-        As of `LightField.render`.
+        Aperture, see `LightField.render`.
     rescale : bool
-        Every picture as it is on its synthetic plane, as of `refocus`.
+        True to return pictures on their synthetic planes, see `refocus`.
     device : Device or str, optional
-        Where a shape is computed; default ``Device.open()``. A light field brings its own.
+        Device for a shape; default ``Device.open()``. A light field stays on its device.
 
     Attributes
     ----------
     disparities, alphas : numpy.ndarray
-        float64, shape (n,).
+        Planes, float64, shape (n,).
     weights : numpy.ndarray
-        float32, shape (V, U).
+        Weights of the views, float32, shape (V, U).
     in_shape, out_shape : tuple of int
-        (v, u, y, x[, c]) and (n, y, x[, c]).
+        Shapes (v, u, y, x[, c]) and (n, y, x[, c]).
     device : Device
 
     Raises
     ------
     ValueError, ShapeError, TypeError
-        As `focal_stack`, or if it is made of something else.
+        Errors of `focal_stack`, or an invalid ``lf``.
 
     Examples
     --------
@@ -74,7 +74,7 @@ class StackOperator(LinearStep):
     True
     """
 
-    _takes = (LightField, FocalStack)
+    _operand_types = (LightField, FocalStack)
 
     def __init__(
         self,
@@ -100,13 +100,13 @@ class StackOperator(LinearStep):
             require_alphas(self.alphas)
         self._resize = self._resize and self._geometry.decode != "naive"
 
-    def _about(self) -> str:
+    def _details(self) -> str:
         d = self.disparities
         resized = ", rescaled" if self._resize else ""
         return f", disparities {d.min():g} to {d.max():g}{resized}"
 
     def _resized(self, pictures: cla.Array, change: Callable[..., cla.Array]) -> cla.Array:
-        """Every picture magnified, or the adjoint of that; themselves without ``rescale``."""
+        """Magnify every picture, or apply the adjoint; unchanged without ``rescale``."""
         if not self._resize:
             return pictures
         out = self.device.empty(pictures.shape, np.float32)
@@ -124,7 +124,7 @@ class StackOperator(LinearStep):
         stack = self._resized(data, magnify_adjoint)
         return shear_adjoint(stack, self.in_shape, self.weights, *self._shifts, device=self.device)
 
-    def _made(self, data: cla.Array, adjoint: bool) -> Any:
+    def _wrap(self, data: cla.Array, adjoint: bool) -> Any:
         geometry = self._geometry
         if adjoint:
             return geometry.light_field(data)

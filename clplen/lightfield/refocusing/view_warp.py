@@ -1,4 +1,4 @@
-"""Views from a picture and its disparity, and the gradients of a loss through them."""
+"""Model of views by a picture and its disparity, with gradients of a loss."""
 
 from __future__ import annotations
 
@@ -17,55 +17,55 @@ from clplen.lightfield.model.light_field import LightField
 from clplen.lightfield.model.render_operator import ViewGeometry
 from clplen.types import Float32Array
 
-_BAND = 32  # rows of the picture that a CPU's work-item gathers
+_BAND = 32  # rows of the picture per work-item of a CPU
 
 
 def finite_of_shape(values: Any, shape: tuple[int, ...], what: str) -> Float32Array:
-    """Finite values of a shape, float32."""
+    """Return finite values of a shape, float32."""
     array = real_array(values, what)
     if array.shape != shape:
-        raise ShapeError(f"{what} of this model has shape {shape}, not {array.shape}.")
+        raise ShapeError(f"{what} of this model must have shape {shape}, got {array.shape}.")
     bad = array.size - int(np.count_nonzero(np.isfinite(array)))
     if bad:
-        raise ValueError(f"{what} has {bad:,} values that are NaN or infinite: replace them.")
+        raise ValueError(f"{what} must be finite, got {bad:,} values that are NaN or infinite.")
     return array
 
 
 class ViewWarp:
-    """The views of a picture, by a disparity of every pixel: a model of a light field.
+    """Views of a picture with a disparity for every pixel, as a differentiable model.
 
-    View (v, u) is the picture, moved by its own disparity and interpolated linearly:
+    View (v, u) is the picture, shifted by its disparity and interpolated linearly:
 
         L[v, u](y, x) = P(y + (v - vc) d_y, x + (u - uc) d),    d = d[y, x] of the centre view
 
-    with d_y = d where views and pixels are spaced alike along y and x, as of `refocus`. Positions
-    off the picture are those of its edge. It is an approximation: each view is looked up with the
-    disparities of the centre view, which is right where these change little over the distance
-    that a point moves, and knows nothing of what hides what.
+    with d_y = d if views and pixels have equal spacings along y and x, as in `refocus`. Positions
+    off the picture take the edge value. The model is an approximation: each view uses the
+    disparities of the centre view, which is valid if they vary little over the shift of a point,
+    and occlusions are ignored.
 
-    The model is linear in the picture, not in the disparity. `vjp` gives the gradients of a loss
-    with respect to both, exact for the model as it is computed; where a position is a whole pixel,
-    and interpolation has a kink, the slope towards the next pixel is taken.
+    The model is linear in the picture, not in the disparity. `vjp` gives the gradients of a loss by
+    both, exact for the model as computed. At whole-pixel positions, where interpolation has a
+    kink, the slope towards the next pixel is used.
 
     Parameters
     ----------
     lf : LightField or tuple of int
-        Whose geometry is taken, not its samples; or the shape (v, u, y, x[, c]).
+        Light field with the geometry, whose samples are not used; or the shape (v, u, y, x[, c]).
     device : Device or str, optional
-        Where a shape is computed; default ``Device.open()``. A light field brings its own.
+        Device for a shape; default ``Device.open()``. A light field stays on its device.
 
     Attributes
     ----------
     shape : tuple of int
-        (v, u, y, x[, c]) of the light field.
+        Shape (v, u, y, x[, c]) of the light field.
     steps : numpy.ndarray
-        float64, shape (V, U, 2): pixels (y, x) by which disparity 1 moves the look-up.
+        Shifts (y, x) of the look-up in pixels at disparity 1, float64, shape (V, U, 2).
     device : Device
 
     Raises
     ------
     TypeError, ShapeError
-        If it is made of something else.
+        If ``lf`` is neither a light field nor a shape.
     ValueError
         If the views are directions.
 
@@ -76,8 +76,8 @@ class ViewWarp:
     >>> model = clplen.lightfield.ViewWarp((3, 3, 24, 32))
     >>> views = model.forward(picture, disparity)
     >>> error = model.forward(picture, disparity + 0.1).to_numpy() - views.to_numpy()
-    >>> of_picture, of_disparity = model.vjp(picture, disparity + 0.1, error)  # of the loss
-    >>> of_picture.shape, bool(of_disparity[4:-4, 4:-4].mean() > 0)  # sum(error**2)/2
+    >>> by_picture, by_disparity = model.vjp(picture, disparity + 0.1, error)  # of the loss
+    >>> by_picture.shape, bool(by_disparity[4:-4, 4:-4].mean() > 0)  # sum(error**2)/2
     ((24, 32), True)
     """
 
@@ -93,30 +93,30 @@ class ViewWarp:
         return f"<ViewWarp of {self.shape[2:]} to {self.shape}, {self.device.name}>"
 
     def forward(self, picture: ArrayLike, disparity: ArrayLike) -> LightField:
-        """The views.
+        """Compute the views.
 
         Parameters
         ----------
         picture : Image or array_like
-            Shape (y, x[, c]).
+            Picture of shape (y, x[, c]).
         disparity : DepthMap or array_like
-            Pixels a view step, of every pixel, shape (y, x).
+            Disparity of every pixel in pixels a view step, shape (y, x).
 
         Returns
         -------
         LightField
-            float32.
+            Views, float32.
 
         Raises
         ------
         ShapeError
-            If they have other shapes.
+            If an argument has a wrong shape.
         ValueError
             If a value is not finite.
         TypeError
-            If they are no arrays of real numbers.
+            If an argument is not a real array.
         DeviceError
-            If the memory of the device does not suffice.
+            If the device's memory does not suffice.
         """
         data = self.forward_data(*self._uploaded(picture, disparity))
         return self._geometry.light_field(data)
@@ -124,32 +124,34 @@ class ViewWarp:
     def vjp(
         self, picture: ArrayLike, disparity: ArrayLike, gradient: Any
     ) -> tuple[Float32Array, Float32Array]:
-        """Gradients of a loss with respect to picture and disparity, by that of the views.
+        """Compute gradients of a loss by picture and disparity from its gradient by the views.
 
         Parameters
         ----------
         picture, disparity
-            As given to `forward`.
+            Arguments of `forward`.
         gradient : LightField or array_like
-            Of the loss with respect to every sample of the views, shape (v, u, y, x[, c]).
+            Gradient of the loss by every sample of the views, shape (v, u, y, x[, c]).
 
         Returns
         -------
         tuple of numpy.ndarray
-            float32, of the picture's shape and of the disparity's.
+            Gradients, float32, with the shapes of picture and disparity.
 
         Raises
         ------
         ShapeError, ValueError, TypeError, DeviceError
-            As `forward`.
+            Errors of `forward`.
         """
-        given = self._uploaded(picture, disparity)
-        of_views = finite_of_shape(gradient, self.shape, "The gradient of the views")
-        of_picture, of_disparity = self.vjp_data(*given, self.device.upload(of_views))
-        return self.device.download(of_picture), self.device.download(of_disparity)
+        arrays = self._uploaded(picture, disparity)
+        views_gradient = finite_of_shape(gradient, self.shape, "The gradient of the views")
+        picture_gradient, disparity_gradient = self.vjp_data(
+            *arrays, self.device.upload(views_gradient)
+        )
+        return self.device.download(picture_gradient), self.device.download(disparity_gradient)
 
     def forward_data(self, picture: cla.Array, disparity: cla.Array) -> cla.Array:
-        """The views on the device, float32, of a picture and a finite disparity there."""
+        """Compute the views on the device, float32, from a picture and a finite disparity."""
         device = self.device
         device.require_memory(4 * math.prod(self.shape), "The views of this picture")
         self._require(picture, disparity)
@@ -166,33 +168,33 @@ class ViewWarp:
     def vjp_data(
         self, picture: cla.Array, disparity: cla.Array, gradient: cla.Array
     ) -> tuple[cla.Array, cla.Array]:
-        """`vjp` on the device, of C-contiguous float32 arrays."""
+        """Compute `vjp` on the device, on C-contiguous float32 arrays."""
         self._require(picture, disparity, gradient)
         device, steps = self.device, self._steps()
         count, ny, nx, channels = self._sizes
         sizes = [np.int32(n) for n in (count, ny, nx, channels)]
-        of_disparity = device.empty((ny, nx), np.float32)
+        disparity_gradient = device.empty((ny, nx), np.float32)
         device.launch_rows(
             device.kernel("warp.cl", "of_disparity", **self._form),
             (ny, nx),
-            *(of_disparity, gradient, picture, disparity, steps),
+            *(disparity_gradient, gradient, picture, disparity, steps),
             *sizes,
         )
-        of_picture = device.empty(self.shape[2:], np.float32)
+        picture_gradient = device.empty(self.shape[2:], np.float32)
         values = device.download(disparity)
         device.launch(
             device.kernel("warp.cl", "of_picture", **self._form),
             (-(-ny // _BAND), 1) if device.rows else (nx * channels, ny),
-            *(of_picture, gradient, disparity, steps),
+            *(picture_gradient, gradient, disparity, steps),
             *sizes,
             *(np.float32(n) for n in (values.min(), values.max())),
             np.int32(_BAND),
         )
-        return of_picture, of_disparity
+        return picture_gradient, disparity_gradient
 
     @property
     def _sizes(self) -> tuple[int, int, int, int]:
-        """(views, ny, nx, channels)."""
+        """Sizes (views, ny, nx, channels)."""
         V, U, ny, nx, channels = (*self.shape, 1)[:5]
         return V * U, ny, nx, channels
 
@@ -211,11 +213,11 @@ class ViewWarp:
         )
 
     def _require(self, *arrays: cla.Array) -> None:
-        """Refuse arrays of the device that are not (picture, disparity[, gradient])."""
-        wanted = (self.shape[2:], self.shape[2:4], self.shape)
-        for array, shape in zip(arrays, wanted, strict=False):
+        """Reject device arrays that are not (picture, disparity[, gradient])."""
+        shapes = (self.shape[2:], self.shape[2:4], self.shape)
+        for array, shape in zip(arrays, shapes, strict=False):
             if tuple(array.shape) != shape or array.dtype != np.float32:
                 raise ShapeError(
-                    f"{type(self).__name__} takes float32 arrays of shape {shape} here, not "
+                    f"{type(self).__name__} must get a float32 array of shape {shape}, got "
                     f"{tuple(array.shape)} ({array.dtype})."
                 )

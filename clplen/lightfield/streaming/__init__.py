@@ -1,2 +1,1 @@
-"""Light fields larger than memory, tile by tile. What comes in is a `StoredLightField` and a budget
-of bytes; what leaves is what the rooms below make of a whole light field, with the same values."""
+"""Tiled processing of light fields larger than memory, with results equal to whole ones."""

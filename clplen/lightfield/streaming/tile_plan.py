@@ -1,4 +1,4 @@
-"""Which parts of a stored light field are read in turn, so that a budget of memory suffices."""
+"""Plan of the tiles of a stored light field for a budget of memory."""
 
 from __future__ import annotations
 
@@ -14,24 +14,25 @@ from clplen.lightfield.model.stored_light_field import StoredLightField
 from clplen.lightfield.refocusing.focal_stacks import MemoryEstimate
 from clplen.reprs import OneLine
 
-_LEAST = 16  # rows and columns that a tile writes, at least
-_ALIGNED = 16  # columns: where vectors of a row begin
-_RESERVE = 16  # one part in so many of the budget for tables, programs and what is not counted
-_AGAIN = 2.0  # how often all may be read before a copy of plain samples pays
-_WORTH = 1.15  # times the pixels of the best tiles: below it, wide tiles are taken
-_ROUNDED = 1.5  # how much more than the tiles themselves makes a source slow in bands
+_MIN_TILE = 16  # minimum rows and columns that a tile writes
+_ALIGNMENT = 16  # columns at which vectors of a row begin
+_RESERVE = 16  # one part in this many of the budget is reserved for tables, programs and overhead
+_MAX_PASSES = 2.0  # passes over plain samples above which a temporary copy pays off
+# Times the pixels of the best tiles: limit up to which wide tiles are preferred
+_WIDE_TILE_RATIO = 1.15
+_MAX_CHUNK_RATIO = 1.5  # times the tiles' own pixels: above it a source is slow in bands
 
 
 @dataclass(frozen=True)
 class Tile:
-    """A part of the picture: what is written, and what is read for it (clipped at the edges).
+    """A part of the picture: the area written and the area read for it (clipped at the edges).
 
     Attributes
     ----------
     rows, columns : slice
-        What is written.
+        Area that is written.
     outer_rows, outer_columns : slice
-        What is read for it.
+        Area that is read.
 
     Examples
     --------
@@ -49,42 +50,42 @@ class Tile:
 
     @property
     def inside(self) -> tuple[slice, slice]:
-        """Where what is written lies in what is read."""
+        """Slices of the written area within the area that is read."""
         pairs = ((self.rows, self.outer_rows), (self.columns, self.outer_columns))
         y, x = (slice(a.start - b.start, a.stop - b.start) for a, b in pairs)
         return y, x
 
     @property
     def outer_shape(self) -> tuple[int, int]:
-        """(rows, columns) that are read."""
+        """Size (rows, columns) of the area that is read."""
         y, x = (part.stop - part.start for part in (self.outer_rows, self.outer_columns))
         return y, x
 
 
 @dataclass(frozen=True, repr=False)
 class StreamPlan(OneLine):
-    """How a light field is taken through memory part by part. Printed, it says so in a few lines.
+    """Plan of processing a light field in parts; printing gives a summary.
 
     Attributes
     ----------
     tiles : tuple of Tile
-        In the order in which they are written.
+        Tiles in the order in which they are written.
     planes : tuple of slice
         Groups of planes of each tile.
     halo : tuple of int
-        (y, x) pixels that shears and windows need around a tile.
+        Pixels (y, x) around a tile for shears and windows.
     passes : int
-        How often all samples are read.
+        Number of passes over all samples.
     bytes_read : int
-        From the source, with halos and whole chunks.
+        Bytes read from the source, with halos and whole chunks.
     bytes_peak : int
-        Largest need of memory, on the host and the device together.
+        Peak memory in bytes, on the host and the device together.
     bytes_scratch : int
-        Of the temporary file that the views are copied to first; 0 for none.
+        Bytes of a temporary copy of the views; 0 for none.
     band_rows : int
-        Full rows that a pass before that over the tiles reads at a time; 0 without one.
+        Full rows read at a time by a pass before the tiles; 0 without one.
     memory : int
-        The budget in bytes.
+        Budget in bytes.
 
     Examples
     --------
@@ -107,12 +108,12 @@ class StreamPlan(OneLine):
 
     @property
     def in_core(self) -> bool:
-        """Whether one tile is everything."""
+        """True if a single tile covers everything."""
         return len(self.tiles) == 1
 
     @property
     def outer_shape(self) -> tuple[int, int]:
-        """(rows, columns) of the largest tile that is read."""
+        """Size (rows, columns) of the largest tile that is read."""
         rows, columns = zip(*(tile.outer_shape for tile in self.tiles), strict=True)
         return max(rows), max(columns)
 
@@ -124,7 +125,7 @@ class StreamPlan(OneLine):
             + (", all in core" if self.in_core else ""),
             f"{_mib(self.bytes_read)} read in {self.passes} pass{'es'[: 2 * (self.passes > 1)]}, "
             f"planes in {len(self.planes)} group{'s'[: len(self.planes) > 1]}",
-            f"{_mib(self.bytes_peak)} of memory at most, of {_mib(self.memory)}",
+            f"{_mib(self.bytes_peak)} of memory at most, out of {_mib(self.memory)}",
         ]
         if self.bytes_scratch:
             lines.append(f"{_mib(self.bytes_scratch)} copied to a temporary file first")
@@ -138,41 +139,46 @@ def plan_tiles(
     memory: int | None,
     device: Device,
 ) -> StreamPlan:
-    """Return the largest tiles that fit: full rows, or parts where their halos cost less.
+    """Choose the largest tiles that fit: full rows, or parts if their halos cost less.
 
-    A light field on a device is one tile, and nothing is read.
+    A light field on a device is one tile, without any reading.
     """
     if isinstance(source, LightField):
-        ny, nx, one = *source.shape[2:4], estimates[0]
-        need = source.data.nbytes + ny * nx * (one.per_pixel + one.kept)
+        ny, nx, first_estimate = *source.shape[2:4], estimates[0]
+        need = source.data.nbytes + ny * nx * (
+            first_estimate.per_pixel + first_estimate.result_bytes
+        )
         tiles = bands((ny, nx), ny)
-        return StreamPlan(tiles, one.planes, one.halo, 1, 0, need, 0, ny, need)
+        return StreamPlan(
+            tiles, first_estimate.planes, first_estimate.halo, 1, 0, need, 0, ny, need
+        )
     memory = memory_budget(memory, device)
     for estimate in estimates:
         plan = _planned(source, estimate, _Budget.of(source, estimate, memory, device))
         if plan is not None:
             return plan
-    least = min(
-        _least(source, estimate, _Budget.of(source, estimate, 1, device)) for estimate in estimates
+    min_bytes = min(
+        _min_budget(source, estimate, _Budget.of(source, estimate, 1, device))
+        for estimate in estimates
     )
     raise ValueError(
-        f"{estimates[0].what} of {source!r} does not fit into memory={memory:,} bytes: its "
-        f"smallest tile, with what the planes shift into it, needs {least:,}; give that, or fewer "
-        "or nearer planes."
+        f"{estimates[0].subject} of {source!r} does not fit into memory={memory:,} bytes: its "
+        f"smallest tile, with what the planes shift into it, needs {min_bytes:,}; pass that, fewer "
+        "planes, or planes nearer to 0."
     )
 
 
 def memory_budget(memory: int | None, device: Device) -> int:
-    """The bytes that may be taken: as given, or half of what is free on host and device."""
+    """Return the budget in bytes: ``memory``, or half of the free memory of host and device."""
     if memory is None:
         memory = min(free_memory(), device.memory_bytes) // 2
     if not is_integer(memory) or memory < 1:
-        raise ValueError(f"memory is a positive number of bytes, not {memory!r}.")
+        raise ValueError(f"memory must be a positive number of bytes, got {memory!r}.")
     return int(memory)
 
 
 def bands(size: tuple[int, ...], rows: int) -> tuple[Tile, ...]:
-    """Tiles of a picture (y, x): at most so many full rows each, without a halo."""
+    """Split a picture (y, x) into bands of up to ``rows`` full rows, without a halo."""
     ny, nx = size[:2]
     parts = [slice(y, min(y + rows, ny)) for y in range(0, ny, rows)]
     return tuple(Tile(part, slice(0, nx), part, slice(0, nx)) for part in parts)
@@ -180,7 +186,7 @@ def bands(size: tuple[int, ...], rows: int) -> tuple[Tile, ...]:
 
 @dataclass(frozen=True)
 class _Budget:
-    """What tiles may need: fixed bytes, bytes a pixel, and bytes of the largest array a pixel."""
+    """Memory of tiles: fixed bytes, bytes a pixel, and bytes a pixel of the largest array."""
 
     memory: int
     fixed: int
@@ -188,7 +194,7 @@ class _Budget:
     largest: int
     before: int  # bytes before and after the pass over the tiles
     row: int  # bytes of a row in those passes
-    whole: int  # fixed bytes and bytes a pixel if everything is one tile
+    in_core: int  # bytes if everything is one tile
     limit: int  # bytes of one array on the device
     on_device: int
 
@@ -199,16 +205,16 @@ class _Budget:
         pixels = source.shape[2] * source.shape[3]
         samples = source.bytes_per_pixel
         copies = 1 if device.is_cpu else 2
-        most = max(estimate.per_pixel + estimate.kept, estimate.before)
+        pixel_bytes = max(estimate.per_pixel + estimate.result_bytes, estimate.before)
         limit = min(device.memory_bytes, int(device.cl_device.max_mem_alloc_size))
         return cls(
             memory,
-            estimate.kept * pixels + source.overhead,
+            estimate.result_bytes * pixels + source.overhead,
             2 * samples + estimate.per_pixel,
             max(samples, estimate.largest),
             estimate.before * pixels + source.overhead,
             2 * samples * source.shape[3] if estimate.passes > 1 else 0,
-            source.overhead + pixels * (copies * samples + most),
+            source.overhead + pixels * (copies * samples + pixel_bytes),
             limit,
             device.memory_bytes,
         )
@@ -222,12 +228,12 @@ class _Budget:
 
     @property
     def band_rows(self) -> int:
-        """Full rows that a pass before may read at a time; 0 if none fits, or there is no such."""
+        """Full rows of a pass before the tiles; 0 without such a pass or enough memory."""
         room = min(self.usable - self.before, self.on_device)
         return max(min(room, self.limit), 0) // self.row if self.row else 0
 
     def pixels(self) -> int:
-        """Pixels that a tile may read."""
+        """Return the pixels that a tile may read."""
         room = min(self.usable - self.fixed, self.on_device)
         return max(min(room // self.pixel, self.limit // self.largest), 0)
 
@@ -236,10 +242,10 @@ def _planned(
     source: StoredLightField, estimate: MemoryEstimate, budget: _Budget
 ) -> StreamPlan | None:
     ny, nx = source.shape[2:4]
-    everything = Tile(slice(0, ny), slice(0, nx), slice(0, ny), slice(0, nx))
-    fits = budget.whole <= min(budget.usable, budget.on_device)
+    whole_picture = Tile(slice(0, ny), slice(0, nx), slice(0, ny), slice(0, nx))
+    fits = budget.in_core <= min(budget.usable, budget.on_device)
     if fits and ny * nx * budget.largest <= budget.limit:
-        return _plan(source, estimate, (everything,), budget, budget.whole)
+        return _plan(source, estimate, (whole_picture,), budget, budget.in_core)
     result = []
     for columns in _column_cuts(nx, estimate.halo[1]):
         width = max(outer.stop - outer.start for _, outer in columns)
@@ -250,7 +256,7 @@ def _planned(
     if not result or (estimate.passes > 1 and budget.band_rows < 1):
         return None
     best = min(result, key=_area)
-    if _area(result[0]) < _WORTH * _area(best):  # the widest, full rows if they fit at all
+    if _area(result[0]) < _WIDE_TILE_RATIO * _area(best):  # the widest tiles, full rows if possible
         best = result[0]
     largest = max(math.prod(tile.outer_shape) for tile in best)
     plan = _plan(source, estimate, best, budget, budget.need(largest))
@@ -268,7 +274,7 @@ def _plan(
     passes = 1 if len(tiles) == 1 else estimate.passes
     chunked = sum(_chunked(source, tile) for tile in tiles)
     read = passes * chunked * samples
-    slow = chunked > _ROUNDED * _area(tiles) and read > _AGAIN * source.nbytes
+    slow = chunked > _MAX_CHUNK_RATIO * _area(tiles) and read > _MAX_PASSES * source.nbytes
     scratch = source.nbytes if slow and len(tiles) > 2 else 0
     return StreamPlan(
         tiles,
@@ -288,7 +294,7 @@ def _area(tiles: tuple[Tile, ...]) -> int:
 
 
 def _chunked(source: StoredLightField, tile: Tile) -> int:
-    """Pixels that are read for a tile in whole chunks; parts of single rows are read alone."""
+    """Return the pixels read for a tile in whole chunks; single-row chunks read no excess."""
     pixels = 1
     parts = (tile.outer_rows, tile.outer_columns)
     for part, chunk, size in zip(parts, source.chunks, source.shape[2:4], strict=True):
@@ -297,7 +303,7 @@ def _chunked(source: StoredLightField, tile: Tile) -> int:
 
 
 def _to_copy(source: StoredLightField) -> int:
-    """Bytes of memory that copying the views takes, those that are read at once."""
+    """Return the bytes of memory needed to copy the views in groups."""
     views = math.prod(min(a, b) for a, b in zip(source.views_at_once, source.shape, strict=False))
     return source.overhead + views * (source.nbytes // math.prod(source.shape[:2]))
 
@@ -306,7 +312,7 @@ Cuts = list[tuple[slice, slice]]
 
 
 def _cuts(size: int, halo: int, middle: int) -> Cuts:
-    """(written, read) parts of an axis: all are read over the same length, middle + 2 halo."""
+    """Split an axis into (written, read) parts, all read over the length middle + 2 halo."""
     count = -(-(size - 2 * halo) // middle)
     if size <= 2 * halo or count < 2:
         return [(slice(0, size), slice(0, size))]
@@ -319,43 +325,43 @@ def _cuts(size: int, halo: int, middle: int) -> Cuts:
     return parts
 
 
-def _row_cuts(size: int, halo: int, most: int) -> Cuts | None:
-    """The fewest bands of at most so many rows each; None if they are too low."""
-    if most >= size:
+def _row_cuts(size: int, halo: int, max_rows: int) -> Cuts | None:
+    """Return the fewest bands of at most ``max_rows`` rows each; None if they are too low."""
+    if max_rows >= size:
         return _cuts(size, halo, size)
-    if most < 2 * halo + min(_LEAST, size) or size <= 2 * halo:
+    if max_rows < 2 * halo + min(_MIN_TILE, size) or size <= 2 * halo:
         return None
-    count = -(-(size - 2 * halo) // (most - 2 * halo))
+    count = -(-(size - 2 * halo) // (max_rows - 2 * halo))
     return _cuts(size, halo, -(-(size - 2 * halo) // count))
 
 
 def _column_cuts(size: int, halo: int) -> list[Cuts]:
-    """Full rows first, then rows in two parts, three and so on."""
-    wide = -(-halo // _ALIGNED) * _ALIGNED
-    result, middle = [_cuts(size, wide, size)], 0
-    for count in range(2, max(size // _LEAST, 1) + 1):
-        part = -(-(size - 2 * wide) // count)
+    """Return full rows first, then rows in two parts, three and so on."""
+    aligned_halo = -(-halo // _ALIGNMENT) * _ALIGNMENT
+    result, middle = [_cuts(size, aligned_halo, size)], 0
+    for count in range(2, max(size // _MIN_TILE, 1) + 1):
+        part = -(-(size - 2 * aligned_halo) // count)
         if part < 1:
             break
-        if (wider := -(-part // _ALIGNED) * _ALIGNED) != middle:
-            middle = wider
-            result.append([(x, _aligned(outer)) for x, outer in _cuts(size, wide, middle)])
+        if (aligned := -(-part // _ALIGNMENT) * _ALIGNMENT) != middle:
+            middle = aligned
+            result.append([(x, _aligned(outer)) for x, outer in _cuts(size, aligned_halo, middle)])
     return [cuts for i, cuts in enumerate(result) if i == 0 or len(cuts) > 1]
 
 
 def _aligned(part: slice) -> slice:
-    """From a place on where vectors of a row begin."""
-    return slice(part.start // _ALIGNED * _ALIGNED, part.stop)
+    """Extend a part to the start of a vector of the row."""
+    return slice(part.start // _ALIGNMENT * _ALIGNMENT, part.stop)
 
 
-def _least(source: StoredLightField, estimate: MemoryEstimate, budget: _Budget) -> int:
-    """A budget that is enough for the smallest tile."""
+def _min_budget(source: StoredLightField, estimate: MemoryEstimate, budget: _Budget) -> int:
+    """Return a budget that suffices for the smallest tile."""
     ny, nx = source.shape[2:4]
     width = min(
         max(o.stop - o.start for _, o in cuts) for cuts in _column_cuts(nx, estimate.halo[1])
     )
-    height = min(2 * estimate.halo[0] + min(_LEAST, ny), ny)
-    need = min(budget.need(height * width), budget.whole)
+    height = min(2 * estimate.halo[0] + min(_MIN_TILE, ny), ny)
+    need = min(budget.need(height * width), budget.in_core)
     if source.chunks[0] > 1:
         need = max(need, _to_copy(source))
     return -(-need * _RESERVE // (_RESERVE - 1)) + _RESERVE

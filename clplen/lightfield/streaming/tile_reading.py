@@ -1,4 +1,4 @@
-"""Reading tile by tile with a thread, from a temporary file where that is quicker."""
+"""Reading of tiles in a thread, from a temporary copy where that is faster."""
 
 from __future__ import annotations
 
@@ -25,15 +25,15 @@ from clplen.lightfield.model.stored_light_field import (
 )
 from clplen.lightfield.streaming.tile_plan import StreamPlan, Tile
 
-Source = LightField | StoredLightField  # of tiles; a light field on a device is one tile
+Source = LightField | StoredLightField  # sources of tiles; a light field on a device is one tile
 Progress = Callable[[int, int], None]
 
-_MOST = 1 << 30  # bytes of one request
+_MAX_REQUEST = 1 << 30  # bytes of one request
 
 
 @dataclass(frozen=True)
 class RawSamples:
-    """An array of plain samples in a file, read by requests: mapped pages would count as memory."""
+    """Plain samples in a file, read by requests (mapped pages would count as memory)."""
 
     file: int  # Descriptor of the open file
     offset: int  # Bytes before the first sample
@@ -41,43 +41,45 @@ class RawSamples:
     dtype: np.dtype[Any]
 
     def read(self, selection: tuple[slice, ...], out: Array | None = None) -> Array:
-        """The samples of a slice of each axis."""
+        """Read the samples of a slice of each axis."""
         size = tuple(part.stop - part.start for part in selection)
         out = np.empty(size, self.dtype) if out is None else out
         steps = [math.prod(self.shape[axis + 1 :]) for axis in range(len(size))]
         first = sum(part.start * step for part, step in zip(selection, steps, strict=True))
         axis = len(size) - 1
         while axis > 0 and size[axis] == self.shape[axis]:
-            axis -= 1  # from this axis on, samples follow each other
+            axis -= 1  # from this axis on, samples are contiguous
         for index in np.ndindex(*size[:axis]):
-            at = first + sum(i * step for i, step in zip(index, steps, strict=False))
-            self._fetch(out[index].reshape(-1).view(np.uint8), self.offset + at * out.itemsize)
+            index_offset = first + sum(i * step for i, step in zip(index, steps, strict=False))
+            self._fetch(
+                out[index].reshape(-1).view(np.uint8), self.offset + index_offset * out.itemsize
+            )
         return out
 
     def _fetch(self, out: Array, at: int) -> None:
         done = 0
         while done < out.size:
-            count = os.preadv(self.file, [out[done : done + _MOST].data], at + done)
+            count = os.preadv(self.file, [out[done : done + _MAX_REQUEST].data], at + done)
             if count == 0:
                 raise EOFError(f"it ends after {at + done:,} bytes")
             done += count
 
 
 def require_disk(nbytes: int) -> None:
-    """Refuse a temporary file that the disk has no room for."""
+    """Reject a temporary file that exceeds the free space of the disk."""
     folder = tempfile.gettempdir()
     free = shutil.disk_usage(folder).free
     if nbytes > free:
         raise OSError(
             errno.ENOSPC,
-            f"The views are copied to a temporary file of {nbytes:,} bytes first, but {folder} has "
-            f"only {free:,} free: point TMPDIR to a larger disk, or give more memory=.",
+            f"The views need a temporary file of {nbytes:,} bytes, but {folder} has only {free:,} "
+            "bytes free; set TMPDIR to a larger disk, or pass a larger memory=.",
         )
 
 
 @contextmanager
 def spooled(source: StoredLightField) -> Iterator[StoredLightField]:
-    """The same light field in a temporary file without a name, from which bands are read quickly.
+    """Copy a light field to an unnamed temporary file, from which bands are read quickly.
 
     The views are copied in the groups in which they are stored; the file is in ``$TMPDIR``.
     """
@@ -112,12 +114,12 @@ def _copy_views(source: StoredLightField, file: int) -> None:
 def _store(file: int, values: Array, at: int) -> None:
     done = 0
     while done < values.size:
-        done += os.pwrite(file, values[done : done + _MOST].data, at + done)
+        done += os.pwrite(file, values[done : done + _MAX_REQUEST].data, at + done)
 
 
 @contextmanager
 def fast_source(source: Source, plan: StreamPlan) -> Iterator[Source]:
-    """The source, or a copy of its samples from which tiles are read quickly."""
+    """Yield the source, or a copy of its samples for fast reading of tiles."""
     if isinstance(source, LightField) or not plan.bytes_scratch:
         yield source
         return
@@ -136,9 +138,9 @@ def as_source(lf: Any, device: DeviceLike | None) -> tuple[Source, Device]:
 def read_tiles(
     source: Source, tiles: tuple[Tile, ...], device: Device, progress: Progress | None
 ) -> Iterator[tuple[Tile, LightField]]:
-    """Tiles on the device; one thread reads the next one meanwhile, into one buffer.
+    """Yield tiles on the device, while a thread reads the next tile into one buffer.
 
-    The caller lets go of a tile before it asks for the next one, so that only one is there.
+    The caller must release a tile before the next one, so that only one exists.
     """
     if isinstance(source, LightField):
         yield tiles[0], source
@@ -148,8 +150,8 @@ def read_tiles(
         yield tiles[0], source.load(device)
         _report(progress, 1, 1)
         return
-    most = max(tile.outer_shape[0] * tile.outer_shape[1] for tile in tiles)
-    buffer = np.empty(most * source.bytes_per_pixel, np.uint8)
+    max_pixels = max(tile.outer_shape[0] * tile.outer_shape[1] for tile in tiles)
+    buffer = np.empty(max_pixels * source.bytes_per_pixel, np.uint8)
     last: tuple[int, int] | None = None
     with ThreadPoolExecutor(1, thread_name_prefix="clplen-reading") as reader:
         pending = reader.submit(_read, source, tiles[0], buffer)

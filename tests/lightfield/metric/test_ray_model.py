@@ -111,7 +111,7 @@ def test_disparity_and_depth(camera: Intrinsics):
     straight = Intrinsics(camera.matrix, np.zeros(5), SHAPE)
     row = straight.project([(0, 0, 0.5)])[2, :, 0, 1]
     np.testing.assert_allclose(np.diff(row), -straight.disparity(0.5), rtol=1e-9)
-    with pytest.raises(ValueError, match="Distances are positive"):
+    with pytest.raises(ValueError, match="z must be positive"):
         camera.disparity([0.3, -1.0])
 
 
@@ -131,19 +131,19 @@ def test_rectified_intrinsics_and_lengths_say_the_same(camera: Intrinsics):
 
 def test_what_is_no_camera_is_refused(camera: Intrinsics):
     for name, at, value, message in (
-        ("matrix", (0, 1), 1.0, "H12 is 1, and 0 is needed"),
-        ("matrix", (0, 4), 1.0, "H15 is 1, and"),
-        ("matrix", (2, 2), -1.0, "H33 and H44, directions a pixel, are positive"),
-        ("matrix", (1, 1), 0.0, "H11 and H22, metres between views, are not 0"),
-        ("matrix", (3, 3), np.nan, "matrix holds numbers that are NaN"),
-        ("distortion", (2,), np.inf, "distortion holds numbers that are NaN or infinite"),
+        ("matrix", (0, 1), 1.0, "H12 must be 0, got 1"),
+        ("matrix", (0, 4), 1.0, "H15 must be .* got 1"),
+        ("matrix", (2, 2), -1.0, "H33 and H44, directions a pixel, must be positive"),
+        ("matrix", (1, 1), 0.0, "H11 and H22, metres between views, must be other than 0"),
+        ("matrix", (3, 3), np.nan, "matrix must be finite"),
+        ("distortion", (2,), np.inf, "distortion must be finite"),
     ):
         values = {"matrix": camera.matrix.copy(), "distortion": camera.distortion.copy()}
         values[name][at] = value
         with pytest.raises(ValueError, match=message):
             Intrinsics(values["matrix"], values["distortion"], SHAPE)
-    with pytest.raises(ShapeError, match=r"matrix has shape \(5, 5\), not \(4, 5\)"):
+    with pytest.raises(ShapeError, match=r"matrix must have shape \(5, 5\), got \(4, 5\)"):
         Intrinsics(camera.matrix[:4], camera.distortion, SHAPE)
-    with pytest.raises(ShapeError, match=r"shape \(n, 3\), not \(3,\)"):
+    with pytest.raises(ShapeError, match=r"shape \(n, 3\), got \(3,\)"):
         camera.project((0.0, 0.0, 1.0))
     assert np.isnan(camera.project([(0, 0, -1.0)])).all()

@@ -88,10 +88,10 @@ def test_types_colours_and_weights_are_kept():
 
 def test_another_camera_is_refused():
     camera = of(known())
-    with pytest.raises(ShapeError, match=r"of shape .*\(3, 4, 81, 100\), and this one has \(3, 4,"):
+    with pytest.raises(ShapeError, match=r"of the intrinsics, \(3, 4, 81, 100\), got \(3, 4,"):
         rectify_views(np.ones((3, 4, 80, 100), np.float32), camera)
     placed = LightField.from_array(np.ones(SHAPE, np.float32), positions=np.zeros((3, 4, 2)))
-    with pytest.raises(ValueError, match="positions of their own"):
+    with pytest.raises(ValueError, match="these views have positions"):
         rectify_views(placed, camera)
     stored = StoredLightField.from_array(np.ones(SHAPE, np.float32))
     with pytest.raises(TypeError, match="is stored"):
