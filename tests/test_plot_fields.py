@@ -113,7 +113,7 @@ def test_a_region_of_one_row_is_a_cut(device):
 
 def test_bad_fields_get_a_sentence(device):
     for draw in [plot.intensity, plot.phase]:
-        with pytest.raises(TypeError, match=r"^plot\.\w+ draws a Field, not ndarray\.$"):
+        with pytest.raises(TypeError, match=r"^plot\.\w+ needs a Field, got ndarray\.$"):
             draw(np.ones((4, 5)))
         many = Field.from_array(np.ones((2, 3, *GRID.shape)), GRID, wavelength=1e-6, device=device)
         with pytest.raises(
@@ -126,27 +126,27 @@ def test_bad_fields_get_a_sentence(device):
         with pytest.raises(TypeError, match="two slices of samples"):
             draw(field(device), region=(2, slice(None)))
         for region in ((slice(6, 9), slice(None)), (slice(None), slice(None, None, 2))):
-            with pytest.raises(ValueError, match="no block of samples from a field of"):
+            with pytest.raises(ValueError, match="samples of a field of"):
                 draw(field(device), region=region)
 
 
 def test_other_scales_are_refused(device):
-    with pytest.raises(ValueError, match='"linear" or "log", not \'decibel\''):
+    with pytest.raises(ValueError, match='"linear" or "log", got \'decibel\''):
         plot.intensity(field(device), scale="decibel")
     image = Image(device.upload(np.ones((4, 5), np.float32)), device)
-    with pytest.raises(ValueError, match=r"one of .* not 'decibel'"):
+    with pytest.raises(ValueError, match=r"one of .* got 'decibel'"):
         plot.picture(image, scale="decibel")
 
 
 def test_what_is_no_picture_gets_a_sentence(device):
-    with pytest.raises(TypeError, match=r"not Field \(plot.intensity draws a field\)"):
+    with pytest.raises(TypeError, match=r"got Field \(plot.intensity draws a field\)"):
         plot.picture(field(device))
-    with pytest.raises(TypeError, match=r"is an Image or an array, not str\.$"):
+    with pytest.raises(TypeError, match=r"must be an Image or an array, got str\.$"):
         plot.picture("picture.png")
     assert plot.picture(np.ones((4, 5))).axes[0].images
     for shape in ((3, 4, 5), (2, 3, 4, 3)):
         planes = Image(device.upload(np.ones(shape, np.float32)), device)
-        with pytest.raises(ShapeError, match=r"one image \(y, x\) or .*choose one plane"):
+        with pytest.raises(ShapeError, match=r"shape \(y, x\) or .*choose one plane"):
             plot.picture(planes)
 
 
@@ -157,6 +157,6 @@ def test_a_figure_is_saved_as_its_name_says(device, tmp_path: Path):
         plot.save(figure, path, dpi=40)
         assert path.read_bytes().startswith(start)
     for name in ("figure.bmp", "figure"):
-        with pytest.raises(ValueError, match=rf"\.png, \.pdf, \.svg, not as .*{name}"):
+        with pytest.raises(ValueError, match=rf"\.png, \.pdf, \.svg, got .*{name}"):
             plot.save(figure, tmp_path / name)
     assert len(list(tmp_path.iterdir())) == 3

@@ -1576,7 +1576,7 @@ def figures_of_light_fields():
     images = [clplen.refocus(lf, disparity=d) for d in (-1.0, 1.0)]
     plot.save(plot.views(lf), "views.svg")
     return {
-        "views": plot.views(scene()[0], shown=3, scale="root"),
+        "views": plot.views(scene()[0], max_views=3, scale="root"),
         "picture": plot.picture(lf.view(1, 1), title="a view"),
         "refocused": plot.refocused(images, ["far", "near"]),
         "montage": plot.montage(clplen.focal_stack(scene()[0], disparities=[-1, 0, 1])),
