@@ -277,7 +277,7 @@ def main_lens_distances(
     distances = _lens_law(focal_length, object_distance, image_distance)
     longest = max(mla.focal_lengths)
     if longest >= distances[1]:
-        meant = units.LENSLET_FOCAL_LENGTH.meant(longest)
+        meant = units.LENSLET_FOCAL_LENGTH.suggestion(longest)
         raise ValueError(
             f"The lenslets' focal length of {longest:g} m is not shorter than the image distance "
             f"of the main lens, {distances[1]:g} m{meant}"
@@ -331,7 +331,7 @@ def _check_aperture(D: float, F: float) -> None:
     """
     na = D / (2 * F)
     if na >= 1:
-        meant = units.CAMERA_DIAMETER.meant(D).rstrip(".") if D > 1 else ""
+        meant = units.CAMERA_DIAMETER.suggestion(D).rstrip(".") if D > 1 else ""
         raise ValueError(
             f"An aperture of {D:g} m and its image {F:g} m away would be NA {na:.3g}, and no lens "
             f"has 1 or more: below {2 * F:g} m would do{meant or '.'}"

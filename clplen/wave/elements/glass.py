@@ -196,7 +196,7 @@ class Glass(OneLine):
             wrong = float(lam[~inside].ravel()[0])
             raise ValueError(
                 f"The index of {self.name} is known from {_between(self.range)}, not at {wrong:g} m"
-                f"{units.WAVELENGTH.meant(wrong)}"
+                f"{units.WAVELENGTH.suggestion(wrong)}"
             )
         return lam
 

@@ -35,7 +35,7 @@ METHODS = (
 )
 SELF_PADDED = ("auto", "cblas", "rs", "one-step")  # methods that size their own windows
 FREE_GRID = ("auto", "cblas", "rs", "one-step", "fresnel-1fft")  # methods that take any output grid
-FARTHEST = units.DISTANCE.most
+FARTHEST = units.DISTANCE.max_length
 BORDER = 0.4  # of half the window, the taper of fresnel-multistep
 _SAME = 1e-9  # of a pitch
 ANY_DISTANCE = (0.0, math.inf)  # interval of a method that is sampled at every distance
