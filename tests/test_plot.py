@@ -160,7 +160,8 @@ def test_arrows_only_where_something_lies_beyond(device: Device):
 
 def test_the_montage_names_its_planes(device: Device):
     titles = [
-        axes.get_title() for axes in image_axes(plot.montage(stack(device, (7, 6, 8, 3)), max_planes=3))
+        axes.get_title()
+        for axes in image_axes(plot.montage(stack(device, (7, 6, 8, 3)), max_planes=3))
     ]
     assert titles == [r"$\alpha$ = 1.250", r"$\alpha$ = 1.000", r"$\alpha$ = 0.750"]
     figure = plot.montage(stack(device, (2, 6, 8), alphas=False))
