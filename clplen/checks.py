@@ -89,7 +89,7 @@ def check_positive(**numbers: Any) -> None:
     """Raise ValueError unless numbers are positive and finite, under the caller's names."""
     for name, value in numbers.items():
         if not (is_finite(value) and value > 0):
-            raise ValueError(f"{name} is positive and finite, not {value!r}.")
+            raise ValueError(f"{name} must be positive and finite, got {value!r}.")
 
 
 def float64_array(values: Any) -> Array:

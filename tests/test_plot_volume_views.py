@@ -31,7 +31,7 @@ def test_lengths_in_words():
     words = [length_text(n) for n in (2e-5, 1e-6, 5e-10, 1e-3, 2.0, 999e-9)]
     assert words == ["20 µm", "1 µm", "500 pm", "1 mm", "2 m", "999 nm"]
     for bad in (0.0, -1.0, np.nan, np.inf):
-        with pytest.raises(ValueError, match="width is positive"):
+        with pytest.raises(ValueError, match="width must be positive"):
             round_length(bad)
 
 

@@ -88,9 +88,9 @@ def test_closed_forms_at_known_places() -> None:
     expected = [1, 0.685038, 0.391002, 0, 0]
     np.testing.assert_allclose(circular_mtf(f, **APERTURE), expected, atol=1e-6)
     for name in APERTURE:
-        with pytest.raises(ValueError, match=f"{name} is positive"):
+        with pytest.raises(ValueError, match=f"{name} must be positive"):
             square_mtf(f, **(APERTURE | {name: 0.0}))
-    with pytest.raises(ValueError, match="width is positive"):
+    with pytest.raises(ValueError, match="width must be positive"):
         pixel_mtf(f, width=-1e-6)
     assert pixel_mtf(0.25e6, width=4e-6) == pytest.approx(0)
     assert pixel_mtf(0.125e6, width=4e-6) == pytest.approx(2 / math.pi)
