@@ -7,14 +7,11 @@ Writers and figures import results, not the reverse. A result therefore names it
 from __future__ import annotations
 
 from importlib import import_module
-from io import BytesIO
 from pathlib import Path
 from typing import Any, ClassVar
 
 from clplen.checks import check_keywords, keywords_of
 from clplen.errors import ClplenError
-
-_DPI = 100  # resolution in a notebook, dots per inch
 
 
 class Savable:
@@ -74,6 +71,5 @@ class Plottable:
             figure = self.plot()
         except (ClplenError, TypeError, ValueError):
             return None
-        data = BytesIO()
-        figure.savefig(data, format="png", dpi=_DPI)
-        return data.getvalue()
+        picture: bytes = figure._repr_png_()
+        return picture

@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+from base64 import b64encode
+from html import escape
+from io import BytesIO
 from pathlib import Path
 from typing import Any, Literal, get_args
 
@@ -24,6 +27,7 @@ Region = tuple[slice, slice]
 LIGHT = "inferno"  # perceptually uniform: brightness follows the value
 FULL_REGION: Region = (slice(None), slice(None))
 _DECADES = 3  # range of a logarithmic scale
+_NOTEBOOK_DPI = 100  # dots per inch of a picture in a notebook
 _ENDINGS = (".png", ".pdf", ".svg")
 styled = matplotlib.rc_context(
     {
@@ -102,9 +106,37 @@ def rendered(figure: Figure, *, dpi: int = 100) -> Array:
     return np.asarray(canvas.buffer_rgba())[..., :3].copy()
 
 
+def _png(figure: Figure) -> bytes:
+    data = BytesIO()
+    figure.savefig(data, format="png", dpi=_NOTEBOOK_DPI)
+    return data.getvalue()
+
+
+class NotebookFigure(Figure):
+    """Figure that a notebook shows as the last line of a cell, without pyplot."""
+
+    def _repr_png_(self) -> bytes:
+        """Return the figure as PNG."""
+        return _png(self)
+
+
+class FigureDict(dict[str, Figure]):
+    """Figures by name, all of which a notebook shows."""
+
+    def _repr_html_(self) -> str:
+        """Return the figures as images of a page."""
+        pictures = (
+            (escape(name, quote=True), b64encode(_png(figure)).decode())
+            for name, figure in self.items()
+        )
+        return "".join(
+            f'<img alt="{name}" src="data:image/png;base64,{data}">' for name, data in pictures
+        )
+
+
 def new_figure(width: float, height: float) -> Figure:
     """Create an empty figure of a size in inches, with a layout that avoids overlaps."""
-    return Figure(figsize=(width, height), layout="constrained")
+    return NotebookFigure(figsize=(width, height), layout="constrained")
 
 
 def spread(count: int, limit: int) -> list[int]:

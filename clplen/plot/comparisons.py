@@ -11,7 +11,7 @@ from matplotlib.figure import Figure
 
 from clplen.analysis.cameras.comparison import Comparison, Measured
 from clplen.analysis.cameras.imaging import Rendered
-from clplen.plot.base import bar, new_figure, styled, verbatim
+from clplen.plot.base import FigureDict, bar, new_figure, styled, verbatim
 
 COLOURS = ("#0072b2", "#cc3311", "#009e73", "#e69f00", "#cc79a7", "#56b4e9")
 _MARKERS = "osD^vP"
@@ -54,7 +54,9 @@ def comparison(comparison: Comparison) -> dict[str, Figure]:
         "depth": depth_errors,
         "pictures": pictures,
     }
-    return {name: make(comparison) for name, make in makers.items() if name in comparison.analyses}
+    return FigureDict(
+        (name, make(comparison)) for name, make in makers.items() if name in comparison.analyses
+    )
 
 
 @styled

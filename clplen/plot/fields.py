@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any, Literal
 
@@ -22,11 +23,13 @@ from clplen.plot.base import (
     new_figure,
     norm_of,
     scale_suffix,
+    spread,
     styled,
 )
 from clplen.wave.field.field import Field
 
 _DECADES = 6
+_MAX_PANELS, _COLUMNS = 15, 5  # panels of a batch in all and in a row
 _MIN_AMPLITUDE = 1e-6  # of the largest amplitude; below, the phase is rounding noise
 _TURN = (-np.pi, 0.0, np.pi), (r"$-\pi$", "0", r"$\pi$")
 # Smallest length in metres, units per metre, name.
@@ -41,14 +44,15 @@ def intensity(
     title: str = "",
     region: Region | None = None,
 ) -> Figure:
-    """Draw abs(u)^2 of one field, over the coordinates of its grid.
+    """Draw abs(u)^2 of a field over the coordinates of its grid; a panel per item of a batch.
 
     Row 0 is at the top. A field with an axis of length 1 is drawn as a line over the other axis.
+    Panels have a common scale; of more than 15 items, even steps are drawn.
 
     Parameters
     ----------
     field : Field
-        Shape (ny, nx), no batch.
+        Field, shape (..., ny, nx); leading axes are a batch.
     scale : {"linear", "log"}
         Colour scale; "log" spans six decades.
     title : str
@@ -65,8 +69,6 @@ def intensity(
     ------
     TypeError
         If ``field`` is not a `Field` or ``region`` is not a pair of slices.
-    ShapeError
-        If the field is a batch.
     ValueError
         If the scale is unknown, or the region has no samples or has steps.
 
@@ -84,16 +86,25 @@ def intensity(
     values = np.abs(part.u) ** 2
     norm = norm_of(values, scale, _DECADES)
     label = f"intensity{scale_suffix(scale)}"
-    if part.line is None:
-        figure, axes, drawn = _image(part, for_display(values, norm), norm, LIGHT, "data")
-        bar(figure, drawn, axes, label, extend=clipped_sides(values, norm))
-    else:
-        figure, axes = _line(part, values, label)
-        if scale == "log":
-            axes.set(yscale="log", ylim=(norm.vmin, 2 * (norm.vmax or 1.0)))
+    is_batch = values.ndim > 2
+    figure, panels = _panels(part, values.shape[:-2], title)
+    for index, axes in panels.items():
+        if part.line is None:
+            picture = for_display(values[index], norm)
+            drawn = _draw_image(axes, part, picture, norm, LIGHT, "data")
         else:
-            axes.set_ylim(bottom=0)
-    axes.set_title(title)
+            _draw_line(axes, part, values[index], label)
+            if scale == "log":
+                axes.set(yscale="log", ylim=(norm.vmin, 2 * (norm.vmax or 1.0)))
+            elif is_batch:
+                axes.set_ylim(0, 1.05 * (norm.vmax or 1.0))
+            else:
+                axes.set_ylim(bottom=0)
+    if is_batch:
+        _hide_inner_labels(list(panels.values()))
+    if part.line is None:
+        beside = list(panels.values()) if is_batch else axes
+        bar(figure, drawn, beside, label, extend=clipped_sides(values, norm))
     return figure
 
 
@@ -108,7 +119,7 @@ def phase(field: Field, *, title: str = "", region: Region | None = None) -> Fig
     Parameters
     ----------
     field : Field
-        Shape (ny, nx), no batch.
+        Field, shape (ny, nx).
     title : str
         Title over the picture; default none.
     region : tuple of slice, optional
@@ -138,24 +149,31 @@ def phase(field: Field, *, title: str = "", region: Region | None = None) -> Fig
     ['y / µm', 'phase / rad']
     """
     part = _part_of(field, region, "phase")
+    if part.u.ndim != 2:
+        first = ", ".join("0" * (part.u.ndim - 2))
+        raise ShapeError(
+            f"plot.phase needs a field of shape (ny, nx), got a batch of shape {field.shape}: "
+            f"choose an item, such as field[{first}]."
+        )
+    figure, panels = _panels(part, (), title)
+    axes = panels[()]
     size = np.abs(part.u)
     values = np.where(size > _MIN_AMPLITUDE * size.max(), np.angle(part.u), np.nan)
     label = "phase / rad"
     if part.line is None:
-        figure, axes, drawn = _image(part, values, Normalize(-np.pi, np.pi), "twilight", "rgba")
+        drawn = _draw_image(axes, part, values, Normalize(-np.pi, np.pi), "twilight", "rgba")
         bar(figure, drawn, axes, label)
         drawn.colorbar.set_ticks(_TURN[0], labels=_TURN[1])
     else:
-        figure, axes = _line(part, values, label)
+        _draw_line(axes, part, values, label)
         axes.set_ylim(-3.5, 3.5)
         axes.set_yticks(_TURN[0], labels=_TURN[1])
-    axes.set_title(title)
     return figure
 
 
 @dataclass(frozen=True)
 class _Part:
-    """Displayed samples, with coordinates and pitches (y, x) in one unit."""
+    """Displayed samples (..., y, x), with coordinates and pitches (y, x) in one unit."""
 
     u: Array
     positions: tuple[Array, Array]
@@ -165,7 +183,8 @@ class _Part:
     @property
     def line(self) -> int | None:
         """Axis that varies, if the other axis has length 1."""
-        return None if min(self.u.shape) > 1 else int(self.u.shape[1] > 1)
+        ny, nx = self.u.shape[-2:]
+        return None if min(ny, nx) > 1 else int(nx > 1)
 
     @property
     def extent(self) -> tuple[float, float, float, float]:
@@ -176,18 +195,18 @@ class _Part:
         )
         return (left, right, bottom, top)
 
+    @property
+    def ratio(self) -> float:
+        """Height of a panel over its width, between 0.25 and 2."""
+        left, right, bottom, top = self.extent
+        return min(2.0, max(0.25, (bottom - top) / (right - left)))
+
 
 def _part_of(field: Field, region: Region | None, what: str) -> _Part:
-    """Return the displayed part of a field; raise for a batch or another type."""
+    """Return the displayed part of a field or of a batch; raise for another type."""
     if not isinstance(field, Field):
         raise TypeError(f"plot.{what} needs a Field, got {type(field).__name__}.")
-    if len(field.shape) != 2:
-        first = ", ".join("0" * (len(field.shape) - 2))
-        raise ShapeError(
-            f"plot.{what} draws one field of shape (ny, nx), not a batch of shape {field.shape}: "
-            f"choose one, such as field.with_data(field.data[{first}].copy())."
-        )
-    rows, columns = _checked(region, field.shape)
+    rows, columns = _checked(region, field.shape[-2:])
     y, x = field.grid.y[rows], field.grid.x[columns]
     edges = [
         float(np.abs(at).max()) + step / 2
@@ -199,7 +218,7 @@ def _part_of(field: Field, region: Region | None, what: str) -> _Part:
         (factor, unit) for min_length, factor, unit in _UNITS if reach >= min_length
     )
     dy, dx = field.grid.pitch
-    u = field.to_numpy()[rows, columns]
+    u = field.to_numpy()[..., rows, columns]
     return _Part(u, (y * factor, x * factor), (dy * factor, dx * factor), unit)
 
 
@@ -218,14 +237,54 @@ def _checked(region: Region | None, shape: tuple[int, ...]) -> Region:
     return region
 
 
-def _image(
-    part: _Part, values: Array, norm: Normalize, colours: str, stage: Literal["data", "rgba"]
-) -> tuple[Figure, Axes, Any]:
+def _panels(
+    part: _Part, batch: tuple[int, ...], title: str
+) -> tuple[Figure, dict[tuple[int, ...], Axes]]:
+    """Create a figure with axes by index of the batch; a single field has the index ()."""
+    if not batch:
+        figure = new_figure(5.6, 4.4 * part.ratio + 0.8 if part.line is None else 3.2)
+        axes = figure.add_subplot()
+        axes.set_title(title)
+        return figure, {(): axes}
+    indices = list(np.ndindex(batch))
+    chosen = [indices[k] for k in spread(len(indices), _MAX_PANELS)]
+    count = len(chosen)
+    columns = batch[-1] if count == len(indices) and 1 < batch[-1] <= _COLUMNS < count else 0
+    columns = columns or -(-count // -(-count // _COLUMNS))  # rows of nearly equal length
+    rows = -(-count // columns)
+    height = 2.2 * part.ratio + 0.3 if part.line is None else 2.0
+    figure = new_figure(2.4 * columns + 1.0, height * rows + 0.6)
+    panels = figure.subplots(rows, columns, squeeze=False).ravel()
+    for panel in panels[count:]:
+        panel.set_axis_off()
+    for panel, index in zip(panels, chosen, strict=False):
+        panel.set_title(f"item {', '.join(map(str, index))}")
+    if title:
+        figure.suptitle(title)
+    return figure, dict(zip(chosen, panels, strict=False))
+
+
+def _hide_inner_labels(panels: Sequence[Axes]) -> None:
+    """Keep labels of y in the first column, and of x in panels with no panel below."""
+    for k, axes in enumerate(panels):
+        columns = axes.get_subplotspec().get_gridspec().ncols  # type: ignore[union-attr]
+        if k % columns:
+            axes.set_ylabel("")
+            axes.tick_params(labelleft=False)
+        if k + columns < len(panels):
+            axes.set_xlabel("")
+            axes.tick_params(labelbottom=False)
+
+
+def _draw_image(
+    axes: Axes,
+    part: _Part,
+    values: Array,
+    norm: Normalize,
+    colours: str,
+    stage: Literal["data", "rgba"],
+) -> Any:
     """Draw an image in true proportions, row 0 at the top; interpolate values or colours."""
-    left, right, bottom, top = part.extent
-    ratio = min(2.0, max(0.25, (bottom - top) / (right - left)))
-    figure = new_figure(5.6, 4.4 * ratio + 0.8)
-    axes = figure.add_subplot()
     drawn = axes.imshow(
         values,
         cmap=colours,
@@ -236,16 +295,13 @@ def _image(
     )
     axes.set(xlabel=f"x / {part.unit}", ylabel=f"y / {part.unit}")
     axes.ticklabel_format(useOffset=False)
-    return figure, axes, drawn
+    return drawn
 
 
-def _line(part: _Part, values: Array, label: str) -> tuple[Figure, Axes]:
+def _draw_line(axes: Axes, part: _Part, values: Array, label: str) -> None:
     """Draw a line over the axis that varies; a single sample is a dot."""
-    figure = new_figure(5.6, 3.2)
-    axes = figure.add_subplot()
     along = part.line or 0
     marker = "o" if values.size == 1 else ""
     axes.plot(part.positions[along], values.ravel(), color="#0072b2", lw=1.2, marker=marker)
     axes.set(xlabel=f"{'yx'[along]} / {part.unit}", ylabel=label)
     axes.ticklabel_format(axis="x", useOffset=False)
-    return figure, axes
