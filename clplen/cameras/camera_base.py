@@ -41,6 +41,7 @@ from clplen.cameras.scenes.scene_sources import (
 from clplen.cameras.scenes.surface_scene import SurfaceScene
 from clplen.errors import SamplingWarning, warn_caller
 from clplen.lightfield.raw.raw_image import RawImage, Sensor
+from clplen.progress import notebook_bar
 from clplen.wave.coherence.averaging import Checkpoint, Progress
 from clplen.wave.coherence.coherence import Coherence
 from clplen.wave.elements.lenslets import MicrolensArray
@@ -101,6 +102,7 @@ class Plenoptic(Described, RayOptics):
             camera = replace(camera, pixels=PixelArray())
         return camera
 
+    @notebook_bar("exposing")
     def expose(
         self,
         scene: Scene,

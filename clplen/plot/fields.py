@@ -103,8 +103,8 @@ def intensity(
     if is_batch:
         _hide_inner_labels(list(panels.values()))
     if part.line is None:
-        beside = list(panels.values()) if is_batch else axes
-        bar(figure, drawn, beside, label, extend=clipped_sides(values, norm))
+        parents = list(panels.values()) if is_batch else axes
+        bar(figure, drawn, parents, label, extend=clipped_sides(values, norm))
     return figure
 
 

@@ -36,6 +36,7 @@ from clplen.cameras.camera_base import Plenoptic
 from clplen.cameras.scenes.scene_sources import PointSources, as_sources
 from clplen.checks import real_array
 from clplen.errors import SamplingError
+from clplen.progress import notebook_bar
 from clplen.reprs import OneLine
 from clplen.wave.elements.lenslets import circumscribed
 
@@ -255,6 +256,7 @@ class Comparison(OneLine):
         raise KeyError(f"no camera {name!r}; there are {', '.join(c.name for c in self.cameras)}")
 
 
+@notebook_bar("comparing cameras")
 def compare(
     cameras: Mapping[str, Plenoptic],
     *,
