@@ -20,12 +20,12 @@ from clplen.types import Array
 Target = TypeVar("Target", bound=Callable[..., Any])
 
 
-def require(kind: type, value: Any, what: str, source: str) -> None:
+def require(kind: type, value: Any, label: str, source: str) -> None:
     """Raise TypeError unless a value has a type; name the function that returns one."""
     if not isinstance(value, kind):
         article = "an" if kind.__name__[0] in "AEIO" else "a"
         raise TypeError(
-            f"{what} must be {article} {kind.__name__}, as {source} returns it, got "
+            f"{label} must be {article} {kind.__name__}, as {source} returns it, got "
             f"{type(value).__name__}."
         )
 
@@ -51,7 +51,7 @@ def keywords_of(function: Callable[..., Any]) -> list[str]:
     return [parameter.name for parameter in parameters if parameter.kind is parameter.KEYWORD_ONLY]
 
 
-def check_keywords(keywords: Iterable[str], allowed: Iterable[str], what: str) -> None:
+def check_keywords(keywords: Iterable[str], allowed: Iterable[str], label: str) -> None:
     """Raise TypeError for unknown keywords, with the most similar name."""
     names = list(allowed)
     for name in keywords:
@@ -62,7 +62,7 @@ def check_keywords(keywords: Iterable[str], allowed: Iterable[str], what: str) -
                 if matches
                 else f"it has {', '.join(names) or 'none'}."
             )
-            raise TypeError(f"{what} has no keyword {name!r}: {hint}")
+            raise TypeError(f"{label} has no keyword {name!r}: {hint}")
 
 
 def is_finite(value: object) -> bool:
@@ -119,10 +119,10 @@ def is_integer(value: Any) -> bool:
     return bool(abs(value) < 2**63 and value == int(value))
 
 
-def positive_integer(value: Any, what: str) -> int:
+def positive_integer(value: Any, label: str) -> int:
     """Return a whole number from 1 on; raise ValueError otherwise."""
     if not is_integer(value) or value < 1:
-        raise ValueError(f"{what} must be a whole number from 1 on, got {value!r}.")
+        raise ValueError(f"{label} must be a whole number from 1 on, got {value!r}.")
     return int(value)
 
 
@@ -137,32 +137,32 @@ def is_array(value: Any) -> bool:
     return has_samples or isinstance(value, memoryview)
 
 
-def host_array(values: Any, what: str) -> Array:
+def host_array(values: Any, label: str) -> Array:
     """Return values as a NumPy array in host memory, without a copy where possible.
 
     Arrays of other libraries convert by ``__array__`` (PyTorch on the host, JAX, xarray, results of
     clplen) or else by DLPack.
     """
-    result, mask = masked_array(values, what)
+    result, mask = masked_array(values, label)
     if mask is not None:
         raise ValueError(
-            f"{what} must have no masked samples, got {np.count_nonzero(mask):,} of {mask.size:,}: "
-            "replace them by array.filled(value), or leave them out."
+            f"{label} must have no masked samples, got {np.count_nonzero(mask):,} of "
+            f"{mask.size:,}: replace them by array.filled(value), or leave them out."
         )
     return result
 
 
-def masked_array(values: Any, what: str) -> tuple[Array, Array | None]:
+def masked_array(values: Any, label: str) -> tuple[Array, Array | None]:
     """Return `host_array` for weighted samples, with the mask or None if all are valid."""
     if getattr(values, "requires_grad", False) is True:
         raise TypeError(
-            f"{what} must not be a tensor with requires_grad, whose gradient would end here: pass "
+            f"{label} must not be a tensor with requires_grad, whose gradient would end here: pass "
             "tensor.detach(), or keep the gradient with clplen.torch."
         )
     memory = _device_memory(values)
     if memory:
         raise TypeError(
-            f"{what} must be in host memory, got an array on {memory}: copy it first by "
+            f"{label} must be in host memory, got an array on {memory}: copy it first by "
             "tensor.cpu() in PyTorch or cupy.asnumpy(array) in CuPy."
         )
     if hasattr(values, "resolve_conj"):  # tensors that are conj(x) by a flag only
@@ -175,11 +175,11 @@ def masked_array(values: Any, what: str) -> tuple[Array, Array | None]:
             values = _stack_masked(values)
         result = np.from_dlpack(values) if is_foreign else np.asanyarray(values)
     except ValueError:
-        raise TypeError(f"{what} must not have rows of unequal lengths.") from None
+        raise TypeError(f"{label} must not have rows of unequal lengths.") from None
     except (TypeError, RuntimeError, BufferError) as error:
         kind = getattr(values, "dtype", type(values).__name__)
         raise TypeError(
-            f"{what} must be convertible by NumPy, got {kind} ({error}): convert it, for example "
+            f"{label} must be convertible by NumPy, got {kind} ({error}): convert it, for example "
             "to float32."
         ) from error
     if result.dtype == object and all(isinstance(element, Complex) for element in result.flat):
@@ -187,7 +187,8 @@ def masked_array(values: Any, what: str) -> tuple[Array, Array | None]:
         result = _with_infinities(result, np.float64 if is_real else np.complex128)  # above 2^64
     if result.dtype.kind == "V" and result.dtype.names is None:
         raise TypeError(
-            f"{what} has dtype {result.dtype}, which NumPy does not support: convert it to float32."
+            f"{label} has dtype {result.dtype}, which NumPy does not support: convert it to "
+            "float32."
         )
     mask = None
     if isinstance(result, np.ma.MaskedArray) and result.mask is not np.ma.nomask:
@@ -226,36 +227,36 @@ def _device_memory(values: Any) -> str:
     return "" if kind in _ON_HOST else f"device {number} of DLPack's kind {int(kind)} (2 is CUDA)"
 
 
-def real_array(values: Any, what: str, dtype: Any = np.float32) -> Array:
+def real_array(values: Any, label: str, dtype: Any = np.float32) -> Array:
     """Convert values to real numbers; overflow becomes infinity, a dtype of None keeps the type."""
-    result = host_array(values, what)
+    result = host_array(values, label)
     if result.dtype.kind == "c":
-        raise TypeError(f"{what} must hold real numbers, got {result.dtype}: take the intensity.")
+        raise TypeError(f"{label} must hold real numbers, got {result.dtype}: take the intensity.")
     if result.dtype.kind not in "biuf":
-        raise TypeError(f"{what} must be an array of numbers, got {type(values).__name__}.")
+        raise TypeError(f"{label} must be an array of numbers, got {type(values).__name__}.")
     with np.errstate(over="ignore"):
         return result if dtype is None else result.astype(dtype, copy=False)
 
 
-def real_map(values: Any, what: str, dtype: Any = np.float32) -> Array:
+def real_map(values: Any, label: str, dtype: Any = np.float32) -> Array:
     """Convert a map like `real_array`, with NaN for masked samples."""
-    samples, mask = masked_array(values, what)
-    result = real_array(samples, what, dtype)
+    samples, mask = masked_array(values, label)
+    result = real_array(samples, label, dtype)
     return result if mask is None else np.where(mask, result.dtype.type(np.nan), result)
 
 
-def finite_batch(values: Any, shape: tuple[int, ...], what: str) -> Array:
+def finite_batch(values: Any, shape: tuple[int, ...], label: str) -> Array:
     """Return volumes or frames for a projector, float32, with one leading axis."""
-    result = real_array(values, what)
+    result = real_array(values, label)
     if result.shape[-len(shape) :] != shape or not result.size:
         raise ShapeError(
-            f"{what} for this projector must have shape (..., {', '.join(map(str, shape))}), "
+            f"{label} for this projector must have shape (..., {', '.join(map(str, shape))}), "
             f"got {result.shape}."
         )
     bad = result.size - int(np.count_nonzero(np.isfinite(result)))
     if bad:
         raise ValueError(
-            f"{what} has {bad:,} values that are not finite and would spread over the result: "
+            f"{label} has {bad:,} values that are not finite and would spread over the result: "
             "replace them."
         )
     return np.ascontiguousarray(result).reshape(-1, *shape)
@@ -264,10 +265,10 @@ def finite_batch(values: Any, shape: tuple[int, ...], what: str) -> Array:
 Aliasing = Literal["raise", "warn", "allow"]
 
 
-def check_centre(centre: tuple[float, float], what: str) -> None:
+def check_centre(centre: tuple[float, float], label: str) -> None:
     """Raise ValueError unless a centre is two finite numbers."""
     if np.shape(centre) != (2,) or not np.isfinite(float64_array(centre)).all():
-        raise ValueError(f"The centre of {what} must be finite (y, x) in metres, got {centre!r}.")
+        raise ValueError(f"The centre of {label} must be finite (y, x) in metres, got {centre!r}.")
 
 
 def check_diameter(diameter: float | None) -> None:

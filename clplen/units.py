@@ -36,7 +36,7 @@ class Length:
     usual: tuple[float, float]
     units: tuple[str, ...]
 
-    def check(self, values: Any, what: str) -> None:
+    def check(self, values: Any, label: str) -> None:
         """Raise ValueError for numbers too large to be metres; other values pass."""
         if isinstance(values, float) and abs(values) <= self.max_length:
             return
@@ -46,13 +46,13 @@ class Length:
             return
         except OverflowError:
             raise ValueError(
-                f"{what} must be in metres, at most {self.max_length:g}, got more than 1e308."
+                f"{label} must be in metres, at most {self.max_length:g}, got more than 1e308."
             ) from None
         beyond = numbers[np.isfinite(numbers) & (numbers > self.max_length)]
         if beyond.size:
             largest = float(beyond.max())
             raise ValueError(
-                f"{what} must be in metres, at most {self.max_length:g}, got "
+                f"{label} must be in metres, at most {self.max_length:g}, got "
                 f"{largest:g}{self.suggestion(largest)}"
             )
 

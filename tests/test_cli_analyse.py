@@ -99,7 +99,7 @@ def test_the_example_is_a_pair(tmp_path: Path) -> None:
 
 
 def test_bad_names_and_folders_are_told(run: Run, tmp_path: Path) -> None:
-    assert "got 'mft'" in said(run("--only", "psf,mft", one=STANDARD))
+    assert "no analysis 'mft'" in said(run("--only", "psf,mft", one=STANDARD))
     assert "Did you mean 'mtf'?" in said(run("--only", "mft", one=STANDARD))
     assert "Name at least one analysis" in said(run("--only", ",", one=STANDARD))
     twice = ["analyse", "a/one.toml", "b/one.toml", "-o", str(tmp_path / "out")]

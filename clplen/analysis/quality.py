@@ -309,7 +309,7 @@ def _mask(values: ArrayLike, shape: tuple[int, ...], name: str) -> Mask:
     """Return True where a mask is nonzero."""
     mask = host_array(values, f"The mask {name}")
     if mask.shape != shape:
-        raise ShapeError(f"The mask {name} has shape {mask.shape}; the truth has {shape}.")
+        raise ShapeError(f"The mask {name} must have the truth's shape {shape}, got {mask.shape}.")
     return mask != 0
 
 

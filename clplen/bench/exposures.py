@@ -76,10 +76,10 @@ def _expose(cam: Plenoptic2) -> RawImage:
     return cam.expose(PointSources([(0.0, 0.0, 0.0)], diameter=demo.SOURCE_DIAMETER))
 
 
-def bare_ffts(transforms: Transforms, device: Device, what: str = "") -> Case:
+def bare_ffts(transforms: Transforms, device: Device, prefix: str = "") -> Case:
     """Create all transforms of exposures, at their padded sizes, by the device's FFT route."""
     parts = [ceilings.bare_fft(shape, device, count=count) for count, shape in transforms]
-    name = what + " + ".join(part.name for part in parts)
+    name = prefix + " + ".join(part.name for part in parts)
 
     def run() -> None:
         for part in parts:
@@ -91,8 +91,8 @@ def bare_ffts(transforms: Transforms, device: Device, what: str = "") -> Case:
 def added(transforms: Sequence[Transforms]) -> Transforms:
     """Sum the transforms of several exposures by shape."""
     counts: dict[tuple[int, int], int] = {}
-    for several in transforms:
-        for count, shape in several:
+    for counted in transforms:
+        for count, shape in counted:
             counts[shape] = counts.get(shape, 0) + count
     return tuple((count, shape) for shape, count in counts.items())
 

@@ -66,7 +66,7 @@ def measure_microscope(device: Device, size: str, repeats: int) -> Report:
     volume_on_device, frame_on_device = device.upload(volume), device.upload(frame)
     plain = Plain(images, min(PLAIN, planes), count)
     share = planes / plain.planes
-    both = float(2 * math.prod(projector.volume_shape))
+    voxels = float(2 * math.prod(projector.volume_shape))
 
     def ours() -> None:
         projector.project(volume_on_device)
@@ -77,12 +77,12 @@ def measure_microscope(device: Device, size: str, repeats: int) -> Report:
         plain.backward(frame[0])
 
     cases = [
-        Case(f"plain, {plain.planes} of {planes} planes", theirs, both / share, "voxels"),
-        Case("forward and backward", finished(ours, device), both, "voxels"),
+        Case(f"plain, {plain.planes} of {planes} planes", theirs, voxels / share, "voxels"),
+        Case("forward and backward", finished(ours, device), voxels, "voxels"),
         Case(
             "forward",
             finished(lambda: projector.project(volume_on_device), device),
-            both / 2,
+            voxels / 2,
             "voxels",
         ),
     ]

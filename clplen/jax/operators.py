@@ -76,7 +76,7 @@ def apply(
     return _linear(IdentityKey(operator), adjoint, False, check_finite, x)
 
 
-def require_array(x: Any, dtypes: tuple[np.dtype[Any], ...], what: str) -> jax.Array:
+def require_array(x: Any, dtypes: tuple[np.dtype[Any], ...], label: str) -> jax.Array:
     """Return an array of an accepted dtype; convert real arrays to complex."""
     dtype = jnp.result_type(x)
     if dtype in dtypes:
@@ -93,7 +93,7 @@ def require_array(x: Any, dtypes: tuple[np.dtype[Any], ...], what: str) -> jax.A
         if is_double and not jax.config.jax_enable_x64
         else f"pass x.astype({str(dtypes[0])!r})"
     )
-    raise TypeError(f"{what} takes arrays of {names}, got {dtype}: {advice}.")
+    raise TypeError(f"{label} takes arrays of {names}, got {dtype}: {advice}.")
 
 
 def warn_of_one_core() -> None:

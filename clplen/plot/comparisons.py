@@ -281,7 +281,7 @@ def pictures(comparison: Comparison) -> Figure:
     left, right, top, bottom = _bright_limits(comparison)
     ratio = (bottom - top) / (right - left)
     count = len(comparison.cameras)
-    below = ratio < 0.7  # each other, else side by side
+    below = ratio < 0.7  # stack wide pictures, else place them side by side
     size = (7.4, (6.6 * ratio + 0.6) * count + 0.3) if below else (4.4 * count, 4.4 * ratio + 0.8)
     figure = new_figure(*size)
     grid = (count, 1) if below else (1, count)

@@ -202,10 +202,10 @@ class _Part:
         return min(2.0, max(0.25, (bottom - top) / (right - left)))
 
 
-def _part_of(field: Field, region: Region | None, what: str) -> _Part:
+def _part_of(field: Field, region: Region | None, function: str) -> _Part:
     """Return the displayed part of a field or of a batch; raise for another type."""
     if not isinstance(field, Field):
-        raise TypeError(f"plot.{what} needs a Field, got {type(field).__name__}.")
+        raise TypeError(f"plot.{function} needs a Field, got {type(field).__name__}.")
     rows, columns = _checked(region, field.shape[-2:])
     y, x = field.grid.y[rows], field.grid.x[columns]
     edges = [

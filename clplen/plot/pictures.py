@@ -79,8 +79,8 @@ def raw_image(raw: RawImage, *, details: Mapping[str, tuple[float, float]] | Non
     shades = Shades(values, "log", _RAW_DECADES)
     left, _, _, top = centred(values.shape, mm)
     extent = (left, left + coarse.shape[1] * step * mm, top + coarse.shape[0] * step * mm, top)
-    how: Any = {"interpolation": "antialiased", "interpolation_stage": "data"}
-    shades.show(axes, coarse, extent=extent, **how)
+    options: Any = {"interpolation": "antialiased", "interpolation_stage": "data"}
+    shades.show(axes, coarse, extent=extent, **options)
     axes.set(xlabel="x on the sensor / mm", ylabel="y on the sensor / mm", title="raw image")
     shades.bar(figure, "value of a pixel", ax=axes)
     check_finite(details=list(details.values()))
@@ -403,8 +403,8 @@ def epi(
     )
     ends = (*_ends(across), *_ends(down)[::-1])
     label = "value of a sample" if source.values.ndim == 2 else ""
-    how = {"extent": ends, "aspect": "auto", "interpolation": None}
-    draw(figure, axes, source.values, scale, label, **how)
+    options = {"extent": ends, "aspect": "auto", "interpolation": None}
+    draw(figure, axes, source.values, scale, label, **options)
     views, pixels = source.axes
     labels = {"m": f"{views} on the main lens / mm", "view": f"{views} from the middle / view"}
     label_down = labels.get(source.units[0], rf"$\{views}$ / mrad")

@@ -298,7 +298,7 @@ def _draw_focal_points(view: _View, optics: OpticalSystem, rays: Rays) -> None:
         text.set(zorder=6, path_effects=halo)
 
 
-def _label_position(view: _View, rays: Rays, z: float, aside: float) -> tuple[float, float]:
+def _label_position(view: _View, rays: Rays, z: float, offset: float) -> tuple[float, float]:
     """Return a label position near a point of the axis, clear of marginal and chief rays."""
     inch = np.array([view.z_inch, view.y_inch])
     lines = []
@@ -307,7 +307,7 @@ def _label_position(view: _View, rays: Rays, z: float, aside: float) -> tuple[fl
             along, heights = _extended(view, rays, bundle, tilt)
             lines += [np.column_stack([along, y]) / inch for y in (heights[:, 0], heights[:, -1])]
     distances = (_ASIDE, 1.5 * _ASIDE, 2 * _ASIDE)
-    sides = [(x, y) for far in distances for y in (-far, far) for x in (aside, -aside, 0.0)]
+    sides = [(x, y) for far in distances for y in (-far, far) for x in (offset, -offset, 0.0)]
     positions = [np.array([z / view.z_inch, 0.0]) + side for side in sides]
     gaps = [
         min((_distance(position, line) for line in lines), default=_MIN_GAP)

@@ -60,8 +60,8 @@ def _decode(device: Device) -> Pairs:
     raw = twins.reals(1, 61, 83)
     expected = _views_of(raw, TURNED)
     columns = TURNED.count[1]
-    back = twins.interpolation(np.arange(columns) - 0.5, columns, kernel=twins.keys, clamp=True)
-    expected[:, :, 1::2] = expected[:, :, 1::2] @ back.T
+    weights = twins.interpolation(np.arange(columns) - 0.5, columns, kernel=twins.keys, clamp=True)
+    expected[:, :, 1::2] = expected[:, :, 1::2] @ weights.T
     yield expected, device.download(resample(device.upload(raw), TURNED, device))
 
 
@@ -95,7 +95,7 @@ def _focused(device: Device) -> Pairs:
     values, all_centres, raw, geometry = _focused_raw(device)
     for method, ratio in (("basic", 0.31), ("blended", -0.3)):
         picture = render_focused(raw, method=method, m=ratio, step=2.37)
-        got = picture.to_numpy()
+        values_on_device = picture.to_numpy()
         y, x = (axis[:, None, None] if k == 0 else axis[None, :, None]
                 for k, axis in enumerate(picture.grid.axes()))  # fmt: skip
         centres = all_centres.reshape(-1, 2)
@@ -112,7 +112,7 @@ def _focused(device: Device) -> Pairs:
         expected = (w * samples).sum(axis=-1) / np.maximum(w.sum(axis=-1), 1e-30)
         # Beyond the lenslets nothing is recorded, and the nearest lattice point is no lenslet.
         inner = lit & (near.min(axis=-1) < 0.45 * geometry.pitch * abs(ratio))
-        yield expected[inner], got[inner]
+        yield expected[inner], values_on_device[inner]
 
 
 SHAPE, V, N = (5, 6), 2, 3  # lenslets; voxels and pixels per lenslet along an axis

@@ -55,13 +55,13 @@ def _point_sources(device: Device) -> Pairs:
 
     grid, size = Grid((24, 37), (40e-6, 30e-6), origin=(20e-6, 0)), 400e-6
     points = np.array([(-3e-3, -2e-3, -0.05), (2.5e-3, 1e-3, 0.05)])
-    got = pupil_fields(
+    fields = pupil_fields(
         points, size, grid=grid, object_distance=0.24,
         focal_length=0.12, aperture_diameter=0.5e-3, wavelength=LAM, device=device,
     ).to_numpy()  # fmt: skip
     y, x = np.meshgrid(grid.y, grid.x, indexing="ij")
     share = twins.disc_share(y, x, 0.25e-3, grid.pitch)
-    for field, (x0, y0, dz) in zip(got, points, strict=True):
+    for field, (x0, y0, dz) in zip(fields, points, strict=True):
         z, rho2 = 0.24 + dz, (x - x0) ** 2 + (y - y0) ** 2
         v = np.pi * size * np.sqrt(rho2) / (LAM * z)
         turns = (np.sqrt(rho2 + z**2) - z) / LAM - (x**2 + y**2) / (2 * LAM * 0.12)
@@ -132,9 +132,9 @@ def _hits(ball: Any, ground: Any, y: Any, x: Any, a: Any, b: Any) -> tuple[Any, 
 
 def _spline_weights(t: Any) -> Any:
     """Return weights of a cubic B-spline at -1, 0, 1, 2, on a new last axis."""
-    away = np.abs(np.asarray(t)[..., None] - np.arange(-1, 3))
-    near, far = (4 - 6 * away**2 + 3 * away**3) / 6, (2 - away) ** 3 / 6
-    return np.where(away <= 1, near, np.where(away < 2, far, 0.0))
+    distances = np.abs(np.asarray(t)[..., None] - np.arange(-1, 3))
+    near, far = (4 - 6 * distances**2 + 3 * distances**3) / 6, (2 - distances) ** 3 / 6
+    return np.where(distances <= 1, near, np.where(distances < 2, far, 0.0))
 
 
 def _light(surface: Any, y: Any, x: Any, d: Any, a: Any, b: Any) -> Any:
@@ -169,11 +169,13 @@ def _scene(device: Device) -> Pairs:
             BALL, GROUND, y[..., None, None] + parts[:, None], x[..., None, None] + parts, a, b
         )
         share = (fine[0] > fine[1]).mean(axis=(2, 3))
-        mine, other = (_light(s, y, x, np.where(np.isfinite(d), d, 0), a, b)
-                       for s, d in ((BALL, ball), (GROUND, ground)))  # fmt: skip
+        ball_light, ground_light = (
+            _light(s, y, x, np.where(np.isfinite(d), d, 0), a, b)
+            for s, d in ((BALL, ball), (GROUND, ground))
+        )
         plain = (share == 0) | (share == 1)
         rim += np.count_nonzero(~plain)
-        yield np.where(share == 1, mine, other)[plain], pictures[v, u][plain]
+        yield np.where(share == 1, ball_light, ground_light)[plain], pictures[v, u][plain]
     assert rim > 0
 
 

@@ -53,14 +53,14 @@ def _refocus(device: Device) -> Pairs:
     a, w = _views(2, 3, 4, 9, 43, 3, kind=np.float16), _weights((3, 4))
     planes, steps = np.array([-1.37, 1.0, 0.4]), twins.view_steps((3, 4)) * (1.3, 1)
     down, right = np.outer(planes, steps[:, 0, 0]), np.outer(planes, steps[0, :, 1])
-    got = shear_sum(device.upload(a), w, down, right, device=device)
+    computed = shear_sum(device.upload(a), w, down, right, device=device)
     expected = np.zeros((3, *a.shape[2:]))
     for p, d in enumerate(planes):
         parts = [twins.moved(a[n], d * steps[n]) for n in np.ndindex(3, 4)]
         total = np.tensordot(w.ravel(), [value for value, _ in parts], 1)
         used = np.tensordot(w.ravel(), [share for _, share in parts], 1)
         expected[p] = total / used[..., None]
-    yield expected, device.download(got)
+    yield expected, device.download(computed)
 
 
 def _along_rays(device: Device) -> Pairs:
@@ -76,12 +76,12 @@ def _along_rays(device: Device) -> Pairs:
             share = twins.triangle(at_y - i) * twins.triangle(at_x - j)
             total += share * a[n][i, j]
             used += share
-    got = along_rays(device.upload(a), "mean", disparity=d, **options)
-    yield total / used, device.download(got)
+    computed = along_rays(device.upload(a), "mean", disparity=d, **options)
+    yield total / used, device.download(computed)
     inner = (slice(2, -2), slice(2, -2))  # inside every view
     samples = [twins.moved(a[n], 0.65 * steps[n])[0][inner] for n in np.ndindex(3, 3)]
-    got = along_rays(device.upload(a), "median", disparity=0.65, **options)
-    yield np.median(samples, axis=0), device.download(got)[inner]
+    computed = along_rays(device.upload(a), "median", disparity=0.65, **options)
+    yield np.median(samples, axis=0), device.download(computed)[inner]
 
 
 def _ramp(fy: twins.Array, fx: twins.Array, shift: twins.Array) -> twins.Array:
@@ -117,8 +117,8 @@ def _all_in_focus(device: Device) -> Pairs:
     energy[:, 2, 3:5] = 0
     peak = energy.max(axis=0)
     share = np.where(peak > 0, (energy / np.where(peak > 0, peak, 1).astype(float)) ** 8, 1)
-    got = _launch("blend", planes, planes.data, device.upload(energy), np.int32(3))
-    yield (share * a).sum(axis=0) / share.sum(axis=0), device.download(got)
+    computed = _launch("blend", planes, planes.data, device.upload(energy), np.int32(3))
+    yield (share * a).sum(axis=0) / share.sum(axis=0), device.download(computed)
 
 
 def _warped(device: Device) -> Pairs:

@@ -82,8 +82,8 @@ def _impulse_response(device: Device) -> Pairs:
     k = 2 * np.pi / LAM
     h = abs(z) / (2 * np.pi * r**2) * (1 / r - 1j * k) * np.exp(1j * k * (r - abs(z)))
     for phase in ("tables", "fp64") if device.has_fp64 else ("tables",):
-        got = device.download(impulse_response(shape, pitch, z, LAM, device, phase))
-        yield np.conj(h) * pitch[0] * pitch[1], got
+        computed = device.download(impulse_response(shape, pitch, z, LAM, device, phase))
+        yield np.conj(h) * pitch[0] * pitch[1], computed
 
 
 def _finite(device: Device) -> Pairs:

@@ -18,35 +18,35 @@ _TYPES = {
 }
 
 
-def require_tensor(x: Any, dtypes: Iterable[np.dtype[Any]], what: str) -> None:
+def require_tensor(x: Any, dtypes: Iterable[np.dtype[Any]], label: str) -> None:
     """Raise TypeError unless x is a dense tensor of given dtypes in host memory."""
     if not isinstance(x, torch.Tensor):
         raise TypeError(
-            f"{what} takes tensors, got {type(x).__name__}: convert it by torch.as_tensor(x)."
+            f"{label} takes tensors, got {type(x).__name__}: convert it by torch.as_tensor(x)."
         )
     if x.device.type != "cpu":
         raise TypeError(
-            f"{what} takes tensors in host memory, got a tensor on {x.device}: pass x.cpu(), which "
-            "keeps gradients."
+            f"{label} takes tensors in host memory, got a tensor on {x.device}: pass x.cpu(), "
+            "which keeps gradients."
         )
     if x.layout != torch.strided:
-        raise TypeError(f"{what} takes dense tensors, got {x.layout}: pass x.to_dense().")
+        raise TypeError(f"{label} takes dense tensors, got {x.layout}: pass x.to_dense().")
     accepted = [_TYPES[np.dtype(dtype)] for dtype in dtypes]
     if x.dtype not in accepted:
         names = " or ".join(str(dtype).removeprefix("torch.") for dtype in accepted)
         raise TypeError(
-            f"{what} takes tensors of {names}, got {str(x.dtype).removeprefix('torch.')}: pass "
+            f"{label} takes tensors of {names}, got {str(x.dtype).removeprefix('torch.')}: pass "
             f"x.to({accepted[0]})."
         )
 
 
-def constant(value: Any, what: str) -> Any:
+def constant(value: Any, label: str) -> Any:
     """Return a value without gradient, converted from a tensor to NumPy."""
     if not isinstance(value, torch.Tensor):
         return value
     if value.requires_grad:
         raise TypeError(
-            f"{what} has no gradient here, got a tensor with requires_grad: pass tensor.detach()."
+            f"{label} has no gradient here, got a tensor with requires_grad: pass tensor.detach()."
         )
     return host_values(value).item() if value.ndim == 0 else host_values(value)
 

@@ -268,9 +268,9 @@ def test_compare_measures_what_is_asked_for(device: Device, tmp_path: Path) -> N
         place = (x - picture.values.shape[1] // 2) * picture.pitch[1] + picture.origin[1]
         assert place == pytest.approx(-0.2e-3 / 3, abs=picture.pitch[1])  # inverted
     assert set(tables(found)) == {"summary", "sampling"}
-    with pytest.raises(ValueError, match="was not measured: ask for 'psf'"):
+    with pytest.raises(ValueError, match="was not measured: add 'psf'"):
         found["one"].mtf()
-    with pytest.raises(KeyError, match="there are one, two"):
+    with pytest.raises(KeyError, match="choose among one, two"):
         found["three"]
 
 
@@ -339,7 +339,7 @@ def test_verdicts_follow_from_the_numbers(device: Device, tmp_path: Path) -> Non
     assert "aberrations" not in said["usable MTF50"]
     thrice = (known[0], known[1], replace(known[1], name="same"))
     by_name = {c.name: judge(c, thrice) for c in criteria(found)}
-    assert "`narrow`, `same` win alike:" in by_name["crosstalk"]
+    assert "`narrow`, `same` are equally good:" in by_name["crosstalk"]
     assert (
         "`narrow`, `same`: the tails of a lenslet's diffraction, 3.4 % at" in by_name["crosstalk"]
     )

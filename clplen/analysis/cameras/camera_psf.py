@@ -181,9 +181,9 @@ def _unfolded_picture(picture: Values, near: Index, position: Index, positions: 
     )
     if near == position:
         return picture
-    turned = picture if near == folded else picture.T
+    oriented = picture if near == folded else picture.T
     rows, columns = (-1 if index != n else 1 for index, n in zip(position, folded, strict=True))
-    return turned[::rows, ::columns]
+    return oriented[::rows, ::columns]
 
 
 @dataclass(frozen=True, eq=False, repr=False)

@@ -104,8 +104,8 @@ class Measured:
     def mtf_cutoff(self, axis: int = 1) -> float:
         """Return the cut-off of `mtf` in cycles a metre, as `Curve.cutoff`.
 
-        NaN where contrast stays above 0.01 beyond the diffraction limit: it is no signal, but
-        a residue of pixels and their interpolation.
+        NaN where contrast stays above 0.01 beyond the diffraction limit: it is no signal, but a
+        residue of pixels and their interpolation.
         """
         cutoff = self.mtf(axis).cutoff()
         mla, diffraction_limit = self.camera.mla, self.sampling.diffraction_cutoff
@@ -156,10 +156,10 @@ class Measured:
     def radius(self, share: float) -> float:
         """Return the radius in metres that encircles a share of the energy; NaN if outside."""
         radii, shares = self.encircled()
-        past = np.flatnonzero(shares >= share)
-        if not past.size or past[0] == 0:
+        above = np.flatnonzero(shares >= share)
+        if not above.size or above[0] == 0:
             return math.nan
-        k = slice(int(past[0]) - 1, int(past[0]) + 1)
+        k = slice(int(above[0]) - 1, int(above[0]) + 1)
         return float(np.interp(share, shares[k], radii[k]))
 
     def strehl(self) -> float:
@@ -169,14 +169,14 @@ class Measured:
         and Wolf 1999, section 8.5.2). The ratio shows the loss by lenslets and pixels.
         """
         c = self.camera
-        alone = np.pi / 4 * (c.aperture_diameter / (c.wavelength * c.image_distance)) ** 2
-        return float(self._psf.peak / self._psf.energy / alone)
+        reference_peak = np.pi / 4 * (c.aperture_diameter / (c.wavelength * c.image_distance)) ** 2
+        return float(self._psf.peak / self._psf.energy / reference_peak)
 
     @property
     def _psf(self) -> PSF:
         if self.psf is None:
             raise ValueError(
-                f"The point spread function of {self.name!r} was not measured: ask for 'psf'."
+                f"The point spread function of {self.name!r} was not measured: add 'psf' to only=."
             )
         return self.psf
 
@@ -253,7 +253,9 @@ class Comparison(OneLine):
         for measured in self.cameras:
             if measured.name == name:
                 return measured
-        raise KeyError(f"no camera {name!r}; there are {', '.join(c.name for c in self.cameras)}")
+        raise KeyError(
+            f"no camera {name!r}; choose among {', '.join(c.name for c in self.cameras)}"
+        )
 
 
 @notebook_bar("comparing cameras")
@@ -360,7 +362,9 @@ def check_analyses(names: Iterable[str]) -> tuple[str, ...]:
         if name not in ANALYSES:
             near = difflib.get_close_matches(name, ANALYSES, 1, _MIN_SIMILARITY)
             hint = f" Did you mean {near[0]!r}?" if near else ""
-            raise ValueError(f"Analyses are {', '.join(ANALYSES)}, got {name!r}.{hint}")
+            raise ValueError(
+                f"There is no analysis {name!r}; choose among {', '.join(ANALYSES)}.{hint}"
+            )
     if not requests:
         raise ValueError(f"Name at least one analysis of {', '.join(ANALYSES)}.")
     return tuple(name for name in ANALYSES if name in requests)

@@ -33,13 +33,13 @@ def cell_outline(cells: LensletGrid, cell: Cell) -> Values:
     centre = cell_centres(cells)[_checked_cell(cells, cell)]
     row, column = np.asarray(cells.row_step), np.asarray(cells.column_step)
     if cells.odd_row_shift == 0:
-        around = [column, row, -column, -row]
+        neighbours = [column, row, -column, -row]
     else:
-        around = [column, row + column / 2, row - column / 2]
-        around += [-step for step in around]
+        neighbours = [column, row + column / 2, row - column / 2]
+        neighbours += [-step for step in neighbours]
     corners = [
         np.linalg.solve(np.stack((a, b)), np.array((a @ a, b @ b)) / 2)
-        for a, b in zip(around, around[1:] + around[:1], strict=True)
+        for a, b in zip(neighbours, neighbours[1:] + neighbours[:1], strict=True)
     ]
     return centre + np.array(corners)
 

@@ -2,9 +2,9 @@
 
 ISO 12233:2017, annex D: fit a straight line to the edge, bin all samples by their distance from it
 in quarters of a sample, window the derivative of this edge spread function and transform it. Three
-refinements go beyond the annex. Distances are measured along the edge's normal; the mean over a bin
-compensates the uneven density of its samples; the mean and the difference of bins are both
-corrected. The window is Tukey's, flat over the middle half.
+refinements go beyond the annex. Distances are measured along the edge's normal. The mean over a bin
+compensates the uneven density of its samples. The result is corrected for this mean, not only for
+the difference of bins. The window is Tukey's, flat over the middle half.
 """
 
 from __future__ import annotations

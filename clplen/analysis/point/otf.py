@@ -117,12 +117,12 @@ class Curve(OneLine, Plottable):
         ValueError
             If the curve ends before this frequency.
         """
-        rest = self.value[self.frequency > beyond]
-        if not rest.size:
+        tail = self.value[self.frequency > beyond]
+        if not tail.size:
             raise ValueError(
                 f"beyond must be below {self.frequency[-1]:.6g} cycles/m, got {beyond!r}."
             )
-        return float(np.sqrt(np.mean(rest**2)))
+        return float(np.sqrt(np.mean(tail**2)))
 
     def cutoff(self, *, level: float = 0.01, noise: float = 0.0) -> float:
         """Return the frequency beyond which the curve stays at or below ``level + noise``.

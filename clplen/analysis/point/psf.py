@@ -363,12 +363,12 @@ class PSF(Plottable, HostArray):
         sides = zip(self._indices(centre), self.values.shape, self.pitch, strict=True)
         return min(min(i + 0.5, n - 0.5 - i) * pitch for i, n, pitch in sides)
 
-    def _within(self, lengths: Any, centre: Pair | None, what: str) -> Values:
+    def _within(self, lengths: Any, centre: Pair | None, label: str) -> Values:
         """Return lengths from a position; raise ValueError if any leaves the window."""
         values, reach = np.asarray(lengths, np.float64), self._reach(centre)
         if not ((values >= 0) & (values <= reach * (1 + 1e-12))).all():
             raise ValueError(
-                f"{what} must be between 0 and the {reach:.4g} m from the centre to the border of "
+                f"{label} must be between 0 and the {reach:.4g} m from the centre to the border of "
                 f"the window, got {lengths!r}: take a wider window."
             )
         return values
@@ -483,8 +483,8 @@ def wavefront_rms(phase: Any, *, weight: Any = None) -> float:
 def wavefront_strehl(phase: Any, *, weight: Any = None) -> float:
     """Compute the intensity at the reference point over that of the flat wavefront.
 
-    It is abs(sum w exp(i phase))^2/(sum w)^2 (Born and Wolf 1999, section 9.1.2). `PSF.strehl` uses
-    the peak instead, which tilt or coma shifts from this point.
+    It is abs(sum w exp(i phase))^2/(sum w)^2 (Born and Wolf 1999, section 9.1.2). Tilt or coma move
+    the peak away from the reference point; `PSF.strehl` uses the peak.
 
     Parameters
     ----------

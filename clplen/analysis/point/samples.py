@@ -13,19 +13,19 @@ Values = np.ndarray[Any, np.dtype[np.float64]]
 Pair = tuple[float, float]
 
 
-def checked(values: Any, what: str, *, min_samples: int = 1) -> Values:
+def checked(values: Any, label: str, *, min_samples: int = 1) -> Values:
     """Convert a real picture to float64; raise for NaN or too few samples a side."""
     if np.iscomplexobj(values):
-        raise ValueError(f"{what} must be a real intensity; take abs(amplitude)**2 first.")
-    picture = np.array(host_array(values, what), np.float64)
+        raise ValueError(f"{label} must be a real intensity; take abs(amplitude)**2 first.")
+    picture = np.array(host_array(values, label), np.float64)
     if picture.ndim != 2 or min(picture.shape) < min_samples:
         raise ShapeError(
-            f"{what} must have shape (ny, nx) of at least {min_samples} samples a side, got "
+            f"{label} must have shape (ny, nx) of at least {min_samples} samples a side, got "
             f"{picture.shape}."
         )
     bad = picture.size - np.count_nonzero(np.isfinite(picture))
     if bad:
-        raise ValueError(f"{what} has {bad} samples that are NaN or infinite: replace them first.")
+        raise ValueError(f"{label} has {bad} samples that are NaN or infinite: replace them first.")
     return picture
 
 

@@ -194,7 +194,7 @@ class TwoPoints:
 
         return self._root(curvature, "part into two maxima")
 
-    def _root(self, rising: Callable[[Any], Any], what: str) -> float:
+    def _root(self, rising: Callable[[Any], Any], event: str) -> float:
         """Return the first separation at which a function changes from negative to positive."""
         from scipy.optimize import brentq
 
@@ -203,7 +203,7 @@ class TwoPoints:
         crossings = np.flatnonzero((values[:-1] < 0) & (values[1:] >= 0))
         if not crossings.size:
             raise ValueError(
-                f"Two points do not {what} at separations from {self.pitch / 4:.3g} to "
+                f"Two points do not {event} at separations from {self.pitch / 4:.3g} to "
                 f"{self.reach / 1.5:.3g} m: take a wider or finer image of a point."
             )
         k = int(crossings[0])
@@ -215,9 +215,9 @@ def _of(values: Any, psf: PSF, axis: int, phase: float | None) -> TwoPoints:
     from scipy.interpolate import make_interp_spline
 
     centre, other = psf.centroid(), 1 - axis
-    away = [psf.coordinates(k)[0] - centre[k] for k in (0, 1)]
-    line = line_of(values, axis, -away[other] / psf.pitch[other])
-    fine = away[axis] + np.arange((line.size - 1) * OVERSAMPLING + 1) * (
+    starts = [psf.coordinates(k)[0] - centre[k] for k in (0, 1)]
+    line = line_of(values, axis, -starts[other] / psf.pitch[other])
+    fine = starts[axis] + np.arange((line.size - 1) * OVERSAMPLING + 1) * (
         psf.pitch[axis] / OVERSAMPLING
     )
     spline = make_interp_spline(fine, interpolated_line(line, OVERSAMPLING), k=5)

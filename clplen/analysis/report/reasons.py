@@ -75,8 +75,10 @@ def limit(measured: Measured) -> str:
 def peak(measured: Measured) -> str:
     """Describe the limit of the Strehl ratio, compared by widths (roots of areas)."""
     c, blur = measured.camera, _widest(measured)
-    alone = math.pi / 4 * (c.aperture_diameter / (c.wavelength * c.image_distance)) ** 2
-    return _limited(measured, math.sqrt(blur.peak / blur.width**2 / alone / measured.strehl()))
+    reference_peak = math.pi / 4 * (c.aperture_diameter / (c.wavelength * c.image_distance)) ** 2
+    return _limited(
+        measured, math.sqrt(blur.peak / blur.width**2 / reference_peak / measured.strehl())
+    )
 
 
 def radius(measured: Measured) -> str:
@@ -107,10 +109,10 @@ def depth(measured: Measured) -> str:
     """Describe the cue that measures depth."""
     c: Any = measured.camera
     if is_focused(c):
-        where = "before" if c.a > 0 else "behind"
+        side = "before" if c.a > 0 else "behind"
         return (
             f"measured by the pitch of spots, {measured.sampling.views:.2g} in a row at dz = 0, "
-            f"the image {abs(c.a) * 1e3:.3g} mm {where} the array{_with_aberrations(measured)}"
+            f"the image {abs(c.a) * 1e3:.3g} mm {side} the array{_with_aberrations(measured)}"
         )
     return (
         f"measured by blur over {c.aperture_diameter * 1e3:.3g} mm of the main lens, in focus "
@@ -124,10 +126,10 @@ def depth_range(measured: Measured) -> str:
     failed = [k for k, note in enumerate(measured.depth.notes) if note]
     if not failed:
         return ""
-    where = ", ".join(f"{measured.depth.dz[k] * 1e3:g}" for k in failed)
+    depths = ", ".join(f"{measured.depth.dz[k] * 1e3:g}" for k in failed)
     first = measured.depth.notes[failed[0]]
     is_common = all(measured.depth.notes[k] == first for k in failed)
-    return f"not at dz = {where} mm ({'' if is_common else 'at the first: '}{first.rstrip('.')})"
+    return f"not at dz = {depths} mm ({'' if is_common else 'at the first: '}{first.rstrip('.')})"
 
 
 def _widest(measured: Measured) -> Blur:
@@ -168,7 +170,7 @@ def _worse(measured: Measured, ratio: float) -> str:
 
 def _with_aberrations(measured: Measured) -> str:
     cause = _aberrations(measured)
-    return f"; beside it {cause}" if cause else ""
+    return f"; in addition {cause}" if cause else ""
 
 
 def _aberrations(measured: Measured) -> str:

@@ -29,7 +29,7 @@ class Criterion:
     scale: float  # from SI units to ``unit``
     unit: str
     # cause of the number of a `Measured`; empty if unknown
-    why: Callable[[Measured], str]
+    cause: Callable[[Measured], str]
 
 
 def usable_mtf50(measured: Measured) -> float:
@@ -109,8 +109,8 @@ def judge(criterion: Criterion, cameras: Sequence[Measured]) -> str:
         f"none of `{measured.name}`" for value, measured in numbers if not math.isfinite(value)
     ]
     numbers_text = "; ".join([numbers_text, *missing])
-    why = _reasons(criterion, order)
-    return f"**{criterion.name}**: {_verdict(criterion, order)} {numbers_text}. {why}".rstrip()
+    causes = _reasons(criterion, order)
+    return f"**{criterion.name}**: {_verdict(criterion, order)} {numbers_text}. {causes}".rstrip()
 
 
 def depth_verdicts(comparison: Comparison) -> list[str]:
@@ -157,7 +157,7 @@ def _verdict(criterion: Criterion, order: list[tuple[float, Measured]]) -> str:
     if len(first) == len(order):
         return "no difference,"
     if len(first) > 1:
-        return f"{', '.join(first)} win alike:"
+        return f"{', '.join(first)} are equally good:"
     if math.isinf(lags[1]):
         return f"{first[0]} wins:"
     return f"{first[0]} wins by a factor of {lags[1]:.3g}:"
@@ -173,7 +173,7 @@ def _reasons(criterion: Criterion, order: list[tuple[float, Measured]]) -> str:
     """Join the causes, without a cause that is shared by differing numbers."""
     groups: dict[str, list[tuple[float, str]]] = {}
     for value, measured in order:
-        groups.setdefault(criterion.why(measured), []).append((value, f"`{measured.name}`"))
+        groups.setdefault(criterion.cause(measured), []).append((value, f"`{measured.name}`"))
     sentences = []
     for reason, members in groups.items():
         values = [value for value, _ in members]
