@@ -1093,7 +1093,7 @@ def slanted_edge(turned):
 def camera_analysis(camera):
     camera = camera()
     raw = camera.expose(clplen.PointSources([(0.0, 0.0, 0.0)]))
-    psf = analysis.camera_psf(camera, places=3)
+    psf = analysis.camera_psf(camera, positions=3)
     found = analysis.compare({"a": camera}, only=["sampling", "crosstalk", "psf"], quick=True)
     analysis.Table(("a", "b"), (("x", 1.5), ("y", float("nan")))).write("table.csv")
     return {
@@ -1112,7 +1112,7 @@ def camera_analysis(camera):
 
 @pinned()
 def depth_scan():
-    transfer, errors = analysis.depth_scan(macro(), [0.0, 3e-3], places=1)
+    transfer, errors = analysis.depth_scan(macro(), [0.0, 3e-3], positions=1)
     return {
         "transfer": [transfer.mtf50, transfer.best, transfer.notes],
         "errors": [errors.errors, errors.rms, errors.notes],
